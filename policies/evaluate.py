@@ -1,0 +1,101 @@
+"""What a policy is worth on a model: its mean return over the paper's start states.
+
+    answer = evaluate(policy, sysid.paper_model(m=2.0, l=1.5), *start_states(seed=0))
+    print(answer)        # return -330.7 +- 35.0 (20 episodes)
+
+A policy is any callable `u = policy(state, t)`: it receives the state of all episodes at once (theta (E,) unwrapped
+[rad], theta_dot (E,) [rad/s], float64) and the time t [s] since the start, and answers with the command u (E,) [N m]
+or one number for all. A network makes its float32 observation of that state, a time-dependent policy reads its table
+at round(t / dt), LQR wraps theta.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from policies import task
+from sysid import Model, State
+
+Array = NDArray[np.float64]
+
+EVALUATION_SEED = 50_000
+"""Episode e of seed s starts from a generator seeded s + 50,000 + e (the paper's)."""
+
+
+class Policy(Protocol):
+    """Command u (E,) [N m] for the states of E episodes at time t [s]. It may exceed the limits; it is clipped."""
+
+    def __call__(self, state: State, t: float) -> Array | float: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Returns (E,) of the episodes of one policy on one model."""
+
+    returns: Array
+
+    @property
+    def mean(self) -> float:
+        """Mean return."""
+        return float(np.mean(self.returns))
+
+    @property
+    def std(self) -> float:
+        """Standard deviation over the episodes (divided by E, as the paper's tables are)."""
+        return float(np.std(self.returns))
+
+    @property
+    def sem(self) -> float:
+        """Standard error of the mean: sample standard deviation / sqrt(E); nan for one episode."""
+        episodes = len(self.returns)
+        return float(np.std(self.returns, ddof=1)) / math.sqrt(episodes) if episodes > 1 else math.nan
+
+    def __str__(self) -> str:
+        return f"return {self.mean:.1f} +- {self.sem:.1f} ({len(self.returns)} episodes)"
+
+
+def start_states(seed: int, episodes: int = 20) -> tuple[Array, Array]:
+    """The paper's start states theta (E,) [rad], theta_dot (E,) [rad/s] of a seed: what
+    `gymnasium.make("Pendulum-v1").reset(seed=seed + 50_000 + e)` draws for episode e."""
+    draws = [
+        task.start_state(np.random.Generator(np.random.PCG64(seed + EVALUATION_SEED + e))) for e in range(episodes)
+    ]
+    theta, theta_dot = np.array(draws).reshape(episodes, 2).T
+    return theta.copy(), theta_dot.copy()
+
+
+def evaluate(policy: Policy, model: Model, theta: Array, theta_dot: Array, horizon: int = task.HORIZON) -> Evaluation:
+    """Run the policy on the model from every start state at once, in float64; the command is clipped to +-u_max.
+
+    Raises ValueError if the start states are not two finite vectors of one length, or if the policy answers with a
+    wrong shape or a number that is not finite.
+    """
+    theta, theta_dot = np.asarray(theta, dtype=np.float64), np.asarray(theta_dot, dtype=np.float64)
+    if theta.ndim != 1 or theta.shape != theta_dot.shape or theta.size == 0:
+        raise ValueError(
+            f"start states have shapes {theta.shape} and {theta_dot.shape}; expected two vectors of one length (E,)"
+        )
+    if not (np.isfinite(theta).all() and np.isfinite(theta_dot).all()):
+        raise ValueError("start states contain NaN or infinity; expected finite angles [rad] and speeds [rad/s]")
+    state = model.initial_state(theta, theta_dot)
+    returns = np.zeros(theta.shape)
+    for k in range(horizon):
+        t = k * model.dt
+        u = _command(policy(state, t), theta.shape, model.u_max, t)
+        returns += task.reward(state, u)
+        state = model.advance(state, u, t)
+    return Evaluation(returns)
+
+
+def _command(answer: Array | float, shape: tuple[int, ...], u_max: float, t: float) -> Array:
+    u = np.asarray(answer, dtype=np.float64)
+    if u.shape not in ((), shape):
+        raise ValueError(f"the policy answered with shape {u.shape} at t = {t:g} s; expected {shape} or one number")
+    if not np.isfinite(u).all():
+        raise ValueError(f"the policy answered with a torque that is not finite at t = {t:g} s")
+    return np.clip(np.broadcast_to(u, shape), -u_max, u_max)
