@@ -1,0 +1,111 @@
+"""Estimate: the answer of every identifier: a fitted model with honest numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.stats import norm
+
+from sysid.model import Model
+from sysid.records import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """What an identifier found.
+
+    model        the same model holding the fitted numbers
+    names        the fitted parameters
+    covariance   (P, P) of the fitted parameters, in their units
+    noise        standard deviation of the readings about the fit, by channel ([rad], [rad/s])
+    success      whether the numbers can be used
+    status       a sentence: how it ended and, where it ended badly, what to try
+    cost         the sum of squares that was minimised, in units of the sensor's variance (nan: not of this method)
+    n_readings   the readings that were used
+    method       the identifier's name
+    """
+
+    model: Model
+    names: tuple[str, ...]
+    covariance: Array
+    noise: dict[str, float]
+    success: bool
+    status: str
+    cost: float
+    n_readings: int
+    method: str
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The fitted numbers by name."""
+        parameters = self.model.parameters
+        return {name: float(parameters[name].value) for name in self.names}
+
+    @property
+    def sd(self) -> dict[str, float]:
+        """The standard deviation of each fitted parameter."""
+        return dict(zip(self.names, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
+
+    def interval(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
+        """Symmetric intervals that cover the truth with probability `level`, where the model is right."""
+        z = float(norm.ppf(0.5 + 0.5 * level))
+        return {k: (v - z * self.sd[k], v + z * self.sd[k]) for k, v in self.values.items()}
+
+    @property
+    def ambiguous(self) -> tuple[str, ...]:
+        """Sentences about what these records cannot tell: combinations whose sd exceeds a quarter of the bounds' width."""
+        parameters = self.model.parameters
+        scale = np.array([parameters[name].scale for name in self.names])
+        if not np.all(np.isfinite(self.covariance)):
+            return ("the records do not determine these parameters: " + ", ".join(self.names),)
+        size, direction = np.linalg.eigh(self.covariance / np.outer(scale, scale))
+        found = []
+        for variance, v in zip(size, direction.T, strict=True):
+            if variance > 0.25**2:
+                parts = [n for n, w in zip(self.names, v, strict=True) if abs(w) > 0.3]
+                if len(parts) == 1:
+                    found.append(f"{parts[0]} is poorly determined by these records")
+                else:
+                    found.append(f"{' and '.join(parts)} cannot be told apart by these records")
+        return tuple(found)
+
+    @property
+    def at_bound(self) -> tuple[str, ...]:
+        """The fitted parameters that ended at a bound."""
+        parameters = self.model.parameters
+        return tuple(
+            n for n in self.names if min(abs(self.values[n] - b) for b in parameters[n].bounds) < 1e-6 * parameters[n].scale
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, ready for JSON."""
+        return {
+            "method": self.method,
+            "values": self.values,
+            "sd": self.sd,
+            "covariance": self.covariance.tolist(),
+            "noise": self.noise,
+            "success": self.success,
+            "status": self.status,
+            "cost": self.cost,
+            "n_readings": self.n_readings,
+            "at_bound": list(self.at_bound),
+            "ambiguous": list(self.ambiguous),
+        }
+
+    def __str__(self) -> str:
+        parameters = self.model.parameters
+        width = max(len(n) for n in self.names)
+        lines = [f"{self.method}: {self.status}"]
+        for name, (low, high) in self.interval().items():
+            p = parameters[name]
+            mark = "  (at its bound)" if name in self.at_bound else ""
+            lines.append(
+                f"  {name:<{width}} = {p.value:.5g} +- {self.sd[name]:.2g} {p.unit}   95 % [{low:.5g}, {high:.5g}]{mark}"
+            )
+        noise = ", ".join(f"{k} {v:.3g}" for k, v in self.noise.items())
+        lines.append(f"  sd of the readings about the fit: {noise}  ({self.n_readings} readings)")
+        lines.extend(f"  {sentence}" for sentence in self.ambiguous)
+        return "\n".join(lines)

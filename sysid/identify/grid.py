@@ -1,0 +1,134 @@
+"""Grid search on the one-step speed error: the paper's identifier."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.errors import InvalidInput
+from sysid.estimate import Estimate
+from sysid.identify.identifier import free_parameters
+from sysid.model import Drives, Model
+from sysid.records import Array, Record, check_records
+from sysid.sensor import Sensor
+
+_BLOCK = 1_500_000
+
+
+@dataclass(frozen=True)
+class GridSearch:
+    """The cell of a grid over the parameters' bounds with the least mean squared one-step speed error.
+
+        argmin_p mean_k (theta_dot[k+1] - f(theta[k], theta_dot[k], u[k]; p))^2
+
+    Ties go to the first cell, the first parameter varying slowest. Angles enter as a regressor; speeds are
+    read before (theta_dot) and after (theta_dot_after, else theta_dot[k+1]) each step. Noise in the regressor
+    theta_dot[k] biases the estimate; the covariance (linearised, plus the grid's rounding) ignores that bias.
+    Source: paper, Sec. II-B, with 61 x 61 points on [0.3, 3.0]^2.
+    """
+
+    parameters: Sequence[str] = ("m", "l")
+    points: int = 61
+    sensor: Sensor = Sensor(theta_dot=1.0)
+
+    def fit(self, model: Model, records: Sequence[Record]) -> Estimate:
+        """The best cell; raises InvalidInput for infinite bounds, missing channels or over a million cells."""
+        free = free_parameters(model, self.parameters)
+        records = check_records(model, records)
+        axes = [self._axis(p.name, p.bounds) for p in free]
+        if self.points ** len(axes) > 1_000_000:
+            raise InvalidInput(f"{self.points}^{len(axes)} cells are too many for a grid: use LeastSquares")
+        cells = [c.reshape(-1, 1) for c in np.meshgrid(*axes, indexing="ij")]
+        names = tuple(self.parameters)
+        grid = model.with_parameters(dict(zip(names, cells, strict=True)))
+        total: Array = np.zeros(len(cells[0]))
+        count = 0
+        for record in records:
+            errors = _OneStep(grid, record)
+            width = max(1, _BLOCK // len(cells[0]))
+            for begin in range(0, len(record), width):
+                total += np.sum(errors(slice(begin, begin + width)) ** 2, axis=1)
+            count += len(record)
+        best = int(np.argmin(total))
+        fitted = model.with_parameters({n: float(c[best, 0]) for n, c in zip(names, cells, strict=True)})
+        return self._estimate(fitted, names, axes, records, total[best] / count, count)
+
+    def _axis(self, name: str, bounds: tuple[float, float]) -> Array:
+        if not math.isfinite(bounds[1] - bounds[0]):
+            raise InvalidInput(f"{name} has no finite bounds {bounds}: a grid needs them; use LeastSquares")
+        if self.points < 2:
+            raise InvalidInput(f"points = {self.points}: expected at least 2")
+        return np.linspace(*bounds, self.points)
+
+    def _estimate(
+        self,
+        fitted: Model,
+        names: tuple[str, ...],
+        axes: list[Array],
+        records: Sequence[Record],
+        mean_square: float,
+        count: int,
+    ) -> Estimate:
+        steps = np.array([a[1] - a[0] for a in axes])
+        columns = []
+        for name, h in zip(names, 1e-4 * steps, strict=True):
+            value, ends = fitted.parameters[name].value, []
+            for side in (-h, h):
+                moved = fitted.with_parameters({name: np.clip(value + side, *fitted.parameters[name].bounds)})
+                ends.append(np.concatenate([_OneStep(moved, r)(slice(None)).ravel() for r in records]))
+            columns.append((ends[1] - ends[0]) / (2.0 * h))
+        jacobian = np.stack(columns, axis=1)
+        covariance = mean_square * np.linalg.pinv(jacobian.T @ jacobian) + np.diag(steps**2 / 12.0)
+        # both readings of a step carry the noise, the earlier one through df/dtheta_dot, which is near 1
+        noise = math.sqrt(mean_square / 2.0)
+        edge = [n for n, a in zip(names, axes, strict=True) if fitted.parameters[n].value in (a[0], a[-1])]
+        status = f"best of {math.prod(len(a) for a in axes)} cells; noise in the measured speed biases this estimate"
+        if edge:
+            status += f"; {' and '.join(edge)} ended at the edge of the grid"
+        expected = self.sensor.theta_dot
+        if expected is not None and noise > 1.5 * expected:
+            status += f"; one-step errors are {noise / expected:.1f} times the sensor's sd: the model lacks something"
+        return Estimate(
+            model=fitted,
+            names=names,
+            covariance=covariance,
+            noise={"theta_dot": noise},
+            success=not edge,
+            status=status,
+            cost=math.nan,
+            n_readings=2 * count,
+            method="grid search",
+        )
+
+
+class _OneStep:
+    """One-step speed errors (cells, K) of a model on the samples of a record."""
+
+    def __init__(self, model: Model, record: Record) -> None:
+        if record.theta is None or record.theta_dot is None:
+            lacking = "theta" if record.theta is None else "theta_dot"
+            raise InvalidInput(f"{record.name} has no {lacking}: a grid search needs angle and speed readings")
+        n = len(record)
+        self.model, self.t = model, record.t[:n] - record.t[0]
+        self.theta, self.before = record.theta[:n], record.theta_dot[:n]
+        self.after = record.theta_dot[1:] if record.theta_dot_after is None else record.theta_dot_after
+        self.drives = _drives(model, record.u)
+
+    def __call__(self, k: slice) -> Array:
+        drives = tuple(d[..., k] for d in self.drives)
+        _, predicted = self.model.move(self.theta[k], self.before[k], drives, self.t[k])
+        return np.atleast_2d(predicted - self.after[k])
+
+
+def _drives(model: Model, u: Array) -> Drives:
+    """Drive torques over a whole record, one (..., N) array a substep."""
+    if not model.input_effects:
+        return (u,) * model.integrator.substeps
+    memory, columns = model.rest(0.0), []
+    for command in u:
+        drive, memory = model.drive(float(command), memory)
+        columns.append(drive)
+    return tuple(np.concatenate([np.atleast_2d(c[j]).reshape(-1, 1) for c in columns], axis=1) for j in range(model.integrator.substeps))

@@ -1,0 +1,82 @@
+"""Time steps: how theta_ddot becomes the state one control interval later."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from sysid import ops
+from sysid.errors import InvalidInput
+from sysid.ops import Value
+
+Acceleration = Callable[[Value, Value, Value, Value], Value]
+"""theta_ddot(theta, theta_dot, t, drive) [rad/s^2]."""
+
+
+@dataclass(frozen=True)
+class Integrator(ABC):
+    """Advances (theta, theta_dot) over dt, split into `substeps`; each substep sees its own mean drive torque."""
+
+    substeps: int = 1
+
+    def __post_init__(self) -> None:
+        if self.substeps < 1:
+            raise InvalidInput(f"substeps = {self.substeps}: expected a whole number >= 1")
+
+    def advance(
+        self, acceleration: Acceleration, theta: Value, theta_dot: Value, t: Value, drives: Sequence[Value], dt: float
+    ) -> tuple[Value, Value]:
+        """(theta, theta_dot) after dt [s], under drive torques [N m], one per substep."""
+        h = dt / self.substeps
+        for j, drive in enumerate(drives):
+            theta, theta_dot = self.substep(acceleration, theta, theta_dot, t + j * h, drive, h)
+        return theta, theta_dot
+
+    @abstractmethod
+    def substep(
+        self, acceleration: Acceleration, theta: Value, theta_dot: Value, t: Value, drive: Value, h: float
+    ) -> tuple[Value, Value]:
+        """(theta, theta_dot) after h [s] under a constant drive torque [N m]."""
+
+
+@dataclass(frozen=True)
+class SemiImplicitEuler(Integrator):
+    """Gymnasium's and the paper's step; first order; the speed is clipped before the angle is advanced.
+
+    theta_dot' = clip(theta_dot + h theta_ddot, -theta_dot_max, theta_dot_max),   theta' = theta + h theta_dot'
+    """
+
+    theta_dot_max: float = math.inf
+
+    def substep(
+        self, acceleration: Acceleration, theta: Value, theta_dot: Value, t: Value, drive: Value, h: float
+    ) -> tuple[Value, Value]:
+        """One step of the equation above."""
+        theta_dot = theta_dot + h * acceleration(theta, theta_dot, t, drive)
+        theta_dot = ops.clip(theta_dot, -self.theta_dot_max, self.theta_dot_max)
+        return theta + h * theta_dot, theta_dot
+
+
+@dataclass(frozen=True)
+class RK4(Integrator):
+    """The classical fourth-order Runge-Kutta step (Hairer, Norsett & Wanner, Solving ODEs I, Table II.1.2)."""
+
+    def substep(
+        self, acceleration: Acceleration, theta: Value, theta_dot: Value, t: Value, drive: Value, h: float
+    ) -> tuple[Value, Value]:
+        """One step of size h; the drive is held, so the order holds for a drive constant over a substep."""
+        half = 0.5 * h
+        v1, a1 = theta_dot, acceleration(theta, theta_dot, t, drive)
+        v2 = theta_dot + half * a1
+        a2 = acceleration(theta + half * v1, v2, t + half, drive)
+        v3 = theta_dot + half * a2
+        a3 = acceleration(theta + half * v2, v3, t + half, drive)
+        v4 = theta_dot + h * a3
+        a4 = acceleration(theta + h * v3, v4, t + h, drive)
+        sixth = h / 6.0
+        return (
+            theta + sixth * (v1 + 2.0 * v2 + 2.0 * v3 + v4),
+            theta_dot + sixth * (a1 + 2.0 * a2 + 2.0 * a3 + a4),
+        )

@@ -1,0 +1,141 @@
+"""Elementary functions for floats, NumPy arrays, CasADi symbols and torch tensors.
+
+Physics is written once with these; the back end follows from the types of *all* arguments, so a
+float limit beside a CasADi state gives a CasADi expression. Plain floats give plain floats: a NumPy
+scalar times a tensor would lose the gradient. torch is looked up among the modules already loaded
+and never imported here.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from types import ModuleType
+from typing import Any, TypeAlias
+
+import casadi
+import numpy as np
+
+Value: TypeAlias = Any
+"""A float, an ndarray, a CasADi SX/MX/DM or a torch tensor."""
+
+_CASADI = (casadi.SX, casadi.MX, casadi.DM)
+
+
+def _tensor_module(values: tuple[Value, ...]) -> ModuleType | None:
+    torch = sys.modules.get("torch")
+    if torch is not None and any(isinstance(v, torch.Tensor) for v in values):
+        return torch
+    return None
+
+
+def _is_casadi(values: tuple[Value, ...]) -> bool:
+    return any(isinstance(v, _CASADI) for v in values)
+
+
+def is_number(value: Value) -> bool:
+    """Whether `value` holds plain numbers (float, int, real ndarray), not symbols or tensors."""
+    if isinstance(value, np.ndarray):
+        return bool(np.issubdtype(value.dtype, np.number))
+    return isinstance(value, int | float | np.number) and not isinstance(value, bool)
+
+
+def _unary(name: str, x: Value) -> Value:
+    torch = _tensor_module((x,))
+    if torch is not None:
+        return getattr(torch, name)(x)
+    if _is_casadi((x,)):
+        return getattr(casadi, "fabs" if name == "abs" else name)(x)
+    if isinstance(x, np.ndarray):
+        return getattr(np, name)(x)
+    return float(getattr(np, name)(x))
+
+
+def sin(x: Value) -> Value:
+    """sin(x), x [rad]."""
+    return _unary("sin", x)
+
+
+def cos(x: Value) -> Value:
+    """cos(x), x [rad]."""
+    return _unary("cos", x)
+
+
+def tanh(x: Value) -> Value:
+    """Hyperbolic tangent."""
+    return _unary("tanh", x)
+
+
+def exp(x: Value) -> Value:
+    """Exponential."""
+    return _unary("exp", x)
+
+
+def sqrt(x: Value) -> Value:
+    """Square root, x >= 0."""
+    return _unary("sqrt", x)
+
+
+def abs(x: Value) -> Value:
+    """Absolute value."""
+    return _unary("abs", x)
+
+
+def floor(x: Value) -> Value:
+    """Largest whole number <= x."""
+    return _unary("floor", x)
+
+
+def _as_tensors(torch: ModuleType, values: tuple[Value, ...]) -> list[Value]:
+    like = next(v for v in values if isinstance(v, torch.Tensor))
+    return [
+        v if isinstance(v, torch.Tensor) else torch.as_tensor(v, dtype=like.dtype, device=like.device)
+        for v in values
+    ]
+
+
+def _binary(name: str, casadi_name: str, x: Value, y: Value) -> Value:
+    torch = _tensor_module((x, y))
+    if torch is not None:
+        return getattr(torch, name)(*_as_tensors(torch, (x, y)))
+    if _is_casadi((x, y)):
+        return getattr(casadi, casadi_name)(x, y)
+    if isinstance(x, np.ndarray) or isinstance(y, np.ndarray):
+        return getattr(np, name)(x, y)
+    return float(getattr(np, name)(x, y))
+
+
+def minimum(x: Value, y: Value) -> Value:
+    """The smaller of x and y, element by element."""
+    return _binary("minimum", "fmin", x, y)
+
+
+def maximum(x: Value, y: Value) -> Value:
+    """The larger of x and y, element by element."""
+    return _binary("maximum", "fmax", x, y)
+
+
+def clip(x: Value, low: Value, high: Value) -> Value:
+    """x limited to [low, high]; an infinite pair of limits returns x untouched."""
+    if isinstance(low, float) and isinstance(high, float) and low == -math.inf and high == math.inf:
+        return x
+    return minimum(maximum(x, low), high)
+
+
+def where(condition: Value, x: Value, y: Value) -> Value:
+    """x where the condition holds, else y; both are evaluated, so both must be finite."""
+    torch = _tensor_module((condition, x, y))
+    if torch is not None:
+        if not isinstance(condition, torch.Tensor):
+            condition = torch.as_tensor(condition)
+        return torch.where(condition, x, y)
+    if _is_casadi((condition, x, y)):
+        return casadi.if_else(condition, x, y)
+    if any(isinstance(v, np.ndarray) for v in (condition, x, y)):
+        return np.where(condition, x, y)
+    return x if condition else y
+
+
+def wrap(theta: Value) -> Value:
+    """theta [rad] shifted by whole turns into [-pi, pi), as Gymnasium's Pendulum does."""
+    return theta - 2.0 * math.pi * floor((theta + math.pi) / (2.0 * math.pi))

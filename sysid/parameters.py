@@ -1,0 +1,89 @@
+"""Parameters: dataclass fields that know their unit, their bounds and their neutral value."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sysid import ops
+from sysid.errors import InvalidInput
+from sysid.ops import Value
+
+_KEY = "parameter"
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of a model: `value` in `unit`, allowed within `bounds` (inclusive).
+
+    `neutral` is the value at which the effect that owns it changes nothing (None: there is no such value).
+    """
+
+    name: str
+    value: Value
+    unit: str
+    bounds: tuple[float, float]
+    neutral: float | None = None
+
+    @property
+    def scale(self) -> float:
+        """A typical size, for scaling a solver's variables: the width of finite bounds, else |value| or 1."""
+        low, high = self.bounds
+        if math.isfinite(high - low):
+            return high - low
+        return abs(float(self.value)) or 1.0
+
+    def check(self, value: Value, owner: str = "") -> None:
+        """Raise InvalidInput where numbers are not finite or out of bounds; symbols and tensors pass."""
+        if not ops.is_number(value):
+            return
+        name = f"{owner}.{self.name}" if owner else self.name
+        low, high = self.bounds
+        numbers = np.asarray(value, dtype=float)
+        if not np.all(np.isfinite(numbers)):
+            raise InvalidInput(f"parameter {name} is {value}: a finite number [{self.unit}] was expected")
+        if np.any(numbers < low) or np.any(numbers > high):
+            worst = numbers.flat[np.argmax(np.maximum(low - numbers, numbers - high))]
+            raise InvalidInput(
+                f"parameter {name} = {worst:g} {self.unit} is out of bounds: expected {low:g} <= {name} <= {high:g}"
+            )
+
+
+def parameter(
+    default: float,
+    *,
+    unit: str,
+    bounds: tuple[float, float] = (-math.inf, math.inf),
+    neutral: float | None = None,
+) -> Any:
+    """A dataclass field that is a parameter of the model, with unit [SI], bounds and neutral value."""
+    return dataclasses.field(
+        default=default, metadata={_KEY: {"unit": unit, "bounds": bounds, "neutral": neutral}}
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Parametric:
+    """A part of a model (plant or effect) whose numbers are fields made by `parameter`."""
+
+    def __post_init__(self) -> None:
+        for p in self.parameters.values():
+            p.check(p.value, owner=type(self).__name__)
+
+    @property
+    def parameters(self) -> dict[str, Parameter]:
+        """The parameters by field name, in the order in which they are declared."""
+        return {
+            f.name: Parameter(f.name, getattr(self, f.name), **f.metadata[_KEY])
+            for f in dataclasses.fields(self)
+            if _KEY in f.metadata
+        }
+
+    def with_parameters(self, values: Mapping[str, Value]) -> Any:
+        """The same part holding other numbers: floats, arrays, CasADi symbols or tensors."""
+        return dataclasses.replace(self, **values) if values else self

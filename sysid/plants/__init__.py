@@ -1,0 +1,7 @@
+"""What swings: plants that give an inertia and a gravity torque."""
+
+from sysid.plants.joint import GeneralJoint
+from sysid.plants.pendulum import PointMassPendulum, RodPendulum
+from sysid.plants.plant import Plant
+
+__all__ = ["GeneralJoint", "Plant", "PointMassPendulum", "RodPendulum"]

@@ -1,0 +1,165 @@
+"""Record: the log of one rollout, checked when it is made; reading and writing CSV."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sysid.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from sysid.model import Model
+
+Array = NDArray[np.float64]
+COLUMNS = ("t", "u", "theta", "theta_dot", "theta_dot_after")
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """One rollout of N control intervals.
+
+    t (N+1,)                [s]      instants, evenly spaced, increasing
+    u (N,)                  [N m]    the command held from t[k] to t[k+1]
+    theta (N+1,) or None    [rad]    angle readings, 0 upright; jumps of whole turns are taken out (unwrapped)
+    theta_dot               [rad/s]  speed readings, (N+1,); (N,) where theta_dot_after is given
+    theta_dot_after (N,)    [rad/s]  a second speed sensor reading, of instant k+1, independent of theta_dot[k+1]:
+                                     the paper's protocol reads before and after each step
+
+    Raises InvalidInput for empty, ragged or non-finite data and for time that does not increase evenly.
+    """
+
+    t: Array
+    u: Array
+    theta: Array | None = None
+    theta_dot: Array | None = None
+    theta_dot_after: Array | None = None
+    name: str = "record"
+
+    def __post_init__(self) -> None:
+        for column in COLUMNS:
+            value: ArrayLike | None = getattr(self, column)
+            if value is not None:
+                object.__setattr__(self, column, self._array(column, value))
+        if self.theta is None and self.theta_dot is None:
+            raise InvalidInput(f"{self.name} has no readings: expected theta, theta_dot or both")
+        if len(self.u) == 0:
+            raise InvalidInput(f"{self.name} is empty: expected at least one control interval (two instants)")
+        n = len(self.u)
+        speeds = n if self.theta_dot_after is not None else n + 1
+        expected = {"t": n + 1, "theta": n + 1, "theta_dot": speeds, "theta_dot_after": n}
+        for column, size in expected.items():
+            value = getattr(self, column)
+            if value is not None and len(value) != size:
+                raise InvalidInput(
+                    f"{self.name} is ragged: {column} has {len(value)} values, expected {size} for {n} commands u"
+                )
+        self._check_time()
+        if self.theta is not None:
+            object.__setattr__(self, "theta", np.unwrap(self.theta))
+
+    def _array(self, column: str, value: ArrayLike) -> Array:
+        try:
+            array = np.array(value, dtype=float)
+        except (TypeError, ValueError):
+            raise InvalidInput(f"{self.name}: {column} is ragged or not numeric: expected a list of numbers") from None
+        if array.ndim != 1:
+            raise InvalidInput(f"{self.name}: {column} has shape {array.shape}: expected one dimension")
+        bad = np.flatnonzero(~np.isfinite(array))
+        if len(bad):
+            raise InvalidInput(
+                f"{self.name}: {column}[{bad[0]}] is {array[bad[0]]} ({len(bad)} such values): expected finite numbers"
+            )
+        array.setflags(write=False)
+        return array
+
+    def _check_time(self) -> None:
+        steps = np.diff(self.t)
+        if np.any(steps <= 0.0):
+            k = int(np.argmax(steps <= 0.0))
+            raise InvalidInput(
+                f"{self.name}: time does not increase at sample {k + 1} ({self.t[k]:g} s, then {self.t[k + 1]:g} s)"
+            )
+        worst = float(np.max(np.abs(steps - self.dt)))
+        if worst > 0.01 * self.dt:
+            raise InvalidInput(
+                f"{self.name}: time steps differ by up to {worst:.3g} s from their mean {self.dt:.4g} s: "
+                "expected even sampling (resample the log first)"
+            )
+
+    def __len__(self) -> int:
+        """The number of control intervals N."""
+        return len(self.u)
+
+    @property
+    def dt(self) -> float:
+        """Length of a control interval [s]."""
+        return float(self.t[-1] - self.t[0]) / len(self.u)
+
+
+def check_records(model: Model, records: Sequence[Record]) -> tuple[Record, ...]:
+    """The records as a tuple, once they fit the model: at least one, the model's dt, torque within its limit.
+
+    Raises InvalidInput with the record's name, what came and what was expected.
+    """
+    if isinstance(records, Record):
+        records = (records,)
+    if len(records) == 0:
+        raise InvalidInput("no records were given: expected at least one")
+    for record in records:
+        if abs(record.dt - model.dt) > 0.01 * model.dt:
+            raise InvalidInput(f"{record.name} is sampled every {record.dt:g} s, the model steps every {model.dt:g} s")
+        largest = float(np.max(np.abs(record.u)))
+        if largest > model.u_max * (1.0 + 1e-9):
+            raise InvalidInput(
+                f"{record.name} has a torque of {largest:g} N m, beyond the model's limit |u| <= {model.u_max:g} N m"
+            )
+    return tuple(records)
+
+
+def write_csv(record: Record, path: str | Path) -> None:
+    """Write a record as CSV, one row an instant; cells without a value (the last u) stay empty."""
+    columns = {c: getattr(record, c) for c in COLUMNS if getattr(record, c) is not None}
+    with open(path, "w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(columns)
+        for k in range(len(record) + 1):
+            writer.writerow([repr(float(v[k])) if k < len(v) else "" for v in columns.values()])
+
+
+def read_csv(path: str | Path) -> Record:
+    """Read a record written by `write_csv`, or any CSV with columns t, u, theta and/or theta_dot.
+
+    A u in the last row is ignored: it acts after the last instant. Raises InvalidInput for unknown or missing
+    columns and for text where a number is expected.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InvalidInput(f"no such file: {path}")
+    with open(path, newline="", encoding="utf-8-sig") as file:
+        reader = csv.reader(file)
+        header = [h.strip() for h in next(reader, [])]
+        rows = [row for row in reader if row]
+    unknown = [h for h in header if h not in COLUMNS]
+    missing = [h for h in ("t", "u") if h not in header]
+    if unknown or missing:
+        problem = f"unknown column {unknown[0]!r}" if unknown else f"no column {missing[0]!r}"
+        raise InvalidInput(f"{path.name}: {problem}: expected t, u and some of {', '.join(COLUMNS[2:])}")
+    columns: dict[str, list[float]] = {h: [] for h in header}
+    for number, row in enumerate(rows, start=2):
+        if len(row) != len(header):
+            raise InvalidInput(f"{path.name}, line {number}: {len(row)} cells, expected {len(header)}")
+        for h, cell in zip(header, row, strict=True):
+            if cell.strip():
+                try:
+                    columns[h].append(float(cell))
+                except ValueError:
+                    raise InvalidInput(f"{path.name}, line {number}: {h} is {cell!r}, expected a number") from None
+    columns["u"] = columns["u"][: max(len(rows) - 1, 0)]
+    arrays = {h: np.array(v, dtype=float) for h, v in columns.items()}
+    return Record(**arrays, name=path.stem)

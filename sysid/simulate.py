@@ -1,0 +1,76 @@
+"""Simulation: rollouts of a model, one or thousands at once, and what a sensor would read of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sysid.errors import InvalidInput
+from sysid.model import Model
+from sysid.ops import Value
+from sysid.records import Array, Record
+from sysid.sensor import Sensor
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Noise-free rollouts: t (N+1,) [s], u (..., N) [N m], theta and theta_dot (..., N+1) [rad], [rad/s]."""
+
+    t: Array
+    u: Array
+    theta: Array
+    theta_dot: Array
+
+    def measure(self, sensor: Sensor, rng: np.random.Generator) -> list[Record]:
+        """Records (one a rollout) with independent Gaussian reading errors; a channel without sd is left out."""
+        n = self.u.shape[-1]
+        u, theta, theta_dot = (
+            a.reshape(-1, a.shape[-1]) for a in (self.u, self.theta, self.theta_dot)
+        )
+        records = []
+        for i in range(len(u)):
+            angle = speed = None
+            if sensor.theta is not None:
+                angle = theta[i] + sensor.theta * rng.standard_normal(n + 1)
+            elif sensor.theta_0 is not None:
+                angle = np.full(n + 1, theta[i, 0] + sensor.theta_0 * rng.standard_normal())
+            if sensor.theta_dot is not None:
+                speed = theta_dot[i] + sensor.theta_dot * rng.standard_normal(n + 1)
+            records.append(Record(self.t, u[i], angle, speed, name=f"rollout {i}"))
+        return records
+
+
+def simulate(model: Model, u: ArrayLike, theta: ArrayLike, theta_dot: ArrayLike) -> Trajectory:
+    """Roll a model out from theta [rad], theta_dot [rad/s] (...,) under the commands u (..., N) [N m].
+
+    Leading shapes broadcast, also against array-valued parameters: one call runs one rollout or thousands.
+    Raises InvalidInput for an empty or non-finite u and for |u| beyond the model's limit.
+    """
+    u = np.asarray(u, dtype=float)
+    if u.ndim == 0 or u.shape[-1] == 0:
+        raise InvalidInput(f"u has shape {u.shape}: expected (..., N) with at least one command")
+    if not np.all(np.isfinite(u)):
+        raise InvalidInput("u has values that are not finite: expected torques [N m]")
+    if np.max(np.abs(u)) > model.u_max * (1.0 + 1e-9):
+        raise InvalidInput(f"|u| reaches {np.max(np.abs(u)):g} N m, beyond the model's limit {model.u_max:g} N m")
+    shape = np.broadcast_shapes(
+        u.shape[:-1], np.shape(theta), np.shape(theta_dot), *(np.shape(p.value) for p in model.parameters.values())
+    )
+    n = u.shape[-1]
+    state = model.initial_state(
+        np.broadcast_to(np.asarray(theta, dtype=float), shape), np.broadcast_to(np.asarray(theta_dot, float), shape)
+    )
+    angles: Value = np.empty((n + 1, *shape))
+    speeds: Value = np.empty((n + 1, *shape))
+    angles[0], speeds[0] = state.theta, state.theta_dot
+    for k in range(n):
+        state = model.advance(state, u[..., k], k * model.dt)
+        angles[k + 1], speeds[k + 1] = state.theta, state.theta_dot
+    return Trajectory(
+        t=model.dt * np.arange(n + 1),
+        u=np.broadcast_to(u, (*shape, n)),
+        theta=np.moveaxis(angles, 0, -1),
+        theta_dot=np.moveaxis(speeds, 0, -1),
+    )
