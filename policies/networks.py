@@ -1,0 +1,139 @@
+"""Networks of A agents at once: every layer's weights are stacked along a leading agent axis.
+
+    y_a = x_a W_a + b_a        x (A, B, in), W (A, in, out), b (A, 1, out)
+
+One batched product serves all agents, and no entry of one agent's output or gradient involves another agent's weights.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModuleBase
+from torch import Tensor, nn
+from torch.distributions import Distribution, constraints
+from torchrl.modules import ProbabilisticActor
+
+LOG_STD_BOUNDS = (-20.0, 2.0)
+"""log(std) of the policy is clamped to this (Stable-Baselines3)."""
+
+Layers = Sequence[tuple[Tensor, Tensor]]
+
+
+def mlp(x: Tensor, layers: Layers) -> Tensor:
+    """Linear layers (W, b) with ReLU between them; x (A, B, in) -> (A, B, out)."""
+    *hidden, (weight, bias) = layers
+    for w, b in hidden:
+        x = torch.relu_(torch.baddbmm(b, x, w))
+    return torch.baddbmm(bias, x, weight)
+
+
+def linear_init(rng: np.random.Generator, sizes: Sequence[int]) -> list[NDArray[np.float32]]:
+    """W (in, out), b (1, out) of each layer of one agent, from U(-k, k), k = 1 / sqrt(in): PyTorch's default for nn.Linear."""
+    drawn = []
+    for n_in, n_out in zip(sizes[:-1], sizes[1:], strict=True):
+        k = 1.0 / math.sqrt(n_in)
+        drawn += [rng.uniform(-k, k, (n_in, n_out)).astype(np.float32)]
+        drawn += [rng.uniform(-k, k, (1, n_out)).astype(np.float32)]
+    return drawn
+
+
+class StackedMLP(TensorDictModuleBase):
+    """The MLPs of A agents; parameters w0 (A, in, out), b0 (A, 1, out), w1, ...
+
+    A TensorDict module by itself: TensorDictModule around a plain module spends more time looking for optional
+    packages at every call than these networks spend on their products.
+    """
+
+    def __init__(self, agents: int, sizes: Sequence[int]) -> None:
+        super().__init__()
+        self.depth = len(sizes) - 1
+        for i, (n_in, n_out) in enumerate(zip(sizes[:-1], sizes[1:], strict=True)):
+            self.register_parameter(f"w{i}", nn.Parameter(torch.zeros(agents, n_in, n_out)))
+            self.register_parameter(f"b{i}", nn.Parameter(torch.zeros(agents, 1, n_out)))
+
+    def answer(self, x: Tensor) -> Tensor:
+        """x (A, B, in) -> (A, B, out)."""
+        return mlp(x, [(getattr(self, f"w{i}"), getattr(self, f"b{i}")) for i in range(self.depth)])
+
+
+class StackedActor(StackedMLP):
+    """observation (A, B, O) -> location and log standard deviation of the action before tanh, each (A, B, D)."""
+
+    in_keys = ["observation"]  # noqa: RUF012
+    out_keys = ["loc", "log_std"]  # noqa: RUF012
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        loc, log_std = head(self.answer(tensordict.get("observation")))
+        return tensordict.set("loc", loc).set("log_std", log_std)
+
+
+class StackedCritic(StackedMLP):
+    """observation (A, B, O), action (A, B, D) -> Q (A, B). Without a trailing axis: see `policies.sac.make_loss`."""
+
+    in_keys = ["observation", "action"]  # noqa: RUF012
+    out_keys = ["state_action_value"]  # noqa: RUF012
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        x = torch.cat((tensordict.get("observation"), tensordict.get("action")), -1)
+        return tensordict.set("state_action_value", self.answer(x).squeeze(-1))
+
+
+def head(output: Tensor) -> tuple[Tensor, Tensor]:
+    """Split an actor's output (A, B, 2 D) into loc and log_std = clamp(., -20, 2)."""
+    loc, log_std = output.chunk(2, -1)
+    return loc, log_std.clamp(*LOG_STD_BOUNDS)
+
+
+class SquashedNormal(Distribution):
+    """tanh of a normal, whose standard normal noise is given instead of drawn from torch's global generator.
+
+        a = tanh(x),   x = loc + exp(log_std) noise
+        log p(a) = sum[-noise^2 / 2 - log_std - log(2 pi) / 2 - 2 (log 2 - x - softplus(-2 x))]
+
+    loc, log_std, noise (A, B, D). The last term is log(1 - tanh(x)^2), written so that it never overflows
+    (Haarnoja et al. 2018, appendix C). Same density as torchrl's TanhNormal(loc, exp(log_std)).
+    """
+
+    arg_constraints = {"loc": constraints.real, "log_std": constraints.real}  # noqa: RUF012
+    has_rsample = True
+
+    def __init__(self, loc: Tensor, log_std: Tensor, noise: Tensor) -> None:
+        self.loc, self.log_std, self.noise = loc, log_std, noise
+        super().__init__(loc.shape[:-1], loc.shape[-1:], validate_args=False)
+
+    def rsample_and_log_prob(self, sample_shape: Sequence[int] = ()) -> tuple[Tensor, Tensor]:
+        """The action (A, B, D) and its log probability (A, B)."""
+        if len(sample_shape):
+            raise ValueError(f"sample_shape is {tuple(sample_shape)}; the given noise makes exactly one sample, ()")
+        x = torch.addcmul(self.loc, self.log_std.exp(), self.noise)
+        log_slope = 2.0 * (math.log(2.0) - x - nn.functional.softplus(-2.0 * x))
+        log_normal = -0.5 * self.noise**2 - self.log_std - 0.5 * math.log(2.0 * math.pi)
+        return x.tanh(), (log_normal - log_slope).sum(-1)
+
+    def rsample(self, sample_shape: Sequence[int] = ()) -> Tensor:
+        """The action (A, B, D)."""
+        return self.rsample_and_log_prob(sample_shape)[0]
+
+    @property
+    def deterministic_sample(self) -> Tensor:
+        """tanh(loc), which the trained policy plays."""
+        return self.loc.tanh()
+
+
+def make_actor(agents: int, observation_size: int, action_size: int, hidden: Sequence[int]) -> ProbabilisticActor:
+    """The actor that SACLoss needs; it reads "observation" and "noise"."""
+    network = StackedActor(agents, (observation_size, *hidden, 2 * action_size))
+    return ProbabilisticActor(
+        network, in_keys=["loc", "log_std", "noise"], distribution_class=SquashedNormal, return_log_prob=True
+    )
+
+
+def make_critic(agents: int, observation_size: int, action_size: int, hidden: Sequence[int]) -> StackedCritic:
+    """The critic that SACLoss needs, which makes two of it."""
+    return StackedCritic(agents, (observation_size + action_size, *hidden, 1))
