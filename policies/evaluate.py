@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from policies import task
-from sysid import Model, State
+from sysid import InvalidInput, Model, State
 
 Array = NDArray[np.float64]
 
@@ -72,16 +72,16 @@ def start_states(seed: int, episodes: int = 20) -> tuple[Array, Array]:
 def evaluate(policy: Policy, model: Model, theta: Array, theta_dot: Array, horizon: int = task.HORIZON) -> Evaluation:
     """Run the policy on the model from every start state at once, in float64; the command is clipped to +-u_max.
 
-    Raises ValueError if the start states are not two finite vectors of one length, or if the policy answers with a
+    Raises InvalidInput if the start states are not two finite vectors of one length, or if the policy answers with a
     wrong shape or a number that is not finite.
     """
     theta, theta_dot = np.asarray(theta, dtype=np.float64), np.asarray(theta_dot, dtype=np.float64)
     if theta.ndim != 1 or theta.shape != theta_dot.shape or theta.size == 0:
-        raise ValueError(
+        raise InvalidInput(
             f"start states have shapes {theta.shape} and {theta_dot.shape}; expected two vectors of one length (E,)"
         )
     if not (np.isfinite(theta).all() and np.isfinite(theta_dot).all()):
-        raise ValueError("start states contain NaN or infinity; expected finite angles [rad] and speeds [rad/s]")
+        raise InvalidInput("start states contain NaN or infinity; expected finite angles [rad] and speeds [rad/s]")
     state = model.initial_state(theta, theta_dot)
     returns = np.zeros(theta.shape)
     for k in range(horizon):
@@ -95,7 +95,7 @@ def evaluate(policy: Policy, model: Model, theta: Array, theta_dot: Array, horiz
 def _command(answer: Array | float, shape: tuple[int, ...], u_max: float, t: float) -> Array:
     u = np.asarray(answer, dtype=np.float64)
     if u.shape not in ((), shape):
-        raise ValueError(f"the policy answered with shape {u.shape} at t = {t:g} s; expected {shape} or one number")
+        raise InvalidInput(f"the policy answered with shape {u.shape} at t = {t:g} s; expected {shape} or one number")
     if not np.isfinite(u).all():
-        raise ValueError(f"the policy answered with a torque that is not finite at t = {t:g} s")
+        raise InvalidInput(f"the policy answered with a torque that is not finite at t = {t:g} s")
     return np.clip(np.broadcast_to(u, shape), -u_max, u_max)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -47,3 +47,12 @@ class Replay:
         rows = self.rows.view(-1, self.rows.shape[2])[index]
         observation, action, reward, next_observation, terminated = rows.split(self.widths, -1)
         return Batch(observation, action, reward.squeeze(-1), next_observation, terminated.squeeze(-1) != 0.0)
+
+    def snapshot(self) -> dict[str, Any]:
+        """The filled part."""
+        return {"rows": self.rows[:, : self.size].clone(), "added": self.added}
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Go on from a snapshot."""
+        self.added = snapshot["added"]
+        self.rows[:, : self.size] = snapshot["rows"].to(self.rows.device)

@@ -19,6 +19,7 @@ import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -28,7 +29,7 @@ from torchrl.objectives import SACLoss, ValueEstimators
 from policies.networks import Layers, head, linear_init, make_actor, make_critic, mlp
 from policies.replay import Batch
 from policies.streams import Purpose, generator
-from sysid.errors import InvalidInput
+from sysid import InvalidInput
 
 
 @dataclass(frozen=True)
@@ -172,3 +173,17 @@ class SAC:
         )
         before = {"observation": batch.observation, "action": batch.action, "noise": noise, "next": after}
         return TensorDict(before, batch_size=shape)
+
+    def snapshot(self) -> dict[str, Any]:
+        """Networks, temperatures, slow copies and the optimisers' moments."""
+        return {
+            "loss": dict(self.loss.state_dict()),
+            "critic_optimizer": self.critic_optimizer.state_dict(),
+            "actor_optimizer": self.actor_optimizer.state_dict(),
+        }
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Go on from a snapshot, in place: the optimisers and the loss's caches keep pointing at the same tensors."""
+        self.loss.load_state_dict(snapshot["loss"])
+        self.critic_optimizer.load_state_dict(snapshot["critic_optimizer"])
+        self.actor_optimizer.load_state_dict(snapshot["actor_optimizer"])

@@ -1,0 +1,161 @@
+"""A pendulum an agent, all stepped at once: a TorchRL environment over the same sysid Model.
+
+The parameters of the model are tensors (A,), one number an agent, so one `model.advance` moves all pendulums. Agent a's
+episode e (start state, then parameters) is drawn from a generator made from (seeds[a], e) alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
+from torchrl.data import Binary, Bounded, Composite, Unbounded
+from torchrl.envs import EnvBase
+
+from policies import task
+from policies.randomization import Randomization
+from policies.streams import Purpose, generator
+from sysid import InvalidInput, Model, State
+
+
+class BatchedPendulum(EnvBase):
+    """A pendulums; batch_size (A,), observation (A, 3) float32, action (A, 1) in [-1, 1], which is u / u_max.
+
+    An episode ends after `horizon` steps by truncation; nothing terminates it. `restart` and `advance` are the
+    environment on plain tensors, for a training loop; `reset` and `step` are TorchRL's, made of these two.
+    Raises InvalidInput if there are not as many seeds as randomizations, or the model has no u_max.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        randomizations: Sequence[Randomization],
+        seeds: Sequence[int],
+        horizon: int = task.HORIZON,
+        device: str = "cpu",
+    ) -> None:
+        if not randomizations or len(randomizations) != len(seeds):
+            raise InvalidInput(
+                f"{len(randomizations)} randomizations and {len(seeds)} seeds: expected one of each an agent"
+            )
+        if not math.isfinite(model.u_max):
+            raise InvalidInput(f"the model has u_max = {model.u_max}: expected a finite torque limit [N m]")
+        names = {tuple(r.sample(generator(0, Purpose.EPISODES), model)) for r in randomizations}
+        if len(names) > 1:
+            raise InvalidInput(f"the agents' randomizations draw different parameters: {sorted(names)}; expected the same")
+        agents = len(seeds)
+        super().__init__(device=torch.device(device), batch_size=torch.Size([agents]))
+        self.base_model, self.randomizations, self.horizon = model, tuple(randomizations), horizon
+        self.seeds = tuple(seeds)
+        self.agents = agents
+        self._make_specs()
+        self._forget()
+
+    def _make_specs(self) -> None:
+        shape, device = (self.agents, 1), self.device
+        self.observation_spec = Composite(
+            observation=Unbounded((self.agents, 3), dtype=torch.float32, device=device),
+            shape=self.batch_size,
+            device=device,
+        )
+        self.action_spec = Bounded(-1.0, 1.0, shape, dtype=torch.float32, device=device)
+        self.reward_spec = Unbounded(shape, dtype=torch.float32, device=device)
+        flags = {
+            name: Binary(1, shape, dtype=torch.bool, device=device) for name in ("done", "terminated", "truncated")
+        }
+        self.done_spec = Composite(**flags, shape=self.batch_size, device=device)
+
+    def _forget(self) -> None:
+        """Before the first episode of every agent."""
+        self.episodes = [0] * self.agents
+        self.steps = torch.zeros(self.agents, dtype=torch.long, device=self.device)
+        zero = torch.zeros(self.agents, dtype=torch.float64, device=self.device)
+        self.parameters_now: dict[str, Tensor] = {}
+        self.state = self.base_model.initial_state(zero, zero)
+        self.model = self.base_model
+
+    def restart(self, which: Tensor | None = None) -> Tensor:
+        """Begin a new episode for the agents in the mask `which` (A,), or for all; returns observations (A, 3)."""
+        chosen = range(self.agents) if which is None else torch.nonzero(which).flatten().tolist()
+        theta, theta_dot = self.state.theta.clone(), self.state.theta_dot.clone()
+        for a in chosen:
+            rng = generator(self.seeds[a], Purpose.EPISODES, self.episodes[a])
+            theta[a], theta_dot[a] = task.start_state(rng)
+            for name, value in self.randomizations[a].sample(rng, self.base_model).items():
+                self.parameters_now.setdefault(name, torch.ones_like(theta))[a] = value
+            self.episodes[a] += 1
+            self.steps[a] = 0
+        self.model = self.base_model.with_parameters({k: v.clone() for k, v in self.parameters_now.items()})
+        fresh = self.model.initial_state(theta, theta_dot)
+        mask = torch.zeros(self.agents, dtype=torch.bool, device=self.device)
+        mask[list(chosen)] = True
+        memory = tuple(
+            tuple(torch.where(mask, new, old) for new, old in zip(after, before, strict=True))
+            for after, before in zip(fresh.memory, self.state.memory, strict=True)
+        )
+        self.state = State(theta, theta_dot, memory)
+        return self.observe()
+
+    def advance(self, action: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Hold action (A, 1) for dt: next observation (A, 3), reward (A,), truncated (A,). Does not restart."""
+        u = action[:, 0].to(torch.float64).clamp(-1.0, 1.0) * self.base_model.u_max
+        reward = task.reward(self.state, u).to(torch.float32)
+        self.state = self.model.advance(self.state, u, self.steps * self.base_model.dt)
+        self.steps = self.steps + 1
+        return self.observe(), reward, self.steps >= self.horizon
+
+    def observe(self) -> Tensor:
+        """Observations (A, 3), float32."""
+        return torch.stack(task.observation(self.state), -1).to(torch.float32)
+
+    def snapshot(self) -> dict[str, Any]:
+        """Everything that the next step depends on, as tensors, lists and numbers."""
+        return {
+            "theta": self.state.theta,
+            "theta_dot": self.state.theta_dot,
+            "memory": [list(own) for own in self.state.memory],
+            "parameters": dict(self.parameters_now),
+            "episodes": list(self.episodes),
+            "steps": self.steps,
+        }
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Go on from a snapshot."""
+        self.state = State(
+            snapshot["theta"].to(self.device),
+            snapshot["theta_dot"].to(self.device),
+            tuple(tuple(v.to(self.device) for v in own) for own in snapshot["memory"]),
+        )
+        self.parameters_now = {k: v.to(self.device) for k, v in snapshot["parameters"].items()}
+        self.model = self.base_model.with_parameters(self.parameters_now)
+        self.episodes = list(snapshot["episodes"])
+        self.steps = snapshot["steps"].to(self.device)
+
+    def _reset(self, tensordict: TensorDictBase | None = None, **_: Any) -> TensorDictBase:
+        which = tensordict.get("_reset", None) if tensordict is not None else None
+        observation = self.restart(None if which is None else which.reshape(self.agents))
+        no = torch.zeros(self.agents, 1, dtype=torch.bool, device=self.device)
+        flags = {name: no.clone() for name in ("done", "terminated", "truncated")}
+        return TensorDict({"observation": observation, **flags}, self.batch_size, device=self.device)
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        observation, reward, truncated = self.advance(tensordict.get("action"))
+        ended = truncated.unsqueeze(1)
+        after = {
+            "observation": observation,
+            "reward": reward.unsqueeze(1),
+            "done": ended,
+            "truncated": ended.clone(),
+            "terminated": torch.zeros_like(ended),
+        }
+        return TensorDict(after, self.batch_size, device=self.device)
+
+    def _set_seed(self, seed: int | None) -> None:
+        """Agent a takes seed + a, and starts at its first episode."""
+        if seed is not None:
+            self.seeds = tuple(seed + a for a in range(self.agents))
+            self._forget()

@@ -1,0 +1,194 @@
+"""A agents trained side by side in one process: each with its own pendulum, randomization, memory, networks and seed.
+
+    population = Population(sysid.paper_model(), [Band({"m": 2.0, "l": 1.5}, w=0.1)] * 3, seeds=[0, 1, 2])
+    population.train(75_000)
+    evaluate(population.policies()[0], sysid.paper_model(m=2.0, l=1.5), *start_states(seed=0))
+
+What an agent becomes depends on its own seed and randomization, not on its neighbours.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from policies import task
+from policies.batched_env import BatchedPendulum
+from policies.randomization import Randomization
+from policies.replay import Replay
+from policies.sac import SAC, SACSettings
+from policies.streams import Blocks, Purpose
+from sysid import InvalidInput, Model, State
+
+CHECKPOINT_VERSION = 1
+
+
+@dataclass(frozen=True, eq=False)
+class NetworkPolicy:
+    """The deterministic policy of one trained agent: u = u_max tanh(loc(observation)), in float32 NumPy.
+
+    layers: (W (in, out), b (out,)) of the actor; a callable for `policies.evaluate.evaluate`, and free of torch.
+    """
+
+    layers: tuple[tuple[NDArray[np.float32], NDArray[np.float32]], ...]
+    u_max: float
+
+    def __call__(self, state: State, t: float) -> NDArray[np.float32]:
+        x = np.stack(task.observation(state), -1).astype(np.float32)
+        *hidden, (weight, bias) = self.layers
+        for w, b in hidden:
+            x = np.maximum(x @ w + b, np.float32(0.0))
+        loc = (x @ weight + bias)[..., 0]
+        return np.float32(self.u_max) * np.tanh(loc)
+
+
+class Population:
+    """Soft actor-critic agents, trained together; `train` advances all, `save` and `load` interrupt and go on.
+
+    model: the pendulum whose parameters the randomizations draw; randomizations (A,), seeds (A,).
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        randomizations: Sequence[Randomization],
+        seeds: Sequence[int],
+        settings: SACSettings | None = None,
+        device: str = "cpu",
+    ) -> None:
+        self.settings = settings = SACSettings() if settings is None else settings
+        self.seeds, self.device = tuple(int(s) for s in seeds), torch.device(device)
+        self.env = BatchedPendulum(model, randomizations, self.seeds, device=device)
+        self.agents = agents = len(self.seeds)
+        self.sac = SAC(self.seeds, settings, device=device)
+        self.replay = Replay(agents, min(settings.capacity, settings.steps), 3, 1, device)
+        self.steps_done = 0
+        batch = settings.batch
+        self._random = Blocks(self.seeds, Purpose.EXPLORATION, _exploration)
+        self._uniform = Blocks(self.seeds, Purpose.REPLAY, lambda rng, k: rng.random((k, batch)))
+        self._normal = Blocks(
+            self.seeds, Purpose.LOSS, lambda rng, k: rng.standard_normal((k, 2, batch, 1), dtype=np.float32)
+        )
+        self._observation = self.env.restart()
+        self._return = torch.zeros(agents, dtype=torch.float64, device=self.device)
+        self._curve: list[tuple[int, list[float]]] = []
+
+    @property
+    def curves(self) -> list[list[tuple[int, float]]]:
+        """Of each agent: (env steps done, return) of every training episode that ended."""
+        return [[(step, returns[a]) for step, returns in self._curve] for a in range(self.agents)]
+
+    def train(self, steps: int) -> None:
+        """Advance every agent by `steps` environment steps, but not beyond settings.steps."""
+        for _ in range(min(steps, self.settings.steps - self.steps_done)):
+            self._step()
+
+    def _step(self) -> None:
+        k, learning = self.steps_done, self.steps_done >= self.settings.random_steps
+        uniform, normal = self._to_device(self._random[k]).split(1, 1)
+        action = self.sac.act(self._observation, normal) if learning else uniform
+        observation, reward, truncated = self.env.advance(action)
+        never = torch.zeros_like(truncated)
+        self.replay.add(self._observation, action, reward, observation, never)
+        self._observation, self._return = observation, self._return + reward
+        self.steps_done += 1
+        if learning:
+            noise, next_noise = self._to_device(self._normal[k]).unbind(1)
+            self.sac.update(self.replay.sample(self._to_device(self._uniform[k])), noise, next_noise)
+        if truncated[0]:
+            self._curve.append((self.steps_done, self._return.tolist()))
+            self._return = torch.zeros_like(self._return)
+            self._observation = self.env.restart()
+
+    def _to_device(self, numbers: NDArray) -> torch.Tensor:
+        return torch.from_numpy(numbers).to(self.device)
+
+    def policies(self) -> list[NetworkPolicy]:
+        """The deterministic policy of every agent as it stands now."""
+        actor = [(w.detach().cpu().numpy().copy(), b.detach().cpu().numpy().copy()) for w, b in self.sac.actor]
+        *hidden, (weight, bias) = actor
+        means = [*hidden, (weight[..., :1], bias[..., :1])]
+        u_max = self.env.base_model.u_max
+        return [NetworkPolicy(tuple((w[a], b[a, 0]) for w, b in means), u_max) for a in range(self.agents)]
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a checkpoint, whole or not at all: the file is replaced only when the new one is on the disk."""
+        path = Path(path)
+        partial = path.with_name(path.name + ".partial")
+        with partial.open("wb") as file:
+            torch.save({**self._identity(), **self._progress()}, file)
+            file.flush()
+            os.fsync(file.fileno())
+        partial.replace(path)
+
+    @classmethod
+    def load(
+        cls,
+        path: str | os.PathLike[str],
+        model: Model,
+        randomizations: Sequence[Randomization],
+        seeds: Sequence[int],
+        settings: SACSettings | None = None,
+        device: str = "cpu",
+    ) -> Population:
+        """Go on from a checkpoint of this very population: the same numbers follow as without the interruption.
+
+        Raises InvalidInput for a file that is no checkpoint, or one of another population or version.
+        """
+        population = cls(model, randomizations, seeds, settings, device)
+        try:
+            stored = torch.load(path, map_location="cpu", weights_only=True)
+        except (RuntimeError, EOFError, ValueError, KeyError) as error:
+            raise InvalidInput(f"{path} is not a checkpoint of a population: {error}") from error
+        for name, expected in population._identity().items():
+            if stored.get(name) != expected:
+                raise InvalidInput(
+                    f"{path} is a checkpoint with {name} = {stored.get(name)}; this population has {name} = {expected}"
+                )
+        population._resume(stored)
+        return population
+
+    def _identity(self) -> dict[str, Any]:
+        """What makes this population the one it is."""
+        numbers = {name: p.value for name, p in self.env.base_model.parameters.items()}
+        return {
+            "version": CHECKPOINT_VERSION,
+            "seeds": list(self.seeds),
+            "settings": asdict(self.settings),
+            "randomizations": [r.to_json() for r in self.env.randomizations],
+            "model": {name: float(value) for name, value in numbers.items()},
+        }
+
+    def _progress(self) -> dict[str, Any]:
+        """What training has changed. Random streams are functions of seed and step, so they need no place here."""
+        return {
+            "steps_done": self.steps_done,
+            "sac": self.sac.snapshot(),
+            "replay": self.replay.snapshot(),
+            "env": self.env.snapshot(),
+            "observation": self._observation,
+            "return": self._return,
+            "curve": [[step, returns] for step, returns in self._curve],
+        }
+
+    def _resume(self, stored: dict[str, Any]) -> None:
+        self.steps_done = stored["steps_done"]
+        self.sac.restore(stored["sac"])
+        self.replay.restore(stored["replay"])
+        self.env.restore(stored["env"])
+        self._observation = stored["observation"].to(self.device)
+        self._return = stored["return"].to(self.device)
+        self._curve = [(step, returns) for step, returns in stored["curve"]]
+
+
+def _exploration(rng: np.random.Generator, length: int) -> NDArray[np.float32]:
+    """(length, 2): a uniform action in [-1, 1] and the normal noise of the policy's action, for each step."""
+    uniform = rng.uniform(-1.0, 1.0, length)
+    return np.stack((uniform, rng.standard_normal(length)), 1).astype(np.float32)
