@@ -1,4 +1,58 @@
 """Controllers for the pendulum: environments, training and references, over the models of sysid.
 
-The names below load their modules on first use, so that `import policies` stays cheap and does not load torch.
+The names load their modules on first use, so that `import policies` stays cheap and does not load torch. Importing
+registers "gapfinder/Pendulum-v0" with gymnasium. The function `evaluate` lives in the module of that name:
+`from policies.evaluate import evaluate`.
 """
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+import gymnasium
+
+from policies.task import HORIZON
+
+if TYPE_CHECKING:
+    from policies.batched_env import BatchedPendulum
+    from policies.evaluate import Evaluation, Policy, start_states
+    from policies.pendulum_env import PendulumEnv
+    from policies.population import NetworkPolicy, Population
+    from policies.processor import CpuTuning, tune_cpu
+    from policies.randomization import Band, PriorRange, Randomization
+    from policies.sac import SAC, SACSettings
+
+ENV_ID = "gapfinder/Pendulum-v0"
+
+_HOME = {
+    "BatchedPendulum": "batched_env",
+    "Evaluation": "evaluate",
+    "Policy": "evaluate",
+    "start_states": "evaluate",
+    "PendulumEnv": "pendulum_env",
+    "NetworkPolicy": "population",
+    "Population": "population",
+    "CpuTuning": "processor",
+    "tune_cpu": "processor",
+    "Band": "randomization",
+    "PriorRange": "randomization",
+    "Randomization": "randomization",
+    "SAC": "sac",
+    "SACSettings": "sac",
+}
+
+__all__ = ["ENV_ID", "HORIZON", *_HOME]  # noqa: PLE0604
+
+if ENV_ID not in gymnasium.registry:
+    gymnasium.register(ENV_ID, entry_point="policies.pendulum_env:PendulumEnv", max_episode_steps=HORIZON)
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOME:
+        return getattr(import_module(f"policies.{_HOME[name]}"), name)
+    raise AttributeError(f"module 'policies' has no attribute {name!r}; it has {', '.join(__all__)}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

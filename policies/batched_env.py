@@ -80,24 +80,23 @@ class BatchedPendulum(EnvBase):
 
     def restart(self, which: Tensor | None = None) -> Tensor:
         """Begin a new episode for the agents in the mask `which` (A,), or for all; returns observations (A, 3)."""
-        chosen = range(self.agents) if which is None else torch.nonzero(which).flatten().tolist()
+        mask = torch.ones_like(self.steps, dtype=torch.bool) if which is None else which
         theta, theta_dot = self.state.theta.clone(), self.state.theta_dot.clone()
-        for a in chosen:
+        parameters = {name: values.clone() for name, values in self.parameters_now.items()}
+        for a in torch.nonzero(mask).flatten().tolist():
             rng = generator(self.seeds[a], Purpose.EPISODES, self.episodes[a])
             theta[a], theta_dot[a] = task.start_state(rng)
             for name, value in self.randomizations[a].sample(rng, self.base_model).items():
-                self.parameters_now.setdefault(name, torch.ones_like(theta))[a] = value
+                parameters.setdefault(name, torch.ones_like(theta))[a] = value
             self.episodes[a] += 1
-            self.steps[a] = 0
-        self.model = self.base_model.with_parameters({k: v.clone() for k, v in self.parameters_now.items()})
+        self.parameters_now = parameters
+        self.model = self.base_model.with_parameters(parameters)
         fresh = self.model.initial_state(theta, theta_dot)
-        mask = torch.zeros(self.agents, dtype=torch.bool, device=self.device)
-        mask[list(chosen)] = True
         memory = tuple(
             tuple(torch.where(mask, new, old) for new, old in zip(after, before, strict=True))
             for after, before in zip(fresh.memory, self.state.memory, strict=True)
         )
-        self.state = State(theta, theta_dot, memory)
+        self.state, self.steps = State(theta, theta_dot, memory), torch.where(mask, 0, self.steps)
         return self.observe()
 
     def advance(self, action: Tensor) -> tuple[Tensor, Tensor, Tensor]:

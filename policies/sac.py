@@ -24,7 +24,7 @@ from typing import Any
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor, nn
-from torchrl.objectives import SACLoss, ValueEstimators
+from torchrl.objectives import SACLoss, SoftUpdate, ValueEstimators
 
 from policies.networks import Layers, head, linear_init, make_actor, make_critic, mlp
 from policies.replay import Batch
@@ -110,14 +110,13 @@ class SAC:
         self.loss = make_loss(self.agents, observation_size, action_size, settings).to(self.device)
         self.actor = _layers(self.loss.actor_network_params)
         self.critics = _layers(self.loss.qvalue_network_params)
-        self.targets = _layers(self.loss.target_qvalue_network_params)
         self._initialise(seeds)
-        self._critic_leaves = [p for layer in self.critics for p in layer]
-        self._target_leaves = [p for layer in self.targets for p in layer]
-        rate = settings.learning_rate
-        self.critic_optimizer = torch.optim.Adam(self._critic_leaves, lr=rate, fused=True)
+        self.targets = SoftUpdate(self.loss, tau=settings.polyak)
+        self.critic_optimizer = torch.optim.Adam(
+            [p for layer in self.critics for p in layer], lr=settings.learning_rate, fused=True
+        )
         self.actor_optimizer = torch.optim.Adam(
-            [p for layer in self.actor for p in layer] + [self.loss.log_alpha], lr=rate, fused=True
+            [p for layer in self.actor for p in layer] + [self.loss.log_alpha], lr=settings.learning_rate, fused=True
         )
 
     @torch.no_grad()
@@ -131,9 +130,6 @@ class SAC:
                 flat = [leaf for layer in network for leaf in layer]
                 for leaf, numbers in zip(flat, linear_init(rng, sizes), strict=True):
                     leaf.copy_(torch.from_numpy(numbers))
-        for (w, b), (w_target, b_target) in zip(self.critics, self.targets, strict=True):
-            w_target.copy_(w)
-            b_target.copy_(b)
 
     @torch.no_grad()
     def act(self, observation: Tensor, noise: Tensor) -> Tensor:
@@ -155,8 +151,7 @@ class SAC:
         ((actor_loss + alpha_loss).sum() / shape[1]).backward()
         self.actor_optimizer.step()
 
-        with torch.no_grad():
-            torch._foreach_lerp_(self._target_leaves, self._critic_leaves, self.settings.polyak)
+        self.targets.step()
 
     def _tensordict(self, batch: Batch, noise: Tensor, next_noise: Tensor) -> TensorDict:
         """A fresh one for every use: SACLoss writes what its networks answer into what it is given."""

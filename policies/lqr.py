@@ -1,0 +1,88 @@
+"""LQR at the upright: the best linear feedback on the linearised step, saturated at the torque limit.
+
+    policy = design_lqr(sysid.paper_model(m=2.0, l=1.5))
+    print(evaluate(policy, plant, *start_states(seed=0)))
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi
+import numpy as np
+from numpy.typing import NDArray
+
+from policies import task
+from policies.design import step_of
+from sysid import InvalidInput, Model, State, ops
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class LQR:
+    """u = clip(u_0 - K x, -u_max, u_max), x = (wrap(theta), theta_dot); a policy for `evaluate`.
+
+    A (2, 2), B (2, 1): x' = A x + B (u - u_0), the model's step linearised at the upright.
+    Q (2, 2), R (1, 1), N (2, 1): cost = x'Q x + u'R u + 2 x'N u, the task's cost there.
+    K (1, 2): gain [N m/rad, N m s/rad]. S (2, 2): x'S x is the cost to come without saturation.
+    u_0 [N m] holds the upright: 0 unless the model has a torque bias.
+    """
+
+    A: Array
+    B: Array
+    Q: Array
+    R: Array
+    N: Array
+    K: Array
+    S: Array
+    u_0: float
+    u_max: float
+
+    @property
+    def poles(self) -> NDArray[np.complex128]:
+        """Eigenvalues (2,) of A - B K, inside the unit circle."""
+        return np.linalg.eigvals(self.A - self.B @ self.K)
+
+    def cost_to_go(self, theta: Array | float, theta_dot: Array | float) -> Array:
+        """x'S x, in the shape of theta [rad] and theta_dot [rad/s] broadcast together."""
+        x = np.stack(np.broadcast_arrays(ops.wrap(theta), theta_dot), axis=-1)
+        return np.einsum("...i,ij,...j->...", x, self.S, x)
+
+    def __call__(self, state: State, t: float = 0.0) -> Array:
+        k_theta, k_theta_dot = self.K[0]
+        u = self.u_0 - k_theta * ops.wrap(state.theta) - k_theta_dot * state.theta_dot
+        return np.clip(u, -self.u_max, self.u_max)
+
+    def __str__(self) -> str:
+        k_theta, k_theta_dot = self.K[0]
+        return f"LQR u = {self.u_0:.3g} - {k_theta:.3g} theta - {k_theta_dot:.3g} theta_dot, poles {self.poles.round(3)}"
+
+
+def design_lqr(model: Model) -> LQR:
+    """Minimise the sum of the task's costs over an infinite horizon, to second order at the upright.
+
+    The Riccati equation is solved by python-control. Raises InvalidInput for a model with input effects, and for one
+    that no torque within +-u_max holds upright.
+    """
+    import control  # loads matplotlib; late, so that importing this module stays cheap
+
+    x, u = casadi.SX.sym("x", 2), casadi.SX.sym("u")
+    after = casadi.vertcat(*step_of(model)(x[0], x[1], u))
+    cost = task.cost(State(x[0], x[1]), u)
+    hessian, _ = casadi.hessian(cost, casadi.vertcat(x, u))
+    linearise = casadi.Function(
+        "linearise", [x, u], [after, casadi.jacobian(after, x), casadi.jacobian(after, u), 0.5 * hessian]
+    )
+
+    drift, _, B, _ = (np.asarray(a) for a in linearise([0.0, 0.0], 0.0))
+    u_0 = -float(drift[1, 0] / B[1, 0])
+    drift, A, B, half = (np.asarray(a) for a in linearise([0.0, 0.0], u_0))
+    if np.max(np.abs(drift)) > 1e-9 or abs(u_0) > model.u_max:
+        raise InvalidInput(
+            f"the upright needs {u_0:g} N m and still drifts by {drift[:, 0]} a step: "
+            f"expected an equilibrium at theta = 0 within +-{model.u_max:g} N m"
+        )
+    Q, R, N = half[:2, :2], half[2:, 2:], half[:2, 2:]
+    K, S, _ = control.dlqr(A, B, Q, R, N)
+    return LQR(A=A, B=B, Q=Q, R=R, N=N, K=np.asarray(K), S=np.asarray(S), u_0=u_0 + 0.0, u_max=model.u_max)

@@ -1,0 +1,87 @@
+"""Evaluation plays the paper's episodes: its start states, its costs, one policy at a time."""
+
+import math
+
+import gymnasium
+import numpy as np
+import pytest
+
+from policies import task
+from policies.evaluate import Evaluation, evaluate, start_states
+from sysid import InvalidInput, paper_model
+
+
+def zero(state, t):
+    return 0.0
+
+
+@pytest.mark.parametrize("seed", [0, 7])
+def test_start_states_are_gymnasiums_resets(seed):
+    pendulum = gymnasium.make("Pendulum-v1").unwrapped
+    theta, theta_dot = start_states(seed, episodes=5)
+    for e in range(5):
+        pendulum.reset(seed=seed + 50_000 + e)
+        assert (theta[e], theta_dot[e]) == tuple(pendulum.state)
+
+
+def test_returns_are_gymnasiums_at_other_parameters():
+    pendulum = gymnasium.make("Pendulum-v1").unwrapped
+    pendulum.m, pendulum.l = 2.0, 1.5
+    theta, theta_dot = start_states(3, episodes=4)
+    commands = 2.0 * np.sin(np.arange(task.HORIZON) * 0.3)
+
+    def policy(state, t):
+        return np.full(state.theta.shape, commands[round(t / 0.05)])
+
+    expected = []
+    for e in range(4):
+        pendulum.reset(seed=50_003 + e)
+        expected.append(sum(pendulum.step(np.array([u]))[1] for u in commands))
+    answer = evaluate(policy, paper_model(m=2.0, l=1.5), theta, theta_dot)
+    np.testing.assert_allclose(answer.returns, expected, rtol=1e-9)
+
+
+def test_episodes_do_not_touch_each_other():
+    def policy(state, t):
+        return -3.0 * state.theta_dot
+
+    theta, theta_dot = start_states(0)
+    together = evaluate(policy, paper_model(), theta, theta_dot).returns
+    alone = [evaluate(policy, paper_model(), theta[e : e + 1], theta_dot[e : e + 1]).returns[0] for e in range(20)]
+    np.testing.assert_allclose(together, alone, rtol=1e-12)
+
+
+def test_torque_is_clipped_at_the_limit():
+    start = start_states(1)
+    ten = evaluate(lambda state, t: 10.0, paper_model(), *start)
+    two = evaluate(lambda state, t: 2.0, paper_model(), *start)
+    np.testing.assert_array_equal(ten.returns, two.returns)
+
+
+def test_upright_at_rest_costs_nothing_and_hanging_costs_pi_squared():
+    answer = evaluate(zero, paper_model(), np.array([0.0, math.pi]), np.zeros(2), horizon=10)
+    np.testing.assert_allclose(answer.returns, [0.0, -10.0 * math.pi**2], atol=1e-9)
+
+
+def test_statistics():
+    answer = Evaluation(np.array([1.0, 2.0, 4.0]))
+    assert answer.mean == pytest.approx(7.0 / 3.0)
+    assert answer.std == pytest.approx(np.sqrt(14.0 / 9.0))
+    assert answer.sem == pytest.approx(answer.std / math.sqrt(2.0))
+    assert math.isnan(Evaluation(np.array([1.0])).sem)
+    assert "3 episodes" in str(answer)
+
+
+@pytest.mark.parametrize(
+    ("theta", "theta_dot", "policy", "message"),
+    [
+        ([0.0, 1.0], [0.0], zero, "two vectors of one length"),
+        ([], [], zero, "two vectors of one length"),
+        ([np.nan], [0.0], zero, "NaN"),
+        ([0.0, 1.0], [0.0, 0.0], lambda s, t: np.zeros((2, 1)), r"shape \(2, 1\)"),
+        ([0.0], [0.0], lambda s, t: np.array([np.nan]), "not finite"),
+    ],
+)
+def test_bad_input_is_named(theta, theta_dot, policy, message):
+    with pytest.raises(InvalidInput, match=message):
+        evaluate(policy, paper_model(), np.array(theta), np.array(theta_dot))
