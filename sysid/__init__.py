@@ -21,12 +21,13 @@ from sysid.effects import (
 from sysid.errors import InvalidInput
 from sysid.estimate import Estimate
 from sysid.excitation import paper_rollouts
-from sysid.identify import GridSearch, Identifier
+from sysid.identify import GridSearch, Identifier, LeastSquares
 from sysid.integrators import RK4, Integrator, SemiImplicitEuler
 from sysid.model import Model, State, paper_model
 from sysid.parameters import Parameter, parameter
 from sysid.plants import GeneralJoint, Plant, PointMassPendulum, RodPendulum
 from sysid.records import Record, read_csv, write_csv
+from sysid.sensitivity import fisher_information
 from sysid.sensor import Sensor
 from sysid.simulate import Trajectory, simulate
 
@@ -46,6 +47,7 @@ __all__ = [
     "Joint",
     "JointEffect",
     "Lag",
+    "LeastSquares",
     "Model",
     "Parameter",
     "Plant",
@@ -60,6 +62,7 @@ __all__ = [
     "Trajectory",
     "Viscous",
     "effect",
+    "fisher_information",
     "paper_model",
     "paper_rollouts",
     "parameter",

@@ -22,7 +22,7 @@ class Estimate:
     noise        standard deviation of the readings about the fit, by channel ([rad], [rad/s])
     success      whether the numbers can be used
     status       a sentence: how it ended and, where it ended badly, what to try
-    cost         the sum of squares that was minimised, in units of the sensor's variance (nan: not of this method)
+    cost         the sum of squares that was minimised, in units of the sensor's variance (nan: none)
     n_readings   the readings that were used
     method       the identifier's name
     """
@@ -55,7 +55,7 @@ class Estimate:
 
     @property
     def ambiguous(self) -> tuple[str, ...]:
-        """Sentences about what these records cannot tell: combinations whose sd exceeds a quarter of the bounds' width."""
+        """What these records cannot tell: combinations whose sd exceeds a quarter of the bounds' width."""
         parameters = self.model.parameters
         scale = np.array([parameters[name].scale for name in self.names])
         if not np.all(np.isfinite(self.covariance)):
@@ -76,7 +76,9 @@ class Estimate:
         """The fitted parameters that ended at a bound."""
         parameters = self.model.parameters
         return tuple(
-            n for n in self.names if min(abs(self.values[n] - b) for b in parameters[n].bounds) < 1e-6 * parameters[n].scale
+            name
+            for name, value in self.values.items()
+            if min(abs(value - b) for b in parameters[name].bounds) < 1e-6 * parameters[name].scale
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -103,7 +105,8 @@ class Estimate:
             p = parameters[name]
             mark = "  (at its bound)" if name in self.at_bound else ""
             lines.append(
-                f"  {name:<{width}} = {p.value:.5g} +- {self.sd[name]:.2g} {p.unit}   95 % [{low:.5g}, {high:.5g}]{mark}"
+                f"  {name:<{width}} = {p.value:.5g} +- {self.sd[name]:.2g} {p.unit}"
+                f"   95 % [{low:.5g}, {high:.5g}]{mark}"
             )
         noise = ", ".join(f"{k} {v:.3g}" for k, v in self.noise.items())
         lines.append(f"  sd of the readings about the fit: {noise}  ({self.n_readings} readings)")

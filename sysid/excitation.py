@@ -16,35 +16,42 @@ def uniform_noise(rng: np.random.Generator, n: int, u_max: float) -> Array:
     return rng.uniform(-u_max, u_max, n)
 
 
-def multisine(rng: np.random.Generator, n: int, dt: float, u_max: float, f_max: float, tones: int = 12) -> Array:
-    """n torques [N m]: a sum of `tones` sines up to f_max [Hz] with random phases, scaled to a peak of u_max."""
+def multisine(
+    rng: np.random.Generator, n: int, dt: float, u_max: float, f_max: float, tones: int = 12
+) -> Array:
+    """n torques [N m]: a sum of `tones` sines up to f_max [Hz], random phases, scaled to a peak of u_max."""
     t = dt * np.arange(n)
     f = np.linspace(f_max / tones, f_max, tones)
     phase = rng.uniform(0.0, 2.0 * math.pi, tones)
     signal = np.sum(np.sin(2.0 * math.pi * f * t[:, None] + phase), axis=1)
-    return u_max * signal / np.max(np.abs(signal))
+    scaled: Array = u_max * signal / np.max(np.abs(signal))
+    return scaled
 
 
 def chirp(n: int, dt: float, u_max: float, f_0: float, f_1: float) -> Array:
     """n torques [N m]: a sine of amplitude u_max whose frequency rises linearly from f_0 to f_1 [Hz]."""
     t = dt * np.arange(n)
     rate = (f_1 - f_0) / (n * dt)
-    return u_max * np.sin(2.0 * math.pi * (f_0 * t + 0.5 * rate * t * t))
+    signal: Array = u_max * np.sin(2.0 * math.pi * (f_0 * t + 0.5 * rate * t * t))
+    return signal
 
 
 def steps(rng: np.random.Generator, n: int, dt: float, u_max: float, hold: float) -> Array:
     """n torques [N m]: a new level, uniform in [-u_max, u_max], every `hold` [s]."""
     every = max(1, round(hold / dt))
-    return np.repeat(rng.uniform(-u_max, u_max, -(-n // every)), every)[:n]
+    return np.repeat(rng.uniform(-u_max, u_max, math.ceil(n / every)), every)[:n]
 
 
-def paper_rollouts(model: Model, n: int, rng: np.random.Generator, sigma: float = 1.0, length: int = 200) -> list[Record]:
-    """The paper's measurement (Sec. II-B): n rollouts of `length` steps under uniform torque, speed noise sigma [rad/s].
+def paper_rollouts(
+    model: Model, n: int, rng: np.random.Generator, sigma: float = 1.0, length: int = 200
+) -> list[Record]:
+    """The paper's measurement (Sec. II-B): n rollouts of `length` steps, speed noise sigma [rad/s].
 
-    The order of draws is the published runs' own, so the same seed gives the same data: for each rollout the start
-    state is uniform(-[pi, 1], [pi, 1]) from a generator seeded with rng.integers(0, 2**31 - 1); then for each step
-    the torque, the noise of the speed before it and of the speed after it. Readings go through float32, as
-    Gymnasium's observation does; the angle is arctan2 of its sine and cosine, without noise.
+    The order of draws is the published runs' own, so the same seed gives the same data: for each rollout
+    the start state is uniform(-[pi, 1], [pi, 1]) from a generator seeded with rng.integers(0, 2**31 - 1);
+    then for each step the torque, uniform, the noise of the speed before it and of the speed after it.
+    Readings go through float32, as Gymnasium's observation does; the angle is arctan2 of its sine and
+    cosine, without noise.
     """
     if n == 0:
         return []
@@ -59,7 +66,8 @@ def paper_rollouts(model: Model, n: int, rng: np.random.Generator, sigma: float 
     applied = u.astype(np.float32).astype(float)
     run = simulate(model, applied, start[:, 0], start[:, 1])
     speed = run.theta_dot.astype(np.float32).astype(float)
-    angle = np.arctan2(np.sin(run.theta).astype(np.float32), np.cos(run.theta).astype(np.float32)).astype(float)
+    sine, cosine = np.sin(run.theta).astype(np.float32), np.cos(run.theta).astype(np.float32)
+    angle = np.arctan2(sine, cosine).astype(float)
     return [
         Record(
             t=run.t,

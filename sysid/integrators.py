@@ -17,7 +17,7 @@ Acceleration = Callable[[Value, Value, Value, Value], Value]
 
 @dataclass(frozen=True)
 class Integrator(ABC):
-    """Advances (theta, theta_dot) over dt, split into `substeps`; each substep sees its own mean drive torque."""
+    """Advances (theta, theta_dot) over dt, in `substeps`; each substep sees its own mean drive torque."""
 
     substeps: int = 1
 
@@ -26,7 +26,13 @@ class Integrator(ABC):
             raise InvalidInput(f"substeps = {self.substeps}: expected a whole number >= 1")
 
     def advance(
-        self, acceleration: Acceleration, theta: Value, theta_dot: Value, t: Value, drives: Sequence[Value], dt: float
+        self,
+        acceleration: Acceleration,
+        theta: Value,
+        theta_dot: Value,
+        t: Value,
+        drives: Sequence[Value],
+        dt: float,
     ) -> tuple[Value, Value]:
         """(theta, theta_dot) after dt [s], under drive torques [N m], one per substep."""
         h = dt / self.substeps
@@ -45,7 +51,8 @@ class Integrator(ABC):
 class SemiImplicitEuler(Integrator):
     """Gymnasium's and the paper's step; first order; the speed is clipped before the angle is advanced.
 
-    theta_dot' = clip(theta_dot + h theta_ddot, -theta_dot_max, theta_dot_max),   theta' = theta + h theta_dot'
+    theta_dot' = clip(theta_dot + h theta_ddot, -theta_dot_max, theta_dot_max)
+    theta' = theta + h theta_dot'
     """
 
     theta_dot_max: float = math.inf
@@ -61,7 +68,7 @@ class SemiImplicitEuler(Integrator):
 
 @dataclass(frozen=True)
 class RK4(Integrator):
-    """The classical fourth-order Runge-Kutta step (Hairer, Norsett & Wanner, Solving ODEs I, Table II.1.2)."""
+    """The classical fourth-order Runge-Kutta step (Hairer, Norsett, Wanner: Solving ODEs I, Table II.1.2)."""
 
     def substep(
         self, acceleration: Acceleration, theta: Value, theta_dot: Value, t: Value, drive: Value, h: float

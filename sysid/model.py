@@ -30,7 +30,7 @@ class State(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A plant with effects, stepped by an integrator over control intervals of dt [s], with |u| <= u_max [N m].
+    """A plant with effects, stepped by an integrator over control intervals of dt [s]; |u| <= u_max [N m].
 
         (J + sum J_e) theta_ddot = gravity_torque(theta) + drive(u) + sum torque_e
 
@@ -69,7 +69,9 @@ class Model:
         """Every parameter by its full name."""
         named = dict(self.plant.parameters)
         for e in self.effects:
-            named.update({f"{e.name}.{k}": dataclasses.replace(p, name=f"{e.name}.{k}") for k, p in e.parameters.items()})
+            for key, p in e.parameters.items():
+                name = f"{e.name}.{key}"
+                named[name] = dataclasses.replace(p, name=name)
         return named
 
     def check_names(self, names: Iterable[str]) -> None:
@@ -84,7 +86,7 @@ class Model:
         self.check_names(values)
         plant_values = {k: v for k, v in values.items() if "." not in k}
         effects = tuple(
-            e.with_parameters({k.split(".", 1)[1]: v for k, v in values.items() if k.startswith(e.name + ".")})
+            e.with_parameters({k: values[f"{e.name}.{k}"] for k in e.parameters if f"{e.name}.{k}" in values})
             for e in self.effects
         )
         return dataclasses.replace(self, plant=self.plant.with_parameters(plant_values), effects=effects)
@@ -139,17 +141,21 @@ class Model:
         return self.integrator.advance(self.acceleration, theta, theta_dot, t, drives, self.dt)
 
     def advance(self, state: State, u: Value, t: Value = 0.0) -> State:
-        """The state after one control interval dt under command u [N m]; shapes broadcast, u is not clipped."""
+        """The state an interval dt later under command u [N m]; shapes broadcast, u is not clipped."""
         drives, memory = self.drive(u, state.memory)
         theta, theta_dot = self.move(state.theta, state.theta_dot, drives, t)
         return State(theta, theta_dot, memory)
 
 
 def paper_model(m: float = 1.0, l: float = 1.0) -> Model:  # noqa: E741
-    """The paper's pendulum (Sec. II-A): Gymnasium's equations, g = 10, dt = 0.05 s, |u| <= 2 N m, |theta_dot| <= 8 rad/s.
+    """The paper's pendulum (Sec. II-A): Gymnasium's equations with m and l exposed.
 
-    The defaults are the paper's prior; the hidden truth is m = 2.0, l = 1.5.
+    g = 10 m/s^2, dt = 0.05 s, |u| <= 2 N m, |theta_dot| <= 8 rad/s. The defaults are the paper's prior;
+    the hidden truth is m = 2.0, l = 1.5.
     """
     return Model(
-        plant=RodPendulum(m=m, l=l, g=10.0), integrator=SemiImplicitEuler(theta_dot_max=8.0), dt=0.05, u_max=2.0
+        plant=RodPendulum(m=m, l=l, g=10.0),
+        integrator=SemiImplicitEuler(theta_dot_max=8.0),
+        dt=0.05,
+        u_max=2.0,
     )

@@ -50,7 +50,8 @@ class Parameter:
         if np.any(numbers < low) or np.any(numbers > high):
             worst = numbers.flat[np.argmax(np.maximum(low - numbers, numbers - high))]
             raise InvalidInput(
-                f"parameter {name} = {worst:g} {self.unit} is out of bounds: expected {low:g} <= {name} <= {high:g}"
+                f"parameter {name} = {worst:g} {self.unit} is out of bounds: "
+                f"expected {low:g} <= {name} <= {high:g}"
             )
 
 

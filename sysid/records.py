@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,7 +28,7 @@ class Record:
     u (N,)                  [N m]    the command held from t[k] to t[k+1]
     theta (N+1,) or None    [rad]    angle readings, 0 upright; jumps of whole turns are taken out (unwrapped)
     theta_dot               [rad/s]  speed readings, (N+1,); (N,) where theta_dot_after is given
-    theta_dot_after (N,)    [rad/s]  a second speed sensor reading, of instant k+1, independent of theta_dot[k+1]:
+    theta_dot_after (N,)    [rad/s]  a second speed reading, of instant k+1, independent of theta_dot[k+1]:
                                      the paper's protocol reads before and after each step
 
     Raises InvalidInput for empty, ragged or non-finite data and for time that does not increase evenly.
@@ -54,11 +54,10 @@ class Record:
         speeds = n if self.theta_dot_after is not None else n + 1
         expected = {"t": n + 1, "theta": n + 1, "theta_dot": speeds, "theta_dot_after": n}
         for column, size in expected.items():
-            value = getattr(self, column)
-            if value is not None and len(value) != size:
-                raise InvalidInput(
-                    f"{self.name} is ragged: {column} has {len(value)} values, expected {size} for {n} commands u"
-                )
+            series = getattr(self, column)
+            if series is not None and len(series) != size:
+                came = f"{column} has {len(series)} values"
+                raise InvalidInput(f"{self.name} is ragged: {came}, expected {size} for {n} commands u")
         self._check_time()
         if self.theta is not None:
             object.__setattr__(self, "theta", np.unwrap(self.theta))
@@ -67,14 +66,14 @@ class Record:
         try:
             array = np.array(value, dtype=float)
         except (TypeError, ValueError):
-            raise InvalidInput(f"{self.name}: {column} is ragged or not numeric: expected a list of numbers") from None
+            problem = f"{column} is ragged or not numeric"
+            raise InvalidInput(f"{self.name}: {problem}: expected a list of numbers") from None
         if array.ndim != 1:
             raise InvalidInput(f"{self.name}: {column} has shape {array.shape}: expected one dimension")
         bad = np.flatnonzero(~np.isfinite(array))
         if len(bad):
-            raise InvalidInput(
-                f"{self.name}: {column}[{bad[0]}] is {array[bad[0]]} ({len(bad)} such values): expected finite numbers"
-            )
+            came = f"{column}[{bad[0]}] is {array[bad[0]]} ({len(bad)} such values)"
+            raise InvalidInput(f"{self.name}: {came}: expected finite numbers")
         array.setflags(write=False)
         return array
 
@@ -82,9 +81,8 @@ class Record:
         steps = np.diff(self.t)
         if np.any(steps <= 0.0):
             k = int(np.argmax(steps <= 0.0))
-            raise InvalidInput(
-                f"{self.name}: time does not increase at sample {k + 1} ({self.t[k]:g} s, then {self.t[k + 1]:g} s)"
-            )
+            came = f"{self.t[k]:g} s, then {self.t[k + 1]:g} s"
+            raise InvalidInput(f"{self.name}: time does not increase at sample {k + 1} ({came})")
         worst = float(np.max(np.abs(steps - self.dt)))
         if worst > 0.01 * self.dt:
             raise InvalidInput(
@@ -95,6 +93,17 @@ class Record:
     def __len__(self) -> int:
         """The number of control intervals N."""
         return len(self.u)
+
+    def head(self, n: int) -> Record:
+        """The first n control intervals (all of them where there are fewer)."""
+        if n >= len(self):
+            return self
+        cut: dict[str, Array] = {}
+        for column in COLUMNS:
+            value = getattr(self, column)
+            if value is not None:
+                cut[column] = value[: n + (len(value) > len(self))]
+        return replace(self, **cut)
 
     @property
     def dt(self) -> float:
@@ -113,11 +122,14 @@ def check_records(model: Model, records: Sequence[Record]) -> tuple[Record, ...]
         raise InvalidInput("no records were given: expected at least one")
     for record in records:
         if abs(record.dt - model.dt) > 0.01 * model.dt:
-            raise InvalidInput(f"{record.name} is sampled every {record.dt:g} s, the model steps every {model.dt:g} s")
+            raise InvalidInput(
+                f"{record.name} is sampled every {record.dt:g} s, the model steps every {model.dt:g} s"
+            )
         largest = float(np.max(np.abs(record.u)))
         if largest > model.u_max * (1.0 + 1e-9):
             raise InvalidInput(
-                f"{record.name} has a torque of {largest:g} N m, beyond the model's limit |u| <= {model.u_max:g} N m"
+                f"{record.name} has a torque of {largest:g} N m, "
+                f"beyond the model's limit |u| <= {model.u_max:g} N m"
             )
     return tuple(records)
 
@@ -159,7 +171,8 @@ def read_csv(path: str | Path) -> Record:
                 try:
                     columns[h].append(float(cell))
                 except ValueError:
-                    raise InvalidInput(f"{path.name}, line {number}: {h} is {cell!r}, expected a number") from None
+                    where = f"{path.name}, line {number}"
+                    raise InvalidInput(f"{where}: {h} is {cell!r}, expected a number") from None
     columns["u"] = columns["u"][: max(len(rows) - 1, 0)]
     arrays = {h: np.array(v, dtype=float) for h, v in columns.items()}
     return Record(**arrays, name=path.stem)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +12,9 @@ from sysid.errors import InvalidInput
 from sysid.records import Array, Record
 
 
-class Readings(NamedTuple):
-    """Readings of one state variable: `channel` ("theta" or "theta_dot") at instants `index` (K,), `value` (K,), `sd`."""
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """Channel "theta" or "theta_dot": `value` (K,), read at instants `index` (K,), each with error `sd`."""
 
     channel: str
     index: NDArray[np.intp]
@@ -38,12 +38,14 @@ class Sensor:
         for name in ("theta", "theta_dot", "theta_0"):
             sd = getattr(self, name)
             if sd is not None and not (sd > 0.0 and math.isfinite(sd)):
-                raise InvalidInput(f"sensor sd of {name} is {sd}: expected a positive number, or None (not measured)")
+                raise InvalidInput(
+                    f"sensor sd of {name} is {sd}: expected a positive number, or None (not measured)"
+                )
         if self.theta is None and self.theta_dot is None:
             raise InvalidInput("the sensor measures nothing: give the sd of theta, of theta_dot or of both")
 
     def readings(self, record: Record) -> list[Readings]:
-        """All readings of a record that this sensor vouches for; raises InvalidInput where the record lacks them."""
+        """All readings that this sensor vouches for; raises InvalidInput where the record lacks them."""
         found: list[Readings] = []
         n = len(record)
         for channel in ("theta", "theta_dot"):
@@ -52,12 +54,16 @@ class Sensor:
                 continue
             value = getattr(record, channel)
             if value is None:
-                raise InvalidInput(f"{record.name} has no {channel} readings, but the sensor gives them a sd of {sd:g}")
+                raise InvalidInput(
+                    f"{record.name} has no {channel} readings, but the sensor gives them a sd of {sd:g}"
+                )
             found.append(Readings(channel, np.arange(len(value)), value, sd))
             if channel == "theta_dot" and record.theta_dot_after is not None:
                 found.append(Readings(channel, np.arange(1, n + 1), record.theta_dot_after, sd))
         if self.theta_0 is not None and self.theta is None:
             if record.theta is None:
-                raise InvalidInput(f"{record.name} has no theta, but the sensor says that its first value is known")
+                raise InvalidInput(
+                    f"{record.name} has no theta, but the sensor says that its first value is known"
+                )
             found.append(Readings("theta", np.arange(1), record.theta[:1], self.theta_0))
         return found

@@ -24,7 +24,7 @@ class Trajectory:
     theta_dot: Array
 
     def measure(self, sensor: Sensor, rng: np.random.Generator) -> list[Record]:
-        """Records (one a rollout) with independent Gaussian reading errors; a channel without sd is left out."""
+        """Records, one a rollout, with independent Gaussian errors; a channel without sd is left out."""
         n = self.u.shape[-1]
         u, theta, theta_dot = (
             a.reshape(-1, a.shape[-1]) for a in (self.u, self.theta, self.theta_dot)
@@ -46,7 +46,7 @@ def simulate(model: Model, u: ArrayLike, theta: ArrayLike, theta_dot: ArrayLike)
     """Roll a model out from theta [rad], theta_dot [rad/s] (...,) under the commands u (..., N) [N m].
 
     Leading shapes broadcast, also against array-valued parameters: one call runs one rollout or thousands.
-    Raises InvalidInput for an empty or non-finite u and for |u| beyond the model's limit.
+    Raises InvalidInput for an empty u, for numbers that are not finite and for |u| beyond the model's limit.
     """
     u = np.asarray(u, dtype=float)
     if u.ndim == 0 or u.shape[-1] == 0:
@@ -54,14 +54,15 @@ def simulate(model: Model, u: ArrayLike, theta: ArrayLike, theta_dot: ArrayLike)
     if not np.all(np.isfinite(u)):
         raise InvalidInput("u has values that are not finite: expected torques [N m]")
     if np.max(np.abs(u)) > model.u_max * (1.0 + 1e-9):
-        raise InvalidInput(f"|u| reaches {np.max(np.abs(u)):g} N m, beyond the model's limit {model.u_max:g} N m")
-    shape = np.broadcast_shapes(
-        u.shape[:-1], np.shape(theta), np.shape(theta_dot), *(np.shape(p.value) for p in model.parameters.values())
-    )
+        largest = np.max(np.abs(u))
+        raise InvalidInput(f"|u| reaches {largest:g} N m, beyond the model's limit {model.u_max:g} N m")
+    theta, theta_dot = np.asarray(theta, dtype=float), np.asarray(theta_dot, dtype=float)
+    if not (np.all(np.isfinite(theta)) and np.all(np.isfinite(theta_dot))):
+        raise InvalidInput("the start state is not finite: expected theta [rad] and theta_dot [rad/s]")
+    numbers = (p.value for p in model.parameters.values())
+    shape = np.broadcast_shapes(u.shape[:-1], theta.shape, theta_dot.shape, *map(np.shape, numbers))
     n = u.shape[-1]
-    state = model.initial_state(
-        np.broadcast_to(np.asarray(theta, dtype=float), shape), np.broadcast_to(np.asarray(theta_dot, float), shape)
-    )
+    state = model.initial_state(np.broadcast_to(theta, shape), np.broadcast_to(theta_dot, shape))
     angles: Value = np.empty((n + 1, *shape))
     speeds: Value = np.empty((n + 1, *shape))
     angles[0], speeds[0] = state.theta, state.theta_dot

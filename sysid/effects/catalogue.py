@@ -24,7 +24,7 @@ def register(kind: EffectType) -> EffectType:
     """
     known = CATALOGUE.get(kind.name)
     if known is not None and known is not kind:
-        raise InvalidInput(f"an effect named {kind.name!r} is in the catalogue already: give the class another name")
+        raise InvalidInput(f"an effect named {kind.name!r} is in the catalogue: give the class another name")
     CATALOGUE[kind.name] = kind
     return kind
 
@@ -34,5 +34,6 @@ def effect(name: str, **parameters: float) -> Effect:
     try:
         kind = CATALOGUE[name]
     except KeyError:
-        raise InvalidInput(f"unknown effect {name!r}: expected one of {', '.join(sorted(CATALOGUE))}") from None
+        known = ", ".join(sorted(CATALOGUE))
+        raise InvalidInput(f"unknown effect {name!r}: expected one of {known}") from None
     return kind(**parameters)

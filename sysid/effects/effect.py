@@ -29,7 +29,7 @@ class Joint(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Effect(Parametric):
-    """A physical effect that a model may or may not have. Final subclasses are an InputEffect or a JointEffect."""
+    """A physical effect that a model may or may not have: an InputEffect or a JointEffect."""
 
     def __init_subclass__(cls, **keywords: Any) -> None:
         super().__init_subclass__(**keywords)
@@ -65,7 +65,7 @@ class InputEffect(Effect):
 
 @dataclass(frozen=True, eq=False)
 class JointEffect(Effect):
-    """Adds a torque, and where it has one an inertia, at the joint. Frictions are summed last: some need the load."""
+    """Adds a torque, and where it has one an inertia, at the joint. Frictions are summed last."""
 
     friction: ClassVar[bool] = False
 

@@ -27,7 +27,7 @@ class Viscous(JointEffect):
 class Coulomb(JointEffect):
     """tau = -tau_c tanh(theta_dot / v_s): dry friction, smoothed over v_s [rad/s] so that derivatives exist.
 
-    v_s is a setting of the approximation, not a parameter: below v_s the joint creeps where a real one sticks.
+    v_s is a setting of the approximation, no parameter: below v_s the joint creeps where a real one sticks.
     """
 
     friction: ClassVar[bool] = True

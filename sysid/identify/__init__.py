@@ -2,5 +2,6 @@
 
 from sysid.identify.grid import GridSearch
 from sysid.identify.identifier import Identifier
+from sysid.identify.least_squares import LeastSquares
 
-__all__ = ["GridSearch", "Identifier"]
+__all__ = ["GridSearch", "Identifier", "LeastSquares"]

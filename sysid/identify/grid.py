@@ -35,7 +35,7 @@ class GridSearch:
     sensor: Sensor = Sensor(theta_dot=1.0)
 
     def fit(self, model: Model, records: Sequence[Record]) -> Estimate:
-        """The best cell; raises InvalidInput for infinite bounds, missing channels or over a million cells."""
+        """The best cell; raises InvalidInput for infinite bounds, missing channels, over a million cells."""
         free = free_parameters(model, self.parameters)
         records = check_records(model, records)
         axes = [self._axis(p.name, p.bounds) for p in free]
@@ -85,12 +85,13 @@ class GridSearch:
         # both readings of a step carry the noise, the earlier one through df/dtheta_dot, which is near 1
         noise = math.sqrt(mean_square / 2.0)
         edge = [n for n, a in zip(names, axes, strict=True) if fitted.parameters[n].value in (a[0], a[-1])]
-        status = f"best of {math.prod(len(a) for a in axes)} cells; noise in the measured speed biases this estimate"
+        status = f"best of {self.points ** len(axes)} cells; noise in the measured speed biases this estimate"
         if edge:
             status += f"; {' and '.join(edge)} ended at the edge of the grid"
         expected = self.sensor.theta_dot
         if expected is not None and noise > 1.5 * expected:
-            status += f"; one-step errors are {noise / expected:.1f} times the sensor's sd: the model lacks something"
+            times = f"{noise / expected:.1f} times the sensor's sd"
+            status += f"; one-step errors are {times}: the model lacks something"
         return Estimate(
             model=fitted,
             names=names,
@@ -110,7 +111,7 @@ class _OneStep:
     def __init__(self, model: Model, record: Record) -> None:
         if record.theta is None or record.theta_dot is None:
             lacking = "theta" if record.theta is None else "theta_dot"
-            raise InvalidInput(f"{record.name} has no {lacking}: a grid search needs angle and speed readings")
+            raise InvalidInput(f"{record.name} has no {lacking}: a grid search needs angles and speeds")
         n = len(record)
         self.model, self.t = model, record.t[:n] - record.t[0]
         self.theta, self.before = record.theta[:n], record.theta_dot[:n]
@@ -131,4 +132,7 @@ def _drives(model: Model, u: Array) -> Drives:
     for command in u:
         drive, memory = model.drive(float(command), memory)
         columns.append(drive)
-    return tuple(np.concatenate([np.atleast_2d(c[j]).reshape(-1, 1) for c in columns], axis=1) for j in range(model.integrator.substeps))
+    return tuple(
+        np.concatenate([np.reshape(drive[j], (-1, 1)) for drive in columns], axis=1)
+        for j in range(model.integrator.substeps)
+    )
