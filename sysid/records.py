@@ -156,23 +156,37 @@ def read_csv(path: str | Path) -> Record:
     with open(path, newline="", encoding="utf-8-sig") as file:
         reader = csv.reader(file)
         header = [h.strip() for h in next(reader, [])]
-        rows = [row for row in reader if row]
-    unknown = [h for h in header if h not in COLUMNS]
-    missing = [h for h in ("t", "u") if h not in header]
-    if unknown or missing:
-        problem = f"unknown column {unknown[0]!r}" if unknown else f"no column {missing[0]!r}"
-        raise InvalidInput(f"{path.name}: {problem}: expected t, u and some of {', '.join(COLUMNS[2:])}")
+        rows = [(reader.line_num, row) for row in reader if row]
+    _check_header(path.name, header)
     columns: dict[str, list[float]] = {h: [] for h in header}
-    for number, row in enumerate(rows, start=2):
+    for k, (number, row) in enumerate(rows):
+        where = f"{path.name}, line {number}"
         if len(row) != len(header):
-            raise InvalidInput(f"{path.name}, line {number}: {len(row)} cells, expected {len(header)}")
+            raise InvalidInput(f"{where}: {len(row)} cells, expected {len(header)}")
         for h, cell in zip(header, row, strict=True):
-            if cell.strip():
-                try:
-                    columns[h].append(float(cell))
-                except ValueError:
-                    where = f"{path.name}, line {number}"
-                    raise InvalidInput(f"{where}: {h} is {cell!r}, expected a number") from None
+            if not cell.strip():
+                continue
+            if len(columns[h]) < k:
+                raise InvalidInput(f"{where}: {h} goes on after an empty cell: only its last cell may be empty")
+            try:
+                columns[h].append(float(cell))
+            except ValueError:
+                raise InvalidInput(f"{where}: {h} is {cell!r}, expected a number") from None
     columns["u"] = columns["u"][: max(len(rows) - 1, 0)]
     arrays = {h: np.array(v, dtype=float) for h, v in columns.items()}
     return Record(**arrays, name=path.stem)
+
+
+def _check_header(name: str, header: Sequence[str]) -> None:
+    unknown = [h for h in header if h not in COLUMNS]
+    missing = [h for h in ("t", "u") if h not in header]
+    twice = [h for h in header if header.count(h) > 1]
+    if unknown:
+        problem = f"unknown column {unknown[0]!r}"
+    elif missing:
+        problem = f"no column {missing[0]!r}"
+    elif twice:
+        problem = f"column {twice[0]!r} comes twice"
+    else:
+        return
+    raise InvalidInput(f"{name}: {problem}: expected t, u and some of {', '.join(COLUMNS[2:])}")

@@ -1,0 +1,153 @@
+"""The multiple-shooting problem as IPOPT sees it: variables, continuity constraints, sparse derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi
+import numpy as np
+
+from sysid.parameters import Parameter
+from sysid.records import Array
+from sysid.sensitivity import Segments
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Where the solver stopped: p (P,), nodes (M, 2), half the whitened sum of squares, and how it ended."""
+
+    p: Array
+    nodes: Array
+    cost: float
+    success: bool
+    message: str
+    iterations: int
+
+
+class MultipleShooting:
+    """min 1/2 |R(nodes, p)|^2 subject to end_i(node_i, p) = node_(i+1) within a record and low <= p <= high.
+
+    Variables are v = (p / scale, node_0, ..., node_(M-1)). The Hessian of the Lagrangian is Gauss-Newton's, so
+    every iteration solves a sparse linear least-squares problem; its cost is linear in the number of samples.
+    Without `continuity` each segment is a window with a free state of its own.
+    """
+
+    def __init__(
+        self,
+        segments: Segments,
+        parameters: Sequence[Parameter],
+        continuity: bool = True,
+        max_iterations: int = 150,
+        tolerance: float = 1e-8,
+    ) -> None:
+        scale = np.array([p.scale for p in parameters])
+        self.segments, self.scale = segments, scale
+        self.low, self.high = (np.array([p.bounds[side] for p in parameters]) / scale for side in (0, 1))
+        P, M = len(scale), segments.size
+        v = casadi.MX.sym("v", P + 2 * M)
+        p, nodes = v[:P] * casadi.DM(scale), casadi.reshape(v[P:], 2, M)
+        cost, end, gradient, end_z, normal, _ = segments.symbolic(p, nodes)
+        inner = np.flatnonzero(segments.continued) if continuity else np.array([], dtype=int)
+        f = casadi.sum2(cost)
+        g = casadi.vec(end[:, inner.tolist()] - nodes[:, (inner + 1).tolist()])
+        functions = self._derivatives(v, f, g, gradient, end_z, normal, inner)
+        self.solver = casadi.nlpsol(
+            "fit",
+            "ipopt",
+            {"x": v, "f": f, "g": g},
+            {
+                **functions,
+                "print_time": False,
+                "ipopt": {
+                    "print_level": 0,
+                    "sb": "yes",
+                    "max_iter": max_iterations,
+                    "tol": tolerance,
+                    "bound_relax_factor": 0.0,
+                    "mu_strategy": "adaptive",
+                },
+            },
+        )
+
+    def _derivatives(
+        self,
+        v: casadi.MX,
+        f: casadi.MX,
+        g: casadi.MX,
+        gradient: casadi.MX,
+        end_z: casadi.MX,
+        normal: casadi.MX,
+        inner: Array,
+    ) -> dict[str, casadi.Function]:
+        """IPOPT's derivative functions, assembled from the segments' dense blocks."""
+        P, M, n = len(self.scale), self.segments.size, v.numel()
+        Z = 2 + P
+        # the columns of v that a segment's z = (node, p) stands for, and dz/dv
+        columns = np.array([[P + 2 * i, P + 2 * i + 1, *range(P)] for i in range(M)])
+        factor = np.concatenate([np.ones(2), self.scale])
+        no_parameter = casadi.MX.sym("none", 0)
+
+        grad_f = casadi.vertcat(
+            casadi.sum2(gradient[2:, :]) * casadi.DM(self.scale), casadi.vec(gradient[:2, :])
+        )
+
+        rows_g = np.arange(2 * len(inner)).reshape(-1, 2)
+        row = np.repeat(rows_g[:, None, :], Z, axis=1)  # end_z is vectorised column by column
+        col = np.repeat(columns[inner][:, :, None], 2, axis=2)
+        scaled = end_z[:, inner.tolist()] * casadi.repmat(casadi.DM(np.repeat(factor, 2)), 1, len(inner))
+        jac_g = _assemble(row, col, casadi.vec(scaled), (g.numel(), n))
+        if len(inner):
+            follow = np.array([[P + 2 * (i + 1), P + 2 * (i + 1) + 1] for i in inner]).ravel()
+            jac_g = jac_g - casadi.DM.triplet(list(range(len(follow))), follow.tolist(), casadi.DM.ones(len(follow)), g.numel(), n)
+
+        row = np.repeat(columns[:, None, :], Z, axis=1)
+        col = np.repeat(columns[:, :, None], Z, axis=2)
+        scaled = normal * casadi.repmat(casadi.DM(np.outer(factor, factor).ravel()), 1, M)
+        factor_f = casadi.MX.sym("lam_f")
+        hessian = factor_f * _assemble(row, col, casadi.vec(scaled), (n, n))
+        return {
+            "grad_f": casadi.Function("nlp_grad_f", [v, no_parameter], [f, grad_f], ["x", "p"], ["f", "grad_f_x"]),
+            "jac_g": casadi.Function("nlp_jac_g", [v, no_parameter], [g, jac_g], ["x", "p"], ["g", "jac_g_x"]),
+            "hess_lag": casadi.Function(
+                "nlp_hess_l",
+                [v, no_parameter, factor_f, casadi.MX.sym("lam_g", g.numel())],
+                [casadi.triu(hessian)],
+                ["x", "p", "lam_f", "lam_g"],
+                ["triu_hess_gamma_x_x"],
+            ),
+        }
+
+    def solve(self, p: Array, nodes: Array) -> Solution:
+        """The local optimum reached from parameters p (P,) and nodes (M, 2)."""
+        P = len(p)
+        free = np.full(nodes.size, np.inf)
+        result = self.solver(
+            x0=np.concatenate([p / self.scale, nodes.ravel()]),
+            lbx=np.concatenate([self.low, -free]),
+            ubx=np.concatenate([self.high, free]),
+            lbg=0.0,
+            ubg=0.0,
+        )
+        stats = self.solver.stats()
+        v = np.asarray(result["x"]).ravel()
+        return Solution(
+            p=np.clip(v[:P], self.low, self.high) * self.scale,
+            nodes=v[P:].reshape(-1, 2),
+            cost=float(result["f"]),
+            success=bool(stats["success"]),
+            message=str(stats["return_status"]).replace("_", " ").lower(),
+            iterations=int(stats["iter_count"]),
+        )
+
+
+def _assemble(row: Array, col: Array, values: casadi.MX, shape: tuple[int, int]) -> casadi.MX:
+    """A sparse matrix from triplets; values of the same place add up."""
+    row, col = row.ravel().astype(int), col.ravel().astype(int)
+    place, slot = np.unique(col * shape[0] + row, return_inverse=True)
+    sparsity, mapping = casadi.Sparsity.triplet(*shape, (place % shape[0]).tolist(), (place // shape[0]).tolist(), False)
+    del mapping
+    gather = casadi.DM.triplet(
+        slot.tolist(), list(range(len(slot))), casadi.DM.ones(len(slot)), len(place), len(slot)
+    )
+    return casadi.MX(sparsity, casadi.mtimes(casadi.MX(gather), values))

@@ -1,0 +1,74 @@
+"""Starting points for a fit: smoothed states, and numbers for the parameters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.linalg import spsolve
+from scipy.stats import qmc
+
+from sysid.parameters import Parameter
+from sysid.records import Array, Record
+from sysid.sensor import Sensor
+
+
+def parameter_starts(parameters: Sequence[Parameter]) -> Iterator[Array]:
+    """Endless starting numbers (P,): the model's own first, then Halton points over the bounds.
+
+    A parameter without finite bounds is spread over a factor of three about its own number.
+    """
+    own = np.array([float(p.value) for p in parameters])
+    yield own
+    points = qmc.Halton(len(parameters), scramble=False)
+    points.fast_forward(1)  # the first point is a corner of the bounds
+    while True:
+        unit = points.random(1)[0]
+        yield np.array([_spread(p, s) for p, s in zip(parameters, unit, strict=True)])
+
+
+def _spread(p: Parameter, unit: float) -> float:
+    low, high = p.bounds
+    if math.isfinite(high - low):
+        return low + unit * (high - low)
+    return float(np.clip(p.value * 3.0 ** (2.0 * unit - 1.0) if p.value else 2.0 * unit - 1.0, low, high))
+
+
+def smooth_states(record: Record, sensor: Sensor, jerk: float = 60.0) -> Array:
+    """States (N+1, 2) of a record without any model of it: the smoothest motion that follows the readings.
+
+        min  sum |reading - state|^2 / sd^2  +  sum (a_(k+1) - a_k)^2 / (jerk^2 dt),    theta_ddot = a
+
+    with a constant over a step: a Kalman smoother (white noise of density `jerk` [rad/s^3 s^1/2] drives the
+    acceleration), written as one sparse least-squares problem.
+    """
+    n, dt = len(record), record.dt
+    rows: list[_Rows] = []
+    for reading in sensor.readings(record):
+        offset = 0 if reading.channel == "theta" else 1
+        rows.append(_Rows([3 * reading.index + offset], [1.0], reading.value, reading.sd))
+    k = 3 * np.arange(n)
+    exact = 1e-3
+    rows.append(_Rows([k, k + 1, k + 2, k + 3], [1.0, dt, 0.5 * dt * dt, -1.0], np.zeros(n), exact * dt))
+    rows.append(_Rows([k + 1, k + 2, k + 4], [1.0, dt, -1.0], np.zeros(n), exact))
+    rows.append(_Rows([k + 2, k + 5], [1.0, -1.0], np.zeros(n), jerk * math.sqrt(dt)))
+    # without any reading of the angle the start angle is arbitrary; hanging is the likeliest
+    rows.append(_Rows([np.array([0])], [1.0], np.array([math.pi]), 1e3))
+    count = np.cumsum([0, *(len(r.target) for r in rows)])
+    at = np.concatenate([np.tile(np.arange(len(r.target)) + c, len(r.columns)) for r, c in zip(rows, count[:-1], strict=True)])
+    columns = np.concatenate([np.concatenate(r.columns) for r in rows])
+    values = np.concatenate([np.repeat(np.array(r.weights) / r.sd, len(r.target)) for r in rows])
+    a = coo_array((values, (at, columns)), shape=(int(count[-1]), 3 * (n + 1))).tocsc()
+    b = np.concatenate([r.target / r.sd for r in rows])
+    states: Array = spsolve((a.T @ a).tocsc(), a.T @ b).reshape(-1, 3)[:, :2]
+    return states
+
+
+class _Rows:
+    """Equations  sum_i weights[i] x[columns[i]] = target  with standard deviation sd."""
+
+    def __init__(self, columns: list[NDArray[np.intp]], weights: list[float], target: Array, sd: float) -> None:
+        self.columns, self.weights, self.target, self.sd = columns, weights, target, sd

@@ -1,0 +1,231 @@
+"""Residuals of a model on records and their exact derivatives, cut into shooting segments (CasADi).
+
+Each record is cut into segments of `length` control intervals that start at a node x = (theta, theta_dot). One
+SX function maps (node, parameters, commands, readings) to the segment's squared residuals, its end state and their
+derivatives; it is mapped over all segments of all records.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi
+import numpy as np
+
+from sysid.model import Model
+from sysid.records import Array, Record, check_records
+from sysid.sensor import Sensor
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """A linearisation at parameters p (P,) and nodes x (M, 2) of M segments, z = (x, p).
+
+    cost     half the sum of squared, whitened residuals
+    end      (M, 2)             state after each segment
+    gradient (M, 2 + P)         d cost_i / dz
+    end_z    (M, 2, 2 + P)      d end_i / dz
+    normal   (M, 2 + P, 2 + P)  R_z' R_z of the whitened residuals R (Gauss-Newton's Hessian)
+    squares  (2,)               whitened squares of theta's and of theta_dot's residuals
+    """
+
+    cost: float
+    end: Array
+    gradient: Array
+    end_z: Array
+    normal: Array
+    squares: Array
+
+
+class Segments:
+    """Records cut into segments for a model whose parameters `names` are free; the others keep their numbers.
+
+    Several readings of one instant enter as their weighted mean, which loses nothing: their `scatter` (2,) about it
+    is the same for every model. Input effects run over the whole record, from rest, before it is cut.
+    """
+
+    def __init__(
+        self, model: Model, names: Sequence[str], records: Sequence[Record], sensor: Sensor, length: int
+    ) -> None:
+        self.model, self.names, self.sensor = model, tuple(names), sensor
+        self.records = check_records(model, records)
+        self.length = max(1, min(length, max(len(r) for r in self.records)))
+        self.counts = [math.ceil(len(r) / self.length) for r in self.records]
+        self.first = np.concatenate([[0], np.cumsum(self.counts)[:-1]]).astype(int)
+        self.size = int(sum(self.counts))
+        inputs = {f"{e.name}.{k}" for e in model.input_effects for k in e.parameters}
+        self.shaping = tuple(i for i, n in enumerate(self.names) if n in inputs)
+        self.n_readings = np.zeros(2, dtype=int)
+        self.scatter = np.zeros(2)
+        self.value, self.weight = self._targets()
+        self.time = np.concatenate([self.length * model.dt * np.arange(c) for c in self.counts])[None, :]
+        self.path = self._input_path()
+        self.function = self._segment()
+        self.all = self.function.map(self.size)
+
+    @property
+    def continued(self) -> Array:
+        """(M,) bool: whether a segment is followed by another one of the same record."""
+        inner = np.ones(self.size, dtype=bool)
+        inner[self.first - 1] = False
+        return inner
+
+    def _targets(self) -> tuple[Array, Array]:
+        """Mean reading and weight 1/sd^2 of both channels, each (2 (L + 1), M), theta's rows first."""
+        L = self.length
+        value, weight = np.zeros((2, L + 1, self.size)), np.zeros((2, L + 1, self.size))
+        for record, begin, count in zip(self.records, self.first, self.counts, strict=True):
+            n = len(record)
+            total, square, mass = np.zeros((2, n + 1)), np.zeros((2, n + 1)), np.zeros((2, n + 1))
+            for reading in self.sensor.readings(record):
+                row = 0 if reading.channel == "theta" else 1
+                w = reading.sd**-2
+                total[row, reading.index] += w * reading.value
+                square[row, reading.index] += w * reading.value**2
+                mass[row, reading.index] += w
+                self.n_readings[row] += len(reading.index)
+            mean = np.divide(total, mass, out=np.zeros_like(total), where=mass > 0.0)
+            self.scatter += np.sum(square - mass * mean**2, axis=1)
+            for i in range(count):
+                k = np.arange(i * L, min((i + 1) * L, n) + (i == count - 1))
+                value[:, : len(k), begin + i] = mean[:, k]
+                weight[:, : len(k), begin + i] = mass[:, k]
+        return value.reshape(-1, self.size), weight.reshape(-1, self.size)
+
+    def _input_path(self) -> casadi.Function:
+        """p -> drive torques (S L, M) and their derivatives (S L, M) for each parameter of an input effect."""
+        S, L, model = self.model.integrator.substeps, self.length, self.model
+        p = casadi.MX.sym("p", len(self.names))
+        columns = []
+        for record, count in zip(self.records, self.counts, strict=True):
+            u = casadi.DM(record.u).T
+            drive = self._drive_step().mapaccum(len(record))(self._rest(), u, p)[1] if model.input_effects else None
+            drive = casadi.repmat(u, S, 1) if drive is None else drive
+            padded = casadi.horzcat(drive, casadi.DM.zeros(S, count * L - len(record)))
+            columns.append(casadi.reshape(padded, S * L, count))
+        drives = casadi.horzcat(*columns)
+        slopes = [
+            casadi.reshape(casadi.jtimes(casadi.vec(drives), p, _unit(i, len(self.names))), S * L, self.size)
+            for i in self.shaping
+        ]
+        return casadi.Function("path", [p], [casadi.MX(drives), *slopes])
+
+    def _rest(self) -> casadi.DM:
+        return casadi.DM([value for memory in self.model.rest(0.0) for value in memory])
+
+    def _drive_step(self) -> casadi.Function:
+        """(memory, u, p) -> (memory', drive torques (S,))."""
+        sizes = [len(memory) for memory in self.model.rest(0.0)]
+        flat, u, p = casadi.SX.sym("memory", sum(sizes)), casadi.SX.sym("u"), casadi.SX.sym("p", len(self.names))
+        model = self.model.with_parameters(dict(zip(self.names, casadi.vertsplit(p), strict=True)))
+        values = iter(casadi.vertsplit(flat)) if sum(sizes) else iter(())
+        memory = tuple(tuple(next(values) for _ in range(size)) for size in sizes)
+        drive, after = model.drive(u, memory)
+        return casadi.Function(
+            "drive", [flat, u, p], [casadi.vertcat(*(v for m in after for v in m)), casadi.vertcat(*drive)]
+        )
+
+    def _segment(self) -> casadi.Function:
+        """One segment: node, p, drives, their slopes, start time, readings, weights -> the parts of Blocks."""
+        S, L, P, dt = self.model.integrator.substeps, self.length, len(self.names), self.model.dt
+        x, p, t0 = casadi.SX.sym("x", 2), casadi.SX.sym("p", P), casadi.SX.sym("t0")
+        drives = casadi.SX.sym("drives", S * L)
+        slopes = [casadi.SX.sym(f"slope{i}", S * L) for i in self.shaping]
+        value, weight = casadi.SX.sym("value", 2 * (L + 1)), casadi.SX.sym("weight", 2 * (L + 1))
+        # p enters as p + shift with shift = 0, so that d/dshift includes the drive's dependence on p
+        shift = casadi.SX.sym("shift", P)
+        bent = drives + sum((s * shift[i] for s, i in zip(slopes, self.shaping, strict=True)), casadi.SX(0))
+        model = self.model.with_parameters(dict(zip(self.names, casadi.vertsplit(p + shift), strict=True)))
+        theta, theta_dot = x[0], x[1]
+        angles, speeds = [theta], [theta_dot]
+        for k in range(L):
+            drive = tuple(bent[k * S + j] for j in range(S))
+            theta, theta_dot = model.move(theta, theta_dot, drive, t0 + k * dt)
+            angles.append(theta)
+            speeds.append(theta_dot)
+        residual = casadi.sqrt(weight) * (casadi.vertcat(*angles, *speeds) - value)
+        end, z = casadi.vertcat(theta, theta_dot), casadi.vertcat(x, shift)
+        slope = casadi.jacobian(residual, z)
+        outputs = [
+            0.5 * casadi.sumsqr(residual),
+            end,
+            casadi.mtimes(slope.T, residual),
+            casadi.vec(casadi.densify(casadi.jacobian(end, z))),
+            casadi.vec(casadi.densify(casadi.mtimes(slope.T, slope))),
+            casadi.vertcat(casadi.sumsqr(residual[: L + 1]), casadi.sumsqr(residual[L + 1 :])),
+        ]
+        outputs = casadi.substitute(outputs, [shift], [casadi.SX.zeros(P)])
+        return casadi.Function(
+            "segment", [x, p, drives, *slopes, t0, value, weight], outputs, {"cse": True}
+        )
+
+    def symbolic(self, p: casadi.MX, nodes: casadi.MX) -> list[casadi.MX]:
+        """cost (1, M), end (2, M), gradient (2 + P, M), end_z and normal (vectorised, M), squares (2, M) at p, nodes."""
+        drives = self.path.call([p])
+        return list(
+            self.all.call([nodes, casadi.repmat(p, 1, self.size), *drives, self.time, self.value, self.weight])
+        )
+
+    def blocks(self, p: Array, nodes: Array) -> Blocks:
+        """The linearisation at parameters p (P,) and nodes (M, 2)."""
+        P, M = len(self.names), self.size
+        cost, end, gradient, end_z, normal, squares = (
+            np.asarray(v) for v in self.symbolic(casadi.DM(p), casadi.DM(nodes.T))
+        )
+        return Blocks(
+            cost=float(np.sum(cost)),
+            end=end.T,
+            gradient=gradient.T,
+            end_z=end_z.T.reshape(M, 2 + P, 2).transpose(0, 2, 1),
+            normal=normal.T.reshape(M, 2 + P, 2 + P),
+            squares=np.sum(squares, axis=1),
+        )
+
+    def roll(self, p: Array, starts: Array) -> Array:
+        """Nodes (M, 2) of whole rollouts from starts (R, 2): each segment begins where the one before ended."""
+        nodes = np.zeros((self.size, 2))
+        nodes[self.first] = starts
+        counts = np.array(self.counts)
+        for i in range(1, int(counts.max())):
+            end = self.blocks(p, nodes).end
+            at = self.first[counts > i] + i
+            nodes[at] = end[at - 1]
+        return nodes
+
+    def information(self, blocks: Blocks) -> Array:
+        """Fisher information (P, P) of the parameters, every record's initial state eliminated.
+
+            F = sum_records M_pp - M_px M_xx^-1 M_xp,   M = S' Sigma^-1 S,   S = d(readings) / d(x_0, p)
+
+        S follows the whole rollout: nodes are not free. (Schur complement; e.g. Kay, Estimation Theory, Sec. 3.7.)
+        """
+        P = len(self.names)
+        total = np.zeros((P, P))
+        for begin, count in zip(self.first, self.counts, strict=True):
+            chain = np.eye(2 + P)
+            m = np.zeros((2 + P, 2 + P))
+            for i in range(begin, begin + count):
+                m += chain.T @ blocks.normal[i] @ chain
+                chain = np.vstack([blocks.end_z[i] @ chain, chain[2:]])
+            total += m[2:, 2:] - m[2:, :2] @ np.linalg.pinv(m[:2, :2], hermitian=True) @ m[:2, 2:]
+        return 0.5 * (total + total.T)
+
+
+def _unit(i: int, n: int) -> casadi.DM:
+    unit = casadi.DM.zeros(n)
+    unit[i] = 1.0
+    return unit
+
+
+def fisher_information(
+    model: Model, names: Sequence[str], records: Sequence[Record], sensor: Sensor, starts: Array
+) -> Array:
+    """Information (P, P) that the readings carry about parameters `names` at the model's own numbers.
+
+    starts (R, 2): the initial states [rad, rad/s], which count as unknown. Its inverse is the Cramer-Rao bound.
+    """
+    segments = Segments(model, names, records, sensor, length=round(1.0 / model.dt))
+    p = np.array([float(model.parameters[n].value) for n in names])
+    return segments.information(segments.blocks(p, segments.roll(p, np.asarray(starts, dtype=float))))
