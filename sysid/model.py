@@ -46,6 +46,9 @@ class Model:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "effects", tuple(self.effects))
+        for e in self.effects:
+            if not isinstance(e, Effect):
+                raise InvalidInput(f"effects holds {e!r}: expected effects, such as effect('viscous')")
         for name in ("dt", "u_max"):
             if not getattr(self, name) > 0.0:
                 raise InvalidInput(f"{name} = {getattr(self, name)}: expected a positive number")

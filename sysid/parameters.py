@@ -40,9 +40,11 @@ class Parameter:
 
     def check(self, value: Value, owner: str = "") -> None:
         """Raise InvalidInput where numbers are not finite or out of bounds; symbols and tensors pass."""
+        name = f"{owner}.{self.name}" if owner else self.name
+        if value is None or isinstance(value, bool | str | list | tuple):
+            raise InvalidInput(f"parameter {name} is {value!r}: expected a number or an array [{self.unit}]")
         if not ops.is_number(value):
             return
-        name = f"{owner}.{self.name}" if owner else self.name
         low, high = self.bounds
         numbers = np.asarray(value, dtype=float)
         if not np.all(np.isfinite(numbers)):

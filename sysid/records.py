@@ -6,7 +6,7 @@ import csv
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -98,7 +98,7 @@ class Record:
         """The first n control intervals (all of them where there are fewer)."""
         if n >= len(self):
             return self
-        cut: dict[str, Array] = {}
+        cut: dict[str, Any] = {}
         for column in COLUMNS:
             value = getattr(self, column)
             if value is not None:
@@ -167,7 +167,7 @@ def read_csv(path: str | Path) -> Record:
             if not cell.strip():
                 continue
             if len(columns[h]) < k:
-                raise InvalidInput(f"{where}: {h} goes on after an empty cell: only its last cell may be empty")
+                raise InvalidInput(f"{where}: {h} goes on after an empty cell: only the last may be empty")
             try:
                 columns[h].append(float(cell))
             except ValueError:

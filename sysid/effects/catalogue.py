@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import TypeVar
 
 from sysid.effects.actuation import Delay, Lag
@@ -31,9 +32,11 @@ def register(kind: EffectType) -> EffectType:
 
 def effect(name: str, **parameters: float) -> Effect:
     """The effect of that name, at its neutral value where no other is given: effect("viscous", b=0.1)."""
-    try:
-        kind = CATALOGUE[name]
-    except KeyError:
-        known = ", ".join(sorted(CATALOGUE))
-        raise InvalidInput(f"unknown effect {name!r}: expected one of {known}") from None
+    if name not in CATALOGUE:
+        raise InvalidInput(f"unknown effect {name!r}: expected one of {', '.join(sorted(CATALOGUE))}")
+    kind = CATALOGUE[name]
+    known = [f.name for f in fields(kind)]
+    for key in parameters:
+        if key not in known:
+            raise InvalidInput(f"effect {name!r} has no parameter {key!r}: it has {', '.join(known)}")
     return kind(**parameters)
