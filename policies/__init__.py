@@ -8,20 +8,11 @@ registers "gapfinder/Pendulum-v0" with gymnasium. The function `evaluate` lives 
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import gymnasium
 
 from policies.task import HORIZON
-
-if TYPE_CHECKING:
-    from policies.batched_env import BatchedPendulum
-    from policies.evaluate import Evaluation, Policy, start_states
-    from policies.pendulum_env import PendulumEnv
-    from policies.population import NetworkPolicy, Population
-    from policies.processor import CpuTuning, tune_cpu
-    from policies.randomization import Band, PriorRange, Randomization
-    from policies.sac import SAC, SACSettings
 
 ENV_ID = "gapfinder/Pendulum-v0"
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 import torch
@@ -36,7 +37,7 @@ def mlp(x: Tensor, layers: Layers) -> Tensor:
 def linear_init(rng: np.random.Generator, sizes: Sequence[int]) -> list[NDArray[np.float32]]:
     """W (in, out), b (1, out) of each layer of one agent, from U(-k, k), k = 1 / sqrt(in): PyTorch's default for nn.Linear."""
     drawn = []
-    for n_in, n_out in zip(sizes[:-1], sizes[1:], strict=True):
+    for n_in, n_out in pairwise(sizes):
         k = 1.0 / math.sqrt(n_in)
         drawn += [rng.uniform(-k, k, (n_in, n_out)).astype(np.float32)]
         drawn += [rng.uniform(-k, k, (1, n_out)).astype(np.float32)]
@@ -53,7 +54,7 @@ class StackedMLP(TensorDictModuleBase):
     def __init__(self, agents: int, sizes: Sequence[int]) -> None:
         super().__init__()
         self.depth = len(sizes) - 1
-        for i, (n_in, n_out) in enumerate(zip(sizes[:-1], sizes[1:], strict=True)):
+        for i, (n_in, n_out) in enumerate(pairwise(sizes)):
             self.register_parameter(f"w{i}", nn.Parameter(torch.zeros(agents, n_in, n_out)))
             self.register_parameter(f"b{i}", nn.Parameter(torch.zeros(agents, 1, n_out)))
 

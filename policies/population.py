@@ -13,6 +13,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from pickle import UnpicklingError
 from typing import Any
 
 import numpy as np
@@ -145,8 +146,10 @@ class Population:
         population = cls(model, randomizations, seeds, settings, device)
         try:
             stored = torch.load(path, map_location="cpu", weights_only=True)
-        except (RuntimeError, EOFError, ValueError, KeyError) as error:
-            raise InvalidInput(f"{path} is not a checkpoint of a population: {error}") from error
+        except (RuntimeError, EOFError, ValueError, KeyError, UnpicklingError) as error:
+            raise InvalidInput(f"{path} is not a checkpoint: expected a file that Population.save wrote") from error
+        if not isinstance(stored, dict):
+            raise InvalidInput(f"{path} is not a checkpoint: it holds a {type(stored).__name__}")
         for name, expected in population._identity().items():
             if stored.get(name) != expected:
                 raise InvalidInput(

@@ -1,0 +1,189 @@
+"""A population learns, its agents do not know of each other, and an interruption changes nothing."""
+
+import numpy as np
+import pytest
+import torch
+
+from policies import task
+from policies.evaluate import evaluate, start_states
+from policies.population import Population
+from policies.randomization import Band, PriorRange
+from policies.sac import SACSettings
+from sysid import Delay, InvalidInput, Model, RodPendulum, State, paper_model
+
+SHORT = SACSettings(hidden=(16, 16), batch=32, random_steps=150, steps=450, capacity=300)
+BANDS = [Band({"m": 2.0, "l": 1.5}, 0.2), Band({"m": 1.0, "l": 1.0}, 0.0), PriorRange()]
+
+
+def make(randomizations=BANDS, seeds=(0, 1, 0), settings=SHORT, **options):
+    return Population(paper_model(), randomizations, seeds, settings, **options)
+
+
+def weights(population):
+    return [p.detach().clone() for p in population.sac.loss.state_dict().values()]
+
+
+@pytest.fixture(scope="module")
+def undisturbed():
+    population = make()
+    population.train(450)
+    return population
+
+
+def test_an_agent_trained_alone_becomes_what_it_becomes_among_others():
+    together = make()
+    together.train(260)
+    for a in range(3):
+        alone = make(BANDS[a : a + 1], (together.seeds[a],))
+        alone.train(260)
+        torch.testing.assert_close(together.replay.rows[a], alone.replay.rows[0], rtol=1e-3, atol=1e-3)
+        torch.testing.assert_close(together.replay.rows[a, :150], alone.replay.rows[0, :150], rtol=0.0, atol=0.0)
+        for (w, b), (w_alone, b_alone) in zip(together.sac.actor, alone.sac.actor, strict=True):
+            torch.testing.assert_close(w[a], w_alone[0], rtol=1e-3, atol=1e-3)
+            torch.testing.assert_close(b[a], b_alone[0], rtol=1e-3, atol=1e-3)
+
+
+def test_the_same_seed_gives_the_same_numbers(undisturbed):
+    again = make()
+    again.train(450)
+    assert all(torch.equal(x, y) for x, y in zip(weights(again), weights(undisturbed), strict=True))
+    assert again.curves == undisturbed.curves
+
+
+@pytest.mark.parametrize("stop", [1, 149, 200, 333])
+def test_an_interrupted_training_ends_where_an_undisturbed_one_ends(undisturbed, tmp_path, stop):
+    path = tmp_path / "population.pt"
+    first = make()
+    first.train(stop)
+    first.save(path)
+    first.train(7)
+    second = Population.load(path, paper_model(), BANDS, (0, 1, 0), SHORT)
+    assert second.steps_done == stop
+    second.train(10_000)
+    assert second.steps_done == SHORT.steps
+    assert all(torch.equal(x, y) for x, y in zip(weights(second), weights(undisturbed), strict=True))
+    assert torch.equal(second.replay.rows, undisturbed.replay.rows)
+    assert second.curves == undisturbed.curves
+
+
+def test_a_model_with_memory_is_resumed_too(tmp_path):
+    model = Model(RodPendulum(), (Delay(T=0.12),), dt=0.05, u_max=2.0)
+    one = Population(model, BANDS[:1], [0], SHORT)
+    one.train(30)
+    one.save(tmp_path / "one.pt")
+    other = Population.load(tmp_path / "one.pt", model, BANDS[:1], [0], SHORT)
+    one.train(30), other.train(30)
+    assert torch.equal(one.replay.rows, other.replay.rows)
+
+
+def test_a_save_that_fails_leaves_the_last_checkpoint_whole(tmp_path, monkeypatch):
+    path = tmp_path / "population.pt"
+    population = make()
+    population.train(5)
+    population.save(path)
+
+    def fails(content, file):
+        file.write(b"half of it")
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr(torch, "save", fails)
+    population.train(5)
+    with pytest.raises(OSError, match="no space"):
+        population.save(path)
+    assert Population.load(path, paper_model(), BANDS, (0, 1, 0), SHORT).steps_done == 5
+
+
+def test_a_time_limit_is_no_terminal_state_and_hides_no_transition():
+    population = make()
+    population.train(230)
+    rows = population.replay.rows[:, :230]
+    assert (rows[..., -1] == 0.0).all()
+    observation, following = rows[..., :3], rows[..., 5:8]
+    same = (following[:, :-1] == observation[:, 1:]).all(-1)
+    assert same[:, :199].all() and same[:, 200:].all()
+    assert not same[:, 199].any()
+
+
+def test_the_first_steps_are_uniform_and_the_networks_wait_for_them():
+    population = make()
+    before = weights(population)
+    population.train(150)
+    assert all(torch.equal(x, y) for x, y in zip(weights(population), before, strict=True))
+    actions = population.replay.rows[:, :150, 3]
+    assert actions.abs().max() <= 1.0
+    assert (actions**2).mean().item() == pytest.approx(1.0 / 3.0, abs=0.06)
+    population.train(1)
+    assert not torch.equal(weights(population)[0], before[0])
+
+
+def test_curves_hold_the_return_of_every_training_episode(undisturbed):
+    for a, curve in enumerate(undisturbed.curves):
+        assert [step for step, _ in curve] == [200, 400]
+        latest = undisturbed.replay.rows[a, :, 4].roll(-150)  # a ring of 300, written 450 times
+        assert curve[1][1] == pytest.approx(latest[50:250].sum().item(), rel=1e-5)
+
+
+def test_policies_are_the_actors_without_their_noise(undisturbed):
+    theta, theta_dot = np.linspace(-7.0, 7.0, 11), np.linspace(-8.0, 8.0, 11)
+    state = State(theta, theta_dot)
+    seen = torch.tensor(np.stack(task.observation(state), -1), dtype=torch.float32)
+    for a, policy in enumerate(undisturbed.policies()):
+        noise = torch.zeros(3, 1)
+        expected = [2.0 * undisturbed.sac.act(row.expand(3, 3), noise)[a].item() for row in seen]
+        answer = policy(state, 0.0)
+        assert answer.dtype == np.float32
+        np.testing.assert_allclose(answer, expected, rtol=1e-5, atol=1e-5)
+
+
+def test_policies_do_not_change_while_training_goes_on():
+    population = make()
+    population.train(160)
+    state = State(np.array([0.3]), np.array([0.1]))
+    policy = population.policies()[0]
+    before = policy(state, 0.0)
+    population.train(5)
+    assert policy(state, 0.0) == before != population.policies()[0](state, 0.0)
+
+
+def test_a_light_pendulum_is_learned():
+    """The torque lifts it at once, so a few seconds of training are enough: from below -1000 to about -30."""
+    settings = SACSettings(hidden=(32, 32), batch=64, random_steps=200, steps=1200, polyak=0.02)
+    population = make([Band({"m": 0.3, "l": 0.6})] * 2, (0, 1), settings)
+    model, start = paper_model(m=0.3, l=0.6), start_states(0)
+    before = [evaluate(policy, model, *start).mean for policy in population.policies()]
+    population.train(1200)
+    after = [evaluate(policy, model, *start).mean for policy in population.policies()]
+    assert max(before) < -1000.0 and min(after) > -120.0, (before, after)
+
+
+def test_a_foreign_file_is_refused(tmp_path):
+    path = tmp_path / "population.pt"
+    path.write_bytes(b"not a checkpoint")
+    with pytest.raises(InvalidInput, match="not a checkpoint"):
+        Population.load(path, paper_model(), BANDS, (0, 1, 0), SHORT)
+    torch.save([1, 2], path)
+    with pytest.raises(InvalidInput, match="not a checkpoint"):
+        Population.load(path, paper_model(), BANDS, (0, 1, 0), SHORT)
+
+
+@pytest.mark.parametrize(
+    ("name", "others"),
+    [
+        ("seeds", (paper_model(), BANDS, (0, 1, 2), SHORT)),
+        ("randomizations", (paper_model(), BANDS[::-1], (0, 1, 0), SHORT)),
+        ("settings", (paper_model(), BANDS, (0, 1, 0), SACSettings(hidden=(16, 16), steps=450))),
+        ("model", (Model(RodPendulum(g=9.81), u_max=2.0), BANDS, (0, 1, 0), SHORT)),
+    ],
+)
+def test_a_checkpoint_of_another_population_is_refused(tmp_path, name, others):
+    path = tmp_path / "population.pt"
+    make().save(path)
+    with pytest.raises(InvalidInput, match=f"with {name} = "):
+        Population.load(path, *others)
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
+def test_a_gpu_gives_the_same_training_up_to_rounding():
+    here, there = make(), make(device="cuda")
+    here.train(170), there.train(170)
+    torch.testing.assert_close(here.replay.rows, there.replay.rows.cpu(), rtol=1e-3, atol=1e-3)
