@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
-from scipy.stats import norm
 
 from sysid.model import Model
 from sysid.records import Array
@@ -50,7 +50,7 @@ class Estimate:
 
     def interval(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
         """Symmetric intervals that cover the truth with probability `level`, where the model is right."""
-        z = float(norm.ppf(0.5 + 0.5 * level))
+        z = NormalDist().inv_cdf(0.5 + 0.5 * level)
         return {k: (v - z * self.sd[k], v + z * self.sd[k]) for k, v in self.values.items()}
 
     @property
