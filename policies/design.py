@@ -16,8 +16,8 @@ Step = Callable[[Value, Value, Value], tuple[Value, Value]]
 def step_of(model: Model) -> Step:
     """The model's own step without its bookkeeping, for designs that feed back theta and theta_dot alone.
 
-    Raises InvalidInput for a model with input effects (they may remember past commands), with a parameter that is
-    not one number, or with an effect that depends on time.
+    Raises InvalidInput for a model with input effects (they may remember past commands), with a parameter
+    that is not one number, or with an effect that depends on time.
     """
     if model.input_effects:
         names = ", ".join(e.name for e in model.input_effects)
@@ -27,7 +27,7 @@ def step_of(model: Model) -> Step:
         )
     for name, p in model.parameters.items():
         if not ops.is_number(p.value) or np.ndim(p.value):
-            raise InvalidInput(f"parameter {name} is {p.value}: expected one number for the design of a controller")
+            raise InvalidInput(f"parameter {name} is {p.value}: a controller's design needs one number")
 
     def step(theta: Value, theta_dot: Value, u: Value, t: float = 0.0) -> tuple[Value, Value]:
         return model.move(theta, theta_dot, (u,) * model.integrator.substeps, t)
@@ -35,5 +35,5 @@ def step_of(model: Model) -> Step:
     theta, theta_dot = np.linspace(-3.0, 3.0, 7)[:, None], np.linspace(-4.0, 4.0, 5)
     now = step(theta, theta_dot, 0.0)
     if any(not np.array_equal(now, step(theta, theta_dot, 0.0, t)) for t in (model.dt, 1.7, 9.1)):
-        raise InvalidInput("the model's effects depend on time: expected a step that is the same at every instant")
+        raise InvalidInput("the model's effects depend on time: expected the same step at every instant")
     return step

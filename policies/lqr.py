@@ -56,14 +56,15 @@ class LQR:
 
     def __str__(self) -> str:
         k_theta, k_theta_dot = self.K[0]
-        return f"LQR u = {self.u_0:.3g} - {k_theta:.3g} theta - {k_theta_dot:.3g} theta_dot, poles {self.poles.round(3)}"
+        law = f"u = {self.u_0:.3g} - {k_theta:.3g} theta - {k_theta_dot:.3g} theta_dot"
+        return f"LQR {law}, poles {self.poles.round(3)}"
 
 
 def design_lqr(model: Model) -> LQR:
     """Minimise the sum of the task's costs over an infinite horizon, to second order at the upright.
 
-    The Riccati equation is solved by python-control. Raises InvalidInput for a model with input effects, and for one
-    that no torque within +-u_max holds upright.
+    The Riccati equation is solved by python-control. Raises InvalidInput as `step_of` does (a model with input
+    effects, ...), and for a model that no torque within +-u_max holds upright.
     """
     import control  # loads matplotlib; late, so that importing this module stays cheap
 

@@ -20,14 +20,15 @@ from sysid import InvalidInput, Model, State, ops
 
 Array = NDArray[np.float64]
 
-CATCH_SECONDS = 2.0
-"""How far ahead `catches` looks: several times the settling time of the LQR."""
+LOOK_AHEAD = 4.0
+"""How far `catches` looks, in times sqrt(J / G) of falling. A longer look hands over earlier, to an LQR that creeps
+up at its torque limit; a shorter one misses the few chances of a heavy pendulum."""
 
 CAUGHT = 0.05
-"""The LQR has caught where its cost to come is below this: about 0.1 rad from the upright."""
+"""The LQR has caught where its cost to come is below this: below 0.1 rad from the upright."""
 
 BAND = 0.2
-"""Pumping eases off where the missing energy is below u_max * BAND [rad]: the work of full torque over that angle."""
+"""Pumping eases off where the missing energy is below u_max * BAND: full torque's work over BAND [rad]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +38,8 @@ class SwingUp:
         E(theta, theta_dot) = J theta_dot^2 / 2 - G (1 - cos theta),   E = 0 upright at rest, -2 G hanging
         u = u_max clip(-E / (u_max BAND), -1, 1) sign(theta_dot),      dE/dt = u theta_dot
 
-    J [kg m^2] is the inertia with all effects, G [N m] the largest gravity torque. Where the LQR catches is not
-    guessed: the design model is run ahead from every state under the saturated LQR.
+    J [kg m^2] is the inertia with all effects, G [N m] the largest gravity torque. Where the LQR catches is
+    not guessed: the design model is run ahead from every state under the saturated LQR.
     """
 
     lqr: LQR
@@ -54,13 +55,13 @@ class SwingUp:
     def pump(self, state: State) -> Array:
         """u [N m] that brings the energy to that of the upright."""
         missing = -self.energy(state.theta, state.theta_dot)
-        forward = np.where(np.asarray(state.theta_dot) < 0.0, -1.0, 1.0)  # at rest: not 0, or it would hang forever
-        return np.clip(missing / BAND, -self.lqr.u_max, self.lqr.u_max) * forward
+        direction = np.where(np.asarray(state.theta_dot) < 0.0, -1.0, 1.0)  # never 0: it would hang at rest
+        return np.clip(missing / BAND, -self.lqr.u_max, self.lqr.u_max) * direction
 
     def catches(self, state: State) -> NDArray[np.bool_]:
-        """Whether the LQR brings each state to the upright within CATCH_SECONDS, on the design model."""
+        """Whether the LQR brings each state to the upright within LOOK_AHEAD, on the design model."""
         theta, theta_dot = state.theta, state.theta_dot
-        for _ in range(math.ceil(CATCH_SECONDS / self.dt)):
+        for _ in range(math.ceil(LOOK_AHEAD * math.sqrt(self.J / self.G) / self.dt)):
             theta, theta_dot = self.step(theta, theta_dot, self.lqr(State(theta, theta_dot)))
         return self.lqr.cost_to_go(theta, theta_dot) < CAUGHT
 
@@ -71,14 +72,14 @@ class SwingUp:
 def design_swing_up(model: Model) -> SwingUp:
     """The swing-up for a model whose gravity torque is G sin(theta).
 
-    Raises InvalidInput for a model with input effects, another gravity torque, or no torque limit.
+    Raises InvalidInput as `design_lqr` does, and for another gravity torque or no torque limit.
     """
     lqr, step = design_lqr(model), step_of(model)
     if not math.isfinite(model.u_max):
-        raise InvalidInput("the model has no torque limit u_max: a swing-up needs one; without a limit use the LQR alone")
+        raise InvalidInput("the model has no torque limit u_max: expected one; without it use the LQR alone")
     J = model.plant.inertia() + sum(e.inertia() for e in model.joint_effects)
     G = model.plant.gravity_torque(0.5 * math.pi)
     theta = np.linspace(-math.pi, math.pi, 33)
-    if not np.allclose(model.plant.gravity_torque(theta), G * np.sin(theta), rtol=0.0, atol=1e-9 * (1.0 + abs(G))):
-        raise InvalidInput(f"the gravity torque of {type(model.plant).__name__} is not G sin(theta): no energy is known")
+    if not G > 0.0 or np.max(np.abs(model.plant.gravity_torque(theta) - G * np.sin(theta))) > 1e-9 * G:
+        raise InvalidInput(f"the gravity torque of {model.plant} is not G sin(theta), G > 0: nothing to swing up")
     return SwingUp(lqr=lqr, step=step, dt=model.dt, J=float(J), G=float(G))
