@@ -1,0 +1,221 @@
+"""The study's answer: what rollouts were worth, what width cost, how far from optimal and why.
+
+Everything is computed from per-seed mean returns J_s; contrasts and gaps are paired over seeds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from study.cells import Run, Theta
+from study.config import Preset
+from study.references import CONTROLLERS, OPTIMAL, Reference
+from study.statistics import Contrast, bootstrap_coverage, paired_bootstrap, sem
+from sysid import InvalidInput
+
+Array = NDArray[np.float64]
+Key = tuple[int, float]
+"""(n, w) of a cell."""
+
+BOOTSTRAP_SEED = 0
+"""Every contrast draws from a fresh generator of this seed, so it does not depend on which others are made."""
+
+
+@dataclass(frozen=True)
+class Gap:
+    """How far a cell is below the optimum of the hidden plant, and its two parts, which add up to it."""
+
+    total: Contrast
+    identification: Contrast
+    training: Contrast
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What a finished study says. Raises InvalidInput where runs or references are missing."""
+
+    preset: Preset
+    runs: Sequence[Run]
+    references: Sequence[Reference]
+
+    def __post_init__(self) -> None:
+        missing = set(self.preset.cells) - {run.cell for run in self.runs}
+        if missing:
+            raise InvalidInput(f"{len(missing)} of {len(self.preset.cells)} runs are missing, such as {min(missing)}")
+        designs = {r.theta for r in self.references if r.controller == OPTIMAL}
+        lacking = {self.preset.truth, *(run.theta_hat for run in self.runs)} - designs
+        if lacking:
+            raise InvalidInput(f"the optimal controller is missing for theta = {min(lacking)}")
+
+    # Per-seed numbers ------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def cells(self) -> dict[Key, list[Run]]:
+        """The runs of every cell, by seed."""
+        table: dict[Key, list[Run]] = {(n, w): [] for n in self.preset.budgets for w in self.preset.widths}
+        for run in sorted(self.runs, key=lambda r: r.cell.seed):
+            table[run.cell.n, run.cell.w].append(run)
+        return table
+
+    def returns(self, key: Key) -> Array:
+        """Mean returns (S,) of a cell."""
+        return np.array([run.mean for run in self.cells[key]])
+
+    def mean(self, key: Key) -> float:
+        """Mean return of a cell."""
+        return float(np.mean(self.returns(key)))
+
+    def sem(self, key: Key) -> float:
+        """Standard error over the seeds of that mean."""
+        return sem(self.returns(key))
+
+    def id_error(self, n: int) -> float:
+        """Mean ||theta_hat - truth|| of a budget."""
+        return float(np.mean([run.id_error for run in self.cells[n, self.preset.widths[0]]]))
+
+    def reference(self, controller: str, theta: Theta | None = None) -> Array:
+        """Mean returns (S,) of a controller designed at theta, by default at the truth."""
+        theta = self.preset.truth if theta is None else theta
+        rows = [r for r in self.references if r.controller == controller and r.theta == theta]
+        return np.array([r.mean for r in sorted(rows, key=lambda r: r.seed)])
+
+    def controllers(self) -> Iterator[tuple[str, float, float]]:
+        """(controller, mean return, SEM over seeds) at the truth."""
+        for controller in CONTROLLERS:
+            returns = self.reference(controller)
+            yield controller, float(np.mean(returns)), sem(returns)
+
+    def design(self, key: Key) -> Array:
+        """Returns (S,) on the hidden plant of the controller that is optimal for each seed's estimate."""
+        return np.array([self.reference(OPTIMAL, run.theta_hat)[s] for s, run in enumerate(self.cells[key])])
+
+    # Contrasts -------------------------------------------------------------------------------------------------------
+
+    def _paired(self, a: Array, b: Array) -> Contrast:
+        return paired_bootstrap(a, b, np.random.default_rng(BOOTSTRAP_SEED), self.preset.resamples)
+
+    def contrast(self, a: Key, b: Key) -> Contrast:
+        """Mean return of cell a minus that of cell b."""
+        return self._paired(self.returns(a), self.returns(b))
+
+    def gap(self, key: Key) -> Gap:
+        """How far a cell is below the optimum, and why."""
+        optimum, design, agent = self.reference(OPTIMAL), self.design(key), self.returns(key)
+        return Gap(self._paired(optimum, agent), self._paired(optimum, design), self._paired(design, agent))
+
+    @property
+    def optimum(self) -> float:
+        """The near-optimal mean return on the hidden plant from the same start states."""
+        return float(np.mean(self.reference(OPTIMAL)))
+
+    @property
+    def best(self) -> Key:
+        """The cell with the highest mean return."""
+        return max(self.cells, key=self.mean)
+
+    def best_width(self, n: int) -> float:
+        """w*: the width with the highest mean return at a budget."""
+        return max(self.preset.widths, key=lambda w: self.mean((n, w)))
+
+    @cached_property
+    def coverage(self) -> float:
+        """How often such an interval holds the truth with this many seeds, for normal differences."""
+        return bootstrap_coverage(len(self.preset.seeds), np.random.default_rng(BOOTSTRAP_SEED))
+
+    # In words --------------------------------------------------------------------------------------------------------
+
+    def sentences(self) -> list[tuple[str, str]]:
+        """(question, answer) in plain words, the most important first."""
+        return [
+            ("What were the first rollouts worth?", self._first_rollouts()),
+            ("What did width cost?", self._width()),
+            ("How far from optimal, and why?", self._short_of_optimal()),
+        ]
+
+    def _first_rollouts(self) -> str:
+        budgets, w = self.preset.budgets, self.preset.widths[0]
+        if len(budgets) < 2:
+            return "This preset has a single budget."
+        n_0, n_1, n_last = budgets[0], budgets[1], budgets[-1]
+        first = self.contrast((n_1, w), (n_0, w))
+        text = (
+            f"The first {n_1 - n_0} rollouts changed the return by {first}, from {_number(self.mean((n_0, w)))} to "
+            f"{_number(self.mean((n_1, w)))} at w = {w:g}{_doubt(first)}."
+        )
+        if n_last != n_1:
+            rest = self.contrast((n_last, w), (n_1, w))
+            text += (
+                f" The next {n_last - n_1} changed it by {rest}, to {_number(self.mean((n_last, w)))}{_doubt(rest)}."
+            )
+        return text
+
+    def _width(self) -> str:
+        widths = self.preset.widths
+        if len(widths) < 2:
+            return "This preset has a single width."
+        narrow, wide = widths[0], widths[-1]
+        parts = []
+        for n in reversed(self.preset.budgets):
+            change = self.contrast((n, wide), (n, narrow))
+            parts.append(f"{change} at n = {n}{_doubt(change)}")
+        return (
+            f"Training over a band of ±{100 * wide:.0f} % instead of "
+            f"{'at the estimate' if narrow == 0 else f'±{100 * narrow:.0f} %'} changed the return by {_list(parts)}."
+        )
+
+    def _short_of_optimal(self) -> str:
+        gap, (n, w) = self.gap(self.best), self.best
+        start = (self.preset.budgets[0], self.preset.widths[0])
+        text = (
+            f"The best cell (n = {n}, w = {w:g}) returned {_number(self.mean(self.best))}; the optimum of the hidden plant "
+            f"from the same start states is {_number(self.optimum)}, which leaves {_range(gap.total)} "
+            f"({100.0 * gap.total.mean / abs(self.optimum):.1f} %): {_range(gap.identification)} because the estimate is "
+            f"off, {_range(gap.training)} because of training."
+        )
+        if start != self.best:
+            gap = self.gap(start)
+            text += (
+                f" At n = {start[0]}, w = {start[1]:g} the gap was {_range(gap.total)}: {_range(gap.identification)} "
+                f"because the model is off, {_range(gap.training)} because of training."
+            )
+        return text
+
+    def caveat(self) -> str:
+        """How far the intervals can be trusted."""
+        seeds = len(self.preset.seeds)
+        return (
+            f"Brackets are 95 % intervals of a paired bootstrap over {seeds} seeds. With {seeds} seeds such an interval "
+            f"holds the true mean in about {100 * self.coverage:.0f} % of cases rather than 95 % (simulated, normal "
+            "differences)."
+        )
+
+
+def _number(value: float) -> str:
+    """A return, rounded to what can be read."""
+    return f"{value:.0f}".replace("-", "−")
+
+
+def _range(contrast: Contrast) -> str:
+    """A gap, which is read without a plus sign."""
+    numbers = [_number(round(x) + 0.0) for x in (contrast.mean, contrast.low, contrast.high)]
+    return f"{numbers[0]} [{numbers[1]}, {numbers[2]}]"
+
+
+def _doubt(contrast: Contrast) -> str:
+    return "" if contrast.significant else " (not distinguishable from zero)"
+
+
+def _list(parts: list[str]) -> str:
+    return parts[0] if len(parts) == 1 else ", ".join(parts[:-1]) + " and " + parts[-1]
+
+
+def spread(values: Sequence[float]) -> tuple[float, float]:
+    """Smallest and largest finite value."""
+    finite = [v for v in values if math.isfinite(v)]
+    return min(finite), max(finite)

@@ -1,0 +1,116 @@
+"""The main job: measure, identify, train, evaluate, answer.
+
+    python -m study.main                    quick: minutes on two cores
+    python -m study.main --preset paper     the paper's grid: days on two cores
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+
+@dataclass(frozen=True)
+class Options:
+    """What is the next real rollout worth, and what does a wider training band cost?
+
+    Runs a preset end to end and writes its answer to a folder. Stopped in any way, the same command goes on.
+    """
+
+    preset: Literal["quick", "paper", "smoke"] = "quick"
+    """quick: 18 small agents, minutes. paper: the paper's 250 agents, days. smoke: every part once, numbers mean nothing."""
+
+    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR", help_behavior_hint="(default: results/PRESET)")] = None
+    """Folder of the results."""
+
+    workers: Annotated[int, tyro.conf.arg(metavar="N", help_behavior_hint="(default: 0, one a core)")] = 0
+    """Processes, each with one thread. The numbers do not depend on it."""
+
+    device: Annotated[str, tyro.conf.arg(metavar="NAME")] = "cpu"
+    """Where networks train, as torch names it."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit code: 0 done, 1 a task failed, 2 bad input, 130 stopped."""
+    options = tyro.cli(Options, prog="python -m study.main", args=arguments)
+    signal.signal(signal.SIGTERM, _interrupt)
+    try:
+        return _study(options)
+    except KeyboardInterrupt:
+        print(f"\nstopped; the same command goes on: {_command(options)}", file=sys.stderr)
+        return 130
+
+
+def _study(options: Options) -> int:
+    from study import versions
+
+    problem = versions.wrong_sysid()
+    foreign = versions.foreign_sysid()
+    if problem:
+        return _fail(f"{foreign or problem}", 2)
+    if foreign:
+        print(f"warning: {foreign}", file=sys.stderr)
+
+    from rich.console import Console
+
+    from study.cells import check_device
+    from study.config import PRESETS
+    from study.report import publish
+    from study.runner import run
+    from study.store import Store
+    from study.workers import WorkerFailed
+    from sysid import InvalidInput
+
+    preset = PRESETS[options.preset]
+    folder = options.out or Path("results") / preset.name
+    console = Console(highlight=False)
+    try:
+        workers = _workers(options.workers)
+        check_device(options.device)
+        with Store(folder, preset) as store:
+            run(preset, store, workers, console, options.device)
+            publish(preset, store, console)
+    except InvalidInput as error:
+        return _fail(str(error), 2)
+    except WorkerFailed as error:
+        return _fail(f"{error}; finished runs are kept, and the same command goes on: {_command(options)}", 1)
+    return 0
+
+
+def _workers(asked: int) -> int:
+    from sysid import InvalidInput
+
+    if asked < 0:
+        raise InvalidInput(f"--workers {asked}: expected a number of processes, or 0 for one a core")
+    if asked:
+        return asked
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _command(options: Options) -> str:
+    words = ["python -m study.main"]
+    for name, default in (("preset", "quick"), ("out", None), ("workers", 0), ("device", "cpu")):
+        value = getattr(options, name)
+        if value != default:
+            words.append(f"--{name} {value}")
+    return " ".join(words)
+
+
+def _fail(sentence: str, code: int) -> int:
+    print(f"error: {sentence}", file=sys.stderr)
+    return code
+
+
+def _interrupt(number: int, frame: object) -> None:
+    raise KeyboardInterrupt
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,99 @@
+"""What the hidden plant allows, and what an estimate allows: reference controllers on the study's start states.
+
+    gap of a cell      = J(optimal | truth) - J(agent)
+    identification     = J(optimal | truth) - J(optimal | theta_hat)      what a wrong estimate costs a perfect designer
+    training           = J(optimal | theta_hat) - J(agent)                what learning and the width of the band cost
+
+J is the mean return on the hidden plant; (controller | theta) was designed on the model at theta and never saw the
+plant. The two parts add up to the gap, seed by seed. The second is negative where an agent is more robust against the
+error of its estimate than a controller that trusts it.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from policies.evaluate import Policy, evaluate
+from study.cells import Link, Theta, hidden_plant, start_states
+from study.config import Preset
+from study.versions import versions
+from sysid import paper_model
+
+OPTIMAL, LQR, SWING_UP = "optimal", "lqr", "swing_up_lqr"
+CONTROLLERS = (OPTIMAL, LQR, SWING_UP)
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Returns (E,) on the hidden plant, from a seed's start states, of a controller designed at theta (m [kg], l [m])."""
+
+    controller: str
+    theta: Theta
+    seed: int
+    returns: tuple[float, ...]
+    versions: dict[str, str]
+    seconds: float
+
+    @property
+    def mean(self) -> float:
+        """Mean return."""
+        return float(np.mean(self.returns))
+
+
+@dataclass(frozen=True)
+class ReferenceTask:
+    """Design a controller at theta and run it on the hidden plant from the start states of every seed."""
+
+    preset: Preset
+    controller: str
+    theta: Theta
+    saves: ClassVar[bool] = False
+
+    @property
+    def name(self) -> str:
+        return f"{self.controller} at m = {self.theta[0]:g}, l = {self.theta[1]:g}"
+
+    @property
+    def work(self) -> float:
+        """About how many seconds it takes on one core; only the time left is computed from it."""
+        return 2.0 + (3e-5 * self.preset.grid**2 if self.controller == OPTIMAL else 0.0)
+
+    def run(self, link: Link) -> list[Reference]:
+        """One reference a seed."""
+        begin = time.monotonic()
+        policy, plant, seeds = self._design(), hidden_plant(self.preset), self.preset.seeds
+        starts = [start_states(self.preset, seed) for seed in seeds]
+        theta, theta_dot = (np.concatenate(column) for column in zip(*starts, strict=True))
+        returns = evaluate(policy, plant, theta, theta_dot).returns.reshape(len(seeds), self.preset.episodes)
+        seconds, found = (time.monotonic() - begin) / len(seeds), versions()
+        return [
+            Reference(self.controller, self.theta, seed, tuple(row), found, seconds)
+            for seed, row in zip(seeds, returns.tolist(), strict=True)
+        ]
+
+    def _design(self) -> Policy:
+        m, l = self.theta  # noqa: E741
+        model = paper_model(m, l)
+        if self.controller == LQR:
+            from policies.lqr import design_lqr
+
+            return design_lqr(model)
+        if self.controller == SWING_UP:
+            from policies.swing_up import design_swing_up
+
+            return design_swing_up(model)
+        from policies.optimal import Grid, solve
+
+        return solve(model, Grid(self.preset.grid, self.preset.grid + 1))
+
+
+def reference_tasks(preset: Preset, estimates: set[Theta]) -> list[ReferenceTask]:
+    """All controllers at the truth, and the optimal one at every estimate."""
+    designs = sorted(estimates - {preset.truth})
+    return [ReferenceTask(preset, c, preset.truth) for c in CONTROLLERS] + [
+        ReferenceTask(preset, OPTIMAL, theta) for theta in designs
+    ]

@@ -1,0 +1,2 @@
+def publish(preset, store, console):
+    console.print("done")

@@ -1,0 +1,235 @@
+"""The results folder: one SQLite file in write-ahead mode, one writer, tied to one preset and one version.
+
+    runs          every finished (n, w, seed): settings, theta_hat, returns, learning curve, versions, seconds
+    controllers   returns on the hidden plant of a reference designed at (m, l), by seed
+    training      seconds spent on each unfinished population, as of its last checkpoint
+    meta          preset, fingerprint, format, version of gapfinder
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import sqlite3
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from types import TracebackType
+
+from study.cells import Run
+from study.config import FORMAT, Cell, Preset
+from study.references import Reference
+from study.versions import version
+from sysid import InvalidInput
+
+OUTPUTS = ("runs.csv", "references.csv", "heatmap.png", "pareto.png", "report.html")
+"""What a study writes beside its database; never over files of somebody else."""
+
+SCHEMA = """
+CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);
+CREATE TABLE runs (
+    n INTEGER, w REAL, seed INTEGER, population INTEGER, theta_hat_m REAL, theta_hat_l REAL, id_error REAL,
+    returns TEXT, curve TEXT, settings TEXT, versions TEXT, seconds REAL, PRIMARY KEY (n, w, seed));
+CREATE TABLE controllers (
+    controller TEXT, m REAL, l REAL, seed INTEGER, returns TEXT, versions TEXT, seconds REAL,
+    PRIMARY KEY (controller, m, l, seed));
+CREATE TABLE training (population INTEGER PRIMARY KEY, seconds REAL);
+"""
+
+
+class Store:
+    """The open results folder of a preset; a context manager that holds the folder's lock.
+
+    Raises InvalidInput where the folder cannot be used: no folder, not writable, of another preset or version, in
+    use by another study, or holding foreign files of the names in OUTPUTS. Nothing is written before these checks.
+    """
+
+    def __init__(self, folder: Path, preset: Preset) -> None:
+        self.folder, self.preset = folder, preset
+        self.path = folder / "results.sqlite"
+        _make(folder)
+        self._lock = _lock(folder)
+        try:
+            if not self.path.exists():
+                self._refuse_foreign_files()
+            with _readable(self.path):
+                self._open()
+        except BaseException:
+            self.close()
+            raise
+
+    def _refuse_foreign_files(self) -> None:
+        there = [name for name in OUTPUTS if (self.folder / name).exists()]
+        if there:
+            raise InvalidInput(
+                f"{self.folder} holds {' and '.join(there)} but no results.sqlite, so they are not of this study: "
+                "expected an empty folder or one that a study made; choose another --out"
+            )
+
+    def _open(self) -> None:
+        self.db = sqlite3.connect(self.path, timeout=3.0, isolation_level=None)
+        self.db.execute("PRAGMA journal_mode = WAL")
+        self.db.execute("PRAGMA synchronous = FULL")
+        self.db.execute("BEGIN IMMEDIATE")
+        tables = {name for (name,) in self.db.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+        expected = self._identity()
+        if not tables:
+            for statement in SCHEMA.split(";")[:-1]:
+                self.db.execute(statement)
+            self.db.executemany("INSERT INTO meta VALUES (?, ?)", expected.items())
+        elif "meta" not in tables:
+            raise InvalidInput(f"{self.path} is a database of something else: choose another --out")
+        else:
+            self._check(dict(self.db.execute("SELECT key, value FROM meta")), expected)
+        self.db.execute("COMMIT")
+        self.db.execute("PRAGMA busy_timeout = 600000")
+
+    def _identity(self) -> dict[str, str]:
+        return {
+            "preset": self.preset.name,
+            "gapfinder": version("gapfinder"),
+            "format": str(FORMAT),
+            "fingerprint": self.preset.fingerprint,
+            "settings": json.dumps(self.preset.to_dict()),
+        }
+
+    def _check(self, found: dict[str, str], expected: dict[str, str]) -> None:
+        for key, label in (("preset", "preset"), ("gapfinder", "gapfinder version"), ("format", "format")):
+            if found.get(key) != expected[key]:
+                raise InvalidInput(
+                    f"{self.folder} holds results of {label} {found.get(key)!r}, expected {expected[key]!r}: "
+                    "choose another --out, or move that folder away"
+                )
+        if found.get("fingerprint") != expected["fingerprint"]:
+            was, now = json.loads(found.get("settings", "{}")), self.preset.to_dict()
+            changed = [f"{k} = {was.get(k)}, now {now[k]}" for k in now if was.get(k) != now[k]]
+            raise InvalidInput(
+                f"{self.folder} holds results of other settings of preset {self.preset.name!r} "
+                f"({'; '.join(changed) or 'unknown'}): choose another --out, or move that folder away"
+            )
+
+    def __enter__(self) -> Store:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the database and give the folder's lock back."""
+        if hasattr(self, "db"):
+            self.db.close()
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
+
+    @contextlib.contextmanager
+    def _transaction(self) -> Iterator[sqlite3.Connection]:
+        self.db.execute("BEGIN IMMEDIATE")
+        try:
+            yield self.db
+        except BaseException:
+            self.db.execute("ROLLBACK")
+            raise
+        self.db.execute("COMMIT")
+
+    def add_runs(self, runs: Sequence[Run]) -> None:
+        """Keep the runs of a finished population, all or none."""
+        rows = [
+            (*r.cell, r.population, *r.theta_hat, r.id_error, json.dumps(r.returns), json.dumps(r.curve),
+             json.dumps(r.settings), json.dumps(r.versions), r.seconds)
+            for r in runs
+        ]  # fmt: skip
+        with self._transaction() as db:
+            db.executemany(f"INSERT INTO runs VALUES ({', '.join('?' * 12)})", rows)
+            db.executemany("DELETE FROM training WHERE population = ?", {(r.population,) for r in runs})
+
+    def runs(self) -> list[Run]:
+        """The finished runs, sorted by n, w, seed."""
+        return [
+            Run(
+                cell=Cell(n, w, seed),
+                population=population,
+                theta_hat=(m, length),
+                id_error=id_error,
+                returns=tuple(json.loads(returns)),
+                curve=tuple((step, value) for step, value in json.loads(curve)),
+                settings=json.loads(settings),
+                versions=json.loads(found),
+                seconds=seconds,
+            )
+            for n, w, seed, population, m, length, id_error, returns, curve, settings, found, seconds in self.db.execute(
+                "SELECT * FROM runs ORDER BY n, w, seed"
+            )
+        ]
+
+    def add_references(self, references: Sequence[Reference]) -> None:
+        """Keep what reference controllers returned."""
+        rows = [
+            (r.controller, *r.theta, r.seed, json.dumps(r.returns), json.dumps(r.versions), r.seconds) for r in references
+        ]
+        with self._transaction() as db:
+            db.executemany("INSERT INTO controllers VALUES (?, ?, ?, ?, ?, ?, ?)", rows)
+
+    def references(self) -> list[Reference]:
+        """What reference controllers returned, sorted."""
+        return [
+            Reference(controller, (m, length), seed, tuple(json.loads(returns)), json.loads(found), seconds)
+            for controller, m, length, seed, returns, found, seconds in self.db.execute(
+                "SELECT * FROM controllers ORDER BY controller, m, l, seed"
+            )
+        ]
+
+    def note_training(self, population: int, seconds: float) -> None:
+        """Keep the seconds that a population's checkpoint holds."""
+        with self._transaction() as db:
+            db.execute("INSERT OR REPLACE INTO training VALUES (?, ?)", (population, seconds))
+
+    def training_seconds(self, population: int) -> float:
+        """The seconds that a population's checkpoint holds; 0 without one."""
+        row = self.db.execute("SELECT seconds FROM training WHERE population = ?", (population,)).fetchone()
+        return float(row[0]) if row else 0.0
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except FileExistsError:
+        raise InvalidInput(f"{folder} is a file: expected a folder for the results; choose another --out") from None
+    except OSError as error:
+        raise InvalidInput(f"the folder {folder} cannot be made ({error.strerror}): choose another --out") from None
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise InvalidInput(f"the folder {folder} is not writable: choose another --out")
+
+
+def _lock(folder: Path) -> int | None:
+    """The folder's lock, which the system gives back when this process ends, however it ends."""
+    try:
+        import fcntl
+    except ImportError:  # not a Unix system: SQLite's own lock has to do
+        return None
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(handle)
+        raise InvalidInput(
+            f"another study is running in {folder}: wait until it ends, or choose another --out"
+        ) from None
+    return handle
+
+
+@contextlib.contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """Turn SQLite's errors at opening into sentences."""
+    try:
+        yield
+    except sqlite3.OperationalError as error:
+        if "locked" in str(error):
+            raise InvalidInput(
+                f"{path} is locked by another process: wait until it ends, or choose another --out"
+            ) from None
+        raise InvalidInput(f"{path} cannot be used ({error}): choose another --out") from None
+    except sqlite3.DatabaseError as error:
+        raise InvalidInput(f"{path} is not a database of this study ({error}): choose another --out") from None
