@@ -55,7 +55,7 @@ class Estimate:
 
     @property
     def ambiguous(self) -> tuple[str, ...]:
-        """What these records cannot tell: combinations whose sd exceeds a quarter of the bounds' width."""
+        """What these records cannot tell: combinations with a sd above half their size."""
         parameters = self.model.parameters
         scale = np.array([parameters[name].scale for name in self.names])
         if not np.all(np.isfinite(self.covariance)):
@@ -63,7 +63,7 @@ class Estimate:
         size, direction = np.linalg.eigh(self.covariance / np.outer(scale, scale))
         found = []
         for variance, v in zip(size, direction.T, strict=True):
-            if variance > 0.25**2:
+            if variance > 0.5**2:
                 parts = [n for n, w in zip(self.names, v, strict=True) if abs(w) > 0.3]
                 if len(parts) == 1:
                     found.append(f"{parts[0]} is poorly determined by these records")

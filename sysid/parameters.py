@@ -32,11 +32,12 @@ class Parameter:
 
     @property
     def scale(self) -> float:
-        """A typical size, for scaling a solver's variables: the width of finite bounds, else |value| or 1."""
-        low, high = self.bounds
-        if math.isfinite(high - low):
-            return high - low
-        return abs(float(self.value)) or 1.0
+        """A typical size, for scaling a solver's variables and for judging a standard deviation.
+
+        The number itself; near zero a tenth of the bounds' width, or 0.1 where they are wider than 1.
+        """
+        width = min(self.bounds[1] - self.bounds[0], 1.0)
+        return max(abs(float(self.value)), 0.1 * width)
 
     def check(self, value: Value, owner: str = "") -> None:
         """Raise InvalidInput where numbers are not finite or out of bounds; symbols and tensors pass."""

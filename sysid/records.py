@@ -60,7 +60,9 @@ class Record:
                 raise InvalidInput(f"{self.name} is ragged: {came}, expected {size} for {n} commands u")
         self._check_time()
         if self.theta is not None:
-            object.__setattr__(self, "theta", np.unwrap(self.theta))
+            unwrapped = np.unwrap(self.theta)
+            unwrapped.setflags(write=False)
+            object.__setattr__(self, "theta", unwrapped)
 
     def _array(self, column: str, value: ArrayLike) -> Array:
         try:

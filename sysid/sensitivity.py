@@ -62,8 +62,7 @@ class Segments:
         self.value, self.weight = self._targets()
         self.time = np.concatenate([self.length * model.dt * np.arange(c) for c in self.counts])[None, :]
         self.path = self._input_path()
-        self.function = self._segment()
-        self.all = self.function.map(self.size)
+        self.segment, self.curvature = (f.map(self.size) for f in self._segment())
 
     @property
     def continued(self) -> Array:
@@ -127,8 +126,11 @@ class Segments:
             "drive", [flat, u, p], [casadi.vertcat(*(v for m in after for v in m)), casadi.vertcat(*drive)]
         )
 
-    def _segment(self) -> casadi.Function:
-        """One segment: node, p, drives, their slopes, start time, readings, weights -> the parts of Blocks."""
+    def _segment(self) -> tuple[casadi.Function, casadi.Function]:
+        """One segment: node, p, drives, their slopes, start time, readings, weights -> the parts of Blocks.
+
+        The second function takes two multipliers more and gives the Hessian of lam_f cost + lam_g' end.
+        """
         S, L, P, dt = self.model.integrator.substeps, self.length, len(self.names), self.model.dt
         x, p, t0 = casadi.SX.sym("x", 2), casadi.SX.sym("p", P), casadi.SX.sym("t0")
         drives = casadi.SX.sym("drives", S * L)
@@ -147,26 +149,35 @@ class Segments:
             speeds.append(theta_dot)
         residual = casadi.sqrt(weight) * (casadi.vertcat(*angles, *speeds) - value)
         end, z = casadi.vertcat(theta, theta_dot), casadi.vertcat(x, shift)
-        slope = casadi.jacobian(residual, z)
+        cost, slope = 0.5 * casadi.sumsqr(residual), casadi.jacobian(residual, z)
+        lam_f, lam_g = casadi.SX.sym("lam_f"), casadi.SX.sym("lam_g", 2)
+        hessian, _ = casadi.hessian(lam_f * cost + casadi.dot(lam_g, end), z)
         outputs = [
-            0.5 * casadi.sumsqr(residual),
+            cost,
             end,
             casadi.mtimes(slope.T, residual),
             casadi.vec(casadi.densify(casadi.jacobian(end, z))),
             casadi.vec(casadi.densify(casadi.mtimes(slope.T, slope))),
             casadi.vertcat(casadi.sumsqr(residual[: L + 1]), casadi.sumsqr(residual[L + 1 :])),
+            casadi.vec(casadi.densify(hessian)),
         ]
-        outputs = casadi.substitute(outputs, [shift], [casadi.SX.zeros(P)])
-        return casadi.Function(
-            "segment", [x, p, drives, *slopes, t0, value, weight], outputs, {"cse": True}
+        *outputs, hessian = casadi.substitute(outputs, [shift], [casadi.SX.zeros(P)])
+        inputs = [x, p, drives, *slopes, t0, value, weight]
+        return (
+            casadi.Function("segment", inputs, outputs, {"cse": True}),
+            casadi.Function("curvature", [*inputs, lam_f, lam_g], [hessian], {"cse": True}),
         )
 
+    def _inputs(self, p: casadi.MX, nodes: casadi.MX) -> list[casadi.MX]:
+        return [nodes, casadi.repmat(p, 1, self.size), *self.path.call([p]), self.time, self.value, self.weight]
+
     def symbolic(self, p: casadi.MX, nodes: casadi.MX) -> list[casadi.MX]:
-        """cost (1, M), end (2, M), gradient (2 + P, M), end_z and normal (vectorised, M), squares (2, M) at p, nodes."""
-        drives = self.path.call([p])
-        return list(
-            self.all.call([nodes, casadi.repmat(p, 1, self.size), *drives, self.time, self.value, self.weight])
-        )
+        """The parts of Blocks, one column a segment; matrices are vectorised column by column."""
+        return list(self.segment.call(self._inputs(p, nodes)))
+
+    def hessian(self, p: casadi.MX, nodes: casadi.MX, lam_f: casadi.MX, lam_g: casadi.MX) -> casadi.MX:
+        """Hessian (vectorised, M) of lam_f cost_i + lam_g_i' end_i, lam_g (2, M); the drive counts as linear in p."""
+        return self.curvature.call([*self._inputs(p, nodes), casadi.repmat(lam_f, 1, self.size), lam_g])[0]
 
     def blocks(self, p: Array, nodes: Array) -> Blocks:
         """The linearisation at parameters p (P,) and nodes (M, 2)."""
@@ -194,16 +205,18 @@ class Segments:
             nodes[at] = end[at - 1]
         return nodes
 
-    def information(self, blocks: Blocks) -> Array:
-        """Fisher information (P, P) of the parameters, every record's initial state eliminated.
+    def information(self, blocks: Blocks, whole: bool = True) -> Array:
+        """Fisher information (P, P) of the parameters, the initial state of every whole record eliminated.
 
             F = sum_records M_pp - M_px M_xx^-1 M_xp,   M = S' Sigma^-1 S,   S = d(readings) / d(x_0, p)
 
-        S follows the whole rollout: nodes are not free. (Schur complement; e.g. Kay, Estimation Theory, Sec. 3.7.)
+        S follows the whole rollout; where `whole` is false every segment has a free state of its own instead.
+        (Schur complement; e.g. Kay, Estimation Theory, Sec. 3.7.)
         """
         P = len(self.names)
         total = np.zeros((P, P))
-        for begin, count in zip(self.first, self.counts, strict=True):
+        spans = zip(self.first, self.counts, strict=True) if whole else ((i, 1) for i in range(self.size))
+        for begin, count in spans:
             chain = np.eye(2 + P)
             m = np.zeros((2 + P, 2 + P))
             for i in range(begin, begin + count):

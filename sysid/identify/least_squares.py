@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 
@@ -26,68 +28,73 @@ class LeastSquares:
 
     Solved by multiple shooting (Bock & Plitt, 1984): nodes every `segment` [s] are variables too, tied by
     continuity constraints, so the optimum is that of whole rollouts and the nodes only help to find it. IPOPT takes
-    exact first derivatives and the Gauss-Newton Hessian from CasADi. Every reading that the sensor vouches for
+    exact first and second derivatives from CasADi. Every reading that the sensor vouches for
     counts, both of an instant that was read twice. The covariance is the inverse Fisher information.
 
     Where angles are read, a fit begins with smoothed states and free windows; where only speeds are, with the first
-    half second, and the horizon grows. It begins at the model's own numbers, and again at others of their
-    bounds, at most `starts` times, until the readings are explained to the sensor's noise.
+    half second, and the horizon grows. It begins at the model's own numbers, then at others, at most `starts`
+    times, until the readings are explained to the sensor's noise or two starts agree. Where no start
+    converges, as for a model that cannot follow a whole rollout, the answer is that of free windows, and says so.
     """
 
     parameters: Sequence[str] = ("m", "l")
     sensor: Sensor = Sensor(theta=0.01, theta_dot=1.0)
     segment: float = 1.0
-    starts: int = 5
+    starts: int = 4
 
     def fit(self, model: Model, records: Sequence[Record]) -> Estimate:
         """The estimate; raises InvalidInput for unusable records, names or settings."""
         free = free_parameters(model, self.parameters)
         records = check_records(model, records)
         if not self.segment > 0.0 or self.starts < 1:
-            raise InvalidInput(f"segment = {self.segment} s, starts = {self.starts}: expected a positive time and count")
+            raise InvalidInput(f"segment = {self.segment} s, starts = {self.starts}: expected a positive time, count")
         search = _Search(self, model, records)
-        best: Solution | None = None
-        used = 0
-        for start in parameter_starts(free):
-            found = search.run(start, refine=used % 2 == 1)
-            used += 1
-            if best is None or (found.success, -found.cost) > (best.success, -best.cost):
-                best = found
-            if used == self.starts or (best.success and search.misfit(best) < 1.0):
-                return self._estimate(model, search, best, used)
-        raise AssertionError("parameter_starts is endless")
+        found: list[Solution] = []
+        for start in islice(parameter_starts(free), self.starts):
+            solution = search.run(start, refine=len(found) % 2 == 1)
+            agreed = solution.success and any(abs(f.cost / solution.cost - 1.0) < 1e-6 for f in found if f.success)
+            found.append(solution)
+            if solution.success and (agreed or search.misfit(solution) < 1.0):
+                break
+        converged = [f for f in found if f.success]
+        if converged:
+            best = min(converged, key=lambda f: f.cost)
+            return self._estimate(model, search, best, self._status(search, best, len(found)))
+        status = (
+            f"no optimum of whole rollouts was found from {len(found)} starts: these numbers are those of free "
+            f"windows of {self.segment:g} s; the model lacks something, or try other starting numbers"
+        )
+        return self._estimate(model, search, search.windows(next(parameter_starts(free))), status)
 
-    def _estimate(self, model: Model, search: _Search, best: Solution, used: int) -> Estimate:
+    def _status(self, search: _Search, best: Solution, used: int) -> str:
+        if search.misfit(best) < 1.0:
+            return f"converged at start {used}; the readings are explained to the sensor's noise"
+        size = search.misfit(best, quantile=0.0) ** 0.5
+        return (
+            f"converged, but the best of {used} starts leaves {size:.2g} times the sensor's noise: "
+            "the model lacks something, or the sensor's sd is too small"
+        )
+
+    def _estimate(self, model: Model, search: _Search, best: Solution, status: str) -> Estimate:
         names, segments = tuple(self.parameters), search.segments
         blocks = segments.blocks(best.p, best.nodes)
-        information = segments.information(blocks)
+        information = segments.information(blocks, whole=best.success)
         if np.linalg.matrix_rank(information, hermitian=True) < len(names):
-            covariance = np.full_like(information, np.inf)
+            covariance: Array = np.full_like(information, np.inf)
         else:
-            covariance = np.linalg.inv(information)
+            covariance = np.linalg.inv(information).astype(float)
         squares = blocks.squares + segments.scatter
         total = int(segments.n_readings.sum())
-        share = max(1, search.degrees) / total
-        noise = {
-            channel: sd * float(np.sqrt(squares[row] / (share * segments.n_readings[row])))
-            for row, (channel, sd) in enumerate((("theta", self.sensor.theta), ("theta_dot", self.sensor.theta_dot)))
-            if sd is not None
-        }
-        if not best.success:
-            status = f"did not converge from {used} starts ({best.message}): try other numbers or a shorter segment"
-        elif search.misfit(best) < 1.0:
-            status = f"converged at start {used}; the readings are explained to the sensor's noise"
-        else:
-            size = float(np.sqrt(np.sum(squares) / max(1, search.degrees)))
-            status = (
-                f"converged, but the best of {used} starts leaves {size:.2g} times the sensor's noise: "
-                "the model lacks something, or the sensor's sd is too small"
-            )
+        sds = (("theta", self.sensor.theta), ("theta_dot", self.sensor.theta_dot))
         return Estimate(
             model=model.with_parameters(dict(zip(names, best.p.tolist(), strict=True))),
             names=names,
             covariance=covariance,
-            noise=noise,
+            noise={
+                channel: sd * math.sqrt(squares[row] / segments.n_readings[row] * total / search.degrees)
+                for row, (channel, sd) in enumerate(sds)
+                if sd is not None
+            },
             success=best.success,
             status=status,
             cost=float(np.sum(squares)),
@@ -105,29 +112,33 @@ class _Search:
         self.states = [smooth_states(r, settings.sensor) for r in records]
         self.segments = self._segments(records)
         self.problem = MultipleShooting(self.segments, self.parameters)
-        self.degrees = int(self.segments.n_readings.sum()) - len(self.parameters) - 2 * len(records)
+        self.degrees = max(1, int(self.segments.n_readings.sum()) - len(self.parameters) - 2 * len(records))
 
     def _segments(self, records: Sequence[Record]) -> Segments:
         length = max(1, round(self.settings.segment / self.model.dt))
         return Segments(self.model, self.settings.parameters, records, self.settings.sensor, length)
 
-    def misfit(self, solution: Solution) -> float:
-        """The sum of squares over what the sensor's noise alone stays below in all but one of 10,000 data sets."""
-        d = max(1, self.degrees)
-        return (2.0 * solution.cost + float(np.sum(self.segments.scatter))) / (d + 3.7 * np.sqrt(2.0 * d) + 9.0)
+    def misfit(self, solution: Solution, quantile: float = 3.7) -> float:
+        """The sum of squares over its chi-square quantile (in sd above the mean); noise alone stays below 1."""
+        bound = self.degrees + quantile * math.sqrt(2.0 * self.degrees)
+        return (2.0 * solution.cost + float(np.sum(self.segments.scatter))) / bound
 
     def run(self, p: Array, refine: bool) -> Solution:
-        """From parameters p (P,); `refine` takes smaller steps in the horizon."""
-        if self.settings.sensor.theta is not None:
-            nodes = np.concatenate(
-                [s[: len(r) : self.segments.length] for s, r in zip(self.states, self.records, strict=True)]
-            )
-            windows = MultipleShooting(self.segments, self.parameters, continuity=False).solve(p, nodes)
-            return self.problem.solve(windows.p, windows.nodes)
-        return self._grow(p, factor=1.25 if refine else 1.6)
+        """From parameters p (P,) to whole rollouts; `refine` takes another, slower way there."""
+        if self.settings.sensor.theta is None:
+            return self._grow(p, np.array([s[0] for s in self.states]), factor=1.25 if refine else 1.6)
+        windows = self.windows(p)
+        if refine:
+            return self._grow(windows.p, windows.nodes[self.segments.first], factor=1.6)
+        return self.problem.solve(windows.p, windows.nodes)
 
-    def _grow(self, p: Array, factor: float) -> Solution:
-        starts = np.array([s[0] for s in self.states])
+    def windows(self, p: Array) -> Solution:
+        """Segments with free states of their own, begun at smoothed ones."""
+        nodes = [s[: len(r) : self.segments.length] for s, r in zip(self.states, self.records, strict=True)]
+        problem = MultipleShooting(self.segments, self.parameters, continuity=False)
+        return replace(problem.solve(p, np.concatenate(nodes)), success=False)
+
+    def _grow(self, p: Array, starts: Array, factor: float) -> Solution:
         horizon, longest = max(2.0, 0.5 / self.model.dt), max(len(r) for r in self.records)
         while horizon < longest:
             head = self._segments([r.head(round(horizon)) for r in self.records])

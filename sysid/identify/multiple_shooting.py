@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import casadi
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.parameters import Parameter
 from sysid.records import Array
 from sysid.sensitivity import Segments
+
+Index = NDArray[np.signedinteger[Any]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,8 +32,9 @@ class Solution:
 class MultipleShooting:
     """min 1/2 |R(nodes, p)|^2 subject to end_i(node_i, p) = node_(i+1) within a record and low <= p <= high.
 
-    Variables are v = (p / scale, node_0, ..., node_(M-1)). The Hessian of the Lagrangian is Gauss-Newton's, so
-    every iteration solves a sparse linear least-squares problem; its cost is linear in the number of samples.
+    Variables are v = (p / scale, node_0, ..., node_(M-1)). The Hessian of the Lagrangian is exact: Gauss-Newton's
+    is not enough where a rollout passes close to the upright and small causes grow. The cost of an iteration is
+    linear in the number of samples.
     Without `continuity` each segment is a window with a free state of its own.
     """
 
@@ -38,7 +43,7 @@ class MultipleShooting:
         segments: Segments,
         parameters: Sequence[Parameter],
         continuity: bool = True,
-        max_iterations: int = 150,
+        max_iterations: int = 100,
         tolerance: float = 1e-8,
     ) -> None:
         scale = np.array([p.scale for p in parameters])
@@ -47,11 +52,16 @@ class MultipleShooting:
         P, M = len(scale), segments.size
         v = casadi.MX.sym("v", P + 2 * M)
         p, nodes = v[:P] * casadi.DM(scale), casadi.reshape(v[P:], 2, M)
-        cost, end, gradient, end_z, normal, _ = segments.symbolic(p, nodes)
+        cost, end, gradient, end_z, _, _ = segments.symbolic(p, nodes)
         inner = np.flatnonzero(segments.continued) if continuity else np.array([], dtype=int)
         f = casadi.sum2(cost)
         g = casadi.vec(end[:, inner.tolist()] - nodes[:, (inner + 1).tolist()])
-        functions = self._derivatives(v, f, g, gradient, end_z, normal, inner)
+        lam_f, lam_g = casadi.MX.sym("lam_f"), casadi.MX.sym("lam_g", g.numel())
+        # a segment's multiplier is that of the constraint that ties its end to the next node
+        tied = casadi.DM.triplet(list(range(len(inner))), inner.tolist(), casadi.DM.ones(len(inner)), len(inner), M)
+        multipliers = casadi.mtimes(casadi.reshape(lam_g, 2, len(inner)), tied)
+        curvature = segments.hessian(p, nodes, lam_f, multipliers)
+        functions = self._derivatives(v, f, g, gradient, end_z, curvature, inner, lam_f, lam_g)
         self.solver = casadi.nlpsol(
             "fit",
             "ipopt",
@@ -65,6 +75,8 @@ class MultipleShooting:
                     "max_iter": max_iterations,
                     "tol": tolerance,
                     "bound_relax_factor": 0.0,
+                    "bound_push": 1e-6,
+                    "bound_frac": 1e-6,
                     "mu_strategy": "adaptive",
                 },
             },
@@ -77,8 +89,10 @@ class MultipleShooting:
         g: casadi.MX,
         gradient: casadi.MX,
         end_z: casadi.MX,
-        normal: casadi.MX,
-        inner: Array,
+        curvature: casadi.MX,
+        inner: Index,
+        lam_f: casadi.MX,
+        lam_g: casadi.MX,
     ) -> dict[str, casadi.Function]:
         """IPOPT's derivative functions, assembled from the segments' dense blocks."""
         P, M, n = len(self.scale), self.segments.size, v.numel()
@@ -88,9 +102,7 @@ class MultipleShooting:
         factor = np.concatenate([np.ones(2), self.scale])
         no_parameter = casadi.MX.sym("none", 0)
 
-        grad_f = casadi.vertcat(
-            casadi.sum2(gradient[2:, :]) * casadi.DM(self.scale), casadi.vec(gradient[:2, :])
-        )
+        grad_f = casadi.vertcat(casadi.sum2(gradient[2:, :]) * casadi.DM(self.scale), casadi.vec(gradient[:2, :]))
 
         rows_g = np.arange(2 * len(inner)).reshape(-1, 2)
         row = np.repeat(rows_g[:, None, :], Z, axis=1)  # end_z is vectorised column by column
@@ -99,19 +111,20 @@ class MultipleShooting:
         jac_g = _assemble(row, col, casadi.vec(scaled), (g.numel(), n))
         if len(inner):
             follow = np.array([[P + 2 * (i + 1), P + 2 * (i + 1) + 1] for i in inner]).ravel()
-            jac_g = jac_g - casadi.DM.triplet(list(range(len(follow))), follow.tolist(), casadi.DM.ones(len(follow)), g.numel(), n)
+            jac_g = jac_g - casadi.DM.triplet(
+                list(range(g.numel())), follow.tolist(), casadi.DM.ones(g.numel()), g.numel(), n
+            )
 
         row = np.repeat(columns[:, None, :], Z, axis=1)
         col = np.repeat(columns[:, :, None], Z, axis=2)
-        scaled = normal * casadi.repmat(casadi.DM(np.outer(factor, factor).ravel()), 1, M)
-        factor_f = casadi.MX.sym("lam_f")
-        hessian = factor_f * _assemble(row, col, casadi.vec(scaled), (n, n))
+        scaled = curvature * casadi.repmat(casadi.DM(np.outer(factor, factor).ravel()), 1, M)
+        hessian = _assemble(row, col, casadi.vec(scaled), (n, n))
         return {
             "grad_f": casadi.Function("nlp_grad_f", [v, no_parameter], [f, grad_f], ["x", "p"], ["f", "grad_f_x"]),
             "jac_g": casadi.Function("nlp_jac_g", [v, no_parameter], [g, jac_g], ["x", "p"], ["g", "jac_g_x"]),
             "hess_lag": casadi.Function(
                 "nlp_hess_l",
-                [v, no_parameter, factor_f, casadi.MX.sym("lam_g", g.numel())],
+                [v, no_parameter, lam_f, lam_g],
                 [casadi.triu(hessian)],
                 ["x", "p", "lam_f", "lam_g"],
                 ["triu_hess_gamma_x_x"],
@@ -141,13 +154,10 @@ class MultipleShooting:
         )
 
 
-def _assemble(row: Array, col: Array, values: casadi.MX, shape: tuple[int, int]) -> casadi.MX:
+def _assemble(row: Index, col: Index, values: casadi.MX, shape: tuple[int, int]) -> casadi.MX:
     """A sparse matrix from triplets; values of the same place add up."""
     row, col = row.ravel().astype(int), col.ravel().astype(int)
     place, slot = np.unique(col * shape[0] + row, return_inverse=True)
-    sparsity, mapping = casadi.Sparsity.triplet(*shape, (place % shape[0]).tolist(), (place // shape[0]).tolist(), False)
-    del mapping
-    gather = casadi.DM.triplet(
-        slot.tolist(), list(range(len(slot))), casadi.DM.ones(len(slot)), len(place), len(slot)
-    )
+    sparsity = casadi.Sparsity.triplet(*shape, (place % shape[0]).tolist(), (place // shape[0]).tolist())
+    gather = casadi.DM.triplet(slot.tolist(), list(range(len(slot))), casadi.DM.ones(len(slot)), len(place), len(slot))
     return casadi.MX(sparsity, casadi.mtimes(casadi.MX(gather), values))

@@ -17,24 +17,28 @@ from sysid.sensor import Sensor
 
 
 def parameter_starts(parameters: Sequence[Parameter]) -> Iterator[Array]:
-    """Endless starting numbers (P,): the model's own first, then Halton points over the bounds.
+    """Endless starting numbers (P,): the model's own first, then Halton points about them.
 
-    A parameter without finite bounds is spread over a factor of three about its own number.
+    A number at its bound starts a little inside: there a friction or a delay would have no slope to follow.
     """
     own = np.array([float(p.value) for p in parameters])
-    yield own
+    low, high = (np.array([p.bounds[side] for p in parameters]) for side in (0, 1))
+    inside = 0.05 * np.array([p.scale for p in parameters])
+    yield np.clip(own, np.minimum(low + inside, high), np.maximum(high - inside, low))
     points = qmc.Halton(len(parameters), scramble=False)
-    points.fast_forward(1)  # the first point is a corner of the bounds
+    points.fast_forward(1)  # the first point is a corner
     while True:
         unit = points.random(1)[0]
         yield np.array([_spread(p, s) for p, s in zip(parameters, unit, strict=True)])
 
 
 def _spread(p: Parameter, unit: float) -> float:
-    low, high = p.bounds
-    if math.isfinite(high - low):
+    """A number within the bounds where these are narrow, else within a factor of three of the number or of zero."""
+    (low, high), size = p.bounds, p.scale
+    if high - low <= 10.0 * size:
         return low + unit * (high - low)
-    return float(np.clip(p.value * 3.0 ** (2.0 * unit - 1.0) if p.value else 2.0 * unit - 1.0, low, high))
+    spread = p.value * 3.0 ** (2.0 * unit - 1.0) if p.value else size * (2.0 * unit - 1.0)
+    return min(max(abs(spread) if low >= 0.0 else spread, low), high)
 
 
 def smooth_states(record: Record, sensor: Sensor, jerk: float = 60.0) -> Array:
@@ -58,7 +62,9 @@ def smooth_states(record: Record, sensor: Sensor, jerk: float = 60.0) -> Array:
     # without any reading of the angle the start angle is arbitrary; hanging is the likeliest
     rows.append(_Rows([np.array([0])], [1.0], np.array([math.pi]), 1e3))
     count = np.cumsum([0, *(len(r.target) for r in rows)])
-    at = np.concatenate([np.tile(np.arange(len(r.target)) + c, len(r.columns)) for r, c in zip(rows, count[:-1], strict=True)])
+    at = np.concatenate(
+        [np.tile(np.arange(len(r.target)) + c, len(r.columns)) for r, c in zip(rows, count[:-1], strict=True)]
+    )
     columns = np.concatenate([np.concatenate(r.columns) for r in rows])
     values = np.concatenate([np.repeat(np.array(r.weights) / r.sd, len(r.target)) for r in rows])
     a = coo_array((values, (at, columns)), shape=(int(count[-1]), 3 * (n + 1))).tocsc()
