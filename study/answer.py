@@ -5,7 +5,6 @@ Everything is computed from per-seed mean returns J_s; contrasts and gaps are pa
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -145,13 +144,13 @@ class Answer:
         n_0, n_1, n_last = budgets[0], budgets[1], budgets[-1]
         first = self.contrast((n_1, w), (n_0, w))
         text = (
-            f"The first {n_1 - n_0} rollouts changed the return by {first}, from {_number(self.mean((n_0, w)))} to "
-            f"{_number(self.mean((n_1, w)))} at w = {w:g}{_doubt(first)}."
+            f"The first {n_1 - n_0} rollouts were worth {first} in return, from {number(self.mean((n_0, w)))} to "
+            f"{number(self.mean((n_1, w)))} at w = {w:g}{_doubt(first)}."
         )
         if n_last != n_1:
             rest = self.contrast((n_last, w), (n_1, w))
             text += (
-                f" The next {n_last - n_1} changed it by {rest}, to {_number(self.mean((n_last, w)))}{_doubt(rest)}."
+                f" The next {n_last - n_1} were worth {rest}, to {number(self.mean((n_last, w)))}{_doubt(rest)}."
             )
         return text
 
@@ -173,17 +172,13 @@ class Answer:
         gap, (n, w) = self.gap(self.best), self.best
         start = (self.preset.budgets[0], self.preset.widths[0])
         text = (
-            f"The best cell (n = {n}, w = {w:g}) returned {_number(self.mean(self.best))}; the optimum of the hidden plant "
-            f"from the same start states is {_number(self.optimum)}, which leaves {_range(gap.total)} "
-            f"({100.0 * gap.total.mean / abs(self.optimum):.1f} %): {_range(gap.identification)} because the estimate is "
-            f"off, {_range(gap.training)} because of training."
+            f"The best cell (n = {n}, w = {w:g}) returned {number(self.mean(self.best))}; the optimum of the hidden plant "
+            f"from the same start states is {number(self.optimum)}, which leaves {_range(gap.total)} "
+            f"({100.0 * gap.total.mean / abs(self.optimum):.1f} %): {_parts(gap)}."
         )
         if start != self.best:
             gap = self.gap(start)
-            text += (
-                f" At n = {start[0]}, w = {start[1]:g} the gap was {_range(gap.total)}: {_range(gap.identification)} "
-                f"because the model is off, {_range(gap.training)} because of training."
-            )
+            text += f" At n = {start[0]}, w = {start[1]:g} it was {_range(gap.total)}: {_parts(gap)}."
         return text
 
     def caveat(self) -> str:
@@ -196,15 +191,22 @@ class Answer:
         )
 
 
-def _number(value: float) -> str:
-    """A return, rounded to what can be read."""
+def number(value: float) -> str:
+    """A return as it is printed, with a minus sign that is one."""
     return f"{value:.0f}".replace("-", "−")
 
 
 def _range(contrast: Contrast) -> str:
     """A gap, which is read without a plus sign."""
-    numbers = [_number(round(x) + 0.0) for x in (contrast.mean, contrast.low, contrast.high)]
+    numbers = [number(round(x) + 0.0) for x in (contrast.mean, contrast.low, contrast.high)]
     return f"{numbers[0]} [{numbers[1]}, {numbers[2]}]"
+
+
+def _parts(gap: Gap) -> str:
+    text = f"{_range(gap.identification)} because the model is off, {_range(gap.training)} because of training"
+    if gap.training.high < 0.0:
+        text += " (agents forgive a wrong model more than a controller that trusts it)"
+    return text
 
 
 def _doubt(contrast: Contrast) -> str:
@@ -213,9 +215,3 @@ def _doubt(contrast: Contrast) -> str:
 
 def _list(parts: list[str]) -> str:
     return parts[0] if len(parts) == 1 else ", ".join(parts[:-1]) + " and " + parts[-1]
-
-
-def spread(values: Sequence[float]) -> tuple[float, float]:
-    """Smallest and largest finite value."""
-    finite = [v for v in values if math.isfinite(v)]
-    return min(finite), max(finite)

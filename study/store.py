@@ -22,7 +22,7 @@ from study.references import Reference
 from study.versions import version
 from sysid import InvalidInput
 
-OUTPUTS = ("runs.csv", "references.csv", "heatmap.png", "pareto.png", "report.html")
+OUTPUTS = ("runs.csv", "references.csv", "heatmap.png", "pareto.png", "gap.png", "curves.png", "report.html")
 """What a study writes beside its database; never over files of somebody else."""
 
 SCHEMA = """

@@ -1,0 +1,43 @@
+"""The study's tables as CSV, for other programs."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from study.answer import Answer
+
+RUN_COLUMNS = (
+    "n", "w", "seed", "id_error", "eval_return_mean", "eval_return_std", "theta_hat_mass", "theta_hat_length", "wall_time_s",
+)  # fmt: skip
+"""The columns of the paper's summary.csv, so that both files can be read by one program."""
+
+REFERENCE_COLUMNS = ("m", "l", "controller", "return_mean", "return_sem")
+
+
+def write_runs(answer: Answer, path: Path) -> None:
+    """One row a run, sorted by n, w, seed.
+
+    eval_return_std is over the run's episodes and divided by their number E (ddof = 0), which is what NumPy's std does
+    by default and what the authors' published code calls.
+    """
+    rows = [
+        (*r.cell, r.id_error, r.mean, r.std, *r.theta_hat, r.seconds) for r in sorted(answer.runs, key=lambda r: r.cell)
+    ]
+    _write(path, RUN_COLUMNS, rows)
+
+
+def write_references(answer: Answer, path: Path) -> None:
+    """One row a controller, designed at the hidden plant's own (m, l); the SEM is over seeds, as for the cells."""
+    rows = [(*answer.preset.truth, controller, mean, error) for controller, mean, error in answer.controllers()]
+    _write(path, REFERENCE_COLUMNS, rows)
+
+
+def _write(path: Path, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(rows)
+    path.write_text(text.getvalue(), encoding="utf-8")
