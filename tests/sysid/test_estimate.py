@@ -1,0 +1,84 @@
+"""Estimate: intervals, what cannot be told, and plain data."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from sysid import Estimate, Model, RodPendulum, Viscous
+
+
+def estimate(covariance, **changes):
+    model = Model(RodPendulum(m=2.0, l=1.5), (Viscous(b=0.1),))
+    settings = {
+        "model": model,
+        "names": ("m", "viscous.b"),
+        "covariance": np.array(covariance, dtype=float),
+        "noise": {"theta_dot": 1.02},
+        "success": True,
+        "status": "converged",
+        "cost": 12.0,
+        "n_readings": 400,
+        "method": "by hand",
+    }
+    return Estimate(**(settings | changes))
+
+
+def test_values_and_sds_go_by_name():
+    e = estimate([[0.04, 0.0], [0.0, 1e-4]])
+    assert e.values == {"m": 2.0, "viscous.b": 0.1}
+    assert e.sd == pytest.approx({"m": 0.2, "viscous.b": 0.01})
+
+
+@pytest.mark.parametrize("level", [0.5, 0.95, 0.999])
+def test_intervals_cover_at_their_level(level):
+    low, high = estimate([[0.04, 0.0], [0.0, 1e-4]]).interval(level)["m"]
+    assert norm.cdf(high, 2.0, 0.2) - norm.cdf(low, 2.0, 0.2) == pytest.approx(level)
+
+
+def test_intervals_cover_draws_from_their_covariance():
+    rng, covariance = np.random.default_rng(0), [[0.01, 0.0008], [0.0008, 1e-4]]
+    draws = rng.multivariate_normal([2.0, 0.1], covariance, 4000)
+    inside = 0
+    for m, b in draws:
+        fitted = Model(RodPendulum(m=m, l=1.5), (Viscous(b=b),))
+        low, high = estimate(covariance, model=fitted).interval()["m"]
+        inside += low < 2.0 < high
+    assert inside / 4000 == pytest.approx(0.95, abs=0.015)
+
+
+def test_sharp_estimates_are_not_called_ambiguous():
+    assert estimate([[1e-4, 0.0], [0.0, 1e-6]]).ambiguous == ()
+
+
+def test_a_poorly_determined_parameter_is_named_alone():
+    assert estimate([[9.0, 0.0], [0.0, 1e-6]]).ambiguous == ("m is poorly determined by these records",)
+
+
+def test_parameters_that_only_show_together_are_named_together():
+    e = estimate([[9.0, 0.0], [0.0, 1e-6]])
+    scale = np.array([e.model.parameters[n].scale for n in e.names])
+    together = estimate(4.0 * np.outer(scale, scale) * [[1.0, 0.9999], [0.9999, 1.0]])
+    assert together.ambiguous == ("m and viscous.b cannot be told apart by these records",)
+
+
+def test_an_infinite_covariance_says_that_nothing_is_determined():
+    assert estimate(np.full((2, 2), np.inf)).ambiguous == (
+        "the records do not determine these parameters: m, viscous.b",
+    )
+
+
+def test_a_value_at_its_bound_is_told():
+    bound = Model(RodPendulum(m=3.0, l=1.5), (Viscous(b=0.1),))
+    assert estimate(np.eye(2), model=bound).at_bound == ("m",)
+    assert "(at its bound)" in str(estimate(np.eye(2), model=bound))
+
+
+def test_it_turns_into_json_and_prints_its_numbers():
+    e = estimate([[0.04, 0.0], [0.0, 1e-4]])
+    back = json.loads(json.dumps(e.to_dict()))
+    assert back["values"] == e.values and back["sd"] == e.sd and back["status"] == "converged"
+    text = str(e)
+    for part in ("by hand: converged", "m         = 2 +- 0.2 kg", "viscous.b = 0.1 +- 0.01 N m s/rad", "400 readings"):
+        assert part in text

@@ -1,0 +1,169 @@
+"""Model: one physics for three back ends, names of parameters, order of the input path, broadcasting."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from sysid import (
+    RK4,
+    Delay,
+    InvalidInput,
+    Lag,
+    Model,
+    RodPendulum,
+    Viscous,
+    effect,
+    paper_model,
+    simulate,
+)
+from sysid.excitation import uniform_noise
+
+
+def test_back_ends_agree_for_every_plant_without_effects(plant, integrator, agree):
+    agree(Model(plant, integrator=integrator, dt=0.02))
+
+
+def test_back_ends_agree_for_every_effect_alone(plant, effect, integrator, agree):
+    agree(Model(plant, (effect,), integrator, dt=0.02))
+
+
+def test_back_ends_agree_for_all_effects_together(plant, all_effects, integrator, agree):
+    agree(Model(plant, all_effects, integrator, dt=0.02))
+
+
+@pytest.mark.parametrize("T", [0.0123, 0.03, 0.0591])
+@pytest.mark.parametrize("kind", [Delay, Lag])
+def test_back_ends_agree_on_the_derivatives_of_a_delay_and_a_lag(kind, T, agree):
+    agree(Model(RodPendulum(m=1.3, l=0.9), (kind(T=T),), RK4(substeps=3), dt=0.02), steps=60)
+
+
+def test_floats_stay_python_floats(all_effects, integrator):
+    model = Model(RodPendulum(m=1.3, l=0.9), all_effects, integrator, dt=0.02)
+    state = model.initial_state(math.pi, 0.0)
+    for u in (1.0, -2.0, 0.5):
+        state = model.advance(state, u, 0.1)
+    entries = [state.theta, state.theta_dot, *(v for own in state.memory for v in own)]
+    assert {type(v) for v in entries} == {float}
+
+
+def test_single_precision_tensors_stay_single(all_effects, integrator):
+    model = Model(RodPendulum(m=1.3, l=0.9), all_effects, integrator, dt=0.02)
+    state = model.initial_state(torch.full((4,), 3.0), torch.zeros(4))
+    state = model.advance(state, torch.ones(4), 0.1)
+    entries = [state.theta, state.theta_dot, *(v for own in state.memory for v in own)]
+    assert {v.dtype for v in entries} == {torch.float32}
+
+
+def test_a_thousand_rollouts_at_once_equal_the_single_ones(all_effects, integrator):
+    rng, n = np.random.default_rng(0), 1000
+    model = Model(RodPendulum(m=1.3, l=0.9), all_effects, integrator, dt=0.02)
+    numbers = {
+        "m": rng.uniform(0.5, 2.0, n),
+        "l": rng.uniform(0.5, 2.0, n),
+        "viscous.b": rng.uniform(0.0, 0.1, n),
+        "delay.T": rng.uniform(0.0, 0.04, n),
+        "lag.T": rng.uniform(0.0, 0.1, n),
+    }
+    theta, theta_dot, u = rng.uniform(-3.0, 3.0, n), rng.uniform(-1.0, 1.0, n), rng.uniform(-2.0, 2.0, (n, 40))
+    together = simulate(model.with_parameters(numbers), u, theta, theta_dot)
+    assert together.theta.shape == (n, 41)
+    for i in range(0, n, 97):
+        alone = simulate(
+            model.with_parameters({k: float(v[i]) for k, v in numbers.items()}), u[i], theta[i], theta_dot[i]
+        )
+        np.testing.assert_allclose(together.theta[i], alone.theta, rtol=1e-12)
+        np.testing.assert_allclose(together.theta_dot[i], alone.theta_dot, rtol=1e-11, atol=1e-12)
+
+
+def test_shapes_of_parameters_starts_and_commands_broadcast(all_effects):
+    model = Model(RodPendulum(m=1.3, l=0.9), all_effects, dt=0.02)
+    masses = np.array([[0.8], [1.1]])
+    run = simulate(model.with_parameters({"m": masses}), np.ones((5, 10)), 0.3, np.linspace(-1.0, 1.0, 5))
+    assert run.theta.shape == (2, 5, 11) and run.u.shape == (2, 5, 10)
+    alone = simulate(model.with_parameters({"m": 1.1}), np.ones(10), 0.3, -0.5)
+    np.testing.assert_allclose(run.theta[1, 1], alone.theta, rtol=1e-12)
+
+
+def held_signal_mean(u: np.ndarray, dt: float, T: float, a: float, b: float) -> float:
+    """The mean over [a, b] of the command delayed by T: a difference of its integral, which is piecewise linear."""
+    t = dt * np.arange(-100, len(u) + 1)
+    integral = np.concatenate([np.zeros(101), dt * np.cumsum(u)])
+    return float(np.interp(b - T, t, integral) - np.interp(a - T, t, integral)) / (b - a)
+
+
+@pytest.mark.parametrize("T_lag", [0.0, 0.003, 0.08])
+@pytest.mark.parametrize("T_delay", [0.0, 0.0071, 0.02, 0.0537, 0.1])
+def test_input_path_step_by_step_equals_the_whole_record(T_delay, T_lag):
+    model = Model(RodPendulum(), (Lag(T=T_lag), Delay(T=T_delay)), RK4(substeps=3), dt=0.02)
+    u = uniform_noise(np.random.default_rng(1), 60, 2.0)
+    memory, stepwise = model.rest(), []
+    for command in u:
+        drives, memory = model.drive(float(command), memory)
+        stepwise.extend(drives)
+    h = model.dt / 3
+    delayed = np.array([held_signal_mean(u, model.dt, T_delay, j * h, (j + 1) * h) for j in range(180)])
+    whole, z = delayed.copy(), 0.0
+    if T_lag > 0.0:
+        for j, s in enumerate(delayed):
+            whole[j] = s + (z - s) * T_lag / h * -math.expm1(-h / T_lag)
+            z = s + (z - s) * math.exp(-h / T_lag)
+    np.testing.assert_allclose(stepwise, whole, rtol=0.0, atol=1e-12)
+
+
+def test_moving_under_the_drives_equals_simulating(all_effects, integrator):
+    model = Model(RodPendulum(m=1.3, l=0.9), all_effects, integrator, dt=0.02)
+    u = uniform_noise(np.random.default_rng(2), 200, 2.0)
+    memory, drives = model.rest(), []
+    for command in u:
+        drive, memory = model.drive(float(command), memory)
+        drives.append(drive)
+    theta, theta_dot, path = 2.0, -0.5, [2.0]
+    for k, drive in enumerate(drives):
+        theta, theta_dot = model.move(theta, theta_dot, drive, k * model.dt)
+        path.append(theta)
+    np.testing.assert_allclose(path, simulate(model, u, 2.0, -0.5).theta, rtol=1e-12)
+
+
+def test_input_effects_act_by_stage_however_they_are_listed():
+    u = uniform_noise(np.random.default_rng(3), 100, 2.0)
+    lag, delay = Lag(T=0.05), Delay(T=0.033)
+    one, other = (
+        simulate(Model(RodPendulum(), effects, dt=0.02), u, math.pi, 0.0) for effects in ((lag, delay), (delay, lag))
+    )
+    np.testing.assert_array_equal(one.theta, other.theta)
+
+
+def test_parameters_are_named_after_their_effect():
+    model = Model(RodPendulum(), (Viscous(b=0.1), Delay(T=0.01)))
+    assert list(model.parameters) == ["m", "l", "g", "viscous.b", "delay.T"]
+    assert model.parameters["delay.T"].bounds == (0.0, 0.2)
+    assert model.with_parameters({"viscous.b": 0.3}).parameters["viscous.b"].value == 0.3
+    assert model.parameters["viscous.b"].value == 0.1
+
+
+def test_effects_come_and_go():
+    model = Model(RodPendulum(), (Viscous(b=0.1),))
+    assert [e.name for e in model.with_effect(Lag()).without_effect("viscous").effects] == ["lag"]
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Model(RodPendulum(), dt=0.0), r"dt = 0.0: expected a positive"),
+        (lambda: Model(RodPendulum(), u_max=math.nan), r"u_max = nan: expected a positive"),
+        (lambda: Model(RodPendulum(), (Viscous(), Viscous(b=1.0))), r"'viscous' was given 2 times: expected once"),
+        (lambda: Model(RodPendulum(), ("viscous",)), r"effects holds 'viscous': expected effects"),
+        (lambda: paper_model().with_parameters({"mass": 1.0}), r"unknown parameter 'mass': this model has m, l, g"),
+        (lambda: paper_model().with_parameters({"viscous.b": 1.0}), r"unknown parameter 'viscous.b'"),
+        (lambda: paper_model().with_parameters({"m": 9.0}), r"m = 9 kg is out of bounds: expected 0.3 <= .*m <= 3"),
+        (lambda: paper_model().with_parameters({"m": math.nan}), r"m is nan: a finite number \[kg\]"),
+        (lambda: paper_model().without_effect("lag"), r"no effect 'lag': it has none"),
+        (lambda: effect("viscosity"), r"unknown effect 'viscosity': expected one of coulomb, delay, .*viscous"),
+        (lambda: effect("viscous", c=1.0), r"'viscous' has no parameter 'c': it has b"),
+    ],
+)
+def test_bad_input_is_refused_with_what_was_expected(make, message):
+    with pytest.raises(InvalidInput, match=message):
+        make()

@@ -1,0 +1,56 @@
+"""Parameters: fields with unit and bounds, checked wherever they hold numbers."""
+
+import math
+
+import casadi as ca
+import numpy as np
+import pytest
+import torch
+
+from sysid import Delay, InvalidInput, RodPendulum, Viscous
+
+
+def test_a_field_knows_its_unit_bounds_and_neutral_value():
+    p = Viscous(b=0.2).parameters["b"]
+    assert (p.name, p.value, p.unit, p.bounds, p.neutral) == ("b", 0.2, "N m s/rad", (0.0, 10.0), 0.0)
+
+
+@pytest.mark.parametrize("value", [0.3, 3.0, np.array([0.3, 3.0])])
+def test_bounds_are_inclusive(value):
+    assert RodPendulum(m=value).m is value
+
+
+@pytest.mark.parametrize("value", [ca.SX.sym("m"), torch.tensor(99.0), np.array([1.0, 2.0])])
+def test_symbols_tensors_and_arrays_are_held_as_they_came(value):
+    assert RodPendulum(m=value).m is value
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        (math.nan, r"RodPendulum.m is nan: a finite number \[kg\] was expected"),
+        (math.inf, r"RodPendulum.m is inf: a finite number"),
+        (3.1, r"RodPendulum.m = 3.1 kg is out of bounds: expected 0.3 <= RodPendulum.m <= 3"),
+        (np.array([1.0, 0.1, 5.0]), r"RodPendulum.m = 5 kg is out of bounds"),
+        (np.array([1.0, math.nan]), r"a finite number"),
+        ("1.0", r"RodPendulum.m is '1.0': expected a number or an array \[kg\]"),
+        (None, r"RodPendulum.m is None: expected a number"),
+        ([1.0, 2.0], r"RodPendulum.m is \[1.0, 2.0\]: expected a number or an array"),
+    ],
+)
+def test_bad_numbers_are_refused(value, message):
+    with pytest.raises(InvalidInput, match=message):
+        RodPendulum(m=value)
+    with pytest.raises(InvalidInput, match=message):
+        RodPendulum().with_parameters({"m": value})
+
+
+def test_a_delay_beyond_its_memory_is_refused():
+    with pytest.raises(InvalidInput, match=r"Delay.T = 0.3 s is out of bounds: expected 0 <= Delay.T <= 0.2"):
+        Delay(T=0.3)
+
+
+def test_every_parameter_has_a_positive_scale_at_every_number(plant, all_effects):
+    for part in (plant, *all_effects, *(e.at_neutral() for e in all_effects)):
+        for p in part.parameters.values():
+            assert 0.0 < p.scale < math.inf

@@ -1,0 +1,48 @@
+"""Plants: their equations, and the combinations of numbers that are the same plant."""
+
+import math
+
+import gymnasium
+import numpy as np
+import pytest
+
+from sysid import RK4, GeneralJoint, Model, PointMassPendulum, RodPendulum, paper_model, simulate
+from sysid.excitation import uniform_noise
+
+
+@pytest.mark.parametrize(("m", "l"), [(1.0, 1.0), (2.0, 1.5), (0.4, 0.7)])
+def test_rod_is_gymnasiums_pendulum_step_for_step(m, l):  # noqa: E741
+    env = gymnasium.make("Pendulum-v1").unwrapped
+    env.m, env.l = m, l
+    env.reset(seed=3)
+    model = paper_model(m, l)
+    start = np.array(env.state)
+    u = uniform_noise(np.random.default_rng(0), 200, 2.0)
+    states = [start]
+    for command in u:
+        env.step(np.array([command]))
+        states.append(np.array(env.state))
+    run = simulate(model, u, *start)
+    np.testing.assert_allclose(np.stack([run.theta, run.theta_dot], axis=1), states, rtol=1e-9, atol=1e-11)
+
+
+def test_gravity_pulls_towards_hanging(plant):
+    theta = np.linspace(0.05, math.pi - 0.05, 50)
+    assert np.all(plant.gravity_torque(theta) > 0.0)
+    np.testing.assert_allclose(plant.gravity_torque(-theta), -plant.gravity_torque(theta))
+    np.testing.assert_allclose(plant.gravity_torque(theta + 2.0 * math.pi), plant.gravity_torque(theta), atol=1e-12)
+
+
+def test_small_swings_have_the_textbook_period(plant):
+    model = Model(plant, integrator=RK4(substeps=4), dt=0.01)
+    omega = math.sqrt(plant.gravity_torque(0.5 * math.pi) / plant.inertia())
+    run = simulate(model, np.zeros(400), math.pi + 1e-4, 0.0)
+    np.testing.assert_allclose(run.theta - math.pi, 1e-4 * np.cos(omega * run.t), atol=1e-10)
+
+
+@pytest.mark.parametrize("plant", [RodPendulum(m=1.3, l=0.9), PointMassPendulum(m=0.7, l=0.6)], ids=["rod", "point"])
+def test_every_pendulum_is_a_general_joint(plant):
+    joint = GeneralJoint(J=plant.inertia(), G=plant.gravity_torque(0.5 * math.pi))
+    u = uniform_noise(np.random.default_rng(1), 200, 2.0)
+    one, other = (simulate(Model(p, dt=0.02), u, 2.0, 0.0) for p in (plant, joint))
+    np.testing.assert_allclose(one.theta, other.theta, rtol=1e-10)

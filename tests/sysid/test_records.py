@@ -1,0 +1,126 @@
+"""Records: what a log must be, and CSV that comes back bit for bit."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+
+from sysid import InvalidInput, Record, paper_model, paper_rollouts, read_csv, write_csv
+from sysid.records import COLUMNS, check_records
+
+T = 0.05 * np.arange(5)
+U = np.array([0.5, -1.0, 2.0, 0.0])
+THETA = np.array([3.0, 3.1, 3.2, 3.3, 3.4])
+
+
+def spoilt(values, index, value):
+    changed = np.array(values, dtype=float)
+    changed[index] = value
+    return changed
+
+
+BAD = [
+    ({"t": [0.0], "u": [], "theta": [1.0]}, "log is empty: expected at least one control interval"),
+    ({"theta": None}, "log has no readings: expected theta, theta_dot or both"),
+    ({"u": U[:3]}, "log is ragged: t has 5 values, expected 4 for 3 commands u"),
+    ({"theta": THETA[:4]}, "log is ragged: theta has 4 values, expected 5 for 4 commands u"),
+    ({"theta_dot": THETA, "theta_dot_after": U}, "theta_dot has 5 values, expected 4 for 4 commands"),
+    ({"u": [[0.0], [1.0, 2.0]]}, "u is ragged or not numeric: expected a list of numbers"),
+    ({"u": ["a", "b", "c", "d"]}, "u is ragged or not numeric"),
+    ({"u": np.zeros((4, 1))}, "u has shape (4, 1): expected one dimension"),
+    ({"theta": spoilt(THETA, 2, math.nan)}, "theta[2] is nan (1 such values): expected finite numbers"),
+    ({"u": spoilt(U, 1, -math.inf)}, "u[1] is -inf (1 such values): expected finite numbers"),
+    ({"t": spoilt(T, 3, math.nan)}, "t[3] is nan"),
+    ({"t": spoilt(T, 2, 0.05)}, "time does not increase at sample 2 (0.05 s, then 0.05 s)"),
+    ({"t": T[::-1]}, "time does not increase at sample 1"),
+    ({"t": spoilt(T, 2, 0.11)}, "time steps differ by up to 0.01 s from their mean 0.05 s: expected even sampling"),
+]
+
+
+@pytest.mark.parametrize(("change", "message"), BAD)
+def test_a_bad_log_is_refused_with_what_was_expected(change, message):
+    with pytest.raises(InvalidInput, match=re.escape(message)):
+        Record(**({"t": T, "u": U, "theta": THETA, "name": "log"} | change))
+
+
+def test_a_record_keeps_what_it_was_given():
+    u = U.copy()
+    record = Record(T, u, THETA)
+    u[0] = 99.0
+    assert record.u[0] == 0.5 and len(record) == 4 and record.dt == pytest.approx(0.05)
+    for column in ("t", "u", "theta"):
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(record, column)[0] = 1.0
+
+
+def test_whole_turns_are_taken_out():
+    turning = np.linspace(0.0, 20.0, 81)
+    wrapped = (turning + math.pi) % (2.0 * math.pi) - math.pi
+    record = Record(0.05 * np.arange(81), np.zeros(80), wrapped)
+    np.testing.assert_allclose(record.theta, turning, atol=1e-12)
+
+
+def test_the_head_is_a_record_of_the_first_intervals():
+    (record,) = paper_rollouts(paper_model(), 1, np.random.default_rng(0), length=20)
+    head = record.head(7)
+    assert len(head) == 7 and record.head(99) is record
+    for column in COLUMNS:
+        mine = getattr(head, column)
+        np.testing.assert_array_equal(mine, getattr(record, column)[: len(mine)])
+
+
+@pytest.mark.parametrize("columns", [COLUMNS[2:], ("theta",), ("theta_dot", "theta_dot_after")], ids=", ".join)
+def test_csv_comes_back_to_the_bit(columns, tmp_path):
+    (paper,) = paper_rollouts(paper_model(), 1, np.random.default_rng(1), length=50)
+    record = Record(paper.t, paper.u, **{c: getattr(paper, c) for c in columns}, name="log")
+    write_csv(record, tmp_path / "log.csv")
+    back = read_csv(tmp_path / "log.csv")
+    assert back.name == "log"
+    for column in COLUMNS:
+        np.testing.assert_array_equal(getattr(back, column), getattr(record, column))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "no column 't': expected t, u and some of theta, theta_dot"),
+        ("t,u,angle\n0,0,0\n", "unknown column 'angle': expected t, u and some of theta"),
+        ("t,theta\n0,0\n", "no column 'u'"),
+        ("t,u,theta,theta\n0,0,0,0\n", "column 'theta' comes twice"),
+        ("t,u,theta\n0,1,2\n1,2\n", "line 3: 2 cells, expected 3"),
+        ("t,u,theta\n0,1,2\n1,x,3\n", "line 3: u is 'x', expected a number"),
+        ("t,u,theta\n0,1,2\n", "is empty"),
+        ("t,u,theta\n", "is empty"),
+        ("t,u,theta\n0,1,2\n1,,2\n2,1,2\n3,1,2\n", "line 4: u goes on after an empty cell"),
+        ("t,u,theta\n0,1,2\n1,1,\n2,,\n", "is ragged: theta has 1 values, expected 3"),
+        ("t,u,theta\n0,1,nan\n1,1,2\n2,,2\n", "theta[0] is nan"),
+    ],
+)
+def test_a_bad_csv_is_refused_with_its_place(text, message, tmp_path):
+    path = tmp_path / "bad.csv"
+    path.write_text(text)
+    with pytest.raises(InvalidInput, match=re.escape(message)):
+        read_csv(path)
+
+
+def test_a_command_in_the_last_row_and_a_spreadsheets_mark_are_ignored(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("\ufefft,u,theta\n0,1,2\n1,3,2\n2,9,2\n\n", encoding="utf-8")
+    np.testing.assert_array_equal(read_csv(path).u, [1.0, 3.0])
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(InvalidInput, match=r"no such file: .*absent.csv"):
+        read_csv(tmp_path / "absent.csv")
+
+
+def test_records_must_fit_the_model():
+    model, record = paper_model(), Record(T, U, THETA, name="log")
+    assert check_records(model, [record]) == (record,) and check_records(model, record) == (record,)
+    with pytest.raises(InvalidInput, match="no records were given: expected at least one"):
+        check_records(model, [])
+    with pytest.raises(InvalidInput, match=re.escape("log is sampled every 0.1 s, the model steps every 0.05 s")):
+        check_records(model, [Record(2.0 * T, U, THETA, name="log")])
+    with pytest.raises(InvalidInput, match=re.escape("log has a torque of 3 N m, beyond the model's limit |u| <= 2")):
+        check_records(model, [Record(T, spoilt(U, 0, -3.0), THETA, name="log")])

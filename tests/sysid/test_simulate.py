@@ -1,0 +1,82 @@
+"""Simulation, and what a sensor reads of it."""
+
+import math
+
+import numpy as np
+import pytest
+
+from sysid import InvalidInput, Sensor, paper_model, simulate
+from sysid.excitation import uniform_noise
+
+MODEL = paper_model(2.0, 1.5)
+
+
+def test_a_trajectory_is_its_steps():
+    u = uniform_noise(np.random.default_rng(0), 30, 2.0)
+    run = simulate(MODEL, u, 2.0, 0.3)
+    state = MODEL.initial_state(2.0, 0.3)
+    for k, command in enumerate(u):
+        assert (run.theta[k], run.theta_dot[k]) == (state.theta, state.theta_dot)
+        state = MODEL.advance(state, float(command), k * MODEL.dt)
+    np.testing.assert_allclose(run.t, 0.05 * np.arange(31))
+
+
+@pytest.mark.parametrize("sensor", [Sensor(0.01, 1.0), Sensor(0.2), Sensor(None, 0.3), Sensor(None, 1.0, 0.05)])
+def test_readings_have_the_stated_sd_and_no_bias(sensor):
+    n, rollouts = 400, 60
+    run = simulate(MODEL, uniform_noise(np.random.default_rng(1), n * rollouts, 2.0).reshape(rollouts, n), 2.0, 0.0)
+    records = run.measure(sensor, np.random.default_rng(2))
+    errors = {"theta": [], "theta_dot": []}
+    for i, record in enumerate(records):
+        for reading in sensor.readings(record):
+            truth = getattr(run, reading.channel)[i, reading.index]
+            errors[reading.channel].append((reading.value - truth) / reading.sd)
+    for channel, found in errors.items():
+        if not found:
+            assert getattr(sensor, channel) is None
+            continue
+        e = np.concatenate(found)
+        # 4.5 standard errors of a standard deviation and of a mean
+        assert np.std(e) == pytest.approx(1.0, abs=4.5 / math.sqrt(2.0 * len(e)))
+        assert np.mean(e) == pytest.approx(0.0, abs=4.5 / math.sqrt(len(e)))
+
+
+def test_reading_errors_are_independent_between_instants_rollouts_and_channels():
+    run = simulate(MODEL, np.zeros((40, 500)), math.pi, 0.0)
+    records = run.measure(Sensor(1.0, 1.0), np.random.default_rng(3))
+    e = np.stack([np.concatenate([r.theta_dot - run.theta_dot[0], r.theta - run.theta[0]]) for r in records])
+    e = e[:, :501]
+    assert abs(np.mean(e[:, 1:] * e[:, :-1])) < 4.5 / math.sqrt(e.size)
+    assert abs(np.mean(e[1:] * e[:-1])) < 4.5 / math.sqrt(e.size)
+
+
+def test_same_seed_same_numbers():
+    run = simulate(MODEL, np.zeros((3, 20)), 1.0, 0.0)
+    one, same, other = (run.measure(Sensor(0.01, 1.0), np.random.default_rng(s)) for s in (7, 7, 8))
+    for a, b, c in zip(one, same, other, strict=True):
+        np.testing.assert_array_equal(a.theta, b.theta)
+        np.testing.assert_array_equal(a.theta_dot, b.theta_dot)
+        assert not np.any(a.theta_dot == c.theta_dot)
+
+
+def test_a_channel_that_is_not_measured_is_left_out():
+    run = simulate(MODEL, np.zeros(20), 1.0, 0.0)
+    (angle,) = run.measure(Sensor(theta=0.01), np.random.default_rng(0))
+    (speed,) = run.measure(Sensor(theta_dot=1.0), np.random.default_rng(0))
+    assert angle.theta_dot is None and speed.theta is None
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((np.zeros(0), 0.0, 0.0), r"u has shape \(0,\): expected \(..., N\) with at least one"),
+        ((0.0, 0.0, 0.0), r"u has shape \(\): expected"),
+        (([0.0, math.nan], 0.0, 0.0), "u has values that are not finite"),
+        (([0.0, 2.5], 0.0, 0.0), r"\|u\| reaches 2.5 N m, beyond the model's limit 2 N m"),
+        (([0.0, 1.0], math.nan, 0.0), "the start state is not finite"),
+        (([0.0, 1.0], 0.0, [1.0, math.inf]), "the start state is not finite"),
+    ],
+)
+def test_bad_input_is_refused(arguments, message):
+    with pytest.raises(InvalidInput, match=message):
+        simulate(MODEL, *arguments)
