@@ -21,6 +21,10 @@ _HOME = {
     "Evaluation": "evaluate",
     "Policy": "evaluate",
     "start_states": "evaluate",
+    "LQR": "lqr",
+    "design_lqr": "lqr",
+    "Optimal": "optimal",
+    "optimal_evaluation": "optimal",
     "PendulumEnv": "pendulum_env",
     "NetworkPolicy": "population",
     "Population": "population",
@@ -31,6 +35,8 @@ _HOME = {
     "Randomization": "randomization",
     "SAC": "sac",
     "SACSettings": "sac",
+    "SwingUp": "swing_up",
+    "design_swing_up": "swing_up",
 }
 
 __all__ = ["ENV_ID", "HORIZON", *_HOME]  # noqa: PLE0604

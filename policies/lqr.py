@@ -42,7 +42,7 @@ class LQR:
     @property
     def poles(self) -> NDArray[np.complex128]:
         """Eigenvalues (2,) of A - B K, inside the unit circle."""
-        return np.linalg.eigvals(self.A - self.B @ self.K)
+        return np.linalg.eigvals(self.A - self.B @ self.K).astype(np.complex128)
 
     def cost_to_go(self, theta: Array | float, theta_dot: Array | float) -> Array:
         """x'S x, in the shape of theta [rad] and theta_dot [rad/s] broadcast together."""
@@ -57,13 +57,13 @@ class LQR:
     def __str__(self) -> str:
         k_theta, k_theta_dot = self.K[0]
         law = f"u = {self.u_0:.3g} - {k_theta:.3g} theta - {k_theta_dot:.3g} theta_dot"
-        return f"LQR {law}, poles {self.poles.round(3)}"
+        return f"LQR {law}, poles {np.real_if_close(self.poles).round(3)}"
 
 
 def design_lqr(model: Model) -> LQR:
     """Minimise the sum of the task's costs over an infinite horizon, to second order at the upright.
 
-    The Riccati equation is solved by python-control. Raises InvalidInput as `step_of` does (a model with input
+    The Riccati equation is solved by python-control. Raises InvalidInput as `step_of` does (input
     effects, ...), and for a model that no torque within +-u_max holds upright.
     """
     import control  # loads matplotlib; late, so that importing this module stays cheap

@@ -38,8 +38,8 @@ CACHE_FORMAT = 1
 
 @dataclass(frozen=True)
 class Grid:
-    """Nodes of the table: `theta` angles around the circle, `theta_dot` speeds up to +-theta_dot_max [rad/s] and
-    `u` torques up to +-u_max. The upright at rest without torque is a node, hence even and odd numbers.
+    """Nodes of the table: `theta` angles around the circle, `theta_dot` speeds up to +-theta_dot_max [rad/s]
+    and `u` torques up to +-u_max. The upright at rest without torque is a node, hence even and odd numbers.
 
     A speed beyond theta_dot_max counts as theta_dot_max, which is exact where the model clips it there. Twice
     the torques change the paper's returns by less than 0.05 (the optimum is nearly bang-bang).
@@ -114,7 +114,7 @@ class Optimal:
     def __call__(self, state: State, t: float) -> Array:
         k = round(t / self.model.dt)
         if not 0 <= k < self.horizon:
-            raise InvalidInput(f"step {k} (t = {t:g} s): this policy was solved for steps 0..{self.horizon - 1}")
+            raise InvalidInput(f"step {k} (t = {t:g} s): this policy was solved for {self.horizon} steps")
         theta, theta_dot = np.asarray(state.theta)[..., None], np.asarray(state.theta_dot)[..., None]
         torques = self.grid.torques(self.model.u_max)
         after = self._step(theta, theta_dot, torques)
@@ -123,19 +123,20 @@ class Optimal:
 
     def __str__(self) -> str:
         g = self.grid
-        return f"optimal for {self.model}: {g.theta} x {g.theta_dot} states, {g.u} torques, {self.horizon} steps"
+        size = f"{g.theta} x {g.theta_dot} states, {g.u} torques, {self.horizon} steps"
+        return f"optimal for {self.model}: {size}"
 
 
 def solve(model: Model, grid: Grid = Grid(), horizon: int = task.HORIZON) -> Optimal:
-    """Dynamic programming, backwards from the last step, for the task's cost on a model without input effects.
+    """Dynamic programming, backwards from the last step, for the task's cost on the model.
 
-    Interpolation at f(x, u) is the same linear map of V_{k+1} at every k: a sparse matrix for each torque, with
-    four entries a row, built once from the model's own step. Raises InvalidInput as `step_of` does, and for a
+    Interpolation at f(x, u) is the same linear map of V_{k+1} at every k: a sparse matrix a torque, with four
+    entries a row, built once from the model's own step. Raises InvalidInput as `step_of` does and for a
     model without torque limit.
     """
     step = step_of(model)
     if not math.isfinite(model.u_max):
-        raise InvalidInput("the model has no torque limit u_max: expected one, for a grid of torques up to it")
+        raise InvalidInput("the model has no torque limit u_max: expected one, torques are a grid up to it")
     states, shape = grid.states, (grid.theta, grid.theta_dot)
     size = grid.theta * grid.theta_dot
     stages = []
@@ -167,7 +168,7 @@ def optimal_evaluation(
 ) -> Evaluation:
     """`evaluate(solve(design, grid), plant, theta, theta_dot)`, kept in the folder `cache` for the next time.
 
-    Only the returns are kept (1 kB); the table would be 160 MB. A file that is damaged or not ours is replaced.
+    Only the returns are kept; the table would take 160 MB. A file that is damaged or not ours is replaced.
     """
     if cache is None:
         return evaluate(solve(design, grid), plant, theta, theta_dot)

@@ -21,8 +21,8 @@ from sysid import InvalidInput, Model, State, ops
 Array = NDArray[np.float64]
 
 LOOK_AHEAD = 4.0
-"""How far `catches` looks, in times sqrt(J / G) of falling. A longer look hands over earlier, to an LQR that creeps
-up at its torque limit; a shorter one misses the few chances of a heavy pendulum."""
+"""How far `catches` looks, in times sqrt(J / G) of falling. A longer look hands over earlier, to an LQR that
+creeps up at its torque limit; a shorter one misses the few chances of a heavy pendulum."""
 
 CAUGHT = 0.05
 """The LQR has caught where its cost to come is below this: below 0.1 rad from the upright."""
@@ -81,5 +81,5 @@ def design_swing_up(model: Model) -> SwingUp:
     G = model.plant.gravity_torque(0.5 * math.pi)
     theta = np.linspace(-math.pi, math.pi, 33)
     if not G > 0.0 or np.max(np.abs(model.plant.gravity_torque(theta) - G * np.sin(theta))) > 1e-9 * G:
-        raise InvalidInput(f"the gravity torque of {model.plant} is not G sin(theta), G > 0: nothing to swing up")
+        raise InvalidInput(f"the gravity torque of {model.plant}: expected G sin(theta) with G > 0")
     return SwingUp(lqr=lqr, step=step, dt=model.dt, J=float(J), G=float(G))
