@@ -1,0 +1,151 @@
+"""Least squares recovers what was planted within the error it states, and says when it cannot."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.stats import binom, chi2
+
+from sysid import (
+    RK4,
+    Coulomb,
+    Delay,
+    GeneralJoint,
+    InvalidInput,
+    Lag,
+    LeastSquares,
+    Model,
+    Sensor,
+    TorqueBias,
+    Viscous,
+    paper_model,
+    paper_rollouts,
+    simulate,
+)
+from sysid.excitation import multisine, steps
+
+PAPER = Sensor(theta=None, theta_dot=1.0, theta_0=0.001)
+ENCODER = Sensor(theta=0.01, theta_dot=1.0)
+TRUTH = paper_model(2.0, 1.5)
+
+
+def rollouts(sensor, n, seed):
+    rng = np.random.default_rng([seed, 1])
+    records = paper_rollouts(TRUTH, n, np.random.default_rng(seed))
+    sd = sensor.theta or sensor.theta_0
+    return [dataclasses.replace(r, theta=r.theta + sd * rng.standard_normal(len(r) + 1)) for r in records]
+
+
+def lab(model, sensor, n=4, length=300, seed=0):
+    rng = np.random.default_rng(seed)
+    u = np.stack([(multisine(rng, length, model.dt, 1.0, 2.5), steps(rng, length, model.dt, 1.0, 0.4))[i % 2] for i in range(n)])
+    run = simulate(model, u, np.pi + 0.1 * rng.standard_normal(n), 0.1 * rng.standard_normal(n))
+    return run.measure(sensor, rng)
+
+
+@pytest.mark.parametrize(("sensor", "n"), [(PAPER, 3), (ENCODER, 1), (ENCODER, 4)], ids=["paper 3", "encoder 1", "encoder 4"])
+def test_errors_are_as_large_as_stated(sensor, n):
+    seeds, inside, distance = 24, 0, 0.0
+    for seed in range(seeds):
+        estimate = LeastSquares(sensor=sensor).fit(paper_model(), rollouts(sensor, n, seed))
+        assert estimate.success, estimate.status
+        error = np.array([estimate.values["m"] - 2.0, estimate.values["l"] - 1.5])
+        distance += error @ np.linalg.solve(estimate.covariance, error)
+        inside += sum(low <= x <= high for (low, high), x in zip(estimate.interval().values(), (2.0, 1.5), strict=True))
+    low, high = chi2.ppf([0.005, 0.995], 2 * seeds)
+    assert low < distance < high
+    assert binom.ppf(0.005, 2 * seeds, 0.95) <= inside
+
+
+@pytest.mark.parametrize("sensor", [PAPER, ENCODER], ids=["paper", "encoder"])
+def test_a_cold_start_ends_where_a_start_from_the_truth_ends(sensor):
+    agree = 0
+    for seed in range(100, 120):
+        records = rollouts(sensor, 5, seed)
+        cold = LeastSquares(sensor=sensor).fit(paper_model(), records)
+        warm = LeastSquares(sensor=sensor, starts=1).fit(TRUTH, records)
+        agree += cold.cost <= warm.cost + 0.01
+    assert agree >= 19
+
+
+def test_the_optimum_is_that_of_whole_rollouts_wherever_the_nodes_are():
+    records = rollouts(ENCODER, 2, 0)
+    fits = [LeastSquares(sensor=ENCODER, segment=s).fit(paper_model(), records) for s in (0.25, 1.0, 2.5)]
+    for other in fits[1:]:
+        assert other.cost == pytest.approx(fits[0].cost, abs=1e-4)
+        assert other.values == pytest.approx(fits[0].values, rel=1e-5)
+        np.testing.assert_allclose(other.covariance, fits[0].covariance, rtol=1e-3)
+
+
+def test_any_parameters_of_any_model():
+    sensor = Sensor(theta=0.003, theta_dot=0.05)
+    truth = Model(
+        GeneralJoint(J=0.05, G=1.2),
+        (Viscous(b=0.03), Coulomb(tau_c=0.05), Delay(T=0.033), Lag(T=0.025), TorqueBias(tau_0=0.04)),
+        RK4(substeps=2),
+        dt=0.02,
+        u_max=2.0,
+    )
+    names = [n for n in truth.parameters if not n.startswith("torque_bias")]
+    cold = truth.with_parameters(
+        {"J": 0.1, "G": 1.0, "viscous.b": 0.0, "coulomb.tau_c": 0.0, "delay.T": 0.01, "lag.T": 0.0}
+    )
+    estimate = LeastSquares(names, sensor, segment=0.5).fit(cold, lab(truth, sensor))
+    assert estimate.success
+    error = np.array([estimate.values[n] - truth.parameters[n].value for n in names])
+    assert error @ np.linalg.solve(estimate.covariance, error) < chi2.ppf(0.999, len(names))
+    assert np.all(np.sqrt(np.diag(estimate.covariance)) < 0.05 * np.array([truth.parameters[n].value for n in names]))
+    assert estimate.noise["theta"] == pytest.approx(0.003, rel=0.1)
+    assert estimate.noise["theta_dot"] == pytest.approx(0.05, rel=0.1)
+    assert estimate.model.parameters["torque_bias.tau_0"].value == 0.04
+
+
+def test_speed_alone_finds_its_start_angle():
+    sensor = Sensor(theta_dot=0.05)
+    truth = Model(GeneralJoint(J=0.05, G=1.2), (Viscous(b=0.03),), RK4(), dt=0.02, u_max=2.0)
+    cold = truth.with_parameters({"J": 0.08, "G": 1.0})
+    estimate = LeastSquares(("J", "G"), sensor).fit(cold, lab(truth, sensor, n=2))
+    for name, (low, high) in estimate.interval(0.999).items():
+        assert low <= truth.parameters[name].value <= high
+
+
+def test_a_bigger_model_never_ends_with_a_higher_cost_and_a_smaller_one_says_that_it_lacks_something():
+    sensor = Sensor(theta=0.003, theta_dot=0.05)
+    base = Model(GeneralJoint(J=0.05, G=1.2), (Viscous(b=0.05),), RK4(), dt=0.02, u_max=2.0)
+    records = lab(base.with_effect(Coulomb(tau_c=0.1)), sensor, n=2, length=150)
+    small = LeastSquares(("J", "G", "viscous.b"), sensor, segment=0.5).fit(base, records)
+    bigger = small.model.with_effect(Coulomb())
+    big = LeastSquares(("J", "G", "viscous.b", "coulomb.tau_c"), sensor, segment=0.5).fit(bigger, records)
+    assert big.cost < small.cost
+    assert "lacks something" in small.status
+    assert "explained" in big.status
+
+
+def test_what_cannot_be_told_apart_is_said():
+    records = rollouts(ENCODER, 1, 0)
+    estimate = LeastSquares(("m", "l", "g"), ENCODER).fit(paper_model(), records)
+    assert any("m" in s and "g" in s for s in estimate.ambiguous), str(estimate)
+
+
+@pytest.mark.parametrize(
+    ("settings", "records", "message"),
+    [
+        ({}, [], "at least one"),
+        ({"parameters": ("m", "b")}, None, "m, l, g"),
+        ({"parameters": ()}, None, "no parameters"),
+        ({"parameters": ("m", "m")}, None, "twice"),
+        ({"parameters": "m"}, None, "list of names"),
+        ({"segment": 0.0}, None, "segment"),
+        ({"starts": 0}, None, "starts"),
+    ],
+)
+def test_bad_input_is_refused_with_a_sentence(settings, records, message):
+    given = rollouts(ENCODER, 1, 0) if records is None else records
+    with pytest.raises(InvalidInput, match=message):
+        LeastSquares(**settings).fit(paper_model(), given)
+
+
+def test_a_sensor_that_the_record_lacks_is_refused():
+    record = dataclasses.replace(rollouts(ENCODER, 1, 0)[0], theta=None)
+    with pytest.raises(InvalidInput, match="no theta"):
+        LeastSquares(sensor=ENCODER).fit(paper_model(), [record])
