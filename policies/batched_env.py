@@ -46,7 +46,7 @@ class BatchedPendulum(EnvBase):
             raise InvalidInput(f"the model has u_max = {model.u_max}: expected a finite torque limit [N m]")
         names = {tuple(r.sample(generator(0, Purpose.EPISODES), model)) for r in randomizations}
         if len(names) > 1:
-            raise InvalidInput(f"the agents' randomizations draw different parameters: {sorted(names)}; expected the same")
+            raise InvalidInput(f"the randomizations draw different parameters: {sorted(names)}; expected the same")
         agents = len(seeds)
         super().__init__(device=torch.device(device), batch_size=torch.Size([agents]))
         self.base_model, self.randomizations, self.horizon = model, tuple(randomizations), horizon

@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from tensordict import TensorDictBase
+from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor, nn
 from torch.distributions import Distribution, constraints
@@ -34,8 +34,14 @@ def mlp(x: Tensor, layers: Layers) -> Tensor:
     return torch.baddbmm(bias, x, weight)
 
 
+def layers_of(params: TensorDictBase) -> Layers:
+    """The (W, b) of each layer among the parameters of a StackedMLP."""
+    leaves = {key[-1] if isinstance(key, tuple) else key: leaf for key, leaf in params.items(True, True)}
+    return [(leaves[f"w{i}"], leaves[f"b{i}"]) for i in range(len(leaves) // 2)]
+
+
 def linear_init(rng: np.random.Generator, sizes: Sequence[int]) -> list[NDArray[np.float32]]:
-    """W (in, out), b (1, out) of each layer of one agent, from U(-k, k), k = 1 / sqrt(in): PyTorch's default for nn.Linear."""
+    """W (in, out), b (1, out) of each layer of one agent, from U(-k, k), k = 1 / sqrt(in), as nn.Linear's default."""
     drawn = []
     for n_in, n_out in pairwise(sizes):
         k = 1.0 / math.sqrt(n_in)
@@ -83,6 +89,14 @@ class StackedCritic(StackedMLP):
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         x = torch.cat((tensordict.get("observation"), tensordict.get("action")), -1)
         return tensordict.set("state_action_value", self.answer(x).squeeze(-1))
+
+
+def both_critics(tensordict: TensorDictBase, params: TensorDictBase) -> TensorDictBase:
+    """Q (2, A, B) of two sets of StackedCritic parameters (2, A, ...), in one pass with 2 A agents."""
+    x = torch.cat((tensordict.get("observation"), tensordict.get("action")), -1)
+    layers = [(w.flatten(0, 1), b.flatten(0, 1)) for w, b in layers_of(params)]
+    values = mlp(x.expand(2, *x.shape).flatten(0, 1), layers).view(2, *x.shape[:-1])
+    return TensorDict({"state_action_value": values}, values.shape)
 
 
 def head(output: Tensor) -> tuple[Tensor, Tensor]:

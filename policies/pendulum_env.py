@@ -24,8 +24,9 @@ Observation = NDArray[np.float32]
 class PendulumEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     """Observation [cos theta, sin theta, theta_dot] (3,), action u (1,) [N m] in [-u_max, u_max], clipped to it.
 
-    `randomization` draws new parameters at every reset, after the start state. `info` holds them. The horizon is
-    the TimeLimit of `gymnasium.make`: a truncation, never a terminal state. Raises InvalidInput for a model without u_max.
+    `randomization` draws new parameters at every reset, after the start state; `info` holds them. The horizon is
+    the TimeLimit of `gymnasium.make`: a truncation, never a terminal state. Raises InvalidInput for a model without
+    u_max.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012

@@ -30,7 +30,7 @@ class Randomization(ABC):
 
 @dataclass(frozen=True)
 class Band(Randomization):
-    """Each parameter p independently from U(p (1 - w), p (1 + w)) around its centre; the sample is clipped to the bounds.
+    """Each parameter independently from U(c (1 - w), c (1 + w)) around its centre c, clipped to its bounds afterwards.
 
     w = 0 trains at the centre alone. Clipping the sample, not the interval, piles probability up at the bound: the
     paper does so. (Paper, Sec. II-B.)
@@ -58,7 +58,7 @@ class Band(Randomization):
 
 @dataclass(frozen=True)
 class PriorRange(Randomization):
-    """Each parameter independently and uniformly from the whole of its bounds. (Paper, Sec. III, prior-range baseline.)"""
+    """Each parameter independently and uniformly from the whole of its bounds. (Paper, Sec. III: prior range.)"""
 
     names: tuple[str, ...] = ("m", "l")
 

@@ -9,7 +9,7 @@ from torch import Tensor
 
 
 class Batch(NamedTuple):
-    """Transitions: observation (A, B, O), action (A, B, D), reward (A, B), next_observation (A, B, O), terminated (A, B)."""
+    """Transitions: observation, next_observation (A, B, O), action (A, B, D), reward and terminated (A, B)."""
 
     observation: Tensor
     action: Tensor
@@ -19,9 +19,11 @@ class Batch(NamedTuple):
 
 
 class Replay:
-    """A ring of `capacity` transitions an agent, kept as float32 rows [observation, action, reward, next, terminated]."""
+    """A ring of `capacity` transitions an agent: float32 rows [observation, action, reward, next, terminated]."""
 
-    def __init__(self, agents: int, capacity: int, observation_size: int, action_size: int, device: str = "cpu") -> None:
+    def __init__(
+        self, agents: int, capacity: int, observation_size: int, action_size: int, device: str = "cpu"
+    ) -> None:
         self.agents, self.capacity = agents, capacity
         self.widths = (observation_size, action_size, 1, observation_size, 1)
         self.rows = torch.zeros(agents, capacity, sum(self.widths), device=device)

@@ -22,11 +22,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import torch
-from tensordict import TensorDict, TensorDictBase
+from tensordict import TensorDict
 from torch import Tensor, nn
 from torchrl.objectives import SACLoss, SoftUpdate, ValueEstimators
 
-from policies.networks import Layers, head, linear_init, make_actor, make_critic, mlp
+from policies.networks import both_critics, head, layers_of, linear_init, make_actor, make_critic, mlp
 from policies.replay import Batch
 from policies.streams import Purpose, generator
 from sysid import InvalidInput
@@ -83,13 +83,9 @@ def make_loss(agents: int, observation_size: int, action_size: int, settings: SA
             deactivate_vmap=True,
         )
         loss.make_value_estimator(ValueEstimators.TD0, gamma=settings.gamma)
+    loss._vmap_qnetworkN0 = both_critics  # a sixth faster than its loop over the critics, which computes the same
     loss.log_alpha = nn.Parameter(torch.full((agents, 1), math.log(settings.initial_temperature)))
     return loss
-
-
-def _layers(params: TensorDictBase) -> Layers:
-    leaves = {key[-1] if isinstance(key, tuple) else key: leaf for key, leaf in params.items(True, True)}
-    return [(leaves[f"w{i}"], leaves[f"b{i}"]) for i in range(len(leaves) // 2)]
 
 
 class SAC:
@@ -108,8 +104,8 @@ class SAC:
     ) -> None:
         self.settings, self.agents, self.device = settings, len(seeds), torch.device(device)
         self.loss = make_loss(self.agents, observation_size, action_size, settings).to(self.device)
-        self.actor = _layers(self.loss.actor_network_params)
-        self.critics = _layers(self.loss.qvalue_network_params)
+        self.actor = layers_of(self.loss.actor_network_params)
+        self.critics = layers_of(self.loss.qvalue_network_params)
         self._initialise(seeds)
         self.targets = SoftUpdate(self.loss, tau=settings.polyak)
         self.critic_optimizer = torch.optim.Adam(
@@ -138,7 +134,10 @@ class SAC:
         return (loc.squeeze(1) + log_std.squeeze(1).exp() * noise).tanh()
 
     def update(self, batch: Batch, noise: Tensor, next_noise: Tensor) -> None:
-        """One step of the critics, then of actor and temperature, then of the targets; noise (A, B, D) for pi(s), pi(s')."""
+        """A step of the critics, then of actor and temperature, then of the targets.
+
+        noise and next_noise (A, B, D): standard normal, for the actions drawn from pi(s) and pi(s').
+        """
         shape = batch.reward.shape
         critic_loss, _ = self.loss.qvalue_v2_loss(self._tensordict(batch, noise, next_noise))
         self.critic_optimizer.zero_grad()

@@ -1,4 +1,4 @@
-"""Where an agent's random numbers come from: a function of its seed, the purpose and a block number, and of nothing else.
+"""Where an agent's random numbers come from: its seed, the purpose and a block number, and nothing else.
 
 Every generator is made afresh from numpy's SeedSequence(seed, spawn_key=(purpose, block)). So an agent's draws do not
 depend on its neighbours, agents that share a seed share their draws, and a checkpoint needs no generator state:

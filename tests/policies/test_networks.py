@@ -56,12 +56,14 @@ def test_density_is_torchrls():
     loc, log_std, noise = (torch.randn(2, 50, 3, generator=rng, dtype=torch.float64) for _ in range(3))
     action, log_prob = SquashedNormal(loc, log_std, noise).rsample_and_log_prob()
     assert log_prob.shape == (2, 50)
-    torch.testing.assert_close(log_prob, TanhNormal(loc, log_std.exp(), safe_tanh=False).log_prob(action), rtol=1e-6, atol=1e-5)
+    expected = TanhNormal(loc, log_std.exp(), safe_tanh=False).log_prob(action)
+    torch.testing.assert_close(log_prob, expected, rtol=1e-6, atol=1e-5)
 
 
 def test_density_integrates_to_one():
     noise = torch.linspace(-9.0, 9.0, 20_001, dtype=torch.float64).reshape(1, -1, 1)
-    action, log_prob = SquashedNormal(torch.full_like(noise, 0.3), torch.full_like(noise, -0.5), noise).rsample_and_log_prob()
+    distribution = SquashedNormal(torch.full_like(noise, 0.3), torch.full_like(noise, -0.5), noise)
+    action, log_prob = distribution.rsample_and_log_prob()
     assert float(torch.trapezoid(log_prob.exp()[0], action[0, :, 0])) == pytest.approx(1.0, abs=1e-6)
 
 

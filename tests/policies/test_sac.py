@@ -87,6 +87,7 @@ class PlainSAC:
             y = batch.reward + s.gamma * (~batch.terminated).float() * value
         q = self.q(self.critics, batch.observation, batch.action)
         self.step(self.critic_optimizer, 0.5 * sum(nn.functional.mse_loss(qi, y) for qi in q))
+        self.critic_gradients = [[p.grad.clone() for p in critic.parameters()] for critic in self.critics]
         action, log_prob = self.pi(batch.observation, noise)
         q = self.q(self.critics, batch.observation, action).min(0).values
         self.step(self.actor_optimizer, (alpha * log_prob - q).mean())
@@ -103,21 +104,30 @@ class PlainSAC:
 
 
 def test_updates_are_those_of_plain_sac():
-    sac = SAC((3, 4, 5), SMALL)
+    sac = SAC((3, 4, 5), SACSettings(hidden=(16, 16), batch=8, gamma=0.9, polyak=0.3))
+    slow = sac.loss.target_qvalue_network_params
+    targets = [(slow[f"w{i}"], slow[f"b{i}"]) for i in range(3)]
     set_temperatures(sac, [1.0, 0.3, 0.05])
     plain = [PlainSAC(sac, a) for a in range(3)]
+    close = {"rtol": 1e-4, "atol": 2e-5}
     for k in range(5):
         batch, noise, next_noise = data(3, 8, seed=10 * k)
         sac.update(batch, noise, next_noise)
         for a, one in enumerate(plain):
             one.update(Batch(*(field[a] for field in batch)), noise[a], next_noise[a])
-            pairs = list(zip(sac.actor, one.actor[::2], strict=True))
+            pairs = [((w[a], b[a]), linear) for (w, b), linear in zip(sac.actor, one.actor[::2], strict=True)]
             for i in range(2):
-                pairs += [((w[i], b[i]), linear) for (w, b), linear in zip(sac.critics, one.critics[i][::2], strict=True)]
+                for stacked, networks in ((sac.critics, one.critics), (targets, one.targets)):
+                    pairs += [((w[i, a], b[i, a]), lin) for (w, b), lin in zip(stacked, networks[i][::2],
+                    strict=True)]
+                gradients = [leaf.grad[i, a] for layer in sac.critics for leaf in layer]
+                for ours, theirs in zip(gradients, one.critic_gradients[i], strict=True):
+                    torch.testing.assert_close(ours.T.squeeze(-1), theirs.reshape(ours.T.squeeze(-1).shape),
+                    **close)
             for (w, b), linear in pairs:
-                torch.testing.assert_close(w[a], linear.weight.T, rtol=1e-4, atol=2e-5)
-                torch.testing.assert_close(b[a, 0], linear.bias, rtol=1e-4, atol=2e-5)
-            torch.testing.assert_close(sac.loss.log_alpha[a], one.log_alpha, rtol=1e-4, atol=2e-5)
+                torch.testing.assert_close(w, linear.weight.T, **close)
+                torch.testing.assert_close(b[0], linear.bias, **close)
+            torch.testing.assert_close(sac.loss.log_alpha[a], one.log_alpha, **close)
 
 
 @pytest.mark.parametrize("agents", [2, 8])
@@ -136,6 +146,14 @@ def test_gradients_together_and_alone_agree(agents):
             torch.testing.assert_close(ours.grad[:, a], theirs.grad[:, 0], rtol=1e-5, atol=1e-5)
         for ours, theirs in zip(leaves(together)[1], leaves(alone)[1], strict=True):
             torch.testing.assert_close(ours.grad[a], theirs.grad[0], rtol=1e-5, atol=1e-5)
+
+
+def test_the_pass_over_both_critics_is_sacloss_own_loop():
+    sac, (batch, noise, next_noise) = SAC((0, 1, 2), SMALL), data(3, 8)
+    fast, _ = sac.loss.qvalue_v2_loss(sac._tensordict(batch, noise, next_noise))
+    sac.loss._make_vmap()
+    own, _ = sac.loss.qvalue_v2_loss(sac._tensordict(batch, noise, next_noise))
+    torch.testing.assert_close(fast, own)
 
 
 def test_an_actor_follows_its_own_critic_and_always_the_latest():
@@ -191,7 +209,8 @@ def probe(settings, reward, terminated, steps):
     return sac
 
 
-COLD = SACSettings(hidden=(64,), batch=64, gamma=0.5, polyak=0.2, learning_rate=3e-3, initial_temperature=1e-6)
+COLD = SACSettings(hidden=(64,), batch=64, gamma=0.5, polyak=0.2, learning_rate=3e-3,
+initial_temperature=1e-6)
 
 
 def q_values(sac, action):
