@@ -47,11 +47,17 @@ class Segments:
     """
 
     def __init__(
-        self, model: Model, names: Sequence[str], records: Sequence[Record], sensor: Sensor, length: int
+        self,
+        model: Model,
+        names: Sequence[str],
+        records: Sequence[Record],
+        sensor: Sensor,
+        length: int,
+        functions: tuple[casadi.Function, casadi.Function] | None = None,
     ) -> None:
         self.model, self.names, self.sensor = model, tuple(names), sensor
         self.records = check_records(model, records)
-        self.length = max(1, min(length, max(len(r) for r in self.records)))
+        self.length = max(1, length)
         self.counts = [math.ceil(len(r) / self.length) for r in self.records]
         self.first = np.concatenate([[0], np.cumsum(self.counts)[:-1]]).astype(int)
         self.size = int(sum(self.counts))
@@ -62,7 +68,13 @@ class Segments:
         self.value, self.weight = self._targets()
         self.time = np.concatenate([self.length * model.dt * np.arange(c) for c in self.counts])[None, :]
         self.path = self._input_path()
-        self.segment, self.curvature = (f.map(self.size) for f in self._segment())
+        self.functions = functions or self._segment()
+        self.segment, self.curvature = (f.map(self.size) for f in self.functions)
+
+    def head(self, n: int) -> Segments:
+        """The first n control intervals of every record, cut by the same length."""
+        records = [r.head(n) for r in self.records]
+        return Segments(self.model, self.names, records, self.sensor, self.length, self.functions)
 
     @property
     def continued(self) -> Array:

@@ -110,13 +110,11 @@ class _Search:
         self.settings, self.model, self.records = settings, model, records
         self.parameters = free_parameters(model, settings.parameters)
         self.states = [smooth_states(r, settings.sensor) for r in records]
-        self.segments = self._segments(records)
+        longest = max(len(r) for r in records)
+        length = min(max(1, round(settings.segment / model.dt)), longest)
+        self.segments = Segments(model, settings.parameters, records, settings.sensor, length)
         self.problem = MultipleShooting(self.segments, self.parameters)
         self.degrees = max(1, int(self.segments.n_readings.sum()) - len(self.parameters) - 2 * len(records))
-
-    def _segments(self, records: Sequence[Record]) -> Segments:
-        length = max(1, round(self.settings.segment / self.model.dt))
-        return Segments(self.model, self.settings.parameters, records, self.settings.sensor, length)
 
     def misfit(self, solution: Solution, quantile: float = 3.7) -> float:
         """The sum of squares over its chi-square quantile (in sd above the mean); noise alone stays below 1."""
@@ -141,7 +139,7 @@ class _Search:
     def _grow(self, p: Array, starts: Array, factor: float) -> Solution:
         horizon, longest = max(2.0, 0.5 / self.model.dt), max(len(r) for r in self.records)
         while horizon < longest:
-            head = self._segments([r.head(round(horizon)) for r in self.records])
+            head = self.segments.head(round(horizon))
             stage = MultipleShooting(head, self.parameters, max_iterations=30, tolerance=1e-4)
             found = stage.solve(p, head.roll(p, starts))
             p, starts = found.p, found.nodes[head.first]
