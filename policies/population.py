@@ -160,13 +160,19 @@ class Population:
 
     def _identity(self) -> dict[str, Any]:
         """What makes this population the one it is."""
-        numbers = {name: p.value for name, p in self.env.base_model.parameters.items()}
+        model = self.env.base_model
         return {
             "version": CHECKPOINT_VERSION,
             "seeds": list(self.seeds),
             "settings": asdict(self.settings),
             "randomizations": [r.to_json() for r in self.env.randomizations],
-            "model": {name: float(value) for name, value in numbers.items()},
+            "model": {
+                "plant": type(model.plant).__name__,
+                "parameters": {name: float(p.value) for name, p in model.parameters.items()},
+                "integrator": repr(model.integrator),
+                "dt": model.dt,
+                "u_max": model.u_max,
+            },
         }
 
     def _progress(self) -> dict[str, Any]:

@@ -172,7 +172,8 @@ def test_a_foreign_file_is_refused(tmp_path):
         ("seeds", (paper_model(), BANDS, (0, 1, 2), SHORT)),
         ("randomizations", (paper_model(), BANDS[::-1], (0, 1, 0), SHORT)),
         ("settings", (paper_model(), BANDS, (0, 1, 0), SACSettings(hidden=(16, 16), steps=450))),
-        ("model", (Model(RodPendulum(g=9.81), u_max=2.0), BANDS, (0, 1, 0), SHORT)),
+        ("model", (paper_model(m=2.0), BANDS, (0, 1, 0), SHORT)),
+        ("model", (Model(RodPendulum(), u_max=2.0), BANDS, (0, 1, 0), SHORT)),
     ],
 )
 def test_a_checkpoint_of_another_population_is_refused(tmp_path, name, others):
