@@ -84,13 +84,13 @@ def test_three_steps_are_as_good_as_trying_every_sequence():
 
 def test_near_the_upright_it_is_the_lqr():
     strong = dataclasses.replace(HIDDEN, u_max=20.0)
-    table, lqr = solve(strong, Grid(theta=300, theta_dot=301, u=41), horizon=60), design_lqr(strong)
+    table, lqr = solve(strong, Grid(theta=300, theta_dot=301, u=81), horizon=60), design_lqr(strong)
     theta, theta_dot = np.array([0.25, -0.2, 0.0, 0.2]), np.array([0.0, 0.0, 0.6, -1.0])
     above = table.cost_to_go(theta, theta_dot) - lqr.cost_to_go(theta, theta_dot)
     assert np.all((above > 0.0) & (above < 0.05))  # between nodes a chord lies above a convex V
     paid = -evaluate(table, strong, theta, theta_dot, horizon=60).returns
-    np.testing.assert_allclose(paid, lqr.cost_to_go(theta, theta_dot), rtol=0.02)
-    assert float(table.cost_to_go(np.array(0.0), np.array(0.0))) == 0.0
+    np.testing.assert_allclose(paid, lqr.cost_to_go(theta, theta_dot), rtol=0.03)
+    assert float(table.cost_to_go(np.array(0.0), np.array(0.0))) < 1e-9
 
 
 def test_the_promise_is_kept_within_the_discretisation_error_which_refinement_shrinks(fair):
