@@ -47,6 +47,7 @@ def heatmap(answer: Answer) -> Figure:
     budgets, widths = answer.preset.budgets, answer.preset.widths
     values = np.array([[answer.mean((n, w)) for w in widths] for n in budgets])
     figure = Figure(figsize=(2.4 + 1.25 * len(widths), 1.5 + 0.62 * len(budgets)), layout="constrained")
+    figure.get_layout_engine().set(w_pad=0.12, h_pad=0.08)
     axes = figure.add_subplot()
     low, high = float(values.min()), max(answer.optimum, float(values.max()))
     image = axes.imshow(values, cmap=COLOURS, vmin=low, vmax=high, aspect="auto")

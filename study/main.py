@@ -6,7 +6,10 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
 import os
+import shlex
 import signal
 import sys
 from collections.abc import Sequence
@@ -35,6 +38,9 @@ class Options:
 
     device: Annotated[str, tyro.conf.arg(metavar="NAME")] = "cpu"
     """Where networks train, as torch names it."""
+
+    checkpoint_seconds: Annotated[float, tyro.conf.arg(metavar="S")] = 60.0
+    """Seconds between checkpoints of a population: about what a crash may cost it."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -73,9 +79,11 @@ def _study(options: Options) -> int:
     console = Console(highlight=False)
     try:
         workers = _workers(options.workers)
+        if not 0.0 <= options.checkpoint_seconds < math.inf:
+            raise InvalidInput(f"--checkpoint-seconds {options.checkpoint_seconds}: expected a number of seconds >= 0")
         check_device(options.device)
         with Store(folder, preset) as store:
-            run(preset, store, workers, console, options.device)
+            run(preset, store, workers, console, options.device, options.checkpoint_seconds)
             publish(preset, store, console)
     except InvalidInput as error:
         return _fail(str(error), 2)
@@ -96,10 +104,10 @@ def _workers(asked: int) -> int:
 
 def _command(options: Options) -> str:
     words = ["python -m study.main"]
-    for name, default in (("preset", "quick"), ("out", None), ("workers", 0), ("device", "cpu")):
-        value = getattr(options, name)
-        if value != default:
-            words.append(f"--{name} {value}")
+    for field in dataclasses.fields(Options):
+        value = getattr(options, field.name)
+        if value != field.default:
+            words.append(f"--{field.name.replace('_', '-')} {shlex.quote(str(value))}")
     return " ".join(words)
 
 

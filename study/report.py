@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -65,7 +66,7 @@ def _content(answer: Answer, drawn: Mapping[str, Path]) -> dict[str, Any]:
     return {
         "answer": answer,
         "preset": preset,
-        "sentences": answer.sentences(),
+        "sentences": [(question, _unbroken(text)) for question, text in answer.sentences()],
         "images": [(name, _embedded(file), CAPTIONS[name]) for name, file in drawn.items()],
         "budget_rows": _budgets(answer),
         "cell_rows": [_cell_row(answer, key) for key in answer.cells],
@@ -144,6 +145,11 @@ def _versions(answer: Answer) -> list[tuple[str, str]]:
         for package, version in item.versions.items():
             found.setdefault(package, set()).add(version)
     return [(package, " and ".join(sorted(all_))) for package, all_ in found.items()]
+
+
+def _unbroken(text: str) -> str:
+    """The same with no line break inside an interval."""
+    return re.sub(r"\S+ \[[^]]*\]", lambda found: found.group().replace(" ", "\u00a0"), text)
 
 
 def _plain(text: str) -> str:

@@ -19,8 +19,6 @@ from study.references import ReferenceTask, reference_tasks
 from study.store import Store
 from study.workers import Task, execute
 
-CHECKPOINT_SECONDS = 60.0
-
 
 def run(
     preset: Preset,
@@ -28,7 +26,7 @@ def run(
     workers: int,
     console: Console,
     device: str = "cpu",
-    checkpoint_seconds: float = CHECKPOINT_SECONDS,
+    checkpoint_seconds: float = 60.0,
 ) -> None:
     """Finish every run and reference of the preset that the store lacks.
 
@@ -95,7 +93,7 @@ def _announce(console: Console, preset: Preset, tasks: list[PopulationTask | Ref
     console.print(
         f"preset [bold]{preset.name}[/]: {total} runs, {total - missing} finished; {len(training)} populations to train"
         f"{begun}, {len(tasks) - len(training)} references; {workers} worker{'s' if workers > 1 else ''}",
-        highlight=False,
+        soft_wrap=True,
     )
     seconds = sum(t.work for t in tasks) / min(workers, max(len(tasks), 1))
-    console.print(f"[dim]expect very roughly {duration(seconds)}; it can be stopped at any time and goes on", highlight=False)
+    console.print(f"[dim]expect very roughly {duration(seconds)}; it can be stopped at any time and goes on", soft_wrap=True)

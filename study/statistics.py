@@ -40,7 +40,8 @@ class Contrast:
         return asdict(self)
 
     def __str__(self) -> str:
-        return f"{self.mean:+.0f} [{self.low:+.0f}, {self.high:+.0f}]".replace("-", "−")
+        mean, low, high = (f"{round(x) + 0.0:+.0f}".replace("-", "−") for x in (self.mean, self.low, self.high))
+        return f"{mean} [{low}, {high}]"
 
 
 def paired_bootstrap(

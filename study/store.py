@@ -68,19 +68,19 @@ class Store:
 
     def _open(self) -> None:
         self.db = sqlite3.connect(self.path, timeout=3.0, isolation_level=None)
+        tables = {name for (name,) in self.db.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+        expected = self._identity()
+        if tables and "meta" not in tables:
+            raise InvalidInput(f"{self.path} is a database of something else: choose another --out")
+        if tables:
+            self._check(dict(self.db.execute("SELECT key, value FROM meta")), expected)
         self.db.execute("PRAGMA journal_mode = WAL")
         self.db.execute("PRAGMA synchronous = FULL")
         self.db.execute("BEGIN IMMEDIATE")
-        tables = {name for (name,) in self.db.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
-        expected = self._identity()
         if not tables:
             for statement in SCHEMA.split(";")[:-1]:
                 self.db.execute(statement)
             self.db.executemany("INSERT INTO meta VALUES (?, ?)", expected.items())
-        elif "meta" not in tables:
-            raise InvalidInput(f"{self.path} is a database of something else: choose another --out")
-        else:
-            self._check(dict(self.db.execute("SELECT key, value FROM meta")), expected)
         self.db.execute("COMMIT")
         self.db.execute("PRAGMA busy_timeout = 600000")
 

@@ -1,0 +1,58 @@
+"""A finished study of invented numbers, whose answer is known beforehand."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from study.answer import Answer
+from study.cells import Run
+from study.config import QUICK
+from study.references import LQR, OPTIMAL, SWING_UP, Reference
+
+OPTIMUM, ESTIMATE_COST, WIDTH_COST, LEARNING_COST = -330.0, {0: 500.0, 5: 80.0, 50: 2.0}, 180.0, 4.0
+ESTIMATES = {0: (1.0, 1.0), 5: (3.0, 1.3), 50: (2.1, 1.5)}
+
+
+def study(preset=QUICK, start_effect=20.0):
+    """J = optimum - cost of the estimate - cost of width and learning, plus what a seed's start states are worth."""
+    starts = {seed: start_effect * np.sin(1.0 + seed) for seed in preset.seeds}
+
+    def episodes(mean, seed):
+        return tuple(mean + starts[seed] + 30.0 * np.cos(np.arange(20) * math.pi / 10.0))
+
+    runs = [
+        Run(
+            cell=cell,
+            population=0,
+            theta_hat=ESTIMATES[cell.n],
+            id_error=math.dist(ESTIMATES[cell.n], preset.truth),
+            returns=episodes(OPTIMUM - ESTIMATE_COST[cell.n] - LEARNING_COST - WIDTH_COST * (cell.w > 0), cell.seed),
+            curve=tuple((200 * (k + 1), -1000.0 / (k + 1)) for k in range(23)),
+            settings={"sac": {"steps": preset.steps, "polyak": 0.005}},
+            versions={"torch": "2.x"},
+            seconds=60.0,
+        )
+        for cell in preset.cells
+    ]
+    returns = {(OPTIMAL, preset.truth): OPTIMUM, (LQR, preset.truth): -960.0, (SWING_UP, preset.truth): -335.0}
+    returns |= {(OPTIMAL, theta): OPTIMUM - ESTIMATE_COST[n] for n, theta in ESTIMATES.items()}
+    references = [
+        Reference(controller, theta, seed, episodes(mean, seed), {"numpy": "2.x"}, 5.0)
+        for (controller, theta), mean in returns.items()
+        for seed in preset.seeds
+    ]
+    return Answer(preset, runs, references)
+
+
+@pytest.fixture(scope="session")
+def answer():
+    return study()
+
+
+@pytest.fixture(scope="session", params=["one seed", "one width", "one budget", "one cell"])
+def small_answer(request):
+    one = {"one seed": "seeds", "one width": "widths", "one budget": "budgets"}
+    fields = [one[request.param]] if request.param in one else list(one.values())
+    return study(dataclasses.replace(QUICK, **{name: getattr(QUICK, name)[:1] for name in fields}))
