@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from study.cells import Run, Theta
 from study.config import Preset
 from study.references import CONTROLLERS, OPTIMAL, Reference
-from study.statistics import Contrast, bootstrap_coverage, paired_bootstrap, sem
+from study.statistics import MINUS, Contrast, bootstrap_coverage, paired_bootstrap, sem
 from sysid import InvalidInput
 
 Array = NDArray[np.float64]
@@ -149,9 +149,7 @@ class Answer:
         )
         if n_last != n_1:
             rest = self.contrast((n_last, w), (n_1, w))
-            text += (
-                f" The next {n_last - n_1} were worth {rest}, to {number(self.mean((n_last, w)))}{_doubt(rest)}."
-            )
+            text += f" The next {n_last - n_1} were worth {rest}, to {number(self.mean((n_last, w)))}{_doubt(rest)}."
         return text
 
     def _width(self) -> str:
@@ -172,8 +170,8 @@ class Answer:
         gap, (n, w) = self.gap(self.best), self.best
         start = (self.preset.budgets[0], self.preset.widths[0])
         text = (
-            f"The best cell (n = {n}, w = {w:g}) returned {number(self.mean(self.best))}; the optimum of the hidden plant "
-            f"from the same start states is {number(self.optimum)}, which leaves {_range(gap.total)} "
+            f"The best cell (n = {n}, w = {w:g}) returned {number(self.mean(self.best))}; the optimum of the hidden "
+            f"plant from the same start states is {number(self.optimum)}, which leaves {_range(gap.total)} "
             f"({100.0 * gap.total.mean / abs(self.optimum):.1f} %): {_parts(gap)}."
         )
         if start != self.best:
@@ -185,15 +183,15 @@ class Answer:
         """How far the intervals can be trusted."""
         seeds = len(self.preset.seeds)
         return (
-            f"Brackets are 95 % intervals of a paired bootstrap over {seeds} seeds. With {seeds} seeds such an interval "
-            f"holds the true mean in about {100 * self.coverage:.0f} % of cases rather than 95 % (simulated, normal "
-            "differences)."
+            f"Brackets are 95 % intervals of a paired bootstrap over {seeds} seeds. With {seeds} seeds such an "
+            f"interval holds the true mean in about {100 * self.coverage:.0f} % of cases rather than 95 % (simulated, "
+            "normal differences)."
         )
 
 
 def number(value: float) -> str:
     """A return as it is printed, with a minus sign that is one."""
-    return f"{value:.0f}".replace("-", "−")
+    return f"{value:.0f}".replace("-", MINUS)
 
 
 def _range(contrast: Contrast) -> str:

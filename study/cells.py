@@ -154,7 +154,8 @@ class PopulationTask:
             random_steps=self.preset.random_steps,
         )
         bands = [
-            Band({"m": m, "l": l}, w=cell.w) for cell, (m, l) in zip(self.cells, self.estimates, strict=True)  # noqa: E741
+            Band({"m": m, "l": l}, w=cell.w)
+            for cell, (m, l) in zip(self.cells, self.estimates, strict=True)  # noqa: E741
         ]
         seeds = [cell.seed for cell in self.cells]
         arguments = (paper_model(), bands, seeds, settings, self.device)
@@ -206,4 +207,5 @@ def check_device(device: str) -> None:
     try:
         torch.zeros(1, device=device)
     except (RuntimeError, AssertionError) as error:
-        raise InvalidInput(f"device {device!r} cannot be used: {str(error).splitlines()[0]}; 'cpu' always can") from None
+        reason = str(error).splitlines()[0]
+        raise InvalidInput(f"device {device!r} cannot be used: {reason}; 'cpu' always can") from None

@@ -1,7 +1,7 @@
 """The study's figures, each a function of the answer; files are written by `save_all`.
 
-    heatmap   mean return of every cell, n down, w across      pareto   the best width at every budget
-    gap       agents and perfect designers against the optimum  curves   how training went
+heatmap   mean return of every cell, n down, w across      pareto   the best width at every budget
+gap       agents and perfect designers against the optimum  curves   how training went
 """
 
 from __future__ import annotations
@@ -57,7 +57,9 @@ def heatmap(answer: Answer) -> Figure:
             text = number(values[i, j]) + (f" ± {answer.sem((n, w)):.0f}" if len(answer.preset.seeds) > 1 else "")
             axes.text(j, i, text, ha="center", va="center", color="0.05" if bright else "white")
     i, j = budgets.index(answer.best[0]), widths.index(answer.best[1])
-    axes.add_patch(Rectangle((j - 0.5, i - 0.5), 1.0, 1.0, fill=False, edgecolor=ACCENT, linewidth=3.0, zorder=3, clip_on=False))
+    axes.add_patch(
+        Rectangle((j - 0.5, i - 0.5), 1.0, 1.0, fill=False, edgecolor=ACCENT, linewidth=3.0, zorder=3, clip_on=False)
+    )
     axes.set_xticks(range(len(widths)), [_width(w) for w in widths])
     axes.set_yticks(range(len(budgets)), [str(n) for n in budgets])
     axes.set_xlabel("width w of the training band around the estimate")
@@ -74,7 +76,7 @@ def heatmap(answer: Answer) -> Figure:
 
 
 def pareto(answer: Answer) -> Figure:
-    """The best mean return at every budget, with the width that reached it, between its two extremes and the optimum."""
+    """The best mean return at every budget and the width that reached it, between two extremes and the optimum."""
     budgets, widths = answer.preset.budgets, answer.preset.widths
     chosen = [answer.best_width(n) for n in budgets]
     means = [answer.mean((n, w)) for n, w in zip(budgets, chosen, strict=True)]
@@ -91,11 +93,13 @@ def pareto(answer: Answer) -> Figure:
         axes.axhline(value, color=colour, linestyle=style, linewidth=1.2, zorder=1)
         axes.annotate(label, (1.0, value), (5, {"bottom": -2, "top": -1, "center": 0}[place]), va=place, color=colour,
                       xycoords=axes.get_yaxis_transform(), textcoords="offset points", fontsize=9.0)  # fmt: skip
-    axes.errorbar(budgets, means, yerr=errors, color=COLOURS(0.35), marker="o", markersize=6, linewidth=1.8, capsize=3, zorder=3)
+    axes.errorbar(
+        budgets, means, yerr=errors, color=COLOURS(0.35), marker="o", markersize=6, linewidth=1.8, capsize=3, zorder=3
+    )
     for n, mean, error, w in zip(budgets, means, errors, chosen, strict=True):
         low_end = mean - float(np.nan_to_num(error))
-        axes.annotate(f"w* = {w:g}", (n, low_end), (4, -6), textcoords="offset points", va="top", fontsize=9.0, color="0.25",
-                      ha="right" if n == budgets[-1] else "left", bbox=PAPER_WHITE)  # fmt: skip
+        axes.annotate(f"w* = {w:g}", (n, low_end), (4, -6), textcoords="offset points", va="top", color="0.25",
+                      fontsize=9.0, ha="right" if n == budgets[-1] else "left", bbox=PAPER_WHITE)  # fmt: skip
     low = min(*means, lines[2][0])
     room = 0.12 * (answer.optimum - low)
     axes.set_ylim(low - 1.3 * room, answer.optimum + room)
@@ -150,7 +154,9 @@ def curves(answer: Answer) -> Figure:
                 continue
             steps = np.array([step for step, _ in table[0][:usable]]).reshape(-1, size)[:, -1]
             returns = np.array([[value for _, value in curve[:usable]] for curve in table])
-            axes.plot(steps / 1000.0, returns.reshape(len(table), -1, size).mean((0, 2)), color=colour, label=f"w = {w:g}")
+            axes.plot(
+                steps / 1000.0, returns.reshape(len(table), -1, size).mean((0, 2)), color=colour, label=f"w = {w:g}"
+            )
         axes.set_title(f"n = {n}", fontweight="normal", loc="center", pad=4)
     panels[0].set_ylabel("training return")
     panels[-1].legend(fontsize=8.0, loc="lower right")

@@ -23,7 +23,7 @@ def duration(seconds: float) -> str:
 class Meter:
     """Shows how much of the expected work [s on one core] is done; a context manager.
 
-        time left = work left / (work done here / time passed)
+    time left = work left / (work done here / time passed)
     """
 
     def __init__(self, console: Console, work: dict[str, float]) -> None:
@@ -78,4 +78,6 @@ class Meter:
             return
         self.said = now
         percent = 100.0 * self.done / max(sum(self.work.values()), 1e-9)
-        self.console.print(f"{time.strftime('%H:%M:%S')}  {label}: {percent:.0f} % done, {self.left()}", highlight=False)
+        self.console.print(
+            f"{time.strftime('%H:%M:%S')}  {label}: {percent:.0f} % done, {self.left()}", highlight=False
+        )

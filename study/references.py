@@ -29,7 +29,7 @@ CONTROLLERS = (OPTIMAL, LQR, SWING_UP)
 
 @dataclass(frozen=True)
 class Reference:
-    """Returns (E,) on the hidden plant, from a seed's start states, of a controller designed at theta (m [kg], l [m])."""
+    """Returns (E,) on the hidden plant, from a seed's start states, of a controller designed at theta (m, l)."""
 
     controller: str
     theta: Theta

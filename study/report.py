@@ -1,8 +1,9 @@
-"""The report: one HTML file that opens without a network, its answer in words first; and the same answer in a terminal."""
+"""The report: one HTML file that opens without a network, the answer in words first; and the same in a terminal."""
 
 from __future__ import annotations
 
 import base64
+import itertools
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,7 +16,7 @@ from study.answer import Answer, number
 from study.config import Preset
 from study.progress import duration
 from study.references import LQR, OPTIMAL, SWING_UP
-from study.statistics import Contrast
+from study.statistics import MINUS, Contrast
 from study.store import Store
 
 LABELS = {OPTIMAL: "optimal (dynamic programming)", LQR: "LQR alone", SWING_UP: "energy swing-up, then LQR"}
@@ -26,7 +27,7 @@ CAPTIONS = {
     "pareto": "The best width at every budget, between training without data and training on the most data.",
     "gap": "Diamonds: the controller that is optimal for the estimate, run on the hidden plant. From the red line to a "
     "diamond is what identification cost; from the diamond to a dot is what training and width cost.",
-    "curves": "Returns of training episodes in the simulators the agents train on, averaged over seeds and ten episodes.",
+    "curves": "Returns of training episodes in the simulators agents train on, averaged over seeds and ten episodes.",
 }
 
 
@@ -110,7 +111,7 @@ def _contrasts(answer: Answer) -> list[tuple[str, Contrast]]:
     budgets, widths = answer.preset.budgets, answer.preset.widths
     steps = [
         (f"n = {a} → {b}, w = {widths[0]:g}", answer.contrast((b, widths[0]), (a, widths[0])))
-        for a, b in [*zip(budgets[:-1], budgets[1:], strict=True), (budgets[0], budgets[-1])]
+        for a, b in [*itertools.pairwise(budgets), (budgets[0], budgets[-1])]
         if a != b
     ]
     steps = list(dict(steps).items())
@@ -134,7 +135,9 @@ def _published(answer: Answer) -> list[tuple[str, str, str, str]]:
             (n_a, w_a), (n_b, w_b) = c.a, c.b
             change = f"n = {n_b} → {n_a} at w = {w_a:g}" if w_a == w_b else f"w = {w_b:g} → {w_a:g} at n = {n_a}"
             theirs = f"{c.mean:+.0f}" + (f" [{c.interval[0]:+.0f}, {c.interval[1]:+.0f}]" if c.interval else "")
-            rows.append((f"change of return, {change}", theirs.replace("-", "−"), str(answer.contrast(c.a, c.b)), c.place))
+            rows.append(
+                (f"change of return, {change}", theirs.replace("-", MINUS), str(answer.contrast(c.a, c.b)), c.place)
+            )
     return rows
 
 

@@ -96,4 +96,4 @@ def _announce(console: Console, preset: Preset, tasks: list[PopulationTask | Ref
         soft_wrap=True,
     )
     seconds = sum(t.work for t in tasks) / min(workers, max(len(tasks), 1))
-    console.print(f"[dim]expect very roughly {duration(seconds)}; it can be stopped at any time and goes on", soft_wrap=True)
+    console.print(f"[dim]expect very roughly {duration(seconds)}; stop it at any time, it goes on", soft_wrap=True)

@@ -19,6 +19,9 @@ from sysid import InvalidInput
 
 Array = NDArray[np.float64]
 
+MINUS = "\N{MINUS SIGN}"
+"""What a printed number is negated with."""
+
 
 @dataclass(frozen=True)
 class Contrast:
@@ -40,7 +43,7 @@ class Contrast:
         return asdict(self)
 
     def __str__(self) -> str:
-        mean, low, high = (f"{round(x) + 0.0:+.0f}".replace("-", "−") for x in (self.mean, self.low, self.high))
+        mean, low, high = (f"{round(x) + 0.0:+.0f}".replace("-", MINUS) for x in (self.mean, self.low, self.high))
         return f"{mean} [{low}, {high}]"
 
 

@@ -1,9 +1,9 @@
 """The results folder: one SQLite file in write-ahead mode, one writer, tied to one preset and one version.
 
-    runs          every finished (n, w, seed): settings, theta_hat, returns, learning curve, versions, seconds
-    controllers   returns on the hidden plant of a reference designed at (m, l), by seed
-    training      seconds spent on each unfinished population, as of its last checkpoint
-    meta          preset, fingerprint, format, version of gapfinder
+runs          every finished (n, w, seed): settings, theta_hat, returns, learning curve, versions, seconds
+controllers   returns on the hidden plant of a reference designed at (m, l), by seed
+training      seconds spent on each unfinished population, as of its last checkpoint
+meta          preset, fingerprint, format, version of gapfinder
 """
 
 from __future__ import annotations
@@ -152,14 +152,14 @@ class Store:
                 cell=Cell(n, w, seed),
                 population=population,
                 theta_hat=(m, length),
-                id_error=id_error,
+                id_error=error,
                 returns=tuple(json.loads(returns)),
                 curve=tuple((step, value) for step, value in json.loads(curve)),
                 settings=json.loads(settings),
                 versions=json.loads(found),
                 seconds=seconds,
             )
-            for n, w, seed, population, m, length, id_error, returns, curve, settings, found, seconds in self.db.execute(
+            for n, w, seed, population, m, length, error, returns, curve, settings, found, seconds in self.db.execute(
                 "SELECT * FROM runs ORDER BY n, w, seed"
             )
         ]
@@ -167,7 +167,8 @@ class Store:
     def add_references(self, references: Sequence[Reference]) -> None:
         """Keep what reference controllers returned."""
         rows = [
-            (r.controller, *r.theta, r.seed, json.dumps(r.returns), json.dumps(r.versions), r.seconds) for r in references
+            (r.controller, *r.theta, r.seed, json.dumps(r.returns), json.dumps(r.versions), r.seconds)
+            for r in references
         ]
         with self._transaction() as db:
             db.executemany("INSERT INTO controllers VALUES (?, ?, ?, ?, ?, ?, ?)", rows)

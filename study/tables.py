@@ -10,7 +10,8 @@ from pathlib import Path
 from study.answer import Answer
 
 RUN_COLUMNS = (
-    "n", "w", "seed", "id_error", "eval_return_mean", "eval_return_std", "theta_hat_mass", "theta_hat_length", "wall_time_s",
+    "n", "w", "seed", "id_error", "eval_return_mean", "eval_return_std",
+    "theta_hat_mass", "theta_hat_length", "wall_time_s",
 )  # fmt: skip
 """The columns of the paper's summary.csv, so that both files can be read by one program."""
 

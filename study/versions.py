@@ -41,4 +41,4 @@ def wrong_sysid() -> str | None:
     place = Path(sysid.__file__ or ".").resolve().parents[1]
     if place == ours and hasattr(sysid, "paper_model"):
         return None
-    return f"`import sysid` finds {place / 'sysid'}, expected {ours / 'sysid'}: another package of that name comes first"
+    return f"`import sysid` finds {place / 'sysid'}, expected {ours / 'sysid'}: another package comes first"

@@ -1,7 +1,7 @@
 """Worker processes: one task each, one line to the parent, no shared state.
 
-A worker cannot hang the study: it is watched for its exit, and it ends by itself when the parent is gone. Ctrl-C reaches
-the parent alone, which asks its workers to save and end.
+A worker cannot hang the study: it is watched for its exit, and it ends by itself when the parent is gone. Ctrl-C
+reaches the parent alone, which asks its workers to save and end.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class WorkerFailed(RuntimeError):
 
 
 class Task(Protocol):
-    """Picklable work with a name and an estimate of its seconds; `saves` tells whether it can save when asked to end."""
+    """Picklable work with a name and an estimate of its seconds; `saves`: it can save when asked to end."""
 
     saves: ClassVar[bool]
 
@@ -60,7 +60,7 @@ class Pipe:
 
 
 def execute(tasks: Sequence[Task], workers: int, heard: Callable[[Task, str, Any], None]) -> None:
-    """Run the tasks in order of the list, `workers` at a time; heard(task, kind, payload) is called here, in the parent.
+    """Run the tasks in order, `workers` at a time; heard(task, kind, payload) is called here, in the parent.
 
     Kinds: "progress" (0 to 1), "saved" (seconds), "done" (what the task returned). Raises WorkerFailed for the first
     task that fails. However this is left, Ctrl-C included, running workers are first asked to save, then ended.

@@ -5,6 +5,7 @@ import dataclasses
 import pytest
 
 from study.answer import Answer
+from study.statistics import MINUS
 from sysid import InvalidInput
 
 
@@ -37,7 +38,7 @@ def test_a_contrast_does_not_depend_on_what_was_asked_before(answer):
 def test_the_words_hold_the_numbers(answer):
     first, width, optimal = (text for _, text in answer.sentences())
     assert first.startswith("The first 5 rollouts were worth +420 [+420, +420]")
-    assert "−180 [−180, −180] at n = 50" in width
+    assert f"{MINUS}180 [{MINUS}180, {MINUS}180] at n = 50" in width
     assert "2 [2, 2] because the model is off, 4 [4, 4] because of training" in optimal
     assert "75 % of cases" in answer.caveat()
 

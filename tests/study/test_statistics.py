@@ -64,7 +64,7 @@ def test_bad_input_is_refused(a, b, told):
 @pytest.fixture(scope="module")
 def published():
     if not PAPER_RUNS.exists():
-        pytest.skip("the authors' summary.csv is not beside this checkout (../shared/data/paper); it is not ours to ship")
+        pytest.skip("the authors' per-run results are not beside this checkout (../shared/data/paper)")
     cells = defaultdict(dict)
     with PAPER_RUNS.open() as file:
         for row in csv.DictReader(file):

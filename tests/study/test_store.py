@@ -12,7 +12,8 @@ from study.references import Reference
 from study.store import OUTPUTS, Store
 from sysid import InvalidInput
 
-RUN = Run(Cell(5, 0.5, 1), 0, (1.785, 1.65), 0.26, (-1.25, -2.5), ((200, -3.5),), {"sac": {"steps": 1}}, {"torch": "2"}, 7.5)
+CURVE, SETTINGS = ((200, -3.5),), {"sac": {"steps": 1}}
+RUN = Run(Cell(5, 0.5, 1), 0, (1.785, 1.65), 0.26, (-1.25, -2.5), CURVE, SETTINGS, {"torch": "2"}, 7.5)
 REFERENCE = Reference("optimal", (2.0, 1.5), 1, (-1.0, -2.0), {"numpy": "2"}, 3.0)
 
 
@@ -86,7 +87,7 @@ def test_a_database_that_another_program_locks_is_refused(tmp_path):
 @pytest.mark.parametrize("name", OUTPUTS)
 def test_foreign_files_are_not_overwritten(tmp_path, name):
     (tmp_path / name).write_text("mine")
-    with pytest.raises(InvalidInput, match="no results.sqlite"):
+    with pytest.raises(InvalidInput, match="but no results"):
         Store(tmp_path, SMOKE)
     assert contents(tmp_path) == {name: b"mine"}
 
