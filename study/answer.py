@@ -78,16 +78,17 @@ class Answer:
         """Mean ||theta_hat - truth|| of a budget."""
         return float(np.mean([run.id_error for run in self.cells[n, self.preset.widths[0]]]))
 
-    def reference(self, controller: str, theta: Theta | None = None) -> Array:
-        """Mean returns (S,) of a controller designed at theta, by default at the truth."""
+    def reference(self, controller: str, theta: Theta | None = None, seeds: Sequence[int] | None = None) -> Array:
+        """Mean returns (S,) of a controller designed at theta, by default at the truth and from the study's seeds."""
         theta = self.preset.truth if theta is None else theta
-        rows = [r for r in self.references if r.controller == controller and r.theta == theta]
-        return np.array([r.mean for r in sorted(rows, key=lambda r: r.seed)])
+        seeds = self.preset.seeds if seeds is None else seeds
+        means = {r.seed: r.mean for r in self.references if r.controller == controller and r.theta == theta}
+        return np.array([means[seed] for seed in sorted(seeds)])
 
-    def controllers(self) -> Iterator[tuple[str, float, float]]:
-        """(controller, mean return, SEM over seeds) at the truth."""
+    def controllers(self, seeds: Sequence[int] | None = None) -> Iterator[tuple[str, float, float]]:
+        """(controller, mean return, SEM over seeds) at the truth, by default from the preset's reference seeds."""
         for controller in CONTROLLERS:
-            returns = self.reference(controller)
+            returns = self.reference(controller, seeds=self.preset.reference_seeds if seeds is None else seeds)
             yield controller, float(np.mean(returns)), sem(returns)
 
     def design(self, key: Key) -> Array:

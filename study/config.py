@@ -35,6 +35,7 @@ class Preset:
     truth        the hidden plant's (m [kg], l [m]); prior: what an engineer would assume without data
     sigma        sd of a speed reading [rad/s]
     episodes     evaluation episodes a run
+    reference_seeds  whose start states rate the references, beside the study's own seeds: the paper's ten
     grid         angles, and speeds but for one, of the dynamic programs, at the truth and at every estimate
     """
 
@@ -49,6 +50,7 @@ class Preset:
     prior: tuple[float, float] = (1.0, 1.0)
     sigma: float = 1.0
     episodes: int = 20
+    reference_seeds: tuple[int, ...] = tuple(range(10))
     batch: int = 256
     random_steps: int = 1000
     grid: int = 450

@@ -46,7 +46,7 @@ class Reference:
 
 @dataclass(frozen=True)
 class ReferenceTask:
-    """Design a controller at theta and run it on the hidden plant from the start states of every seed."""
+    """Design a controller at theta and run it on the hidden plant from the start states of all seeds in question."""
 
     preset: Preset
     controller: str
@@ -65,7 +65,8 @@ class ReferenceTask:
     def run(self, link: Link) -> list[Reference]:
         """One reference a seed."""
         begin = time.monotonic()
-        policy, plant, seeds = self._design(), hidden_plant(self.preset), self.preset.seeds
+        policy, plant = self._design(), hidden_plant(self.preset)
+        seeds = sorted({*self.preset.seeds, *self.preset.reference_seeds})
         starts = [start_states(self.preset, seed) for seed in seeds]
         theta, theta_dot = (np.concatenate(column) for column in zip(*starts, strict=True))
         returns = evaluate(policy, plant, theta, theta_dot).returns.reshape(len(seeds), self.preset.episodes)

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 
 from study import figures, paper, tables
@@ -72,7 +73,11 @@ def _content(answer: Answer, drawn: Mapping[str, Path]) -> dict[str, Any]:
         "budget_rows": _budgets(answer),
         "cell_rows": [_cell_row(answer, key) for key in answer.cells],
         "contrasts": _contrasts(answer),
-        "controllers": [(LABELS[c], mean, sem) for c, mean, sem in answer.controllers()],
+        "controllers": [
+            (LABELS[c], mean, sem, here)
+            for (c, mean, sem), (_, here, _) in zip(answer.controllers(), answer.controllers(preset.seeds), strict=True)
+        ],
+        "short": _paper_short_of_optimal(answer),
         "published": _published(answer),
         "paper": paper,
         "settings": preset.to_dict(),
@@ -139,6 +144,15 @@ def _published(answer: Answer) -> list[tuple[str, str, str, str]]:
                 (f"change of return, {change}", theirs.replace("-", MINUS), str(answer.contrast(c.a, c.b)), c.place)
             )
     return rows
+
+
+def _paper_short_of_optimal(answer: Answer) -> tuple[float, float, float] | None:
+    """(the paper's best cell, the optimum from the same start states, percent between them); None elsewhere."""
+    preset = answer.preset
+    if (preset.truth, preset.episodes, preset.reference_seeds) != (paper.TRUTH, paper.EPISODES, paper.SEEDS):
+        return None
+    optimum = float(np.mean(answer.reference(OPTIMAL, seeds=paper.SEEDS)))
+    return paper.BEST, optimum, 100.0 * (optimum - paper.BEST) / abs(optimum)
 
 
 def _versions(answer: Answer) -> list[tuple[str, str]]:

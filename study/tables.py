@@ -31,7 +31,11 @@ def write_runs(answer: Answer, path: Path) -> None:
 
 
 def write_references(answer: Answer, path: Path) -> None:
-    """One row a controller, designed at the hidden plant's own (m, l); the SEM is over seeds, as for the cells."""
+    """One row a controller, designed at the hidden plant's own (m, l).
+
+    Mean and SEM are over the start states of the preset's reference seeds, the paper's ten, so that these numbers do
+    not change with the preset; gaps in the report are paired over the study's own seeds.
+    """
     rows = [(*answer.preset.truth, controller, mean, error) for controller, mean, error in answer.controllers()]
     _write(path, REFERENCE_COLUMNS, rows)
 

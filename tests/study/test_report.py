@@ -93,4 +93,11 @@ def test_references_csv_has_every_controller(answer, tmp_path):
     assert [(r["m"], r["l"], r["controller"]) for r in rows] == [
         ("2.0", "1.5", name) for name in ("optimal", "lqr", "swing_up_lqr")
     ]
-    assert float(rows[0]["return_sem"]) == pytest.approx(answer.sem((50, 0.0)))
+    ten = answer.reference("optimal", seeds=range(10))
+    assert float(rows[0]["return_mean"]) == pytest.approx(np.mean(ten))
+    assert float(rows[0]["return_sem"]) == pytest.approx(np.std(ten, ddof=1) / 10**0.5)
+
+
+def test_the_paper_is_compared_with_the_optimum_from_its_start_states(page, answer):
+    optimum = np.mean(answer.reference("optimal", seeds=range(10)))
+    assert f"the best cell is {100.0 * (optimum + 337.0) / -optimum:.1f} % below it" in " ".join(page.split())
