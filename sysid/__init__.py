@@ -21,7 +21,7 @@ from sysid.effects import (
 from sysid.errors import InvalidInput
 from sysid.estimate import Estimate
 from sysid.excitation import paper_rollouts
-from sysid.identify import GridSearch, Identifier, LeastSquares
+from sysid.identify import GridSearch, Identifier, LeastSquares, UnscentedKalman
 from sysid.integrators import RK4, Integrator, SemiImplicitEuler
 from sysid.model import Model, State, paper_model
 from sysid.parameters import Parameter, parameter
@@ -60,6 +60,7 @@ __all__ = [
     "State",
     "TorqueBias",
     "Trajectory",
+    "UnscentedKalman",
     "Viscous",
     "effect",
     "fisher_information",

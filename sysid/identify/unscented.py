@@ -1,0 +1,314 @@
+"""Unscented Kalman filter: parameters as states, swept over the rollouts until all agree."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import islice
+from typing import Any
+
+import numpy as np
+from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
+from numpy.typing import NDArray
+
+from sysid import ops
+from sysid.errors import InvalidInput
+from sysid.estimate import Estimate
+from sysid.identify.coordinates import Coordinates
+from sysid.identify.identifier import free_parameters
+from sysid.identify.start import parameter_starts
+from sysid.model import Model
+from sysid.records import Array, Record, check_records
+from sysid.sensor import Sensor
+
+Index = NDArray[np.intp]
+CHANNELS = ("theta", "theta_dot")
+
+
+@dataclass(frozen=True)
+class UnscentedKalman:
+    """Joint unscented Kalman filter of state and parameters.
+
+        x = (theta, theta_dot, s),   p = g(s),   s_(k+1) = s_k,   y_k = (theta, theta_dot)_k + sd * noise
+
+    g maps the real line into a parameter's bounds (`Coordinates`), so every sigma point is a model within its
+    bounds. At each rollout theta and theta_dot begin anew, with sd `start_sd` about the first readings (hanging at
+    rest where there are none); s goes on. Every reading that the sensor vouches for counts.
+
+    After one pass the first rollouts have been judged with the poor numbers of that time. So the filter sweeps:
+    what a rollout said about s is a Gaussian factor, the filter's answer less its prior in information form;
+    the next sweep filters the rollout again, from a prior about all that is known by then, and replaces its
+    factor. The factors and the prior make up the answer, so no reading counts twice (expectation propagation,
+    Minka, 2001; with the spread of posterior linearisation, Garcia-Fernandez et al., 2015). The first sweeps
+    take the readings as `gentle` times noisier, so that a poor start cannot lock the filter at wrong numbers;
+    where it does, or does not settle, other starts are tried.
+
+    Drives of input effects are evaluated at the sigma points, each of which carries its own memory along.
+    Source of the filter: Wan & van der Merwe (2001), in filterpy's implementation.
+
+    prior_sd     sd of s about the model's own numbers (between two bounds 1.8 is close to uniform)
+    start_sd     sd [rad], [rad/s] of a rollout's start before its first reading
+    process_sd   sd [rad], [rad/s] that the state gains in one second beside the model; 0 trusts the model
+    gentle       factors on the sensor's sd, one for each of the first sweeps
+    alpha        spread of the sigma points, in (0, 1]
+    """
+
+    parameters: Sequence[str] = ("m", "l")
+    sensor: Sensor = Sensor(theta=0.01, theta_dot=1.0)
+    prior_sd: float = 1.5
+    start_sd: tuple[float, float] = (1.0, 10.0)
+    process_sd: tuple[float, float] = (0.0, 0.0)
+    gentle: tuple[float, ...] = (10.0, 3.0)
+    sweeps: int = 12
+    starts: int = 3
+    alpha: float = 0.5
+
+    def fit(self, model: Model, records: Sequence[Record]) -> Estimate:
+        """The estimate; raises InvalidInput for unusable records, names or settings."""
+        free = free_parameters(model, self.parameters)
+        records = check_records(model, records)
+        self._check()
+        coordinates = Coordinates(free)
+        passes = [_Pass(self, model, coordinates, r) for r in records]
+        own = np.array([float(p.value) for p in free])
+        prior = _Gaussian.of(coordinates.inverse(own), self.prior_sd**2 * np.eye(len(free)))
+        found = []
+        for start in islice(parameter_starts(free), self.starts):
+            found.append(self._sweep(passes, prior, coordinates.inverse(start)))
+            if found[-1].settled and found[-1].misfit < 1.0:
+                break
+        best = min(found, key=lambda f: (not f.settled, f.misfit))
+        return self._estimate(model, coordinates, best, len(found))
+
+    def _check(self) -> None:
+        positive = {"prior_sd": (self.prior_sd,), "start_sd": self.start_sd, "gentle": self.gentle}
+        for name, values in positive.items():
+            if not all(v > 0.0 and math.isfinite(v) for v in values):
+                raise InvalidInput(f"{name} = {getattr(self, name)}: expected positive numbers")
+        if not all(v >= 0.0 and math.isfinite(v) for v in self.process_sd):
+            raise InvalidInput(f"process_sd = {self.process_sd}: expected numbers >= 0 [rad], [rad/s]")
+        if not 0.0 < self.alpha <= 1.0:
+            raise InvalidInput(f"alpha = {self.alpha}: expected 0 < alpha <= 1")
+        if self.sweeps < len(self.gentle) + 2 or self.starts < 1:
+            least = len(self.gentle) + 2
+            raise InvalidInput(
+                f"sweeps = {self.sweeps}, starts = {self.starts}: expected at least {least} sweeps "
+                f"({len(self.gentle)} of them gentle) and 1 start"
+            )
+
+    def _sweep(self, passes: Sequence[_Pass], prior: _Gaussian, start: Array) -> _Found:
+        """Sweeps from s = start (P,) until the estimate moves by less than a tenth of its sd."""
+        nothing = _Gaussian(0.0 * prior.precision, 0.0 * prior.shift)
+        factors = [nothing] * len(passes)
+        # the start is only where the filter looks first; the prior stays about the model's own numbers
+        total, known = prior, _Gaussian(prior.precision, prior.precision @ start)
+        for sweep in range(self.sweeps):
+            noisier = self.gentle[sweep] if sweep < len(self.gentle) else 1.0
+            before = known.moments()[0]
+            squares, count = np.zeros(2), np.zeros(2, dtype=int)
+            for i, rollout in enumerate(passes):
+                view = known if sweep == 0 else known.halved()
+                after, own_squares, own_count = rollout(view, noisier)
+                if not np.all(np.isfinite(after.precision)):
+                    return _Found(known, squares, count, sweep, settled=False)
+                replaced, factors[i] = factors[i], after - view
+                total = total - replaced + factors[i]
+                known = after if sweep == 0 else total
+                squares, count = squares + own_squares, count + own_count
+            known = total
+            mean, covariance = known.moments()
+            moved = float(np.max(np.abs(mean - before) / np.sqrt(np.diag(covariance))))
+            if sweep > len(self.gentle) and moved < 0.1:
+                return _Found(known, squares, count, sweep + 1, settled=True)
+        return _Found(known, squares, count, self.sweeps, settled=False)
+
+    def _estimate(self, model: Model, coordinates: Coordinates, found: _Found, starts: int) -> Estimate:
+        names = tuple(self.parameters)
+        s, covariance = found.known.moments()
+        slope = coordinates.slope(s)
+        measured = [(c, getattr(self.sensor, c)) for c in CHANNELS]
+        noise = {
+            channel: sd * math.sqrt(found.squares[row] / found.count[row])
+            for row, (channel, sd) in enumerate(measured)
+            if sd is not None and found.count[row]
+        }
+        if not found.settled:
+            status = f"did not settle in {found.sweeps} sweeps from any of {starts} starts: "
+            status += "try a smaller prior_sd, more gentle sweeps or LeastSquares"
+        elif found.misfit < 1.0:
+            status = f"settled in {found.sweeps} sweeps; the readings are explained to the sensor's noise"
+        else:
+            size = math.sqrt(np.sum(found.squares) / np.sum(found.count))
+            status = f"settled, but the best of {starts} starts leaves {size:.2g} times the expected errors: "
+            status += "the model lacks something, or the sensor's sd is too small"
+        return Estimate(
+            model=model.with_parameters(dict(zip(names, coordinates(s).tolist(), strict=True))),
+            names=names,
+            covariance=covariance * np.outer(slope, slope),
+            noise=noise,
+            success=found.settled,
+            status=status,
+            cost=math.nan,
+            n_readings=int(np.sum(found.count)),
+            method="unscented Kalman filter",
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Gaussian:
+    """A Gaussian of s in information form: precision (P, P) and precision @ mean (P,). Products are sums."""
+
+    precision: Array
+    shift: Array
+
+    @classmethod
+    def of(cls, mean: Array, covariance: Array) -> _Gaussian:
+        precision = np.linalg.inv(covariance)
+        precision = 0.5 * (precision + precision.T)
+        return cls(precision, precision @ mean)
+
+    def moments(self) -> tuple[Array, Array]:
+        """Mean (P,) and covariance (P, P)."""
+        covariance = np.linalg.inv(self.precision)
+        covariance = 0.5 * (covariance + covariance.T)
+        return covariance @ self.shift, covariance
+
+    def halved(self) -> _Gaussian:
+        """The same mean with twice the covariance."""
+        return _Gaussian(0.5 * self.precision, 0.5 * self.shift)
+
+    def __add__(self, other: _Gaussian) -> _Gaussian:
+        return _Gaussian(self.precision + other.precision, self.shift + other.shift)
+
+    def __sub__(self, other: _Gaussian) -> _Gaussian:
+        return _Gaussian(self.precision - other.precision, self.shift - other.shift)
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """Where the sweeps from one start ended; squares and count (2,): whitened prediction errors by channel."""
+
+    known: _Gaussian
+    squares: Array
+    count: Array
+    sweeps: int
+    settled: bool
+
+    @property
+    def misfit(self) -> float:
+        """The sum of squares over what noise alone stays below in all but one of 10,000 data sets."""
+        n = max(1, int(np.sum(self.count)))
+        return float(np.sum(self.squares)) / (n + 3.7 * math.sqrt(2.0 * n) + 9.0)
+
+
+class _Pass:
+    """The filter over one rollout."""
+
+    def __init__(self, settings: UnscentedKalman, model: Model, coordinates: Coordinates, record: Record) -> None:
+        self.record, self.coordinates = record, coordinates
+        names = tuple(settings.parameters)
+        self.size = 2 + len(names)
+        self.points = MerweScaledSigmaPoints(
+            self.size, alpha=settings.alpha, beta=2.0, kappa=0.0, sqrt_method=square_root
+        )
+        # the model reads its numbers from these rows: filling them moves it without checking bounds anew
+        self.rows = np.repeat(coordinates(np.zeros(len(names)))[:, None], 2 * self.size + 1, axis=1)
+        self.model = model.with_parameters(dict(zip(names, self.rows, strict=True)))
+        self.process = np.diag([*(np.square(settings.process_sd) * model.dt), *np.zeros(len(names))])
+        self.readings = _by_instant(settings.sensor, record)
+        channel, value, _ = self.readings[0]
+        self.start = np.array([math.pi, 0.0])
+        self.start[channel] = value
+        self.start_covariance = np.diag(np.square(settings.start_sd))
+
+    def __call__(self, prior: _Gaussian, noisier: float) -> tuple[_Gaussian, Array, Array]:
+        """What is known of s after this rollout; squares (2,) of the whitened prediction errors, and their number.
+
+        The precision is nan where a sigma point went beyond all numbers.
+        """
+        mean, covariance = prior.moments()
+        kf = _Filter(self.size, 1, self.model.dt, _read, self._move, self.points)
+        kf.Q = self.process
+        kf.x = np.concatenate([self.start, mean])
+        kf.P = np.block(
+            [[self.start_covariance, np.zeros((2, len(mean)))], [np.zeros((len(mean), 2)), covariance]]
+        )
+        kf.sigmas_f = self.points.sigma_points(kf.x, kf.P)
+        self.memory = self.model.rest(np.zeros(2 * self.size + 1))
+        squares, count = np.zeros(2), np.zeros(2, dtype=int)
+        with np.errstate(over="ignore", invalid="ignore"):
+            for k, (channel, value, variance) in enumerate(self.readings):
+                if k > 0:
+                    kf.predict(k=k - 1)
+                if not np.all(np.isfinite(kf.sigmas_f)):
+                    return _Gaussian(np.full_like(covariance, np.nan), mean), squares, count
+                if len(channel):
+                    kf.residual_z = _Residual(channel)
+                    kf.update(value, np.diag(noisier**2 * variance), channel=channel)
+                    kf.P = 0.5 * (kf.P + kf.P.T)
+                    np.add.at(squares, channel, kf.y**2 / np.diag(kf.S))
+                    np.add.at(count, channel, 1)
+        return _Gaussian.of(kf.x[2:], kf.P[2:, 2:]), squares, count
+
+    def _move(self, sigmas: Array, dt: float, k: int) -> Array:
+        """All sigma points (2 dim + 1, dim) one control interval later."""
+        self.rows[:] = self.coordinates(sigmas[:, 2:]).T
+        drives, self.memory = self.model.drive(float(self.record.u[k]), self.memory)
+        after = sigmas.copy()
+        after[:, 0], after[:, 1] = self.model.move(sigmas[:, 0], sigmas[:, 1], drives, k * dt)
+        return after
+
+
+class _Filter(UnscentedKalmanFilter):  # type: ignore[misc]
+    """filterpy's filter, with all sigma points in one call of the model; every reading is a component of x."""
+
+    def compute_process_sigmas(self, dt: float, fx: Any = None, **arguments: Any) -> None:
+        self.sigmas_f = self.fx(self.points_fn.sigma_points(self.x, self.P), dt, **arguments)
+
+    def cross_variance(self, x: Array, z: Array, sigmas_f: Array, sigmas_h: Array) -> Array:
+        product: Array = (sigmas_f - x).T @ (self.Wc[:, None] * (sigmas_h - z))
+        return product
+
+
+def _read(x: Array, channel: Index) -> Array:
+    """The readings (K,) of a state x (dim,)."""
+    read: Array = x[channel]
+    return read
+
+
+class _Residual:
+    """Reading less prediction, angles by the shorter way round."""
+
+    def __init__(self, channel: Index) -> None:
+        self.angle = channel == 0
+
+    def __call__(self, a: Array, b: Array) -> Array:
+        difference: Array = np.where(self.angle, ops.wrap(a - b), a - b)
+        return difference
+
+
+def square_root(P: Array) -> NDArray[np.floating[Any]]:
+    """U with U'U = P; eigenvalues that rounding made negative are raised to a floor."""
+    try:
+        return np.linalg.cholesky(P).T
+    except np.linalg.LinAlgError:
+        if not np.all(np.isfinite(P)):
+            return np.full_like(P, np.nan)
+        scale = np.sqrt(np.maximum(np.diag(P), 1e-300))
+        size, direction = np.linalg.eigh(P / np.outer(scale, scale))
+        root: Array = (scale[:, None] * direction * np.sqrt(np.maximum(size, 1e-12))).T
+        return root
+
+
+def _by_instant(sensor: Sensor, record: Record) -> list[tuple[Index, Array, Array]]:
+    """For each instant: the channels that were read (an index into CHANNELS), the values and their variances."""
+    found: list[list[tuple[int, float, float]]] = [[] for _ in range(len(record) + 1)]
+    for reading in sensor.readings(record):
+        row = CHANNELS.index(reading.channel)
+        for k, value in zip(reading.index.tolist(), reading.value.tolist(), strict=True):
+            found[k].append((row, value, reading.sd**2))
+    return [
+        (np.array([r[0] for r in f], dtype=np.intp), np.array([r[1] for r in f]), np.array([r[2] for r in f]))
+        for f in found
+    ]
