@@ -122,7 +122,7 @@ class PopulationTask:
     def work(self) -> float:
         """About how many seconds it takes on one core; only the time left is computed from it."""
         weights = sum(a * b for a, b in zip(self.preset.hidden[:-1], self.preset.hidden[1:], strict=True))
-        return self.preset.steps * len(self.cells) * (0.4e-3 + 1.15e-7 * weights)
+        return self.preset.steps * len(self.cells) * (0.5e-3 + 5.5e-8 * weights)
 
     def run(self, link: Link) -> list[Run]:
         """The finished runs, in the order of the cells. Raises Stopped once a checkpoint is written on request."""

@@ -1,7 +1,7 @@
 """The main job: measure, identify, train, evaluate, answer.
 
 python -m study.main                    quick: minutes on two cores
-python -m study.main --preset paper     the paper's grid: days on two cores
+python -m study.main --preset paper     the paper's grid: half a day on two cores
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ class Options:
     """
 
     preset: Literal["quick", "paper", "smoke"] = "quick"
-    """quick: 18 small agents, minutes. paper: its 250 agents, days. smoke: every part once, numbers mean nothing."""
+    """quick: 18 small agents, minutes. paper: its 250 agents, half a day on two cores. smoke: every part once, in a
+    minute; its numbers mean nothing."""
 
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR", help_behavior_hint="(default: results/PRESET)")] = None
     """Folder of the results."""

@@ -52,6 +52,8 @@ class Meter:
 
     def update(self, task: str, share: float) -> None:
         """`share` (0 to 1) of a task is done. Where a resumed task starts is not counted as speed."""
+        if not self.first:
+            self.begin = time.monotonic()
         self.first.setdefault(task, share if share < 1.0 else 0.0)
         self.share[task] = share
         training = any(name.startswith("population") and s < 1.0 for name, s in self.share.items())
