@@ -1,0 +1,53 @@
+"""Every example runs, and says what is wrong with wrong input."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+
+
+def run(name, *arguments):
+    return subprocess.run(
+        [sys.executable, str(EXAMPLES / name), *arguments], capture_output=True, text=True, timeout=300, check=False
+    )
+
+
+def test_compare_sysid(tmp_path):
+    numbers, figure = tmp_path / "out.json", tmp_path / "new" / "figure.png"
+    done = run("compare_sysid.py", "--quick", "--seeds", "4", "--json", str(numbers), "--figure", str(figure))
+    assert done.returncode == 0, done.stderr
+    found = json.loads(numbers.read_text())
+    assert set(found) == {"paper", "encoder"}
+    for setting in found.values():
+        assert set(setting) == {"grid", "least_squares", "ukf"}
+        for method in setting.values():
+            assert method["n"] == [1, 5, 10]
+            for name in ("rms_error", "crb", "ratio", "coverage", "seconds"):
+                assert len(method[name]) == 3
+            # more rollouts tell more, and nobody beats the bound by more than chance
+            assert method["crb"] == sorted(method["crb"], reverse=True)
+            assert min(method["ratio"]) > 0.3
+        # the grid's bias is far above what the same readings allow, and least squares takes it out
+        assert setting["grid"]["rms_error"][2] > 10 * setting["least_squares"]["rms_error"][2]
+        assert max(setting["least_squares"]["ratio"]) < 2.0
+    assert figure.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--fast"], "--fast"),
+        (["--workers", "0"], "at least 1"),
+        (["--seeds", "0"], "at least 1"),
+        (["--json", "."], "cannot write"),
+    ],
+)
+def test_compare_sysid_refuses_wrong_input(arguments, message):
+    done = run("compare_sysid.py", *arguments)
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert "Traceback" not in done.stderr
