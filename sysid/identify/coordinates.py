@@ -38,11 +38,11 @@ class Coordinates:
         return p
 
     def inverse(self, p: Array) -> Array:
-        """s (P,) of parameters (P,); a number at its bound counts as a hundredth of the width (scale) inside."""
+        """s (P,) of parameters (P,); a number at its bound counts as 3 % of the width (or scale) inside."""
         unit = (p - self._origin) / self._factor
         bounded = self._logistic | self._exponential
-        unit = np.where(bounded & (unit < 1e-9), 0.01, unit)
-        unit = np.where(self._logistic & (unit > 1.0 - 1e-9), 0.99, unit)
+        unit = np.where(bounded & (unit < 1e-9), 0.03, unit)
+        unit = np.where(self._logistic & (unit > 1.0 - 1e-9), 0.97, unit)
         s = np.where(self._exponential, np.log(np.where(self._exponential, unit, 1.0)), unit)
         return np.where(self._logistic, logit(np.where(self._logistic, unit, 0.5)), s)
 

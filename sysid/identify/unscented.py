@@ -44,7 +44,10 @@ class UnscentedKalman:
     take the readings as `gentle` times noisier, so that a poor start cannot lock the filter at wrong numbers;
     where it does, or does not settle, other starts are tried.
 
-    Drives of input effects are evaluated at the sigma points, each of which carries its own memory along.
+    Drives of input effects are evaluated at the sigma points; their memories go on by regression on s.
+    A filter judges each reading along the motion known by then, not along the smoothed one: where only speeds are
+    read, coarsely, it stays above the bound that LeastSquares reaches, and what no reading shows (a rollout
+    at rest) its intervals understate.
     Source of the filter: Wan & van der Merwe (2001), in filterpy's implementation.
 
     prior_sd     sd of s about the model's own numbers (between two bounds 1.8 is close to uniform)
@@ -235,7 +238,7 @@ class _Pass:
             [[self.start_covariance, np.zeros((2, len(mean)))], [np.zeros((len(mean), 2)), covariance]]
         )
         kf.sigmas_f = self.points.sigma_points(kf.x, kf.P)
-        self.memory = self.model.rest(np.zeros(2 * self.size + 1))
+        self.memory, self.s = self.model.rest(np.zeros(2 * self.size + 1)), kf.sigmas_f[:, 2:]
         squares, count = np.zeros(2), np.zeros(2, dtype=int)
         with np.errstate(over="ignore", invalid="ignore"):
             for k, (channel, value, variance) in enumerate(self.readings):
@@ -244,7 +247,7 @@ class _Pass:
                 if not np.all(np.isfinite(kf.sigmas_f)):
                     return _Gaussian(np.full_like(covariance, np.nan), mean), squares, count
                 if len(channel):
-                    kf.residual_z = _Residual(channel)
+                    kf.residual_z = Residual(channel)
                     kf.update(value, np.diag(noisier**2 * variance), channel=channel)
                     kf.P = 0.5 * (kf.P + kf.P.T)
                     np.add.at(squares, channel, kf.y**2 / np.diag(kf.S))
@@ -253,11 +256,24 @@ class _Pass:
 
     def _move(self, sigmas: Array, dt: float, k: int) -> Array:
         """All sigma points (2 dim + 1, dim) one control interval later."""
-        self.rows[:] = self.coordinates(sigmas[:, 2:]).T
-        drives, self.memory = self.model.drive(float(self.record.u[k]), self.memory)
+        s = sigmas[:, 2:]
+        self.rows[:] = self.coordinates(s).T
+        memory = tuple(tuple(_carried(v, self.s, s) for v in own) for own in self.memory)
+        drives, self.memory = self.model.drive(float(self.record.u[k]), memory)
+        self.s = s
         after = sigmas.copy()
         after[:, 0], after[:, 1] = self.model.move(sigmas[:, 0], sigmas[:, 1], drives, k * dt)
         return after
+
+
+def _carried(memory: Array, before: Array, after: Array) -> Array:
+    """A memory (K,) known at sigma points s = `before` (K, P), at the points `after`: its linear regression on s."""
+    if np.ptp(memory) == 0.0:
+        return memory
+    middle, spread = np.mean(before, axis=0), np.std(before, axis=0)
+    slope = np.linalg.pinv((before - middle) / spread) @ (memory - np.mean(memory))
+    carried: Array = np.mean(memory) + ((after - middle) / spread) @ slope
+    return carried
 
 
 class _Filter(UnscentedKalmanFilter):  # type: ignore[misc]
@@ -277,7 +293,7 @@ def _read(x: Array, channel: Index) -> Array:
     return read
 
 
-class _Residual:
+class Residual:
     """Reading less prediction, angles by the shorter way round."""
 
     def __init__(self, channel: Index) -> None:
