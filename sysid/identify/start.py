@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.linalg import spsolve
-from scipy.stats import qmc
 
 from sysid.parameters import Parameter
 from sysid.records import Array, Record
@@ -25,6 +24,8 @@ def parameter_starts(parameters: Sequence[Parameter]) -> Iterator[Array]:
     low, high = (np.array([p.bounds[side] for p in parameters]) for side in (0, 1))
     inside = 0.05 * np.array([p.scale for p in parameters])
     yield np.clip(own, np.minimum(low + inside, high), np.maximum(high - inside, low))
+    from scipy.stats import qmc  # loads for 0.3 s, and most fits need one start
+
     points = qmc.Halton(len(parameters), scramble=False)
     points.fast_forward(1)  # the first point is a corner
     while True:
