@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -19,7 +20,7 @@ from matplotlib.patches import Rectangle
 from study.answer import Answer, number
 from study.statistics import sem
 
-STYLE = {
+STYLE: Any = {
     "font.family": "DejaVu Sans",
     "font.size": 10.0,
     "axes.titlesize": 11.0,
@@ -34,6 +35,8 @@ STYLE = {
     "ytick.color": "0.3",
     "legend.frameon": False,
     "figure.dpi": 160.0,
+    "figure.constrained_layout.w_pad": 0.1,
+    "figure.constrained_layout.h_pad": 0.08,
 }
 COLOURS = matplotlib.colormaps["viridis"]
 ACCENT = "#c8102e"
@@ -47,7 +50,6 @@ def heatmap(answer: Answer) -> Figure:
     budgets, widths = answer.preset.budgets, answer.preset.widths
     values = np.array([[answer.mean((n, w)) for w in widths] for n in budgets])
     figure = Figure(figsize=(2.4 + 1.25 * len(widths), 1.5 + 0.62 * len(budgets)), layout="constrained")
-    figure.get_layout_engine().set(w_pad=0.12, h_pad=0.08)
     axes = figure.add_subplot()
     low, high = float(values.min()), max(answer.optimum, float(values.max()))
     image = axes.imshow(values, cmap=COLOURS, vmin=low, vmax=high, aspect="auto")

@@ -11,6 +11,7 @@ import math
 import os
 import shlex
 import signal
+import sqlite3
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -88,7 +89,7 @@ def _study(options: Options) -> int:
             publish(preset, store, console)
     except InvalidInput as error:
         return _fail(str(error), 2)
-    except WorkerFailed as error:
+    except (WorkerFailed, OSError, sqlite3.Error) as error:
         return _fail(f"{error}; finished runs are kept, and the same command goes on: {_command(options)}", 1)
     return 0
 

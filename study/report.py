@@ -83,7 +83,7 @@ def _content(answer: Answer, drawn: Mapping[str, Path]) -> dict[str, Any]:
         "settings": preset.to_dict(),
         "sac": answer.runs[0].settings.get("sac", {}),
         "versions": _versions(answer),
-        "core_time": duration(seconds),
+        "worker_time": duration(seconds),
     }
 
 

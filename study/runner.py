@@ -44,7 +44,7 @@ def run(
         def heard(task: Task, kind: str, payload: Any) -> None:
             if kind == "progress":
                 meter.update(task.name, payload)
-            elif kind == "saved":
+            elif kind == "saved" and isinstance(task, PopulationTask):
                 store.note_training(task.index, payload)
             elif kind == "done":
                 _keep(task, payload, store)
@@ -58,10 +58,20 @@ def checkpoint_path(folder: Path, population: int) -> Path:
     return folder / f"population_{population + 1}.checkpoint"
 
 
+def _partial(checkpoint: Path) -> Path:
+    """What a process leaves that dies while it writes a checkpoint."""
+    return checkpoint.with_name(checkpoint.name + ".partial")
+
+
+def _discard(checkpoint: Path) -> None:
+    for path in (checkpoint, _partial(checkpoint)):
+        path.unlink(missing_ok=True)
+
+
 def _keep(task: Task, payload: Any, store: Store) -> None:
     if isinstance(task, PopulationTask):
         store.add_runs(payload)
-        task.checkpoint.unlink(missing_ok=True)
+        _discard(task.checkpoint)
     else:
         store.add_references(payload)
 
@@ -73,8 +83,9 @@ def _unfinished(
     for index, cells in enumerate(preset.populations):
         checkpoint = checkpoint_path(store.folder, index)
         if finished.issuperset(cells):
-            checkpoint.unlink(missing_ok=True)
+            _discard(checkpoint)
             continue
+        _partial(checkpoint).unlink(missing_ok=True)
         before = store.training_seconds(index) if checkpoint.exists() else 0.0
         thetas = tuple(found[c.n, c.seed] for c in cells)
         yield PopulationTask(preset, index, thetas, checkpoint, checkpoint_seconds, before, device)

@@ -179,6 +179,7 @@ def test_stopped_in_every_way_the_same_command_goes_on_to_the_same_numbers(undis
     assert code == 1
     assert re.fullmatch(r"error: population \d of 2 failed: .* SIGKILL \(out of memory\?\); .* goes on: .*\n", said)
 
+    (tmp_path / "population_2.checkpoint.partial").write_bytes(b"a checkpoint that was never finished")
     interrupted = Stoppable(tmp_path, workers=1)
     interrupted.wait_for_training()
     os.killpg(interrupted.process.pid, signal.SIGINT)
