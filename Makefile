@@ -17,6 +17,7 @@ test: .venv/installed
 
 lint: .venv/installed
 	$(RUN) -m ruff check
+	$(RUN) -m ruff format --check
 	$(RUN) -m mypy
 
 .venv/installed: pyproject.toml

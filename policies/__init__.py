@@ -24,7 +24,6 @@ _HOME = {
     "LQR": "lqr",
     "design_lqr": "lqr",
     "Optimal": "optimal",
-    "optimal_evaluation": "optimal",
     "PendulumEnv": "pendulum_env",
     "NetworkPolicy": "population",
     "Population": "population",

@@ -3,7 +3,6 @@
     optimal = solve(sysid.paper_model(m=2.0, l=1.5))
     print(evaluate(optimal, plant, *start_states(seed=0)))           # the best that this grid knows to do
     print(-optimal.cost_to_go(*start_states(seed=0)).mean())         # what it promises
-    answer = optimal_evaluation(design, plant, *start_states(seed=0), cache=Path("results"))  # solved once
 
 Interpolation weights act as transition probabilities: the scheme is monotone and its error cannot grow.
 Source: Kushner & Dupuis, Numerical Methods for Stochastic Control Problems in Continuous Time, ch. 5.
@@ -11,15 +10,9 @@ Source: Kushner & Dupuis, Numerical Methods for Stochastic Control Problems in C
 
 from __future__ import annotations
 
-import hashlib
 import math
-import os
-import tempfile
-import zipfile
-import zlib
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,13 +20,9 @@ from scipy.sparse import csr_array
 
 from policies import task
 from policies.design import Step, step_of
-from policies.evaluate import Evaluation, evaluate
 from sysid import InvalidInput, Model, State
 
 Array = NDArray[np.float64]
-
-CACHE_FORMAT = 1
-"""Part of every cache key; raise it when the method changes."""
 
 
 @dataclass(frozen=True)
@@ -156,71 +145,3 @@ def solve(model: Model, grid: Grid = Grid(), horizon: int = task.HORIZON) -> Opt
             np.minimum(best, total, out=best)
         values[k] = best.reshape(shape)
     return Optimal(model=model, grid=grid, values=values)
-
-
-def optimal_evaluation(
-    design: Model,
-    plant: Model,
-    theta: Array,
-    theta_dot: Array,
-    grid: Grid = Grid(),
-    cache: Path | None = None,
-) -> Evaluation:
-    """`evaluate(solve(design, grid), plant, theta, theta_dot)`, kept in the folder `cache` for the next time.
-
-    Only the returns are kept; the table would take 160 MB. A file that is damaged or not ours is replaced.
-    """
-    if cache is None:
-        return evaluate(solve(design, grid), plant, theta, theta_dot)
-    key = _key(design, plant, theta, theta_dot, grid)
-    path = Path(cache) / f"optimal-{key[:16]}.npz"
-    known = _load(path, key, len(theta))
-    if known is not None:
-        return known
-    answer = evaluate(solve(design, grid), plant, theta, theta_dot)
-    _save(path, key, answer)
-    return answer
-
-
-def _key(design: Model, plant: Model, theta: Array, theta_dot: Array, grid: Grid) -> str:
-    digest = hashlib.sha256(repr((CACHE_FORMAT, grid, task.HORIZON, design, plant)).encode())
-    for model in (design, plant):
-        digest.update(_behaviour(model))
-    for start in (theta, theta_dot):
-        digest.update(np.asarray(start, dtype=np.float64).tobytes())
-    return digest.hexdigest()
-
-
-def _behaviour(model: Model) -> bytes:
-    """What a model does and what that costs, in a sample: one description may have got other formulas."""
-    rng = np.random.default_rng(0)
-    state = model.initial_state(rng.uniform(-math.pi, math.pi, 50), rng.uniform(-9.0, 9.0, 50))
-    cost = np.zeros(50)
-    for k in range(20):
-        u = rng.uniform(-1.0, 1.0, 50) * min(model.u_max, 1e3)
-        cost += task.cost(state, u)
-        state = model.advance(state, u, k * model.dt)
-    return np.concatenate([state.theta, state.theta_dot, cost]).tobytes()
-
-
-def _load(path: Path, key: str, episodes: int) -> Evaluation | None:
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            kept, returns = str(file["key"]), file["returns"]
-    except (OSError, ValueError, LookupError, EOFError, zipfile.BadZipFile, zlib.error):
-        return None
-    if kept != key or returns.shape != (episodes,) or returns.dtype != np.float64:
-        return None
-    return Evaluation(returns)
-
-
-def _save(path: Path, key: str, answer: Evaluation) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, unfinished = tempfile.mkstemp(dir=path.parent, prefix=".optimal-", suffix=".npz")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            np.savez(file, key=np.array(key), returns=answer.returns)
-        os.replace(unfinished, path)
-    except BaseException:
-        os.unlink(unfinished)
-        raise

@@ -89,8 +89,7 @@ def floor(x: Value) -> Value:
 def _as_tensors(torch: ModuleType, values: tuple[Value, ...]) -> list[Value]:
     like = next(v for v in values if isinstance(v, torch.Tensor))
     return [
-        v if isinstance(v, torch.Tensor) else torch.as_tensor(v, dtype=like.dtype, device=like.device)
-        for v in values
+        v if isinstance(v, torch.Tensor) else torch.as_tensor(v, dtype=like.dtype, device=like.device) for v in values
     ]
 
 

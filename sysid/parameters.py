@@ -53,8 +53,7 @@ class Parameter:
         if np.any(numbers < low) or np.any(numbers > high):
             worst = numbers.flat[np.argmax(np.maximum(low - numbers, numbers - high))]
             raise InvalidInput(
-                f"parameter {name} = {worst:g} {self.unit} is out of bounds: "
-                f"expected {low:g} <= {name} <= {high:g}"
+                f"parameter {name} = {worst:g} {self.unit} is out of bounds: expected {low:g} <= {name} <= {high:g}"
             )
 
 
@@ -66,9 +65,7 @@ def parameter(
     neutral: float | None = None,
 ) -> Any:
     """A dataclass field that is a parameter of the model, with unit [SI], bounds and neutral value."""
-    return dataclasses.field(
-        default=default, metadata={_KEY: {"unit": unit, "bounds": bounds, "neutral": neutral}}
-    )
+    return dataclasses.field(default=default, metadata={_KEY: {"unit": unit, "bounds": bounds, "neutral": neutral}})
 
 
 @dataclass(frozen=True, eq=False)

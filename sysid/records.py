@@ -124,14 +124,11 @@ def check_records(model: Model, records: Sequence[Record]) -> tuple[Record, ...]
         raise InvalidInput("no records were given: expected at least one")
     for record in records:
         if abs(record.dt - model.dt) > 0.01 * model.dt:
-            raise InvalidInput(
-                f"{record.name} is sampled every {record.dt:g} s, the model steps every {model.dt:g} s"
-            )
+            raise InvalidInput(f"{record.name} is sampled every {record.dt:g} s, the model steps every {model.dt:g} s")
         largest = float(np.max(np.abs(record.u)))
         if largest > model.u_max * (1.0 + 1e-9):
             raise InvalidInput(
-                f"{record.name} has a torque of {largest:g} N m, "
-                f"beyond the model's limit |u| <= {model.u_max:g} N m"
+                f"{record.name} has a torque of {largest:g} N m, beyond the model's limit |u| <= {model.u_max:g} N m"
             )
     return tuple(records)
 

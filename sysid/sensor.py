@@ -38,9 +38,7 @@ class Sensor:
         for name in ("theta", "theta_dot", "theta_0"):
             sd = getattr(self, name)
             if sd is not None and not (sd > 0.0 and math.isfinite(sd)):
-                raise InvalidInput(
-                    f"sensor sd of {name} is {sd}: expected a positive number, or None (not measured)"
-                )
+                raise InvalidInput(f"sensor sd of {name} is {sd}: expected a positive number, or None (not measured)")
         if self.theta is None and self.theta_dot is None:
             raise InvalidInput("the sensor measures nothing: give the sd of theta, of theta_dot or of both")
 
@@ -54,16 +52,12 @@ class Sensor:
                 continue
             value = getattr(record, channel)
             if value is None:
-                raise InvalidInput(
-                    f"{record.name} has no {channel} readings, but the sensor gives them a sd of {sd:g}"
-                )
+                raise InvalidInput(f"{record.name} has no {channel} readings, but the sensor gives them a sd of {sd:g}")
             found.append(Readings(channel, np.arange(len(value)), value, sd))
             if channel == "theta_dot" and record.theta_dot_after is not None:
                 found.append(Readings(channel, np.arange(1, n + 1), record.theta_dot_after, sd))
         if self.theta_0 is not None and self.theta is None:
             if record.theta is None:
-                raise InvalidInput(
-                    f"{record.name} has no theta, but the sensor says that its first value is known"
-                )
+                raise InvalidInput(f"{record.name} has no theta, but the sensor says that its first value is known")
             found.append(Readings("theta", np.arange(1), record.theta[:1], self.theta_0))
         return found

@@ -26,9 +26,7 @@ class Trajectory:
     def measure(self, sensor: Sensor, rng: np.random.Generator) -> list[Record]:
         """Records, one a rollout, with independent Gaussian errors; a channel without sd is left out."""
         n = self.u.shape[-1]
-        u, theta, theta_dot = (
-            a.reshape(-1, a.shape[-1]) for a in (self.u, self.theta, self.theta_dot)
-        )
+        u, theta, theta_dot = (a.reshape(-1, a.shape[-1]) for a in (self.u, self.theta, self.theta_dot))
         records = []
         for i in range(len(u)):
             angle = speed = None

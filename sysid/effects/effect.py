@@ -39,9 +39,7 @@ class Effect(Parametric):
 
     def at_neutral(self) -> Any:
         """The same effect with its parameters at the values at which it changes nothing."""
-        return self.with_parameters(
-            {k: p.neutral for k, p in self.parameters.items() if p.neutral is not None}
-        )
+        return self.with_parameters({k: p.neutral for k, p in self.parameters.items() if p.neutral is not None})
 
 
 @dataclass(frozen=True, eq=False)

@@ -234,9 +234,7 @@ class _Pass:
         kf = _Filter(self.size, 1, self.model.dt, _read, self._move, self.points)
         kf.Q = self.process
         kf.x = np.concatenate([self.start, mean])
-        kf.P = np.block(
-            [[self.start_covariance, np.zeros((2, len(mean)))], [np.zeros((len(mean), 2)), covariance]]
-        )
+        kf.P = np.block([[self.start_covariance, np.zeros((2, len(mean)))], [np.zeros((len(mean), 2)), covariance]])
         kf.sigmas_f = self.points.sigma_points(kf.x, kf.P)
         self.memory, self.s = self.model.rest(np.zeros(2 * self.size + 1)), kf.sigmas_f[:, 2:]
         squares, count = np.zeros(2), np.zeros(2, dtype=int)

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from scipy.interpolate import RegularGridInterpolator
 
-import policies.optimal
 from policies import task
 from policies.evaluate import evaluate, start_states
 from policies.lqr import design_lqr
-from policies.optimal import Grid, optimal_evaluation, solve
+from policies.optimal import Grid, solve
 from policies.swing_up import design_swing_up
 from sysid import RK4, Delay, InvalidInput, State, TorqueBias, Viscous, paper_model
 
@@ -148,71 +147,3 @@ def test_a_grid_that_misses_the_upright_is_refused(wrong):
 def test_it_says_why_a_model_has_no_table(model, reason):
     with pytest.raises(InvalidInput, match=reason):
         solve(model, COARSE)
-
-
-@pytest.fixture
-def solved(monkeypatch):
-    """The models for which `solve` was called."""
-    calls = []
-
-    def count(model, *rest):
-        calls.append(model)
-        return solve(model, *rest)
-
-    monkeypatch.setattr(policies.optimal, "solve", count)
-    return calls
-
-
-def test_a_result_is_solved_once_and_every_change_is_noticed(tmp_path, solved):
-    theta, theta_dot = start_states(seed=0, episodes=5)
-    first = optimal_evaluation(HIDDEN, HIDDEN, theta, theta_dot, COARSE, cache=tmp_path)
-    again = optimal_evaluation(paper_model(m=2.0, l=1.5), HIDDEN, theta, theta_dot, COARSE, cache=tmp_path)
-    assert len(solved) == 1
-    np.testing.assert_array_equal(first.returns, again.returns)
-    np.testing.assert_array_equal(first.returns, evaluate(solve(HIDDEN, COARSE), HIDDEN, theta, theta_dot).returns)
-    (file,) = tmp_path.iterdir()
-    assert file.stat().st_size < 4096
-
-    other = paper_model(m=2.0, l=1.6)
-    for change in (
-        (other, HIDDEN, theta, theta_dot, COARSE),
-        (HIDDEN, other, theta, theta_dot, COARSE),
-        (HIDDEN, HIDDEN.with_effect(Delay()), theta, theta_dot, COARSE),
-        (HIDDEN, HIDDEN, theta + 1e-9, theta_dot, COARSE),
-        (HIDDEN, HIDDEN, theta, theta_dot, dataclasses.replace(COARSE, u=5)),
-    ):
-        before = len(solved)
-        optimal_evaluation(*change, cache=tmp_path)
-        assert len(solved) == before + 1
-
-
-@pytest.mark.parametrize("damage", ["empty", "cut", "text", "foreign", "pickle", "other key"])
-def test_a_damaged_or_foreign_cache_file_is_replaced(tmp_path, solved, damage):
-    question = (HIDDEN, HIDDEN, *start_states(seed=0, episodes=3), COARSE)
-    right = optimal_evaluation(*question, cache=tmp_path)
-    (file,) = tmp_path.iterdir()
-    whole = file.read_bytes()
-    if damage == "foreign":
-        np.savez(file, numbers=np.arange(3))
-    elif damage == "pickle":
-        np.savez(file, key=np.array([{}], dtype=object), returns=np.zeros(3))
-    elif damage == "other key":
-        np.savez(file, key=np.array("0" * 64), returns=np.zeros(3))
-    else:
-        file.write_bytes({"empty": b"", "cut": whole[: len(whole) // 2], "text": b"not a table"}[damage])
-    answer = optimal_evaluation(*question, cache=tmp_path)
-    np.testing.assert_array_equal(answer.returns, right.returns)
-    assert len(solved) == 2
-    optimal_evaluation(*question, cache=tmp_path)
-    assert len(solved) == 2
-    assert list(tmp_path.iterdir()) == [file]
-
-
-def test_a_write_that_fails_leaves_nothing_behind(tmp_path, monkeypatch):
-    def fail(*_, **__):
-        raise OSError("disk full")
-
-    monkeypatch.setattr(np, "savez", fail)
-    with pytest.raises(OSError, match="disk full"):
-        optimal_evaluation(HIDDEN, HIDDEN, *start_states(seed=0, episodes=3), COARSE, cache=tmp_path)
-    assert list(tmp_path.iterdir()) == []

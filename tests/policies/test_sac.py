@@ -118,12 +118,10 @@ def test_updates_are_those_of_plain_sac():
             pairs = [((w[a], b[a]), linear) for (w, b), linear in zip(sac.actor, one.actor[::2], strict=True)]
             for i in range(2):
                 for stacked, networks in ((sac.critics, one.critics), (targets, one.targets)):
-                    pairs += [((w[i, a], b[i, a]), lin) for (w, b), lin in zip(stacked, networks[i][::2],
-                    strict=True)]
+                    pairs += [((w[i, a], b[i, a]), lin) for (w, b), lin in zip(stacked, networks[i][::2], strict=True)]
                 gradients = [leaf.grad[i, a] for layer in sac.critics for leaf in layer]
                 for ours, theirs in zip(gradients, one.critic_gradients[i], strict=True):
-                    torch.testing.assert_close(ours.T.squeeze(-1), theirs.reshape(ours.T.squeeze(-1).shape),
-                    **close)
+                    torch.testing.assert_close(ours.T.squeeze(-1), theirs.reshape(ours.T.squeeze(-1).shape), **close)
             for (w, b), linear in pairs:
                 torch.testing.assert_close(w, linear.weight.T, **close)
                 torch.testing.assert_close(b[0], linear.bias, **close)
@@ -209,8 +207,7 @@ def probe(settings, reward, terminated, steps):
     return sac
 
 
-COLD = SACSettings(hidden=(64,), batch=64, gamma=0.5, polyak=0.2, learning_rate=3e-3,
-initial_temperature=1e-6)
+COLD = SACSettings(hidden=(64,), batch=64, gamma=0.5, polyak=0.2, learning_rate=3e-3, initial_temperature=1e-6)
 
 
 def q_values(sac, action):

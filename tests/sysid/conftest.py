@@ -91,9 +91,7 @@ def roll_casadi(model: Model, u: np.ndarray) -> Rolled:
 
 def roll_torch(model: Model, u: np.ndarray) -> Rolled:
     """Reverse mode through the loop."""
-    numbers = {
-        k: torch.tensor(p.value, dtype=torch.float64, requires_grad=True) for k, p in model.parameters.items()
-    }
+    numbers = {k: torch.tensor(p.value, dtype=torch.float64, requires_grad=True) for k, p in model.parameters.items()}
     tensors = model.with_parameters(numbers)
     state = tensors.initial_state(torch.tensor(math.pi, dtype=torch.float64), torch.zeros((), dtype=torch.float64))
     states = [torch.stack([state.theta, state.theta_dot])]

@@ -38,12 +38,16 @@ def rollouts(sensor, n, seed):
 
 def lab(model, sensor, n=4, length=300, seed=0):
     rng = np.random.default_rng(seed)
-    u = np.stack([(multisine(rng, length, model.dt, 1.0, 2.5), steps(rng, length, model.dt, 1.0, 0.4))[i % 2] for i in range(n)])
+    u = np.stack(
+        [(multisine(rng, length, model.dt, 1.0, 2.5), steps(rng, length, model.dt, 1.0, 0.4))[i % 2] for i in range(n)]
+    )
     run = simulate(model, u, np.pi + 0.1 * rng.standard_normal(n), 0.1 * rng.standard_normal(n))
     return run.measure(sensor, rng)
 
 
-@pytest.mark.parametrize(("sensor", "n"), [(PAPER, 3), (ENCODER, 1), (ENCODER, 4)], ids=["paper 3", "encoder 1", "encoder 4"])
+@pytest.mark.parametrize(
+    ("sensor", "n"), [(PAPER, 3), (ENCODER, 1), (ENCODER, 4)], ids=["paper 3", "encoder 1", "encoder 4"]
+)
 def test_errors_are_as_large_as_stated(sensor, n):
     seeds, inside, distance = 24, 0, 0.0
     for seed in range(seeds):

@@ -132,7 +132,10 @@ def test_information_equals_that_of_the_simulator():
 def test_reading_every_instant_twice_counts_twice():
     model = paper_model(2.0, 1.5)
     twice = paper_rollouts(model, 2, np.random.default_rng(0))
-    once = [dataclasses.replace(r, theta_dot=np.append(r.theta_dot, r.theta_dot_after[-1]), theta_dot_after=None) for r in twice]
+    once = [
+        dataclasses.replace(r, theta_dot=np.append(r.theta_dot, r.theta_dot_after[-1]), theta_dot_after=None)
+        for r in twice
+    ]
     starts = np.array([[r.theta[0], 0.0] for r in twice])
     sensor = Sensor(theta_dot=1.0)
     F1, F2 = (fisher_information(model, ("m", "l"), data, sensor, starts) for data in (once, twice))
