@@ -16,9 +16,11 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import tyro
+
+from study.config import PRESETS
 
 
 @dataclass(frozen=True)
@@ -28,7 +30,7 @@ class Options:
     Runs a preset end to end and writes its answer to a folder. Stopped in any way, the same command goes on.
     """
 
-    preset: Literal["quick", "paper", "smoke"] = "quick"
+    preset: Annotated[str, tyro.conf.arg(metavar=f"{{{','.join(PRESETS)}}}")] = "quick"
     """quick: 18 small agents, minutes. paper: its 250 agents, half a day on two cores. smoke: every part once, in a
     minute; its numbers mean nothing."""
 
@@ -47,7 +49,12 @@ class Options:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code: 0 done, 1 a task failed, 2 bad input, 130 stopped."""
-    options = tyro.cli(Options, prog="python -m study.main", args=arguments)
+    options, unknown = tyro.cli(Options, prog="python -m study.main", args=arguments, return_unknown_args=True)
+    if unknown:
+        known = ", ".join(f"--{f.name.replace('_', '-')}" for f in dataclasses.fields(Options))
+        return _fail(f"unknown option {unknown[0]!r}: expected {known} or --help", 2)
+    if options.preset not in PRESETS:
+        return _fail(f"unknown preset {options.preset!r}: expected one of {', '.join(PRESETS)}", 2)
     signal.signal(signal.SIGTERM, _interrupt)
     try:
         return _study(options)
@@ -69,7 +76,6 @@ def _study(options: Options) -> int:
     from rich.console import Console
 
     from study.cells import check_device
-    from study.config import PRESETS
     from study.report import publish
     from study.runner import run
     from study.store import Store

@@ -46,8 +46,8 @@ def test_help_answers_within_half_a_second():
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (["--preset", "slow"], ["slow", "'quick', 'paper'"]),
-        (["--sedes", "3"], ["--sedes"]),
+        (["--preset", "slow"], ["unknown preset 'slow'", "quick, paper, smoke"]),
+        (["--sedes", "3"], ["unknown option '--sedes'", "--preset, --out"]),
         (["--workers", "some"], ["workers", "some"]),
         (["--workers", "-1"], ["--workers -1", "0 for one a core"]),
         (["--checkpoint-seconds", "nan"], ["nan", "number of seconds >= 0"]),
