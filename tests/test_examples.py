@@ -51,3 +51,21 @@ def test_compare_sysid_refuses_wrong_input(arguments, message):
     assert done.returncode == 2
     assert message in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_optimal_returns():
+    done = run("optimal_returns.py", "--grid", "120")
+    assert done.returncode == 0, done.stderr
+    _, *lines = done.stdout.splitlines()
+    best = {(2.0, 1.5): -330.7, (1.5, 1.2): -215.2, (2.5, 2.0): -523.6, (1.0, 1.0): -139.1}  # at 600 x 601 states
+    assert len(lines) == len(best)
+    for line in lines:
+        m, l, optimal, swing_up, lqr, _ = map(float, line.split())  # noqa: E741
+        assert optimal == pytest.approx(best[m, l], rel=0.05)
+        assert lqr < swing_up
+
+
+def test_optimal_returns_refuses_a_grid_without_the_upright():
+    done = run("optimal_returns.py", "--grid", "121")
+    assert done.returncode == 2
+    assert "even number" in done.stderr
