@@ -273,6 +273,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     count = (20 if options.quick else 100) if options.seeds is None else options.seeds
     if options.workers < 1 or count < 1:
         parser.error(f"--workers {options.workers}, --seeds {count}: expected at least 1")
+    if options.figure.suffix.lower() not in (".png", ".pdf", ".svg"):
+        parser.error(f"--figure {options.figure}: expected a file name that ends in .png, .pdf or .svg")
     for path in (options.json, options.figure):
         if path is not None and (path.is_dir() or not _writable(path)):
             parser.error(f"cannot write {path}: expected the name of a file in a folder that can be written")
@@ -290,12 +292,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         f"coverage: of the 95 % intervals.\nThe UKF runs {seeds['ukf']} seeds, the others {seeds['grid']}.  "
         "as from truth: fits from (1, 1) that end at the optimum of a fit from the truth."
     )
-    draw(rows, options.figure)
-    print(f"figure: {options.figure}")
     if options.json is not None:
         options.json.parent.mkdir(parents=True, exist_ok=True)
         options.json.write_text(json.dumps(to_json(rows), indent=1) + "\n", encoding="utf-8")
         print(f"numbers: {options.json}")
+    draw(rows, options.figure)
+    print(f"figure: {options.figure}")
     return 0
 
 

@@ -8,6 +8,7 @@ Cells that share n and seed share the estimate; cells that share a seed share tr
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 import time
@@ -160,7 +161,9 @@ class PopulationTask:
         seeds = [cell.seed for cell in self.cells]
         arguments = (paper_model(), bands, seeds, settings, self.device)
         if self.checkpoint.exists():
-            return Population.load(self.checkpoint, *arguments)
+            # one that is damaged or of other software costs its minutes, not the study
+            with contextlib.suppress(InvalidInput):
+                return Population.load(self.checkpoint, *arguments)
         return Population(*arguments)
 
     def _evaluate(self, population: Any, seconds: float) -> list[Run]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from statistics import NormalDist
 from typing import Any
@@ -19,7 +20,7 @@ class Estimate:
     model        the same model holding the fitted numbers
     names        the fitted parameters
     covariance   (P, P) of the fitted parameters, in their units
-    noise        standard deviation of the readings about the fit, by channel ([rad], [rad/s])
+    noise        sd of the readings about the fit (UKF: about its predictions), by channel ([rad], [rad/s])
     success      whether the numbers can be used
     status       a sentence: how it ended and, where it ended badly, what to try
     cost         the sum of squares that was minimised, in units of the sensor's variance (nan: none)
@@ -57,10 +58,16 @@ class Estimate:
     def ambiguous(self) -> tuple[str, ...]:
         """What these records cannot tell: combinations with a sd above half their size."""
         parameters = self.model.parameters
-        scale = np.array([parameters[name].scale for name in self.names])
+        # a friction or a delay may well be nothing: its size is then no yardstick
+        scale = np.array(
+            [max(p.scale, 0.0 if p.neutral is None else 0.01) for p in map(parameters.get, self.names) if p]
+        )
+        unknown = ("the records do not determine these parameters: " + ", ".join(self.names),)
         if not np.all(np.isfinite(self.covariance)):
-            return ("the records do not determine these parameters: " + ", ".join(self.names),)
+            return unknown
         size, direction = np.linalg.eigh(self.covariance / np.outer(scale, scale))
+        if np.all(size > 0.5**2):
+            return unknown
         found = []
         for variance, v in zip(size, direction.T, strict=True):
             if variance > 0.5**2:
@@ -82,16 +89,16 @@ class Estimate:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data, ready for JSON."""
+        """Plain data, ready for JSON; a number that is not finite becomes None."""
         return {
             "method": self.method,
             "values": self.values,
-            "sd": self.sd,
-            "covariance": self.covariance.tolist(),
+            "sd": {name: _finite(sd) for name, sd in self.sd.items()},
+            "covariance": [[_finite(c) for c in row] for row in self.covariance.tolist()],
             "noise": self.noise,
             "success": self.success,
             "status": self.status,
-            "cost": self.cost,
+            "cost": _finite(self.cost),
             "n_readings": self.n_readings,
             "at_bound": list(self.at_bound),
             "ambiguous": list(self.ambiguous),
@@ -112,3 +119,7 @@ class Estimate:
         lines.append(f"  sd of the readings about the fit: {noise}  ({self.n_readings} readings)")
         lines.extend(f"  {sentence}" for sentence in self.ambiguous)
         return "\n".join(lines)
+
+
+def _finite(number: float) -> float | None:
+    return number if math.isfinite(number) else None

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from sysid.errors import InvalidInput
 from sysid.model import Model
 from sysid.records import Array, Record
 from sysid.simulate import simulate
@@ -51,6 +52,11 @@ def paper_rollouts(
     Readings go through float32, as Gymnasium's observation does; the angle is arctan2 of its sine and
     cosine, without noise.
     """
+    if n < 0 or length < 1 or not sigma >= 0.0 or not math.isfinite(model.u_max):
+        raise InvalidInput(
+            f"n = {n}, length = {length}, sigma = {sigma}, u_max = {model.u_max}: expected n >= 0 rollouts of at least "
+            "one step, a noise sd >= 0 and a model with a torque limit"
+        )
     if n == 0:
         return []
     start, u, noise = np.empty((n, 2)), np.empty((n, length)), np.empty((n, length, 2))

@@ -22,7 +22,7 @@ class Integrator(ABC):
     substeps: int = 1
 
     def __post_init__(self) -> None:
-        if self.substeps < 1:
+        if self.substeps != int(self.substeps) or self.substeps < 1:
             raise InvalidInput(f"substeps = {self.substeps}: expected a whole number >= 1")
 
     def advance(
@@ -56,6 +56,11 @@ class SemiImplicitEuler(Integrator):
     """
 
     theta_dot_max: float = math.inf
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.theta_dot_max > 0.0:
+            raise InvalidInput(f"theta_dot_max = {self.theta_dot_max}: expected a positive speed [rad/s]")
 
     def substep(
         self, acceleration: Acceleration, theta: Value, theta_dot: Value, t: Value, drive: Value, h: float

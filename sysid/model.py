@@ -45,10 +45,17 @@ class Model:
     u_max: float = math.inf
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "effects", tuple(self.effects))
+        if not isinstance(self.plant, Plant):
+            raise InvalidInput(f"plant is {self.plant!r}: expected a plant, such as RodPendulum()")
+        if not isinstance(self.integrator, Integrator):
+            raise InvalidInput(f"integrator is {self.integrator!r}: expected one, such as RK4(substeps=2)")
+        given = (self.effects,) if isinstance(self.effects, Effect) else tuple(self.effects)
+        object.__setattr__(self, "effects", given)
         for e in self.effects:
-            if not isinstance(e, Effect):
+            if not isinstance(e, InputEffect | JointEffect):
                 raise InvalidInput(f"effects holds {e!r}: expected effects, such as effect('viscous')")
+        if not math.isfinite(self.dt):
+            raise InvalidInput(f"dt = {self.dt}: expected a positive number of seconds")
         for name in ("dt", "u_max"):
             if not getattr(self, name) > 0.0:
                 raise InvalidInput(f"{name} = {getattr(self, name)}: expected a positive number")

@@ -32,12 +32,8 @@ class Parameter:
 
     @property
     def scale(self) -> float:
-        """A typical size, for scaling a solver's variables and for judging a standard deviation.
-
-        The number itself; near zero a tenth of the bounds' width, or 0.1 where they are wider than 1.
-        """
-        width = min(self.bounds[1] - self.bounds[0], 1.0)
-        return max(abs(float(self.value)), 0.1 * width)
+        """A typical size: the number itself; at zero a tenth of the bounds' width, or 0.1 where that is above 1."""
+        return abs(float(self.value)) or 0.1 * min(self.bounds[1] - self.bounds[0], 1.0)
 
     def check(self, value: Value, owner: str = "") -> None:
         """Raise InvalidInput where numbers are not finite or out of bounds; symbols and tensors pass."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,7 +26,8 @@ class Record:
 
     t (N+1,)                [s]      instants, evenly spaced, increasing
     u (N,)                  [N m]    the command held from t[k] to t[k+1]
-    theta (N+1,) or None    [rad]    angle readings, 0 upright; jumps of whole turns are taken out (unwrapped)
+    theta (N+1,) or None    [rad]    angle readings, 0 upright; jumps of whole turns are taken out (unwrapped);
+                                     (1,) where only the start angle is known
     theta_dot               [rad/s]  speed readings, (N+1,); (N,) where theta_dot_after is given
     theta_dot_after (N,)    [rad/s]  a second speed reading, of instant k+1, independent of theta_dot[k+1]:
                                      the paper's protocol reads before and after each step
@@ -44,6 +45,8 @@ class Record:
     def __post_init__(self) -> None:
         for column in COLUMNS:
             value: ArrayLike | None = getattr(self, column)
+            if value is None and column in ("t", "u"):
+                raise InvalidInput(f"{self.name} has no {column}: expected t (N+1,) and u (N,)")
             if value is not None:
                 object.__setattr__(self, column, self._array(column, value))
         if self.theta is None and self.theta_dot is None:
@@ -55,6 +58,8 @@ class Record:
         expected = {"t": n + 1, "theta": n + 1, "theta_dot": speeds, "theta_dot_after": n}
         for column, size in expected.items():
             series = getattr(self, column)
+            if column == "theta" and series is not None and len(series) == 1:
+                continue
             if series is not None and len(series) != size:
                 came = f"{column} has {len(series)} values"
                 raise InvalidInput(f"{self.name} is ragged: {came}, expected {size} for {n} commands u")
@@ -118,11 +123,14 @@ def check_records(model: Model, records: Sequence[Record]) -> tuple[Record, ...]
 
     Raises InvalidInput with the record's name, what came and what was expected.
     """
-    if isinstance(records, Record):
-        records = (records,)
-    if len(records) == 0:
+    given = (
+        (records,) if isinstance(records, Record) else tuple(records) if isinstance(records, Iterable) else (records,)
+    )
+    if not given:
         raise InvalidInput("no records were given: expected at least one")
-    for record in records:
+    for record in given:
+        if not isinstance(record, Record):
+            raise InvalidInput(f"records holds {record!r}: expected Record objects, as read_csv and measure make them")
         if abs(record.dt - model.dt) > 0.01 * model.dt:
             raise InvalidInput(f"{record.name} is sampled every {record.dt:g} s, the model steps every {model.dt:g} s")
         largest = float(np.max(np.abs(record.u)))
@@ -130,7 +138,7 @@ def check_records(model: Model, records: Sequence[Record]) -> tuple[Record, ...]
             raise InvalidInput(
                 f"{record.name} has a torque of {largest:g} N m, beyond the model's limit |u| <= {model.u_max:g} N m"
             )
-    return tuple(records)
+    return given
 
 
 def write_csv(record: Record, path: str | Path) -> None:
@@ -151,11 +159,14 @@ def read_csv(path: str | Path) -> Record:
     """
     path = Path(path)
     if not path.is_file():
-        raise InvalidInput(f"no such file: {path}")
-    with open(path, newline="", encoding="utf-8-sig") as file:
-        reader = csv.reader(file)
-        header = [h.strip() for h in next(reader, [])]
-        rows = [(reader.line_num, row) for row in reader if row]
+        raise InvalidInput(f"{path} is a folder: expected a CSV file" if path.is_dir() else f"no such file: {path}")
+    try:
+        with open(path, newline="", encoding="utf-8-sig") as file:
+            reader = csv.reader(file)
+            header = [h.strip() for h in next(reader, [])]
+            rows = [(reader.line_num, row) for row in reader if row]
+    except (UnicodeDecodeError, csv.Error):
+        raise InvalidInput(f"{path.name} is not a text file: expected CSV in UTF-8") from None
     _check_header(path.name, header)
     columns: dict[str, list[float]] = {h: [] for h in header}
     for k, (number, row) in enumerate(rows):

@@ -18,6 +18,8 @@ from sysid.model import Model
 from sysid.records import Array, Record, check_records
 from sysid.sensor import Sensor
 
+_LARGEST_GROWTH = 1e5
+
 
 @dataclass(frozen=True, eq=False)
 class Blocks:
@@ -27,7 +29,7 @@ class Blocks:
     end      (M, 2)             state after each segment
     gradient (M, 2 + P)         d cost_i / dz
     end_z    (M, 2, 2 + P)      d end_i / dz
-    normal   (M, 2 + P, 2 + P)  R_z' R_z of the whitened residuals R (Gauss-Newton's Hessian)
+    slope    (M, 2 (L + 1), 2 + P)  d residuals_i / dz, whitened
     squares  (2,)               whitened squares of theta's and of theta_dot's residuals
     """
 
@@ -35,7 +37,7 @@ class Blocks:
     end: Array
     gradient: Array
     end_z: Array
-    normal: Array
+    slope: Array
     squares: Array
 
 
@@ -53,7 +55,7 @@ class Segments:
         records: Sequence[Record],
         sensor: Sensor,
         length: int,
-        functions: tuple[casadi.Function, casadi.Function] | None = None,
+        functions: tuple[casadi.Function, ...] | None = None,
     ) -> None:
         self.model, self.names, self.sensor = model, tuple(names), sensor
         self.records = check_records(model, records)
@@ -69,7 +71,7 @@ class Segments:
         self.time = np.concatenate([self.length * model.dt * np.arange(c) for c in self.counts])[None, :]
         self.path = self._input_path()
         self.functions = functions or self._segment()
-        self.segment, self.curvature = (f.map(self.size) for f in self.functions)
+        self.segment, self.slope, self.curvature = (f.map(self.size) for f in self.functions)
 
     def head(self, n: int) -> Segments:
         """The first n control intervals of every record, cut by the same length."""
@@ -138,10 +140,11 @@ class Segments:
             "drive", [flat, u, p], [casadi.vertcat(*(v for m in after for v in m)), casadi.vertcat(*drive)]
         )
 
-    def _segment(self) -> tuple[casadi.Function, casadi.Function]:
+    def _segment(self) -> tuple[casadi.Function, ...]:
         """One segment: node, p, drives, their slopes, start time, readings, weights -> the parts of Blocks.
 
-        The second function takes two multipliers more and gives the Hessian of lam_f cost + lam_g' end.
+        The second function gives Blocks.slope; the third takes two multipliers more and gives the Hessian of
+        lam_f cost + lam_g' end.
         """
         S, L, P, dt = self.model.integrator.substeps, self.length, len(self.names), self.model.dt
         x, p, t0 = casadi.SX.sym("x", 2), casadi.SX.sym("p", P), casadi.SX.sym("t0")
@@ -169,14 +172,15 @@ class Segments:
             end,
             casadi.mtimes(slope.T, residual),
             casadi.vec(casadi.densify(casadi.jacobian(end, z))),
-            casadi.vec(casadi.densify(casadi.mtimes(slope.T, slope))),
             casadi.vertcat(casadi.sumsqr(residual[: L + 1]), casadi.sumsqr(residual[L + 1 :])),
+            casadi.vec(casadi.densify(slope)),
             casadi.vec(casadi.densify(hessian)),
         ]
-        *outputs, hessian = casadi.substitute(outputs, [shift], [casadi.SX.zeros(P)])
+        *outputs, slope, hessian = casadi.substitute(outputs, [shift], [casadi.SX.zeros(P)])
         inputs = [x, p, drives, *slopes, t0, value, weight]
         return (
             casadi.Function("segment", inputs, outputs, {"cse": True}),
+            casadi.Function("slope", inputs, [slope], {"cse": True}),
             casadi.Function("curvature", [*inputs, lam_f, lam_g], [hessian], {"cse": True}),
         )
 
@@ -194,15 +198,15 @@ class Segments:
     def blocks(self, p: Array, nodes: Array) -> Blocks:
         """The linearisation at parameters p (P,) and nodes (M, 2)."""
         P, M = len(self.names), self.size
-        cost, end, gradient, end_z, normal, squares = (
-            np.asarray(v) for v in self.symbolic(casadi.DM(p), casadi.DM(nodes.T))
-        )
+        inputs = self._inputs(casadi.DM(p), casadi.DM(nodes.T))
+        cost, end, gradient, end_z, squares = (np.asarray(v) for v in self.segment.call(inputs))
+        slope = np.asarray(self.slope.call(inputs)[0])
         return Blocks(
             cost=float(np.sum(cost)),
             end=end.T,
             gradient=gradient.T,
             end_z=end_z.T.reshape(M, 2 + P, 2).transpose(0, 2, 1),
-            normal=normal.T.reshape(M, 2 + P, 2 + P),
+            slope=slope.T.reshape(M, 2 + P, 2 * (self.length + 1)).transpose(0, 2, 1),
             squares=np.sum(squares, axis=1),
         )
 
@@ -212,7 +216,7 @@ class Segments:
         nodes[self.first] = starts
         counts = np.array(self.counts)
         for i in range(1, int(counts.max())):
-            end = self.blocks(p, nodes).end
+            end = np.asarray(self.symbolic(casadi.DM(p), casadi.DM(nodes.T))[1]).T
             at = self.first[counts > i] + i
             nodes[at] = end[at - 1]
         return nodes
@@ -223,19 +227,37 @@ class Segments:
             F = sum_records M_pp - M_px M_xx^-1 M_xp,   M = S' Sigma^-1 S,   S = d(readings) / d(x_0, p)
 
         S follows the whole rollout; where `whole` is false every segment has a free state of its own instead.
-        (Schur complement; e.g. Kay, Estimation Theory, Sec. 3.7.)
+        Where an initial error has grown by more than 10^5, beyond what float64 can cancel, a free state begins
+        anew too: that can only understate the information. (Schur complement; e.g. Kay, Estimation Theory, Sec. 3.7.)
         """
         P = len(self.names)
         total = np.zeros((P, P))
         spans = zip(self.first, self.counts, strict=True) if whole else ((i, 1) for i in range(self.size))
         for begin, count in spans:
-            chain = np.eye(2 + P)
-            m = np.zeros((2 + P, 2 + P))
+            chain, rows = np.eye(2 + P), list[Array]()
             for i in range(begin, begin + count):
-                m += chain.T @ blocks.normal[i] @ chain
+                if np.linalg.norm(chain[:2, :2], 2) > _LARGEST_GROWTH:
+                    total += _without_state(np.concatenate(rows))
+                    chain, rows = np.eye(2 + P), []
+                rows.append(blocks.slope[i] @ chain)
                 chain = np.vstack([blocks.end_z[i] @ chain, chain[2:]])
-            total += m[2:, 2:] - m[2:, :2] @ np.linalg.pinv(m[:2, :2], hermitian=True) @ m[:2, 2:]
-        return 0.5 * (total + total.T)
+            total += _without_state(np.concatenate(rows))
+        return total
+
+
+def _without_state(S: Array) -> Array:
+    """M_pp - M_px M_xx^-1 M_xp for M = S'S, S (rows, 2 + P): what of the columns of p lies beside those of x.
+
+    From S itself: in M, whose entries are squares, an information that is small beside M_pp would drown.
+    """
+    S_x = S[:, :2] / np.maximum(np.linalg.norm(S[:, :2], axis=0), 1e-300)
+    directions, size, _ = np.linalg.svd(S_x, full_matrices=False)
+    directions = directions[:, size > 1e-10]
+    beside = S[:, 2:]
+    for _ in range(2):  # once more takes out what rounding left
+        beside = beside - directions @ (directions.T @ beside)
+    information: Array = beside.T @ beside
+    return information
 
 
 def _unit(i: int, n: int) -> casadi.DM:

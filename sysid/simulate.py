@@ -33,7 +33,7 @@ class Trajectory:
             if sensor.theta is not None:
                 angle = theta[i] + sensor.theta * rng.standard_normal(n + 1)
             elif sensor.theta_0 is not None:
-                angle = np.full(n + 1, theta[i, 0] + sensor.theta_0 * rng.standard_normal())
+                angle = theta[i, :1] + sensor.theta_0 * rng.standard_normal(1)
             if sensor.theta_dot is not None:
                 speed = theta_dot[i] + sensor.theta_dot * rng.standard_normal(n + 1)
             records.append(Record(self.t, u[i], angle, speed, name=f"rollout {i}"))

@@ -9,6 +9,7 @@ from typing import ClassVar
 
 from sysid import ops
 from sysid.effects.effect import InputEffect, Memory
+from sysid.errors import InvalidInput
 from sysid.ops import Value
 from sysid.parameters import Parameter, parameter
 
@@ -29,6 +30,11 @@ class Delay(InputEffect):
     stage: ClassVar[int] = 1
     T: Value = parameter(0.0, unit="s", bounds=(0.0, 1.0), neutral=0.0)
     longest: float = 0.2
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.longest < math.inf:
+            raise InvalidInput(f"delay longest = {self.longest}: expected a positive time [s]")
+        super().__post_init__()
 
     @property
     def parameters(self) -> dict[str, Parameter]:

@@ -7,6 +7,7 @@ from typing import ClassVar
 
 from sysid import ops
 from sysid.effects.effect import Joint, JointEffect
+from sysid.errors import InvalidInput
 from sysid.ops import Value
 from sysid.parameters import parameter
 
@@ -33,6 +34,11 @@ class Coulomb(JointEffect):
     friction: ClassVar[bool] = True
     tau_c: Value = parameter(0.0, unit="N m", bounds=(0.0, 10.0), neutral=0.0)
     v_s: float = 0.05
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.v_s > 0.0:
+            raise InvalidInput(f"coulomb v_s = {self.v_s}: expected a positive speed [rad/s]")
 
     def torque(self, joint: Joint) -> Value:
         """-tau_c tanh(theta_dot / v_s) [N m]."""

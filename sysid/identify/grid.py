@@ -76,10 +76,11 @@ class GridSearch:
         columns = []
         for name, h in zip(names, 1e-4 * steps, strict=True):
             value, ends = fitted.parameters[name].value, []
-            for side in (-h, h):
-                moved = fitted.with_parameters({name: np.clip(value + side, *fitted.parameters[name].bounds)})
+            sides = np.clip([value - h, value + h], *fitted.parameters[name].bounds).tolist()
+            for side in sides:
+                moved = fitted.with_parameters({name: side})
                 ends.append(np.concatenate([_OneStep(moved, r)(slice(None)).ravel() for r in records]))
-            columns.append((ends[1] - ends[0]) / (2.0 * h))
+            columns.append((ends[1] - ends[0]) / (sides[1] - sides[0]))
         jacobian = np.stack(columns, axis=1)
         covariance = mean_square * np.linalg.pinv(jacobian.T @ jacobian) + np.diag(steps**2 / 12.0)
         # both readings of a step carry the noise, the earlier one through df/dtheta_dot, which is near 1
@@ -113,6 +114,10 @@ class _OneStep:
             lacking = "theta" if record.theta is None else "theta_dot"
             raise InvalidInput(f"{record.name} has no {lacking}: a grid search needs angles and speeds")
         n = len(record)
+        if len(record.theta) < n:
+            raise InvalidInput(
+                f"{record.name} has the start angle alone: a grid search needs the angle of every instant"
+            )
         self.model, self.t = model, record.t[:n] - record.t[0]
         self.theta, self.before = record.theta[:n], record.theta_dot[:n]
         self.after = record.theta_dot[1:] if record.theta_dot_after is None else record.theta_dot_after

@@ -19,6 +19,8 @@ from sysid.records import Array, Record, check_records
 from sysid.sensitivity import Segments
 from sysid.sensor import Sensor
 
+_LONGEST_SEGMENT = 50
+
 
 @dataclass(frozen=True)
 class LeastSquares:
@@ -26,10 +28,10 @@ class LeastSquares:
 
         min_{p, x_0}  sum_records sum_k |(y_k - yhat_k(x_0, p)) / sd|^2    within the bounds of p
 
-    Solved by multiple shooting (Bock & Plitt, 1984): nodes every `segment` [s] are variables too, tied by
-    continuity constraints, so the optimum is that of whole rollouts and the nodes only help to find it. IPOPT takes
-    exact first and second derivatives from CasADi. Every reading that the sensor vouches for
-    counts, both of an instant that was read twice. The covariance is the inverse Fisher information.
+    Solved by multiple shooting (Bock & Plitt, 1984): nodes every `segment` [s], 50 samples at most, are variables
+    too, tied by continuity constraints, so the optimum is that of whole rollouts and the nodes only help to find it.
+    IPOPT takes exact first and second derivatives from CasADi. Every reading that the sensor vouches for counts,
+    both of an instant that was read twice. The covariance is the inverse Fisher information.
 
     Where angles are read, a fit begins with smoothed states and free windows; where only speeds are, with the first
     half second, and the horizon grows. It begins at the model's own numbers, then at others, at most `starts`
@@ -79,10 +81,13 @@ class LeastSquares:
         names, segments = tuple(self.parameters), search.segments
         blocks = segments.blocks(best.p, best.nodes)
         information = segments.information(blocks, whole=best.success)
-        if np.linalg.matrix_rank(information, hermitian=True) < len(names):
-            covariance: Array = np.full_like(information, np.inf)
-        else:
-            covariance = np.linalg.inv(information).astype(float)
+        covariance = _inverse(information)
+        known = bool(np.all(np.isfinite(covariance)))
+        if not known:
+            status = f"{status}; yet the records do not determine {', '.join(names)}"
+        degrees = (
+            search.degrees if best.success else max(1, search.degrees - 2 * (segments.size - len(segments.records)))
+        )
         squares = blocks.squares + segments.scatter
         total = int(segments.n_readings.sum())
         sds = (("theta", self.sensor.theta), ("theta_dot", self.sensor.theta_dot))
@@ -91,16 +96,27 @@ class LeastSquares:
             names=names,
             covariance=covariance,
             noise={
-                channel: sd * math.sqrt(squares[row] / segments.n_readings[row] * total / search.degrees)
+                channel: sd * math.sqrt(squares[row] / segments.n_readings[row] * total / degrees)
                 for row, (channel, sd) in enumerate(sds)
                 if sd is not None
             },
-            success=best.success,
+            success=best.success and known,
             status=status,
             cost=float(np.sum(squares)),
             n_readings=total,
             method="least squares",
         )
+
+
+def _inverse(information: Array) -> Array:
+    """The covariance (P, P), scaled before it is inverted; infinite where some direction is not determined."""
+    size = np.sqrt(np.diag(information))
+    if np.all(size > 0.0):
+        scaled = information / np.outer(size, size)
+        if np.linalg.eigvalsh(scaled)[0] > 1e-12:
+            inverse: Array = np.linalg.inv(scaled) / np.outer(size, size)
+            return 0.5 * (inverse + inverse.T)
+    return np.full_like(information, np.inf)
 
 
 class _Search:
@@ -111,7 +127,7 @@ class _Search:
         self.parameters = free_parameters(model, settings.parameters)
         self.states = [smooth_states(r, settings.sensor) for r in records]
         longest = max(len(r) for r in records)
-        length = min(max(1, round(settings.segment / model.dt)), longest)
+        length = max(1, round(min(settings.segment / model.dt, _LONGEST_SEGMENT, longest)))
         self.segments = Segments(model, settings.parameters, records, settings.sensor, length)
         self.problem = MultipleShooting(self.segments, self.parameters)
         self.degrees = max(1, int(self.segments.n_readings.sum()) - len(self.parameters) - 2 * len(records))

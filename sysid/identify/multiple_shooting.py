@@ -52,7 +52,7 @@ class MultipleShooting:
         P, M = len(scale), segments.size
         v = casadi.MX.sym("v", P + 2 * M)
         p, nodes = v[:P] * casadi.DM(scale), casadi.reshape(v[P:], 2, M)
-        cost, end, gradient, end_z, _, _ = segments.symbolic(p, nodes)
+        cost, end, gradient, end_z, _ = segments.symbolic(p, nodes)
         inner = np.flatnonzero(segments.continued) if continuity else np.array([], dtype=int)
         f = casadi.sum2(cost)
         g = casadi.vec(end[:, inner.tolist()] - nodes[:, (inner + 1).tolist()])
@@ -69,6 +69,7 @@ class MultipleShooting:
             {
                 **functions,
                 "print_time": False,
+                "show_eval_warnings": False,
                 "ipopt": {
                     "print_level": 0,
                     "sb": "yes",

@@ -1,6 +1,7 @@
 """Least squares recovers what was planted within the error it states, and says when it cannot."""
 
 import dataclasses
+import json
 
 import numpy as np
 import pytest
@@ -123,6 +124,43 @@ def test_a_bigger_model_never_ends_with_a_higher_cost_and_a_smaller_one_says_tha
     assert big.cost < small.cost
     assert "lacks something" in small.status
     assert "explained" in big.status
+
+
+def test_a_long_record_that_is_sensitive_to_its_start_keeps_honest_intervals():
+    """An initial error grows by 10^7 here, so normal equations over the whole record have no digits left."""
+    sensor = Sensor(theta=0.003, theta_dot=0.05)
+    truth = Model(GeneralJoint(J=0.12, G=1.3), (Viscous(b=0.02),), dt=0.02)
+    cold, names = Model(GeneralJoint(), (Viscous(),), dt=0.02), ("J", "G", "viscous.b")
+    rng = np.random.default_rng(2)
+    record = simulate(truth, multisine(rng, 2000, 0.02, 1.5, 2.0), np.pi, 0.0).measure(sensor, rng)[0]
+    before = None
+    for n in (500, 1000, 2000):
+        estimate = LeastSquares(names, sensor).fit(cold, [record.head(n)])
+        assert estimate.success
+        for name, (low, high) in estimate.interval(0.999).items():
+            assert low <= truth.parameters[name].value <= high
+        assert before is None or all(estimate.sd[k] < before[k] for k in names)
+        before = estimate.sd
+
+
+def test_numbers_far_from_one_are_found_from_the_models_own():
+    sensor = Sensor(theta=0.003, theta_dot=0.05)
+    truth = Model(GeneralJoint(J=1e-4, G=0.01), (Viscous(b=1e-5),), dt=0.01)
+    rng = np.random.default_rng(0)
+    record = simulate(truth, 0.005 * steps(rng, 300, 0.01, 1.0, 0.3), np.pi, 0.0).measure(sensor, rng)[0]
+    cold = truth.with_parameters({"J": 1.5e-4, "G": 0.008, "viscous.b": 2e-5})
+    estimate = LeastSquares(("J", "G", "viscous.b"), sensor).fit(cold, [record])
+    assert "explained" in estimate.status
+    for name, (low, high) in estimate.interval(0.999).items():
+        assert low <= truth.parameters[name].value <= high
+
+
+def test_a_fit_that_determines_nothing_is_no_success():
+    record = rollouts(ENCODER, 1, 0)[0].head(1)
+    estimate = LeastSquares(sensor=ENCODER).fit(paper_model(), [record])
+    assert not estimate.success
+    assert "do not determine" in estimate.status
+    assert json.dumps(estimate.to_dict(), allow_nan=False)
 
 
 def test_what_cannot_be_told_apart_is_said():

@@ -93,7 +93,7 @@ def test_csv_comes_back_to_the_bit(columns, tmp_path):
         ("t,u,theta\n0,1,2\n", "is empty"),
         ("t,u,theta\n", "is empty"),
         ("t,u,theta\n0,1,2\n1,,2\n2,1,2\n3,1,2\n", "line 4: u goes on after an empty cell"),
-        ("t,u,theta\n0,1,2\n1,1,\n2,,\n", "is ragged: theta has 1 values, expected 3"),
+        ("t,u,theta\n0,1,2\n1,1,2\n2,,\n", "is ragged: theta has 2 values, expected 3"),
         ("t,u,theta\n0,1,nan\n1,1,2\n2,,2\n", "theta[0] is nan"),
     ],
 )
