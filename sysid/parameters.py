@@ -66,9 +66,19 @@ def parameter(
 
 @dataclass(frozen=True, eq=False)
 class Parametric:
-    """A part of a model (plant or effect) whose numbers are fields made by `parameter`."""
+    """A part of a model (plant or effect) whose numbers are fields made by `parameter`.
+
+    bounds   by field name, where others than the declared ones are wanted: RodPendulum(m=5.0, bounds={"m": (1.0, 9.0)})
+    """
+
+    bounds: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict, kw_only=True, repr=False)
 
     def __post_init__(self) -> None:
+        for name, (low, high) in self.bounds.items():
+            if name not in self.parameters:
+                raise InvalidInput(f"bounds name {name!r}: {type(self).__name__} has {', '.join(self.parameters)}")
+            if not low < high:
+                raise InvalidInput(f"bounds of {name} are ({low}, {high}): expected (low, high) with low < high")
         for p in self.parameters.values():
             p.check(p.value, owner=type(self).__name__)
 
@@ -76,10 +86,13 @@ class Parametric:
     def parameters(self) -> dict[str, Parameter]:
         """The parameters by field name, in the order in which they are declared."""
         return {
-            f.name: Parameter(f.name, getattr(self, f.name), **f.metadata[_KEY])
+            f.name: Parameter(f.name, getattr(self, f.name), **(f.metadata[_KEY] | self._own_bounds(f.name)))
             for f in dataclasses.fields(self)
             if _KEY in f.metadata
         }
+
+    def _own_bounds(self, name: str) -> dict[str, tuple[float, float]]:
+        return {"bounds": self.bounds[name]} if name in self.bounds else {}
 
     def with_parameters(self, values: Mapping[str, Value]) -> Any:
         """The same part holding other numbers: floats, arrays, CasADi symbols or tensors."""

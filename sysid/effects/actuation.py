@@ -38,8 +38,9 @@ class Delay(InputEffect):
 
     @property
     def parameters(self) -> dict[str, Parameter]:
-        """T, bounded by the length of the memory."""
-        return {"T": replace(super().parameters["T"], bounds=(0.0, self.longest))}
+        """T, bounded by the length of the memory too."""
+        T = super().parameters["T"]
+        return {"T": replace(T, bounds=(T.bounds[0], min(T.bounds[1], self.longest)))}
 
     def rest(self, dt: float) -> Memory:
         """Zero commands, the latest first, as far back as `longest` reaches."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from sysid.effects.actuation import Delay, Lag
 from sysid.effects.disturbance import TorqueBias
@@ -30,7 +30,7 @@ def register(kind: EffectType) -> EffectType:
     return kind
 
 
-def effect(name: str, **parameters: float) -> Effect:
+def effect(name: str, **parameters: Any) -> Effect:
     """The effect of that name, at its neutral value where no other is given: effect("viscous", b=0.1)."""
     if name not in CATALOGUE:
         raise InvalidInput(f"unknown effect {name!r}: expected one of {', '.join(sorted(CATALOGUE))}")

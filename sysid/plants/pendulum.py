@@ -17,7 +17,7 @@ class RodPendulum(Plant):
         J = m l^2 / 3,   gravity_torque = m g (l / 2) sin(theta)
         theta_ddot = 3 g / (2 l) sin(theta) + 3 / (m l^2) tau
 
-    The bounds of m and l are the paper's. Source: Gymnasium's Pendulum-v1; paper, Sec. II-A.
+    The bounds of m and l are the paper's; `bounds` sets others. Source: Gymnasium's Pendulum-v1; paper, Sec. II-A.
     """
 
     m: Value = parameter(1.0, unit="kg", bounds=(0.3, 3.0))

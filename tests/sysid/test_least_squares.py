@@ -127,7 +127,7 @@ def test_a_bigger_model_never_ends_with_a_higher_cost_and_a_smaller_one_says_tha
 
 
 def test_a_long_record_that_is_sensitive_to_its_start_keeps_honest_intervals():
-    """An initial error grows by 10^7 here, so normal equations over the whole record have no digits left."""
+    """An initial error grows by 10^6 here: its square leaves normal equations without digits."""
     sensor = Sensor(theta=0.003, theta_dot=0.05)
     truth = Model(GeneralJoint(J=0.12, G=1.3), (Viscous(b=0.02),), dt=0.02)
     cold, names = Model(GeneralJoint(), (Viscous(),), dt=0.02), ("J", "G", "viscous.b")

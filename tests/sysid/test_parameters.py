@@ -20,6 +20,19 @@ def test_bounds_are_inclusive(value):
     assert RodPendulum(m=value).m is value
 
 
+def test_bounds_of_ones_own_go_with_the_part():
+    heavy = RodPendulum(m=5.0, l=1.0, bounds={"m": (1.0, 9.0)})
+    assert heavy.parameters["m"].bounds == (1.0, 9.0)
+    assert heavy.parameters["l"].bounds == (0.3, 3.0)
+    assert heavy.with_parameters({"m": 8.0}).parameters["m"].bounds == (1.0, 9.0)
+    with pytest.raises(InvalidInput, match=r"expected 1 <= RodPendulum.m <= 9"):
+        heavy.with_parameters({"m": 0.5})
+    with pytest.raises(InvalidInput, match=r"bounds name 'mass': RodPendulum has m, l, g"):
+        RodPendulum(bounds={"mass": (1.0, 2.0)})
+    with pytest.raises(InvalidInput, match=r"low < high"):
+        RodPendulum(bounds={"m": (2.0, 1.0)})
+
+
 @pytest.mark.parametrize("value", [ca.SX.sym("m"), torch.tensor(99.0), np.array([1.0, 2.0])])
 def test_symbols_tensors_and_arrays_are_held_as_they_came(value):
     assert RodPendulum(m=value).m is value
