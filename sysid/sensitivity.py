@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import casadi
 import numpy as np
 
+from sysid.errors import InvalidInput
 from sysid.model import Model
 from sysid.records import Array, Record, check_records
 from sysid.sensor import Sensor
@@ -273,6 +274,11 @@ def fisher_information(
 
     starts (R, 2): the initial states [rad, rad/s], which count as unknown. Its inverse is the Cramer-Rao bound.
     """
-    segments = Segments(model, names, records, sensor, length=round(1.0 / model.dt))
+    model.check_names(names)
+    segments = Segments(model, names, records, sensor, length=max(1, min(50, round(1.0 / model.dt))))
+    if np.shape(starts) != (len(segments.records), 2):
+        raise InvalidInput(
+            f"starts has shape {np.shape(starts)}: expected ({len(segments.records)}, 2), theta and theta_dot a record"
+        )
     p = np.array([float(model.parameters[n].value) for n in names])
     return segments.information(segments.blocks(p, segments.roll(p, np.asarray(starts, dtype=float))))

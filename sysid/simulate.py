@@ -46,7 +46,10 @@ def simulate(model: Model, u: ArrayLike, theta: ArrayLike, theta_dot: ArrayLike)
     Leading shapes broadcast, also against array-valued parameters: one call runs one rollout or thousands.
     Raises InvalidInput for an empty u, for numbers that are not finite and for |u| beyond the model's limit.
     """
-    u = np.asarray(u, dtype=float)
+    try:
+        u, theta, theta_dot = (np.asarray(a, dtype=float) for a in (u, theta, theta_dot))
+    except (TypeError, ValueError):
+        raise InvalidInput("u, theta or theta_dot is ragged or not numeric: expected arrays of numbers") from None
     if u.ndim == 0 or u.shape[-1] == 0:
         raise InvalidInput(f"u has shape {u.shape}: expected (..., N) with at least one command")
     if not np.all(np.isfinite(u)):
@@ -54,11 +57,14 @@ def simulate(model: Model, u: ArrayLike, theta: ArrayLike, theta_dot: ArrayLike)
     if np.max(np.abs(u)) > model.u_max * (1.0 + 1e-9):
         largest = np.max(np.abs(u))
         raise InvalidInput(f"|u| reaches {largest:g} N m, beyond the model's limit {model.u_max:g} N m")
-    theta, theta_dot = np.asarray(theta, dtype=float), np.asarray(theta_dot, dtype=float)
     if not (np.all(np.isfinite(theta)) and np.all(np.isfinite(theta_dot))):
         raise InvalidInput("the start state is not finite: expected theta [rad] and theta_dot [rad/s]")
-    numbers = (p.value for p in model.parameters.values())
-    shape = np.broadcast_shapes(u.shape[:-1], theta.shape, theta_dot.shape, *map(np.shape, numbers))
+    shapes = [u.shape[:-1], theta.shape, theta_dot.shape, *(np.shape(p.value) for p in model.parameters.values())]
+    try:
+        shape = np.broadcast_shapes(*shapes)
+    except ValueError:
+        came = ", ".join(map(str, sorted(set(shapes) - {()})))
+        raise InvalidInput(f"rollouts, start states and parameters have shapes {came}: they do not broadcast") from None
     n = u.shape[-1]
     state = model.initial_state(np.broadcast_to(theta, shape), np.broadcast_to(theta_dot, shape))
     angles: Value = np.empty((n + 1, *shape))
