@@ -67,14 +67,14 @@ class Run:
     seconds: float
 
     @property
-    def mean(self) -> float:
-        """Mean return."""
-        return float(np.mean(self.returns))
+    def evaluation(self) -> evaluate.Evaluation:
+        """The episodes' returns with their mean and spread."""
+        return evaluate.Evaluation(np.array(self.returns))
 
     @property
-    def std(self) -> float:
-        """Standard deviation over the episodes, divided by E: the convention of the paper's tables."""
-        return float(np.std(self.returns))
+    def mean(self) -> float:
+        """Mean return."""
+        return self.evaluation.mean
 
 
 def hidden_plant(preset: Preset) -> Model:

@@ -25,7 +25,8 @@ def write_runs(answer: Answer, path: Path) -> None:
     by default and what the authors' published code calls.
     """
     rows = [
-        (*r.cell, r.id_error, r.mean, r.std, *r.theta_hat, r.seconds) for r in sorted(answer.runs, key=lambda r: r.cell)
+        (*r.cell, r.id_error, r.mean, r.evaluation.std, *r.theta_hat, r.seconds)
+        for r in sorted(answer.runs, key=lambda r: r.cell)
     ]
     _write(path, RUN_COLUMNS, rows)
 
