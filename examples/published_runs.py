@@ -1,6 +1,6 @@
 """Eight runs of the paper again, with its settings, beside the returns that it published for the same seeds.
 
-    python examples/published_runs.py                  256 x 256 networks, 75,000 steps: about 45 min on one core
+    python examples/published_runs.py                  256 x 256 networks, 75,000 steps: about 51 min on one busy core
     python examples/published_runs.py --steps 20000    less training, most of the way there
 
 The measurement, the estimate and the start states are the published ones; only the training draws differ.
