@@ -66,6 +66,7 @@ class PriorRange(Randomization):
         object.__setattr__(self, "names", tuple(self.names))
 
     def sample(self, rng: np.random.Generator, model: Model) -> dict[str, float]:
+        """The parameters of one episode; raises InvalidInput for one without finite bounds."""
         model.check_names(self.names)
         parameters = model.parameters
         for name in self.names:

@@ -42,6 +42,7 @@ def run(
     with Meter(console, work) as meter:
 
         def heard(task: Task, kind: str, payload: Any) -> None:
+            """What a worker said: shown, and kept where it is an answer."""
             if kind == "progress":
                 meter.update(task.name, payload)
             elif kind == "saved" and isinstance(task, PopulationTask):

@@ -21,6 +21,9 @@ from sysid.sensor import Sensor
 
 _LARGEST_GROWTH = 1e5
 
+LONGEST_SEGMENT = 50
+"""Control intervals; a longer one only takes longer to compile."""
+
 
 @dataclass(frozen=True, eq=False)
 class Blocks:
@@ -275,7 +278,7 @@ def fisher_information(
     starts (R, 2): the initial states [rad, rad/s], which count as unknown. Its inverse is the Cramer-Rao bound.
     """
     model.check_names(names)
-    segments = Segments(model, names, records, sensor, length=max(1, min(50, round(1.0 / model.dt))))
+    segments = Segments(model, names, records, sensor, length=max(1, min(LONGEST_SEGMENT, round(1.0 / model.dt))))
     if np.shape(starts) != (len(segments.records), 2):
         raise InvalidInput(
             f"starts has shape {np.shape(starts)}: expected ({len(segments.records)}, 2), theta and theta_dot a record"

@@ -16,10 +16,8 @@ from sysid.identify.multiple_shooting import MultipleShooting, Solution
 from sysid.identify.start import parameter_starts, smooth_states
 from sysid.model import Model
 from sysid.records import Array, Record, check_records
-from sysid.sensitivity import Segments
+from sysid.sensitivity import LONGEST_SEGMENT, Segments
 from sysid.sensor import Sensor
-
-_LONGEST_SEGMENT = 50
 
 
 @dataclass(frozen=True)
@@ -62,9 +60,10 @@ class LeastSquares:
         if converged:
             best = min(converged, key=lambda f: f.cost)
             return self._estimate(model, search, best, self._status(search, best, len(found)))
+        window = search.segments.length * model.dt
         status = (
             f"no optimum of whole rollouts was found from {len(found)} starts: these numbers are those of free "
-            f"windows of {self.segment:g} s; the model lacks something, or try other starting numbers"
+            f"windows of {window:g} s; the model lacks something, or try other starting numbers"
         )
         return self._estimate(model, search, search.windows(next(parameter_starts(free))), status)
 
@@ -85,9 +84,7 @@ class LeastSquares:
         known = bool(np.all(np.isfinite(covariance)))
         if not known:
             status = f"{status}; yet the records do not determine {', '.join(names)}"
-        degrees = (
-            search.degrees if best.success else max(1, search.degrees - 2 * (segments.size - len(segments.records)))
-        )
+        free_states = len(segments.records) if best.success else segments.size
         squares = blocks.squares + segments.scatter
         total = int(segments.n_readings.sum())
         sds = (("theta", self.sensor.theta), ("theta_dot", self.sensor.theta_dot))
@@ -96,7 +93,7 @@ class LeastSquares:
             names=names,
             covariance=covariance,
             noise={
-                channel: sd * math.sqrt(squares[row] / segments.n_readings[row] * total / degrees)
+                channel: sd * math.sqrt(squares[row] / segments.n_readings[row] * total / search.degrees(free_states))
                 for row, (channel, sd) in enumerate(sds)
                 if sd is not None
             },
@@ -127,14 +124,18 @@ class _Search:
         self.parameters = free_parameters(model, settings.parameters)
         self.states = [smooth_states(r, settings.sensor) for r in records]
         longest = max(len(r) for r in records)
-        length = max(1, round(min(settings.segment / model.dt, _LONGEST_SEGMENT, longest)))
+        length = max(1, round(min(settings.segment / model.dt, LONGEST_SEGMENT, longest)))
         self.segments = Segments(model, settings.parameters, records, settings.sensor, length)
         self.problem = MultipleShooting(self.segments, self.parameters)
-        self.degrees = max(1, int(self.segments.n_readings.sum()) - len(self.parameters) - 2 * len(records))
+
+    def degrees(self, free_states: int) -> int:
+        """Readings less fitted numbers, of which each free state has two."""
+        return max(1, int(self.segments.n_readings.sum()) - len(self.parameters) - 2 * free_states)
 
     def misfit(self, solution: Solution, quantile: float = 3.7) -> float:
         """The sum of squares over its chi-square quantile (in sd above the mean); noise alone stays below 1."""
-        bound = self.degrees + quantile * math.sqrt(2.0 * self.degrees)
+        degrees = self.degrees(len(self.records))
+        bound = degrees + quantile * math.sqrt(2.0 * degrees)
         return (2.0 * solution.cost + float(np.sum(self.segments.scatter))) / bound
 
     def run(self, p: Array, refine: bool) -> Solution:

@@ -19,14 +19,12 @@ Index = NDArray[np.signedinteger[Any]]
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Where the solver stopped: p (P,), nodes (M, 2), half the whitened sum of squares, and how it ended."""
+    """Where the solver stopped: p (P,), nodes (M, 2), half the whitened sum of squares, whether it converged."""
 
     p: Array
     nodes: Array
     cost: float
     success: bool
-    message: str
-    iterations: int
 
 
 class MultipleShooting:
@@ -143,15 +141,12 @@ class MultipleShooting:
             lbg=0.0,
             ubg=0.0,
         )
-        stats = self.solver.stats()
         v = np.asarray(result["x"]).ravel()
         return Solution(
             p=np.clip(v[:P], self.low, self.high) * self.scale,
             nodes=v[P:].reshape(-1, 2),
             cost=float(result["f"]),
-            success=bool(stats["success"]),
-            message=str(stats["return_status"]).replace("_", " ").lower(),
-            iterations=int(stats["iter_count"]),
+            success=bool(self.solver.stats()["success"]),
         )
 
 
