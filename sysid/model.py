@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-from sysid.effects import Effect, InputEffect, Joint, JointEffect
-from sysid.effects.effect import Memory
+from sysid.effects.effect import DryFriction, Effect, InputEffect, Joint, JointEffect, Memory, OutputEffect, Reading
 from sysid.errors import InvalidInput
 from sysid.integrators import RK4, Integrator, SemiImplicitEuler
 from sysid.ops import Value
@@ -32,7 +31,7 @@ class State(NamedTuple):
 class Model:
     """A plant with effects, stepped by an integrator over control intervals of dt [s]; |u| <= u_max [N m].
 
-        (J + sum J_e) theta_ddot = gravity_torque(theta) + drive(u) + sum torque_e
+        (J + sum J_e) theta_ddot = gravity_torque(theta) + drive(u) + sum torque_e - dry friction
 
     Parameters are named as in the plant ("m", "l") and, for effects, "effect.field" ("viscous.b").
     Raises InvalidInput for dt or u_max that are not positive, or an effect given twice.
@@ -52,7 +51,7 @@ class Model:
         given = (self.effects,) if isinstance(self.effects, Effect) else tuple(self.effects)
         object.__setattr__(self, "effects", given)
         for e in self.effects:
-            if not isinstance(e, InputEffect | JointEffect):
+            if not isinstance(e, InputEffect | JointEffect | DryFriction | OutputEffect):
                 raise InvalidInput(f"effects holds {e!r}: expected effects, such as effect('viscous')")
         if not math.isfinite(self.dt):
             raise InvalidInput(f"dt = {self.dt}: expected a positive number of seconds")
@@ -73,6 +72,21 @@ class Model:
     def joint_effects(self) -> tuple[JointEffect, ...]:
         """Those that act at the joint."""
         return tuple(e for e in self.effects if isinstance(e, JointEffect))
+
+    @cached_property
+    def dry_frictions(self) -> tuple[DryFriction, ...]:
+        """Those that can hold the joint at rest."""
+        return tuple(e for e in self.effects if isinstance(e, DryFriction))
+
+    @cached_property
+    def output_effects(self) -> tuple[OutputEffect, ...]:
+        """Those between joint and reading, in the order in which they act."""
+        return tuple(sorted((e for e in self.effects if isinstance(e, OutputEffect)), key=lambda e: e.stage))
+
+    @property
+    def machine(self) -> Model:
+        """The same model without what belongs to the log it was fitted on: what a controller will meet."""
+        return dataclasses.replace(self, effects=tuple(e for e in self.effects if not e.of_log))
 
     @property
     def parameters(self) -> dict[str, Parameter]:
@@ -130,25 +144,59 @@ class Model:
             after.append(own_after)
         return signal, tuple(after)
 
-    def acceleration(self, theta: Value, theta_dot: Value, t: Value, drive: Value) -> Value:
-        """theta_ddot [rad/s^2] under a drive torque [N m]."""
-        inertia = self.plant.inertia()
+    def _joint(self, theta: Value, theta_dot: Value, t: Value, drive: Value) -> Joint:
+        """What the frictions see: the load is complete."""
         load = self.plant.gravity_torque(theta) + drive
         joint = Joint(theta, theta_dot, t, drive, 0.0, self.plant)
         for e in self.joint_effects:
-            inertia = inertia + e.inertia()
             if not e.friction:
                 load = load + e.torque(joint)
-        joint = joint._replace(load=load)
-        torque = load
+        return joint._replace(load=load)
+
+    def inertia(self) -> Value:
+        """J of the plant and of what the effects add [kg m^2]."""
+        J = self.plant.inertia()
+        for e in self.joint_effects:
+            J = J + e.inertia()
+        return J
+
+    def acceleration(self, theta: Value, theta_dot: Value, t: Value, drive: Value) -> Value:
+        """theta_ddot [rad/s^2] under a drive torque [N m], dry friction apart."""
+        joint = self._joint(theta, theta_dot, t, drive)
+        torque = joint.load
         for e in self.joint_effects:
             if e.friction:
                 torque = torque + e.torque(joint)
-        return torque / inertia
+        return torque / self.inertia()
+
+    def deceleration(self, theta: Value, theta_dot: Value, t: Value, drive: Value) -> tuple[Value, Value]:
+        """What dry friction can take from positive and from negative speed [rad/s^2]."""
+        joint, J = self._joint(theta, theta_dot, t, drive), self.inertia()
+        plus: Value = 0.0
+        minus: Value = 0.0
+        for e in self.dry_frictions:
+            against_positive, against_negative = e.limits(joint)
+            plus, minus = plus + against_positive, minus + against_negative
+        return plus / J, minus / J
 
     def move(self, theta: Value, theta_dot: Value, drives: Drives, t: Value = 0.0) -> tuple[Value, Value]:
         """(theta, theta_dot) after dt under known drive torques: the plant without its input path."""
-        return self.integrator.advance(self.acceleration, theta, theta_dot, t, drives, self.dt)
+        dry = self.deceleration if self.dry_frictions else None
+        return self.integrator.advance(self.acceleration, theta, theta_dot, t, drives, self.dt, dry)
+
+    def sensing(self, theta: Value, theta_dot: Value) -> tuple[Memory, ...]:
+        """The memory of each output effect for a joint that has come to this state at constant speed."""
+        return tuple(e.rest(theta, theta_dot, self.dt) for e in self.output_effects)
+
+    def read(
+        self, theta: Value, theta_dot: Value, sensing: tuple[Memory, ...] = (), t: Value = 0.0
+    ) -> tuple[Reading, tuple[Memory, ...]]:
+        """What the sensors show at theta, theta_dot, and their memory for the next instant, dt later."""
+        reading, after = Reading(theta, theta_dot), list[Memory]()
+        for e, own in zip(self.output_effects, sensing, strict=True):
+            reading, own_after = e.read(reading, own, t, self.dt)
+            after.append(own_after)
+        return reading, tuple(after)
 
     def advance(self, state: State, u: Value, t: Value = 0.0) -> State:
         """The state an interval dt later under command u [N m]; shapes broadcast, u is not clipped."""

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -17,11 +17,23 @@ from sysid.ops import Value
 _KEY = "parameter"
 
 
+class Extent(NamedTuple):
+    """What a probe may depend on: dt [s], the longest rollout [s], the largest |u| [N m] of a log."""
+
+    dt: float
+    duration: float
+    u_max: float
+
+
+Probe: TypeAlias = float | Sequence[float] | Callable[[Extent], Sequence[float]] | None
+
+
 @dataclass(frozen=True)
 class Parameter:
     """One number of a model: `value` in `unit`, allowed within `bounds` (inclusive).
 
-    `neutral` is the value at which the effect that owns it changes nothing (None: there is no such value).
+    `neutral` is the value at which the effect that owns it changes nothing (None: there is no such value, it is a
+    shape). `probe` are values to try it at: numbers, or a function of the Extent of a log that gives them.
     """
 
     name: str
@@ -29,6 +41,15 @@ class Parameter:
     unit: str
     bounds: tuple[float, float]
     neutral: float | None = None
+    probe: Probe = None
+
+    def probes(self, extent: Extent) -> tuple[float, ...]:
+        """Values to try this parameter at on a log of that extent; a hundredth beside neutral where none is declared."""
+        chosen = self.probe(extent) if callable(self.probe) else self.probe
+        if chosen is None:
+            chosen = float(self.value) if self.neutral is None else self.neutral + 0.01
+        numbers = chosen if isinstance(chosen, Sequence) else (chosen,)
+        return tuple(float(number) for number in numbers)
 
     @property
     def scale(self) -> float:
@@ -59,9 +80,11 @@ def parameter(
     unit: str,
     bounds: tuple[float, float] = (-math.inf, math.inf),
     neutral: float | None = None,
+    probe: Probe = None,
 ) -> Any:
-    """A dataclass field that is a parameter of the model, with unit [SI], bounds and neutral value."""
-    return dataclasses.field(default=default, metadata={_KEY: {"unit": unit, "bounds": bounds, "neutral": neutral}})
+    """A dataclass field that is a parameter of the model, with unit [SI], bounds, neutral value and probes."""
+    declared = {"unit": unit, "bounds": bounds, "neutral": neutral, "probe": probe}
+    return dataclasses.field(default=default, metadata={_KEY: declared})
 
 
 @dataclass(frozen=True, eq=False)

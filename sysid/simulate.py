@@ -16,17 +16,23 @@ from sysid.sensor import Sensor
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """Noise-free rollouts: t (N+1,) [s], u (..., N) [N m], theta and theta_dot (..., N+1) [rad], [rad/s]."""
+    """Noise-free rollouts: t (N+1,) [s], u (..., N) [N m], theta and theta_dot (..., N+1) [rad], [rad/s].
+
+    theta_read and theta_dot_read (..., N+1) are what perfect sensors would show: the states themselves, where the
+    model has no output effect.
+    """
 
     t: Array
     u: Array
     theta: Array
     theta_dot: Array
+    theta_read: Array
+    theta_dot_read: Array
 
     def measure(self, sensor: Sensor, rng: np.random.Generator) -> list[Record]:
         """Records, one a rollout, with independent Gaussian errors; a channel without sd is left out."""
         n = self.u.shape[-1]
-        u, theta, theta_dot = (a.reshape(-1, a.shape[-1]) for a in (self.u, self.theta, self.theta_dot))
+        u, theta, theta_dot = (a.reshape(-1, a.shape[-1]) for a in (self.u, self.theta_read, self.theta_dot_read))
         records = []
         for i in range(len(u)):
             angle = speed = None
@@ -67,15 +73,22 @@ def simulate(model: Model, u: ArrayLike, theta: ArrayLike, theta_dot: ArrayLike)
         raise InvalidInput(f"rollouts, start states and parameters have shapes {came}: they do not broadcast") from None
     n = u.shape[-1]
     state = model.initial_state(np.broadcast_to(theta, shape), np.broadcast_to(theta_dot, shape))
-    angles: Value = np.empty((n + 1, *shape))
-    speeds: Value = np.empty((n + 1, *shape))
-    angles[0], speeds[0] = state.theta, state.theta_dot
-    for k in range(n):
-        state = model.advance(state, u[..., k], k * model.dt)
-        angles[k + 1], speeds[k + 1] = state.theta, state.theta_dot
+    states: Value = np.empty((2, n + 1, *shape))
+    seen: Value = np.empty((2, n + 1, *shape))
+    ahead = max((e.ahead for e in model.input_effects), default=0)
+    sensing = model.sensing(state.theta, state.theta_dot)
+    for k in range(n + 1):
+        t = k * model.dt
+        states[:, k] = state.theta, state.theta_dot
+        seen[:, k], sensing = model.read(state.theta, state.theta_dot, sensing, t)
+        if k < n:
+            state = model.advance(state, u[..., min(k + ahead, n - 1)], t)
+    theta, theta_dot, theta_read, theta_dot_read = np.moveaxis(np.concatenate([states, seen]), 1, -1)
     return Trajectory(
         t=model.dt * np.arange(n + 1),
         u=np.broadcast_to(u, (*shape, n)),
-        theta=np.moveaxis(angles, 0, -1),
-        theta_dot=np.moveaxis(speeds, 0, -1),
+        theta=theta,
+        theta_dot=theta_dot,
+        theta_read=theta_read,
+        theta_dot_read=theta_dot_read,
     )

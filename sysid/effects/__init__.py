@@ -3,19 +3,22 @@
 from sysid.effects.actuation import Delay, Lag
 from sysid.effects.catalogue import CATALOGUE, effect, register
 from sysid.effects.disturbance import TorqueBias
-from sysid.effects.effect import Effect, InputEffect, Joint, JointEffect
+from sysid.effects.effect import DryFriction, Effect, InputEffect, Joint, JointEffect, OutputEffect, Reading
 from sysid.effects.friction import Coulomb, QuadraticDrag, Viscous
 
 __all__ = [
     "CATALOGUE",
     "Coulomb",
     "Delay",
+    "DryFriction",
     "Effect",
     "InputEffect",
     "Joint",
     "JointEffect",
     "Lag",
+    "OutputEffect",
     "QuadraticDrag",
+    "Reading",
     "TorqueBias",
     "Viscous",
     "effect",

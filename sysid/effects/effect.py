@@ -1,4 +1,4 @@
-"""The kinds of effect: what may stand between command and torque, and at the joint."""
+"""The kinds of effect: between command and torque, at the joint, and between joint and reading."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Memory = tuple[Value, ...]
 
 
 class Joint(NamedTuple):
-    """What a joint effect sees: theta [rad], theta_dot [rad/s], t [s], the drive torque [N m], the plant, and
+    """What acts at the joint sees: theta [rad], theta_dot [rad/s], t [s], the drive torque [N m], the plant, and
     `load` [N m] = gravity + drive + all effects that are not friction (0 while those are being summed)."""
 
     theta: Value
@@ -27,9 +27,25 @@ class Joint(NamedTuple):
     plant: Plant
 
 
+class Reading(NamedTuple):
+    """What a sensor shows: theta [rad], theta_dot [rad/s]."""
+
+    theta: Value
+    theta_dot: Value
+
+
 @dataclass(frozen=True, eq=False)
 class Effect(Parametric):
-    """A physical effect that a model may or may not have: an InputEffect or a JointEffect."""
+    """A physical effect that a model may or may not have: at the input, at the joint, or at the output.
+
+    formula    its equation in the fields' letters, one line
+    confused   names of effects that many logs cannot tell from it
+    of_log     whether it belongs to the log (how rows were stamped) and not to the machine
+    """
+
+    formula: ClassVar[str] = ""
+    confused: ClassVar[tuple[str, ...]] = ()
+    of_log: ClassVar[bool] = False
 
     def __init_subclass__(cls, **keywords: Any) -> None:
         super().__init_subclass__(**keywords)
@@ -48,10 +64,12 @@ class InputEffect(Effect):
     """Maps the command to the drive torque; depends on the command alone, not on the joint's state.
 
     A signal over one control interval is a tuple of means over its substeps. Effects act in the order of
-    `stage`: static ones (0), then delay (1), then lag (2).
+    `stage`: static ones (0), then delay (1), then lag (2). An effect with ahead = 1 is handed the command of
+    the next interval too, one row early: that exists in a log, not in a running machine.
     """
 
     stage: ClassVar[int] = 0
+    ahead: ClassVar[int] = 0
 
     def rest(self, dt: float) -> Memory:
         """The memory after a long time without command; () for a static effect."""
@@ -64,7 +82,7 @@ class InputEffect(Effect):
 
 @dataclass(frozen=True, eq=False)
 class JointEffect(Effect):
-    """Adds a torque, and where it has one an inertia, at the joint. Frictions are summed last."""
+    """Adds a torque, and where it has one an inertia, at the joint. Those with `friction` are summed last."""
 
     friction: ClassVar[bool] = False
 
@@ -75,3 +93,31 @@ class JointEffect(Effect):
     @abstractmethod
     def torque(self, joint: Joint) -> Value:
         """Torque on the joint [N m]; positive raises theta."""
+
+
+@dataclass(frozen=True, eq=False)
+class DryFriction(Effect):
+    """Opposes motion with a torque of its own size, and holds a joint at rest with up to that torque.
+
+    The integrator resolves it: a substep of the other torques first, then friction takes away at most
+    h limit / J of the speed, never more than there is. So a joint really sticks, in every back end.
+    """
+
+    @abstractmethod
+    def limits(self, joint: Joint) -> tuple[Value, Value]:
+        """Largest torque [N m] against positive and against negative motion, both >= 0."""
+
+
+@dataclass(frozen=True, eq=False)
+class OutputEffect(Effect):
+    """Maps the joint's state to what the sensors show. In the order of `stage`: mechanics, timing, electronics."""
+
+    stage: ClassVar[int] = 2
+
+    def rest(self, theta: Value, theta_dot: Value, dt: float) -> Memory:
+        """The memory of a sensor that has watched the joint arrive at this state at constant speed."""
+        return ()
+
+    @abstractmethod
+    def read(self, reading: Reading, memory: Memory, t: Value, dt: float) -> tuple[Reading, Memory]:
+        """The reading after this effect, and the memory for the next instant."""

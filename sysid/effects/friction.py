@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from sysid import ops
-from sysid.effects.effect import Joint, JointEffect
-from sysid.errors import InvalidInput
+from sysid.effects.effect import DryFriction, Joint, JointEffect
 from sysid.ops import Value
 from sysid.parameters import parameter
 
@@ -25,24 +24,15 @@ class Viscous(JointEffect):
 
 
 @dataclass(frozen=True, eq=False)
-class Coulomb(JointEffect):
-    """tau = -tau_c tanh(theta_dot / v_s): dry friction, smoothed over v_s [rad/s] so that derivatives exist.
+class Coulomb(DryFriction):
+    """tau = -tau_c sign(theta_dot); at rest it holds up to tau_c."""
 
-    v_s is a setting of the approximation, no parameter: below v_s the joint creeps where a real one sticks.
-    """
-
-    friction: ClassVar[bool] = True
+    formula: ClassVar[str] = "tau = -tau_c sign(theta_dot), at rest up to tau_c"
     tau_c: Value = parameter(0.0, unit="N m", bounds=(0.0, 10.0), neutral=0.0)
-    v_s: float = 0.05
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not self.v_s > 0.0:
-            raise InvalidInput(f"coulomb v_s = {self.v_s}: expected a positive speed [rad/s]")
-
-    def torque(self, joint: Joint) -> Value:
-        """-tau_c tanh(theta_dot / v_s) [N m]."""
-        return -self.tau_c * ops.tanh(joint.theta_dot / self.v_s)
+    def limits(self, joint: Joint) -> tuple[Value, Value]:
+        """tau_c both ways [N m]."""
+        return self.tau_c, self.tau_c
 
 
 @dataclass(frozen=True, eq=False)
