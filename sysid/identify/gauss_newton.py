@@ -1,0 +1,259 @@
+"""Gauss-Newton on windows of a log: a fit of a few hundredths of a second an iteration, at the horizon that a model can follow."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.identify.identifier import free_parameters
+from sysid.identify.start import parameter_starts
+from sysid.model import Model
+from sysid.parameters import Parameter
+from sysid.records import Array, Record
+from sysid.response import Linearisation, Response, cut
+from sysid.sensor import Sensor
+
+HORIZONS = (0.5, 1.0, 2.0, 4.0, math.inf)
+"""Lengths of windows [s] that a fit goes through; inf is a whole rollout."""
+
+LARGEST_GROWTH = 1e5
+"""Of an initial error within a window; beyond it float64 cannot tell the parameters from the start."""
+
+NEGLIGIBLE = 1e-2
+"""A decrease of the cost (half the sum of squares, in units of the noise) that no statistic would notice."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reduced:
+    """A linearisation with every window's start eliminated: what of e and S_p lies beside the columns of S_x.
+
+    e (K, R), S (K, R, P), directions (K, R, 2) an orthonormal basis of the columns of S_x, inverse (K, 2, 2)
+    """
+
+    e: Array
+    S: Array
+    directions: Array
+    triangle: Array
+
+    @property
+    def information(self) -> Array:
+        """S'S (P, P)."""
+        S = self.S.reshape(-1, self.S.shape[-1])
+        information: Array = S.T @ S
+        return information
+
+    @property
+    def gradient(self) -> Array:
+        """S'e (P,)."""
+        gradient: Array = self.S.reshape(-1, self.S.shape[-1]).T @ self.e.ravel()
+        return gradient
+
+
+def without(directions: Array, columns: Array) -> Array:
+    """Columns (K, R, Q) less their part along the orthonormal directions (K, R, 2)."""
+    for _ in range(2):  # once more takes out what rounding left
+        columns = columns - directions @ (np.swapaxes(directions, -1, -2) @ columns)
+    return columns
+
+
+def reduce(lin: Linearisation) -> Reduced:
+    """Eliminate the windows' starts (Schur complement by QR, so that small informations survive)."""
+    # a tiny prior keeps R regular where a window does not see its start (speeds alone)
+    directions, triangle = np.linalg.qr(lin.S_x)
+    both = without(directions, np.concatenate([lin.e[..., None], lin.S_p], axis=-1))
+    return Reduced(both[..., 0], both[..., 1:], directions, triangle)
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Where Gauss-Newton stopped: p (P,), window starts (K, 2), the linearisation there, whether it converged."""
+
+    p: Array
+    starts: Array
+    lin: Linearisation
+    converged: bool
+
+
+def solve(
+    response: Response, parameters: Sequence[Parameter], p: Array, starts: Array, iterations: int = 25
+) -> Solution:
+    """min 1/2 |e(p, starts)|^2 within the bounds of p: Levenberg-Marquardt with the starts eliminated."""
+    low, high = (np.array([q.bounds[side] for q in parameters]) for side in (0, 1))
+    scale = np.array([max(q.scale, 1e-3) for q in parameters])
+    lin, damping, converged = response.linearise(p, starts), 1e-6, False
+    for _ in range(iterations):
+        reduced, taken = reduce(lin), None
+        for attempt in range(8):
+            share = 0.5**attempt
+            dp = _step(reduced, p, low, high, scale, damping)
+            dx = _start_step(lin, reduced, dp)
+            if attempt == 0:
+                promised = lin.cost - 0.5 * float(np.sum((lin.e - _moved(lin, dx, dp)) ** 2))
+            e = response.residual(p + share * dp, starts + share * dx)
+            cost = 0.5 * float(np.sum(e**2))
+            if math.isfinite(cost) and cost <= lin.cost:
+                taken = cost
+                break
+            damping = max(damping, 1e-6) * 10.0
+        if taken is None:
+            converged = promised < NEGLIGIBLE
+            break
+        gain = lin.cost - taken
+        p, starts = np.clip(p + share * dp, low, high), starts + share * dx
+        lin = response.linearise(p, starts)
+        damping = max(damping * 0.1, 1e-9)
+        if gain < NEGLIGIBLE and attempt < 3:
+            converged = True
+            break
+    return Solution(p, starts, lin, converged)
+
+
+def _step(reduced: Reduced, p: Array, low: Array, high: Array, scale: Array, damping: float) -> Array:
+    """The damped step of p, kept within its bounds: what would leave is put on the bound, the others solved again."""
+    F, g = reduced.information, reduced.gradient
+    weight = np.maximum(np.diag(F), 1e-12 * np.max(np.diag(F) * scale**2, initial=1e-300) / scale**2)
+    F = F + np.diag(damping * weight + 1e-12 * weight)
+    dp, free = np.zeros(len(p)), np.ones(len(p), dtype=bool)
+    for _ in range(len(p) + 1):
+        if not np.any(free):
+            break
+        dp[free] = np.linalg.lstsq(F[np.ix_(free, free)], g[free] - F[np.ix_(free, ~free)] @ dp[~free], rcond=1e-14)[0]
+        out = free & ((p + dp < low - 1e-12) | (p + dp > high + 1e-12))
+        if not np.any(out):
+            break
+        dp[out] = np.clip(p + dp, low, high)[out] - p[out]
+        free &= ~out
+    limit = 0.7 * np.maximum(np.abs(p), scale)
+    return np.clip(dp, -limit, limit)
+
+
+def _start_step(lin: Linearisation, reduced: Reduced, dp: Array) -> Array:
+    """The step of the starts (K, 2) that goes with dp; at most half a radian and three times that a second."""
+    right = np.swapaxes(reduced.directions, -1, -2) @ (lin.e - lin.S_p @ dp)[..., None]
+    R = reduced.triangle
+    size = np.abs(np.stack([R[:, 0, 0], R[:, 1, 1]], axis=-1))
+    known = size > 1e-9
+    R = R + np.where(known, 0.0, 1.0)[..., None] * np.eye(2)
+    dx = np.where(known, np.linalg.solve(R, right)[..., 0], 0.0)
+    return np.clip(dx, [-0.5, -3.0], [0.5, 3.0])
+
+
+def _moved(lin: Linearisation, dx: Array, dp: Array) -> Array:
+    return np.asarray((lin.S_x @ dx[..., None])[..., 0] + lin.S_p @ dp)
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A fitted model with all that a test about it needs: the response, its linearisation, the windows' length [s]."""
+
+    response: Response
+    solution: Solution
+    horizon: float
+    model: Model
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The free parameters."""
+        return self.response.names
+
+    @property
+    def degrees(self) -> int:
+        """Readings less fitted numbers, of which every window's start has two."""
+        fitted = len(self.names) + 2 * len(self.response.windows)
+        return max(1, int(self.response.n_readings.sum()) - fitted)
+
+    @property
+    def variance(self) -> float:
+        """Residual variance in units of the sensor's: about 1 for a model that lacks nothing."""
+        return 2.0 * self.solution.lin.cost / self.degrees
+
+
+    @property
+    def growing(self) -> bool:
+        """Whether an initial error outgrows what float64 can cancel."""
+        return self.solution.lin.growth > LARGEST_GROWTH
+
+    @property
+    def follows(self) -> bool:
+        """Whether the model stays so near to the readings that a linearisation about it means something.
+
+        Beyond the noise its error is at most 15 % of the readings' spread in every channel, and 0.3 rad.
+        """
+        if self.growing:
+            return False
+        response = self.response
+        e = self.solution.lin.e.reshape(len(response.windows), 2, -1)
+        for row in range(2):
+            seen = response.weight[:, row] > 0.0
+            if not np.any(seen):
+                continue
+            error = np.abs(e[:, row][seen] / response.weight[:, row][seen])
+            noise = 1.0 / float(np.median(response.weight[:, row][seen]))
+            excess = math.sqrt(max(0.0, float(np.mean(error**2)) - noise**2))
+            if excess > 0.15 * float(np.std(response.y[:, row][seen])):
+                return False
+            if row == 0 and float(np.quantile(error, 0.98)) > 0.3 + 3.0 * noise:
+                return False
+        return True
+
+    def state(self, record: int, instant: int) -> Array | None:
+        """The fitted state (2,) at an instant of a record, where some window covers it."""
+        for w, states in zip(self.response.windows, self.solution.lin.states, strict=True):
+            if w.record == record and w.begin <= instant <= w.begin + w.count:
+                found: Array = states[instant - w.begin]
+                return found
+        return None
+
+
+def fit_windows(
+    model: Model,
+    names: Sequence[str],
+    records: Sequence[Record],
+    sensor: Sensor,
+    horizon: float,
+    p: Array | None = None,
+    near: Fit | None = None,
+    lead: float = 0.0,
+) -> Fit:
+    """A fit at one horizon [s], begun at parameters p and at the states of a fit `near` (else at smoothed ones)."""
+    parameters = free_parameters(model, names)
+    response = Response(model, names, records, sensor, cut(records, horizon, lead if math.isfinite(horizon) else 0.0))
+    starts = response.starts if near is None else _near(response, near)
+    if p is None:
+        p = next(parameter_starts(parameters))
+    solution = solve(response, parameters, np.asarray(p, dtype=float), starts)
+    fitted = model.with_parameters(dict(zip(names, solution.p.tolist(), strict=True)))
+    return Fit(response, solution, horizon, fitted)
+
+
+def _near(response: Response, near: Fit) -> Array:
+    found = [near.state(w.record, w.begin) for w in response.windows]
+    if any(state is None for state in found):
+        smooth = response.starts
+        return np.array([s if f is None else f for f, s in zip(found, smooth, strict=True)])
+    return np.array(found)
+
+
+def fit_longest(
+    model: Model,
+    names: Sequence[str],
+    records: Sequence[Record],
+    sensor: Sensor,
+    p: Array | None = None,
+    near: Fit | None = None,
+    shortest: float = HORIZONS[0],
+    lead: float = 0.0,
+) -> Fit:
+    """The fit at the longest horizon at which the model follows the log, through all shorter ones from `shortest`."""
+    whole = max(len(r) * r.dt for r in records)
+    fit = None
+    for horizon in (*(h for h in HORIZONS if shortest <= h < 0.75 * whole), math.inf):
+        longer = fit_windows(model, names, records, sensor, horizon, p, fit or near, lead)
+        if fit is not None and not (longer.follows and longer.solution.converged):
+            break
+        fit, p = longer, longer.solution.p
+    assert fit is not None  # noqa: S101 - the loop runs at least once
+    return fit

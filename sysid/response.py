@@ -1,0 +1,341 @@
+"""What a model answers to a log: trajectories, whitened residuals and their exact derivatives, window by window.
+
+A window is a stretch of a record with an initial state of its own; a whole rollout is the longest one. One CasADi
+Function per control interval is mapped over all samples at once; the chain rule over time is a linear recursion in
+NumPy. So cost and memory grow linearly with the samples, and a new model compiles in hundredths of a second.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import casadi
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.model import Model
+from sysid.records import Array, Record, check_records
+from sysid.sensor import Sensor
+
+Index = NDArray[np.intp]
+CHANNELS = ("theta", "theta_dot")
+
+
+class Window(NamedTuple):
+    """Instants begin ... begin + count of record number `record`; the first `lead` instants are not scored."""
+
+    record: int
+    begin: int
+    count: int
+    lead: int = 0
+
+
+def cut(records: Sequence[Record], length: float = math.inf, lead: float = 0.0) -> tuple[Window, ...]:
+    """Windows of `length` [s] that tile the records, each preceded by up to `lead` [s] that is not scored.
+
+    The windows of a record are equally long to one interval; none is shorter than two thirds of `length`, unless
+    its record is.
+    """
+    windows = []
+    for i, record in enumerate(records):
+        n, dt = len(record), record.dt
+        pieces = max(1, round(n * dt / length)) if math.isfinite(length) else 1
+        edges = np.linspace(0, n, min(pieces, n) + 1).round().astype(int)
+        for begin, end in zip(edges[:-1], edges[1:], strict=True):
+            early = min(int(begin), math.ceil(lead / dt - 1e-9))
+            windows.append(Window(i, int(begin) - early, int(end - begin) + early, early))
+    return tuple(windows)
+
+
+@dataclass(frozen=True, eq=False)
+class Linearisation:
+    """A model on a log at parameters p (P,) and window starts (K, 2), with R = 2 (L + 1) readings a window.
+
+    e (K, R)          readings less model, whitened; 0 where nothing was read
+    S_x (K, R, 2)     derivative of the model's whitened readings with respect to the window's start
+    S_p (K, R, P)     and to the parameters
+    states (K, L+1, 2)
+    A (K, L, 2, 2)    one-step derivatives of the state
+    drives (N + 1, S) drive torques of the whole log
+    growth            the largest factor by which an initial error grows within a window
+    """
+
+    e: Array
+    S_x: Array
+    S_p: Array
+    states: Array
+    A: Array
+    drives: Array
+    growth: float
+
+    @property
+    def cost(self) -> float:
+        """Half the sum of squared whitened residuals."""
+        return 0.5 * float(np.sum(self.e**2))
+
+
+class Response:
+    """A model whose parameters `names` are free, on the windows of a log; the other parameters keep their numbers."""
+
+    def __init__(
+        self, model: Model, names: Sequence[str], records: Sequence[Record], sensor: Sensor, windows: Sequence[Window]
+    ) -> None:
+        self.model, self.names, self.sensor = model, tuple(names), sensor
+        self.records = check_records(model, records)
+        self.windows = tuple(windows)
+        self.length = max(w.count for w in self.windows)
+        inputs = {f"{e.name}.{k}" for e in model.input_effects for k in e.parameters}
+        self.shaping = tuple(i for i, n in enumerate(self.names) if n in inputs)
+        self._gather()
+
+    def _gather(self) -> None:
+        """Padded readings (K, 2, L+1) with weights 1/sd, and where each window's intervals lie in the whole log."""
+        K, L = len(self.windows), self.length
+        first = np.concatenate([[0], np.cumsum([len(r) for r in self.records])])
+        self.interval = np.full((K, L), first[-1], dtype=np.intp)  # padding: one interval beyond the end
+        self.time = np.zeros((K, L + 1))
+        self.y, self.weight = np.zeros((K, 2, L + 1)), np.zeros((K, 2, L + 1))
+        targets = [_targets(r, self.sensor) for r in self.records]
+        for i, (record, begin, count, lead) in enumerate(self.windows):
+            self.interval[i, :count] = first[record] + begin + np.arange(count)
+            self.time[i] = self.records[record].t[0] + self.model.dt * (begin + np.arange(L + 1))
+            value, weight = targets[record]
+            self.y[i, :, : count + 1] = value[:, begin : begin + count + 1]
+            self.weight[i, :, lead : count + 1] = weight[:, begin + lead : begin + count + 1]
+            if begin + count < len(self.records[record]):
+                self.weight[i, :, count] = 0.0  # that instant is the next window's first
+        self.n_readings = np.count_nonzero(self.weight, axis=(0, 2))
+
+    @cached_property
+    def starts(self) -> Array:
+        """States (K, 2) to begin a fit with: smoothed readings at the windows' first instants."""
+        from sysid.identify.start import smooth_states
+
+        smooth = [smooth_states(r, self.sensor) for r in self.records]
+        return np.array([smooth[w.record][w.begin] for w in self.windows])
+
+    # input path ----------------------------------------------------------------------------------------------
+
+    @cached_property
+    def commands(self) -> Array:
+        """The commands of the whole log (N,)."""
+        return np.concatenate([r.u for r in self.records])
+
+    def drives(self, p: Array) -> tuple[Array, Array]:
+        """Drive torques (N + 1, S) of the whole log and their derivatives (N + 1, S, P); the last row pads."""
+        S, P, N = self.model.integrator.substeps, len(self.names), len(self.commands)
+        drives, slopes = np.zeros((N + 1, S)), np.zeros((N + 1, S, P))
+        if not self.model.input_effects:
+            drives[:N] = self.commands[:, None]
+            return drives, slopes
+        ahead = max(e.ahead for e in self.model.input_effects)
+        step, rest = self._drive_step
+        begin = 0
+        for record in self.records:
+            n = len(record)
+            # what looks ahead is handed the next row's command, so one interval before the first fills its memory
+            feed = np.concatenate([record.u, record.u[-1:]])[: n + ahead][None, :]
+            scan = step.mapaccum(n + ahead)
+            out = np.asarray(scan(rest, feed, np.repeat(p[:, None], n + ahead, axis=1))[1]).T[ahead:]
+            drives[begin : begin + n] = out[:, :S]
+            for j, i in enumerate(self.shaping):
+                slopes[begin : begin + n, :, i] = out[:, S * (j + 1) : S * (j + 2)]
+            begin += n
+        return drives, slopes
+
+    @cached_property
+    def _drive_step(self) -> tuple[casadi.Function, casadi.DM]:
+        """(memory and its tangents, u, p) -> (the same an interval later, drives and their tangents); at rest."""
+        sizes = [len(memory) for memory in self.model.rest(0.0)]
+        M, S, P = sum(sizes), self.model.integrator.substeps, len(self.names)
+        flat, u, p = casadi.SX.sym("memory", M), casadi.SX.sym("u"), casadi.SX.sym("p", P)
+        drive, after = self._symbolic(p).drive(u, _nested(flat, sizes))
+        out, new = casadi.vertcat(*drive), casadi.vertcat(*(v for m in after for v in m))
+        tangents = [casadi.SX.sym(f"tangent{i}", M) for i in self.shaping]
+        d_out, d_new = [], []
+        for i, tangent in zip(self.shaping, tangents, strict=True):
+            direction = casadi.vertcat(tangent, _unit(i, P))
+            at = casadi.vertcat(flat, p)
+            d_out.append(casadi.jtimes(out, at, direction))
+            d_new.append(casadi.jtimes(new, at, direction))
+        step = casadi.Function(
+            "drive",
+            [casadi.vertcat(flat, *tangents), u, p],
+            [casadi.vertcat(new, *d_new), casadi.vertcat(out, *d_out)],
+            {"cse": True},
+        )
+        rest = casadi.DM([v for memory in self.model.rest(0.0) for v in memory])
+        return step, casadi.vertcat(rest, casadi.DM.zeros(M * len(self.shaping)))
+
+    def _symbolic(self, p: casadi.SX) -> Model:
+        return self.model.with_parameters(dict(zip(self.names, casadi.vertsplit(p), strict=True)))
+
+    # motion --------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _step(self) -> tuple[casadi.Function, casadi.Function]:
+        """(x, p, drives, t) -> x', and -> the columns of d x' / d (x, p, drives)."""
+        P, S = len(self.names), self.model.integrator.substeps
+        x, p, drives = casadi.SX.sym("x", 2), casadi.SX.sym("p", P), casadi.SX.sym("drives", S)
+        t = casadi.SX.sym("t")
+        after = casadi.vertcat(*self._symbolic(p).move(x[0], x[1], tuple(casadi.vertsplit(drives)), t))
+        slope = casadi.densify(casadi.jacobian(after, casadi.vertcat(x, p, drives)))
+        inputs = [x, p, drives, t]
+        return (
+            casadi.Function("step", inputs, [after], {"cse": True}),
+            casadi.Function("slope", inputs, [casadi.vec(slope)], {"cse": True}),
+        )
+
+    def states(self, p: Array, starts: Array, drives: Array) -> Array:
+        """States (K, L+1, 2) of all windows from their starts (K, 2)."""
+        K, L = len(self.windows), self.length
+        roll = self._step[0].mapaccum(L).map(K)
+        held = drives[self.interval].reshape(K * L, -1).T
+        path = roll(starts.T, np.repeat(p[:, None], K * L, axis=1), held, self.time[:, :L].reshape(1, -1))
+        states = np.empty((K, L + 1, 2))
+        states[:, 0] = starts
+        states[:, 1:] = np.asarray(path).T.reshape(K, L, 2)
+        return states
+
+    def slopes(self, p: Array, states: Array, drives: Array, drive_slopes: Array) -> tuple[Array, Array]:
+        """One-step derivatives A (K, L, 2, 2) with respect to the state and G (K, L, 2, P) to the parameters."""
+        K, L, P = len(self.windows), self.length, len(self.names)
+        flat = states[:, :L].reshape(K * L, 2).T
+        held = drives[self.interval].reshape(K * L, -1).T
+        out = self._step[1].map(K * L)(
+            flat, np.repeat(p[:, None], K * L, axis=1), held, self.time[:, :L].reshape(1, -1)
+        )
+        columns = np.asarray(out).T.reshape(K, L, -1, 2).transpose(0, 1, 3, 2)
+        A, G, B = columns[..., :2], columns[..., 2 : 2 + P].copy(), columns[..., 2 + P :]
+        for i in self.shaping:
+            G[..., i] += np.einsum("klxs,kls->klx", B, drive_slopes[self.interval, :, i])
+        return A, G
+
+    # readings ------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _read_step(self) -> tuple[casadi.Function, casadi.Function]:
+        """(memory, x, p, t) -> (memory', reading), and the memory (x, p) -> of a window's start."""
+        P = len(self.names)
+        x, p, t = casadi.SX.sym("x", 2), casadi.SX.sym("p", P), casadi.SX.sym("t")
+        model = self._symbolic(p)
+        sensing = model.sensing(x[0], x[1])
+        sizes = [len(memory) for memory in sensing]
+        flat = casadi.SX.sym("memory", sum(sizes))
+        reading, after = model.read(x[0], x[1], _nested(flat, sizes), t)
+        new = casadi.vertcat(*(v for m in after for v in m))
+        return (
+            casadi.Function("read", [flat, x, p, t], [new, casadi.vertcat(*reading)], {"cse": True}),
+            casadi.Function("sensing", [x, p], [casadi.vertcat(*(v for m in sensing for v in m))]),
+        )
+
+    def readings(self, p: Array, states: Array) -> Array:
+        """What perfect sensors show (..., K, 2, L+1) along states (..., K, L+1, 2), parameters p (..., P)."""
+        if not self.model.output_effects:
+            return np.swapaxes(states, -1, -2)
+        read, sensing = self._read_step
+        shape, (K, n) = states.shape[:-3], states.shape[-3:-1]
+        flat = states.reshape(-1, n, 2)
+        W = len(flat)
+        each = np.repeat(np.broadcast_to(p, (*shape, len(self.names))).reshape(-1, len(self.names)), K, axis=0)
+        start = sensing.map(W)(flat[:, 0].T, each.T) if sensing.size1_out(0) else np.zeros((0, W))
+        time = np.broadcast_to(self.time[:, :n], (*shape, K, n)).reshape(1, -1)
+        scan = read.mapaccum(n).map(W)
+        seen = scan(start, flat.reshape(-1, 2).T, np.repeat(each, n, axis=0).T, time)[1]
+        return np.asarray(seen).T.reshape(*shape, K, n, 2).swapaxes(-1, -2)
+
+    def _reading_slopes(self, p: Array, states: Array, Z: Array) -> Array:
+        """Derivatives (K, 2, L+1, 2 + P) of the readings along state derivatives Z (K, L+1, 2, 2 + P).
+
+        Central differences along each direction: a sensor's memory may be long, its derivative is not.
+        """
+        if not self.model.output_effects:
+            return np.swapaxes(Z, 1, 2)
+        P = len(self.names)
+        size = np.maximum(np.max(np.abs(Z), axis=(0, 1, 2)), 1.0)
+        direction = np.moveaxis(Z / size, -1, 0)
+        own = np.concatenate([np.zeros((2, P)), np.eye(P)]) / size[:, None]
+        h = 1e-6
+        up, down = (self.readings(p + s * own, states + s * direction) for s in (h, -h))
+        return np.moveaxis((up - down) / (2.0 * h), 0, -1) * size
+
+    # all together --------------------------------------------------------------------------------------------
+
+    def residual(self, p: Array, starts: Array) -> Array:
+        """Whitened residuals (K, R) alone."""
+        states = self.states(p, starts, self.drives(p)[0])
+        e = (self.y - self.readings(p, states)) * self.weight
+        return e.reshape(len(self.windows), -1)
+
+    def linearise(self, p: Array, starts: Array) -> Linearisation:
+        """Residuals and derivatives at parameters p (P,) and window starts (K, 2)."""
+        K = len(self.windows)
+        drives, drive_slopes = self.drives(p)
+        states = self.states(p, starts, drives)
+        A, G = self.slopes(p, states, drives, drive_slopes)
+        Z = propagate(A, G)
+        S = self._reading_slopes(p, states, Z) * self.weight[..., None]
+        e = (self.y - self.readings(p, states)) * self.weight
+        S = S.reshape(K, -1, S.shape[-1])
+        growth = float(np.max(np.abs(Z[..., :2])))
+        return Linearisation(e.reshape(K, -1), S[..., :2], S[..., 2:], states, A, drives, growth)
+
+
+def propagate(A: Array, G: Array, initial: bool = True) -> Array:
+    """Z (K, L+1, 2, 2 + Q): derivatives of the states with respect to a window's start and to Q parameters.
+
+        Z_(k+1) = A_k Z_k + [0, G_k],   Z_0 = [I, 0]
+
+    A (K, L, 2, 2), G (K, L, 2, Q). Long windows are cut into blocks that run side by side and are then chained.
+    Without `initial` the columns of the start are left out: Z (K, L+1, 2, Q).
+    """
+    K, L, _, Q = G.shape
+    B = L if K * 8 > L else max(16, math.isqrt(L))
+    blocks = -(-L // B)
+    pad = blocks * B - L
+    A = np.concatenate([A, np.broadcast_to(np.eye(2), (K, pad, 2, 2))], axis=1).reshape(K, blocks, B, 2, 2)
+    G = np.concatenate([G, np.zeros((K, pad, 2, Q))], axis=1).reshape(K, blocks, B, 2, Q)
+    first = 2 if initial or blocks > 1 else 0
+    Z = np.zeros((K, blocks, B + 1, 2, first + Q))
+    if first:
+        Z[:, :, 0, 0, 0] = Z[:, :, 0, 1, 1] = 1.0
+    for b in range(B):
+        z, a = Z[:, :, b], A[:, :, b]
+        Z[:, :, b + 1] = a[..., :1] * z[:, :, :1] + a[..., 1:] * z[:, :, 1:]
+        Z[:, :, b + 1, :, first:] += G[:, :, b]
+    if blocks > 1:
+        start = Z[:, 0, -1]
+        for i in range(1, blocks):
+            own = Z[:, i].copy()
+            phi = own[..., :2]
+            Z[:, i] = phi[..., :1] * start[:, None, :1] + phi[..., 1:] * start[:, None, 1:]
+            Z[:, i, :, :, 2:] += own[..., 2:]
+            start = Z[:, i, -1]
+    out = np.concatenate([Z[:, :, :-1].reshape(K, blocks * B, 2, -1), Z[:, -1:, -1]], axis=1)[:, : L + 1]
+    return out if initial else out[..., first:]
+
+
+def _targets(record: Record, sensor: Sensor) -> tuple[Array, Array]:
+    """Readings (2, n + 1) and their weights 1 / sd, 0 where nothing was read; two readings of an instant average."""
+    n = len(record)
+    total, mass = np.zeros((2, n + 1)), np.zeros((2, n + 1))
+    for reading in sensor.readings(record):
+        row = CHANNELS.index(reading.channel)
+        total[row, reading.index] += reading.value / reading.sd**2
+        mass[row, reading.index] += reading.sd**-2
+    return np.divide(total, mass, out=np.zeros_like(total), where=mass > 0.0), np.sqrt(mass)
+
+
+def _nested(flat: casadi.SX, sizes: Sequence[int]) -> tuple[tuple[casadi.SX, ...], ...]:
+    values = iter(casadi.vertsplit(flat)) if sum(sizes) else iter(())
+    return tuple(tuple(next(values) for _ in range(size)) for size in sizes)
+
+
+def _unit(i: int, n: int) -> casadi.DM:
+    unit = casadi.DM.zeros(n)
+    unit[i] = 1.0
+    return unit
