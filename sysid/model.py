@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -34,7 +34,7 @@ class Model:
         (J + sum J_e) theta_ddot = gravity_torque(theta) + drive(u) + sum torque_e - dry friction
 
     Parameters are named as in the plant ("m", "l") and, for effects, "effect.field" ("viscous.b").
-    Raises InvalidInput for dt or u_max that are not positive, or an effect given twice.
+    Raises InvalidInput for dt or u_max that are not positive, an effect given twice, or two that exclude each other.
     """
 
     plant: Plant
@@ -62,6 +62,10 @@ class Model:
         twice = sorted({n for n in names if names.count(n) > 1})
         if twice:
             raise InvalidInput(f"effect {twice[0]!r} was given {names.count(twice[0])} times: expected once")
+        for e in self.effects:
+            for other in e.excludes:
+                if other in names:
+                    raise InvalidInput(f"effects {e.name!r} and {other!r} contain each other: expected one of them")
 
     @cached_property
     def input_effects(self) -> tuple[InputEffect, ...]:
@@ -143,6 +147,22 @@ class Model:
             signal, own_after = e.advance(signal, own, self.dt)
             after.append(own_after)
         return signal, tuple(after)
+
+    @property
+    def ahead(self) -> int:
+        """How many intervals early the input effects are handed the commands of a log."""
+        return sum(e.ahead for e in self.input_effects)
+
+    def drives(self, u: Sequence[Value], like: Value = 0.0) -> Iterator[Drives]:
+        """The drive torques of each interval of a whole record u (N,) [N m], from rest.
+
+        The scan runs over N + ahead commands, the last one repeated, and what comes of the first `ahead` is dropped.
+        """
+        memory = self.rest(like)
+        for k, command in enumerate((*u, *(u[-1],) * self.ahead)):
+            drives, memory = self.drive(command, memory)
+            if k >= self.ahead:
+                yield drives
 
     def _joint(self, theta: Value, theta_dot: Value, t: Value, drive: Value) -> Joint:
         """What the frictions see: the load is complete."""

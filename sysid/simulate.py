@@ -72,17 +72,16 @@ def simulate(model: Model, u: ArrayLike, theta: ArrayLike, theta_dot: ArrayLike)
         came = ", ".join(map(str, sorted(set(shapes) - {()})))
         raise InvalidInput(f"rollouts, start states and parameters have shapes {came}: they do not broadcast") from None
     n = u.shape[-1]
-    state = model.initial_state(np.broadcast_to(theta, shape), np.broadcast_to(theta_dot, shape))
+    theta, theta_dot = np.broadcast_to(theta, shape), np.broadcast_to(theta_dot, shape)
     states: Value = np.empty((2, n + 1, *shape))
     seen: Value = np.empty((2, n + 1, *shape))
-    ahead = max((e.ahead for e in model.input_effects), default=0)
-    sensing = model.sensing(state.theta, state.theta_dot)
+    drives = model.drives(np.moveaxis(u, -1, 0), theta)
+    sensing = model.sensing(theta, theta_dot)
     for k in range(n + 1):
-        t = k * model.dt
-        states[:, k] = state.theta, state.theta_dot
-        seen[:, k], sensing = model.read(state.theta, state.theta_dot, sensing, t)
+        states[:, k] = theta, theta_dot
+        seen[:, k], sensing = model.read(theta, theta_dot, sensing, k * model.dt)
         if k < n:
-            state = model.advance(state, u[..., min(k + ahead, n - 1)], t)
+            theta, theta_dot = model.move(theta, theta_dot, next(drives), k * model.dt)
     theta, theta_dot, theta_read, theta_dot_read = np.moveaxis(np.concatenate([states, seen]), 1, -1)
     return Trajectory(
         t=model.dt * np.arange(n + 1),

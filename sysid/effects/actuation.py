@@ -2,63 +2,43 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 from sysid import ops
-from sysid.effects.effect import InputEffect, Memory
-from sysid.errors import InvalidInput
+from sysid.effects.dead_time import DeadTime, delayed, doubling
+from sysid.effects.effect import InputEffect, Joint, JointEffect, Memory
 from sysid.ops import Value
-from sysid.parameters import Parameter, parameter
+from sysid.parameters import Extent, parameter
 
 _TINY = 1e-15
+_LONGEST_LAG = 1.0
 
 
 @dataclass(frozen=True, eq=False)
-class Delay(InputEffect):
+class Delay(DeadTime, InputEffect):
     """drive(t) = u(t - T): a dead time of T [s], at most `longest` [s], which fixes the length of the memory.
 
-    The command is held over dt, so the mean of u(t - T) over a substep [t_j, t_j + h] is
-    sum_c W_jc(T) u_(k-c), where W_jc is the share of the substep in which the command of c intervals ago
-    acts:  W_jc = (clip(t_j + h - T) - clip(t_j - T)) / h,  clipped to [-c dt, (1 - c) dt].
-    W is piecewise linear in T, so derivatives with respect to T exist; a look-up at the stages of a
-    Runge-Kutta step would have none.
+    Raises InvalidInput for a `longest` that is not a positive time.
     """
 
+    formula: ClassVar[str] = "drive(t) = u(t - T)"
+    confused: ClassVar[tuple[str, ...]] = ("lag", "stamp", "sensor_delay")
+    excludes: ClassVar[tuple[str, ...]] = ("stamp",)
     stage: ClassVar[int] = 1
-    T: Value = parameter(0.0, unit="s", bounds=(0.0, 1.0), neutral=0.0)
-    longest: float = 0.2
-
-    def __post_init__(self) -> None:
-        if not 0.0 < self.longest < math.inf:
-            raise InvalidInput(f"delay longest = {self.longest}: expected a positive time [s]")
-        super().__post_init__()
-
-    @property
-    def parameters(self) -> dict[str, Parameter]:
-        """T, bounded by the length of the memory too."""
-        T = super().parameters["T"]
-        return {"T": replace(T, bounds=(T.bounds[0], min(T.bounds[1], self.longest)))}
 
     def rest(self, dt: float) -> Memory:
         """Zero commands, the latest first, as far back as `longest` reaches."""
-        return (0.0,) * math.ceil(self.longest / dt - 1e-9)
+        return (0.0,) * self.intervals(dt)
 
     def advance(self, signal: Sequence[Value], memory: Memory, dt: float) -> tuple[tuple[Value, ...], Memory]:
         """Substep means of the delayed command; the signal before a delay is constant over the interval."""
-        h = dt / len(signal)
-        commands = (signal[0], *memory)
-        delayed = []
-        for j in range(len(signal)):
-            begin, end = j * h - self.T, (j + 1) * h - self.T
-            total: Value = 0.0
-            for c, command in enumerate(commands):
-                low, high = -c * dt, (1 - c) * dt
-                total = total + (ops.clip(end, low, high) - ops.clip(begin, low, high)) / h * command
-            delayed.append(total)
-        return tuple(delayed), commands[: len(memory)]
+        return delayed(signal, memory, self.T, dt)
+
+
+def _time_constants(extent: Extent) -> tuple[float, ...]:
+    return doubling(extent, _LONGEST_LAG)
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,8 +49,10 @@ class Lag(InputEffect):
         z' = s + (z - s) exp(-h/T),   mean of z over the substep = s + (z - s) (T/h) (1 - exp(-h/T))
     """
 
+    formula: ClassVar[str] = "T z_dot = u - z, drive = z"
+    confused: ClassVar[tuple[str, ...]] = ("delay", "stamp", "sensor_delay")
     stage: ClassVar[int] = 2
-    T: Value = parameter(0.0, unit="s", bounds=(0.0, 10.0), neutral=0.0)
+    T: Value = parameter(0.0, unit="s", bounds=(0.0, 10.0), neutral=0.0, probe=_time_constants)
 
     def rest(self, dt: float) -> Memory:
         """z = 0."""
@@ -88,3 +70,92 @@ class Lag(InputEffect):
             lagged.append(s + (z - s) * share)
             z = s + (z - s) * decay
         return tuple(lagged), (z,)
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueGain(InputEffect):
+    """drive = c u: a torque constant that is off by the factor c [1].
+
+    With m and l (or J and G) free it does not show in the motion: weigh the pendulum, or hang a known payload on it.
+    """
+
+    formula: ClassVar[str] = "drive = c u"
+    confused: ClassVar[tuple[str, ...]] = ("rotor_inertia", "coulomb", "saturation", "dead_zone")
+    c: Value = parameter(1.0, unit="1", bounds=(0.1, 10.0), neutral=1.0)
+
+    def advance(self, signal: Sequence[Value], memory: Memory, dt: float) -> tuple[tuple[Value, ...], Memory]:
+        """c u."""
+        return tuple(self.c * s for s in signal), memory
+
+
+@dataclass(frozen=True, eq=False)
+class DeadZone(InputEffect):
+    """drive = sign(u) max(|u| - d, 0): commands below d [N m] do nothing, those above lose d."""
+
+    formula: ClassVar[str] = "drive = sign(u) max(|u| - d, 0)"
+    confused: ClassVar[tuple[str, ...]] = ("coulomb", "torque_gain")
+    d: Value = parameter(0.0, unit="N m", bounds=(0.0, 10.0), neutral=0.0)
+
+    def advance(self, signal: Sequence[Value], memory: Memory, dt: float) -> tuple[tuple[Value, ...], Memory]:
+        """u - clip(u, -d, d)."""
+        return tuple(s - ops.where(s > 0.0, ops.minimum(s, self.d), ops.maximum(s, -self.d)) for s in signal), memory
+
+
+def _limits(extent: Extent) -> tuple[float, ...]:
+    return tuple(share * (extent.u_max or 1.0) for share in (0.9, 0.75, 0.6, 0.45, 0.3))
+
+
+@dataclass(frozen=True, eq=False)
+class Saturation(InputEffect):
+    """drive = clip(u, -limit, limit): the driver gives no more than limit [N m]; 10^6 stands for never."""
+
+    formula: ClassVar[str] = "drive = clip(u, -limit, limit)"
+    confused: ClassVar[tuple[str, ...]] = ("torque_gain",)
+    limit: Value = parameter(1e6, unit="N m", bounds=(1e-6, 1e6), neutral=1e6, probe=_limits)
+
+    def advance(self, signal: Sequence[Value], memory: Memory, dt: float) -> tuple[tuple[Value, ...], Memory]:
+        """clip(u, -limit, limit)."""
+        return tuple(ops.clip(s, -self.limit, self.limit) for s in signal), memory
+
+
+@dataclass(frozen=True, eq=False)
+class BackEmf(JointEffect):
+    """tau = -k theta_dot: the current that a turning motor takes from a voltage driver; k [N m s/rad].
+
+    Exactly viscous friction while the driver is on: only a log with the driver off tells them apart.
+    """
+
+    formula: ClassVar[str] = "tau = -k theta_dot, while the driver is on"
+    confused: ClassVar[tuple[str, ...]] = ("viscous", "drag", "load_friction")
+    friction: ClassVar[bool] = True
+    k: Value = parameter(0.0, unit="N m s/rad", bounds=(0.0, 10.0), neutral=0.0)
+
+    def torque(self, joint: Joint) -> Value:
+        """-k theta_dot [N m]."""
+        return -self.k * joint.theta_dot
+
+
+@dataclass(frozen=True, eq=False)
+class Stamp(InputEffect):
+    """drive(t) = u(t - s dt): the log's torques are stamped s [samples] early, -1 <= s <= 1.
+
+    s = 0: a row's torque is held from its time to the next row's. s = -1: from the row before until this one.
+    s = -1/2: half of each. s = 1: it acts one row late. It belongs to the log, not to the machine. It is handed the
+    torque one row ahead and delays it by (1 + s) dt.
+    """
+
+    formula: ClassVar[str] = "drive(t) = u(t - s dt), of the log and not of the machine"
+    confused: ClassVar[tuple[str, ...]] = ("delay", "lag", "sensor_delay")
+    excludes: ClassVar[tuple[str, ...]] = ("delay",)
+    of_log: ClassVar[bool] = True
+    stage: ClassVar[int] = -1
+    ahead: ClassVar[int] = 1
+    s: Value = parameter(0.0, unit="samples", bounds=(-1.0, 1.0), neutral=0.0, probe=(-1.0, -0.5, 0.5, 1.0))
+
+    def rest(self, dt: float) -> Memory:
+        """Zero commands of two intervals."""
+        return (0.0, 0.0)
+
+    def advance(self, signal: Sequence[Value], memory: Memory, dt: float) -> tuple[tuple[Value, ...], Memory]:
+        """Substep means of the command, from that of one row ahead."""
+        return delayed(signal, memory, (1.0 + self.s) * dt, dt)

@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from difflib import get_close_matches
 from typing import Any, TypeVar
 
-from sysid.effects.actuation import Delay, Lag
-from sysid.effects.disturbance import TorqueBias
+from sysid.effects.actuation import BackEmf, DeadZone, Delay, Lag, Saturation, Stamp, TorqueGain
+from sysid.effects.disturbance import Drift, Periodic, TorqueBias
 from sysid.effects.effect import Effect
-from sysid.effects.friction import Coulomb, QuadraticDrag, Viscous
+from sysid.effects.friction import AsymmetricCoulomb, AsymmetricViscous, Coulomb, Drag, Stribeck, Viscous
+from sysid.effects.load import LoadFriction, Ripple, RotorInertia, Spring, Tilt
+from sysid.effects.sensing import AngleOffset, Backlash, SensorDelay, VelocityBias, VelocityGain
 from sysid.errors import InvalidInput
 
+_FRICTION = (Viscous, Coulomb, Stribeck, Drag, AsymmetricViscous, AsymmetricCoulomb)
+_LOAD = (LoadFriction, Tilt, Spring, Ripple, RotorInertia)
+_DISTURBANCE = (TorqueBias, Periodic, Drift)
+_ACTUATION = (Delay, Lag, TorqueGain, DeadZone, Saturation, BackEmf, Stamp)
+_SENSING = (AngleOffset, VelocityBias, VelocityGain, SensorDelay, Backlash)
+
 CATALOGUE: dict[str, type[Effect]] = {
-    kind.name: kind for kind in (Viscous, Coulomb, QuadraticDrag, TorqueBias, Delay, Lag)
+    kind.name: kind for kind in (*_FRICTION, *_LOAD, *_DISTURBANCE, *_ACTUATION, *_SENSING)
 }
 
 EffectType = TypeVar("EffectType", bound=type[Effect])
@@ -31,9 +40,14 @@ def register(kind: EffectType) -> EffectType:
 
 
 def effect(name: str, **parameters: Any) -> Effect:
-    """The effect of that name, at its neutral value where no other is given: effect("viscous", b=0.1)."""
+    """The effect of that name, at its neutral value where no other is given: effect("viscous", b=0.1).
+
+    Raises InvalidInput for an unknown name (the near ones come first) and for an unknown parameter.
+    """
     if name not in CATALOGUE:
-        raise InvalidInput(f"unknown effect {name!r}: expected one of {', '.join(sorted(CATALOGUE))}")
+        near = get_close_matches(name, CATALOGUE, n=3, cutoff=0.5)
+        perhaps = f"did you mean {' or '.join(near)}? E" if near else "e"
+        raise InvalidInput(f"unknown effect {name!r}: {perhaps}xpected one of {', '.join(CATALOGUE)}")
     kind = CATALOGUE[name]
     known = [f.name for f in fields(kind)]
     for key in parameters:

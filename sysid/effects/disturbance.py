@@ -2,19 +2,67 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import ClassVar
 
+import numpy as np
+
+from sysid import ops
 from sysid.effects.effect import Joint, JointEffect
 from sysid.ops import Value
-from sysid.parameters import parameter
+from sysid.parameters import Extent, parameter
+
+_MOST_FREQUENCIES = 200
 
 
 @dataclass(frozen=True, eq=False)
 class TorqueBias(JointEffect):
-    """tau = tau_0: a constant torque (a torque sensor's or amplifier's offset, a preloaded cable)."""
+    """tau = tau_0 [N m]: a constant torque (a torque sensor's or amplifier's offset, a preloaded cable)."""
 
+    formula: ClassVar[str] = "tau = tau_0"
+    confused: ClassVar[tuple[str, ...]] = ("spring", "tilt", "drift", "asymmetric_coulomb", "angle_offset")
     tau_0: Value = parameter(0.0, unit="N m", bounds=(-10.0, 10.0), neutral=0.0)
 
     def torque(self, joint: Joint) -> Value:
         """tau_0 [N m]."""
         return self.tau_0
+
+
+def _frequencies(extent: Extent) -> tuple[float, ...]:
+    """Every half of what the log can resolve, from one period in it up to 12 Hz or 0.8 times the Nyquist frequency."""
+    low, high = 1.0 / extent.duration, min(0.4 / extent.dt, 12.0)
+    count = int(2.0 * max(high - low, 0.0) * extent.duration) + 1
+    return tuple(np.linspace(low, max(high, low), min(count, _MOST_FREQUENCIES)).tolist())
+
+
+@dataclass(frozen=True, eq=False)
+class Periodic(JointEffect):
+    """tau = a sin(2 pi f t) + b cos(2 pi f t): a fan, mains hum, an unbalanced machine on the same table.
+
+    a, b [N m]; f [Hz]; t [s] from the start of each record.
+    """
+
+    formula: ClassVar[str] = "tau = a sin(2 pi f t) + b cos(2 pi f t)"
+    confused: ClassVar[tuple[str, ...]] = ("ripple", "drift")
+    a: Value = parameter(0.0, unit="N m", bounds=(-10.0, 10.0), neutral=0.0)
+    b: Value = parameter(0.0, unit="N m", bounds=(-10.0, 10.0), neutral=0.0)
+    f: Value = parameter(1.0, unit="Hz", bounds=(1e-3, 100.0), probe=_frequencies)
+
+    def torque(self, joint: Joint) -> Value:
+        """a sin(2 pi f t) + b cos(2 pi f t) [N m]."""
+        phase = 2.0 * math.pi * self.f * joint.t
+        return self.a * ops.sin(phase) + self.b * ops.cos(phase)
+
+
+@dataclass(frozen=True, eq=False)
+class Drift(JointEffect):
+    """tau = r t: a torque that grows while the record runs (warming, a leak); r [N m/s], t [s] from its start."""
+
+    formula: ClassVar[str] = "tau = r t"
+    confused: ClassVar[tuple[str, ...]] = ("torque_bias", "periodic")
+    r: Value = parameter(0.0, unit="N m/s", bounds=(-10.0, 10.0), neutral=0.0)
+
+    def torque(self, joint: Joint) -> Value:
+        """r t [N m]."""
+        return self.r * joint.t

@@ -40,11 +40,13 @@ class Effect(Parametric):
 
     formula    its equation in the fields' letters, one line
     confused   names of effects that many logs cannot tell from it
+    excludes   names of effects that cannot stand in a model beside it
     of_log     whether it belongs to the log (how rows were stamped) and not to the machine
     """
 
     formula: ClassVar[str] = ""
     confused: ClassVar[tuple[str, ...]] = ()
+    excludes: ClassVar[tuple[str, ...]] = ()
     of_log: ClassVar[bool] = False
 
     def __init_subclass__(cls, **keywords: Any) -> None:
@@ -64,8 +66,8 @@ class InputEffect(Effect):
     """Maps the command to the drive torque; depends on the command alone, not on the joint's state.
 
     A signal over one control interval is a tuple of means over its substeps. Effects act in the order of
-    `stage`: static ones (0), then delay (1), then lag (2). An effect with ahead = 1 is handed the command of
-    the next interval too, one row early: that exists in a log, not in a running machine.
+    `stage`, within a stage as they are listed: what belongs to the log (-1), static ones (0), delay (1), lag (2).
+    An effect with ahead = 1 is handed each command one interval early: that exists in a log, not in a running machine.
     """
 
     stage: ClassVar[int] = 0

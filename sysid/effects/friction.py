@@ -13,8 +13,10 @@ from sysid.parameters import parameter
 
 @dataclass(frozen=True, eq=False)
 class Viscous(JointEffect):
-    """tau = -b theta_dot."""
+    """tau = -b theta_dot: oil, grease, slow air; b [N m s/rad]."""
 
+    formula: ClassVar[str] = "tau = -b theta_dot"
+    confused: ClassVar[tuple[str, ...]] = ("back_emf", "drag", "asymmetric_viscous", "load_friction", "coulomb")
     friction: ClassVar[bool] = True
     b: Value = parameter(0.0, unit="N m s/rad", bounds=(0.0, 10.0), neutral=0.0)
 
@@ -25,9 +27,17 @@ class Viscous(JointEffect):
 
 @dataclass(frozen=True, eq=False)
 class Coulomb(DryFriction):
-    """tau = -tau_c sign(theta_dot); at rest it holds up to tau_c."""
+    """tau = -tau_c sign(theta_dot); at rest it holds up to tau_c [N m]: seals, brushes, preloaded bearings."""
 
     formula: ClassVar[str] = "tau = -tau_c sign(theta_dot), at rest up to tau_c"
+    confused: ClassVar[tuple[str, ...]] = (
+        "viscous",
+        "stribeck",
+        "asymmetric_coulomb",
+        "load_friction",
+        "torque_gain",
+        "dead_zone",
+    )
     tau_c: Value = parameter(0.0, unit="N m", bounds=(0.0, 10.0), neutral=0.0)
 
     def limits(self, joint: Joint) -> tuple[Value, Value]:
@@ -36,12 +46,67 @@ class Coulomb(DryFriction):
 
 
 @dataclass(frozen=True, eq=False)
-class QuadraticDrag(JointEffect):
-    """tau = -c |theta_dot| theta_dot: air drag at high Reynolds number."""
+class Stribeck(DryFriction):
+    """tau = -(tau_c + excess exp(-(theta_dot/v_s)^2)) sign(theta_dot); at rest it holds up to tau_c + excess [N m].
 
+    A lubricated contact: friction falls by `excess` as the joint comes up to a few v_s [rad/s]. With excess = 0 it is
+    Coulomb friction. (Armstrong-Helouvry, Dupont, Canudas de Wit: Automatica 30 (1994) 1083, with exponent 2.)
+    """
+
+    formula: ClassVar[str] = "tau = -(tau_c + excess exp(-(theta_dot/v_s)^2)) sign(theta_dot)"
+    confused: ClassVar[tuple[str, ...]] = ("coulomb",)
+    tau_c: Value = parameter(0.0, unit="N m", bounds=(0.0, 10.0), neutral=0.0)
+    excess: Value = parameter(0.0, unit="N m", bounds=(0.0, 10.0), neutral=0.0)
+    v_s: Value = parameter(0.15, unit="rad/s", bounds=(0.005, 10.0), probe=(0.05, 0.15, 0.5))
+
+    def limits(self, joint: Joint) -> tuple[Value, Value]:
+        """tau_c + excess exp(-(theta_dot/v_s)^2) both ways [N m]."""
+        ratio = joint.theta_dot / self.v_s
+        limit = self.tau_c + self.excess * ops.exp(-ratio * ratio)
+        return limit, limit
+
+
+@dataclass(frozen=True, eq=False)
+class Drag(JointEffect):
+    """tau = -c |theta_dot| theta_dot: air drag at high Reynolds number; c [N m s^2/rad^2]."""
+
+    formula: ClassVar[str] = "tau = -c |theta_dot| theta_dot"
+    confused: ClassVar[tuple[str, ...]] = ("viscous", "back_emf")
     friction: ClassVar[bool] = True
     c: Value = parameter(0.0, unit="N m s^2/rad^2", bounds=(0.0, 10.0), neutral=0.0)
 
     def torque(self, joint: Joint) -> Value:
         """-c |theta_dot| theta_dot [N m]."""
         return -self.c * ops.abs(joint.theta_dot) * joint.theta_dot
+
+
+@dataclass(frozen=True, eq=False)
+class AsymmetricViscous(JointEffect):
+    """tau = -b_plus theta_dot for theta_dot > 0, -b_minus theta_dot below: friction of a worm or a check valve."""
+
+    formula: ClassVar[str] = "tau = -b_plus max(theta_dot, 0) - b_minus min(theta_dot, 0)"
+    confused: ClassVar[tuple[str, ...]] = ("viscous", "asymmetric_coulomb")
+    friction: ClassVar[bool] = True
+    b_plus: Value = parameter(0.0, unit="N m s/rad", bounds=(0.0, 10.0), neutral=0.0)
+    b_minus: Value = parameter(0.0, unit="N m s/rad", bounds=(0.0, 10.0), neutral=0.0)
+
+    def torque(self, joint: Joint) -> Value:
+        """-b_plus max(theta_dot, 0) - b_minus min(theta_dot, 0) [N m]."""
+        return -self.b_plus * ops.maximum(joint.theta_dot, 0.0) - self.b_minus * ops.minimum(joint.theta_dot, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class AsymmetricCoulomb(DryFriction):
+    """tau = -tau_plus for theta_dot > 0, +tau_minus below; at rest it holds between the two [N m].
+
+    Where the joint never stands, Coulomb friction of the mean and a torque bias of half the difference move alike.
+    """
+
+    formula: ClassVar[str] = "tau = -tau_plus (theta_dot > 0), +tau_minus (theta_dot < 0)"
+    confused: ClassVar[tuple[str, ...]] = ("coulomb", "torque_bias", "asymmetric_viscous")
+    tau_plus: Value = parameter(0.0, unit="N m", bounds=(0.0, 10.0), neutral=0.0)
+    tau_minus: Value = parameter(0.0, unit="N m", bounds=(0.0, 10.0), neutral=0.0)
+
+    def limits(self, joint: Joint) -> tuple[Value, Value]:
+        """tau_plus against positive, tau_minus against negative motion [N m]."""
+        return self.tau_plus, self.tau_minus

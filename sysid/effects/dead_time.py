@@ -1,0 +1,82 @@
+"""Dead time: what a command or a reading that comes late has in common."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from sysid import ops
+from sysid.effects.effect import Effect, Memory
+from sysid.errors import InvalidInput
+from sysid.ops import Value
+from sysid.parameters import Extent, Parameter, parameter
+
+
+def doubling(extent: Extent, longest: float) -> tuple[float, ...]:
+    """Times to try [s]: 0.5, 1, 2, 4, ... intervals, as far as `longest` [s]."""
+    longest = min(longest, extent.duration)
+    times, T = list[float](), 0.5 * extent.dt
+    while longest >= T:
+        times.append(T)
+        T *= 2.0
+    return tuple(times) or (longest,)
+
+
+@dataclass(frozen=True, eq=False)
+class DeadTime(Effect):
+    """Something is T [s] late, at most `longest` [s], which fixes how many intervals are remembered."""
+
+    T: Value = parameter(0.0, unit="s", bounds=(0.0, 1.0), neutral=0.0)
+    longest: float = 0.3
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.longest < math.inf:
+            raise InvalidInput(f"{self.name} longest = {self.longest}: expected a positive time [s]")
+        super().__post_init__()
+
+    @property
+    def parameters(self) -> dict[str, Parameter]:
+        """T, bounded by the length of the memory too."""
+        T = super().parameters["T"]
+        high = min(T.bounds[1], self.longest)
+        return {"T": replace(T, bounds=(T.bounds[0], high), probe=lambda extent: doubling(extent, high))}
+
+    def intervals(self, dt: float) -> int:
+        """How many intervals dt [s] back `longest` reaches."""
+        return math.ceil(self.longest / dt - 1e-9)
+
+
+def delayed(signal: Sequence[Value], memory: Memory, T: Value, dt: float) -> tuple[tuple[Value, ...], Memory]:
+    """Substep means of u(t - T), T [s] >= 0, for a command u held over each interval; and the next memory.
+
+    signal holds this interval's command, memory those before, the latest first. The mean over a substep
+    [t_j, t_j + h] is sum_c W_jc(T) u_(k-c), where W_jc is the share of the substep in which the command of c
+    intervals ago acts:
+
+        W_jc = (clip(t_j + h - T) - clip(t_j - T)) / h,   clipped to [-c dt, (1 - c) dt]
+
+    W is piecewise linear in T, so derivatives exist; a look-up at the stages of a Runge-Kutta step would have none.
+    """
+    h = dt / len(signal)
+    commands = (signal[0], *memory)
+    late = []
+    for j in range(len(signal)):
+        total: Value = 0.0
+        for c, command in enumerate(commands):
+            low, high = -c * dt, (1 - c) * dt
+            if (j + 1) * h > low + 1e-9 * dt:
+                share = (_earlier((j + 1) * h, T, low, high) - _earlier(j * h, T, low, high)) / h
+                total = total + share * command
+        late.append(total)
+    return tuple(late), commands[: len(memory)]
+
+
+def _earlier(t: float, T: Value, low: float, high: float) -> Value:
+    """clip(t - T, low, high); limits that T >= 0 never reaches are left out, for the sake of the slope at T = 0."""
+    near = 1e-9 * (high - low)
+    if t <= low + near:
+        return low
+    if t <= high + near:
+        return ops.maximum(t - T, low)
+    return ops.clip(t - T, low, high)

@@ -1,0 +1,104 @@
+"""What hangs on the joint or leans on it: torques that depend on the angle or on the load, and added inertia."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+from sysid import ops
+from sysid.effects.effect import DryFriction, Joint, JointEffect
+from sysid.ops import Value
+from sysid.parameters import Extent, parameter
+
+
+@dataclass(frozen=True, eq=False)
+class LoadFriction(DryFriction):
+    """tau = -mu |load| sign(theta_dot); at rest it holds up to mu |load|: a gear or a screw that presses harder.
+
+    load [N m] is gravity, drive and every effect that is not friction; mu [1] is its share that friction takes.
+    """
+
+    formula: ClassVar[str] = "tau = -mu |load| sign(theta_dot), at rest up to mu |load|"
+    confused: ClassVar[tuple[str, ...]] = ("viscous", "coulomb", "back_emf")
+    mu: Value = parameter(0.0, unit="1", bounds=(0.0, 1.0), neutral=0.0)
+
+    def limits(self, joint: Joint) -> tuple[Value, Value]:
+        """mu |load| both ways [N m]."""
+        limit = self.mu * ops.abs(joint.load)
+        return limit, limit
+
+
+@dataclass(frozen=True, eq=False)
+class Tilt(JointEffect):
+    """tau = gravity_torque(theta + alpha) - gravity_torque(theta): the base leans by alpha [rad].
+
+    For a fixed axis it cannot be told from an encoder that reads alpha too little. Without gravity it does nothing.
+    """
+
+    formula: ClassVar[str] = "tau = gravity_torque(theta + alpha) - gravity_torque(theta)"
+    confused: ClassVar[tuple[str, ...]] = ("angle_offset", "torque_bias")
+    alpha: Value = parameter(0.0, unit="rad", bounds=(-0.5, 0.5), neutral=0.0)
+
+    def torque(self, joint: Joint) -> Value:
+        """gravity_torque(theta + alpha) - gravity_torque(theta) [N m]."""
+        return joint.plant.gravity_torque(joint.theta + self.alpha) - joint.plant.gravity_torque(joint.theta)
+
+
+@dataclass(frozen=True, eq=False)
+class Spring(JointEffect):
+    """tau = -k (theta - pi): a spring or a cable that is slack where the pendulum hangs; k [N m/rad].
+
+    theta is unwrapped, so each turn winds it further. A rest angle elsewhere shows as a torque bias beside it.
+    """
+
+    formula: ClassVar[str] = "tau = -k (theta - pi)"
+    confused: ClassVar[tuple[str, ...]] = ("torque_bias", "ripple")
+    k: Value = parameter(0.0, unit="N m/rad", bounds=(-100.0, 100.0), neutral=0.0)
+
+    def torque(self, joint: Joint) -> Value:
+        """-k (theta - pi) [N m]."""
+        return -self.k * (joint.theta - math.pi)
+
+
+@dataclass(frozen=True, eq=False)
+class Ripple(JointEffect):
+    """tau = a sin(order theta) + b cos(order theta): cogging of a motor, an eccentric gear; a, b [N m].
+
+    `order` [1] counts the waves in a turn. Order 1 is left out: that is gravity.
+    """
+
+    formula: ClassVar[str] = "tau = a sin(order theta) + b cos(order theta)"
+    confused: ClassVar[tuple[str, ...]] = ("spring", "periodic")
+    a: Value = parameter(0.0, unit="N m", bounds=(-10.0, 10.0), neutral=0.0)
+    b: Value = parameter(0.0, unit="N m", bounds=(-10.0, 10.0), neutral=0.0)
+    order: Value = parameter(6.0, unit="1", bounds=(2.0, 60.0), probe=tuple(float(n) for n in range(2, 25)))
+
+    def torque(self, joint: Joint) -> Value:
+        """a sin(order theta) + b cos(order theta) [N m]."""
+        phase = self.order * joint.theta
+        return self.a * ops.sin(phase) + self.b * ops.cos(phase)
+
+
+def _small_inertia(extent: Extent) -> tuple[float, ...]:
+    return (0.01 * (extent.u_max or 1.0),)
+
+
+@dataclass(frozen=True, eq=False)
+class RotorInertia(JointEffect):
+    """J_r [kg m^2] beside the plant's own inertia: the motor's rotor, seen through its gear. It adds no weight.
+
+    With m and l (or J) free it does not show in the motion: weigh the pendulum, or hang a known payload on it.
+    """
+
+    formula: ClassVar[str] = "(J + J_r) theta_ddot = ..."
+    confused: ClassVar[tuple[str, ...]] = ("torque_gain",)
+    J_r: Value = parameter(0.0, unit="kg m^2", bounds=(0.0, 100.0), neutral=0.0, probe=_small_inertia)
+
+    def inertia(self) -> Value:
+        """J_r [kg m^2]."""
+        return self.J_r
+
+    def torque(self, joint: Joint) -> Value:
+        """None."""
+        return 0.0

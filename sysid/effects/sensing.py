@@ -1,0 +1,115 @@
+"""What the sensors make of the joint's state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from sysid import ops
+from sysid.effects.dead_time import DeadTime
+from sysid.effects.effect import Memory, OutputEffect, Reading
+from sysid.ops import Value
+from sysid.parameters import parameter
+
+
+@dataclass(frozen=True, eq=False)
+class AngleOffset(OutputEffect):
+    """reading theta + offset [rad]: the encoder's zero is off."""
+
+    formula: ClassVar[str] = "reading = theta + offset"
+    confused: ClassVar[tuple[str, ...]] = ("tilt", "torque_bias")
+    offset: Value = parameter(0.0, unit="rad", bounds=(-1.0, 1.0), neutral=0.0)
+
+    def read(self, reading: Reading, memory: Memory, t: Value, dt: float) -> tuple[Reading, Memory]:
+        """theta + offset; the speed as it is."""
+        return reading._replace(theta=reading.theta + self.offset), memory
+
+
+@dataclass(frozen=True, eq=False)
+class VelocityBias(OutputEffect):
+    """reading theta_dot + bias [rad/s]: the offset of a gyroscope or a tachometer."""
+
+    formula: ClassVar[str] = "reading = theta_dot + bias"
+    confused: ClassVar[tuple[str, ...]] = ()
+    bias: Value = parameter(0.0, unit="rad/s", bounds=(-10.0, 10.0), neutral=0.0)
+
+    def read(self, reading: Reading, memory: Memory, t: Value, dt: float) -> tuple[Reading, Memory]:
+        """theta_dot + bias; the angle as it is."""
+        return reading._replace(theta_dot=reading.theta_dot + self.bias), memory
+
+
+@dataclass(frozen=True, eq=False)
+class VelocityGain(OutputEffect):
+    """reading c theta_dot: the scale of a gyroscope or a tachometer is off by the factor c [1]."""
+
+    formula: ClassVar[str] = "reading = c theta_dot"
+    confused: ClassVar[tuple[str, ...]] = ()
+    c: Value = parameter(1.0, unit="1", bounds=(0.1, 10.0), neutral=1.0)
+
+    def read(self, reading: Reading, memory: Memory, t: Value, dt: float) -> tuple[Reading, Memory]:
+        """c theta_dot; the angle as it is."""
+        return reading._replace(theta_dot=self.c * reading.theta_dot), memory
+
+
+@dataclass(frozen=True, eq=False)
+class SensorDelay(DeadTime, OutputEffect):
+    """reading(t) = state(t - T): both sensors show what was T [s] ago, at most `longest` [s].
+
+    Between instants the angle is the cubic that meets angle and speed at both ends (Hermite), and the speed is that
+    cubic's slope; with x the share of an interval, counted backwards from its end, and m = -theta_dot dt:
+
+        theta(x) = theta_0 + m_0 x + (3 d - 2 m_0 - m_1) x^2 + (m_0 + m_1 - 2 d) x^3,   d = theta_1 - theta_0
+
+    Before its log began the joint is taken to have moved at its first speed.
+    Raises InvalidInput for a `longest` that is not a positive time.
+    """
+
+    formula: ClassVar[str] = "reading(t) = state(t - T)"
+    confused: ClassVar[tuple[str, ...]] = ("delay", "lag", "stamp", "backlash")
+    stage: ClassVar[int] = 1
+    longest: float = 0.2
+
+    def rest(self, theta: Value, theta_dot: Value, dt: float) -> Memory:
+        """(theta, theta_dot) at the instants before this one, the latest first."""
+        past = range(1, self.intervals(dt) + 1)
+        return tuple(value for c in past for value in (theta - c * dt * theta_dot, theta_dot))
+
+    def read(self, reading: Reading, memory: Memory, t: Value, dt: float) -> tuple[Reading, Memory]:
+        """The reading of T ago: a sum over the intervals back to it, each of which T covers by a share x."""
+        states = (*reading, *memory)
+        theta, theta_dot = reading
+        back = self.T / dt
+        for c in range(len(memory) // 2):
+            theta_0, theta_dot_0, theta_1, theta_dot_1 = states[2 * c : 2 * c + 4]
+            x = ops.minimum(back, 1.0) if c == 0 else ops.clip(back - c, 0.0, 1.0)
+            d, m_0, m_1 = theta_1 - theta_0, -dt * theta_dot_0, -dt * theta_dot_1
+            square, cube = 3.0 * d - 2.0 * m_0 - m_1, m_0 + m_1 - 2.0 * d
+            theta = theta + x * (m_0 + x * (square + x * cube))
+            theta_dot = theta_dot - x * (2.0 * square + 3.0 * x * cube) / dt
+        return Reading(theta, theta_dot), states[: len(memory)]
+
+
+@dataclass(frozen=True, eq=False)
+class Backlash(OutputEffect):
+    """y = min(max(y, theta - width/2), theta + width/2): play of width [rad] between the joint and its encoder.
+
+    The encoder stays where it is until the joint has crossed the gap; its speed is the joint's while they touch and 0
+    in the gap. A log begins in the middle of the gap, y = theta.
+    """
+
+    formula: ClassVar[str] = "y = min(max(y, theta - width/2), theta + width/2)"
+    confused: ClassVar[tuple[str, ...]] = ("sensor_delay",)
+    stage: ClassVar[int] = 0
+    width: Value = parameter(0.0, unit="rad", bounds=(0.0, 1.0), neutral=0.0)
+
+    def rest(self, theta: Value, theta_dot: Value, dt: float) -> Memory:
+        """y = theta."""
+        return (theta,)
+
+    def read(self, reading: Reading, memory: Memory, t: Value, dt: float) -> tuple[Reading, Memory]:
+        """The encoder's angle and speed, and its angle for the next instant."""
+        (y,) = memory
+        half, behind = 0.5 * self.width, y - reading.theta
+        touching = ops.abs(behind) >= half
+        y = reading.theta + ops.where(behind > 0.0, ops.minimum(behind, half), ops.maximum(behind, -half))
+        return Reading(y, ops.where(touching, reading.theta_dot, 0.0 * reading.theta_dot)), (y,)

@@ -1,0 +1,30 @@
+"""A linear axis: a mass that a force drives, without gravity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from sysid.ops import Value
+from sysid.parameters import parameter
+from sysid.plants.plant import Plant
+
+
+@dataclass(frozen=True, eq=False)
+class LinearAxis(Plant):
+    """A carriage of mass m on a straight guide.
+
+        m x_ddot = F
+
+    What is called theta, theta_dot, u elsewhere means x [m], x_dot [m/s] and the force F [N] here, and every unit
+    of an effect changes with it: N for N m, m for rad.
+    """
+
+    m: Value = parameter(1.0, unit="kg", bounds=(1e-3, 1e4))
+
+    def inertia(self) -> Value:
+        """m [kg]."""
+        return self.m
+
+    def gravity_torque(self, theta: Value) -> Value:
+        """None, in the shape and back end of theta."""
+        return 0.0 * theta
