@@ -22,17 +22,11 @@ Deceleration = Callable[[Value, Value, Value, Value], tuple[Value, Value]]
 class Integrator(ABC):
     """Advances (theta, theta_dot) over dt, in `substeps`; each substep sees its own mean drive torque.
 
-    Dry friction comes after the smooth torques of a substep h: with (theta*, theta_dot*) where these lead,
-
-        theta_dot' = theta_dot* - clip(theta_dot*, -h a_minus, h a_plus),   theta' = theta* + s h (theta_dot' - theta_dot*)
-
-    where s is the share of h over which a constant deceleration moves the angle in this scheme (`slip`). A joint at
-    rest stays there as long as the other torques are below friction's limit; while it slides, the split costs O(h^2).
-    (Moreau's time stepping for dry friction; e.g. Acary & Brogliato, Numerical Methods for Nonsmooth Systems, Ch. 10.)
+    Dry friction comes after the smooth torques of a substep, see `stick_slip`.
     """
 
     substeps: int = 1
-    slip: ClassVar[float] = 0.5
+    order: ClassVar[int] = 1
 
     def __post_init__(self) -> None:
         if self.substeps != int(self.substeps) or self.substeps < 1:
@@ -51,11 +45,14 @@ class Integrator(ABC):
         """(theta, theta_dot) after dt [s], under drive torques [N m], one per substep."""
         h = dt / self.substeps
         for j, drive in enumerate(drives):
-            theta, theta_dot = self.substep(acceleration, theta, theta_dot, t + j * h, drive, h)
+            theta_next, theta_dot_next = self.substep(acceleration, theta, theta_dot, t + j * h, drive, h)
             if deceleration is not None:
-                plus, minus = deceleration(theta, theta_dot, t + (j + 1) * h, drive)
-                lost = ops.clip(theta_dot, -h * minus, h * plus)
-                theta, theta_dot = theta - self.slip * h * lost, theta_dot - lost
+                plus, minus = deceleration(theta_next, theta_dot_next, t + (j + 1) * h, drive)
+                slowed, shift = stick_slip(theta_dot, theta_dot_next, plus, minus, h)
+                # a first-order step advances the angle with its last speed
+                theta_next = theta_next + (shift if self.order > 1 else h * (slowed - theta_dot_next))
+                theta_dot_next = slowed
+            theta, theta_dot = theta_next, theta_dot_next
         return theta, theta_dot
 
     @abstractmethod
@@ -63,6 +60,27 @@ class Integrator(ABC):
         self, acceleration: Acceleration, theta: Value, theta_dot: Value, t: Value, drive: Value, h: float
     ) -> tuple[Value, Value]:
         """(theta, theta_dot) after h [s] under a constant drive torque [N m]."""
+
+
+def stick_slip(v: Value, v_smooth: Value, plus: Value, minus: Value, h: float) -> tuple[Value, Value]:
+    """Speed after a substep h with dry friction, and how far friction moved the angle, from the speeds v before and
+    v_smooth after the same substep without it [rad/s].
+
+    With a = (v_smooth - v) / h constant and friction c = plus or minus [rad/s^2] against the motion, the joint slides
+    until t = min(h, |v| / (c - a sign v)); then it stays, or leaves with a -+ c where a is beyond friction's limit.
+    Exact for constant torques; else the split costs O(h^2). A joint that is stuck has speed 0 exactly.
+    """
+    a = (v_smooth - v) / h
+    sign = ops.where(v > 0.0, 1.0, -1.0)
+    slowing = ops.where(v > 0.0, plus, minus) - sign * a
+    sliding = ops.minimum(h, sign * v / ops.maximum(slowing, 1e-9))
+    leaving = a - ops.clip(a, -minus, plus)
+    resting = h - sliding
+    slowed = v - sign * slowing * sliding + leaving * resting
+    moved = v * sliding - 0.5 * sign * slowing * sliding * sliding + 0.5 * leaving * resting * resting
+    # rounding must not set a stuck joint in motion
+    slowed = ops.where(ops.abs(slowed) < 1e-12, 0.0 * slowed, slowed)
+    return slowed, moved - h * v - 0.5 * h * h * a
 
 
 @dataclass(frozen=True)
@@ -74,7 +92,6 @@ class SemiImplicitEuler(Integrator):
     """
 
     theta_dot_max: float = math.inf
-    slip: ClassVar[float] = 1.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -93,6 +110,8 @@ class SemiImplicitEuler(Integrator):
 @dataclass(frozen=True)
 class RK4(Integrator):
     """The classical fourth-order Runge-Kutta step (Hairer, Norsett, Wanner: Solving ODEs I, Table II.1.2)."""
+
+    order: ClassVar[int] = 4
 
     def substep(
         self, acceleration: Acceleration, theta: Value, theta_dot: Value, t: Value, drive: Value, h: float
