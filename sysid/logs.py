@@ -1,0 +1,340 @@
+"""Logs: what a rig wrote, read into records of our conventions, and which of them are held out."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from os import PathLike
+from pathlib import Path
+from typing import Any, Literal, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid import log_files, plausibility, sampling
+from sysid.errors import InvalidInput
+from sysid.log_files import Table
+from sysid.records import COLUMNS, Record
+from sysid.sampling import Rows
+
+Array = NDArray[np.float64]
+File = str | PathLike[str]
+NAMES = ("t", "theta", "theta_dot", "torque", "rollout")
+LOOKS_LIKE = {
+    "t": r"t$|time|stamp|sec",
+    "theta": r"theta$|angle|pos|^q\d*$|phi",
+    "theta_dot": r"theta_?dot|vel|speed|omega|^q?d(ot)?_?q|rate",
+    "torque": r"tor|tau|^u$|effort|command|current",
+}
+MOST = 1_000_000
+MOST_RAW = 20_000_000
+FEW = 0.1
+"""The share of rows without a number that may be left out."""
+
+
+@dataclass(frozen=True, eq=False)
+class Log(Sequence[Record]):
+    """What was read: the records, as a sequence of them, and notes on what was done on the way, one sentence each.
+
+    dt [s] is the sample interval of all records.
+    """
+
+    records: tuple[Record, ...]
+    notes: tuple[str, ...]
+    dt: float
+
+    def __len__(self) -> int:
+        return len(self.records)
+
+    @overload
+    def __getitem__(self, index: int) -> Record: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Record, ...]: ...
+    def __getitem__(self, index: int | slice) -> Record | tuple[Record, ...]:
+        return self.records[index]
+
+    def __iter__(self) -> Iterator[Record]:
+        return iter(self.records)
+
+    def __str__(self) -> str:
+        n = sum(len(r) for r in self.records)
+        channels = " and ".join(c for c in ("theta", "theta_dot") if getattr(self.records[0], c) is not None)
+        many = "s" * (len(self) != 1)
+        what = f"{len(self)} rollout{many}, {n} samples ({n * self.dt:.4g} s) at {1.0 / self.dt:.4g} Hz of {channels}"
+        return "; ".join((what, *self.notes))
+
+
+def read(
+    *paths: File | Iterable[File],
+    columns: str | Mapping[str, str] | None = None,
+    zero: Literal["upright", "hanging"] = "upright",
+    flip_torque: bool = False,
+    degrees: bool = False,
+    begin: float | None = None,
+    end: float | None = None,
+    dt: float | None = None,
+) -> Log:
+    """Read logs, one or several rollouts a file, into records: theta = 0 upright, SI, evenly sampled.
+
+    paths        CSV, .npz or .mat files
+    columns      "t=time_s,theta=angle_rad,..." or the same as a mapping: the file's names for t [s], theta [rad],
+                 theta_dot [rad/s] (one of the two is enough), torque [N m] (held from its row's time to the next; none:
+                 a free swing) and rollout; "theta_dot=" leaves a column out; other columns are ignored
+    zero         what the file's angle 0 means; "hanging" adds pi
+    flip_torque  the file's positive torque lowers its angle
+    degrees      the file has degrees and degrees/s
+    begin, end   the window [s] of the file's t that is read
+    dt           the sample interval [s] wanted, where the logs' own is not
+
+    Rows without a number are left out where they are few; sysid.sampling says what becomes of uneven stamps and gaps.
+    Raises InvalidInput, in one sentence, for anything that cannot be a log of a pendulum.
+    """
+    if zero not in ("upright", "hanging"):
+        raise InvalidInput(f"zero = {zero!r}: expected 'upright' or 'hanging'")
+    files = _files(paths)
+    wanted = _wanted(columns)
+    window = _window(begin, end, dt)
+    rollouts: list[Rows] = []
+    exact: list[Record] = []
+    notes: list[str] = []
+    for path in files:
+        chosen = _chosen(path, log_files.header(path), wanted)
+        table = log_files.load(path, chosen, window)
+        if len(table["t"]) == 0:
+            span = f" between {window.begin:g} and {window.end:g} s" if begin is not None or end is not None else ""
+            raise InvalidInput(f"{path.name} has no rows{span}")
+        if "theta_dot_after" in table:
+            exact.append(_exact(path, _converted(table, zero, flip_torque, degrees)))
+            continue
+        table = _complete(path, table, chosen, notes)
+        plausibility.check_time(path.name, table, chosen)
+        for name, part in _rollouts(path, table):
+            notes += plausibility.check_columns(name, part)
+            rollouts.append(_rows(name, _converted(part, zero, flip_torque, degrees)))
+    records, step, more = sampling.evenly(rollouts, dt) if rollouts else ((), exact[0].dt, ())
+    records = (*exact, *records)
+    if max(r.dt for r in records) > 1.01 * min(r.dt for r in records):
+        raise InvalidInput(f"{records[0].name} and {records[-1].name} are sampled at different rates")
+    return Log(records, (*notes, *more, *plausibility.doubts(records)), step)
+
+
+def _files(paths: Sequence[File | Iterable[File]]) -> list[Path]:
+    files: list[Path] = []
+    for path in paths:
+        files += [Path(path)] if isinstance(path, str | PathLike) else [Path(p) for p in path]
+    if not files:
+        raise InvalidInput("no log was given: expected one or more CSV, .npz or .mat files")
+    return files
+
+
+def _window(begin: float | None, end: float | None, dt: float | None) -> log_files.Window:
+    low, high = -math.inf if begin is None else begin, math.inf if end is None else end
+    if not low < high:
+        raise InvalidInput(f"the window from {low:g} to {high:g} s is empty: expected begin < end")
+    return log_files.Window(low, high, MOST if dt is None else MOST_RAW)
+
+
+# ---- columns ---------------------------------------------------------------------------------------------------------
+
+
+def _wanted(columns: str | Mapping[str, str] | None) -> dict[str, str]:
+    """{our name: the file's name} that the user asked for."""
+    if columns is None:
+        return {}
+    pairs = columns.items() if isinstance(columns, Mapping) else _pairs(columns)
+    wanted = {"torque" if ours == "u" else ours: theirs for ours, theirs in pairs}
+    for ours in wanted:
+        if ours not in NAMES:
+            raise InvalidInput(
+                f"columns name {ours!r}: expected some of {', '.join(NAMES)}, as in t=time_s,theta=angle"
+            )
+    return wanted
+
+
+def _pairs(text: str) -> list[tuple[str, str]]:
+    pairs = [pair.partition("=") for pair in text.split(",") if pair.strip()]
+    for ours, equals, _ in pairs:
+        if not equals:
+            raise InvalidInput(f"columns has {ours!r}: expected name=column pairs, as in t=time_s,theta=angle_rad")
+    return [(ours.strip(), theirs.strip()) for ours, _, theirs in pairs]
+
+
+def _chosen(path: Path, found: Sequence[str], wanted: Mapping[str, str]) -> dict[str, str]:
+    """{our name: the file's name} of the columns to read; raises InvalidInput that says which were found."""
+    listed = ", ".join(name for name in found if name) or "none"
+    for ours, theirs in wanted.items():
+        if theirs and theirs not in found:
+            raise InvalidInput(f"{path.name} has no column {theirs!r} for {ours}: found {listed}")
+    own = {name: name for name in (*NAMES, "theta_dot_after") if name in found}
+    if "torque" not in own and "u" in found:
+        own["torque"] = "u"
+    chosen = {ours: theirs for ours, theirs in (own | dict(wanted)).items() if theirs}
+    if "t" in chosen and ("theta" in chosen or "theta_dot" in chosen):
+        return chosen
+    missing = "no t" if "t" not in chosen else "neither theta nor theta_dot"
+    raise InvalidInput(f"{path.name} has {missing}: found {listed}{_suggestion(found, chosen)}")
+
+
+def _suggestion(found: Sequence[str], chosen: Mapping[str, str]) -> str:
+    """The names that look like what is missing, in the form in which they can be given."""
+    pairs, free = [], [name for name in found if name not in chosen.values()]
+    for ours, pattern in LOOKS_LIKE.items():
+        match = next((name for name in free if re.search(pattern, name.lower())), None) if ours not in chosen else None
+        if match:
+            free.remove(match)
+            pairs.append(f"{ours}={match}")
+    return f"; say which is which, perhaps columns {','.join(pairs)}" if pairs else "; say which is which (columns)"
+
+
+# ---- rows ------------------------------------------------------------------------------------------------------------
+
+
+def _complete(path: Path, table: Table, titles: Mapping[str, str], notes: list[str]) -> Table:
+    """The table without the rows that lack a number; the last torque of a rollout may be missing."""
+    table = dict(table)
+    bad = {name: ~np.isfinite(column) for name, column in table.items()}
+    for name in list(table):
+        if np.all(bad[name]) and len(table["t"]) > 1:
+            if name not in ("theta", "theta_dot") or not {"theta", "theta_dot"} <= set(table):
+                raise InvalidInput(f"{path.name}: column {titles[name]!r} for {name} holds no numbers")
+            notes.append(f"{path.name}: column {titles[name]!r} is empty and left out")
+            del table[name], bad[name]
+    if "torque" in table:
+        last = (
+            np.append(np.diff(table["rollout"]) != 0.0, True)
+            if "rollout" in table
+            else np.arange(len(bad["t"]))[::-1] == 0
+        )
+        bad["torque"] &= ~last
+        table["torque"] = np.where(last & ~np.isfinite(table["torque"]), 0.0, table["torque"])
+    lost = np.any(list(bad.values()), axis=0)
+    if np.mean(lost) > FEW:
+        worst = max(bad, key=lambda name: int(bad[name].sum()))
+        raise InvalidInput(
+            f"{path.name}: {lost.sum()} of {len(lost)} rows lack a number, most often {titles[worst]!r}: "
+            "expected a few at most"
+        )
+    if np.any(lost):
+        notes.append(f"{path.name}: {lost.sum()} row{'s' * (int(lost.sum()) != 1)} without a number left out")
+    return {name: column[~lost] for name, column in table.items()}
+
+
+def _converted(table: Table, zero: str, flip_torque: bool, degrees: bool) -> Table:
+    """The table in our conventions: radians, 0 upright, a positive torque raises theta."""
+    converted = dict(table)
+    for name in ("theta", "theta_dot", "theta_dot_after"):
+        if degrees and name in converted:
+            converted[name] = np.deg2rad(converted[name])
+    if zero == "hanging" and "theta" in converted:
+        converted["theta"] = converted["theta"] + math.pi
+    if flip_torque and "torque" in converted:
+        converted["torque"] = -converted["torque"]
+    return converted
+
+
+def _rollouts(path: Path, table: Table) -> Iterable[tuple[str, Table]]:
+    """The rows of each rollout, by the value of column "rollout"."""
+    if "rollout" not in table:
+        return [(path.stem, table)]
+    values, first = np.unique(table["rollout"], return_index=True)
+    ordered = values[np.argsort(first)]
+    return [
+        (f"{path.stem} rollout {value:g}", {name: v[table["rollout"] == value] for name, v in table.items()})
+        for value in ordered
+    ]
+
+
+def _rows(name: str, table: Table) -> Rows:
+    torque = table.get("torque", np.zeros(len(table["t"])))
+    theta = np.unwrap(table["theta"]) if "theta" in table else None
+    return Rows(name, table["t"], torque, theta, table.get("theta_dot"))
+
+
+def _exact(path: Path, table: Table) -> Record:
+    """A record with readings before and after each step, as `write_csv` writes it; its columns may be of any length."""
+    named = {"u" if name == "torque" else name: column for name, column in table.items() if name != "rollout"}
+    arrays = {}
+    for name, column in named.items():
+        numbers = np.flatnonzero(np.isfinite(column))
+        arrays[name] = column[: numbers[-1] + 1] if len(numbers) else column
+    if "u" not in arrays:
+        raise InvalidInput(f"{path.name} has theta_dot_after but no torque: expected {', '.join(COLUMNS)}")
+    return Record(**(arrays | {"u": arrays["u"][: len(arrays["t"]) - 1]}), name=path.stem)
+
+
+# ---- what is held out ------------------------------------------------------------------------------------------------
+
+
+def cut(records: Sequence[Record], seconds: float = 3.0) -> tuple[Record, ...]:
+    """Each record in blocks of equal length, as near to `seconds` as it divides; neighbours share one instant."""
+    blocks = []
+    for record in records:
+        count = max(round(len(record) * record.dt / seconds), 1)
+        edges = np.round(np.linspace(0, len(record), count + 1)).astype(int)
+        for k, (first, last) in enumerate(pairwise(edges), start=1):
+            if last > first:
+                blocks.append(_part(record, int(first), int(last), f"{record.name} block {k}" if count > 1 else ""))
+    return tuple(blocks)
+
+
+def split(
+    records: Sequence[Record], hold_out: float | None = None, shortest: float = 1.5
+) -> tuple[tuple[Record, ...], tuple[Record, ...]]:
+    """(training, held out): the last quarter of the rollouts, at least one, is never fitted to.
+
+    hold_out   a share in (0, 1), or a number of rollouts (1, 2, ...)
+    shortest   what is held out lasts that long at least [s]: a window to score and its lead-in
+
+    Of fewer than four rollouts (a single long log, say), or where the last ones are too short, the last quarter of
+    the time is held out instead: a rollout is cut in two there. The two parts share no interval and both stay as long
+    as they are, because a fit loses information with every free initial state; `cut` makes blocks of them. What came
+    before a cut is not known to the part behind it: whoever scores that part leaves a lead-in unscored, which fills
+    the memories (delay, lag, play) from the record's own first samples, as at the start of any rollout.
+
+    Raises InvalidInput where nothing would be left on one side.
+    """
+    share = 0.25 if hold_out is None else float(hold_out)
+    whole = hold_out is not None and share >= 1.0
+    if not share > 0.0 or (whole and share != int(share)):
+        raise InvalidInput(f"hold_out = {hold_out}: expected a share between 0 and 1, or a number of rollouts")
+    if whole and share >= len(records):
+        raise InvalidInput(
+            f"hold_out = {int(share)} of {len(records)} rollouts leaves none to fit: expected fewer, or a share"
+        )
+    seconds = [len(r) * r.dt for r in records]
+    total = sum(seconds)
+    count = int(share) if whole else max(int(share * len(records) + 1e-9), 1)
+    if whole or (len(records) >= 4 and sum(seconds[-count:]) >= max(shortest, 0.5 * share * total)):
+        return tuple(records[:-count]), tuple(records[-count:])
+    held = min(max(share * total, shortest), max(share, 0.5) * total)
+    training, out = [], []
+    for record, end in zip(records, np.cumsum(seconds), strict=True):
+        keep = round((total - held - (end - len(record) * record.dt)) / record.dt)
+        keep = 0 if keep * record.dt < 0.5 else len(record) if (len(record) - keep) * record.dt < 0.5 else keep
+        if keep >= len(record):
+            training.append(record)
+        elif keep <= 0:
+            out.append(record)
+        else:
+            training.append(_part(record, 0, keep, f"{record.name}, first part"))
+            out.append(_part(record, keep, len(record), f"{record.name}, held-out part"))
+    if not training or not out:
+        raise InvalidInput(f"{total:.2g} s of log are too short to hold a part out: expected some seconds")
+    return tuple(training), tuple(out)
+
+
+def _part(record: Record, first: int, last: int, name: str = "") -> Record:
+    """The control intervals first .. last-1 of a record, with the instants at both ends."""
+    whole = len(record)
+    parts: dict[str, Any] = {}
+    for column in COLUMNS:
+        value = getattr(record, column)
+        if value is not None:
+            if column == "theta" and len(value) == 1:
+                parts[column] = value if first == 0 else None
+            else:
+                parts[column] = value[first : last + (len(value) > whole)]
+    return replace(record, **parts, name=name or record.name)

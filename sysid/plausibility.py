@@ -1,0 +1,145 @@
+"""Plausibility: what a log says about its own columns, units and zero before any model sees it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.errors import InvalidInput
+from sysid.records import Record
+from sysid.sensor import Sensor
+
+Array = NDArray[np.float64]
+
+SPAN = 0.1
+"""Time [s] over which an angle's change is compared with its speed: long enough for the noise to matter little."""
+FACTORS = {
+    math.pi / 180.0: "theta_dot looks like deg/s where theta is in rad",
+    180.0 / math.pi: "theta looks like degrees where theta_dot is in rad/s",
+    -1.0: "theta_dot has the opposite sign of theta's rate",
+    2.0 * math.pi: "theta_dot looks like turns/s where theta is in rad",
+    math.pi / 30.0: "theta_dot looks like turns/min where theta is in rad",
+}
+
+
+def check_time(name: str, table: Mapping[str, Array], titles: Mapping[str, str]) -> None:
+    """Raise InvalidInput where column t mostly does not increase; `titles` are the file's names of the columns."""
+    t = table["t"]
+    if len(t) < 3 or np.mean(np.diff(t) < 0.0) < 0.2:
+        return
+    rising = [c for c, v in table.items() if c not in ("t", "rollout") and len(v) > 2 and np.all(np.diff(v) > 0.0)]
+    if rising:
+        raise InvalidInput(
+            f"{name}: {titles[rising[0]]!r} increases with every row and {titles['t']!r} does not: "
+            f"are t and {rising[0]} swapped?"
+        )
+    raise InvalidInput(
+        f"{name}: {titles['t']!r} goes backwards in {np.mean(np.diff(t) < 0.0):.0%} of the rows: is it t?"
+    )
+
+
+def check_columns(name: str, table: Mapping[str, Array]) -> tuple[str, ...]:
+    """Whether theta_dot is the rate of theta: InvalidInput where two columns are swapped, else notes on their units.
+
+    Compared are the change of one column over 0.1 s and the integral of the other, where it is largest. The numbers are the
+    file's own: no zero and no unit has been converted yet.
+    """
+    moving = {c: table[c] for c in ("theta", "theta_dot", "torque") if c in table and np.ptp(table[c]) > 0.0}
+    if not {"theta", "theta_dot"} <= set(moving):
+        return ()
+    if _mismatch(table["t"], moving["theta"], moving["theta_dot"]) < 0.5:
+        return ()
+    for angle, speed in (("theta_dot", "theta"), ("theta", "torque"), ("torque", "theta_dot")):
+        if {angle, speed} <= set(moving) and _mismatch(table["t"], moving[angle], moving[speed]) < 0.15:
+            swapped = sorted({angle, speed} ^ {"theta", "theta_dot"}) or ["theta", "theta_dot"]
+            raise InvalidInput(
+                f"{name}: theta_dot is not the rate of theta, but {speed} is the rate of {angle}: "
+                f"are {' and '.join(swapped)} swapped?"
+            )
+    change, integral = _changes(table["t"], moving["theta"], moving["theta_dot"])
+    slope = float(change @ integral) / max(float(integral @ integral), 1e-300)
+    if np.corrcoef(change, integral)[0, 1] ** 2 > 0.8:
+        for factor, sentence in FACTORS.items():
+            if abs(slope / factor - 1.0) < 0.1:
+                return (f"{name}: {sentence} (their ratio is {slope:.3g})",)
+    return (f"{name}: theta_dot is not the rate of theta (their ratio is {slope:.2g}): check columns and units",)
+
+
+def _changes(t: Array, angle: Array, speed: Array) -> tuple[Array, Array]:
+    """The change of `angle` over 0.1 s, and the integral of `speed` over the same rows."""
+    steps = np.diff(t)
+    span = min(max(round(SPAN / max(float(np.median(steps)), 1e-9)), 1), len(t) - 1)
+    area = np.concatenate(([0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * steps)))
+    return angle[span:] - angle[:-span], area[span:] - area[:-span]
+
+
+def _mismatch(t: Array, angle: Array, speed: Array) -> float:
+    """The typical difference between the two where it moves most, in units of the integral's typical size there."""
+    change, integral = _changes(t, angle, speed)
+    fast = np.abs(integral) >= np.percentile(np.abs(integral), 75.0)
+    return float(np.median(np.abs(change - integral)[fast])) / max(float(np.median(np.abs(integral)[fast])), 1e-300)
+
+
+def doubts(records: Sequence[Record]) -> tuple[str, ...]:
+    """Notes on what looks unlikely: an angle in degrees, a torque that never changes, a zero or a sign turned round."""
+    found = []
+    largest = max(float(np.max(np.abs(r.theta))) if r.theta is not None else 0.0 for r in records)
+    if largest > 40.0:
+        found.append(f"theta reaches {largest:.3g} rad ({largest / (2 * math.pi):.1f} turns): or is it in degrees?")
+    first = float(records[0].u[0])
+    if all(np.all(r.u == first) for r in records):
+        found.append("a free swing: the torque is 0" if first == 0.0 else f"the torque never changes ({first:g} N m)")
+    return (*found, *_turned(records))
+
+
+def _turned(records: Sequence[Record]) -> tuple[str, ...]:
+    """Whether gravity or torque act against our convention, by least squares over 0.1 s:
+
+    theta_ddot = a sin(theta) + c u - b theta_dot + d,   a > 0 and c > 0 are expected
+    """
+    rows, targets = [], []
+    for r in records:
+        span = max(round(SPAN / r.dt), 1)
+        if r.theta is None or len(r) < 4 * span:
+            continue
+        mean = np.convolve(r.u, np.full(2 * span, 0.5 / span), "valid")
+        mid = r.theta[span:-span]
+        speed = (r.theta[2 * span :] - r.theta[: -2 * span]) / (2 * span * r.dt)
+        targets.append((r.theta[2 * span :] - 2.0 * mid + r.theta[: -2 * span]) / (span * r.dt) ** 2)
+        rows.append(np.column_stack([np.sin(mid), mean, speed, np.ones(len(mid))])[: len(targets[-1])])
+    if not rows:
+        return ()
+    A, b = np.concatenate(rows), np.concatenate(targets)
+    fit = np.linalg.lstsq(A, b, rcond=None)[0]
+    if float(b @ b) == 0.0 or 1.0 - float(np.sum((b - A @ fit) ** 2) / np.sum((b - b.mean()) ** 2 + 1e-300)) < 0.7:
+        return ()
+    share = np.abs(fit) * A.std(axis=0) / b.std()
+    found = []
+    if fit[0] < 0.0 and share[0] > 0.3:
+        found.append("the pendulum is pulled towards theta = 0: does 0 mean hanging in this log?")
+    if fit[1] < 0.0 and share[1] > 0.3:
+        found.append("a positive torque lowers theta: is its sign turned round?")
+    return tuple(found)
+
+
+def check_excitation(records: Sequence[Record], sensor: Sensor) -> None:
+    """Raise InvalidInput where every channel of every record is constant up to the sensor's noise.
+
+    A channel moves where the variance of its means over ten samples is above three times sigma^2 / 10.
+    """
+    ranges = []
+    for channel, sd in (("theta", sensor.theta), ("theta_dot", sensor.theta_dot)):
+        for record in records:
+            y = getattr(record, channel)
+            if sd is None or y is None:
+                continue
+            width = min(10, len(y))
+            means = y[: len(y) // width * width].reshape(-1, width).mean(axis=1)
+            if len(means) < 2 or np.var(means, ddof=1) > 3.0 * sd**2 / width:
+                return
+            ranges.append(f"{channel} stays within {np.ptp(y):.2g} of {np.mean(y):.4g} (noise {sd:.2g})")
+    if ranges:
+        raise InvalidInput(f"the pendulum is at rest: {ranges[0]} in {records[0].name}: nothing excites m")

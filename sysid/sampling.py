@@ -1,0 +1,238 @@
+"""Sampling: rows as a logger stamped them become records with one even sample interval."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.errors import InvalidInput
+from sysid.records import Record
+
+Array = NDArray[np.float64]
+
+GAP = 3.5
+"""A step longer than this many typical steps is a gap."""
+FAR = 0.75
+"""An instant further than this many steps from any row is filled in from both sides."""
+SHORTEST = 5
+"""A piece between gaps with fewer rows than this is left out where others are longer."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Rows of one rollout as they were logged: t (K,) [s], torque (K,) [N m] held from its row's time to the next,
+    theta (K,) [rad] (unwrapped) and theta_dot (K,) [rad/s], None where they were not measured."""
+
+    name: str
+    t: Array
+    torque: Array
+    theta: Array | None
+    theta_dot: Array | None
+
+    def take(self, rows: NDArray[np.intp] | NDArray[np.bool_] | slice, name: str = "") -> Rows:
+        """Some of the rows, perhaps under another name."""
+        theta, theta_dot = (None if v is None else v[rows] for v in (self.theta, self.theta_dot))
+        return Rows(name or self.name, self.t[rows], self.torque[rows], theta, theta_dot)
+
+    @property
+    def step(self) -> float:
+        """The typical step [s]: the median of those that are longer than nothing."""
+        steps = np.diff(self.t)
+        steps = steps[steps > 0.0]
+        return float(np.median(steps)) if len(steps) else 0.0
+
+
+def evenly(rollouts: Sequence[Rows], dt: float | None = None) -> tuple[tuple[Record, ...], float, tuple[str, ...]]:
+    """Records of one sample interval [s], that interval, and a note on each thing that was done to get there.
+
+    Rows are put in order; stamps that were rounded are made even; of rows with the same stamp the last is kept; a
+    restart of the clock or a gap (a step above 3.5 typical ones) starts a new rollout. The interval is dt where it is
+    given, else the mean step. A row nearest to an instant of the even grid stands for it, moved there along the
+    channel's local cubic: its error then stays its own (interpolation between two rows would shrink the sensor's noise
+    to as little as 0.7 times and colour it). The torque becomes its mean over each interval: no impulse is lost.
+
+    Raises InvalidInput for logs of different rates, a dt shorter than theirs, and where nothing is left.
+    """
+    tally: Counter[str] = Counter()
+    gaps: list[float] = []
+    parts = [p for rows in rollouts for part in _restarts(rows, tally) for p in _pieces(part, gaps)]
+    pieces = [_stamps(p, tally) for p in parts]
+    long = [p for p in pieces if len(p.t) > 1 and p.t[-1] - p.t[0] >= (dt or 0.0)]
+    long = [p for p in long if len(p.t) >= SHORTEST] or long
+    if not long:
+        came = ", ".join(f"{r.name} ({len(r.t)} row{'s' * (len(r.t) != 1)})" for r in rollouts[:3]) or "nothing"
+        raise InvalidInput(f"nothing to work on in {came}: expected at least two rows, better some hundred")
+    tally["row(s) in pieces too short to use left out"] += sum(len(p.t) for p in pieces) - sum(len(p.t) for p in long)
+    common = _interval(long, dt)
+    records = tuple(_record(p, common, tally) for p in long)
+    return records, common, _notes(long, common, tally, gaps)
+
+
+def _restarts(rows: Rows, tally: Counter[str]) -> Iterable[Rows]:
+    """Parts in which time does not go backwards; a few rows that are merely out of order are sorted."""
+    back = np.flatnonzero(np.diff(rows.t) < 0.0)
+    far = back[(rows.t[back] - rows.t[back + 1]) > 10.0 * rows.step]
+    if len(far):
+        tally["restart(s) of the clock, each a new rollout"] += len(far)
+    tally["row(s) out of order sorted"] += len(back) - len(far)
+    edges = [0, *(far + 1), len(rows.t)]
+    for k, (first, last) in enumerate(pairwise(edges), start=1):
+        part = rows.take(slice(first, last), f"{rows.name} run {k}" if len(far) else "")
+        yield part.take(np.argsort(part.t, kind="stable"))
+
+
+def _stamps(rows: Rows, tally: Counter[str]) -> Rows:
+    """Rows with stamps that increase: those that were rounded made even, else duplicates dropped."""
+    n = len(rows.t)
+    resolution = _resolution(rows.t)
+    if n >= 10 and resolution > 0.0:
+        k = np.arange(n)
+        step, start = np.polyfit(k, rows.t - rows.t[0], 1)
+        off = float(np.max(np.abs(rows.t - rows.t[0] - start - step * k)))
+        if 0.004 * step < off <= 0.6 * resolution:
+            tally[f"rollout(s) with stamps rounded to {resolution:g} s taken as even"] += 1
+            return replace(rows, t=rows.t[0] + start + step * k)
+    same = np.append(np.diff(rows.t) <= 1e-6 * rows.step, False)
+    tally["duplicate stamp(s) dropped"] += int(same.sum())
+    return rows.take(~same)
+
+
+def _resolution(t: Array) -> float:
+    """The power of ten [s] that all stamps are multiples of; 0 where they have more than six decimals."""
+    for decimals in range(7):
+        if np.max(np.abs(t - np.round(t, decimals))) <= 1e-9 * max(1.0, float(np.max(np.abs(t)))):
+            return float(10.0**-decimals)
+    return 0.0
+
+
+def _pieces(rows: Rows, gaps: list[float]) -> Iterable[Rows]:
+    """The rows between gaps."""
+    steps = np.diff(rows.t)
+    cuts = np.flatnonzero(steps > GAP * rows.step)
+    gaps.extend(steps[cuts].tolist())
+    edges = [0, *(cuts + 1), len(rows.t)]
+    for k, (first, last) in enumerate(pairwise(edges), start=1):
+        yield rows.take(slice(first, last), f"{rows.name} part {k}" if len(cuts) else "")
+
+
+def _interval(pieces: Sequence[Rows], dt: float | None) -> float:
+    """The sample interval [s] of all records: dt, or the mean step, of the usual ones where most are alike."""
+    typical = [p.step for p in pieces]
+    slow, fast = int(np.argmax(typical)), int(np.argmin(typical))
+    if dt is not None:
+        if not (math.isfinite(dt) and dt > 0.0):
+            raise InvalidInput(f"dt = {dt}: expected a positive number of seconds")
+        if dt < 0.8 * typical[slow]:
+            raise InvalidInput(f"dt = {dt:g} s is finer than {pieces[slow].name}, sampled every {typical[slow]:.4g} s")
+        return dt
+    if typical[slow] > 1.25 * typical[fast]:
+        raise InvalidInput(
+            f"{pieces[fast].name} is sampled at {1 / typical[fast]:.4g} Hz and {pieces[slow].name} at "
+            f"{1 / typical[slow]:.4g} Hz: expected one rate, or a common sample interval (dt)"
+        )
+    steps = np.concatenate([np.diff(p.t) for p in pieces])
+    core = steps[np.abs(steps - np.median(steps)) <= 0.1 * np.median(steps)]
+    if len(core) < 0.8 * len(steps):
+        core = steps / np.maximum(np.round(steps / np.median(steps)), 1.0)
+    mean = float(np.mean(core))
+    nice = float(f"{mean:.5g}")
+    return nice if abs(mean - nice) < 1e-6 * mean else mean
+
+
+def _record(rows: Rows, dt: float, tally: Counter[str]) -> Record:
+    """A record on an even grid: as it is, or each instant from its nearest row."""
+    n = len(rows.t) - 1
+    own = (rows.t[-1] - rows.t[0]) / n
+    if abs(own - dt) * n <= 0.02 * dt and np.max(np.abs(rows.t - rows.t[0] - own * np.arange(n + 1))) <= 0.004 * dt:
+        return Record(rows.t, rows.torque[:-1], rows.theta, rows.theta_dot, name=rows.name)
+    start = rows.t[0] + float(np.median(rows.t - rows.t[0] - dt * np.round((rows.t - rows.t[0]) / dt)))
+    grid = start + dt * np.arange(max(int((rows.t[-1] - start) / dt + 0.5), 1) + 1)
+    right = np.clip(np.searchsorted(rows.t, grid), 1, n)
+    nearest = np.where(grid - rows.t[right - 1] <= rows.t[right] - grid, right - 1, right)
+    offset = np.abs(grid - rows.t[nearest])
+    near = len(grid) == n + 1 and float(offset.max()) <= 0.02 * dt
+    torque = rows.torque[:-1] if near else _held(rows.t, rows.torque, grid)
+    theta, theta_dot = (None if y is None else _moved(rows.t, y, grid, nearest) for y in (rows.theta, rows.theta_dot))
+    tally["stamps put right" if near else "resampled"] += 1
+    tally["missing row(s) filled in"] += int(np.sum(offset > FAR * rows.step))
+    return Record(grid, torque, theta, theta_dot, name=rows.name)
+
+
+def _held(t: Array, torque: Array, grid: Array) -> Array:
+    """The mean over each interval of the grid of a torque that is held from row to row [N m].
+
+    u_k = (U(g_k+1) - U(g_k)) / dt,   U(t) = the integral of the held torque
+    """
+    impulse = np.concatenate(([0.0], np.cumsum(torque[:-1] * np.diff(t))))
+    at = np.interp(grid, t, impulse)
+    at += np.minimum(grid - t[0], 0.0) * torque[0] + np.maximum(grid - t[-1], 0.0) * torque[-1]
+    return np.diff(at) / np.diff(grid)
+
+
+def _moved(t: Array, y: Array, grid: Array, nearest: NDArray[np.intp]) -> Array:
+    """A channel at the instants of the grid: the nearest row, moved along the cubic through its seven neighbours.
+
+    y(g) = y_k + s (g - t_k) + c (g - t_k)^2 / 2, with slope s and curvature c of the cubic fitted to rows k-3 .. k+3.
+    A shift of less than a quarter of the noise is not made: a quantised reading stays on its lattice. Further than 3/4
+    of a step from any row: the straight line between the rows on both sides.
+    """
+    step = float(np.median(np.diff(t)))
+    noise = float(np.median(np.abs(np.diff(y, 4)))) / (0.6745 * math.sqrt(70.0)) if len(y) > 20 else 0.0
+    shift = np.empty(len(grid))
+    for first in range(0, len(grid), 65536):
+        rows = slice(first, first + 65536)
+        slope, curvature = _cubic(t, y, nearest[rows], step)
+        delta = (grid[rows] - t[nearest[rows]]) / step
+        shift[rows] = slope * delta + 0.5 * curvature * delta**2
+    moved = y[nearest] + np.where(np.abs(shift) < 0.25 * noise, 0.0, shift)
+    far = np.abs(grid - t[nearest]) > FAR * step
+    moved[far] = np.interp(grid[far], t, y)
+    return moved
+
+
+def _cubic(t: Array, y: Array, rows: NDArray[np.intp], step: float) -> tuple[Array, Array]:
+    """Slope and curvature, per step and per step^2, at some rows, of the cubic fitted to seven rows about each."""
+    width = min(7, len(t))
+    degree = min(3, width - 2)
+    if degree < 1:
+        slope = np.full(len(rows), (y[-1] - y[0]) / max((t[-1] - t[0]) / step, 1e-9))
+        return slope, np.zeros(len(rows))
+    window = np.clip(rows - width // 2, 0, len(t) - width)[:, None] + np.arange(width)
+    tau = (t[window] - t[rows, None]) / step
+    powers = tau[:, :, None] ** np.arange(degree + 1)
+    transposed = np.swapaxes(powers, 1, 2)
+    fit = np.linalg.solve(transposed @ powers, transposed @ y[window][:, :, None])[:, :, 0]
+    return fit[:, 1], 2.0 * fit[:, 2] if degree > 1 else np.zeros(len(rows))
+
+
+def _notes(pieces: Sequence[Rows], dt: float, tally: Counter[str], gaps: Sequence[float]) -> tuple[str, ...]:
+    """What was done, one short sentence each."""
+    done = []
+    resampled, near = tally.pop("resampled", 0), tally.pop("stamps put right", 0)
+    if resampled or near:
+        rates = 1.0 / np.concatenate([np.diff(p.t) for p in pieces])
+        slow, fast = np.percentile(rates, [1.0, 99.0])
+        if resampled or fast - slow > 0.01 * fast:
+            done.append(
+                f"{'resampled' if resampled else 'stamps put right'} from {_span(slow, fast)} to {1 / dt:.4g} Hz"
+            )
+    done += [_plural(n, what) for what, n in tally.items() if n]
+    if gaps:
+        longest = f"up to {max(gaps):.2g} s" if len(gaps) > 1 else f"{gaps[0]:.2g} s"
+        verb = "each start" if len(gaps) > 1 else "starts"
+        done.append(f"{len(gaps)} gap{'s' * (len(gaps) > 1)} of {longest} {verb} a new rollout")
+    return tuple(done)
+
+
+def _plural(n: int, what: str) -> str:
+    return f"{n} {what.replace('(s)', 's' * (n != 1))}"
+
+
+def _span(slow: float, fast: float) -> str:
+    return f"{slow:.4g} Hz" if f"{slow:.4g}" == f"{fast:.4g}" else f"{slow:.4g}-{fast:.4g} Hz"
