@@ -164,8 +164,8 @@ class Model:
             if k >= self.ahead:
                 yield drives
 
-    def _joint(self, theta: Value, theta_dot: Value, t: Value, drive: Value) -> Joint:
-        """What the frictions see: the load is complete."""
+    def joint(self, theta: Value, theta_dot: Value, t: Value, drive: Value) -> Joint:
+        """What acts at the joint, the load complete, as frictions see it."""
         load = self.plant.gravity_torque(theta) + drive
         joint = Joint(theta, theta_dot, t, drive, 0.0, self.plant)
         for e in self.joint_effects:
@@ -182,7 +182,7 @@ class Model:
 
     def acceleration(self, theta: Value, theta_dot: Value, t: Value, drive: Value) -> Value:
         """theta_ddot [rad/s^2] under a drive torque [N m], dry friction apart."""
-        joint = self._joint(theta, theta_dot, t, drive)
+        joint = self.joint(theta, theta_dot, t, drive)
         torque = joint.load
         for e in self.joint_effects:
             if e.friction:
@@ -191,7 +191,7 @@ class Model:
 
     def deceleration(self, theta: Value, theta_dot: Value, t: Value, drive: Value) -> tuple[Value, Value]:
         """What dry friction can take from positive and from negative speed [rad/s^2]."""
-        joint, J = self._joint(theta, theta_dot, t, drive), self.inertia()
+        joint, J = self.joint(theta, theta_dot, t, drive), self.inertia()
         plus: Value = 0.0
         minus: Value = 0.0
         for e in self.dry_frictions:

@@ -241,26 +241,24 @@ class Response:
         shape, (K, n) = states.shape[:-3], states.shape[-3:-1]
         flat = states.reshape(-1, n, 2)
         W = len(flat)
-        each = np.repeat(np.broadcast_to(p, (*shape, len(self.names))).reshape(-1, len(self.names)), K, axis=0)
+        each = np.repeat(np.broadcast_to(p, (*shape, len(self.names))).reshape(W // K, len(self.names)), K, axis=0)
         start = sensing.map(W)(flat[:, 0].T, each.T) if sensing.size1_out(0) else np.zeros((0, W))
         time = np.broadcast_to(self.time[:, :n], (*shape, K, n)).reshape(1, -1)
         scan = read.mapaccum(n).map(W)
         seen = scan(start, flat.reshape(-1, 2).T, np.repeat(each, n, axis=0).T, time)[1]
         return np.asarray(seen).T.reshape(*shape, K, n, 2).swapaxes(-1, -2)
 
-    def _reading_slopes(self, p: Array, states: Array, Z: Array) -> Array:
-        """Derivatives (K, 2, L+1, 2 + P) of the readings along state derivatives Z (K, L+1, 2, 2 + P).
+    def reading_slopes(self, p: Array, states: Array, Z: Array, own: Array) -> Array:
+        """Derivatives (K, 2, L+1, Q) of the readings along Q directions: Z (K, L+1, 2, Q) of the states, own (Q, P) of p.
 
         Central differences along each direction: a sensor's memory may be long, its derivative is not.
         """
         if not self.model.output_effects:
             return np.swapaxes(Z, 1, 2)
-        P = len(self.names)
         size = np.maximum(np.max(np.abs(Z), axis=(0, 1, 2)), 1.0)
         direction = np.moveaxis(Z / size, -1, 0)
-        own = np.concatenate([np.zeros((2, P)), np.eye(P)]) / size[:, None]
         h = 1e-6
-        up, down = (self.readings(p + s * own, states + s * direction) for s in (h, -h))
+        up, down = (self.readings(p + s * own / size[:, None], states + s * direction) for s in (h, -h))
         return np.moveaxis((up - down) / (2.0 * h), 0, -1) * size
 
     # all together --------------------------------------------------------------------------------------------
@@ -278,7 +276,8 @@ class Response:
         states = self.states(p, starts, drives)
         A, G = self.slopes(p, states, drives, drive_slopes)
         Z = propagate(A, G)
-        S = self._reading_slopes(p, states, Z) * self.weight[..., None]
+        own = np.concatenate([np.zeros((2, len(p))), np.eye(len(p))])
+        S = self.reading_slopes(p, states, Z, own) * self.weight[..., None]
         e = (self.y - self.readings(p, states)) * self.weight
         S = S.reshape(K, -1, S.shape[-1])
         growth = float(np.max(np.abs(Z[..., :2])))

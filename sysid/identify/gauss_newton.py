@@ -170,7 +170,6 @@ class Fit:
         """Residual variance in units of the sensor's: about 1 for a model that lacks nothing."""
         return 2.0 * self.solution.lin.cost / self.degrees
 
-
     @property
     def growing(self) -> bool:
         """Whether an initial error outgrows what float64 can cancel."""
@@ -255,5 +254,5 @@ def fit_longest(
         if fit is not None and not (longer.follows and longer.solution.converged):
             break
         fit, p = longer, longer.solution.p
-    assert fit is not None  # noqa: S101 - the loop runs at least once
+    assert fit is not None
     return fit

@@ -1,0 +1,88 @@
+"""Candidates: how each effect of the catalogue is tried on a log before anything is fitted."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.effects import CATALOGUE, Effect
+from sysid.model import Model
+from sysid.parameters import Extent
+from sysid.records import Record
+
+
+@dataclass(frozen=True, eq=False)
+class Alternative:
+    """One way to try an effect: its shape parameters at fixed numbers, and one probe a magnitude.
+
+    neutral     the effect with these shapes, changing nothing
+    magnitudes  the names of the parameters that are tried
+    probes      the effect with one magnitude each off neutral, by sizes (q,)
+    one_sided   whether the (only) magnitude cannot be below neutral
+    """
+
+    neutral: Effect
+    magnitudes: tuple[str, ...]
+    probes: tuple[Effect, ...]
+    sizes: tuple[float, ...]
+    one_sided: bool
+
+    @property
+    def name(self) -> str:
+        """The effect's name."""
+        return self.neutral.name
+
+    def at(self, sizes: Sequence[float]) -> Effect:
+        """The effect with its magnitudes that far from neutral, a little inside their bounds."""
+        values = {}
+        for k, a in zip(self.magnitudes, sizes, strict=True):
+            p = self.neutral.parameters[k]
+            low, high = p.bounds
+            width = min(high - low, 1.0)
+            neutral = 0.0 if p.neutral is None else p.neutral
+            values[k] = float(np.clip(neutral + a, low + 1e-3 * width, high - 1e-3 * width))
+        effect: Effect = self.neutral.with_parameters(values)
+        return effect
+
+
+def extent_of(records: Sequence[Record]) -> Extent:
+    """What probes may depend on."""
+    return Extent(
+        dt=records[0].dt,
+        duration=max(len(r) * r.dt for r in records),
+        u_max=max(float(np.max(np.abs(r.u))) for r in records),
+    )
+
+
+def alternatives(kind: type[Effect], extent: Extent) -> tuple[Alternative, ...]:
+    """Every combination of the effect's shapes, and where a magnitude has several probes, each of them."""
+    effect = kind().at_neutral()
+    parameters = effect.parameters
+    shapes = [p for p in parameters.values() if p.neutral is None]
+    magnitudes = [p for p in parameters.values() if p.neutral is not None]
+    names = tuple(p.name for p in magnitudes)
+    found = []
+    for shape in itertools.product(*(p.probes(extent) for p in shapes)):
+        neutral = effect.with_parameters(dict(zip((p.name for p in shapes), shape, strict=True)))
+        for values in itertools.product(*(p.probes(extent) for p in magnitudes)):
+            probes = tuple(neutral.with_parameters({k: v}) for k, v in zip(names, values, strict=True))
+            sizes = tuple(v - (p.neutral or 0.0) for v, p in zip(values, magnitudes, strict=True))
+            one_sided = len(names) == 1 and magnitudes[0].neutral == magnitudes[0].bounds[0]
+            found.append(Alternative(neutral, names, probes, sizes, one_sided))
+    return tuple(found)
+
+
+def candidates(model: Model, extent: Extent, names: Iterable[str] | None = None) -> dict[str, tuple[Alternative, ...]]:
+    """The effects that the model may lack: those of the catalogue (or `names`) that it neither has nor excludes."""
+    present = {e.name for e in model.effects}
+    excluded = {name for e in model.effects for name in e.excludes}
+    found = {}
+    for name in CATALOGUE if names is None else names:
+        kind = CATALOGUE[name]
+        if name in present or name in excluded or present & set(kind.excludes):
+            continue
+        found[name] = alternatives(kind, extent)
+    return found

@@ -1,0 +1,139 @@
+"""Directions: how the readings of a log would move, per unit, if an effect were there (first order about a fit)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid.diagnose.candidates import Alternative
+from sysid.effects import DryFriction, Effect, InputEffect, JointEffect, OutputEffect, TorqueBias
+from sysid.identify.gauss_newton import Fit, reduce, without
+from sysid.model import Model
+from sysid.records import Array
+from sysid.response import Response, propagate
+
+_CHUNK = 4_000_000
+"""Numbers (float64) that one block of directions may hold."""
+
+
+class Directions:
+    """Whitened directions z (K R, Q) of a fit's windows, with the windows' starts and the fitted parameters taken out.
+
+    z_perp = (I - P_S0) z,  S0 the sensitivities of the starts and of the parameters of the null model
+    """
+
+    def __init__(self, fit: Fit) -> None:
+        self.fit, self.model, self.response, self.lin = fit, fit.model, fit.response, fit.solution.lin
+        reduced = reduce(self.lin)
+        self.starts = reduced.directions
+        S = reduced.S.reshape(-1, reduced.S.shape[-1])
+        S = S / np.maximum(np.linalg.norm(S, axis=0), 1e-300)
+        U, size, _ = np.linalg.svd(S, full_matrices=False)
+        self.basis: Array = U[:, size > 1e-7]
+        self.e: Array = reduced.e.ravel() - self.basis @ (self.basis.T @ reduced.e.ravel())
+        x = self.lin.states
+        self.theta, self.theta_dot = x[..., 0], x[..., 1]
+        self.held = self.lin.drives[self.response.interval]
+        self.bias = self._moved(TorqueBias(tau_0=1e-3)) / 1e-3
+
+    @property
+    def drive(self) -> Array:
+        """Mean drive torque of each interval (K, L) [N m]."""
+        drive: Array = self.held.mean(axis=-1)
+        return drive
+
+    def of(self, alternative: Alternative) -> tuple[Array, Array]:
+        """z_perp (K R, q) of an effect's magnitudes, and |z| (q,) before anything was taken out."""
+        columns = [self.response_to(e) / a for e, a in zip(alternative.probes, alternative.sizes, strict=True)]
+        return self.project(np.stack(columns, axis=-1))
+
+    def of_torque(self, torque: Array) -> tuple[Array, Array]:
+        """The same of torques (K, L, Q) [N m] at the joint, each held over an interval."""
+        G = self.bias[..., None] * torque[:, :, None, :]
+        return self.project(self._seen(G))
+
+    def project(self, z: Array) -> tuple[Array, Array]:
+        """Columns (K, R, Q) beside the null model's, flattened, and their sizes before."""
+        flat = z.reshape(-1, z.shape[-1])
+        size: Array = np.linalg.norm(flat, axis=0)
+        z = without(self.starts, z).reshape(-1, z.shape[-1])
+        for _ in range(2):
+            z = z - self.basis @ (self.basis.T @ z)
+        return z, size
+
+    def response_to(self, effect: Effect) -> Array:
+        """The change (K, R) of the whitened readings that a small effect makes."""
+        if isinstance(effect, OutputEffect):
+            states, own = self.lin.states, np.zeros(0)
+            probed, base = (
+                Response(m, (), self.response.records, self.response.sensor, self.response.windows)
+                for m in (self.model.with_effect(effect), self.model)
+            )
+            z = (probed.readings(own, states) - base.readings(own, states)) * self.response.weight
+            flat: Array = z.reshape(len(z), -1)
+            return flat
+        if isinstance(effect, JointEffect) and effect.inertia() == 0.0:
+            torque = self.torque_of(effect)
+            return self._seen((self.bias * torque[..., None])[..., None])[..., 0]
+        return self._seen(self._moved(effect)[..., None])[..., 0]
+
+    def torque_of(self, effect: JointEffect) -> Array:
+        """Mean torque (K, L) [N m] of an effect over each interval, along the fitted states."""
+        time, ends = self.response.time, []
+        for side in (slice(None, -1), slice(1, None)):
+            joint = self.model.joint(self.theta[:, side], self.theta_dot[:, side], time[:, side], self.drive)
+            ends.append(np.broadcast_to(np.asarray(effect.torque(joint), dtype=float), self.drive.shape))
+        return np.asarray(0.5 * (ends[0] + ends[1]))
+
+    def _moved(self, effect: Effect) -> Array:
+        """The change (K, L, 2) of the state after one interval that an effect makes."""
+        probed, held = self.model.with_effect(effect), self.held
+        if isinstance(effect, InputEffect):
+            other = Response(probed, (), self.response.records, self.response.sensor, self.response.windows)
+            held = other.drives(np.zeros(0))[0][self.response.interval]
+            probed = self.model
+        return self._after(probed, held) - self._after(self.model, self.held)
+
+    def _after(self, model: Model, held: Array) -> Array:
+        L = self.response.length
+        drives = tuple(held[..., j] for j in range(held.shape[-1]))
+        after = model.move(self.theta[:, :L], self.theta_dot[:, :L], drives, self.response.time[:, :L])
+        return np.stack(after, axis=-1)
+
+    def _seen(self, G: Array) -> Array:
+        """Whitened readings (K, R, Q) of changes G (K, L, 2, Q) of the state after each interval."""
+        Z = propagate(self.lin.A, G, initial=False)
+        own = np.zeros((Z.shape[-1], len(self.fit.names)))
+        z = self.response.reading_slopes(self.fit.solution.p, self.lin.states, Z, own) * self.response.weight[..., None]
+        return z.reshape(len(z), -1, z.shape[-1])
+
+    def blocks(self, torques: Array) -> list[Array]:
+        """Torque columns cut so that a block of directions stays small."""
+        width = max(1, _CHUNK // max(1, self.e.size))
+        return [torques[..., i : i + width] for i in range(0, torques.shape[-1], width)]
+
+    def clusters(self, seconds: float = 1.0, at_least: int = 30) -> Array:
+        """Number of the stretch of a record (K R,) that a reading lies in: `seconds` long, or shorter if few."""
+        response, dt = self.response, self.model.dt
+        total = sum(len(r) for r in response.records) * dt
+        length = max(4 * dt, min(seconds, total / at_least))
+        ids = np.zeros(response.weight.shape, dtype=np.intp)
+        for i, w in enumerate(response.windows):
+            instants = w.begin + np.arange(response.length + 1)
+            ids[i] = w.record * 10_000_000 + np.floor(instants * dt / length).astype(np.intp)
+        _, flat = np.unique(ids.ravel(), return_inverse=True)
+        return np.asarray(flat.ravel())
+
+
+def stretches(values: Array, clusters: Array) -> Array:
+    """Sums (G, Q) of values (rows, Q) over clusters (rows,)."""
+    order = np.argsort(clusters, kind="stable")
+    edges = np.flatnonzero(np.diff(clusters[order], prepend=-1))
+    sums: Array = np.add.reduceat(values[order], edges, axis=0)
+    return sums
+
+
+def named(alternative_sets: Sequence[tuple[Alternative, ...]]) -> list[str]:
+    """The effects' names, one a set."""
+    return [a[0].name for a in alternative_sets]

@@ -1,0 +1,163 @@
+"""The screen: a score test of every candidate at once, about one fit of the model that is tested."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import eigh
+from scipy.stats import chi2, f
+
+from sysid.diagnose.candidates import Alternative, candidates, extent_of
+from sysid.diagnose.directions import Directions, stretches
+from sysid.identify.gauss_newton import Fit
+from sysid.records import Array
+
+_VISIBLE = 1e-3
+"""|z_perp| / |z| below which an effect is absorbed by the parameters that are free already."""
+
+_DRAWS = 4000
+
+
+@dataclass(frozen=True, eq=False)
+class Score:
+    """What the screen says of one candidate.
+
+    lm          (z_perp'e)^2 / (s^2 |z_perp|^2), for q magnitudes their joint form: chi-square with q degrees
+    p_value     of the largest over the candidate's shapes, robust to coloured residuals
+    sizes       expected magnitudes, each from neutral, at the best shape
+    sd          their standard deviations
+    visible     whether the effect moves the readings beside the fitted parameters at all
+    z           (rows, q) z_perp at the best shape
+    """
+
+    name: str
+    lm: float
+    p_value: float
+    best: Alternative | None
+    sizes: tuple[float, ...]
+    sd: tuple[float, ...]
+    visible: bool
+    z: Array
+
+    def start(self) -> dict[str, float]:
+        """Numbers of the effect to begin a fit with, by field."""
+        assert self.best is not None  # noqa: S101
+        effect = self.best.at(self.sizes)
+        return {k: float(p.value) for k, p in effect.parameters.items()}
+
+
+def screen(
+    fit: Fit, names: Iterable[str] | None = None, directions: Directions | None = None
+) -> tuple[dict[str, Score], Directions]:
+    """Score tests of all candidates (or those named) that the fitted model may lack."""
+    directions = directions or Directions(fit)
+    clusters = directions.clusters()
+    found = candidates(fit.model, extent_of(fit.response.records), names)
+    scores = {name: score(directions, alternatives, clusters) for name, alternatives in found.items()}
+    return scores, directions
+
+
+def score(directions: Directions, alternatives: tuple[Alternative, ...], clusters: Array) -> Score:
+    """The best of an effect's alternatives."""
+    best, units = None, []
+    for alternative in alternatives:
+        z, size = directions.of(alternative)
+        test = Test.of(directions, z, size, clusters, one_sided=alternative.one_sided)
+        if test.rank == 0:
+            continue
+        if len(alternatives) <= 16:
+            units.append(test.basis)
+        if best is None or test.lm > best[0].lm:
+            best = (test, alternative, z)
+    if best is None:
+        name = alternatives[0].name
+        return Score(name, 0.0, 1.0, alternatives[0], (), (), False, np.zeros((directions.e.size, 0)))
+    test, alternative, z = best
+    p = min(1.0, _tries(units, len(alternatives), test.rank) * test.p_value)
+    return Score(alternative.name, test.lm, p, alternative, test.sizes, test.sd, True, z)
+
+
+@dataclass(frozen=True, eq=False)
+class Test:
+    """A score test of directions z (rows, q), of which `rank` are visible; `basis` (rows, rank) spans them."""
+
+    lm: float
+    p_value: float
+    rank: int
+    sizes: tuple[float, ...]
+    sd: tuple[float, ...]
+    basis: Array
+
+    @classmethod
+    def of(cls, directions: Directions, z: Array, size: Array, clusters: Array, one_sided: bool = False) -> Test:
+        """The test about a fit. lm takes s^2 from the null's residuals; the p-value is that of the Wald form, whose s^2
+        is that of the residuals once the effect is out of them, inflated by the ratio of the clustered variance
+        to the plain one where that is above 1: what else is missing then counts as coloured noise.
+        """
+        e, variance = directions.e, directions.fit.variance
+        length = np.linalg.norm(z, axis=0)
+        seen = length > _VISIBLE * np.maximum(size, 1e-300)
+        unit = z[:, seen] / np.maximum(length[seen], 1e-300)
+        q = unit.shape[1]
+        if q == 0:
+            return cls(0.0, 1.0, 0, (0.0,) * z.shape[1], (np.inf,) * z.shape[1], unit)
+        gram, vectors = eigh(unit.T @ unit)
+        keep = gram > 1e-6
+        basis = unit @ (vectors[:, keep] / np.sqrt(gram[keep]))
+        U = basis.T @ e
+        rank = int(basis.shape[1])
+        lm = float(U @ U) / variance
+        rest = e - basis @ U
+        after = float(rest @ rest) / max(1, directions.fit.degrees - rank)
+        # along the direction of the score, which is what the statistic measures
+        towards = U / max(float(np.linalg.norm(U)), 1e-300)
+        sums = stretches(((basis @ towards) * rest)[:, None], clusters)
+        G = len(sums)
+        inflation = max(1.0, float(np.sum(sums**2)) * G / max(1, G - 1) / after)
+        wald = float(U @ U) / after / inflation
+        coefficient = np.zeros(z.shape[1])
+        mixed = vectors[:, keep] / np.sqrt(gram[keep])
+        coefficient[seen] = (mixed @ U) / length[seen]
+        sd = np.full(z.shape[1], np.inf)
+        sd[seen] = np.sqrt(variance * np.sum(mixed**2, axis=1)) / length[seen]
+        p = float(f.sf(wald / rank, rank, max(1, G - 1))) if inflation > 1.5 else float(chi2.sf(wald, rank))
+        if one_sided and q == 1:
+            p = 0.5 * p if coefficient[0] > 0.0 else 1.0
+            lm = lm if coefficient[0] > 0.0 else 0.0
+        return cls(lm, p, rank, tuple(coefficient.tolist()), tuple(sd.tolist()), basis)
+
+
+def _tries(units: list[Array], count: int, rank: int) -> float:
+    """How many independent tests the largest of `count` dependent ones is worth, by draws from the null."""
+    if count <= 1:
+        return 1.0
+    if len(units) < count:
+        return float(count)
+    stacked = np.concatenate(units, axis=1)
+    size, vectors = eigh(stacked.T @ stacked)
+    draws = np.random.default_rng(0).standard_normal((_DRAWS, len(size))) * np.sqrt(np.maximum(size, 0.0))
+    scores = (draws @ vectors.T) ** 2
+    edges = np.cumsum([0, *(u.shape[1] for u in units)])[:-1]
+    largest = np.max(np.add.reduceat(scores, edges, axis=1), axis=1)
+    level = float(np.quantile(largest, 0.95))
+    return float(np.clip(0.05 / chi2.sf(level, rank), 1.0, count))
+
+
+def holm(p_values: Mapping[str, float]) -> dict[str, float]:
+    """Holm's adjusted p-values: the family-wise error rate stays below any level (Holm, Scand. J. Stat. 1979)."""
+    adjusted, running = {}, 0.0
+    ordered = sorted(p_values, key=lambda name: p_values[name])
+    for rank, name in enumerate(ordered):
+        running = max(running, min(1.0, (len(ordered) - rank) * p_values[name]))
+        adjusted[name] = running
+    return adjusted
+
+
+def alikeness(a: Score, b: Score) -> float:
+    """|cos| of the smallest angle between two candidates' directions: 1 where this log cannot tell them apart."""
+    if a.z.shape[1] == 0 or b.z.shape[1] == 0:
+        return 0.0
+    Qa, Qb = (np.linalg.svd(s.z / np.maximum(np.linalg.norm(s.z, axis=0), 1e-300), full_matrices=False)[0] for s in (a, b))
+    return float(min(1.0, np.linalg.norm(Qa.T @ Qb, 2)))
