@@ -15,14 +15,15 @@ from sysid.ops import Value
 Acceleration = Callable[[Value, Value, Value, Value], Value]
 """theta_ddot(theta, theta_dot, t, drive) [rad/s^2]."""
 Deceleration = Callable[[Value, Value, Value, Value], tuple[Value, Value]]
-"""What dry friction can take from positive and from negative speed (theta, theta_dot, t, drive) [rad/s^2], both >= 0."""
+"""What dry friction takes from positive and from negative speed (theta, theta_dot, t, drive) [rad/s^2], both >= 0."""
 
 
 @dataclass(frozen=True)
 class Integrator(ABC):
     """Advances (theta, theta_dot) over dt, in `substeps`; each substep sees its own mean drive torque.
 
-    Dry friction comes after the smooth torques of a substep, see `stick_slip`.
+    Dry friction c of the middle of a substep joins the other torques as if the joint slid all the time, which keeps
+    the scheme's order; `stick_slip` puts right the substeps in which it comes to rest, stays there or leaves.
     """
 
     substeps: int = 1
@@ -45,15 +46,33 @@ class Integrator(ABC):
         """(theta, theta_dot) after dt [s], under drive torques [N m], one per substep."""
         h = dt / self.substeps
         for j, drive in enumerate(drives):
-            theta_next, theta_dot_next = self.substep(acceleration, theta, theta_dot, t + j * h, drive, h)
-            if deceleration is not None:
-                plus, minus = deceleration(theta_next, theta_dot_next, t + (j + 1) * h, drive)
-                slowed, shift = stick_slip(theta_dot, theta_dot_next, plus, minus, h)
-                # a first-order step advances the angle with its last speed
-                theta_next = theta_next + (shift if self.order > 1 else h * (slowed - theta_dot_next))
-                theta_dot_next = slowed
-            theta, theta_dot = theta_next, theta_dot_next
+            if deceleration is None:
+                theta, theta_dot = self.substep(acceleration, theta, theta_dot, t + j * h, drive, h)
+            else:
+                theta, theta_dot = self._dry(acceleration, deceleration, theta, theta_dot, t + j * h, drive, h)
         return theta, theta_dot
+
+    def _dry(
+        self,
+        acceleration: Acceleration,
+        deceleration: Deceleration,
+        theta: Value,
+        v: Value,
+        t: Value,
+        drive: Value,
+        h: float,
+    ) -> tuple[Value, Value]:
+        """A substep with dry friction: c at its middle, the step under it, and what the joint makes of that."""
+        ahead, moved, _ = stick_slip(v, acceleration(theta, v, t, drive), *deceleration(theta, v, t, drive), h)
+        middle = 0.5 * (v + ahead)
+        plus, minus = deceleration(theta + 0.5 * moved, middle, t + 0.5 * h, drive)
+        c = ops.where(middle > 0.0, plus, -minus)
+        end, v_end = self.substep(lambda *state: acceleration(*state) - c, theta, v, t, drive, h)
+        slowed, moved, moving = stick_slip(v, (v_end - v) / h + c, plus, minus, h)
+        if self.order == 1:
+            return theta + h * slowed, slowed
+        # a scheme's own path beside the parabola counts for as long as the joint moved
+        return theta + moved + moving * (end - theta - 0.5 * h * (v + v_end)), slowed
 
     @abstractmethod
     def substep(
@@ -62,25 +81,21 @@ class Integrator(ABC):
         """(theta, theta_dot) after h [s] under a constant drive torque [N m]."""
 
 
-def stick_slip(v: Value, v_smooth: Value, plus: Value, minus: Value, h: float) -> tuple[Value, Value]:
-    """Speed after a substep h with dry friction, and how far friction moved the angle, from the speeds v before and
-    v_smooth after the same substep without it [rad/s].
+def stick_slip(v: Value, a: Value, plus: Value, minus: Value, h: float) -> tuple[Value, Value, Value]:
+    """Speed [rad/s] after h [s], angle moved [rad], and the share of h in motion, from speed v under an acceleration a.
 
-    With a = (v_smooth - v) / h constant and friction c = plus or minus [rad/s^2] against the motion, the joint slides
-    until t = min(h, |v| / (c - a sign v)); then it stays, or leaves with a -+ c where a is beyond friction's limit.
-    Exact for constant torques; else the split costs O(h^2). A joint that is stuck has speed 0 exactly.
+    With friction c = plus or minus [rad/s^2] against the motion the joint slides for min(h, |v| / (c - a sign v));
+    then it stays, with speed 0 exactly, or leaves with a -+ c where a is beyond friction's limit. Exact for constant
+    a and c.
     """
-    a = (v_smooth - v) / h
     sign = ops.where(v > 0.0, 1.0, -1.0)
     slowing = ops.where(v > 0.0, plus, minus) - sign * a
     sliding = ops.minimum(h, sign * v / ops.maximum(slowing, 1e-9))
-    leaving = a - ops.clip(a, -minus, plus)
     resting = h - sliding
-    slowed = v - sign * slowing * sliding + leaving * resting
+    leaving = a - ops.clip(a, -minus, plus)
+    slowed = ops.where(sign * v < slowing * h, leaving * resting, v - sign * slowing * h)
     moved = v * sliding - 0.5 * sign * slowing * sliding * sliding + 0.5 * leaving * resting * resting
-    # rounding must not set a stuck joint in motion
-    slowed = ops.where(ops.abs(slowed) < 1e-12, 0.0 * slowed, slowed)
-    return slowed, moved - h * v - 0.5 * h * h * a
+    return slowed, moved, (sliding + resting * leaving * a / (a * a + 1e-30)) / h
 
 
 @dataclass(frozen=True)
