@@ -1,0 +1,255 @@
+"""A Kalman smoother for (theta, theta_dot, d, d_dot): which torque d must have acted for a log to have come about.
+
+Linear around a given motion; all records of a log form one chain. CasADi runs the recursions, instant by instant.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cache, cached_property
+
+import casadi
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.records import Array
+
+_BLOCK = 256
+"""Instants that one CasADi call runs through; a longer chain takes several."""
+
+
+@dataclass(frozen=True)
+class Torque:
+    """What is taken for granted about d before the log is seen: Gaussian, zero mean, sd s [N m], memory T [s].
+
+        smooth:      Matern covariance s^2 (1 + a) exp(-a),   a = sqrt(3) |t - t'| / T:  d has a derivative
+        not smooth:  Ornstein-Uhlenbeck, s^2 exp(-|t - t'| / T):  a random walk that returns to zero; jumps are likely
+
+    (Hartikainen, Sarkka, "Kalman filtering and smoothing solutions to temporal Gaussian process regression", 2010.)
+    """
+
+    s: float
+    T: float
+    smooth: bool = False
+
+    @property
+    def variances(self) -> Array:
+        """Of d and d_dot (2,); d_dot is left out, as 0, where d has none."""
+        return np.array([self.s**2, 3.0 * (self.s / self.T) ** 2 if self.smooth else 0.0])
+
+    def step(self, dt: float) -> tuple[Array, Array]:
+        """Phi (2, 2) and Q (2, 2) of (d, d_dot)' = Phi (d, d_dot) + w, w ~ N(0, Q), over dt [s]."""
+        rate = math.sqrt(3.0) / self.T
+        Phi = np.diag([math.exp(-dt / self.T), 0.0])
+        if self.smooth:
+            Phi = math.exp(-rate * dt) * np.array([[1.0 + rate * dt, dt], [-rate * rate * dt, 1.0 - rate * dt]])
+        P = np.diag(self.variances)
+        return Phi, P - Phi @ P @ Phi.T
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """M instants of z = (x, d, d_dot), x being the deviation from the motion about which the model was linearised.
+
+        x_(k+1) = A_k (x_k, d_k) + gap_k,      r_k = H_k x_k + v_k,   v ~ N(0, I)
+
+    A (M, 2, 3), gap (M, 2), H (M, 2, 2), r (M, 2): residuals and slopes in units of the sensor's sd, 0 where nothing
+    was read. follows (M,): whether the next instant belongs to the same record; where not, the state begins anew,
+    x from N(0, diag(spread^2)). dt [s].
+    """
+
+    A: Array
+    gap: Array
+    H: Array
+    r: Array
+    follows: NDArray[np.bool_]
+    spread: tuple[float, float]
+    dt: float
+
+    def log_likelihood(self, torque: Torque) -> float:
+        """log p(readings), up to a constant that does not depend on the torque."""
+        scale = self._scale(torque)
+        state, total = casadi.DM(_start(scale)), 0.0
+        for block in self._blocks:
+            state, own = _likelihood()(state, block, scale)
+            total += float(own)
+        return total
+
+    def smooth(self, torque: Torque) -> Smoothed:
+        """Mean and covariance of every z_k given all readings."""
+        scale = self._scale(torque)
+        start = _start(scale)
+        out = _run(_filter(), start, self._steps, scale)
+        predicted = np.hstack([start[:, None], out[:20, :-1]])
+        inputs = np.vstack([predicted, self._steps])[:, ::-1]
+        own = _run(_backward(), np.zeros(20), inputs, scale)[20:, ::-1]
+        mean, cov, links = np.split(own, (4, 20))
+        return Smoothed(mean.T, cov.T.reshape(-1, 4, 4), links)
+
+    def _scale(self, torque: Torque) -> Array:
+        """Phi, Q and the variances with which a record begins, (12,)."""
+        Phi, Q = torque.step(self.dt)
+        return np.concatenate([Phi.T.ravel(), Q.ravel(), np.square(self.spread), torque.variances])
+
+    @cached_property
+    def _steps(self) -> Array:
+        M = len(self.r)
+        parts = (self.A.reshape(M, 6), self.gap, self.H.reshape(M, 4), self.r, self.follows[:, None])
+        return np.hstack([np.asarray(p, dtype=float) for p in parts]).T
+
+    @cached_property
+    def _blocks(self) -> list[casadi.DM]:
+        return [casadi.DM(block) for block in _cut(self._steps)]
+
+
+@dataclass(frozen=True, eq=False)
+class Smoothed:
+    """mean (M, 4) and cov (M, 4, 4) of z, and `links` (24, M): what ties one instant to the next."""
+
+    mean: Array
+    cov: Array
+    links: Array
+
+    def sd_of_means(self, group: NDArray[np.intp], groups: int) -> Array:
+        """Posterior sd (groups,) of the mean of d over each group of instants; group (M,), negative: in none.
+
+        For j < k:  cov(z_j, z_k) = P_j L_j' ... L_(k-1)' (I - Lambda_k P_k),   L = F (I - K h').
+        """
+        size = np.bincount(group[group >= 0], minlength=groups)
+        weights = np.zeros((groups, len(group)))
+        inside = np.flatnonzero(group >= 0)
+        weights[group[inside], inside] = 1.0 / size[group[inside]]
+        state = casadi.DM.zeros(5 * groups)
+        for block in _cut(np.vstack([weights, self.cov[:, 2, 2], self.links])):
+            state = _pairs(groups)(state, block)
+        return np.sqrt(np.maximum(np.asarray(state)[4 * groups :, 0], 0.0))
+
+
+def _start(scale: Array) -> Array:
+    return np.concatenate([np.zeros(4), np.diag(scale[8:]).ravel()])
+
+
+def _cut(inputs: Array) -> list[Array]:
+    """Blocks of instants, the last one filled up with instants that follow nothing and read nothing."""
+    M = inputs.shape[1]
+    padded = np.zeros((len(inputs), -(-M // _BLOCK) * _BLOCK))
+    padded[:, :M] = inputs
+    return [padded[:, begin : begin + _BLOCK] for begin in range(0, M, _BLOCK)]
+
+
+def _run(scan: casadi.Function, start: Array, inputs: Array, scale: Array) -> Array:
+    """All that scan(state, inputs, scale) -> (states, others) gives along a chain, one column an instant."""
+    state, blocks = casadi.DM(start), []
+    for block in _cut(inputs):
+        states, others = scan(state, block, scale)
+        state = states[:, -1]
+        blocks.append(np.vstack([np.asarray(states), np.asarray(others)]))
+    return np.hstack(blocks)[:, : inputs.shape[1]]
+
+
+def _scan(step: casadi.Function, last: bool = False) -> casadi.Function:
+    """step(state, column[, scale]) -> (state'[, other]) over a block; `last`: its end state and the sum of others."""
+    inputs = [casadi.MX.sym(f"i{i}", step.size1_in(i), _BLOCK if i == 1 else 1) for i in range(step.n_in())]
+    repeated = [casadi.repmat(v, 1, _BLOCK) if i > 1 else v for i, v in enumerate(inputs)]
+    states, *others = step.mapaccum(_BLOCK).call(repeated)
+    outputs = [states[:, -1], *(casadi.sum2(o) for o in others)] if last else [states, *others]
+    return casadi.Function(f"{step.name()}_scan", inputs, outputs)
+
+
+# one instant, in symbols -------------------------------------------------------------------------------------
+
+
+def _symbols(before: int = 0) -> tuple[casadi.SX, ...]:
+    """A column of Chain's steps behind `before` other numbers, and its A (2, 3), gap (2,), H (2, 2), r (2,), follows."""
+    column = casadi.SX.sym("column", before + 15)
+    own = column[before:]
+    A, H = casadi.reshape(own[:6], 3, 2).T, casadi.reshape(own[8:12], 2, 2).T
+    return column, A, own[6:8], H, own[12:14], own[14]
+
+
+def _updates(m: casadi.SX, P: casadi.SX, H: casadi.SX, r: casadi.SX) -> list[tuple[casadi.SX, ...]]:
+    """A Kalman update a reading: (h, its gain K, its error e, the error's variance S, m and P after it)."""
+    steps = []
+    for i in range(2):
+        h = casadi.vertcat(H[i, :].T, 0, 0)
+        Ph = casadi.mtimes(P, h)
+        S, e = 1.0 + casadi.dot(h, Ph), r[i] - casadi.dot(h, m)
+        m, P = m + Ph * (e / S), P - casadi.mtimes(Ph, Ph.T) / S
+        steps.append((h, Ph / S, e, S, m, P))
+    return steps
+
+
+def _transition(A: casadi.SX, follows: casadi.SX, scale: casadi.SX) -> casadi.SX:
+    """F (4, 4); zero where the next instant belongs to another record."""
+    x = casadi.horzcat(A, casadi.SX(2, 1))
+    d = casadi.horzcat(casadi.SX(2, 2), casadi.reshape(scale[:4], 2, 2))
+    return casadi.vertcat(x, d) * follows
+
+
+def _filter_step() -> casadi.Function:
+    """Kalman filter: predicted (m, P) -> predicted (m', P') and the instant's log-likelihood."""
+    state, scale = casadi.SX.sym("state", 20), casadi.SX.sym("scale", 12)
+    column, A, gap, H, r, follows = _symbols()
+    updates = _updates(state[:4], casadi.reshape(state[4:], 4, 4), H, r)
+    log_likelihood = sum(-0.5 * (casadi.log(S) + e * e / S) for _, _, e, S, _, _ in updates)
+    m, P = updates[-1][-2:]
+    F = _transition(A, follows, scale)
+    Q = casadi.diagcat(casadi.SX(2, 2), casadi.reshape(scale[4:8], 2, 2))
+    m = casadi.mtimes(F, m) + casadi.vertcat(gap, 0, 0) * follows
+    P = casadi.mtimes([F, P, F.T]) + Q * follows + casadi.diag(scale[8:]) * (1.0 - follows)
+    after = casadi.vertcat(m, casadi.vec(0.5 * (P + P.T)))
+    return casadi.Function("filter", [state, column, scale], [after, log_likelihood], {"cse": True})
+
+
+@cache
+def _filter() -> casadi.Function:
+    return _scan(_filter_step())
+
+
+@cache
+def _likelihood() -> casadi.Function:
+    return _scan(_filter_step(), last=True)
+
+
+@cache
+def _backward() -> casadi.Function:
+    """Bierman's fixed-interval smoother, which inverts no covariance: any part of z may be known exactly.
+
+        lambda = -h e/S + C' lambda',   Lambda = h h'/S + C' Lambda' C,   C = I - K h'
+        mean = m - P lambda',   cov = P - P Lambda' P
+
+    (Bierman, "Fixed interval smoothing with discrete measurements", Int. J. Control 18, 1973.)
+    """
+    state, scale = casadi.SX.sym("state", 20), casadi.SX.sym("scale", 12)
+    column, A, _, H, r, follows = _symbols(before=20)
+    predicted = casadi.reshape(column[4:20], 4, 4)
+    updates = _updates(column[:4], predicted, H, r)
+    m, P = updates[-1][-2:]
+    F = _transition(A, follows, scale)
+    lam, Lam = casadi.mtimes(F.T, state[:4]), casadi.mtimes([F.T, casadi.reshape(state[4:], 4, 4), F])
+    mean, cov = m - casadi.mtimes(P, lam), P - casadi.mtimes([P, Lam, P])
+    L = F
+    for h, K, e, S, _, _ in reversed(updates):
+        C = casadi.SX.eye(4) - casadi.mtimes(K, h.T)
+        lam = casadi.mtimes(C.T, lam) - h * (e / S)
+        Lam = casadi.mtimes([C.T, Lam, C]) + casadi.mtimes(h, h.T) / S
+        L = casadi.mtimes(L, C)
+    ahead = (casadi.SX.eye(4) - casadi.mtimes(Lam, predicted))[:, 2]
+    links = casadi.vertcat(predicted[:, 2], casadi.vec(L), ahead)
+    after = casadi.vertcat(lam, casadi.vec(0.5 * (Lam + Lam.T)))
+    own = casadi.vertcat(mean, casadi.vec(cov), links)
+    return _scan(casadi.Function("backward", [state, column, scale], [after, own], {"cse": True}))
+
+
+@cache
+def _pairs(groups: int) -> casadi.Function:
+    """Adds up w_j w_k cov(d_j, d_k) for each group; the state holds a (4, groups) = sum_(j<k) L_(k-1) ... L_j P_j w_j
+    and the sums so far (groups,)."""
+    state, column = casadi.SX.sym("state", 5 * groups), casadi.SX.sym("column", groups + 25)
+    a, total, w = casadi.reshape(state[: 4 * groups], 4, groups), state[4 * groups :], column[:groups].T
+    variance, own, L, ahead = casadi.vertsplit(column[groups:], [0, 1, 5, 21, 25])
+    share = w * w * variance + 2.0 * w * casadi.mtimes(ahead.T, a)
+    a = casadi.mtimes(casadi.reshape(L, 4, 4), a + casadi.mtimes(own, w))
+    after = casadi.vertcat(casadi.vec(a), total + share.T)
+    return _scan(casadi.Function("pairs", [state, column], [after], {"cse": True}), last=True)
