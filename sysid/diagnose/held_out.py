@@ -1,0 +1,224 @@
+"""The error that is shown: how far a model is from readings, in units of the sensor noise, on rollouts it never saw."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.model import Model
+from sysid.records import Array, Record
+from sysid.response import CHANNELS, Linearisation, Response, Window, cut
+from sysid.sensor import Sensor
+
+LEAD = 1.0
+"""Unscored seconds before each window of a model whose sensors remember."""
+
+REFITS = 12
+"""Linearisations at most while the windows' states are refitted; a good model takes four."""
+
+NEGLIGIBLE = 1e-3
+"""A decrease of half a window's sum of squares, in units of the noise, that ends the refit."""
+
+
+@dataclass(frozen=True)
+class WindowError:
+    """The error of one window: the record's name, from `begin` to `end` [s], and its multiple of the sensor noise."""
+
+    record: str
+    begin: float
+    end: float
+    ratio: float
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOutError:
+    """RMS of readings less model over windows of `window` [s], the state of each window refitted.
+
+        ratios[c] = sqrt(sum e_c^2 / sum (1 - h_c)),   e whitened, h the leverage of the refitted state
+
+    over the readings of channel c, so that a perfect model gets 1.0 in expectation at any sample rate; `ratio` over
+    all readings. theta [rad] and theta_dot [rad/s] are ratios times sensor noise (None: not measured). `windows` are in
+    the log's order.
+    """
+
+    window: float
+    theta: float | None
+    theta_dot: float | None
+    ratios: dict[str, float]
+    ratio: float
+    n_readings: int
+    windows: tuple[WindowError, ...]
+
+    @property
+    def n_windows(self) -> int:
+        """How many windows were scored."""
+        return len(self.windows)
+
+    @property
+    def worst(self) -> tuple[WindowError, ...]:
+        """The three windows with the largest errors."""
+        return tuple(sorted(self.windows, key=lambda w: -w.ratio)[:3])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, ready for JSON; a number that is not finite becomes None."""
+        return {
+            "window": finite(self.window),
+            "theta": finite(self.theta),
+            "theta_dot": finite(self.theta_dot),
+            "ratios": {c: finite(r) for c, r in self.ratios.items()},
+            "ratio": finite(self.ratio),
+            "n_readings": self.n_readings,
+            "n_windows": self.n_windows,
+            "worst": [
+                {"record": w.record, "begin": w.begin, "end": w.end, "ratio": finite(w.ratio)} for w in self.worst
+            ],
+        }
+
+    def __str__(self) -> str:
+        units = {"theta": "rad", "theta_dot": "rad/s"}
+        values = {"theta": self.theta, "theta_dot": self.theta_dot}
+        parts = [f"{c} {values[c]:.3g} {units[c]} ({r:.2f} x noise)" for c, r in self.ratios.items()]
+        span = "whole rollouts" if math.isinf(self.window) else f"{self.n_windows} windows of {self.window:g} s"
+        return f"{self.ratio:.2f} x the sensor noise over {span}: {', '.join(parts)}"
+
+
+@dataclass(frozen=True, eq=False)
+class Refit:
+    """A model on a log with the states of all windows refitted: where they ended, and the leverage they have.
+
+    starts (K, 2), lin the linearisation there, basis (K, R, 2) an orthonormal basis of what a window's start can
+    produce (columns of zeros where it shows in no reading), leverage (K, R) = sum basis^2.
+    """
+
+    response: Response
+    starts: Array
+    lin: Linearisation
+    basis: Array
+    leverage: Array
+
+    @property
+    def scored(self) -> Array:
+        """(K, R): 1 where a reading is scored, else 0."""
+        scored: Array = (self.response.weight > 0.0).astype(float).reshape(self.lin.e.shape)
+        return scored
+
+
+def held_out_error(model: Model, records: Sequence[Record], sensor: Sensor, window: float = 1.0) -> HeldOutError:
+    """The error of a model, none of whose parameters is touched, on records over windows of `window` [s].
+
+    Raises InvalidInput for records that do not fit the model or lack a channel that the sensor measures.
+    """
+    response = Response(model, (), records, sensor, cut(records, window, lead_of(model)))
+    return error_of(refit(response), window)
+
+
+def lead_of(model: Model) -> float:
+    """Seconds before a window in which the memories of the sensors fill; those of the input fill over the record."""
+    return LEAD if any(e.rest(0.0, 0.0, model.dt) for e in model.output_effects) else 0.0
+
+
+def refit(response: Response, starts: Array | None = None) -> Refit:
+    """Refit the states of all windows, the parameters as they are: Levenberg-Marquardt in each window by itself."""
+    p = np.array([float(response.model.parameters[n].value) for n in response.names])
+    x = response.starts if starts is None else starts
+    at = _finite(response.linearise(p, x))
+    damping = np.full(len(x), 1e-6)
+    for _ in range(REFITS):
+        step, promised = _steps(at, damping)
+        open_ = promised > NEGLIGIBLE
+        if not np.any(open_):
+            break
+        trial = _finite(response.linearise(p, x + step * open_[:, None]))
+        better = open_ & (np.sum(trial.e**2, axis=1) < np.sum(at.e**2, axis=1))
+        damping = np.where(better, np.maximum(damping * 0.1, 1e-9), np.where(open_, damping * 10.0, damping))
+        x = np.where(better[:, None], x + step, x)
+        at = _chosen(better, trial, at)
+        if np.all(damping[open_] > 1e6):
+            break
+    basis = _basis(at.S_x)
+    return Refit(response, x, at, basis, np.sum(basis**2, axis=-1))
+
+
+def error_of(fit: Refit, window: float) -> HeldOutError:
+    """The error of refitted windows, leverage taken out."""
+    response, K = fit.response, len(fit.starts)
+    squares = (fit.lin.e**2).reshape(K, 2, -1)
+    free = (fit.scored - fit.leverage).reshape(K, 2, -1)
+    sensor = response.sensor
+    sd = {c: value for c in CHANNELS if (value := getattr(sensor, c)) is not None}
+    ratios = {c: _root(squares[:, CHANNELS.index(c)], free[:, CHANNELS.index(c)]) for c in sd}
+    rms = {c: ratios[c] * sd[c] for c in sd}
+    return HeldOutError(
+        window=window,
+        theta=rms.get("theta"),
+        theta_dot=rms.get("theta_dot"),
+        ratios=ratios,
+        ratio=_root(squares, free),
+        n_readings=int(fit.scored.sum()),
+        windows=tuple(
+            _named(response, w, _root(s, f)) for w, s, f in zip(response.windows, squares, free, strict=True)
+        ),
+    )
+
+
+def finite(number: float | None) -> float | None:
+    """A number for JSON: None where it is not finite."""
+    return number if number is not None and math.isfinite(number) else None
+
+
+def _named(response: Response, window: Window, ratio: float) -> WindowError:
+    record = response.records[window.record]
+    begin, end = window.begin + window.lead, window.begin + window.count
+    return WindowError(record.name, float(record.t[begin]), float(record.t[end]), ratio)
+
+
+def _root(squares: Array, free: Array) -> float:
+    """sqrt(sum e^2 / sum (1 - h)); nan where the refitted states leave nothing to judge."""
+    rest = float(np.sum(free))
+    return math.sqrt(float(np.sum(squares)) / rest) if rest > 1e-6 * free.size else math.nan
+
+
+def _finite(lin: Linearisation) -> Linearisation:
+    """The linearisation with windows in which the model blew up marked by an infinite error and no slope."""
+    bad = ~(np.all(np.isfinite(lin.e), axis=1) & np.all(np.isfinite(lin.S_x), axis=(1, 2)))
+    if np.any(bad):
+        lin.e[bad], lin.S_x[bad] = np.inf, 0.0
+    return lin
+
+
+def _steps(at: Linearisation, damping: Array) -> tuple[Array, Array]:
+    """Damped steps (K, 2) of the starts, at most 0.5 rad and 3 rad/s, and the decrease (K,) each promises undamped."""
+    U, size, V = np.linalg.svd(at.S_x, full_matrices=False)
+    along = np.einsum("krs,kr->ks", U, np.where(np.isfinite(at.e), at.e, 0.0))
+    seen = size > _tolerance(size)
+    along = along * seen
+    gain = size / (size**2 * (1.0 + damping[:, None]) + 1e-300)
+    step = np.einsum("kst,ks->kt", V, along * gain)
+    return np.clip(step, [-0.5, -3.0], [0.5, 3.0]), 0.5 * np.sum(along**2, axis=1)
+
+
+def _basis(S_x: Array) -> Array:
+    """Orthonormal columns (K, R, 2) that span those of S_x; zeros for directions that no reading shows."""
+    U, size, _ = np.linalg.svd(S_x, full_matrices=False)
+    basis: Array = U * (size > _tolerance(size))[:, None, :]
+    return basis
+
+
+def _tolerance(size: Array) -> Array:
+    """Below it a direction is lost in rounding, or a change of a thousand rad would not show."""
+    return np.maximum(1e-12 * size[:, :1], 1e-3)
+
+
+def _chosen(better: NDArray[np.bool_], new: Linearisation, old: Linearisation) -> Linearisation:
+    """Window by window the new linearisation where it is better, else the old one."""
+
+    def pick(a: Array, b: Array) -> Array:
+        return np.where(better.reshape(-1, *[1] * (a.ndim - 1)), a, b)
+
+    parts = {f: pick(getattr(new, f), getattr(old, f)) for f in ("e", "S_x", "S_p", "states", "A")}
+    return Linearisation(**parts, drives=new.drives, growth=new.growth)

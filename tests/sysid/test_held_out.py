@@ -1,0 +1,128 @@
+"""The error that is shown is 1.0 for a perfect model, whatever is measured and however often, and only then."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from sysid import (
+    Backlash,
+    Coulomb,
+    Delay,
+    InvalidInput,
+    Model,
+    Record,
+    RodPendulum,
+    Sensor,
+    SensorDelay,
+    Viscous,
+    simulate,
+)
+from sysid.diagnose.held_out import held_out_error, lead_of, refit
+from sysid.excitation import steps
+from sysid.response import Response, cut
+
+BOTH = Sensor(0.003, 0.05)
+
+
+def logs(model: Model, sensor: Sensor, seed: int = 0, n: int = 8, seconds: float = 6.0) -> list[Record]:
+    """n rollouts under steps of torque, begun near hanging."""
+    rng = np.random.default_rng(seed)
+    u = np.array([steps(rng, round(seconds / model.dt), model.dt, 1.5, 0.3) for _ in range(n)])
+    return simulate(model, u, math.pi + rng.uniform(-0.8, 0.8, n), np.zeros(n)).measure(sensor, rng)
+
+
+def rod(dt: float = 0.02) -> Model:
+    return Model(RodPendulum(m=1.0, l=0.9), dt=dt)
+
+
+def band(n: int) -> float:
+    """Half the 99.7 % band of sqrt(chi2_n / n)."""
+    return 3.0 / math.sqrt(2.0 * n)
+
+
+@pytest.mark.parametrize("dt", [0.005, 0.02, 0.05, 0.1])
+def test_a_perfect_model_gets_one_at_any_rate_in_each_channel(dt: float) -> None:
+    records = logs(rod(dt), BOTH, n=6)
+    error = held_out_error(rod(dt), records, BOTH)
+    degrees = error.n_readings - 2 * error.n_windows
+    for ratio in error.ratios.values():
+        assert abs(ratio - 1.0) < band(degrees // 2)
+    assert abs(error.ratio - 1.0) < band(degrees)
+    assert error.theta == pytest.approx(error.ratios["theta"] * BOTH.theta)
+    assert error.theta_dot == pytest.approx(error.ratios["theta_dot"] * BOTH.theta_dot)
+
+
+def test_leverage_is_taken_out_channel_by_channel() -> None:
+    """Two instants a window: four readings, two of which the state uses up, mostly the angles."""
+    ratios = np.array(
+        [list(held_out_error(rod(), logs(rod(), BOTH, seed), BOTH, window=0.04).ratios.values()) for seed in range(10)]
+    )
+    mean, error = ratios.mean(axis=0), ratios.std(axis=0, ddof=1) / math.sqrt(len(ratios))
+    assert np.all(np.abs(mean - 1.0) < 4.0 * error)
+    assert np.all(error < 0.01)
+
+
+@pytest.mark.parametrize("sensor", [Sensor(0.003), Sensor(None, 0.05), Sensor(None, 0.05, theta_0=0.001)])
+def test_one_channel_is_enough(sensor: Sensor) -> None:
+    error = held_out_error(rod(), logs(rod(), sensor), sensor)
+    assert abs(error.ratio - 1.0) < band(error.n_readings - 2 * error.n_windows)
+    assert (error.theta is None) == (sensor.theta is None)
+    assert (error.theta_dot is None) == (sensor.theta_dot is None)
+
+
+@pytest.mark.parametrize(
+    "effect", [Delay(T=0.05), SensorDelay(T=0.05), Backlash(width=0.05), Coulomb(tau_c=0.2)], ids=lambda e: e.name
+)
+def test_memories_are_full_and_dry_friction_is_followed(effect: object) -> None:
+    model = rod().with_effect(effect)
+    records = logs(model, BOTH)
+    error = held_out_error(model, records, BOTH)
+    assert error.ratio < 1.0 + 2.0 * band(error.n_readings)
+    assert held_out_error(rod(), records, BOTH).ratio > 1.3
+    assert lead_of(model) == (1.0 if effect.name in ("sensor_delay", "backlash") else 0.0)
+
+
+def test_the_state_is_refitted_to_the_least_squares_optimum() -> None:
+    model = rod().with_effect(Viscous(b=0.3))
+    records = logs(rod(), BOTH)
+    fit = refit(Response(model, (), records, BOTH, cut(records, 1.0)))
+    best = 0.5 * np.sum(fit.lin.e**2, axis=1)
+    rng = np.random.default_rng(1)
+    for size in (1e-4, 1e-2):
+        moved = fit.response.residual(np.zeros(0), fit.starts + size * rng.standard_normal(fit.starts.shape))
+        assert np.all(0.5 * np.sum(moved.reshape(len(best), -1) ** 2, axis=1) > best - 1e-3)
+
+
+def test_an_error_in_one_rollout_is_found_there() -> None:
+    records = logs(rod(), BOTH)
+    push = np.zeros(300)
+    push[120:135] = 1.0
+    hand = simulate(rod(), records[3].u + push, records[3].theta[0], 0.0).measure(BOTH, np.random.default_rng(7))[0]
+    records[3] = Record(hand.t, records[3].u, hand.theta, hand.theta_dot, name="pushed")
+    worst = held_out_error(rod(), records, BOTH).worst[0]
+    assert worst.record == "pushed"
+    assert worst.begin <= 120 * 0.02 < worst.end
+    assert worst.ratio > 3.0
+
+
+def test_longer_windows_show_more_of_a_wrong_model() -> None:
+    records = logs(rod().with_effect(Viscous(b=0.1)), BOTH)
+    ratios = [held_out_error(rod(), records, BOTH, w).ratio for w in (0.04, 0.5, 1.0, math.inf)]
+    assert ratios == sorted(ratios)
+    assert ratios[0] < 1.1 and ratios[-1] > 5.0
+
+
+def test_it_prints_and_becomes_json() -> None:
+    error = held_out_error(rod(), logs(rod(), BOTH), BOTH)
+    data = json.loads(json.dumps(error.to_dict(), allow_nan=False))
+    assert data["ratio"] == error.ratio and data["n_windows"] == 48 and len(data["worst"]) == 3
+    assert "rad/s" in str(error) and "x the sensor noise over 48 windows of 1 s" in str(error)
+
+
+def test_a_channel_that_is_missing_is_said() -> None:
+    with pytest.raises(InvalidInput, match="no theta_dot readings"):
+        held_out_error(rod(), logs(rod(), Sensor(0.003)), BOTH)
