@@ -11,6 +11,7 @@ import numpy as np
 
 from sysid.model import Model
 from sysid.records import Array
+from sysid.sensor import Sensor
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +27,8 @@ class Estimate:
     cost         the sum of squares that was minimised, in units of the sensor's variance (nan: none)
     n_readings   the readings that were used
     method       the identifier's name
+    sensor       the sensor whose noise was assumed, where the identifier keeps it
+    horizon      length [s] of the windows that were fitted, each with a start of its own; inf: whole rollouts
     """
 
     model: Model
@@ -37,6 +40,8 @@ class Estimate:
     cost: float
     n_readings: int
     method: str
+    sensor: Sensor | None = None
+    horizon: float = math.inf
 
     @property
     def values(self) -> dict[str, float]:

@@ -118,6 +118,21 @@ class Response:
         smooth = [smooth_states(r, self.sensor) for r in self.records]
         return np.array([smooth[w.record][w.begin] for w in self.windows])
 
+    def clusters(self, seconds: float = 1.0, at_least: int = 30) -> Index:
+        """Number of the stretch of a record (K R,) that a reading lies in: `seconds` long, or shorter if few.
+
+        Sums over stretches vary by as much as coloured residuals let them (cluster-robust variances).
+        """
+        dt = self.model.dt
+        total = sum(len(r) for r in self.records) * dt
+        length = max(4.0 * dt, min(seconds, total / at_least))
+        ids = np.zeros(self.weight.shape, dtype=np.intp)
+        for i, w in enumerate(self.windows):
+            stretch = np.floor((w.begin + np.arange(self.length + 1)) * dt / length).astype(np.intp)
+            ids[i] = w.record * 10_000_000 + stretch
+        _, numbers = np.unique(ids.ravel(), return_inverse=True)
+        return np.asarray(numbers.ravel())
+
     # input path ----------------------------------------------------------------------------------------------
 
     @cached_property
@@ -282,6 +297,14 @@ class Response:
         S = S.reshape(K, -1, S.shape[-1])
         growth = float(np.max(np.abs(Z[..., :2])))
         return Linearisation(e.reshape(K, -1), S[..., :2], S[..., 2:], states, A, drives, growth)
+
+
+def stretches(values: Array, clusters: Index) -> Array:
+    """Sums (G, Q) of values (rows, Q) over clusters (rows,)."""
+    order = np.argsort(clusters, kind="stable")
+    edges = np.flatnonzero(np.diff(clusters[order], prepend=-1))
+    sums: Array = np.add.reduceat(values[order], edges, axis=0)
+    return sums
 
 
 def propagate(A: Array, G: Array, initial: bool = True) -> Array:

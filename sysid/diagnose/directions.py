@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from sysid.diagnose.candidates import Alternative
@@ -112,28 +110,3 @@ class Directions:
         """Torque columns cut so that a block of directions stays small."""
         width = max(1, _CHUNK // max(1, self.e.size))
         return [torques[..., i : i + width] for i in range(0, torques.shape[-1], width)]
-
-    def clusters(self, seconds: float = 1.0, at_least: int = 30) -> Array:
-        """Number of the stretch of a record (K R,) that a reading lies in: `seconds` long, or shorter if few."""
-        response, dt = self.response, self.model.dt
-        total = sum(len(r) for r in response.records) * dt
-        length = max(4 * dt, min(seconds, total / at_least))
-        ids = np.zeros(response.weight.shape, dtype=np.intp)
-        for i, w in enumerate(response.windows):
-            instants = w.begin + np.arange(response.length + 1)
-            ids[i] = w.record * 10_000_000 + np.floor(instants * dt / length).astype(np.intp)
-        _, flat = np.unique(ids.ravel(), return_inverse=True)
-        return np.asarray(flat.ravel())
-
-
-def stretches(values: Array, clusters: Array) -> Array:
-    """Sums (G, Q) of values (rows, Q) over clusters (rows,)."""
-    order = np.argsort(clusters, kind="stable")
-    edges = np.flatnonzero(np.diff(clusters[order], prepend=-1))
-    sums: Array = np.add.reduceat(values[order], edges, axis=0)
-    return sums
-
-
-def named(alternative_sets: Sequence[tuple[Alternative, ...]]) -> list[str]:
-    """The effects' names, one a set."""
-    return [a[0].name for a in alternative_sets]

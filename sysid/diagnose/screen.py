@@ -10,9 +10,10 @@ from scipy.linalg import eigh
 from scipy.stats import chi2, f
 
 from sysid.diagnose.candidates import Alternative, candidates, extent_of
-from sysid.diagnose.directions import Directions, stretches
+from sysid.diagnose.directions import Directions
 from sysid.identify.gauss_newton import Fit
 from sysid.records import Array
+from sysid.response import stretches
 
 _VISIBLE = 1e-3
 """|z_perp| / |z| below which an effect is absorbed by the parameters that are free already."""
@@ -53,7 +54,7 @@ def screen(
 ) -> tuple[dict[str, Score], Directions]:
     """Score tests of all candidates (or those named) that the fitted model may lack."""
     directions = directions or Directions(fit)
-    clusters = directions.clusters()
+    clusters = fit.response.clusters()
     found = candidates(fit.model, extent_of(fit.response.records), names)
     scores = {name: score(directions, alternatives, clusters) for name, alternatives in found.items()}
     return scores, directions

@@ -5,15 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from sysid.estimate import Estimate
 from sysid.identify.identifier import free_parameters
 from sysid.identify.start import parameter_starts
 from sysid.model import Model
 from sysid.parameters import Parameter
 from sysid.records import Array, Record
-from sysid.response import Linearisation, Response, cut
+from sysid.response import CHANNELS, Linearisation, Response, cut, stretches
 from sysid.sensor import Sensor
 
 HORIZONS = (0.5, 1.0, 2.0, 4.0, math.inf)
@@ -24,6 +26,9 @@ LARGEST_GROWTH = 1e5
 
 NEGLIGIBLE = 1e-2
 """A decrease of the cost (half the sum of squares, in units of the noise) that no statistic would notice."""
+
+COLOURED = 1.8
+"""Inflation of the scores' variance from which residuals count as coloured."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,6 +202,91 @@ class Fit:
             if row == 0 and float(np.quantile(error, 0.98)) > 0.3 + 3.0 * noise:
                 return False
         return True
+
+    @property
+    def parameters(self) -> list[Parameter]:
+        """The free parameters at their fitted numbers."""
+        return free_parameters(self.model, self.names)
+
+    @cached_property
+    def reduced(self) -> Reduced:
+        """The linearisation with the windows' starts eliminated."""
+        return reduce(self.solution.lin)
+
+    @cached_property
+    def inflation(self) -> float:
+        """How much more the scores vary than those of white residuals would: about 1 for a model that lacks nothing."""
+        scores = (self.reduced.S * self.reduced.e[..., None]).reshape(-1, len(self.names))
+        scores = scores / np.maximum(np.sqrt(np.diag(self.reduced.information)), 1e-300)
+        sums = stretches(scores, self.response.clusters())
+        G = len(sums)
+        return float(np.sum(sums**2)) * G / max(1, G - 1) / (len(self.names) * self.variance)
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Of the parameters (P, P): s^2 F^-1, or where residuals are coloured F^-1 (sum_g s_g s_g') F^-1 by stretches.
+
+        Infinite where some direction is not determined.
+        """
+        F = self.reduced.information
+        size = np.sqrt(np.diag(F))
+        if not np.all(size > 0.0):
+            return np.full_like(F, np.inf)
+        scaled = F / np.outer(size, size)
+        if np.linalg.eigvalsh(scaled)[0] < 1e-12:
+            return np.full_like(F, np.inf)
+        inverse = np.linalg.inv(scaled)
+        if self.inflation > COLOURED:
+            scores = (self.reduced.S * self.reduced.e[..., None]).reshape(-1, len(self.names)) / size
+            sums = stretches(scores, self.response.clusters())
+            middle = sums.T @ sums * (len(sums) / max(1, len(sums) - 1))
+            inverse = inverse @ middle @ inverse
+        else:
+            inverse = inverse * self.variance
+        covariance: Array = 0.5 * (inverse + inverse.T) / np.outer(size, size)
+        return covariance
+
+    def residual_sd(self) -> dict[str, float]:
+        """Sd of the readings about the fit, by channel [rad], [rad/s]."""
+        e = self.solution.lin.e.reshape(len(self.response.windows), 2, -1)
+        share = self.degrees / max(1, int(self.response.n_readings.sum()))
+        found = {}
+        for row, channel in enumerate(CHANNELS):
+            sd = getattr(self.response.sensor, channel)
+            if sd is not None:
+                found[channel] = sd * math.sqrt(float(np.sum(e[:, row] ** 2)) / self.response.n_readings[row] / share)
+        return found
+
+    def estimate(self) -> Estimate:
+        """The answer, with what it is worth."""
+        known = bool(np.all(np.isfinite(self.covariance)))
+        ratio = math.sqrt(self.variance)
+        whole = math.isinf(self.horizon)
+        about = "whole rollouts" if whole else f"windows of {self.horizon:g} s"
+        if not self.solution.converged:
+            status = f"stopped before it converged, on {about}: try other starting numbers"
+        elif ratio < 1.2 and self.inflation < COLOURED:
+            status = f"converged on {about}; the readings are explained to the sensor's noise"
+        else:
+            status = (
+                f"converged on {about}, but leaves {ratio:.3g} times the sensor's noise: the model lacks something, "
+                "and its numbers are those that imitate it best (pseudo-true)"
+            )
+        if not known:
+            status += f"; the records do not determine {', '.join(self.names)}"
+        return Estimate(
+            model=self.model,
+            names=self.names,
+            covariance=self.covariance,
+            noise=self.residual_sd(),
+            success=self.solution.converged and known,
+            status=status,
+            cost=2.0 * self.solution.lin.cost,
+            n_readings=int(self.response.n_readings.sum()),
+            method="Gauss-Newton",
+            sensor=self.response.sensor,
+            horizon=self.horizon,
+        )
 
     def state(self, record: int, instant: int) -> Array | None:
         """The fitted state (2,) at an instant of a record, where some window covers it."""

@@ -1,0 +1,262 @@
+"""The search: screen, confirm by refit, add, try to drop and to swap, until nothing more is warranted."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sysid.diagnose.flexible import Dependence, dependences
+from sysid.diagnose.screen import Score, alikeness, holm, screen
+from sysid.effects import Effect
+from sysid.identify.gauss_newton import Fit, fit_longest, fit_windows
+from sysid.records import Record
+
+LEVEL = 0.05
+"""Family-wise error rate over all candidates and flexible probes of a round."""
+
+LEAD = 0.3
+"""Seconds before a window that are not scored, in every fit of a search, so that their costs compare."""
+
+SAME = 0.999
+"""Alikeness of two effects from which a log says nothing about which of them it is."""
+
+CLOSE = 3.0
+"""Difference of -2 log likelihood below which two effects explain a log equally well."""
+
+MOST_STEPS = 6
+MOST_REFITS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """One screen about one fit: scores, Holm's p-values, and what flexible torques say."""
+
+    fit: Fit
+    scores: dict[str, Score]
+    flexible: dict[str, Dependence]
+    adjusted: dict[str, float]
+
+    @classmethod
+    def of(cls, fit: Fit, names: Iterable[str] | None) -> Round:
+        """All candidates and all flexible probes, one family."""
+        scores, directions = screen(fit, names)
+        flexible = dependences(directions, fit.response.clusters())
+        family = {name: s.p_value for name, s in scores.items() if s.visible}
+        family |= {f"~{name}": d.p_value for name, d in flexible.items()}
+        return cls(fit, scores, flexible, holm(family))
+
+    @property
+    def warranted(self) -> list[str]:
+        """Candidates that are significant, best first."""
+        found = [n for n, p in self.adjusted.items() if p < LEVEL and not n.startswith("~")]
+        return sorted(found, key=self.merit, reverse=True)
+
+    @property
+    def structured(self) -> list[str]:
+        """Quantities on which flexible torques find that the residual depends, the most telling first."""
+        found = [n[1:] for n, p in self.adjusted.items() if p < LEVEL and n.startswith("~")]
+        return sorted(found, key=lambda n: self.flexible[n].gain, reverse=True)
+
+    def merit(self, name: str) -> float:
+        """Expected decrease of -2 log likelihood, less the price of the magnitudes."""
+        score = self.scores[name]
+        return score.lm - len(score.sizes) * math.log(self.fit.degrees)
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A candidate that was fitted: its alternative models compare by `merit`, -2 log likelihood and price."""
+
+    name: str
+    fit: Fit
+    score: Score
+    p_value: float
+
+    def merit(self, variance: float) -> float:
+        """-(2 cost / s^2 + P log n): larger is better."""
+        return -(2.0 * self.fit.solution.lin.cost / variance + len(self.fit.names) * math.log(self.fit.degrees))
+
+
+@dataclass(frozen=True, eq=False)
+class Addition:
+    """An effect that was added: its name, those that this log cannot tell from it, its Holm p-value, the fit with it.
+
+    same   effects whose readings are its own on this log, whatever the sizes
+    close  effects that explain the log about as well and are something else
+    """
+
+    name: str
+    same: tuple[str, ...]
+    close: tuple[str, ...]
+    p_value: float
+    fit: Fit
+
+
+@dataclass(eq=False)
+class Search:
+    """Forward, backward and swap over effects. `names`: which of the catalogue may be used (None: all)."""
+
+    records: Sequence[Record]
+    names: Iterable[str] | None = None
+    additions: list[Addition] = field(default_factory=list)
+    rounds: list[Round] = field(default_factory=list)
+
+    def run(self, fit: Fit) -> Fit:
+        """The fit at the end of the loop; `additions` and `rounds` tell the way."""
+        for _ in range(MOST_STEPS):
+            now = Round.of(fit, self.names)
+            self.rounds.append(now)
+            trials = self.trials(now)
+            chosen = self._choose(fit, now, trials)
+            if chosen is None:
+                break
+            self.additions.append(self._addition(chosen, trials, now))
+            fit = self._review(grow(chosen.fit))
+        else:
+            self.rounds.append(Round.of(fit, self.names))
+        return fit
+
+    def trials(self, now: Round) -> list[Trial]:
+        """The most promising candidates, refitted at the round's horizon; of those that are the same, the first."""
+        found: list[Trial] = []
+        warranted = now.warranted
+        if not warranted:
+            return found
+        best = now.scores[warranted[0]].lm
+        for name in warranted:
+            score = now.scores[name]
+            if len(found) >= MOST_REFITS or (found and score.lm < 0.5 * best):
+                break
+            if any(twins(score, t.score) for t in found):
+                continue
+            found.append(Trial(name, extend(now.fit, score), score, now.adjusted[name]))
+        return found
+
+    def _choose(self, fit: Fit, now: Round, trials: list[Trial]) -> Trial | None:
+        if not trials:
+            return None
+        variance = min(t.fit.variance for t in trials)
+        for trial in sorted(trials, key=lambda t: t.merit(variance), reverse=True):
+            if trial.fit.solution.lin.cost < fit.solution.lin.cost and gain(fit, trial.fit) > 0.0:
+                return trial
+        return None
+
+    def _addition(self, chosen: Trial, trials: list[Trial], now: Round) -> Addition:
+        variance = chosen.fit.variance
+        same = tuple(
+            n for n, s in now.scores.items() if n != chosen.name and s.visible and twins(s, chosen.score)
+        )
+        close = tuple(
+            t.name
+            for t in trials
+            if t.name != chosen.name
+            and len(t.fit.names) <= len(chosen.fit.names)
+            and 2.0 * (t.fit.solution.lin.cost - chosen.fit.solution.lin.cost) / variance < CLOSE
+        )
+        return Addition(chosen.name, same, close, chosen.p_value, chosen.fit)
+
+    def _review(self, fit: Fit) -> Fit:
+        """Drop what the newest addition has made idle; swap what now has a better rival."""
+        for addition in list(self.additions[:-1]):
+            without = reduce_by(fit, addition.name)
+            price = (len(fit.names) - len(without.names)) * math.log(fit.degrees)
+            if 2.0 * (without.solution.lin.cost - fit.solution.lin.cost) / fit.variance < price:
+                self.additions.remove(addition)
+                fit = without
+                continue
+            fit = self._swap(fit, without, addition)
+        return fit
+
+    def _swap(self, fit: Fit, without: Fit, addition: Addition) -> Fit:
+        now = Round.of(without, self.names)
+        trials = [t for t in self.trials(now) if t.name != addition.name]
+        if not trials:
+            return fit
+        variance = min(fit.variance, *(t.fit.variance for t in trials))
+        best = max(trials, key=lambda t: t.merit(variance))
+        own = Trial(addition.name, fit, best.score, 0.0).merit(variance)
+        if best.merit(variance) <= own + 2.0 * CLOSE:
+            return fit
+        at = self.additions.index(addition)
+        self.additions[at] = self._addition(best, trials, now)
+        return grow(best.fit)
+
+
+def twins(a: Score, b: Score) -> bool:
+    """Whether two effects with equally many magnitudes move the readings of this log alike."""
+    return len(a.sizes) == len(b.sizes) and alikeness(a, b) > SAME
+
+
+def extend(fit: Fit, score: Score) -> Fit:
+    """The fit with one more effect, at the same horizon, begun where the fit ended and at the expected sizes.
+
+    It never ends above the smaller fit that it contains: where it would, it is begun again close to neutral.
+    """
+    assert score.best is not None  # noqa: S101
+    sizes = score.sizes
+    best = _with(fit, score.best.at(sizes))
+    for share in (0.3, 0.03):
+        if best.solution.lin.cost <= fit.solution.lin.cost:
+            break
+        other = _with(fit, score.best.at(tuple(share * s for s in sizes)))
+        best = min(best, other, key=lambda f: f.solution.lin.cost)
+    return best
+
+
+def _with(fit: Fit, effect: Effect) -> Fit:
+    own = {f"{effect.name}.{k}": float(p.value) for k, p in effect.parameters.items()}
+    p = np.concatenate([fit.solution.p, list(own.values())])
+    model = fit.model.with_effect(effect)
+    response = fit.response
+    return fit_windows(model, (*fit.names, *own), response.records, response.sensor, fit.horizon, p, fit, LEAD)
+
+
+def reduce_by(fit: Fit, name: str) -> Fit:
+    """The fit without an effect, at the same horizon."""
+    keep = [i for i, n in enumerate(fit.names) if not n.startswith(f"{name}.")]
+    names, p = tuple(fit.names[i] for i in keep), fit.solution.p[keep]
+    response = fit.response
+    model = fit.model.without_effect(name)
+    return fit_windows(model, names, response.records, response.sensor, fit.horizon, p, fit, LEAD)
+
+
+def grow(fit: Fit) -> Fit:
+    """The same model at the longest horizon that it follows."""
+    if math.isinf(fit.horizon):
+        return fit
+    response = fit.response
+    return fit_longest(
+        fit.model, fit.names, response.records, response.sensor, fit.solution.p, fit, shortest=fit.horizon, lead=LEAD
+    )
+
+
+def gain(base: Fit, other: Fit) -> float:
+    """Cross-validated gain in log likelihood: each record (or stretch, where records are few) left out in turn.
+
+    One Gauss-Newton step from the full fit stands for a refit:  dp = -(F - F_g)^-1 g_g,  e_g' = e_g - S_g dp.
+    """
+    variance = min(base.variance, other.variance)
+    return float(_left_out(base) - _left_out(other)) / variance
+
+
+def _left_out(fit: Fit) -> float:
+    reduced, response = fit.reduced, fit.response
+    P = len(fit.names)
+    S, e = reduced.S.reshape(-1, P), reduced.e.ravel()
+    owner = np.array([w.record for w in response.windows])
+    if len(response.records) >= 4:
+        folds = np.repeat(owner, e.size // len(owner))
+    else:
+        folds = response.clusters() * 8 // (int(response.clusters().max()) + 1)
+    F, total = reduced.information, 0.0
+    ridge = 1e-9 * np.diag(np.diag(F))
+    for fold in np.unique(folds):
+        at = folds == fold
+        S_g, e_g = S[at], e[at]
+        rest = F - S_g.T @ S_g + ridge
+        dp = -np.linalg.lstsq(rest, S_g.T @ e_g, rcond=1e-12)[0]
+        total += 0.5 * float(np.sum((e_g - S_g @ dp) ** 2))
+    return total
