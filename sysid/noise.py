@@ -1,0 +1,300 @@
+"""Noise: how well the sensors measure, found from the records alone, without any model."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.errors import InvalidInput
+from sysid.records import Record
+from sysid.sensor import Sensor
+
+Array = NDArray[np.float64]
+
+ORDERS = (3, 4, 5, 6, 7, 8, 10, 12)
+WIDTHS = (5, 7, 11, 15, 21, 31, 41, 61)
+FEWEST = 40
+"""Residuals that a standard deviation must rest on."""
+MOST = 16_000
+"""Samples that are looked at: more would make the answer no better than 1 %, and slower."""
+LATEST = 0.3
+"""A torque that acts up to this much later [s] is still taken out (at most 25 samples)."""
+EVENT = 3.3
+"""A residual beyond this many standard deviations is an event (a kink, an impact), no noise."""
+KEPT = 0.9943
+"""sd of a Gaussian cut off there, in units of its own."""
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """What the sensors add to the truth.
+
+    sensor   the sd of each channel, theta [rad] and theta_dot [rad/s]
+    error    the relative standard error of each sd, by channel
+    quantum  the step to which a channel's readings are rounded, where that matters, by channel
+    notes    what is unusual about them, one sentence each
+    """
+
+    sensor: Sensor
+    error: dict[str, float]
+    quantum: dict[str, float]
+    notes: tuple[str, ...]
+
+    def __str__(self) -> str:
+        units = {"theta": "rad", "theta_dot": "rad/s"}
+        found = [f"{c} {getattr(self.sensor, c):.3g} {units[c]} (+- {self.error[c]:.0%})" for c in self.error]
+        return "; ".join(("sensor noise: " + ", ".join(found), *self.notes))
+
+
+def sensor_noise(records: Sequence[Record]) -> Noise:
+    """The standard deviation of the error of each channel's readings.
+
+    Motion is smooth, noise is not: with white noise, var(D^m y) = C(2m, m) sigma^2 for the m-th difference D^m of the
+    readings, of which the motion leaves little (an order is high enough where a higher one says the same). A torque
+    that steps from sample to sample moves the speed too: D^m y is first regressed on the same differences of the held
+    torque, up to 0.3 s later, through a piecewise linear map (dead zone, saturation). Kinks of stick-slip, backlash
+    and impacts are left out with the residuals that they touch. Readings rounded to steps of q have at least
+    q / sqrt(12). What a window of 5 to 61 readings leaves beside its own cubic says, where it settles to another
+    value, that neighbouring errors are correlated (a filter, a difference of angles); then that value is the answer.
+
+    Source of the differences: von Neumann et al., Ann. Math. Statist. 12 (1941) 153; of the cubic: Savitzky and Golay,
+    Anal. Chem. 36 (1964) 1627. Raises InvalidInput where a channel never changes or the records are too short.
+    """
+    sd: dict[str, float] = {}
+    error: dict[str, float] = {}
+    quantum: dict[str, float] = {}
+    notes: list[str] = []
+    for channel in ("theta", "theta_dot"):
+        series = [(getattr(r, channel), r.u) for r in records]
+        if any(y is None or len(y) == 1 for y, _ in series):
+            continue
+        if all(np.all(y == y[0]) for y, _ in series):
+            raise InvalidInput(f"{channel} never changes (it stays at {series[0][0][0]:g}): it measures nothing")
+        sd[channel], error[channel] = (
+            _paired(records)
+            if channel == "theta_dot" and _twice(records)
+            else (_channel(channel, list(_blocks(series)), records[0].dt, quantum, notes))
+        )
+    if not sd:
+        raise InvalidInput("no channel is in all of the records: expected theta, theta_dot or both in each")
+    return Noise(Sensor(**sd), error, quantum, tuple(notes))
+
+
+def _twice(records: Sequence[Record]) -> bool:
+    return all(r.theta_dot_after is not None for r in records) and sum(len(r) for r in records) >= FEWEST
+
+
+def _paired(records: Sequence[Record]) -> tuple[float, float]:
+    """The sd, where an instant is read twice: sigma^2 = var(theta_dot[k+1] - theta_dot_after[k]) / 2."""
+    pairs = [
+        r.theta_dot[1:] - r.theta_dot_after[:-1]
+        for r in records
+        if r.theta_dot is not None and r.theta_dot_after is not None
+    ]
+    difference = np.concatenate(pairs)
+    return float(np.sqrt(np.mean(difference**2) / 2.0)), 1.0 / math.sqrt(2.0 * len(difference))
+
+
+def _blocks(series: Sequence[tuple[Array, Array]]) -> Iterator[tuple[Array, Array]]:
+    """Readings y (N+1,) and torque u (N,) of each record; evenly chosen stretches of them where there are many."""
+    total = sum(len(u) for _, u in series)
+    if total <= MOST:
+        yield from ((y[: len(u) + 1], u[: len(y)]) for y, u in series)
+        return
+    stretches = [(y[k : k + 1001], u[k : k + 1000]) for y, u in series for k in range(0, max(len(u) - 999, 1), 1000)]
+    every = max(math.ceil(len(stretches) * 1000 / MOST), 1)
+    yield from ((y[: len(u) + 1], u[: len(y)]) for y, u in stretches[::every])
+
+
+def _channel(
+    channel: str, series: Sequence[tuple[Array, Array]], dt: float, quantum: dict[str, float], notes: list[str]
+) -> tuple[float, float]:
+    """The sd of one channel and its relative error."""
+    power = 2 if channel == "theta" else 1
+    spread = math.sqrt(float(np.mean(np.concatenate([(y - y.mean()) ** 2 for y, _ in series]))))
+    step = _lattice(np.concatenate([np.diff(y) for y, _ in series]))
+    floor = max(step / math.sqrt(12.0), 1e-6 * spread)
+    lags = min(round(LATEST / dt), 25)
+
+    def spread_after(kernel: Array) -> tuple[float, int]:
+        return _scale(series, kernel, power, lags, floor)
+
+    sd, n, settled = _by_differences(spread_after)
+    if math.isnan(sd):
+        raise InvalidInput(
+            f"{sum(len(y) for y, _ in series)} readings of {channel} are too few to find its noise: give its sd"
+        )
+    error = 1.3 / math.sqrt(2.0 * n)
+    wide = _by_windows(spread_after)
+    if wide and abs(wide / sd - 1.0) > 0.05 + 3.0 * error:
+        notes.append(
+            f"{channel}: neighbouring errors are correlated (sd {sd:.2g} from one sample to the next, {wide:.2g} in "
+            "all): filtered, or made from differences, before it was logged"
+        )
+        sd = wide
+    elif not settled:
+        notes.append(f"{channel} is sampled too coarsely for its noise to be told from its motion: at most {sd:.2g}")
+    if step > 0.3 * sd:
+        quantum[channel] = step
+        notes.append(f"{channel} is rounded to steps of {step:.4g}")
+    return max(sd, floor), error
+
+
+# ---- linear filters that leave the noise and take out the motion -----------------------------------------------------
+
+
+def _difference(order: int) -> Array:
+    """The kernel of the m-th difference."""
+    return np.array([(-1.0) ** k * math.comb(order, k) for k in range(order + 1)])
+
+
+def _beside_cubic(width: int) -> Array:
+    """The kernel of: the middle reading of a window minus the cubic fitted to the window, there."""
+    tau = np.arange(width) - width // 2
+    powers = tau[:, None] ** np.arange(4.0)
+    kernel = -(np.linalg.pinv(powers)[0])
+    kernel[width // 2] += 1.0
+    return kernel
+
+
+def _by_differences(spread_after: Callable[[Array], tuple[float, int]]) -> tuple[float, int, bool]:
+    """(sd, residuals, settled) at the lowest order of difference that the two next higher ones confirm."""
+    found: list[tuple[float, int]] = []
+    for order in ORDERS:
+        sd, n = spread_after(_difference(order))
+        if math.isnan(sd):
+            break
+        found.append((sd, n))
+        if len(found) >= 3:
+            tolerance = 0.01 + 0.6 / math.sqrt(n)
+            (first, n), (second, _), (third, _) = found[-3:]
+            if first <= (1.0 + tolerance) * min(second, third):
+                return first, n, True
+    if not found:
+        return math.nan, 0, False
+    sd, n = min(found)
+    return sd, n, len(found) < 3
+
+
+def _by_windows(spread_after: Callable[[Array], tuple[float, int]]) -> float:
+    """The sd at which three neighbouring window widths agree; 0 where none do."""
+    found: list[float] = []
+    for width in WIDTHS:
+        sd, _ = spread_after(_beside_cubic(width))
+        if math.isnan(sd):
+            break
+        found.append(sd)
+        if len(found) >= 3 and max(found[-3:]) <= 1.025 * min(found[-3:]):
+            return found[-2]
+    return 0.0
+
+
+def _scale(
+    series: Sequence[tuple[Array, Array]], kernel: Array, power: int, lags: int, floor: float
+) -> tuple[float, int]:
+    """(sd of white noise that leaves such residuals behind the kernel, their number); (nan, 0) for too few.
+
+    Residuals that a kink touches are left out: those beyond 3.3 sd, and all whose kernel overlaps with theirs.
+    """
+    targets, regressors, edges = _filtered(series, kernel, power, lags)
+    n = len(targets)
+    if n < FEWEST:
+        return math.nan, 0
+    regressors = regressors[:, : n // 8]
+    gain = float(np.linalg.norm(kernel))
+    keep = np.ones(n, dtype=bool)
+    residual, used = _fitted(targets, regressors, keep)
+    sd = max(float(np.median(np.abs(residual))) / 0.6745 / gain, floor)
+    for _ in range(10):
+        events = _widened(np.abs(residual) > EVENT * sd * gain, len(kernel) // 2, edges)
+        if n - events.sum() < max(FEWEST, 0.25 * n):
+            break
+        same = np.array_equal(~events, keep)
+        keep = ~events
+        if same:
+            break
+        residual, used = _fitted(targets, regressors, keep)
+        sd = max(float(np.sqrt(np.sum(residual[keep] ** 2) / max(keep.sum() - used, 1))) / gain / KEPT, floor)
+    left = int(keep.sum()) - used
+    sd = float(np.sqrt(np.sum(residual[keep] ** 2) / max(left, 1))) / gain
+    return (sd / KEPT if not keep.all() else sd, left) if left >= FEWEST else (math.nan, 0)
+
+
+def _filtered(
+    series: Sequence[tuple[Array, Array]], kernel: Array, power: int, lags: int
+) -> tuple[Array, Array, NDArray[np.intp]]:
+    """Filtered readings (n,), what the torque may have done to them (n, regressors), and where each record ends.
+
+    The torque's part of the speed is its sum over the samples before, that of the angle the sum of this sum.
+    """
+    torque = np.concatenate([u for _, u in series])
+    knots = np.quantile(torque, [0.25, 0.5, 0.75]) if len(np.unique(torque)) > 8 else np.empty(0)
+    still = bool(np.all(torque == torque[0]))
+    targets, regressors = [], []
+    for y, u in series:
+        if len(u) <= len(kernel) + lags + 4:
+            continue
+        filtered = np.convolve(y, kernel, "valid")
+        if still:
+            targets.append(filtered)
+            regressors.append(np.empty((len(filtered), 0)))
+            continue
+        rows = slice(lags, len(filtered) - 2)
+        columns = []
+        for part in (u, *(np.maximum(u - knot, 0.0) for knot in knots)):
+            moved = np.concatenate(([0.0], np.cumsum(part - part.mean())))
+            moved = np.convolve(moved if power == 1 else np.cumsum(moved) - 0.5 * moved, kernel, "valid")
+            columns += [moved[lags - lag : len(moved) - 2 - lag] for lag in range(-2, lags + 1)]
+        targets.append(filtered[rows])
+        regressors.append(np.column_stack(columns))
+    if not targets:
+        return np.empty(0), np.empty((0, 0)), np.empty(0, dtype=np.intp)
+    return np.concatenate(targets), np.concatenate(regressors), np.cumsum([len(t) for t in targets])
+
+
+def _fitted(targets: Array, regressors: Array, keep: NDArray[np.bool_]) -> tuple[Array, int]:
+    """Residuals (n,) of a least-squares fit to the rows that are kept, and how many directions it used up."""
+    if regressors.shape[1] == 0:
+        return targets, 0
+    A = regressors[keep]
+    size, direction = np.linalg.eigh(A.T @ A)
+    good = size > 1e-10 * max(float(size[-1]), 1e-300)
+    projected = direction[:, good].T @ (A.T @ targets[keep])
+    fit: Array = direction[:, good] @ (projected / size[good])
+    return targets - regressors @ fit, int(good.sum())
+
+
+def _widened(events: NDArray[np.bool_], by: int, edges: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """The events and `by` neighbours on both sides of each, within a record."""
+    wide = events.copy()
+    for first, last in pairwise((0, *edges)):
+        for k in np.flatnonzero(events[first:last]):
+            wide[max(first + k - by, first) : min(first + k + by + 1, last)] = True
+    return wide
+
+
+def _lattice(steps: Array) -> float:
+    """The quantum of which the steps between readings are multiples; 0 where there is none.
+
+    A candidate q fits where nine in ten of the steps are multiples of it to 5 %; the largest that fits is taken.
+    """
+    size = np.abs(steps)
+    moved = size[size > 1e-9 * max(float(size.max()), 1e-300)]
+    for candidate in sorted(
+        {float(c) for c in np.quantile(moved, (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5))}, reverse=True
+    ):
+        q = candidate
+        for _ in range(2):
+            near = size[(size > 0.5 * q) & (size < 20.5 * q)]
+            turns = np.round(near / q)
+            q = float(near @ turns) / float(turns @ turns)
+        small = size[size < 20.5 * q]
+        off = np.abs(small / q - np.round(small / q)) > 0.05
+        if np.mean(off) < 0.1 and len(small) > 0.1 * len(size) and np.mean(size > 0.5 * q) > 0.02:
+            return q
+    return 0.0
