@@ -92,7 +92,7 @@ def stick_slip(v: Value, a: Value, plus: Value, minus: Value, h: float) -> tuple
     slowing = ops.where(v > 0.0, plus, minus) - sign * a
     sliding = ops.minimum(h, sign * v / ops.maximum(slowing, 1e-9))
     resting = h - sliding
-    leaving = a - ops.clip(a, -minus, plus)
+    leaving = ops.where(a > 0.0, ops.maximum(a - plus, 0.0), ops.minimum(a + minus, 0.0))
     slowed = ops.where(sign * v < slowing * h, leaving * resting, v - sign * slowing * h)
     moved = v * sliding - 0.5 * sign * slowing * sliding * sliding + 0.5 * leaving * resting * resting
     return slowed, moved, (sliding + resting * leaving * a / (a * a + 1e-30)) / h

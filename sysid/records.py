@@ -141,6 +141,16 @@ def check_records(model: Model, records: Sequence[Record]) -> tuple[Record, ...]
     return given
 
 
+def check_direct(model: Model, method: str) -> None:
+    """Raise InvalidInput where sensors show something else than the state, or the log's torques are shifted."""
+    between = [e.name for e in model.effects if e.of_log or e in model.output_effects]
+    if between:
+        came = f"{', '.join(between)} stands between the two"
+        raise InvalidInput(
+            f"{method} compares readings with the state, but {came}: expected a model without, or sysid.fit"
+        )
+
+
 def write_csv(record: Record, path: str | Path) -> None:
     """Write a record as CSV, one row an instant; cells without a value (the last u) stay empty."""
     columns = {c: getattr(record, c) for c in COLUMNS if getattr(record, c) is not None}

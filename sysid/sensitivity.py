@@ -16,7 +16,7 @@ import numpy as np
 
 from sysid.errors import InvalidInput
 from sysid.model import Model
-from sysid.records import Array, Record, check_records
+from sysid.records import Array, Record, check_direct, check_records
 from sysid.sensor import Sensor
 
 _LARGEST_GROWTH = 1e5
@@ -62,6 +62,7 @@ class Segments:
         functions: tuple[casadi.Function, ...] | None = None,
     ) -> None:
         self.model, self.names, self.sensor = model, tuple(names), sensor
+        check_direct(model, "LeastSquares")
         self.records = check_records(model, records)
         self.length = max(1, length)
         self.counts = [math.ceil(len(r) / self.length) for r in self.records]

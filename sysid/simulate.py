@@ -72,22 +72,22 @@ def simulate(model: Model, u: ArrayLike, theta: ArrayLike, theta_dot: ArrayLike)
         came = ", ".join(map(str, sorted(set(shapes) - {()})))
         raise InvalidInput(f"rollouts, start states and parameters have shapes {came}: they do not broadcast") from None
     n = u.shape[-1]
-    theta, theta_dot = np.broadcast_to(theta, shape), np.broadcast_to(theta_dot, shape)
+    now: tuple[Value, Value] = np.broadcast_to(theta, shape), np.broadcast_to(theta_dot, shape)
     states: Value = np.empty((2, n + 1, *shape))
     seen: Value = np.empty((2, n + 1, *shape))
-    drives = model.drives(np.moveaxis(u, -1, 0), theta)
-    sensing = model.sensing(theta, theta_dot)
+    drives = model.drives(list(np.moveaxis(u, -1, 0)), now[0])
+    sensing = model.sensing(*now)
     for k in range(n + 1):
-        states[:, k] = theta, theta_dot
-        seen[:, k], sensing = model.read(theta, theta_dot, sensing, k * model.dt)
+        states[:, k] = now
+        seen[:, k], sensing = model.read(*now, sensing, k * model.dt)
         if k < n:
-            theta, theta_dot = model.move(theta, theta_dot, next(drives), k * model.dt)
-    theta, theta_dot, theta_read, theta_dot_read = np.moveaxis(np.concatenate([states, seen]), 1, -1)
+            now = model.move(*now, next(drives), k * model.dt)
+    rows = np.moveaxis(np.concatenate([states, seen]), 1, -1)
     return Trajectory(
         t=model.dt * np.arange(n + 1),
         u=np.broadcast_to(u, (*shape, n)),
-        theta=theta,
-        theta_dot=theta_dot,
-        theta_read=theta_read,
-        theta_dot_read=theta_dot_read,
+        theta=rows[0],
+        theta_dot=rows[1],
+        theta_read=rows[2],
+        theta_dot_read=rows[3],
     )

@@ -12,7 +12,7 @@ from sysid.errors import InvalidInput
 from sysid.estimate import Estimate
 from sysid.identify.identifier import free_parameters
 from sysid.model import Drives, Model
-from sysid.records import Array, Record, check_records
+from sysid.records import Array, Record, check_direct, check_records
 from sysid.sensor import Sensor
 
 _BLOCK = 1_500_000
@@ -37,6 +37,7 @@ class GridSearch:
     def fit(self, model: Model, records: Sequence[Record]) -> Estimate:
         """The best cell; raises InvalidInput for infinite bounds, missing channels, over a million cells."""
         free = free_parameters(model, self.parameters)
+        check_direct(model, "GridSearch")
         records = check_records(model, records)
         axes = [self._axis(p.name, p.bounds) for p in free]
         if self.points ** len(axes) > 1_000_000:
@@ -133,10 +134,7 @@ def _drives(model: Model, u: Array) -> Drives:
     """Drive torques over a whole record, one (..., N) array a substep."""
     if not model.input_effects:
         return (u,) * model.integrator.substeps
-    memory, columns = model.rest(0.0), []
-    for command in u:
-        drive, memory = model.drive(float(command), memory)
-        columns.append(drive)
+    columns = list(model.drives(u.tolist()))
     return tuple(
         np.concatenate([np.reshape(drive[j], (-1, 1)) for drive in columns], axis=1)
         for j in range(model.integrator.substeps)

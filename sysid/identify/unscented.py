@@ -19,7 +19,7 @@ from sysid.identify.coordinates import Coordinates
 from sysid.identify.identifier import free_parameters
 from sysid.identify.start import parameter_starts
 from sysid.model import Model
-from sysid.records import Array, Record, check_records
+from sysid.records import Array, Record, check_direct, check_records
 from sysid.sensor import Sensor
 
 Index = NDArray[np.intp]
@@ -70,6 +70,7 @@ class UnscentedKalman:
     def fit(self, model: Model, records: Sequence[Record]) -> Estimate:
         """The estimate; raises InvalidInput for unusable records, names or settings."""
         free = free_parameters(model, self.parameters)
+        check_direct(model, "UnscentedKalman")
         records = check_records(model, records)
         self._check()
         coordinates = Coordinates(free)
