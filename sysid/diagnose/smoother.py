@@ -87,6 +87,18 @@ class Chain:
         mean, cov, links = np.split(own, (4, 20))
         return Smoothed(mean.T, cov.T.reshape(-1, 4, 4), links)
 
+    def thinned(self, most: int, length: int = 500) -> Chain:
+        """About `most` of the instants: stretches of `length`, evenly spread; all where there are no more."""
+        M = len(self.r)
+        stretches = np.array_split(np.arange(M), max(1, M // length))
+        step = M / most
+        if step <= 1.0:
+            return self
+        kept = [stretches[int(i)] for i in np.arange(0.0, len(stretches), step)]
+        rows, follows = np.concatenate(kept), self.follows.copy()
+        follows[[stretch[-1] for stretch in kept]] = False
+        return Chain(self.A[rows], self.gap[rows], self.H[rows], self.r[rows], follows[rows], self.spread, self.dt)
+
     def _scale(self, torque: Torque) -> Array:
         """Phi, Q and the variances with which a record begins, (12,)."""
         Phi, Q = torque.step(self.dt)
