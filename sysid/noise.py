@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.errors import InvalidInput
+from sysid.quantum import quantum
 from sysid.records import Record
 from sysid.sensor import Sensor
 
@@ -20,7 +21,7 @@ ORDERS = (3, 4, 5, 6, 7, 8, 10, 12)
 WIDTHS = (5, 7, 11, 15, 21, 31, 41, 61)
 FEWEST = 40
 """Residuals that a standard deviation must rest on."""
-MOST = 16_000
+MOST = 10_000
 """Samples that are looked at: more would make the answer no better than 1 %, and slower."""
 LATEST = 0.3
 """A torque that acts up to this much later [s] is still taken out (at most 25 samples)."""
@@ -59,15 +60,15 @@ def sensor_noise(records: Sequence[Record]) -> Noise:
     that steps from sample to sample moves the speed too: D^m y is first regressed on the same differences of the held
     torque, up to 0.3 s later, through a piecewise linear map (dead zone, saturation). Kinks of stick-slip, backlash
     and impacts are left out with the residuals that they touch. Readings rounded to steps of q have at least
-    q / sqrt(12). What a window of 5 to 61 readings leaves beside its own cubic says, where it settles to another
-    value, that neighbouring errors are correlated (a filter, a difference of angles); then that value is the answer.
+    q / sqrt(12). What windows of 5 to 61 readings leave beside their own cubics shows whether neighbouring errors are
+    correlated (by a filter, by a difference of angles), and then what they are in all.
 
     Source of the differences: von Neumann et al., Ann. Math. Statist. 12 (1941) 153; of the cubic: Savitzky and Golay,
     Anal. Chem. 36 (1964) 1627. Raises InvalidInput where a channel never changes or the records are too short.
     """
     sd: dict[str, float] = {}
     error: dict[str, float] = {}
-    quantum: dict[str, float] = {}
+    steps: dict[str, float] = {}
     notes: list[str] = []
     for channel in ("theta", "theta_dot"):
         series = [(getattr(r, channel), r.u) for r in records]
@@ -78,11 +79,11 @@ def sensor_noise(records: Sequence[Record]) -> Noise:
         sd[channel], error[channel] = (
             _paired(records)
             if channel == "theta_dot" and _twice(records)
-            else (_channel(channel, list(_blocks(series)), records[0].dt, quantum, notes))
+            else (_channel(channel, list(_blocks(series)), records[0].dt, steps, notes))
         )
     if not sd:
         raise InvalidInput("no channel is in all of the records: expected theta, theta_dot or both in each")
-    return Noise(Sensor(**sd), error, quantum, tuple(notes))
+    return Noise(Sensor(**sd), error, steps, tuple(notes))
 
 
 def _twice(records: Sequence[Record]) -> bool:
@@ -112,12 +113,12 @@ def _blocks(series: Sequence[tuple[Array, Array]]) -> Iterator[tuple[Array, Arra
 
 
 def _channel(
-    channel: str, series: Sequence[tuple[Array, Array]], dt: float, quantum: dict[str, float], notes: list[str]
+    channel: str, series: Sequence[tuple[Array, Array]], dt: float, steps: dict[str, float], notes: list[str]
 ) -> tuple[float, float]:
     """The sd of one channel and its relative error."""
     power = 2 if channel == "theta" else 1
     spread = math.sqrt(float(np.mean(np.concatenate([(y - y.mean()) ** 2 for y, _ in series]))))
-    step = _lattice(np.concatenate([np.diff(y) for y, _ in series]))
+    step = quantum([y for y, _ in series])
     floor = max(step / math.sqrt(12.0), 1e-6 * spread)
     lags = min(round(LATEST / dt), 25)
 
@@ -130,17 +131,19 @@ def _channel(
             f"{sum(len(y) for y, _ in series)} readings of {channel} are too few to find its noise: give its sd"
         )
     error = 1.3 / math.sqrt(2.0 * n)
-    wide = _by_windows(spread_after)
-    if wide and abs(wide / sd - 1.0) > 0.05 + 3.0 * error:
+    correlated = _by_windows(spread_after)
+    if correlated and abs(correlated / sd - 1.0) > 0.1:
         notes.append(
-            f"{channel}: neighbouring errors are correlated (sd {sd:.2g} from one sample to the next, {wide:.2g} in "
-            "all): filtered, or made from differences, before it was logged"
+            f"neighbouring errors of {channel} are correlated (sd {sd:.2g} from sample to sample, {correlated:.2g} in "
+            "all): it was filtered, or made from differences, before it was logged"
         )
-        sd = wide
-    elif not settled:
-        notes.append(f"{channel} is sampled too coarsely for its noise to be told from its motion: at most {sd:.2g}")
-    if step > 0.3 * sd:
-        quantum[channel] = step
+        sd = correlated
+    elif not settled and sd > floor:
+        notes.append(f"the noise of {channel} can hardly be told from its motion: it is sampled coarsely")
+    if step == 0.0 and sd < floor:
+        notes.append(f"{channel} shows no noise: a sd of {floor:.2g} is taken")
+    if step > 0.3 * max(sd, floor):
+        steps[channel] = step
         notes.append(f"{channel} is rounded to steps of {step:.4g}")
     return max(sd, floor), error
 
@@ -157,7 +160,7 @@ def _beside_cubic(width: int) -> Array:
     """The kernel of: the middle reading of a window minus the cubic fitted to the window, there."""
     tau = np.arange(width) - width // 2
     powers = tau[:, None] ** np.arange(4.0)
-    kernel = -(np.linalg.pinv(powers)[0])
+    kernel: Array = -np.linalg.pinv(powers)[0]
     kernel[width // 2] += 1.0
     return kernel
 
@@ -182,16 +185,23 @@ def _by_differences(spread_after: Callable[[Array], tuple[float, int]]) -> tuple
 
 
 def _by_windows(spread_after: Callable[[Array], tuple[float, int]]) -> float:
-    """The sd at which three neighbouring window widths agree; 0 where none do."""
-    found: list[float] = []
-    for width in WIDTHS:
-        sd, _ = spread_after(_beside_cubic(width))
-        if math.isnan(sd):
-            break
-        found.append(sd)
-        if len(found) >= 3 and max(found[-3:]) <= 1.025 * min(found[-3:]):
-            return found[-2]
-    return 0.0
+    """The sd of correlated errors; 0 where nothing shows that they are correlated.
+
+    White noise leaves the same sd s(w) behind windows of every width w; what is left of the motion grows ever faster
+    with w (as w^4 in the end, kinks as w^1.5). Where s falls at first, or rises at once and then ever slower,
+    neighbouring errors are correlated, and s at the width at which it changes least is the sd of all of the error.
+    """
+    found = [spread_after(_beside_cubic(width)) for width in WIDTHS]
+    s = np.array([sd for sd, _ in found if not math.isnan(sd)])
+    if len(s) < 4:
+        return 0.0
+    growth = np.diff(np.log(s)) / np.diff(np.log(WIDTHS[: len(s)]))
+    unsure = 0.02 + 1.0 / math.sqrt(found[0][1])
+    falls = min(s[1:4]) < s[0] * (1.0 - unsure)
+    rises = s[1] > s[0] * (1.0 + unsure) and growth[0] < 1.5 and max(growth[1:3]) < max(0.6, growth[0])
+    if not (falls or rises):
+        return 0.0
+    return float(s[3 + int(np.argmin(np.abs(growth[2:])))])
 
 
 def _scale(
@@ -276,25 +286,3 @@ def _widened(events: NDArray[np.bool_], by: int, edges: NDArray[np.intp]) -> NDA
         for k in np.flatnonzero(events[first:last]):
             wide[max(first + k - by, first) : min(first + k + by + 1, last)] = True
     return wide
-
-
-def _lattice(steps: Array) -> float:
-    """The quantum of which the steps between readings are multiples; 0 where there is none.
-
-    A candidate q fits where nine in ten of the steps are multiples of it to 5 %; the largest that fits is taken.
-    """
-    size = np.abs(steps)
-    moved = size[size > 1e-9 * max(float(size.max()), 1e-300)]
-    for candidate in sorted(
-        {float(c) for c in np.quantile(moved, (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5))}, reverse=True
-    ):
-        q = candidate
-        for _ in range(2):
-            near = size[(size > 0.5 * q) & (size < 20.5 * q)]
-            turns = np.round(near / q)
-            q = float(near @ turns) / float(turns @ turns)
-        small = size[size < 20.5 * q]
-        off = np.abs(small / q - np.round(small / q)) > 0.05
-        if np.mean(off) < 0.1 and len(small) > 0.1 * len(size) and np.mean(size > 0.5 * q) > 0.02:
-            return q
-    return 0.0

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.errors import InvalidInput
+from sysid.quantum import quantum
 from sysid.records import Record
 
 Array = NDArray[np.float64]
@@ -179,21 +180,20 @@ def _moved(t: Array, y: Array, grid: Array, nearest: NDArray[np.intp]) -> Array:
     """A channel at the instants of the grid: the nearest row, moved along the cubic through its seven neighbours.
 
     y(g) = y_k + s (g - t_k) + c (g - t_k)^2 / 2, with slope s and curvature c of the cubic fitted to rows k-3 .. k+3.
-    A shift of less than a quarter of the noise is not made: a quantised reading stays on its lattice. Further than 3/4
-    of a step from any row: the straight line between the rows on both sides.
+    Further than 3/4 of a step from any row: the straight line between the rows on both sides. A rounded reading is
+    moved by whole steps, so that it stays what this sensor can show.
     """
     step = float(np.median(np.diff(t)))
-    noise = float(np.median(np.abs(np.diff(y, 4)))) / (0.6745 * math.sqrt(70.0)) if len(y) > 20 else 0.0
     shift = np.empty(len(grid))
     for first in range(0, len(grid), 65536):
         rows = slice(first, first + 65536)
         slope, curvature = _cubic(t, y, nearest[rows], step)
         delta = (grid[rows] - t[nearest[rows]]) / step
         shift[rows] = slope * delta + 0.5 * curvature * delta**2
-    moved = y[nearest] + np.where(np.abs(shift) < 0.25 * noise, 0.0, shift)
     far = np.abs(grid - t[nearest]) > FAR * step
-    moved[far] = np.interp(grid[far], t, y)
-    return moved
+    shift[far] = np.interp(grid[far], t, y) - y[nearest[far]]
+    rounded = quantum([y])
+    return y[nearest] + (rounded * np.round(shift / rounded) if rounded > 0.0 else shift)
 
 
 def _cubic(t: Array, y: Array, rows: NDArray[np.intp], step: float) -> tuple[Array, Array]:
