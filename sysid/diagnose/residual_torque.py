@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,11 +25,12 @@ UNITS = {"theta": "rad", "theta_dot": "rad/s", "torque": "N m", "time": "s"}
 
 _BINS = 24
 _ITERATIONS = 8
-_SAMPLES = 20_000
+_SAMPLES = 8_000
 """Instants from which the size and the memory of the torque are found: more would not change them."""
 _NO_PARAMETERS = np.zeros(0)
 _SPREAD = (3.0, 30.0)
 """How far a record's first state may lie from the motion without a model [rad], [rad/s]: anywhere."""
+_CLEARLY = 10.0
 SIGNIFICANT = 4.6
 """Gain in log-likelihood that two free numbers reach by chance in 1 of 100 logs, at most."""
 
@@ -139,7 +140,9 @@ class ResidualTorque:
     def over(self, name: str) -> Binned:
         """The mean of d over "theta" (mod 2 pi), "theta_dot", "torque" or "time"; raises InvalidInput for others."""
         if name not in self.binned:
-            raise InvalidInput(f"a residual torque is not drawn over {name!r}: expected one of {', '.join(self.binned)}")
+            raise InvalidInput(
+                f"a residual torque is not drawn over {name!r}: expected one of {', '.join(self.binned)}"
+            )
         return self.binned[name]
 
     def to_dict(self) -> dict[str, Any]:
@@ -195,21 +198,22 @@ def residual_torque(model: Model, records: Sequence[Record], sensor: Sensor) -> 
     log = _Log(model, Response(model, (), records, sensor, cut(check_records(model, records))))
     x = np.concatenate([smooth_states(r, sensor) for r in log.response.records])
     d = np.zeros(len(x))
-    steps = np.array([1e-3, 0.05, 0.01]) * np.ones((len(x), 1))
-    torque: Torque | None = None
     converged = False
-    for iteration in range(_ITERATIONS):
+    steps = np.array([1e-3, 0.05, 0.01]) * np.ones((len(x), 1))
+    searches, best = 0, tuple[Torque, ...]()
+    for _ in range(_ITERATIONS):
         chain = log.chain(x, d, steps)
-        if iteration < 2 or torque is None:
-            torque, gain = _likeliest(chain, log.motion_torque(x, chain), torque)
+        if searches == 0 or (converged and searches == 1):  # again, now about the right motion
+            best, torque, gain = _likeliest(chain, log.motion_torque(x, chain), best)
+            searches += 1
         smoothed = chain.smooth(torque)
         before, d = d, smoothed.mean[:, 2]
         sd = np.sqrt(np.maximum(np.diagonal(smoothed.cov, 0, 1, 2), 0.0))
         x = x + smoothed.mean[:, :2]
         steps = np.maximum(sd[:, :3], [1e-6, 1e-5, 1e-6])
-        moved = np.sqrt(np.mean((d - before)[chain.follows] ** 2 / np.maximum(sd[chain.follows, 2] ** 2, 1e-30)))
-        converged = bool(moved < 0.02)
-        if converged and iteration > 0:
+        moved = np.abs(smoothed.mean[:, :3] - np.column_stack([np.zeros_like(x), before]))
+        converged = bool(np.sqrt(np.mean((moved / np.maximum(sd[:, :3], 1e-12))[chain.follows] ** 2)) < 0.02)
+        if converged and searches == 2:
             break
     return _answer(log, x, smoothed, torque, gain, chain.log_likelihood(torque), converged)
 
@@ -286,31 +290,55 @@ class _Log:
         return np.split(values, np.cumsum([len(r) + 1 for r in self.response.records])[:-1])
 
 
-def _likeliest(chain: Chain, size: float, first: Torque | None) -> tuple[Torque, float]:
-    """The torque of largest likelihood and its gain over none; where it gains nothing, the largest not ruled out."""
+def _likeliest(chain: Chain, size: float, last: tuple[Torque, ...]) -> tuple[tuple[Torque, ...], Torque, float]:
+    """The likeliest torque of each kind, the one of the two to use, and its gain over none.
+
+    Of the two kinds the smooth one, whose band is narrower, must be likelier by more than a little. Where neither
+    gains anything, the one to use is the largest not ruled out. The search begins at `last`, or on a grid.
+    """
+    part = chain.thinned(_SAMPLES)
+    if not last:
+        coarse = chain.thinned(_SAMPLES // 4)
+        sizes = [[Torque(f * size, T, k) for T in (0.1, 0.4, 1.6) for f in (1e-3, 1e-2, 0.1, 1.0)] for k in (False, True)]
+        last = tuple(max(grid, key=coarse.log_likelihood) for grid in sizes)
+    rough, smooth = last = tuple(_climbed(part, torque) for torque in last)
+    torque = smooth if part.log_likelihood(smooth) > part.log_likelihood(rough) + _CLEARLY else rough
+    if part is not chain:  # a rare event may lie outside of the part
+        wider = max((replace(torque, s=f * torque.s) for f in (1.0, 5.0, 25.0)), key=chain.log_likelihood)
+        torque = torque if wider.s == torque.s else _climbed(chain, wider)
+    gain = chain.log_likelihood(torque) - chain.log_likelihood(Torque(0.0, 1.0))
+    return last, torque if gain > SIGNIFICANT else _largest(part, size), max(gain, 0.0)
+
+
+def _climbed(chain: Chain, torque: Torque) -> Torque:
+    """The torque of largest likelihood near another of its kind."""
     from scipy.optimize import minimize
 
-    part = chain.thinned(_SAMPLES)
-    low, high = np.log([1e-4 * size, 2.0 * chain.dt]), np.log([1e2 * size, max(20.0, len(part.r) * chain.dt)])
+    longest = max(20.0, len(chain.r) * chain.dt)
 
-    def torque(h: Array, smooth: bool) -> Torque:
-        s, T = np.exp(np.clip(h, low, high))
-        return Torque(float(s), float(T), smooth)
+    def at(h: Array) -> Torque:
+        s, T = torque.s * math.exp(h[0]), torque.T * math.exp(h[1])
+        return Torque(s, min(max(T, 2.0 * chain.dt), longest), torque.smooth)
 
-    grid = [Torque(f * size, T, k) for k in (False, True) for T in (0.1, 0.4, 1.6) for f in (1e-3, 1e-2, 0.1, 1.0)]
-    first = first or max(grid, key=part.log_likelihood)
-    start = np.log([first.s, first.T])
-    simplex = start + np.array([[0.0, 0.0], [0.5, 0.0], [0.0, 0.5]])
-    options = {"xatol": 0.02, "fatol": 0.05, "initial_simplex": simplex, "maxfev": 60}
-    found = minimize(
-        lambda h: -part.log_likelihood(torque(h, first.smooth)), start, method="Nelder-Mead", options=options
-    )
-    best = torque(found.x, first.smooth)
-    none = part.log_likelihood(Torque(0.0, 1.0))
-    gain = -float(found.fun) - none
-    if gain > SIGNIFICANT:
-        return best, chain.log_likelihood(best) - chain.log_likelihood(Torque(0.0, 1.0))
-    return _largest(part, none, size), max(gain, 0.0)
+    simplex = [[0.0, 0.0], [0.7, 0.0], [0.0, 0.7]]
+    options = {"xatol": 1.0, "fatol": 0.1, "initial_simplex": simplex, "maxfev": 40}
+    found = minimize(lambda h: -chain.log_likelihood(at(h)), simplex[0], method="Nelder-Mead", options=options)
+    return at(found.x)
+
+
+def _largest(chain: Chain, size: float) -> Torque:
+    """The largest torque with a memory of 0.5 s that the log does not rule out, one-sided at 95 %."""
+    from scipy.optimize import brentq
+
+    none = chain.log_likelihood(Torque(0.0, 0.5))
+
+    def excess(log_s: float) -> float:
+        return chain.log_likelihood(Torque(math.exp(log_s), 0.5)) - none + 0.5 * 1.645**2
+
+    low = high = math.log(1e-6 * size)
+    while excess(high) > 0.0 and high < math.log(1e3 * size):
+        low, high = high, high + 1.0
+    return Torque(math.exp(brentq(excess, low, high, xtol=0.02) if excess(high) < 0.0 else high), 0.5)
 
 
 def _answer(
@@ -342,19 +370,6 @@ def _answer(
         else (),
         converged=converged,
     )
-
-
-def _largest(chain: Chain, none: float, size: float) -> Torque:
-    """The largest torque with a memory of 0.5 s that the log does not rule out, one-sided at 95 %."""
-    from scipy.optimize import brentq
-
-    def excess(log_s: float) -> float:
-        return chain.log_likelihood(Torque(math.exp(log_s), 0.5)) - none + 0.5 * 1.645**2
-
-    low = high = math.log(1e-6 * size)
-    while excess(high) > 0.0 and high < math.log(1e3 * size):
-        low, high = high, high + 1.0
-    return Torque(math.exp(brentq(excess, low, high, xtol=0.02) if excess(high) < 0.0 else high), 0.5)
 
 
 def _binned(name: str, coordinate: Array, d: Array, follows: NDArray[np.bool_], smoothed: Smoothed) -> Binned:

@@ -81,9 +81,9 @@ class Chain:
         scale = self._scale(torque)
         start = _start(scale)
         out = _run(_filter(), start, self._steps, scale)
-        predicted = np.hstack([start[:, None], out[:20, :-1]])
+        predicted = np.hstack([start[:, None], out[:14, :-1]])
         inputs = np.vstack([predicted, self._steps])[:, ::-1]
-        own = _run(_backward(), np.zeros(20), inputs, scale)[20:, ::-1]
+        own = _run(_backward(), np.zeros(14), inputs, scale)[14:, ::-1]
         mean, cov, links = np.split(own, (4, 20))
         return Smoothed(mean.T, cov.T.reshape(-1, 4, 4), links)
 
@@ -139,7 +139,7 @@ class Smoothed:
 
 
 def _start(scale: Array) -> Array:
-    return np.concatenate([np.zeros(4), np.diag(scale[8:]).ravel()])
+    return np.concatenate([np.zeros(4), np.diag(scale[8:])[np.triu_indices(4)]])
 
 
 def _cut(inputs: Array) -> list[Array]:
@@ -180,6 +180,15 @@ def _symbols(before: int = 0) -> tuple[casadi.SX, ...]:
     return column, A, own[6:8], H, own[12:14], own[14]
 
 
+def _symmetric(lower: casadi.SX) -> casadi.SX:
+    """A matrix (4, 4) from its lower triangle, column by column (10,)."""
+    return casadi.tril2symm(casadi.SX(casadi.Sparsity.lower(4), lower))
+
+
+def _lower(matrix: casadi.SX) -> casadi.SX:
+    return casadi.densify(casadi.tril(matrix)).nz[[4 * j + i for j in range(4) for i in range(j, 4)]]
+
+
 def _updates(m: casadi.SX, P: casadi.SX, H: casadi.SX, r: casadi.SX) -> list[tuple[casadi.SX, ...]]:
     """A Kalman update a reading: (h, its gain K, its error e, the error's variance S, m and P after it)."""
     steps = []
@@ -201,16 +210,16 @@ def _transition(A: casadi.SX, follows: casadi.SX, scale: casadi.SX) -> casadi.SX
 
 def _filter_step() -> casadi.Function:
     """Kalman filter: predicted (m, P) -> predicted (m', P') and the instant's log-likelihood."""
-    state, scale = casadi.SX.sym("state", 20), casadi.SX.sym("scale", 12)
+    state, scale = casadi.SX.sym("state", 14), casadi.SX.sym("scale", 12)
     column, A, gap, H, r, follows = _symbols()
-    updates = _updates(state[:4], casadi.reshape(state[4:], 4, 4), H, r)
+    updates = _updates(state[:4], _symmetric(state[4:]), H, r)
     log_likelihood = sum(-0.5 * (casadi.log(S) + e * e / S) for _, _, e, S, _, _ in updates)
     m, P = updates[-1][-2:]
     F = _transition(A, follows, scale)
     Q = casadi.diagcat(casadi.SX(2, 2), casadi.reshape(scale[4:8], 2, 2))
     m = casadi.mtimes(F, m) + casadi.vertcat(gap, 0, 0) * follows
     P = casadi.mtimes([F, P, F.T]) + Q * follows + casadi.diag(scale[8:]) * (1.0 - follows)
-    after = casadi.vertcat(m, casadi.vec(0.5 * (P + P.T)))
+    after = casadi.vertcat(m, _lower(P))
     return casadi.Function("filter", [state, column, scale], [after, log_likelihood], {"cse": True})
 
 
@@ -233,13 +242,13 @@ def _backward() -> casadi.Function:
 
     (Bierman, "Fixed interval smoothing with discrete measurements", Int. J. Control 18, 1973.)
     """
-    state, scale = casadi.SX.sym("state", 20), casadi.SX.sym("scale", 12)
-    column, A, _, H, r, follows = _symbols(before=20)
-    predicted = casadi.reshape(column[4:20], 4, 4)
+    state, scale = casadi.SX.sym("state", 14), casadi.SX.sym("scale", 12)
+    column, A, _, H, r, follows = _symbols(before=14)
+    predicted = _symmetric(column[4:14])
     updates = _updates(column[:4], predicted, H, r)
     m, P = updates[-1][-2:]
     F = _transition(A, follows, scale)
-    lam, Lam = casadi.mtimes(F.T, state[:4]), casadi.mtimes([F.T, casadi.reshape(state[4:], 4, 4), F])
+    lam, Lam = casadi.mtimes(F.T, state[:4]), casadi.mtimes([F.T, _symmetric(state[4:]), F])
     mean, cov = m - casadi.mtimes(P, lam), P - casadi.mtimes([P, Lam, P])
     L = F
     for h, K, e, S, _, _ in reversed(updates):
@@ -249,7 +258,7 @@ def _backward() -> casadi.Function:
         L = casadi.mtimes(L, C)
     ahead = (casadi.SX.eye(4) - casadi.mtimes(Lam, predicted))[:, 2]
     links = casadi.vertcat(predicted[:, 2], casadi.vec(L), ahead)
-    after = casadi.vertcat(lam, casadi.vec(0.5 * (Lam + Lam.T)))
+    after = casadi.vertcat(lam, _lower(Lam))
     own = casadi.vertcat(mean, casadi.vec(cov), links)
     return _scan(casadi.Function("backward", [state, column, scale], [after, own], {"cse": True}))
 
