@@ -1,6 +1,5 @@
 """Effects at large: what each declares, neutral values and slopes there, the input path, classes of the user's own."""
 
-import math
 from dataclasses import dataclass
 
 import casadi as ca
@@ -21,7 +20,6 @@ from sysid import (
     Model,
     RodPendulum,
     SemiImplicitEuler,
-    Stamp,
     Viscous,
     parameter,
     register,
@@ -154,90 +152,6 @@ def test_gradients_at_the_neutral_value_are_finite(effect, dtype):
         assert torch.isfinite(slope)
 
 
-@pytest.mark.parametrize("k", [0, 1, 3, 5])
-def test_a_delay_of_whole_samples_is_the_shifted_command(k, integrator):
-    u = uniform_noise(np.random.default_rng(1), 100, 2.0)
-    shifted = np.concatenate([np.zeros(k), u[: 100 - k]])
-    delayed = simulate(Model(ROD, (Delay(T=k * 0.02, longest=0.1),), integrator, 0.02), u, 2.0, 0.0)
-    undelayed = simulate(Model(ROD, (), integrator, 0.02), shifted, 2.0, 0.0)
-    np.testing.assert_allclose(delayed.theta, undelayed.theta, rtol=1e-10)
-
-
-@pytest.mark.parametrize("substeps", [1, 3])
-@pytest.mark.parametrize("T", [0.0, 0.0041, 0.01, 0.0333, 0.06])
-def test_a_delay_conserves_the_commands_integral(T, substeps):
-    u = np.concatenate([uniform_noise(np.random.default_rng(2), 50, 2.0), np.zeros(4)])
-    drive = drives(Model(ROD, (Delay(T=T, longest=0.06),), RK4(substeps=substeps), 0.02), u)
-    assert np.sum(drive) / substeps == pytest.approx(np.sum(u), rel=1e-12)
-
-
-@pytest.mark.parametrize("substeps", [1, 2, 3])
-def test_a_stamp_shifts_the_rows_either_way(substeps):
-    u = uniform_noise(np.random.default_rng(3), 40, 2.0)
-    held = np.repeat(u[:, None], substeps, axis=1)
-
-    def shifted(s):
-        return drives(Model(ROD, (Stamp(s=s),), RK4(substeps=substeps), 0.02), u)
-
-    np.testing.assert_allclose(shifted(0.0), held, rtol=1e-15)
-    np.testing.assert_allclose(shifted(-1.0)[:-1], held[1:], atol=1e-15)
-    np.testing.assert_allclose(shifted(1.0)[1:], held[:-1], atol=1e-15)
-    np.testing.assert_allclose(shifted(-0.5).mean(axis=1)[:-1], 0.5 * (u[1:] + u[:-1]), atol=1e-15)
-
-
-@pytest.mark.parametrize("s", [0.2, 0.5, 0.87])
-def test_a_late_stamp_is_a_delay(s):
-    u = uniform_noise(np.random.default_rng(3), 40, 2.0)
-    stamped, delayed = (drives(Model(ROD, (e,), dt=0.02), u) for e in (Stamp(s=s), Delay(T=0.02 * s)))
-    np.testing.assert_allclose(stamped, delayed, atol=1e-14)
-
-
-@pytest.mark.parametrize("T", [0.0003, 0.02, 0.7])
-def test_lag_has_the_exact_step_response(T):
-    lag, dt, s = Lag(T=T), 0.02, 1.7
-    memory, t, means = lag.rest(dt), 0.0, []
-    for k in range(1, 51):
-        signal, memory = lag.advance((s, s), memory, dt)
-        t = k * dt
-        assert memory[0] == pytest.approx(s * -math.expm1(-t / T), rel=1e-11)
-        means.extend(signal)
-    # the integral of the response is  s (t - T (1 - exp(-t/T)))
-    assert np.sum(means) * dt / 2 == pytest.approx(s * (t + T * math.expm1(-t / T)), rel=1e-11)
-
-
-@pytest.mark.parametrize("T", [0.0, 1e-12, 0.05])
-def test_lag_and_delay_have_unit_gain_at_rest(T):
-    drive = drives(Model(ROD, (Delay(T=min(T, 0.03)), Lag(T=T)), RK4(substeps=2), 0.02), np.full(200, 1.3))
-    np.testing.assert_allclose(drive[-1], 1.3, rtol=1e-12)
-
-
-@pytest.mark.parametrize("T", [0.0, 1e-14, 1e-9, 1e-4])
-def test_lag_is_safe_as_its_time_constant_vanishes(T):
-    """The drive tends to the command and its derivative to (z - s) / h, in both differentiating back ends."""
-    h, s, z = 0.02, 1.3, 0.4
-    tensor = torch.tensor(T, dtype=torch.float64, requires_grad=True)
-    (drive,), _ = Lag(T=tensor).advance((s,), (z,), h)
-    drive.backward()
-    symbol = ca.SX.sym("T")
-    (expression,), _ = Lag(T=symbol).advance((s,), (z,), h)
-    value, slope = ca.Function("f", [symbol], [expression, ca.jacobian(expression, symbol)])(T)
-    expected = s + (z - s) * T / h
-    assert drive.item() == pytest.approx(expected, rel=1e-12) and float(value) == pytest.approx(expected, rel=1e-12)
-    assert tensor.grad.item() == pytest.approx((z - s) / h, rel=1e-9)
-    assert float(slope) == pytest.approx((z - s) / h, rel=1e-9)
-
-
-def test_static_input_effects_do_what_their_formula_says():
-    u = np.array([-1.5, -0.4, -0.1, 0.0, 0.1, 0.4, 1.5])
-    expected = {
-        sysid.TorqueGain(c=0.8): 0.8 * u,
-        sysid.DeadZone(d=0.3): np.sign(u) * np.maximum(np.abs(u) - 0.3, 0.0),
-        sysid.Saturation(limit=0.7): np.clip(u, -0.7, 0.7),
-    }
-    for e, drive in expected.items():
-        np.testing.assert_allclose(drives(Model(ROD, (e,), dt=0.02), u), np.stack([drive, drive], axis=1), atol=1e-15)
-
-
 def test_a_static_input_effect_acts_before_delay_and_lag(catalogue, agree):
     @register
     @dataclass(frozen=True, eq=False)
@@ -314,11 +228,3 @@ def test_friction_sees_the_load_and_other_effects_do_not(catalogue):
     load = ROD.gravity_torque(1.0) + 0.25 + 0.5
     assert seen["push"] == 0.0 and seen["grip"] == pytest.approx(load)
     assert a == pytest.approx((load - 0.1) / ROD.inertia())
-
-
-@pytest.mark.parametrize("kind", [Delay, sysid.SensorDelay])
-def test_a_dead_time_beyond_its_memory_is_refused(kind):
-    with pytest.raises(InvalidInput, match=r"T = 0.11 s is out of bounds: expected 0 <= .*T <= 0.1$"):
-        kind(T=0.11, longest=0.1)
-    with pytest.raises(InvalidInput, match=r"delay longest = 0.0: expected a positive time"):
-        kind(longest=0.0)

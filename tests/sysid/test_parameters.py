@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from sysid import Delay, InvalidInput, RodPendulum, Viscous
+from sysid import Delay, Extent, InvalidInput, Parameter, RodPendulum, Viscous
 
 
 def test_a_field_knows_its_unit_bounds_and_neutral_value():
@@ -59,11 +59,22 @@ def test_bad_numbers_are_refused(value, message):
 
 
 def test_a_delay_beyond_its_memory_is_refused():
-    with pytest.raises(InvalidInput, match=r"Delay.T = 0.3 s is out of bounds: expected 0 <= Delay.T <= 0.2"):
-        Delay(T=0.3)
+    with pytest.raises(InvalidInput, match=r"Delay.T = 0.4 s is out of bounds: expected 0 <= Delay.T <= 0.3"):
+        Delay(T=0.4)
 
 
 def test_every_parameter_has_a_positive_scale_at_every_number(plant, all_effects):
     for part in (plant, *all_effects, *(e.at_neutral() for e in all_effects)):
         for p in part.parameters.values():
             assert 0.0 < p.scale < math.inf
+
+
+def test_probes_are_numbers_or_a_function_of_the_log():
+    extent = Extent(dt=0.02, duration=8.0, u_max=3.0)
+    kinds = {"N m": 0.03, "N m s/rad": 0.03, "rad": 0.01}
+    for unit, step in kinds.items():
+        assert Parameter("x", 0.0, unit, (0.0, 9.0), neutral=0.5).probes(extent) == pytest.approx((0.5 + step,))
+        assert Parameter("x", 0.0, unit, (0.0, 9.0), neutral=0.5).probes(extent._replace(u_max=0.0)) == (0.51,)
+    assert Parameter("x", 4.0, "N m", (0.0, 9.0)).probes(extent) == (4.0,)
+    assert Parameter("x", 4.0, "N m", (0.0, 9.0), probe=(1, 2)).probes(extent) == (1.0, 2.0)
+    assert Parameter("x", 4.0, "s", (0.0, 9.0), probe=lambda e: (e.dt, e.duration)).probes(extent) == (0.02, 8.0)

@@ -6,7 +6,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from sysid import RK4, GeneralJoint, Model, PointMassPendulum, RodPendulum, paper_model, simulate
+from sysid import RK4, GeneralJoint, LinearAxis, Model, PointMassPendulum, RodPendulum, paper_model, simulate
 from sysid.excitation import uniform_noise
 
 
@@ -26,16 +26,18 @@ def test_rod_is_gymnasiums_pendulum_step_for_step(m, l):  # noqa: E741
     np.testing.assert_allclose(np.stack([run.theta, run.theta_dot], axis=1), states, rtol=1e-9, atol=1e-11)
 
 
-def test_gravity_pulls_towards_hanging(plant):
+def test_gravity_pulls_towards_hanging(pendulum):
     theta = np.linspace(0.05, math.pi - 0.05, 50)
-    assert np.all(plant.gravity_torque(theta) > 0.0)
-    np.testing.assert_allclose(plant.gravity_torque(-theta), -plant.gravity_torque(theta))
-    np.testing.assert_allclose(plant.gravity_torque(theta + 2.0 * math.pi), plant.gravity_torque(theta), atol=1e-12)
+    assert np.all(pendulum.gravity_torque(theta) > 0.0)
+    np.testing.assert_allclose(pendulum.gravity_torque(-theta), -pendulum.gravity_torque(theta))
+    np.testing.assert_allclose(
+        pendulum.gravity_torque(theta + 2.0 * math.pi), pendulum.gravity_torque(theta), atol=1e-12
+    )
 
 
-def test_small_swings_have_the_textbook_period(plant):
-    model = Model(plant, integrator=RK4(substeps=4), dt=0.01)
-    omega = math.sqrt(plant.gravity_torque(0.5 * math.pi) / plant.inertia())
+def test_small_swings_have_the_textbook_period(pendulum):
+    model = Model(pendulum, integrator=RK4(substeps=4), dt=0.01)
+    omega = math.sqrt(pendulum.gravity_torque(0.5 * math.pi) / pendulum.inertia())
     run = simulate(model, np.zeros(400), math.pi + 1e-4, 0.0)
     np.testing.assert_allclose(run.theta - math.pi, 1e-4 * np.cos(omega * run.t), atol=1e-10)
 
@@ -46,3 +48,9 @@ def test_every_pendulum_is_a_general_joint(plant):
     u = uniform_noise(np.random.default_rng(1), 200, 2.0)
     one, other = (simulate(Model(p, dt=0.02), u, 2.0, 0.0) for p in (plant, joint))
     np.testing.assert_allclose(one.theta, other.theta, rtol=1e-10)
+
+
+def test_an_axis_moves_by_half_f_over_m_t_squared():
+    run = simulate(Model(LinearAxis(m=2.5), dt=0.01), np.full(100, 5.0), 0.2, -0.3)
+    np.testing.assert_allclose(run.theta, 0.2 - 0.3 * run.t + 0.5 * 2.0 * run.t**2, atol=1e-13)
+    np.testing.assert_allclose(run.theta_dot, -0.3 + 2.0 * run.t, atol=1e-13)

@@ -1,0 +1,57 @@
+"""Torques of angle and load: each against an exact law."""
+
+import math
+
+import numpy as np
+import pytest
+
+from sysid import (
+    RK4,
+    AngleOffset,
+    GeneralJoint,
+    LinearAxis,
+    Model,
+    Ripple,
+    RodPendulum,
+    RotorInertia,
+    Spring,
+    Tilt,
+    simulate,
+)
+from sysid.excitation import uniform_noise
+
+U = uniform_noise(np.random.default_rng(0), 200, 2.0)
+
+
+def test_a_tilted_base_is_an_encoder_that_is_off(pendulum):
+    alpha = 0.15
+    tilted = simulate(Model(pendulum, (Tilt(alpha=alpha),), dt=0.02), U, 2.0, 0.3)
+    offset = simulate(Model(pendulum, (AngleOffset(offset=-alpha),), dt=0.02), U, 2.0 + alpha, 0.3)
+    np.testing.assert_allclose(tilted.theta_read, offset.theta_read, atol=1e-11)
+    np.testing.assert_allclose(tilted.theta_dot_read, offset.theta_dot_read, atol=1e-10)
+
+
+def test_a_spring_swings_about_hanging_with_its_own_period():
+    k, m = 3.0, 0.75
+    run = simulate(Model(LinearAxis(m=m), (Spring(k=k),), RK4(substeps=4), 0.01), np.zeros(500), math.pi + 0.4, 0.0)
+    np.testing.assert_allclose(run.theta - math.pi, 0.4 * np.cos(math.sqrt(k / m) * run.t), atol=1e-8)
+
+
+def test_a_ripple_conserves_energy_and_repeats_every_wave():
+    ripple = Ripple(a=0.3, b=-0.2, order=7.0)
+    joint = GeneralJoint(J=0.2, G=1.5)
+    run = simulate(Model(joint, (ripple,), RK4(substeps=8), 0.01), np.zeros(500), 1.0, 0.0)
+    potential = 1.5 * np.cos(run.theta) + (0.3 * np.cos(7 * run.theta) + 0.2 * np.sin(7 * run.theta)) / 7
+    e = 0.5 * 0.2 * run.theta_dot**2 + potential
+    np.testing.assert_allclose(e, e[0], atol=1e-7)
+    axis = Model(LinearAxis(m=0.4), (ripple,), dt=0.02)
+    one, shifted = (simulate(axis, U, start, 0.3) for start in (1.0, 1.0 + 2.0 * math.pi / 7))
+    np.testing.assert_allclose(shifted.theta_dot, one.theta_dot, atol=1e-9)
+
+
+@pytest.mark.parametrize("J_r", [0.01, 0.3])
+def test_a_rotor_adds_inertia_and_no_weight(J_r):
+    rod = RodPendulum(m=1.3, l=0.9)
+    joint = GeneralJoint(J=rod.inertia() + J_r, G=rod.gravity_torque(0.5 * math.pi))
+    with_rotor = simulate(Model(rod, (RotorInertia(J_r=J_r),), dt=0.02), U, 2.0, 0.0)
+    np.testing.assert_allclose(with_rotor.theta, simulate(Model(joint, dt=0.02), U, 2.0, 0.0).theta, rtol=1e-10)

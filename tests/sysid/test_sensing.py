@@ -1,0 +1,145 @@
+"""What sensors make of the state: offsets and scales, a late reading, play."""
+
+import math
+
+import numpy as np
+import pytest
+
+from sysid import (
+    RK4,
+    AngleOffset,
+    Backlash,
+    InvalidInput,
+    LeastSquares,
+    LinearAxis,
+    Model,
+    RodPendulum,
+    Sensor,
+    SensorDelay,
+    VelocityBias,
+    VelocityGain,
+    simulate,
+)
+from sysid.effects import Reading
+from sysid.excitation import multisine
+
+ROD = RodPendulum(m=1.3, l=0.9)
+U = multisine(np.random.default_rng(0), 400, 0.02, 2.0, 3.0)
+
+
+def watch(effect, theta, theta_dot, dt):
+    """Readings (2, N+1) of a given motion."""
+    memory, found = effect.rest(theta[0], theta_dot[0], dt), []
+    for k, state in enumerate(zip(theta, theta_dot, strict=True)):
+        reading, memory = effect.read(Reading(*state), memory, k * dt, dt)
+        found.append(reading)
+    return np.array(found).T
+
+
+def test_sensors_do_not_move_the_joint():
+    plain = simulate(Model(ROD, dt=0.02), U, 2.0, 0.3)
+    effects = (AngleOffset(offset=0.1), VelocityBias(bias=0.2), VelocityGain(c=1.1), Backlash(width=0.1))
+    run = simulate(Model(ROD, (*effects, SensorDelay(T=0.03)), dt=0.02), U, 2.0, 0.3)
+    np.testing.assert_array_equal(run.theta, plain.theta)
+    np.testing.assert_array_equal(run.theta_dot, plain.theta_dot)
+
+
+@pytest.mark.parametrize(
+    ("effect", "theta", "theta_dot"),
+    [
+        (AngleOffset(offset=0.1), lambda run: run.theta + 0.1, lambda run: run.theta_dot),
+        (VelocityBias(bias=0.2), lambda run: run.theta, lambda run: run.theta_dot + 0.2),
+        (VelocityGain(c=1.1), lambda run: run.theta, lambda run: 1.1 * run.theta_dot),
+    ],
+)
+def test_electronics_act_on_their_own_channel(effect, theta, theta_dot):
+    run = simulate(Model(ROD, (effect,), dt=0.02), U, 2.0, 0.3)
+    np.testing.assert_allclose(run.theta_read, theta(run), atol=1e-14)
+    np.testing.assert_allclose(run.theta_dot_read, theta_dot(run), atol=1e-14)
+
+
+@pytest.mark.parametrize("k", [0, 1, 4])
+def test_a_sensor_delay_of_whole_samples_shows_the_state_of_then(k):
+    run = simulate(Model(ROD, (SensorDelay(T=k * 0.02),), dt=0.02), U, 2.0, 0.3)
+    np.testing.assert_allclose(run.theta_read[k:], run.theta[: len(U) + 1 - k], atol=1e-12)
+    np.testing.assert_allclose(run.theta_dot_read[k:], run.theta_dot[: len(U) + 1 - k], atol=1e-11)
+
+
+@pytest.mark.parametrize("T", [0.0, 0.003, 0.013, 0.02, 0.0317, 0.1, 0.2])
+def test_a_late_reading_of_a_cubic_motion_is_exact(T):
+    dt = 0.02
+    t = dt * np.arange(60)
+    path = np.polynomial.Polynomial([0.3, -1.0, 2.0, 1.5])
+    speed = path.deriv()
+    theta, theta_dot = watch(SensorDelay(T=T), path(t), speed(t), dt)
+    known = t >= 0.2 - 1e-9
+    np.testing.assert_allclose(theta[known], path(t - T)[known], atol=1e-12)
+    np.testing.assert_allclose(theta_dot[known], speed(t - T)[known], atol=1e-11)
+
+
+def test_before_its_log_a_joint_moved_at_its_first_speed():
+    theta, theta_dot = watch(SensorDelay(T=0.05), np.full(3, 1.0), np.full(3, 2.0), 0.02)
+    assert (theta[0], theta_dot[0]) == pytest.approx((1.0 - 0.05 * 2.0, 2.0))
+
+
+def test_a_late_reading_between_instants_converges_with_fourth_order():
+    errors, steps = [], [0.08, 0.04, 0.02]
+    for dt in steps:
+        t = dt * np.arange(round(4.0 / dt))
+        theta, _ = watch(SensorDelay(T=0.55 * dt), np.sin(3.0 * t), 3.0 * np.cos(3.0 * t), dt)
+        errors.append(np.max(np.abs(theta - np.sin(3.0 * (t - 0.55 * dt)))[1:]))
+    assert np.polyfit(np.log(steps), np.log(errors), 1)[0] == pytest.approx(4.0, abs=0.15)
+
+
+def test_play_follows_a_triangle_with_its_known_loop():
+    width, dt = 0.2, 0.01
+    up = np.arange(0.0, 1.0, dt)
+    theta = np.concatenate([up, 1.0 - up, up])
+    theta_dot = np.concatenate([np.ones(100), -np.ones(100), np.ones(100)])
+    y, y_dot = watch(Backlash(width=width), theta, theta_dot, dt)
+    expected = np.concatenate([np.maximum(up - 0.1, 0.0), np.minimum(0.9, 1.1 - up), np.maximum(up - 0.1, 0.1)])
+    np.testing.assert_allclose(y, expected, atol=1e-12)
+    inside = np.abs(y - theta) < 0.5 * width - 1e-9
+    np.testing.assert_array_equal(y_dot[inside], 0.0)
+    moved = np.abs(np.diff(y, prepend=y[0])) > 0.5 * dt
+    np.testing.assert_array_equal(y_dot[moved], theta_dot[moved])
+
+
+def test_play_stays_within_its_width_and_moves_only_in_touch():
+    run = simulate(Model(ROD, (Backlash(width=0.3),), dt=0.02), U, 2.0, 0.3)
+    behind = run.theta_read - run.theta
+    assert behind[0] == 0.0
+    assert np.max(np.abs(behind)) == pytest.approx(0.15)
+    still = np.abs(behind)[1:] < 0.15 - 1e-9
+    assert np.any(still)
+    np.testing.assert_allclose(np.diff(run.theta_read)[still], 0.0, atol=1e-12)
+    assert set(np.unique(run.theta_dot_read[1:][still])) == {0.0}
+
+
+def test_play_forgets_the_pace():
+    """A play operator is rate-independent: only the turning points count."""
+    s = np.linspace(0.0, 1.0, 301)
+    path = [np.sin(8.0 * warp) * (1.0 - 0.5 * warp) for warp in (s, s**2, 2.0 * s - s**2)]
+    ends = [watch(Backlash(width=0.2), theta, 0.0 * theta, 0.01)[0][-1] for theta in path]
+    np.testing.assert_allclose(ends, ends[0], atol=2e-3)
+
+
+def test_mechanics_come_before_timing_and_electronics():
+    effects = (VelocityGain(c=2.0), SensorDelay(T=0.02), Backlash(width=0.1))
+    model = Model(LinearAxis(m=1.0), effects, dt=0.02)
+    assert [e.name for e in model.output_effects] == ["backlash", "sensor_delay", "velocity_gain"]
+    run = simulate(model, np.zeros(20), 0.0, 1.0)
+    np.testing.assert_allclose(run.theta_read[5:], run.t[5:] - 0.05 - 0.02, atol=1e-12)
+
+
+def test_readings_are_measured_and_not_the_states():
+    run = simulate(Model(ROD, (AngleOffset(offset=0.5),), dt=0.02), np.zeros(4000), math.pi, 0.0)
+    (record,) = run.measure(Sensor(theta=0.01), np.random.default_rng(0))
+    assert np.mean(record.theta) == pytest.approx(math.pi + 0.5, abs=4.5 * 0.01 / math.sqrt(4000))
+
+
+def test_what_compares_states_refuses_a_sensor_in_between():
+    model = Model(ROD, (SensorDelay(),), RK4(), dt=0.02)
+    (record,) = simulate(model, U, 2.0, 0.3).measure(Sensor(0.01, 0.1), np.random.default_rng(0))
+    with pytest.raises(InvalidInput, match="LeastSquares compares readings with the state, but sensor_delay stands"):
+        LeastSquares(("m",), Sensor(0.01, 0.1)).fit(model, [record])
