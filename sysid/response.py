@@ -152,15 +152,21 @@ class Response:
         begin = 0
         for record in self.records:
             n = len(record)
+            if n not in self._scans:
+                self._scans[n] = step.mapaccum(n + ahead)
             # what looks ahead is handed the next row's command, so one interval before the first fills its memory
             feed = np.concatenate([record.u, record.u[-1:]])[: n + ahead][None, :]
-            scan = step.mapaccum(n + ahead)
-            out = np.asarray(scan(rest, feed, np.repeat(p[:, None], n + ahead, axis=1))[1]).T[ahead:]
+            out = np.asarray(self._scans[n](rest, feed, np.repeat(p[:, None], n + ahead, axis=1))[1]).T[ahead:]
             drives[begin : begin + n] = out[:, :S]
             for j, i in enumerate(self.shaping):
                 slopes[begin : begin + n, :, i] = out[:, S * (j + 1) : S * (j + 2)]
             begin += n
         return drives, slopes
+
+    @cached_property
+    def _scans(self) -> dict[int, casadi.Function]:
+        """The drive step over so many intervals: building one takes longer than running it."""
+        return {}
 
     @cached_property
     def _drive_step(self) -> tuple[casadi.Function, casadi.DM]:
@@ -205,12 +211,19 @@ class Response:
             casadi.Function("slope", inputs, [casadi.vec(slope)], {"cse": True}),
         )
 
+    @cached_property
+    def _roll(self) -> casadi.Function:
+        return self._step[0].mapaccum(self.length).map(len(self.windows))
+
+    @cached_property
+    def _tangent(self) -> casadi.Function:
+        return self._step[1].map(len(self.windows) * self.length)
+
     def states(self, p: Array, starts: Array, drives: Array) -> Array:
         """States (K, L+1, 2) of all windows from their starts (K, 2)."""
         K, L = len(self.windows), self.length
-        roll = self._step[0].mapaccum(L).map(K)
         held = drives[self.interval].reshape(K * L, -1).T
-        path = roll(starts.T, np.repeat(p[:, None], K * L, axis=1), held, self.time[:, :L].reshape(1, -1))
+        path = self._roll(starts.T, np.repeat(p[:, None], K * L, axis=1), held, self.time[:, :L].reshape(1, -1))
         states = np.empty((K, L + 1, 2))
         states[:, 0] = starts
         states[:, 1:] = np.asarray(path).T.reshape(K, L, 2)
@@ -221,9 +234,7 @@ class Response:
         K, L, P = len(self.windows), self.length, len(self.names)
         flat = states[:, :L].reshape(K * L, 2).T
         held = drives[self.interval].reshape(K * L, -1).T
-        out = self._step[1].map(K * L)(
-            flat, np.repeat(p[:, None], K * L, axis=1), held, self.time[:, :L].reshape(1, -1)
-        )
+        out = self._tangent(flat, np.repeat(p[:, None], K * L, axis=1), held, self.time[:, :L].reshape(1, -1))
         columns = np.asarray(out).T.reshape(K, L, -1, 2).transpose(0, 1, 3, 2)
         A, G, B = columns[..., :2], columns[..., 2 : 2 + P].copy(), columns[..., 2 + P :]
         for i in self.shaping:
@@ -270,11 +281,26 @@ class Response:
         """
         if not self.model.output_effects:
             return np.swapaxes(Z, 1, 2)
+        if self._read_step[0].size1_in(0) == 0:
+            K, n = states.shape[:2]
+            each = np.repeat(p[:, None], K * n, axis=1)
+            flat = self._read_slope.map(K * n)(states.reshape(-1, 2).T, each, self.time[:, :n].reshape(1, -1))
+            H = np.asarray(flat).T.reshape(K, n, 2 + len(p), 2).transpose(0, 3, 1, 2)
+            seen: Array = np.einsum("kcnx,knxq->kcnq", H[..., :2], Z) + H[..., 2:] @ own.T
+            return seen
         size = np.maximum(np.max(np.abs(Z), axis=(0, 1, 2)), 1.0)
         direction = np.moveaxis(Z / size, -1, 0)
         h = 1e-6
         up, down = (self.readings(p + s * own / size[:, None], states + s * direction) for s in (h, -h))
         return np.moveaxis((up - down) / (2.0 * h), 0, -1) * size
+
+    @cached_property
+    def _read_slope(self) -> casadi.Function:
+        """(x, p, t) -> the columns of d reading / d (x, p) of sensors without memory."""
+        x, p, t = casadi.SX.sym("x", 2), casadi.SX.sym("p", len(self.names)), casadi.SX.sym("t")
+        reading = self._read_step[0](casadi.SX(0, 1), x, p, t)[1]
+        slope = casadi.densify(casadi.jacobian(reading, casadi.vertcat(x, p)))
+        return casadi.Function("read_slope", [x, p, t], [casadi.vec(slope)])
 
     # all together --------------------------------------------------------------------------------------------
 

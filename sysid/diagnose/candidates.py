@@ -13,6 +13,9 @@ from sysid.model import Model
 from sysid.parameters import Extent
 from sysid.records import Record
 
+NEVER = 1e5
+"""A neutral value from here on stands for "never"."""
+
 
 @dataclass(frozen=True, eq=False)
 class Alternative:
@@ -36,11 +39,17 @@ class Alternative:
         return self.neutral.name
 
     def at(self, sizes: Sequence[float]) -> Effect:
-        """The effect with its magnitudes that far from neutral, a little inside their bounds."""
+        """The effect with its magnitudes that far from neutral, a little inside their bounds.
+
+        A limit that is neutral at "never" begins at its probe: nothing is linear on the way from there.
+        """
         values = {}
-        for k, a in zip(self.magnitudes, sizes, strict=True):
+        for k, a, probe in zip(self.magnitudes, sizes, self.probes, strict=True):
             p = self.neutral.parameters[k]
             low, high = p.bounds
+            if p.neutral is not None and abs(p.neutral) >= NEVER:
+                values[k] = float(getattr(probe, k))
+                continue
             width = min(high - low, 1.0)
             neutral = 0.0 if p.neutral is None else p.neutral
             values[k] = float(np.clip(neutral + a, low + 1e-3 * width, high - 1e-3 * width))

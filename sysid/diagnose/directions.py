@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+
 import numpy as np
 
 from sysid.diagnose.candidates import Alternative
@@ -35,16 +38,36 @@ class Directions:
         self.held = self.lin.drives[self.response.interval]
         self.bias = self._moved(TorqueBias(tau_0=1e-3)) / 1e-3
 
-    @property
+    @cached_property
     def drive(self) -> Array:
         """Mean drive torque of each interval (K, L) [N m]."""
         drive: Array = self.held.mean(axis=-1)
         return drive
 
-    def of(self, alternative: Alternative) -> tuple[Array, Array]:
-        """z_perp (K R, q) of an effect's magnitudes, and |z| (q,) before anything was taken out."""
-        columns = [self.response_to(e) / a for e, a in zip(alternative.probes, alternative.sizes, strict=True)]
-        return self.project(np.stack(columns, axis=-1))
+    def each(self, alternatives: Sequence[Alternative]) -> Iterator[tuple[Alternative, Array, Array]]:
+        """(alternative, z_perp (K R, q), |z| (q,) before anything was taken out), in blocks that fit into memory."""
+        width = max(1, _CHUNK // self.e.size)
+        waiting: list[Alternative] = []
+        for alternative in alternatives:
+            waiting.append(alternative)
+            if sum(len(a.probes) for a in waiting) >= width:
+                yield from self._block(waiting)
+                waiting = []
+        if waiting:
+            yield from self._block(waiting)
+
+    def _block(self, block: Sequence[Alternative]) -> Iterator[tuple[Alternative, Array, Array]]:
+        probes = [(e, a) for alternative in block for e, a in zip(alternative.probes, alternative.sizes, strict=True)]
+        if all(_only_torque(e) for e, _ in probes):
+            torque = np.stack([self.torque_of(e) / a for e, a in probes], axis=-1)
+            z, size = self.of_torque(torque)
+        else:
+            z, size = self.project(np.stack([self.response_to(e) / a for e, a in probes], axis=-1))
+        at = 0
+        for alternative in block:
+            q = len(alternative.probes)
+            yield alternative, z[:, at : at + q], size[at : at + q]
+            at += q
 
     def of_torque(self, torque: Array) -> tuple[Array, Array]:
         """The same of torques (K, L, Q) [N m] at the joint, each held over an interval."""
@@ -71,13 +94,11 @@ class Directions:
             z = (probed.readings(own, states) - base.readings(own, states)) * self.response.weight
             flat: Array = z.reshape(len(z), -1)
             return flat
-        if isinstance(effect, JointEffect) and effect.inertia() == 0.0:
-            torque = self.torque_of(effect)
-            return self._seen((self.bias * torque[..., None])[..., None])[..., 0]
         return self._seen(self._moved(effect)[..., None])[..., 0]
 
-    def torque_of(self, effect: JointEffect) -> Array:
+    def torque_of(self, effect: Effect) -> Array:
         """Mean torque (K, L) [N m] of an effect over each interval, along the fitted states."""
+        assert isinstance(effect, JointEffect)  # noqa: S101
         time, ends = self.response.time, []
         for side in (slice(None, -1), slice(1, None)):
             joint = self.model.joint(self.theta[:, side], self.theta_dot[:, side], time[:, side], self.drive)
@@ -110,3 +131,7 @@ class Directions:
         """Torque columns cut so that a block of directions stays small."""
         width = max(1, _CHUNK // max(1, self.e.size))
         return [torques[..., i : i + width] for i in range(0, torques.shape[-1], width)]
+
+
+def _only_torque(effect: Effect) -> bool:
+    return isinstance(effect, JointEffect) and bool(effect.inertia() == 0.0)

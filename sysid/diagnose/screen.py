@@ -63,8 +63,7 @@ def screen(
 def score(directions: Directions, alternatives: tuple[Alternative, ...], clusters: Array) -> Score:
     """The best of an effect's alternatives."""
     best, units = None, []
-    for alternative in alternatives:
-        z, size = directions.of(alternative)
+    for alternative, z, size in directions.each(alternatives):
         test = Test.of(directions, z, size, clusters, one_sided=alternative.one_sided)
         if test.rank == 0:
             continue
@@ -160,5 +159,7 @@ def alikeness(a: Score, b: Score) -> float:
     """|cos| of the smallest angle between two candidates' directions: 1 where this log cannot tell them apart."""
     if a.z.shape[1] == 0 or b.z.shape[1] == 0:
         return 0.0
-    Qa, Qb = (np.linalg.svd(s.z / np.maximum(np.linalg.norm(s.z, axis=0), 1e-300), full_matrices=False)[0] for s in (a, b))
+    Qa, Qb = (
+        np.linalg.svd(s.z / np.maximum(np.linalg.norm(s.z, axis=0), 1e-300), full_matrices=False)[0] for s in (a, b)
+    )
     return float(min(1.0, np.linalg.norm(Qa.T @ Qb, 2)))

@@ -10,7 +10,7 @@ import numpy as np
 
 from sysid.diagnose.flexible import Dependence, dependences
 from sysid.diagnose.screen import Score, alikeness, holm, screen
-from sysid.effects import Effect
+from sysid.effects import CATALOGUE, Effect
 from sysid.identify.gauss_newton import Fit, fit_longest, fit_windows
 from sysid.records import Record
 
@@ -20,8 +20,11 @@ LEVEL = 0.05
 LEAD = 0.3
 """Seconds before a window that are not scored, in every fit of a search, so that their costs compare."""
 
-SAME = 0.999
-"""Alikeness of two effects from which a log says nothing about which of them it is."""
+SAME = 1.0 - 1e-6
+"""Alikeness from which two effects are the same to any log of this kind; only the first of them is fitted."""
+
+PREFERRED = ("stamp", "tilt", "viscous", "delay")
+"""Where effects are the same to a log, these stand for their class: the log's own convention before any machine's."""
 
 CLOSE = 3.0
 """Difference of -2 log likelihood below which two effects explain a log equally well."""
@@ -103,18 +106,28 @@ class Search:
     names: Iterable[str] | None = None
     additions: list[Addition] = field(default_factory=list)
     rounds: list[Round] = field(default_factory=list)
+    first_trials: list[Trial] = field(default_factory=list)
+    first_choice: str = ""
+    reviewed_at: float = math.inf
 
     def run(self, fit: Fit) -> Fit:
         """The fit at the end of the loop; `additions` and `rounds` tell the way."""
+        self.reviewed_at = fit.horizon
         for _ in range(MOST_STEPS):
             now = Round.of(fit, self.names)
             self.rounds.append(now)
             trials = self.trials(now)
-            chosen = self._choose(fit, now, trials)
+            chosen = self._choose(fit, trials)
+            if len(self.rounds) == 1:
+                self.first_trials, self.first_choice = trials, chosen.name if chosen else ""
             if chosen is None:
-                break
+                reviewed = self._review(fit)
+                if reviewed is fit:
+                    break
+                fit = reviewed
+                continue
             self.additions.append(self._addition(chosen, trials, now))
-            fit = self._review(grow(chosen.fit))
+            fit = grow(chosen.fit)
         else:
             self.rounds.append(Round.of(fit, self.names))
         return fit
@@ -132,57 +145,83 @@ class Search:
                 break
             if any(twins(score, t.score) for t in found):
                 continue
-            found.append(Trial(name, extend(now.fit, score), score, now.adjusted[name]))
+            score = self._representative(score, now)
+            found.append(Trial(score.name, extend(now.fit, score), score, now.adjusted[score.name]))
+        for simpler in self._simpler(found, warranted, now):
+            found.append(Trial(simpler.name, extend(now.fit, simpler), simpler, now.adjusted[simpler.name]))
         return found
 
-    def _choose(self, fit: Fit, now: Round, trials: list[Trial]) -> Trial | None:
+    @staticmethod
+    def _simpler(found: Sequence[Trial], warranted: Sequence[str], now: Round) -> list[Score]:
+        """Warranted relatives of what was tried that have fewer magnitudes: Coulomb's beside Stribeck's friction."""
+        tried = {t.name for t in found}
+        relatives = {r for t in found if len(t.score.sizes) > 1 for r in CATALOGUE[t.name].confused}
+        scores = [now.scores[n] for n in warranted if n in relatives and n not in tried]
+        return [s for s in scores if len(s.sizes) == 1 and not any(twins(s, t.score) for t in found)][:2]
+
+    @staticmethod
+    def _representative(score: Score, now: Round) -> Score:
+        for name in PREFERRED:
+            if name in now.scores and now.scores[name].visible and twins(now.scores[name], score):
+                return now.scores[name]
+        return score
+
+    def _choose(self, fit: Fit, trials: list[Trial]) -> Trial | None:
         if not trials:
             return None
         variance = min(t.fit.variance for t in trials)
-        for trial in sorted(trials, key=lambda t: t.merit(variance), reverse=True):
+        ranked = sorted(trials, key=lambda t: t.merit(variance), reverse=True)
+        stamps = [t for t in ranked if t.name == "stamp" and t.merit(variance) > ranked[0].merit(variance) - CLOSE]
+        for trial in (*stamps, *ranked):
             if trial.fit.solution.lin.cost < fit.solution.lin.cost and gain(fit, trial.fit) > 0.0:
                 return trial
         return None
 
     def _addition(self, chosen: Trial, trials: list[Trial], now: Round) -> Addition:
         variance = chosen.fit.variance
-        same = tuple(
-            n for n, s in now.scores.items() if n != chosen.name and s.visible and twins(s, chosen.score)
-        )
+        same = tuple(n for n, s in now.scores.items() if n != chosen.name and s.visible and twins(s, chosen.score))
         close = tuple(
             t.name
             for t in trials
-            if t.name != chosen.name
+            if t.name not in (chosen.name, *same)
             and len(t.fit.names) <= len(chosen.fit.names)
             and 2.0 * (t.fit.solution.lin.cost - chosen.fit.solution.lin.cost) / variance < CLOSE
         )
         return Addition(chosen.name, same, close, chosen.p_value, chosen.fit)
 
     def _review(self, fit: Fit) -> Fit:
-        """Drop what the newest addition has made idle; swap what now has a better rival."""
-        for addition in list(self.additions[:-1]):
-            without = reduce_by(fit, addition.name)
-            price = (len(fit.names) - len(without.names)) * math.log(fit.degrees)
-            if 2.0 * (without.solution.lin.cost - fit.solution.lin.cost) / fit.variance < price:
+        """Drop what has become idle; swap what now has a better or a simpler rival.
+
+        At the horizon at which the model without any addition could follow the log: there both sides can be fitted.
+        """
+        for addition in list(self.additions):
+            if len(self.additions) == 1 and len(fit.names) == len(self.rounds[0].fit.names) + 1:
+                break  # the one effect that was chosen with one parameter: nothing has changed since
+            full = at_horizon(fit, self.reviewed_at)
+            without = reduce_by(full, addition.name)
+            price = (len(full.names) - len(without.names)) * math.log(full.degrees)
+            if 2.0 * (without.solution.lin.cost - full.solution.lin.cost) / full.variance < price:
                 self.additions.remove(addition)
-                fit = without
+                return grow(without)
+            now = Round.of(without, self.names)
+            trials = [t for t in self.trials(now) if t.name != addition.name]
+            if not trials:
                 continue
-            fit = self._swap(fit, without, addition)
+            variance = min(full.variance, *(t.fit.variance for t in trials))
+            best = max(trials, key=lambda t: t.merit(variance))
+            own = Trial(addition.name, full, best.score, 0.0).merit(variance)
+            if best.merit(variance) > own + CLOSE:
+                self.additions[self.additions.index(addition)] = self._addition(best, trials, now)
+                return grow(best.fit)
         return fit
 
-    def _swap(self, fit: Fit, without: Fit, addition: Addition) -> Fit:
-        now = Round.of(without, self.names)
-        trials = [t for t in self.trials(now) if t.name != addition.name]
-        if not trials:
-            return fit
-        variance = min(fit.variance, *(t.fit.variance for t in trials))
-        best = max(trials, key=lambda t: t.merit(variance))
-        own = Trial(addition.name, fit, best.score, 0.0).merit(variance)
-        if best.merit(variance) <= own + 2.0 * CLOSE:
-            return fit
-        at = self.additions.index(addition)
-        self.additions[at] = self._addition(best, trials, now)
-        return grow(best.fit)
+
+def at_horizon(fit: Fit, horizon: float) -> Fit:
+    """The same model fitted at another horizon."""
+    if fit.horizon == horizon:
+        return fit
+    response = fit.response
+    return fit_windows(fit.model, fit.names, response.records, response.sensor, horizon, fit.solution.p, fit, LEAD)
 
 
 def twins(a: Score, b: Score) -> bool:

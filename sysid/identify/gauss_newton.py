@@ -104,13 +104,13 @@ def solve(
                 break
             damping = max(damping, 1e-6) * 10.0
         if taken is None:
-            converged = promised < NEGLIGIBLE
+            converged = promised < NEGLIGIBLE * max(1.0, 2.0 * lin.cost / lin.e.size)
             break
-        gain = lin.cost - taken
+        gain, enough = lin.cost - taken, NEGLIGIBLE * max(1.0, 2.0 * taken / lin.e.size)
         p, starts = np.clip(p + share * dp, low, high), starts + share * dx
         lin = response.linearise(p, starts)
         damping = max(damping * 0.1, 1e-9)
-        if gain < NEGLIGIBLE and attempt < 3:
+        if gain < enough and attempt < 3:
             converged = True
             break
     return Solution(p, starts, lin, converged)
@@ -226,24 +226,23 @@ class Fit:
     def covariance(self) -> Array:
         """Of the parameters (P, P): s^2 F^-1, or where residuals are coloured F^-1 (sum_g s_g s_g') F^-1 by stretches.
 
-        Infinite where some direction is not determined.
+        Infinite for the parameters of a direction that is not determined.
         """
         F = self.reduced.information
-        size = np.sqrt(np.diag(F))
-        if not np.all(size > 0.0):
-            return np.full_like(F, np.inf)
-        scaled = F / np.outer(size, size)
-        if np.linalg.eigvalsh(scaled)[0] < 1e-12:
-            return np.full_like(F, np.inf)
-        inverse = np.linalg.inv(scaled)
+        size = np.sqrt(np.maximum(np.diag(F), 1e-300))
+        value, vector = np.linalg.eigh(F / np.outer(size, size))
+        known = value > 1e-11
+        inverse = (vector[:, known] / value[known]) @ vector[:, known].T
         if self.inflation > COLOURED:
             scores = (self.reduced.S * self.reduced.e[..., None]).reshape(-1, len(self.names)) / size
             sums = stretches(scores, self.response.clusters())
-            middle = sums.T @ sums * (len(sums) / max(1, len(sums) - 1))
-            inverse = inverse @ middle @ inverse
+            inverse = inverse @ (sums.T @ sums * (len(sums) / max(1, len(sums) - 1))) @ inverse
         else:
             inverse = inverse * self.variance
         covariance: Array = 0.5 * (inverse + inverse.T) / np.outer(size, size)
+        lost = np.any(np.abs(vector[:, ~known]) > 0.01, axis=1)
+        covariance[lost], covariance[:, lost] = 0.0, 0.0
+        covariance[lost, lost] = np.inf
         return covariance
 
     def residual_sd(self) -> dict[str, float]:
@@ -259,7 +258,7 @@ class Fit:
 
     def estimate(self) -> Estimate:
         """The answer, with what it is worth."""
-        known = bool(np.all(np.isfinite(self.covariance)))
+        known = bool(np.all(np.isfinite(np.diag(self.covariance))))
         ratio = math.sqrt(self.variance)
         whole = math.isinf(self.horizon)
         about = "whole rollouts" if whole else f"windows of {self.horizon:g} s"
