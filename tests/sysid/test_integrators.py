@@ -144,7 +144,7 @@ def test_it_breaks_away_above_the_static_limit_and_not_below(friction, integrato
     static = float(friction.limits(Joint(0.0, 0.0, 0.0, 0.0, 0.0, LinearAxis()))[0])
     for sign in (1.0, -1.0):
         for force, moves in ((0.999 * static, False), (1.001 * static, True)):
-            model = Model(LinearAxis(m=0.05), (friction,), integrator, 0.02)
+            model = Model(LinearAxis(m=0.05), (friction, Viscous(b=0.1)), integrator, 0.02)
             run = simulate(model, np.full(10, sign * force), 0.0, 0.0)
             assert bool(sign * run.theta_dot[-1] > 0.0) == moves
             assert moves or run.theta[-1] == 0.0
