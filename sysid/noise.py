@@ -196,9 +196,9 @@ def _by_windows(spread_after: Callable[[Array], tuple[float, int]]) -> float:
     if len(s) < 4:
         return 0.0
     growth = np.diff(np.log(s)) / np.diff(np.log(WIDTHS[: len(s)]))
-    unsure = 0.02 + 1.0 / math.sqrt(found[0][1])
-    falls = min(s[1:4]) < s[0] * (1.0 - unsure)
-    rises = s[1] > s[0] * (1.0 + unsure) and growth[0] < 1.5 and max(growth[1:3]) < max(0.6, growth[0])
+    unsure = 1.0 / math.sqrt(found[0][1])
+    falls = min(s[1:4]) < s[0] * (0.98 - unsure)
+    rises = s[1] > s[0] * (1.04 + unsure) and growth[0] < 1.5 and max(growth[1:3]) < max(0.6, growth[0])
     if not (falls or rises):
         return 0.0
     return float(s[3 + int(np.argmin(np.abs(growth[2:])))])

@@ -1,0 +1,449 @@
+"""Logs: what a rig wrote becomes records of our conventions, and whatever cannot is refused in one sentence."""
+
+import math
+import re
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sysid import (
+    RK4,
+    InvalidInput,
+    LeastSquares,
+    Model,
+    Record,
+    RodPendulum,
+    Sensor,
+    Viscous,
+    paper_model,
+    paper_rollouts,
+    simulate,
+    write_csv,
+)
+from sysid.excitation import multisine
+from sysid.logs import cut, read, split
+from sysid.plausibility import check_excitation
+from sysid.records import COLUMNS
+
+REAL = Path(__file__).parents[3] / "shared" / "data" / "logs"
+MODEL = Model(RodPendulum(m=1.0, l=1.0), (Viscous(b=0.05),), RK4(substeps=4), dt=0.02)
+SENSOR = Sensor(theta=0.003, theta_dot=0.05)
+
+
+def rollouts(n=1, seconds=6.0, seed=0, sensor=SENSOR, model=MODEL):
+    rng = np.random.default_rng(seed)
+    u = np.stack([multisine(rng, round(seconds / model.dt), model.dt, 3.0, 3.0) for _ in range(n)])
+    return simulate(model, u, math.pi + rng.uniform(-1.5, 1.5, n), np.zeros(n)).measure(sensor, rng)
+
+
+def table(record):
+    """The record's columns as a rig would log them."""
+    return {"t": record.t, "theta": record.theta, "theta_dot": record.theta_dot, "torque": np.append(record.u, 0.0)}
+
+
+def write(path, columns):
+    names = list(columns)
+    rows = zip(*(columns[name] for name in names), strict=True)
+    lines = [",".join(c if isinstance(c, str) else repr(float(c)) for c in row) for row in rows]
+    path.write_text("\n".join([",".join(names), *lines]) + "\n")
+    return path
+
+
+def same(a, b, rtol=0.0):
+    for column in COLUMNS:
+        mine, yours = getattr(a, column), getattr(b, column)
+        assert (mine is None) == (yours is None), column
+        if mine is not None:
+            np.testing.assert_allclose(mine, yours, rtol=rtol, atol=1e-9 if rtol else 0.0, err_msg=column)
+
+
+# ---- what was written comes back ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("channels", [("theta",), ("theta_dot",), ("theta", "theta_dot")], ids="+".join)
+def test_a_written_record_comes_back_to_the_bit(channels, tmp_path):
+    (record,) = rollouts()
+    record = replace(record, **{c: None for c in ("theta", "theta_dot") if c not in channels}, name="log")
+    write_csv(record, tmp_path / "log.csv")
+    log = read(tmp_path / "log.csv")
+    assert len(log) == 1 and log[0].name == "log" and log.notes == () and log.dt == pytest.approx(0.02, rel=1e-9)
+    same(log[0], record)
+
+
+def test_the_papers_record_comes_back_with_both_of_its_speeds(tmp_path):
+    (record,) = paper_rollouts(paper_model(), 1, np.random.default_rng(1), length=50)
+    write_csv(record, tmp_path / "log.csv")
+    same(read(tmp_path / "log.csv")[0], record)
+
+
+@pytest.mark.parametrize("form", ["csv", "npz", "mat", "struct.mat", "semicolon.csv", "blank.txt"])
+def test_every_form_of_file_says_the_same(form, tmp_path):
+    from scipy.io import savemat
+
+    (record,) = rollouts()
+    columns, path = table(record), tmp_path / f"log.{form}"
+    if form == "npz":
+        np.savez(path, **columns)
+    elif form == "mat":
+        savemat(path, columns)
+    elif form == "struct.mat":
+        savemat(path, {"log": columns})
+    else:
+        write(path, columns)
+        separator = {"semicolon.csv": ";", "blank.txt": " "}.get(form, ",")
+        path.write_text(path.read_text().replace(",", separator))
+    same(read(path)[0], record)
+
+
+def test_our_zero_our_units_and_our_sign_whatever_the_log_had(tmp_path):
+    (record,) = rollouts()
+    theirs = table(record) | {"torque": -np.append(record.u, 0.0)}
+    theirs["theta"] = np.rad2deg(record.theta - math.pi)
+    theirs["theta_dot"] = np.rad2deg(record.theta_dot)
+    path = write(tmp_path / "log.csv", theirs)
+    same(read(path, zero="hanging", degrees=True, flip_torque=True)[0], record, rtol=1e-12)
+
+
+def test_any_names_and_extra_columns_and_a_mapping_as_good_as_a_string(tmp_path):
+    (record,) = rollouts()
+    t, theta, theta_dot, torque = table(record).values()
+    names = {"stamp": t, "q": theta, "note": ["ok"] * len(t), "dq": theta_dot, "amps": torque}
+    path = write(tmp_path / "log.csv", names)
+    text = "t=stamp, theta=q, theta_dot=dq, torque=amps"
+    same(read(path, columns=text)[0], record)
+    same(read(path, columns={"t": "stamp", "theta": "q", "theta_dot": "dq", "torque": "amps"})[0], record)
+    assert read(path, columns="t=stamp,theta=q")[0].theta_dot is None
+    assert read(write(tmp_path / "own.csv", table(record)), columns="theta_dot=")[0].theta_dot is None
+
+
+def test_without_torque_it_is_a_free_swing(tmp_path):
+    (record,) = rollouts()
+    path = write(tmp_path / "log.csv", {"t": record.t, "theta": record.theta})
+    log = read(path)
+    assert not np.any(log[0].u) and any("a free swing" in note for note in log.notes)
+
+
+def test_several_files_and_a_rollout_column_are_several_rollouts(tmp_path):
+    one, two = rollouts(2)
+    paths = [write(tmp_path / f"{r.name}.csv", table(r)) for r in (one, two)]
+    for log in (read(*paths), read(paths)):
+        assert [r.name for r in log] == [one.name, two.name]
+        same(log[0], one), same(log[1], two)
+    both = {name: np.concatenate([v, table(two)[name]]) for name, v in table(one).items()}
+    both["rollout"] = np.repeat([7.0, 3.0], [len(one.t), len(two.t)])
+    log = read(write(tmp_path / "both.csv", both))
+    assert [r.name for r in log] == ["both rollout 7", "both rollout 3"]
+    same(log[1], two)
+    del both["rollout"]
+    log = read(write(tmp_path / "restart.csv", both))
+    assert len(log) == 2 and "1 restart of the clock, each a new rollout" in log.notes
+    same(log[1], two)
+
+
+def test_the_window_and_only_the_window(tmp_path):
+    (record,) = rollouts()
+    log = read(write(tmp_path / "log.csv", table(record)), begin=1.0, end=2.5)
+    assert log[0].t[0] == record.t[50] and log[0].t[-1] == record.t[125]
+    np.testing.assert_array_equal(log[0].u, record.u[50:125])
+
+
+# ---- what real logs are like -------------------------------------------------------------------------------------
+
+
+def jittered(spread, seed=3, seconds=10.0, gap=0.0):
+    """The rows of a rig whose steps vary by `spread`, its torque held from row to row; `gap` [s] in the middle."""
+    rng = np.random.default_rng(seed)
+    n = round(seconds / MODEL.dt)
+    steps = MODEL.dt * (1.0 + spread * rng.uniform(-1.0, 1.0, n))
+    steps[n // 2] += gap
+    u = multisine(rng, n, MODEL.dt, 3.0, 2.0)
+    state = MODEL.initial_state(math.pi + 1.0, 0.0)
+    states = [state]
+    for step, torque in zip(steps, u, strict=True):
+        state = replace(MODEL, dt=step, integrator=RK4(substeps=max(4, round(step / 0.005)))).advance(state, torque)
+        states.append(state)
+    theta, theta_dot = (np.array([getattr(s, c) for s in states]) for c in ("theta", "theta_dot"))
+    noise = rng.standard_normal((2, n + 1))
+    rows = {"t": np.concatenate(([0.0], np.cumsum(steps))), "theta": theta, "theta_dot": theta_dot}
+    rows["theta"], rows["theta_dot"] = theta + 0.003 * noise[0], theta_dot + 0.05 * noise[1]
+    return rows | {"torque": np.append(u, 0.0)}
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.03, 0.2], ids=str)
+def test_jitter_costs_nothing_but_its_own_noise(spread, tmp_path):
+    log = read(write(tmp_path / "log.csv", jittered(spread, seconds=6.0)))
+    assert log.dt == pytest.approx(0.02, rel=0.02 if spread else 1e-6)
+    assert any("resampled from" in note for note in log.notes) == (spread > 0.0)
+    model = replace(MODEL, dt=log.dt)
+    fit = LeastSquares(["m", "l", "viscous.b"], sensor=SENSOR).fit(model, log)
+    for name, truth in (("m", 1.0), ("l", 1.0), ("viscous.b", 0.05)):
+        assert abs(fit.values[name] - truth) < 3.5 * fit.sd[name], name
+    residual_variance = fit.cost / (fit.n_readings - 5)
+    assert abs(residual_variance - 1.0) < 4.0 * math.sqrt(2.0 / fit.n_readings) + 0.5 * spread
+
+
+def test_impulses_are_kept_when_torque_is_resampled(tmp_path):
+    rows = jittered(0.3)
+    record = read(write(tmp_path / "log.csv", rows))[0]
+    held = np.interp(record.t, rows["t"], np.concatenate(([0.0], np.cumsum(rows["torque"][:-1] * np.diff(rows["t"])))))
+    np.testing.assert_allclose(np.cumsum(record.u) * record.dt, held[1:] - held[0], atol=0.05 * record.dt)
+
+
+def test_a_gap_starts_a_new_rollout_and_is_told(tmp_path):
+    log = read(write(tmp_path / "log.csv", jittered(0.0, gap=0.4)))
+    assert [r.name for r in log] == ["log part 1", "log part 2"] and "1 gap of 0.42 s starts a new rollout" in log.notes
+    assert log[1].t[0] - log[0].t[-1] == pytest.approx(0.42)
+
+
+def test_a_missing_row_is_filled_in_and_a_doubled_stamp_dropped(tmp_path):
+    rows = jittered(0.0)
+    keep = np.delete(np.arange(len(rows["t"])), 77)
+    doubled = np.sort(np.append(keep, [10, 200, 300]))
+    log = read(write(tmp_path / "log.csv", {name: v[doubled] for name, v in rows.items()}))
+    assert len(log) == 1 and len(log[0]) == len(rows["t"]) - 1
+    assert {"3 duplicate stamps dropped", "1 missing row filled in"} <= set(log.notes)
+    others = np.delete(np.arange(len(rows["t"])), 77)
+    np.testing.assert_allclose(log[0].theta[others], rows["theta"][others], atol=1e-6)
+    assert log[0].theta[77] == pytest.approx(np.mean(rows["theta"][[76, 78]]), abs=1e-9)
+
+
+@pytest.mark.parametrize("decimals", [2, 3])
+def test_rounded_stamps_are_taken_as_even(decimals, tmp_path):
+    model = replace(MODEL, dt=1.0 / 150.0)
+    (record,) = rollouts(model=model)
+    log = read(write(tmp_path / "log.csv", table(record) | {"t": np.round(record.t, decimals)}))
+    assert log.dt == pytest.approx(record.dt, rel=1e-4)
+    assert any(f"stamps rounded to {10.0**-decimals:g} s taken as even" in note for note in log.notes)
+    np.testing.assert_array_equal(log[0].theta, record.theta)
+    np.testing.assert_array_equal(log[0].u, record.u)
+
+
+def test_wrapped_angles_are_unwrapped_before_they_are_resampled(tmp_path):
+    rng = np.random.default_rng(0)
+    t = np.cumsum(0.02 * (1.0 + 0.2 * rng.uniform(-1.0, 1.0, 500)))
+    turning = 6.0 * t + np.sin(t)
+    wrapped = (turning + math.pi) % (2.0 * math.pi) - math.pi
+    record = read(write(tmp_path / "log.csv", {"t": t, "theta": wrapped}))[0]
+    expected = 6.0 * record.t + np.sin(record.t)
+    offset = record.theta - expected
+    np.testing.assert_allclose(offset, 2.0 * math.pi * np.round(offset[0] / (2.0 * math.pi)), atol=1e-4)
+
+
+def test_a_longer_sample_interval_can_be_asked_for(tmp_path):
+    (record,) = rollouts(sensor=Sensor(theta=1e-6, theta_dot=1e-6))
+    log = read(write(tmp_path / "log.csv", table(record)), dt=0.06)
+    assert log.dt == 0.06 and log[0].dt == pytest.approx(0.06)
+    np.testing.assert_allclose(log[0].theta, record.theta[::3], atol=1e-5)
+    np.testing.assert_allclose(log[0].u, record.u.reshape(-1, 3).mean(axis=1), atol=1e-9)
+
+
+def test_a_few_rows_without_a_number_are_left_out_and_counted(tmp_path):
+    (record,) = rollouts()
+    columns = {name: v.copy() for name, v in table(record).items()}
+    columns["theta"][[20, 150]] = math.nan
+    columns["torque"][[21, -1]] = math.nan
+    log = read(write(tmp_path / "log.csv", columns))
+    assert "log.csv: 3 rows without a number left out" in log.notes and len(log) == 1 and len(log[0]) == len(record)
+
+
+def test_the_last_line_may_be_torn(tmp_path):
+    path = write(tmp_path / "log.csv", table(rollouts()[0]))
+    path.write_text(path.read_text()[:-45])
+    log = read(path)
+    assert "log.csv: 1 row without a number left out" in log.notes and len(log[0]) == 299
+
+
+# ---- what is refused ---------------------------------------------------------------------------------------------
+
+HEAD = "t,theta,theta_dot,torque\n"
+REFUSED = {
+    "no.csv": ("", "no.csv is empty: expected a row that names the columns"),
+    "numbers.csv": ("0,1,2,3\n1,2,3,4\n", "numbers.csv begins with numbers: expected a first row that names"),
+    "names.csv": (
+        "time_s,angle_rad,velocity\n0,1,2\n",
+        "names.csv has no t: found time_s, angle_rad, velocity; say which is which, perhaps columns "
+        "t=time_s,theta=angle_rad,theta_dot=velocity",
+    ),
+    "unread.csv": ("t,torque\n0,1\n", "unread.csv has neither theta nor theta_dot: found t, torque"),
+    "text.csv": (HEAD + "0,1,2,3\n0.1,1,fast,3\n", "text.csv, line 3: theta_dot is 'fast', expected a number"),
+    "comma.csv": ("t;theta\n0;1,5\n1;2,5\n", "comma.csv, line 2: theta is '1,5', expected a number (with a decimal"),
+    "short.csv": (HEAD + "0,1,2,3\n0.1,1\n0.2,1,2,3\n", "short.csv, line 3: 2 cells, expected 4"),
+    "one.csv": (HEAD + "0,1,2,3\n", "nothing to work on in one (1 row): expected at least two rows"),
+    "none.csv": (HEAD, "none.csv has no rows"),
+    "hollow.csv": ("t,theta,torque\n0,1,\n1,1,\n2,1,\n", "column 'torque' for torque holds no numbers"),
+    "twice.csv": ("t,theta,theta\n0,1,2\n", "twice.csv: column 'theta' comes twice"),
+    "holes.csv": (
+        "t,theta\n" + "".join(f"{k},{'nan' if k % 2 else k}\n" for k in range(40)),
+        "holes.csv: 20 of 40 rows lack a number, most often 'theta': expected a few at most",
+    ),
+    "back.csv": ("t,theta\n" + "".join(f"{-k},1\n" for k in range(9)), "'t' goes backwards in 100% of the rows"),
+    "binary.csv": (b"\x89PNG\r\n\x1a\n\x00\x00\x00", "binary.csv is not a text file: expected CSV in UTF-8"),
+    "no.npz": (b"PK nothing of the kind", "no.npz is no .npz file of plain arrays"),
+    "no.mat": (b"nothing of the kind", "no.mat is no .mat file"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_is_no_log_is_refused_in_one_sentence(name, tmp_path):
+    content, message = REFUSED[name]
+    path = tmp_path / name
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(InvalidInput, match=re.escape(message)) as refusal:
+        read(path)
+    assert "\n" not in str(refusal.value)
+
+
+def test_objects_in_an_npz_are_not_unpickled(tmp_path):
+    np.savez(tmp_path / "log.npz", t=np.arange(3.0), theta=np.array([{}, {}, {}], dtype=object))
+    with pytest.raises(InvalidInput, match=r"log.npz is no .npz file of plain arrays"):
+        read(tmp_path / "log.npz")
+
+
+def test_wrong_wishes_are_refused(tmp_path):
+    path = write(tmp_path / "log.csv", table(rollouts()[0]))
+    for wish, message in (
+        ({"zero": "left"}, "zero = 'left': expected 'upright' or 'hanging'"),
+        ({"columns": "theta"}, "columns has 'theta': expected name=column pairs"),
+        ({"columns": "angle=theta"}, "columns name 'angle': expected some of t, theta, theta_dot, torque, rollout"),
+        ({"columns": "theta=phi"}, "log.csv has no column 'phi' for theta: found t, theta, theta_dot, torque"),
+        ({"begin": 3.0, "end": 2.0}, "the window from 3 to 2 s is empty"),
+        ({"begin": 100.0}, "log.csv has no rows between 100 and inf s"),
+        ({"dt": 0.001}, "dt = 0.001 s is finer than log, sampled every 0.02 s"),
+    ):
+        with pytest.raises(InvalidInput, match=re.escape(message)):
+            read(path, **wish)
+    for path, message in ((tmp_path / "absent.csv", "no such file"), (tmp_path, "is a folder: expected a log file")):
+        with pytest.raises(InvalidInput, match=message):
+            read(path)
+    with pytest.raises(InvalidInput, match="no log was given"):
+        read()
+
+
+def test_logs_of_different_rates_are_refused_until_a_rate_is_given(tmp_path):
+    slow, fast = rollouts()[0], rollouts(model=replace(MODEL, dt=0.005))[0]
+    paths = [write(tmp_path / f"{name}.csv", table(r)) for name, r in (("slow", slow), ("fast", fast))]
+    with pytest.raises(InvalidInput, match="fast is sampled at 200 Hz and slow at 50 Hz: expected one rate"):
+        read(paths)
+    assert [r.dt for r in read(paths, dt=0.02)] == pytest.approx([0.02, 0.02])
+
+
+def test_too_many_rows_are_refused_before_they_are_read(tmp_path, monkeypatch):
+    monkeypatch.setattr("sysid.logs.MOST", 5_000)
+    monkeypatch.setattr("sysid.log_files.CHUNK", 1 << 16)
+    t = 0.001 * np.arange(40_000)
+    path = write(tmp_path / "log.csv", {"t": t, "theta": np.sin(t)})
+    with pytest.raises(
+        InvalidInput, match=r"log.csv has about (39|40|41),000 rows, and more than 5,000 .* cut a window"
+    ):
+        read(path)
+    assert len(read(path, begin=10.0, end=12.0)[0]) == 2000 and len(read(path, dt=0.02)[0]) == 2000
+
+
+# ---- what looks wrong --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("pair", [("theta", "theta_dot"), ("theta", "torque"), ("theta_dot", "torque"), ("t", "theta")])
+def test_swapped_columns_are_named(pair, tmp_path):
+    one, other = pair
+    columns = f"{one}={other},{other}={one}"
+    with pytest.raises(InvalidInput, match=f"are {one} and {other} swapped"):
+        read(write(tmp_path / "log.csv", table(rollouts()[0])), columns=columns)
+
+
+@pytest.mark.parametrize(
+    ("change", "note"),
+    [
+        (lambda c: c | {"theta_dot": np.rad2deg(c["theta_dot"])}, "theta_dot looks like deg/s where theta is in rad"),
+        (lambda c: c | {"theta": np.rad2deg(c["theta"])}, "theta looks like degrees where theta_dot is in rad/s"),
+        (lambda c: c | {"theta_dot": -c["theta_dot"]}, "theta_dot has the opposite sign of theta's rate"),
+        (lambda c: c | {"theta_dot": c["theta_dot"][::-1]}, "theta_dot is not the rate of theta"),
+        (lambda c: c | {"theta": c["theta"] - math.pi}, "does 0 mean hanging in this log?"),
+        (lambda c: c | {"torque": -c["torque"]}, "a positive torque lowers theta: is its sign turned round?"),
+        (lambda c: c | {"torque": 0.0 * c["torque"] + 0.4}, "the torque never changes (0.4 N m)"),
+        (lambda c: {"t": c["t"], "theta": np.rad2deg(c["theta"])}, "or is it in degrees?"),
+    ],
+)
+def test_a_doubt_is_voiced(change, note, tmp_path):
+    columns = table(rollouts()[0])
+    assert not read(write(tmp_path / "good.csv", columns)).notes
+    assert any(note in n for n in read(write(tmp_path / "odd.csv", change(columns))).notes)
+
+
+def test_a_pendulum_at_rest_excites_nothing():
+    rng = np.random.default_rng(0)
+    t, n = 0.02 * np.arange(301), 301
+    rest = [Record(t, np.full(300, 0.1), 3.1 + 0.003 * rng.standard_normal(n), 0.05 * rng.standard_normal(n))] * 2
+    with pytest.raises(InvalidInput, match=r"the pendulum is at rest: theta stays within .* nothing excites m"):
+        check_excitation(rest, SENSOR)
+    moving = Record(t, np.zeros(300), rest[0].theta + 0.01 * np.sin(5.0 * t), rest[0].theta_dot)
+    check_excitation([*rest, moving], SENSOR)
+
+
+@pytest.mark.parametrize("path", sorted(REAL.glob("*.csv")) or [None], ids=lambda p: p.stem if p else "none")
+def test_real_logs_are_read_and_their_zero_is_recognised(path):
+    if path is None:
+        pytest.skip("the real logs are not here")
+    torque = "torque_cmd_Nm" if "shaping" in path.name or "sac" in path.name else "torque_meas_Nm"
+    torque = "duty_meas" if "bam" in path.name else torque
+    columns = f"t=time_s,theta=angle_rad,theta_dot=velocity_rad_s,torque={torque}"
+    log = read(path, columns=columns, zero="hanging")
+    assert len(log) == 1 and len(log[0]) * log.dt > 3.0
+    assert not any("?" in note for note in log.notes), log.notes
+    assert any("does 0 mean hanging" in note for note in read(path, columns=columns).notes)
+    with pytest.raises(InvalidInput, match="are theta and theta_dot swapped"):
+        read(
+            path,
+            columns=columns.replace("angle_rad", "x")
+            .replace("velocity_rad_s", "angle_rad")
+            .replace("x", "velocity_rad_s"),
+        )
+
+
+# ---- what is held out --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("n", "hold_out", "held"), [(8, None, 2), (4, None, 1), (5, None, 1), (8, 0.5, 4), (3, 1, 1), (8, 3, 3)]
+)
+def test_the_last_rollouts_are_held_out(n, hold_out, held):
+    records = rollouts(n, seconds=3.0)
+    training, out = split(records, hold_out)
+    assert training == tuple(records[: n - held]) and out == tuple(records[n - held :])
+
+
+@pytest.mark.parametrize(
+    ("n", "seconds", "share"), [(1, 30.0, 0.25), (3, 8.0, 0.25), (1, 3.5, 1.5 / 3.5), (1, 30.0, 0.4)]
+)
+def test_few_rollouts_are_cut_and_nothing_is_lost_or_used_twice(n, seconds, share):
+    records = rollouts(n, seconds)
+    training, out = split(records, share if share == 0.4 else None)
+    joined = {c: np.concatenate([getattr(r, c) for r in (*training, *out)]) for c in ("u", "theta")}
+    np.testing.assert_array_equal(joined["u"], np.concatenate([r.u for r in records]))
+    seconds_out = sum(len(r) * r.dt for r in out)
+    assert seconds_out == pytest.approx(share * n * seconds, abs=0.5)
+    assert training[-1].t[-1] == out[0].t[0] or out[0].t[0] == 0.0
+
+
+def test_blocks_cover_a_record_and_share_one_instant():
+    (record,) = rollouts(1, 10.0)
+    blocks = cut([record], 3.0)
+    assert len(blocks) == 3 and np.array_equal(np.concatenate([b.u for b in blocks]), record.u)
+    for before, after in pairwise(blocks):
+        assert before.t[-1] == after.t[0] and before.theta[-1] == after.theta[0]
+
+
+@pytest.mark.parametrize(
+    ("seconds", "n", "hold_out", "message"),
+    [
+        (6.0, 2, 0.0, "hold_out = 0.0: expected a share between 0 and 1"),
+        (6.0, 2, 1.5, "hold_out = 1.5: expected a share"),
+        (6.0, 2, 2, "hold_out = 2 of 2 rollouts leaves none to fit"),
+        (0.4, 1, None, "0.4 s of log are too short to hold a part out"),
+    ],
+)
+def test_a_split_that_leaves_nothing_is_refused(seconds, n, hold_out, message):
+    with pytest.raises(InvalidInput, match=re.escape(message)):
+        split(rollouts(n, seconds), hold_out)

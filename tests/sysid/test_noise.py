@@ -1,0 +1,201 @@
+"""Sensor noise without a model: what was put in is found, whatever moved the pendulum and whatever was hidden in it."""
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from sysid import (
+    RK4,
+    Backlash,
+    Coulomb,
+    DeadZone,
+    Delay,
+    InvalidInput,
+    Lag,
+    Model,
+    Record,
+    Ripple,
+    RodPendulum,
+    Saturation,
+    Sensor,
+    Viscous,
+    paper_model,
+    paper_rollouts,
+    simulate,
+)
+from sysid.excitation import multisine, steps, uniform_noise
+from sysid.logs import read
+from sysid.noise import sensor_noise
+from sysid.quantum import quantum
+
+REAL = Path(__file__).parents[3] / "shared" / "data" / "logs"
+USUAL, LOUD = Sensor(theta=0.003, theta_dot=0.05), Sensor(theta=0.02, theta_dot=0.4)
+TORQUES = {
+    "random": lambda rng, n, dt: uniform_noise(rng, n, 2.5),
+    "multisine": lambda rng, n, dt: multisine(rng, n, dt, 2.5, 3.0),
+    "steps": lambda rng, n, dt: steps(rng, n, dt, 2.5, 0.5),
+    "free": lambda rng, n, dt: np.zeros(n),
+}
+HIDDEN = {
+    "nothing": (),
+    "coulomb": (Coulomb(tau_c=0.5),),
+    "stick_slip": (Coulomb(tau_c=1.5),),
+    "backlash": (Backlash(width=0.05),),
+    "dead_zone": (DeadZone(d=0.6),),
+    "saturation": (Saturation(limit=1.2),),
+    "delay": (Delay(T=0.1),),
+    "lag": (Lag(T=0.1),),
+    "ripple": (Ripple(a=0.3, b=0.3),),
+}
+
+
+def truth(torque="multisine", hidden=(), dt=0.02, seconds=8.0, n=8, speed=1.0, l=1.0, seed=0):  # noqa: E741
+    rng = np.random.default_rng(seed)
+    model = Model(RodPendulum(m=1.0, l=l), (Viscous(b=0.02), *hidden), RK4(substeps=max(1, round(dt / 0.005))), dt=dt)
+    u = np.stack([l * TORQUES[torque](rng, round(seconds / dt), dt) for _ in range(n)])
+    return simulate(model, u, math.pi + rng.uniform(-2.5, 2.5, n), rng.uniform(-speed, speed, n))
+
+
+def ratios(run, sensor, seeds=4):
+    """Found over put in, (seeds, 2)."""
+    found = []
+    for seed in range(seeds):
+        records = run.measure(sensor, np.random.default_rng(seed))
+        errors = [
+            np.std([y - t for y, t in zip((getattr(r, c) for r in records), true, strict=True)])
+            for c, true in (("theta", run.theta_read), ("theta_dot", run.theta_dot_read))
+        ]
+        noise = sensor_noise(records)
+        found.append([noise.sensor.theta / errors[0], noise.sensor.theta_dot / errors[1]])
+    return np.array(found)
+
+
+@pytest.mark.parametrize("sensor", [USUAL, LOUD], ids=["usual", "loud"])
+@pytest.mark.parametrize("torque", TORQUES)
+def test_noise_is_found_under_any_torque(torque, sensor):
+    assert np.all(np.abs(ratios(truth(torque), sensor).mean(axis=0) - 1.0) < 0.03)
+
+
+@pytest.mark.parametrize("hidden", HIDDEN)
+@pytest.mark.parametrize("torque", ["random", "steps"])
+def test_noise_is_found_whatever_is_hidden(torque, hidden):
+    assert np.all(np.abs(ratios(truth(torque, HIDDEN[hidden]), USUAL).mean(axis=0) - 1.0) < 0.05)
+
+
+@pytest.mark.parametrize(
+    "case",
+    [{"torque": "random"}, {"torque": "steps", "speed": 12.0}, {"torque": "multisine", "l": 0.3}, {"torque": "free"}],
+    ids=["random", "spinning", "short rod", "free"],
+)
+def test_noise_is_found_at_20_hz(case):
+    assert np.all(np.abs(ratios(truth(**case, dt=0.05), USUAL, seeds=8).mean(axis=0) - 1.0) < 0.05)
+
+
+@pytest.mark.parametrize("hidden", ["nothing", "coulomb", "backlash"])
+def test_a_long_log_tells_to_two_per_cent(hidden):
+    run = truth("random", HIDDEN[hidden], seconds=25.0)
+    records = run.measure(USUAL, np.random.default_rng(5))
+    noise = sensor_noise(records)
+    assert max(noise.error.values()) < 0.015
+    assert noise.sensor.theta == pytest.approx(0.003, rel=0.025) and noise.sensor.theta_dot == pytest.approx(
+        0.05, rel=0.035
+    )
+
+
+def test_the_stated_error_is_the_scatter_over_seeds():
+    run = truth("multisine", n=4)
+    found = [sensor_noise(run.measure(USUAL, np.random.default_rng(seed))) for seed in range(30)]
+    spread = np.std([noise.sensor.theta for noise in found], ddof=1) / 0.003
+    assert 0.6 < spread / np.mean([noise.error["theta"] for noise in found]) < 1.45
+
+
+# ---- sensors that are not ideal ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("torque", ["multisine", "free"])
+@pytest.mark.parametrize(("q", "sigma"), [(0.003, 0.0), (0.003, 0.001), (2.0 * math.pi / 4096, 0.0005)])
+def test_rounding_is_recognised_and_counted(torque, q, sigma):
+    run, rng = truth(torque), np.random.default_rng(1)
+    theta = q * np.round((run.theta + sigma * rng.standard_normal(run.theta.shape)) / q) + 0.1
+    noise = sensor_noise([Record(run.t, u, y) for u, y in zip(run.u, theta, strict=True)])
+    assert noise.quantum["theta"] == pytest.approx(q, rel=1e-4)
+    assert noise.sensor.theta == pytest.approx(np.std(theta - run.theta - 0.1), rel=0.05)
+    assert noise.sensor.theta_dot is None and f"theta is rounded to steps of {q:.4g}" in noise.notes
+
+
+def test_a_reading_that_is_not_rounded_has_no_quantum():
+    rng = np.random.default_rng(0)
+    y = rng.standard_normal(1000)
+    assert quantum([y]) == 0.0 and quantum([np.ones(9)]) == 0.0
+    assert quantum([0.25 * np.round(y / 0.25) + 0.1]) == pytest.approx(0.25)
+
+
+def correlated(kind, e):
+    if kind == "filtered":
+        return math.sqrt(0.75) * lfilter([1.0], [1.0, -0.5], e)
+    if kind == "averaged":
+        return math.sqrt(2.0) * lfilter([0.5, 0.5], [1.0], e)
+    return np.gradient(e, axis=-1) * math.sqrt(2.0)
+
+
+@pytest.mark.parametrize("kind", ["filtered", "averaged", "differentiated"])
+def test_correlated_errors_are_told_and_their_size_is_found(kind):
+    run, rng = truth("multisine", dt=0.005, n=4), np.random.default_rng(2)
+    error = 0.05 * correlated(kind, rng.standard_normal(run.theta.shape))
+    noise = sensor_noise([Record(run.t, u, None, y) for u, y in zip(run.u, run.theta_dot + error, strict=True)])
+    assert noise.sensor.theta_dot == pytest.approx(np.std(error), rel=0.1)
+    assert any("neighbouring errors of theta_dot are correlated" in note for note in noise.notes)
+
+
+def test_a_speed_read_twice_tells_its_noise_at_once():
+    records = paper_rollouts(paper_model(), 5, np.random.default_rng(0), sigma=1.0)
+    noise = sensor_noise([Record(r.t, r.u, None, r.theta_dot, r.theta_dot_after) for r in records])
+    assert noise.sensor.theta_dot == pytest.approx(1.0, abs=4.0 * noise.error["theta_dot"]) and not noise.notes
+
+
+def test_a_clean_channel_gets_a_small_floor_and_a_note():
+    run = truth("steps")
+    noise = sensor_noise([Record(run.t, u, y) for u, y in zip(run.u, run.theta, strict=True)])
+    assert 0.0 < noise.sensor.theta < 1e-4 and any("theta shows no noise" in note for note in noise.notes)
+
+
+def test_scale_and_order_of_the_records_do_not_matter():
+    records = truth("steps", HIDDEN["coulomb"]).measure(USUAL, np.random.default_rng(0))
+    one = sensor_noise(records).sensor
+    back = sensor_noise(records[::-1]).sensor
+    larger = sensor_noise([Record(r.t, 5.0 * r.u, None, 100.0 * r.theta_dot) for r in records]).sensor
+    assert back.theta == pytest.approx(one.theta, rel=1e-6) and larger.theta_dot == pytest.approx(100.0 * one.theta_dot)
+
+
+def test_what_cannot_be_told_is_refused():
+    t, flat = 0.02 * np.arange(201), np.full(201, 3.1)
+    with pytest.raises(InvalidInput, match=re.escape("theta never changes (it stays at 3.1): it measures nothing")):
+        sensor_noise([Record(t, np.zeros(200), flat)])
+    short = truth("steps", seconds=0.4, n=1).measure(USUAL, np.random.default_rng(0))
+    with pytest.raises(InvalidInput, match="21 readings of theta are too few to find its noise: give its sd"):
+        sensor_noise(short)
+    one = Record(t, np.zeros(200), flat + t)
+    with pytest.raises(InvalidInput, match="no channel is in all of the records"):
+        sensor_noise([one, Record(t, np.zeros(200), None, t)])
+
+
+ENCODERS = {"dfki_sp": 2.914e-3, "dfki_dp": 3.815e-4, "bam": 2.0 * math.pi / 4096}
+
+
+@pytest.mark.parametrize("path", sorted(REAL.glob("*.csv")) or [None], ids=lambda p: p.stem if p else "none")
+def test_real_logs_show_their_encoders(path):
+    if path is None:
+        pytest.skip("the real logs are not here")
+    torque = next(
+        t for s, t in (("bam", "duty_meas"), ("sp_d", "torque_meas_Nm"), ("", "torque_cmd_Nm")) if s in path.name
+    )
+    log = read(path, columns=f"t=time_s,theta=angle_rad,theta_dot=velocity_rad_s,torque={torque}", zero="hanging")
+    noise = sensor_noise(log)
+    q = next(step for name, step in ENCODERS.items() if path.name.startswith(name))
+    assert noise.quantum["theta"] == pytest.approx(q, rel=2e-3)
+    assert q / math.sqrt(12.0) <= 1.001 * noise.sensor.theta < 1.5 * q or path.name.startswith("dfki_dp")
+    assert 0.005 < noise.sensor.theta_dot < 0.15
