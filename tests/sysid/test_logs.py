@@ -12,7 +12,6 @@ import pytest
 from sysid import (
     RK4,
     InvalidInput,
-    LeastSquares,
     Model,
     Record,
     RodPendulum,
@@ -24,6 +23,7 @@ from sysid import (
     write_csv,
 )
 from sysid.excitation import multisine
+from sysid.fit import fit
 from sysid.logs import cut, read, split
 from sysid.plausibility import check_excitation
 from sysid.records import COLUMNS
@@ -178,11 +178,11 @@ def test_jitter_costs_nothing_but_its_own_noise(spread, tmp_path):
     assert log.dt == pytest.approx(0.02, rel=0.02 if spread else 1e-6)
     assert any("resampled from" in note for note in log.notes) == (spread > 0.0)
     model = replace(MODEL, dt=log.dt)
-    fit = LeastSquares(["m", "l", "viscous.b"], sensor=SENSOR).fit(model, log)
+    estimate = fit(model, log, SENSOR)
     for name, truth in (("m", 1.0), ("l", 1.0), ("viscous.b", 0.05)):
-        assert abs(fit.values[name] - truth) < 3.5 * fit.sd[name], name
-    residual_variance = fit.cost / (fit.n_readings - 5)
-    assert abs(residual_variance - 1.0) < 4.0 * math.sqrt(2.0 / fit.n_readings) + 0.5 * spread
+        assert abs(estimate.values[name] - truth) < 3.5 * estimate.sd[name], name
+    variance = estimate.cost / (estimate.n_readings - 5)
+    assert abs(variance - 1.0) < 4.0 * math.sqrt(2.0 / estimate.n_readings) + 0.5 * spread
 
 
 def test_impulses_are_kept_when_torque_is_resampled(tmp_path):
