@@ -74,7 +74,7 @@ def roll_numpy(model: Model, u: np.ndarray) -> Rolled:
     """Central differences, Richardson-extrapolated, all in one simulation."""
     names = list(model.parameters)
     values = np.array([p.value for p in model.parameters.values()])
-    h = 1e-5 * np.maximum(1.0, np.abs(values))
+    h = 1e-6 * np.maximum(1.0, np.abs(values))
     moves = np.concatenate([np.zeros((1, len(h)))] + [s * np.diag(h) for s in (1, -1, 2, -2)])
     run = simulate(model.with_parameters(dict(zip(names, (values + moves).T, strict=True))), u, math.pi, 0.0)
     path = np.stack([run.theta, run.theta_dot, run.theta_read, run.theta_dot_read])
