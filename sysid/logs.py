@@ -281,7 +281,7 @@ def cut(records: Sequence[Record], seconds: float = 3.0) -> tuple[Record, ...]:
 
 
 def split(
-    records: Sequence[Record], hold_out: float | None = None, shortest: float = 1.5
+    records: Sequence[Record], hold_out: float | None = None, shortest: float = 2.0
 ) -> tuple[tuple[Record, ...], tuple[Record, ...]]:
     """(training, held out): the last quarter of the rollouts, at least one, is never fitted to.
 

@@ -120,7 +120,7 @@ def _channel(
     spread = math.sqrt(float(np.mean(np.concatenate([(y - y.mean()) ** 2 for y, _ in series]))))
     step = quantum([y for y, _ in series])
     floor = max(step / math.sqrt(12.0), 1e-6 * spread)
-    lags = min(round(LATEST / dt), 25)
+    lags = min(round(LATEST / dt), 25, int(np.median([len(u) for _, u in series])) // 4)
 
     def spread_after(kernel: Array) -> tuple[float, int]:
         return _scale(series, kernel, power, lags, floor)

@@ -415,7 +415,7 @@ def test_the_last_rollouts_are_held_out(n, hold_out, held):
 
 
 @pytest.mark.parametrize(
-    ("n", "seconds", "share"), [(1, 30.0, 0.25), (3, 8.0, 0.25), (1, 3.5, 1.5 / 3.5), (1, 30.0, 0.4)]
+    ("n", "seconds", "share"), [(1, 30.0, 0.25), (3, 8.0, 0.25), (1, 5.0, 2.0 / 5.0), (1, 30.0, 0.4)]
 )
 def test_few_rollouts_are_cut_and_nothing_is_lost_or_used_twice(n, seconds, share):
     records = rollouts(n, seconds)
