@@ -44,8 +44,8 @@ def check_time(name: str, table: Mapping[str, Array], titles: Mapping[str, str])
 def check_columns(name: str, table: Mapping[str, Array]) -> tuple[str, ...]:
     """Whether theta_dot is the rate of theta: InvalidInput where two columns are swapped, else notes on their units.
 
-    Compared are the change of one column over 0.1 s and the integral of the other, where it is largest. The numbers are the
-    file's own: no zero and no unit has been converted yet.
+    Compared are the change of one column over 0.1 s and the integral of the other, where it is largest. The numbers
+    are the file's own: no zero and no unit has been converted yet.
     """
     moving = {c: table[c] for c in ("theta", "theta_dot", "torque") if c in table and np.ptp(table[c]) > 0.0}
     if not {"theta", "theta_dot"} <= set(moving):
