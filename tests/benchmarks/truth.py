@@ -329,7 +329,7 @@ class _Sensors:
             T = self.p["sensor_delay.T"] + np.zeros(len(after.theta))
             k = np.ceil((t + T) / self.dt - 1e-9).astype(int)
             share = (k * self.dt - T - t) / self.h
-            (lane,) = np.nonzero((share < 1.0 - 1e-9) & (k < len(self.theta)) & (k >= 0))
+            (lane,) = np.nonzero((share < 1.0 + 1e-9) & (k < len(self.theta)) & (k >= 0))
             s = share[lane]
             for store, x0, x1 in zip((self.theta, self.theta_dot), was, now, strict=True):
                 store[k[lane], lane] = (1.0 - s) * x0[lane] + s * x1[lane]
