@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import islice
 from typing import Any
 
 import numpy as np
-from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 from numpy.typing import NDArray
 
 from sysid import ops
@@ -210,6 +210,8 @@ class _Pass:
     """The filter over one rollout."""
 
     def __init__(self, settings: UnscentedKalman, model: Model, coordinates: Coordinates, record: Record) -> None:
+        from filterpy.kalman import MerweScaledSigmaPoints  # loads for half a second
+
         self.record, self.coordinates = record, coordinates
         names = tuple(settings.parameters)
         self.size = 2 + len(names)
@@ -232,7 +234,7 @@ class _Pass:
         The precision is nan where a sigma point went beyond all numbers.
         """
         mean, covariance = prior.moments()
-        kf = _Filter(self.size, 1, self.model.dt, _read, self._move, self.points)
+        kf = _filter()(self.size, 1, self.model.dt, _read, self._move, self.points)
         kf.Q = self.process
         kf.x = np.concatenate([self.start, mean])
         kf.P = np.block([[self.start_covariance, np.zeros((2, len(mean)))], [np.zeros((len(mean), 2)), covariance]])
@@ -275,15 +277,20 @@ def _carried(memory: Array, before: Array, after: Array) -> Array:
     return carried
 
 
-class _Filter(UnscentedKalmanFilter):  # type: ignore[misc]
+@cache
+def _filter() -> type:
     """filterpy's filter, with all sigma points in one call of the model; every reading is a component of x."""
+    from filterpy.kalman import UnscentedKalmanFilter
 
-    def compute_process_sigmas(self, dt: float, fx: Any = None, **arguments: Any) -> None:
-        self.sigmas_f = self.fx(self.points_fn.sigma_points(self.x, self.P), dt, **arguments)
+    class Filter(UnscentedKalmanFilter):  # type: ignore[misc]
+        def compute_process_sigmas(self, dt: float, fx: Any = None, **arguments: Any) -> None:
+            self.sigmas_f = self.fx(self.points_fn.sigma_points(self.x, self.P), dt, **arguments)
 
-    def cross_variance(self, x: Array, z: Array, sigmas_f: Array, sigmas_h: Array) -> Array:
-        product: Array = (sigmas_f - x).T @ (self.Wc[:, None] * (sigmas_h - z))
-        return product
+        def cross_variance(self, x: Array, z: Array, sigmas_f: Array, sigmas_h: Array) -> Array:
+            product: Array = (sigmas_f - x).T @ (self.Wc[:, None] * (sigmas_h - z))
+            return product
+
+    return Filter
 
 
 def _read(x: Array, channel: Index) -> Array:
