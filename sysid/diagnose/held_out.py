@@ -11,14 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.model import Model
-from sysid.records import Array, Record
+from sysid.records import Array, Record, check_records
 from sysid.response import CHANNELS, Linearisation, Response, Window, cut
 from sysid.sensor import Sensor
 
 LEAD = 1.0
 """Unscored seconds before each window of a model whose sensors remember."""
 
-REFITS = 12
+HEAD = 1.0
+"""Seconds of a long window from which its state is refitted first."""
+
+REFITS = 20
 """Linearisations at most while the windows' states are refitted; a good model takes four."""
 
 NEGLIGIBLE = 1e-3
@@ -113,8 +116,36 @@ def held_out_error(model: Model, records: Sequence[Record], sensor: Sensor, wind
 
     Raises InvalidInput for records that do not fit the model or lack a channel that the sensor measures.
     """
-    response = Response(model, (), records, sensor, cut(records, window, lead_of(model)))
-    return error_of(refit(response), window)
+    windows = cut(check_records(model, records), window, lead_of(model))
+    return error_of(refit_windows(model, records, sensor, windows), window)
+
+
+def refit_windows(model: Model, records: Sequence[Record], sensor: Sensor, windows: Sequence[Window]) -> Refit:
+    """The states of windows refitted.
+
+    Those of long windows through heads of growing length, as their ends say ever more exactly where they began; those
+    of short ones from windows of 1 s, where the angle is not read and a short one does not tell it.
+    """
+    starts, length = None, round(HEAD / model.dt)
+    longest = max(w.count - w.lead for w in windows)
+    if sensor.theta is None and 2 * longest <= length:
+        wider = cut(records, HEAD, lead_of(model))
+        starts = _states_at(refit(Response(model, (), records, sensor, wider)), windows)
+    while 2 * length < longest:
+        heads = [w._replace(count=min(w.count, w.lead + length)) for w in windows]
+        starts = refit(Response(model, (), records, sensor, heads), starts).starts
+        length *= 2
+    return refit(Response(model, (), records, sensor, windows), starts)
+
+
+def _states_at(fit: Refit, windows: Sequence[Window]) -> Array:
+    """The states (K, 2) of refitted windows at the first instants of others."""
+    begins = np.array([(w.record, w.begin) for w in fit.response.windows])
+    found = []
+    for w in windows:
+        i = int(np.flatnonzero((begins[:, 0] == w.record) & (begins[:, 1] <= w.begin))[-1])
+        found.append(fit.lin.states[i, w.begin - begins[i, 1]])
+    return np.array(found)
 
 
 def lead_of(model: Model) -> float:
@@ -127,7 +158,7 @@ def refit(response: Response, starts: Array | None = None) -> Refit:
     p = np.array([float(response.model.parameters[n].value) for n in response.names])
     x = response.starts if starts is None else starts
     at = _finite(response.linearise(p, x))
-    damping = np.full(len(x), 1e-6)
+    damping = np.zeros(len(x))
     for _ in range(REFITS):
         step, promised = _steps(at, damping)
         open_ = promised > NEGLIGIBLE
@@ -135,12 +166,12 @@ def refit(response: Response, starts: Array | None = None) -> Refit:
             break
         trial = _finite(response.linearise(p, x + step * open_[:, None]))
         better = open_ & (np.sum(trial.e**2, axis=1) < np.sum(at.e**2, axis=1))
-        damping = np.where(better, np.maximum(damping * 0.1, 1e-9), np.where(open_, damping * 10.0, damping))
+        damping = np.where(better, 0.1 * damping, np.where(open_, np.maximum(4.0 * damping, 1.0), damping))
         x = np.where(better[:, None], x + step, x)
         at = _chosen(better, trial, at)
-        if np.all(damping[open_] > 1e6):
+        if np.all(damping[open_] > 1e4):
             break
-    basis = _basis(at.S_x)
+    basis = _triangle(at.S_x)[0]
     return Refit(response, x, at, basis, np.sum(basis**2, axis=-1))
 
 
@@ -193,25 +224,33 @@ def _finite(lin: Linearisation) -> Linearisation:
 
 def _steps(at: Linearisation, damping: Array) -> tuple[Array, Array]:
     """Damped steps (K, 2) of the starts, at most 0.5 rad and 3 rad/s, and the decrease (K,) each promises undamped."""
-    U, size, V = np.linalg.svd(at.S_x, full_matrices=False)
-    along = np.einsum("krs,kr->ks", U, np.where(np.isfinite(at.e), at.e, 0.0))
-    seen = size > _tolerance(size)
-    along = along * seen
-    gain = size / (size**2 * (1.0 + damping[:, None]) + 1e-300)
-    step = np.einsum("kst,ks->kt", V, along * gain)
+    basis, R = _triangle(at.S_x)
+    e = np.where(np.isfinite(at.e), at.e, 0.0)
+    along = np.einsum("krs,kr->ks", basis, e)
+    theta = along[:, 1] / R[:, 1, 1]
+    theta_dot = (along[:, 0] - R[:, 0, 1] * theta) / R[:, 0, 0]
+    step = np.stack([theta, theta_dot], axis=-1) / (1.0 + damping[:, None])
     return np.clip(step, [-0.5, -3.0], [0.5, 3.0]), 0.5 * np.sum(along**2, axis=1)
 
 
-def _basis(S_x: Array) -> Array:
-    """Orthonormal columns (K, R, 2) that span those of S_x; zeros for directions that no reading shows."""
-    U, size, _ = np.linalg.svd(S_x, full_matrices=False)
-    basis: Array = U * (size > _tolerance(size))[:, None, :]
-    return basis
+def _triangle(S_x: Array) -> tuple[Array, Array]:
+    """Orthonormal columns (K, R, 2), of the speed first, and the triangle (K, 2, 2) that takes them back.
 
-
-def _tolerance(size: Array) -> Array:
-    """Below it a direction is lost in rounding, or a change of a thousand rad would not show."""
-    return np.maximum(1e-12 * size[:, :1], 1e-3)
+    A speed that shows nowhere has no column, nor has an angle that the readings do not tell to half a radian beside
+    the speed: so far no linearisation reaches.
+    """
+    theta, theta_dot = S_x[..., 0], S_x[..., 1]
+    speed = np.linalg.norm(theta_dot, axis=1)
+    first = theta_dot / np.where(speed > 1e-3, speed, np.inf)[:, None]
+    shared, second = np.zeros(len(S_x)), theta
+    for _ in range(2):  # once more takes out what rounding left
+        more = np.sum(first * second, axis=1)
+        shared, second = shared + more, second - more[:, None] * first
+    angle = np.linalg.norm(second, axis=1)
+    second = second / np.where(angle > 2.0, angle, np.inf)[:, None]
+    R = np.zeros((len(S_x), 2, 2))
+    R[:, 0, 0], R[:, 0, 1], R[:, 1, 1] = np.maximum(speed, 1e-3), shared, np.maximum(angle, 2.0)
+    return np.stack([first, second], axis=-1), R
 
 
 def _chosen(better: NDArray[np.bool_], new: Linearisation, old: Linearisation) -> Linearisation:

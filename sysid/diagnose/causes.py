@@ -1,0 +1,270 @@
+"""Causes: which quantities, taken together, explain what a model leaves of the readings."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import fdtrc
+
+from sysid.diagnose.residual_map import Shape
+from sysid.diagnose.residuals import Residuals
+from sysid.records import Array
+
+LEVEL = 0.01
+"""Of significance, over all quantities that are looked at."""
+LEAST = 0.05
+"""Of the squared error beyond the noise that a second cause must add."""
+MOST = 3
+"""Causes at a time."""
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A quantity that the error depends on.
+
+    on     "theta", "theta_dot", "torque", "time", "history" (past or coming torque), "plant" (inertia and gravity are
+           off) or "readings" (angle and speed that do not belong together)
+    share  of the squared error beyond the noise that goes with it, beside the causes before it
+    words  what it looks like
+    """
+
+    on: str
+    share: float
+    words: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data."""
+        return {"on": self.on, "share": self.share, "words": self.words}
+
+
+@dataclass(frozen=True, eq=False)
+class _Solution:
+    """Least squares on some columns: (Q,) their numbers, their coefficients, what they explain with how many."""
+
+    columns: NDArray[np.intp]
+    coefficient: Array
+    sum: float
+    rank: int
+    lag: int | None = None
+
+
+class Columns:
+    """Directions of several groups side by side, their products with one another and with the residuals.
+
+    late: the commands of `lags`, of which "history" takes the one that explains most beside the present one.
+    """
+
+    def __init__(self, residuals: Residuals, groups: Mapping[str, Array], late: Array, lags: NDArray[np.intp]) -> None:
+        z = np.concatenate([*groups.values(), late], axis=-1)
+        length = np.linalg.norm(z, axis=0)
+        self.size = np.where(length > 0.0, length, 1.0)
+        self.gram, self.b = (z.T @ z) / np.outer(self.size, self.size), (z.T @ residuals.e) / self.size
+        self.degrees, self.total = residuals.degrees, float(residuals.e @ residuals.e)
+        edges = np.cumsum([0, *(g.shape[1] for g in groups.values())])
+        self.of = {name: np.arange(a, b) for name, a, b in zip(groups, edges[:-1], edges[1:], strict=True)}
+        self.late, self.lags = np.arange(edges[-1], len(self.size)), lags
+
+    def solve(self, names: tuple[str, ...]) -> _Solution:
+        """Of the groups of these names together; "history" is the present command's group and one lag more."""
+        groups = dict.fromkeys("torque" if n == "history" else n for n in names)
+        columns = np.concatenate([np.zeros(0, dtype=int), *(self.of[g] for g in groups if g in self.of)])
+        lag = None
+        if "history" in names:
+            lag = self._best_lag(columns)
+            columns = np.append(columns, self.late[lag])
+        mixed, U = self._along(columns)
+        coefficient = (mixed @ U) / self.size[columns]
+        return _Solution(columns, coefficient, float(U @ U), len(U), None if lag is None else int(self.lags[lag]))
+
+    def cost(self, found: _Solution) -> float:
+        """BIC: n log(sum of squares) + log(n) rank."""
+        n = self.degrees
+        return n * math.log(max(self.total - found.sum, 1e-300)) + math.log(n) * found.rank
+
+    def p_value(self, large: _Solution, small: _Solution) -> float:
+        """Of the F test of a larger set of columns against a smaller one."""
+        more, left = large.rank - small.rank, max(1, self.degrees - large.rank)
+        if more <= 0:
+            return 1.0
+        variance = max(self.total - large.sum, 1e-300) / left
+        return float(fdtrc(more, left, max(0.0, large.sum - small.sum) / more / variance))
+
+    def _along(self, columns: NDArray[np.intp]) -> tuple[Array, Array]:
+        """Orthonormal combinations (Q, rank) of columns, and the residuals along them."""
+        gram, vectors = np.linalg.eigh(self.gram[np.ix_(columns, columns)])
+        keep = gram > 1e-7
+        mixed = vectors[:, keep] / np.sqrt(gram[keep])
+        return mixed, mixed.T @ self.b[columns]
+
+    def _best_lag(self, columns: NDArray[np.intp]) -> int:
+        mixed, U = self._along(columns)
+        along = mixed.T @ self.gram[np.ix_(columns, self.late)]
+        own = np.diag(self.gram)[self.late] - np.sum(along**2, axis=0)
+        rest = self.b[self.late] - along.T @ U
+        return int(np.argmax(np.where(own > 1e-6, rest**2 / np.maximum(own, 1e-6), 0.0)))
+
+
+def causes(
+    residuals: Residuals, shapes: Mapping[str, Shape], seen: Mapping[str, Array], late: Array, lags: NDArray[np.intp]
+) -> tuple[Cause, ...]:
+    """Of all sets of up to three quantities that each add something, the one of least BIC; the strongest first."""
+    more = {"plant": residuals.seen(plant_torques(residuals)), "readings": of_readings(residuals)}
+    columns = Columns(residuals, {**seen, **more}, late, lags)
+    empty = columns.solve(())
+    chosen: tuple[str, ...] = ()
+    best = columns.cost(empty)
+    for names in _sets(columns):
+        found = columns.solve(names)
+        cost = columns.cost(found)
+        if cost < best and all(_adds(residuals, columns, found, names, name) for name in names):
+            best, chosen = cost, names
+    return tuple(_told(residuals, columns, shapes, chosen))
+
+
+def plant_torques(residuals: Residuals) -> Array:
+    """Torques (K, L, 2) [N m] that would be missing if inertia, or gravity, were twice the model's."""
+    model, states = residuals.response.model, residuals.states
+    acceleration = np.diff(states[..., 1], axis=1) / model.dt
+    gravity = np.broadcast_to(model.plant.gravity_torque(residuals.theta), acceleration.shape)
+    return np.stack([-float(model.inertia()) * acceleration, gravity], axis=-1)
+
+
+def of_readings(residuals: Residuals) -> Array:
+    """Directions (rows, 2) of speeds that do not belong to their angles: offset by 1 rad/s, and twice what they are."""
+    theta_dot = residuals.states[..., 1]
+    speed = np.stack([np.ones_like(theta_dot), theta_dot], axis=-1)
+    z = np.stack([np.zeros_like(speed), speed], axis=1) * residuals.response.weight[..., None]
+    return residuals.beside_starts(z.reshape(len(z), -1, 2))
+
+
+def _sets(columns: Columns) -> Iterator[tuple[str, ...]]:
+    names = [*columns.of, *(("history",) if "torque" in columns.of else ())]
+    for count in range(1, MOST + 1):
+        for chosen in combinations(names, count):
+            if not {"torque", "history"} <= set(chosen):
+                yield chosen
+
+
+def _adds(residuals: Residuals, columns: Columns, found: _Solution, names: tuple[str, ...], name: str) -> bool:
+    """Whether a quantity is significant beside the others, and adds enough; past torque also beside the present one."""
+    others = tuple(n for n in names if n != name)
+    rivals = [others, (*others, "torque")] if name == "history" else [others]
+    for rival in rivals:
+        less = columns.solve(rival)
+        tries = len(columns.of) + (len(columns.lags) if name == "history" else 0)
+        if columns.p_value(found, less) * tries > LEVEL:
+            return False
+        if rival and residuals.share(found.sum - less.sum, found.rank - less.rank) < LEAST:
+            return False
+    return True
+
+
+def _told(
+    residuals: Residuals, columns: Columns, shapes: Mapping[str, Shape], chosen: tuple[str, ...]
+) -> Iterator[Cause]:
+    joint = columns.solve(chosen)
+    before: tuple[str, ...] = ()
+    known = columns.solve(())
+    while len(before) < len(chosen):
+        offers = {n: columns.solve((*before, n)) for n in chosen if n not in before}
+        name = max(offers, key=lambda n: offers[n].sum)
+        share = residuals.share(offers[name].sum - known.sum, offers[name].rank - known.rank)
+        group = "torque" if name == "history" else name
+        numbers = joint.coefficient[np.isin(joint.columns, columns.of[group])]
+        yield Cause(name, share, _words(residuals, name, shapes.get(group), numbers, joint.lag))
+        before, known = (*before, name), offers[name]
+
+
+# words -----------------------------------------------------------------------------------------------------------
+
+
+def _words(residuals: Residuals, name: str, shape: Shape | None, number: Array, lag: int | None) -> str:
+    if name == "history":
+        return _history(lag or 0, residuals.response.model.dt)
+    if shape is None:
+        return {"readings": _readings, "plant": _plant}[name](residuals, number)
+    weight = np.sum(shape.values * residuals.scored[..., None], axis=(0, 1))
+    return {"theta": _angle, "theta_dot": _speed, "torque": _command, "time": _time}[name](shape, number, weight)
+
+
+def _history(lag: int, dt: float) -> str:
+    rows, time = f"{abs(lag)} sample{'s' * (abs(lag) != 1)}", f"{1e3 * abs(lag) * dt:.3g} ms"
+    if lag < 0:
+        return f"the motion follows the torque of {rows} later ({time}): how the log stamps its rows"
+    reason = "a delay, a lag or the stamp of the log" if lag == 1 else "a delay or a lag of torque or readings"
+    return f"the motion follows the torque of {rows} ago ({time}): {reason}"
+
+
+def _readings(residuals: Residuals, number: Array) -> str:
+    size = np.abs(number) / residuals.explain(of_readings(residuals)).sd
+    said = [f"offset by {number[0]:+.2g} rad/s", f"{number[1]:+.1%} off"]
+    found = [words for words, s in zip(said, size, strict=True) if s > 0.3 * np.max(size)]
+    return f"the speed readings do not belong to the angle's: they are {' and '.join(found)}"
+
+
+def _plant(residuals: Residuals, number: Array) -> str:
+    inertia, gravity = number
+    sd = residuals.explain(residuals.seen(plant_torques(residuals))).sd
+    if gravity != 0.0 and abs(inertia - gravity) < 3.0 * float(np.hypot(*sd)) + 0.05 * abs(inertia):
+        torque = f"the torque {1.0 / (1.0 + inertia):.0%} of what was commanded"
+        return f"the plant's numbers do not fit, as if inertia and gravity were {inertia:+.1%} off, or {torque}"
+    said = [f"inertia is {inertia:+.1%} off", f"gravity torque is {gravity:+.1%} off"]
+    found = [words for words, n, s in zip(said, number, sd, strict=True) if abs(n) > 3.0 * s]
+    return f"the plant's numbers do not fit: {' and '.join(found or said)}"
+
+
+def _speed(shape: Shape, torque: Array, weight: Array) -> str:
+    """A friction in its form, where the curve is odd; else where it is strongest."""
+    v = shape.at
+    weight = weight * (np.abs(v) > 1e-9)
+    fits = {}
+    for words, form in {
+        "grows with |theta_dot| (viscous-like)": v,
+        "is alike at all speeds (like dry friction)": np.sign(v),
+        "grows with theta_dot^2 (drag-like)": v * np.abs(v),
+    }.items():
+        a = _slope(form, torque, weight)
+        fits[words] = (float(np.sum(weight * (torque - a * form) ** 2)), a)
+    words = min(fits, key=lambda w: fits[w][0])
+    left, a = fits[words]
+    if left < 0.3 * float(np.sum(weight * torque**2)):
+        return f"a torque {'against' if a < 0.0 else 'along'} the motion is missing, which {words}"
+    return f"it depends on the speed, strongest near theta_dot = {_strongest(shape, torque, weight, 'rad/s')}"
+
+
+def _command(shape: Shape, torque: Array, weight: Array) -> str:
+    """A gain, where the curve is straight through zero; else where it is strongest."""
+    a = _slope(shape.at, torque, weight)
+    if float(np.sum(weight * (torque - a * shape.at) ** 2)) < 0.15 * float(np.sum(weight * torque**2)):
+        return f"the joint moves as if it felt {1.0 + a:.0%} of the commanded torque"
+    return f"it depends on the commanded torque, strongest near u = {_strongest(shape, torque, weight, 'N m')}"
+
+
+def _angle(shape: Shape, torque: Array, weight: Array) -> str:
+    return f"it depends on the angle, strongest near theta = {_strongest(shape, torque, weight, 'rad')}"
+
+
+def _time(shape: Shape, torque: Array, weight: Array) -> str:
+    k = _peak(torque, weight)
+    return f"it comes and goes with time, strongest in {shape.record[k]} at {shape.at[k]:.1f} s ({torque[k]:+.2g} N m)"
+
+
+def _strongest(shape: Shape, torque: Array, weight: Array, unit: str) -> str:
+    k = _peak(torque, weight)
+    return f"{shape.at[k]:.2g} {unit} ({torque[k]:+.2g} N m)"
+
+
+def _peak(torque: Array, weight: Array) -> int:
+    """The knot of the largest torque; one with few intervals is uncertain and counts less."""
+    return int(np.argmax(np.abs(torque) * np.sqrt(weight / (weight + np.median(weight)))))
+
+
+def _slope(form: Array, torque: Array, weight: Array) -> float:
+    """a of torque = a form, by weighted least squares."""
+    return float(np.sum(weight * form * torque)) / max(float(np.sum(weight * form**2)), 1e-300)

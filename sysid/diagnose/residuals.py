@@ -1,0 +1,146 @@
+"""Residuals: what refitted windows leave of the readings, and how it would look if a torque acted beyond the model."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import fdtrc
+
+from sysid.diagnose.held_out import Refit
+from sysid.effects import Joint, JointEffect
+from sysid.identify.gauss_newton import without
+from sysid.model import Model
+from sysid.ops import Value
+from sysid.parameters import parameter
+from sysid.records import Array
+from sysid.response import propagate
+
+_BLOCK = 4_000_000
+"""Numbers (float64) that directions are worked out for at a time."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Push(JointEffect):
+    """A constant torque [N m], whatever else the model has."""
+
+    tau: Value = parameter(0.0, unit="N m", neutral=0.0)
+
+    def torque(self, joint: Joint) -> Value:
+        """tau."""
+        return self.tau
+
+
+@dataclass(frozen=True, eq=False)
+class Explained:
+    """Least squares of residuals e on directions z (rows, Q): coefficients and their sd (Q,), what they explain.
+
+    basis (rows, rank) spans the directions; p_value is that of the F test.
+    """
+
+    coefficient: Array
+    sd: Array
+    sum: float
+    gain: float
+    p_value: float
+    basis: Array
+
+
+class Residuals:
+    """Residuals e (rows,) of refitted windows and the intervals (K, L) that they come from.
+
+    theta (mod 2 pi), theta_dot, time (K, L) at the middle of each interval; scored (K, L): whether it is in the scored
+    part of a window.
+    """
+
+    def __init__(self, fit: Refit) -> None:
+        response, L = fit.response, fit.response.length
+        # where the model ran away nothing linear can be said
+        steady = np.all(np.isfinite(fit.lin.e), axis=1)
+        self.fit, self.response = fit, response
+        self.e: Array = np.where(steady[:, None], fit.lin.e, 0.0).ravel()
+        self.degrees = max(1, int(response.n_readings.sum()) - 2 * len(fit.starts))
+        read = np.asarray(response.weight.any(axis=1)) & steady[:, None]
+        self.scored = read[:, 1:] | read[:, :-1]
+        self.states = np.where(steady[:, None, None], fit.lin.states, 0.0)
+        self.A = np.where(steady[:, None, None, None], fit.lin.A, 0.0)
+        middle = 0.5 * (self.states[:, :L] + self.states[:, 1:])
+        self.theta, self.theta_dot = np.mod(middle[..., 0], 2.0 * math.pi), middle[..., 1]
+        self.time = response.time[:, :L] + 0.5 * response.model.dt
+        self.push = self._push() * steady[:, None, None]
+
+    @property
+    def excess(self) -> float:
+        """Sum of squares beyond what noise leaves."""
+        return max(0.0, float(self.e @ self.e) - self.degrees)
+
+    def share(self, explained: float, rank: int) -> float:
+        """Of the excess, what goes with `explained` beyond what as many numbers explain of noise."""
+        chance = 3.0 * math.sqrt(2.0 * self.degrees)
+        return min(1.0, max(0.0, explained - rank) / max(self.excess, chance))
+
+    def command(self, lag: int = 0) -> Array:
+        """The command (K, L) [N m] of `lag` samples before each interval; 0 before a record, its last one after."""
+        found = np.zeros(self.theta.shape)
+        for i, w in enumerate(self.response.windows):
+            u = self.response.records[w.record].u
+            k = w.begin + np.arange(self.response.length) - lag
+            found[i] = np.where(k >= 0, u[np.clip(k, 0, len(u) - 1)], 0.0)
+        return found
+
+    def seen(self, torque: Array) -> Array:
+        """Directions z (rows, Q) in which torques (K, L, Q) [N m] at the joint move the readings, beside the windows'
+        states; all torques act over the whole windows, their lead included."""
+        Q = torque.shape[-1]
+        z = np.empty((len(self.e), Q))
+        width = max(1, _BLOCK // len(self.e))
+        for i in range(0, Q, width):
+            block = slice(i, i + width)
+            Z = propagate(self.A, self.push[..., None] * torque[:, :, None, block], initial=False)
+            slopes = self.response.reading_slopes(np.zeros(0), self.states, Z, np.zeros((Z.shape[-1], 0)))
+            slopes = (slopes * self.response.weight[..., None]).reshape(len(Z), -1, Z.shape[-1])
+            z[:, block] = self.beside_starts(slopes)
+        return z
+
+    def beside_starts(self, slopes: Array) -> Array:
+        """Whitened columns (K, R, Q), less what other starts of the windows could produce, as z (rows, Q)."""
+        return without(self.fit.basis, slopes).reshape(len(self.e), -1)
+
+    def _push(self) -> Array:
+        """Derivative (K, L, 2) of the state after an interval with respect to a torque held over it."""
+        size = 1e-4
+        held = self.fit.lin.drives[self.response.interval]
+        after = [self._after(self.response.model.with_effect(_Push(tau=tau)), held) for tau in (size, -size)]
+        return (after[0] - after[1]) / (2.0 * size)
+
+    def _after(self, model: Model, held: Array) -> Array:
+        L = self.response.length
+        drives = tuple(held[..., j] for j in range(held.shape[-1]))
+        after = model.move(self.states[:, :L, 0], self.states[:, :L, 1], drives, self.response.time[:, :L])
+        return np.stack(after, axis=-1)
+
+    def explain(self, z: Array, without: Array | None = None) -> Explained:
+        """e regressed on z, both beside the orthonormal columns `without` (rows, r) where these are given."""
+        e, degrees = self.e, self.degrees
+        if without is not None:
+            e, z, degrees = e - without @ (without.T @ e), z - without @ (without.T @ z), degrees - without.shape[1]
+        length = np.linalg.norm(z, axis=0)
+        size = np.maximum(length, 1e-300)
+        gram, vectors = np.linalg.eigh((z / size).T @ (z / size))
+        keep = gram > 1e-7
+        mixed = vectors[:, keep] / np.sqrt(gram[keep])
+        basis = (z / size) @ mixed
+        U = basis.T @ e
+        rank, total, explained = int(np.sum(keep)), float(e @ e), float(U @ U)
+        left = max(1, degrees - rank)
+        variance = max(total - explained, 1e-300) / left
+        sd = np.sqrt(variance * np.sum(mixed**2, axis=1)) / size
+        return Explained(
+            coefficient=(mixed @ U) / size,
+            sd=np.where(length > 0.0, sd, np.inf),
+            sum=explained,
+            gain=degrees * math.log(total / max(total - explained, 1e-300)) - rank * math.log(degrees),
+            p_value=float(fdtrc(rank, left, explained / rank / variance)) if rank else 1.0,
+            basis=basis,
+        )
