@@ -1,0 +1,271 @@
+"""model.json: a model as plain data, and where it was fitted, the estimate about it.
+
+    {"schema": "gapfinder/model/1",
+     "plant": {"name": "RodPendulum", "parameters": {"m": {"value": 1.2, "unit": "kg"}, ...}},
+     "effects": [{"name": "delay", "parameters": {"T": {"value": 0.02, "unit": "s"}}, "settings": {"longest": 0.3}}],
+     "integrator": {"name": "RK4", "settings": {"substeps": 2}},
+     "dt": 0.02, "u_max": null,
+     "free": ["m", "l", "delay.T"],
+     "estimate": null, or {"covariance": [[...]], "noise": {...}, "sensor": {...}, "horizon": null, ...}}
+
+A parameter has "bounds": [low, high] where they are not the declared ones. `free` are the names that a fit may move, in
+the order of the covariance's rows. null stands for infinity: no torque limit, no bound on that side, whole rollouts as
+horizon, a variance that is not known. Numbers come back exactly.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from sysid.effects import CATALOGUE, Effect, effect
+from sysid.errors import InvalidInput
+from sysid.estimate import Estimate
+from sysid.fit import free
+from sysid.integrators import RK4, Integrator, SemiImplicitEuler
+from sysid.model import Model
+from sysid.parameters import Parametric
+from sysid.plants import GeneralJoint, LinearAxis, Plant, PointMassPendulum, RodPendulum
+from sysid.sensor import Sensor
+
+SCHEMA = "gapfinder/model/1"
+PLANTS: dict[str, type[Plant]] = {
+    kind.__name__: kind for kind in (RodPendulum, PointMassPendulum, GeneralJoint, LinearAxis)
+}
+INTEGRATORS: dict[str, type[Integrator]] = {kind.__name__: kind for kind in (RK4, SemiImplicitEuler)}
+
+Part = TypeVar("Part")
+
+
+@dataclass(frozen=True, eq=False)
+class SavedModel:
+    """What a model.json holds: the model, the names that a fit may move, and the estimate (None: never fitted)."""
+
+    model: Model
+    free: tuple[str, ...]
+    estimate: Estimate | None
+
+
+def save(answer: Model | Estimate, path: str | PathLike[str]) -> None:
+    """Write a model, or an estimate with its model, as model.json.
+
+    Raises InvalidInput where the file cannot be written, and for a plant or an integrator that is not ours.
+    """
+    text = json.dumps(to_dict(answer), indent=1, allow_nan=False) + "\n"
+    try:
+        Path(path).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InvalidInput(f"cannot write {path}: {error.strerror}") from None
+
+
+def load(path: str | PathLike[str]) -> SavedModel:
+    """Read a model.json; a user's own effects must have been loaded (`load_effects`) before.
+
+    Raises InvalidInput, in one sentence, for anything that is not a model of this version.
+    """
+    path = Path(path)
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InvalidInput(f"cannot read {path}: {error.strerror}") from None
+    except (ValueError, RecursionError):
+        raise InvalidInput(f"{path.name} is not JSON: expected a model.json as `save` writes it") from None
+    try:
+        return from_dict(data)
+    except InvalidInput as error:
+        raise InvalidInput(f"{path.name}: {error}") from None
+
+
+def load_model(path: str | PathLike[str]) -> Model:
+    """The model of a model.json."""
+    return load(path).model
+
+
+# ---- to plain data ---------------------------------------------------------------------------------------------------
+
+
+def to_dict(answer: Model | Estimate) -> dict[str, Any]:
+    """Plain data of schema "gapfinder/model/1"."""
+    estimate = answer if isinstance(answer, Estimate) else None
+    model = answer if isinstance(answer, Model) else answer.model
+    for part, ours in ((model.plant, PLANTS), (model.integrator, INTEGRATORS)):
+        if ours.get(type(part).__name__) is not type(part):
+            raise InvalidInput(f"{type(part).__name__} cannot be saved: expected one of {', '.join(ours)}")
+    return {
+        "schema": SCHEMA,
+        "plant": {"name": type(model.plant).__name__, "parameters": _parameters(model.plant)},
+        "effects": [_effect(e) for e in model.effects],
+        "integrator": {"name": type(model.integrator).__name__, "settings": _settings(model.integrator)},
+        "dt": model.dt,
+        "u_max": _number(model.u_max),
+        "free": list(free(model) if estimate is None else estimate.names),
+        "estimate": None if estimate is None else _estimate(estimate),
+    }
+
+
+def _effect(e: Effect) -> dict[str, Any]:
+    return {"name": e.name, "parameters": _parameters(e), "settings": _settings(e)}
+
+
+def _parameters(part: Parametric) -> dict[str, dict[str, Any]]:
+    for name, p in part.parameters.items():
+        if np.ndim(p.value) > 0:
+            raise InvalidInput(f"{type(part).__name__}.{name} is an array: expected a model of one machine")
+    return {
+        name: {"value": float(p.value), "unit": p.unit}
+        | ({"bounds": [_number(b) for b in p.bounds]} if name in part.bounds else {})
+        for name, p in part.parameters.items()
+    }
+
+
+def _settings(part: Any) -> dict[str, Any]:
+    """The fields that are neither parameters nor their bounds."""
+    known = {"bounds", *part.parameters} if isinstance(part, Parametric) else set()
+    return {f.name: _number(getattr(part, f.name)) for f in dataclasses.fields(part) if f.name not in known}
+
+
+def _estimate(estimate: Estimate) -> dict[str, Any]:
+    sensor = estimate.sensor
+    return {
+        "covariance": [[_number(c) for c in row] for row in estimate.covariance.tolist()],
+        "noise": estimate.noise,
+        "sensor": None if sensor is None else dataclasses.asdict(sensor),
+        "horizon": _number(estimate.horizon),
+        "success": estimate.success,
+        "status": estimate.status,
+        "cost": _number(estimate.cost),
+        "n_readings": estimate.n_readings,
+        "method": estimate.method,
+    }
+
+
+def _number(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+# ---- from plain data -------------------------------------------------------------------------------------------------
+
+
+def from_dict(data: Any) -> SavedModel:
+    """The other way round. Raises InvalidInput for another schema, for what is missing and for what is unknown."""
+    if not isinstance(data, dict) or not str(data.get("schema", "")).startswith("gapfinder/"):
+        raise InvalidInput(f'it is no model of ours: expected "schema": "{SCHEMA}"')
+    if data["schema"] != SCHEMA:
+        raise InvalidInput(f'its schema is "{data["schema"]}": this version reads "{SCHEMA}"')
+    plant, integrator = _dict(data, "plant"), _dict(data, "integrator")
+    model = Model(
+        plant=_part(_choice(PLANTS, plant, "plant"), plant),
+        effects=tuple(_part(_kind(e), e) for e in _list(data, "effects")),
+        integrator=_build(_choice(INTEGRATORS, integrator, "integrator"), _dict(integrator, "settings")),
+        dt=_float(data, "dt"),
+        u_max=_float(data, "u_max", math.inf),
+    )
+    names = tuple(map(str, _list(data, "free")))
+    model.check_names(names)
+    about = _dict(data, "estimate") if data.get("estimate") is not None else None
+    return SavedModel(model, names, None if about is None else _about(model, names, about))
+
+
+def _kind(saved: Any) -> type[Effect]:
+    name = str(_entry(saved, "name"))
+    if name not in CATALOGUE:
+        effect(name)  # raises, and says which names are near
+    return CATALOGUE[name]
+
+
+def _part(kind: type[Part], saved: Mapping[str, Any]) -> Part:
+    parameters = _dict(saved, "parameters")
+    fields: dict[str, Any] = {name: _float(_dict(parameters, name), "value") for name in parameters}
+    bounds = {name: _bounds(p["bounds"], name) for name, p in parameters.items() if "bounds" in p}
+    return _build(kind, {**saved.get("settings", {}), **fields, "bounds": bounds})
+
+
+def _build(kind: type[Part], fields: Mapping[str, Any]) -> Part:
+    """A part from its fields, null being infinity; raises InvalidInput for a field that it lacks."""
+    known = [f.name for f in dataclasses.fields(kind)]  # type: ignore[arg-type]
+    for name in fields:
+        if name not in known:
+            raise InvalidInput(f"{kind.__name__} has no {name!r}: it has {', '.join(known)}")
+    try:
+        return kind(**{name: math.inf if value is None else value for name, value in fields.items()})
+    except TypeError as error:
+        raise InvalidInput(f"{kind.__name__}: {error}") from None
+
+
+def _about(model: Model, names: tuple[str, ...], saved: Mapping[str, Any]) -> Estimate:
+    rows = _list(saved, "covariance")
+    try:
+        covariance = np.array([[math.inf if c is None else float(c) for c in row] for row in rows], dtype=float)
+    except (TypeError, ValueError):
+        raise InvalidInput("covariance is ragged or not numeric: expected a square matrix") from None
+    if covariance.shape != (len(names), len(names)):
+        raise InvalidInput(f"covariance has shape {covariance.shape}: expected {len(names)} rows and columns")
+    return Estimate(
+        model=model,
+        names=names,
+        covariance=covariance,
+        noise={channel: _float(_dict(saved, "noise"), channel) for channel in _dict(saved, "noise")},
+        success=bool(_entry(saved, "success")),
+        status=str(_entry(saved, "status")),
+        cost=_float(saved, "cost", math.nan),
+        n_readings=int(_float(saved, "n_readings")),
+        method=str(_entry(saved, "method")),
+        sensor=None if _entry(saved, "sensor") is None else _sensor(_dict(saved, "sensor")),
+        horizon=_float(saved, "horizon", math.inf),
+    )
+
+
+def _sensor(saved: Mapping[str, Any]) -> Sensor:
+    return Sensor(**{c: None if saved.get(c) is None else _float(saved, c) for c in ("theta", "theta_dot", "theta_0")})
+
+
+def _choice(known: Mapping[str, type[Part]], saved: Mapping[str, Any], what: str) -> type[Part]:
+    name = str(_entry(saved, "name"))
+    if name not in known:
+        raise InvalidInput(f"unknown {what} {name!r}: expected one of {', '.join(known)}")
+    return known[name]
+
+
+def _entry(saved: Any, name: str) -> Any:
+    if not isinstance(saved, Mapping) or name not in saved:
+        raise InvalidInput(f"it has no {name!r}")
+    return saved[name]
+
+
+def _dict(saved: Any, name: str) -> dict[str, Any]:
+    value = _entry(saved, name)
+    if not isinstance(value, dict):
+        raise InvalidInput(f"{name!r} is {value!r}: expected an object")
+    return value
+
+
+def _list(saved: Any, name: str) -> Sequence[Any]:
+    value = _entry(saved, name)
+    if not isinstance(value, list):
+        raise InvalidInput(f"{name!r} is {value!r}: expected a list")
+    return value
+
+
+def _float(saved: Any, name: str, null: float | None = None) -> float:
+    """A number; `null` is what null stands for (None: it must be a number)."""
+    value = _entry(saved, name)
+    if value is None and null is not None:
+        return null
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise InvalidInput(f"{name!r} is {value!r}: expected a number")
+    return float(value)
+
+
+def _bounds(saved: Any, name: str) -> tuple[float, float]:
+    if not isinstance(saved, list) or len(saved) != 2:
+        raise InvalidInput(f"the bounds of {name} are {saved!r}: expected [low, high]")
+    low, high = (infinite if b is None else b for b, infinite in zip(saved, (-math.inf, math.inf), strict=True))
+    return float(low), float(high)

@@ -1,0 +1,159 @@
+"""A user's own effects: a Python file whose classes join the catalogue, checked before anything is fitted with them."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import sys
+from os import PathLike
+from pathlib import Path
+from types import TracebackType
+
+import casadi
+import numpy as np
+
+from sysid.diagnose.candidates import Alternative, alternatives
+from sysid.effects import CATALOGUE, Effect
+from sysid.errors import InvalidInput
+from sysid.model import Model
+from sysid.ops import Value
+from sysid.parameters import Extent
+from sysid.plants import PointMassPendulum
+from sysid.records import Array
+
+EXTENT = Extent(dt=0.02, duration=5.0, u_max=1.0)
+THETA = np.array([0.3, 1.7, math.pi, 3.1, 5.9])
+THETA_DOT = np.array([0.0, -2.1, 0.0, 3.7, 0.4])
+U = (0.6, -0.9, 0.2)
+
+
+def load_effects(path: str | PathLike[str]) -> tuple[str, ...]:
+    """Run a Python file of the user's; what it registers with @sysid.register joins the catalogue. Returns the names.
+
+    Every effect is tried at its neutral value and at its probes, on arrays and on CasADi's symbols. Raises
+    InvalidInput, in one sentence, where the file cannot be run, registers nothing, or holds an effect that raises,
+    gives no finite number, differs between the two, changes the motion at its neutral value or has no neutral value.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InvalidInput(f"no such file: {path}: expected a Python file with effects")
+    before = dict(CATALOGUE)
+    try:
+        _run(path)
+        names = tuple(name for name in CATALOGUE if name not in before)
+        if not names:
+            raise InvalidInput(f"{path.name} holds no effect: expected a class with @sysid.register before it")
+        for name in names:
+            _check(CATALOGUE[name], path)
+    except InvalidInput:
+        for name in set(CATALOGUE) - set(before):
+            del CATALOGUE[name]
+        raise
+    return names
+
+
+def _run(path: Path) -> None:
+    """Execute the file as a module of its own."""
+    name = f"sysid_user_effects_{path.stem}"
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise InvalidInput(f"{path.name} is not a Python file: expected a name that ends in .py")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # dataclasses look their module up
+    try:
+        spec.loader.exec_module(module)
+    except InvalidInput as error:
+        raise InvalidInput(f"{path.name}: {error}") from None
+    except SyntaxError as error:
+        raise InvalidInput(f"{path.name}, line {error.lineno}: {error.msg}") from None
+    except (Exception, SystemExit) as error:
+        raise InvalidInput(f"{path.name}{_line(error.__traceback__, path)} raises {_described(error)}") from None
+
+
+def _line(traceback: TracebackType | None, path: Path) -> str:
+    """Where in the user's file it happened."""
+    line = 0
+    while traceback is not None:
+        if traceback.tb_frame.f_code.co_filename == str(path):
+            line = traceback.tb_lineno
+        traceback = traceback.tb_next
+    return f", line {line}" if line else ""
+
+
+def _described(error: BaseException) -> str:
+    message = " ".join(str(error).split())
+    return f"{type(error).__name__}: {message[:200]}" if message else type(error).__name__
+
+
+def _check(kind: type[Effect], path: Path) -> None:
+    """Raise InvalidInput, with the effect's name, where it cannot be simulated, fitted or screened."""
+    try:
+        with np.errstate(all="ignore"):
+            problem = _problem(kind)
+    except InvalidInput as error:
+        problem = str(error)
+    except Exception as error:
+        problem = f"it raises {_described(error)}{_line(error.__traceback__, path)}"
+    if problem:
+        raise InvalidInput(f"effect {kind.name!r} of {path.name}: {problem}")
+
+
+def _problem(kind: type[Effect]) -> str:
+    tried = alternatives(kind, EXTENT)
+    if not tried or not tried[0].magnitudes:
+        return "no parameter has a neutral value, at which the effect changes nothing: give one, as neutral=0.0"
+    plain = Model(PointMassPendulum(m=1.0, l=0.5), dt=EXTENT.dt)
+    still = _moved(plain)
+    for alternative in _few(tried):
+        for e in (alternative.neutral, *alternative.probes):
+            numbers = _moved(plain.with_effect(e))
+            if not np.all(np.isfinite(numbers)):
+                return f"at {_numbers(e)} it gives numbers that are not finite"
+            symbols = _moved_symbols(plain.with_effect(e))
+            if not np.allclose(numbers, symbols, rtol=1e-9, atol=1e-9):
+                return f"at {_numbers(e)} arrays and CasADi disagree: use the functions of sysid.ops, and no if"
+            if e is alternative.neutral and not np.allclose(numbers, still, rtol=1e-9, atol=1e-9):
+                return f"at its neutral value, {_numbers(e)}, it changes the motion"
+    return ""
+
+
+def _few(tried: tuple[Alternative, ...]) -> tuple[Alternative, ...]:
+    """The first, the middle and the last: a formula fails anywhere or at an end."""
+    return tuple(tried[k] for k in sorted({0, len(tried) // 2, len(tried) - 1}))
+
+
+def _numbers(e: Effect) -> str:
+    return ", ".join(f"{name} = {float(p.value):.4g}" for name, p in e.parameters.items())
+
+
+def _moved(model: Model) -> Array:
+    """States and readings (4, 5, K) after each command, from K states at once."""
+    return np.array([[_row(v, len(THETA)) for v in row] for row in _path(model, THETA, THETA_DOT)])
+
+
+def _row(value: Value, n: int) -> Array:
+    return np.broadcast_to(np.asarray(value, dtype=float), (n,))
+
+
+def _moved_symbols(model: Model) -> Array:
+    """The same through CasADi, parameters as symbols."""
+    theta, theta_dot = casadi.SX.sym("theta"), casadi.SX.sym("theta_dot")
+    p = {name: casadi.SX.sym(name) for name in model.parameters}
+    rows = _path(model.with_parameters(p), theta, theta_dot)
+    flat = casadi.vertcat(*(casadi.SX(v) for row in rows for v in row))
+    function = casadi.Function("moved", [theta, theta_dot, casadi.vertcat(*p.values())], [flat])
+    values = [float(q.value) for q in model.parameters.values()]
+    columns = [np.asarray(function(a, b, values)).ravel() for a, b in zip(THETA, THETA_DOT, strict=True)]
+    return np.stack(columns, axis=-1).reshape(len(rows), -1, len(THETA))
+
+
+def _path(model: Model, theta: Value, theta_dot: Value) -> list[tuple[Value, ...]]:
+    """theta, theta_dot, and what the sensors show of them, after each command of U."""
+    drives = model.drives(U, theta)
+    sensing = model.sensing(theta, theta_dot)
+    rows = []
+    for k in range(len(U)):
+        theta, theta_dot = model.move(theta, theta_dot, next(drives), k * model.dt)
+        reading, sensing = model.read(theta, theta_dot, sensing, (k + 1) * model.dt)
+        rows.append((theta, theta_dot, *reading))
+    return rows
