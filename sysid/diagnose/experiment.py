@@ -1,0 +1,378 @@
+"""Experiment: which torque to play next, so that what a log confuses comes apart, or the widest interval shrinks."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sysid.diagnose.design import (
+    UNDETERMINED,
+    Choice,
+    Hypothesis,
+    Normal,
+    Pool,
+    foresee,
+    noise_free,
+    precision,
+    search,
+    separation,
+)
+from sysid.diagnose.held_out import finite
+from sysid.diagnose.rivals import Rivals, names_of, rivals_of
+from sysid.diagnose.signals import Limits, Signal, rest_angle
+from sysid.effects import Effect
+from sysid.errors import InvalidInput
+from sysid.estimate import Estimate
+from sysid.fit import fit, free
+from sysid.identify.gauss_newton import fit_windows
+from sysid.model import Model
+from sysid.records import Array, Record
+from sysid.sensor import Sensor
+
+SCHEMA = "gapfinder/experiment/1"
+
+DECISIVE = 16.0
+"""Evidence from which two effects count as told apart: four standard deviations."""
+
+STRUCTURAL = 1e-4
+"""Share of an effect's evidence that no rival takes, below which no torque will ever tell the two apart."""
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """What to do next on the rig, and what it will be worth.
+
+    kind         "steps", "bang-bang", "chirp", "multisine", "free swing" or, for several of them, "mixed"; "payload",
+                 "driver off"; "none": nothing that is played helps
+    description  one sentence
+    separates    the effects or the parameters that it tells apart
+    measure      "evidence": expected decrease of -2 log likelihood, right effect against the best rival (16 decide);
+                 "interval": half width of the widest 95 % interval, that of parameter `widest`
+    before       that number on the log at hand (None: no log was given, or it was infinite)
+    after        the same expected of a log of this experiment alone (None: not known)
+    u (n, N)     [N m] torque of each rollout, held over dt [s]
+    theta, theta_dot (n, N+1)  [rad], [rad/s] the predicted motion; a rollout starts at rest at theta[:, 0]
+    reach        [rad] its farthest way from rest, speed [rad/s] its fastest
+    payload      (mass [kg], distance from the axis [m]) that hangs on the joint in the second half of the rollouts
+    """
+
+    kind: str
+    description: str
+    separates: tuple[str, ...]
+    measure: str
+    before: float | None
+    after: float | None
+    u: Array
+    dt: float
+    theta: Array
+    theta_dot: Array
+    reach: float
+    widest: str | None = None
+    payload: tuple[float, float] | None = None
+
+    @property
+    def start(self) -> Array:
+        """Start angles (n,) [rad], 0 upright."""
+        return self.theta[:, 0]
+
+    @property
+    def speed(self) -> float:
+        """The fastest predicted motion [rad/s]."""
+        return float(np.max(np.abs(self.theta_dot), initial=0.0))
+
+    @property
+    def t(self) -> Array:
+        """Instants (N+1,) [s]."""
+        return self.dt * np.arange(self.theta.shape[1])
+
+    @property
+    def seconds(self) -> float:
+        """Time on the rig [s], without resets."""
+        return self.u.size * self.dt
+
+    @property
+    def repeats(self) -> int | None:
+        """How often to play it until the evidence decides (evidence grows at least in proportion); None: never."""
+        if self.measure != "evidence" or self.after is None:
+            return 1
+        return math.ceil(DECISIVE / self.after) if self.after > 1e-2 * DECISIVE else None
+
+    @property
+    def gain(self) -> float | None:
+        """How many times better than the log at hand: evidence after / before, or interval before / after."""
+        if self.before is None or self.after is None:
+            return None
+        better, worse = (self.after, self.before) if self.measure == "evidence" else (self.before, self.after)
+        return better / worse if worse > 0.0 else None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data of schema "gapfinder/experiment/1", without the torques (those go into the CSV)."""
+        gain, repeats = self.gain, self.repeats
+        return {
+            "schema": SCHEMA,
+            "kind": self.kind,
+            "description": self.description,
+            "separates": list(self.separates),
+            "measure": self.measure,
+            "widest": self.widest,
+            "before": None if self.before is None else finite(self.before),
+            "after": None if self.after is None else finite(self.after),
+            "gain": None if gain is None else finite(gain),
+            "rollouts": len(self.u),
+            "seconds": self.seconds,
+            "repeats": repeats,
+            "start": self.start.tolist(),
+            "u_peak": float(np.max(np.abs(self.u), initial=0.0)),
+            "u_rms": float(np.sqrt(np.mean(self.u**2))) if self.u.size else 0.0,
+            "reach": self.reach,
+            "speed": self.speed,
+            "payload": None if self.payload is None else list(self.payload),
+        }
+
+    def write_csv(self, path: str | Path) -> None:
+        """Write what a rig plays: columns t [s] and torque [N m], held from that row's time; the last row lasts dt too.
+
+        Several rollouts stand below one another, told apart by a column `rollout`. Raises InvalidInput where there is
+        nothing to play.
+        """
+        if not self.u.size:
+            raise InvalidInput(f"nothing to play: {self.description}")
+        with open(path, "w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            several = len(self.u) > 1
+            writer.writerow([*(["rollout"] if several else []), "t", "torque"])
+            for i, u in enumerate(self.u):
+                for t, value in zip(self.t, u, strict=False):
+                    writer.writerow([*([i] if several else []), repr(round(float(t), 9)), repr(float(value))])
+
+    def __str__(self) -> str:
+        lines = [self.description]
+        if self.u.size:
+            lines.append(
+                f"  predicted motion: up to {self.reach:.3g} rad from rest and {self.speed:.3g} rad/s; "
+                f"{len(self.u)} x {self.u.shape[1] * self.dt:.3g} s"
+            )
+        if self.repeats is not None and self.repeats > 1:
+            lines.append(f"  play it {self.repeats} times: once is not decisive")
+        return "\n".join(lines)
+
+
+def next_experiment(
+    model: Model | Estimate,
+    rivals: Sequence[str | Effect] = (),
+    limits: Limits | None = None,
+    sensor: Sensor | None = None,
+    records: Sequence[Record] = (),
+    rng: np.random.Generator | None = None,
+) -> Experiment:
+    """The torque signal, within the limits, that best tells rivals apart, or that best narrows the widest interval.
+
+        evidence(i against j) = min_p |y_i - y_j(p)|^2 / sd^2    with y_i what effect i, of its fitted size, would show
+
+    which for a small effect is lambda_i (1 - rho_ij^2); the smallest over the pairs is made large. Without rivals, the
+    largest 1.96 sd_p / |p| of the Cramer-Rao bound is made small.
+
+    model     a model or an estimate; it may hold one of the rivals
+    rivals    effects that the log confuses: names, or effects with the sizes that they may have
+    limits    by default those of the log's own torque, length and reach
+    sensor    noise of the readings; by default the estimate's, else found from the records
+    records   the log at hand: sizes of the rivals come from it, and what it holds itself is said
+    rng       by default seeded with 0: the same question gets the same answer
+
+    Raises InvalidInput for unknown names and where sizes, limits or noise cannot be known.
+    """
+    estimate = model if isinstance(model, Estimate) else None
+    model = estimate.model if estimate is not None else model
+    records = (records,) if isinstance(records, Record) else tuple(records)
+    sensor = sensor or (estimate.sensor if estimate is not None else None) or _noise(records)
+    limits = _limits(limits, model, records)
+    rng = np.random.default_rng(0) if rng is None else rng
+    names = estimate.names if estimate is not None else free(model)
+    if rivals:
+        found = rivals_of(model, names, rivals, records, sensor, limits)
+        return _telling(found, names_of(rivals), limits, sensor, rng)
+    if estimate is None and records:
+        estimate = fit(model, records, sensor, names)
+    return _narrowing(model if estimate is None else estimate.model, names, estimate, limits, sensor, rng)
+
+
+def _noise(records: Sequence[Record]) -> Sensor:
+    if not records:
+        raise InvalidInput("the noise of the readings is not known: give the sensor, or records to find it from")
+    from sysid.noise import sensor_noise
+
+    return sensor_noise(records).sensor
+
+
+def _limits(limits: Limits | None, model: Model, records: Sequence[Record]) -> Limits:
+    if limits is None:
+        if not records:
+            raise InvalidInput("no limits are known: give Limits(u_max=...), or records to take them from")
+        limits = limits_of(records, model)
+    if limits.u_max > model.u_max * (1.0 + 1e-9):
+        raise InvalidInput(
+            f"limits: u_max = {limits.u_max:g} N m is beyond the model's own limit of {model.u_max:g} N m"
+        )
+    n = round(limits.duration / (limits.dt or model.dt))
+    if n < 8:
+        raise InvalidInput(f"limits: {limits.duration:g} s hold {n} samples: expected at least 8")
+    return limits
+
+
+def limits_of(records: Sequence[Record], model: Model) -> Limits:
+    """What the rig has done in a log: its largest torque, its longest rollout, as many of them (8 at most), its reach."""
+    rest, angles = rest_angle(model), [r.theta for r in records if r.theta is not None and len(r.theta) > 1]
+    reach = max((float(np.max(np.abs(a - rest))) for a in angles), default=3.0)
+    release = max((abs(float(a[0]) - rest) for a in angles), default=0.0)
+    peak = max(float(np.max(np.abs(r.u))) for r in records)
+    if peak == 0.0:
+        raise InvalidInput("the log has no torque: give Limits(u_max=...)")
+    duration = min(20.0, max(len(r) * r.dt for r in records))
+    return Limits(
+        min(peak, model.u_max), duration, min(8, len(records)), start=min(release, math.pi), theta_max=max(reach, 1e-3)
+    )
+
+
+def _at(h: Hypothesis, dt: float | None) -> Hypothesis:
+    return h if dt is None else dataclasses.replace(h, model=dataclasses.replace(h.model, dt=dt))
+
+
+def _impossible(limits: Limits) -> InvalidInput:
+    reach = "" if limits.theta_max is None else f", {limits.theta_max:g} rad from rest"
+    speed = "" if limits.theta_dot_max is None else f", {limits.theta_dot_max:g} rad/s"
+    return InvalidInput(f"no signal keeps to the limits ({limits.u_max:g} N m{reach}{speed}): widen them")
+
+
+# telling rivals apart ----------------------------------------------------------------------------------------
+
+
+def _telling(
+    found: Rivals, names: tuple[str, ...], limits: Limits, sensor: Sensor, rng: np.random.Generator
+) -> Experiment:
+    from sysid.diagnose.needed import needed_experiment
+
+    if found.invisible:
+        return needed_experiment(found.base.model, found.invisible, limits, sensor, rng)
+    hypotheses = [_at(h, limits.dt) for h in found.hypotheses]
+    choices = search(separation(found.pairs), hypotheses, limits, sensor, rng)
+    if not choices:
+        raise _impossible(limits)
+    if _same(choices[0], found, hypotheses, limits, sensor):
+        return needed_experiment(hypotheses[0].model, names, limits, sensor, rng)
+    best, after = max(
+        ((c, _confirmed(c, found.pairs, hypotheses, limits, sensor)) for c in choices), key=lambda both: both[1]
+    )
+    shown = [h.name for h in hypotheses]
+    told = f"tells {shown[0]} from {' and '.join(shown[1:])} with {after:.3g} units of evidence"
+    if found.before is not None:
+        told += f" where this log had {found.before:.2g}"
+    return _answer(best.signals, told, tuple(shown), "evidence", found.before, after, hypotheses, limits)
+
+
+def _same(choice: Choice, found: Rivals, hypotheses: Sequence[Hypothesis], limits: Limits, sensor: Sensor) -> bool:
+    """Whether some pair is the same to every log: what sets it apart is nothing beside what either does."""
+    base = _at(found.base, limits.dt)
+    pool = Pool([*hypotheses, base], choice.signals, limits, sensor)
+    for i, j in found.pairs:
+        alone, against = (Normal.of(pool.lins[k], pool.lins[i]).together().unexplained()[0] for k in (-1, j))
+        if against < STRUCTURAL * alone:
+            return True
+    return False
+
+
+def _confirmed(
+    choice: Choice,
+    pairs: Sequence[tuple[int, int]],
+    hypotheses: Sequence[Hypothesis],
+    limits: Limits,
+    sensor: Sensor,
+) -> float:
+    """The least evidence when every rival is really fitted to what the truth would show, not to first order only."""
+    pool = Pool(hypotheses, choice.signals, limits, sensor)
+    linear = {(i, j): Normal.of(pool.lins[j], pool.lins[i]).together().unexplained()[0] for i, j in pairs}
+    least = math.inf
+    for (i, j), expected in sorted(linear.items(), key=lambda item: item[1]):
+        if expected > 3.0 * least:
+            break
+        records = noise_free(foresee(hypotheses[i].model, choice.signals, limits), sensor)
+        rival = hypotheses[j]
+        refitted = fit_windows(rival.model, rival.names, records, sensor, math.inf, rival.p)
+        least = min(least, 2.0 * refitted.solution.lin.cost)
+    return least
+
+
+# narrowing intervals -----------------------------------------------------------------------------------------
+
+
+def yardsticks(model: Model, names: Sequence[str]) -> Array:
+    """What a parameter's interval is compared with: its own size; for an effect that may be nothing, 0.01 at least."""
+    known = model.parameters
+    return np.array([max(p.scale, 0.0 if p.neutral is None else 0.01) for p in (known[n] for n in names)])
+
+
+def _narrowing(
+    model: Model,
+    names: tuple[str, ...],
+    estimate: Estimate | None,
+    limits: Limits,
+    sensor: Sensor,
+    rng: np.random.Generator,
+) -> Experiment:
+    scale = yardsticks(model, names)
+    hypotheses = [_at(Hypothesis("model", model, names), limits.dt)]
+    choices = search(precision(scale), hypotheses, limits, sensor, rng)
+    if not choices:
+        raise _impossible(limits)
+    pool = Pool(hypotheses, choices[0].signals, limits, sensor)
+    sd = Normal.of(pool.lins[0]).together().sd()[0]
+    if np.max(sd / scale) >= UNDETERMINED:
+        from sysid.diagnose.needed import needed_experiment
+
+        lost = tuple(n for n, s in zip(names, sd, strict=True) if not math.isfinite(s))
+        return needed_experiment(model, lost, limits, sensor, rng)
+    had = np.array([estimate.sd[n] for n in names]) if estimate is not None else np.full(len(names), np.inf)
+    k = int(np.argmax(np.where(np.isfinite(had), had, np.inf) / scale)) if estimate is not None else int(np.argmax(sd / scale))
+    before = 1.96 * float(had[k]) if math.isfinite(had[k]) else None
+    after, unit = 1.96 * float(sd[k]), model.parameters[names[k]].unit
+    told = f"narrows the widest 95 % interval, that of {names[k]}, to +-{after:.2g} {unit}"
+    told += "" if before is None else f" where this log had +-{before:.2g}"
+    return _answer(choices[0].signals, told, names, "interval", before, after, hypotheses, limits, names[k])
+
+
+def _answer(
+    signals: Sequence[Signal],
+    told: str,
+    separates: tuple[str, ...],
+    measure: str,
+    before: float | None,
+    after: float,
+    hypotheses: Sequence[Hypothesis],
+    limits: Limits,
+    widest: str | None = None,
+) -> Experiment:
+    runs = [foresee(h.model, signals, limits) for h in hypotheses]
+    kinds = {s.kind for s in signals}
+    orders = "; ".join(dict.fromkeys(s.sentence for s in signals))
+    many = f"{len(signals)} rollouts of {limits.duration:g} s: " if len(signals) > 1 else ""
+    length = "" if many else f", for {limits.duration:g} s"
+    return Experiment(
+        kind=kinds.pop() if len(kinds) == 1 else "mixed",
+        description=f"{many}{orders}{length}: it {told}.",
+        separates=separates,
+        measure=measure,
+        before=before,
+        after=after,
+        u=runs[0].u,
+        dt=hypotheses[0].model.dt,
+        theta=runs[0].theta,
+        theta_dot=runs[0].theta_dot,
+        reach=max(float(np.max(np.abs(r.theta - rest_angle(hypotheses[0].model)))) for r in runs),
+        widest=widest,
+    )

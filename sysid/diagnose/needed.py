@@ -1,0 +1,261 @@
+"""Needed: what to do about things that no torque ever tells apart: a payload, the driver off, a scale, or nothing at all."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid import ops
+from sysid.diagnose.design import Hypothesis, Normal, Pool, foresee, precision, search, separation, tamed
+from sysid.diagnose.experiment import Experiment, yardsticks
+from sysid.diagnose.signals import Limits, Signal, rest_angle
+from sysid.effects import BackEmf, Joint, JointEffect, RotorInertia, TorqueGain, Viscous
+from sysid.errors import InvalidInput
+from sysid.estimate import Estimate
+from sysid.fit import free
+from sysid.model import Model
+from sysid.ops import Value
+from sysid.records import Array
+from sysid.sensor import Sensor
+
+GRAVITY = 9.81
+"""[m/s^2] where the plant has none of its own."""
+
+INERTIAL = ("m", "l", "g", "J", "G", "torque_gain", "rotor_inertia")
+"""What shows in the motion as J / c and G / c only, with c the torque gain."""
+
+_HEAVIER = 0.5
+"""Share of the joint's own inertia that a payload of our choice adds."""
+
+_ANSWERS = {
+    ("angle_offset", "tilt"): "for a fixed axis an encoder offset is a tilted base, also to every controller: where it "
+    "matters, compare the encoder's zero with a plumb line",
+    ("delay", "sensor_delay"): "only the sum of both delays shows between command and reading, and only the sum matters to a "
+    "controller: where each is wanted, move the joint by hand beside a second clock, such as a camera",
+    ("delay", "stamp"): "log at another rate: what the log's stamps shift changes with the interval, a delay of the machine "
+    "does not",
+    ("sensor_delay", "stamp"): "log at another rate: what the log's stamps shift changes with the interval, a delay of the "
+    "sensor does not",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Payload(JointEffect):
+    """A known point mass [kg] at a known distance [m] from the axis; `weighs` where gravity pulls the plant."""
+
+    mass: float = 0.0
+    distance: float = 0.0
+    weighs: bool = True
+
+    def inertia(self) -> Value:
+        """mass distance^2 [kg m^2]."""
+        return self.mass * self.distance**2
+
+    def torque(self, joint: Joint) -> Value:
+        """mass g distance sin(theta) [N m]."""
+        g = getattr(joint.plant, "g", GRAVITY) if self.weighs else 0.0
+        return self.mass * g * self.distance * ops.sin(joint.theta)
+
+
+def needed_experiment(
+    model: Model | Estimate,
+    names: Sequence[str],
+    limits: Limits,
+    sensor: Sensor,
+    rng: np.random.Generator | None = None,
+) -> Experiment:
+    """What tells apart effects or parameters that no torque does.
+
+    names   effects ("back_emf", "torque_gain") and parameters ("m", "rotor_inertia.J_r") of one class
+
+    Back-EMF against friction: the driver off. m, l, g, J, G, torque gain and rotor inertia: a known payload, a scale, a
+    ruler. The others have a sentence, of kind "none". Raises InvalidInput where no name is given.
+    """
+    names = tuple(dict.fromkeys(n.split(".")[0] for n in ((names,) if isinstance(names, str) else names)))
+    if not names:
+        raise InvalidInput("nothing was named that is to be told apart: expected effects or parameters")
+    fitted = model.names if isinstance(model, Estimate) else free(model)
+    model = model.model if isinstance(model, Estimate) else model
+    rng = np.random.default_rng(0) if rng is None else rng
+    if "back_emf" in names:
+        return _driver_off(model, fitted, names, limits, sensor)
+    if set(names) <= set(INERTIAL):
+        return _weighed(model, fitted, names, limits, sensor, rng)
+    for pair, answer in _ANSWERS.items():
+        if set(pair) <= set(names):
+            return _nothing(names, f"no torque tells {' from '.join(pair)}: {answer}.")
+    apart = " from ".join(names) if len(names) > 1 else f"{names[0]} from the rest of the model"
+    return _nothing(names, f"no torque within these limits tells {apart}: another sensor is needed.")
+
+
+def _nothing(names: tuple[str, ...], sentence: str) -> Experiment:
+    empty = np.zeros((0, 0))
+    return Experiment("none", sentence, names, "evidence", None, None, empty, 0.0, empty, empty, 0.0)
+
+
+# the driver off ----------------------------------------------------------------------------------------------
+
+
+def _driver_off(
+    model: Model, fitted: tuple[str, ...], names: tuple[str, ...], limits: Limits, sensor: Sensor
+) -> Experiment:
+    """A free swing without the motor: what brakes it then is friction, and the rest was back-EMF."""
+    others = [n for n in names if n != "back_emf"] or ["viscous"]
+    braking = sum(float(getattr(e, "b", getattr(e, "k", 0.0))) for e in model.effects if isinstance(e, Viscous | BackEmf))
+    bare = model
+    for e in model.effects:
+        bare = bare.without_effect(e.name) if e.name in (*names, "viscous") else bare
+    told = f"what brakes it then is {' or '.join(others)}, and what is missing beside a driven log is back_emf"
+    if rest_angle(model) == 0.0:
+        return _nothing(names, f"switch the driver off, push the joint and let it coast: {told}.")
+    release = limits.release or min(1.0, limits.theta_max or 1.0)
+    swing = tamed(model, [Signal("free swing", 0.0, 1.0, 1.0, 1.0, 1.0, release, 0)], limits)
+    after = None
+    run = foresee(model, swing, limits)
+    if braking > 0.0:
+        own = tuple(n for n in fitted if n.split(".")[0] not in (*names, "viscous"))
+        truth = Hypothesis("viscous", bare.with_effect(Viscous(b=braking)), (*own, "viscous.b"))
+        pool = Pool([truth, Hypothesis("nothing", bare, own)], swing, limits, sensor)
+        goal = separation([(0, 1)])
+        after = limits.rollouts * float(goal.value([Normal.of(pool.lins[1], pool.lins[0])])[0])
+    worth = "" if after is None else f", with {after:.3g} units of evidence if all of it is friction"
+    return Experiment(
+        kind="driver off",
+        description=f"switch the driver off, {swing[0].sentence} for {limits.duration:g} s"
+        f"{f', {limits.rollouts} times' if limits.rollouts > 1 else ''}: {told}{worth}.",
+        separates=names,
+        measure="evidence",
+        before=0.0,
+        after=after,
+        u=np.repeat(run.u, limits.rollouts, axis=0),
+        dt=model.dt,
+        theta=np.repeat(run.theta, limits.rollouts, axis=0),
+        theta_dot=np.repeat(run.theta_dot, limits.rollouts, axis=0),
+        reach=float(np.max(np.abs(run.theta - rest_angle(model)))),
+    )
+
+
+# a payload, a scale, a ruler ---------------------------------------------------------------------------------
+
+
+def _weighed(
+    model: Model,
+    fitted: tuple[str, ...],
+    names: tuple[str, ...],
+    limits: Limits,
+    sensor: Sensor,
+    rng: np.random.Generator,
+) -> Experiment:
+    """The least labour that makes every parameter of the class show: a payload, the scale, both, a ruler too."""
+    for kind in (TorqueGain, RotorInertia):
+        if kind.name in names and kind.name not in {e.name for e in model.effects}:
+            model = model.with_effect(kind())
+    own = {e.name: f"{e.name}.{next(iter(e.parameters))}" for e in model.effects if e.name in INERTIAL}
+    plant = tuple(n for n in model.plant.parameters if n in fitted or n in names)
+    unknown = (*plant, *own.values())
+    payload = limits.payload or _payload(model)
+    shown = _shown(model, unknown, None), _shown(model, unknown, payload)
+    for known in ((), ("m",), ("m", "l"), ("m", "l", "g")):
+        left = [i for i, n in enumerate(unknown) if n not in known]
+        if len(left) + len(known) > len(unknown) and not set(known) <= set(unknown):
+            continue
+        for loaded in (False, True):
+            if (loaded or known) and _rank(shown[loaded][:, left]) == len(left):
+                rest = tuple(unknown[i] for i in left)
+                if not loaded:
+                    return _nothing(unknown, _by_hand(known, unknown))
+                return _with_payload(model, fitted, unknown, known, rest, payload, limits, sensor, rng)
+    return _nothing(unknown, f"no torque and no payload tells {' from '.join(unknown)}: measure one of them by itself.")
+
+
+def _by_hand(known: tuple[str, ...], unknown: tuple[str, ...]) -> str:
+    rest = " and ".join(n for n in unknown if n not in known)
+    return f"{_measuring(known)}: then the motion shows {rest or 'the rest'}, which no torque alone tells apart."
+
+
+def _measuring(known: tuple[str, ...]) -> str:
+    orders = {"m": "weigh the swinging part (m)", "l": "measure its length (l)", "g": "look up gravity (g)"}
+    return " and ".join(orders[k] for k in known)
+
+
+def _payload(model: Model) -> tuple[float, float]:
+    """A weight that adds half the joint's inertia, at the pendulum's own length: (mass, distance), two digits each."""
+    J, G = float(model.inertia()), float(model.plant.gravity_torque(0.5 * math.pi))
+    length = float(getattr(model.plant, "l", J * GRAVITY / G if G > 0.0 else 1.0))
+    distance = float(f"{length:.2g}")
+    return float(f"{_HEAVIER * J / distance**2:.2g}"), distance
+
+
+def _shown(model: Model, unknown: Sequence[str], payload: tuple[float, float] | None) -> Array:
+    """Derivatives (shown, P) of what the motion shows, (J / c, G / c) without and with the payload, per relative change."""
+    parameters = model.parameters
+    at = np.array([float(parameters[n].value) for n in unknown])
+    size = np.array([abs(v) or 0.1 * float(model.inertia()) for v in at])
+
+    def show(values: Array) -> Array:
+        now = model.with_parameters(dict(zip(unknown, values.tolist(), strict=True)))
+        numbers = now.parameters
+        c = float(numbers["torque_gain.c"].value) if "torque_gain.c" in numbers else 1.0
+        J, G = float(now.inertia()), float(now.plant.gravity_torque(0.5 * math.pi))
+        seen = [J / c, G / c]
+        if payload is not None:
+            mass, distance = payload
+            g = float(getattr(now.plant, "g", GRAVITY)) if G > 0.0 else 0.0
+            seen += [(J + mass * distance**2) / c, (G + mass * g * distance) / c]
+        return np.array(seen)
+
+    rows = [(show(at + h) - show(at)) / 1e-5 for h in 1e-5 * np.diag(size)]
+    return np.array(rows).T
+
+
+def _rank(shown: Array) -> int:
+    return int(np.linalg.matrix_rank(shown / np.maximum(np.max(np.abs(shown), axis=1, keepdims=True), 1e-300), tol=1e-4))
+
+
+def _with_payload(
+    model: Model,
+    fitted: tuple[str, ...],
+    unknown: tuple[str, ...],
+    known: tuple[str, ...],
+    rest: tuple[str, ...],
+    payload: tuple[float, float],
+    limits: Limits,
+    sensor: Sensor,
+    rng: np.random.Generator,
+) -> Experiment:
+    weighs = rest_angle(model) != 0.0
+    loaded = model.with_effect(Payload(mass=payload[0], distance=payload[1], weighs=weighs))
+    names = (*rest, *(n for n in fitted if n not in unknown))
+    setups = [Hypothesis("plain", model, names), Hypothesis("loaded", loaded, names)]
+    scale = yardsticks(model, names)
+    choices = search(precision(scale), setups, limits, sensor, rng)
+    if not choices:
+        raise InvalidInput(f"no signal keeps to the limits with {payload[0]:g} kg hung on: widen them")
+    signals = choices[0].signals
+    pool = Pool(setups, signals, limits, sensor)
+    sd = Normal.of(pool.lins[0]).plus(Normal.of(pool.lins[1])).together().sd()[0][: len(rest)]
+    k = int(np.argmax(sd / scale[: len(rest)]))
+    after, unit = 1.96 * float(sd[k]), model.parameters[rest[k]].unit
+    runs = [foresee(h.model, signals, limits) for h in setups]
+    first = f"{_measuring(known)}, and " if known else ""
+    orders = "; ".join(dict.fromkeys(s.sentence for s in signals))
+    theta = np.concatenate([r.theta for r in runs])
+    return Experiment(
+        kind="payload",
+        description=f"{first}{orders}, for {limits.duration:g} s, once as it is and once with {payload[0]:g} kg hung on "
+        f"{payload[1]:g} m from the axis: that tells {', '.join(rest)} apart, {rest[k]} to +-{after:.2g} {unit}.",
+        separates=unknown,
+        measure="interval",
+        before=None,
+        after=after,
+        u=np.concatenate([r.u for r in runs]),
+        dt=model.dt,
+        theta=theta,
+        theta_dot=np.concatenate([r.theta_dot for r in runs]),
+        reach=float(np.max(np.abs(theta - rest_angle(model)))),
+        widest=rest[k],
+        payload=payload,
+    )
