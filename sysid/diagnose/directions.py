@@ -3,19 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
 from sysid.diagnose.candidates import Alternative
-from sysid.effects import DryFriction, Effect, InputEffect, JointEffect, OutputEffect, TorqueBias
+from sysid.effects import Effect, InputEffect, Joint, JointEffect, OutputEffect
 from sysid.identify.gauss_newton import Fit, reduce, without
 from sysid.model import Model
+from sysid.ops import Value
 from sysid.records import Array
 from sysid.response import Response, propagate
 
 _CHUNK = 4_000_000
 """Numbers (float64) that one block of directions may hold."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Push(JointEffect):
+    """A small constant torque: what any torque that is held over an interval does, per 1e-3 N m."""
+
+    name: ClassVar[str] = "a push"
+
+    def torque(self, joint: Joint) -> Value:
+        """1e-3 N m."""
+        return 1e-3
 
 
 class Directions:
@@ -36,7 +50,7 @@ class Directions:
         x = self.lin.states
         self.theta, self.theta_dot = x[..., 0], x[..., 1]
         self.held = self.lin.drives[self.response.interval]
-        self.bias = self._moved(TorqueBias(tau_0=1e-3)) / 1e-3
+        self.bias = self._moved(_Push()) / 1e-3
 
     @cached_property
     def drive(self) -> Array:
