@@ -9,7 +9,19 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-from sysid.effects.effect import DryFriction, Effect, InputEffect, Joint, JointEffect, Memory, OutputEffect, Reading
+import numpy as np
+
+from sysid.effects.effect import (
+    Array,
+    DryFriction,
+    Effect,
+    InputEffect,
+    Joint,
+    JointEffect,
+    Memory,
+    OutputEffect,
+    Reading,
+)
 from sysid.errors import InvalidInput
 from sysid.integrators import RK4, Integrator, SemiImplicitEuler
 from sysid.ops import Value
@@ -163,6 +175,14 @@ class Model:
             drives, memory = self.drive(command, memory)
             if k >= self.ahead:
                 yield drives
+
+    def drive_record(self, u: Array) -> Array:
+        """What `drives` yields, (N, S), all at once: for plain numbers, many times faster."""
+        fed = np.concatenate([u, np.repeat(u[-1:], self.ahead)])
+        signal = np.repeat(fed[:, None], self.integrator.substeps, axis=1)
+        for e in self.input_effects:
+            signal = e.whole(signal, self.dt)
+        return signal[self.ahead :]
 
     def joint(self, theta: Value, theta_dot: Value, t: Value, drive: Value) -> Joint:
         """What acts at the joint, the load complete, as frictions see it."""

@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+
 from sysid import ops
-from sysid.effects.dead_time import DeadTime, delayed, doubling
-from sysid.effects.effect import InputEffect, Joint, JointEffect, Memory
+from sysid.effects.dead_time import DeadTime, delayed, delayed_record, doubling
+from sysid.effects.effect import Array, InputEffect, Joint, JointEffect, Memory
 from sysid.ops import Value
 from sysid.parameters import Extent, parameter
 
@@ -35,6 +37,10 @@ class Delay(DeadTime, InputEffect):
     def advance(self, signal: Sequence[Value], memory: Memory, dt: float) -> tuple[tuple[Value, ...], Memory]:
         """Substep means of the delayed command; the signal before a delay is constant over the interval."""
         return delayed(signal, memory, self.T, dt)
+
+    def whole(self, signal: Array, dt: float) -> Array:
+        """Substep means (N, S) over a whole record."""
+        return delayed_record(signal, self.intervals(dt), self.T, dt)
 
 
 def _time_constants(extent: Extent) -> tuple[float, ...]:
@@ -70,6 +76,16 @@ class Lag(InputEffect):
             lagged.append(s + (z - s) * share)
             z = s + (z - s) * decay
         return tuple(lagged), (z,)
+
+    def whole(self, signal: Array, dt: float) -> Array:
+        """Substep means (N, S) over a whole record: z is a first-order filter of the substeps' signal."""
+        from scipy.signal import lfilter
+
+        h, T = dt / signal.shape[1], self.T + _TINY
+        decay = ops.exp(-h / T)
+        s = signal.ravel()
+        z = np.concatenate([[0.0], lfilter([1.0 - decay], [1.0, -decay], s)[:-1]])
+        return np.reshape(s + (z - s) * (T / h) * (1.0 - decay), signal.shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,3 +175,7 @@ class Stamp(InputEffect):
     def advance(self, signal: Sequence[Value], memory: Memory, dt: float) -> tuple[tuple[Value, ...], Memory]:
         """Substep means of the command, from that of one row ahead."""
         return delayed(signal, memory, (1.0 + self.s) * dt, dt)
+
+    def whole(self, signal: Array, dt: float) -> Array:
+        """Substep means (N, S) over a whole record."""
+        return delayed_record(signal, 2, (1.0 + self.s) * dt, dt)

@@ -6,8 +6,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from sysid import ops
-from sysid.effects.effect import Effect, Memory
+from sysid.effects.effect import Array, Effect, Memory
 from sysid.errors import InvalidInput
 from sysid.ops import Value
 from sysid.parameters import Extent, Parameter, parameter
@@ -67,9 +69,18 @@ def delayed(signal: Sequence[Value], memory: Memory, T: Value, dt: float) -> tup
             low, high = -c * dt, (1 - c) * dt
             if (j + 1) * h > low + 1e-9 * dt:
                 share = (_earlier((j + 1) * h, T, low, high) - _earlier(j * h, T, low, high)) / h
-                total = total + share * command
+                if not (isinstance(share, float) and share == 0.0):
+                    total = total + share * command
         late.append(total)
     return tuple(late), commands[: len(memory)]
+
+
+def delayed_record(signal: Array, intervals: int, T: float, dt: float) -> Array:
+    """`delayed` for all intervals of a record (N, S) at once, from rest: the memory is the record itself, shifted."""
+    u = np.concatenate([np.zeros(intervals), signal[:, 0]])
+    memory = tuple(u[intervals - c : len(u) - c] for c in range(1, intervals + 1))
+    columns, _ = delayed((u[intervals:],) * signal.shape[1], memory, T, dt)
+    return np.stack(columns, axis=1)
 
 
 def _earlier(t: float, T: Value, low: float, high: float) -> Value:

@@ -8,11 +8,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from sysid.ops import Value
 from sysid.parameters import Parametric
 from sysid.plants import Plant
 
 Memory = tuple[Value, ...]
+Array = NDArray[np.float64]
 
 
 class Joint(NamedTuple):
@@ -80,6 +84,18 @@ class InputEffect(Effect):
     @abstractmethod
     def advance(self, signal: Sequence[Value], memory: Memory, dt: float) -> tuple[tuple[Value, ...], Memory]:
         """The signal after this effect over one interval dt [s], and the memory for the next interval."""
+
+    def whole(self, signal: Array, dt: float) -> Array:
+        """The signal (N, S) of a whole record after this effect, from rest; its parameters must be plain numbers."""
+        memory = self.rest(dt)
+        if not memory:
+            columns, _ = self.advance(tuple(signal.T), memory, dt)
+            return np.stack(np.broadcast_arrays(*columns), axis=1)
+        rows = []
+        for row in signal.tolist():
+            after, memory = self.advance(tuple(row), memory, dt)
+            rows.append(after)
+        return np.array(rows)
 
 
 @dataclass(frozen=True, eq=False)

@@ -159,6 +159,18 @@ def test_what_looks_ahead_is_handed_the_next_row_and_primed_before_the_first():
     np.testing.assert_allclose(list(early.drives(u))[:-1], list(without.drives(u))[1:], rtol=0.0, atol=1e-15)
 
 
+@pytest.mark.parametrize("substeps", [1, 3])
+@pytest.mark.parametrize("T", [0.0, 0.0071, 0.02, 0.1])
+def test_a_whole_record_at_once_equals_interval_by_interval(T, substeps, all_effects):
+    u = uniform_noise(np.random.default_rng(5), 80, 2.0)
+    late = {"delay": Delay(T=T, longest=0.1), "lag": Lag(T=T), "stamp": Stamp(s=8.0 * T - 0.6)}
+    for left_out in ("delay", "stamp"):
+        others = [e for e in all_effects if e.name not in late]
+        path = (*others, *(e for name, e in late.items() if name != left_out))
+        model = Model(RodPendulum(), path, RK4(substeps), dt=0.02)
+        np.testing.assert_allclose(model.drive_record(u), list(model.drives(u.tolist())), rtol=0.0, atol=1e-12)
+
+
 def test_the_machine_is_the_model_without_what_belongs_to_the_log():
     model = Model(RodPendulum(), (Viscous(b=0.1), Stamp(s=0.5)))
     assert [e.name for e in model.machine.effects] == ["viscous"]
