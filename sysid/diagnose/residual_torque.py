@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sysid.diagnose.held_out import finite
 from sysid.diagnose.smoother import Chain, Smoothed, Torque
-from sysid.diagnose.touched import Touched, touched
+from sysid.diagnose.touched import HAND, Touched, slow, touched
 from sysid.errors import InvalidInput
 from sysid.identify.start import smooth_states
 from sysid.model import Model
@@ -67,16 +67,19 @@ class Binned:
 
     @property
     def peak(self) -> tuple[float, float]:
-        """The edges of the bins around the largest |mean| that is beyond two of its sd, at half height or more."""
-        size = np.abs(np.nan_to_num(self.mean)) * (np.nan_to_num(np.abs(self.mean) / self.sd) > 2.0)
-        at = int(np.argmax(size))
+        """Edges of the stretch of half the largest |mean| or more; beyond 2 pi where a peak of theta spans 0."""
+        mean, B = np.nan_to_num(self.mean), len(self.mean)
+        mean = np.where(np.abs(mean) > 2.0 * np.nan_to_num(self.sd), mean, 0.0)
+        at = int(np.argmax(np.abs(mean)))
+        alike = mean * np.sign(mean[at]) >= 0.5 * abs(mean[at])
+        round_about = self.name == "theta"
         low, high = at, at
-        alike = (size >= 0.5 * size[at]) & (np.sign(self.mean) == np.sign(self.mean[at]))
-        while low > 0 and alike[low - 1]:
+        while alike[(low - 1) % B] and (round_about or low > 0) and high - low < B - 1:
             low -= 1
-        while high < len(size) - 1 and alike[high + 1]:
+        while alike[(high + 1) % B] and (round_about or high < B - 1) and high - low < B - 1:
             high += 1
-        return float(self.edges[low]), float(self.edges[high + 1])
+        width = self.edges[1] - self.edges[0]
+        return float(self.edges[at] + (low - at) * width), float(self.edges[at] + (high + 1 - at) * width)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, ready for JSON; a bin without samples holds None."""
@@ -115,6 +118,12 @@ class ResidualTorque:
     def present(self) -> bool:
         """Whether the log needs such a torque."""
         return self.gain > SIGNIFICANT
+
+    @property
+    def restless(self) -> bool:
+        """Whether d has no memory beyond a few samples, so that it is no torque of the joint's slow motion."""
+        first = self.records[0]
+        return self.present and self.torque.T < 4.0 * float(first.t[1] - first.t[0])
 
     @property
     def rms(self) -> float:
@@ -172,15 +181,17 @@ class ResidualTorque:
             f"without it the model misses by {self.errors[0]:.3g} times the sensor noise within 1 s, "
             f"with it by {self.errors[1]:.3g}",
         ]
+        if self.restless:
+            sentences.append("it changes from sample to sample: a vibration, or readings that contradict each other")
         if self.touched:
-            sentences.append("no state of the joint explains: " + "; ".join(map(str, self.touched)))
+            sentences.append("no state of the joint explains " + "; ".join(map(str, self.touched)))
         return ". ".join(sentences)
 
     def _where(self) -> str:
         name, share = max(self.explained.items(), key=lambda item: item[1])
         if share > 0.2:
             low, high = self.binned[name].peak
-            return f"near {name} = {low:.2g}-{high:.2g} {UNITS[name]}".replace("=-", "= -")
+            return f"near {name} = {low:.2g} to {high:.2g} {UNITS[name]}"
         record = max(self.records, key=lambda r: float(np.max(np.abs(r.d))))
         return f"near t = {record.t[int(np.argmax(np.abs(record.d)))]:.3g} s of {record.name}"
 
@@ -285,6 +296,24 @@ class _Log:
         own = {"theta": np.mod(middle[:, 0], 2.0 * math.pi), "theta_dot": middle[:, 1]}
         return own | {"torque": self.drives.mean(axis=1), "time": self.t + 0.5 * self.model.dt}
 
+    def touched(self, x: Array, d: Array, smoothed: Smoothed) -> tuple[Touched, ...]:
+        """Where something acted that no state of the joint explains."""
+        records, inside, dt = self.response.records, self.follows, self.model.dt
+        number = np.repeat(np.arange(len(records)), [len(v) for v in records])
+        # how the sd of an average compares to that of a sample is found on a few stretches: it is alike in all
+        length, group = max(1, round(HAND / dt)), np.full(len(x), -1)
+        for i, begin in enumerate(np.linspace(0, max(len(x) - length, 0), _BINS).astype(int)):
+            group[begin : begin + length] = i
+        group[~inside] = -1
+        variance = np.maximum(smoothed.cov[:, 2, 2], 1e-30)
+        kept = np.unique(group[group >= 0])
+        single = np.array([np.mean(variance[group == i]) for i in kept])
+        ratio = float(np.median(smoothed.sd_of_means(group, _BINS)[kept] / np.sqrt(single)))
+        sd = ratio * np.sqrt(variance[inside])
+        return touched(
+            [v.name for v in records], number, self.t[inside], x[inside], slow(d[inside], number, dt), sd, dt
+        )
+
     def split(self, values: Array) -> list[Array]:
         """By record."""
         return np.split(values, np.cumsum([len(r) + 1 for r in self.response.records])[:-1])
@@ -299,7 +328,9 @@ def _likeliest(chain: Chain, size: float, last: tuple[Torque, ...]) -> tuple[tup
     part = chain.thinned(_SAMPLES)
     if not last:
         coarse = chain.thinned(_SAMPLES // 4)
-        sizes = [[Torque(f * size, T, k) for T in (0.1, 0.4, 1.6) for f in (1e-3, 1e-2, 0.1, 1.0)] for k in (False, True)]
+        sizes = [
+            [Torque(f * size, T, k) for T in (0.1, 0.4, 1.6) for f in (1e-3, 1e-2, 0.1, 1.0)] for k in (False, True)
+        ]
         last = tuple(max(grid, key=coarse.log_likelihood) for grid in sizes)
     rough, smooth = last = tuple(_climbed(part, torque) for torque in last)
     torque = smooth if part.log_likelihood(smooth) > part.log_likelihood(rough) + _CLEARLY else rough
@@ -353,7 +384,6 @@ def _answer(
     number = np.repeat(np.arange(len(records)), [len(v) + 1 for v in records])
     stretch = number[inside] if len(records) > 1 else np.arange(inside.sum()) * 8 // inside.sum()
     binned = {name: _binned(name, at[name], d, inside, smoothed) for name in UNITS}
-    present = gain > SIGNIFICANT
     return ResidualTorque(
         records=tuple(
             Followed(v.name, v.t, own[:, 0], own[:, 1], own[:-1, 2], own[:-1, 3])
@@ -365,9 +395,7 @@ def _answer(
         errors=log.errors(x, r),
         binned=binned,
         explained={name: _explained(at[name][inside], d[inside], stretch, binned[name].edges) for name in UNITS},
-        touched=touched([v.name for v in records], number[inside], log.t[inside], x[inside], d[inside], sd[inside])
-        if present
-        else (),
+        touched=log.touched(x, d, smoothed) if gain > SIGNIFICANT else (),
         converged=converged,
     )
 
