@@ -168,7 +168,7 @@ class _Report:
         structured = self.last.structured
         if not structured and not self.last.warranted:
             return None
-        depends_on = tuple(structured[:1])
+        depends_on = self.last.flexible[structured[0]].depends_on if structured else ()
         where = whereabouts(self.end, self.last.flexible[structured[0]]) if structured else ""
         return Remaining(max(0.0, 1.0 - 1.0 / max(error.ratio, 1e-9) ** 2), depends_on, where)
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from sysid.diagnose.candidates import Alternative
 from sysid.effects import Effect, InputEffect, Joint, JointEffect, OutputEffect
-from sysid.identify.gauss_newton import Fit, reduce, without
+from sysid.identify.gauss_newton import Fit, without
 from sysid.model import Model
 from sysid.ops import Value
 from sysid.records import Array
@@ -40,7 +40,7 @@ class Directions:
 
     def __init__(self, fit: Fit) -> None:
         self.fit, self.model, self.response, self.lin = fit, fit.model, fit.response, fit.solution.lin
-        reduced = reduce(self.lin)
+        reduced = fit.reduced
         self.starts = reduced.directions
         S = reduced.S.reshape(-1, reduced.S.shape[-1])
         S = S / np.maximum(np.linalg.norm(S, axis=0), 1e-300)
@@ -82,6 +82,26 @@ class Directions:
             q = len(alternative.probes)
             yield alternative, z[:, at : at + q], size[at : at + q]
             at += q
+
+    def beside(self, torque: Array, names: Sequence[str]) -> float:
+        """Wald statistic, chi-square with len(names) degrees, that parameters differ from neutral where torques
+        (K, L, Q) of any size may act beside them: (a + da)' C^-1 (a + da), C their block of s^2 ([S Z]'[S Z])^-1.
+        """
+        S = self.fit.reduced.S.reshape(self.e.size, -1)
+        Z = without(self.starts, self._seen(self.bias[..., None] * torque[:, :, None, :])).reshape(self.e.size, -1)
+        both = np.concatenate([S, Z], axis=1)
+        size = np.maximum(np.linalg.norm(both, axis=0), 1e-300)
+        both = both / size
+        value, vector = np.linalg.eigh(both.T @ both)
+        # what splines and parameters share is given to the splines' ridge, and so to nobody
+        inverse = (vector / (np.maximum(value, 0.0) + 1e-9)) @ vector.T
+        step = inverse @ (both.T @ self.fit.reduced.e.ravel())
+        rest = self.fit.reduced.e.ravel() - both @ step
+        variance = float(rest @ rest) / max(1, self.fit.degrees - Z.shape[1])
+        at = [self.fit.names.index(n) for n in names]
+        neutral = np.array([self.model.parameters[n].neutral or 0.0 for n in names])
+        a = (self.fit.solution.p[at] - neutral) * size[at] + step[at]
+        return float(a @ np.linalg.pinv(inverse[np.ix_(at, at)]) @ a) / variance
 
     def of_torque(self, torque: Array) -> tuple[Array, Array]:
         """The same of torques (K, L, Q) [N m] at the joint, each held over an interval."""

@@ -14,19 +14,18 @@ from scipy.interpolate import BSpline
 from sysid.diagnose.directions import Directions
 from sysid.diagnose.screen import Test
 from sysid.records import Array
-
-DEPENDENCES = ("theta", "theta_dot", "torque", "time", "history")
+from sysid.response import Index
 
 
 @dataclass(frozen=True, eq=False)
 class Dependence:
     """How much of the residual smooth torques of one quantity explain.
 
-    depends_on  "theta", "theta_dot", "torque", "time" or "history"
+    depends_on  some of "theta", "theta_dot", "torque", "time", "history"
     share       of the residual sum of squares
     gain        decrease of the sum of squares, in units of s^2, less the logarithm of the sample size a function
     p_value     that nothing of it is there
-    torque      (K, L) the torque [N m] that explains most, over each interval
+    torque      (K, L) the torque [N m] that explains most, over each interval; what is not significant is shrunk
     """
 
     depends_on: tuple[str, ...]
@@ -36,35 +35,40 @@ class Dependence:
     torque: Array
 
 
-def dependences(directions: Directions, clusters: Array) -> dict[str, Dependence]:
-    """Every group of flexible probes, tested about a fit."""
-    return {name: _tested(directions, clusters, (name,), basis) for name, basis in _bases(directions).items()}
+def dependences(directions: Directions, clusters: Index) -> dict[str, Dependence]:
+    """Every group of flexible probes, tested about a fit; named by what it depends on, joined by "+"."""
+    return {name: _tested(directions, clusters, name, basis) for name, basis in bases(directions).items()}
 
 
-def _tested(directions: Directions, clusters: Array, depends_on: tuple[str, ...], torque: Array) -> Dependence:
+def _tested(directions: Directions, clusters: Index, name: str, torque: Array) -> Dependence:
     parts = [directions.of_torque(block) for block in directions.blocks(torque)]
     z, size = (np.concatenate([p[i] for p in parts], axis=-1) for i in (0, 1))
     test = Test.of(directions, z, size, clusters)
     explained = test.lm * directions.fit.variance
     total = max(float(directions.e @ directions.e), 1e-300)
+    sizes, sd = np.array(test.sizes), np.array(test.sd)
+    worth = np.maximum(0.0, 1.0 - (2.0 * sd / np.maximum(np.abs(sizes), 1e-300)) ** 2)
     return Dependence(
-        depends_on=depends_on,
-        share=explained / total,
+        depends_on=tuple(name.split("+")),
+        share=max(0.0, explained / total - test.rank / directions.fit.degrees),
         gain=test.lm - test.rank * math.log(directions.fit.degrees),
         p_value=test.p_value if test.rank else 1.0,
-        torque=torque @ np.array(test.sizes),
+        torque=torque @ (sizes * worth),
     )
 
 
-def _bases(directions: Directions) -> dict[str, Array]:
-    """Torques (K, L, Q) [N m] of unit size."""
+def bases(directions: Directions) -> dict[str, Array]:
+    """Torques (K, L, Q) [N m] of unit size, by what they depend on."""
     L = directions.response.length
     theta = 0.5 * (directions.theta[:, :L] + directions.theta[:, 1:])
     theta_dot = 0.5 * (directions.theta_dot[:, :L] + directions.theta_dot[:, 1:])
     scored = directions.response.weight.any(axis=1)[:, 1:]
+    angles = _angles(theta, scored)
+    moving = np.tanh(theta_dot / max(1e-6, 0.2 * float(np.std(theta_dot[scored]))))
     return {
-        "theta": _angles(theta, scored),
+        "theta": angles,
         "theta_dot": _splines(theta_dot, scored, 8),
+        "theta+theta_dot": np.concatenate([angles, angles * moving[..., None], angles * theta_dot[..., None]], axis=-1),
         "torque": _splines(directions.drive, scored, 6),
         "time": _times(directions, scored),
         "history": _history(directions),

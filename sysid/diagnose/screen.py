@@ -13,7 +13,7 @@ from sysid.diagnose.candidates import Alternative, candidates, extent_of
 from sysid.diagnose.directions import Directions
 from sysid.identify.gauss_newton import Fit
 from sysid.records import Array
-from sysid.response import stretches
+from sysid.response import Index, stretches
 
 _VISIBLE = 1e-3
 """|z_perp| / |z| below which an effect is absorbed by the parameters that are free already."""
@@ -60,7 +60,7 @@ def screen(
     return scores, directions
 
 
-def score(directions: Directions, alternatives: tuple[Alternative, ...], clusters: Array) -> Score:
+def score(directions: Directions, alternatives: tuple[Alternative, ...], clusters: Index) -> Score:
     """The best of an effect's alternatives."""
     best, units = None, []
     for alternative, z, size in directions.each(alternatives):
@@ -91,7 +91,7 @@ class Test:
     basis: Array
 
     @classmethod
-    def of(cls, directions: Directions, z: Array, size: Array, clusters: Array, one_sided: bool = False) -> Test:
+    def of(cls, directions: Directions, z: Array, size: Array, clusters: Index, one_sided: bool = False) -> Test:
         """The test about a fit. lm takes s^2 from the null's residuals; the p-value is that of the Wald form, whose s^2
         is that of the residuals once the effect is out of them, inflated by the ratio of the clustered variance
         to the plain one where that is above 1: what else is missing then counts as coloured noise.

@@ -7,8 +7,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.stats import chi2
 
-from sysid.diagnose.flexible import Dependence, dependences
+from sysid.diagnose.directions import Directions
+from sysid.diagnose.flexible import Dependence, bases, dependences
 from sysid.diagnose.screen import Score, alikeness, holm, screen
 from sysid.effects import CATALOGUE, Effect
 from sysid.identify.gauss_newton import Fit, fit_longest, fit_windows
@@ -28,6 +30,9 @@ PREFERRED = ("stamp", "tilt", "viscous", "delay")
 
 CLOSE = 3.0
 """Difference of -2 log likelihood below which two effects explain a log equally well."""
+
+EXPLAINS = 0.35
+"""Share of what flexible torques explain that an effect must explain; below, it only imitates something unknown."""
 
 MOST_STEPS = 6
 MOST_REFITS = 4
@@ -117,11 +122,13 @@ class Search:
             now = Round.of(fit, self.names)
             self.rounds.append(now)
             trials = self.trials(now)
-            chosen = self._choose(fit, trials)
+            chosen = self._choose(now, trials)
             if len(self.rounds) == 1:
                 self.first_trials, self.first_choice = trials, chosen.name if chosen else ""
             if chosen is None:
                 reviewed = self._review(fit)
+                if reviewed is fit:
+                    reviewed = self._prune(now)
                 if reviewed is fit:
                     break
                 fit = reviewed
@@ -166,14 +173,16 @@ class Search:
                 return now.scores[name]
         return score
 
-    def _choose(self, fit: Fit, trials: list[Trial]) -> Trial | None:
+    def _choose(self, now: Round, trials: list[Trial]) -> Trial | None:
         if not trials:
             return None
+        fit, unknown = now.fit, max((now.flexible[n].share for n in now.structured), default=0.0)
         variance = min(t.fit.variance for t in trials)
         ranked = sorted(trials, key=lambda t: t.merit(variance), reverse=True)
         stamps = [t for t in ranked if t.name == "stamp" and t.merit(variance) > ranked[0].merit(variance) - CLOSE]
         for trial in (*stamps, *ranked):
-            if trial.fit.solution.lin.cost < fit.solution.lin.cost and gain(fit, trial.fit) > 0.0:
+            explained = 1.0 - trial.fit.solution.lin.cost / fit.solution.lin.cost
+            if explained > EXPLAINS * unknown and explained > 0.0 and gain(fit, trial.fit) > 0.0:
                 return trial
         return None
 
@@ -214,6 +223,26 @@ class Search:
                 self.additions[self.additions.index(addition)] = self._addition(best, trials, now)
                 return grow(best.fit)
         return fit
+
+    def _prune(self, now: Round) -> Fit:
+        """Where something unknown remains: take back the effects that only imitated it.
+
+        Those are the ones that differ from neutral no longer once a flexible torque of the unknown's kind acts too.
+        """
+        if not now.structured:
+            return now.fit
+        directions = Directions(now.fit)
+        torque = bases(directions)[now.structured[0]]
+        for addition in reversed(self.additions):
+            own = [
+                f"{addition.name}.{p.name}"
+                for p in CATALOGUE[addition.name]().parameters.values()
+                if p.neutral is not None
+            ]
+            if chi2.sf(directions.beside(torque, own), len(own)) > LEVEL / 10.0:
+                self.additions.remove(addition)
+                return grow(reduce_by(now.fit, addition.name))
+        return now.fit
 
 
 def at_horizon(fit: Fit, horizon: float) -> Fit:
