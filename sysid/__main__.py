@@ -1,0 +1,41 @@
+"""The command line: fit, compare, diagnose, add, effects.
+
+python -m sysid diagnose swing*.csv               the whole loop
+python -m sysid fit swing*.csv -o model.json      step by step, the other commands take --model model.json
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+import tyro
+
+from sysid.errors import InvalidInput
+from sysid.options import COMMANDS
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit code: 0 answered, 2 bad input, 130 stopped."""
+    command = tyro.extras.subcommand_cli_from_dict(
+        COMMANDS,
+        prog="sysid",
+        description="What is the model of a pendulum missing? Torque and motion go in, the missing effect comes out.",
+        args=arguments,
+        config=(tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes),
+    )
+    from sysid.commands import run
+
+    try:
+        run(command)
+    except InvalidInput as error:
+        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("stopped", file=sys.stderr)
+        return 130
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

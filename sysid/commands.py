@@ -1,0 +1,322 @@
+"""The commands of the command line: each reads a log, asks one question, prints the answer, writes what was asked."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from dataclasses import dataclass
+from functools import singledispatch
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sysid.errors import InvalidInput
+from sysid.estimate import Estimate
+from sysid.fit import fit, free
+from sysid.integrators import RK4
+from sysid.logs import Log, read, split
+from sysid.model import Model
+from sysid.options import Add, Compare, Diagnose, Effects, Fit, LogOptions, ModelOptions
+from sysid.plants import GeneralJoint, LinearAxis, Plant, PointMassPendulum, RodPendulum
+from sysid.records import Record
+from sysid.sensor import Sensor
+
+PENDULUM = {"m": (1e-3, 1e3), "l": (1e-2, 1e2)}
+PLANTS: dict[str, Plant] = {
+    "rod": RodPendulum(g=9.81, bounds=PENDULUM),
+    "point": PointMassPendulum(g=9.81, bounds=PENDULUM),
+    "joint": GeneralJoint(bounds={"J": (1e-9, 1e6), "G": (0.0, 1e6)}),
+    "axis": LinearAxis(bounds={"m": (1e-6, 1e6)}),
+}
+SUBSTEP = 0.01
+"""Longest step [s] of the integrator."""
+
+
+@singledispatch
+def run(command: Any) -> None:
+    """Run a command of sysid.options. Raises InvalidInput for bad input."""
+    raise InvalidInput(f"unknown command {command!r}")
+
+
+@run.register
+def _(command: Fit) -> None:
+    from sysid.diagnose.held_out import held_out_error
+
+    task = Task.of(command, command.out, command.json)
+    estimate = task.fitted()
+    error = held_out_error(estimate.model, task.held_out, task.sensor)
+    print(estimate)
+    print(f"  on held-out data: {error}")
+    task.doubt(error.theta)
+    task.write_json(command.json, {**estimate.to_dict(), "held_out_error": error.to_dict()})
+    task.write_model(command.out, estimate)
+
+
+@run.register
+def _(command: Compare) -> None:
+    from sysid.diagnose.compare import compare
+
+    task = Task.of(command, command.json, command.html, command.figure)
+    model = task.model if task.given or not task.names else task.fitted().model
+    comparison = compare(model, task.held_out, task.sensor)
+    print(comparison)
+    task.doubt(comparison.one_second.theta)
+    task.write_json(command.json, comparison.to_dict())
+    if command.figure is not None:
+        _draw(comparison, command.figure)
+    task.write_report(command.html, comparison)
+
+
+@run.register
+def _(command: Diagnose) -> None:
+    from sysid.diagnose.diagnosis import diagnose
+
+    task = Task.of(command, command.out, command.json, command.html)
+    diagnosis = diagnose(task.fitted(), task.log, task.sensor, command.log.hold_out)
+    print(diagnosis)
+    task.doubt(diagnosis.error.theta)
+    task.write_json(command.json, diagnosis.to_dict())
+    task.write_model(command.out, diagnosis.best.estimate)
+    task.write_report(command.html, diagnosis)
+
+
+@run.register
+def _(command: Add) -> None:
+    from sysid.diagnose.add import add
+
+    task = Task.of(command, command.out, command.json)
+    added = add(task.fitted(), command.effect, task.log, task.sensor, command.log.hold_out)
+    print(added)
+    task.write_json(command.json, added.to_dict())
+    task.write_model(command.out, added.estimate)
+
+
+@run.register
+def _(command: Effects) -> None:
+    from sysid.effects import CATALOGUE
+
+    _load(command.effects)
+    for name, kind in CATALOGUE.items():
+        print(name)
+        print(f"    {kind.formula or (kind.__doc__ or '').strip().splitlines()[0]}")
+        parameters = ", ".join(f"{p.name} [{p.unit}]" for p in kind().parameters.values())
+        print(f"    parameters: {parameters}")
+        if kind.confused:
+            print(f"    may be confused with: {', '.join(kind.confused)}")
+
+
+# ---- what all commands on a log begin and end with -------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """A log with its noise, and the model to begin with.
+
+    names   the parameters that a fit may move
+    given   whether the model came from a file
+    """
+
+    log: Log
+    sensor: Sensor
+    training: tuple[Record, ...]
+    held_out: tuple[Record, ...]
+    model: Model
+    names: tuple[str, ...]
+    given: bool
+
+    @classmethod
+    def of(cls, command: Fit | Compare | Diagnose | Add, *outputs: Path | None) -> Task:
+        """Read everything, and say what was read. Raises InvalidInput before anything expensive."""
+        _check_outputs([*command.log.files, command.start.model, command.start.effects], outputs)
+        _load(command.start.effects)
+        model, names, given = _begun(command.start)
+        log = _read(command.log)
+        print(log)
+        sensor = _sensor(command.log, log)
+        training, held_out = split(log, command.log.hold_out)
+        model = _sampled(model, log.dt)
+        names = _shown(model, names, log)
+        if not given:
+            from sysid.identify.rough import rough
+
+            model = rough(model, names, training, sensor)
+        return cls(log, sensor, training, held_out, model, names, given)
+
+    def fitted(self) -> Estimate:
+        """The model fitted to what is not held out."""
+        if not self.names:
+            raise InvalidInput("nothing is left to fit: every parameter that this log can show is fixed")
+        return fit(self.model, self.training, self.sensor, self.names)
+
+    def doubt(self, error: float | None) -> None:
+        """Say so where the model explains next to nothing of the angle: an error of columns rather than of physics."""
+        if error is None:
+            return
+        spread = float(np.std(np.concatenate([r.theta for r in self.held_out if r.theta is not None])))
+        if not error < 0.3 * spread:
+            print("  the error is far above any noise: check columns, units, --zero, --flip-torque and --plant")
+
+    def write_model(self, path: Path | None, estimate: Estimate) -> None:
+        """model.json."""
+        if path is not None:
+            from sysid.export import save
+
+            save(estimate, path)
+            print(f"wrote {path}")
+
+    def write_json(self, path: Path | None, data: dict[str, Any]) -> None:
+        """Plain data."""
+        if path is not None:
+            _write(path, json.dumps(data, indent=1, allow_nan=False) + "\n")
+
+    def write_report(self, path: Path | None, answer: Any) -> None:
+        """The self-contained page."""
+        if path is not None:
+            from sysid.report import write_report
+
+            write_report(answer, self.log, path)
+            print(f"wrote {path}")
+
+
+def _check_outputs(inputs: list[Path | None], outputs: tuple[Path | None, ...]) -> None:
+    """Raise InvalidInput where an output is an input, comes twice, or cannot be written."""
+    read_from = {p.resolve() for p in inputs if p is not None}
+    written: set[Path] = set()
+    for path in (p for p in outputs if p is not None):
+        where = path.resolve()
+        if where in read_from:
+            raise InvalidInput(f"{path} is read by this command: expected another file to write to")
+        if where in written:
+            raise InvalidInput(f"{path} is to hold two answers: expected two files")
+        if path.is_dir():
+            raise InvalidInput(f"{path} is a folder: expected a file to write to")
+        if not where.parent.is_dir():
+            raise InvalidInput(f"cannot write {path}: there is no folder {path.parent}")
+        written.add(where)
+
+
+def _load(effects: Path | None) -> None:
+    if effects is not None:
+        from sysid.user_effects import load_effects
+
+        print(f"effects of {effects.name}: {', '.join(load_effects(effects))}")
+
+
+def _read(options: LogOptions) -> Log:
+    return read(
+        *options.files,
+        columns=options.columns or None,
+        zero=options.zero,
+        flip_torque=options.flip_torque,
+        degrees=options.degrees,
+        begin=options.begin,
+        end=options.end,
+        dt=options.dt,
+    )
+
+
+# ---- noise -----------------------------------------------------------------------------------------------------------
+
+
+def _sensor(options: LogOptions, log: Log) -> Sensor:
+    """The noise that the user gave; what was not given is found. Raises InvalidInput where nothing moves."""
+    from sysid.noise import sensor_noise
+    from sysid.plausibility import check_excitation
+
+    measured = [c for c in ("theta", "theta_dot") if all(getattr(r, c) is not None for r in log)]
+    if all(np.ptp(getattr(r, c)) == 0.0 for r in log for c in measured):
+        at = getattr(log[0], measured[0])[0]
+        raise InvalidInput(f"the pendulum is at rest: {measured[0]} stays at {at:.4g}: nothing excites m")
+    given = _numbers("--noise", options.noise.split(",") if options.noise else ())
+    for channel in given:
+        if channel not in measured:
+            raise InvalidInput(f"--noise names {channel!r}: this log measures {' and '.join(measured)}")
+    if set(given) == set(measured):
+        sensor = Sensor(**given)
+    else:
+        noise = sensor_noise(log)
+        print(noise)
+        sensor = dataclasses.replace(noise.sensor, **given)
+    check_excitation(log, sensor)
+    return sensor
+
+
+def _numbers(option: str, pairs: tuple[str, ...] | list[str]) -> dict[str, float]:
+    """{name: number} of "name=number"."""
+    found: dict[str, float] = {}
+    for pair in pairs:
+        name, _, number = (part.strip() for part in pair.partition("="))
+        try:
+            found[name] = float(number)
+        except ValueError:
+            raise InvalidInput(f"{option} {pair!r}: expected NAME=NUMBER, as in l=0.45") from None
+    return found
+
+
+# ---- the model to begin with -----------------------------------------------------------------------------------------
+
+
+def _begun(options: ModelOptions) -> tuple[Model, tuple[str, ...], bool]:
+    """The model of the file or the plain plant, what the user knows put in; its free names; whether it is a file's."""
+    if options.model is None:
+        model = Model(PLANTS[options.plant or "rod"])
+        names = free(model)
+    elif options.plant is not None:
+        raise InvalidInput(f"--plant {options.plant} and --model {options.model} both name a plant: expected one")
+    else:
+        from sysid.export import load
+
+        saved = load(options.model)
+        model, names = saved.model, saved.free
+    known = _numbers("--set", options.set)
+    if options.gravity is not None:
+        if "g" not in model.parameters:
+            raise InvalidInput(f"--gravity: a {type(model.plant).__name__} has none, but {', '.join(model.parameters)}")
+        known["g"] = options.gravity
+    model = model.with_parameters(known)
+    return model, tuple(n for n in names if n not in known), options.model is not None
+
+
+def _sampled(model: Model, dt: float) -> Model:
+    """The model at the log's sample interval; its integrator's steps stay as fine."""
+    if abs(model.dt - dt) <= 1e-6 * dt:
+        return model
+    if not isinstance(model.integrator, RK4):
+        return dataclasses.replace(model, dt=dt) if abs(model.dt - dt) < 0.01 * dt else model
+    return dataclasses.replace(model, dt=dt, integrator=RK4(substeps=math.ceil(dt / SUBSTEP - 1e-6)))
+
+
+def _shown(model: Model, names: tuple[str, ...], log: Log) -> tuple[str, ...]:
+    """The names without the one that sets the scale of all torques, where no torque is known."""
+    if any(np.any(record.u != 0.0) for record in log):
+        return names
+    scale = next((n for n in ("m", "J") if n in names), None)
+    if scale is None:
+        return names
+    p = model.parameters[scale]
+    print(
+        f"a free swing cannot show {scale}: it stays at {p.value:g} {p.unit}, and every torque is relative to it; "
+        f"give it with --set {scale}=..."
+    )
+    return tuple(n for n in names if n != scale)
+
+
+# ---- files -----------------------------------------------------------------------------------------------------------
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InvalidInput(f"cannot write {path}: {error.strerror}") from None
+    print(f"wrote {path}")
+
+
+def _draw(comparison: Any, path: Path) -> None:
+    try:
+        comparison.plot().savefig(path)
+    except (OSError, ValueError) as error:
+        raise InvalidInput(f"cannot write {path}: {error}") from None
+    print(f"wrote {path}")

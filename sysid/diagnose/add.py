@@ -1,0 +1,93 @@
+"""add: one named effect joins a model, and the error before and after says what it is worth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from sysid.diagnose.held_out import HeldOutError, held_out_error
+from sysid.diagnose.screen import screen
+from sysid.diagnose.search import LEAD, extend, grow
+from sysid.effects import effect
+from sysid.errors import InvalidInput
+from sysid.estimate import Estimate
+from sysid.fit import free
+from sysid.identify.gauss_newton import fit_longest
+from sysid.model import Model
+from sysid.records import Record, check_records
+from sysid.sensor import Sensor
+
+
+@dataclass(frozen=True, eq=False)
+class Added:
+    """An effect that joined a model: both fits, and the held-out error before and after."""
+
+    effect: str
+    base: Estimate
+    estimate: Estimate
+    before: HeldOutError
+    after: HeldOutError
+
+    @property
+    def sentence(self) -> str:
+        """What it is worth."""
+        sd, parameters = self.estimate.sd, self.estimate.model.parameters
+        numbers = ", ".join(
+            f"{name.split('.')[-1]} = {value:.4g} +- {sd[name]:.2g} {parameters[name].unit}"
+            for name, value in self.estimate.values.items()
+            if name.startswith(f"{self.effect}.")
+        )
+        return (
+            f"{self.effect} ({numbers}): the error on held-out data goes from {self.before.ratio:.3g} "
+            f"to {self.after.ratio:.3g} times the sensor noise"
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, ready for JSON."""
+        return {
+            "effect": self.effect,
+            "error_before": self.before.to_dict(),
+            "error_after": self.after.to_dict(),
+            "estimate": self.estimate.to_dict(),
+        }
+
+    def __str__(self) -> str:
+        return f"{self.estimate}\n{self.sentence}"
+
+
+def add(
+    model: Model | Estimate,
+    name: str,
+    records: Sequence[Record],
+    sensor: Sensor | None = None,
+    hold_out: float | None = None,
+) -> Added:
+    """Refit a model without and with one more effect of the catalogue, begun at the size that a screen expects.
+
+    model     a model, or an estimate: its free parameters are refitted, the others keep their numbers
+    hold_out  as in `diagnose`: that part of the records only reports
+
+    Raises InvalidInput for an effect that is unknown, already there, excluded by another or without any influence here.
+    """
+    from sysid.logs import split
+    from sysid.noise import sensor_noise
+
+    names = model.names if isinstance(model, Estimate) else free(model)
+    if isinstance(model, Estimate):
+        sensor, model = sensor or model.sensor, model.model
+    model.with_effect(effect(name))  # raises where it is unknown or cannot stand there
+    sensor = sensor or sensor_noise(records).sensor
+    training, held_out = split(check_records(model, records), hold_out)
+    base = fit_longest(model, names, training, sensor, lead=LEAD)
+    score = screen(base, (name,))[0][name]
+    if not score.visible:
+        raise InvalidInput(f"{name} changes nothing that this log shows: expected an effect that moves its readings")
+    better = grow(extend(base, score))
+    return Added(
+        effect=name,
+        base=base.estimate(),
+        estimate=better.estimate(),
+        before=held_out_error(base.model, held_out, sensor),
+        after=held_out_error(better.model, held_out, sensor),
+    )

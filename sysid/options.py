@@ -1,0 +1,147 @@
+"""What the command line of sysid understands: one dataclass a command, made of groups that several share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Literal
+
+from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction, arg
+
+Files = Annotated[Positional[tuple[Path, ...]], arg(metavar="LOG", help_behavior_hint="")]
+File = Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="")]
+Number = Annotated[float | None, arg(metavar="S", help_behavior_hint="")]
+Text = Annotated[str, arg(metavar="NAME=...", help_behavior_hint="")]
+Switch = FlagCreatePairsOff[Annotated[bool, arg(help_behavior_hint="")]]
+
+
+@dataclass(frozen=True)
+class LogOptions:
+    """How the log is read."""
+
+    files: Files = ()
+    """CSV, .npz or .mat with columns t [s], theta [rad] and/or theta_dot [rad/s], torque [N m] (none: a free swing),
+    rollout (where a file has several). Several files are several rollouts."""
+
+    columns: Annotated[str, arg(metavar="t=NAME,...", help_behavior_hint="")] = ""
+    """The file's own names of columns, as in t=time_s,theta=angle_rad,torque=i_meas; "theta_dot=" leaves one out."""
+
+    zero: Literal["upright", "hanging"] = "upright"
+    """Where the log's angle is 0."""
+
+    flip_torque: Switch = False
+    """A positive torque of the log lowers its angle."""
+
+    degrees: Switch = False
+    """The log has degrees and degrees/s."""
+
+    begin: Annotated[Number, arg(name="from")] = None
+    """Leave out what comes before this time [s] of the log."""
+
+    end: Annotated[Number, arg(name="to")] = None
+    """Leave out what comes after this time [s] of the log."""
+
+    dt: Number = None
+    """Sample interval [s] to resample to; by default the log's own."""
+
+    noise: Annotated[str, arg(metavar="theta=SD,theta_dot=SD", help_behavior_hint="")] = ""
+    """Noise of the sensors [rad], [rad/s]; by default it is found without any model."""
+
+    hold_out: Annotated[float | None, arg(metavar="SHARE", help_behavior_hint="")] = None
+    """What no fit sees: a share of the log, or a number of rollouts; by default the last quarter."""
+
+
+@dataclass(frozen=True)
+class ModelOptions:
+    """The model to begin with."""
+
+    model: File = None
+    """A model.json; by default the plain plant."""
+
+    plant: Annotated[
+        Literal["rod", "point", "joint", "axis"] | None,
+        arg(metavar="{rod,point,joint,axis}", help_behavior_hint="(default: rod)"),
+    ] = None
+    """rod: a uniform rod of m, l. point: a point mass m at l. joint: inertia J and gravity torque G. axis: a linear
+    drive of mass m that a force moves, in m and N."""
+
+    set: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="NAME=NUMBER", help_behavior_hint="(repeatable)")] = ()
+    """Fix what is known, as in l=0.45 or viscous.b=0.01."""
+
+    gravity: Annotated[float | None, arg(metavar="G", help_behavior_hint="(default: 9.81)")] = None
+    """Gravity [m/s^2]."""
+
+    effects: File = None
+    """A Python file with effects of your own (@sysid.register); they are ranked like ours."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The plant's parameters with intervals, the noise found, and what cannot be told apart."""
+
+    log: LogOptions = field(default_factory=LogOptions)
+    start: ModelOptions = field(default_factory=ModelOptions)
+    out: Annotated[File, arg(aliases=["-o"])] = None
+    """Write the fitted model here, as model.json."""
+
+    json: File = None
+    """Write the numbers here."""
+
+
+@dataclass(frozen=True)
+class Compare:
+    """How far a model is off on data that it has not seen, and where."""
+
+    log: LogOptions = field(default_factory=LogOptions)
+    start: ModelOptions = field(default_factory=ModelOptions)
+    json: File = None
+    """Write the answer here."""
+
+    html: File = None
+    """Write a report here that opens offline."""
+
+    figure: File = None
+    """Draw the answer here (.png, .pdf, .svg)."""
+
+
+@dataclass(frozen=True)
+class Diagnose:
+    """Which physical effect the model lacks, with the evidence. Without --model: the whole loop."""
+
+    log: LogOptions = field(default_factory=LogOptions)
+    start: ModelOptions = field(default_factory=ModelOptions)
+    out: Annotated[File, arg(aliases=["-o"])] = None
+    """Write the mended model here, as model.json."""
+
+    json: File = None
+    """Write the answer here, as schema gapfinder/diagnosis/1."""
+
+    html: File = None
+    """Write a report here that opens offline."""
+
+
+@dataclass(frozen=True)
+class Add:
+    """Add one effect: the error before and after."""
+
+    effect: Annotated[Positional[str], arg(metavar="EFFECT")]
+    """Its name in the catalogue (`sysid effects` lists them)."""
+
+    log: LogOptions = field(default_factory=LogOptions)
+    start: ModelOptions = field(default_factory=ModelOptions)
+    out: Annotated[File, arg(aliases=["-o"])] = None
+    """Write the better model here, as model.json."""
+
+    json: File = None
+    """Write the numbers here."""
+
+
+@dataclass(frozen=True)
+class Effects:
+    """The catalogue: formula, parameters, units, and what each effect is confused with."""
+
+    effects: File = None
+    """A Python file with effects of your own."""
+
+
+COMMANDS = {"fit": Fit, "compare": Compare, "diagnose": Diagnose, "add": Add, "effects": Effects}
