@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
@@ -20,6 +20,8 @@ LEVEL = 0.01
 """Of significance, over all quantities that are looked at."""
 LEAST = 0.05
 """Of the squared error beyond the noise that a second cause must add."""
+CLEARLY = 0.04
+"""Of it that time must explain beyond what quantities of the joint do."""
 MOST = 3
 """Causes at a time."""
 
@@ -45,10 +47,11 @@ class Cause:
 
 @dataclass(frozen=True, eq=False)
 class _Solution:
-    """Least squares on some columns: (Q,) their numbers, their coefficients, what they explain with how many."""
+    """Least squares on some columns (Q,): coefficients with their sd, what they explain, and their rank."""
 
     columns: NDArray[np.intp]
     coefficient: Array
+    sd: Array
     sum: float
     rank: int
     lag: int | None = None
@@ -57,30 +60,34 @@ class _Solution:
 class Columns:
     """Directions of several groups side by side, their products with one another and with the residuals.
 
-    late: the commands of `lags`, of which "history" takes the one that explains most beside the present one.
+    "history" is one column: of c (u(k - i) - u(k)), at the lag i that explains most beside the other groups.
     """
 
     def __init__(self, residuals: Residuals, groups: Mapping[str, Array], late: Array, lags: NDArray[np.intp]) -> None:
-        z = np.concatenate([*groups.values(), late], axis=-1)
+        past = lags != 0
+        moved = late[:, past] - late[:, ~past]
+        z = np.concatenate([*groups.values(), moved], axis=-1)
         length = np.linalg.norm(z, axis=0)
         self.size = np.where(length > 0.0, length, 1.0)
         self.gram, self.b = (z.T @ z) / np.outer(self.size, self.size), (z.T @ residuals.e) / self.size
         self.degrees, self.total = residuals.degrees, float(residuals.e @ residuals.e)
         edges = np.cumsum([0, *(g.shape[1] for g in groups.values())])
         self.of = {name: np.arange(a, b) for name, a, b in zip(groups, edges[:-1], edges[1:], strict=True)}
-        self.late, self.lags = np.arange(edges[-1], len(self.size)), lags
+        self.late, self.lags = np.arange(edges[-1], len(self.size)), lags[past]
 
     def solve(self, names: tuple[str, ...]) -> _Solution:
-        """Of the groups of these names together; "history" is the present command's group and one lag more."""
-        groups = dict.fromkeys("torque" if n == "history" else n for n in names)
-        columns = np.concatenate([np.zeros(0, dtype=int), *(self.of[g] for g in groups if g in self.of)])
+        """Of the groups of these names together."""
+        columns = np.concatenate([np.zeros(0, dtype=int), *(self.of[n] for n in names if n in self.of)])
         lag = None
         if "history" in names:
             lag = self._best_lag(columns)
             columns = np.append(columns, self.late[lag])
         mixed, U = self._along(columns)
-        coefficient = (mixed @ U) / self.size[columns]
-        return _Solution(columns, coefficient, float(U @ U), len(U), None if lag is None else int(self.lags[lag]))
+        size, explained = self.size[columns], float(U @ U)
+        variance = max(self.total - explained, 1e-300) / max(1, self.degrees - len(U))
+        sd = np.sqrt(variance * np.sum(mixed**2, axis=1)) / size
+        shown = None if lag is None else int(self.lags[lag])
+        return _Solution(columns, (mixed @ U) / size, np.maximum(sd, 1e-300), explained, len(U), shown)
 
     def cost(self, found: _Solution) -> float:
         """BIC: n log(sum of squares) + log(n) rank."""
@@ -113,18 +120,32 @@ class Columns:
 def causes(
     residuals: Residuals, shapes: Mapping[str, Shape], seen: Mapping[str, Array], late: Array, lags: NDArray[np.intp]
 ) -> tuple[Cause, ...]:
-    """Of all sets of up to three quantities that each add something, the one of least BIC; the strongest first."""
+    """Of all sets of up to three quantities that each add something, the one of least BIC; the strongest first.
+
+    Any torque can be drawn over time: a set with time is taken where it explains clearly more than all sets without.
+    """
     more = {"plant": residuals.seen(plant_torques(residuals)), "readings": of_readings(residuals)}
     columns = Columns(residuals, {**seen, **more}, late, lags)
-    empty = columns.solve(())
+    sets = list(_sets(columns))
+    chosen = _best(residuals, columns, [names for names in sets if "time" not in names])
+    over_time = _best(residuals, columns, [names for names in sets if "time" in names])
+    if over_time:
+        without, within = columns.solve(chosen), columns.solve(over_time)
+        if not chosen or residuals.share(within.sum - without.sum, within.rank - without.rank) > CLEARLY:
+            chosen = over_time
+    return tuple(_told(residuals, columns, shapes, chosen))
+
+
+def _best(residuals: Residuals, columns: Columns, sets: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
+    """The set of least BIC of which each quantity adds something; () where that is none."""
     chosen: tuple[str, ...] = ()
-    best = columns.cost(empty)
-    for names in _sets(columns):
+    least = columns.cost(columns.solve(()))
+    for names in sets:
         found = columns.solve(names)
         cost = columns.cost(found)
-        if cost < best and all(_adds(residuals, columns, found, names, name) for name in names):
-            best, chosen = cost, names
-    return tuple(_told(residuals, columns, shapes, chosen))
+        if cost < least and all(_adds(residuals, columns, found, names, name) for name in names):
+            least, chosen = cost, names
+    return chosen
 
 
 def plant_torques(residuals: Residuals) -> Array:
@@ -144,25 +165,20 @@ def of_readings(residuals: Residuals) -> Array:
 
 
 def _sets(columns: Columns) -> Iterator[tuple[str, ...]]:
-    names = [*columns.of, *(("history",) if "torque" in columns.of else ())]
+    """Of up to three quantities; a plant that is off looks like a torque that is, so only one of them."""
     for count in range(1, MOST + 1):
-        for chosen in combinations(names, count):
-            if not {"torque", "history"} <= set(chosen):
+        for chosen in combinations((*columns.of, "history"), count):
+            if not {"torque", "plant"} <= set(chosen):
                 yield chosen
 
 
 def _adds(residuals: Residuals, columns: Columns, found: _Solution, names: tuple[str, ...], name: str) -> bool:
-    """Whether a quantity is significant beside the others, and adds enough; past torque also beside the present one."""
-    others = tuple(n for n in names if n != name)
-    rivals = [others, (*others, "torque")] if name == "history" else [others]
-    for rival in rivals:
-        less = columns.solve(rival)
-        tries = len(columns.of) + (len(columns.lags) if name == "history" else 0)
-        if columns.p_value(found, less) * tries > LEVEL:
-            return False
-        if rival and residuals.share(found.sum - less.sum, found.rank - less.rank) < LEAST:
-            return False
-    return True
+    """Whether a quantity is significant beside the others, and adds enough."""
+    less = columns.solve(tuple(n for n in names if n != name))
+    tries = len(columns.of) + (len(columns.lags) if name == "history" else 0)
+    if columns.p_value(found, less) * tries > LEVEL:
+        return False
+    return len(names) == 1 or residuals.share(found.sum - less.sum, found.rank - less.rank) > LEAST
 
 
 def _told(
@@ -175,22 +191,21 @@ def _told(
         offers = {n: columns.solve((*before, n)) for n in chosen if n not in before}
         name = max(offers, key=lambda n: offers[n].sum)
         share = residuals.share(offers[name].sum - known.sum, offers[name].rank - known.rank)
-        group = "torque" if name == "history" else name
-        numbers = joint.coefficient[np.isin(joint.columns, columns.of[group])]
-        yield Cause(name, share, _words(residuals, name, shapes.get(group), numbers, joint.lag))
+        own = np.isin(joint.columns, columns.of.get(name, columns.late))
+        words = _words(residuals, name, shapes.get(name), joint.coefficient[own], joint.sd[own], joint.lag)
+        yield Cause(name, share, words)
         before, known = (*before, name), offers[name]
 
 
 # words -----------------------------------------------------------------------------------------------------------
 
 
-def _words(residuals: Residuals, name: str, shape: Shape | None, number: Array, lag: int | None) -> str:
+def _words(residuals: Residuals, name: str, shape: Shape | None, number: Array, sd: Array, lag: int | None) -> str:
     if name == "history":
         return _history(lag or 0, residuals.response.model.dt)
     if shape is None:
-        return {"readings": _readings, "plant": _plant}[name](residuals, number)
-    weight = np.sum(shape.values * residuals.scored[..., None], axis=(0, 1))
-    return {"theta": _angle, "theta_dot": _speed, "torque": _command, "time": _time}[name](shape, number, weight)
+        return {"readings": _readings, "plant": _plant}[name](number, sd)
+    return {"theta": _angle, "theta_dot": _speed, "torque": _command, "time": _time}[name](shape, number, sd)
 
 
 def _history(lag: int, dt: float) -> str:
@@ -201,16 +216,15 @@ def _history(lag: int, dt: float) -> str:
     return f"the motion follows the torque of {rows} ago ({time}): {reason}"
 
 
-def _readings(residuals: Residuals, number: Array) -> str:
-    size = np.abs(number) / residuals.explain(of_readings(residuals)).sd
+def _readings(number: Array, sd: Array) -> str:
+    size = np.abs(number) / sd
     said = [f"offset by {number[0]:+.2g} rad/s", f"{number[1]:+.1%} off"]
     found = [words for words, s in zip(said, size, strict=True) if s > 0.3 * np.max(size)]
     return f"the speed readings do not belong to the angle's: they are {' and '.join(found)}"
 
 
-def _plant(residuals: Residuals, number: Array) -> str:
+def _plant(number: Array, sd: Array) -> str:
     inertia, gravity = number
-    sd = residuals.explain(residuals.seen(plant_torques(residuals))).sd
     if gravity != 0.0 and abs(inertia - gravity) < 3.0 * float(np.hypot(*sd)) + 0.05 * abs(inertia):
         torque = f"the torque {1.0 / (1.0 + inertia):.0%} of what was commanded"
         return f"the plant's numbers do not fit, as if inertia and gravity were {inertia:+.1%} off, or {torque}"
@@ -219,10 +233,10 @@ def _plant(residuals: Residuals, number: Array) -> str:
     return f"the plant's numbers do not fit: {' and '.join(found or said)}"
 
 
-def _speed(shape: Shape, torque: Array, weight: Array) -> str:
+def _speed(shape: Shape, torque: Array, sd: Array) -> str:
     """A friction in its form, where the curve is odd; else where it is strongest."""
     v = shape.at
-    weight = weight * (np.abs(v) > 1e-9)
+    weight = 1.0 / sd**2
     fits = {}
     for words, form in {
         "grows with |theta_dot| (viscous-like)": v,
@@ -235,34 +249,35 @@ def _speed(shape: Shape, torque: Array, weight: Array) -> str:
     left, a = fits[words]
     if left < 0.3 * float(np.sum(weight * torque**2)):
         return f"a torque {'against' if a < 0.0 else 'along'} the motion is missing, which {words}"
-    return f"it depends on the speed, strongest near theta_dot = {_strongest(shape, torque, weight, 'rad/s')}"
+    return f"it depends on the speed, strongest near theta_dot = {_strongest(shape, torque, sd, 'rad/s')}"
 
 
-def _command(shape: Shape, torque: Array, weight: Array) -> str:
+def _command(shape: Shape, torque: Array, sd: Array) -> str:
     """A gain, where the curve is straight through zero; else where it is strongest."""
+    weight = 1.0 / sd**2
     a = _slope(shape.at, torque, weight)
     if float(np.sum(weight * (torque - a * shape.at) ** 2)) < 0.15 * float(np.sum(weight * torque**2)):
         return f"the joint moves as if it felt {1.0 + a:.0%} of the commanded torque"
-    return f"it depends on the commanded torque, strongest near u = {_strongest(shape, torque, weight, 'N m')}"
+    return f"it depends on the commanded torque, strongest near u = {_strongest(shape, torque, sd, 'N m')}"
 
 
-def _angle(shape: Shape, torque: Array, weight: Array) -> str:
-    return f"it depends on the angle, strongest near theta = {_strongest(shape, torque, weight, 'rad')}"
+def _angle(shape: Shape, torque: Array, sd: Array) -> str:
+    return f"it depends on the angle, strongest near theta = {_strongest(shape, torque, sd, 'rad')}"
 
 
-def _time(shape: Shape, torque: Array, weight: Array) -> str:
-    k = _peak(torque, weight)
+def _time(shape: Shape, torque: Array, sd: Array) -> str:
+    k = _peak(torque, sd)
     return f"it comes and goes with time, strongest in {shape.record[k]} at {shape.at[k]:.1f} s ({torque[k]:+.2g} N m)"
 
 
-def _strongest(shape: Shape, torque: Array, weight: Array, unit: str) -> str:
-    k = _peak(torque, weight)
+def _strongest(shape: Shape, torque: Array, sd: Array, unit: str) -> str:
+    k = _peak(torque, sd)
     return f"{shape.at[k]:.2g} {unit} ({torque[k]:+.2g} N m)"
 
 
-def _peak(torque: Array, weight: Array) -> int:
-    """The knot of the largest torque; one with few intervals is uncertain and counts less."""
-    return int(np.argmax(np.abs(torque) * np.sqrt(weight / (weight + np.median(weight)))))
+def _peak(torque: Array, sd: Array) -> int:
+    """The knot at which the torque is surely the largest."""
+    return int(np.argmax(np.abs(torque) - 2.0 * sd))
 
 
 def _slope(form: Array, torque: Array, weight: Array) -> float:

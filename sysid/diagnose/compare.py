@@ -168,16 +168,16 @@ def compare(model: Model | Estimate, records: Sequence[Record], sensor: Sensor |
         from sysid.noise import sensor_noise
 
         sensor = sensor_noise(records).sensor
-    fit = refit_windows(model, records, sensor, cut(records, 1.0, lead_of(model)))
+    fit, near = (refit_windows(model, records, sensor, cut(records, T, lead_of(model))) for T in (1.0, 0.5))
     one_second = error_of(fit, 1.0)
-    residuals = Residuals(fit)
+    residuals = Residuals(fit, near)
     found = shapes(residuals)
     seen = {name: residuals.seen(shape.values) for name, shape in found.items()}
     lags = lags_of(model.dt)
     late = residuals.seen(np.stack([residuals.command(int(lag)) for lag in lags], axis=-1))
     return Comparison(
         one_step=held_out_error(model, records, sensor, shortest(sensor) * model.dt),
-        half_second=held_out_error(model, records, sensor, 0.5),
+        half_second=error_of(near, 0.5),
         one_second=one_second,
         whole=held_out_error(model, records, sensor, math.inf),
         curves={name: curve_of(residuals, name, shape, seen[name]) for name, shape in found.items()},

@@ -13,7 +13,7 @@ from sysid.diagnose.held_out import finite
 from sysid.diagnose.residuals import Residuals
 from sysid.records import Array
 
-_KNOTS = {"theta": 12, "theta_dot": 6, "torque": 9}
+_KNOTS = {"theta": 12, "theta_dot": 5, "torque": 9}
 _SPACING = 0.4
 """Seconds between the knots over time, at least; at most 60 knots in all."""
 _MAP = (10, 8)
@@ -25,9 +25,9 @@ _FEWEST = 3.0
 class Curve:
     """Torque (B,) [N m] that the readings need beyond the model at knots `at` (B,) of one quantity, straight between.
 
-    sd (B,), count (B,) the intervals about each knot; `record` (B,) names, where the quantity is time. Speed 0 comes
-    twice: from below and from above. p_value: that there is no such torque; share: of the squared error beyond the
-    noise that goes with it.
+    sd (B,), count (B,) the intervals about each knot; `record` (B,) names, where the quantity is time. Either direction
+    of motion is by itself: the torque may jump at speed 0. p_value: that there is no such torque; share: of the squared
+    error beyond the noise that goes with it.
     """
 
     name: str
@@ -134,7 +134,7 @@ def _speeds(residuals: Residuals) -> Shape:
     v = residuals.theta_dot
     fastest = float(np.quantile(np.abs(v[residuals.scored]), 0.99))
     # speeds are more often small than large, and friction bends there
-    knots = fastest * np.linspace(0.0, 1.0, _KNOTS["theta_dot"]) ** 1.5
+    knots = fastest * np.linspace(0.0, 1.0, _KNOTS["theta_dot"] + 1)[1:] ** 1.5
     forward = hats(v, knots) * (v > 0.0)[..., None]
     backward = hats(-v, knots)[..., ::-1] * (v < 0.0)[..., None]
     return Shape("rad/s", np.concatenate([-knots[::-1], knots]), np.concatenate([backward, forward], axis=-1))
@@ -190,7 +190,7 @@ def map_of(residuals: Residuals) -> ResidualMap:
     cell = (i * _MAP[1] + j).astype(int)
     indicator = (cell[..., None] == np.arange(_MAP[0] * _MAP[1])) & residuals.scored[..., None]
     count = np.sum(indicator, axis=(0, 1))
-    used = count >= _FEWEST
+    used = count >= max(_FEWEST, 0.002 * count.sum())
     torque, sd = np.full(len(count), np.nan), np.full(len(count), np.nan)
     torque[used], sd[used] = _shrunk(residuals, residuals.seen(indicator[..., used].astype(float)))
     return ResidualMap(edges[0], edges[1], torque.reshape(_MAP), sd.reshape(_MAP), count.reshape(_MAP))

@@ -32,6 +32,20 @@ class _Push(JointEffect):
         return self.tau
 
 
+def _on(near: Refit, fit: Refit) -> Array:
+    """The states (K, L+1, 2) of windows `near`, at the instants of those of `fit`; finite."""
+    paths = [np.zeros((len(r) + 1, 2)) for r in fit.response.records]
+    for refitted in (fit, near):
+        for w, states in zip(refitted.response.windows, refitted.lin.states, strict=True):
+            own = states[w.lead : w.count + 1]
+            paths[w.record][w.begin + w.lead : w.begin + w.count + 1] = np.where(np.isfinite(own), own, 0.0)
+    found = np.zeros_like(fit.lin.states)
+    for i, w in enumerate(fit.response.windows):
+        own = paths[w.record][w.begin : w.begin + w.count + 1]
+        found[i, : len(own)], found[i, len(own) :] = own, own[-1]
+    return found
+
+
 @dataclass(frozen=True, eq=False)
 class Explained:
     """Least squares of residuals e on directions z (rows, Q): coefficients and their sd (Q,), what they explain.
@@ -51,10 +65,10 @@ class Residuals:
     """Residuals e (rows,) of refitted windows and the intervals (K, L) that they come from.
 
     theta (mod 2 pi), theta_dot, time (K, L) at the middle of each interval; scored (K, L): whether it is in the scored
-    part of a window.
+    part of a window. theta and theta_dot are those of shorter windows (`near`), which stay nearer to the readings.
     """
 
-    def __init__(self, fit: Refit) -> None:
+    def __init__(self, fit: Refit, near: Refit) -> None:
         response, L = fit.response, fit.response.length
         # where the model ran away nothing linear can be said
         steady = np.all(np.isfinite(fit.lin.e), axis=1)
@@ -65,7 +79,8 @@ class Residuals:
         self.scored = read[:, 1:] | read[:, :-1]
         self.states = np.where(steady[:, None, None], fit.lin.states, 0.0)
         self.A = np.where(steady[:, None, None, None], fit.lin.A, 0.0)
-        middle = 0.5 * (self.states[:, :L] + self.states[:, 1:])
+        along = _on(near, fit)
+        middle = 0.5 * (along[:, :L] + along[:, 1:])
         self.theta, self.theta_dot = np.mod(middle[..., 0], 2.0 * math.pi), middle[..., 1]
         self.time = response.time[:, :L] + 0.5 * response.model.dt
         self.push = self._push() * steady[:, None, None]
