@@ -141,56 +141,29 @@ class Response:
         return np.concatenate([r.u for r in self.records])
 
     def drives(self, p: Array) -> tuple[Array, Array]:
-        """Drive torques (N + 1, S) of the whole log and their derivatives (N + 1, S, P); the last row pads."""
+        """Drive torques (N + 1, S) of the whole log and their derivatives (N + 1, S, P); the last row pads.
+
+        Differences to the side that the bounds leave open: a delay moves the torque piecewise linearly, a lag
+        smoothly, and neither needs more.
+        """
         S, P, N = self.model.integrator.substeps, len(self.names), len(self.commands)
         drives, slopes = np.zeros((N + 1, S)), np.zeros((N + 1, S, P))
-        if not self.model.input_effects:
-            drives[:N] = self.commands[:, None]
-            return drives, slopes
-        ahead = max(e.ahead for e in self.model.input_effects)
-        step, rest = self._drive_step
-        begin = 0
-        for record in self.records:
-            n = len(record)
-            if n not in self._scans:
-                self._scans[n] = step.mapaccum(n + ahead)
-            # what looks ahead is handed the next row's command, so one interval before the first fills its memory
-            feed = np.concatenate([record.u, record.u[-1:]])[: n + ahead][None, :]
-            out = np.asarray(self._scans[n](rest, feed, np.repeat(p[:, None], n + ahead, axis=1))[1]).T[ahead:]
-            drives[begin : begin + n] = out[:, :S]
-            for j, i in enumerate(self.shaping):
-                slopes[begin : begin + n, :, i] = out[:, S * (j + 1) : S * (j + 2)]
-            begin += n
+        drives[:N] = self._driven(p)
+        known = self.model.parameters
+        for i in self.shaping:
+            low, high = known[self.names[i]].bounds
+            h = 1e-6 * max(min(high - low, 1.0), 1e-3)
+            h = -h if p[i] + h > high else h
+            moved = p.copy()
+            moved[i] += h
+            slopes[:N, :, i] = (self._driven(moved) - drives[:N]) / h
         return drives, slopes
 
-    @cached_property
-    def _scans(self) -> dict[int, casadi.Function]:
-        """The drive step over so many intervals: building one takes longer than running it."""
-        return {}
-
-    @cached_property
-    def _drive_step(self) -> tuple[casadi.Function, casadi.DM]:
-        """(memory and its tangents, u, p) -> (the same an interval later, drives and their tangents); at rest."""
-        sizes = [len(memory) for memory in self.model.rest(0.0)]
-        M, S, P = sum(sizes), self.model.integrator.substeps, len(self.names)
-        flat, u, p = casadi.SX.sym("memory", M), casadi.SX.sym("u"), casadi.SX.sym("p", P)
-        drive, after = self._symbolic(p).drive(u, _nested(flat, sizes))
-        out, new = casadi.vertcat(*drive), casadi.vertcat(*(v for m in after for v in m))
-        tangents = [casadi.SX.sym(f"tangent{i}", M) for i in self.shaping]
-        d_out, d_new = [], []
-        for i, tangent in zip(self.shaping, tangents, strict=True):
-            direction = casadi.vertcat(tangent, _unit(i, P))
-            at = casadi.vertcat(flat, p)
-            d_out.append(casadi.jtimes(out, at, direction))
-            d_new.append(casadi.jtimes(new, at, direction))
-        step = casadi.Function(
-            "drive",
-            [casadi.vertcat(flat, *tangents), u, p],
-            [casadi.vertcat(new, *d_new), casadi.vertcat(out, *d_out)],
-            {"cse": True},
-        )
-        rest = casadi.DM([v for memory in self.model.rest(0.0) for v in memory])
-        return step, casadi.vertcat(rest, casadi.DM.zeros(M * len(self.shaping)))
+    def _driven(self, p: Array) -> Array:
+        if not self.model.input_effects:
+            return np.repeat(self.commands[:, None], self.model.integrator.substeps, axis=1)
+        model = self.model.with_parameters(dict(zip(self.names, p.tolist(), strict=True)))
+        return np.concatenate([model.drive_record(record.u) for record in self.records])
 
     def _symbolic(self, p: casadi.SX) -> Model:
         return self.model.with_parameters(dict(zip(self.names, casadi.vertsplit(p), strict=True)))

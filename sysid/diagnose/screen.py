@@ -29,6 +29,7 @@ class Score:
     p_value     of the largest over the candidate's shapes, robust to coloured residuals
     sizes       expected magnitudes, each from neutral, at the best shape
     sd          their standard deviations
+    others      the other ways to try the effect, where they are few
     visible     whether the effect moves the readings beside the fitted parameters at all
     z           (rows, q) z_perp at the best shape
     """
@@ -41,6 +42,7 @@ class Score:
     sd: tuple[float, ...]
     visible: bool
     z: Array
+    others: tuple[Alternative, ...] = ()
 
     def start(self) -> dict[str, float]:
         """Numbers of the effect to begin a fit with, by field."""
@@ -76,7 +78,8 @@ def score(directions: Directions, alternatives: tuple[Alternative, ...], cluster
         return Score(name, 0.0, 1.0, alternatives[0], (), (), False, np.zeros((directions.e.size, 0)))
     test, alternative, z = best
     p = min(1.0, _tries(units, len(alternatives), test.rank) * test.p_value)
-    return Score(alternative.name, test.lm, p, alternative, test.sizes, test.sd, True, z)
+    others = alternatives if 1 < len(alternatives) <= 8 else ()
+    return Score(alternative.name, test.lm, p, alternative, test.sizes, test.sd, True, z, others)
 
 
 @dataclass(frozen=True, eq=False)

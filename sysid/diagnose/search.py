@@ -12,7 +12,7 @@ from scipy.stats import chi2
 from sysid.diagnose.directions import Directions
 from sysid.diagnose.flexible import Dependence, bases, dependences
 from sysid.diagnose.screen import Score, alikeness, holm, screen
-from sysid.effects import CATALOGUE, Effect
+from sysid.effects import CATALOGUE
 from sysid.identify.gauss_newton import Fit, fit_longest, fit_windows
 from sysid.records import Record
 
@@ -259,27 +259,16 @@ def twins(a: Score, b: Score) -> bool:
 
 
 def extend(fit: Fit, score: Score) -> Fit:
-    """The fit with one more effect, at the same horizon, begun where the fit ended and at the expected sizes.
-
-    It never ends above the smaller fit that it contains: where it would, it is begun again close to neutral.
+    """The fit with one more effect, at the same horizon, begun where the fit ended and at the best of several sizes:
+    those that the screen expects, its probes, and almost nothing, so that it does not end above the smaller fit.
     """
     assert score.best is not None  # noqa: S101
-    sizes = score.sizes
-    best = _with(fit, score.best.at(sizes))
-    for share in (0.3, 0.03):
-        if best.solution.lin.cost <= fit.solution.lin.cost:
-            break
-        other = _with(fit, score.best.at(tuple(share * s for s in sizes)))
-        best = min(best, other, key=lambda f: f.solution.lin.cost)
-    return best
-
-
-def _with(fit: Fit, effect: Effect) -> Fit:
-    own = {f"{effect.name}.{k}": float(p.value) for k, p in effect.parameters.items()}
-    p = np.concatenate([fit.solution.p, list(own.values())])
-    model = fit.model.with_effect(effect)
-    response = fit.response
-    return fit_windows(model, (*fit.names, *own), response.records, response.sensor, fit.horizon, p, fit, LEAD)
+    starts = [score.best.at(score.sizes), score.best.at(tuple(0.03 * size for size in score.sizes))]
+    starts += [probe for other in score.others for probe in other.probes]
+    own = [{f"{e.name}.{k}": float(p.value) for k, p in e.parameters.items()} for e in starts]
+    p = [np.concatenate([fit.solution.p, list(values.values())]) for values in own]
+    response, model = fit.response, fit.model.with_effect(starts[0])
+    return fit_windows(model, (*fit.names, *own[0]), response.records, response.sensor, fit.horizon, p, fit, LEAD)
 
 
 def reduce_by(fit: Fit, name: str) -> Fit:

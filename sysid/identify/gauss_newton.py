@@ -302,17 +302,24 @@ def fit_windows(
     records: Sequence[Record],
     sensor: Sensor,
     horizon: float,
-    p: Array | None = None,
+    p: Array | Sequence[Array] | None = None,
     near: Fit | None = None,
     lead: float = 0.0,
 ) -> Fit:
-    """A fit at one horizon [s], begun at parameters p and at the states of a fit `near` (else at smoothed ones)."""
+    """A fit at one horizon [s], begun at parameters p and at the states of a fit `near` (else at smoothed ones).
+
+    Of several p it begins at the one with the smallest residuals.
+    """
     parameters = free_parameters(model, names)
     response = Response(model, names, records, sensor, cut(records, horizon, lead if math.isfinite(horizon) else 0.0))
     starts = response.starts if near is None else _near(response, near)
     if p is None:
         p = next(parameter_starts(parameters))
-    solution = solve(response, parameters, np.asarray(p, dtype=float), starts)
+    tried = np.atleast_2d(np.asarray(p, dtype=float))
+    if len(tried) > 1:
+        costs = [float(np.sum(response.residual(one, starts) ** 2)) for one in tried]
+        tried = tried[[int(np.nanargmin(costs))]]
+    solution = solve(response, parameters, tried[0], starts)
     fitted = model.with_parameters(dict(zip(names, solution.p.tolist(), strict=True)))
     return Fit(response, solution, horizon, fitted)
 
