@@ -18,11 +18,12 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # what type checkers and editors see
+    from sysid.diagnose.add import Added, add
     from sysid.diagnose.answer import Diagnosis
     from sysid.diagnose.compare import Comparison, compare
     from sysid.diagnose.diagnosis import diagnose
     from sysid.diagnose.residual_torque import ResidualTorque, residual_torque
-    from sysid.effects import (
+    from sysid.effects import (  # type: ignore[no-redef]
         CATALOGUE,
         AngleOffset,
         AsymmetricCoulomb,
@@ -81,6 +82,7 @@ if TYPE_CHECKING:  # what type checkers and editors see
 _HOME = {
     name: module
     for module, names in {
+        "diagnose.add": "Added add",
         "diagnose.answer": "Diagnosis",
         "diagnose.compare": "Comparison compare",
         "diagnose.diagnosis": "diagnose",

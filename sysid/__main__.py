@@ -6,6 +6,7 @@ python -m sysid fit swing*.csv -o model.json      step by step, the other comman
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 
@@ -28,12 +29,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     try:
         run(command)
+        sys.stdout.flush()
     except InvalidInput as error:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("stopped", file=sys.stderr)
         return 130
+    except BrokenPipeError:  # whoever read the answer has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0
 
 

@@ -44,6 +44,7 @@ def run(command: Any) -> None:
 def _(command: Fit) -> None:
     from sysid.diagnose.held_out import held_out_error
 
+    _load(command.start.effects)
     task = Task.of(command, command.out, command.json)
     estimate = task.fitted()
     error = held_out_error(estimate.model, task.held_out, task.sensor)
@@ -58,6 +59,7 @@ def _(command: Fit) -> None:
 def _(command: Compare) -> None:
     from sysid.diagnose.compare import compare
 
+    _load(command.start.effects)
     task = Task.of(command, command.json, command.html, command.figure)
     model = task.model if task.given or not task.names else task.fitted().model
     comparison = compare(model, task.held_out, task.sensor)
@@ -73,6 +75,7 @@ def _(command: Compare) -> None:
 def _(command: Diagnose) -> None:
     from sysid.diagnose.diagnosis import diagnose
 
+    _load(command.start.effects)
     task = Task.of(command, command.out, command.json, command.html)
     diagnosis = diagnose(task.fitted(), task.log, task.sensor, command.log.hold_out)
     print(diagnosis)
@@ -85,7 +88,10 @@ def _(command: Diagnose) -> None:
 @run.register
 def _(command: Add) -> None:
     from sysid.diagnose.add import add
+    from sysid.effects import effect
 
+    _load(command.start.effects)
+    effect(command.effect)  # raises, and says which names are near
     task = Task.of(command, command.out, command.json)
     added = add(task.fitted(), command.effect, task.log, task.sensor, command.log.hold_out)
     print(added)
@@ -130,7 +136,6 @@ class Task:
     def of(cls, command: Fit | Compare | Diagnose | Add, *outputs: Path | None) -> Task:
         """Read everything, and say what was read. Raises InvalidInput before anything expensive."""
         _check_outputs([*command.log.files, command.start.model, command.start.effects], outputs)
-        _load(command.start.effects)
         model, names, given = _begun(command.start)
         log = _read(command.log)
         print(log)
@@ -174,8 +179,10 @@ class Task:
     def write_report(self, path: Path | None, answer: Any) -> None:
         """The self-contained page."""
         if path is not None:
-            from sysid.report import write_report
-
+            try:
+                from sysid.report import write_report
+            except ModuleNotFoundError:
+                raise InvalidInput("--html: this version writes no report: expected --json or --figure") from None
             write_report(answer, self.log, path)
             print(f"wrote {path}")
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction, arg
 
@@ -144,4 +145,10 @@ class Effects:
     """A Python file with effects of your own."""
 
 
-COMMANDS = {"fit": Fit, "compare": Compare, "diagnose": Diagnose, "add": Add, "effects": Effects}
+COMMANDS: dict[str, Callable[..., Any]] = {
+    "fit": Fit,
+    "compare": Compare,
+    "diagnose": Diagnose,
+    "add": Add,
+    "effects": Effects,
+}

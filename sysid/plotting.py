@@ -160,7 +160,7 @@ def curve(found: Curve, axes: Axes) -> None:
         for part in sides:
             _band(axes, found.at[part], found.torque[part], SIGMA_99 * found.sd[part])
         axes.set_xlabel(LABEL[found.name])
-    axes.set_ylabel("torque missing [N m]")
+    axes.set_ylabel("torque missing, 99 % [N m]")
     axes.set_title(f"over {found.name}  ({_p(found.p_value)})")
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
 import sys
+from importlib.machinery import ModuleSpec, SourceFileLoader
+from importlib.util import module_from_spec
 from os import PathLike
 from pathlib import Path
 from types import TracebackType
@@ -38,30 +39,30 @@ def load_effects(path: str | PathLike[str]) -> tuple[str, ...]:
     if not path.is_file():
         raise InvalidInput(f"no such file: {path}: expected a Python file with effects")
     before = dict(CATALOGUE)
+    module = f"{__name__}:{path.resolve()}"
+    for name in [n for n, kind in CATALOGUE.items() if kind.__module__ == module]:
+        del CATALOGUE[name]  # the file was loaded before, and may have changed
     try:
-        _run(path)
-        names = tuple(name for name in CATALOGUE if name not in before)
+        _run(path.resolve(), module)
+        names = tuple(name for name, kind in CATALOGUE.items() if kind.__module__ == module)
         if not names:
             raise InvalidInput(f"{path.name} holds no effect: expected a class with @sysid.register before it")
         for name in names:
-            _check(CATALOGUE[name], path)
+            _check(CATALOGUE[name], path.resolve())
     except InvalidInput:
-        for name in set(CATALOGUE) - set(before):
-            del CATALOGUE[name]
+        CATALOGUE.clear()
+        CATALOGUE.update(before)
         raise
     return names
 
 
-def _run(path: Path) -> None:
-    """Execute the file as a module of its own."""
-    name = f"sysid_user_effects_{path.stem}"
-    spec = importlib.util.spec_from_file_location(name, path)
-    if spec is None or spec.loader is None:
-        raise InvalidInput(f"{path.name} is not a Python file: expected a name that ends in .py")
-    module = importlib.util.module_from_spec(spec)
+def _run(path: Path, name: str) -> None:
+    """Execute the file as a module of that name."""
+    loader = SourceFileLoader(name, str(path))
+    module = module_from_spec(ModuleSpec(name, loader, origin=str(path)))
     sys.modules[name] = module  # dataclasses look their module up
     try:
-        spec.loader.exec_module(module)
+        loader.exec_module(module)
     except InvalidInput as error:
         raise InvalidInput(f"{path.name}: {error}") from None
     except SyntaxError as error:

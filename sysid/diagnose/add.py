@@ -76,7 +76,9 @@ def add(
     names = model.names if isinstance(model, Estimate) else free(model)
     if isinstance(model, Estimate):
         sensor, model = sensor or model.sensor, model.model
-    model.with_effect(effect(name))  # raises where it is unknown or cannot stand there
+    if name in {e.name for e in model.effects}:
+        raise InvalidInput(f"the model has {name} already: expected an effect that it lacks")
+    model.with_effect(effect(name))  # raises where it is unknown or excluded
     sensor = sensor or sensor_noise(records).sensor
     training, held_out = split(check_records(model, records), hold_out)
     base = fit_longest(model, names, training, sensor, lead=LEAD)

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from sysid.diagnose.directions import Directions
 from sysid.diagnose.signals import Limits, Signal, draw, rest_angle, vary, within
-from sysid.identify.gauss_newton import reduce
+from sysid.effects import Effect, OutputEffect
+from sysid.identify.gauss_newton import Fit, Solution, without
 from sysid.model import Model
 from sysid.records import Array, Record
 from sysid.response import Linearisation, Response, cut
@@ -23,7 +27,7 @@ LARGEST_GROWTH = 300.0
 UNDETERMINED = 1e9
 """Relative width from which an interval says nothing."""
 
-_SAMPLES = 80_000
+_SAMPLES = 60_000
 """Samples that a round of the search may linearise, all hypotheses together."""
 _ROUNDS = 3
 _PARENTS = 6
@@ -33,7 +37,7 @@ _SHRINK = 0.75
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """A model that may be true, with its free parameters `names`; `name` is what it stands for."""
+    """A model that may be true, with its free parameters `names`; `name` is the effect it stands for, if any."""
 
     name: str
     model: Model
@@ -44,6 +48,24 @@ class Hypothesis:
         """The free parameters' numbers (P,)."""
         known = self.model.parameters
         return np.array([float(known[n].value) for n in self.names])
+
+    @property
+    def effect(self) -> Effect | None:
+        """The effect it stands for; None where it stands for no effect."""
+        return next((e for e in self.model.effects if e.name == self.name), None)
+
+    @property
+    def bare(self) -> Hypothesis:
+        """The same numbers without the effect."""
+        if self.effect is None:
+            return self
+        names = tuple(n for n in self.names if not n.startswith(f"{self.name}."))
+        return Hypothesis("", self.model.without_effect(self.name), names)
+
+    @property
+    def motion(self) -> Model:
+        """A model that moves alike: what a sensor makes of the motion is of second order where it is small."""
+        return self.bare.model if isinstance(self.effect, OutputEffect) else self.model
 
 
 class Normal(NamedTuple):
@@ -57,13 +79,12 @@ class Normal(NamedTuple):
     F: Array
 
     @classmethod
-    def of(cls, rival: Linearisation, truth: Linearisation | None = None) -> Normal:
-        """Of the whitened readings of `truth` less those of `rival`, about the rival; one log a window."""
-        lin = rival if truth is None else replace(rival, e=rival.e - truth.e)
-        reduced = reduce(lin)
-        S, e = reduced.S, reduced.e
+    def of(cls, S_x: Array, S: Array, r: Array) -> Normal:
+        """Of readings r (K, R) about a model with derivatives S_x (K, R, 2), S (K, R, P), all whitened; one log a row."""
+        both = without(np.linalg.qr(S_x)[0], np.concatenate([r[..., None], S], axis=-1))
+        r, S = both[..., 0], both[..., 1:]
         S_t = np.swapaxes(S, -1, -2)
-        return cls(np.sum(e * e, axis=-1), (S_t @ e[..., None])[..., 0], S_t @ S)
+        return cls(np.sum(r * r, axis=-1), (S_t @ r[..., None])[..., 0], S_t @ S)
 
     def together(self) -> Normal:
         """All logs as one (K = 1)."""
@@ -107,18 +128,85 @@ class Pool:
         self, hypotheses: Sequence[Hypothesis], signals: Sequence[Signal], limits: Limits, sensor: Sensor
     ) -> None:
         self.hypotheses, self.signals = tuple(hypotheses), tuple(signals)
-        self.run = foresee(hypotheses[0].model, signals, limits)
-        records = noise_free(self.run, sensor)
-        starts = np.stack([self.run.theta[:, 0], self.run.theta_dot[:, 0]], axis=-1)
-        rest = rest_angle(hypotheses[0].model)
-        self.lins, self.allowed = [], np.ones(len(self.signals), dtype=bool)
-        for h in hypotheses:
-            response = Response(h.model, h.names, records, sensor, cut(records))
-            lin = response.linearise(h.p, starts)
-            seen = np.maximum(response.weight.reshape(len(records), -1), 1e-300)[..., None]
-            growth = np.max(np.abs(lin.S_x / seen), axis=(1, 2))
-            self.allowed &= (growth <= LARGEST_GROWTH) & _stays(lin.states, rest, limits)
-            self.lins.append(lin)
+        model = hypotheses[0].model
+        n, rest = round(limits.duration / model.dt), rest_angle(model)
+        t, blank = model.dt * np.arange(n + 1), np.zeros(n + 1)
+        angle = None if sensor.theta is None and sensor.theta_0 is None else blank if sensor.theta else blank[:1]
+        speed = None if sensor.theta_dot is None else blank
+        self.sensor = sensor
+        self.records = [Record(t, s.torque(n, model.dt), angle, speed) for s in signals]
+        self.starts = np.array([[rest + s.release, 0.0] for s in signals])
+        self.responses = [self._response(h.motion, h.bare.names) for h in hypotheses]
+        self._lins: dict[int, Linearisation] = {}
+        self._directions: dict[int, Directions] = {}
+
+    def _response(self, model: Model, names: Sequence[str]) -> Response:
+        return Response(model, names, self.records, self.sensor, cut(self.records))
+
+    def lin(self, h: int) -> Linearisation:
+        """Of a hypothesis at its own numbers, those of its effect held; the residuals mean nothing."""
+        if h not in self._lins:
+            self._lins[h] = self.responses[h].linearise(self.hypotheses[h].bare.p, self.starts)
+        return self._lins[h]
+
+    @cached_property
+    def states(self) -> Array:
+        """The motions (H, K, N+1, 2) that the hypotheses foresee."""
+        motions = []
+        for i, (response, h) in enumerate(zip(self.responses, self.hypotheses, strict=True)):
+            p = h.bare.p
+            known = self._lins.get(i)
+            motions.append(response.states(p, self.starts, response.drives(p)[0]) if known is None else known.states)
+        return np.array(motions)
+
+    def stays(self, limits: Limits) -> NDArray[np.bool_]:
+        """Whether all motions keep to the limits (K,)."""
+        far, fast = np.max(np.abs(self.states - [rest_angle(self.hypotheses[0].model), 0.0]), axis=(0, 2)).T
+        slack = 1.0 + 1e-6
+        stays: NDArray[np.bool_] = np.isfinite(far + fast)
+        for motion, limit in ((far, limits.theta_max), (fast, limits.theta_dot_max)):
+            stays &= motion <= (math.inf if limit is None else slack * limit)
+        return stays
+
+    def calm(self) -> NDArray[np.bool_]:
+        """Whether no motion that was linearised is so sensitive that a fit would lose its way (K,)."""
+        weight = self.responses[0].weight.reshape(len(self.signals), -1)
+        sd = np.divide(1.0, weight, out=np.zeros_like(weight), where=weight > 0.0)
+        growth = [np.max(np.abs(lin.S_x) * sd[..., None], axis=(1, 2)) for lin in self._lins.values()]
+        calm: NDArray[np.bool_] = np.max(growth, axis=0) <= LARGEST_GROWTH
+        return calm
+
+    def unlike(self, truth: int, rival: int) -> Normal:
+        """What effect `truth` does to the readings, for the rival's effect and numbers to imitate.
+
+        Both are put as changes of one step along the motion of the truth, and carried on from there to first order.
+        """
+        own = self.hypotheses[truth]
+        assert own.effect is not None
+        directions = self._about(truth)
+        S = directions.lin.S_p
+        other = self.hypotheses[rival].effect
+        if other is not None:
+            moves = [directions.response_to(e) for e in (other, *_varied(other))]
+            S = np.concatenate([S, np.stack([moves[0], *(m - moves[0] for m in moves[1:])], axis=-1)], axis=-1)
+        return Normal.of(directions.lin.S_x, S, directions.response_to(own.effect))
+
+    def _about(self, truth: int) -> Directions:
+        """Directions along the motion of a hypothesis, of its model without the effect."""
+        if truth not in self._directions:
+            bare = self.hypotheses[truth].bare
+            response = self._response(bare.model, bare.names)
+            lin = replace(self.lin(truth), drives=response.drives(bare.p)[0])
+            solution = Solution(bare.p, self.starts, lin, True)
+            self._directions[truth] = Directions(Fit(response, solution, math.inf, bare.model))
+        return self._directions[truth]
+
+
+def _varied(effect: Effect) -> Iterator[Effect]:
+    """The effect with each of its parameters a little off."""
+    for name, p in effect.parameters.items():
+        value, step = float(p.value), 1e-3 * p.scale
+        yield effect.with_parameters({name: value + step if value + step <= p.bounds[1] else value - step})
 
 
 def foresee(model: Model, signals: Sequence[Signal], limits: Limits) -> Trajectory:
@@ -139,24 +227,17 @@ def noise_free(run: Trajectory, sensor: Sensor) -> list[Record]:
     return found
 
 
-def _stays(states: Array, rest: float, limits: Limits) -> Array:
-    """Whether motions (K, L+1, 2) keep to the limits (K,)."""
-    far, fast = np.max(np.abs(states - [rest, 0.0]), axis=1).T
-    slack = 1.0 + 1e-6
-    stays: Array = (far <= slack * (limits.theta_max or math.inf)) & (fast <= slack * (limits.theta_dot_max or math.inf))
-    return stays
-
-
-def tamed(model: Model, signals: Sequence[Signal], limits: Limits) -> list[Signal]:
+def tamed(
+    hypotheses: Sequence[Hypothesis], signals: Sequence[Signal], limits: Limits, sensor: Sensor
+) -> list[Signal]:
     """The signals, each made smaller until torque and predicted motion keep to the limits."""
-    n = round(limits.duration / model.dt)
-    found = [within(s, limits, n, model.dt) for s in signals]
+    dt = hypotheses[0].model.dt
+    found = [within(s, limits, round(limits.duration / dt), dt) for s in signals]
     if limits.theta_max is None and limits.theta_dot_max is None:
         return found
     waiting = list(range(len(found)))
     for _ in range(16):
-        run = foresee(model, [found[i] for i in waiting], limits)
-        stays = _stays(np.stack([run.theta, run.theta_dot], axis=-1), rest_angle(model), limits)
+        stays = Pool(hypotheses, [found[i] for i in waiting], limits, sensor).stays(limits)
         waiting = [i for i, fine in zip(waiting, stays, strict=True) if not fine]
         if not waiting:
             break
@@ -181,7 +262,7 @@ def separation(pairs: Sequence[tuple[int, int]]) -> Goal:
     """The smallest evidence, over pairs (truth, rival) of hypotheses, that the truth leaves against the rival."""
 
     def parts(pool: Pool) -> Parts:
-        return [Normal.of(pool.lins[rival], pool.lins[truth]) for truth, rival in pairs]
+        return [pool.unlike(truth, rival) for truth, rival in pairs]
 
     def value(normals: Parts) -> Array:
         least: Array = np.min([n.unexplained() for n in normals], axis=0)
@@ -197,7 +278,8 @@ def precision(scale: Array) -> Goal:
     """
 
     def parts(pool: Pool) -> Parts:
-        normals = [Normal.of(lin) for lin in pool.lins]
+        lins = [pool.lin(h) for h in range(len(pool.hypotheses))]
+        normals = [Normal.of(lin.S_x, lin.S_p, lin.e) for lin in lins]
         total = normals[0]
         for other in normals[1:]:
             total = total.plus(other)
@@ -231,10 +313,10 @@ def search(
     signals = draw(rng, limits, model.dt, width, swings)
     best: list[Signal] = []
     for _ in range(_ROUNDS):
-        fresh = tamed(model, signals, limits)
+        fresh = tamed(hypotheses, signals, limits, sensor)
         pool = Pool(hypotheses, [*best, *fresh], limits, sensor)
         parts = goal.parts(pool)
-        value = np.where(pool.allowed, goal.value(parts), -np.inf)
+        value = np.where(pool.calm() & pool.stays(limits), goal.value(parts), -np.inf)
         order = [int(k) for k in np.argsort(-value, kind="stable") if value[k] > -np.inf]
         if not order:
             signals = [s.smaller(0.3) for s in draw(rng, limits, model.dt, width, swings)]
@@ -244,7 +326,7 @@ def search(
         signals = [vary(best[i % len(best)], rng, limits, model.dt) for i in range(width - len(best))]
     if not best:
         return []
-    choices = [_completed(goal, pool, parts, k, limits.rollouts) for k in leaders[:_FINALISTS]]
+    choices = [_completed(goal, pool, parts, order, k, limits.rollouts) for k in leaders[:_FINALISTS]]
     return sorted(choices, key=lambda c: -c.value)
 
 
@@ -256,11 +338,11 @@ def _leaders(signals: Sequence[Signal], order: Sequence[int]) -> list[int]:
     return list(first.values())
 
 
-def _completed(goal: Goal, pool: Pool, parts: Parts, first: int, rollouts: int) -> Choice:
+def _completed(goal: Goal, pool: Pool, parts: Parts, allowed: Sequence[int], first: int, rollouts: int) -> Choice:
     chosen, total = [first], [p.at(first) for p in parts]
     for _ in range(rollouts - 1):
         value = goal.value([p.plus(t) for p, t in zip(parts, total, strict=True)])
-        k = int(np.argmax(np.where(pool.allowed, value, -np.inf)))
+        k = max(allowed, key=lambda i: float(value[i]))
         chosen.append(k)
         total = [t.plus(p.at(k)) for p, t in zip(parts, total, strict=True)]
     return Choice(tuple(pool.signals[k] for k in chosen), float(goal.value(total)[0]))

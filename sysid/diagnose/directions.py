@@ -132,7 +132,7 @@ class Directions:
 
     def torque_of(self, effect: Effect) -> Array:
         """Mean torque (K, L) [N m] of an effect over each interval, along the fitted states."""
-        assert isinstance(effect, JointEffect)  # noqa: S101
+        assert isinstance(effect, JointEffect)
         time, ends = self.response.time, []
         for side in (slice(None, -1), slice(1, None)):
             joint = self.model.joint(self.theta[:, side], self.theta_dot[:, side], time[:, side], self.drive)

@@ -8,7 +8,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,17 +16,17 @@ from sysid.diagnose.design import (
     UNDETERMINED,
     Choice,
     Hypothesis,
-    Normal,
     Pool,
     foresee,
     noise_free,
     precision,
     search,
     separation,
+    tamed,
 )
 from sysid.diagnose.held_out import finite
-from sysid.diagnose.rivals import Rivals, names_of, rivals_of
-from sysid.diagnose.signals import Limits, Signal, rest_angle
+from sysid.diagnose.rivals import Pair, Rivals, names_of, rivals_of
+from sysid.diagnose.signals import Limits, Signal, draw, rest_angle
 from sysid.effects import Effect
 from sysid.errors import InvalidInput
 from sysid.estimate import Estimate
@@ -44,6 +44,18 @@ DECISIVE = 16.0
 STRUCTURAL = 1e-4
 """Share of an effect's evidence that no rival takes, below which no torque will ever tell the two apart."""
 
+NESTED = 1e-2
+"""The same where the rival was really fitted, which need not have come to its end."""
+
+
+class Contest(NamedTuple):
+    """Evidence of `truth` against `rival`, were it true: on the log at hand (None: there is none) and after the experiment."""
+
+    truth: str
+    rival: str
+    before: float | None
+    after: float
+
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
@@ -60,6 +72,7 @@ class Experiment:
     u (n, N)     [N m] torque of each rollout, held over dt [s]
     theta, theta_dot (n, N+1)  [rad], [rad/s] the predicted motion; a rollout starts at rest at theta[:, 0]
     reach        [rad] its farthest way from rest, speed [rad/s] its fastest
+    contests     the evidence pair by pair; before and after are the least of it
     payload      (mass [kg], distance from the axis [m]) that hangs on the joint in the second half of the rollouts
     """
 
@@ -76,6 +89,7 @@ class Experiment:
     reach: float
     widest: str | None = None
     payload: tuple[float, float] | None = None
+    contests: tuple[Contest, ...] = ()
 
     @property
     def start(self) -> Array:
@@ -133,6 +147,7 @@ class Experiment:
             "u_rms": float(np.sqrt(np.mean(self.u**2))) if self.u.size else 0.0,
             "reach": self.reach,
             "speed": self.speed,
+            "contests": [c._asdict() for c in self.contests],
             "payload": None if self.payload is None else list(self.payload),
         }
 
@@ -258,54 +273,82 @@ def _telling(
 ) -> Experiment:
     from sysid.diagnose.needed import needed_experiment
 
-    if found.invisible:
-        return needed_experiment(found.base.model, found.invisible, limits, sensor, rng)
-    hypotheses = [_at(h, limits.dt) for h in found.hypotheses]
-    choices = search(separation(found.pairs), hypotheses, limits, sensor, rng)
+    if found.absorbed:
+        return needed_experiment(found.base.model, found.absorbed, limits, sensor, rng)
+    hypotheses = [_at(h, limits.dt) for h in (*found.hypotheses, found.base)]
+    pairs = _separable(found.pairs, hypotheses, limits, sensor, rng)
+    if not pairs:
+        return needed_experiment(hypotheses[0].model, names, limits, sensor, rng)
+    hypotheses = hypotheses[:-1]
+    choices = search(separation([(p.truth, p.rival) for p in pairs]), hypotheses, limits, sensor, rng)
     if not choices:
         raise _impossible(limits)
-    if _same(choices[0], found, hypotheses, limits, sensor):
-        return needed_experiment(hypotheses[0].model, names, limits, sensor, rng)
-    best, after = max(
-        ((c, _confirmed(c, found.pairs, hypotheses, limits, sensor)) for c in choices), key=lambda both: both[1]
-    )
-    shown = [h.name for h in hypotheses]
-    told = f"tells {shown[0]} from {' and '.join(shown[1:])} with {after:.3g} units of evidence"
-    if found.before is not None:
-        told += f" where this log had {found.before:.2g}"
-    return _answer(best.signals, told, tuple(shown), "evidence", found.before, after, hypotheses, limits)
+    told = [(c, _confirmed(c, pairs, hypotheses, limits, sensor)) for c in choices]
+    best, contests = max(told, key=lambda both: min(c.after for c in both[1]))
+    worst = min(contests, key=lambda c: c.after)
+    shown = tuple(dict.fromkeys(hypotheses[i].name for p in pairs for i in (p.truth, p.rival)))
+    sentence = f"it tells {' and '.join(shown)} apart with {worst.after:.3g} units of evidence"
+    if len(shown) == 2:
+        sentence = f"it tells {shown[0]} from {shown[1]} with {worst.after:.3g} units of evidence"
+    before = None if worst.before is None else min(c.before for c in contests if c.before is not None)
+    if before is not None:
+        sentence += f" where this log had {before:.2g}"
+    answer = _answer(best.signals, sentence, shown, "evidence", before, worst.after, hypotheses, limits)
+    return dataclasses.replace(answer, contests=contests)
 
 
-def _same(choice: Choice, found: Rivals, hypotheses: Sequence[Hypothesis], limits: Limits, sensor: Sensor) -> bool:
-    """Whether some pair is the same to every log: what sets it apart is nothing beside what either does."""
-    base = _at(found.base, limits.dt)
-    pool = Pool([*hypotheses, base], choice.signals, limits, sensor)
-    for i, j in found.pairs:
-        alone, against = (Normal.of(pool.lins[k], pool.lins[i]).together().unexplained()[0] for k in (-1, j))
-        if against < STRUCTURAL * alone:
-            return True
-    return False
+def _separable(
+    pairs: Sequence[Pair], hypotheses: Sequence[Hypothesis], limits: Limits, sensor: Sensor, rng: np.random.Generator
+) -> list[Pair]:
+    """The pairs that some torque tells apart: not those of which the rival holds the truth as a special case.
+
+    The last hypothesis is that of no effect: what sets a pair apart is compared with what the truth does alone.
+    """
+    dt, nothing = hypotheses[0].model.dt, hypotheses[-1]
+    signals = tamed(hypotheses, draw(rng, limits, dt, 8, swings=False), limits, sensor)
+    pool = Pool(hypotheses, signals, limits, sensor)
+    found = []
+    for p in pairs:
+        truth, rival = hypotheses[p.truth], hypotheses[p.rival]
+        if len(rival.names) > len(truth.names):  # a tangent does not see a special case through kinks: a fit does
+            some = [s for s in signals if s.kind in ("steps", "bang-bang")][:2]
+            alone, against = (_refitted(truth, other, some, limits, sensor) for other in (nothing, rival))
+            apart = against > NESTED * alone
+        else:
+            alone, against = (pool.unlike(p.truth, k).unexplained() for k in (len(hypotheses) - 1, p.rival))
+            apart = bool(np.any(against > STRUCTURAL * alone))
+        if apart:
+            found.append(p)
+    return found
+
+
+def _refitted(
+    truth: Hypothesis, rival: Hypothesis, signals: Sequence[Signal], limits: Limits, sensor: Sensor
+) -> float:
+    """The sum of squares that the rival leaves when it is fitted to what the truth would show."""
+    records = noise_free(foresee(truth.model, signals, limits), sensor)
+    near = fit_windows(rival.model, rival.names, records, sensor, 1.0, rival.p)
+    whole = fit_windows(rival.model, rival.names, records, sensor, math.inf, near.solution.p, near)
+    return 2.0 * whole.solution.lin.cost
 
 
 def _confirmed(
-    choice: Choice,
-    pairs: Sequence[tuple[int, int]],
-    hypotheses: Sequence[Hypothesis],
-    limits: Limits,
-    sensor: Sensor,
-) -> float:
-    """The least evidence when every rival is really fitted to what the truth would show, not to first order only."""
+    choice: Choice, pairs: Sequence[Pair], hypotheses: Sequence[Hypothesis], limits: Limits, sensor: Sensor
+) -> tuple[Contest, ...]:
+    """The evidence of each pair when the rival is really fitted to what the truth would show, not to first order only.
+
+    Pairs that are far from the closest one keep their first-order number.
+    """
     pool = Pool(hypotheses, choice.signals, limits, sensor)
-    linear = {(i, j): Normal.of(pool.lins[j], pool.lins[i]).together().unexplained()[0] for i, j in pairs}
-    least = math.inf
-    for (i, j), expected in sorted(linear.items(), key=lambda item: item[1]):
-        if expected > 3.0 * least:
-            break
-        records = noise_free(foresee(hypotheses[i].model, choice.signals, limits), sensor)
-        rival = hypotheses[j]
-        refitted = fit_windows(rival.model, rival.names, records, sensor, math.inf, rival.p)
-        least = min(least, 2.0 * refitted.solution.lin.cost)
-    return least
+    linear = {p: float(pool.unlike(p.truth, p.rival).together().unexplained()[0]) for p in pairs}
+    least, contests = math.inf, []
+    for p in sorted(linear, key=lambda p: linear[p]):
+        after, truth, rival = linear[p], hypotheses[p.truth], hypotheses[p.rival]
+        if after < 3.0 * least:
+            after = _refitted(truth, rival, choice.signals, limits, sensor)
+            least = min(least, after)
+        contests.append(Contest(truth.name, rival.name, p.before, after))
+    return tuple(contests)
 
 
 # narrowing intervals -----------------------------------------------------------------------------------------
@@ -331,7 +374,7 @@ def _narrowing(
     if not choices:
         raise _impossible(limits)
     pool = Pool(hypotheses, choices[0].signals, limits, sensor)
-    sd = Normal.of(pool.lins[0]).together().sd()[0]
+    sd = precision(scale).parts(pool)[0].together().sd()[0]
     if np.max(sd / scale) >= UNDETERMINED:
         from sysid.diagnose.needed import needed_experiment
 
@@ -341,7 +384,7 @@ def _narrowing(
     k = int(np.argmax(np.where(np.isfinite(had), had, np.inf) / scale)) if estimate is not None else int(np.argmax(sd / scale))
     before = 1.96 * float(had[k]) if math.isfinite(had[k]) else None
     after, unit = 1.96 * float(sd[k]), model.parameters[names[k]].unit
-    told = f"narrows the widest 95 % interval, that of {names[k]}, to +-{after:.2g} {unit}"
+    told = f"it narrows the widest 95 % interval, that of {names[k]}, to +-{after:.2g} {unit}"
     told += "" if before is None else f" where this log had +-{before:.2g}"
     return _answer(choices[0].signals, told, names, "interval", before, after, hypotheses, limits, names[k])
 
@@ -364,7 +407,7 @@ def _answer(
     length = "" if many else f", for {limits.duration:g} s"
     return Experiment(
         kind=kinds.pop() if len(kinds) == 1 else "mixed",
-        description=f"{many}{orders}{length}: it {told}.",
+        description=f"{many}{orders}{length}: {told}.",
         separates=separates,
         measure=measure,
         before=before,

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid import ops
-from sysid.diagnose.design import Hypothesis, Normal, Pool, foresee, precision, search, separation, tamed
+from sysid.diagnose.design import Hypothesis, Pool, foresee, precision, search, tamed
 from sysid.diagnose.experiment import Experiment, yardsticks
+from sysid.diagnose.rivals import INERTIAL
 from sysid.diagnose.signals import Limits, Signal, rest_angle
 from sysid.effects import BackEmf, Joint, JointEffect, RotorInertia, TorqueGain, Viscous
 from sysid.errors import InvalidInput
@@ -23,9 +24,6 @@ from sysid.sensor import Sensor
 
 GRAVITY = 9.81
 """[m/s^2] where the plant has none of its own."""
-
-INERTIAL = ("m", "l", "g", "J", "G", "torque_gain", "rotor_inertia")
-"""What shows in the motion as J / c and G / c only, with c the torque gain."""
 
 _HEAVIER = 0.5
 """Share of the joint's own inertia that a payload of our choice adds."""
@@ -112,15 +110,14 @@ def _driver_off(
     if rest_angle(model) == 0.0:
         return _nothing(names, f"switch the driver off, push the joint and let it coast: {told}.")
     release = limits.release or min(1.0, limits.theta_max or 1.0)
-    swing = tamed(model, [Signal("free swing", 0.0, 1.0, 1.0, 1.0, 1.0, release, 0)], limits)
+    swing = tamed([Hypothesis("", model, fitted)], [Signal("free swing", 0.0, 1.0, 1.0, 1.0, 1.0, release, 0)], limits, sensor)
     after = None
     run = foresee(model, swing, limits)
     if braking > 0.0:
         own = tuple(n for n in fitted if n.split(".")[0] not in (*names, "viscous"))
         truth = Hypothesis("viscous", bare.with_effect(Viscous(b=braking)), (*own, "viscous.b"))
         pool = Pool([truth, Hypothesis("nothing", bare, own)], swing, limits, sensor)
-        goal = separation([(0, 1)])
-        after = limits.rollouts * float(goal.value([Normal.of(pool.lins[1], pool.lins[0])])[0])
+        after = limits.rollouts * float(pool.unlike(0, 1).unexplained()[0])
     worth = "" if after is None else f", with {after:.3g} units of evidence if all of it is friction"
     return Experiment(
         kind="driver off",
@@ -236,7 +233,7 @@ def _with_payload(
         raise InvalidInput(f"no signal keeps to the limits with {payload[0]:g} kg hung on: widen them")
     signals = choices[0].signals
     pool = Pool(setups, signals, limits, sensor)
-    sd = Normal.of(pool.lins[0]).plus(Normal.of(pool.lins[1])).together().sd()[0][: len(rest)]
+    sd = precision(scale).parts(pool)[0].together().sd()[0][: len(rest)]
     k = int(np.argmax(sd / scale[: len(rest)]))
     after, unit = 1.96 * float(sd[k]), model.parameters[rest[k]].unit
     runs = [foresee(h.model, signals, limits) for h in setups]

@@ -148,13 +148,13 @@ def _commands(residuals: Residuals) -> Shape:
 
 
 def _times(residuals: Residuals) -> Shape:
-    """Over each record by itself, in the order of the log."""
-    records = residuals.response.records
+    """Over each record by itself, in the order of the log; of very many records, nothing."""
+    records = residuals.response.records if len(residuals.response.records) <= 60 else ()
     spacing = max(_SPACING, sum(len(r) * r.dt for r in records) / 60.0)
-    at, values, names = [], [], []
+    at, values, names = [np.zeros(0)], [np.zeros((*residuals.time.shape, 0))], list[str]()
     for i, record in enumerate(records):
-        count = max(2, round(len(record) * record.dt / spacing) + 1)
-        knots = np.linspace(record.t[0], record.t[-1], count)
+        count = round(len(record) * record.dt / spacing) + 1
+        knots = np.linspace(record.t[0], record.t[-1], count) if count > 1 else np.mean(record.t, keepdims=True)
         own = np.array([w.record == i for w in residuals.response.windows])
         at.append(knots)
         values.append(hats(residuals.time, knots) * own[:, None, None])
@@ -172,7 +172,7 @@ def curve_of(residuals: Residuals, name: str, shape: Shape, z: Array) -> Curve:
         sd=found.sd,
         count=np.sum(shape.values * residuals.scored[..., None], axis=(0, 1)),
         p_value=found.p_value,
-        share=residuals.share(found.sum, found.basis.shape[1]),
+        share=residuals.share(found.sum, found.rank),
         record=shape.record,
     )
 
@@ -192,7 +192,8 @@ def map_of(residuals: Residuals) -> ResidualMap:
     count = np.sum(indicator, axis=(0, 1))
     used = count >= max(_FEWEST, 0.002 * count.sum())
     torque, sd = np.full(len(count), np.nan), np.full(len(count), np.nan)
-    torque[used], sd[used] = _shrunk(residuals, residuals.seen(indicator[..., used].astype(float)))
+    if np.any(used):
+        torque[used], sd[used] = _shrunk(residuals, residuals.seen(indicator[..., used].astype(float)))
     return ResidualMap(edges[0], edges[1], torque.reshape(_MAP), sd.reshape(_MAP), count.reshape(_MAP))
 
 
@@ -202,7 +203,9 @@ def _shrunk(residuals: Residuals, z: Array) -> tuple[Array, Array]:
     Along an eigenvector of z'z with eigenvalue l, U = (z'e along it) / sqrt(l) ~ N(0, s^2 + l spread^2).
     """
     gram, vectors = np.linalg.eigh(z.T @ z)
-    keep = gram > 1e-9 * gram[-1]
+    keep = gram > max(1e-9 * gram[-1], 1e-300)
+    if not np.any(keep):
+        return np.zeros(z.shape[1]), np.zeros(z.shape[1])
     gram, vectors = gram[keep], vectors[:, keep]
     U = (vectors.T @ (z.T @ residuals.e)) / np.sqrt(gram)
     left = max(1, residuals.degrees - len(U))

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sysid.diagnose.held_out import finite
+from sysid.diagnose.instants import Instants
+from sysid.diagnose.likeliest import SIGNIFICANT, largest, likeliest
 from sysid.diagnose.smoother import Chain, Smoothed, Torque
 from sysid.diagnose.touched import HAND, Touched, slow, touched
 from sysid.errors import InvalidInput
@@ -24,15 +26,12 @@ UNITS = {"theta": "rad", "theta_dot": "rad/s", "torque": "N m", "time": "s"}
 """What a residual torque can be drawn over."""
 
 _BINS = 24
-_ITERATIONS = 8
-_SAMPLES = 8_000
-"""Instants from which the size and the memory of the torque are found: more would not change them."""
-_NO_PARAMETERS = np.zeros(0)
-_SPREAD = (3.0, 30.0)
-"""How far a record's first state may lie from the motion without a model [rad], [rad/s]: anywhere."""
-_CLEARLY = 10.0
-SIGNIFICANT = 4.6
-"""Gain in log-likelihood that two free numbers reach by chance in 1 of 100 logs, at most."""
+_ITERATIONS = 5
+_RESTS = 0.02
+"""A motion that moves by less than this in units of its sd has come to rest."""
+_FAR, _LOST = 2.0, 100.0
+"""Multiples of the sensor's sd beyond which a model does not follow the readings, or never will."""
+_NOTHING = Torque(0.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +52,7 @@ class Followed:
 
 @dataclass(frozen=True, eq=False)
 class Binned:
-    """The mean of d [N m] in each of B bins of a coordinate, with the posterior sd of that mean; nan where no sample is.
+    """The mean of d [N m] in each of B bins of a coordinate, with the posterior sd of that mean; nan in empty bins.
 
     edges (B+1,) in `unit`; mean, sd, count (B,).
     """
@@ -95,8 +94,8 @@ class ResidualTorque:
     torque          size and memory of d as the log has them (largest likelihood)
     gain            log-likelihood of the log with such a torque, less that without any
     log_likelihood  of the readings, with it
-    errors          RMS of readings less model over 1 s windows that start on the smoothed motion, in units of the
-                    sensor's sd: without d, and with it
+    errors          RMS of readings less model in units of the sensor's sd: without d over windows of 1 s with refitted
+                    states (as in held_out_error), and with d
     binned          its mean over each of theta (mod 2 pi), theta_dot, torque, time
     explained       share of the mean square of d that its mean over that coordinate, taken from the other records
                     (from other stretches, where there is one record), predicts; 0 where it predicts nothing
@@ -123,7 +122,7 @@ class ResidualTorque:
     def restless(self) -> bool:
         """Whether d has no memory beyond a few samples, so that it is no torque of the joint's slow motion."""
         first = self.records[0]
-        return self.present and self.torque.T < 4.0 * float(first.t[1] - first.t[0])
+        return self.present and 4.0 * float(first.t[1] - first.t[0]) > self.torque.T
 
     @property
     def rms(self) -> float:
@@ -201,203 +200,130 @@ def residual_torque(model: Model, records: Sequence[Record], sensor: Sensor) -> 
 
         x_(k+1) = F(x_k, drive_k + d_k),   y_k = h(x_k) + noise of the sensor's sd
 
-    d is Gaussian with a size and a memory of largest likelihood; where the model needs no torque they are the largest
-    that the log allows, and d is zero within its band. The motion is smoothed around itself until it rests
-    (iterated Kalman smoother: Gauss-Newton on all states; Bell, SIAM J. Optim. 4, 1994). Linear in samples.
-    Raises InvalidInput for records that do not fit the model or lack what the sensor vouches for.
+    d is Gaussian with the size and the memory of largest likelihood; where the model needs no torque, with the largest
+    size that the log allows, and d is zero within its band. The motion is smoothed around itself until it rests
+    (iterated Kalman smoother, which is Gauss-Newton on all states; Bell, SIAM J. Optim. 4, 1994). Cost is linear in
+    samples. Where the readings hold vibrations that no rigid joint has, the sd of the readings about the model's fit
+    is the better sensor. Raises InvalidInput for records that do not fit the model or lack a channel.
     """
-    log = _Log(model, Response(model, (), records, sensor, cut(check_records(model, records))))
-    x = np.concatenate([smooth_states(r, sensor) for r in log.response.records])
-    d = np.zeros(len(x))
-    converged = False
-    steps = np.array([1e-3, 0.05, 0.01]) * np.ones((len(x), 1))
-    searches, best = 0, tuple[Torque, ...]()
+    log = Instants(model, Response(model, (), records, sensor, cut(check_records(model, records))))
+    x, error = log.windows()
+    alone, chain, none = _alone(log, _motion(x))
+    found: tuple[Torque, ...] = ()
+    if math.isfinite(none):
+        found, torque = likeliest(chain, log.motion_torque(alone.x, chain))
+    if not found or chain.log_likelihood(torque) > none + SIGNIFICANT:
+        if not (found or log.model.output_effects):
+            x = np.concatenate([smooth_states(r, sensor) for r in log.records])
+        start = alone if found else _motion(x)
+        own, motion, smoothed, torque, converged = _followed(log, start, found)
+        gain = own.log_likelihood(torque) - max(none, own.log_likelihood(_NOTHING))
+        if gain > SIGNIFICANT:
+            return _answer(log, own, motion, smoothed, torque, gain, error, converged)
+    torque = largest(chain, log.motion_torque(alone.x, chain))
+    motion, smoothed, _ = _step(chain, torque, alone)
+    return _answer(log, chain, motion, smoothed, torque, 0.0, error, True)
+
+
+class _Motion(NamedTuple):
+    """States x (M, 2), the torque d (M,), and how wide (M, 3) the model is sloped about them."""
+
+    x: Array
+    d: Array
+    steps: Array
+
+
+def _motion(x: Array) -> _Motion:
+    return _Motion(x, np.zeros(len(x)), np.array([1e-3, 0.05, 0.01]) * np.ones((len(x), 1)))
+
+
+def _alone(log: Instants, motion: _Motion) -> tuple[_Motion, Chain, float]:
+    """The model's motion without any d, and its log-likelihood: minus infinity where it does not follow the readings."""
     for _ in range(_ITERATIONS):
-        chain = log.chain(x, d, steps)
-        if searches == 0 or (converged and searches == 1):  # again, now about the right motion
-            best, torque, gain = _likeliest(chain, log.motion_torque(x, chain), best)
-            searches += 1
-        smoothed = chain.smooth(torque)
-        before, d = d, smoothed.mean[:, 2]
-        sd = np.sqrt(np.maximum(np.diagonal(smoothed.cov, 0, 1, 2), 0.0))
-        x = x + smoothed.mean[:, :2]
-        steps = np.maximum(sd[:, :3], [1e-6, 1e-5, 1e-6])
-        moved = np.abs(smoothed.mean[:, :3] - np.column_stack([np.zeros_like(x), before]))
-        converged = bool(np.sqrt(np.mean((moved / np.maximum(sd[:, :3], 1e-12))[chain.follows] ** 2)) < 0.02)
-        if converged and searches == 2:
+        chain = log.chain(*motion)
+        if np.mean(chain.r[log.weight > 0.0] ** 2) > _LOST**2:
             break
-    return _answer(log, x, smoothed, torque, gain, chain.log_likelihood(torque), converged)
+        motion, _, moved = _step(chain, _NOTHING, motion)
+        if moved < _RESTS:
+            break
+    chain = log.chain(*motion)
+    follows = np.mean(chain.r[log.weight > 0.0] ** 2) < _FAR**2
+    return motion, chain, chain.log_likelihood(_NOTHING) if follows else -math.inf
 
 
-class _Log:
-    """All instants of all records, one after the other (M,), and what the model says at them."""
-
-    def __init__(self, model: Model, response: Response) -> None:
-        self.model, self.response = model, response
-        counts = np.array([len(r) for r in response.records])
-        self.inside = np.arange(response.length + 1) <= counts[:, None]
-        beyond = np.full((len(counts), 1), counts.sum())
-        rows = np.concatenate([response.interval, beyond], axis=1)[self.inside]
-        self.drives = response.drives(_NO_PARAMETERS)[0][rows]
-        self.t = response.time[self.inside]
-        self.y, self.weight = (np.swapaxes(v, 1, 2)[self.inside] for v in (response.y, response.weight))
-        self.follows = np.ones(len(self.t), dtype=bool)
-        self.follows[np.cumsum(counts + 1) - 1] = False
-
-    def _move(self, x: Array, d: Array) -> Array:
-        drives = tuple((self.drives + d[:, None]).T)
-        moved = np.broadcast_arrays(*self.model.move(x[:, 0], x[:, 1], drives, self.t))
-        return np.stack(moved, axis=1)
-
-    def read(self, x: Array) -> Array:
-        padded = np.zeros((*self.inside.shape, 2))
-        padded[self.inside] = x
-        return np.swapaxes(self.response.readings(_NO_PARAMETERS, padded), 1, 2)[self.inside]
-
-    def chain(self, x: Array, d: Array, steps: Array) -> Chain:
-        """The model about a motion x (M, 2) under d (M,), sloped over `steps` (M, 3) of theta, theta_dot, d.
-
-        Central differences as wide as z is uncertain: a joint that sticks has no slope at a point, and a filter that
-        believed in none would never let it go.
-        """
-        z = np.column_stack([x, d])
-        A, H = np.zeros((len(x), 2, 3)), np.zeros((len(x), 2, 2))
-        for i in range(3):
-            up, down = z.copy(), z.copy()
-            up[:, i] += steps[:, i]
-            down[:, i] -= steps[:, i]
-            width = 2.0 * steps[:, i, None]
-            A[:, :, i] = (self._move(up[:, :2], up[:, 2]) - self._move(down[:, :2], down[:, 2])) / width
-            if i < 2:
-                H[:, :, i] = (self.read(up[:, :2]) - self.read(down[:, :2])) / width
-        gap = self._move(x, d) - A[:, :, 2] * d[:, None] - np.roll(x, -1, axis=0)
-        A[~self.follows], gap[~self.follows] = 0.0, 0.0
-        r = (self.y - self.read(x)) * self.weight
-        return Chain(A, gap, H * self.weight[:, :, None], r, self.follows, _SPREAD, self.model.dt)
-
-    def motion_torque(self, x: Array, chain: Chain) -> float:
-        """RMS of the torque that moves the joint [N m]: the yardstick for d."""
-        change = np.diff(x[:, 1])[self.follows[:-1]]
-        return max(float(np.sqrt(np.mean(change**2)) / np.max(np.abs(chain.A[:, 1, 2]))), 1e-9)
-
-    def errors(self, x: Array, r: Array) -> tuple[float, float]:
-        """RMS of readings less model, in units of the sensor's sd: without d over 1 s from x, and along x."""
-        windows = cut(self.response.records, 1.0)
-        first = np.concatenate([[0], np.cumsum([len(v) + 1 for v in self.response.records])])
-        starts = x[[first[w.record] + w.begin for w in windows]]
-        response = Response(self.model, (), self.response.records, self.response.sensor, windows)
-        read = max(int(np.count_nonzero(self.weight)), 1)
-        without = float(np.sum(response.residual(_NO_PARAMETERS, starts) ** 2))
-        return math.sqrt(without / read), math.sqrt(float(np.sum(r**2)) / read)
-
-    def coordinates(self, x: Array) -> dict[str, Array]:
-        """Mean theta (mod 2 pi), theta_dot, drive torque and time of each interval (M,), the last one of a record idle."""
-        middle = 0.5 * (x + np.roll(x, -1, axis=0))
-        own = {"theta": np.mod(middle[:, 0], 2.0 * math.pi), "theta_dot": middle[:, 1]}
-        return own | {"torque": self.drives.mean(axis=1), "time": self.t + 0.5 * self.model.dt}
-
-    def touched(self, x: Array, d: Array, smoothed: Smoothed) -> tuple[Touched, ...]:
-        """Where something acted that no state of the joint explains."""
-        records, inside, dt = self.response.records, self.follows, self.model.dt
-        number = np.repeat(np.arange(len(records)), [len(v) for v in records])
-        # how the sd of an average compares to that of a sample is found on a few stretches: it is alike in all
-        length, group = max(1, round(HAND / dt)), np.full(len(x), -1)
-        for i, begin in enumerate(np.linspace(0, max(len(x) - length, 0), _BINS).astype(int)):
-            group[begin : begin + length] = i
-        group[~inside] = -1
-        variance = np.maximum(smoothed.cov[:, 2, 2], 1e-30)
-        kept = np.unique(group[group >= 0])
-        single = np.array([np.mean(variance[group == i]) for i in kept])
-        ratio = float(np.median(smoothed.sd_of_means(group, _BINS)[kept] / np.sqrt(single)))
-        sd = ratio * np.sqrt(variance[inside])
-        return touched(
-            [v.name for v in records], number, self.t[inside], x[inside], slow(d[inside], number, dt), sd, dt
-        )
-
-    def split(self, values: Array) -> list[Array]:
-        """By record."""
-        return np.split(values, np.cumsum([len(r) + 1 for r in self.response.records])[:-1])
+def _step(chain: Chain, torque: Torque, motion: _Motion) -> tuple[_Motion, Smoothed, float]:
+    """The motion smoothed about itself, and by how many sd it moved (RMS)."""
+    smoothed = chain.smooth(torque)
+    sd = np.sqrt(np.maximum(np.diagonal(smoothed.cov, 0, 1, 2), 0.0))[:, :3]
+    moved = smoothed.mean[:, :3] - np.column_stack([np.zeros_like(motion.x), motion.d])
+    distance = float(np.sqrt(np.mean((moved / np.maximum(sd, 1e-12))[chain.follows] ** 2)))
+    after = _Motion(motion.x + smoothed.mean[:, :2], smoothed.mean[:, 2], np.maximum(sd, [1e-6, 1e-5, 1e-6]))
+    return after, smoothed, distance
 
 
-def _likeliest(chain: Chain, size: float, last: tuple[Torque, ...]) -> tuple[tuple[Torque, ...], Torque, float]:
-    """The likeliest torque of each kind, the one of the two to use, and its gain over none.
-
-    Of the two kinds the smooth one, whose band is narrower, must be likelier by more than a little. Where neither
-    gains anything, the one to use is the largest not ruled out. The search begins at `last`, or on a grid.
-    """
-    part = chain.thinned(_SAMPLES)
-    if not last:
-        coarse = chain.thinned(_SAMPLES // 4)
-        sizes = [
-            [Torque(f * size, T, k) for T in (0.1, 0.4, 1.6) for f in (1e-3, 1e-2, 0.1, 1.0)] for k in (False, True)
-        ]
-        last = tuple(max(grid, key=coarse.log_likelihood) for grid in sizes)
-    rough, smooth = last = tuple(_climbed(part, torque) for torque in last)
-    torque = smooth if part.log_likelihood(smooth) > part.log_likelihood(rough) + _CLEARLY else rough
-    if part is not chain:  # a rare event may lie outside of the part
-        wider = max((replace(torque, s=f * torque.s) for f in (1.0, 5.0, 25.0)), key=chain.log_likelihood)
-        torque = torque if wider.s == torque.s else _climbed(chain, wider)
-    gain = chain.log_likelihood(torque) - chain.log_likelihood(Torque(0.0, 1.0))
-    return last, torque if gain > SIGNIFICANT else _largest(part, size), max(gain, 0.0)
-
-
-def _climbed(chain: Chain, torque: Torque) -> Torque:
-    """The torque of largest likelihood near another of its kind."""
-    from scipy.optimize import minimize
-
-    longest = max(20.0, len(chain.r) * chain.dt)
-
-    def at(h: Array) -> Torque:
-        s, T = torque.s * math.exp(h[0]), torque.T * math.exp(h[1])
-        return Torque(s, min(max(T, 2.0 * chain.dt), longest), torque.smooth)
-
-    simplex = [[0.0, 0.0], [0.7, 0.0], [0.0, 0.7]]
-    options = {"xatol": 1.0, "fatol": 0.1, "initial_simplex": simplex, "maxfev": 40}
-    found = minimize(lambda h: -chain.log_likelihood(at(h)), simplex[0], method="Nelder-Mead", options=options)
-    return at(found.x)
-
-
-def _largest(chain: Chain, size: float) -> Torque:
-    """The largest torque with a memory of 0.5 s that the log does not rule out, one-sided at 95 %."""
-    from scipy.optimize import brentq
-
-    none = chain.log_likelihood(Torque(0.0, 0.5))
-
-    def excess(log_s: float) -> float:
-        return chain.log_likelihood(Torque(math.exp(log_s), 0.5)) - none + 0.5 * 1.645**2
-
-    low = high = math.log(1e-6 * size)
-    while excess(high) > 0.0 and high < math.log(1e3 * size):
-        low, high = high, high + 1.0
-    return Torque(math.exp(brentq(excess, low, high, xtol=0.02) if excess(high) < 0.0 else high), 0.5)
+def _followed(
+    log: Instants, motion: _Motion, found: tuple[Torque, ...]
+) -> tuple[Chain, _Motion, Smoothed, Torque, bool]:
+    """The motion at rest under the likeliest torque, which is sought at first and again about the right motion."""
+    settled, moved = False, math.inf
+    for _ in range(2 * _ITERATIONS):
+        chain = log.chain(*motion)
+        if math.isinf(moved) or (moved < _RESTS and not settled):
+            settled = moved < _RESTS
+            found, torque = likeliest(chain, log.motion_torque(motion.x, chain), found)
+        motion, smoothed, moved = _step(chain, torque, motion)
+        if moved < _RESTS and settled:
+            break
+    return chain, motion, smoothed, torque, moved < _RESTS
 
 
 def _answer(
-    log: _Log, x: Array, smoothed: Smoothed, torque: Torque, gain: float, log_likelihood: float, converged: bool
+    log: Instants,
+    chain: Chain,
+    motion: _Motion,
+    smoothed: Smoothed,
+    torque: Torque,
+    gain: float,
+    error: float,
+    converged: bool,
 ) -> ResidualTorque:
-    d, sd = smoothed.mean[:, 2], np.sqrt(np.maximum(smoothed.cov[:, 2, 2], 0.0))
-    inside, records = log.follows, log.response.records
-    r = (log.y - log.read(x)) * log.weight
+    (x, d, _), inside = motion, log.follows
+    sd = np.sqrt(np.maximum(smoothed.cov[:, 2, 2], 0.0))
     seen = log.weight > 0.0
     normal = float(np.sum(np.log(log.weight[seen]))) - 0.5 * math.log(2.0 * math.pi) * np.count_nonzero(seen)
-    at = log.coordinates(x)
-    number = np.repeat(np.arange(len(records)), [len(v) + 1 for v in records])
-    stretch = number[inside] if len(records) > 1 else np.arange(inside.sum()) * 8 // inside.sum()
+    at, number = log.coordinates(x), log.number[inside]
+    stretch = number if len(log.records) > 1 else np.arange(len(number)) * 8 // len(number)
     binned = {name: _binned(name, at[name], d, inside, smoothed) for name in UNITS}
     return ResidualTorque(
         records=tuple(
             Followed(v.name, v.t, own[:, 0], own[:, 1], own[:-1, 2], own[:-1, 3])
-            for v, own in zip(records, log.split(np.column_stack([x, d, sd])), strict=True)
+            for v, own in zip(log.records, log.split(np.column_stack([x, d, sd])), strict=True)
         ),
         torque=torque,
         gain=gain,
-        log_likelihood=log_likelihood + normal,
-        errors=log.errors(x, r),
+        log_likelihood=chain.log_likelihood(torque) + normal,
+        errors=(error, float(np.sqrt(np.mean(log.residuals(x)[seen] ** 2)))),
         binned=binned,
         explained={name: _explained(at[name][inside], d[inside], stretch, binned[name].edges) for name in UNITS},
-        touched=log.touched(x, d, smoothed) if gain > SIGNIFICANT else (),
+        touched=_touched(log, x, d, smoothed) if gain > SIGNIFICANT else (),
         converged=converged,
     )
+
+
+def _touched(log: Instants, x: Array, d: Array, smoothed: Smoothed) -> tuple[Touched, ...]:
+    dt, inside, number = log.model.dt, log.follows, log.number[log.follows]
+    # how the sd of an average compares to that of a sample is found on a few stretches: it is alike in all
+    length, group = max(1, round(HAND / dt)), np.full(len(x), -1)
+    for i, begin in enumerate(np.linspace(0, max(len(x) - length, 0), _BINS).astype(int)):
+        group[begin : begin + length] = i
+    group[~inside] = -1
+    variance = np.maximum(smoothed.cov[:, 2, 2], 1e-30)
+    kept = np.unique(group[group >= 0])
+    single = np.array([np.mean(variance[group == i]) for i in kept])
+    ratio = float(np.median(smoothed.sd_of_means(group, _BINS)[kept] / np.sqrt(single)))
+    names = [v.name for v in log.records]
+    averaged = slow(d[inside], number, dt)
+    return touched(names, number, log.t[inside], x[inside], averaged, ratio * np.sqrt(variance[inside]), dt)
 
 
 def _binned(name: str, coordinate: Array, d: Array, follows: NDArray[np.bool_], smoothed: Smoothed) -> Binned:

@@ -50,15 +50,14 @@ def _on(near: Refit, fit: Refit) -> Array:
 class Explained:
     """Least squares of residuals e on directions z (rows, Q): coefficients and their sd (Q,), what they explain.
 
-    basis (rows, rank) spans the directions; p_value is that of the F test.
+    sum is the decrease of the sum of squares, rank the number of independent directions, p_value that of the F test.
     """
 
     coefficient: Array
     sd: Array
     sum: float
-    gain: float
     p_value: float
-    basis: Array
+    rank: int
 
 
 class Residuals:
@@ -135,27 +134,26 @@ class Residuals:
         after = model.move(self.states[:, :L, 0], self.states[:, :L, 1], drives, self.response.time[:, :L])
         return np.stack(after, axis=-1)
 
-    def explain(self, z: Array, without: Array | None = None) -> Explained:
-        """e regressed on z, both beside the orthonormal columns `without` (rows, r) where these are given."""
-        e, degrees = self.e, self.degrees
-        if without is not None:
-            e, z, degrees = e - without @ (without.T @ e), z - without @ (without.T @ z), degrees - without.shape[1]
+    def explain(self, z: Array) -> Explained:
+        """e regressed on directions z (rows, Q)."""
         length = np.linalg.norm(z, axis=0)
         size = np.maximum(length, 1e-300)
         gram, vectors = np.linalg.eigh((z / size).T @ (z / size))
         keep = gram > 1e-7
         mixed = vectors[:, keep] / np.sqrt(gram[keep])
         basis = (z / size) @ mixed
-        U = basis.T @ e
-        rank, total, explained = int(np.sum(keep)), float(e @ e), float(U @ U)
-        left = max(1, degrees - rank)
+        U = basis.T @ self.e
+        rank, total, explained = int(np.sum(keep)), float(self.e @ self.e), float(U @ U)
+        left = max(1, self.degrees - rank)
         variance = max(total - explained, 1e-300) / left
-        sd = np.sqrt(variance * np.sum(mixed**2, axis=1)) / size
+        # whole windows vary by more than their readings where residuals are coloured: something else is missing too
+        rest = (self.e - basis @ U).reshape(len(self.fit.starts), -1)
+        scores = np.einsum("kr,krq->kq", rest, basis.reshape(*rest.shape, -1)) @ mixed.T
+        sd = np.sqrt(np.maximum(variance * np.sum(mixed**2, axis=1), np.sum(scores**2, axis=0))) / size
         return Explained(
             coefficient=(mixed @ U) / size,
             sd=np.where(length > 0.0, sd, np.inf),
             sum=explained,
-            gain=degrees * math.log(total / max(total - explained, 1e-300)) - rank * math.log(degrees),
             p_value=float(fdtrc(rank, left, explained / rank / variance)) if rank else 1.0,
-            basis=basis,
+            rank=rank,
         )

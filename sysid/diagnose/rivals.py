@@ -4,42 +4,53 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from sysid.diagnose.design import Hypothesis, Normal, foresee, noise_free, separation
+from sysid.diagnose.candidates import Alternative, candidates
+from sysid.diagnose.design import Hypothesis, Normal, foresee, noise_free
 from sysid.diagnose.screen import screen
-from sysid.diagnose.search import LEAD
+from sysid.diagnose.search import LEAD, at_horizon
 from sysid.diagnose.signals import Limits, Signal
 from sysid.effects import Effect, effect
 from sysid.errors import InvalidInput
 from sysid.identify.gauss_newton import Fit, fit_longest, fit_windows
 from sysid.model import Model
+from sysid.parameters import Extent
 from sysid.records import Record
 from sysid.sensor import Sensor
 
 NOTHING = "nothing"
 """Name of the hypothesis that no rival is there."""
 
+INERTIAL = ("m", "l", "g", "J", "G", "torque_gain", "rotor_inertia")
+"""What shows in the motion as J / c and G / c only, with c the torque gain."""
+
 _TRUE = 0.25
 """A rival may be the truth where it explains at least that share of what the best one explains."""
 
 
+class Pair(NamedTuple):
+    """By number: the hypothesis that is taken to be true, the rival that it is to be told from, and the evidence on the
+    log at hand (None: there is no log)."""
+
+    truth: int
+    rival: int
+    before: float | None
+
+
 @dataclass(frozen=True, eq=False)
 class Rivals:
-    """Hypotheses that a log confuses.
+    """Hypotheses that a log confuses, the pairs that must be told apart, and the model with none of them.
 
-    pairs      (truth, rival) by number: which of them must be told apart
-    base       the model with none of them
-    before     evidence that the log itself holds, the least over the pairs; None where there is no log
-    invisible  rivals that the free parameters absorb whatever is played
+    `absorbed` are rivals that the free parameters imitate whatever is played: nothing else is known then.
     """
 
     hypotheses: tuple[Hypothesis, ...]
-    pairs: tuple[tuple[int, int], ...]
+    pairs: tuple[Pair, ...]
     base: Hypothesis
-    before: float | None
-    invisible: tuple[str, ...] = ()
+    absorbed: tuple[str, ...] = ()
 
 
 def names_of(rivals: Sequence[str | Effect]) -> tuple[str, ...]:
@@ -61,30 +72,43 @@ def rivals_of(
 ) -> Rivals:
     """Every rival fitted to the log, or where there is none, to what the one of known size does under a multisine.
 
-    Raises InvalidInput where no size is known: none is in the model, none came with numbers, and there is no log.
+    Where no size can be known (no log, no numbers; or the log does not show the rival), that of the rival's probe. Raises
+    InvalidInput for names that are unknown, come twice or cannot stand in this model.
     """
     names = names_of(rivals)
-    own = tuple(f"{name}." for name in names)
     known = {e.name: e for e in model.effects if e.name in names}
     known |= {r.name: r for r in rivals if isinstance(r, Effect)}
     base = model
     for e in model.effects:
         base = base.without_effect(e.name) if e.name in names else base
+    own = tuple(f"{name}." for name in names)
     base_names = tuple(n for n in free if not n.startswith(own))
     if not base_names:
         raise InvalidInput("nothing is free beside the rivals: name at least one parameter of the plant")
+    extent = Extent(base.dt, limits.duration, limits.u_max)
+    possible = candidates(base, extent, names)
+    for name in names:
+        if name not in possible:
+            raise InvalidInput(f"{name} cannot stand beside the model's own effects: it cannot be a rival")
     log = tuple(records)
+    if not log and known:
+        log = _reference(base.with_effect(next(iter(known.values()))), sensor, limits)
     if not log:
-        if not known:
-            raise InvalidInput(
-                f"no size is known of {', '.join(names)}: give the records, or an effect with numbers in place of its name"
-            )
-        first = next(iter(known.values()))
-        log = _reference(base.with_effect(first), sensor, limits)
-    fits, base_fit, invisible = _fitted(base, base_names, names, known, log, sensor)
-    if invisible:
-        return Rivals((), (), Hypothesis(NOTHING, base_fit.model, base_names), None, invisible)
-    return _ranked(fits, base_fit, bool(records), known)
+        probes = {n: _probed(a[len(a) // 2]) for n, a in possible.items()}
+        return _listed(base, base_names, probes, {}, list(names), None)
+    fit, fits, unseen = _fitted(base, base_names, names, known, log, sensor)
+    if unseen and set(unseen) <= set(INERTIAL):
+        return Rivals((), (), Hypothesis(NOTHING, fit.model, base_names), unseen)
+    probes = {n: _probed(possible[n][len(possible[n]) // 2]) for n in unseen}
+    gains = {n: fit.solution.lin.cost - f.solution.lin.cost for n, f in fits.items()}
+    truths = [n for n in names if n in known and not records] or [
+        n for n, gain in gains.items() if gain > 0.0 and gain >= _TRUE * max(gains.values())
+    ]
+    return _listed(fit.model, base_names, probes, fits, truths or list(names), fit if records else None)
+
+
+def _probed(alternative: Alternative) -> Effect:
+    return alternative.at(alternative.sizes)
 
 
 def _reference(model: Model, sensor: Sensor, limits: Limits) -> tuple[Record, ...]:
@@ -99,30 +123,25 @@ def _fitted(
     known: dict[str, Effect],
     log: Sequence[Record],
     sensor: Sensor,
-) -> tuple[dict[str, Fit], Fit, tuple[str, ...]]:
-    """A fit with each rival, all on the same windows, the fit with none, and the rivals that cannot be seen."""
+) -> tuple[Fit, dict[str, Fit], tuple[str, ...]]:
+    """The fit with none, one with each rival, all on the same windows, and the rivals that the log does not show."""
     fit = fit_longest(base, base_names, log, sensor, lead=LEAD)
     searched = tuple(n for n in names if n not in known)
     scores = screen(fit, searched)[0] if searched else {}
-    excluded = [n for n in searched if n not in scores]
-    if excluded:
-        raise InvalidInput(f"{excluded[0]} cannot stand beside the model's own effects: it cannot be a rival")
-    begun = dict(known)
-    for name, score in scores.items():
-        if not score.visible or score.best is None:
-            return {}, fit, names
-        begun[name] = score.best.at(score.sizes)
-    fits = {name: _with(fit, begun[name]) for name in names}
+    begun = {n: s.best.at(s.sizes) for n, s in scores.items() if s.visible and s.best is not None}
+    fits = {name: _with(fit, e) for name, e in (known | begun).items()}
+    unseen = tuple(n for n in names if n not in fits)
     longest = min(
-        fit_longest(f.model, f.names, log, sensor, f.solution.p, f, shortest=f.horizon, lead=LEAD).horizon
-        for f in fits.values()
+        (
+            fit_longest(f.model, f.names, log, sensor, f.solution.p, f, shortest=f.horizon, lead=LEAD).horizon
+            for f in fits.values()
+        ),
+        default=fit.horizon,
     )
     if longest > fit.horizon:
-        fits = {
-            name: fit_windows(f.model, f.names, log, sensor, longest, f.solution.p, f, LEAD) for name, f in fits.items()
-        }
-        fit = fit_windows(fit.model, fit.names, log, sensor, longest, fit.solution.p, fit, LEAD)
-    return fits, fit, ()
+        fits = {name: at_horizon(f, longest) for name, f in fits.items()}
+        fit = at_horizon(fit, longest)
+    return fit, fits, unseen
 
 
 def _with(fit: Fit, added: Effect) -> Fit:
@@ -133,19 +152,31 @@ def _with(fit: Fit, added: Effect) -> Fit:
     return fit_windows(fit.model.with_effect(added), names, r.records, r.sensor, fit.horizon, p, fit, LEAD)
 
 
-def _ranked(fits: dict[str, Fit], base: Fit, logged: bool, known: dict[str, Effect]) -> Rivals:
-    nothing = Hypothesis(NOTHING, base.model, base.names)
+def _listed(
+    base: Model,
+    base_names: tuple[str, ...],
+    probes: dict[str, Effect],
+    fits: dict[str, Fit],
+    truths: Sequence[str],
+    logged: Fit | None,
+) -> Rivals:
+    """The hypotheses and their pairs; a single one stands against the model without it."""
+    nothing = Hypothesis(NOTHING, base, base_names)
     hypotheses = [Hypothesis(name, fit.model, fit.names) for name, fit in fits.items()]
-    lins = [fit.solution.lin for fit in fits.values()]
-    gains = [base.solution.lin.cost - lin.cost for lin in lins]
-    truths = [i for i, gain in enumerate(gains) if gain >= _TRUE * max(gains)] if logged else []
-    truths = truths or [i for i, name in enumerate(fits) if name in known] or [int(np.argmax(gains))]
+    for name, e in probes.items():
+        hypotheses.append(Hypothesis(name, base.with_effect(e), (*base_names, *(f"{name}.{k}" for k in e.parameters))))
     if len(hypotheses) == 1:
         hypotheses.append(nothing)
-        lins.append(base.solution.lin)
-    pairs = tuple((i, j) for i in truths for j in range(len(hypotheses)) if i != j)
-    before = None
-    if logged:
-        value = separation(pairs).value
-        before = float(value([Normal.of(lins[j], lins[i]).together() for i, j in pairs])[0])
-    return Rivals(tuple(hypotheses), pairs, nothing, before)
+    pairs = []
+    for i, truth in enumerate(hypotheses):
+        for j, rival in enumerate(hypotheses):
+            if i != j and truth.name in truths:
+                before = None if logged is None else _evidence(fits.get(truth.name, logged), fits.get(rival.name, logged))
+                pairs.append(Pair(i, j, before))
+    return Rivals(tuple(hypotheses), tuple(pairs), nothing)
+
+
+def _evidence(truth: Fit, rival: Fit) -> float:
+    """What the rival, at its best numbers on the same readings, leaves of the truth's."""
+    own, other = truth.solution.lin, rival.solution.lin
+    return float(Normal.of(other.S_x, other.S_p, other.e - own.e).together().unexplained()[0])

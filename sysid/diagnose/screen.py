@@ -46,7 +46,7 @@ class Score:
 
     def start(self) -> dict[str, float]:
         """Numbers of the effect to begin a fit with, by field."""
-        assert self.best is not None  # noqa: S101
+        assert self.best is not None
         effect = self.best.at(self.sizes)
         return {k: float(p.value) for k, p in effect.parameters.items()}
 

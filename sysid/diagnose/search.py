@@ -25,6 +25,9 @@ LEAD = 0.3
 SAME = 1.0 - 1e-6
 """Alikeness from which two effects are the same to any log of this kind; only the first of them is fitted."""
 
+ALIKE = 0.995
+"""Alikeness from which it takes 100 times the evidence to tell two effects that it takes to find one."""
+
 PREFERRED = ("stamp", "tilt", "viscous", "delay")
 """Where effects are the same to a log, these stand for their class: the log's own convention before any machine's."""
 
@@ -179,8 +182,9 @@ class Search:
         fit, unknown = now.fit, max((now.flexible[n].share for n in now.structured), default=0.0)
         variance = min(t.fit.variance for t in trials)
         ranked = sorted(trials, key=lambda t: t.merit(variance), reverse=True)
-        stamps = [t for t in ranked if t.name == "stamp" and t.merit(variance) > ranked[0].merit(variance) - CLOSE]
-        for trial in (*stamps, *ranked):
+        preferred = [t for t in ranked if t.name in PREFERRED and alike(t, ranked[0], variance)]
+        preferred.sort(key=lambda t: PREFERRED.index(t.name))
+        for trial in (*preferred, *ranked):
             explained = 1.0 - trial.fit.solution.lin.cost / fit.solution.lin.cost
             if explained > EXPLAINS * unknown and explained > 0.0 and gain(fit, trial.fit) > 0.0:
                 return trial
@@ -188,7 +192,8 @@ class Search:
 
     def _addition(self, chosen: Trial, trials: list[Trial], now: Round) -> Addition:
         variance = chosen.fit.variance
-        same = tuple(n for n, s in now.scores.items() if n != chosen.name and s.visible and twins(s, chosen.score))
+        same = [n for n, s in now.scores.items() if n != chosen.name and s.visible and twins(s, chosen.score)]
+        same += [t.name for t in trials if t.name not in (chosen.name, *same) and alike(t, chosen, variance)]
         close = tuple(
             t.name
             for t in trials
@@ -196,7 +201,7 @@ class Search:
             and len(t.fit.names) <= len(chosen.fit.names)
             and 2.0 * (t.fit.solution.lin.cost - chosen.fit.solution.lin.cost) / variance < CLOSE
         )
-        return Addition(chosen.name, same, close, chosen.p_value, chosen.fit)
+        return Addition(chosen.name, tuple(same), close, chosen.p_value, chosen.fit)
 
     def _review(self, fit: Fit) -> Fit:
         """Drop what has become idle; swap what now has a better or a simpler rival.
@@ -253,6 +258,12 @@ def at_horizon(fit: Fit, horizon: float) -> Fit:
     return fit_windows(fit.model, fit.names, response.records, response.sensor, horizon, fit.solution.p, fit, LEAD)
 
 
+def alike(a: Trial, b: Trial, variance: float) -> bool:
+    """Whether two fitted effects move this log's readings alike and explain it about as well."""
+    apart = abs(a.merit(variance) - b.merit(variance))
+    return apart < 3.0 * CLOSE and len(a.score.sizes) == len(b.score.sizes) and alikeness(a.score, b.score) > ALIKE
+
+
 def twins(a: Score, b: Score) -> bool:
     """Whether two effects with equally many magnitudes move the readings of this log alike."""
     return len(a.sizes) == len(b.sizes) and alikeness(a, b) > SAME
@@ -262,7 +273,7 @@ def extend(fit: Fit, score: Score) -> Fit:
     """The fit with one more effect, at the same horizon, begun where the fit ended and at the best of several sizes:
     those that the screen expects, its probes, and almost nothing, so that it does not end above the smaller fit.
     """
-    assert score.best is not None  # noqa: S101
+    assert score.best is not None
     starts = [score.best.at(score.sizes), score.best.at(tuple(0.03 * size for size in score.sizes))]
     starts += [probe for other in score.others for probe in other.probes]
     own = [{f"{e.name}.{k}": float(p.value) for k, p in e.parameters.items()} for e in starts]

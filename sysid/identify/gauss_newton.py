@@ -97,7 +97,7 @@ def solve(
             dx = _start_step(lin, reduced, dp)
             if attempt == 0:
                 promised = lin.cost - 0.5 * float(np.sum((lin.e - _moved(lin, dx, dp)) ** 2))
-            e = response.residual(p + share * dp, starts + share * dx)
+            e = response.residual(np.clip(p + share * dp, low, high), starts + share * dx)
             cost = 0.5 * float(np.sum(e**2))
             if math.isfinite(cost) and cost <= lin.cost:
                 taken = cost
@@ -347,7 +347,10 @@ def fit_longest(
     fit = None
     for horizon in (*(h for h in HORIZONS if shortest <= h < 0.75 * whole), math.inf):
         longer = fit_windows(model, names, records, sensor, horizon, p, fit or near, lead)
-        if fit is not None and not (longer.follows and longer.solution.converged):
+        if fit is not None and not longer.follows:
+            break
+        # a fit among the kinks of dry friction may stop a little early: what it explains counts
+        if fit is not None and not longer.solution.converged and longer.variance > 1.05 * fit.variance:
             break
         fit, p = longer, longer.solution.p
     assert fit is not None
