@@ -270,14 +270,15 @@ def fall(answer: Diagnosis, axes: Axes) -> None:
     axes.tick_params(axis="x", length=0)
     axes.set_ylabel("held-out error / sensor noise")
     axes.legend(loc="upper right", fontsize=8.0)
-    axes.set_title("What each effect takes off the error on rollouts that no fit has seen")
+    axes.set_title("Error on rollouts that no fit has seen")
 
 
 def ranking(answer: Diagnosis, axes: Axes, most: int = 10) -> None:
-    """The first round: how much each candidate would explain, and the error that is left with it."""
+    """The first round: how much each candidate would explain (grey: it could be chance), and the error left with it."""
     shown = answer.ranking[:most][::-1]
     sure = [r.p_value < 0.05 for r in shown]
-    axes.barh(range(len(shown)), [max(r.score, 0.0) for r in shown], color=[BLUE if s else "0.8" for s in sure])
+    bars = [max(r.score, 0.0) for r in shown]
+    axes.barh(range(len(shown)), bars, height=0.62, color=[BLUE if s else "0.8" for s in sure])
     axes.set_yticks(range(len(shown)), [r.effect for r in shown])
     reach = max([1.0, *(r.score for r in shown)])
     for k, r in enumerate(shown):
@@ -287,7 +288,7 @@ def ranking(answer: Diagnosis, axes: Axes, most: int = 10) -> None:
         )
     axes.set_xlim(0.0, 1.3 * reach)
     axes.tick_params(axis="y", length=0)
-    axes.set_xlabel("evidence: decrease of the squared error, in units of the noise (grey: could be chance)")
+    axes.set_xlabel("squared error that it would explain, in units of the noise")
     axes.set_title("Which effect explains the error?")
 
 

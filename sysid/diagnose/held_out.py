@@ -157,14 +157,14 @@ def refit(response: Response, starts: Array | None = None) -> Refit:
     """Refit the states of all windows, the parameters as they are: Levenberg-Marquardt in each window by itself."""
     p = np.array([float(response.model.parameters[n].value) for n in response.names])
     x = response.starts if starts is None else starts
-    at = _finite(response.linearise(p, x))
+    at = _linearised(response, p, x)
     damping = np.zeros(len(x))
     for _ in range(REFITS):
         step, promised = _steps(at, damping)
         open_ = promised > NEGLIGIBLE
         if not np.any(open_):
             break
-        trial = _finite(response.linearise(p, x + step * open_[:, None]))
+        trial = _linearised(response, p, x + step * open_[:, None])
         better = open_ & (np.sum(trial.e**2, axis=1) < np.sum(at.e**2, axis=1))
         damping = np.where(better, 0.1 * damping, np.where(open_, np.maximum(4.0 * damping, 1.0), damping))
         x = np.where(better[:, None], x + step, x)
@@ -214,8 +214,10 @@ def _root(squares: Array, free: Array) -> float:
     return math.sqrt(float(np.sum(squares)) / rest) if rest > 1e-6 * free.size else math.nan
 
 
-def _finite(lin: Linearisation) -> Linearisation:
-    """The linearisation with windows in which the model blew up marked by an infinite error and no slope."""
+def _linearised(response: Response, p: Array, starts: Array) -> Linearisation:
+    """The linearisation, with windows in which the model runs away marked by an infinite error and no slope."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        lin = response.linearise(p, starts)
     bad = ~(np.all(np.isfinite(lin.e), axis=1) & np.all(np.isfinite(lin.S_x), axis=(1, 2)))
     if np.any(bad):
         lin.e[bad], lin.S_x[bad] = np.inf, 0.0
