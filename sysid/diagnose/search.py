@@ -142,8 +142,11 @@ class Search:
             self.rounds.append(Round.of(fit, self.names))
         return fit
 
-    def trials(self, now: Round) -> list[Trial]:
-        """The most promising candidates, refitted at the round's horizon; of those that are the same, the first."""
+    def trials(self, now: Round, full: Fit | None = None) -> list[Trial]:
+        """The most promising candidates, refitted at the round's horizon; of those that are the same, the first.
+
+        Where the round leaves an effect out of a `full` fit, that fit's numbers are where the others begin too.
+        """
         found: list[Trial] = []
         warranted = now.warranted
         if not warranted:
@@ -156,9 +159,9 @@ class Search:
             if any(twins(score, t.score) for t in found):
                 continue
             score = self._representative(score, now)
-            found.append(Trial(score.name, extend(now.fit, score), score, now.adjusted[score.name]))
+            found.append(Trial(score.name, extend(now.fit, score, full), score, now.adjusted[score.name]))
         for simpler in self._simpler(found, warranted, now):
-            found.append(Trial(simpler.name, extend(now.fit, simpler), simpler, now.adjusted[simpler.name]))
+            found.append(Trial(simpler.name, extend(now.fit, simpler, full), simpler, now.adjusted[simpler.name]))
         return found
 
     @staticmethod
@@ -218,7 +221,7 @@ class Search:
                 self.additions.remove(addition)
                 return grow(without)
             now = Round.of(without, self.names)
-            trials = [t for t in self.trials(now) if t.name != addition.name]
+            trials = [t for t in self.trials(now, full) if t.name != addition.name]
             if not trials:
                 continue
             variance = min(full.variance, *(t.fit.variance for t in trials))
@@ -269,7 +272,7 @@ def twins(a: Score, b: Score) -> bool:
     return len(a.sizes) == len(b.sizes) and alikeness(a, b) > SAME
 
 
-def extend(fit: Fit, score: Score) -> Fit:
+def extend(fit: Fit, score: Score, full: Fit | None = None) -> Fit:
     """The fit with one more effect, at the same horizon, begun where the fit ended and at the best of several sizes:
     those that the screen expects, its probes, and almost nothing, so that it does not end above the smaller fit.
     """
@@ -277,7 +280,10 @@ def extend(fit: Fit, score: Score) -> Fit:
     starts = [score.best.at(score.sizes), score.best.at(tuple(0.03 * size for size in score.sizes))]
     starts += [probe for other in score.others for probe in other.probes]
     own = [{f"{e.name}.{k}": float(p.value) for k, p in e.parameters.items()} for e in starts]
-    p = [np.concatenate([fit.solution.p, list(values.values())]) for values in own]
+    begun = [fit.solution.p]
+    if full is not None:
+        begun.append(np.array([full.solution.p[full.names.index(n)] for n in fit.names]))
+    p = [np.concatenate([numbers, list(values.values())]) for numbers in begun for values in own]
     response, model = fit.response, fit.model.with_effect(starts[0])
     return fit_windows(model, (*fit.names, *own[0]), response.records, response.sensor, fit.horizon, p, fit, LEAD)
 
