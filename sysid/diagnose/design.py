@@ -1,4 +1,4 @@
-"""Design of experiments: what a log of some signal would tell, before it is played, and a search for the signal that tells most."""
+"""Design of experiments: what a log of some signal would tell before it is played, and a search for the best signal."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ class Normal(NamedTuple):
 
     @classmethod
     def of(cls, S_x: Array, S: Array, r: Array) -> Normal:
-        """Of readings r (K, R) about a model with derivatives S_x (K, R, 2), S (K, R, P), all whitened; one log a row."""
+        """Of readings r (K, R) about a model with derivatives S_x (K, R, 2), S (K, R, P), whitened; one log a row."""
         both = without(np.linalg.qr(S_x)[0], np.concatenate([r[..., None], S], axis=-1))
         r, S = both[..., 0], both[..., 1:]
         S_t = np.swapaxes(S, -1, -2)
@@ -101,7 +101,8 @@ class Normal(NamedTuple):
     def unexplained(self) -> Array:
         """c - g' F^-1 g (K,): what is left of r'r once the rival has taken the best numbers, to first order.
 
-        T-optimality (Atkinson and Fedorov, Biometrika 1975). For a small effect of size a it is a^2 |z_perp|^2 (1 - rho^2).
+        For a small effect of size a it is a^2 |z_perp|^2 (1 - rho^2). Source: T-optimality, Atkinson and Fedorov,
+        Biometrika 1975.
         """
         size = np.sqrt(np.maximum(np.diagonal(self.F, axis1=-2, axis2=-1), 1e-300))
         F = self.F / (size[..., :, None] * size[..., None, :])
@@ -130,7 +131,7 @@ class Pool:
         self.hypotheses, self.signals = tuple(hypotheses), tuple(signals)
         model = hypotheses[0].model
         n, rest = round(limits.duration / model.dt), rest_angle(model)
-        t, blank = model.dt * np.arange(n + 1), np.zeros(n + 1)
+        t, blank = np.asarray(model.dt * np.arange(n + 1), dtype=float), np.zeros(n + 1)
         angle = None if sensor.theta is None and sensor.theta_0 is None else blank if sensor.theta else blank[:1]
         speed = None if sensor.theta_dot is None else blank
         self.sensor = sensor
@@ -227,9 +228,7 @@ def noise_free(run: Trajectory, sensor: Sensor) -> list[Record]:
     return found
 
 
-def tamed(
-    hypotheses: Sequence[Hypothesis], signals: Sequence[Signal], limits: Limits, sensor: Sensor
-) -> list[Signal]:
+def tamed(hypotheses: Sequence[Hypothesis], signals: Sequence[Signal], limits: Limits, sensor: Sensor) -> list[Signal]:
     """The signals, each made smaller until torque and predicted motion keep to the limits."""
     dt = hypotheses[0].model.dt
     found = [within(s, limits, round(limits.duration / dt), dt) for s in signals]
@@ -292,6 +291,12 @@ def precision(scale: Array) -> Goal:
     return Goal(parts, value)
 
 
+def yardsticks(model: Model, names: Sequence[str]) -> Array:
+    """What a parameter's interval is compared with: its own size; for an effect that may be nothing, 0.01 at least."""
+    known = model.parameters
+    return np.array([max(p.scale, 0.0 if p.neutral is None else 0.01) for p in (known[n] for n in names)])
+
+
 class Choice(NamedTuple):
     """Signals to play, one a rollout, and what they are worth to the goal."""
 
@@ -304,7 +309,8 @@ def search(
 ) -> list[Choice]:
     """A few good choices, each begun with a signal of another kind, best first; empty where nothing is allowed.
 
-    Random signals of all kinds, then variations of the best; further rollouts are added one by one, whichever helps most.
+    Random signals of all kinds, then variations of the best; further rollouts are added one by one, always the one
+    that helps most.
     """
     model = hypotheses[0].model
     n = round(limits.duration / model.dt)

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,8 +19,10 @@ from sysid.diagnose.design import (
     search,
     separation,
     tamed,
+    yardsticks,
 )
-from sysid.diagnose.held_out import finite
+from sysid.diagnose.needed import needed_experiment, never
+from sysid.diagnose.protocol import HOPELESS, Contest, Experiment
 from sysid.diagnose.rivals import Pair, Rivals, names_of, rivals_of
 from sysid.diagnose.signals import Limits, Signal, draw, rest_angle
 from sysid.effects import Effect
@@ -33,150 +31,14 @@ from sysid.estimate import Estimate
 from sysid.fit import fit, free
 from sysid.identify.gauss_newton import fit_windows
 from sysid.model import Model
-from sysid.records import Array, Record
+from sysid.records import Record
 from sysid.sensor import Sensor
-
-SCHEMA = "gapfinder/experiment/1"
-
-DECISIVE = 16.0
-"""Evidence from which two effects count as told apart: four standard deviations."""
 
 STRUCTURAL = 1e-4
 """Share of an effect's evidence that no rival takes, below which no torque will ever tell the two apart."""
 
 NESTED = 1e-2
 """The same where the rival was really fitted, which need not have come to its end."""
-
-
-class Contest(NamedTuple):
-    """Evidence of `truth` against `rival`, were it true: on the log at hand (None: there is none) and after the experiment."""
-
-    truth: str
-    rival: str
-    before: float | None
-    after: float
-
-
-@dataclass(frozen=True, eq=False)
-class Experiment:
-    """What to do next on the rig, and what it will be worth.
-
-    kind         "steps", "bang-bang", "chirp", "multisine", "free swing" or, for several of them, "mixed"; "payload",
-                 "driver off"; "none": nothing that is played helps
-    description  one sentence
-    separates    the effects or the parameters that it tells apart
-    measure      "evidence": expected decrease of -2 log likelihood, right effect against the best rival (16 decide);
-                 "interval": half width of the widest 95 % interval, that of parameter `widest`
-    before       that number on the log at hand (None: no log was given, or it was infinite)
-    after        the same expected of a log of this experiment alone (None: not known)
-    u (n, N)     [N m] torque of each rollout, held over dt [s]
-    theta, theta_dot (n, N+1)  [rad], [rad/s] the predicted motion; a rollout starts at rest at theta[:, 0]
-    reach        [rad] its farthest way from rest, speed [rad/s] its fastest
-    contests     the evidence pair by pair; before and after are the least of it
-    payload      (mass [kg], distance from the axis [m]) that hangs on the joint in the second half of the rollouts
-    """
-
-    kind: str
-    description: str
-    separates: tuple[str, ...]
-    measure: str
-    before: float | None
-    after: float | None
-    u: Array
-    dt: float
-    theta: Array
-    theta_dot: Array
-    reach: float
-    widest: str | None = None
-    payload: tuple[float, float] | None = None
-    contests: tuple[Contest, ...] = ()
-
-    @property
-    def start(self) -> Array:
-        """Start angles (n,) [rad], 0 upright."""
-        return self.theta[:, 0]
-
-    @property
-    def speed(self) -> float:
-        """The fastest predicted motion [rad/s]."""
-        return float(np.max(np.abs(self.theta_dot), initial=0.0))
-
-    @property
-    def t(self) -> Array:
-        """Instants (N+1,) [s]."""
-        return self.dt * np.arange(self.theta.shape[1])
-
-    @property
-    def seconds(self) -> float:
-        """Time on the rig [s], without resets."""
-        return self.u.size * self.dt
-
-    @property
-    def repeats(self) -> int | None:
-        """How often to play it until the evidence decides (evidence grows at least in proportion); None: never."""
-        if self.measure != "evidence" or self.after is None:
-            return 1
-        return math.ceil(DECISIVE / self.after) if self.after > 1e-2 * DECISIVE else None
-
-    @property
-    def gain(self) -> float | None:
-        """How many times better than the log at hand: evidence after / before, or interval before / after."""
-        if self.before is None or self.after is None:
-            return None
-        better, worse = (self.after, self.before) if self.measure == "evidence" else (self.before, self.after)
-        return better / worse if worse > 0.0 else None
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data of schema "gapfinder/experiment/1", without the torques (those go into the CSV)."""
-        gain, repeats = self.gain, self.repeats
-        return {
-            "schema": SCHEMA,
-            "kind": self.kind,
-            "description": self.description,
-            "separates": list(self.separates),
-            "measure": self.measure,
-            "widest": self.widest,
-            "before": None if self.before is None else finite(self.before),
-            "after": None if self.after is None else finite(self.after),
-            "gain": None if gain is None else finite(gain),
-            "rollouts": len(self.u),
-            "seconds": self.seconds,
-            "repeats": repeats,
-            "start": self.start.tolist(),
-            "u_peak": float(np.max(np.abs(self.u), initial=0.0)),
-            "u_rms": float(np.sqrt(np.mean(self.u**2))) if self.u.size else 0.0,
-            "reach": self.reach,
-            "speed": self.speed,
-            "contests": [c._asdict() for c in self.contests],
-            "payload": None if self.payload is None else list(self.payload),
-        }
-
-    def write_csv(self, path: str | Path) -> None:
-        """Write what a rig plays: columns t [s] and torque [N m], held from that row's time; the last row lasts dt too.
-
-        Several rollouts stand below one another, told apart by a column `rollout`. Raises InvalidInput where there is
-        nothing to play.
-        """
-        if not self.u.size:
-            raise InvalidInput(f"nothing to play: {self.description}")
-        with open(path, "w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            several = len(self.u) > 1
-            writer.writerow([*(["rollout"] if several else []), "t", "torque"])
-            for i, u in enumerate(self.u):
-                for t, value in zip(self.t, u, strict=False):
-                    writer.writerow([*([i] if several else []), repr(round(float(t), 9)), repr(float(value))])
-
-    def __str__(self) -> str:
-        lines = [self.description]
-        if self.u.size:
-            lines.append(
-                f"  predicted motion: up to {self.reach:.3g} rad from rest and {self.speed:.3g} rad/s; "
-                f"{len(self.u)} x {self.u.shape[1] * self.dt:.3g} s"
-            )
-        if self.repeats is not None and self.repeats > 1:
-            lines.append(f"  play it {self.repeats} times: once is not decisive")
-        return "\n".join(lines)
 
 
 def next_experiment(
@@ -204,13 +66,15 @@ def next_experiment(
     Raises InvalidInput for unknown names and where sizes, limits or noise cannot be known.
     """
     estimate = model if isinstance(model, Estimate) else None
-    model = estimate.model if estimate is not None else model
+    model = model.model if isinstance(model, Estimate) else model
     records = (records,) if isinstance(records, Record) else tuple(records)
     sensor = sensor or (estimate.sensor if estimate is not None else None) or _noise(records)
     limits = _limits(limits, model, records)
     rng = np.random.default_rng(0) if rng is None else rng
     names = estimate.names if estimate is not None else free(model)
     if rivals:
+        if never(names_of(rivals)):
+            return needed_experiment(model, names_of(rivals), limits, sensor, rng)
         found = rivals_of(model, names, rivals, records, sensor, limits)
         return _telling(found, names_of(rivals), limits, sensor, rng)
     if estimate is None and records:
@@ -242,7 +106,7 @@ def _limits(limits: Limits | None, model: Model, records: Sequence[Record]) -> L
 
 
 def limits_of(records: Sequence[Record], model: Model) -> Limits:
-    """What the rig has done in a log: its largest torque, its longest rollout, as many of them (8 at most), its reach."""
+    """What the rig has done in a log: its largest torque, longest rollout, number of rollouts (up to 8) and reach."""
     rest, angles = rest_angle(model), [r.theta for r in records if r.theta is not None and len(r.theta) > 1]
     reach = max((float(np.max(np.abs(a - rest))) for a in angles), default=3.0)
     release = max((abs(float(a[0]) - rest) for a in angles), default=0.0)
@@ -271,8 +135,6 @@ def _impossible(limits: Limits) -> InvalidInput:
 def _telling(
     found: Rivals, names: tuple[str, ...], limits: Limits, sensor: Sensor, rng: np.random.Generator
 ) -> Experiment:
-    from sysid.diagnose.needed import needed_experiment
-
     if found.absorbed:
         return needed_experiment(found.base.model, found.absorbed, limits, sensor, rng)
     hypotheses = [_at(h, limits.dt) for h in (*found.hypotheses, found.base)]
@@ -283,9 +145,12 @@ def _telling(
     choices = search(separation([(p.truth, p.rival) for p in pairs]), hypotheses, limits, sensor, rng)
     if not choices:
         raise _impossible(limits)
-    told = [(c, _confirmed(c, pairs, hypotheses, limits, sensor)) for c in choices]
-    best, contests = max(told, key=lambda both: min(c.after for c in both[1]))
+    told = [(c, _confirmed(c, pairs, hypotheses, limits, sensor, 3.0)) for c in choices]
+    best, _ = max(told, key=lambda both: min(c.after for c in both[1]))
+    contests = _confirmed(best, pairs, hypotheses, limits, sensor, math.inf)
     worst = min(contests, key=lambda c: c.after)
+    if worst.after < HOPELESS:
+        return needed_experiment(hypotheses[0].model, names, limits, sensor, rng, worst.after)
     shown = tuple(dict.fromkeys(hypotheses[i].name for p in pairs for i in (p.truth, p.rival)))
     sentence = f"it tells {' and '.join(shown)} apart with {worst.after:.3g} units of evidence"
     if len(shown) == 2:
@@ -312,8 +177,8 @@ def _separable(
         truth, rival = hypotheses[p.truth], hypotheses[p.rival]
         if len(rival.names) > len(truth.names):  # a tangent does not see a special case through kinks: a fit does
             some = [s for s in signals if s.kind in ("steps", "bang-bang")][:2]
-            alone, against = (_refitted(truth, other, some, limits, sensor) for other in (nothing, rival))
-            apart = against > NESTED * alone
+            full, left = (_refitted(truth, other, some, limits, sensor) for other in (nothing, rival))
+            apart = left > NESTED * full
         else:
             alone, against = (pool.unlike(p.truth, k).unexplained() for k in (len(hypotheses) - 1, p.rival))
             apart = bool(np.any(against > STRUCTURAL * alone))
@@ -322,9 +187,7 @@ def _separable(
     return found
 
 
-def _refitted(
-    truth: Hypothesis, rival: Hypothesis, signals: Sequence[Signal], limits: Limits, sensor: Sensor
-) -> float:
+def _refitted(truth: Hypothesis, rival: Hypothesis, signals: Sequence[Signal], limits: Limits, sensor: Sensor) -> float:
     """The sum of squares that the rival leaves when it is fitted to what the truth would show."""
     records = noise_free(foresee(truth.model, signals, limits), sensor)
     near = fit_windows(rival.model, rival.names, records, sensor, 1.0, rival.p)
@@ -333,18 +196,23 @@ def _refitted(
 
 
 def _confirmed(
-    choice: Choice, pairs: Sequence[Pair], hypotheses: Sequence[Hypothesis], limits: Limits, sensor: Sensor
+    choice: Choice,
+    pairs: Sequence[Pair],
+    hypotheses: Sequence[Hypothesis],
+    limits: Limits,
+    sensor: Sensor,
+    within: float,
 ) -> tuple[Contest, ...]:
     """The evidence of each pair when the rival is really fitted to what the truth would show, not to first order only.
 
-    Pairs that are far from the closest one keep their first-order number.
+    Pairs whose first-order number is more than `within` times the least keep it.
     """
     pool = Pool(hypotheses, choice.signals, limits, sensor)
     linear = {p: float(pool.unlike(p.truth, p.rival).together().unexplained()[0]) for p in pairs}
     least, contests = math.inf, []
     for p in sorted(linear, key=lambda p: linear[p]):
         after, truth, rival = linear[p], hypotheses[p.truth], hypotheses[p.rival]
-        if after < 3.0 * least:
+        if after < within * least:
             after = _refitted(truth, rival, choice.signals, limits, sensor)
             least = min(least, after)
         contests.append(Contest(truth.name, rival.name, p.before, after))
@@ -352,12 +220,6 @@ def _confirmed(
 
 
 # narrowing intervals -----------------------------------------------------------------------------------------
-
-
-def yardsticks(model: Model, names: Sequence[str]) -> Array:
-    """What a parameter's interval is compared with: its own size; for an effect that may be nothing, 0.01 at least."""
-    known = model.parameters
-    return np.array([max(p.scale, 0.0 if p.neutral is None else 0.01) for p in (known[n] for n in names)])
 
 
 def _narrowing(
@@ -376,12 +238,14 @@ def _narrowing(
     pool = Pool(hypotheses, choices[0].signals, limits, sensor)
     sd = precision(scale).parts(pool)[0].together().sd()[0]
     if np.max(sd / scale) >= UNDETERMINED:
-        from sysid.diagnose.needed import needed_experiment
-
         lost = tuple(n for n, s in zip(names, sd, strict=True) if not math.isfinite(s))
         return needed_experiment(model, lost, limits, sensor, rng)
     had = np.array([estimate.sd[n] for n in names]) if estimate is not None else np.full(len(names), np.inf)
-    k = int(np.argmax(np.where(np.isfinite(had), had, np.inf) / scale)) if estimate is not None else int(np.argmax(sd / scale))
+    k = (
+        int(np.argmax(np.where(np.isfinite(had), had, np.inf) / scale))
+        if estimate is not None
+        else int(np.argmax(sd / scale))
+    )
     before = 1.96 * float(had[k]) if math.isfinite(had[k]) else None
     after, unit = 1.96 * float(sd[k]), model.parameters[names[k]].unit
     told = f"it narrows the widest 95 % interval, that of {names[k]}, to +-{after:.2g} {unit}"

@@ -1,4 +1,4 @@
-"""Needed: what to do about things that no torque ever tells apart: a payload, the driver off, a scale, or nothing at all."""
+"""Needed: what to do about things that no torque ever tells apart: a payload, a scale, the driver off, or nothing."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid import ops
-from sysid.diagnose.design import Hypothesis, Pool, foresee, precision, search, tamed
-from sysid.diagnose.experiment import Experiment, yardsticks
+from sysid.diagnose.design import Hypothesis, Pool, foresee, precision, search, tamed, yardsticks
+from sysid.diagnose.protocol import Experiment
 from sysid.diagnose.rivals import INERTIAL
 from sysid.diagnose.signals import Limits, Signal, rest_angle
 from sysid.effects import BackEmf, Joint, JointEffect, RotorInertia, TorqueGain, Viscous
@@ -31,12 +31,19 @@ _HEAVIER = 0.5
 _ANSWERS = {
     ("angle_offset", "tilt"): "for a fixed axis an encoder offset is a tilted base, also to every controller: where it "
     "matters, compare the encoder's zero with a plumb line",
-    ("delay", "sensor_delay"): "only the sum of both delays shows between command and reading, and only the sum matters to a "
+    (
+        "delay",
+        "sensor_delay",
+    ): "only the sum of both delays shows between command and reading, and only the sum matters to a "
     "controller: where each is wanted, move the joint by hand beside a second clock, such as a camera",
-    ("delay", "stamp"): "log at another rate: what the log's stamps shift changes with the interval, a delay of the machine "
-    "does not",
-    ("sensor_delay", "stamp"): "log at another rate: what the log's stamps shift changes with the interval, a delay of the "
-    "sensor does not",
+    (
+        "delay",
+        "stamp",
+    ): "log at another rate: what the log's stamps shift changes with the interval, a delay of the machine does not",
+    (
+        "sensor_delay",
+        "stamp",
+    ): "log at another rate: what the log's stamps shift changes with the interval, a delay of the sensor does not",
 }
 
 
@@ -58,16 +65,23 @@ class Payload(JointEffect):
         return self.mass * g * self.distance * ops.sin(joint.theta)
 
 
+def never(names: Sequence[str]) -> bool:
+    """Whether it is known of these effects that no torque tells them apart, and that no size of theirs matters."""
+    return tuple(sorted(names)) in _ANSWERS
+
+
 def needed_experiment(
     model: Model | Estimate,
     names: Sequence[str],
     limits: Limits,
     sensor: Sensor,
     rng: np.random.Generator | None = None,
+    after: float | None = None,
 ) -> Experiment:
     """What tells apart effects or parameters that no torque does.
 
     names   effects ("back_emf", "torque_gain") and parameters ("m", "rotor_inertia.J_r") of one class
+    after   the evidence that the best torque within the limits would bring, where that is known
 
     Back-EMF against friction: the driver off. m, l, g, J, G, torque gain and rotor inertia: a known payload, a scale, a
     ruler. The others have a sentence, of kind "none". Raises InvalidInput where no name is given.
@@ -86,7 +100,11 @@ def needed_experiment(
         if set(pair) <= set(names):
             return _nothing(names, f"no torque tells {' from '.join(pair)}: {answer}.")
     apart = " from ".join(names) if len(names) > 1 else f"{names[0]} from the rest of the model"
-    return _nothing(names, f"no torque within these limits tells {apart}: another sensor is needed.")
+    if after is not None:
+        return _nothing(
+            names, f"no torque within these limits tells {apart} ({after:.2g} units of evidence): widen them."
+        )
+    return _nothing(names, f"no torque tells {apart}: another sensor is needed.")
 
 
 def _nothing(names: tuple[str, ...], sentence: str) -> Experiment:
@@ -102,7 +120,9 @@ def _driver_off(
 ) -> Experiment:
     """A free swing without the motor: what brakes it then is friction, and the rest was back-EMF."""
     others = [n for n in names if n != "back_emf"] or ["viscous"]
-    braking = sum(float(getattr(e, "b", getattr(e, "k", 0.0))) for e in model.effects if isinstance(e, Viscous | BackEmf))
+    braking = sum(
+        float(getattr(e, "b", getattr(e, "k", 0.0))) for e in model.effects if isinstance(e, Viscous | BackEmf)
+    )
     bare = model
     for e in model.effects:
         bare = bare.without_effect(e.name) if e.name in (*names, "viscous") else bare
@@ -110,11 +130,13 @@ def _driver_off(
     if rest_angle(model) == 0.0:
         return _nothing(names, f"switch the driver off, push the joint and let it coast: {told}.")
     release = limits.release or min(1.0, limits.theta_max or 1.0)
-    swing = tamed([Hypothesis("", model, fitted)], [Signal("free swing", 0.0, 1.0, 1.0, 1.0, 1.0, release, 0)], limits, sensor)
+    free_swing = Signal("free swing", 0.0, 1.0, 1.0, 1.0, 1.0, release, 0)
+    swing = tamed([Hypothesis("", model, fitted)], [free_swing], limits, sensor)
     after = None
     run = foresee(model, swing, limits)
     if braking > 0.0:
-        own = tuple(n for n in fitted if n.split(".")[0] not in (*names, "viscous"))
+        # a swing without torque shows b / J and G / J: the inertia is known from the log of the driven joint
+        own = tuple(n for n in fitted if "." not in n and n not in ("m", "J"))
         truth = Hypothesis("viscous", bare.with_effect(Viscous(b=braking)), (*own, "viscous.b"))
         pool = Pool([truth, Hypothesis("nothing", bare, own)], swing, limits, sensor)
         after = limits.rollouts * float(pool.unlike(0, 1).unexplained()[0])
@@ -187,7 +209,7 @@ def _payload(model: Model) -> tuple[float, float]:
 
 
 def _shown(model: Model, unknown: Sequence[str], payload: tuple[float, float] | None) -> Array:
-    """Derivatives (shown, P) of what the motion shows, (J / c, G / c) without and with the payload, per relative change."""
+    """Derivatives (shown, P) of what the motion shows, (J / c, G / c) without and with the payload."""
     parameters = model.parameters
     at = np.array([float(parameters[n].value) for n in unknown])
     size = np.array([abs(v) or 0.1 * float(model.inertia()) for v in at])
@@ -209,7 +231,9 @@ def _shown(model: Model, unknown: Sequence[str], payload: tuple[float, float] | 
 
 
 def _rank(shown: Array) -> int:
-    return int(np.linalg.matrix_rank(shown / np.maximum(np.max(np.abs(shown), axis=1, keepdims=True), 1e-300), tol=1e-4))
+    return int(
+        np.linalg.matrix_rank(shown / np.maximum(np.max(np.abs(shown), axis=1, keepdims=True), 1e-300), tol=1e-4)
+    )
 
 
 def _with_payload(
@@ -242,8 +266,8 @@ def _with_payload(
     theta = np.concatenate([r.theta for r in runs])
     return Experiment(
         kind="payload",
-        description=f"{first}{orders}, for {limits.duration:g} s, once as it is and once with {payload[0]:g} kg hung on "
-        f"{payload[1]:g} m from the axis: that tells {', '.join(rest)} apart, {rest[k]} to +-{after:.2g} {unit}.",
+        description=f"{first}{orders}, for {limits.duration:g} s, once as it is and once with {payload[0]:g} kg hung "
+        f"on {payload[1]:g} m from the axis: that tells {', '.join(rest)} apart, {rest[k]} to +-{after:.2g} {unit}.",
         separates=unknown,
         measure="interval",
         before=None,

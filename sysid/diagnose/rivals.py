@@ -72,8 +72,8 @@ def rivals_of(
 ) -> Rivals:
     """Every rival fitted to the log, or where there is none, to what the one of known size does under a multisine.
 
-    Where no size can be known (no log, no numbers; or the log does not show the rival), that of the rival's probe. Raises
-    InvalidInput for names that are unknown, come twice or cannot stand in this model.
+    Where no size can be known (no log, no numbers; or the log does not show the rival), that of the rival's probe.
+    Raises InvalidInput for names that are unknown, come twice or cannot stand in this model.
     """
     names = names_of(rivals)
     known = {e.name: e for e in model.effects if e.name in names}
@@ -171,7 +171,9 @@ def _listed(
     for i, truth in enumerate(hypotheses):
         for j, rival in enumerate(hypotheses):
             if i != j and truth.name in truths:
-                before = None if logged is None else _evidence(fits.get(truth.name, logged), fits.get(rival.name, logged))
+                before = (
+                    None if logged is None else _evidence(fits.get(truth.name, logged), fits.get(rival.name, logged))
+                )
                 pairs.append(Pair(i, j, before))
     return Rivals(tuple(hypotheses), tuple(pairs), nothing)
 

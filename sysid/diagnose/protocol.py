@@ -1,0 +1,154 @@
+"""Protocol: an experiment to play on a rig, and what it will be worth, as data, as a CSV and in words."""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sysid.diagnose.held_out import finite
+from sysid.errors import InvalidInput
+from sysid.records import Array
+
+SCHEMA = "gapfinder/experiment/1"
+
+DECISIVE = 16.0
+"""Evidence from which two effects count as told apart: four standard deviations."""
+
+HOPELESS = 0.5
+"""Evidence of a whole experiment below which it is not worth playing: thirty of them would be needed."""
+
+
+class Contest(NamedTuple):
+    """Evidence of `truth` against `rival`, were it true: on the log at hand (None: no log) and of the experiment."""
+
+    truth: str
+    rival: str
+    before: float | None
+    after: float
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """What to do next on the rig, and what it will be worth.
+
+    kind         "steps", "bang-bang", "chirp", "multisine", "free swing" or, for several of them, "mixed"; "payload",
+                 "driver off"; "none": nothing that is played helps
+    description  one sentence
+    separates    the effects or the parameters that it tells apart
+    measure      "evidence": expected decrease of -2 log likelihood, right effect against the best rival (16 decide);
+                 "interval": half width of the widest 95 % interval, that of parameter `widest`
+    before       that number on the log at hand (None: no log was given, or it was infinite)
+    after        the same expected of a log of this experiment alone (None: not known)
+    u (n, N)     [N m] torque of each rollout, held over dt [s]
+    theta, theta_dot (n, N+1)  [rad], [rad/s] the predicted motion; a rollout starts at rest at theta[:, 0]
+    reach        [rad] its farthest way from rest, speed [rad/s] its fastest
+    contests     the evidence pair by pair; before and after are the least of it
+    payload      (mass [kg], distance from the axis [m]) that hangs on the joint in the second half of the rollouts
+    """
+
+    kind: str
+    description: str
+    separates: tuple[str, ...]
+    measure: str
+    before: float | None
+    after: float | None
+    u: Array
+    dt: float
+    theta: Array
+    theta_dot: Array
+    reach: float
+    widest: str | None = None
+    payload: tuple[float, float] | None = None
+    contests: tuple[Contest, ...] = ()
+
+    @property
+    def start(self) -> Array:
+        """Start angles (n,) [rad], 0 upright."""
+        return self.theta[:, 0]
+
+    @property
+    def speed(self) -> float:
+        """The fastest predicted motion [rad/s]."""
+        return float(np.max(np.abs(self.theta_dot), initial=0.0))
+
+    @property
+    def t(self) -> Array:
+        """Instants (N+1,) [s]."""
+        return np.asarray(self.dt * np.arange(self.theta.shape[1]), dtype=float)
+
+    @property
+    def seconds(self) -> float:
+        """Time on the rig [s], without resets."""
+        return self.u.size * self.dt
+
+    @property
+    def repeats(self) -> int | None:
+        """How often to play it until the evidence decides (evidence grows at least in proportion); None: never."""
+        if self.measure != "evidence" or self.after is None:
+            return 1
+        return math.ceil(DECISIVE / self.after) if self.after >= HOPELESS else None
+
+    @property
+    def gain(self) -> float | None:
+        """How many times better than the log at hand: evidence after / before, or interval before / after."""
+        if self.before is None or self.after is None:
+            return None
+        better, worse = (self.after, self.before) if self.measure == "evidence" else (self.before, self.after)
+        return better / worse if worse > 0.0 else None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data of schema "gapfinder/experiment/1", without the torques (those go into the CSV)."""
+        gain, repeats = self.gain, self.repeats
+        return {
+            "schema": SCHEMA,
+            "kind": self.kind,
+            "description": self.description,
+            "separates": list(self.separates),
+            "measure": self.measure,
+            "widest": self.widest,
+            "before": None if self.before is None else finite(self.before),
+            "after": None if self.after is None else finite(self.after),
+            "gain": None if gain is None else finite(gain),
+            "rollouts": len(self.u),
+            "seconds": self.seconds,
+            "repeats": repeats,
+            "start": self.start.tolist(),
+            "u_peak": float(np.max(np.abs(self.u), initial=0.0)),
+            "u_rms": float(np.sqrt(np.mean(self.u**2))) if self.u.size else 0.0,
+            "reach": self.reach,
+            "speed": self.speed,
+            "contests": [c._asdict() for c in self.contests],
+            "payload": None if self.payload is None else list(self.payload),
+        }
+
+    def write_csv(self, path: str | Path) -> None:
+        """Write what a rig plays: columns t [s] and torque [N m], held from that row's time; the last row lasts dt too.
+
+        Several rollouts stand below one another, told apart by a column `rollout`. Raises InvalidInput where there is
+        nothing to play.
+        """
+        if not self.u.size:
+            raise InvalidInput(f"nothing to play: {self.description}")
+        with open(path, "w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            several = len(self.u) > 1
+            writer.writerow([*(["rollout"] if several else []), "t", "torque"])
+            for i, u in enumerate(self.u):
+                for t, value in zip(self.t, u, strict=False):
+                    writer.writerow([*([i] if several else []), repr(round(float(t), 9)), repr(float(value))])
+
+    def __str__(self) -> str:
+        lines = [self.description]
+        if self.u.size:
+            lines.append(
+                f"  predicted motion: up to {self.reach:.3g} rad from rest and {self.speed:.3g} rad/s; "
+                f"{len(self.u)} x {self.u.shape[1] * self.dt:.3g} s"
+            )
+        if self.repeats is not None and self.repeats > 1:
+            lines.append(f"  play it {self.repeats} times: once is not decisive")
+        return "\n".join(lines)
