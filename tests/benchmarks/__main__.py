@@ -1,0 +1,53 @@
+"""python -m tests.benchmarks: run methods on columns of hidden-effect cases and print the score table.
+
+Answers are kept in --out, one JSON line a case; a run that was stopped goes on where it was. Delete a method's file
+there to ask it again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+from tests.benchmarks.cases import COLUMNS
+from tests.benchmarks.methods import METHODS
+from tests.benchmarks.runner import Store, run
+from tests.benchmarks.score import RULES, cell, columns, table
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run, then print the tables."""
+    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks", description=__doc__)
+    parser.add_argument("--columns", nargs="+", choices=tuple(COLUMNS), default=list(COLUMNS), metavar="COLUMN")
+    parser.add_argument("--methods", nargs="+", choices=tuple(METHODS), default=list(METHODS), metavar="METHOD")
+    parser.add_argument("--seeds", nargs="+", type=int, default=[0], help="each makes up all cases anew")
+    parser.add_argument("--every", type=int, default=1, help="take each k-th case alone")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--out", type=Path, default=Path("results/hidden_effects"))
+    parser.add_argument("--table", action="store_true", help="run nothing, print what is there")
+    parser.add_argument("--wrong", action="store_true", help="list the cases that were answered wrongly")
+    given = parser.parse_args(arguments)
+    cases = [c for name in given.columns for seed in given.seeds for c in COLUMNS[name](seed)][:: given.every]
+    store, began = Store(given.out), time.perf_counter()
+    if not given.table:
+        for case, done, of in run(cases, given.methods, store, given.workers):
+            print(f"\r{done}/{of}  {time.perf_counter() - began:.0f} s  {case.key:80s}", end="", file=sys.stderr)
+        print(file=sys.stderr)
+    prepared = store.read("decidability")
+    answers = {m: store.answers(m) for m in given.methods}
+    for rule in RULES:
+        print(f"\n{rule}:\n{table(cases, answers, prepared, rule)}")
+    if given.wrong:
+        for method, own in answers.items():
+            for name, part in columns(cases).items():
+                for key in cell(part, own, prepared).wrong:
+                    a = own[key]
+                    first, error = a.ranking[:2], a.error_after
+                    print(f"{method} {name} {key}: {a.verdict} {first} {a.named} {a.depends_on} {error} {a.failure}")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

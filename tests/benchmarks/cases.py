@@ -1,0 +1,190 @@
+"""The cases of the benchmark, column by column; each is a world that a seed makes up."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sysid import Record
+from tests.benchmarks import mujoco_truth
+from tests.benchmarks.experiments import EXPERIMENTS, LOGS, World, move, plan, write
+from tests.benchmarks.hidden import CATALOGUE, SIZES, STRANGERS, numbers_of
+
+INVISIBLE = ("torque_gain", "rotor_inertia")  # absorbed by m and l: no log of this kind shows them
+VISIBLE = tuple(n for n in CATALOGUE if n not in INVISIBLE)
+PAIRS = (
+    ("viscous", "coulomb"),
+    ("viscous", "delay"),
+    ("viscous", "tilt"),
+    ("viscous", "saturation"),
+    ("viscous", "ripple"),
+    ("coulomb", "lag"),
+    ("coulomb", "torque_bias"),
+    ("coulomb", "dead_zone"),
+    ("coulomb", "spring"),
+    ("coulomb", "velocity_gain"),
+    ("coulomb", "backlash"),
+    ("coulomb", "drift"),
+    ("drag", "torque_bias"),
+    ("drag", "lag"),
+    ("drag", "ripple"),
+    ("spring", "torque_bias"),
+    ("spring", "saturation"),
+    ("tilt", "periodic"),
+    ("ripple", "periodic"),
+    ("delay", "saturation"),
+    ("lag", "dead_zone"),
+    ("asymmetric_coulomb", "ripple"),
+    ("load_friction", "velocity_bias"),
+    ("stribeck", "spring"),
+)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One log of the benchmark.
+
+    hidden: the effects planted, () for none, (stranger,) outside the catalogue; size: one of SIZES, or "weak" (chosen
+    so that the least lambda is about 22); log: a key of LOGS; engine: "truth" or "mujoco".
+    """
+
+    column: str
+    hidden: tuple[str, ...]
+    size: str
+    experiment: str
+    log: str
+    seed: int
+    engine: str = "truth"
+
+    @property
+    def key(self) -> str:
+        """A name for files."""
+        words = ("+".join(self.hidden) or "nothing", self.size, self.experiment, self.log, self.engine, str(self.seed))
+        return "/".join((self.column, *words))
+
+    @property
+    def stranger(self) -> bool:
+        """Whether what is hidden stands in no catalogue."""
+        return bool(self.hidden) and self.hidden[0] in STRANGERS
+
+    def rng(self, purpose: str) -> np.random.Generator:
+        """Plans and noise of a case are its own, and do not depend on which other cases run."""
+        return np.random.default_rng([zlib.crc32(self.key.encode()), zlib.crc32(purpose.encode())])
+
+
+def world(case: Case, numbers: Mapping[str, float] | None = None) -> World:
+    """The world of a case; `numbers` replaces those of the table (a weak effect's)."""
+    log = LOGS[case.log]
+    own = plan(case.experiment, log, case.rng("plan"))
+    if case.stranger:
+        stranger = STRANGERS[case.hidden[0]]
+        return World(own, dict(stranger.numbers), stranger.gust, log)
+    if numbers is None:
+        peak = float(np.max(np.abs(own.u)))
+        size = "small" if case.size == "weak" else case.size
+        numbers = {k: v for name in case.hidden for k, v in numbers_of(name, size, log.dt, peak).items()}
+    return World(own, numbers, 0.0, log)
+
+
+def records(case: Case, made: World) -> list[Record]:
+    """The log that a rig writes of that world."""
+    if case.engine == "mujoco":
+        own = made.plan
+        motion = mujoco_truth.simulate(dict(made.numbers), own.u, own.theta, 0.0, made.log.dt)
+    else:
+        (motion,) = move([made])
+    return write(motion, made.plan, made.log, case.rng("noise"))
+
+
+def _sizes(column: str, log: str, seed: int) -> Iterator[Case]:
+    """Every visible effect at three sizes, the experiments in turn."""
+    for i, name in enumerate(VISIBLE):
+        if LOGS[log].theta_dot is None and name in ("velocity_bias", "velocity_gain"):
+            continue
+        for j, size in enumerate(SIZES):
+            yield Case(column, (name,), size, EXPERIMENTS[(i + j + seed) % 3], log, seed)
+
+
+def _clean(seed: int) -> Iterator[Case]:
+    for name in VISIBLE:
+        for size in SIZES:
+            for experiment in EXPERIMENTS:
+                yield Case("clean", (name,), size, experiment, "clean", seed)
+
+
+def _weak(seed: int) -> Iterator[Case]:
+    for name in VISIBLE:
+        for experiment in EXPERIMENTS:
+            yield Case("weak", (name,), "weak", experiment, "clean", seed)
+
+
+def _pairs(seed: int) -> Iterator[Case]:
+    for i, pair in enumerate(PAIRS):
+        for j in range(2):
+            yield Case("pairs", pair, ("medium", "small")[j], EXPERIMENTS[(i + j + seed) % 3], "clean", seed)
+
+
+def _strangers(seed: int) -> Iterator[Case]:
+    for name in STRANGERS:
+        for experiment in EXPERIMENTS:
+            yield Case("strangers", (name,), "own", experiment, "clean", seed)
+
+
+def _nothing(seed: int) -> Iterator[Case]:
+    for log, count in {"clean": 4, "loud": 1, "slow": 1, "speedless": 1, "coarse": 1, "short": 1}.items():
+        for experiment in EXPERIMENTS:
+            for k in range(count):
+                yield Case("nothing", (), "none", experiment, log, 100 * seed + k)
+
+
+def _told(seed: int) -> Iterator[Case]:
+    for i, log in enumerate(("told 1/3", "told x3")):
+        for j, name in enumerate(VISIBLE):
+            yield Case("told", (name,), "medium", EXPERIMENTS[(i + j + seed) % 3], log, seed)
+        for j, experiment in enumerate(EXPERIMENTS * 2):
+            yield Case("told", (), "none", experiment, log, 100 * seed + j)
+
+
+def _stamps(seed: int) -> Iterator[Case]:
+    for i, log in enumerate(("late", "early", "averaged")):
+        for j, name in enumerate(VISIBLE):
+            if (i + j) % 2 == 0 or name in ("delay", "lag", "sensor_delay"):
+                yield Case("stamps", (name,), "medium", EXPERIMENTS[(i + j + seed) % 3], log, seed)
+        for j, experiment in enumerate(EXPERIMENTS * 2):
+            yield Case("stamps", (), "none", experiment, log, 100 * seed + j)
+
+
+def _mujoco(seed: int) -> Iterator[Case]:
+    for i, name in enumerate(mujoco_truth.EFFECTS):
+        for j, size in enumerate(SIZES):
+            yield Case("mujoco", (name,), size, EXPERIMENTS[(i + j + seed) % 3], "clean", seed, "mujoco")
+    for experiment in EXPERIMENTS:
+        yield Case("mujoco", (), "none", experiment, "clean", seed, "mujoco")
+
+
+COLUMNS: Mapping[str, Callable[[int], Iterator[Case]]] = {
+    "clean": _clean,
+    "loud": lambda seed: _sizes("loud", "loud", seed),
+    "slow": lambda seed: _sizes("slow", "slow", seed),
+    "speedless": lambda seed: _sizes("speedless", "speedless", seed),
+    "coarse": lambda seed: _sizes("coarse", "coarse", seed),
+    "short": lambda seed: _sizes("short", "short", seed),
+    "weak": _weak,
+    "pairs": _pairs,
+    "strangers": _strangers,
+    "nothing": _nothing,
+    "told": _told,
+    "stamps": _stamps,
+    "mujoco": _mujoco,
+}
+
+
+def training(made: World) -> World:
+    """The rollouts that a diagnosis learns from: all but the last quarter, which it keeps to report errors."""
+    n = len(made.plan.theta)
+    keep = n - max(1, n // 4)
+    own = made.plan
+    return replace(made, plan=replace(own, u=own.u[:keep], theta=own.theta[:keep], wind=own.wind[:keep]))

@@ -1,0 +1,84 @@
+"""The methods that are scored, each as a function (records, told noise) -> Answer."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from sysid import Record
+
+Told = tuple[float, float] | None
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a method says of a log.
+
+    verdict      "adequate", "missing", "unknown" or "cannot tell"; methods without verdicts say the first two
+    ranking      effects, best first (six of them); the first is what it would name if it had to name one
+    alike        effects that the method says it cannot tell from the first, the first among them
+    named        effects that it says are missing, with those it cannot tell from each
+    depends_on   of what is left unexplained: some of theta, theta_dot, torque, time, history
+    error_after  held-out error at the end, in units of the noise; None where the method has none
+    """
+
+    verdict: str
+    ranking: tuple[str, ...] = ()
+    alike: tuple[str, ...] = ()
+    named: tuple[tuple[str, ...], ...] = ()
+    depends_on: tuple[str, ...] = ()
+    error_after: float | None = None
+    seconds: float = 0.0
+    failure: str = ""
+
+
+def ours(records: Sequence[Record], told: Told) -> Answer:
+    """sysid.diagnose, beginning at the default rod; gravity is known, as it is on earth."""
+    from sysid import Model, RodPendulum, Sensor, diagnose
+
+    model = Model(RodPendulum(g=9.81), dt=records[0].dt)
+    sensor = None
+    if told is not None:
+        sensor = Sensor(theta=told[0], theta_dot=told[1] if records[0].theta_dot is not None else None)
+    found = diagnose(model, list(records), sensor)
+    ranking = found.ranking
+    return Answer(
+        verdict=found.verdict,
+        ranking=tuple(r.effect for r in ranking),
+        alike=tuple(ranking[0].alike) if ranking else (),
+        named=tuple(tuple(s.alike) for s in found.steps),
+        depends_on=tuple(found.remaining.depends_on) if found.remaining is not None else (),
+        error_after=found.error.ratio,
+    )
+
+
+def baseline(records: Sequence[Record], told: Told) -> Answer:
+    """Regression of smoothed acceleration; it has no use for a claimed noise."""
+    from tests.benchmarks.baseline import find
+
+    found = find(records)
+    ranking = tuple(name for name, _ in found.ranking if name != "stamp")
+    first = ranking[:1]
+    if found.chosen:
+        first = found.chosen[:1]
+        ranking = first + tuple(n for n in ranking if n not in first)
+    return Answer(
+        verdict="missing" if found.chosen else "adequate",
+        ranking=ranking,
+        alike=first,
+        named=tuple((name,) for name in found.chosen),
+    )
+
+
+METHODS: Mapping[str, Callable[[Sequence[Record], Told], Answer]] = {"ours": ours, "baseline": baseline}
+
+
+def ask(method: str, records: Sequence[Record], told: Told) -> Answer:
+    """A method's answer and the seconds it took; one that raises has no answer."""
+    began = time.perf_counter()
+    try:
+        answer = METHODS[method](records, told)
+    except Exception as error:
+        answer = Answer("failed", failure=f"{type(error).__name__}: {error}")
+    return replace(answer, ranking=answer.ranking[:6], seconds=time.perf_counter() - began)

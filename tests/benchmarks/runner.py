@@ -1,0 +1,111 @@
+"""Runs methods on cases, in several processes, and keeps every answer in a file, so that a run can be resumed."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from tests.benchmarks.cases import Case, records, training, world
+from tests.benchmarks.decidability import decide, scaled
+from tests.benchmarks.experiments import LOGS
+from tests.benchmarks.methods import METHODS, Answer, ask
+
+AIM = 22.0
+Row = dict[str, Any]
+
+
+def prepare(case: Case) -> Row:
+    """What can be decided of a case: its numbers, and by effect the evidence, the least lambda and the rival of that.
+
+    Empty where nothing of the catalogue is hidden. A weak effect's numbers are chosen here.
+    """
+    if not case.hidden or case.stranger:
+        return {}
+    made = world(case)
+    found = {}
+    if case.size == "weak":
+        (name,) = case.hidden
+        chosen, decidability = scaled(training(made), name, AIM)
+        found, numbers = {name: decidability}, dict(chosen.numbers)
+    else:
+        numbers = dict(made.numbers)
+        for name in case.hidden:
+            beside = next((n for n in case.hidden if n != name), None)
+            found[name] = decide(training(made), name, beside)
+    return {
+        "numbers": numbers,
+        "evidence": {k: d.evidence for k, d in found.items()},
+        "least": {k: d.least for k, d in found.items()},
+        "rival": {k: d.worst for k, d in found.items()},
+    }
+
+
+def solve(case: Case, methods: Sequence[str], known: Row | None) -> tuple[Row, dict[str, Row]]:
+    """What can be decided, and each method's answer to the case's log."""
+    prepared = prepare(case) if known is None else known
+    log = records(case, world(case, prepared.get("numbers")))
+    told = LOGS[case.log].told
+    return prepared, {m: asdict(ask(m, log, told)) for m in methods}
+
+
+class Store:
+    """One JSON line a case in a file a method, and one file of what can be decided."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        folder.mkdir(parents=True, exist_ok=True)
+
+    def _path(self, name: str) -> Path:
+        return self.folder / f"{name}.jsonl"
+
+    def read(self, name: str) -> dict[str, Row]:
+        """Rows by case."""
+        if not self._path(name).is_file():
+            return {}
+        lines = self._path(name).read_text(encoding="utf-8").splitlines()
+        rows = (json.loads(line) for line in lines if line.endswith("}"))
+        return {row.pop("case"): row for row in rows}
+
+    def append(self, name: str, case: Case, row: Mapping[str, Any]) -> None:
+        """Add a row; a later one of the same case counts."""
+        with open(self._path(name), "a", encoding="utf-8") as file:
+            file.write(json.dumps({"case": case.key, **row}) + "\n")
+
+    def answers(self, method: str) -> dict[str, Answer]:
+        """The answers of a method by case."""
+        return {key: restored(row) for key, row in self.read(method).items()}
+
+
+def restored(row: Row) -> Answer:
+    """An answer from its row of a file."""
+    row = dict(row)
+    for name in ("ranking", "alike", "depends_on"):
+        row[name] = tuple(row[name])
+    row["named"] = tuple(tuple(group) for group in row["named"])
+    return Answer(**row)
+
+
+def run(cases: Sequence[Case], methods: Sequence[str], store: Store, workers: int) -> Iterator[tuple[Case, int, int]]:
+    """Answer what is not in the store yet; yields each case as it is done, how many are done and how many there are."""
+    unknown = [m for m in methods if m not in METHODS]
+    if unknown:
+        raise KeyError(f"unknown method {unknown[0]!r}: expected some of {', '.join(METHODS)}")
+    known = store.read("decidability")
+    done = {m: store.read(m) for m in methods}
+    open_cases = [(c, [m for m in methods if c.key not in done[m]]) for c in cases]
+    open_cases = [(c, own) for c, own in open_cases if own]
+    os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")  # inherited: the processes are the parallelism
+    with ProcessPoolExecutor(workers) as pool:
+        jobs = {pool.submit(solve, c, own, known.get(c.key)): c for c, own in open_cases}
+        for count, job in enumerate(as_completed(jobs), 1):
+            case, (prepared, answers) = jobs[job], job.result()
+            if case.key not in known:
+                store.append("decidability", case, prepared)
+            for method, answer in answers.items():
+                store.append(method, case, answer)
+            yield case, count, len(jobs)

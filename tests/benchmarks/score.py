@@ -1,0 +1,123 @@
+"""What counts as right, and the table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from tests.benchmarks.cases import COLUMNS, Case
+from tests.benchmarks.decidability import ENOUGH, TWINS
+from tests.benchmarks.hidden import STRANGERS
+from tests.benchmarks.methods import Answer
+
+WEAK = (16.0, 30.0)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """right of total, and which were not."""
+
+    right: int
+    total: int
+    wrong: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        return f"{100.0 * self.right / self.total:.0f} % ({self.right}/{self.total})" if self.total else "-"
+
+
+def twins(effect: str) -> frozenset[str]:
+    """The effect and those that are the same to every log of this kind."""
+    return frozenset({effect}) | TWINS.get(effect, frozenset())
+
+
+def first_right(case: Case, answer: Answer) -> bool:
+    """The first-ranked effect is the hidden one, or its twin."""
+    return bool(answer.ranking) and answer.ranking[0] in twins(case.hidden[0])
+
+
+def found(case: Case, answer: Answer) -> bool:
+    """Every hidden effect is named, each in a group of its own."""
+    return all(any(twins(name) & set(group) for group in answer.named) for name in case.hidden)
+
+
+def exact(case: Case, answer: Answer) -> bool:
+    """All that is hidden is named, and nothing else."""
+    return found(case, answer) and len(answer.named) == len(case.hidden)
+
+
+def silent(answer: Answer) -> bool:
+    """Nothing is said to be missing from the machine."""
+    return answer.verdict == "adequate" and not answer.named
+
+
+def stranger_right(case: Case, answer: Answer) -> bool:
+    """`unknown`, with the right dependence."""
+    who = STRANGERS[case.hidden[0]]
+    said = frozenset(answer.depends_on)
+    return answer.verdict == "unknown" and bool(said & who.needs) and said <= who.allows
+
+
+def decided(case: Case, prepared: Mapping[str, Any]) -> bool:
+    """Whether the log decides: only then is a name right or wrong."""
+    if not case.hidden or case.stranger:
+        return True
+    least = min(prepared["least"].values())
+    return WEAK[0] <= least <= WEAK[1] if case.size == "weak" else bool(least >= ENOUGH)
+
+
+def right(case: Case, answer: Answer) -> bool:
+    """The rule of a case's column."""
+    if not case.hidden:
+        return silent(answer)
+    if case.stranger:
+        return stranger_right(case, answer)
+    if case.column == "weak":
+        return first_right(case, answer) and found(case, answer)
+    if case.column == "pairs":
+        return found(case, answer)
+    return first_right(case, answer)
+
+
+RULES = {
+    "right": right,
+    "named, and nothing else": lambda case, a: exact(case, a) if case.hidden and not case.stranger else right(case, a),
+    "unknown": lambda case, a: not case.stranger or a.verdict == "unknown",
+    "error <= 1.1": lambda case, a: a.error_after is not None and a.error_after <= 1.1,
+}
+
+
+def cell(
+    cases: Sequence[Case], answers: Mapping[str, Answer], prepared: Mapping[str, Mapping[str, Any]], rule: str = "right"
+) -> Cell:
+    """A method's score on some cases."""
+    scored = [c for c in cases if c.key in answers and c.key in prepared and decided(c, prepared[c.key])]
+    wrong = tuple(c.key for c in scored if not RULES[rule](c, answers[c.key]))
+    return Cell(len(scored) - len(wrong), len(scored), wrong)
+
+
+def columns(cases: Sequence[Case]) -> dict[str, list[Case]]:
+    """Cases by column; in those that hold both, logs with nothing hidden stand apart."""
+    parts: dict[str, list[Case]] = {name: [] for name in COLUMNS}
+    for case in cases:
+        parts[case.column].append(case)
+    for name in ("told", "stamps", "mujoco"):
+        whole = parts.pop(name)
+        parts[name] = [c for c in whole if c.hidden]
+        parts[f"{name}: nothing"] = [c for c in whole if not c.hidden]
+    return {name: own for name, own in parts.items() if own}
+
+
+def table(
+    cases: Sequence[Case],
+    answers: Mapping[str, Mapping[str, Answer]],
+    prepared: Mapping[str, Mapping[str, Any]],
+    rule: str = "right",
+) -> str:
+    """The score table in Markdown: a column of cases a row, a method a column."""
+    lines = ["| cases | " + " | ".join(answers) + " |", "|---|" + "---|" * len(answers)]
+    for name, own in columns(cases).items():
+        cells = [cell(own, a, prepared, rule) for a in answers.values()]
+        if any(c.total for c in cells):
+            lines.append(f"| {name} | " + " | ".join(map(str, cells)) + " |")
+    return "\n".join(lines)
