@@ -73,15 +73,13 @@ def _ratios(records: Sequence[Record], sensor: Sensor) -> dict[str, float]:
     if not rows:
         return {}
     A, b = np.concatenate(rows), np.concatenate(targets)
-    size = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
-    fit, _, rank, _ = np.linalg.lstsq(A / size, b, rcond=1e-6)
-    left = b - A / size @ fit
-    sd = math.sqrt(float(left @ left) / max(len(b) - int(rank), 1)) * np.sqrt(
-        np.diag(np.linalg.pinv(A.T @ A / np.outer(size, size), rcond=1e-12))
-    )
-    return {
-        name: float(fit[k] / size[k]) for name, k in (("1/J", 1), ("G/J", 0)) if fit[k] > 3.0 * sd[k] and sd[k] > 0.0
-    }
+    size = np.linalg.norm(A, axis=0)
+    size[size == 0.0] = 1.0
+    S = A / size
+    fit, _, rank, _ = np.linalg.lstsq(S, b, rcond=1e-6)
+    variance = float(np.sum((b - S @ fit) ** 2)) / max(len(b) - int(rank), 1)
+    sd = np.sqrt(variance * np.diag(np.linalg.pinv(S.T @ S, rcond=1e-12)))
+    return {name: float(fit[k] / size[k]) for name, k in (("1/J", 1), ("G/J", 0)) if fit[k] > 3.0 * sd[k] > 0.0}
 
 
 def _sums(column: Array, span: int) -> Array:

@@ -1,0 +1,301 @@
+"""The command line: the whole way of a user, and what it says to wrong input."""
+
+import json
+import math
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import sysid
+from sysid.__main__ import main
+from sysid.excitation import multisine
+from sysid.options import COMMANDS
+
+ROOT = Path(__file__).parents[2]
+DT = 0.02
+SENSOR = sysid.Sensor(theta=0.003, theta_dot=0.05)
+
+
+def swings(plant, *effects, count=6, seconds=6.0, torque=1.2, sensor=SENSOR, seed=0):
+    """Rollouts from rest under multisine torques, the largest `torque` times that of gravity."""
+    rng = np.random.default_rng(seed)
+    model = sysid.Model(plant, effects, sysid.RK4(10), dt=DT)
+    size = torque * (float(plant.gravity_torque(0.5 * math.pi)) or float(plant.inertia()))
+    pace = math.sqrt(float(plant.gravity_torque(0.5 * math.pi)) / float(plant.inertia())) / (2.0 * math.pi) or 1.0
+    u = np.stack([multisine(rng, round(seconds / DT), DT, size, min(2.0 * pace, 5.0)) for _ in range(count)])
+    start = math.pi + rng.normal(0.0, 0.3, count)
+    return sysid.simulate(model, u, start, np.zeros(count)).measure(sensor, rng)
+
+
+def written(records, folder, torque=True):
+    """The records as files of the default columns; returns their paths as words of a command line."""
+    files = []
+    for k, r in enumerate(records):
+        columns = {"t": r.t, "theta": r.theta, "theta_dot": r.theta_dot}
+        if torque:
+            columns["torque"] = np.append(r.u, r.u[-1])
+        file = folder / f"swing{k}.csv"
+        table = np.column_stack([v for v in columns.values() if v is not None])
+        header = ",".join(c for c, v in columns.items() if v is not None)
+        np.savetxt(file, table, "%.8g", ",", header=header, comments="")
+        files.append(str(file))
+    return files
+
+
+@pytest.fixture(scope="module")
+def hidden(tmp_path_factory):
+    """A log with a dry friction of 0.15 N m that nobody told of."""
+    plant = sysid.PointMassPendulum(m=1.3, l=0.6)
+    return written(swings(plant, sysid.Coulomb(0.15)), tmp_path_factory.mktemp("hidden"))
+
+
+def test_the_whole_loop(hidden, tmp_path, capsys):
+    model, better, answer = (str(tmp_path / name) for name in ("model.json", "better.json", "answer.json"))
+    before = [Path(f).read_bytes() for f in hidden]
+
+    assert main(["fit", *hidden, "--plant", "point", "-o", model]) == 0
+    assert "the model lacks something" in capsys.readouterr().out
+    assert main(["compare", *hidden, "--model", model, "--json", answer]) == 0
+    assert "dry friction" in capsys.readouterr().out
+    off = json.loads(Path(answer).read_text())["errors"]["1_s"]["ratio"]
+    assert off > 2.0
+
+    assert main(["diagnose", *hidden, "--model", model, "--json", answer]) == 0
+    assert capsys.readouterr().out.splitlines()[2].startswith("missing: coulomb")
+    found = json.loads(Path(answer).read_text())
+    assert found["verdict"] == "missing"
+    assert found["base_error"] == pytest.approx(off, rel=0.01)
+    (step,) = found["steps"]
+    tau_c = step["parameters"]["coulomb.tau_c"]
+    assert step["effect"] == found["ranking"][0]["effect"] == "coulomb"
+    assert abs(tau_c["value"] - 0.15) < 4.0 * tau_c["sd"] < 0.01
+    assert 0.9 < step["error_after"] < 1.1
+
+    assert main(["add", "coulomb", *hidden, "--model", model, "-o", better]) == 0
+    assert "wrote" in capsys.readouterr().out
+    assert main(["compare", *hidden, "--model", better, "--json", answer]) == 0
+    assert "nothing is missing" in capsys.readouterr().out
+    assert 0.9 < json.loads(Path(answer).read_text())["errors"]["1_s"]["ratio"] < 1.1
+    assert [Path(f).read_bytes() for f in hidden] == before
+
+
+def test_the_answer_has_the_documented_keys(hidden, tmp_path):
+    answer = tmp_path / "answer.json"
+    assert main(["diagnose", *hidden, "--plant", "point", "--json", str(answer), "-o", str(tmp_path / "m.json")]) == 0
+    found = json.loads(answer.read_text())
+    documented = (
+        "schema plant parameters noise held_out base_error verdict steps ranking remaining not_identifiable "
+        "next_experiment seconds"
+    )
+    assert set(documented.split()) <= set(found)
+    assert found["schema"] == "gapfinder/diagnosis/1"
+    assert set(found["parameters"]["m"]) == {"value", "sd", "unit"}
+    assert set(found["noise"]) == {"theta", "theta_dot"}
+    assert set(found["steps"][0]) >= {"effect", "class", "parameters", "error_before", "error_after", "p_value"}
+    assert set(found["ranking"][0]) >= {"effect", "class", "score", "p_value", "error_after"}
+    saved = sysid.load(tmp_path / "m.json")
+    assert [e.name for e in saved.model.effects] == ["coulomb"]
+    assert saved.estimate.values == pytest.approx({k: v["value"] for k, v in found["parameters"].items()})
+
+
+FAR = {
+    "small rod": (sysid.RodPendulum(m=0.05, l=0.1, g=9.81, bounds={"m": (0, 99), "l": (0, 99)}), "rod"),
+    "large rod": (sysid.RodPendulum(m=20.0, l=3.0, g=9.81, bounds={"m": (0, 99), "l": (0, 99)}), "rod"),
+    "light joint": (sysid.GeneralJoint(J=1e-4, G=0.02), "joint"),
+    "heavy joint": (sysid.GeneralJoint(J=60.0, G=300.0), "joint"),
+    "heavy carriage": (sysid.LinearAxis(m=300.0), "axis"),
+}
+
+
+@pytest.mark.parametrize("effects", [(), ("friction",)], ids=["plain", "friction"])
+@pytest.mark.parametrize(("plant", "kind"), FAR.values(), ids=FAR.keys())
+def test_a_fit_begins_far_off_and_arrives(plant, kind, effects, tmp_path):
+    size = float(plant.gravity_torque(0.5 * math.pi)) or float(plant.inertia())
+    hidden = [sysid.Coulomb(0.03 * size, bounds={"tau_c": (0.0, 1e4)}) for _ in effects]
+    files = written(swings(plant, *hidden, count=4), tmp_path)
+    assert main(["fit", *files, "--plant", kind, "-o", str(tmp_path / "model.json")]) == 0
+    estimate = sysid.load(tmp_path / "model.json").estimate
+    truth = {name: float(plant.parameters[name].value) for name in estimate.names}
+    if hidden:  # the nearest numbers of a model that lacks the friction
+        assert estimate.values == pytest.approx(truth, rel=0.25)
+    else:
+        for name, (low, high) in estimate.interval(0.9999).items():
+            assert low < truth[name] < high
+
+
+def test_a_free_swing_shows_the_length_and_not_the_mass(tmp_path, capsys):
+    rod = sysid.RodPendulum(m=1.0, l=0.8, g=9.81)
+    files = written(swings(rod, torque=0.0), tmp_path, torque=False)
+    assert main(["fit", *files, "-o", str(tmp_path / "model.json")]) == 0
+    said = capsys.readouterr().out
+    assert "a free swing cannot show m" in said
+    assert "--set m=" in said
+    estimate = sysid.load(tmp_path / "model.json").estimate
+    assert estimate.names == ("l",)
+    assert abs(estimate.values["l"] - 0.8) < 4.0 * estimate.sd["l"]
+
+
+def test_what_is_known_stays_fixed(hidden, tmp_path, capsys):
+    out = str(tmp_path / "model.json")
+    assert main(["fit", *hidden, "--plant", "point", "--set", "l=0.6", "--gravity", "9.8", "-o", out]) == 0
+    saved = sysid.load(out)
+    assert saved.free == ("m",)
+    assert (saved.model.plant.l, saved.model.plant.g) == (0.6, 9.8)
+    assert main(["fit", *hidden, "--model", out, "--noise", "theta=0.004,theta_dot=0.06", "-o", out + "2"]) == 0
+    again = sysid.load(out + "2")
+    assert again.free == ("m",)
+    assert (again.estimate.sensor.theta, again.estimate.sensor.theta_dot) == (0.004, 0.06)
+    assert "sensor noise: theta" not in capsys.readouterr().out.split("wrote")[1]
+
+
+def test_other_names_zero_sign_and_units(hidden, tmp_path):
+    """The same log in degrees from the hanging position, its torque turned round, gives the same numbers."""
+    table = np.loadtxt(hidden[0], delimiter=",", skiprows=1)
+    table[:, 1] -= math.pi
+    table[:, 1:3] = np.rad2deg(table[:, 1:3])
+    table[:, 3] *= -1.0
+    np.savetxt(tmp_path / "rig.csv", table, "%.12g", ",", header="sec,deg,deg_s,motor", comments="")
+    other = ["--columns", "t=sec,theta=deg,theta_dot=deg_s,torque=motor", "--degrees", "--flip-torque"]
+    a, b = str(tmp_path / "a.json"), str(tmp_path / "b.json")
+    assert main(["fit", hidden[0], "--plant", "point", "-o", a]) == 0
+    assert main(["fit", str(tmp_path / "rig.csv"), "--plant", "point", "-o", b, *other, "--zero", "hanging"]) == 0
+    first, second = (sysid.load(f).estimate.values for f in (a, b))
+    assert second == pytest.approx(first, rel=1e-3)
+
+
+def test_a_window_and_another_rate(hidden, tmp_path, capsys):
+    """A saved model steps at the interval of the log that it is held against."""
+    out = str(tmp_path / "model.json")
+    assert main(["fit", *hidden, "--plant", "point", "--to", "5", "-o", out]) == 0
+    assert "6 rollouts, 1500 samples" in capsys.readouterr().out
+    assert main(["compare", *hidden, "--model", out, "--dt", "0.04"]) == 0
+    assert "at 25 Hz" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("command", ["", *COMMANDS])
+def test_help_answers_at_once(command):
+    words = [sys.executable, "-m", "sysid", *command.split(), "--help"]
+    spent = []
+    for _ in range(3):
+        began = time.perf_counter()
+        done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True)
+        spent.append(time.perf_counter() - began)
+    assert done.stdout.startswith("usage: sysid")
+    assert min(spent) < 0.5
+
+
+def test_the_catalogue_is_listed(capsys):
+    assert main(["effects"]) == 0
+    said = capsys.readouterr().out
+    for name, kind in sysid.CATALOGUE.items():
+        assert f"\n{name}\n    {kind.formula}\n" in f"\n{said}"
+
+
+# ---- bad input -------------------------------------------------------------------------------------------------------
+
+LOG = "t,theta,theta_dot,torque\n"
+STILL = LOG + "".join(f"{0.02 * k:.2f},3.14159,0,0.3\n" for k in range(200))
+
+
+def noisy_rest():
+    """A pendulum at rest, seen by a real sensor."""
+    rng = np.random.default_rng(3)
+    rows = [f"{0.02 * k:.2f},{math.pi + 0.003 * rng.normal():.5f},{0.05 * rng.normal():.4f},0.3\n" for k in range(300)]
+    return LOG + "".join(rows)
+
+
+def columns_of(order):
+    """The hidden log's rows with its columns in another order under the same header."""
+
+    def text(files):
+        rows = [line.split(",") for line in Path(files[0]).read_text().splitlines()[1:]]
+        return LOG + "".join(",".join(row[k] for k in order) + "\n" for row in rows)
+
+    return text
+
+
+def without_numbers(files):
+    lines = Path(files[0]).read_text().splitlines()
+    return "\n".join(line if k % 3 else line.replace(line.split(",")[1], "nan", 1) for k, line in enumerate(lines, 1))
+
+
+FILES = {
+    "missing columns": ("time,angle\n0,1\n", "found time, angle"),
+    "text in numbers": (LOG + "0,1,0,0\n0.02,one,0,0\n0.04,1,0,0\n", "'one', expected a number"),
+    "rows without numbers": (without_numbers, "lack a number"),
+    "one sample": (LOG + "0,1,0,0\n", "expected at least two rows"),
+    "no rows": (LOG, "no rows"),
+    "at rest": (STILL, "nothing excites m"),
+    "at rest under noise": (noisy_rest(), "nothing excites m"),
+    "angle and speed swapped": (columns_of([0, 2, 1, 3]), "swapped"),
+    "angle and torque swapped": (columns_of([0, 3, 2, 1]), "swapped"),
+    "speed and torque swapped": (columns_of([0, 1, 3, 2]), "swapped"),
+    "time and torque swapped": (columns_of([3, 1, 2, 0]), "swapped"),
+    "no CSV": ("\x00\x01\x02", "bad.csv"),
+}
+
+
+def refused(words, capsys):
+    """What the command says of wrong input: one line, exit code 2, no traceback."""
+    assert main(words) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("error: ")
+    assert said.count("\n") == 1
+    return said
+
+
+@pytest.mark.parametrize(("text", "message"), FILES.values(), ids=FILES.keys())
+@pytest.mark.parametrize("command", ["fit", "diagnose"])
+def test_a_log_that_cannot_be_used(command, text, message, hidden, tmp_path, capsys):
+    file = tmp_path / "bad.csv"
+    file.write_text(text(hidden) if callable(text) else text)
+    before = file.read_bytes()
+    assert message in refused([command, str(file)], capsys)
+    assert file.read_bytes() == before
+
+
+OPTIONS = {
+    "no log": (["fit"], "no log was given"),
+    "no such log": (["fit", "absent.csv"], "no such file"),
+    "unknown effect": (["add", "colomb", "LOG"], "did you mean coulomb"),
+    "unknown parameter": (["fit", "LOG", "--set", "k=3"], "unknown parameter 'k'"),
+    "no number": (["fit", "LOG", "--set", "l=long"], "expected NAME=NUMBER"),
+    "out of bounds": (["fit", "LOG", "--set", "l=1e9"], "out of bounds"),
+    "nothing left": (["fit", "LOG", "--set", "l=1", "--set", "m=1"], "nothing is left to fit"),
+    "noise of nothing": (["fit", "LOG", "--noise", "phi=1"], "--noise names 'phi'"),
+    "noise below zero": (["fit", "LOG", "--noise", "theta=-1"], "positive number"),
+    "no gravity": (["fit", "LOG", "--plant", "joint", "--gravity", "9"], "--gravity"),
+    "empty window": (["fit", "LOG", "--from", "3", "--to", "2"], "empty"),
+    "unknown column": (["fit", "LOG", "--columns", "theta=phi"], "found t, theta"),
+    "all held out": (["fit", "LOG", "--hold-out", "9"], "leaves none to fit"),
+    "two plants": (["fit", "LOG", "--plant", "rod", "--model", "m.json"], "expected one"),
+    "no model": (["compare", "LOG", "--model", "absent.json"], "absent.json"),
+    "log as model": (["compare", "LOG", "--model", "LOG"], "is not JSON"),
+    "log as output": (["fit", "LOG", "-o", "LOG"], "is read by this command"),
+    "one file for two": (["fit", "LOG", "-o", "x.json", "--json", "x.json"], "two answers"),
+    "no folder": (["fit", "LOG", "-o", "absent/model.json"], "no folder"),
+    "folder as output": (["fit", "LOG", "-o", "."], "is a folder"),
+    "picture of no kind": (["compare", "LOG", "--plant", "point", "--figure", "x.abc"], "x.abc"),
+    "effects of nobody": (["effects", "--effects", "absent.py"], "no such file"),
+}
+
+
+@pytest.mark.parametrize(("words", "message"), OPTIONS.values(), ids=OPTIONS.keys())
+def test_options_that_cannot_be(words, message, hidden, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    before = Path(hidden[0]).read_bytes()
+    assert message in refused([hidden[0] if w == "LOG" else w for w in words], capsys)
+    assert Path(hidden[0]).read_bytes() == before
+    assert not list(tmp_path.glob("*.json"))
+
+
+@pytest.mark.parametrize("words", [["fit", "--zero", "down"], ["fit", "--hold"], ["diagnoze"], []])
+def test_words_that_are_no_command(words, capsys):
+    with pytest.raises(SystemExit) as left:
+        main(words)
+    assert left.value.code == 2
+    assert "help" in capsys.readouterr().err
