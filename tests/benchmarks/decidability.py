@@ -158,21 +158,22 @@ class Motions:
         inside = np.einsum("lkj,qlk->qlj", self.starts, flat)
         return (flat - np.einsum("lkj,qlj->qlk", self.starts, inside)).reshape(len(flat), -1)
 
-    def rows(self, family: Family) -> Array:
-        """The readings of a family's members, projected (q, K L)."""
-        total = 0.0
-        if family.torques is not None:
-            total = total + self.response(family.torques)
-        if family.readings is not None:
-            total = total + family.readings * self.scale
-        return self.project(total)
+    def rows(self, families: Sequence[Family]) -> list[Array]:
+        """The readings of each family's members, projected (q, K L); the torques of all of them in one sweep."""
+        torques = [f.torques for f in families if f.torques is not None]
+        moved = iter(np.split(self.response(np.concatenate(torques)), np.cumsum([len(x) for x in torques])[:-1]))
+        out = []
+        for f in families:
+            total = next(moved) if f.torques is not None else 0.0
+            out.append(self.project(total if f.readings is None else total + f.readings * self.scale))
+        return out
 
     @cached_property
     def base(self) -> Array:
         """Orthonormal rows that J and G absorb."""
         sine = self.cells(np.sin(self.theta))
         inertia = np.diff(self.theta_dot, axis=1) / self.h
-        return np.linalg.qr(self.rows(Family(np.stack([sine, inertia]))).T)[0].T
+        return np.linalg.qr(self.rows([Family(np.stack([sine, inertia]))])[0].T)[0].T
 
     def seen(self) -> Array:
         """What the sensors add to the state (1, L, N+1, 2), without noise."""
@@ -196,11 +197,23 @@ def decide(world: World, effect: str, beside: str | None = None) -> Decidability
     moving = Family(np.where(motions.stuck, 0.0, motions.mismatch)[None], motions.seen())
     if beside is None:
         return weigh(motions, effect, truth, moving, families)
-    members = [m for f in families[ALIAS.get(beside, beside)] for m in f.members()]
-    least = (weigh(motions, effect, truth, moving, {}, m).evidence for m in members)
-    best = members[int(np.argmin(list(least)))]
-    others = {k: v for k, v in families.items() if k != ALIAS.get(beside, beside)}
-    return weigh(motions, effect, truth, moving, others, best)
+    own = ALIAS.get(beside, beside)
+    members = [m for f in families[own] for m in f.members()]
+    rows = motions.rows([truth, *members])
+    least = [_left(motions.base, r, rows[0][0]) for r in rows[1:]]
+    others = {k: v for k, v in families.items() if k != own}
+    return weigh(motions, effect, truth, moving, others, rows[1 + int(np.argmin(least))])
+
+
+def _left(base: Array, more: Array, z: Array) -> float:
+    """|z|^2 beyond the base and more rows."""
+    Q = _basis(base, more)
+    rest = z - (z @ Q.T) @ Q
+    return float(rest @ rest)
+
+
+def _basis(base: Array, more: Array) -> Array:
+    return np.linalg.qr(np.vstack([base, more]).T)[0].T
 
 
 def weigh(
@@ -209,26 +222,23 @@ def weigh(
     truth: Family,
     moving: Family,
     families: Mapping[str, Sequence[Family]],
-    known: Family | None = None,
+    known: Array | None = None,
 ) -> Decidability:
     """The same for a mismatch `truth`; `moving` leaves out the cells in which friction holds the joint, where any dry
-    friction large enough does as well. What `known` can do is in the model beside J and G."""
-    base = motions.base
-    if known is not None:
-        base = np.linalg.qr(np.vstack([base, motions.rows(known)]).T)[0].T
+    friction large enough does as well. What the rows `known` (q, K L) can do is in the model beside J and G."""
+    base = motions.base if known is None else _basis(motions.base, known)
 
     def off(rows: Array) -> Array:
         return rows - (rows @ base.T) @ base
 
-    z, z_moving = off(motions.rows(truth))[0], off(motions.rows(moving))[0]
-    evidence = float(z @ z)
+    left_out = {effect} | TWINS.get(effect, frozenset()) | CONTAINS.get(effect, frozenset())
+    flat = [(name, f) for name, members in families.items() if name not in left_out for f in members]
+    (z,), (z_moving,), *rows = (off(r) for r in motions.rows([truth, moving, *(f for _, f in flat)]))
     left: dict[str, float] = {}
-    for name, members in families.items():
-        if name == effect or name in TWINS.get(effect, ()) or name in CONTAINS.get(effect, ()):
-            continue
-        own = z_moving if name in DRY else z
-        left[name] = min(_least(own, off(motions.rows(f)), f) for f in members)
-    return Decidability(evidence, left)
+    for (name, family), own in zip(flat, rows, strict=True):
+        least = _least(z_moving if name in DRY else z, own, family)
+        left[name] = min(least, left.get(name, np.inf))
+    return Decidability(float(z @ z), left)
 
 
 def _least(z: Array, rows: Array, family: Family) -> float:
