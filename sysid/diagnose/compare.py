@@ -168,7 +168,9 @@ def compare(model: Model | Estimate, records: Sequence[Record], sensor: Sensor |
         from sysid.noise import sensor_noise
 
         sensor = sensor_noise(records).sensor
-    fit, near = (refit_windows(model, records, sensor, cut(records, T, lead_of(model))) for T in (1.0, 0.5))
+    lead = lead_of(model)
+    fit = refit_windows(model, records, sensor, cut(records, 1.0, lead))
+    near = refit_windows(model, records, sensor, cut(records, 0.5, lead), fit)
     one_second = error_of(fit, 1.0)
     residuals = Residuals(fit, near)
     found = shapes(residuals)
@@ -176,10 +178,10 @@ def compare(model: Model | Estimate, records: Sequence[Record], sensor: Sensor |
     lags = lags_of(model.dt)
     late = residuals.seen(np.stack([residuals.command(int(lag)) for lag in lags], axis=-1))
     return Comparison(
-        one_step=held_out_error(model, records, sensor, shortest(sensor) * model.dt),
+        one_step=held_out_error(model, records, sensor, shortest(sensor) * model.dt, near),
         half_second=error_of(near, 0.5),
         one_second=one_second,
-        whole=held_out_error(model, records, sensor, math.inf),
+        whole=held_out_error(model, records, sensor, math.inf, fit),
         curves={name: curve_of(residuals, name, shape, seen[name]) for name, shape in found.items()},
         map=map_of(residuals),
         past=past_torque(residuals, late, lags),

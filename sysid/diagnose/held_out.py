@@ -21,11 +21,11 @@ LEAD = 1.0
 HEAD = 1.0
 """Seconds of a long window from which its state is refitted first."""
 
-REFITS = 20
-"""Linearisations at most while the windows' states are refitted; a good model takes four."""
+REFITS = 16
+"""Linearisations at most while the windows' states are refitted; a good model takes three."""
 
 NEGLIGIBLE = 1e-3
-"""A decrease of half a window's sum of squares, in units of the noise, that ends the refit."""
+"""A decrease of half a window's sum of squares, in units of the noise or of ten times that sum, that ends its refit."""
 
 
 @dataclass(frozen=True)
@@ -111,29 +111,36 @@ class Refit:
         return scored
 
 
-def held_out_error(model: Model, records: Sequence[Record], sensor: Sensor, window: float = 1.0) -> HeldOutError:
+def held_out_error(
+    model: Model, records: Sequence[Record], sensor: Sensor, window: float = 1.0, near: Refit | None = None
+) -> HeldOutError:
     """The error of a model, none of whose parameters is touched, on records over windows of `window` [s].
 
+    The states' refit begins at those of `near`, where windows of 1 s have been refitted before.
     Raises InvalidInput for records that do not fit the model or lack a channel that the sensor measures.
     """
     windows = cut(check_records(model, records), window, lead_of(model))
-    return error_of(refit_windows(model, records, sensor, windows), window)
+    return error_of(refit_windows(model, records, sensor, windows, near), window)
 
 
-def refit_windows(model: Model, records: Sequence[Record], sensor: Sensor, windows: Sequence[Window]) -> Refit:
+def refit_windows(
+    model: Model, records: Sequence[Record], sensor: Sensor, windows: Sequence[Window], near: Refit | None = None
+) -> Refit:
     """The states of windows refitted.
 
     Those of long windows through heads of growing length, as their ends say ever more exactly where they began; those
     of short ones from windows of 1 s, where the angle is not read and a short one does not tell it.
     """
-    starts, length = None, round(HEAD / model.dt)
+    length = round(HEAD / model.dt)
     longest = max(w.count - w.lead for w in windows)
-    if sensor.theta is None and 2 * longest <= length:
-        wider = cut(records, HEAD, lead_of(model))
-        starts = _states_at(refit(Response(model, (), records, sensor, wider)), windows)
+    if near is None and sensor.theta is None and 2 * longest <= length:
+        near = refit(Response(model, (), records, sensor, cut(records, HEAD, lead_of(model))))
+    starts = None if near is None else _states_at(near, windows)
+    if near is not None:
+        length *= 2
     while 2 * length < longest:
         heads = [w._replace(count=min(w.count, w.lead + length)) for w in windows]
-        starts = refit(Response(model, (), records, sensor, heads), starts).starts
+        starts = refit(Response(model, (), records, sensor, heads), starts, REFITS // 4).starts
         length *= 2
     return refit(Response(model, (), records, sensor, windows), starts)
 
@@ -153,24 +160,25 @@ def lead_of(model: Model) -> float:
     return LEAD if any(e.rest(0.0, 0.0, model.dt) for e in model.output_effects) else 0.0
 
 
-def refit(response: Response, starts: Array | None = None) -> Refit:
+def refit(response: Response, starts: Array | None = None, most: int = REFITS) -> Refit:
     """Refit the states of all windows, the parameters as they are: Levenberg-Marquardt in each window by itself."""
     p = np.array([float(response.model.parameters[n].value) for n in response.names])
     x = response.starts if starts is None else starts
     at = _linearised(response, p, x)
-    damping = np.zeros(len(x))
-    for _ in range(REFITS):
+    cost, damping, stalled = _cost(at), np.zeros(len(x)), np.zeros(len(x), dtype=bool)
+    for _ in range(most):
         step, promised = _steps(at, damping)
-        open_ = promised > NEGLIGIBLE
+        least = NEGLIGIBLE * np.maximum(1.0, 0.1 * cost)
+        open_ = (promised > least) & ~stalled & (damping < 1e3)
         if not np.any(open_):
             break
         trial = _linearised(response, p, x + step * open_[:, None])
-        better = open_ & (np.sum(trial.e**2, axis=1) < np.sum(at.e**2, axis=1))
+        after = _cost(trial)
+        better = open_ & (after < cost)
+        stalled |= better & (cost - after < least)
         damping = np.where(better, 0.1 * damping, np.where(open_, np.maximum(4.0 * damping, 1.0), damping))
         x = np.where(better[:, None], x + step, x)
-        at = _chosen(better, trial, at)
-        if np.all(damping[open_] > 1e4):
-            break
+        at, cost = _chosen(better, trial, at), np.where(better, after, cost)
     basis = _triangle(at.S_x)[0]
     return Refit(response, x, at, basis, np.sum(basis**2, axis=-1))
 
@@ -222,6 +230,12 @@ def _linearised(response: Response, p: Array, starts: Array) -> Linearisation:
     if np.any(bad):
         lin.e[bad], lin.S_x[bad] = np.inf, 0.0
     return lin
+
+
+def _cost(at: Linearisation) -> Array:
+    """Half the sum of squares of each window (K,)."""
+    cost: Array = 0.5 * np.sum(at.e**2, axis=1)
+    return cost
 
 
 def _steps(at: Linearisation, damping: Array) -> tuple[Array, Array]:
