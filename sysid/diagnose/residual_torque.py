@@ -211,7 +211,7 @@ def residual_torque(model: Model, records: Sequence[Record], sensor: Sensor) -> 
     alone, chain, none = _alone(log, _motion(x))
     found: tuple[Torque, ...] = ()
     if math.isfinite(none):
-        found, torque = likeliest(chain, log.motion_torque(alone.x, chain))
+        found, torque = likeliest(chain, log.motion_torque(alone.x, chain), log.shortest)
     if not found or chain.log_likelihood(torque) > none + SIGNIFICANT:
         if not (found or log.model.output_effects):
             x = np.concatenate([smooth_states(r, sensor) for r in log.records])
@@ -238,7 +238,7 @@ def _motion(x: Array) -> _Motion:
 
 
 def _alone(log: Instants, motion: _Motion) -> tuple[_Motion, Chain, float]:
-    """The model's motion without any d, and its log-likelihood: minus infinity where it does not follow the readings."""
+    """The model's motion without any d, and its log-likelihood: -inf where it does not follow the readings."""
     for _ in range(_ITERATIONS):
         chain = log.chain(*motion)
         if np.mean(chain.r[log.weight > 0.0] ** 2) > _LOST**2:
@@ -270,7 +270,7 @@ def _followed(
         chain = log.chain(*motion)
         if math.isinf(moved) or (moved < _RESTS and not settled):
             settled = moved < _RESTS
-            found, torque = likeliest(chain, log.motion_torque(motion.x, chain), found)
+            found, torque = likeliest(chain, log.motion_torque(motion.x, chain), log.shortest, found)
         motion, smoothed, moved = _step(chain, torque, motion)
         if moved < _RESTS and settled:
             break

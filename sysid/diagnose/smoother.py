@@ -87,7 +87,7 @@ class Chain:
         mean, cov, links = np.split(own, (4, 20))
         return Smoothed(mean.T, cov.T.reshape(-1, 4, 4), links)
 
-    def thinned(self, most: int, length: int = 500) -> Chain:
+    def thinned(self, most: int, length: int = 250) -> Chain:
         """About `most` of the instants: stretches of `length`, evenly spread; all where there are no more."""
         M = len(self.r)
         stretches = np.array_split(np.arange(M), max(1, M // length))
@@ -157,7 +157,8 @@ def _run(scan: casadi.Function, start: Array, inputs: Array, scale: Array) -> Ar
         states, others = scan(state, block, scale)
         state = states[:, -1]
         blocks.append(np.vstack([np.asarray(states), np.asarray(others)]))
-    return np.hstack(blocks)[:, : inputs.shape[1]]
+    out: Array = np.hstack(blocks)[:, : inputs.shape[1]]
+    return out
 
 
 def _scan(step: casadi.Function, last: bool = False) -> casadi.Function:
@@ -173,7 +174,7 @@ def _scan(step: casadi.Function, last: bool = False) -> casadi.Function:
 
 
 def _symbols(before: int = 0) -> tuple[casadi.SX, ...]:
-    """A column of Chain's steps behind `before` other numbers, and its A (2, 3), gap (2,), H (2, 2), r (2,), follows."""
+    """Chain's steps behind `before` numbers, and A (2, 3), gap (2,), H (2, 2), r (2,), follows in it."""
     column = casadi.SX.sym("column", before + 15)
     own = column[before:]
     A, H = casadi.reshape(own[:6], 3, 2).T, casadi.reshape(own[8:12], 2, 2).T
