@@ -184,8 +184,9 @@ def _kind(saved: Any) -> type[Effect]:
 def _part(kind: type[Part], saved: Mapping[str, Any]) -> Part:
     parameters = _dict(saved, "parameters")
     fields: dict[str, Any] = {name: _float(_dict(parameters, name), "value") for name in parameters}
+    settings = _dict(saved, "settings") if "settings" in saved else {}
     bounds = {name: _bounds(p["bounds"], name) for name, p in parameters.items() if "bounds" in p}
-    return _build(kind, {**saved.get("settings", {}), **fields, "bounds": bounds})
+    return _build(kind, {**settings, **fields, "bounds": bounds})
 
 
 def _build(kind: type[Part], fields: Mapping[str, Any]) -> Part:
@@ -196,8 +197,11 @@ def _build(kind: type[Part], fields: Mapping[str, Any]) -> Part:
             raise InvalidInput(f"{kind.__name__} has no {name!r}: it has {', '.join(known)}")
     try:
         return kind(**{name: math.inf if value is None else value for name, value in fields.items()})
-    except TypeError as error:
-        raise InvalidInput(f"{kind.__name__}: {error}") from None
+    except InvalidInput:
+        raise
+    except (TypeError, ValueError):
+        came = ", ".join(f"{name} = {value!r}" for name, value in fields.items() if name != "bounds")
+        raise InvalidInput(f"{kind.__name__} cannot be made of {came}") from None
 
 
 def _about(model: Model, names: tuple[str, ...], saved: Mapping[str, Any]) -> Estimate:
@@ -267,5 +271,5 @@ def _float(saved: Any, name: str, null: float | None = None) -> float:
 def _bounds(saved: Any, name: str) -> tuple[float, float]:
     if not isinstance(saved, list) or len(saved) != 2:
         raise InvalidInput(f"the bounds of {name} are {saved!r}: expected [low, high]")
-    low, high = (infinite if b is None else b for b, infinite in zip(saved, (-math.inf, math.inf), strict=True))
-    return float(low), float(high)
+    low, high = saved
+    return _float({name: low}, name, -math.inf), _float({name: high}, name, math.inf)

@@ -56,9 +56,14 @@ def load_effects(path: str | PathLike[str]) -> tuple[str, ...]:
     return names
 
 
+class _Loader(SourceFileLoader):
+    def set_data(self, path: str, data: bytes, **mode: int) -> None:  # type: ignore[override]
+        """Nothing: no __pycache__ beside the user's file."""
+
+
 def _run(path: Path, name: str) -> None:
     """Execute the file as a module of that name."""
-    loader = SourceFileLoader(name, str(path))
+    loader = _Loader(name, str(path))
     module = module_from_spec(ModuleSpec(name, loader, origin=str(path)))
     sys.modules[name] = module  # dataclasses look their module up
     try:

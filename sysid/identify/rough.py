@@ -78,7 +78,7 @@ def _ratios(records: Sequence[Record], sensor: Sensor) -> dict[str, float]:
     S = A / size
     fit, _, rank, _ = np.linalg.lstsq(S, b, rcond=1e-6)
     variance = float(np.sum((b - S @ fit) ** 2)) / max(len(b) - int(rank), 1)
-    sd = np.sqrt(variance * np.diag(np.linalg.pinv(S.T @ S, rcond=1e-12)))
+    sd = np.sqrt(variance * np.maximum(np.diag(np.linalg.pinv(S.T @ S, rcond=1e-12)), 0.0))
     return {name: float(fit[k] / size[k]) for name, k in (("1/J", 1), ("G/J", 0)) if fit[k] > 3.0 * sd[k] > 0.0}
 
 
