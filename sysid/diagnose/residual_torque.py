@@ -216,13 +216,12 @@ def residual_torque(model: Model, records: Sequence[Record], sensor: Sensor) -> 
         if not (found or log.model.output_effects):
             x = np.concatenate([smooth_states(r, sensor) for r in log.records])
         start = alone if found else _motion(x)
-        own, motion, smoothed, torque, converged = _followed(log, start, found)
+        own, motion, torque, converged = _followed(log, start, found)
         gain = own.log_likelihood(torque) - max(none, own.log_likelihood(_NOTHING))
         if gain > SIGNIFICANT:
-            return _answer(log, own, motion, smoothed, torque, gain, error, converged)
+            return _answer(log, own, motion, torque, gain, error, converged)
     torque = largest(chain, log.motion_torque(alone.x, chain))
-    motion, smoothed, _ = _step(chain, torque, alone)
-    return _answer(log, chain, motion, smoothed, torque, 0.0, error, True)
+    return _answer(log, chain, _step(chain, torque, alone)[0], torque, 0.0, error, True)
 
 
 class _Motion(NamedTuple):
@@ -243,7 +242,7 @@ def _alone(log: Instants, motion: _Motion) -> tuple[_Motion, Chain, float]:
         chain = log.chain(*motion)
         if np.mean(chain.r[log.weight > 0.0] ** 2) > _LOST**2:
             break
-        motion, _, moved = _step(chain, _NOTHING, motion)
+        motion, moved = _step(chain, _NOTHING, motion)
         if moved < _RESTS:
             break
     chain = log.chain(*motion)
@@ -251,19 +250,17 @@ def _alone(log: Instants, motion: _Motion) -> tuple[_Motion, Chain, float]:
     return motion, chain, chain.log_likelihood(_NOTHING) if follows else -math.inf
 
 
-def _step(chain: Chain, torque: Torque, motion: _Motion) -> tuple[_Motion, Smoothed, float]:
+def _step(chain: Chain, torque: Torque, motion: _Motion) -> tuple[_Motion, float]:
     """The motion smoothed about itself, and by how many sd it moved (RMS)."""
     smoothed = chain.smooth(torque)
-    sd = np.sqrt(np.maximum(np.diagonal(smoothed.cov, 0, 1, 2), 0.0))[:, :3]
+    sd = np.sqrt(smoothed.variance[:, :3])
     moved = smoothed.mean[:, :3] - np.column_stack([np.zeros_like(motion.x), motion.d])
     distance = float(np.sqrt(np.mean((moved / np.maximum(sd, 1e-12))[chain.follows] ** 2)))
     after = _Motion(motion.x + smoothed.mean[:, :2], smoothed.mean[:, 2], np.maximum(sd, [1e-6, 1e-5, 1e-6]))
-    return after, smoothed, distance
+    return after, distance
 
 
-def _followed(
-    log: Instants, motion: _Motion, found: tuple[Torque, ...]
-) -> tuple[Chain, _Motion, Smoothed, Torque, bool]:
+def _followed(log: Instants, motion: _Motion, found: tuple[Torque, ...]) -> tuple[Chain, _Motion, Torque, bool]:
     """The motion at rest under the likeliest torque, which is sought at first and again about the right motion."""
     settled, moved = False, math.inf
     for _ in range(2 * _ITERATIONS):
@@ -271,24 +268,24 @@ def _followed(
         if math.isinf(moved) or (moved < _RESTS and not settled):
             settled = moved < _RESTS
             found, torque = likeliest(chain, log.motion_torque(motion.x, chain), log.shortest, found)
-        motion, smoothed, moved = _step(chain, torque, motion)
+        motion, moved = _step(chain, torque, motion)
         if moved < _RESTS and settled:
             break
-    return chain, motion, smoothed, torque, moved < _RESTS
+    return chain, motion, torque, moved < _RESTS
 
 
 def _answer(
     log: Instants,
     chain: Chain,
     motion: _Motion,
-    smoothed: Smoothed,
     torque: Torque,
     gain: float,
     error: float,
     converged: bool,
 ) -> ResidualTorque:
     (x, d, _), inside = motion, log.follows
-    sd = np.sqrt(np.maximum(smoothed.cov[:, 2, 2], 0.0))
+    smoothed = chain.smooth(torque, linked=True)
+    sd = np.sqrt(smoothed.variance[:, 2])
     seen = log.weight > 0.0
     normal = float(np.sum(np.log(log.weight[seen]))) - 0.5 * math.log(2.0 * math.pi) * np.count_nonzero(seen)
     at, number = log.coordinates(x), log.number[inside]
@@ -317,7 +314,7 @@ def _touched(log: Instants, x: Array, d: Array, smoothed: Smoothed) -> tuple[Tou
     for i, begin in enumerate(np.linspace(0, max(len(x) - length, 0), _BINS).astype(int)):
         group[begin : begin + length] = i
     group[~inside] = -1
-    variance = np.maximum(smoothed.cov[:, 2, 2], 1e-30)
+    variance = np.maximum(smoothed.variance[:, 2], 1e-30)
     kept = np.unique(group[group >= 0])
     single = np.array([np.mean(variance[group == i]) for i in kept])
     ratio = float(np.median(smoothed.sd_of_means(group, _BINS)[kept] / np.sqrt(single)))

@@ -76,16 +76,20 @@ class Chain:
             total += float(own)
         return total
 
-    def smooth(self, torque: Torque) -> Smoothed:
-        """Mean and covariance of every z_k given all readings."""
+    def smooth(self, torque: Torque, linked: bool = False) -> Smoothed:
+        """Mean and variance of every z_k given all readings; `linked`: and what ties one instant to the next."""
         scale = self._scale(torque)
-        start = _start(scale)
-        out = _run(_filter(), start, self._steps, scale)
-        predicted = np.hstack([start[:, None], out[:14, :-1]])
-        inputs = np.vstack([predicted, self._steps])[:, ::-1]
-        own = _run(_backward(), np.zeros(14), inputs, scale)[14:, ::-1]
-        mean, cov, links = np.split(own, (4, 20))
-        return Smoothed(mean.T, cov.T.reshape(-1, 4, 4), links)
+        first, forward = casadi.DM(_start(scale)), []
+        for block in self._blocks:
+            after = _filter()(first, block, scale)
+            forward.append((first, after, block))
+            first = after[:, -1]
+        state, backward = casadi.DM.zeros(14), []
+        for first, after, block in reversed(forward):
+            state, own = _backward(linked)(state, first, after, block, scale)
+            backward.append(np.asarray(own))
+        own = np.hstack(backward[::-1])[:, : len(self.r)]
+        return Smoothed(own[:4].T, np.maximum(own[4:8].T, 0.0), own[8:])
 
     def thinned(self, most: int, length: int = 250) -> Chain:
         """About `most` of the instants: stretches of `length`, evenly spread; all where there are no more."""
@@ -105,22 +109,18 @@ class Chain:
         return np.concatenate([Phi.T.ravel(), Q.ravel(), np.square(self.spread), torque.variances])
 
     @cached_property
-    def _steps(self) -> Array:
+    def _blocks(self) -> list[casadi.DM]:
         M = len(self.r)
         parts = (self.A.reshape(M, 6), self.gap, self.H.reshape(M, 4), self.r, self.follows[:, None])
-        return np.hstack([np.asarray(p, dtype=float) for p in parts]).T
-
-    @cached_property
-    def _blocks(self) -> list[casadi.DM]:
-        return [casadi.DM(block) for block in _cut(self._steps)]
+        return _cut(np.hstack([np.asarray(p, dtype=float) for p in parts]).T)
 
 
 @dataclass(frozen=True, eq=False)
 class Smoothed:
-    """mean (M, 4) and cov (M, 4, 4) of z, and `links` (24, M): what ties one instant to the next."""
+    """Mean and variance (M, 4) of z, and `links` (24, M): what ties one instant to the next."""
 
     mean: Array
-    cov: Array
+    variance: Array
     links: Array
 
     def sd_of_means(self, group: NDArray[np.intp], groups: int) -> Array:
@@ -128,46 +128,32 @@ class Smoothed:
 
         For j < k:  cov(z_j, z_k) = P_j L_j' ... L_(k-1)' (I - Lambda_k P_k),   L = F (I - K h').
         """
-        size = np.bincount(group[group >= 0], minlength=groups)
-        weights = np.zeros((groups, len(group)))
-        inside = np.flatnonzero(group >= 0)
-        weights[group[inside], inside] = 1.0 / size[group[inside]]
+        size = np.maximum(np.bincount(group[group >= 0], minlength=groups), 1)
+        share = np.where(group >= 0, 1.0 / size[group], 0.0)
         state = casadi.DM.zeros(5 * groups)
-        for block in _cut(np.vstack([weights, self.cov[:, 2, 2], self.links])):
+        for block in _cut(np.vstack([group, share, self.variance[:, 2], self.links])):
             state = _pairs(groups)(state, block)
-        return np.sqrt(np.maximum(np.asarray(state)[4 * groups :, 0], 0.0))
+        total: Array = np.asarray(state)[4 * groups :, 0]
+        return np.sqrt(np.maximum(total, 0.0))
 
 
 def _start(scale: Array) -> Array:
     return np.concatenate([np.zeros(4), np.diag(scale[8:])[np.triu_indices(4)]])
 
 
-def _cut(inputs: Array) -> list[Array]:
+def _cut(inputs: Array) -> list[casadi.DM]:
     """Blocks of instants, the last one filled up with instants that follow nothing and read nothing."""
     M = inputs.shape[1]
     padded = np.zeros((len(inputs), -(-M // _BLOCK) * _BLOCK))
     padded[:, :M] = inputs
-    return [padded[:, begin : begin + _BLOCK] for begin in range(0, M, _BLOCK)]
+    return [casadi.DM(padded[:, begin : begin + _BLOCK]) for begin in range(0, M, _BLOCK)]
 
 
-def _run(scan: casadi.Function, start: Array, inputs: Array, scale: Array) -> Array:
-    """All that scan(state, inputs, scale) -> (states, others) gives along a chain, one column an instant."""
-    state, blocks = casadi.DM(start), []
-    for block in _cut(inputs):
-        states, others = scan(state, block, scale)
-        state = states[:, -1]
-        blocks.append(np.vstack([np.asarray(states), np.asarray(others)]))
-    out: Array = np.hstack(blocks)[:, : inputs.shape[1]]
-    return out
-
-
-def _scan(step: casadi.Function, last: bool = False) -> casadi.Function:
-    """step(state, column[, scale]) -> (state'[, other]) over a block; `last`: its end state and the sum of others."""
-    inputs = [casadi.MX.sym(f"i{i}", step.size1_in(i), _BLOCK if i == 1 else 1) for i in range(step.n_in())]
-    repeated = [casadi.repmat(v, 1, _BLOCK) if i > 1 else v for i, v in enumerate(inputs)]
-    states, *others = step.mapaccum(_BLOCK).call(repeated)
-    outputs = [states[:, -1], *(casadi.sum2(o) for o in others)] if last else [states, *others]
-    return casadi.Function(f"{step.name()}_scan", inputs, outputs)
+def _scan(step: casadi.Function) -> tuple[list[casadi.MX], list[casadi.MX]]:
+    """step(state, column[, scale]) -> (state'[, other]) over a block: its inputs, and its states and others."""
+    inputs = [casadi.MX.sym("state", step.size1_in(0)), casadi.MX.sym("block", step.size1_in(1), _BLOCK)]
+    more = [casadi.MX.sym("scale", step.size1_in(2))] if step.n_in() > 2 else []
+    return [*inputs, *more], step.mapaccum(_BLOCK).call([*inputs, *(casadi.repmat(v, 1, _BLOCK) for v in more)])
 
 
 # one instant, in symbols -------------------------------------------------------------------------------------
@@ -226,16 +212,19 @@ def _filter_step() -> casadi.Function:
 
 @cache
 def _filter() -> casadi.Function:
-    return _scan(_filter_step())
+    """(predicted at first, block, scale) -> predicted after each instant (14, B)."""
+    inputs, (states, _) = _scan(_filter_step())
+    return casadi.Function("filter_block", inputs, [states])
 
 
 @cache
 def _likelihood() -> casadi.Function:
-    return _scan(_filter_step(), last=True)
+    """(predicted at first, block, scale) -> predicted after the last instant, and the block's log-likelihood."""
+    inputs, (states, others) = _scan(_filter_step())
+    return casadi.Function("likelihood_block", inputs, [states[:, -1], casadi.sum2(others)])
 
 
-@cache
-def _backward() -> casadi.Function:
+def _backward_step(linked: bool) -> casadi.Function:
     """Bierman's fixed-interval smoother, which inverts no covariance: any part of z may be known exactly.
 
         lambda = -h e/S + C' lambda',   Lambda = h h'/S + C' Lambda' C,   C = I - K h'
@@ -250,28 +239,41 @@ def _backward() -> casadi.Function:
     m, P = updates[-1][-2:]
     F = _transition(A, follows, scale)
     lam, Lam = casadi.mtimes(F.T, state[:4]), casadi.mtimes([F.T, _symmetric(state[4:]), F])
-    mean, cov = m - casadi.mtimes(P, lam), P - casadi.mtimes([P, Lam, P])
+    own = [m - casadi.mtimes(P, lam), casadi.diag(P - casadi.mtimes([P, Lam, P]))]
     L = F
     for h, K, e, S, _, _ in reversed(updates):
         C = casadi.SX.eye(4) - casadi.mtimes(K, h.T)
         lam = casadi.mtimes(C.T, lam) - h * (e / S)
         Lam = casadi.mtimes([C.T, Lam, C]) + casadi.mtimes(h, h.T) / S
         L = casadi.mtimes(L, C)
-    ahead = (casadi.SX.eye(4) - casadi.mtimes(Lam, predicted))[:, 2]
-    links = casadi.vertcat(predicted[:, 2], casadi.vec(L), ahead)
+    if linked:
+        ahead = (casadi.SX.eye(4) - casadi.mtimes(Lam, predicted))[:, 2]
+        own += [predicted[:, 2], casadi.vec(L), ahead]
     after = casadi.vertcat(lam, _lower(Lam))
-    own = casadi.vertcat(mean, casadi.vec(cov), links)
-    return _scan(casadi.Function("backward", [state, column, scale], [after, own], {"cse": True}))
+    return casadi.Function("backward", [state, column, scale], [after, casadi.vertcat(*own)], {"cse": True})
+
+
+@cache
+def _backward(linked: bool) -> casadi.Function:
+    """(lambda, Lambda behind the block, predicted at first and after each instant, block, scale) -> before it, own."""
+    (state, columns, scale), (states, own) = _scan(_backward_step(linked))
+    first, after = casadi.MX.sym("first", 14), casadi.MX.sym("after", 14, _BLOCK)
+    block = casadi.MX.sym("block", 15, _BLOCK)
+    turned = casadi.vertcat(casadi.horzcat(first, after[:, :-1]), block)[:, ::-1]
+    before, own = casadi.graph_substitute([states[:, -1], own[:, ::-1]], [columns], [turned])
+    return casadi.Function("backward_block", [state, first, after, block, scale], [before, own])
 
 
 @cache
 def _pairs(groups: int) -> casadi.Function:
     """Adds up w_j w_k cov(d_j, d_k) for each group; the state holds a (4, groups) = sum_(j<k) L_(k-1) ... L_j P_j w_j
     and the sums so far (groups,)."""
-    state, column = casadi.SX.sym("state", 5 * groups), casadi.SX.sym("column", groups + 25)
-    a, total, w = casadi.reshape(state[: 4 * groups], 4, groups), state[4 * groups :], column[:groups].T
-    variance, own, L, ahead = casadi.vertsplit(column[groups:], [0, 1, 5, 21, 25])
+    state, column = casadi.SX.sym("state", 5 * groups), casadi.SX.sym("column", 27)
+    a, total = casadi.reshape(state[: 4 * groups], 4, groups), state[4 * groups :]
+    group, weight, variance, own, L, ahead = casadi.vertsplit(column, [0, 1, 2, 3, 7, 23, 27])
+    w = weight * (group == casadi.DM(range(groups))).T
     share = w * w * variance + 2.0 * w * casadi.mtimes(ahead.T, a)
     a = casadi.mtimes(casadi.reshape(L, 4, 4), a + casadi.mtimes(own, w))
     after = casadi.vertcat(casadi.vec(a), total + share.T)
-    return _scan(casadi.Function("pairs", [state, column], [after], {"cse": True}), last=True)
+    inputs, (states,) = _scan(casadi.Function("pairs", [state, column], [after], {"cse": True}))
+    return casadi.Function("pairs_block", inputs, [states[:, -1]])
