@@ -19,7 +19,6 @@ from sysid.model import Model
 from sysid.records import Array, Record
 from sysid.response import Linearisation, Response, cut
 from sysid.sensor import Sensor
-from sysid.simulate import Trajectory, simulate
 
 LARGEST_GROWTH = 300.0
 """Of an initial error within a rollout; beyond it a fit would have to find its way through a chaotic motion."""
@@ -210,22 +209,25 @@ def _varied(effect: Effect) -> Iterator[Effect]:
         yield effect.with_parameters({name: value + step if value + step <= p.bounds[1] else value - step})
 
 
-def foresee(model: Model, signals: Sequence[Signal], limits: Limits) -> Trajectory:
-    """The motions of a model under the signals, from rest or from where it is released."""
-    n = round(limits.duration / model.dt)
-    u = np.array([s.torque(n, model.dt) for s in signals])
-    start = rest_angle(model) + np.array([s.release for s in signals])
-    return simulate(model, u, start, np.zeros(len(signals)))
+class Foreseen(NamedTuple):
+    """u (K, N) [N m], theta, theta_dot (K, N+1) [rad], [rad/s], and records of what perfect sensors show."""
+
+    u: Array
+    theta: Array
+    theta_dot: Array
+    records: list[Record]
 
 
-def noise_free(run: Trajectory, sensor: Sensor) -> list[Record]:
-    """Records of perfect readings in the channels that the sensor has."""
-    found = []
-    for i, u in enumerate(run.u):
-        angle = run.theta_read[i] if sensor.theta is not None else run.theta_read[i, :1] if sensor.theta_0 else None
-        speed = run.theta_dot_read[i] if sensor.theta_dot is not None else None
-        found.append(Record(run.t, u, angle, speed, name=f"rollout {i}"))
-    return found
+def foresee(model: Model, signals: Sequence[Signal], limits: Limits, sensor: Sensor) -> Foreseen:
+    """What a model does under the signals, from rest or from where it is released."""
+    pool = Pool([Hypothesis("", model, ())], signals, limits, sensor)
+    states, blank = pool.states[0], pool.records
+    seen = pool.responses[0].readings(np.zeros(0), states)
+    records = []
+    for i, (r, (theta, theta_dot)) in enumerate(zip(blank, seen, strict=True)):
+        angle = None if r.theta is None else theta[: len(r.theta)]
+        records.append(Record(r.t, r.u, angle, None if r.theta_dot is None else theta_dot, name=f"rollout {i}"))
+    return Foreseen(np.array([r.u for r in blank]), states[..., 0], states[..., 1], records)
 
 
 def tamed(hypotheses: Sequence[Hypothesis], signals: Sequence[Signal], limits: Limits, sensor: Sensor) -> list[Signal]:

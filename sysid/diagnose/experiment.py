@@ -4,41 +4,32 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from sysid.diagnose.contest import Contest, Match, separable, twins
 from sysid.diagnose.design import (
     UNDETERMINED,
-    Choice,
     Hypothesis,
     Pool,
     foresee,
-    noise_free,
     precision,
     search,
     separation,
-    tamed,
     yardsticks,
 )
 from sysid.diagnose.needed import needed_experiment, never
-from sysid.diagnose.protocol import HOPELESS, Contest, Experiment
-from sysid.diagnose.rivals import Pair, Rivals, names_of, rivals_of
-from sysid.diagnose.signals import Limits, Signal, draw, rest_angle
+from sysid.diagnose.protocol import HOPELESS, Experiment
+from sysid.diagnose.rivals import Rivals, names_of, rivals_of
+from sysid.diagnose.signals import Limits, Signal, rest_angle
 from sysid.effects import Effect
 from sysid.errors import InvalidInput
 from sysid.estimate import Estimate
 from sysid.fit import fit, free
-from sysid.identify.gauss_newton import fit_windows
 from sysid.model import Model
 from sysid.records import Record
 from sysid.sensor import Sensor
-
-STRUCTURAL = 1e-4
-"""Share of an effect's evidence that no rival takes, below which no torque will ever tell the two apart."""
-
-NESTED = 1e-2
-"""The same where the rival was really fitted, which need not have come to its end."""
 
 
 def next_experiment(
@@ -137,86 +128,34 @@ def _telling(
 ) -> Experiment:
     if found.absorbed:
         return needed_experiment(found.base.model, found.absorbed, limits, sensor, rng)
-    hypotheses = [_at(h, limits.dt) for h in (*found.hypotheses, found.base)]
-    pairs = _separable(found.pairs, hypotheses, limits, sensor, rng)
-    if not pairs:
+    hypotheses = tuple(_at(h, limits.dt) for h in (*found.hypotheses, found.base))
+    apart = separable(hypotheses, found.pairs, limits, sensor, rng)
+    if not apart:
         return needed_experiment(hypotheses[0].model, names, limits, sensor, rng)
-    hypotheses = hypotheses[:-1]
-    choices = search(separation([(p.truth, p.rival) for p in pairs]), hypotheses, limits, sensor, rng)
+    same = twins(found.pairs, apart)
+    pairs = tuple(p for p in apart if p.truth not in same and p.rival not in same)
+    choices = search(separation([(p.truth, p.rival) for p in pairs]), hypotheses[:-1], limits, sensor, rng)
     if not choices:
         raise _impossible(limits)
-    told = [(c, _confirmed(c, pairs, hypotheses, limits, sensor, 3.0)) for c in choices]
-    best, _ = max(told, key=lambda both: min(c.after for c in both[1]))
-    contests = _confirmed(best, pairs, hypotheses, limits, sensor, math.inf)
-    worst = min(contests, key=lambda c: c.after)
-    if worst.after < HOPELESS:
-        return needed_experiment(hypotheses[0].model, names, limits, sensor, rng, worst.after)
-    shown = tuple(dict.fromkeys(hypotheses[i].name for p in pairs for i in (p.truth, p.rival)))
-    sentence = f"it tells {' and '.join(shown)} apart with {worst.after:.3g} units of evidence"
-    if len(shown) == 2:
-        sentence = f"it tells {shown[0]} from {shown[1]} with {worst.after:.3g} units of evidence"
-    before = None if worst.before is None else min(c.before for c in contests if c.before is not None)
-    if before is not None:
-        sentence += f" where this log had {before:.2g}"
-    answer = _answer(best.signals, sentence, shown, "evidence", before, worst.after, hypotheses, limits)
+    best = max((Match(hypotheses, pairs, c.signals, limits, sensor) for c in choices), key=lambda m: m.worth)
+    contests = best.contests()
+    after = min(c.after for c in contests)
+    if after < HOPELESS:
+        return needed_experiment(hypotheses[0].model, names, limits, sensor, rng, after)
+    return _told(best, contests, {hypotheses[j].name: hypotheses[i].name for j, i in same.items()})
+
+
+def _told(match: Match, contests: tuple[Contest, ...], same: Mapping[str, str]) -> Experiment:
+    after = min(c.after for c in contests)
+    before = min((c.before for c in contests if c.before is not None), default=None)
+    asked = tuple(h for h in match.hypotheses if any(h.name in (c.truth, c.rival) for c in contests))
+    shown = tuple(h.name for h in asked)
+    whom = f"{shown[0]} from {shown[1]}" if len(shown) == 2 else f"{', '.join(shown)} apart"
+    sentence = f"it tells {whom} with {after:.3g} units of evidence"
+    sentence += "" if before is None else f" where this log had {before:.2g}"
+    sentence += "".join(f"; no torque tells {twin} from {first}" for twin, first in same.items())
+    answer = _answer(match.signals, sentence, shown, "evidence", before, after, asked, match.limits, match.sensor)
     return dataclasses.replace(answer, contests=contests)
-
-
-def _separable(
-    pairs: Sequence[Pair], hypotheses: Sequence[Hypothesis], limits: Limits, sensor: Sensor, rng: np.random.Generator
-) -> list[Pair]:
-    """The pairs that some torque tells apart: not those of which the rival holds the truth as a special case.
-
-    The last hypothesis is that of no effect: what sets a pair apart is compared with what the truth does alone.
-    """
-    dt, nothing = hypotheses[0].model.dt, hypotheses[-1]
-    signals = tamed(hypotheses, draw(rng, limits, dt, 8, swings=False), limits, sensor)
-    pool = Pool(hypotheses, signals, limits, sensor)
-    found = []
-    for p in pairs:
-        truth, rival = hypotheses[p.truth], hypotheses[p.rival]
-        if len(rival.names) > len(truth.names):  # a tangent does not see a special case through kinks: a fit does
-            some = [s for s in signals if s.kind in ("steps", "bang-bang")][:2]
-            full, left = (_refitted(truth, other, some, limits, sensor) for other in (nothing, rival))
-            apart = left > NESTED * full
-        else:
-            alone, against = (pool.unlike(p.truth, k).unexplained() for k in (len(hypotheses) - 1, p.rival))
-            apart = bool(np.any(against > STRUCTURAL * alone))
-        if apart:
-            found.append(p)
-    return found
-
-
-def _refitted(truth: Hypothesis, rival: Hypothesis, signals: Sequence[Signal], limits: Limits, sensor: Sensor) -> float:
-    """The sum of squares that the rival leaves when it is fitted to what the truth would show."""
-    records = noise_free(foresee(truth.model, signals, limits), sensor)
-    near = fit_windows(rival.model, rival.names, records, sensor, 1.0, rival.p)
-    whole = fit_windows(rival.model, rival.names, records, sensor, math.inf, near.solution.p, near)
-    return 2.0 * whole.solution.lin.cost
-
-
-def _confirmed(
-    choice: Choice,
-    pairs: Sequence[Pair],
-    hypotheses: Sequence[Hypothesis],
-    limits: Limits,
-    sensor: Sensor,
-    within: float,
-) -> tuple[Contest, ...]:
-    """The evidence of each pair when the rival is really fitted to what the truth would show, not to first order only.
-
-    Pairs whose first-order number is more than `within` times the least keep it.
-    """
-    pool = Pool(hypotheses, choice.signals, limits, sensor)
-    linear = {p: float(pool.unlike(p.truth, p.rival).together().unexplained()[0]) for p in pairs}
-    least, contests = math.inf, []
-    for p in sorted(linear, key=lambda p: linear[p]):
-        after, truth, rival = linear[p], hypotheses[p.truth], hypotheses[p.rival]
-        if after < within * least:
-            after = _refitted(truth, rival, choice.signals, limits, sensor)
-            least = min(least, after)
-        contests.append(Contest(truth.name, rival.name, p.before, after))
-    return tuple(contests)
 
 
 # narrowing intervals -----------------------------------------------------------------------------------------
@@ -250,7 +189,7 @@ def _narrowing(
     after, unit = 1.96 * float(sd[k]), model.parameters[names[k]].unit
     told = f"it narrows the widest 95 % interval, that of {names[k]}, to +-{after:.2g} {unit}"
     told += "" if before is None else f" where this log had +-{before:.2g}"
-    return _answer(choices[0].signals, told, names, "interval", before, after, hypotheses, limits, names[k])
+    return _answer(choices[0].signals, told, names, "interval", before, after, hypotheses, limits, sensor, names[k])
 
 
 def _answer(
@@ -262,9 +201,10 @@ def _answer(
     after: float,
     hypotheses: Sequence[Hypothesis],
     limits: Limits,
+    sensor: Sensor,
     widest: str | None = None,
 ) -> Experiment:
-    runs = [foresee(h.model, signals, limits) for h in hypotheses]
+    runs = [foresee(h.model, signals, limits, sensor) for h in hypotheses]
     kinds = {s.kind for s in signals}
     orders = "; ".join(dict.fromkeys(s.sentence for s in signals))
     many = f"{len(signals)} rollouts of {limits.duration:g} s: " if len(signals) > 1 else ""

@@ -133,7 +133,7 @@ def _driver_off(
     free_swing = Signal("free swing", 0.0, 1.0, 1.0, 1.0, 1.0, release, 0)
     swing = tamed([Hypothesis("", model, fitted)], [free_swing], limits, sensor)
     after = None
-    run = foresee(model, swing, limits)
+    run = foresee(model, swing, limits, sensor)
     if braking > 0.0:
         # a swing without torque shows b / J and G / J: the inertia is known from the log of the driven joint
         own = tuple(n for n in fitted if "." not in n and n not in ("m", "J"))
@@ -260,7 +260,7 @@ def _with_payload(
     sd = precision(scale).parts(pool)[0].together().sd()[0][: len(rest)]
     k = int(np.argmax(sd / scale[: len(rest)]))
     after, unit = 1.96 * float(sd[k]), model.parameters[rest[k]].unit
-    runs = [foresee(h.model, signals, limits) for h in setups]
+    runs = [foresee(h.model, signals, limits, sensor) for h in setups]
     first = f"{_measuring(known)}, and " if known else ""
     orders = "; ".join(dict.fromkeys(s.sentence for s in signals))
     theta = np.concatenate([r.theta for r in runs])

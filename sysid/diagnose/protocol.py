@@ -6,10 +6,11 @@ import csv
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
+from sysid.diagnose.contest import Contest
 from sysid.diagnose.held_out import finite
 from sysid.errors import InvalidInput
 from sysid.records import Array
@@ -21,15 +22,6 @@ DECISIVE = 16.0
 
 HOPELESS = 0.5
 """Evidence of a whole experiment below which it is not worth playing: thirty of them would be needed."""
-
-
-class Contest(NamedTuple):
-    """Evidence of `truth` against `rival`, were it true: on the log at hand (None: no log) and of the experiment."""
-
-    truth: str
-    rival: str
-    before: float | None
-    after: float
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid.diagnose.candidates import Alternative, candidates
-from sysid.diagnose.design import Hypothesis, Normal, foresee, noise_free
+from sysid.diagnose.design import Hypothesis, Normal, foresee
 from sysid.diagnose.screen import screen
 from sysid.diagnose.search import LEAD, at_horizon
 from sysid.diagnose.signals import Limits, Signal
@@ -113,7 +113,7 @@ def _probed(alternative: Alternative) -> Effect:
 
 def _reference(model: Model, sensor: Sensor, limits: Limits) -> tuple[Record, ...]:
     signal = Signal("multisine", 0.5 * limits.u_max, 0.3, 0.1, min(2.0, 0.1 / model.dt), 1.0, 0.0, 0)
-    return tuple(noise_free(foresee(model, [signal], limits), sensor))
+    return tuple(foresee(model, [signal], limits, sensor).records)
 
 
 def _fitted(
