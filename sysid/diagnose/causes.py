@@ -20,6 +20,8 @@ LEVEL = 0.01
 """Of significance, over all quantities that are looked at."""
 LEAST = 0.05
 """Of the squared error beyond the noise that a second cause must add."""
+RIDGE = 1e-3
+"""On torques that go into words: on one short motion quantities are alike, and huge torques would cancel."""
 CLEARLY = 0.04
 """Of it that time must explain beyond what quantities of the joint do."""
 MOST = 3
@@ -75,8 +77,8 @@ class Columns:
         self.of = {name: np.arange(a, b) for name, a, b in zip(groups, edges[:-1], edges[1:], strict=True)}
         self.late, self.lags = np.arange(edges[-1], len(self.size)), lags[past]
 
-    def solve(self, names: tuple[str, ...]) -> _Solution:
-        """Of the groups of these names together."""
+    def solve(self, names: tuple[str, ...], ridge: float = 0.0) -> _Solution:
+        """Of the groups of these names together; a ridge (in units of a column's square) holds what is hardly seen."""
         columns = np.concatenate([np.zeros(0, dtype=int), *(self.of[n] for n in names if n in self.of)])
         lag = None
         if "history" in names:
@@ -84,6 +86,8 @@ class Columns:
             columns = np.append(columns, self.late[lag])
         mixed, U = self._along(columns)
         size, explained = self.size[columns], float(U @ U)
+        if ridge:
+            mixed = mixed / (1.0 + ridge * np.sum(mixed**2, axis=0))
         variance = max(self.total - explained, 1e-300) / max(1, self.degrees - len(U))
         sd = np.sqrt(variance * np.sum(mixed**2, axis=1)) / size
         shown = None if lag is None else int(self.lags[lag])
@@ -184,7 +188,7 @@ def _adds(residuals: Residuals, columns: Columns, found: _Solution, names: tuple
 def _told(
     residuals: Residuals, columns: Columns, shapes: Mapping[str, Shape], chosen: tuple[str, ...]
 ) -> Iterator[Cause]:
-    joint = columns.solve(chosen)
+    joint, held = columns.solve(chosen), columns.solve(chosen, RIDGE)
     before: tuple[str, ...] = ()
     known = columns.solve(())
     while len(before) < len(chosen):
@@ -192,7 +196,8 @@ def _told(
         name = max(offers, key=lambda n: offers[n].sum)
         share = residuals.share(offers[name].sum - known.sum, offers[name].rank - known.rank)
         own = np.isin(joint.columns, columns.of.get(name, columns.late))
-        words = _words(residuals, name, shapes.get(name), joint.coefficient[own], joint.sd[own], joint.lag)
+        used = held if name in shapes else joint
+        words = _words(residuals, name, shapes.get(name), used.coefficient[own], used.sd[own], joint.lag)
         yield Cause(name, share, words)
         before, known = (*before, name), offers[name]
 

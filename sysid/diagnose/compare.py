@@ -48,6 +48,7 @@ class Comparison:
     whiteness   autocorrelation of the innovations, by channel
     causes      the quantities that together explain the error, the strongest first
     worst       the three worst windows of 1 s
+    apart       a window whose error is beyond all others' (a hand, perhaps), which curves, map and causes leave out
     records     their names; sensor: the noise that errors are multiples of
     """
 
@@ -61,6 +62,7 @@ class Comparison:
     whiteness: dict[str, Whiteness]
     causes: tuple[Cause, ...]
     worst: tuple[Trace, ...]
+    apart: WindowError | None
     records: tuple[str, ...]
     sensor: Sensor
 
@@ -102,6 +104,10 @@ class Comparison:
     def sentence(self) -> str:
         """Where the model fails, or that it does not."""
         size = f"{multiple(self.ratio)} times the sensor noise over 1 s"
+        if self.apart is not None:
+            others = [w.ratio**2 for w in self.one_second.windows if w is not self.apart]
+            rest = multiple(math.sqrt(sum(others) / len(others)))
+            size += f" ({rest} without {place(self.apart)}, which is like no other)"
         if self.adequate:
             return f"The model's error is {size}: nothing is missing that these records show."
         if not math.isfinite(self.ratio):
@@ -111,10 +117,10 @@ class Comparison:
             left = 1.0 - sum(c.share for c in self.causes)
             rest = f"; {left:.0%} of the squared error depends on something else" if left > 0.3 and self.off else ""
             return f"The model's error is {size}: {words}{rest}."
-        if self.off:
+        if self.off and self.apart is None:
             where, looked = self.worst[0].error, ", ".join(self.curves)
             return f"The model's error is {size}, and depends on none of {looked}; it is worst in {place(where)}."
-        return f"The model's error is {size}, but {' and '.join(self.surprises)}."
+        return f"The model's error is {size}{', but ' * bool(self.surprises)}{' and '.join(self.surprises)}."
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, ready for JSON."""
@@ -124,6 +130,7 @@ class Comparison:
             "errors": {name.replace(" ", "_"): e.to_dict() for name, e in self.errors.items()},
             "sentence": self.sentence,
             "adequate": self.adequate,
+            "apart": None if self.apart is None else self.apart.to_dict(),
             "causes": [c.to_dict() for c in self.causes],
             "curves": {name: c.to_dict() for name, c in self.curves.items()},
             "map": self.map.to_dict(),
@@ -172,7 +179,8 @@ def compare(model: Model | Estimate, records: Sequence[Record], sensor: Sensor |
     fit = refit_windows(model, records, sensor, cut(records, 1.0, lead))
     near = refit_windows(model, records, sensor, cut(records, 0.5, lead), fit)
     one_second = error_of(fit, 1.0)
-    residuals = Residuals(fit, near)
+    apart = _apart(one_second)
+    residuals = Residuals(fit, near, () if apart is None else (one_second.windows.index(apart),))
     found = shapes(residuals)
     seen = {name: residuals.seen(shape.values) for name, shape in found.items()}
     lags = lags_of(model.dt)
@@ -188,6 +196,7 @@ def compare(model: Model | Estimate, records: Sequence[Record], sensor: Sensor |
         whiteness=whiteness(fit),
         causes=causes(residuals, found, seen, late, lags),
         worst=_worst(fit, one_second),
+        apart=apart,
         records=tuple(r.name for r in records),
         sensor=sensor,
     )
@@ -208,6 +217,14 @@ def multiple(ratio: float) -> str:
 def place(window: WindowError) -> str:
     """Where a window is."""
     return f"{window.record} at {window.begin:.1f}-{window.end:.1f} s"
+
+
+def _apart(error: HeldOutError) -> WindowError | None:
+    """The worst window, where its error is above 4 and above four times that of any but its neighbours."""
+    first = error.worst[0]
+    at = error.windows.index(first)
+    others = [w.ratio for i, w in enumerate(error.windows) if abs(i - at) > 1]
+    return first if len(others) >= 3 and first.ratio > 4.0 * max(1.0, *others) else None
 
 
 def _worst(fit: Refit, error: HeldOutError) -> tuple[Trace, ...]:

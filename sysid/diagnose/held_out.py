@@ -37,6 +37,10 @@ class WindowError:
     end: float
     ratio: float
 
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, ready for JSON."""
+        return {"record": self.record, "begin": self.begin, "end": self.end, "ratio": finite(self.ratio)}
+
 
 @dataclass(frozen=True, eq=False)
 class HeldOutError:
@@ -77,9 +81,7 @@ class HeldOutError:
             "ratio": finite(self.ratio),
             "n_readings": self.n_readings,
             "n_windows": self.n_windows,
-            "worst": [
-                {"record": w.record, "begin": w.begin, "end": w.end, "ratio": finite(w.ratio)} for w in self.worst
-            ],
+            "worst": [w.to_dict() for w in self.worst],
         }
 
     def __str__(self) -> str:
@@ -175,7 +177,7 @@ def refit(response: Response, starts: Array | None = None, most: int = REFITS) -
         trial = _linearised(response, p, x + step * open_[:, None])
         after = _cost(trial)
         better = open_ & (after < cost)
-        stalled |= better & (cost - after < least)
+        stalled |= better & (after + least > cost)
         damping = np.where(better, 0.1 * damping, np.where(open_, np.maximum(4.0 * damping, 1.0), damping))
         x = np.where(better[:, None], x + step, x)
         at, cost = _chosen(better, trial, at), np.where(better, after, cost)

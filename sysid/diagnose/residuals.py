@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,15 +66,17 @@ class Residuals:
 
     theta (mod 2 pi), theta_dot, time (K, L) at the middle of each interval; scored (K, L): whether it is in the scored
     part of a window. theta and theta_dot are those of shorter windows (`near`), which stay nearer to the readings.
+    Windows `without` are left out.
     """
 
-    def __init__(self, fit: Refit, near: Refit) -> None:
+    def __init__(self, fit: Refit, near: Refit, without: Sequence[int] = ()) -> None:
         response, L = fit.response, fit.response.length
         # where the model ran away nothing linear can be said
         steady = np.all(np.isfinite(fit.lin.e), axis=1)
+        steady[list(without)] = False
         self.fit, self.response = fit, response
         self.e: Array = np.where(steady[:, None], fit.lin.e, 0.0).ravel()
-        self.degrees = max(1, int(response.n_readings.sum()) - 2 * len(fit.starts))
+        self.degrees = max(1, int(np.sum(response.weight[steady] > 0.0)) - 2 * int(np.sum(steady)))
         read = np.asarray(response.weight.any(axis=1)) & steady[:, None]
         self.scored = read[:, 1:] | read[:, :-1]
         self.states = np.where(steady[:, None, None], fit.lin.states, 0.0)

@@ -174,7 +174,7 @@ def test_the_curves_are_the_missing_torque(seed: int) -> None:
 def test_a_gust_is_found_in_its_rollout() -> None:
     records = logs(ROD)
     push = np.zeros(len(records[2]))
-    push[150:175] = 0.5
+    push[25:50], push[150:175] = 0.4, 0.6
     moved = simulate(ROD, records[2].u + push, records[2].theta[0], 0.0).measure(BOTH, np.random.default_rng(1))[0]
     records[2] = Record(moved.t, records[2].u, moved.theta, moved.theta_dot, name="gusty")
     c = compare(ROD, records, BOTH)
@@ -257,3 +257,17 @@ def test_other_plants_and_rates() -> None:
 def test_records_that_do_not_fit_are_said() -> None:
     with pytest.raises(InvalidInput, match="steps every"):
         compare(Model(RodPendulum(), dt=0.05), logs(ROD), BOTH)
+
+
+def test_a_window_that_is_like_no_other_is_set_apart() -> None:
+    """A hand that pushes once; beyond it the friction that is missing is still seen."""
+    slow = ROD.with_effect(Viscous(b=0.03))
+    records = logs(slow)
+    push = np.zeros(len(records[2]))
+    push[155:165] = 15.0
+    moved = simulate(slow, records[2].u + push, records[2].theta[0], 0.0).measure(BOTH, np.random.default_rng(1))[0]
+    records[2] = Record(moved.t, records[2].u, moved.theta, moved.theta_dot, name="pushed")
+    c = compare(ROD, records, BOTH)
+    assert c.apart is c.worst[0].error and c.apart.record == "pushed" and c.apart.begin == 3.0
+    assert "without pushed at 3.0-4.0 s" in c.sentence
+    assert [cause.on for cause in c.causes] == ["theta_dot"]
