@@ -1,0 +1,322 @@
+"""The next experiment keeps its promises: rivals come apart, intervals shrink, limits hold, and a rig can play it."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sysid import (
+    BackEmf,
+    Coulomb,
+    Delay,
+    GeneralJoint,
+    InvalidInput,
+    Lag,
+    LinearAxis,
+    Model,
+    Record,
+    RodPendulum,
+    Sensor,
+    Stribeck,
+    TorqueGain,
+    Viscous,
+    simulate,
+)
+from sysid.diagnose.candidates import alternatives, extent_of
+from sysid.diagnose.design import Hypothesis, Pool, foresee
+from sysid.diagnose.directions import Directions
+from sysid.diagnose.experiment import limits_of, next_experiment
+from sysid.diagnose.needed import Payload, needed_experiment
+from sysid.diagnose.protocol import Experiment
+from sysid.diagnose.screen import screen
+from sysid.diagnose.search import extend
+from sysid.diagnose.signals import KINDS, Limits, draw
+from sysid.effects import CATALOGUE, Effect
+from sysid.fit import fit
+from sysid.identify.gauss_newton import fit_longest, fit_windows
+
+SENSOR = Sensor(0.003, 0.05)
+LIMITS = Limits(2.0, theta_max=2.0)
+NAMES = ("m", "l")
+
+
+def rod() -> Model:
+    return Model(RodPendulum(m=1.0, l=0.9, g=9.81), dt=0.02)
+
+
+def log(model: Model, *commands: np.ndarray, seed: int = 1) -> list[Record]:
+    """Rollouts from rest, with noise."""
+    return simulate(model, np.array(commands), math.pi, 0.0).measure(SENSOR, np.random.default_rng(seed))
+
+
+def time(seconds: float = 8.0) -> np.ndarray:
+    return 0.02 * np.arange(round(seconds / 0.02))
+
+
+def in_phase() -> np.ndarray:
+    """A weak bang-bang at the pendulum's own frequency: its torque is in phase with the speed, of one amplitude."""
+    return 0.12 * np.sign(np.sin(2.0 * math.pi * 0.62 * time(4.0)))
+
+
+def slow_sines() -> np.ndarray:
+    return 0.8 * np.sin(2.0 * math.pi * 0.2 * time())
+
+
+def played(e: Experiment, truth: Model, seed: int) -> list[Record]:
+    """What a rig would log."""
+    return simulate(truth, e.u, e.start, 0.0).measure(SENSOR, np.random.default_rng(seed))
+
+
+CONFUSED = {
+    "viscous or Coulomb, the torque in phase with the speed": (Coulomb(tau_c=0.006), "viscous", in_phase()),
+    "Coulomb or viscous, the torque in phase with the speed": (Viscous(b=0.008), "coulomb", in_phase()),
+    "delay or lag, slow sines": (Delay(T=0.02), "lag", slow_sines()),
+    "lag or delay, slow sines": (Lag(T=0.02), "delay", slow_sines()),
+}
+
+
+@pytest.mark.parametrize(("effect", "rival", "u"), CONFUSED.values(), ids=CONFUSED.keys())
+def test_what_a_poor_log_confuses_comes_apart_with_the_evidence_promised(
+    effect: Effect, rival: str, u: np.ndarray
+) -> None:
+    truth = rod().with_effect(effect)
+    poor = log(truth, u)
+    sized = next_experiment(rod(), (effect, rival), LIMITS, SENSOR)
+    e = next_experiment(rod(), (effect.name, rival), LIMITS, SENSOR, poor)
+    assert e.before is not None
+    assert e.before < 16.0, "the log is not poor"
+    assert e.after is not None
+    assert e.after > max(16.0, 3.0 * e.before)
+    promised = next(c.after for c in sized.contests if c.truth == effect.name)
+    for answer, most in ((sized, promised), (e, None)):
+        found = []
+        for seed in range(4):
+            base = fit_longest(rod(), NAMES, played(answer, truth, 100 + seed), SENSOR)
+            scores, _ = screen(base, (effect.name, rival))
+            cost = {name: 2.0 * extend(base, s).solution.lin.cost for name, s in scores.items()}
+            found.append(cost[rival] - cost[effect.name])
+        assert min(found) > 9.0, "another effect is named first"
+        if most is not None:  # a non-central chi-square: mean = the promise, variance 4 times that
+            assert abs(np.mean(found) - most) < 3.0 * 2.0 * math.sqrt(most / len(found)) + 0.15 * most
+
+
+@pytest.mark.parametrize("theta_max", [0.3, 2.0])
+def test_the_widest_interval_shrinks_as_promised(theta_max: float) -> None:
+    truth = rod()
+    estimate = fit(truth, log(truth, 0.5 * slow_sines()), SENSOR, NAMES)
+    e = next_experiment(estimate, limits=Limits(2.0, theta_max=theta_max))
+    assert e.measure == "interval"
+    assert e.widest is not None
+    assert e.before == pytest.approx(1.96 * estimate.sd[e.widest])
+    assert e.gain is not None
+    assert e.gain > 2.0
+    new = [fit(truth, played(e, truth, seed), SENSOR, NAMES) for seed in range(6)]
+    half = 1.96 * float(np.mean([x.sd[e.widest] for x in new]))
+    assert half == pytest.approx(e.after, rel=0.1)
+    off = np.array([x.values[e.widest] - truth.parameters[e.widest].value for x in new])
+    assert 1.96 * np.sqrt(np.mean(off**2)) < 1.7 * e.after  # 99.9 % of six draws
+
+
+def test_first_order_evidence_is_that_of_the_screen() -> None:
+    """lambda (1 - rho^2), with z_perp as the screen takes it, once the truth's own motion is the nominal one."""
+    small = 1e-5
+    truth = Hypothesis("viscous", rod().with_effect(Viscous(b=small)), (*NAMES, "viscous.b"))
+    rival = Hypothesis("drag", rod().with_effect(CATALOGUE["drag"](c=small)), (*NAMES, "drag.c"))
+    signals = draw(np.random.default_rng(3), LIMITS, 0.02, 1, swings=False)
+    ours = Pool([truth, rival], signals, LIMITS, SENSOR).unlike(0, 1).unexplained()[0]
+
+    records = foresee(rod(), signals, LIMITS, SENSOR).records
+    base = fit_windows(rod(), NAMES, records, SENSOR, math.inf)
+    directions, extent = Directions(base), extent_of(records)
+    z = {}
+    for name in ("viscous", "drag"):
+        ((_, column, _),) = directions.each(alternatives(CATALOGUE[name], extent))
+        z[name] = column[:, 0]
+    rho = z["viscous"] @ z["drag"] / math.sqrt((z["viscous"] @ z["viscous"]) * (z["drag"] @ z["drag"]))
+    assert ours == pytest.approx(small**2 * z["viscous"] @ z["viscous"] * (1.0 - rho**2), rel=0.02)
+
+
+def test_a_special_case_is_not_asked_to_beat_the_general_one() -> None:
+    """Coulomb's friction is Stribeck's without excess: only the other way round can be told."""
+    e = next_experiment(rod(), (Stribeck(tau_c=0.02, excess=0.03, v_s=0.2), Coulomb(tau_c=0.03)), LIMITS, SENSOR)
+    assert {(c.truth, c.rival) for c in e.contests} == {("stribeck", "coulomb")}
+    assert e.after is not None
+    assert e.after > 16.0
+
+
+def test_more_rollouts_tell_at_least_in_proportion() -> None:
+    rivals = (Viscous(b=0.01), "coulomb")
+    evidence = [next_experiment(rod(), rivals, Limits(1.0, 4.0, rollouts=n), SENSOR).after for n in (1, 3)]
+    assert evidence[0] is not None
+    assert evidence[1] is not None
+    assert evidence[1] > 2.0 * evidence[0]
+
+
+@pytest.mark.parametrize(
+    "limits",
+    [
+        Limits(0.3, 4.0),
+        Limits(3.0, 4.0, theta_max=0.4),
+        Limits(3.0, 4.0, theta_dot_max=1.0, start=0.5),
+        Limits(3.0, 4.0, u_rms=0.5, rollouts=2, theta_max=1.0),
+        Limits(2.0, 4.0, dt=0.01),
+    ],
+)
+def test_signal_and_predicted_motion_keep_to_the_limits(limits: Limits) -> None:
+    e = next_experiment(rod(), limits=limits, sensor=SENSOR)
+    assert e.u.shape == (limits.rollouts, round(limits.duration / (limits.dt or 0.02)))
+    assert np.max(np.abs(e.u)) <= limits.u_max
+    assert np.max(np.sqrt(np.mean(e.u**2, axis=1))) <= (limits.u_rms or math.inf) * (1.0 + 1e-9)
+    fine = Model(rod().plant, dt=e.dt)
+    run = simulate(fine, e.u, e.start, 0.0)
+    np.testing.assert_allclose(run.theta, e.theta, atol=1e-9)
+    assert np.max(np.abs(e.start - math.pi)) <= limits.start + 1e-9
+    assert e.reach == pytest.approx(np.max(np.abs(run.theta - math.pi)))
+    assert e.speed == pytest.approx(np.max(np.abs(run.theta_dot)))
+    assert e.reach <= (limits.theta_max or math.inf) * (1.0 + 1e-5)
+    assert e.speed <= (limits.theta_dot_max or math.inf) * (1.0 + 1e-5)
+
+
+def test_without_limits_the_rig_does_what_it_has_done() -> None:
+    records = log(rod(), slow_sines(), 0.5 * slow_sines())
+    limits = limits_of(records, rod())
+    assert limits.u_max == pytest.approx(0.8, rel=1e-3)
+    assert (limits.rollouts, limits.duration) == (2, pytest.approx(8.0))
+    e = next_experiment(rod(), records=records)
+    assert e.reach <= max(float(np.max(np.abs(r.theta - math.pi))) for r in records if r.theta is not None) + 1e-6
+
+
+def test_the_same_question_gets_the_same_answer() -> None:
+    limits = Limits(1.0, 3.0)
+    a, b = (next_experiment(rod(), limits=limits, sensor=SENSOR, rng=np.random.default_rng(4)) for _ in range(2))
+    assert a.to_dict() == b.to_dict()
+    np.testing.assert_array_equal(a.u, b.u)
+    other = next_experiment(rod(), limits=limits, sensor=SENSOR, rng=np.random.default_rng(5))
+    assert not np.array_equal(a.u, other.u)
+
+
+@pytest.mark.parametrize("rollouts", [1, 2])
+def test_the_csv_plays_the_same_torque(rollouts: int, tmp_path: Path) -> None:
+    e = next_experiment(rod(), limits=Limits(1.0, 3.0, rollouts=rollouts), sensor=SENSOR)
+    e.write_csv(tmp_path / "play.csv")
+    with open(tmp_path / "play.csv", newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert ("rollout" in rows[0]) == (rollouts > 1)
+    for i in range(rollouts):
+        own = [r for r in rows if int(r.get("rollout", 0)) == i]
+        t, torque = (np.array([float(r[c]) for r in own]) for c in ("t", "torque"))
+        held = torque[np.searchsorted(t, e.t[:-1] + 0.5 * e.dt, side="right") - 1]
+        np.testing.assert_array_equal(held, e.u[i])
+
+
+def test_the_answer_is_plain_data_and_a_sentence() -> None:
+    e = next_experiment(rod(), (Viscous(b=0.01), "coulomb"), Limits(1.0, 3.0), SENSOR)
+    data = json.loads(json.dumps(e.to_dict(), allow_nan=False))
+    assert data["kind"] in (*KINDS, "mixed")
+    assert set(data["separates"]) == {"viscous", "coulomb"}
+    assert data["seconds"] == pytest.approx(3.0)
+    assert "viscous from coulomb" in str(e)
+    assert e.repeats == max(1, math.ceil(16.0 / data["after"]))
+
+
+# what no torque tells -----------------------------------------------------------------------------------------
+
+
+def test_back_emf_is_told_from_friction_with_the_driver_off() -> None:
+    e = next_experiment(rod(), (Viscous(b=0.02), BackEmf(k=0.02)), LIMITS, SENSOR)
+    assert e.kind == "driver off"
+    assert not np.any(e.u)
+    assert e.start[0] != math.pi
+    braked, free = (played(e, rod().with_effect(x), 3)[0].theta for x in (Viscous(b=0.02), Viscous(b=0.0)))
+    assert braked is not None
+    assert free is not None
+    assert np.std(braked[-100:]) < 0.95 * np.std(free[-100:])
+    assert e.after is not None
+    assert e.after > 1000.0
+
+
+@pytest.mark.parametrize("pair", [("tilt", "angle_offset"), ("sensor_delay", "delay"), ("stamp", "delay")])
+def test_of_some_pairs_nothing_that_is_played_tells(pair: tuple[str, str], tmp_path: Path) -> None:
+    e = next_experiment(rod(), pair, LIMITS, SENSOR)
+    assert (e.kind, e.after, e.repeats) == ("none", None, 1)
+    assert pair[0] in e.description
+    assert pair[1] in e.description
+    with pytest.raises(InvalidInput, match="nothing to play"):
+        e.write_csv(tmp_path / "none.csv")
+
+
+def test_twins_are_said_and_the_others_told_apart() -> None:
+    e = next_experiment(rod(), (Viscous(b=0.01), BackEmf(k=0.01), "coulomb"), LIMITS, SENSOR)
+    assert set(e.separates) == {"viscous", "coulomb"}
+    assert "no torque tells back_emf from viscous" in e.description
+
+
+@pytest.mark.parametrize("weight", [(0.2, 0.8), None])
+def test_a_payload_shows_the_torque_gain(weight: tuple[float, float] | None) -> None:
+    limits = Limits(2.0, theta_max=2.0, payload=weight)
+    e = next_experiment(rod(), ("torque_gain",), limits, SENSOR, log(rod(), slow_sines()))
+    assert e.kind == "payload"
+    assert e.payload is not None
+    assert len(e.u) == 2
+    np.testing.assert_array_equal(e.u[0], e.u[1])
+    mass, distance = e.payload
+    truth = rod().with_effect(TorqueGain(c=1.1))
+    loaded = truth.with_effect(Payload(mass=mass, distance=distance))
+    found = []
+    for seed, model in enumerate((truth, loaded)):
+        records = simulate(model, e.u[:1], e.start[:1], 0.0).measure(SENSOR, np.random.default_rng(seed))
+        found.append(fit(Model(GeneralJoint(J=0.3, G=4.0), dt=0.02), records, SENSOR))
+    step = found[1].values["J"] - found[0].values["J"]
+    assert mass * distance**2 / step == pytest.approx(1.1, abs=0.02)  # (J + m r^2) / c - J / c
+
+
+def test_the_least_labour_is_asked_for() -> None:
+    def asked(model: Model, *names: str) -> Experiment:
+        return needed_experiment(model, names, Limits(1.0, 3.0, theta_max=1.5), SENSOR)
+
+    weighed = asked(rod(), "rotor_inertia")
+    assert weighed.kind == "none"
+    assert weighed.description.startswith("weigh")
+    assert asked(rod(), "m", "l", "g").kind == "payload"
+    both = asked(rod(), "torque_gain", "rotor_inertia")
+    assert both.kind == "payload"
+    assert both.description.startswith("weigh")
+    axis = Model(LinearAxis(m=0.4), dt=0.02)
+    assert asked(axis, "torque_gain").kind == "payload"
+
+
+def test_an_estimate_that_no_motion_determines_asks_for_a_payload() -> None:
+    estimate = fit(rod(), log(rod(), slow_sines()), SENSOR, ("m", "l", "g"))
+    assert not estimate.success
+    assert next_experiment(estimate, limits=Limits(1.0, 3.0, theta_max=1.5)).kind == "payload"
+
+
+# bad input ----------------------------------------------------------------------------------------------------
+
+
+def test_what_cannot_be_answered_is_said() -> None:
+    with pytest.raises(InvalidInput, match="did you mean coulomb"):
+        next_experiment(rod(), ("coulumb",), LIMITS, SENSOR)
+    with pytest.raises(InvalidInput, match="twice"):
+        next_experiment(rod(), ("coulomb", "coulomb"), LIMITS, SENSOR)
+    with pytest.raises(InvalidInput, match="noise"):
+        next_experiment(rod(), ("coulomb",), LIMITS)
+    with pytest.raises(InvalidInput, match="no limits"):
+        next_experiment(rod(), ("coulomb",), sensor=SENSOR)
+    with pytest.raises(InvalidInput, match="no torque"):
+        next_experiment(rod(), records=log(rod(), 0.0 * slow_sines()), sensor=SENSOR)
+    with pytest.raises(InvalidInput, match="samples"):
+        next_experiment(rod(), limits=Limits(1.0, 0.1), sensor=SENSOR)
+    limited = Model(rod().plant, dt=0.02, u_max=1.0)
+    with pytest.raises(InvalidInput, match="beyond the model's own limit"):
+        next_experiment(limited, limits=Limits(2.0), sensor=SENSOR)
+    with pytest.raises(InvalidInput, match="cannot stand"):
+        next_experiment(rod().with_effect(Delay(T=0.02)), ("stamp", "lag"), LIMITS, SENSOR)
+    for wrong in ({"u_max": 0.0}, {"duration": math.nan}, {"rollouts": 0}, {"start": 4.0}, {"payload": (0.0, 1.0)}):
+        with pytest.raises(InvalidInput, match="limits"):
+            Limits(**({"u_max": 1.0} | wrong))  # type: ignore[arg-type]
