@@ -160,6 +160,7 @@ def curve(found: Curve, axes: Axes) -> None:
         for part in sides:
             _band(axes, found.at[part], found.torque[part], SIGMA_99 * found.sd[part])
         axes.set_xlabel(LABEL[found.name])
+        axes.xaxis.set_major_locator(MaxNLocator(5))
     axes.set_ylabel("torque missing, 99 % [N m]")
     axes.set_title(f"over {found.name}  ({_p(found.p_value)})")
 
@@ -178,7 +179,7 @@ def _over_time(found: Curve, axes: Axes) -> None:
         middles.append(0.5 * (t[0] + t[-1]))
         begin = float(t[-1]) + gap
     if len(names) <= 4:
-        axes.set_xticks(middles, names)
+        axes.set_xticks(middles, [_short(n, 60 // len(names)) for n in names])
         axes.tick_params(axis="x", length=0)
     axes.set_xlabel("time, rollout after rollout" + ("" if len(names) <= 4 else " [s]"))
 
@@ -250,8 +251,7 @@ def window(trace: Trace, axes: Axes, channel: str) -> None:
     axes.plot(trace.t, trace.model[channel], color=COLOUR[channel], linewidth=1.6, label="model")
     axes.set_xlabel(LABEL["time"])
     axes.set_ylabel(LABEL[channel])
-    where = f"{trace.error.record}, {trace.error.begin:.1f}-{trace.error.end:.1f} s"
-    axes.set_title(f"{where}: {_times(trace.error.ratio)} the noise", fontweight="normal")
+    axes.set_title(f"{_short(trace.error.record)}: {_times(trace.error.ratio)} the noise", fontweight="normal")
     axes.legend(fontsize=8.0)
 
 
@@ -377,6 +377,10 @@ def _at_least(axes: Axes, half: float) -> None:
     """Limits of an axis about zero that is never finer than the band."""
     low, high = axes.get_ylim()
     axes.set_ylim(min(low, -half), max(high, half))
+
+
+def _short(name: str, most: int = 24) -> str:
+    return name if len(name) <= most else f"{name[: most - 4]} ..."
 
 
 def _times(ratio: float) -> str:

@@ -32,8 +32,8 @@ MOST = 3
 class Cause:
     """A quantity that the error depends on.
 
-    on     "theta", "theta_dot", "torque", "time", "history" (past or coming torque), "plant" (inertia and gravity are
-           off) or "readings" (angle and speed that do not belong together)
+    on     "theta", "theta_dot", "torque", "time", "constant" (none of these), "history" (past or coming torque),
+           "plant" (inertia and gravity are off) or "readings" (speeds that do not belong to their angles)
     share  of the squared error beyond the noise that goes with it, beside the causes before it
     words  what it looks like
     """
@@ -128,7 +128,11 @@ def causes(
 
     Any torque can be drawn over time: a set with time is taken where it explains clearly more than all sets without.
     """
-    more = {"plant": residuals.seen(plant_torques(residuals)), "readings": of_readings(residuals)}
+    more = {
+        "constant": residuals.seen(np.ones((*residuals.theta.shape, 1))),
+        "plant": residuals.seen(plant_torques(residuals)),
+        "readings": of_readings(residuals),
+    }
     columns = Columns(residuals, {**seen, **more}, late, lags)
     sets = list(_sets(columns))
     chosen = _best(residuals, columns, [names for names in sets if "time" not in names])
@@ -209,7 +213,7 @@ def _words(residuals: Residuals, name: str, shape: Shape | None, number: Array, 
     if name == "history":
         return _history(lag or 0, residuals.response.model.dt)
     if shape is None:
-        return {"readings": _readings, "plant": _plant}[name](number, sd)
+        return {"readings": _readings, "plant": _plant, "constant": _constant}[name](number, sd)
     return {"theta": _angle, "theta_dot": _speed, "torque": _command, "time": _time}[name](shape, number, sd)
 
 
@@ -219,6 +223,10 @@ def _history(lag: int, dt: float) -> str:
         return f"the motion follows the torque of {rows} later ({time}): how the log stamps its rows"
     reason = "a delay, a lag or the stamp of the log" if lag == 1 else "a delay or a lag of torque or readings"
     return f"the motion follows the torque of {rows} ago ({time}): {reason}"
+
+
+def _constant(number: Array, sd: Array) -> str:
+    return f"a constant torque of {number[0]:+.2g} N m is missing"
 
 
 def _readings(number: Array, sd: Array) -> str:
