@@ -22,9 +22,9 @@ from sysid.excitation import multisine
 @sysid.register
 @dataclass(frozen=True, eq=False)
 class Magnet(sysid.JointEffect):
-    """tau = -k d/w exp((1 - (d/w)^2) / 2), d = theta - place: a magnet pulls towards it with up to k [N m]; w = 0.3 rad."""
+    """tau = -k d exp((1 - d^2) / 2), d = (theta - place) / 0.3 rad: a magnet pulls towards it with up to k [N m]."""
 
-    formula = "tau = -k d/w exp((1 - (d/w)^2) / 2), d = theta - place, w = 0.3 rad"
+    formula = "tau = -k d exp((1 - d^2) / 2), d = (theta - place) / 0.3 rad"
     k: float = sysid.parameter(0.0, unit="N m", bounds=(-10.0, 10.0), neutral=0.0)
     place: float = sysid.parameter(0.0, unit="rad", bounds=(-7.0, 7.0), probe=tuple(np.arange(-3.0, 3.2, 0.3).tolist()))
 

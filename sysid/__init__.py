@@ -73,7 +73,7 @@ if TYPE_CHECKING:  # what type checkers and editors see
     from sysid.noise import sensor_noise
     from sysid.parameters import Extent, Parameter, parameter
     from sysid.plants import GeneralJoint, LinearAxis, Plant, PointMassPendulum, RodPendulum
-    from sysid.records import Record, read_csv, write_csv
+    from sysid.records import Record, write_csv
     from sysid.sensitivity import fisher_information
     from sysid.sensor import Sensor
     from sysid.simulate import Trajectory, simulate
@@ -105,7 +105,7 @@ _HOME = {
         "noise": "sensor_noise",
         "parameters": "Extent Parameter parameter",
         "plants": "GeneralJoint LinearAxis Plant PointMassPendulum RodPendulum",
-        "records": "Record read_csv write_csv",
+        "records": "Record write_csv",
         "sensitivity": "fisher_information",
         "sensor": "Sensor",
         "simulate": "Trajectory simulate",

@@ -1,4 +1,4 @@
-"""Record: the log of one rollout, checked when it is made; reading and writing CSV."""
+"""Record: the log of one rollout, checked when it is made; writing it as CSV."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ def check_records(model: Model, records: Sequence[Record]) -> tuple[Record, ...]
         raise InvalidInput("no records were given: expected at least one")
     for record in given:
         if not isinstance(record, Record):
-            raise InvalidInput(f"records holds {record!r}: expected Record objects, as read_csv and measure make them")
+            raise InvalidInput(f"records holds {record!r}: expected Record objects, as read and measure make them")
         if abs(record.dt - model.dt) > 0.01 * model.dt:
             raise InvalidInput(f"{record.name} is sampled every {record.dt:g} s, the model steps every {model.dt:g} s")
         largest = float(np.max(np.abs(record.u)))
@@ -152,61 +152,10 @@ def check_direct(model: Model, method: str) -> None:
 
 
 def write_csv(record: Record, path: str | Path) -> None:
-    """Write a record as CSV, one row an instant; cells without a value (the last u) stay empty."""
+    """Write a record as CSV that `read` brings back exactly, one row an instant; cells without a value stay empty."""
     columns = {c: getattr(record, c) for c in COLUMNS if getattr(record, c) is not None}
     with open(path, "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(columns)
         for k in range(len(record) + 1):
             writer.writerow([repr(float(v[k])) if k < len(v) else "" for v in columns.values()])
-
-
-def read_csv(path: str | Path) -> Record:
-    """Read a record written by `write_csv`, or any CSV with columns t, u, theta and/or theta_dot.
-
-    A u in the last row is ignored: it acts after the last instant. Raises InvalidInput for unknown or missing
-    columns and for text where a number is expected.
-    """
-    path = Path(path)
-    if not path.is_file():
-        raise InvalidInput(f"{path} is a folder: expected a CSV file" if path.is_dir() else f"no such file: {path}")
-    try:
-        with open(path, newline="", encoding="utf-8-sig") as file:
-            reader = csv.reader(file)
-            header = [h.strip() for h in next(reader, [])]
-            rows = [(reader.line_num, row) for row in reader if row]
-    except (UnicodeDecodeError, csv.Error):
-        raise InvalidInput(f"{path.name} is not a text file: expected CSV in UTF-8") from None
-    _check_header(path.name, header)
-    columns: dict[str, list[float]] = {h: [] for h in header}
-    for k, (number, row) in enumerate(rows):
-        where = f"{path.name}, line {number}"
-        if len(row) != len(header):
-            raise InvalidInput(f"{where}: {len(row)} cells, expected {len(header)}")
-        for h, cell in zip(header, row, strict=True):
-            if not cell.strip():
-                continue
-            if len(columns[h]) < k:
-                raise InvalidInput(f"{where}: {h} goes on after an empty cell: only the last may be empty")
-            try:
-                columns[h].append(float(cell))
-            except ValueError:
-                raise InvalidInput(f"{where}: {h} is {cell!r}, expected a number") from None
-    columns["u"] = columns["u"][: max(len(rows) - 1, 0)]
-    arrays = {h: np.array(v, dtype=float) for h, v in columns.items()}
-    return Record(**arrays, name=path.stem)
-
-
-def _check_header(name: str, header: Sequence[str]) -> None:
-    unknown = [h for h in header if h not in COLUMNS]
-    missing = [h for h in ("t", "u") if h not in header]
-    twice = [h for h in header if header.count(h) > 1]
-    if unknown:
-        problem = f"unknown column {unknown[0]!r}"
-    elif missing:
-        problem = f"no column {missing[0]!r}"
-    elif twice:
-        problem = f"column {twice[0]!r} comes twice"
-    else:
-        return
-    raise InvalidInput(f"{name}: {problem}: expected t, u and some of {', '.join(COLUMNS[2:])}")

@@ -1,4 +1,4 @@
-"""Records: what a log must be, and CSV that comes back bit for bit."""
+"""Records: what a log must be."""
 
 import math
 import re
@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from sysid import InvalidInput, Record, paper_model, paper_rollouts, read_csv, write_csv
+from sysid import InvalidInput, Record, paper_model, paper_rollouts
 from sysid.records import COLUMNS, check_records
 
 T = 0.05 * np.arange(5)
@@ -68,51 +68,6 @@ def test_the_head_is_a_record_of_the_first_intervals():
     for column in COLUMNS:
         mine = getattr(head, column)
         np.testing.assert_array_equal(mine, getattr(record, column)[: len(mine)])
-
-
-@pytest.mark.parametrize("columns", [COLUMNS[2:], ("theta",), ("theta_dot", "theta_dot_after")], ids=", ".join)
-def test_csv_comes_back_to_the_bit(columns, tmp_path):
-    (paper,) = paper_rollouts(paper_model(), 1, np.random.default_rng(1), length=50)
-    record = Record(paper.t, paper.u, **{c: getattr(paper, c) for c in columns}, name="log")
-    write_csv(record, tmp_path / "log.csv")
-    back = read_csv(tmp_path / "log.csv")
-    assert back.name == "log"
-    for column in COLUMNS:
-        np.testing.assert_array_equal(getattr(back, column), getattr(record, column))
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", "no column 't': expected t, u and some of theta, theta_dot"),
-        ("t,u,angle\n0,0,0\n", "unknown column 'angle': expected t, u and some of theta"),
-        ("t,theta\n0,0\n", "no column 'u'"),
-        ("t,u,theta,theta\n0,0,0,0\n", "column 'theta' comes twice"),
-        ("t,u,theta\n0,1,2\n1,2\n", "line 3: 2 cells, expected 3"),
-        ("t,u,theta\n0,1,2\n1,x,3\n", "line 3: u is 'x', expected a number"),
-        ("t,u,theta\n0,1,2\n", "is empty"),
-        ("t,u,theta\n", "is empty"),
-        ("t,u,theta\n0,1,2\n1,,2\n2,1,2\n3,1,2\n", "line 4: u goes on after an empty cell"),
-        ("t,u,theta\n0,1,2\n1,1,2\n2,,\n", "is ragged: theta has 2 values, expected 3"),
-        ("t,u,theta\n0,1,nan\n1,1,2\n2,,2\n", "theta[0] is nan"),
-    ],
-)
-def test_a_bad_csv_is_refused_with_its_place(text, message, tmp_path):
-    path = tmp_path / "bad.csv"
-    path.write_text(text)
-    with pytest.raises(InvalidInput, match=re.escape(message)):
-        read_csv(path)
-
-
-def test_a_command_in_the_last_row_and_a_spreadsheets_mark_are_ignored(tmp_path):
-    path = tmp_path / "log.csv"
-    path.write_text("\ufefft,u,theta\n0,1,2\n1,3,2\n2,9,2\n\n", encoding="utf-8")
-    np.testing.assert_array_equal(read_csv(path).u, [1.0, 3.0])
-
-
-def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(InvalidInput, match=r"no such file: .*absent.csv"):
-        read_csv(tmp_path / "absent.csv")
 
 
 def test_records_must_fit_the_model():
