@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -79,11 +79,12 @@ def right(case: Case, answer: Answer) -> bool:
     return first_right(case, answer)
 
 
-RULES = {
+# Each says right, wrong, or None where it does not apply.
+RULES: Mapping[str, Callable[[Case, Answer], bool | None]] = {
     "right": right,
-    "named, and nothing else": lambda case, a: exact(case, a) if case.hidden and not case.stranger else right(case, a),
-    "unknown": lambda case, a: not case.stranger or a.verdict == "unknown",
-    "error <= 1.1": lambda case, a: a.error_after is not None and a.error_after <= 1.1,
+    "named, and nothing else": lambda case, a: None if not case.hidden or case.stranger else exact(case, a),
+    "unknown": lambda case, a: a.verdict == "unknown" if case.stranger else None,
+    "error <= 1.1": lambda case, a: None if case.stranger or a.error_after is None else a.error_after <= 1.1,
 }
 
 
@@ -92,8 +93,10 @@ def cell(
 ) -> Cell:
     """A method's score on some cases."""
     scored = [c for c in cases if c.key in answers and c.key in prepared and decided(c, prepared[c.key])]
-    wrong = tuple(c.key for c in scored if not RULES[rule](c, answers[c.key]))
-    return Cell(len(scored) - len(wrong), len(scored), wrong)
+    said = {c.key: RULES[rule](c, answers[c.key]) for c in scored}
+    wrong = tuple(key for key, yes in said.items() if yes is False)
+    total = sum(yes is not None for yes in said.values())
+    return Cell(total - len(wrong), total, wrong)
 
 
 def columns(cases: Sequence[Case]) -> dict[str, list[Case]]:
