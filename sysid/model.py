@@ -238,6 +238,13 @@ class Model:
             after.append(own_after)
         return reading, tuple(after)
 
+    def read_record(self, theta: Array, theta_dot: Array, t: Array) -> Reading:
+        """What `read` gives instant by instant along whole records (..., N+1), for plain numbers."""
+        reading = Reading(theta, theta_dot)
+        for e in self.output_effects:
+            reading = e.whole(reading, t, self.dt)
+        return reading
+
     def advance(self, state: State, u: Value, t: Value = 0.0) -> State:
         """The state an interval dt later under command u [N m]; shapes broadcast, u is not clipped."""
         drives, memory = self.drive(u, state.memory)

@@ -216,64 +216,42 @@ class Response:
 
     # readings ------------------------------------------------------------------------------------------------
 
-    @cached_property
-    def _read_step(self) -> tuple[casadi.Function, casadi.Function]:
-        """(memory, x, p, t) -> (memory', reading), and the memory (x, p) -> of a window's start."""
-        P = len(self.names)
-        x, p, t = casadi.SX.sym("x", 2), casadi.SX.sym("p", P), casadi.SX.sym("t")
-        model = self._symbolic(p)
-        sensing = model.sensing(x[0], x[1])
-        sizes = [len(memory) for memory in sensing]
-        flat = casadi.SX.sym("memory", sum(sizes))
-        reading, after = model.read(x[0], x[1], _nested(flat, sizes), t)
-        new = casadi.vertcat(*(v for m in after for v in m))
-        return (
-            casadi.Function("read", [flat, x, p, t], [new, casadi.vertcat(*reading)], {"cse": True}),
-            casadi.Function("sensing", [x, p], [casadi.vertcat(*(v for m in sensing for v in m))]),
-        )
-
     def readings(self, p: Array, states: Array) -> Array:
-        """What perfect sensors show (..., K, 2, L+1) along states (..., K, L+1, 2), parameters p (..., P)."""
+        """What perfect sensors show (..., K, 2, L+1) along states (..., K, L+1, 2) at parameters p (P,)."""
         if not self.model.output_effects:
             return np.swapaxes(states, -1, -2)
-        read, sensing = self._read_step
-        shape, (K, n) = states.shape[:-3], states.shape[-3:-1]
-        flat = states.reshape(-1, n, 2)
-        W = len(flat)
-        each = np.repeat(np.broadcast_to(p, (*shape, len(self.names))).reshape(W // K, len(self.names)), K, axis=0)
-        start = sensing.map(W)(flat[:, 0].T, each.T) if sensing.size1_out(0) else np.zeros((0, W))
-        time = np.broadcast_to(self.time[:, :n], (*shape, K, n)).reshape(1, -1)
-        scan = read.mapaccum(n).map(W)
-        seen = scan(start, flat.reshape(-1, 2).T, np.repeat(each, n, axis=0).T, time)[1]
-        return np.asarray(seen).T.reshape(*shape, K, n, 2).swapaxes(-1, -2)
+        model = self.model.with_parameters(dict(zip(self.names, p.tolist(), strict=True)))
+        reading = model.read_record(states[..., 0], states[..., 1], np.broadcast_to(self.time, states.shape[:-1]))
+        return np.stack(reading, axis=-2)
 
     def reading_slopes(self, p: Array, states: Array, Z: Array, own: Array) -> Array:
-        """Derivatives (K, 2, L+1, Q) of the readings along Q directions: Z (K, L+1, 2, Q) of the states, own (Q, P) of p.
+        """Derivatives (K, 2, L+1, Q) of the readings along Q directions: Z (K, L+1, 2, Q) of states, own (Q, P) of p.
 
         Central differences along each direction: a sensor's memory may be long, its derivative is not.
         """
         if not self.model.output_effects:
             return np.swapaxes(Z, 1, 2)
-        if self._read_step[0].size1_in(0) == 0:
-            K, n = states.shape[:2]
-            each = np.repeat(p[:, None], K * n, axis=1)
-            flat = self._read_slope.map(K * n)(states.reshape(-1, 2).T, each, self.time[:, :n].reshape(1, -1))
-            H = np.asarray(flat).T.reshape(K, n, 2 + len(p), 2).transpose(0, 3, 1, 2)
-            seen: Array = np.einsum("kcnx,knxq->kcnq", H[..., :2], Z) + H[..., 2:] @ own.T
-            return seen
-        size = np.maximum(np.max(np.abs(Z), axis=(0, 1, 2)), 1.0)
+        h, size = 1e-6, np.maximum(np.max(np.abs(Z), axis=(0, 1, 2)), 1.0)
         direction = np.moveaxis(Z / size, -1, 0)
-        h = 1e-6
-        up, down = (self.readings(p + s * own / size[:, None], states + s * direction) for s in (h, -h))
-        return np.moveaxis((up - down) / (2.0 * h), 0, -1) * size
+        seen = np.empty((len(own), *np.swapaxes(states, 1, 2).shape))
+        # readings depend on the parameters of the sensors alone, and the states do not depend on those
+        sensing = {f"{e.name}.{k}" for e in self.model.output_effects for k in e.parameters}
+        still = ~np.any(own * np.array([n in sensing for n in self.names], dtype=float), axis=1)
+        if np.any(still):
+            up, down = (self.readings(p, states + s * direction[still]) for s in (h, -h))
+            seen[still] = (up - down) / (2.0 * h)
+        for i in np.flatnonzero(~still):
+            step = h * own[i] / size[i]
+            up, down = (self.readings(self._inside(p + s * step), states) for s in (1.0, -1.0))
+            moved = np.linalg.norm(self._inside(p + step) - self._inside(p - step)) / np.linalg.norm(step)
+            seen[i] = (up - down) / (moved * h)
+        return np.moveaxis(seen, 0, -1) * size
 
-    @cached_property
-    def _read_slope(self) -> casadi.Function:
-        """(x, p, t) -> the columns of d reading / d (x, p) of sensors without memory."""
-        x, p, t = casadi.SX.sym("x", 2), casadi.SX.sym("p", len(self.names)), casadi.SX.sym("t")
-        reading = self._read_step[0](casadi.SX(0, 1), x, p, t)[1]
-        slope = casadi.densify(casadi.jacobian(reading, casadi.vertcat(x, p)))
-        return casadi.Function("read_slope", [x, p, t], [casadi.vec(slope)])
+    def _inside(self, p: Array) -> Array:
+        """p within the bounds of its parameters."""
+        known = self.model.parameters
+        low, high = np.array([known[n].bounds for n in self.names]).T
+        return np.clip(p, low, high)
 
     # all together --------------------------------------------------------------------------------------------
 
@@ -349,14 +327,3 @@ def _targets(record: Record, sensor: Sensor) -> tuple[Array, Array]:
         total[row, reading.index] += reading.value / reading.sd**2
         mass[row, reading.index] += reading.sd**-2
     return np.divide(total, mass, out=np.zeros_like(total), where=mass > 0.0), np.sqrt(mass)
-
-
-def _nested(flat: casadi.SX, sizes: Sequence[int]) -> tuple[tuple[casadi.SX, ...], ...]:
-    values = iter(casadi.vertsplit(flat)) if sum(sizes) else iter(())
-    return tuple(tuple(next(values) for _ in range(size)) for size in sizes)
-
-
-def _unit(i: int, n: int) -> casadi.DM:
-    unit = casadi.DM.zeros(n)
-    unit[i] = 1.0
-    return unit

@@ -139,3 +139,14 @@ class OutputEffect(Effect):
     @abstractmethod
     def read(self, reading: Reading, memory: Memory, t: Value, dt: float) -> tuple[Reading, Memory]:
         """The reading after this effect, and the memory for the next instant."""
+
+    def whole(self, reading: Reading, t: Array, dt: float) -> Reading:
+        """The readings (..., N+1) of a whole record after this effect; its parameters must be plain numbers."""
+        memory = self.rest(reading.theta[..., 0], reading.theta_dot[..., 0], dt)
+        if not memory:
+            return self.read(reading, memory, t, dt)[0]
+        seen = []
+        for k in range(reading.theta.shape[-1]):
+            now, memory = self.read(Reading(reading.theta[..., k], reading.theta_dot[..., k]), memory, t[..., k], dt)
+            seen.append(now)
+        return Reading(np.stack([r.theta for r in seen], axis=-1), np.stack([r.theta_dot for r in seen], axis=-1))

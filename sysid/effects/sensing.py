@@ -5,11 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+
 from sysid import ops
 from sysid.effects.dead_time import DeadTime
 from sysid.effects.effect import Memory, OutputEffect, Reading
 from sysid.ops import Value
 from sysid.parameters import parameter
+from sysid.records import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +90,22 @@ class SensorDelay(DeadTime, OutputEffect):
             theta = theta + x * (m_0 + x * (square + x * cube))
             theta_dot = theta_dot - x * (2.0 * square + 3.0 * x * cube) / dt
         return Reading(theta, theta_dot), states[: len(memory)]
+
+    def whole(self, reading: Reading, t: Array, dt: float) -> Reading:
+        """The readings (..., N+1) of a whole record: the one cubic that T reaches back to."""
+        c = min(int(self.T / dt), self.intervals(dt) - 1)
+        x = self.T / dt - c
+        first, speed = reading.theta[..., :1], reading.theta_dot[..., :1]
+        before = -dt * np.arange(c + 1, 0, -1)
+        theta = np.concatenate([first + before * speed, reading.theta], axis=-1)
+        theta_dot = np.concatenate([np.repeat(speed, c + 1, axis=-1), reading.theta_dot], axis=-1)
+        N = reading.theta.shape[-1]
+        theta_0, theta_1 = theta[..., 1 : 1 + N], theta[..., :N]
+        m_0, m_1 = -dt * theta_dot[..., 1 : 1 + N], -dt * theta_dot[..., :N]
+        d = theta_1 - theta_0
+        square, cube = 3.0 * d - 2.0 * m_0 - m_1, m_0 + m_1 - 2.0 * d
+        slope = m_0 + x * (2.0 * square + 3.0 * x * cube)
+        return Reading(theta_0 + x * (m_0 + x * (square + x * cube)), -slope / dt)
 
 
 @dataclass(frozen=True, eq=False)
