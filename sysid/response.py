@@ -11,7 +11,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import casadi
 import numpy as np
@@ -22,10 +21,12 @@ from sysid.records import Array, Record, check_records
 from sysid.sensor import Sensor
 
 Index = NDArray[np.intp]
+Mask = NDArray[np.bool_]
 CHANNELS = ("theta", "theta_dot")
 
 
-class Window(NamedTuple):
+@dataclass(frozen=True)
+class Window:
     """Instants begin ... begin + count of record number `record`; the first `lead` instants are not scored."""
 
     record: int
@@ -100,7 +101,8 @@ class Response:
         self.time = np.zeros((K, L + 1))
         self.y, self.weight = np.zeros((K, 2, L + 1)), np.zeros((K, 2, L + 1))
         targets = [_targets(r, self.sensor) for r in self.records]
-        for i, (record, begin, count, lead) in enumerate(self.windows):
+        for i, w in enumerate(self.windows):
+            record, begin, count, lead = w.record, w.begin, w.count, w.lead
             self.interval[i, :count] = first[record] + begin + np.arange(count)
             self.time[i] = self.records[record].t[0] + self.model.dt * (begin + np.arange(L + 1))
             value, weight = targets[record]
@@ -109,6 +111,11 @@ class Response:
             if begin + count < len(self.records[record]):
                 self.weight[i, :, count] = 0.0  # that instant is the next window's first
         self.n_readings = np.count_nonzero(self.weight, axis=(0, 2))
+
+    @cached_property
+    def scored(self) -> Mask:
+        """(K, L) whether the instant at an interval's end was read and is scored."""
+        return np.asarray(self.weight.max(axis=1)[:, 1:] > 0.0)
 
     @cached_property
     def starts(self) -> Array:
@@ -245,7 +252,8 @@ class Response:
             up, down = (self.readings(self._inside(p + s * step), states) for s in (1.0, -1.0))
             moved = np.linalg.norm(self._inside(p + step) - self._inside(p - step)) / np.linalg.norm(step)
             seen[i] = (up - down) / (moved * h)
-        return np.moveaxis(seen, 0, -1) * size
+        slopes: Array = np.moveaxis(seen, 0, -1) * size
+        return slopes
 
     def _inside(self, p: Array) -> Array:
         """p within the bounds of its parameters."""

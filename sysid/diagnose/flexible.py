@@ -1,6 +1,6 @@
 """Flexible probes: torques of no particular physics, to see what something unknown depends on.
 
-Each group is a set of smooth functions of one quantity (or two); together with the catalogue they are one family of tests.
+Each group is a set of smooth functions of one quantity (or two); with the catalogue they are one family of tests.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from scipy.interpolate import BSpline
 from sysid.diagnose.directions import Directions
 from sysid.diagnose.screen import Test
 from sysid.records import Array
-from sysid.response import Index
+from sysid.response import Index, Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ def bases(directions: Directions) -> dict[str, Array]:
     L = directions.response.length
     theta = 0.5 * (directions.theta[:, :L] + directions.theta[:, 1:])
     theta_dot = 0.5 * (directions.theta_dot[:, :L] + directions.theta_dot[:, 1:])
-    scored = directions.response.weight.any(axis=1)[:, 1:]
+    scored = directions.response.scored
     angles = _angles(theta, scored)
     moving = np.tanh(theta_dot / max(1e-6, 0.2 * float(np.std(theta_dot[scored]))))
     return {
@@ -75,7 +75,7 @@ def bases(directions: Directions) -> dict[str, Array]:
     }
 
 
-def _splines(x: Array, scored: Array, count: int) -> Array:
+def _splines(x: Array, scored: Mask, count: int) -> Array:
     """`count` cubic B-splines (..., count) over the range of x, knots at its quantiles; none where x hardly varies."""
     inside = x[scored] if np.any(scored) else x.ravel()
     low, high = float(np.min(inside)), float(np.max(inside))
@@ -91,7 +91,7 @@ def _splines(x: Array, scored: Array, count: int) -> Array:
     return values
 
 
-def _angles(theta: Array, scored: Array) -> Array:
+def _angles(theta: Array, scored: Mask) -> Array:
     """Splines over the angle: periodic where whole turns were made, else over the stretch that was seen."""
     inside = theta[scored]
     span = float(np.max(inside) - np.min(inside)) if inside.size else 0.0
@@ -107,7 +107,7 @@ def _angles(theta: Array, scored: Array) -> Array:
     return np.asarray(np.maximum(0.0, 1.0 - np.abs(apart) / width))
 
 
-def _times(directions: Directions, scored: Array, seconds: float = 0.5, most: int = 96) -> Array:
+def _times(directions: Directions, scored: Mask, seconds: float = 0.5, most: int = 96) -> Array:
     """Hats over the time of each record, `seconds` apart or wider."""
     response = directions.response
     records = response.records

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -141,7 +141,7 @@ def refit_windows(
     if near is not None:
         length *= 2
     while 2 * length < longest:
-        heads = [w._replace(count=min(w.count, w.lead + length)) for w in windows]
+        heads = [replace(w, count=min(w.count, w.lead + length)) for w in windows]
         starts = refit(Response(model, (), records, sensor, heads), starts, REFITS // 4).starts
         length *= 2
     return refit(Response(model, (), records, sensor, windows), starts)

@@ -165,4 +165,4 @@ def alikeness(a: Score, b: Score) -> float:
     Qa, Qb = (
         np.linalg.svd(s.z / np.maximum(np.linalg.norm(s.z, axis=0), 1e-300), full_matrices=False)[0] for s in (a, b)
     )
-    return float(min(1.0, np.linalg.norm(Qa.T @ Qb, 2)))
+    return min(1.0, float(np.linalg.norm(Qa.T @ Qb, 2)))

@@ -17,7 +17,7 @@ def whereabouts(fit: Fit, dependence: Dependence) -> str:
     """The stretch of the quantity over which most of the unexplained torque acts, in words."""
     on = dependence.depends_on[0]
     response, L = fit.response, fit.response.length
-    scored = response.weight.any(axis=1)[:, 1:]
+    scored = response.scored
     torque = dependence.torque[scored]
     if not torque.size:
         return ""

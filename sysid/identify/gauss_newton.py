@@ -1,4 +1,4 @@
-"""Gauss-Newton on windows of a log: a fit of a few hundredths of a second an iteration, at the horizon that a model can follow."""
+"""Gauss-Newton on windows of a log: hundredths of a second an iteration, at the horizon that a model can follow."""
 
 from __future__ import annotations
 
