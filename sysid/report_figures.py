@@ -1,0 +1,389 @@
+"""The pictures of a diagnosis, each a narrow Figure that a phone can show.
+
+fall       the held-out error step by step          rollout    readings, and the model before and after
+ranking    what the first round found, by class     course     residual torque over time, stretch by stretch
+over       residual torque over one quantity        maps       torque missing over the states, before and after
+"""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import TwoSlopeNorm
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+
+from sysid.diagnose.answer import Diagnosis
+from sysid.diagnose.compare import Trace
+from sysid.diagnose.held_out import Refit, error_of, lead_of, refit_windows
+from sysid.diagnose.residual_map import ResidualMap
+from sysid.diagnose.residual_torque import Followed, ResidualTorque
+from sysid.diagnose.touched import Touched
+from sysid.model import Model
+from sysid.plotting import BLUE, GREEN, GREY, LABEL, ORANGE, SKY, STYLE
+from sysid.records import Array, Record
+from sysid.response import CHANNELS, cut
+from sysid.sensor import Sensor
+
+WIDE, NARROW = 6.4, 4.3
+"""Widths [in]: of a column, and of half of one."""
+SPAN = 10.0
+"""Longest stretch [s] of a rollout, or of residual torque, in one panel."""
+ROWS = 8
+"""Stretches of residual torque at most."""
+MANY = 1500
+"""Points from which a picture in pixels is smaller than one of lines."""
+YELLOW = "#E69F00"
+
+
+def drawn(width: float, height: float, draw: Callable[[Axes], None]) -> Figure:
+    """A figure of one panel, in the style of all."""
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(width, height), layout="constrained")
+        draw(figure.add_subplot())
+    return figure
+
+
+# ---- the error -------------------------------------------------------------------------------------------------------
+
+
+def fall(answer: Diagnosis) -> Figure:
+    """The held-out error after each step, down to the noise; small dots are single windows of 1 s."""
+    return drawn(WIDE, 3.3, lambda axes: fall_in(axes, answer))
+
+
+def fall_in(axes: Axes, answer: Diagnosis) -> None:
+    """The same on given axes."""
+    steps = (*answer.conventions, *answer.steps)
+    values = [answer.base_error.ratio, *(s.error_after for s in steps)]
+    clouds = {0: answer.base_error} | ({len(steps): answer.error} if steps else {})
+    for x, error in clouds.items():
+        ratios = [w.ratio for w in error.windows if math.isfinite(w.ratio)]
+        ratios = ratios[:: max(1, len(ratios) // 200)]
+        shift = np.linspace(-0.16, 0.16, len(ratios)) if len(ratios) > 1 else np.zeros(len(ratios))
+        axes.plot(x + shift, ratios, ".", color=GREY, alpha=0.45, markersize=4.0, markeredgewidth=0.0, zorder=1)
+    axes.axhline(1.0, color=GREEN, linewidth=1.6, zorder=2)
+    axes.plot(values, color=BLUE, linewidth=2.2, marker="o", markersize=8.0, markeredgecolor="white", zorder=3)
+    for x, value in enumerate(values):
+        axes.annotate(
+            times(value),
+            (x, value),
+            (11, 5),
+            textcoords="offset points",
+            fontsize=11.0,
+            fontweight="bold",
+            color=BLUE,
+            zorder=4,
+        )
+    axes.set_xlim(-0.45, max(len(steps), 1) + 0.55)
+    axes.annotate(
+        "sensor noise: a perfect model",
+        (1.0, 1.0),
+        (0, -4),
+        xycoords=axes.get_yaxis_transform(),
+        textcoords="offset points",
+        ha="right",
+        va="top",
+        color=GREEN,
+        fontsize=8.5,
+    )
+    plain_log(axes)
+    labels = ["model\nas it came", *("+ " + s.effect.replace("_", "\n") for s in steps)]
+    axes.set_xticks(range(len(labels)), labels)
+    axes.tick_params(axis="x", length=0)
+    axes.set_ylabel("held-out error / sensor noise")
+
+
+def plain_log(axes: Axes) -> None:
+    """A logarithmic axis from below 1, with numbers that read as numbers."""
+    axes.set_yscale("log")
+    low, high = axes.get_ylim()
+    axes.set_ylim(min(low, 0.65), max(1.15 * high, 2.2))
+    few = axes.get_ylim()[1] < 30.0
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+
+
+def ranking(answer: Diagnosis, most: int = 9) -> Figure:
+    """The classes of the first round by what they would explain; a class is what this log cannot tell apart."""
+    rows: list[Any] = []
+    for r in answer.ranking:
+        if not any(r.effect in other.alike for other in rows):
+            rows.append(r)
+    rows = rows[:most]
+    added = {name for s in (*answer.steps, *answer.conventions) for name in s.alike}
+    labels = [textwrap.fill(", ".join(r.alike), 30) for r in rows]
+    return drawn(
+        WIDE,
+        0.75 + 0.3 * sum(0.55 + 0.45 * (1 + text.count("\n")) for text in labels),
+        lambda axes: _bars(axes, rows, labels, added),
+    )
+
+
+def _bars(axes: Axes, rows: Sequence[Any], labels: Sequence[str], added: set[str]) -> None:
+    scores = [max(r.score, 0.0) for r in rows]
+    reach = max([1.0, *scores])
+    colours = [BLUE if r.effect in added else SKY if r.p_value < 0.05 else "0.82" for r in rows]
+    axes.barh(range(len(rows)), scores, height=0.6, color=colours)
+    for k, r in enumerate(rows):
+        error = "" if r.error_after is None else f"error {times(r.error_after)};  "
+        axes.text(
+            max(r.score, 0.0) + 0.015 * reach, k, error + chance(r.p_value), va="center", fontsize=8.0, color="0.3"
+        )
+    axes.set_yticks(range(len(rows)), labels)
+    axes.set_ylim(len(rows) - 0.4, -0.6)
+    axes.set_xlim(0.0, 1.45 * reach)
+    axes.xaxis.set_major_locator(MaxNLocator(4))
+    axes.tick_params(axis="y", length=0)
+    axes.set_xlabel("squared error that it would explain, in units of the noise")
+
+
+# ---- a rollout -------------------------------------------------------------------------------------------------------
+
+
+class Course(NamedTuple):
+    """A stretch of a rollout: its name, instants t (n,) [s], and by channel readings and a model's answers (n,)."""
+
+    record: str
+    t: Array
+    readings: dict[str, Array]
+    model: dict[str, Array]
+    ratio: float
+
+
+def courses(models: Sequence[Model], records: Sequence[Record], sensor: Sensor) -> tuple[Course, ...]:
+    """Models on one stretch of at most 10 s: that which comes nearest to the median of the first model's errors."""
+    fits = [refit_windows(m, records, sensor, cut(records, SPAN, lead_of(m))) for m in models]
+    errors = [error_of(f, SPAN).windows for f in fits]
+    order = sorted(range(len(errors[0])), key=lambda i: np.nan_to_num(errors[0][i].ratio, nan=math.inf))
+    i = order[len(order) // 2]
+    return tuple(_course(f, i, e[i].ratio) for f, e in zip(fits, errors, strict=True))
+
+
+def _course(fit: Refit, i: int, ratio: float) -> Course:
+    response = fit.response
+    e, read = fit.lin.e.reshape(response.y.shape)[i], response.weight[i] > 0.0
+    at = read.any(axis=0)
+    readings, model = {}, {}
+    for row, channel in enumerate(CHANNELS):
+        if read[row].any():
+            left = np.divide(e[row], response.weight[i, row], out=np.full(len(at), np.nan), where=read[row])
+            y = np.where(read[row], response.y[i, row], np.nan)
+            readings[channel], model[channel] = y[at], (y - left)[at]
+    return Course(response.records[response.windows[i].record].name, response.time[i, at], readings, model, ratio)
+
+
+def rollout(paths: Sequence[Course], sensor: Sensor, names: Sequence[str], touched: Sequence[Touched] = ()) -> Figure:
+    """Readings against models, and under each channel what they leave, with the noise."""
+    channels = list(paths[0].readings)
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(WIDE, 0.6 + 2.75 * len(channels)), layout="constrained")
+        panels = figure.subplots(2 * len(channels), 1, sharex=True, height_ratios=[1.75, 1.0] * len(channels))
+        for channel, above, below in zip(channels, panels[::2], panels[1::2], strict=True):
+            course_in(above, paths, channel, names)
+            residual_in(below, paths, channel, float(getattr(sensor, channel)))
+        for axes in panels:
+            shade(axes, touched, paths[0].record)
+        panels[0].legend(ncols=3, loc="lower left", bbox_to_anchor=(-0.02, 1.0), fontsize=8.5, handlelength=1.6)
+        panels[-1].set_xlabel(f"time [s] of {plain(paths[0].record)}")
+        figure.align_ylabels(panels)
+    return figure
+
+
+def course_in(axes: Axes, paths: Sequence[Course], channel: str, names: Sequence[str]) -> None:
+    """One channel: readings as dots, models as lines; the frame follows the readings."""
+    t, y = paths[0].t, paths[0].readings[channel]
+    axes.plot(t, y, ".", color="0.45", markersize=3.5, label="readings", rasterized=len(t) > MANY)
+    for path, name, (colour, line, width) in zip(paths, names, _lines(len(paths)), strict=True):
+        label = f"{name}: {times(path.ratio)}"
+        axes.plot(t, path.model[channel], line, color=colour, linewidth=width, label=label)
+    low, high = float(np.nanmin(y)), float(np.nanmax(y))
+    room = 0.35 * max(high - low, 1e-9)
+    seen = [v for p in paths for v in p.model[channel] if math.isfinite(v)]
+    axes.set_ylim(max(low - room, min([low, *seen]) - 0.1 * room), min(high + room, max([high, *seen]) + 0.1 * room))
+    axes.set_ylabel(LABEL[channel])
+
+
+def residual_in(axes: Axes, paths: Sequence[Course], channel: str, sd: float) -> None:
+    """Readings less model, over the band of the noise."""
+    axes.axhspan(-2.0 * sd, 2.0 * sd, color=GREEN, alpha=0.22, linewidth=0.0)
+    size = 5.0 * sd
+    for path, (colour, _, _) in zip(paths, _lines(len(paths)), strict=True):
+        left = path.readings[channel] - path.model[channel]
+        axes.plot(path.t, left, color=colour, linewidth=1.0, rasterized=len(left) > MANY)
+        size = max(size, float(np.max(np.abs(left[np.isfinite(left)]), initial=0.0)))
+    size = min(size, 3.0 * float(np.nanstd(paths[0].readings[channel])) + 5.0 * sd)
+    axes.set_ylim(-1.1 * size, 1.1 * size)
+    axes.yaxis.set_major_locator(MaxNLocator(3, symmetric=True))
+    axes.set_ylabel("readings\nless model", fontsize=8.0)
+
+
+def _lines(count: int) -> tuple[tuple[str, str, float], ...]:
+    return ((ORANGE, "--", 1.4), (BLUE, "-", 1.6))[-count:]
+
+
+def shade(axes: Axes, touched: Sequence[Touched], record: str) -> None:
+    """Where something acted that no state of the joint explains."""
+    for t in touched:
+        if t.name == record:
+            axes.axvspan(t.t_begin, t.t_end, color=YELLOW, alpha=0.35, linewidth=0.0, zorder=0)
+
+
+def window(trace: Trace) -> Figure:
+    """One window of a comparison, by channel."""
+    channels = list(trace.readings)
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(NARROW, 0.6 + 1.6 * len(channels)), layout="constrained")
+        panels = figure.subplots(len(channels), 1, sharex=True, squeeze=False)[:, 0]
+        for channel, axes in zip(channels, panels, strict=True):
+            axes.plot(trace.t, trace.readings[channel], ".", color="0.45", markersize=4.0, label="readings")
+            axes.plot(trace.t, trace.model[channel], color=ORANGE, linewidth=1.6, label="model")
+            axes.set_ylabel(LABEL[channel])
+        panels[0].set_title(f"{plain(trace.error.record)}: {times(trace.error.ratio)} x noise", fontweight="normal")
+        panels[0].legend(fontsize=8.0)
+        panels[-1].set_xlabel(LABEL["time"])
+    return figure
+
+
+# ---- residual torque -------------------------------------------------------------------------------------------------
+
+
+class Stretch(NamedTuple):
+    """The samples first .. last - 1 of a record that a row shows."""
+
+    record: int
+    first: int
+    last: int
+
+
+def course(found: ResidualTorque, before: ResidualTorque | None = None) -> Figure:
+    """d over time, a row for each rollout (or 10 s of a long one); of more than eight, those that need most."""
+    rows = _stretches(found if found.present or before is None else before)
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(WIDE, 0.75 + 0.72 * len(rows)), layout="constrained")
+        panels = figure.subplots(len(rows), 1, sharey=True, squeeze=False)[:, 0]
+        longest = max(s.last - s.first for s in rows)
+        size = max(_size(found, rows), 0.0 if before is None else _size(before, rows))
+        for axes, (k, first, last) in zip(panels, rows, strict=True):
+            own = found.records[k]
+            axes.axhline(0.0, color="0.3", linewidth=0.7)
+            if before is not None:
+                _line(axes, before.records[k], first, last, ORANGE)
+            _line(axes, own, first, last, BLUE)
+            shade(axes, found.touched, own.name)
+            begin, dt = float(own.t[first]), float(own.t[1] - own.t[0])
+            axes.set_xlim(begin, begin + longest * dt)
+            axes.set_ylim(-1.1 * size, 1.1 * size)
+            axes.yaxis.set_major_locator(MaxNLocator(2, symmetric=True))
+            axes.tick_params(labelsize=7.5)
+            axes.text(1.0, 1.0, plain(own.name), transform=axes.transAxes, ha="right", va="top", fontsize=8.0,
+                      color="0.3", bbox={"facecolor": "white", "alpha": 0.6, "edgecolor": "none", "pad": 0.5})  # fmt: skip
+            if axes is not panels[-1] and len({s.first for s in rows}) == 1:
+                axes.set_xticklabels([])
+        panels[-1].set_xlabel(LABEL["time"])
+        figure.supylabel("torque beyond the model [N m]", fontsize=9.0)
+    return figure
+
+
+def _stretches(found: ResidualTorque) -> list[Stretch]:
+    pieces = []
+    for k, record in enumerate(found.records):
+        n, dt = len(record.d), float(record.t[1] - record.t[0])
+        edges = np.linspace(0, n, max(1, math.ceil(n * dt / (1.5 * SPAN))) + 1).astype(int)
+        pieces += [Stretch(k, int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    most = sorted(pieces, key=lambda s: -float(np.mean(found.records[s.record].d[s.first : s.last] ** 2)))[:ROWS]
+    return sorted(most)
+
+
+def _size(found: ResidualTorque, rows: Sequence[Stretch]) -> float:
+    d = np.concatenate([found.records[k].d[a:b] for k, a, b in rows])
+    sd = np.concatenate([found.records[k].sd[a:b] for k, a, b in rows])
+    return max(float(np.quantile(np.abs(d), 0.999)), 2.0 * float(np.median(sd)), 1e-9)
+
+
+def _line(axes: Axes, own: Followed, first: int, last: int, colour: str) -> None:
+    t, d, sd = own.t[first:last], own.d[first:last], 1.96 * own.sd[first:last]
+    many = len(t) > MANY
+    axes.fill_between(t, d - sd, d + sd, color=colour, alpha=0.25, linewidth=0.0, rasterized=many)
+    axes.plot(t, d, color=colour, linewidth=1.1, rasterized=many)
+
+
+def over(found: ResidualTorque, name: str, before: ResidualTorque | None = None, mark: bool = False) -> Figure:
+    """The mean of d over one quantity with its 95 % band; `mark`: where it peaks."""
+    return drawn(NARROW, 2.7, lambda axes: over_in(axes, found, name, before, mark))
+
+
+def over_in(
+    axes: Axes, found: ResidualTorque, name: str, before: ResidualTorque | None = None, mark: bool = False
+) -> None:
+    """The same on given axes."""
+    axes.axhline(0.0, color="0.3", linewidth=0.8)
+    for answer, colour in ((before, ORANGE), (found, BLUE)):
+        if answer is None:
+            continue
+        own = answer.over(name)
+        middle, seen = 0.5 * (own.edges[1:] + own.edges[:-1]), np.isfinite(own.mean)
+        half = 1.96 * own.sd
+        axes.fill_between(middle, own.mean - half, own.mean + half, color=colour, alpha=0.25, linewidth=0.0)
+        axes.plot(middle[seen], own.mean[seen], ".-", color=colour, markersize=5.0, linewidth=1.4)
+    if mark and found.present:
+        low, high = found.over(name).peak
+        axes.axvspan(low, high, color=YELLOW, alpha=0.25, linewidth=0.0, zorder=0)
+    axes.set_xlabel(LABEL[name] + (", 0 upright" if name == "theta" else ""))
+    axes.set_ylabel("mean torque beyond\nthe model [N m]")
+    axes.yaxis.set_major_locator(MaxNLocator(5))
+
+
+# ---- the map of the states -------------------------------------------------------------------------------------------
+
+
+def maps(found: Sequence[ResidualMap], titles: Sequence[str]) -> Figure:
+    """The torque missing over angle and speed, all on one scale; a dot: beyond what noise explains."""
+    seen = np.concatenate([np.abs(m.torque[np.isfinite(m.torque)]) for m in found])
+    largest = float(np.quantile(seen, 0.97)) if np.any(seen > 0.0) else 1.0
+    norm = TwoSlopeNorm(0.0, -largest or -1.0, largest or 1.0)
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(WIDE if len(found) > 1 else NARROW, 3.0), layout="constrained")
+        panels = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
+        for axes, own, title in zip(panels, found, titles, strict=True):
+            axes.set_facecolor("0.93")
+            image = axes.pcolormesh(own.theta, own.theta_dot, own.torque.T, cmap="PuOr", norm=norm, rasterized=True)
+            i, j = np.nonzero(own.significant)
+            middle = [0.5 * (edges[1:] + edges[:-1]) for edges in (own.theta, own.theta_dot)]
+            axes.plot(middle[0][i], middle[1][j], ".", color="0.1", markersize=3.0)
+            axes.set_xlabel(LABEL["theta"] + ", 0 upright")
+            axes.set_title(title, fontweight="normal")
+        panels[0].set_ylabel(LABEL["theta_dot"])
+        bar = figure.colorbar(image, ax=list(panels), pad=0.02, aspect=25, extend="both")
+        bar.set_label("torque missing [N m]")
+        bar.outline.set_visible(False)
+        bar.locator = MaxNLocator(5)
+        bar.update_ticks()
+    return figure
+
+
+# ---- words -----------------------------------------------------------------------------------------------------------
+
+
+def times(ratio: float) -> str:
+    """A multiple of the noise."""
+    if not math.isfinite(ratio):
+        return "beyond all bounds"
+    return f"{ratio:.2f}" if ratio < 9.995 else f"{ratio:.3g}" if ratio < 999.5 else f"{ratio:.0f}"
+
+
+def chance(p_value: float) -> str:
+    """How probable it is by chance."""
+    return f"p = {p_value:.2g}" if p_value >= 1e-4 else "p < 0.0001"
+
+
+def plain(name: str) -> str:
+    """A name that is no formula, and no longer than a panel."""
+    return (name if len(name) <= 40 else name[:18] + " ... " + name[-18:]).replace("$", r"\$")
