@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from sysid.diagnose.held_out import HeldOutError, finite
+from sysid.diagnose.touched import Touched
 from sysid.estimate import Estimate
 from sysid.model import Model
 from sysid.sensor import Sensor
@@ -91,6 +92,7 @@ class Diagnosis:
     remaining         what is left, where something is
     not_identifiable  groups of parameters and effects that this motion cannot separate
     ruled_out         {effect: size}: an effect above that size would have been found
+    touched           stretches of the log that no state of the joint explains, such as a hand's push
     held_out          names of the rollouts that no fit has seen; errors are theirs, in units of the sensor noise
     """
 
@@ -107,6 +109,7 @@ class Diagnosis:
     sensor: Sensor
     held_out: tuple[str, ...]
     estimate: Estimate
+    touched: tuple[Touched, ...]
     next_experiment: dict[str, Any] | None
     seconds: float
 
@@ -142,6 +145,7 @@ class Diagnosis:
             "remaining": None if self.remaining is None else self.remaining.to_dict(),
             "not_identifiable": [list(group) for group in self.not_identifiable],
             "ruled_out": self.ruled_out,
+            "touched": [{"record": t.name, "begin": t.t_begin, "end": t.t_end, "peak": t.peak} for t in self.touched],
             "next_experiment": self.next_experiment,
             "seconds": self.seconds,
         }
@@ -184,5 +188,7 @@ class Diagnosis:
                 f"  + {self._named(step)}: error {step.error_before:.3g} -> {step.error_after:.3g}, p = {step.p_value:.1g}"
                 + (f"; this log cannot tell it from {', '.join(step.alike[1:])}" if len(step.alike) > 1 else "")
             )
+        if self.touched:
+            lines.append(f"  no state of the joint explains {'; '.join(map(str, self.touched))}: a hand? leave it out")
         lines.extend(f"  cannot be told apart by this motion: {', '.join(group)}" for group in self.not_identifiable)
         return "\n".join(lines)

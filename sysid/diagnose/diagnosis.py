@@ -13,6 +13,7 @@ from sysid.diagnose.answer import Diagnosis, Ranked, Remaining, Step
 from sysid.diagnose.held_out import HeldOutError, held_out_error
 from sysid.diagnose.screen import alikeness
 from sysid.diagnose.search import LEAD, SAME, Round, Search
+from sysid.diagnose.touched import Touched
 from sysid.diagnose.whereabouts import whereabouts
 from sysid.effects import CATALOGUE, effect
 from sysid.errors import InvalidInput
@@ -108,6 +109,7 @@ class _Report:
             sensor=self.sensor,
             held_out=tuple(r.name for r in self.held_out),
             estimate=self.end.estimate(),
+            touched=self._touched() if remaining is not None else (),
             next_experiment=None,
             seconds=time.perf_counter() - began,
         )
@@ -171,6 +173,11 @@ class _Report:
         depends_on = self.last.flexible[structured[0]].depends_on if structured else ()
         where = whereabouts(self.end, self.last.flexible[structured[0]]) if structured else ""
         return Remaining(max(0.0, 1.0 - 1.0 / max(error.ratio, 1e-9) ** 2), depends_on, where)
+
+    def _touched(self) -> tuple[Touched, ...]:
+        from sysid.diagnose.residual_torque import residual_torque
+
+        return residual_torque(self.end.model, self.end.response.records, self.sensor).touched
 
     def _not_identifiable(self) -> tuple[tuple[str, ...], ...]:
         """Parameters that no log of this kind separates, and effects that the free parameters absorb."""

@@ -12,9 +12,9 @@ from scipy.stats import chi2
 from sysid.diagnose.directions import Directions
 from sysid.diagnose.flexible import Dependence, bases, dependences
 from sysid.diagnose.screen import Score, alikeness, holm, screen
-from sysid.effects import CATALOGUE
+from sysid.effects import CATALOGUE, Effect
 from sysid.identify.gauss_newton import Fit, fit_longest, fit_windows
-from sysid.records import Record
+from sysid.records import Array, Record
 
 LEVEL = 0.05
 """Family-wise error rate over all candidates and flexible probes of a round."""
@@ -277,14 +277,23 @@ def extend(fit: Fit, score: Score, full: Fit | None = None) -> Fit:
     those that the screen expects, its probes, and almost nothing, so that it does not end above the smaller fit.
     """
     assert score.best is not None
-    starts = [score.best.at(score.sizes), score.best.at(tuple(0.03 * size for size in score.sizes))]
-    starts += [probe for other in score.others for probe in other.probes]
-    own = [{f"{e.name}.{k}": float(p.value) for k, p in e.parameters.items()} for e in starts]
+    expected = score.best.at(score.sizes)
+    others = [score.best.at(tuple(0.03 * size for size in score.sizes))]
+    others += [probe for other in score.others for probe in other.probes]
     begun = [fit.solution.p]
     if full is not None:
         begun.append(np.array([full.solution.p[full.names.index(n)] for n in fit.names]))
+    best = _with(fit, [expected, *others], begun)
+    promised = 0.5 * score.lm * fit.variance
+    if fit.solution.lin.cost - best.solution.lin.cost < 0.3 * promised:
+        best = min(best, _with(fit, [expected], begun[:1]), key=lambda f: f.solution.lin.cost)
+    return best
+
+
+def _with(fit: Fit, effects: Sequence[Effect], begun: Sequence[Array]) -> Fit:
+    response, model = fit.response, fit.model.with_effect(effects[0])
+    own = [{f"{e.name}.{k}": float(p.value) for k, p in e.parameters.items()} for e in effects]
     p = [np.concatenate([numbers, list(values.values())]) for numbers in begun for values in own]
-    response, model = fit.response, fit.model.with_effect(starts[0])
     return fit_windows(model, (*fit.names, *own[0]), response.records, response.sensor, fit.horizon, p, fit, LEAD)
 
 

@@ -30,8 +30,8 @@ class TorqueBias(JointEffect):
 
 
 def _frequencies(extent: Extent) -> tuple[float, ...]:
-    """Every half of what the log can resolve, from one period in it up to 12 Hz or 0.8 times the Nyquist frequency."""
-    low, high = 1.0 / extent.duration, min(0.4 / extent.dt, 12.0)
+    """Every half of what the log can resolve, from two periods in it up to 12 Hz or 0.8 times the Nyquist frequency."""
+    low, high = 2.0 / extent.duration, min(0.4 / extent.dt, 12.0)
     count = int(2.0 * max(high - low, 0.0) * extent.duration) + 1
     return tuple(np.linspace(low, max(high, low), min(count, _MOST_FREQUENCIES)).tolist())
 
