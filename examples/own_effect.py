@@ -26,7 +26,7 @@ class Magnet(sysid.JointEffect):
 
     formula = "tau = -k d exp((1 - d^2) / 2), d = (theta - place) / 0.3 rad"
     k: float = sysid.parameter(0.0, unit="N m", bounds=(-10.0, 10.0), neutral=0.0)
-    place: float = sysid.parameter(0.0, unit="rad", bounds=(-7.0, 7.0), probe=tuple(np.arange(-3.0, 3.2, 0.3).tolist()))
+    place: float = sysid.parameter(0.0, unit="rad", bounds=(-7.0, 7.0), probe=tuple(np.arange(-3.0, 3.2, 0.4).tolist()))
 
     def torque(self, joint: sysid.Joint) -> ops.Value:
         """The pull [N m]."""
@@ -35,11 +35,11 @@ class Magnet(sysid.JointEffect):
 
 
 def log(seed: int = 1) -> list[sysid.Record]:
-    """Eight simulated swings of a pendulum with a magnet beside its path."""
+    """Four simulated swings of a pendulum with a magnet beside its path."""
     rng = np.random.default_rng(seed)
     truth = sysid.Model(sysid.PointMassPendulum(m=1.0, l=0.5), (Magnet(k=0.3, place=2.1),), sysid.RK4(10), dt=0.02)
-    u = np.stack([multisine(rng, 400, truth.dt, 3.0, 1.5) for _ in range(8)])
-    return sysid.simulate(truth, u, np.full(8, math.pi), np.zeros(8)).measure(sysid.Sensor(0.003, 0.05), rng)
+    u = np.stack([multisine(rng, 300, truth.dt, 3.0, 1.5) for _ in range(4)])
+    return sysid.simulate(truth, u, np.full(4, math.pi), np.zeros(4)).measure(sysid.Sensor(0.003, 0.05), rng)
 
 
 def main() -> None:

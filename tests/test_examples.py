@@ -5,7 +5,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+import sysid
+from sysid.excitation import multisine
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
@@ -83,3 +87,38 @@ def test_published_runs_refuses_settings_that_cannot_be():
     done = run("published_runs.py", "--steps", "0")
     assert done.returncode == 2
     assert "positive number" in done.stderr
+
+
+def test_own_effect():
+    done = run("own_effect.py")
+    assert done.returncode == 0, done.stderr
+    without, found = done.stdout.split("with:")
+    assert "unknown: " in without
+    assert "\nmissing: magnet (k = 0.30" in found
+
+
+def test_real_log(tmp_path):
+    """On a log that names its columns as the public ones do, from the hanging position."""
+    truth = sysid.Model(sysid.GeneralJoint(J=0.15, G=3.0), (sysid.Coulomb(0.15),), dt=0.01)
+    rng = np.random.default_rng(3)
+    u = multisine(rng, 1200, truth.dt, 3.0, 2.0)
+    (record,) = sysid.simulate(truth, u, 3.0, 0.0).measure(sysid.Sensor(0.002, 0.05), rng)
+    table = np.column_stack([record.t, record.theta - np.pi, record.theta_dot, np.append(record.u, 0.0)])
+    header = "time_s,angle_rad,velocity_rad_s,torque_meas_Nm"
+    np.savetxt(tmp_path / "rig.csv", table, "%.8g", ",", header=header, comments="")
+    (tmp_path / "rig.json").write_text('{"sign_convention": "angle 0 = hanging down"}')
+    done = run("real_log.py", str(tmp_path / "rig.csv"), "--out", str(tmp_path / "results"))
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("$ python -m sysid") == 4
+    assert "--zero hanging" in done.stdout
+    assert "\nmissing: coulomb" in done.stdout
+    for figure in ("before.png", "after.png"):
+        assert (tmp_path / "results" / figure).read_bytes().startswith(b"\x89PNG")
+
+
+def test_real_log_refuses_what_is_no_log(tmp_path):
+    assert "no such file" in run("real_log.py", str(tmp_path / "absent.csv")).stderr
+    (tmp_path / "notes.csv").write_text("name,colour\nbob,red\n")
+    done = run("real_log.py", str(tmp_path / "notes.csv"), "--out", str(tmp_path))
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: notes.csv has no t: found name, colour")
