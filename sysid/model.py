@@ -226,7 +226,11 @@ class Model:
 
     def sensing(self, theta: Value, theta_dot: Value) -> tuple[Memory, ...]:
         """The memory of each output effect for a joint that has come to this state at constant speed."""
-        return tuple(e.rest(theta, theta_dot, self.dt) for e in self.output_effects)
+        reading, memories = Reading(theta, theta_dot), list[Memory]()
+        for e in self.output_effects:
+            memories.append(e.rest(*reading, self.dt))
+            reading, _ = e.read(reading, memories[-1], 0.0, self.dt)
+        return tuple(memories)
 
     def read(
         self, theta: Value, theta_dot: Value, sensing: tuple[Memory, ...] = (), t: Value = 0.0
