@@ -1,0 +1,301 @@
+"""Responses: exact derivatives, every reading scored once, and the motion that the simulator makes."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from sysid import (
+    CATALOGUE,
+    RK4,
+    Delay,
+    Effect,
+    InvalidInput,
+    Lag,
+    Model,
+    Record,
+    RodPendulum,
+    SemiImplicitEuler,
+    Sensor,
+    SensorDelay,
+    Stamp,
+    VelocityGain,
+    Viscous,
+    simulate,
+)
+from sysid.excitation import multisine
+from sysid.response import CHANNELS, Response, cut, propagate, stretches
+
+DT = 0.02
+BOTH = Sensor(0.003, 0.05)
+SENSORS = {"both": BOTH, "angles": Sensor(0.003), "speeds": Sensor(None, 0.05), "start angle": Sensor(None, 0.05, 0.01)}
+
+
+def rod(*effects: Effect) -> Model:
+    return Model(RodPendulum(m=1.0, l=0.9), effects, dt=DT)
+
+
+def logs(model: Model, lengths: tuple[int, ...] = (61, 48), seed: int = 3, sensor: Sensor = BOTH) -> list[Record]:
+    rng = np.random.default_rng(seed)
+    found = []
+    for i, n in enumerate(lengths):
+        u = multisine(rng, n, model.dt, 2.0, 3.0)
+        run = simulate(model, u, math.pi + 0.4 * (-1) ** i, 0.3)
+        found += run.measure(sensor, rng)
+    return found
+
+
+def differences(response: Response, p: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """-d residual / d starts (K, R, 2) and / d p (K, R, P), by central differences."""
+
+    def slope(dp: np.ndarray, dx: np.ndarray, h: float) -> np.ndarray:
+        up, down = (response.residual(p + s * h * dp, starts + s * h * dx) for s in (1.0, -1.0))
+        return (down - up) / (2.0 * h)
+
+    still, unmoved = np.zeros(len(p)), np.zeros(2)
+    own = [slope(one, unmoved, 1e-6 * max(1.0, abs(v))) for one, v in zip(np.eye(len(p)), p, strict=True)]
+    return np.stack([slope(still, x, 1e-6) for x in np.eye(2)], axis=-1), np.stack(own, axis=-1)
+
+
+def assert_exact(response: Response, p: np.ndarray, starts: np.ndarray) -> None:
+    lin = response.linearise(p, starts)
+    np.testing.assert_allclose(lin.e, response.residual(p, starts), atol=1e-12)
+    for exact, by_differences in zip((lin.S_x, lin.S_p), differences(response, p, starts), strict=True):
+        size = np.max(np.abs(by_differences), axis=(0, 1))
+        assert np.all(np.max(np.abs(exact - by_differences), axis=(0, 1)) <= 2e-4 * size + 1e-6)
+
+
+def nudged(response: Response) -> np.ndarray:
+    """Starts off the readings, off the kinks and at no speed that is exactly 0."""
+    rng = np.random.default_rng(8)
+    return response.starts + rng.normal(0.0, [0.02, 0.1], response.starts.shape)
+
+
+@pytest.mark.parametrize("horizon", [0.4, math.inf], ids=["windows", "whole rollouts"])
+def test_derivatives_are_exact_for_every_effect(effect: Effect, horizon: float) -> None:
+    model = rod(effect)
+    p = np.array([q.value for q in model.parameters.values()])
+    records = logs(model)
+    for sensor in (BOTH, SENSORS["angles"], SENSORS["speeds"]):
+        response = Response(model, tuple(model.parameters), records, sensor, cut(records, horizon, 0.1))
+        assert_exact(response, p, nudged(response))
+
+
+def test_every_effect_of_the_catalogue_was_differentiated() -> None:
+    from tests.sysid.conftest import EFFECTS
+
+    assert set(EFFECTS) == set(CATALOGUE)
+
+
+@pytest.mark.parametrize("integrator", [RK4(substeps=1), SemiImplicitEuler(theta_dot_max=8.0)])
+def test_derivatives_are_exact_for_all_effects_at_once(
+    all_effects: tuple[Effect, ...], integrator: RK4 | SemiImplicitEuler
+) -> None:
+    model = Model(RodPendulum(m=1.0, l=0.9), all_effects, integrator, dt=DT)
+    records = logs(model)
+    response = Response(model, tuple(model.parameters), records, BOTH, cut(records, 0.6, 0.1))
+    assert_exact(response, np.array([q.value for q in model.parameters.values()]), nudged(response))
+
+
+def test_some_parameters_may_be_free_or_none(effect: Effect) -> None:
+    model = rod(effect)
+    records, names = logs(model), tuple(model.parameters)
+    p = np.array([q.value for q in model.parameters.values()])
+    windows = cut(records, 0.5)
+    every = Response(model, names, records, BOTH, windows)
+    full = every.linearise(p, every.starts)
+    last = Response(model, names[-1:], records, BOTH, windows).linearise(p[-1:], every.starts)
+    none = Response(model, (), records, BOTH, windows).linearise(p[:0], every.starts)
+    for lin in (last, none):
+        np.testing.assert_allclose(lin.e, full.e, atol=1e-9)
+        np.testing.assert_allclose(lin.S_x, full.S_x, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(last.S_p, full.S_p[..., -1:], rtol=1e-6, atol=1e-6)
+    assert none.S_p.shape[-1] == 0
+
+
+LENGTHS = (1, 2, 37, 100, 151)
+
+
+@pytest.mark.parametrize("length", [0.02, 0.05, 0.3, 0.5, 1.0, math.inf])
+@pytest.mark.parametrize("lead", [0.0, 0.07, 10.0])
+def test_windows_tile_the_records(length: float, lead: float) -> None:
+    records = logs(rod(), LENGTHS)
+    windows = cut(records, length, lead)
+    for i, record in enumerate(records):
+        own = [w for w in windows if w.record == i]
+        scored = [(w.begin + w.lead, w.begin + w.count) for w in own]
+        assert scored[0][0] == 0 and scored[-1][1] == len(record)
+        assert all(end == begin for (_, end), (begin, _) in pairwise(scored))
+        counts = [end - begin for begin, end in scored]
+        assert max(counts) - min(counts) <= 1
+        shortest = min(2.0 / 3.0 * length / DT, len(record))
+        assert min(counts) >= math.floor(shortest)
+        assert len(own) == 1 or max(counts) <= math.ceil(1.5 * length / DT)
+        assert [w.lead for w in own] == [min(w.begin + w.lead, math.ceil(lead / DT - 1e-9)) for w in own]
+
+
+@pytest.mark.parametrize("sensor", SENSORS.values(), ids=SENSORS.keys())
+@pytest.mark.parametrize("length", [0.3, math.inf])
+@pytest.mark.parametrize("lead", [0.0, 0.1])
+def test_every_reading_is_scored_once(sensor: Sensor, length: float, lead: float) -> None:
+    records = logs(rod(), LENGTHS, sensor=sensor)
+    response = Response(rod(), ("m",), records, sensor, cut(records, length, lead))
+    times = [np.zeros((2, len(r) + 1)) for r in records]
+    for window, weight, value in zip(response.windows, response.weight, response.y, strict=True):
+        at = slice(window.begin, window.begin + window.count + 1)
+        seen = weight[:, : window.count + 1] > 0.0
+        times[window.record][:, at] += seen
+        assert not np.any(weight[:, : window.lead]) and not np.any(weight[:, window.count + 1 :])
+        for row, channel in enumerate(CHANNELS):
+            readings = getattr(records[window.record], channel)
+            if np.any(seen[row]):
+                whole = np.zeros(len(records[window.record]) + 1)
+                whole[: len(readings)] = readings
+                np.testing.assert_allclose(value[row, : window.count + 1][seen[row]], whole[at][seen[row]])
+    for record, count in zip(records, times, strict=True):
+        for row, channel in enumerate(CHANNELS):
+            readings = getattr(record, channel)
+            expected = np.arange(len(record) + 1) < (0 if readings is None else len(readings))
+            np.testing.assert_array_equal(count[row], expected)
+    total = [sum(len(getattr(r, c)) for r in records if getattr(r, c) is not None) for c in CHANNELS]
+    np.testing.assert_array_equal(response.n_readings, total)
+
+
+def test_two_readings_of_an_instant_average() -> None:
+    record = logs(rod(), (50,))[0]
+    assert record.theta_dot is not None
+    twice = Record(record.t, record.u, record.theta, record.theta_dot[:-1], record.theta_dot[1:] + 0.1)
+    response = Response(rod(), ("m",), [twice], BOTH, cut([twice]))
+    np.testing.assert_allclose(response.y[0, 1, 1:-1], record.theta_dot[1:-1] + 0.05)
+    np.testing.assert_allclose(response.weight[0, 1] * BOTH.theta_dot, [1.0, *[math.sqrt(2.0)] * 49, 1.0])
+
+
+SIGNAL = {
+    "nothing": (),
+    "stamped early": (Stamp(s=-0.6),),
+    "stamped late": (Stamp(s=0.4), Lag(T=0.03)),
+    "delayed, lagged, read late": (Delay(T=0.047), Lag(T=0.03), SensorDelay(T=0.033), VelocityGain(c=1.1)),
+}
+
+
+@pytest.mark.parametrize("name", [*SIGNAL, "all effects"])
+def test_the_nominal_trajectory_is_the_simulation(name: str, all_effects: tuple[Effect, ...]) -> None:
+    model = rod(*SIGNAL.get(name, all_effects))
+    rng = np.random.default_rng(2)
+    u = np.array([multisine(rng, 80, DT, 2.0, 3.0) for _ in range(3)])
+    run = simulate(model, u, math.pi + rng.uniform(-1.0, 1.0, 3), rng.normal(0.0, 1.0, 3))
+    records = [Record(run.t, *row) for row in zip(run.u, run.theta_read, run.theta_dot_read, strict=True)]
+    truth = np.stack([run.theta, run.theta_dot], axis=-1)
+    p = np.array([q.value for q in model.parameters.values()])
+
+    whole = Response(model, tuple(model.parameters), records, BOTH, cut(records))
+    lin = whole.linearise(p, truth[:, 0])
+    np.testing.assert_allclose(lin.states, truth, atol=1e-11)
+    assert np.max(np.abs(lin.e)) < 1e-8, "readings are not those of the simulation"
+
+    windows = Response(model, tuple(model.parameters), records, BOTH, cut(records, 0.4, 0.2))
+    starts = np.array([truth[w.record, w.begin] for w in windows.windows])
+    states = windows.states(p, starts, windows.drives(p)[0])
+    for w, own in zip(windows.windows, states, strict=True):
+        np.testing.assert_allclose(own[: w.count + 1], truth[w.record, w.begin : w.begin + w.count + 1], atol=1e-11)
+    if name != "all effects":  # a play's memory outlasts any lead-in
+        assert np.max(np.abs(windows.residual(p, starts))) < 1e-8, "the lead-in does not fill the memories"
+
+
+def test_readings_that_no_window_holds_do_not_matter() -> None:
+    """Padding and lead-in: neither residuals nor derivatives."""
+    records = logs(rod(), (100, 33))
+    response = Response(rod(), ("m", "l"), records, BOTH, cut(records, math.inf, 0.2))
+    lin = response.linearise(np.array([1.0, 0.9]), response.starts)
+    padded = response.weight.reshape(2, -1) == 0.0
+    assert np.count_nonzero(padded) == 2 * 67
+    assert not np.any(lin.e[padded]) and not np.any(lin.S_p[padded]) and not np.any(lin.S_x[padded])
+
+
+@pytest.mark.parametrize(("K", "L"), [(1, 1), (1, 16), (1, 37), (2, 400), (3, 257), (60, 20), (9, 72)])
+@pytest.mark.parametrize("initial", [True, False])
+def test_propagation_is_the_plain_recursion(K: int, L: int, initial: bool) -> None:
+    rng = np.random.default_rng(K + L)
+    A = np.eye(2) + 0.1 * rng.standard_normal((K, L, 2, 2))
+    G = rng.standard_normal((K, L, 2, 3))
+    Z = np.zeros((K, L + 1, 2, 5))
+    Z[:, 0, :, :2] = np.eye(2)
+    for k in range(L):
+        Z[:, k + 1] = A[:, k] @ Z[:, k]
+        Z[:, k + 1, :, 2:] += G[:, k]
+    np.testing.assert_allclose(propagate(A, G, initial), Z[..., 0 if initial else 2 :], rtol=1e-9, atol=1e-9)
+
+
+def test_propagation_of_no_parameter_is_the_transition() -> None:
+    A = np.random.default_rng(0).standard_normal((2, 5, 2, 2))
+    Z = propagate(A, np.zeros((2, 5, 2, 0)))
+    np.testing.assert_allclose(Z[:, -1], A[:, 4] @ A[:, 3] @ A[:, 2] @ A[:, 1] @ A[:, 0])
+
+
+def test_growth_is_that_of_an_initial_error() -> None:
+    """About the upright rod an error grows as cosh(sqrt(3 g / (2 l)) t), its speed by that root more."""
+    model = Model(RodPendulum(m=1.0, l=0.9, g=9.81), dt=DT)
+    record = Record(DT * np.arange(101), np.zeros(100), np.zeros(101), np.zeros(101))
+    lin = Response(model, ("m",), [record], BOTH, cut([record])).linearise(np.ones(1), np.zeros((1, 2)))
+    rate = math.sqrt(1.5 * 9.81 / 0.9)
+    assert lin.growth == pytest.approx(rate * math.sinh(2.0 * rate), rel=1e-4)
+
+
+def test_stretches_add_up_and_clusters_cover_the_log() -> None:
+    records = logs(rod(), (100, 151))
+    response = Response(rod(), ("m",), records, BOTH, cut(records, 1.0))
+    for at_least in (4, 30):
+        clusters = response.clusters(1.0, at_least)
+        assert clusters.shape == (response.weight.size,)
+        scored = response.weight.ravel() > 0.0
+        assert len(np.unique(clusters[scored])) >= min(at_least, int(5.02 / (4.0 * DT)) - 2)
+        values = np.random.default_rng(0).standard_normal((len(clusters), 2))
+        sums = stretches(values, clusters)
+        expected = [values[clusters == c].sum(axis=0) for c in np.unique(clusters)]
+        np.testing.assert_allclose(sums, expected)
+        owner = np.repeat([w.record for w in response.windows], response.weight[0].size)
+        assert all(len(np.unique(owner[clusters == c])) == 1 for c in np.unique(clusters)), (
+            "stretches end with a record"
+        )
+
+
+def test_a_clusters_readings_are_near_in_time_however_the_log_is_cut() -> None:
+    records = logs(rod(), (150,))
+    spans = []
+    for length in (0.5, math.inf):
+        response = Response(rod(), ("m",), records, BOTH, cut(records, length))
+        scored = response.weight > 0.0
+        time = np.broadcast_to(response.time[:, None], scored.shape)[scored]
+        clusters = response.clusters()[scored.ravel()]
+        spans.append(sorted((time[clusters == c].min(), time[clusters == c].max()) for c in np.unique(clusters)))
+    np.testing.assert_allclose(spans[0], spans[1])
+
+
+def test_inputs_stay_as_they_are() -> None:
+    model = rod(Viscous(b=0.1), Delay(T=0.03))
+    records = logs(model)
+    kept = [(r.t.copy(), r.u.copy(), np.array(r.theta), np.array(r.theta_dot)) for r in records]
+    response = Response(model, ("m", "viscous.b", "delay.T"), records, BOTH, cut(records, 0.5))
+    p, starts = np.array([1.0, 0.1, 0.03]), response.starts.copy()
+    once, again = response.linearise(p, starts), response.linearise(p, starts)
+    np.testing.assert_array_equal(p, [1.0, 0.1, 0.03])
+    np.testing.assert_array_equal(starts, response.starts)
+    np.testing.assert_array_equal(once.S_p, again.S_p)
+    for record, (t, u, theta, theta_dot) in zip(records, kept, strict=True):
+        for now, before in zip(
+            (record.t, record.u, record.theta, record.theta_dot), (t, u, theta, theta_dot), strict=True
+        ):
+            np.testing.assert_array_equal(now, before)
+
+
+def test_what_does_not_fit_together_is_said() -> None:
+    records = logs(rod())
+    other = Model(RodPendulum(), dt=0.05)
+    with pytest.raises(InvalidInput, match="sampled every"):
+        Response(other, ("m",), records, BOTH, cut(records))
+    with pytest.raises(InvalidInput, match="no theta_dot readings"):
+        angles = logs(rod(), sensor=SENSORS["angles"])
+        Response(rod(), ("m",), angles, BOTH, cut(angles))
