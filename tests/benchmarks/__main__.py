@@ -1,7 +1,6 @@
 """python -m tests.benchmarks: run methods on columns of hidden-effect cases and print the score table.
 
-Answers are kept in --out, one JSON line a case; a run that was stopped goes on where it was. Delete a method's file
-there to ask it again.
+Answers are kept in --out, one JSON line a case; a run that was stopped goes on where it was.
 """
 
 from __future__ import annotations
@@ -25,22 +24,26 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--methods", nargs="+", choices=tuple(METHODS), default=list(METHODS), metavar="METHOD")
     parser.add_argument("--seeds", nargs="+", type=int, default=[0], help="each makes up all cases anew")
     parser.add_argument("--every", type=int, default=1, help="take a sample, about one case in so many")
+    parser.add_argument("--only", default="", metavar="TEXT", help="only cases whose key contains TEXT")
+    parser.add_argument(
+        "--again", action="store_true", help="ask again what is answered already (a method has changed)"
+    )
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path("results/hidden_effects"))
     parser.add_argument("--table", action="store_true", help="run nothing, print what is there")
     parser.add_argument("--wrong", action="store_true", help="list the cases that were answered wrongly")
     given = parser.parse_args(arguments)
     cases = [c for name in given.columns for seed in given.seeds for c in COLUMNS[name](seed)]
-    cases = [c for c in cases if zlib.crc32(c.key.encode()) % given.every == 0]
+    cases = [c for c in cases if given.only in c.key and zlib.crc32(c.key.encode()) % given.every == 0]
     store, began = Store(given.out), time.perf_counter()
     if not given.table:
-        for case, done, of in run(cases, given.methods, store, given.workers):
+        for case, done, of in run(cases, given.methods, store, given.workers, given.again):
             print(f"\r{done}/{of}  {time.perf_counter() - began:.0f} s  {case.key:80s}", end="", file=sys.stderr)
         print(file=sys.stderr)
     prepared = store.read("decidability")
     answers = {m: store.answers(m) for m in given.methods}
     for rule in RULES:
-        print(f"\n{rule}:\n{table(cases, answers, prepared, rule)}")
+        print(f"\n{rule}:\n\n{table(cases, answers, prepared, rule)}")
     if given.wrong:
         for method, own in answers.items():
             for name, part in columns(cases).items():

@@ -187,7 +187,8 @@ class Motions:
 def decide(world: World, effect: str, beside: str | None = None) -> Decidability:
     """Evidence for a hidden effect of a world against no effect, and against every rival.
 
-    beside: another hidden effect, which the model already has, in the shape and size that explain most.
+    beside: another hidden effect, which the model already has, in the shape and size that explain most. A single
+    effect that could stand for both is a rival too.
     """
     from tests.benchmarks.rivals import rivals
 
@@ -202,7 +203,9 @@ def decide(world: World, effect: str, beside: str | None = None) -> Decidability
     rows = motions.rows([truth, *members])
     least = [_left(motions.base, r, rows[0][0]) for r in rows[1:]]
     others = {k: v for k, v in families.items() if k != own}
-    return weigh(motions, effect, truth, moving, others, rows[1 + int(np.argmin(least))])
+    apart = weigh(motions, effect, truth, moving, others, rows[1 + int(np.argmin(least))])
+    alone = weigh(motions, "", truth, moving, families)
+    return Decidability(apart.evidence, apart.rivals | {f"{alone.worst} alone": alone.rivals[alone.worst]})
 
 
 def _left(base: Array, more: Array, z: Array) -> float:
@@ -257,17 +260,20 @@ def _least(z: Array, rows: Array, family: Family) -> float:
     return float(np.min(np.sum((miss - share[:, None] * along) ** 2, axis=1)))
 
 
-def scaled(world: World, effect: str, aim: float, tries: int = 5) -> tuple[World, Decidability]:
+def scaled(world: World, effect: str, aim: float, tries: int = 8) -> tuple[World, Decidability]:
     """The world with its effect shrunk or grown until the least lambda is near `aim`."""
+    size, below, above = 1.0, 1e-4, 10.0
     best: tuple[World, Decidability] | None = None
     for _ in range(tries):
-        found = decide(world, effect)
-        if best is None or abs(np.log(found.least / aim)) < abs(np.log(best[1].least / aim)):
-            best = (world, found)
-        if 0.9 * aim < found.least < 1.15 * aim:
+        now = dataclasses.replace(world, numbers=resized(world, size))
+        found = decide(now, effect)
+        if best is None or abs(found.least - aim) < abs(best[1].least - aim):
+            best = (now, found)
+        if 0.85 * aim < found.least < 1.2 * aim:
             break
-        factor = float(np.clip(np.sqrt(aim / max(found.least, 1e-6)), 0.03, 10.0))
-        world = dataclasses.replace(world, numbers=resized(world, factor))
+        below, above = (size, above) if found.least < aim else (below, size)
+        guess = size * np.sqrt(aim / max(found.least, 1e-9))
+        size = float(guess if 1.1 * below < guess < 0.9 * above else np.sqrt(below * above))
     assert best is not None
     return best
 

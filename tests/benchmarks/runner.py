@@ -90,13 +90,16 @@ def restored(row: Row) -> Answer:
     return Answer(**row)
 
 
-def run(cases: Sequence[Case], methods: Sequence[str], store: Store, workers: int) -> Iterator[tuple[Case, int, int]]:
-    """Answer what is not in the store yet; yields each case as it is done, how many are done and how many there are."""
+def run(
+    cases: Sequence[Case], methods: Sequence[str], store: Store, workers: int, again: bool = False
+) -> Iterator[tuple[Case, int, int]]:
+    """Answer what is not in the store yet, or all again; yields each case as it is done, how many are done, and of how
+    many."""
     unknown = [m for m in methods if m not in METHODS]
     if unknown:
         raise KeyError(f"unknown method {unknown[0]!r}: expected some of {', '.join(METHODS)}")
     known = store.read("decidability")
-    done = {m: store.read(m) for m in methods}
+    done: dict[str, Row] = {m: {} if again else store.read(m) for m in methods}
     open_cases = [(c, [m for m in methods if c.key not in done[m]]) for c in cases]
     open_cases = [(c, own) for c, own in open_cases if own]
     os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")  # inherited: the processes are the parallelism
