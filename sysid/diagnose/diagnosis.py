@@ -177,7 +177,9 @@ class _Report:
     def _touched(self) -> tuple[Touched, ...]:
         from sysid.diagnose.residual_torque import residual_torque
 
-        return residual_torque(self.end.model, self.end.response.records, self.sensor).touched
+        # what the readings scatter about the fit: a vibration that no rigid joint makes would hide every hand
+        sensor = Sensor(**self.end.residual_sd())
+        return residual_torque(self.end.model, self.end.response.records, sensor).touched
 
     def _not_identifiable(self) -> tuple[tuple[str, ...], ...]:
         """Parameters that no log of this kind separates, and effects that the free parameters absorb."""

@@ -37,6 +37,9 @@ CLOSE = 3.0
 EXPLAINS = 0.35
 """Share of what flexible torques explain that an effect must explain; below, it only imitates something unknown."""
 
+MOST = 0.8
+"""Share of the same from which an effect is more than an imitation."""
+
 MOST_STEPS = 6
 MOST_REFITS = 4
 
@@ -114,6 +117,7 @@ class Search:
     names: Iterable[str] | None = None
     additions: list[Addition] = field(default_factory=list)
     rounds: list[Round] = field(default_factory=list)
+    taken_back: set[str] = field(default_factory=set)
     first_trials: list[Trial] = field(default_factory=list)
     first_choice: str = ""
     reviewed_at: float = math.inf
@@ -156,7 +160,7 @@ class Search:
             score = now.scores[name]
             if len(found) >= MOST_REFITS or (found and score.lm < 0.5 * best):
                 break
-            if any(twins(score, t.score) for t in found):
+            if name in self.taken_back or any(twins(score, t.score) for t in found):
                 continue
             score = self._representative(score, now)
             found.append(Trial(score.name, extend(now.fit, score, full), score, now.adjusted[score.name]))
@@ -235,21 +239,25 @@ class Search:
     def _prune(self, now: Round) -> Fit:
         """Where something unknown remains: take back the effects that only imitated it.
 
-        Those are the ones that differ from neutral no longer once a flexible torque of the unknown's kind acts too.
+        Those are the ones that differ from neutral no longer once a flexible torque of the unknown's kind acts too, and
+        that explain less than most of what such a torque would explain in their place.
         """
         if not now.structured:
             return now.fit
+        kind = now.structured[0]
         directions = Directions(now.fit)
-        torque = bases(directions)[now.structured[0]]
+        torque = bases(directions)[kind]
         for addition in reversed(self.additions):
-            own = [
-                f"{addition.name}.{p.name}"
-                for p in CATALOGUE[addition.name]().parameters.values()
-                if p.neutral is not None
-            ]
-            if chi2.sf(directions.beside(torque, own), len(own)) > LEVEL / 10.0:
+            magnitudes = CATALOGUE[addition.name]().parameters.values()
+            own = [f"{addition.name}.{p.name}" for p in magnitudes if p.neutral is not None]
+            if chi2.sf(directions.beside(torque, own), len(own)) < LEVEL / 10.0:
+                continue
+            without = reduce_by(now.fit, addition.name)
+            explained = 1.0 - now.fit.solution.lin.cost / without.solution.lin.cost
+            if explained < MOST * Round.of(without, ()).flexible[kind].share:
                 self.additions.remove(addition)
-                return grow(reduce_by(now.fit, addition.name))
+                self.taken_back.add(addition.name)
+                return grow(without)
         return now.fit
 
 
