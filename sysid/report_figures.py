@@ -7,6 +7,7 @@ over       residual torque over one quantity        maps       torque missing ov
 
 from __future__ import annotations
 
+import itertools
 import math
 import textwrap
 from collections.abc import Callable, Sequence
@@ -26,6 +27,7 @@ from sysid.diagnose.residual_map import ResidualMap
 from sysid.diagnose.residual_torque import Followed, ResidualTorque
 from sysid.diagnose.touched import Touched
 from sysid.model import Model
+from sysid.page import chance, multiple
 from sysid.plotting import BLUE, GREEN, GREY, LABEL, ORANGE, SKY, STYLE
 from sysid.records import Array, Record
 from sysid.response import CHANNELS, cut
@@ -35,11 +37,10 @@ WIDE, NARROW = 6.4, 4.3
 """Widths [in]: of a column, and of half of one."""
 SPAN = 10.0
 """Longest stretch [s] of a rollout, or of residual torque, in one panel."""
-ROWS = 8
-"""Stretches of residual torque at most."""
 MANY = 1500
 """Points from which a picture in pixels is smaller than one of lines."""
 YELLOW = "#E69F00"
+BEHIND = {"facecolor": "white", "alpha": 0.6, "edgecolor": "none", "pad": 0.5}
 
 
 def drawn(width: float, height: float, draw: Callable[[Axes], None]) -> Figure:
@@ -55,7 +56,7 @@ def drawn(width: float, height: float, draw: Callable[[Axes], None]) -> Figure:
 
 def fall(answer: Diagnosis) -> Figure:
     """The held-out error after each step, down to the noise; small dots are single windows of 1 s."""
-    return drawn(WIDE, 3.3, lambda axes: fall_in(axes, answer))
+    return drawn(WIDE, 3.3 if answer.steps or answer.conventions else 2.3, lambda axes: fall_in(axes, answer))
 
 
 def fall_in(axes: Axes, answer: Diagnosis) -> None:
@@ -67,32 +68,16 @@ def fall_in(axes: Axes, answer: Diagnosis) -> None:
         ratios = [w.ratio for w in error.windows if math.isfinite(w.ratio)]
         ratios = ratios[:: max(1, len(ratios) // 200)]
         shift = np.linspace(-0.16, 0.16, len(ratios)) if len(ratios) > 1 else np.zeros(len(ratios))
-        axes.plot(x + shift, ratios, ".", color=GREY, alpha=0.45, markersize=4.0, markeredgewidth=0.0, zorder=1)
+        axes.plot(x + shift, ratios, "o", color=GREY, alpha=0.5, markersize=3.5, markeredgewidth=0.0, zorder=1)
     axes.axhline(1.0, color=GREEN, linewidth=1.6, zorder=2)
     axes.plot(values, color=BLUE, linewidth=2.2, marker="o", markersize=8.0, markeredgecolor="white", zorder=3)
     for x, value in enumerate(values):
-        axes.annotate(
-            times(value),
-            (x, value),
-            (11, 5),
-            textcoords="offset points",
-            fontsize=11.0,
-            fontweight="bold",
-            color=BLUE,
-            zorder=4,
-        )
-    axes.set_xlim(-0.45, max(len(steps), 1) + 0.55)
-    axes.annotate(
-        "sensor noise: a perfect model",
-        (1.0, 1.0),
-        (0, -4),
-        xycoords=axes.get_yaxis_transform(),
-        textcoords="offset points",
-        ha="right",
-        va="top",
-        color=GREEN,
-        fontsize=8.5,
-    )
+        axes.annotate(multiple(value), (x, value), (11, 5), textcoords="offset points", color=BLUE, fontsize=11.0,
+                      fontweight="bold", zorder=4)  # fmt: skip
+    axes.set_xlim(-0.45, len(steps) + 0.55)
+    side, place = ("left", 0.01) if steps and min(clouds[0].ratio, 2.0) > 1.3 else ("right", 1.0)
+    axes.annotate("sensor noise: a perfect model", (place, 1.0), (0, -4), xycoords=axes.get_yaxis_transform(),
+                  textcoords="offset points", ha=side, va="top", color=GREEN, fontsize=8.5)  # fmt: skip
     plain_log(axes)
     labels = ["model\nas it came", *("+ " + s.effect.replace("_", "\n") for s in steps)]
     axes.set_xticks(range(len(labels)), labels)
@@ -133,10 +118,9 @@ def _bars(axes: Axes, rows: Sequence[Any], labels: Sequence[str], added: set[str
     colours = [BLUE if r.effect in added else SKY if r.p_value < 0.05 else "0.82" for r in rows]
     axes.barh(range(len(rows)), scores, height=0.6, color=colours)
     for k, r in enumerate(rows):
-        error = "" if r.error_after is None else f"error {times(r.error_after)};  "
-        axes.text(
-            max(r.score, 0.0) + 0.015 * reach, k, error + chance(r.p_value), va="center", fontsize=8.0, color="0.3"
-        )
+        error = "" if r.error_after is None else f"error {multiple(r.error_after)};  "
+        end = max(r.score, 0.0) + 0.015 * reach
+        axes.text(end, k, error + chance(r.p_value), va="center", fontsize=8.0, color="0.3")
     axes.set_yticks(range(len(rows)), labels)
     axes.set_ylim(len(rows) - 0.4, -0.6)
     axes.set_xlim(0.0, 1.45 * reach)
@@ -202,7 +186,7 @@ def course_in(axes: Axes, paths: Sequence[Course], channel: str, names: Sequence
     t, y = paths[0].t, paths[0].readings[channel]
     axes.plot(t, y, ".", color="0.45", markersize=3.5, label="readings", rasterized=len(t) > MANY)
     for path, name, (colour, line, width) in zip(paths, names, _lines(len(paths)), strict=True):
-        label = f"{name}: {times(path.ratio)}"
+        label = f"{name}: {multiple(path.ratio)}"
         axes.plot(t, path.model[channel], line, color=colour, linewidth=width, label=label)
     low, high = float(np.nanmin(y)), float(np.nanmax(y))
     room = 0.35 * max(high - low, 1e-9)
@@ -240,13 +224,13 @@ def window(trace: Trace) -> Figure:
     """One window of a comparison, by channel."""
     channels = list(trace.readings)
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(NARROW, 0.6 + 1.6 * len(channels)), layout="constrained")
+        figure = Figure(figsize=(3.2, 0.6 + 1.5 * len(channels)), layout="constrained")
         panels = figure.subplots(len(channels), 1, sharex=True, squeeze=False)[:, 0]
         for channel, axes in zip(channels, panels, strict=True):
             axes.plot(trace.t, trace.readings[channel], ".", color="0.45", markersize=4.0, label="readings")
             axes.plot(trace.t, trace.model[channel], color=ORANGE, linewidth=1.6, label="model")
             axes.set_ylabel(LABEL[channel])
-        panels[0].set_title(f"{plain(trace.error.record)}: {times(trace.error.ratio)} x noise", fontweight="normal")
+        panels[0].set_title(f"{plain(trace.error.record)}: {multiple(trace.error.ratio)} x noise", fontweight="normal")
         panels[0].legend(fontsize=8.0)
         panels[-1].set_xlabel(LABEL["time"])
     return figure
@@ -263,9 +247,9 @@ class Stretch(NamedTuple):
     last: int
 
 
-def course(found: ResidualTorque, before: ResidualTorque | None = None) -> Figure:
-    """d over time, a row for each rollout (or 10 s of a long one); of more than eight, those that need most."""
-    rows = _stretches(found if found.present or before is None else before)
+def course(found: ResidualTorque, before: ResidualTorque | None = None, most: int = 8) -> Figure:
+    """d over time, a row for each rollout (or 10 s of a long one); where they are more than `most`, the largest."""
+    rows = _stretches(found if found.present or before is None else before, most)
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(WIDE, 0.75 + 0.72 * len(rows)), layout="constrained")
         panels = figure.subplots(len(rows), 1, sharey=True, squeeze=False)[:, 0]
@@ -275,7 +259,7 @@ def course(found: ResidualTorque, before: ResidualTorque | None = None) -> Figur
             own = found.records[k]
             axes.axhline(0.0, color="0.3", linewidth=0.7)
             if before is not None:
-                _line(axes, before.records[k], first, last, ORANGE)
+                axes.plot(own.t[first:last], before.records[k].d[first:last], color=ORANGE, linewidth=0.9, alpha=0.8)
             _line(axes, own, first, last, BLUE)
             shade(axes, found.touched, own.name)
             begin, dt = float(own.t[first]), float(own.t[1] - own.t[0])
@@ -284,7 +268,7 @@ def course(found: ResidualTorque, before: ResidualTorque | None = None) -> Figur
             axes.yaxis.set_major_locator(MaxNLocator(2, symmetric=True))
             axes.tick_params(labelsize=7.5)
             axes.text(1.0, 1.0, plain(own.name), transform=axes.transAxes, ha="right", va="top", fontsize=8.0,
-                      color="0.3", bbox={"facecolor": "white", "alpha": 0.6, "edgecolor": "none", "pad": 0.5})  # fmt: skip
+                      color="0.3", bbox=BEHIND)  # fmt: skip
             if axes is not panels[-1] and len({s.first for s in rows}) == 1:
                 axes.set_xticklabels([])
         panels[-1].set_xlabel(LABEL["time"])
@@ -292,14 +276,14 @@ def course(found: ResidualTorque, before: ResidualTorque | None = None) -> Figur
     return figure
 
 
-def _stretches(found: ResidualTorque) -> list[Stretch]:
+def _stretches(found: ResidualTorque, most: int) -> list[Stretch]:
     pieces = []
     for k, record in enumerate(found.records):
         n, dt = len(record.d), float(record.t[1] - record.t[0])
         edges = np.linspace(0, n, max(1, math.ceil(n * dt / (1.5 * SPAN))) + 1).astype(int)
-        pieces += [Stretch(k, int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
-    most = sorted(pieces, key=lambda s: -float(np.mean(found.records[s.record].d[s.first : s.last] ** 2)))[:ROWS]
-    return sorted(most)
+        pieces += [Stretch(k, int(a), int(b)) for a, b in itertools.pairwise(edges)]
+    pieces.sort(key=lambda s: -float(np.mean(found.records[s.record].d[s.first : s.last] ** 2)))
+    return sorted(pieces[:most])
 
 
 def _size(found: ResidualTorque, rows: Sequence[Stretch]) -> float:
@@ -329,10 +313,10 @@ def over_in(
         if answer is None:
             continue
         own = answer.over(name)
-        middle, seen = 0.5 * (own.edges[1:] + own.edges[:-1]), np.isfinite(own.mean)
-        half = 1.96 * own.sd
-        axes.fill_between(middle, own.mean - half, own.mean + half, color=colour, alpha=0.25, linewidth=0.0)
-        axes.plot(middle[seen], own.mean[seen], ".-", color=colour, markersize=5.0, linewidth=1.4)
+        seen = np.isfinite(own.mean) & (own.count >= 0.002 * own.count.sum())
+        middle, mean, half = 0.5 * (own.edges[1:] + own.edges[:-1])[seen], own.mean[seen], 1.96 * own.sd[seen]
+        axes.fill_between(middle, mean - half, mean + half, color=colour, alpha=0.25, linewidth=0.0)
+        axes.plot(middle, mean, ".-", color=colour, markersize=5.0, linewidth=1.4)
     if mark and found.present:
         low, high = found.over(name).peak
         axes.axvspan(low, high, color=YELLOW, alpha=0.25, linewidth=0.0, zorder=0)
@@ -370,18 +354,6 @@ def maps(found: Sequence[ResidualMap], titles: Sequence[str]) -> Figure:
 
 
 # ---- words -----------------------------------------------------------------------------------------------------------
-
-
-def times(ratio: float) -> str:
-    """A multiple of the noise."""
-    if not math.isfinite(ratio):
-        return "beyond all bounds"
-    return f"{ratio:.2f}" if ratio < 9.995 else f"{ratio:.3g}" if ratio < 999.5 else f"{ratio:.0f}"
-
-
-def chance(p_value: float) -> str:
-    """How probable it is by chance."""
-    return f"p = {p_value:.2g}" if p_value >= 1e-4 else "p < 0.0001"
 
 
 def plain(name: str) -> str:
