@@ -67,7 +67,8 @@ class Estimate:
         scale = np.array(
             [max(p.scale, 0.0 if p.neutral is None else 0.01) for p in map(parameters.get, self.names) if p]
         )
-        unknown = ("the records do not determine these parameters: " + ", ".join(self.names),)
+        lost = [n for n, v in zip(self.names, np.diag(self.covariance), strict=True) if not math.isfinite(v)]
+        unknown = ("the records do not determine these parameters: " + ", ".join(lost or self.names),)
         if not np.all(np.isfinite(self.covariance)):
             return unknown
         size, direction = np.linalg.eigh(self.covariance / np.outer(scale, scale))

@@ -258,27 +258,27 @@ class Fit:
 
     def estimate(self) -> Estimate:
         """The answer, with what it is worth."""
-        known = bool(np.all(np.isfinite(np.diag(self.covariance))))
+        lost = [n for n, v in zip(self.names, np.diag(self.covariance), strict=True) if not math.isfinite(v)]
         ratio = math.sqrt(self.variance)
         whole = math.isinf(self.horizon)
         about = "whole rollouts" if whole else f"windows of {self.horizon:g} s"
         if not self.solution.converged:
             status = f"stopped before it converged, on {about}: try other starting numbers"
-        elif ratio < 1.2 and self.inflation < COLOURED:
+        elif ratio < 0.5 or (ratio < 1.2 and self.inflation < COLOURED):
             status = f"converged on {about}; the readings are explained to the sensor's noise"
         else:
             status = (
                 f"converged on {about}, but leaves {ratio:.3g} times the sensor's noise: the model lacks something, "
                 "and its numbers are those that imitate it best (pseudo-true)"
             )
-        if not known:
-            status += f"; the records do not determine {', '.join(self.names)}"
+        if lost:
+            status += f"; the records do not determine {', '.join(lost)}"
         return Estimate(
             model=self.model,
             names=self.names,
             covariance=self.covariance,
             noise=self.residual_sd(),
-            success=self.solution.converged and known,
+            success=self.solution.converged and not lost,
             status=status,
             cost=2.0 * self.solution.lin.cost,
             n_readings=int(self.response.n_readings.sum()),
