@@ -54,7 +54,7 @@ class Match:
 
     @cached_property
     def horizon(self) -> float:
-        """The longest windows [s] on which the model with no rival follows each truth: there a diagnosis begins; or 0."""
+        """The longest windows [s] on which the model with no rival follows each truth, as a diagnosis must; or 0."""
         base, found = self.hypotheses[-1], math.inf
         for records in self.shown.values():
             fit = fit_longest(base.model, base.names, records, self.sensor, base.p, shortest=SHORTEST)
@@ -63,6 +63,16 @@ class Match:
 
     def left(self, truth: int, rival: int, horizon: float) -> float:
         """The sum of squares that the rival leaves of the truth when it is fitted to windows of that length [s]."""
+        key = (truth, rival, horizon)
+        if key not in self._left:
+            self._left[key] = self._refitted(*key)
+        return self._left[key]
+
+    @cached_property
+    def _left(self) -> dict[tuple[int, int, float], float]:
+        return {}
+
+    def _refitted(self, truth: int, rival: int, horizon: float) -> float:
         other, records = self.hypotheses[rival], self.shown[truth]
         fit = fit_windows(other.model, other.names, records, self.sensor, SHORTEST, other.p)
         if horizon > SHORTEST:
@@ -85,7 +95,7 @@ class Match:
     @cached_property
     def worth(self) -> tuple[bool, float]:
         """Whether a diagnosis could begin, and the least evidence of any pair."""
-        return self.horizon > 0.0, min(c.after for c in self.contests(within=3.0))
+        return self.horizon > 0.0, min(c.after for c in self.contests(within=1.5))
 
 
 def separable(
@@ -100,7 +110,7 @@ def separable(
     The last hypothesis is that of no effect: what sets a pair apart is compared with what the truth does alone.
     """
     signals = tamed(hypotheses, draw(rng, limits, hypotheses[0].model.dt, 8, swings=False), limits, sensor)
-    some = tuple([s for s in signals if s.kind in ("steps", "bang-bang")][:2])
+    some = tuple([s for s in signals if s.kind in ("steps", "bang-bang")][:1])
     pool, match = Pool(hypotheses, signals, limits, sensor), Match(hypotheses, tuple(pairs), some, limits, sensor)
     nothing, found = len(hypotheses) - 1, []
     for p in pairs:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from sysid.diagnose.contest import Contest, Match, separable, twins
+from sysid.diagnose.contest import Match, separable, twins
 from sysid.diagnose.design import (
     UNDETERMINED,
     Hypothesis,
@@ -21,7 +21,7 @@ from sysid.diagnose.design import (
 )
 from sysid.diagnose.needed import needed_experiment, never
 from sysid.diagnose.protocol import HOPELESS, Experiment
-from sysid.diagnose.rivals import Rivals, names_of, rivals_of
+from sysid.diagnose.rivals import Pair, Rivals, names_of, rivals_of
 from sysid.diagnose.signals import Limits, Signal, rest_angle
 from sysid.effects import Effect
 from sysid.errors import InvalidInput
@@ -63,14 +63,17 @@ def next_experiment(
     limits = _limits(limits, model, records)
     rng = np.random.default_rng(0) if rng is None else rng
     names = estimate.names if estimate is not None else free(model)
-    if rivals:
-        if never(names_of(rivals)):
-            return needed_experiment(model, names_of(rivals), limits, sensor, rng)
-        found = rivals_of(model, names, rivals, records, sensor, limits)
-        return _telling(found, names_of(rivals), limits, sensor, rng)
-    if estimate is None and records:
-        estimate = fit(model, records, sensor, names)
-    return _narrowing(model if estimate is None else estimate.model, names, estimate, limits, sensor, rng)
+    with np.errstate(over="ignore", invalid="ignore"):  # a fit may try numbers with which the motion runs away
+        if rivals:
+            if never(names_of(rivals)):
+                return needed_experiment(model, names_of(rivals), limits, sensor, rng)
+            found = rivals_of(model, names, rivals, records, sensor, limits)
+            return _telling(found, names_of(rivals), limits, _louder(sensor, found.excess), rng)
+        if estimate is None and records:
+            estimate = fit(model, records, sensor, names)
+        if estimate is not None:
+            model, sensor = estimate.model, _louder(sensor, _excess(estimate, sensor))
+        return _narrowing(model, names, estimate, limits, sensor, rng)
 
 
 def _noise(records: Sequence[Record]) -> Sensor:
@@ -79,6 +82,18 @@ def _noise(records: Sequence[Record]) -> Sensor:
     from sysid.noise import sensor_noise
 
     return sensor_noise(records).sensor
+
+
+def _louder(sensor: Sensor, share: float) -> Sensor:
+    """The sensor with so many times the noise: what no model explains will be there in the next log, too."""
+    sd = {f.name: getattr(sensor, f.name) for f in dataclasses.fields(sensor)}
+    return Sensor(**{name: None if value is None else share * value for name, value in sd.items()})
+
+
+def _excess(estimate: Estimate, sensor: Sensor) -> float:
+    """RMS of the estimate's residuals over the channels, in units of the sensor's noise; 1 at least."""
+    ratios = [sd / noise for c, sd in estimate.noise.items() if (noise := getattr(sensor, c, None)) is not None]
+    return max(1.0, math.sqrt(sum(r * r for r in ratios) / len(ratios))) if ratios else 1.0
 
 
 def _limits(limits: Limits | None, model: Model, records: Sequence[Record]) -> Limits:
@@ -97,14 +112,17 @@ def _limits(limits: Limits | None, model: Model, records: Sequence[Record]) -> L
 
 
 def limits_of(records: Sequence[Record], model: Model) -> Limits:
-    """What the rig has done in a log: its largest torque, longest rollout, number of rollouts (up to 8) and reach."""
-    rest, angles = rest_angle(model), [r.theta for r in records if r.theta is not None and len(r.theta) > 1]
-    reach = max((float(np.max(np.abs(a - rest))) for a in angles), default=3.0)
-    release = max((abs(float(a[0]) - rest) for a in angles), default=0.0)
+    """What the rig has done in a log: its largest torque, its reach, up to 8 rollouts of up to 8 s."""
+    rest, turn = rest_angle(model), 2.0 * math.pi
+    angles = [r.theta - rest for r in records if r.theta is not None and len(r.theta) > 1]
+    if rest != 0.0:
+        angles = [a - turn * round(float(a[0]) / turn) for a in angles]
+    reach = max((float(np.max(np.abs(a))) for a in angles), default=3.0)
+    release = max((abs(float(a[0])) for a in angles), default=0.0)
     peak = max(float(np.max(np.abs(r.u))) for r in records)
     if peak == 0.0:
         raise InvalidInput("the log has no torque: give Limits(u_max=...)")
-    duration = min(20.0, max(len(r) * r.dt for r in records))
+    duration = min(8.0, max(len(r) * r.dt for r in records))
     return Limits(
         min(peak, model.u_max), duration, min(8, len(records)), start=min(release, math.pi), theta_max=max(reach, 1e-3)
     )
@@ -134,26 +152,47 @@ def _telling(
         return needed_experiment(hypotheses[0].model, names, limits, sensor, rng)
     same = twins(found.pairs, apart)
     pairs = tuple(p for p in apart if p.truth not in same and p.rival not in same)
+    notes = [f"no torque tells {hypotheses[j].name} from {hypotheses[i].name}" for j, i in same.items()]
+    best = _best(hypotheses, pairs, limits, sensor, rng)
+    hopeless = {(c.truth, c.rival) for c in best.contests() if c.after < HOPELESS}
+    others = tuple(p for p in pairs if (hypotheses[p.truth].name, hypotheses[p.rival].name) not in hopeless)
+    if not others:
+        after = min(c.after for c in best.contests())
+        return needed_experiment(hypotheses[0].model, names, limits, sensor, rng, after)
+    if hopeless:  # they must not choose the signal for the others
+        best = _best(hypotheses, others, limits, sensor, rng)
+        for truth in dict.fromkeys(t for t, _ in sorted(hopeless)):
+            rivals = " and ".join(r for t, r in sorted(hopeless) if t == truth)
+            notes.append(f"{truth} of the size found is not told from {rivals}")
+    return _told(best, notes)
+
+
+def _best(
+    hypotheses: tuple[Hypothesis, ...],
+    pairs: tuple[Pair, ...],
+    limits: Limits,
+    sensor: Sensor,
+    rng: np.random.Generator,
+) -> Match:
     choices = search(separation([(p.truth, p.rival) for p in pairs]), hypotheses[:-1], limits, sensor, rng)
     if not choices:
         raise _impossible(limits)
-    best = max((Match(hypotheses, pairs, c.signals, limits, sensor) for c in choices), key=lambda m: m.worth)
-    contests = best.contests()
-    after = min(c.after for c in contests)
-    if after < HOPELESS:
-        return needed_experiment(hypotheses[0].model, names, limits, sensor, rng, after)
-    return _told(best, contests, {hypotheses[j].name: hypotheses[i].name for j, i in same.items()})
+    return max((Match(hypotheses, pairs, c.signals, limits, sensor) for c in choices), key=lambda m: m.worth)
 
 
-def _told(match: Match, contests: tuple[Contest, ...], same: Mapping[str, str]) -> Experiment:
+def _told(match: Match, notes: Sequence[str]) -> Experiment:
+    contests = match.contests()
     after = min(c.after for c in contests)
     before = min((c.before for c in contests if c.before is not None), default=None)
     asked = tuple(h for h in match.hypotheses if any(h.name in (c.truth, c.rival) for c in contests))
     shown = tuple(h.name for h in asked)
-    whom = f"{shown[0]} from {shown[1]}" if len(shown) == 2 else f"{', '.join(shown)} apart"
+    told = {frozenset((c.truth, c.rival)) for c in contests}
+    whom = f"{', '.join(shown)} apart"
+    if len(shown) == 2 or len(told) < len(shown) * (len(shown) - 1) // 2:
+        whom = " and ".join(" from ".join(h for h in shown if h in pair) for pair in sorted(told, key=sorted))
     sentence = f"it tells {whom} with {after:.3g} units of evidence"
     sentence += "" if before is None else f" where this log had {before:.2g}"
-    sentence += "".join(f"; no torque tells {twin} from {first}" for twin, first in same.items())
+    sentence = "; ".join((sentence, *notes))
     answer = _answer(match.signals, sentence, shown, "evidence", before, after, asked, match.limits, match.sensor)
     return dataclasses.replace(answer, contests=contests)
 

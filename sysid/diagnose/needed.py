@@ -99,7 +99,7 @@ def needed_experiment(
     for pair, answer in _ANSWERS.items():
         if set(pair) <= set(names):
             return _nothing(names, f"no torque tells {' from '.join(pair)}: {answer}.")
-    apart = " from ".join(names) if len(names) > 1 else f"{names[0]} from the rest of the model"
+    apart = f"{names[0]} from {' and '.join(names[1:]) or 'the rest of the model'}"
     if after is not None:
         return _nothing(
             names, f"no torque within these limits tells {apart} ({after:.2g} units of evidence): widen them."

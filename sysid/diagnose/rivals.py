@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -11,7 +12,7 @@ import numpy as np
 from sysid.diagnose.candidates import Alternative, candidates
 from sysid.diagnose.design import Hypothesis, Normal, foresee
 from sysid.diagnose.screen import screen
-from sysid.diagnose.search import LEAD, at_horizon
+from sysid.diagnose.search import LEAD, at_horizon, grow
 from sysid.diagnose.signals import Limits, Signal
 from sysid.effects import Effect, effect
 from sysid.errors import InvalidInput
@@ -44,12 +45,14 @@ class Pair(NamedTuple):
 class Rivals:
     """Hypotheses that a log confuses, the pairs that must be told apart, and the model with none of them.
 
-    `absorbed` are rivals that the free parameters imitate whatever is played: nothing else is known then.
+    excess     sd of what the best of them leaves of the log, in units of the sensor's noise; 1 at least
+    absorbed   rivals that the free parameters imitate whatever is played: nothing else is known then
     """
 
     hypotheses: tuple[Hypothesis, ...]
     pairs: tuple[Pair, ...]
     base: Hypothesis
+    excess: float = 1.0
     absorbed: tuple[str, ...] = ()
 
 
@@ -98,7 +101,7 @@ def rivals_of(
         return _listed(base, base_names, probes, {}, list(names), None)
     fit, fits, unseen = _fitted(base, base_names, names, known, log, sensor)
     if unseen and set(unseen) <= set(INERTIAL):
-        return Rivals((), (), Hypothesis(NOTHING, fit.model, base_names), unseen)
+        return Rivals((), (), Hypothesis(NOTHING, fit.model, base_names), absorbed=unseen)
     probes = {n: _probed(possible[n][len(possible[n]) // 2]) for n in unseen}
     gains = {n: fit.solution.lin.cost - f.solution.lin.cost for n, f in fits.items()}
     truths = [n for n in names if n in known and not records] or [
@@ -131,14 +134,8 @@ def _fitted(
     begun = {n: s.best.at(s.sizes) for n, s in scores.items() if s.visible and s.best is not None}
     fits = {name: _with(fit, e) for name, e in (known | begun).items()}
     unseen = tuple(n for n in names if n not in fits)
-    longest = min(
-        (
-            fit_longest(f.model, f.names, log, sensor, f.solution.p, f, shortest=f.horizon, lead=LEAD).horizon
-            for f in fits.values()
-        ),
-        default=fit.horizon,
-    )
-    if longest > fit.horizon:
+    if fits and math.isfinite(fit.horizon):
+        longest = grow(min(fits.values(), key=lambda f: f.solution.lin.cost)).horizon
         fits = {name: at_horizon(f, longest) for name, f in fits.items()}
         fit = at_horizon(fit, longest)
     return fit, fits, unseen
@@ -167,15 +164,18 @@ def _listed(
         hypotheses.append(Hypothesis(name, base.with_effect(e), (*base_names, *(f"{name}.{k}" for k in e.parameters))))
     if len(hypotheses) == 1:
         hypotheses.append(nothing)
-    pairs = []
+    pairs, variance = [], 1.0
+    if logged is not None:
+        variance = max(1.0, min((f.variance for f in fits.values()), default=logged.variance))
     for i, truth in enumerate(hypotheses):
         for j, rival in enumerate(hypotheses):
-            if i != j and truth.name in truths:
-                before = (
-                    None if logged is None else _evidence(fits.get(truth.name, logged), fits.get(rival.name, logged))
-                )
-                pairs.append(Pair(i, j, before))
-    return Rivals(tuple(hypotheses), tuple(pairs), nothing)
+            if i == j or truth.name not in truths:
+                continue
+            before = None
+            if logged is not None:
+                before = _evidence(fits.get(truth.name, logged), fits.get(rival.name, logged)) / variance
+            pairs.append(Pair(i, j, before))
+    return Rivals(tuple(hypotheses), tuple(pairs), nothing, math.sqrt(variance))
 
 
 def _evidence(truth: Fit, rival: Fit) -> float:

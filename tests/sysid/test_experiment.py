@@ -187,8 +187,25 @@ def test_without_limits_the_rig_does_what_it_has_done() -> None:
     limits = limits_of(records, rod())
     assert limits.u_max == pytest.approx(0.8, rel=1e-3)
     assert (limits.rollouts, limits.duration) == (2, pytest.approx(8.0))
+    turned = [Record(r.t, r.u, r.theta - 2.0 * math.pi, r.theta_dot) for r in records if r.theta is not None]
+    assert limits_of(turned, rod()).theta_max == pytest.approx(limits.theta_max)
     e = next_experiment(rod(), records=records)
     assert e.reach <= max(float(np.max(np.abs(r.theta - math.pi))) for r in records if r.theta is not None) + 1e-6
+
+
+def test_what_no_model_explains_counts_as_noise() -> None:
+    """Three times the noise that was claimed: evidence is a ninth, and intervals are as wide as the fit's own."""
+    truth = rod().with_effect(Coulomb(tau_c=0.01))
+    records, quiet = log(truth, 2.0 * slow_sines()), Sensor(0.001, 0.05 / 3.0)
+    rivals = ("coulomb", "viscous")
+    right, wrong = (next_experiment(rod(), rivals, LIMITS, sensor, records) for sensor in (SENSOR, quiet))
+    assert right.before is not None
+    assert wrong.before == pytest.approx(right.before, rel=0.15)
+    estimate = fit(rod(), log(rod(), 2.0 * slow_sines()), quiet, NAMES)
+    e = next_experiment(estimate, limits=LIMITS)
+    again = fit(rod(), played(e, rod(), 0), SENSOR, NAMES)
+    assert e.widest is not None
+    assert e.after == pytest.approx(1.96 * again.sd[e.widest], rel=0.15)
 
 
 def test_the_same_question_gets_the_same_answer() -> None:
