@@ -1,4 +1,4 @@
-"""The command line: fit, compare, diagnose, add, effects.
+"""The command line: fit, compare, diagnose, add, experiment, effects.
 
 python -m sysid diagnose swing*.csv               the whole loop
 python -m sysid fit swing*.csv -o model.json      step by step, the other commands take --model model.json

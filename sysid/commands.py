@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass
 from functools import singledispatch
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,10 +18,13 @@ from sysid.fit import fit, free
 from sysid.integrators import RK4
 from sysid.logs import Log, read, split
 from sysid.model import Model
-from sysid.options import Add, Compare, Diagnose, Effects, Fit, LogOptions, ModelOptions
+from sysid.options import Add, Compare, Diagnose, Effects, Experiment, Fit, LogOptions, ModelOptions
 from sysid.plants import GeneralJoint, LinearAxis, Plant, PointMassPendulum, RodPendulum
 from sysid.records import Record
 from sysid.sensor import Sensor
+
+if TYPE_CHECKING:
+    from sysid.diagnose.signals import Limits
 
 PENDULUM = {"m": (1e-3, 1e3), "l": (1e-2, 1e2)}
 PLANTS: dict[str, Plant] = {
@@ -68,7 +71,7 @@ def _(command: Compare) -> None:
     task.write_json(command.json, comparison.to_dict())
     if command.figure is not None:
         _draw(comparison, command.figure)
-    task.write_report(command.html, comparison)
+    task.write_report(command.html, comparison, command.log.hold_out)
 
 
 @run.register
@@ -82,7 +85,7 @@ def _(command: Diagnose) -> None:
     task.doubt(diagnosis.error.theta)
     task.write_json(command.json, diagnosis.to_dict())
     task.write_model(command.out, diagnosis.best.estimate)
-    task.write_report(command.html, diagnosis)
+    task.write_report(command.html, diagnosis, command.log.hold_out)
 
 
 @run.register
@@ -97,6 +100,23 @@ def _(command: Add) -> None:
     print(added)
     task.write_json(command.json, added.to_dict())
     task.write_model(command.out, added.estimate)
+
+
+@run.register
+def _(command: Experiment) -> None:
+    from sysid.diagnose.experiment import next_experiment
+
+    _load(command.start.effects)
+    task = Task.of(command, command.out, command.json)
+    estimate = task.fitted()
+    rivals = [name.strip() for name in command.between.split(",") if name.strip()]
+    limits = _limits(command, task.log, estimate.model)
+    experiment = next_experiment(estimate, rivals, limits, task.sensor, task.training)
+    print(experiment)
+    task.write_json(command.json, experiment.to_dict())
+    if command.out is not None:
+        experiment.write_csv(command.out)
+        print(f"wrote {command.out}")
 
 
 @run.register
@@ -133,7 +153,7 @@ class Task:
     given: bool
 
     @classmethod
-    def of(cls, command: Fit | Compare | Diagnose | Add, *outputs: Path | None) -> Task:
+    def of(cls, command: Fit | Compare | Diagnose | Add | Experiment, *outputs: Path | None) -> Task:
         """Read everything, and say what was read. Raises InvalidInput before anything expensive."""
         _check_outputs([*command.log.files, command.start.model, command.start.effects], outputs)
         model, names, given = _begun(command.start)
@@ -176,14 +196,12 @@ class Task:
         if path is not None:
             _write(path, json.dumps(data, indent=1, allow_nan=False) + "\n")
 
-    def write_report(self, path: Path | None, answer: Any) -> None:
-        """The self-contained page."""
+    def write_report(self, path: Path | None, answer: Any, hold_out: float | None) -> None:
+        """The page that opens offline."""
         if path is not None:
-            try:
-                from sysid.report import write_report
-            except ModuleNotFoundError:
-                raise InvalidInput("--html: this version writes no report: expected --json or --figure") from None
-            write_report(answer, self.log, path)
+            from sysid.report import write_report
+
+            write_report(answer, self.log, path, hold_out)
             print(f"wrote {path}")
 
 
@@ -308,6 +326,30 @@ def _shown(model: Model, names: tuple[str, ...], log: Log) -> tuple[str, ...]:
         f"give it with --set {scale}=..."
     )
     return tuple(n for n in names if n != scale)
+
+
+# ---- what the rig may do ---------------------------------------------------------------------------------------------
+
+
+def _limits(options: Experiment, log: Log, model: Model) -> Limits:
+    """What the log has done, where the user says nothing else."""
+    from sysid.diagnose.experiment import limits_of
+    from sysid.diagnose.signals import Limits
+
+    said = {
+        "u_max": options.u_max,
+        "duration": options.duration,
+        "rollouts": options.rollouts,
+        "theta_max": options.reach,
+        "theta_dot_max": options.speed,
+        "payload": options.payload,
+    }
+    given: dict[str, Any] = {name: value for name, value in said.items() if value is not None}
+    if np.any([np.any(record.u != 0.0) for record in log]):
+        return dataclasses.replace(limits_of(log, model), **given)
+    if options.u_max is None:
+        raise InvalidInput("the log has no torque to go by: give --u-max")
+    return Limits(**given)
 
 
 # ---- files -----------------------------------------------------------------------------------------------------------

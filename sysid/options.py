@@ -13,6 +13,7 @@ Files = Annotated[Positional[tuple[Path, ...]], arg(metavar="LOG", help_behavior
 File = Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="")]
 Number = Annotated[float | None, arg(metavar="S", help_behavior_hint="")]
 Text = Annotated[str, arg(metavar="NAME=...", help_behavior_hint="")]
+AS_LOG = "(default: the log's)"
 Switch = FlagCreatePairsOff[Annotated[bool, arg(help_behavior_hint="")]]
 
 
@@ -138,6 +139,40 @@ class Add:
 
 
 @dataclass(frozen=True)
+class Experiment:
+    """What to play next: the torque that tells effects apart, or that narrows the widest interval."""
+
+    log: LogOptions = field(default_factory=LogOptions)
+    start: ModelOptions = field(default_factory=ModelOptions)
+    between: Annotated[str, arg(metavar="EFFECT,EFFECT", help_behavior_hint="")] = ""
+    """The effects to tell apart; by default the widest interval shrinks."""
+
+    u_max: Annotated[float | None, arg(metavar="TORQUE", help_behavior_hint=AS_LOG)] = None
+    """Largest torque [N m]."""
+
+    duration: Annotated[float | None, arg(metavar="S", help_behavior_hint=AS_LOG)] = None
+    """Length of a rollout [s]."""
+
+    rollouts: Annotated[int | None, arg(metavar="N", help_behavior_hint=AS_LOG)] = None
+    """How many rollouts to play."""
+
+    reach: Annotated[float | None, arg(metavar="ANGLE", help_behavior_hint=AS_LOG)] = None
+    """Farthest that the motion may go from rest [rad]."""
+
+    speed: Annotated[float | None, arg(metavar="SPEED", help_behavior_hint="(default: any)")] = None
+    """Largest speed [rad/s]."""
+
+    payload: Annotated[tuple[float, float] | None, arg(metavar="MASS DISTANCE", help_behavior_hint="")] = None
+    """A known weight that can be hung on: its mass [kg], and its distance from the axis [m]."""
+
+    out: Annotated[File, arg(aliases=["-o"])] = None
+    """Write what the rig plays here, as CSV with columns rollout, t [s], torque [N m]."""
+
+    json: File = None
+    """Write the answer here."""
+
+
+@dataclass(frozen=True)
 class Effects:
     """The catalogue: formula, parameters, units, and what each effect is confused with."""
 
@@ -150,5 +185,6 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "compare": Compare,
     "diagnose": Diagnose,
     "add": Add,
+    "experiment": Experiment,
     "effects": Effects,
 }

@@ -176,6 +176,24 @@ def test_a_window_and_another_rate(hidden, tmp_path, capsys):
     assert "at 25 Hz" in capsys.readouterr().out
 
 
+def test_the_next_experiment_is_what_a_rig_can_play(hidden, tmp_path, capsys):
+    out = tmp_path / "play.csv"
+    limits = ["--u-max", "2", "--duration", "2", "--rollouts", "1"]
+    assert (
+        main(["experiment", *hidden, "--plant", "point", "--between", "coulomb,viscous", *limits, "-o", str(out)]) == 0
+    )
+    assert "tells coulomb from viscous" in capsys.readouterr().out
+    t, torque = np.loadtxt(out, delimiter=",", skiprows=1, unpack=True)
+    np.testing.assert_allclose(t, DT * np.arange(100), atol=1e-9)
+    assert 0.0 < np.max(np.abs(torque)) <= 2.0
+
+
+def test_a_report_is_written(hidden, tmp_path):
+    page = tmp_path / "page.html"
+    assert main(["compare", *hidden, "--plant", "point", "--html", str(page)]) == 0
+    assert page.read_text(encoding="utf-8").lower().startswith("<!doctype html>")
+
+
 @pytest.mark.parametrize("command", ["", *COMMANDS])
 def test_help_answers_at_once(command):
     words = [sys.executable, "-m", "sysid", *command.split(), "--help"]
@@ -280,6 +298,7 @@ OPTIONS = {
     "no folder": (["fit", "LOG", "-o", "absent/model.json"], "no folder"),
     "folder as output": (["fit", "LOG", "-o", "."], "is a folder"),
     "picture of no kind": (["compare", "LOG", "--plant", "point", "--figure", "x.abc"], "x.abc"),
+    "experiment with nothing": (["experiment", "LOG", "--plant", "point", "--between", "coulomb,frixion"], "'frixion'"),
     "effects of nobody": (["effects", "--effects", "absent.py"], "no such file"),
 }
 
