@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
+import numpy as np
+
+from sysid.diagnose.candidates import NEVER, extent_of
 from sysid.errors import InvalidInput
 from sysid.estimate import Estimate
 from sysid.identify.gauss_newton import Fit, fit_longest
 from sysid.identify.identifier import free_parameters
+from sysid.identify.start import parameter_starts
 from sysid.model import Model
-from sysid.records import Record, check_records
+from sysid.records import Array, Record, check_records
 from sysid.sensor import Sensor
 
 
@@ -28,8 +33,20 @@ def fitted(
     model: Model, names: Sequence[str], records: Sequence[Record], sensor: Sensor, near: Fit | None = None
 ) -> Fit:
     """The fit at the longest horizon that the model follows, begun at its own numbers."""
-    free_parameters(model, names)
-    return fit_longest(model, names, check_records(model, records), sensor, near=near, lead=lead_of(model))
+    records = check_records(model, records)
+    p = _begins(model, names, records)
+    return fit_longest(model, names, records, sensor, p, near, lead=lead_of(model))
+
+
+def _begins(model: Model, names: Sequence[str], records: Sequence[Record]) -> list[Array]:
+    """The model's own numbers (P,); a limit that stands at "never" has no slope there, and begins at its probes."""
+    parameters, extent = free_parameters(model, names), extent_of(records)
+    own = next(parameter_starts(parameters)).tolist()
+    tried = [
+        p.probes(extent) if p.neutral is not None and min(abs(p.neutral), abs(float(p.value))) >= NEVER else (number,)
+        for p, number in zip(parameters, own, strict=True)
+    ]
+    return [np.array(numbers) for numbers in itertools.product(*tried)]
 
 
 def fit(
@@ -44,6 +61,7 @@ def fit(
 
     Raises InvalidInput for unusable records or unknown names.
     """
+    records = check_records(model, records)
     if sensor is None:
         from sysid.noise import sensor_noise
 

@@ -337,7 +337,7 @@ def fit_longest(
     names: Sequence[str],
     records: Sequence[Record],
     sensor: Sensor,
-    p: Array | None = None,
+    p: Array | Sequence[Array] | None = None,
     near: Fit | None = None,
     shortest: float = HORIZONS[0],
     lead: float = 0.0,
