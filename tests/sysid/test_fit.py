@@ -1,0 +1,211 @@
+"""fit: from a log to a model with honest numbers, in one call."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from sysid import (
+    Backlash,
+    Coulomb,
+    Delay,
+    Effect,
+    GeneralJoint,
+    InvalidInput,
+    LinearAxis,
+    Model,
+    Plant,
+    PointMassPendulum,
+    Record,
+    RodPendulum,
+    Saturation,
+    Sensor,
+    SensorDelay,
+    Viscous,
+    fit,
+    paper_model,
+    simulate,
+)
+from sysid.excitation import paper_rollouts, steps
+from sysid.fit import free, lead_of
+from sysid.simulate import Trajectory
+
+DT = 0.02
+SENSOR = Sensor(0.003, 0.05)
+
+
+def rod(*effects: Effect, m: float = 1.0, l: float = 0.9) -> Model:  # noqa: E741
+    return Model(RodPendulum(m=m, l=l), effects, dt=DT)
+
+
+def run(model: Model, seed: int = 0, n: int = 3, seconds: float = 4.0) -> Trajectory:
+    rng = np.random.default_rng(seed)
+    u = np.array([steps(rng, round(seconds / model.dt), model.dt, 1.5, 0.3) for _ in range(n)])
+    return simulate(model, u, math.pi + rng.uniform(-0.8, 0.8, n), np.zeros(n))
+
+
+def logs(model: Model, seed: int = 0, sensor: Sensor = SENSOR) -> list[Record]:
+    return run(model, seed).measure(sensor, np.random.default_rng(seed))
+
+
+def exact(model: Model) -> list[Record]:
+    made = run(model)
+    return [Record(made.t, *row) for row in zip(made.u, made.theta_read, made.theta_dot_read, strict=True)]
+
+
+@pytest.fixture(scope="module")
+def clean() -> list[Record]:
+    return logs(rod())
+
+
+def assert_found(estimate: object, truth: Model, names: tuple[str, ...]) -> None:
+    error = np.array([estimate.values[n] - truth.parameters[n].value for n in names])  # type: ignore[attr-defined]
+    covariance = estimate.covariance  # type: ignore[attr-defined]
+    assert error @ np.linalg.solve(covariance, error) < chi2.ppf(0.999, len(error))
+
+
+PLANTS = {
+    "rod": (RodPendulum(m=1.3, l=0.9), RodPendulum()),
+    "point": (PointMassPendulum(m=0.7, l=0.6), PointMassPendulum(m=1.0, l=1.0)),
+    "joint": (GeneralJoint(J=0.3, G=2.1), GeneralJoint(J=0.5, G=1.0)),
+    "axis": (LinearAxis(m=0.4), LinearAxis(m=1.0)),
+}
+
+
+@pytest.mark.parametrize(("truth", "begin"), PLANTS.values(), ids=PLANTS.keys())
+def test_every_plant_is_found_without_being_told_the_noise(truth: Plant, begin: Plant) -> None:
+    truth_model = Model(truth, (Viscous(b=0.05),), dt=DT)
+    records = logs(truth_model)
+    estimate = fit(Model(begin, (Viscous(),), dt=DT), records)
+    assert estimate.success
+    assert estimate.names == tuple(n for n in truth_model.parameters if n != "g")
+    assert_found(estimate, truth_model, estimate.names)
+    assert estimate.sensor is not None
+    assert estimate.sensor.theta == pytest.approx(SENSOR.theta, rel=0.1)
+    assert estimate.sensor.theta_dot == pytest.approx(SENSOR.theta_dot, rel=0.1)
+    assert estimate.noise["theta"] == pytest.approx(SENSOR.theta, rel=0.1)
+    assert estimate.noise["theta_dot"] == pytest.approx(SENSOR.theta_dot, rel=0.1)
+
+
+def test_the_papers_protocol_is_fitted_too() -> None:
+    """Euler steps, a speed clip, start angles and noisy speeds alone, read twice."""
+    truth = paper_model(m=2.0, l=1.5)
+    records = paper_rollouts(truth, 10, np.random.default_rng(1), sigma=0.1)
+    estimate = fit(paper_model(), records, Sensor(None, 0.1, theta_0=1e-3))
+    assert_found(estimate, truth, ("m", "l"))
+    assert estimate.sd["m"] < 0.02
+
+
+def test_what_is_fixed_keeps_its_number(clean: list[Record]) -> None:
+    estimate = fit(rod(m=1.05), clean, SENSOR, ("l",))
+    assert estimate.names == ("l",)
+    assert estimate.model.parameters["m"].value == 1.05
+    both, one = fit(rod(), clean, SENSOR), fit(rod(), clean, SENSOR, ("m",))
+    assert one.sd["m"] <= both.sd["m"]
+
+
+def test_gravity_is_known_unless_it_is_named(clean: list[Record]) -> None:
+    assert free(rod(Viscous())) == ("m", "l", "viscous.b")
+    estimate = fit(rod(), clean, SENSOR, ("m", "g"))
+    assert estimate.values["g"] == pytest.approx(10.0, abs=5.0 * estimate.sd["g"])
+
+
+def test_a_fitted_model_is_a_model(clean: list[Record]) -> None:
+    estimate = fit(rod(m=1.2), clean, SENSOR)
+    again = simulate(estimate.model, clean[0].u, clean[0].theta[0], clean[0].theta_dot[0])  # type: ignore[index]
+    assert np.sqrt(np.mean((again.theta - clean[0].theta) ** 2)) < 0.05
+    assert fit(estimate.model, clean, SENSOR).values == pytest.approx(estimate.values, rel=1e-3)
+    json.dumps(estimate.to_dict(), allow_nan=False)
+    assert "m" in str(estimate)
+
+
+@pytest.mark.parametrize("effect", [Saturation(limit=0.9), Delay(T=0.03), Coulomb(tau_c=0.05)], ids=lambda e: e.name)
+def test_an_effect_begins_at_neutral_and_is_found(effect: Effect) -> None:
+    """Also a limit that begins at "never", where nothing has a slope."""
+    truth = rod(effect)
+    estimate = fit(rod(effect.at_neutral()), logs(truth), SENSOR)
+    assert estimate.success
+    assert_found(estimate, truth, estimate.names)
+
+
+@pytest.mark.parametrize(
+    "effects", [(), (Coulomb(tau_c=0.05),), (Delay(T=0.03),), (SensorDelay(T=0.03), Backlash(width=0.02))]
+)
+@pytest.mark.parametrize("sensor", [None, SENSOR, Sensor(1e-7, 1e-6)])
+def test_a_log_without_noise_gives_the_exact_numbers(effects: tuple[Effect, ...], sensor: Sensor | None) -> None:
+    truth = rod(*effects)
+    estimate = fit(rod(*(e.at_neutral() for e in effects), m=1.1), exact(truth), sensor)
+    for name in estimate.names:
+        assert estimate.values[name] == pytest.approx(truth.parameters[name].value, rel=1e-3)
+    assert "lacks" not in estimate.status
+
+
+def test_a_model_that_cannot_follow_says_so() -> None:
+    estimate = fit(rod(), logs(rod(Viscous(b=0.3))), SENSOR)
+    assert estimate.horizon < 2.0
+    assert f"windows of {estimate.horizon:g} s" in estimate.status
+    assert "pseudo-true" in estimate.status
+
+
+def test_the_same_numbers_again_and_inputs_untouched(clean: list[Record]) -> None:
+    before = [(r.u.copy(), r.theta.copy(), r.theta_dot.copy()) for r in clean]  # type: ignore[union-attr]
+    model = rod(m=1.1)
+    one, other = fit(model, clean), fit(model, list(clean))
+    assert one.values == other.values
+    np.testing.assert_array_equal(one.covariance, other.covariance)
+    assert model.parameters["m"].value == 1.1
+    for record, kept in zip(clean, before, strict=True):
+        for now, then in zip((record.u, record.theta, record.theta_dot), kept, strict=True):
+            np.testing.assert_array_equal(now, then)
+
+
+def test_the_order_of_rollouts_and_names_is_no_matter(clean: list[Record]) -> None:
+    one, other = fit(rod(m=1.1), clean, SENSOR), fit(rod(m=1.1), clean[::-1], SENSOR, ("l", "m"))
+    for name in ("m", "l"):
+        assert other.values[name] == pytest.approx(one.values[name], abs=1e-3 * one.sd[name])
+        assert other.sd[name] == pytest.approx(one.sd[name], rel=1e-6)
+
+
+@pytest.mark.parametrize("torque", [0.0, 0.1])
+def test_a_pendulum_at_rest_determines_nothing(torque: float) -> None:
+    rng = np.random.default_rng(0)
+    t = DT * np.arange(201)
+    still = Record(t, np.full(200, torque), math.pi + 0.003 * rng.standard_normal(201), 0.05 * rng.standard_normal(201))
+    estimate = fit(rod(), [still], SENSOR)
+    assert estimate.ambiguous
+    assert estimate.sd["m"] > 1.0
+
+
+@pytest.mark.parametrize("n", [1, 2, 5])
+def test_a_log_of_few_samples_is_fitted_without_a_claim(n: int, clean: list[Record]) -> None:
+    estimate = fit(rod(), [clean[0].head(n)], SENSOR)
+    assert np.all(np.isfinite(list(estimate.values.values())))
+    assert estimate.ambiguous
+
+
+def test_lead_in_is_as_long_as_the_sensors_memory() -> None:
+    assert lead_of(rod(Delay(), Coulomb())) == 0.0  # the drive's memory is filled by the whole record
+    assert lead_of(rod(SensorDelay())) == 0.2
+    assert lead_of(rod(SensorDelay(), Backlash())) >= 0.2
+
+
+BAD = {
+    "no record": (lambda: fit(rod(), []), "no records"),
+    "not a record": (lambda: fit(rod(), [3], SENSOR), "Record objects"),  # type: ignore[list-item]
+    "another rate": (lambda: fit(Model(RodPendulum(), dt=0.05), logs(rod()), SENSOR), "sampled every"),
+    "no such parameter": (lambda: fit(rod(), logs(rod()), SENSOR, ("mass",)), "unknown parameter 'mass'"),
+    "no parameter": (lambda: fit(rod(), logs(rod()), SENSOR, ()), "nothing is left to fit"),
+    "twice": (lambda: fit(rod(), logs(rod()), SENSOR, ("m", "m")), "m"),
+    "no such channel": (lambda: fit(rod(), logs(rod(), sensor=Sensor(0.003)), SENSOR), "no theta_dot readings"),
+}
+
+
+@pytest.mark.parametrize(("call", "says"), BAD.values(), ids=BAD.keys())
+def test_bad_input_is_one_sentence(call: object, says: str) -> None:
+    with pytest.raises(InvalidInput, match=says) as caught:
+        call()  # type: ignore[operator]
+    assert "\n" not in str(caught.value)
