@@ -326,6 +326,26 @@ def split(
     return tuple(training), tuple(out)
 
 
+def leave_out(
+    records: Sequence[Record], stretches: Iterable[tuple[str, float, float]], margin: float = 0.2, shortest: float = 1.0
+) -> tuple[Record, ...]:
+    """The records without stretches (record's name, begin [s], end [s]) and a `margin` [s] about them.
+
+    What lies between becomes rollouts of their own; pieces below `shortest` [s] are dropped.
+    """
+    stretches, kept = tuple(stretches), list[Record]()
+    for record in records:
+        n, acts = len(record), np.ones(len(record), dtype=bool)
+        for name, begin, end in stretches:
+            if name == record.name:
+                acts &= (record.t[1:] < begin - margin) | (record.t[:-1] > end + margin)
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], acts, [False]])))
+        for first, last in zip(edges[::2], edges[1::2], strict=True):
+            if last - first == n or (last - first) * record.dt >= shortest:
+                kept.append(_part(record, int(first), int(last)))
+    return tuple(kept)
+
+
 def _part(record: Record, first: int, last: int, name: str = "") -> Record:
     """The control intervals first .. last-1 of a record, with the instants at both ends."""
     whole = len(record)

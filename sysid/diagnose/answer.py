@@ -188,7 +188,5 @@ class Diagnosis:
                 f"  + {self._named(step)}: error {step.error_before:.3g} -> {step.error_after:.3g}, p = {step.p_value:.1g}"
                 + (f"; this log cannot tell it from {', '.join(step.alike[1:])}" if len(step.alike) > 1 else "")
             )
-        if self.touched:
-            lines.append(f"  no state of the joint explains {'; '.join(map(str, self.touched))}: a hand? leave it out")
         lines.extend(f"  cannot be told apart by this motion: {', '.join(group)}" for group in self.not_identifiable)
         return "\n".join(lines)

@@ -19,10 +19,13 @@ from sysid.effects import CATALOGUE, effect
 from sysid.errors import InvalidInput
 from sysid.estimate import Estimate
 from sysid.fit import free
-from sysid.identify.gauss_newton import Fit, fit_longest
+from sysid.identify.gauss_newton import HORIZONS, Fit, fit_longest
 from sysid.model import Model
 from sysid.records import Record
 from sysid.sensor import Sensor
+
+MOST_SEARCHES = 3
+"""What a hand touched is left out and the search begun anew, at most so often."""
 
 POWER = 3.9
 """Size, in its standard deviations, that is found in 80 % of logs at the level that Holm leaves to 25 candidates."""
@@ -41,13 +44,13 @@ def diagnose(
     cross-validation, adds it, and goes on until nothing more is warranted; then says what remains.
 
     model      a model, or an estimate: its free parameters are refitted, the others keep their numbers
-    records    at least one rollout; `hold_out` (a share, or a count) of them is never fitted and only reports
+    records    at least one rollout; stretches that a hand touched are left out of the search, and named; `hold_out` (a share, or a count) of them is never fitted and only reports
     sensor     noise of the readings; by default the estimate's, else found from the records without any model
     effects    names of the effects that may be missing; by default the whole catalogue
 
     Raises InvalidInput for unusable records and unknown names.
     """
-    from sysid.logs import split
+    from sysid.logs import leave_out, split
 
     began = time.perf_counter()
     names = model.names if isinstance(model, Estimate) else free(model)
@@ -59,10 +62,31 @@ def diagnose(
 
         sensor = sensor_noise(records).sensor
     training, held_out = split(records, hold_out)
-    base = fit_longest(model, names, training, sensor, lead=LEAD)
-    search = Search(training, chosen)
-    end = search.run(base)
-    return _Report(search, base, end, held_out, sensor).diagnosis(began)
+    touched: tuple[Touched, ...] = ()
+    for _ in range(MOST_SEARCHES):
+        base = fit_longest(model, names, training, sensor, lead=LEAD)
+        search = Search(training, chosen)
+        end = search.run(base)
+        found = _touched(end) if _perhaps_touched(search.rounds[-1]) else ()
+        rest = leave_out(training, [(t.name, t.t_begin, t.t_end) for t in found])
+        if not found or sum(map(len, rest)) < 0.6 * sum(map(len, training)):
+            break
+        touched, training = (*touched, *found), rest
+    return _Report(search, base, end, held_out, sensor, touched).diagnosis(began)
+
+
+def _perhaps_touched(last: Round) -> bool:
+    """Whether what remains depends on time, or on nothing that was tried, or the model follows the log nowhere long."""
+    kinds = last.structured
+    return last.left and (not kinds or kinds[0] == "time" or last.fit.horizon <= HORIZONS[0])
+
+
+def _touched(fit: Fit) -> tuple[Touched, ...]:
+    """Stretches in which something acts that no state of the joint explains, judged by the scatter about the fit:
+    a vibration that no rigid joint makes would hide every hand."""
+    from sysid.diagnose.residual_torque import residual_torque
+
+    return residual_torque(fit.model, fit.response.records, Sensor(**fit.residual_sd())).touched
 
 
 def _known(effects: Iterable[str]) -> tuple[str, ...]:
@@ -78,8 +102,17 @@ def _known(effects: Iterable[str]) -> tuple[str, ...]:
 class _Report:
     """Puts the way of a search into words and numbers; errors are held-out."""
 
-    def __init__(self, search: Search, base: Fit, end: Fit, held_out: Sequence[Record], sensor: Sensor) -> None:
+    def __init__(
+        self,
+        search: Search,
+        base: Fit,
+        end: Fit,
+        held_out: Sequence[Record],
+        sensor: Sensor,
+        touched: tuple[Touched, ...],
+    ) -> None:
         self.search, self.base, self.end, self.held_out, self.sensor = search, base, end, held_out, sensor
+        self.touched = touched
         self.last, self.first = search.rounds[-1], search.rounds[0]
 
     def error(self, fit: Fit) -> HeldOutError:
@@ -109,10 +142,24 @@ class _Report:
             sensor=self.sensor,
             held_out=tuple(r.name for r in self.held_out),
             estimate=self.end.estimate(),
-            touched=self._touched() if remaining is not None else (),
-            next_experiment=None,
+            touched=self.touched,
+            next_experiment=self._experiment(verdict, machine),
             seconds=time.perf_counter() - began,
         )
+
+    def _experiment(self, verdict: str, machine: tuple[Step, ...]) -> dict[str, Any] | None:
+        """What to play next where a class does not separate."""
+        if verdict != "cannot tell":
+            return None
+        from sysid.diagnose.experiment import next_experiment
+
+        alike = next(s.alike for s in machine if len(s.alike) > 1 and self._apart(s))
+        try:
+            return next_experiment(
+                self.end.estimate(), alike, sensor=self.sensor, records=self.search.records
+            ).to_dict()
+        except InvalidInput:  # no torque in the log, or rivals that exclude each other
+            return None
 
     def _apart(self, step: Step) -> bool:
         """Whether the step's class holds effects that are not simply the same thing to every log of this kind."""
@@ -168,18 +215,14 @@ class _Report:
 
     def _remaining(self, error: HeldOutError) -> Remaining | None:
         structured = self.last.structured
-        if not structured and not self.last.warranted:
+        if not self.last.left and not self.touched:
             return None
         depends_on = self.last.flexible[structured[0]].depends_on if structured else ()
         where = whereabouts(self.end, self.last.flexible[structured[0]]) if structured else ""
+        if self.touched:
+            depends_on = (*(q for q in depends_on if q != "time"), "time")
+            where = f"in {'; '.join(map(str, self.touched))}" + (f"; {where}" if where else "")
         return Remaining(max(0.0, 1.0 - 1.0 / max(error.ratio, 1e-9) ** 2), depends_on, where)
-
-    def _touched(self) -> tuple[Touched, ...]:
-        from sysid.diagnose.residual_torque import residual_torque
-
-        # what the readings scatter about the fit: a vibration that no rigid joint makes would hide every hand
-        sensor = Sensor(**self.end.residual_sd())
-        return residual_torque(self.end.model, self.end.response.records, sensor).touched
 
     def _not_identifiable(self) -> tuple[tuple[str, ...], ...]:
         """Parameters that no log of this kind separates, and effects that the free parameters absorb."""

@@ -74,6 +74,11 @@ class Round:
         found = [n[1:] for n, p in self.adjusted.items() if p < LEVEL and n.startswith("~")]
         return sorted(found, key=lambda n: self.flexible[n].gain, reverse=True)
 
+    @property
+    def left(self) -> bool:
+        """Whether anything is significant."""
+        return any(p < LEVEL for p in self.adjusted.values())
+
     def merit(self, name: str) -> float:
         """Expected decrease of -2 log likelihood, less the price of the magnitudes."""
         score = self.scores[name]

@@ -184,7 +184,7 @@ class Fit:
     def follows(self) -> bool:
         """Whether the model stays so near to the readings that a linearisation about it means something.
 
-        Beyond the noise its error is at most 15 % of the readings' spread in every channel, and 0.3 rad.
+        Its error is at most 1.2 times the noise, or beyond it 15 % of the readings' spread, in every channel, and 0.3 rad.
         """
         if self.growing:
             return False
@@ -197,7 +197,8 @@ class Fit:
             error = np.abs(e[:, row][seen] / response.weight[:, row][seen])
             noise = 1.0 / float(np.median(response.weight[:, row][seen]))
             excess = math.sqrt(max(0.0, float(np.mean(error**2)) - noise**2))
-            if excess > 0.15 * float(np.std(response.y[:, row][seen])):
+            small = float(np.mean(error**2)) < (1.2 * noise) ** 2
+            if not small and excess > 0.15 * float(np.std(response.y[:, row][seen])):
                 return False
             if row == 0 and float(np.quantile(error, 0.98)) > 0.3 + 3.0 * noise:
                 return False
