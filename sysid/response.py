@@ -11,6 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import casadi
 import numpy as np
@@ -46,7 +47,7 @@ def cut(records: Sequence[Record], length: float = math.inf, lead: float = 0.0) 
         n, dt = len(record), record.dt
         pieces = max(1, round(n * dt / length)) if math.isfinite(length) else 1
         edges = np.linspace(0, n, min(pieces, n) + 1).round().astype(int)
-        for begin, end in zip(edges[:-1], edges[1:], strict=True):
+        for begin, end in pairwise(edges):
             early = min(int(begin), math.ceil(lead / dt - 1e-9))
             windows.append(Window(i, int(begin) - early, int(end - begin) + early, early))
     return tuple(windows)

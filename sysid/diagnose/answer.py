@@ -87,7 +87,7 @@ class Diagnosis:
     verdict           "adequate": nothing was missing; "missing": the steps explain everything; "unknown": something
                       remains after the steps, if any; "cannot tell": a step's class does not separate on this log
     base              the model as it came, refitted
-    steps             effects that were added, in order; those of the log itself (how it stamps torques) in `conventions`
+    steps             effects that were added, in order; those of the log itself (torque stamps) in `conventions`
     ranking           the candidates of the first round, best first
     remaining         what is left, where something is
     not_identifiable  groups of parameters and effects that this motion cannot separate
@@ -184,8 +184,9 @@ class Diagnosis:
     def __str__(self) -> str:
         lines = [self.sentence]
         for step in (*self.conventions, *self.steps):
+            fell = f"error {step.error_before:.3g} -> {step.error_after:.3g}"
             lines.append(
-                f"  + {self._named(step)}: error {step.error_before:.3g} -> {step.error_after:.3g}, p = {step.p_value:.1g}"
+                f"  + {self._named(step)}: {fell}, p = {step.p_value:.1g}"
                 + (f"; this log cannot tell it from {', '.join(step.alike[1:])}" if len(step.alike) > 1 else "")
             )
         lines.extend(f"  cannot be told apart by this motion: {', '.join(group)}" for group in self.not_identifiable)

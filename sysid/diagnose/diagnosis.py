@@ -44,7 +44,8 @@ def diagnose(
     cross-validation, adds it, and goes on until nothing more is warranted; then says what remains.
 
     model      a model, or an estimate: its free parameters are refitted, the others keep their numbers
-    records    at least one rollout; stretches that a hand touched are left out of the search, and named; `hold_out` (a share, or a count) of them is never fitted and only reports
+    records    at least one rollout; `hold_out` (a share, or a count) of them is never fitted and only reports;
+               stretches that a hand touched are left out of the search, and named
     sensor     noise of the readings; by default the estimate's, else found from the records without any model
     effects    names of the effects that may be missing; by default the whole catalogue
 

@@ -184,7 +184,7 @@ class Fit:
     def follows(self) -> bool:
         """Whether the model stays so near to the readings that a linearisation about it means something.
 
-        Its error is at most 1.2 times the noise, or beyond it 15 % of the readings' spread, in every channel, and 0.3 rad.
+        In every channel its error is at most 1.2 times the noise, or beyond it 15 % of the readings' spread, and 0.3 rad.
         """
         if self.growing:
             return False
