@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 UNITS = {"theta": "rad", "theta_dot": "rad/s"}
 WORDS = {"theta": "angle", "theta_dot": "speed"}
 ARROW, MINUS, TIMES = "\N{RIGHTWARDS ARROW}", "\N{MINUS SIGN}", "\N{MULTIPLICATION SIGN}"
+PLUS_MINUS = "\N{PLUS-MINUS SIGN}"
+RAISED = str.maketrans("-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079")
 
 
 class Picture(NamedTuple):
@@ -136,15 +138,16 @@ def listed(names: Sequence[str], most: int = 12) -> str:
 def sentence(text: str) -> str:
     """Sentences as print would set them."""
     text = re.sub(r"^(adequate|missing|unknown|cannot tell): ", "", text.strip())
-    text = re.sub(r"(?<![\w.])-(?=[\d.])|(?<=\de)-(?=\d)", MINUS, text.replace("+-", "\N{PLUS-MINUS SIGN}"))
-    text = re.sub(rf"p = (0|[\d.]+e{MINUS}\d+)(?=[,;).])", "p < 0.0001", text)
+    text = re.sub(r"p = (0|[\d.]+e-\d+)(?=[,;).])", "p < 0.0001", text)
+    text = re.sub(r"(?<![\w.])[-+]?\d[\d.]*(e[-+]\d+)?", lambda found: number(found[0]), text.replace("+-", PLUS_MINUS))
     text = re.sub(r"(?<=\d)%", "\N{NO-BREAK SPACE}%", text)
     return re.sub(r"(^|\. )([a-z])", lambda first: first[1] + first[2].upper(), text)
 
 
 def number(text: str) -> str:
-    """A number, or several, with a minus sign."""
-    return re.sub(r"(?<!\w)-|(?<=e)-", MINUS, text)
+    """A number, or several, with a minus sign and powers of ten."""
+    text = re.sub(r"e([-+])0*(\d+)", lambda e: f"{TIMES}10" + (e[1].strip("+") + e[2]).translate(RAISED), text)
+    return re.sub(r"(?<!\w)-(?=\d)", MINUS, text)
 
 
 def multiple(ratio: float) -> str:
@@ -175,4 +178,4 @@ def measured(value: float, sd: float) -> str:
     """A number and its sd."""
     if not math.isfinite(sd):
         return f"{rounded(value, sd)}, not determined"
-    return f"{rounded(value, sd)} \N{PLUS-MINUS SIGN} {rounded(sd, sd) if sd > 0.0 else '0'}"
+    return f"{rounded(value, sd)} {PLUS_MINUS} {rounded(sd, sd) if sd > 0.0 else '0'}"

@@ -167,8 +167,8 @@ def _ranking(answer: Diagnosis) -> Section:
 
     caption = (
         "The first round: every effect of the catalogue, by what it would explain. Effects in one row move the "
-        "readings of this log alike. Dark: added in the end; light: significant then; grey: could be chance. p is corrected "
-        "for the number of candidates; error: held-out, where the effect was refitted."
+        "readings of this log alike. Dark: added in the end; light: significant then; grey: could be chance. p is "
+        "corrected for the number of candidates; error: held-out, where the effect was refitted."
     )
     drawn = [figures.ranking(answer, 9 if answer.steps else 6)] if answer.ranking else []
     return Section("Which effect explains the error?", (), tuple(picture(figure, caption) for figure in drawn))
@@ -186,7 +186,8 @@ def _torque(answer: Diagnosis, torques: Sequence[ResidualTorque], whole: bool) -
         where = f", {left.where}" if left.where else ""
         says.insert(0, f"{left.share:.0%} of the squared error is unexplained; it depends on {on}{where}.")
     caption = (
-        "Torque that must act beyond the model for the log to have come about, where it is largest, with its 95 % band."
+        "Torque that must act beyond the model for the log to have come about, with its 95 % band; of many stretches "
+        "those where it is largest."
         + (" Blue: beyond the mended model; orange: beyond the model as it came." if before else "")
         + (" Yellow: what no state of the joint explains, a hand perhaps." if found.touched else "")
         + ("" if whole else f" Of the first {MOST:,} samples.")
@@ -236,13 +237,14 @@ def _parameters(answer: Diagnosis, mended: bool) -> Table:
             ]
         )
     came_heads = ("as it came, refitted",) if mended else ()
-    heads = ("parameter", "value \N{PLUS-MINUS SIGN} sd", "95 % interval", "unit", *came_heads, "")
+    heads = ("parameter", f"value {set_as.PLUS_MINUS} sd", "95 % interval", "unit", *came_heads, "")
     return Table("The mended model" if mended else "The model", heads, rows, words=(0, 3, len(heads) - 1))
 
 
 def _steps(answer: Diagnosis) -> Iterator[Table]:
-    steps = (*answer.conventions, *answer.steps)
-    if steps:
+    from sysid.report_figures import in_order
+
+    if steps := in_order(answer):
         heads = ("effect", "error before", "after", "p", "not told from", "formula")
         rows = [_step(s, s in answer.conventions) for s in steps]
         yield Table("What was added", heads, rows, words=(0, 4, 5))
@@ -256,7 +258,7 @@ def _step(step: Step, of_log: bool) -> list[str]:
         set_as.multiple(step.error_after),
         set_as.chance(step.p_value).removeprefix("p = ").removeprefix("p "),
         ", ".join(step.alike[1:]),
-        set_as.number(kind.formula) if kind is not None else "",
+        kind.formula.replace("-", set_as.MINUS) if kind is not None else "",
     ]
 
 

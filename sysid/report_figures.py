@@ -20,7 +20,7 @@ from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
-from sysid.diagnose.answer import Diagnosis
+from sysid.diagnose.answer import Diagnosis, Step
 from sysid.diagnose.compare import Trace
 from sysid.diagnose.held_out import Refit, error_of, lead_of, refit_windows
 from sysid.diagnose.residual_map import ResidualMap
@@ -33,7 +33,7 @@ from sysid.records import Array, Record
 from sysid.response import CHANNELS, cut
 from sysid.sensor import Sensor
 
-WIDE, NARROW = 6.4, 4.3
+WIDE, NARROW = 5.6, 4.2
 """Widths [in]: of a column, and of half of one."""
 SPAN = 10.0
 """Longest stretch [s] of a rollout, or of residual torque, in one panel."""
@@ -59,9 +59,20 @@ def fall(answer: Diagnosis) -> Figure:
     return drawn(WIDE, 3.3 if answer.steps or answer.conventions else 2.3, lambda axes: fall_in(axes, answer))
 
 
+def in_order(answer: Diagnosis) -> tuple[Step, ...]:
+    """Effects and conventions as they came: each begins at the error at which the one before ended."""
+    left, error, ordered = [*answer.conventions, *answer.steps], answer.base_error.ratio, list[Step]()
+    while left:
+        following = next((s for s in left if s.error_before == error), left[0])
+        left.remove(following)
+        ordered.append(following)
+        error = following.error_after
+    return tuple(ordered)
+
+
 def fall_in(axes: Axes, answer: Diagnosis) -> None:
     """The same on given axes."""
-    steps = (*answer.conventions, *answer.steps)
+    steps = in_order(answer)
     values = [answer.base_error.ratio, *(s.error_after for s in steps)]
     clouds = {0: answer.base_error} | ({len(steps): answer.error} if steps else {})
     for x, error in clouds.items():
@@ -104,7 +115,7 @@ def ranking(answer: Diagnosis, most: int = 9) -> Figure:
             rows.append(r)
     rows = rows[:most]
     added = {name for s in (*answer.steps, *answer.conventions) for name in s.alike}
-    labels = [textwrap.fill(", ".join(r.alike), 30) for r in rows]
+    labels = [textwrap.fill(", ".join(r.alike), 26) for r in rows]
     return drawn(
         WIDE,
         0.75 + 0.3 * sum(0.55 + 0.45 * (1 + text.count("\n")) for text in labels),
