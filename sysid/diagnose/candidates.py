@@ -10,7 +10,7 @@ import numpy as np
 
 from sysid.effects import CATALOGUE, Effect
 from sysid.model import Model
-from sysid.parameters import Extent
+from sysid.parameters import Extent, Parameter
 from sysid.records import Record
 
 NEVER = 1e5
@@ -24,14 +24,14 @@ class Alternative:
     neutral     the effect with these shapes, changing nothing
     magnitudes  the names of the parameters that are tried
     probes      the effect with one magnitude each off neutral, by sizes (q,)
-    one_sided   whether the (only) magnitude cannot be below neutral
+    side        1 where the (only) magnitude cannot be below neutral, -1 where it cannot be above, else 0
     """
 
     neutral: Effect
     magnitudes: tuple[str, ...]
     probes: tuple[Effect, ...]
     sizes: tuple[float, ...]
-    one_sided: bool
+    side: int
 
     @property
     def name(self) -> str:
@@ -79,9 +79,15 @@ def alternatives(kind: type[Effect], extent: Extent) -> tuple[Alternative, ...]:
         for values in itertools.product(*(p.probes(extent) for p in magnitudes)):
             probes = tuple(neutral.with_parameters({k: v}) for k, v in zip(names, values, strict=True))
             sizes = tuple(v - (p.neutral or 0.0) for v, p in zip(values, magnitudes, strict=True))
-            one_sided = len(names) == 1 and magnitudes[0].neutral == magnitudes[0].bounds[0]
-            found.append(Alternative(neutral, names, probes, sizes, one_sided))
+            found.append(Alternative(neutral, names, probes, sizes, _side(magnitudes)))
     return tuple(found)
+
+
+def _side(magnitudes: Sequence[Parameter]) -> int:
+    if len(magnitudes) != 1:
+        return 0
+    low, high = magnitudes[0].bounds
+    return int(magnitudes[0].neutral == low) - int(magnitudes[0].neutral == high)
 
 
 def candidates(model: Model, extent: Extent, names: Iterable[str] | None = None) -> dict[str, tuple[Alternative, ...]]:

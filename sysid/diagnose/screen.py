@@ -66,7 +66,7 @@ def score(directions: Directions, alternatives: tuple[Alternative, ...], cluster
     """The best of an effect's alternatives."""
     best, units = None, []
     for alternative, z, size in directions.each(alternatives):
-        test = Test.of(directions, z, size, clusters, one_sided=alternative.one_sided)
+        test = Test.of(directions, z, size, clusters, alternative.side)
         if test.rank == 0:
             continue
         if len(alternatives) <= 16:
@@ -94,10 +94,11 @@ class Test:
     basis: Array
 
     @classmethod
-    def of(cls, directions: Directions, z: Array, size: Array, clusters: Index, one_sided: bool = False) -> Test:
+    def of(cls, directions: Directions, z: Array, size: Array, clusters: Index, side: int = 0) -> Test:
         """The test about a fit. lm takes s^2 from the null's residuals; the p-value is that of the Wald form, whose s^2
         is that of the residuals once the effect is out of them, inflated by the ratio of the clustered variance
-        to the plain one where that is above 1: what else is missing then counts as coloured noise.
+        to the plain one where that is above 1: what else is missing then counts as coloured noise. `side` is that of
+        the effect from neutral on which it can be (0: both).
         """
         e, variance = directions.e, directions.fit.variance
         length = np.linalg.norm(z, axis=0)
@@ -126,9 +127,9 @@ class Test:
         sd = np.full(z.shape[1], np.inf)
         sd[seen] = np.sqrt(variance * np.sum(mixed**2, axis=1)) / length[seen]
         p = float(f.sf(wald / rank, rank, max(1, G - 1))) if inflation > 1.5 else float(chi2.sf(wald, rank))
-        if one_sided and q == 1:
-            p = 0.5 * p if coefficient[0] > 0.0 else 1.0
-            lm = lm if coefficient[0] > 0.0 else 0.0
+        if side and q == 1:
+            p = 0.5 * p if side * coefficient[0] > 0.0 else 1.0
+            lm = lm if side * coefficient[0] > 0.0 else 0.0
         return cls(lm, p, rank, tuple(coefficient.tolist()), tuple(sd.tolist()), basis)
 
 
