@@ -21,6 +21,9 @@ from sysid.sensor import Sensor
 HORIZONS = (0.5, 1.0, 2.0, 4.0, math.inf)
 """Lengths of windows [s] that a fit goes through; inf is a whole rollout."""
 
+ENOUGH = 8000
+"""Samples from which the start of a fit can be told."""
+
 LARGEST_GROWTH = 1e5
 """Of an initial error within a window; beyond it float64 cannot tell the parameters from the start."""
 
@@ -184,7 +187,7 @@ class Fit:
     def follows(self) -> bool:
         """Whether the model stays so near to the readings that a linearisation about it means something.
 
-        In every channel its error is at most 1.2 times the noise, or beyond it 15 % of the readings' spread, and 0.3 rad.
+        In every channel its error is at most 1.2 times the noise, or else 15 % of the readings' spread, and 0.3 rad.
         """
         if self.growing:
             return False
@@ -333,6 +336,17 @@ def _near(response: Response, near: Fit) -> Array:
     return np.array(found)
 
 
+def _part(records: Sequence[Record]) -> tuple[Record, ...]:
+    """The first records, about ENOUGH samples of them."""
+    part, left = list[Record](), ENOUGH
+    for record in records:
+        part.append(record.head(left))
+        left -= len(record)
+        if left <= 0:
+            break
+    return tuple(part)
+
+
 def fit_longest(
     model: Model,
     names: Sequence[str],
@@ -343,7 +357,13 @@ def fit_longest(
     shortest: float = HORIZONS[0],
     lead: float = 0.0,
 ) -> Fit:
-    """The fit at the longest horizon at which the model follows the log, through all shorter ones from `shortest`."""
+    """The fit at the longest horizon at which the model follows the log, through all shorter ones from `shortest`.
+
+    A long log is begun with a part of it, which tells the numbers and the horizon well enough to start from.
+    """
+    if p is None and near is None and sum(map(len, records)) > 2.5 * ENOUGH:
+        part = fit_longest(model, names, _part(records), sensor, None, None, shortest, lead)
+        p, shortest = part.solution.p, part.horizon
     whole = max(len(r) * r.dt for r in records)
     fit = None
     for horizon in (*(h for h in HORIZONS if shortest <= h < 0.75 * whole), math.inf):
