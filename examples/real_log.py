@@ -1,6 +1,6 @@
 """The loop on a log of a real rig: fit, compare, diagnose, compare again; with the commands that do it.
 
-    python examples/real_log.py LOG.csv [--plant point] [--reading '--from 0 --to 4.6'] [--out DIR]
+    python examples/real_log.py LOG.csv [--plant point] [--out DIR] [--from 0 --to 4.6 ...]
 
 Columns are found by their names (time_s, angle_rad, velocity_rad_s, torque_meas_Nm ...). Where a LOG.json lies beside
 the log and says that angle 0 hangs down, that is heeded. Without --plant it is a joint of inertia J and gravity torque
@@ -14,6 +14,7 @@ import csv
 import json
 import shlex
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -64,25 +65,31 @@ def walk(log: Path, out: Path, reading: list[str], plant: str) -> int:
     )
 
 
-def main(
-    log: Annotated[Positional[Path], arg(metavar="LOG.csv")],
-    out: Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="(default: results/LOG)")] = None,
-    plant: Annotated[str, arg(metavar="{rod,point,joint,axis}")] = "joint",
-    reading: Annotated[str, arg(metavar="'--from 0 --to 4.6 ...'", help_behavior_hint="")] = "",
-) -> int:
+@dataclass(frozen=True)
+class Options:
     """The loop on a log of a real rig: fit, compare, diagnose, compare again.
 
-    Args:
-        log: The log; a LOG.json beside it may say that its angle 0 hangs down.
-        out: Folder for models, answers and figures.
-        plant: What kind of machine it is.
-        reading: More options for how the log is read, as `python -m sysid fit --help` lists them.
+    Any option about the log that `python -m sysid fit --help` lists may follow, such as --from 0 --to 4.6.
     """
-    if not log.is_file():
-        print(f"error: no such file: {log}", file=sys.stderr)
+
+    log: Annotated[Positional[Path], arg(metavar="LOG.csv")]
+    """The log; a LOG.json beside it may say that its angle 0 hangs down."""
+
+    out: Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="(default: results/LOG)")] = None
+    """Folder for models, answers and figures."""
+
+    plant: Annotated[str, arg(metavar="{rod,point,joint,axis}")] = "joint"
+    """What kind of machine it is."""
+
+
+def main() -> int:
+    """Run the example; returns the exit code: 0 done, 2 bad input."""
+    options, reading = tyro.cli(Options, return_unknown_args=True)
+    if not options.log.is_file():
+        print(f"error: no such file: {options.log}", file=sys.stderr)
         return 2
-    return walk(log, out or Path("results") / log.stem, shlex.split(reading), plant)
+    return walk(options.log, options.out or Path("results") / options.log.stem, reading, options.plant)
 
 
 if __name__ == "__main__":
-    sys.exit(tyro.cli(main))
+    sys.exit(main())

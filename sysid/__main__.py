@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
+import warnings
 from collections.abc import Sequence
 
 import tyro
@@ -28,7 +29,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from sysid.commands import run
 
     try:
-        run(command)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # a fit may try numbers with which the motion runs away
+            run(command)
         sys.stdout.flush()
     except InvalidInput as error:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
