@@ -42,8 +42,8 @@ def main(arguments: list[str] | None = None) -> int:
         print(file=sys.stderr)
     prepared = store.read("decidability")
     answers = {m: store.answers(m) for m in given.methods}
-    for rule in RULES:
-        print(f"\n{rule}:\n\n{table(cases, answers, prepared, rule)}")
+    tables = {rule: table(cases, answers, prepared, rule) for rule in RULES}
+    print("\n".join(f"\n{rule}:\n\n{text}" for rule, text in tables.items() if text))
     if given.wrong:
         for method, own in answers.items():
             for name, part in columns(cases).items():

@@ -35,18 +35,20 @@ class Answer:
 
 def ours(records: Sequence[Record], told: Told) -> Answer:
     """sysid.diagnose, beginning at the default rod; gravity is known, as it is on earth."""
-    from sysid import Model, RodPendulum, Sensor, diagnose
+    from sysid import CATALOGUE, Model, RodPendulum, Sensor, diagnose
 
     model = Model(RodPendulum(g=9.81), dt=records[0].dt)
     sensor = None
     if told is not None:
         sensor = Sensor(theta=told[0], theta_dot=told[1] if records[0].theta_dot is not None else None)
     found = diagnose(model, list(records), sensor)
-    ranking = found.ranking
+    ranked = [r for r in found.ranking if not CATALOGUE[r.effect].of_log]
+    if found.conventions:  # the first round ranked what was left of them too
+        ranked = [*found.steps, *ranked]
     return Answer(
         verdict=found.verdict,
-        ranking=tuple(r.effect for r in ranking),
-        alike=tuple(ranking[0].alike) if ranking else (),
+        ranking=tuple(r.effect for r in ranked),
+        alike=tuple(ranked[0].alike) if ranked else (),
         named=tuple(tuple(s.alike) for s in found.steps),
         depends_on=tuple(found.remaining.depends_on) if found.remaining is not None else (),
         error_after=found.error.ratio,

@@ -84,7 +84,9 @@ RULES: Mapping[str, Callable[[Case, Answer], bool | None]] = {
     "right": right,
     "named, and nothing else": lambda case, a: None if not case.hidden or case.stranger else exact(case, a),
     "unknown": lambda case, a: a.verdict == "unknown" if case.stranger else None,
-    "error <= 1.1": lambda case, a: None if case.stranger or a.error_after is None else a.error_after <= 1.1,
+    "error <= 1.1": lambda case, a: (
+        None if case.stranger or case.column == "told" or a.error_after is None else a.error_after <= 1.1
+    ),
 }
 
 
@@ -123,4 +125,4 @@ def table(
         cells = [cell(own, a, prepared, rule) for a in answers.values()]
         if any(c.total for c in cells):
             lines.append(f"| {name} | " + " | ".join(map(str, cells)) + " |")
-    return "\n".join(lines)
+    return "\n".join(lines) if len(lines) > 2 else ""
