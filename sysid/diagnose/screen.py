@@ -160,10 +160,16 @@ def holm(p_values: Mapping[str, float]) -> dict[str, float]:
 
 
 def alikeness(a: Score, b: Score) -> float:
-    """|cos| of the smallest angle between two candidates' directions: 1 where this log cannot tell them apart."""
-    if a.z.shape[1] == 0 or b.z.shape[1] == 0:
+    """cos of the largest angle between the directions of the candidate with fewer and the span of the other's: 1 where
+    this log cannot tell them apart, or where one contains the other."""
+    Qa, Qb = _spanned(a.z), _spanned(b.z)
+    if Qa.shape[1] == 0 or Qb.shape[1] == 0:
         return 0.0
-    Qa, Qb = (
-        np.linalg.svd(s.z / np.maximum(np.linalg.norm(s.z, axis=0), 1e-300), full_matrices=False)[0] for s in (a, b)
-    )
-    return min(1.0, float(np.linalg.norm(Qa.T @ Qb, 2)))
+    return min(1.0, float(np.linalg.norm(Qa.T @ Qb, -2)))
+
+
+def _spanned(z: Array) -> Array:
+    """Orthonormal columns that span those of z (rows, q)."""
+    U, size, _ = np.linalg.svd(z / np.maximum(np.linalg.norm(z, axis=0), 1e-300), full_matrices=False)
+    spanned: Array = U[:, size > 1e-6]
+    return spanned
