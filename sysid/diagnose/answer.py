@@ -38,9 +38,9 @@ class Step:
         return {
             "effect": self.effect,
             "class": list(self.alike),
-            "parameters": self.parameters,
-            "error_before": self.error_before,
-            "error_after": self.error_after,
+            "parameters": {name: {**v, "sd": finite(v["sd"])} for name, v in self.parameters.items()},
+            "error_before": finite(self.error_before),
+            "error_after": finite(self.error_after),
             "p_value": self.p_value,
         }
 
@@ -63,7 +63,7 @@ class Ranked:
             "class": list(self.alike),
             "score": self.score,
             "p_value": self.p_value,
-            "error_after": self.error_after,
+            "error_after": finite(self.error_after),
         }
 
 
@@ -124,7 +124,8 @@ class Diagnosis:
         return self.estimate.model
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data of schema "gapfinder/diagnosis/1"; errors are held-out, in units of the sensor noise."""
+        """Plain data of schema "gapfinder/diagnosis/1"; errors are held-out, in units of the sensor noise; a number that
+        is not finite becomes None."""
         parameters = self.estimate.model.parameters
         sd = self.estimate.sd
         return {
@@ -136,8 +137,8 @@ class Diagnosis:
             },
             "noise": {"theta": self.sensor.theta, "theta_dot": self.sensor.theta_dot},
             "held_out": list(self.held_out),
-            "base_error": self.base_error.ratio,
-            "error": self.error.ratio,
+            "base_error": finite(self.base_error.ratio),
+            "error": finite(self.error.ratio),
             "verdict": self.verdict,
             "steps": [s.to_dict() for s in self.steps],
             "conventions": [s.to_dict() for s in self.conventions],

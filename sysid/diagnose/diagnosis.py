@@ -12,7 +12,7 @@ import numpy as np
 from sysid.diagnose.answer import Diagnosis, Ranked, Remaining, Step
 from sysid.diagnose.held_out import HeldOutError, held_out_error
 from sysid.diagnose.screen import alikeness
-from sysid.diagnose.search import LEAD, SAME, Round, Search
+from sysid.diagnose.search import LEAD, SAME, Round, Search, at_horizon, reduce_by
 from sysid.diagnose.touched import Touched
 from sysid.diagnose.whereabouts import whereabouts
 from sysid.effects import CATALOGUE, effect
@@ -21,7 +21,7 @@ from sysid.estimate import Estimate
 from sysid.fit import free
 from sysid.identify.gauss_newton import HORIZONS, Fit, fit_longest
 from sysid.model import Model
-from sysid.records import Record
+from sysid.records import Record, check_records
 from sysid.sensor import Sensor
 
 MOST_SEARCHES = 3
@@ -54,6 +54,7 @@ def diagnose(
     from sysid.logs import leave_out, split
 
     began = time.perf_counter()
+    records = check_records(model.model if isinstance(model, Estimate) else model, records)
     names = model.names if isinstance(model, Estimate) else free(model)
     if isinstance(model, Estimate):
         sensor, model = sensor or model.sensor, model.model
@@ -171,8 +172,7 @@ class _Report:
         estimate = self.end.estimate()
         sd, steps, before = estimate.sd, [], base_error.ratio
         for k, addition in enumerate(self.search.additions):
-            last = k == len(self.search.additions) - 1
-            fit = self.end if last else addition.fit
+            fit = self._after(k)
             after = self.error(fit).ratio
             numbers = {
                 name: {"value": value, "sd": sd[name], "unit": estimate.model.parameters[name].unit}
@@ -183,6 +183,19 @@ class _Report:
             steps.append(Step(addition.name, alike, numbers, before, after, addition.p_value, fit.estimate()))
             before = after
         return tuple(steps)
+
+    def _after(self, k: int) -> Fit:
+        """The fit with the first k + 1 additions and no other: where one was dropped or swapped since, fitted anew."""
+        additions = self.search.additions
+        if k == len(additions) - 1:
+            return self.end
+        fit, wanted = additions[k].fit, {e.name for e in self.base.model.effects} | {a.name for a in additions[: k + 1]}
+        if {e.name for e in fit.model.effects} == wanted:
+            return fit
+        fit = at_horizon(self.end, self.base.horizon)
+        for later in reversed(additions[k + 1 :]):
+            fit = reduce_by(fit, later.name)
+        return fit
 
     def _ranking(self) -> tuple[Ranked, ...]:
         """The first round: those that were refitted by what came out, then the others by their expected merit."""
