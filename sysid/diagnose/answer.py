@@ -124,8 +124,8 @@ class Diagnosis:
         return self.estimate.model
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data of schema "gapfinder/diagnosis/1"; errors are held-out, in units of the sensor noise; a number that
-        is not finite becomes None."""
+        """Plain data of schema "gapfinder/diagnosis/1": errors are held-out, in units of the sensor noise, and a number
+        that is not finite becomes None."""
         parameters = self.estimate.model.parameters
         sd = self.estimate.sd
         return {
