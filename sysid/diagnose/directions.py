@@ -42,7 +42,7 @@ class Directions:
         self.fit, self.model, self.response, self.lin = fit, fit.model, fit.response, fit.solution.lin
         reduced = fit.reduced
         self.starts = reduced.directions
-        S = reduced.S.reshape(-1, reduced.S.shape[-1])
+        S = reduced.S.reshape(reduced.e.size, reduced.S.shape[-1])
         S = S / np.maximum(np.linalg.norm(S, axis=0), 1e-300)
         U, size, _ = np.linalg.svd(S, full_matrices=False)
         self.basis: Array = U[:, size > 1e-7]
@@ -87,7 +87,7 @@ class Directions:
         """Wald statistic, chi-square with len(names) degrees, that parameters differ from neutral where torques
         (K, L, Q) of any size may act beside them: (a + da)' C^-1 (a + da), C their block of s^2 ([S Z]'[S Z])^-1.
         """
-        S = self.fit.reduced.S.reshape(self.e.size, -1)
+        S = self.fit.reduced.S.reshape(self.e.size, len(self.fit.names))
         Z = without(self.starts, self._seen(self.bias[..., None] * torque[:, :, None, :])).reshape(self.e.size, -1)
         both = np.concatenate([S, Z], axis=1)
         size = np.maximum(np.linalg.norm(both, axis=0), 1e-300)

@@ -9,11 +9,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.stats import chi2
 
+from sysid.diagnose.candidates import NEVER
 from sysid.diagnose.directions import Directions
 from sysid.diagnose.flexible import Dependence, bases, dependences
 from sysid.diagnose.screen import Score, alikeness, holm, screen
 from sysid.effects import CATALOGUE, Effect
-from sysid.identify.gauss_newton import Fit, fit_longest, fit_windows
+from sysid.identify.gauss_newton import COLOURED, Fit, fit_longest, fit_windows
 from sysid.records import Array, Record
 
 LEVEL = 0.05
@@ -221,6 +222,10 @@ class Search:
         At the horizon at which the model without any addition could follow the log: there both sides can be fitted.
         """
         for addition in list(self.additions):
+            if not holds(fit, addition.name):
+                self.additions.remove(addition)
+                self.taken_back.add(addition.name)
+                return grow(reduce_by(fit, addition.name))
             if len(self.additions) == 1 and len(fit.names) == len(self.rounds[0].fit.names) + 1:
                 break  # the one effect that was chosen with one parameter: nothing has changed since
             full = at_horizon(fit, self.reviewed_at)
@@ -233,13 +238,28 @@ class Search:
             trials = [t for t in self.trials(now, full) if t.name != addition.name]
             if not trials:
                 continue
-            variance = min(full.variance, *(t.fit.variance for t in trials))
-            best = max(trials, key=lambda t: t.merit(variance))
-            own = Trial(addition.name, full, best.score, 0.0).merit(variance)
-            if best.merit(variance) > own + CLOSE:
-                self.additions[self.additions.index(addition)] = self._addition(best, trials, now)
-                return grow(best.fit)
+            rival = self._rival(fit, full, addition, trials)
+            if rival is not None:
+                self.additions[self.additions.index(addition)] = self._addition(rival, trials, now)
+                return rival.fit
         return fit
+
+    @staticmethod
+    def _rival(fit: Fit, full: Fit, addition: Addition, trials: Sequence[Trial]) -> Trial | None:
+        """The best of the effects that explain more, or as much with fewer numbers, in an addition's place.
+
+        Those that come near are fitted at the full horizon: short windows that begin at rest have many optima.
+        """
+        near = [t for t in trials if t.fit.variance < 1.5 * full.variance]
+        grown = [Trial(t.name, grow(t.fit), t.score, t.p_value) for t in near]
+        best, own = None, fit
+        for trial in grown:
+            here = fit if trial.fit.horizon == fit.horizon else at_horizon(fit, trial.fit.horizon)
+            variance = min(here.variance, trial.fit.variance)
+            margin = trial.merit(variance) - Trial(addition.name, here, trial.score, 0.0).merit(variance)
+            if margin > CLOSE and (best is None or trial.fit.solution.lin.cost < own.solution.lin.cost):
+                best, own = trial, trial.fit
+        return best
 
     def _prune(self, now: Round) -> Fit:
         """Where something unknown remains: take back the effects that only imitated it.
@@ -264,6 +284,21 @@ class Search:
                 self.taken_back.add(addition.name)
                 return grow(without)
         return now.fit
+
+
+def holds(fit: Fit, name: str) -> bool:
+    """Whether an effect's magnitudes differ from neutral by the covariance of the fit, coloured residuals included.
+
+    One that ended at its bound, or whose direction is not determined, is judged by its cost alone.
+    """
+    own = [p.name for p in CATALOGUE[name]().parameters.values() if p.neutral is not None and abs(p.neutral) < NEVER]
+    at = [fit.names.index(f"{name}.{k}") for k in own if f"{name}.{k}" in fit.names]
+    covariance = fit.covariance[np.ix_(at, at)]
+    if not at or not np.all(np.isfinite(covariance)):
+        return True
+    neutral = [fit.model.parameters[fit.names[i]].neutral or 0.0 for i in at]
+    apart = fit.solution.p[at] - np.array(neutral)
+    return bool(chi2.sf(apart @ np.linalg.pinv(covariance) @ apart, len(at)) < LEVEL / 10.0)
 
 
 def at_horizon(fit: Fit, horizon: float) -> Fit:
@@ -293,21 +328,26 @@ def extend(fit: Fit, score: Score, full: Fit | None = None) -> Fit:
     expected = score.best.at(score.sizes)
     others = [score.best.at(tuple(0.03 * size for size in score.sizes))]
     others += [probe for other in score.others for probe in other.probes]
-    begun = [fit.solution.p]
-    if full is not None:
-        begun.append(np.array([full.solution.p[full.names.index(n)] for n in fit.names]))
-    best = _with(fit, [expected, *others], begun)
+    best = _with(fit, [expected, *others], fit.solution.p, fit)
     promised = 0.5 * score.lm * fit.variance
-    if fit.solution.lin.cost - best.solution.lin.cost < 0.3 * promised:
-        best = min(best, _with(fit, [expected], begun[:1]), key=lambda f: f.solution.lin.cost)
+    if full is None and fit.solution.lin.cost - best.solution.lin.cost < 0.3 * promised:
+        best = min(best, _with(fit, [expected], fit.solution.p, fit), key=_cost)
+    if full is not None:
+        p = np.array([full.solution.p[full.names.index(n)] for n in fit.names])
+        best = min(best, _with(fit, [expected, *others], p, full), key=_cost)
     return best
 
 
-def _with(fit: Fit, effects: Sequence[Effect], begun: Sequence[Array]) -> Fit:
+def _with(fit: Fit, effects: Sequence[Effect], p: Array, near: Fit) -> Fit:
     response, model = fit.response, fit.model.with_effect(effects[0])
     own = [{f"{e.name}.{k}": float(p.value) for k, p in e.parameters.items()} for e in effects]
-    p = [np.concatenate([numbers, list(values.values())]) for numbers in begun for values in own]
-    return fit_windows(model, (*fit.names, *own[0]), response.records, response.sensor, fit.horizon, p, fit, LEAD)
+    starts = [np.concatenate([p, list(values.values())]) for values in own]
+    names = (*fit.names, *own[0])
+    return fit_windows(model, names, response.records, response.sensor, fit.horizon, starts, near, LEAD)
+
+
+def _cost(fit: Fit) -> float:
+    return fit.solution.lin.cost
 
 
 def reduce_by(fit: Fit, name: str) -> Fit:
@@ -333,26 +373,29 @@ def gain(base: Fit, other: Fit) -> float:
     """Cross-validated gain in log likelihood: each record (or stretch, where records are few) left out in turn.
 
     One Gauss-Newton step from the full fit stands for a refit:  dp = -(F - F_g)^-1 g_g,  e_g' = e_g - S_g dp.
+    Where residuals stay coloured with the larger model, a standard error of the folds is taken off.
     """
-    variance = min(base.variance, other.variance)
-    return float(_left_out(base) - _left_out(other)) / variance
+    gains = (_left_out(base) - _left_out(other)) / min(base.variance, other.variance)
+    total = float(np.sum(gains))
+    if other.inflation > COLOURED:
+        total -= float(np.std(gains)) * math.sqrt(len(gains))
+    return total
 
 
-def _left_out(fit: Fit) -> float:
+def _left_out(fit: Fit) -> Array:
+    """Half the sum of squares of each fold, predicted by the others."""
     reduced, response = fit.reduced, fit.response
-    P = len(fit.names)
-    S, e = reduced.S.reshape(-1, P), reduced.e.ravel()
+    S, e = reduced.S.reshape(reduced.e.size, len(fit.names)), reduced.e.ravel()
     owner = np.array([w.record for w in response.windows])
     if len(response.records) >= 4:
         folds = np.repeat(owner, e.size // len(owner))
     else:
         folds = response.clusters() * 8 // (int(response.clusters().max()) + 1)
-    F, total = reduced.information, 0.0
+    F, costs = reduced.information, []
     ridge = 1e-9 * np.diag(np.diag(F))
     for fold in np.unique(folds):
         at = folds == fold
         S_g, e_g = S[at], e[at]
-        rest = F - S_g.T @ S_g + ridge
-        dp = -np.linalg.lstsq(rest, S_g.T @ e_g, rcond=1e-12)[0]
-        total += 0.5 * float(np.sum((e_g - S_g @ dp) ** 2))
-    return total
+        dp = -np.linalg.lstsq(F - S_g.T @ S_g + ridge, S_g.T @ e_g, rcond=1e-12)[0]
+        costs.append(0.5 * float(np.sum((e_g - S_g @ dp) ** 2)))
+    return np.array(costs)

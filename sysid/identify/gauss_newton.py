@@ -49,14 +49,14 @@ class Reduced:
     @property
     def information(self) -> Array:
         """S'S (P, P)."""
-        S = self.S.reshape(-1, self.S.shape[-1])
+        S = self.S.reshape(self.e.size, self.S.shape[-1])
         information: Array = S.T @ S
         return information
 
     @property
     def gradient(self) -> Array:
         """S'e (P,)."""
-        gradient: Array = self.S.reshape(-1, self.S.shape[-1]).T @ self.e.ravel()
+        gradient: Array = self.S.reshape(self.e.size, self.S.shape[-1]).T @ self.e.ravel()
         return gradient
 
 
@@ -220,7 +220,7 @@ class Fit:
     @cached_property
     def inflation(self) -> float:
         """How much more the scores vary than those of white residuals would: about 1 for a model that lacks nothing."""
-        scores = (self.reduced.S * self.reduced.e[..., None]).reshape(-1, len(self.names))
+        scores = (self.reduced.S * self.reduced.e[..., None]).reshape(self.reduced.e.size, len(self.names))
         scores = scores / np.maximum(np.sqrt(np.diag(self.reduced.information)), 1e-300)
         sums = stretches(scores, self.response.clusters())
         G = len(sums)
@@ -238,7 +238,7 @@ class Fit:
         known = value > 1e-11
         inverse = (vector[:, known] / value[known]) @ vector[:, known].T
         if self.inflation > COLOURED:
-            scores = (self.reduced.S * self.reduced.e[..., None]).reshape(-1, len(self.names)) / size
+            scores = (self.reduced.S * self.reduced.e[..., None]).reshape(self.reduced.e.size, len(self.names)) / size
             sums = stretches(scores, self.response.clusters())
             inverse = inverse @ (sums.T @ sums * (len(sums) / max(1, len(sums) - 1))) @ inverse
         else:
