@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
+from sysid.diagnose import compare
 from sysid.diagnose.held_out import HeldOutError
 from sysid.logs import Log
 from sysid.records import Record
@@ -141,7 +142,7 @@ def sentence(text: str) -> str:
     text = re.sub(r"p = (0|[\d.]+e-\d+)(?=[,;).])", "p < 0.0001", text)
     text = re.sub(r"(?<![\w.])[-+]?\d[\d.]*(e[-+]\d+)?", lambda found: number(found[0]), text.replace("+-", PLUS_MINUS))
     text = re.sub(r"(?<=\d)%", "\N{NO-BREAK SPACE}%", text)
-    return re.sub(r"(^|\. )([a-z])", lambda first: first[1] + first[2].upper(), text)
+    return re.sub(r"(^|\. )([a-z])(?![a-z]*_)", lambda first: first[1] + first[2].upper(), text)
 
 
 def number(text: str) -> str:
@@ -152,9 +153,7 @@ def number(text: str) -> str:
 
 def multiple(ratio: float) -> str:
     """A multiple of the noise."""
-    if not math.isfinite(ratio):
-        return "beyond all bounds"
-    return f"{ratio:.2f}" if ratio < 9.995 else f"{ratio:.3g}" if ratio < 999.5 else f"{ratio:.0f}"
+    return compare.multiple(ratio).replace("inf", "\N{INFINITY}")
 
 
 def chance(p_value: float) -> str:

@@ -13,12 +13,14 @@ from sysid import page as set_as
 from sysid.diagnose.answer import Diagnosis, Step
 from sysid.diagnose.compare import Comparison, compare
 from sysid.diagnose.residual_torque import ResidualTorque, residual_torque
+from sysid.diagnose.touched import Touched
 from sysid.effects import CATALOGUE
 from sysid.errors import InvalidInput
 from sysid.logs import split
 from sysid.model import Model
 from sysid.page import Page, Picture, Section, Table, picture, sentence
 from sysid.records import Record
+from sysid.sensor import Sensor
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -69,12 +71,16 @@ def _(answer: Diagnosis, records: Sequence[Record], hold_out: float | None = Non
     errors = (answer.base_error, answer.error) if mended else (answer.error,)
     compared = tuple(compare(m, held_out, answer.sensor) for m in models)
     torques = tuple(residual_torque(m, shown, answer.sensor) for m in models)
+    if torques[-1].restless:  # a vibration that no rigid joint makes is the readings', and would drown all else
+        scatter = Sensor(**answer.estimate.noise)
+        torques = tuple(residual_torque(m, shown, scatter) for m in models)
+    touched = _touched(answer, torques[-1])
     whole = len(shown) == len(records) and len(shown[-1]) == len(records[-1])
     sections = {
         "fall": _fall(answer),
-        "rollout": _rollout(answer, models, held_out, torques[-1]),
+        "rollout": _rollout(answer, models, held_out, touched),
         "ranking": _ranking(answer),
-        "torque": _torque(answer, torques, whole),
+        "torque": _torque(answer, torques, touched, whole),
         "maps": _maps(compared),
     }
     order = ("fall", "torque", "rollout", "ranking", "maps") if answer.verdict == "unknown" else tuple(sections)
@@ -106,7 +112,10 @@ def _(answer: Diagnosis, records: Sequence[Record], hold_out: float | None = Non
             "fitted": f"{answer.estimate.n_readings:,} readings, over {over}",
             "diagnosed in": f"{answer.seconds:.1f} s",
         },
-        warnings=tuple(sentence(f"A hand? No state of the joint explains {t}.") for t in torques[-1].touched),
+        warnings=tuple(
+            sentence(f"A hand? No state of the joint explains {t}{'; no fit has used it' * (t in answer.touched)}.")
+            for t in touched
+        ),
     )
 
 
@@ -120,6 +129,19 @@ def _held_out(answer: Diagnosis, records: Sequence[Record], hold_out: float | No
         f"the diagnosis held out {set_as.listed(answer.held_out)}, which is not what these records give: "
         "expected the records and the hold_out of the diagnosis"
     )
+
+
+def _touched(answer: Diagnosis, found: ResidualTorque) -> tuple[Touched, ...]:
+    """What the diagnosis left out, and what else no state of the joint explains."""
+    new = [
+        t
+        for t in found.touched
+        if not any(
+            (a.name == t.name or a.name.startswith(f"{t.name}, ")) and a.t_begin < t.t_end and t.t_begin < a.t_end
+            for a in answer.touched
+        )
+    ]
+    return (*answer.touched, *new)
 
 
 def _head(records: Sequence[Record], most: int) -> tuple[Record, ...]:
@@ -149,16 +171,20 @@ def _fall(answer: Diagnosis) -> Section:
     return Section(title, (), (picture(figures.fall(answer), caption),))
 
 
-def _rollout(answer: Diagnosis, models: Sequence[Model], held_out: Sequence[Record], found: ResidualTorque) -> Section:
+def _rollout(
+    answer: Diagnosis, models: Sequence[Model], held_out: Sequence[Record], touched: Sequence[Touched]
+) -> Section:
     from sysid import report_figures as figures
 
-    paths = figures.courses(models, held_out, answer.sensor)
+    ahead = answer.estimate.horizon
+    paths = figures.courses(models, held_out, answer.sensor, ahead)
+    far = "from its refitted first state alone" if math.isinf(ahead) else f"{max(ahead, 1.0):g} s at a time"
     names = ("as it came", "mended") if len(models) > 1 else ("model",)
     caption = (
-        "A typical stretch of what was held out, predicted from its refitted first state alone. Numbers: error over "
-        "this stretch in units of the sensor noise; green band: 2 sd of that noise."
+        f"A typical stretch of what was held out, predicted {far}. Numbers: error over this stretch in units of the "
+        "sensor noise; green band: 2 sd of that noise."
     )
-    drawn = figures.rollout(paths, answer.sensor, names, found.touched)
+    drawn = figures.rollout(paths, answer.sensor, names, touched)
     return Section("A rollout that no fit has seen", (), (picture(drawn, caption),))
 
 
@@ -174,13 +200,13 @@ def _ranking(answer: Diagnosis) -> Section:
     return Section("Which effect explains the error?", (), tuple(picture(figure, caption) for figure in drawn))
 
 
-def _torque(answer: Diagnosis, torques: Sequence[ResidualTorque], whole: bool) -> Section:
+def _torque(answer: Diagnosis, torques: Sequence[ResidualTorque], touched: Sequence[Touched], whole: bool) -> Section:
     from sysid import report_figures as figures
 
     found, before = torques[-1], torques[0] if len(torques) > 1 else None
     left, unknown = answer.remaining, answer.verdict == "unknown"
     depends_on = left.depends_on if left else ()
-    says = [f"{found}."]
+    says = [str(found).split(". no state of the joint")[0] + "."]
     if left is not None:
         on = " and ".join(depends_on) or "nothing that was tried"
         where = f", {left.where}" if left.where else ""
@@ -189,10 +215,10 @@ def _torque(answer: Diagnosis, torques: Sequence[ResidualTorque], whole: bool) -
         "Torque that must act beyond the model for the log to have come about, with its 95 % band; of many stretches "
         "those where it is largest."
         + (" Blue: beyond the mended model; orange: beyond the model as it came." if before else "")
-        + (" Yellow: what no state of the joint explains, a hand perhaps." if found.touched else "")
+        + (" Yellow: what no state of the joint explains, a hand perhaps." if touched else "")
         + ("" if whole else f" Of the first {MOST:,} samples.")
     )
-    pictures = [picture(figures.course(found, before, 8 if unknown else 4), caption)]
+    pictures = [picture(figures.course(found, before, touched, 8 if unknown else 4), caption)]
     for name in sorted(found.binned, key=lambda n: n not in depends_on):
         share = found.explained.get(name, 0.0)
         mark = name in depends_on and share > 0.05

@@ -20,6 +20,7 @@ from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
+from sysid import plotting
 from sysid.diagnose.answer import Diagnosis, Step
 from sysid.diagnose.compare import Trace
 from sysid.diagnose.held_out import Refit, error_of, lead_of, refit_windows
@@ -28,7 +29,7 @@ from sysid.diagnose.residual_torque import Followed, ResidualTorque
 from sysid.diagnose.touched import Touched
 from sysid.model import Model
 from sysid.page import chance, multiple
-from sysid.plotting import BLUE, GREEN, GREY, LABEL, ORANGE, SKY, STYLE
+from sysid.plotting import BLUE, GREEN, GREY, LABEL, ORANGE, SKY, STYLE, cells, scale, short
 from sysid.records import Array, Record
 from sysid.response import CHANNELS, cut
 from sysid.sensor import Sensor
@@ -153,26 +154,43 @@ class Course(NamedTuple):
     ratio: float
 
 
-def courses(models: Sequence[Model], records: Sequence[Record], sensor: Sensor) -> tuple[Course, ...]:
-    """Models on one stretch of at most 10 s: that which comes nearest to the median of the first model's errors."""
-    fits = [refit_windows(m, records, sensor, cut(records, SPAN, lead_of(m))) for m in models]
-    errors = [error_of(f, SPAN).windows for f in fits]
-    order = sorted(range(len(errors[0])), key=lambda i: np.nan_to_num(errors[0][i].ratio, nan=math.inf))
-    i = order[len(order) // 2]
-    return tuple(_course(f, i, e[i].ratio) for f, e in zip(fits, errors, strict=True))
+def courses(
+    models: Sequence[Model], records: Sequence[Record], sensor: Sensor, ahead: float = math.inf
+) -> tuple[Course, ...]:
+    """Models on one stretch of at most 10 s: that which comes nearest to the median of the first model's errors.
+
+    They predict it from its first state, or `ahead` [s] at a time.
+    """
+    ahead = min(max(ahead, 1.0), SPAN)
+    fits = [refit_windows(m, records, sensor, cut(records, ahead, lead_of(m))) for m in models]
+    errors = [np.array([w.ratio for w in error_of(f, ahead).windows]) for f in fits]
+    owner = np.array([w.record for w in fits[0].response.windows])
+    most = max(1, round(SPAN / ahead))
+    groups = [g[k : k + most] for g in (np.flatnonzero(owner == r) for r in set(owner)) for k in range(0, len(g), most)]
+    mean = [[float(np.sqrt(np.mean(e[g] ** 2))) for g in groups] for e in errors]
+    i = int(np.argsort(np.nan_to_num(mean[0], nan=np.inf))[len(groups) // 2])
+    return tuple(_course(f, groups[i].tolist(), m[i]) for f, m in zip(fits, mean, strict=True))
 
 
-def _course(fit: Refit, i: int, ratio: float) -> Course:
-    response = fit.response
-    e, read = fit.lin.e.reshape(response.y.shape)[i], response.weight[i] > 0.0
-    at = read.any(axis=0)
-    readings, model = {}, {}
-    for row, channel in enumerate(CHANNELS):
-        if read[row].any():
-            left = np.divide(e[row], response.weight[i, row], out=np.full(len(at), np.nan), where=read[row])
-            y = np.where(read[row], response.y[i, row], np.nan)
-            readings[channel], model[channel] = y[at], (y - left)[at]
-    return Course(response.records[response.windows[i].record].name, response.time[i, at], readings, model, ratio)
+def _course(fit: Refit, windows: Sequence[int], ratio: float) -> Course:
+    """Windows one after the other; between them a nan, so that no line leads over."""
+    response, times = fit.response, list[Array]()
+    e, read = fit.lin.e.reshape(response.y.shape), response.weight > 0.0
+    seen = [c for row, c in enumerate(CHANNELS) if read[:, row].any()]
+    readings: dict[str, list[Array]] = {c: [] for c in seen}
+    model: dict[str, list[Array]] = {c: [] for c in seen}
+    for k in windows:
+        at = read[k].any(axis=0)
+        times.append(np.append(response.time[k, at], np.nan))
+        for c in seen:
+            row = CHANNELS.index(c)
+            left = np.divide(e[k, row], response.weight[k, row], out=np.full(len(at), np.nan), where=read[k, row])
+            y = np.where(read[k, row], response.y[k, row], np.nan)
+            readings[c].append(np.append(y[at], np.nan))
+            model[c].append(np.append((y - left)[at], np.nan))
+    name = response.records[response.windows[windows[0]].record].name
+    joined = [{c: np.concatenate(v) for c, v in found.items()} for found in (readings, model)]
+    return Course(name, np.concatenate(times), joined[0], joined[1], ratio)
 
 
 def rollout(paths: Sequence[Course], sensor: Sensor, names: Sequence[str], touched: Sequence[Touched] = ()) -> Figure:
@@ -187,7 +205,7 @@ def rollout(paths: Sequence[Course], sensor: Sensor, names: Sequence[str], touch
         for axes in panels:
             shade(axes, touched, paths[0].record)
         panels[0].legend(ncols=3, loc="lower left", bbox_to_anchor=(-0.02, 1.0), fontsize=8.5, handlelength=1.6)
-        panels[-1].set_xlabel(f"time [s] of {plain(paths[0].record)}")
+        panels[-1].set_xlabel(f"time [s] of {short(paths[0].record, 40)}")
         figure.align_ylabels(panels)
     return figure
 
@@ -227,7 +245,7 @@ def _lines(count: int) -> tuple[tuple[str, str, float], ...]:
 def shade(axes: Axes, touched: Sequence[Touched], record: str) -> None:
     """Where something acted that no state of the joint explains."""
     for t in touched:
-        if t.name == record:
+        if t.name == record or t.name.startswith(f"{record}, "):
             axes.axvspan(t.t_begin, t.t_end, color=YELLOW, alpha=0.35, linewidth=0.0, zorder=0)
 
 
@@ -238,12 +256,10 @@ def window(trace: Trace) -> Figure:
         figure = Figure(figsize=(3.2, 0.6 + 1.5 * len(channels)), layout="constrained")
         panels = figure.subplots(len(channels), 1, sharex=True, squeeze=False)[:, 0]
         for channel, axes in zip(channels, panels, strict=True):
-            axes.plot(trace.t, trace.readings[channel], ".", color="0.45", markersize=4.0, label="readings")
-            axes.plot(trace.t, trace.model[channel], color=ORANGE, linewidth=1.6, label="model")
-            axes.set_ylabel(LABEL[channel])
-        panels[0].set_title(f"{plain(trace.error.record)}: {multiple(trace.error.ratio)} x noise", fontweight="normal")
-        panels[0].legend(fontsize=8.0)
-        panels[-1].set_xlabel(LABEL["time"])
+            plotting.window(trace, axes, channel)
+            axes.set_title("")
+            axes.label_outer()
+        panels[0].set_title(f"{short(trace.error.record)}: {multiple(trace.error.ratio)} x noise", fontweight="normal")
     return figure
 
 
@@ -258,11 +274,13 @@ class Stretch(NamedTuple):
     last: int
 
 
-def course(found: ResidualTorque, before: ResidualTorque | None = None, most: int = 8) -> Figure:
+def course(
+    found: ResidualTorque, before: ResidualTorque | None = None, touched: Sequence[Touched] = (), most: int = 8
+) -> Figure:
     """d over time, a row for each rollout (or 10 s of a long one); where they are more than `most`, the largest."""
     rows = _stretches(found if found.present or before is None else before, most)
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(WIDE, 0.75 + 0.72 * len(rows)), layout="constrained")
+        figure = Figure(figsize=(WIDE, max(2.0, 0.75 + 0.72 * len(rows))), layout="constrained")
         panels = figure.subplots(len(rows), 1, sharey=True, squeeze=False)[:, 0]
         longest = max(s.last - s.first for s in rows)
         size = max(_size(found, rows), 0.0 if before is None else _size(before, rows))
@@ -272,13 +290,13 @@ def course(found: ResidualTorque, before: ResidualTorque | None = None, most: in
             if before is not None:
                 axes.plot(own.t[first:last], before.records[k].d[first:last], color=ORANGE, linewidth=0.9, alpha=0.8)
             _line(axes, own, first, last, BLUE)
-            shade(axes, found.touched, own.name)
+            shade(axes, touched, own.name)
             begin, dt = float(own.t[first]), float(own.t[1] - own.t[0])
             axes.set_xlim(begin, begin + longest * dt)
             axes.set_ylim(-1.1 * size, 1.1 * size)
             axes.yaxis.set_major_locator(MaxNLocator(2, symmetric=True))
             axes.tick_params(labelsize=7.5)
-            axes.text(1.0, 1.0, plain(own.name), transform=axes.transAxes, ha="right", va="top", fontsize=8.0,
+            axes.text(1.0, 1.0, short(own.name, 40), transform=axes.transAxes, ha="right", va="top", fontsize=8.0,
                       color="0.3", bbox=BEHIND)  # fmt: skip
             if axes is not panels[-1] and len({s.first for s in rows}) == 1:
                 axes.set_xticklabels([])
@@ -341,19 +359,12 @@ def over_in(
 
 def maps(found: Sequence[ResidualMap], titles: Sequence[str]) -> Figure:
     """The torque missing over angle and speed, all on one scale; a dot: beyond what noise explains."""
-    seen = np.concatenate([np.abs(m.torque[np.isfinite(m.torque)]) for m in found])
-    largest = float(np.quantile(seen, 0.97)) if np.any(seen > 0.0) else 1.0
-    norm = TwoSlopeNorm(0.0, -largest or -1.0, largest or 1.0)
+    norm = scale(*found) or TwoSlopeNorm(0.0, -1.0, 1.0)
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(WIDE if len(found) > 1 else NARROW, 3.0), layout="constrained")
         panels = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
         for axes, own, title in zip(panels, found, titles, strict=True):
-            axes.set_facecolor("0.93")
-            image = axes.pcolormesh(own.theta, own.theta_dot, own.torque.T, cmap="PuOr", norm=norm, rasterized=True)
-            i, j = np.nonzero(own.significant)
-            middle = [0.5 * (edges[1:] + edges[:-1]) for edges in (own.theta, own.theta_dot)]
-            axes.plot(middle[0][i], middle[1][j], ".", color="0.1", markersize=3.0)
-            axes.set_xlabel(LABEL["theta"] + ", 0 upright")
+            image = cells(own, axes, norm)
             axes.set_title(title, fontweight="normal")
         panels[0].set_ylabel(LABEL["theta_dot"])
         bar = figure.colorbar(image, ax=list(panels), pad=0.02, aspect=25, extend="both")
@@ -362,11 +373,3 @@ def maps(found: Sequence[ResidualMap], titles: Sequence[str]) -> Figure:
         bar.locator = MaxNLocator(5)
         bar.update_ticks()
     return figure
-
-
-# ---- words -----------------------------------------------------------------------------------------------------------
-
-
-def plain(name: str) -> str:
-    """A name that is no formula, and no longer than a panel."""
-    return (name if len(name) <= 40 else name[:18] + " ... " + name[-18:]).replace("$", r"\$")

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import io
 import math
-from types import SimpleNamespace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from sysid import Coulomb, Model, Record, RodPendulum, Sensor, Viscous, plotting, simulate
+from sysid import Model, Record, RodPendulum, Sensor, Viscous, plotting, simulate
 from sysid.diagnose.compare import Comparison, compare
-from sysid.diagnose.residual_torque import residual_torque
 from sysid.excitation import steps
 
 SENSOR = Sensor(0.003, 0.05)
@@ -75,46 +74,10 @@ def test_the_curve_that_is_drawn_is_the_answer(answer: Comparison) -> None:
     )
 
 
-def diagnosis(*errors: float) -> SimpleNamespace:
-    """What `fall` and `ranking` read of a diagnosis."""
-    names = ("coulomb", "delay", "ripple")
-    found = [SimpleNamespace(effect=n, error_after=e) for n, e in zip(names, errors[1:], strict=False)]
-    ranked = [
-        SimpleNamespace(effect=n, score=s, p_value=p, error_after=e)
-        for n, s, p, e in (("coulomb", 900.0, 1e-9, 2.0), ("viscous", 700.0, 1e-7, 3.1), ("tilt", 2.0, 0.6, None))
-    ]
-    return SimpleNamespace(
-        base_error=SimpleNamespace(ratio=errors[0]), conventions=(), steps=tuple(found), ranking=tuple(ranked)
-    )
-
-
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("errors", [(7.2, 3.0, 1.01), (1.0,), (70.0, 1.1)])
-def test_the_error_falls_to_the_noise(errors: tuple[float, ...]) -> None:
-    figure = plotting.alone(lambda axes: plotting.fall(diagnosis(*errors), axes))
-    rendered(figure)
-    axes = figure.axes[0]
-    assert [bar.get_height() + bar.get_y() for bar in axes.patches] == pytest.approx(list(errors))
-    assert axes.get_yscale() == "log"
-    assert any(np.allclose(line.get_ydata(), 1.0) for line in axes.lines)
-
-
-@pytest.mark.filterwarnings("error")
-def test_the_ranking_is_drawn_best_first() -> None:
-    figure = plotting.alone(lambda axes: plotting.ranking(diagnosis(7.2, 1.0), axes))
-    rendered(figure)
-    axes = figure.axes[0]
-    assert [t.get_text() for t in axes.get_yticklabels()] == ["tilt", "viscous", "coulomb"]
-    assert [bar.get_width() for bar in axes.patches] == [2.0, 700.0, 900.0]
-
-
-@pytest.mark.filterwarnings("error")
-def test_residual_torque_and_trajectories() -> None:
-    records = logs(ROD.with_effect(Coulomb(tau_c=0.15)))
-    figure = plotting.residual_torque(residual_torque(ROD, records, SENSOR))
-    rendered(figure)
-    assert "[N m]" in words(figure) and "[rad/s]" in words(figure)
-    figure = plotting.trajectories(ROD, ROD.with_effect(Coulomb(tau_c=0.15)), records[0], SENSOR)
-    rendered(figure)
-    readings, before, after = (line.get_ydata() for line in figure.axes[0].lines[:3])
-    assert np.std(readings - after) < 1.3 * SENSOR.theta < 0.1 * np.std(readings - before)
+def test_a_name_is_no_formula() -> None:
+    name = r"$\frac$ & a name that is longer than any panel is wide"
+    answer = compare(ROD, [replace(r, name=name) for r in logs(ROD, n=1)], SENSOR)
+    for figure in plotting.comparison_figures(answer).values():
+        rendered(figure)
+    rendered(answer.plot())

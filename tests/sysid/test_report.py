@@ -1,0 +1,303 @@
+"""The report: complete, self-contained, pictures first, for every verdict; and its pictures show the answer."""
+
+from __future__ import annotations
+
+import base64
+import html
+import importlib.resources
+import math
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from sysid import Coulomb, InvalidInput, Model, Record, RodPendulum, Sensor, compare, fit, simulate
+from sysid import page as set_as
+from sysid import report_figures as figures
+from sysid.diagnose.answer import VERDICTS, Diagnosis, Ranked, Remaining, Step
+from sysid.diagnose.held_out import held_out_error
+from sysid.excitation import steps
+from sysid.logs import split
+from sysid.report import page_of, write_report
+
+SENSOR = Sensor(0.003, 0.05)
+ROD = Model(RodPendulum(m=1.0, l=0.9), dt=0.02)
+STICKY = ROD.with_effect(Coulomb(tau_c=0.15))
+VOID = {"meta", "img", "br"}
+
+
+def logs(model: Model = STICKY, n: int = 4, seconds: float = 3.0, sensor: Sensor = SENSOR) -> list[Record]:
+    rng = np.random.default_rng(0)
+    u = np.array([steps(rng, round(seconds / model.dt), model.dt, 1.5, 0.3) for _ in range(n)])
+    return simulate(model, u, math.pi + rng.uniform(-0.8, 0.8, n), np.zeros(n)).measure(sensor, rng)
+
+
+def diagnosis(records: list[Record], verdict: str = "missing", sensor: Sensor = SENSOR) -> Diagnosis:
+    """What `diagnose` would say, in less time than it takes: dry friction or, where it is hidden from it, nothing."""
+    training, held_out = split(records)
+    base, end = (fit(m, training, sensor, [n for n in m.parameters if n != "g"]) for m in (ROD, STICKY))
+    before, after = (held_out_error(e.model, held_out, sensor) for e in (base, end))
+    alike = ("coulomb", "stribeck") if verdict == "cannot tell" else ("coulomb",)
+    tau_c = {"coulomb.tau_c": {"value": end.values["coulomb.tau_c"], "sd": end.sd["coulomb.tau_c"], "unit": "N m"}}
+    step = Step("coulomb", alike, tau_c, before.ratio, after.ratio, 1e-20, end)
+    added = (step,) if verdict in ("missing", "cannot tell") else ()
+    return Diagnosis(
+        verdict=verdict,
+        base=base,
+        base_error=before,
+        error=after if added else before,
+        steps=added,
+        conventions=(),
+        ranking=(Ranked("coulomb", alike, 900.0, 1e-20, 1.0), Ranked("tilt", ("tilt",), -3.0, 1.0, None)),
+        remaining=Remaining(0.9, ("theta_dot",), "strongest for theta_dot from 1.00 to 2.00 rad/s (-0.15 N m)")
+        if verdict == "unknown"
+        else None,
+        not_identifiable=(("m", "l", "torque_gain"),),
+        ruled_out={"viscous": {"parameter": "b", "size": 0.00123, "unit": "N m s/rad"}},
+        sensor=sensor,
+        held_out=tuple(r.name for r in held_out),
+        estimate=end if added else base,
+        touched=(),
+        next_experiment={"description": "play steps", "measure": "evidence", "before": 2.0, "after": 40.0},
+        seconds=1.5,
+    )
+
+
+@pytest.fixture(scope="module")
+def records() -> list[Record]:
+    return logs()
+
+
+@pytest.fixture(scope="module")
+def pages(records, tmp_path_factory) -> dict[str, str]:
+    """A page for every verdict, and one of a comparison alone."""
+    folder, found = tmp_path_factory.mktemp("report"), {}
+    answers = {v: diagnosis(records, v) for v in VERDICTS} | {"comparison": compare(ROD, records[-1:], SENSOR)}
+    for name, answer in answers.items():
+        write_report(answer, records, folder / f"{name}.html")
+        found[name] = (folder / f"{name}.html").read_text(encoding="utf-8")
+    return found
+
+
+def text(page: str) -> str:
+    words = re.sub(r"<[^>]*>", " ", re.sub(r"<style>.*?</style>", "", page, flags=re.S))
+    return html.unescape(re.sub(r"[ \n]+", " ", words))
+
+
+KINDS = (*VERDICTS, "comparison")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_it_opens_without_a_network(pages, kind):
+    page = pages[kind]
+    links = re.findall(r"(?:src|href|url|import)\s*[=(]\s*[\"']?([^\"')\s>]+)", page)
+    assert len(links) >= 6
+    assert all(link.startswith("data:image/svg+xml;base64,") for link in links)
+    assert "<script" not in page
+    for link in links:
+        svg = base64.b64decode(link.split(",", 1)[1])
+        assert ElementTree.fromstring(svg).tag.endswith("svg")
+        outward = [h for h in re.findall(rb'href="([^"]*)"', svg) if not h.startswith((b"#", b"data:image/png"))]
+        assert outward == []
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_verdict_then_pictures_then_numbers(pages, kind):
+    page = pages[kind]
+    assert page.index("<h1") < page.index('class="error"') < page.index("<img") < page.index("<table")
+    assert page.rindex("<img") < page.index("<table")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_tag_is_closed_and_every_picture_has_words(pages, kind):
+    open_tags = []
+
+    class Reader(HTMLParser):
+        def handle_starttag(self, tag, attrs):
+            assert tag != "img" or dict(attrs)["alt"]
+            if tag not in VOID:
+                open_tags.append(tag)
+
+        def handle_endtag(self, tag):
+            assert open_tags.pop() == tag
+
+    Reader().feed(pages[kind])
+    assert open_tags == []
+
+
+def test_it_reads_in_light_and_dark_and_on_a_phone(pages):
+    for page in pages.values():
+        assert "prefers-color-scheme: dark" in page
+        assert 'name="viewport"' in page
+
+
+def test_the_page_says_what_the_answer_says(records, pages):
+    answer, said = diagnosis(records), text(pages["missing"])
+    assert f"{answer.base_error.ratio:.2f} → {answer.error.ratio:.2f} times the sensor noise" in said
+    assert set_as.sentence(answer.sentence) in said
+    low, high = answer.estimate.interval()["coulomb.tau_c"]
+    sd = answer.estimate.sd["coulomb.tau_c"]
+    assert f"{set_as.rounded(low, sd)} to {set_as.rounded(high, sd)}" in said
+    for words in ("m, l, torque_gain", "viscous 0.0012 N m s/rad b", "Play steps.", "angle 0.003 rad", "rollout 3",
+                  "600 samples (12 s) at 50 Hz", "whole rollouts"):  # fmt: skip
+        assert words in said, words
+
+
+def test_what_is_unknown_is_shown_before_all_else(pages):
+    titles = re.findall(r"<h2>(.*?)</h2>", pages["unknown"])
+    assert titles[1] == "The torque that no known effect explains"
+    assert "90\N{NO-BREAK SPACE}% of the squared error is unexplained" in text(pages["unknown"])
+    assert "stribeck" in text(pages["cannot tell"])
+
+
+def test_a_comparison_has_a_page_of_its_own(records, pages):
+    answer, said = compare(ROD, records[-1:], SENSOR), text(pages["comparison"])
+    assert set_as.sentence(answer.sentence) in said
+    for error in answer.errors.values():
+        assert set_as.multiple(error.ratios["theta"]) in said
+
+
+def test_names_are_text_and_neither_markup_nor_formula(tmp_path):
+    name = r'<script>alert("1")</script> $\frac$ & a very long name of a rollout that fills no panel'
+    records = [replace(r, name=f"{name} {i}") for i, r in enumerate(logs(n=4, seconds=2.0))]
+    for answer in (diagnosis(records), compare(ROD, records[:1], SENSOR)):
+        write_report(answer, records, tmp_path / "report.html")
+        page = (tmp_path / "report.html").read_text(encoding="utf-8")
+        assert "<script" not in page
+        assert "&lt;script&gt;alert" in page
+
+
+@pytest.mark.parametrize("sensor", [Sensor(0.003), Sensor(None, 0.05)], ids=["angle", "speed"])
+def test_a_log_of_one_channel(tmp_path, sensor):
+    records = logs(sensor=sensor)
+    page = page_of(diagnosis(records, sensor=sensor), records)
+    (table,) = [t for t in page.tables if t.title == "Errors by horizon"]
+    assert len(table.heads) == 3
+
+
+def test_one_long_log_is_cut_as_it_was_diagnosed(tmp_path):
+    records = logs(n=1, seconds=12.0)
+    answer = diagnosis(records)
+    assert answer.held_out == ("rollout 0, held-out part",)
+    assert page_of(answer, records).settings["held out"] == "rollout 0, held-out part"
+    with pytest.raises(InvalidInput, match="held out rollout 0, held-out part"):
+        page_of(answer, logs(n=4))
+
+
+def test_what_a_hand_touched_is_shown(tmp_path):
+    rng = np.random.default_rng(1)
+    u = np.array([steps(rng, 300, 0.02, 1.5, 0.3) for _ in range(4)])
+    push = np.zeros_like(u)
+    push[1, 100:130] = 3.0 * np.hanning(30)
+    start = math.pi + rng.uniform(-0.8, 0.8, 4)
+    touched = simulate(STICKY, u + push, start, np.zeros(4)).measure(SENSOR, rng)
+    records = [replace(r, u=own) for r, own in zip(touched, u, strict=True)]
+    answer = diagnosis(records)
+    warnings = page_of(answer, records).warnings
+    assert len(warnings) == 1
+    assert re.match(r"A hand\? No state of the joint explains rollout 1, [12]\.\d-[23]\.\d s \(\+", warnings[0])
+
+
+def test_numbers_that_are_not_determined_are_said_to_be(records):
+    answer = diagnosis(records)
+    covariance = answer.estimate.covariance.copy()
+    covariance[0] = covariance[:, 0] = math.inf
+    answer = replace(answer, estimate=replace(answer.estimate, covariance=covariance))
+    parameters = page_of(answer, records).tables[0]
+    assert "not determined" in parameters.rows[0][1]
+    assert "±" in parameters.rows[1][1]
+
+
+def test_a_page_that_cannot_be_written_is_said_to_be(records, tmp_path):
+    answer = compare(ROD, records[-1:], SENSOR)
+    with pytest.raises(InvalidInput, match="cannot write"):
+        write_report(answer, records, tmp_path / "nowhere" / "report.html")
+    with pytest.raises(InvalidInput, match="expected a Diagnosis or a Comparison"):
+        page_of(3.0, records)
+
+
+def test_the_template_is_part_of_the_package():
+    assert importlib.resources.files("sysid").joinpath("templates/report.html.j2").is_file()
+
+
+# ---- pictures --------------------------------------------------------------------------------------------------------
+
+
+def test_the_error_falls_in_the_order_of_the_loop(records):
+    answer = diagnosis(records)
+    step = answer.steps[0]
+    late = replace(step, effect="stamp", error_before=1.2, error_after=1.0)
+    early = replace(step, error_before=answer.base_error.ratio, error_after=1.2)
+    mixed = replace(answer, steps=(early,), conventions=(late,))
+    assert figures.in_order(mixed) == (early, late)
+    axes = figures.fall(mixed).axes[0]
+    values = next(line.get_ydata() for line in axes.lines if line.get_linestyle() == "-" and len(line.get_ydata()) == 3)
+    np.testing.assert_allclose(values, [answer.base_error.ratio, 1.2, 1.0])
+    assert any(np.allclose(line.get_ydata(), 1.0) for line in axes.lines)
+    assert axes.get_yscale() == "log"
+
+
+def test_a_class_is_one_row_of_the_ranking(records):
+    answer = replace(
+        diagnosis(records),
+        ranking=tuple(
+            Ranked(name, alike, score, p, None)
+            for name, alike, score, p in (
+                ("coulomb", ("coulomb",), 900.0, 1e-9),
+                ("viscous", ("viscous", "back_emf"), 700.0, 1e-7),
+                ("back_emf", ("back_emf", "viscous"), 700.0, 1e-7),
+                ("tilt", ("tilt",), -2.0, 0.6),
+            )
+        ),
+    )
+    axes = figures.ranking(answer).axes[0]
+    assert [t.get_text() for t in axes.get_yticklabels()] == ["coulomb", "viscous, back_emf", "tilt"]
+    assert [bar.get_width() for bar in axes.patches] == [900.0, 700.0, 0.0]
+
+
+def test_a_rollout_is_drawn_with_what_the_models_say(records):
+    paths = figures.courses((ROD, STICKY), records, SENSOR)
+    assert paths[0].ratio > 3.0
+    assert paths[1].ratio < 1.2
+    figure = figures.rollout(paths, SENSOR, ("as it came", "mended"))
+    readings, before, after = (line.get_ydata() for line in figure.axes[0].lines[:3])
+    assert np.nanstd(readings - after) < 1.3 * SENSOR.theta < 0.1 * np.nanstd(readings - before)
+    left = [line.get_ydata() for line in figure.axes[1].lines]
+    np.testing.assert_allclose(left, [readings - before, readings - after])
+
+
+def test_a_model_that_loses_the_motion_is_drawn_piece_by_piece(records):
+    (path,) = figures.courses((ROD,), records, SENSOR, ahead=1.0)
+    (whole,) = figures.courses((ROD,), records, SENSOR)
+    assert np.count_nonzero(np.isnan(path.t)) == 3
+    assert path.ratio < whole.ratio
+
+
+def test_the_stretch_that_is_shown_is_typical():
+    records = logs(n=3) + [replace(r, theta=r.theta + 0.2 * np.sin(9.0 * r.t)) for r in logs(n=1)]
+    paths = figures.courses((STICKY,), records, SENSOR)
+    assert 0.8 < paths[0].ratio < 1.2
+
+
+# ---- typography ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("value", [0.14994, -3.7, 1.2e-5, 12345.678, 0.0])
+@pytest.mark.parametrize("sd", [6.1e-5, 0.03, 0.99, 123.0])
+def test_a_number_is_rounded_well_within_its_sd(value, sd):
+    read = float(set_as.rounded(value, sd).replace(set_as.MINUS, "-"))
+    assert abs(read - value) <= max(0.051 * sd, 0.5)
+    assert abs(read - value) <= 0.051 * sd or sd > 10.0
+
+
+def test_sentences_are_set_as_in_print():
+    said = set_as.sentence("missing: coulomb (tau_c = -0.15 +- 6.1e-05 N m). without it 1.0-2.0 s, 90% (p = 2e-17)")
+    assert said == (
+        "Coulomb (tau_c = \N{MINUS SIGN}0.15 ± 6.1\N{MULTIPLICATION SIGN}10⁻⁵ N m). "
+        "Without it 1.0-2.0 s, 90\N{NO-BREAK SPACE}% (p < 0.0001)"
+    )
+    assert set_as.sentence("asymmetric_coulomb is") == "asymmetric_coulomb is"
+    assert set_as.multiple(math.inf) == "∞"
