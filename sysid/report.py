@@ -70,17 +70,18 @@ def _(answer: Diagnosis, records: Sequence[Record], hold_out: float | None = Non
     models = (answer.base.model, answer.model) if mended else (answer.model,)
     errors = (answer.base_error, answer.error) if mended else (answer.error,)
     compared = tuple(compare(m, held_out, answer.sensor) for m in models)
-    torques = tuple(residual_torque(m, shown, answer.sensor) for m in models)
-    if torques[-1].restless:  # a vibration that no rigid joint makes is the readings', and would drown all else
-        scatter = Sensor(**answer.estimate.noise)
-        torques = tuple(residual_torque(m, shown, scatter) for m in models)
-    touched = _touched(answer, torques[-1])
+    sensor, found = answer.sensor, residual_torque(answer.model, shown, answer.sensor)
+    if found.restless:  # a vibration that no rigid joint makes is the readings', and would drown all else
+        sensor = Sensor(**answer.estimate.noise)
+        found = residual_torque(answer.model, shown, sensor)
+    torques = (*(residual_torque(m, shown, sensor) for m in models[:-1]), found)
+    touched = _touched(answer, found)
     whole = len(shown) == len(records) and len(shown[-1]) == len(records[-1])
     sections = {
         "fall": _fall(answer),
         "rollout": _rollout(answer, models, held_out, touched),
         "ranking": _ranking(answer),
-        "torque": _torque(answer, torques, touched, whole),
+        "torque": _torque(answer, torques, touched, whole, sensor is answer.sensor),
         "maps": _maps(compared),
     }
     order = ("fall", "torque", "rollout", "ranking", "maps") if answer.verdict == "unknown" else tuple(sections)
@@ -89,7 +90,7 @@ def _(answer: Diagnosis, records: Sequence[Record], hold_out: float | None = Non
     return Page(
         title=f"sysid: {answer.verdict}",
         badge=answer.verdict,
-        sentence=sentence(answer.sentence),
+        sentence=sentence(_briefly(answer.sentence, answer)),
         numbers=tuple(set_as.multiple(e.ratio) for e in errors),
         under="times the sensor noise, on data that no fit has seen; 1.0 is a perfect model: "
         + set_as.physical(errors),
@@ -112,11 +113,14 @@ def _(answer: Diagnosis, records: Sequence[Record], hold_out: float | None = Non
             "fitted": f"{answer.estimate.n_readings:,} readings, over {over}",
             "diagnosed in": f"{answer.seconds:.1f} s",
         },
-        warnings=tuple(
-            sentence(f"A hand? No state of the joint explains {t}{'; no fit has used it' * (t in answer.touched)}.")
-            for t in touched
-        ),
+        warnings=tuple(_hands(answer, touched)),
     )
+
+
+def _hands(answer: Diagnosis, touched: Sequence[Touched]) -> Iterator[str]:
+    for found, use in ((answer.touched, " No fit has used them."), (touched[len(answer.touched) :], "")):
+        if found:
+            yield sentence(f"A hand? No state of the joint explains {'; '.join(map(str, found))}.{use}")
 
 
 def _held_out(answer: Diagnosis, records: Sequence[Record], hold_out: float | None) -> tuple[Record, ...]:
@@ -128,6 +132,16 @@ def _held_out(answer: Diagnosis, records: Sequence[Record], hold_out: float | No
     raise InvalidInput(
         f"the diagnosis held out {set_as.listed(answer.held_out)}, which is not what these records give: "
         "expected the records and the hold_out of the diagnosis"
+    )
+
+
+def _briefly(text: str, answer: Diagnosis) -> str:
+    """The same without the list of touched stretches, which stands by itself."""
+    n = len(answer.touched)
+    return (
+        text.replace("; ".join(map(str, answer.touched)), f"{n} stretches that a hand may have touched")
+        if n > 1
+        else text
     )
 
 
@@ -200,16 +214,20 @@ def _ranking(answer: Diagnosis) -> Section:
     return Section("Which effect explains the error?", (), tuple(picture(figure, caption) for figure in drawn))
 
 
-def _torque(answer: Diagnosis, torques: Sequence[ResidualTorque], touched: Sequence[Touched], whole: bool) -> Section:
+def _torque(
+    answer: Diagnosis, torques: Sequence[ResidualTorque], touched: Sequence[Touched], whole: bool, of_sensor: bool
+) -> Section:
     from sysid import report_figures as figures
 
     found, before = torques[-1], torques[0] if len(torques) > 1 else None
     left, unknown = answer.remaining, answer.verdict == "unknown"
     depends_on = left.depends_on if left else ()
     says = [str(found).split(". no state of the joint")[0] + "."]
+    if not of_sensor:
+        says = [says[0].replace("the sensor noise", "the readings' scatter about the fit (the joint vibrates)")]
     if left is not None:
         on = " and ".join(depends_on) or "nothing that was tried"
-        where = f", {left.where}" if left.where else ""
+        where = f", {_briefly(left.where, answer)}" if left.where else ""
         says.insert(0, f"{left.share:.0%} of the squared error is unexplained; it depends on {on}{where}.")
     caption = (
         "Torque that must act beyond the model for the log to have come about, with its 95 % band; of many stretches "

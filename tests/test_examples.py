@@ -122,3 +122,31 @@ def test_real_log_refuses_what_is_no_log(tmp_path):
     done = run("real_log.py", str(tmp_path / "notes.csv"), "--out", str(tmp_path))
     assert done.returncode == 2
     assert done.stderr.startswith("error: notes.csv has no t: found name, colour")
+
+
+def test_hidden_effect(tmp_path):
+    log, figure, report, numbers = (tmp_path / name for name in ("log", "figure.png", "report.html", "out.json"))
+    files = ("--log", str(log), "--figure", str(figure), "--html", str(report), "--json", str(numbers))
+    done = run("hidden_effect.py", *files)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(numbers.read_text())
+    assert found["verdict"] == "missing"
+    assert [step["effect"] for step in found["steps"]] == ["coulomb", "delay"]
+    assert found["base_error"] > 4.0
+    assert found["error"] < 1.1
+    for name, truth in (("coulomb.tau_c", 0.15), ("delay.T", 0.05)):
+        assert abs(found["parameters"][name]["value"] - truth) < 4.0 * found["parameters"][name]["sd"]
+    assert len(list(log.glob("swing*.csv"))) == 8
+    assert figure.read_bytes().startswith(b"\x89PNG")
+    assert report.read_text(encoding="utf-8").startswith("<!doctype html>")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [(["--seed", "-1"], "0 or more"), (["--figure", "picture"], ".png"), (["--html", "."], "cannot write")],
+)
+def test_hidden_effect_refuses_wrong_input(arguments, message):
+    done = run("hidden_effect.py", *arguments)
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert "Traceback" not in done.stderr

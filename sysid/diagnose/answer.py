@@ -177,7 +177,7 @@ class Diagnosis:
     @staticmethod
     def _named(step: Step) -> str:
         numbers = ", ".join(
-            f"{name.split('.')[-1]} = {v['value']:.4g} +- {v['sd']:.2g} {v['unit']}"
+            f"{name.split('.')[-1]} = {v['value']:.4g} +- {v['sd']:.2g} {v['unit']}".removesuffix(" 1")
             for name, v in step.parameters.items()
         )
         return f"{step.effect} ({numbers})"
