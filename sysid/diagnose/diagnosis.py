@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 
 from sysid.diagnose.answer import Diagnosis, Ranked, Remaining, Step
-from sysid.diagnose.held_out import HeldOutError, held_out_error
+from sysid.diagnose.held_out import HeldOutError, error_of, held_out_error, lead_of, refit_windows
 from sysid.diagnose.screen import alikeness
 from sysid.diagnose.search import LEAD, SAME, Round, Search, at_horizon, reduce_by
 from sysid.diagnose.touched import Touched
 from sysid.diagnose.whereabouts import whereabouts
+from sysid.diagnose.whiteness import whiteness
 from sysid.effects import CATALOGUE, effect
 from sysid.errors import InvalidInput
 from sysid.estimate import Estimate
@@ -22,7 +23,11 @@ from sysid.fit import free
 from sysid.identify.gauss_newton import HORIZONS, Fit, fit_longest
 from sysid.model import Model
 from sysid.records import Record, check_records
+from sysid.response import cut
 from sysid.sensor import Sensor
+
+EXCESS = 1.2
+"""Multiple of the sensor noise from which errors that hang together mean that something is missing."""
 
 MOST_SEARCHES = 3
 """What a hand touched is left out and the search begun anew, at most so often."""
@@ -99,6 +104,11 @@ def _known(effects: Iterable[str]) -> tuple[str, ...]:
     if not names:
         raise InvalidInput("no effects were named: leave them out to try the whole catalogue")
     return names
+
+
+def _share(error: HeldOutError) -> float:
+    """Of the squared error, what is beyond the sensors' noise."""
+    return max(0.0, 1.0 - 1.0 / max(error.ratio, 1e-9) ** 2)
 
 
 class _Report:
@@ -230,13 +240,26 @@ class _Report:
     def _remaining(self, error: HeldOutError) -> Remaining | None:
         structured = self.last.structured
         if not self.last.left and not self.touched:
-            return None
+            return self._misread(error)
         depends_on = self.last.flexible[structured[0]].depends_on if structured else ()
         where = whereabouts(self.end, self.last.flexible[structured[0]]) if structured else ""
         if self.touched:
             depends_on = (*(q for q in depends_on if q != "time"), "time")
             where = f"in {'; '.join(map(str, self.touched))}" + (f"; {where}" if where else "")
-        return Remaining(max(0.0, 1.0 - 1.0 / max(error.ratio, 1e-9) ** 2), depends_on, where)
+        return Remaining(_share(error), depends_on, where)
+
+    def _misread(self, error: HeldOutError) -> Remaining | None:
+        """Errors clearly above the noise that hang together, while no torque of any kind would make them smaller."""
+        records, model = self.search.records, self.end.model
+        refitted = refit_windows(model, records, self.sensor, cut(records, 1.0, lead_of(model)))
+        excess = [c for c, ratio in error_of(refitted, 1.0).ratios.items() if ratio > EXCESS]
+        if not excess:
+            return None
+        white = whiteness(refitted)
+        coloured = [c for c in excess if c in white and white[c].p_value < 1e-6]
+        if not coloured:
+            return None
+        return Remaining(_share(error), (), f"in what is read as {' and '.join(coloured)}, whatever the torque")
 
     def _not_identifiable(self) -> tuple[tuple[str, ...], ...]:
         """Parameters that no log of this kind separates, and effects that the free parameters absorb."""
