@@ -139,7 +139,7 @@ class Search:
             if len(self.rounds) == 1:
                 self.first_trials, self.first_choice = trials, chosen.name if chosen else ""
             if chosen is None:
-                reviewed = self._review(fit)
+                reviewed = self._review(now)
                 if reviewed is fit:
                     reviewed = self._prune(now)
                 if reviewed is fit:
@@ -216,31 +216,34 @@ class Search:
         )
         return Addition(chosen.name, tuple(same), close, chosen.p_value, chosen.fit)
 
-    def _review(self, fit: Fit) -> Fit:
-        """Drop what has become idle; swap what now has a better or a simpler rival.
+    def _review(self, now: Round) -> Fit:
+        """Drop what has become idle; swap what has a simpler rival, or where something is left, a better one.
 
         At the horizon at which the model without any addition could follow the log: there both sides can be fitted.
         """
-        for addition in list(self.additions):
+        fit = now.fit
+        for addition in self.additions:
             if not holds(fit, addition.name):
                 self.additions.remove(addition)
                 self.taken_back.add(addition.name)
                 return grow(reduce_by(fit, addition.name))
-            if len(self.additions) == 1 and len(fit.names) == len(self.rounds[0].fit.names) + 1:
-                break  # the one effect that was chosen with one parameter: nothing has changed since
+        for addition in list(self.additions):
+            first = len(self.additions) == 1 and len(fit.names) == len(self.rounds[0].fit.names) + 1
+            if first or not (now.left or _has_simpler(addition.name)):
+                continue  # nothing has changed since it was chosen, or nothing can be gained
             full = at_horizon(fit, self.reviewed_at)
             without = reduce_by(full, addition.name)
             price = (len(full.names) - len(without.names)) * math.log(full.degrees)
             if 2.0 * (without.solution.lin.cost - full.solution.lin.cost) / full.variance < price:
                 self.additions.remove(addition)
                 return grow(without)
-            now = Round.of(without, self.names)
-            trials = [t for t in self.trials(now, full) if t.name != addition.name]
+            bare = Round.of(without, self.names)
+            trials = [t for t in self.trials(bare, full) if t.name != addition.name]
             if not trials:
                 continue
             rival = self._rival(fit, full, addition, trials)
             if rival is not None:
-                self.additions[self.additions.index(addition)] = self._addition(rival, trials, now)
+                self.additions[self.additions.index(addition)] = self._addition(rival, trials, bare)
                 return rival.fit
         return fit
 
@@ -284,6 +287,16 @@ class Search:
                 self.taken_back.add(addition.name)
                 return grow(without)
         return now.fit
+
+
+def _has_simpler(name: str) -> bool:
+    """Whether the catalogue holds a relative of an effect that has fewer magnitudes."""
+
+    def magnitudes(kind: str) -> int:
+        return sum(p.neutral is not None for p in CATALOGUE[kind]().parameters.values())
+
+    relatives = [r for r in CATALOGUE[name].confused if r in CATALOGUE]
+    return any(magnitudes(r) < magnitudes(name) for r in relatives)
 
 
 def holds(fit: Fit, name: str) -> bool:

@@ -77,10 +77,16 @@ def delayed(signal: Sequence[Value], memory: Memory, T: Value, dt: float) -> tup
 
 def delayed_record(signal: Array, intervals: int, T: float, dt: float) -> Array:
     """`delayed` for all intervals of a record (N, S) at once, from rest: the memory is the record itself, shifted."""
-    u = np.concatenate([np.zeros(intervals), signal[:, 0]])
-    memory = tuple(u[intervals - c : len(u) - c] for c in range(1, intervals + 1))
-    columns, _ = delayed((u[intervals:],) * signal.shape[1], memory, T, dt)
-    return np.stack(columns, axis=1)
+    N, S = signal.shape
+    u, h = np.concatenate([np.zeros(intervals), signal[:, 0]]), dt / S
+    c = np.arange(intervals + 1)
+    low, high = -c * dt, (1 - c) * dt
+    late = np.zeros((N, S))
+    for j in range(S):
+        share = (np.clip((j + 1) * h - T, low, high) - np.clip(j * h - T, low, high)) / h
+        for k in np.flatnonzero(share):
+            late[:, j] += share[k] * u[intervals - k : intervals - k + N]
+    return late
 
 
 def _earlier(t: float, T: Value, low: float, high: float) -> Value:
