@@ -82,7 +82,7 @@ def screened(clean: Fit) -> dict[str, Score]:
 
 # where nothing is hidden -------------------------------------------------------------------------------------
 
-SEEDS = 60
+SEEDS = 50
 
 
 @pytest.fixture(scope="module")
