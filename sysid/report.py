@@ -207,8 +207,8 @@ def _ranking(answer: Diagnosis) -> Section:
 
     caption = (
         "The first round: every effect of the catalogue, by what it would explain. Effects in one row move the "
-        "readings of this log alike. Dark: added in the end; light: significant then; grey: could be chance. p is "
-        "corrected for the number of candidates; error: held-out, where the effect was refitted."
+        "readings of this log alike. Bold: added in the end; blue: significant; grey: could be chance. p is corrected "
+        "for the number of candidates; error: held-out, where the effect was refitted."
     )
     drawn = [figures.ranking(answer, 9 if answer.steps else 6)] if answer.ranking else []
     return Section("Which effect explains the error?", (), tuple(picture(figure, caption) for figure in drawn))

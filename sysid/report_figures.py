@@ -29,12 +29,12 @@ from sysid.diagnose.residual_torque import Followed, ResidualTorque
 from sysid.diagnose.touched import Touched
 from sysid.model import Model
 from sysid.page import chance, multiple
-from sysid.plotting import BLUE, GREEN, GREY, LABEL, ORANGE, SKY, STYLE, cells, scale, short
+from sysid.plotting import BLUE, GREEN, GREY, LABEL, ORANGE, STYLE, cells, scale, short
 from sysid.records import Array, Record
 from sysid.response import CHANNELS, cut
 from sysid.sensor import Sensor
 
-WIDE, NARROW = 5.6, 4.2
+WIDE, NARROW = 5.0, 4.2
 """Widths [in]: of a column, and of half of one."""
 SPAN = 10.0
 """Longest stretch [s] of a rollout, or of residual torque, in one panel."""
@@ -92,7 +92,7 @@ def fall_in(axes: Axes, answer: Diagnosis) -> None:
                   textcoords="offset points", ha=side, va="top", color=GREEN, fontsize=8.5)  # fmt: skip
     plain_log(axes)
     labels = ["model\nas it came", *("+ " + s.effect.replace("_", "\n") for s in steps)]
-    axes.set_xticks(range(len(labels)), labels)
+    axes.set_xticks(range(len(labels)), labels, fontsize=9.0 if len(labels) < 5 else 7.0)
     axes.tick_params(axis="x", length=0)
     axes.set_ylabel("held-out error / sensor noise")
 
@@ -127,15 +127,17 @@ def ranking(answer: Diagnosis, most: int = 9) -> Figure:
 def _bars(axes: Axes, rows: Sequence[Any], labels: Sequence[str], added: set[str]) -> None:
     scores = [max(r.score, 0.0) for r in rows]
     reach = max([1.0, *scores])
-    colours = [BLUE if r.effect in added else SKY if r.p_value < 0.05 else "0.82" for r in rows]
+    colours = [BLUE if r.p_value < 0.05 else "0.82" for r in rows]
     axes.barh(range(len(rows)), scores, height=0.6, color=colours)
     for k, r in enumerate(rows):
         error = "" if r.error_after is None else f"error {multiple(r.error_after)};  "
         end = max(r.score, 0.0) + 0.015 * reach
         axes.text(end, k, error + chance(r.p_value), va="center", fontsize=8.0, color="0.3")
     axes.set_yticks(range(len(rows)), labels)
+    for r, label in zip(rows, axes.get_yticklabels(), strict=True):
+        label.set_fontweight("bold" if r.effect in added else "normal")
     axes.set_ylim(len(rows) - 0.4, -0.6)
-    axes.set_xlim(0.0, 1.45 * reach)
+    axes.set_xlim(0.0, 1.6 * reach)
     axes.xaxis.set_major_locator(MaxNLocator(4))
     axes.tick_params(axis="y", length=0)
     axes.set_xlabel("squared error that it would explain, in units of the noise")
@@ -204,7 +206,9 @@ def rollout(paths: Sequence[Course], sensor: Sensor, names: Sequence[str], touch
             residual_in(below, paths, channel, float(getattr(sensor, channel)))
         for axes in panels:
             shade(axes, touched, paths[0].record)
-        panels[0].legend(ncols=3, loc="lower left", bbox_to_anchor=(-0.02, 1.0), fontsize=8.5, handlelength=1.6)
+        panels[0].legend(
+            ncols=3, loc="lower left", bbox_to_anchor=(-0.02, 1.0), fontsize=8.5, handlelength=1.4, columnspacing=1.2
+        )
         panels[-1].set_xlabel(f"time [s] of {short(paths[0].record, 40)}")
         figure.align_ylabels(panels)
     return figure
