@@ -29,7 +29,7 @@ from sysid.sensor import Sensor
 EXCESS = 1.2
 """Multiple of the sensor noise from which errors that hang together mean that something is missing."""
 
-MOST_SEARCHES = 3
+MOST_SEARCHES = 2
 """What a hand touched is left out and the search begun anew, at most so often."""
 
 POWER = 3.9
@@ -84,8 +84,8 @@ def diagnose(
 
 def _perhaps_touched(last: Round) -> bool:
     """Whether what remains depends on time, or on nothing that was tried, or the model follows the log nowhere long."""
-    kinds = last.structured
-    return last.left and (not kinds or kinds[0] == "time" or last.fit.horizon <= HORIZONS[0])
+    kinds, unexplained = last.structured, last.left or last.fit.variance > EXCESS**2
+    return unexplained and (not kinds or kinds[0] == "time" or last.fit.horizon <= HORIZONS[0])
 
 
 def _touched(fit: Fit) -> tuple[Touched, ...]:
