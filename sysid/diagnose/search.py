@@ -255,13 +255,13 @@ class Search:
         """
         near = [t for t in trials if t.fit.variance < 1.5 * full.variance]
         grown = [Trial(t.name, grow(t.fit), t.score, t.p_value) for t in near]
-        best, own = None, fit
+        best, most = None, CLOSE
         for trial in grown:
             here = fit if trial.fit.horizon == fit.horizon else at_horizon(fit, trial.fit.horizon)
             variance = min(here.variance, trial.fit.variance)
             margin = trial.merit(variance) - Trial(addition.name, here, trial.score, 0.0).merit(variance)
-            if margin > CLOSE and (best is None or trial.fit.solution.lin.cost < own.solution.lin.cost):
-                best, own = trial, trial.fit
+            if margin > most:
+                best, most = trial, margin
         return best
 
     def _prune(self, now: Round) -> Fit:
