@@ -18,11 +18,10 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # what type checkers and editors see
+    from sysid.comparison.compare import Comparison, compare
     from sysid.diagnose.add import Added, add
     from sysid.diagnose.answer import Diagnosis
-    from sysid.diagnose.compare import Comparison, compare
     from sysid.diagnose.diagnosis import diagnose
-    from sysid.diagnose.residual_torque import ResidualTorque, residual_torque
     from sysid.effects import (  # type: ignore[no-redef]
         CATALOGUE,
         AngleOffset,
@@ -77,6 +76,7 @@ if TYPE_CHECKING:  # what type checkers and editors see
     from sysid.sensitivity import fisher_information
     from sysid.sensor import Sensor
     from sysid.simulate import Trajectory, simulate
+    from sysid.smoothing.residual_torque import ResidualTorque, residual_torque
     from sysid.user_effects import load_effects
 
 _HOME = {
@@ -84,9 +84,9 @@ _HOME = {
     for module, names in {
         "diagnose.add": "Added add",
         "diagnose.answer": "Diagnosis",
-        "diagnose.compare": "Comparison compare",
+        "comparison.compare": "Comparison compare",
         "diagnose.diagnosis": "diagnose",
-        "diagnose.residual_torque": "ResidualTorque residual_torque",
+        "smoothing.residual_torque": "ResidualTorque residual_torque",
         "effects": (
             "AngleOffset AsymmetricCoulomb AsymmetricViscous BackEmf Backlash CATALOGUE Coulomb DeadZone Delay "
             "Drag Drift DryFriction Effect InputEffect Joint JointEffect Lag LoadFriction OutputEffect Periodic "

@@ -24,7 +24,7 @@ from sysid.records import Record
 from sysid.sensor import Sensor
 
 if TYPE_CHECKING:
-    from sysid.diagnose.signals import Limits
+    from sysid.planning.signals import Limits
 
 PENDULUM = {"m": (1e-3, 1e3), "l": (1e-2, 1e2)}
 PLANTS: dict[str, Plant] = {
@@ -45,7 +45,7 @@ def run(command: Any) -> None:
 
 @run.register
 def _(command: Fit) -> None:
-    from sysid.diagnose.held_out import held_out_error
+    from sysid.comparison.held_out import held_out_error
 
     _load(command.start.effects)
     task = Task.of(command, command.out, command.json)
@@ -60,7 +60,7 @@ def _(command: Fit) -> None:
 
 @run.register
 def _(command: Compare) -> None:
-    from sysid.diagnose.compare import compare
+    from sysid.comparison.compare import compare
 
     _load(command.start.effects)
     task = Task.of(command, command.json, command.html, command.figure)
@@ -104,7 +104,7 @@ def _(command: Add) -> None:
 
 @run.register
 def _(command: Experiment) -> None:
-    from sysid.diagnose.experiment import next_experiment
+    from sysid.planning.experiment import next_experiment
 
     _load(command.start.effects)
     task = Task.of(command, command.out, command.json)
@@ -333,8 +333,8 @@ def _shown(model: Model, names: tuple[str, ...], log: Log) -> tuple[str, ...]:
 
 def _limits(options: Experiment, log: Log, model: Model) -> Limits:
     """What the log has done, where the user says nothing else."""
-    from sysid.diagnose.experiment import limits_of
-    from sysid.diagnose.signals import Limits
+    from sysid.planning.experiment import limits_of
+    from sysid.planning.signals import Limits
 
     said = {
         "u_max": options.u_max,

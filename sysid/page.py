@@ -10,8 +10,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
-from sysid.diagnose import compare
-from sysid.diagnose.held_out import HeldOutError
+from sysid.comparison import compare
+from sysid.comparison.held_out import HeldOutError
 from sysid.logs import Log
 from sysid.records import Record
 from sysid.response import CHANNELS

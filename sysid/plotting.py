@@ -24,8 +24,8 @@ from sysid.page import chance, multiple
 from sysid.records import Array
 
 if TYPE_CHECKING:
-    from sysid.diagnose.compare import Comparison, Trace
-    from sysid.diagnose.residual_map import Curve, ResidualMap
+    from sysid.comparison.compare import Comparison, Trace
+    from sysid.comparison.residual_map import Curve, ResidualMap
 
 STYLE: Any = {
     "font.size": 9.0,

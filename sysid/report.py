@@ -10,10 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sysid import page as set_as
+from sysid.comparison.compare import Comparison, compare
 from sysid.diagnose.answer import Diagnosis, Step
-from sysid.diagnose.compare import Comparison, compare
-from sysid.diagnose.residual_torque import ResidualTorque, residual_torque
-from sysid.diagnose.touched import Touched
 from sysid.effects import CATALOGUE
 from sysid.errors import InvalidInput
 from sysid.logs import split
@@ -21,6 +19,8 @@ from sysid.model import Model
 from sysid.page import Page, Picture, Section, Table, picture, sentence
 from sysid.records import Record
 from sysid.sensor import Sensor
+from sysid.smoothing.residual_torque import ResidualTorque, residual_torque
+from sysid.smoothing.touched import Touched
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

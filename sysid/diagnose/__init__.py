@@ -1,1 +1,1 @@
-"""What a model lacks: how far off it is, where, which effect is missing, and what would tell."""
+"""Which effect is missing: the screen of all candidates, the search, and the answer."""

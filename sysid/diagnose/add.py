@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sysid.diagnose.held_out import HeldOutError, held_out_error
+from sysid.comparison.held_out import HeldOutError, held_out_error
 from sysid.diagnose.screen import screen
 from sysid.diagnose.search import LEAD, extend, grow
 from sysid.effects import effect

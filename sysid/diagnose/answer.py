@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from sysid.diagnose.held_out import HeldOutError, finite
-from sysid.diagnose.touched import Touched
+from sysid.comparison.held_out import HeldOutError, finite
 from sysid.estimate import Estimate
 from sysid.model import Model
 from sysid.sensor import Sensor
+from sysid.smoothing.touched import Touched
 
 SCHEMA = "gapfinder/diagnosis/1"
 VERDICTS = ("adequate", "missing", "unknown", "cannot tell")

@@ -9,13 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from sysid.comparison.held_out import HeldOutError, error_of, held_out_error, lead_of, refit_windows
+from sysid.comparison.whiteness import whiteness
 from sysid.diagnose.answer import Diagnosis, Ranked, Remaining, Step
-from sysid.diagnose.held_out import HeldOutError, error_of, held_out_error, lead_of, refit_windows
 from sysid.diagnose.screen import alikeness
 from sysid.diagnose.search import LEAD, SAME, Round, Search, at_horizon, reduce_by
-from sysid.diagnose.touched import Touched
 from sysid.diagnose.whereabouts import whereabouts
-from sysid.diagnose.whiteness import whiteness
 from sysid.effects import CATALOGUE, effect
 from sysid.errors import InvalidInput
 from sysid.estimate import Estimate
@@ -25,6 +24,7 @@ from sysid.model import Model
 from sysid.records import Record, check_records
 from sysid.response import cut
 from sysid.sensor import Sensor
+from sysid.smoothing.touched import Touched
 
 EXCESS = 1.2
 """Multiple of the sensor noise from which errors that hang together mean that something is missing."""
@@ -91,7 +91,7 @@ def _perhaps_touched(last: Round) -> bool:
 def _touched(fit: Fit) -> tuple[Touched, ...]:
     """Stretches in which something acts that no state of the joint explains, judged by the scatter about the fit:
     a vibration that no rigid joint makes would hide every hand."""
-    from sysid.diagnose.residual_torque import residual_torque
+    from sysid.smoothing.residual_torque import residual_torque
 
     return residual_torque(fit.model, fit.response.records, Sensor(**fit.residual_sd())).touched
 
@@ -163,7 +163,7 @@ class _Report:
         """What to play next where a class does not separate."""
         if verdict != "cannot tell":
             return None
-        from sysid.diagnose.experiment import next_experiment
+        from sysid.planning.experiment import next_experiment
 
         alike = next(s.alike for s in machine if len(s.alike) > 1 and self._apart(s))
         try:

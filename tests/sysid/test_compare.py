@@ -33,9 +33,9 @@ from sysid import (
     Viscous,
     simulate,
 )
-from sysid.diagnose.compare import Comparison, compare
-from sysid.diagnose.held_out import refit_windows
-from sysid.diagnose.whiteness import innovations
+from sysid.comparison.compare import Comparison, compare
+from sysid.comparison.held_out import refit_windows
+from sysid.comparison.whiteness import innovations
 from sysid.excitation import multisine, steps
 from sysid.response import cut
 

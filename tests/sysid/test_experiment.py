@@ -28,17 +28,17 @@ from sysid import (
     simulate,
 )
 from sysid.diagnose.candidates import alternatives, extent_of
-from sysid.diagnose.design import Hypothesis, Pool, foresee
 from sysid.diagnose.directions import Directions
-from sysid.diagnose.experiment import limits_of, next_experiment
-from sysid.diagnose.needed import Payload, needed_experiment
-from sysid.diagnose.protocol import Experiment
 from sysid.diagnose.screen import screen
 from sysid.diagnose.search import extend
-from sysid.diagnose.signals import KINDS, Limits, draw
 from sysid.effects import CATALOGUE, Effect
 from sysid.fit import fit
 from sysid.identify.gauss_newton import fit_longest, fit_windows
+from sysid.planning.design import Hypothesis, Pool, foresee
+from sysid.planning.experiment import limits_of, next_experiment
+from sysid.planning.needed import Payload, needed_experiment
+from sysid.planning.protocol import Experiment
+from sysid.planning.signals import KINDS, Limits, draw
 
 SENSOR = Sensor(0.003, 0.05)
 LIMITS = Limits(2.0, theta_max=2.0)

@@ -21,7 +21,7 @@ from sysid import (
     Viscous,
     simulate,
 )
-from sysid.diagnose.held_out import held_out_error, lead_of, refit
+from sysid.comparison.held_out import held_out_error, lead_of, refit
 from sysid.excitation import steps
 from sysid.response import Response, cut
 

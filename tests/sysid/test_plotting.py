@@ -11,7 +11,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from sysid import Model, Record, RodPendulum, Sensor, Viscous, plotting, simulate
-from sysid.diagnose.compare import Comparison, compare
+from sysid.comparison.compare import Comparison, compare
 from sysid.excitation import steps
 
 SENSOR = Sensor(0.003, 0.05)

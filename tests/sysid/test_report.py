@@ -17,8 +17,8 @@ import pytest
 from sysid import Coulomb, InvalidInput, Model, Record, RodPendulum, Sensor, compare, fit, simulate
 from sysid import page as set_as
 from sysid import report_figures as figures
+from sysid.comparison.held_out import held_out_error
 from sysid.diagnose.answer import VERDICTS, Diagnosis, Ranked, Remaining, Step
-from sysid.diagnose.held_out import held_out_error
 from sysid.excitation import steps
 from sysid.logs import split
 from sysid.report import page_of, write_report

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from sysid import RK4, GeneralJoint, InvalidInput, Model, Record, RodPendulum, Sensor, effect, simulate
-from sysid.diagnose.residual_torque import ResidualTorque, residual_torque
-from sysid.diagnose.smoother import Torque
 from sysid.effects import Effect, Joint, JointEffect
 from sysid.excitation import multisine
 from sysid.ops import Value
+from sysid.smoothing.residual_torque import ResidualTorque, residual_torque
+from sysid.smoothing.smoother import Torque
 
 LOGS = Path(__file__).resolve().parents[3] / "shared" / "data" / "logs"
 BOTH, ANGLE = Sensor(theta=0.003, theta_dot=0.05), Sensor(theta=0.003)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sysid.diagnose.smoother import Chain, Smoothed, Torque
+from sysid.smoothing.smoother import Chain, Smoothed, Torque
 
 DT, M = 0.02, 60
 SPREAD = (2.0, 9.0)

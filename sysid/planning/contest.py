@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sysid.diagnose.design import Hypothesis, Pool, foresee, tamed
-from sysid.diagnose.rivals import Pair
-from sysid.diagnose.signals import Limits, Signal, draw
 from sysid.identify.gauss_newton import fit_longest, fit_windows
+from sysid.planning.design import Hypothesis, Pool, foresee, tamed
+from sysid.planning.rivals import Pair
+from sysid.planning.signals import Limits, Signal, draw
 from sysid.records import Record
 from sysid.sensor import Sensor
 

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from sysid.diagnose.contest import Contest
-from sysid.diagnose.held_out import finite
+from sysid.comparison.held_out import finite
 from sysid.errors import InvalidInput
+from sysid.planning.contest import Contest
 from sysid.records import Array
 
 SCHEMA = "gapfinder/experiment/1"

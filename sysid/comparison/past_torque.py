@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.diagnose.held_out import finite
-from sysid.diagnose.residuals import Residuals
+from sysid.comparison.held_out import finite
+from sysid.comparison.residuals import Residuals
 from sysid.records import Array
 
 LONGEST = 0.25

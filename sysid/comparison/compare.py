@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.diagnose.causes import Cause, causes
-from sysid.diagnose.held_out import HeldOutError, Refit, WindowError, error_of, held_out_error, lead_of, refit_windows
-from sysid.diagnose.past_torque import PastTorque, lags_of, past_torque
-from sysid.diagnose.residual_map import Curve, ResidualMap, curve_of, map_of, shapes
-from sysid.diagnose.residuals import Residuals
-from sysid.diagnose.whiteness import Whiteness, whiteness
+from sysid.comparison.causes import Cause, causes
+from sysid.comparison.held_out import HeldOutError, Refit, WindowError, error_of, held_out_error, lead_of, refit_windows
+from sysid.comparison.past_torque import PastTorque, lags_of, past_torque
+from sysid.comparison.residual_map import Curve, ResidualMap, curve_of, map_of, shapes
+from sysid.comparison.residuals import Residuals
+from sysid.comparison.whiteness import Whiteness, whiteness
 from sysid.estimate import Estimate
 from sysid.model import Model
 from sysid.records import Array, Record, check_records

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.diagnose.directions import Directions
-from sysid.diagnose.signals import Limits, Signal, draw, rest_angle, vary, within
 from sysid.effects import Effect, OutputEffect
 from sysid.identify.gauss_newton import Fit, Solution, without
 from sysid.model import Model
+from sysid.planning.signals import Limits, Signal, draw, rest_angle, vary, within
 from sysid.records import Array, Record
 from sysid.response import Linearisation, Response, cut
 from sysid.sensor import Sensor

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc
 
-from sysid.diagnose.held_out import Refit
+from sysid.comparison.held_out import Refit
 from sysid.records import Array
 from sysid.response import CHANNELS
 

@@ -9,16 +9,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid import ops
-from sysid.diagnose.design import Hypothesis, Pool, foresee, precision, search, tamed, yardsticks
-from sysid.diagnose.protocol import Experiment
-from sysid.diagnose.rivals import INERTIAL
-from sysid.diagnose.signals import Limits, Signal, rest_angle
 from sysid.effects import BackEmf, Joint, JointEffect, RotorInertia, TorqueGain, Viscous
 from sysid.errors import InvalidInput
 from sysid.estimate import Estimate
 from sysid.fit import free
 from sysid.model import Model
 from sysid.ops import Value
+from sysid.planning.design import Hypothesis, Pool, foresee, precision, search, tamed, yardsticks
+from sysid.planning.protocol import Experiment
+from sysid.planning.rivals import INERTIAL
+from sysid.planning.signals import Limits, Signal, rest_angle
 from sysid.records import Array
 from sysid.sensor import Sensor
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import fdtrc
 
-from sysid.diagnose.held_out import Refit
+from sysid.comparison.held_out import Refit
 from sysid.effects import Joint, JointEffect
 from sysid.identify.gauss_newton import without
 from sysid.model import Model

@@ -10,17 +10,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.diagnose.held_out import finite
-from sysid.diagnose.instants import Instants
-from sysid.diagnose.likeliest import SIGNIFICANT, largest, likeliest
-from sysid.diagnose.smoother import Chain, Smoothed, Torque
-from sysid.diagnose.touched import HAND, Touched, slow, touched
+from sysid.comparison.held_out import finite
 from sysid.errors import InvalidInput
 from sysid.identify.start import smooth_states
 from sysid.model import Model
 from sysid.records import Array, Record, check_records
 from sysid.response import Response, cut
 from sysid.sensor import Sensor
+from sysid.smoothing.instants import Instants
+from sysid.smoothing.likeliest import SIGNIFICANT, largest, likeliest
+from sysid.smoothing.smoother import Chain, Smoothed, Torque
+from sysid.smoothing.touched import HAND, Touched, slow, touched
 
 UNITS = {"theta": "rad", "theta_dot": "rad/s", "torque": "N m", "time": "s"}
 """What a residual torque can be drawn over."""

@@ -8,8 +8,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sysid.diagnose.contest import Match, separable, twins
-from sysid.diagnose.design import (
+from sysid.effects import Effect
+from sysid.errors import InvalidInput
+from sysid.estimate import Estimate
+from sysid.fit import fit, free
+from sysid.model import Model
+from sysid.planning.contest import Match, separable, twins
+from sysid.planning.design import (
     UNDETERMINED,
     Hypothesis,
     Pool,
@@ -19,15 +24,10 @@ from sysid.diagnose.design import (
     separation,
     yardsticks,
 )
-from sysid.diagnose.needed import needed_experiment, never
-from sysid.diagnose.protocol import HOPELESS, Experiment
-from sysid.diagnose.rivals import Pair, Rivals, names_of, rivals_of
-from sysid.diagnose.signals import Limits, Signal, rest_angle
-from sysid.effects import Effect
-from sysid.errors import InvalidInput
-from sysid.estimate import Estimate
-from sysid.fit import fit, free
-from sysid.model import Model
+from sysid.planning.needed import needed_experiment, never
+from sysid.planning.protocol import HOPELESS, Experiment
+from sysid.planning.rivals import Pair, Rivals, names_of, rivals_of
+from sysid.planning.signals import Limits, Signal, rest_angle
 from sysid.records import Record
 from sysid.sensor import Sensor
 

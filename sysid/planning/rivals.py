@@ -10,15 +10,15 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid.diagnose.candidates import Alternative, candidates
-from sysid.diagnose.design import Hypothesis, Normal, foresee
 from sysid.diagnose.screen import screen
 from sysid.diagnose.search import LEAD, at_horizon, grow
-from sysid.diagnose.signals import Limits, Signal
 from sysid.effects import Effect, effect
 from sysid.errors import InvalidInput
 from sysid.identify.gauss_newton import Fit, fit_longest, fit_windows
 from sysid.model import Model
 from sysid.parameters import Extent
+from sysid.planning.design import Hypothesis, Normal, foresee
+from sysid.planning.signals import Limits, Signal
 from sysid.records import Record
 from sysid.sensor import Sensor
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from sysid.diagnose.held_out import error_of, lead_of, refit_windows
-from sysid.diagnose.smoother import Chain
+from sysid.comparison.held_out import error_of, lead_of, refit_windows
 from sysid.model import Model
 from sysid.records import Array
 from sysid.response import Response, cut
+from sysid.smoothing.smoother import Chain
 
 _NO_PARAMETERS = np.zeros(0)
 _SPREAD = (3.0, 30.0)

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtrc
 
-from sysid.diagnose.residual_map import Shape
-from sysid.diagnose.residuals import Residuals
+from sysid.comparison.residual_map import Shape
+from sysid.comparison.residuals import Residuals
 from sysid.records import Array
 
 LEVEL = 0.01

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from sysid.diagnose.smoother import Chain, Torque
 from sysid.records import Array
+from sysid.smoothing.smoother import Chain, Torque
 
 SIGNIFICANT = 4.6
 """Gain in log-likelihood that two free numbers reach by chance in 1 of 100 logs, at most."""

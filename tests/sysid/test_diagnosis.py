@@ -1,0 +1,469 @@
+"""diagnose names what was hidden, says what it cannot know, and never looks at what it holds out."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+import pytest
+
+from sysid import (
+    CATALOGUE,
+    Coulomb,
+    Delay,
+    Diagnosis,
+    Drag,
+    Drift,
+    Effect,
+    InvalidInput,
+    Model,
+    Record,
+    Ripple,
+    RodPendulum,
+    Saturation,
+    Sensor,
+    Spring,
+    Stamp,
+    Tilt,
+    VelocityGain,
+    Viscous,
+    diagnose,
+    fit,
+    simulate,
+)
+from sysid.comparison.held_out import held_out_error
+from sysid.diagnose.answer import SCHEMA, VERDICTS
+from sysid.diagnose.diagnosis import POWER
+from sysid.excitation import steps
+from sysid.logs import split
+
+DT = 0.02
+SENSOR = Sensor(0.003, 0.05)
+DEPENDENCES = {"theta", "theta_dot", "torque", "time", "history"}
+
+
+def rod(*effects: Effect) -> Model:
+    return Model(RodPendulum(m=1.1, l=0.8), effects, dt=DT)
+
+
+def truth(*effects: Effect) -> Model:
+    return Model(RodPendulum(m=1.0, l=0.9), effects, dt=DT)
+
+
+def logs(model: Model, seed: int = 0, n: int = 5, seconds: float = 5.0) -> list[Record]:
+    rng = np.random.default_rng(seed)
+    u = np.array([steps(rng, round(seconds / DT), DT, 1.5, 0.3) for _ in range(n)])
+    return simulate(model, u, math.pi + rng.uniform(-0.8, 0.8, n), np.zeros(n)).measure(SENSOR, rng)
+
+
+def pushed(records: list[Record], i: int) -> list[Record]:
+    """A hand leans on rollout i from 1.5 s to 2.1 s."""
+    push = np.zeros(len(records[i]))
+    push[75:105] = 1.2
+    run = simulate(truth(), records[i].u + push, records[i].theta[0], 0.0)  # type: ignore[index]
+    (made,) = run.measure(SENSOR, np.random.default_rng(9))
+    return [*records[:i], Record(made.t, records[i].u, made.theta, made.theta_dot, name="pushed"), *records[i + 1 :]]
+
+
+def misread(records: list[Record]) -> list[Record]:
+    """The speed wobbles with the angle, as that of a tachometer with seven poles does."""
+    return [
+        dataclasses.replace(r, theta_dot=r.theta_dot * (1.0 + 0.05 * np.sin(7.0 * r.theta)))  # type: ignore[operator]
+        for r in records
+    ]
+
+
+PLANTED = {
+    "viscous": (Viscous(b=0.03),),
+    "coulomb": (Coulomb(tau_c=0.04),),
+    "delay": (Delay(T=0.05),),
+    "tilt": (Tilt(alpha=0.05),),
+    "ripple": (Ripple(a=0.05, b=0.03, order=5.0),),
+    "velocity_gain": (VelocityGain(c=1.06),),
+    "saturation": (Saturation(limit=1.0),),
+    "drift": (Drift(r=0.05),),
+    "coulomb and spring": (Coulomb(tau_c=0.04), Spring(k=0.6)),
+}
+UNKNOWN: dict[str, tuple[Effect, tuple[str, ...], str]] = {
+    "speed": (Drag(c=0.02), ("tilt", "delay", "torque_bias"), "theta_dot"),
+    "angle": (Ripple(a=0.08, b=0.03, order=5.0), ("viscous", "coulomb", "delay", "tilt"), "theta"),
+    "torque": (Saturation(limit=0.9), ("viscous", "coulomb", "tilt", "delay"), "torque"),
+    "time": (Drift(r=0.05), ("viscous", "coulomb", "delay", "torque_bias"), "time"),
+    "history": (Delay(T=0.06), ("viscous", "coulomb", "tilt", "torque_bias"), "history"),
+}
+
+
+@cache
+def records_of(name: str) -> tuple[Record, ...]:
+    if name == "pushed":
+        return tuple(pushed(logs(truth()), 1))
+    if name == "misread":
+        return tuple(misread(logs(truth())))
+    others = {"stamped": (Stamp(s=-0.5),), "stamped and rubbing": (Stamp(s=0.6), Coulomb(tau_c=0.04)), "nothing": ()}
+    hidden = UNKNOWN[name][:1] if name in UNKNOWN else PLANTED.get(name) or others[name]
+    return tuple(logs(truth(*hidden)))
+
+
+@cache
+def of(name: str) -> Diagnosis:
+    """Each log is diagnosed once."""
+    effects = UNKNOWN[name][1] if name in UNKNOWN else None
+    return diagnose(rod(), records_of(name), SENSOR, effects=effects)
+
+
+EVERY = ("nothing", *PLANTED, *UNKNOWN, "stamped", "stamped and rubbing", "pushed", "misread")
+
+
+# what is found -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", PLANTED)
+def test_what_was_hidden_is_named_with_its_numbers(name: str) -> None:
+    found, hidden = of(name), PLANTED[name]
+    assert found.verdict == "missing"
+    assert {s.effect for s in found.steps} == {e.name for e in hidden}
+    assert not found.conventions
+    for e in hidden:
+        (step,) = (s for s in found.steps if s.effect == e.name)
+        assert step.p_value < 0.05
+        for k, p in e.parameters.items():
+            number = step.parameters[f"{e.name}.{k}"]
+            assert abs(number["value"] - p.value) < 4.5 * number["sd"]
+            assert number["unit"] == p.unit
+    if len(hidden) == 1:
+        assert found.ranking[0].effect == hidden[0].name
+    for k in ("m", "l"):
+        off = found.estimate.values[k] - truth().parameters[k].value
+        assert abs(off) < 4.5 * found.estimate.sd[k]
+
+
+@pytest.mark.parametrize("name", PLANTED)
+def test_the_error_falls_to_that_of_a_perfect_model(name: str) -> None:
+    found = of(name)
+    assert found.base_error.ratio > 1.15
+    assert 0.9 < found.error.ratio < 1.1
+    assert found.steps[0].error_before == found.base_error.ratio
+    assert found.steps[-1].error_after == found.error.ratio
+
+
+def test_nothing_hidden_nothing_missing() -> None:
+    found = of("nothing")
+    assert found.verdict == "adequate"
+    assert not found.steps and not found.conventions
+    assert found.remaining is None
+    assert found.error.ratio == found.base_error.ratio
+    assert 0.9 < found.error.ratio < 1.1
+
+
+@pytest.mark.parametrize("name", UNKNOWN)
+def test_what_stands_in_no_catalogue_is_unknown_and_its_dependence_is_said(name: str) -> None:
+    found, (_, allowed, on) = of(name), UNKNOWN[name]
+    assert found.verdict == "unknown"
+    assert found.remaining is not None
+    assert on in found.remaining.depends_on
+    assert found.remaining.where
+    assert 0.1 < found.remaining.share < 1.0
+    assert found.error.ratio > 1.1
+    assert {s.effect for s in found.steps} <= set(allowed)
+    assert {r.effect for r in found.ranking} <= set(allowed)
+
+
+def test_a_stamp_is_the_logs_and_no_delay_of_the_machine() -> None:
+    found = of("stamped")
+    assert found.verdict == "adequate"
+    assert not found.steps
+    (convention,) = found.conventions
+    assert convention.effect == "stamp"
+    assert abs(convention.parameters["stamp.s"]["value"] + 0.5) < 0.05
+    assert 0.9 < found.error.ratio < 1.1 < found.base_error.ratio
+    assert "delay" not in {e.name for e in found.model.effects}
+    assert not found.model.machine.effects, "a machine has no stamp"
+
+
+def test_each_step_has_the_error_of_its_own_model() -> None:
+    """Also where effects were swapped once more was known."""
+    found = of("stamped and rubbing")
+    assert {s.effect for s in found.steps} == {"coulomb"}
+    assert {s.effect for s in found.conventions} == {"stamp"}
+    _, held_out = split(records_of("stamped and rubbing"))
+    ladder = [{e.name for e in s.estimate.model.effects} for s in (*found.steps, *found.conventions)]
+    assert {frozenset(names) for names in ladder} in (
+        {frozenset({"coulomb"}), frozenset({"coulomb", "stamp"})},
+        {frozenset({"stamp"}), frozenset({"coulomb", "stamp"})},
+    )
+    for step in (*found.steps, *found.conventions):
+        assert held_out_error(step.estimate.model, held_out, SENSOR).ratio == pytest.approx(step.error_after, rel=1e-9)
+
+
+def test_a_hand_is_named_and_becomes_no_effect() -> None:
+    found = of("pushed")
+    assert found.verdict == "unknown"
+    assert not found.steps
+    assert [t.name for t in found.touched] == ["pushed"]
+    assert found.touched[0].t_begin < 1.8 < found.touched[0].t_end
+    assert found.remaining is not None
+    assert "time" in found.remaining.depends_on
+    assert "pushed" in found.remaining.where
+    assert abs(found.estimate.values["m"] - 1.0) < 4.5 * found.estimate.sd["m"], "what a hand touched was fitted"
+
+
+def test_readings_that_no_torque_explains_are_not_adequate() -> None:
+    found = of("misread")
+    assert found.verdict == "unknown"
+    assert found.remaining is not None
+    assert "theta_dot" in found.remaining.where
+    assert found.error.ratio > 1.2
+
+
+def test_a_sensor_that_is_told_wrong_is_no_effect() -> None:
+    """White errors of three times the noise that was told are the noise."""
+    for told in (Sensor(0.001, 0.0167), Sensor(0.009, 0.15)):
+        found = diagnose(rod(), records_of("nothing"), told)
+        assert found.verdict == "adequate"
+        assert found.error.ratio == pytest.approx(of("nothing").error.ratio * 0.003 / told.theta, rel=0.02)  # type: ignore[operator]
+
+
+# what is said ------------------------------------------------------------------------------------------------
+
+KEYS = {
+    "schema",
+    "plant",
+    "parameters",
+    "noise",
+    "held_out",
+    "base_error",
+    "error",
+    "verdict",
+    "steps",
+    "conventions",
+    "ranking",
+    "remaining",
+    "not_identifiable",
+    "ruled_out",
+    "touched",
+    "next_experiment",
+    "seconds",
+}
+STEP = {"effect", "class", "parameters", "error_before", "error_after", "p_value"}
+RANKED = {"effect", "class", "score", "p_value", "error_after"}
+NUMBER = {"value", "sd", "unit"}
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_the_answer_is_data_of_the_documented_schema(name: str) -> None:
+    found = of(name)
+    data = json.loads(json.dumps(found.to_dict(), allow_nan=False))
+    assert set(data) == KEYS
+    assert data["schema"] == SCHEMA
+    assert data["plant"] == "RodPendulum"
+    assert data["verdict"] in VERDICTS
+    assert data["noise"] == {"theta": SENSOR.theta, "theta_dot": SENSOR.theta_dot}
+    assert data["held_out"] == [r.name for r in split(records_of(name))[1]]
+    assert data["base_error"] == found.base_error.ratio
+    assert set(data["parameters"]) == set(found.estimate.names)
+    assert all(set(p) == NUMBER for p in data["parameters"].values())
+    for step in (*data["steps"], *data["conventions"]):
+        assert set(step) == STEP
+        assert step["class"][0] == step["effect"]
+        assert all(set(p) == NUMBER for p in step["parameters"].values())
+        for full, p in step["parameters"].items():
+            assert data["parameters"][full] == p
+    for ranked in data["ranking"]:
+        assert set(ranked) == RANKED
+        assert ranked["effect"] in CATALOGUE
+        assert 0.0 <= ranked["p_value"] <= 1.0
+    assert data["remaining"] is None or set(data["remaining"]) == {"share", "depends_on", "where"}
+    assert all(isinstance(n, str) for group in data["not_identifiable"] for n in group)
+    assert all(set(r) == {"parameter", "size", "unit"} for r in data["ruled_out"].values())
+    assert data["seconds"] > 0.0
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_the_verdict_agrees_with_what_it_rests_on(name: str) -> None:
+    found = of(name)
+    assert (found.remaining is not None) == (found.verdict == "unknown")
+    if found.verdict == "adequate":
+        assert not found.steps
+    if found.verdict in ("missing", "cannot tell"):
+        assert found.steps
+    if found.verdict != "cannot tell":
+        assert found.next_experiment is None
+    if found.remaining is not None:
+        assert set(found.remaining.depends_on) <= DEPENDENCES
+        assert 0.0 <= found.remaining.share <= 1.0
+    chain = sorted((*found.steps, *found.conventions), key=lambda s: len(s.estimate.names))
+    before = [found.base_error.ratio, *(s.error_after for s in chain)]
+    assert [s.error_before for s in chain] == before[:-1]
+    assert before[-1] == found.error.ratio
+    assert {e.name for e in found.model.effects} == {s.effect for s in chain}
+    assert found.best.estimate is found.estimate
+    assert found.model is found.estimate.model
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_it_reads_well(name: str) -> None:
+    found = of(name)
+    assert found.sentence.startswith(f"{found.verdict}: ")
+    assert found.sentence.endswith(".")
+    assert "\n" not in found.sentence
+    assert str(found).startswith(found.sentence)
+    assert all(s.effect in str(found) for s in (*found.steps, *found.conventions))
+
+
+@pytest.mark.parametrize("name", ["nothing", "viscous", "tilt"])
+def test_what_the_motion_cannot_separate_is_always_named(name: str) -> None:
+    groups = [set(g) for g in of(name).not_identifiable]
+    assert {"m", "l", "torque_gain", "rotor_inertia"} in groups
+    twins = {"viscous": {"viscous", "back_emf"}, "tilt": {"tilt", "angle_offset"}}
+    if name in twins:
+        assert twins[name] in groups
+        assert set(of(name).steps[0].alike) == twins[name]
+        assert of(name).verdict == "missing", "twins are one thing to every log of this kind"
+
+
+def test_the_ranking_is_of_everything_visible_and_in_order() -> None:
+    found = of("coulomb")
+    names = [r.effect for r in found.ranking]
+    assert len(names) == len(set(names))
+    assert set(names) == set(CATALOGUE) - {"torque_gain", "rotor_inertia"}
+    refitted = [r for r in found.ranking if r.error_after is not None]
+    assert refitted == list(found.ranking[: len(refitted)]), "what was refitted stands before what was not"
+    rest = [r.score for r in found.ranking[len(refitted) :]]
+    assert rest == sorted(rest, reverse=True)
+    assert found.ranking[0].error_after == pytest.approx(found.steps[0].error_after, rel=0.02)
+
+
+def test_what_is_ruled_out_would_have_been_found() -> None:
+    """At 1.3 times that size: p-values of a few effects, each by one screen."""
+    from sysid.diagnose.search import Round
+    from sysid.fit import fitted
+
+    ruled = of("nothing").ruled_out
+    assert {"viscous", "coulomb", "delay", "tilt"} <= set(ruled)
+    assert "saturation" not in ruled
+    for name in ("viscous", "coulomb", "tilt", "velocity_bias"):
+        entry = ruled[name]
+        hidden = truth(CATALOGUE[name](**{entry["parameter"]: 1.3 * entry["size"]}))
+        training, _ = split(logs(hidden))
+        now = Round.of(fitted(rod(), ("m", "l"), training, SENSOR), None)
+        assert now.adjusted[name] < 0.05
+        assert entry["size"] == pytest.approx(POWER * now.scores[name].sd[0], rel=0.1)
+
+
+# what is held out --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["coulomb", "nothing"])
+def test_what_is_held_out_reports_and_never_chooses(name: str) -> None:
+    """Garbage in its place changes the errors, and nothing else."""
+    found = of(name)
+    training, held_out = split(records_of(name))
+    rng = np.random.default_rng(0)
+    garbage = [
+        dataclasses.replace(r, theta=3.0 * rng.standard_normal(len(r) + 1), theta_dot=rng.standard_normal(len(r) + 1))
+        for r in held_out
+    ]
+    other = diagnose(rod(), [*training, *garbage], SENSOR)
+    assert other.verdict == found.verdict
+    assert other.estimate.values == found.estimate.values
+    assert other.estimate.sd == found.estimate.sd
+    assert [s.effect for s in other.steps] == [s.effect for s in found.steps]
+    assert [(r.effect, r.score, r.p_value) for r in other.ranking] == [
+        (r.effect, r.score, r.p_value) for r in found.ranking
+    ]
+    assert other.error.ratio > 10.0 * found.error.ratio
+
+
+def test_the_last_quarter_is_held_out_or_what_is_asked_for() -> None:
+    records = records_of("nothing")
+    names = ("viscous",)
+    assert of("nothing").held_out == ("rollout 4",)
+    assert diagnose(rod(), records, SENSOR, 2, names).held_out == ("rollout 3", "rollout 4")
+    assert diagnose(rod(), records, SENSOR, 0.6, names).held_out == ("rollout 2", "rollout 3", "rollout 4")
+
+
+def test_one_long_rollout_is_enough() -> None:
+    records = logs(truth(Coulomb(tau_c=0.05)), n=1, seconds=12.0)
+    found = diagnose(rod(), records, SENSOR)
+    assert found.verdict == "missing"
+    assert [s.effect for s in found.steps] == ["coulomb"]
+    assert 0.85 < found.error.ratio < 1.15
+    assert diagnose(rod(), records[0], SENSOR, effects="coulomb").steps[0].effect == "coulomb"  # type: ignore[arg-type]
+
+
+# what goes in ------------------------------------------------------------------------------------------------
+
+
+def test_an_estimate_says_what_is_free_and_what_is_known() -> None:
+    records = records_of("coulomb")
+    known = dataclasses.replace(rod(), plant=RodPendulum(m=1.0, l=0.8))
+    found = diagnose(fit(known, records, SENSOR, ("l",)), records)
+    assert found.sensor == SENSOR
+    assert found.base.names == ("l",)
+    assert found.estimate.names == ("l", "coulomb.tau_c")
+    assert found.model.parameters["m"].value == 1.0
+    assert [s.effect for s in found.steps] == ["coulomb"]
+
+
+def test_the_noise_is_found_without_a_model() -> None:
+    found = diagnose(rod(), records_of("coulomb"))
+    assert found.sensor.theta == pytest.approx(0.003, rel=0.1)
+    assert found.sensor.theta_dot == pytest.approx(0.05, rel=0.1)
+    assert [s.effect for s in found.steps] == ["coulomb"]
+    assert 0.9 < found.error.ratio < 1.1
+
+
+def test_angles_alone_are_enough() -> None:
+    records = [Record(r.t, r.u, r.theta, name=r.name) for r in records_of("coulomb")]
+    found = diagnose(rod(), records, Sensor(0.003))
+    assert [s.effect for s in found.steps] == ["coulomb"]
+    assert found.to_dict()["noise"] == {"theta": 0.003, "theta_dot": None}
+    assert "velocity_bias" not in {r.effect for r in found.ranking}
+
+
+def test_the_same_answer_again_and_inputs_untouched() -> None:
+    records, model = list(records_of("tilt")), rod()
+    kept = [(r.u.copy(), np.array(r.theta), np.array(r.theta_dot)) for r in records]
+    again = diagnose(model, records, SENSOR).to_dict() | {"seconds": 0.0}
+    assert again == of("tilt").to_dict() | {"seconds": 0.0}
+    assert model.parameters["m"].value == 1.1 and not model.effects
+    assert len(records) == 5
+    for record, before in zip(records, kept, strict=True):
+        for now, then in zip((record.u, record.theta, record.theta_dot), before, strict=True):
+            np.testing.assert_array_equal(now, then)
+
+
+def test_a_model_that_has_the_effect_lacks_nothing() -> None:
+    found = diagnose(rod(Coulomb(tau_c=0.01)), records_of("coulomb"), SENSOR)
+    assert found.verdict == "adequate"
+    assert found.estimate.values["coulomb.tau_c"] == pytest.approx(0.04, rel=0.03)
+    assert "coulomb" not in {r.effect for r in found.ranking}
+
+
+BAD: dict[str, tuple[Callable[[], object], str]] = {
+    "no record": (lambda: diagnose(rod(), []), "no records were given"),
+    "not a record": (lambda: diagnose(rod(), [3]), "Record objects"),  # type: ignore[list-item]
+    "another rate": (lambda: diagnose(Model(RodPendulum(), dt=0.05), records_of("nothing")), "sampled every"),
+    "no such effect": (lambda: diagnose(rod(), records_of("nothing"), effects=("coulom",)), "did you mean coulomb"),
+    "one word": (lambda: diagnose(rod(), records_of("nothing"), effects="friction"), "unknown effect 'friction'"),
+    "no effect": (lambda: diagnose(rod(), records_of("nothing"), effects=()), "no effects were named"),
+    "all held out": (lambda: diagnose(rod(), records_of("nothing"), SENSOR, 5), "leaves none to fit"),
+    "no share": (lambda: diagnose(rod(), records_of("nothing"), SENSOR, -0.2), "hold_out = -0.2"),
+    "too short": (lambda: diagnose(rod(), [records_of("nothing")[0].head(20)], SENSOR), "too short"),
+    "one sample": (lambda: diagnose(rod(), [records_of("nothing")[0].head(1)]), "too few"),
+    "no such channel": (
+        lambda: diagnose(rod(), [Record(r.t, r.u, r.theta) for r in records_of("nothing")], SENSOR),
+        "no theta_dot readings",
+    ),
+}
+
+
+@pytest.mark.parametrize(("call", "says"), BAD.values(), ids=BAD.keys())
+def test_bad_input_is_one_sentence(call: Callable[[], object], says: str) -> None:
+    with pytest.raises(InvalidInput, match=says) as caught:
+        call()
+    assert "\n" not in str(caught.value)
