@@ -36,8 +36,10 @@ class Window:
     lead: int = 0
 
 
-def cut(records: Sequence[Record], length: float = math.inf, lead: float = 0.0) -> tuple[Window, ...]:
+def cut(records: Sequence[Record], length: float = math.inf, lead: float = 0.0, skip: int = 0) -> tuple[Window, ...]:
     """Windows of `length` [s] that tile the records, each preceded by up to `lead` [s] that is not scored.
+
+    The first `skip` instants of a record are not scored either: what the drive did just before a log, no row tells.
 
     The windows of a record are equally long to one interval; none is shorter than two thirds of `length`, unless
     its record is.
@@ -49,7 +51,8 @@ def cut(records: Sequence[Record], length: float = math.inf, lead: float = 0.0) 
         edges = np.linspace(0, n, min(pieces, n) + 1).round().astype(int)
         for begin, end in pairwise(edges):
             early = min(int(begin), math.ceil(lead / dt - 1e-9))
-            windows.append(Window(i, int(begin) - early, int(end - begin) + early, early))
+            unscored = early if begin > 0 else min(skip, n - 1)
+            windows.append(Window(i, int(begin) - early, int(end - begin) + early, unscored))
     return tuple(windows)
 
 

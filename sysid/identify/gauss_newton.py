@@ -315,7 +315,8 @@ def fit_windows(
     Of several p it begins at the one with the smallest residuals.
     """
     parameters = free_parameters(model, names)
-    response = Response(model, names, records, sensor, cut(records, horizon, lead if math.isfinite(horizon) else 0.0))
+    early = lead if math.isfinite(horizon) else 0.0
+    response = Response(model, names, records, sensor, cut(records, horizon, early, skip=int(lead > 0.0)))
     starts = response.starts if near is None else _near(response, near)
     if p is None:
         p = next(parameter_starts(parameters))
