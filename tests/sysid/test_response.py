@@ -164,6 +164,17 @@ def test_every_reading_is_scored_once(sensor: Sensor, length: float, lead: float
     np.testing.assert_array_equal(response.n_readings, total)
 
 
+def test_first_instants_can_be_left_out() -> None:
+    """Of every record, whatever its windows; one interval stays."""
+    records = logs(rod(), LENGTHS)
+    for length in (0.3, math.inf):
+        every, fewer = (Response(rod(), ("m",), records, BOTH, cut(records, length, 0.1, k)) for k in (0, 2))
+        left = [min(2, len(r) - 1) for r in records]
+        np.testing.assert_array_equal(every.n_readings - fewer.n_readings, [sum(left)] * 2)
+        changed = [w.begin for w, a, b in zip(every.windows, every.weight, fewer.weight, strict=True) if np.any(a != b)]
+        assert changed == [0] * sum(n > 0 for n in left)
+
+
 def test_two_readings_of_an_instant_average() -> None:
     record = logs(rod(), (50,))[0]
     assert record.theta_dot is not None
