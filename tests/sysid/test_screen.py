@@ -115,6 +115,15 @@ def test_p_values_are_uniform(rounds: list[Round]) -> None:
         assert kstest(p, "uniform").pvalue > 1e-3 / len(single), name
 
 
+def test_where_residuals_are_white_the_p_value_is_that_of_chi_square(rounds: list[Round]) -> None:
+    """Up to what stretches of the residuals happen to say; never below it."""
+    ratios = []
+    for score in (s for r in rounds for name, s in r.scores.items() if name in ("tilt", "drift", "velocity_gain")):
+        ratios.append(score.p_value / chi2.sf(score.lm, 1))
+    assert min(ratios) > 0.9
+    assert np.median(ratios) == pytest.approx(1.0, abs=0.02)
+
+
 def test_the_best_of_many_shapes_is_no_more_significant(rounds: list[Round]) -> None:
     for name in ("stribeck", "ripple", "periodic", "delay", "lag", "sensor_delay", "saturation", "stamp"):
         p = np.array([r.scores[name].p_value for r in rounds])
