@@ -70,6 +70,8 @@ def sensor_noise(records: Sequence[Record]) -> Noise:
     error: dict[str, float] = {}
     steps: dict[str, float] = {}
     notes: list[str] = []
+    if not records:
+        raise InvalidInput("no records were given: expected at least one")
     for channel in ("theta", "theta_dot"):
         series = [(getattr(r, channel), r.u) for r in records]
         if any(y is None or len(y) == 1 for y, _ in series):

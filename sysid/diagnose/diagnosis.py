@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -59,7 +60,7 @@ def diagnose(
     from sysid.logs import leave_out, split
 
     began = time.perf_counter()
-    records = check_records(model.model if isinstance(model, Estimate) else model, records)
+    records = _told_apart(check_records(model.model if isinstance(model, Estimate) else model, records))
     names = model.names if isinstance(model, Estimate) else free(model)
     if isinstance(model, Estimate):
         sensor, model = sensor or model.sensor, model.model
@@ -94,6 +95,12 @@ def _touched(fit: Fit) -> tuple[Touched, ...]:
     from sysid.smoothing.residual_torque import residual_torque
 
     return residual_torque(fit.model, fit.response.records, Sensor(**fit.residual_sd())).touched
+
+
+def _told_apart(records: Sequence[Record]) -> tuple[Record, ...]:
+    """The records under names of their own: stretches of them are named in the answer, and left out by name."""
+    names = [r.name for r in records]
+    return tuple(replace(r, name=f"{r.name} {i}") if names.count(r.name) > 1 else r for i, r in enumerate(records))
 
 
 def _known(effects: Iterable[str]) -> tuple[str, ...]:
