@@ -207,6 +207,14 @@ def test_a_hand_is_named_and_becomes_no_effect() -> None:
     assert abs(found.estimate.values["m"] - 1.0) < 4.5 * found.estimate.sd["m"], "what a hand touched was fitted"
 
 
+def test_only_the_rollout_that_was_touched_is_cut_where_all_have_one_name() -> None:
+    records = [dataclasses.replace(r, name="swing") for r in records_of("pushed")]
+    found = diagnose(rod(), records, SENSOR, effects=FEW)
+    assert [t.name for t in found.touched] == ["swing 1"]
+    assert found.held_out == ("swing 4",)
+    assert found.estimate.n_readings > 0.85 * sum(2 * len(r) for r in records[:4])
+
+
 def test_readings_that_no_torque_explains_are_not_adequate() -> None:
     found = of("misread")
     assert found.verdict == "unknown"
