@@ -13,8 +13,9 @@ import numpy as np
 from sysid.comparison.held_out import HeldOutError, error_of, held_out_error, lead_of, refit_windows
 from sysid.comparison.whiteness import whiteness
 from sysid.diagnose.answer import Diagnosis, Ranked, Remaining, Step
+from sysid.diagnose.refits import LEAD, at_horizon, reduce_by
 from sysid.diagnose.screen import alikeness
-from sysid.diagnose.search import LEAD, SAME, Round, Search, at_horizon, reduce_by
+from sysid.diagnose.search import SAME, Round, Search
 from sysid.diagnose.whereabouts import whereabouts
 from sysid.effects import CATALOGUE, effect
 from sysid.errors import InvalidInput

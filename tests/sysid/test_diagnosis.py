@@ -389,7 +389,7 @@ def test_the_last_quarter_is_held_out_or_what_is_asked_for() -> None:
 
 
 def test_one_long_rollout_is_enough() -> None:
-    records = logs(truth(Coulomb(tau_c=0.05)), n=1, seconds=12.0)
+    records = logs(truth(Coulomb(tau_c=0.05)), n=1, seconds=9.0)
     found = diagnose(rod(), records, SENSOR)
     assert found.verdict == "missing"
     assert [s.effect for s in found.steps] == ["coulomb"]

@@ -29,8 +29,8 @@ from sysid import (
 )
 from sysid.diagnose.candidates import alternatives, extent_of
 from sysid.diagnose.directions import Directions
+from sysid.diagnose.refits import extend
 from sysid.diagnose.screen import screen
-from sysid.diagnose.search import extend
 from sysid.effects import CATALOGUE, Effect
 from sysid.fit import fit
 from sysid.identify.gauss_newton import fit_longest, fit_windows

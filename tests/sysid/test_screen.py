@@ -41,8 +41,9 @@ from sysid import (
 )
 from sysid.diagnose.candidates import alternatives, extent_of
 from sysid.diagnose.directions import Directions
+from sysid.diagnose.refits import LEAD, extend
 from sysid.diagnose.screen import Score, alikeness, holm, screen
-from sysid.diagnose.search import LEAD, LEVEL, SAME, Round, extend
+from sysid.diagnose.search import LEVEL, SAME, Round
 from sysid.excitation import steps
 from sysid.identify.gauss_newton import Fit, fit_longest, fit_windows, without
 from sysid.response import Response

@@ -19,29 +19,14 @@ from sysid import (
     RodPendulum,
     Sensor,
     Spring,
-    Stamp,
     Stribeck,
     Tilt,
     Viscous,
     simulate,
 )
+from sysid.diagnose.refits import LEAD, at_horizon, extend, gain, grow, reduce_by
 from sysid.diagnose.screen import screen
-from sysid.diagnose.search import (
-    LEAD,
-    MOST_STEPS,
-    Addition,
-    Round,
-    Search,
-    Trial,
-    alike,
-    at_horizon,
-    extend,
-    gain,
-    grow,
-    holds,
-    reduce_by,
-    twins,
-)
+from sysid.diagnose.search import MOST_STEPS, Addition, Round, Search, Trial, alike, holds, twins
 from sysid.excitation import steps
 from sysid.identify.gauss_newton import NEGLIGIBLE, Fit, fit_longest, fit_windows
 from sysid.response import Response, cut
@@ -289,12 +274,6 @@ def test_nothing_hidden_nothing_found() -> None:
     assert len(search.rounds) == 1
 
 
-def test_a_logs_own_convention_stands_before_a_machines_delay() -> None:
-    search = Search(logs(rod(Stamp(s=0.5))))
-    search.run(longest(list(search.records)))
-    assert [a.name for a in search.additions] == ["stamp"]
-
-
 def test_only_what_is_allowed_is_used() -> None:
     search = Search(logs(rod(Drag(c=0.02)), n=3), ("tilt", "delay"))
     search.run(longest(list(search.records)))
@@ -312,7 +291,7 @@ def test_an_effect_that_the_model_has_is_not_found_again(rubbing: list[Record]) 
 
 
 def test_a_fixed_number_stays_fixed(rubbing: list[Record]) -> None:
-    search = Search(rubbing)
+    search = Search(rubbing, ("coulomb", "viscous", "tilt"))
     end = search.run(fit_longest(rod(), ("l",), rubbing, SENSOR, lead=LEAD))
     assert end.model.parameters["m"].value == 1.0
     assert found(search) == {"coulomb"}
