@@ -84,7 +84,7 @@ def screened(clean: Fit) -> dict[str, Score]:
 
 # where nothing is hidden -------------------------------------------------------------------------------------
 
-SEEDS = 40
+SEEDS = 32
 
 
 @pytest.fixture(scope="module")
