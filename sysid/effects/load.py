@@ -70,8 +70,8 @@ class Ripple(JointEffect):
 
     formula: ClassVar[str] = "tau = a sin(order theta) + b cos(order theta)"
     confused: ClassVar[tuple[str, ...]] = ("spring", "periodic")
-    a: Value = parameter(0.0, unit="N m", bounds=(-1e3, 1e3), neutral=0.0)
-    b: Value = parameter(0.0, unit="N m", bounds=(-1e3, 1e3), neutral=0.0)
+    a: Value = parameter(0.0, unit="N m", bounds=(-10.0, 10.0), neutral=0.0)
+    b: Value = parameter(0.0, unit="N m", bounds=(-10.0, 10.0), neutral=0.0)
     order: Value = parameter(6.0, unit="1", bounds=(2.0, 60.0), probe=tuple(float(n) for n in range(2, 25)))
 
     def torque(self, joint: Joint) -> Value:

@@ -33,7 +33,7 @@ def test_a_periodic_torque_has_its_frequency_and_phase():
 
 
 @pytest.mark.parametrize(("dt", "duration", "highest"), [(0.02, 8.0, 12.0), (0.05, 8.0, 8.0), (0.001, 100.0, 12.0)])
-def test_frequencies_to_try_reach_from_one_period_to_the_highest_that_the_log_shows(dt, duration, highest):
+def test_frequencies_to_try_reach_from_two_periods_to_the_highest_that_the_log_shows(dt, duration, highest):
     f = np.array(Periodic().parameters["f"].probes(Extent(dt, duration, 1.0)))
-    assert f[0] == pytest.approx(1.0 / duration) and f[-1] == pytest.approx(highest)
+    assert f[0] == pytest.approx(2.0 / duration) and f[-1] == pytest.approx(highest)
     assert np.all(np.diff(f) > 0.0) and len(f) <= 200

@@ -82,7 +82,7 @@ def test_probes_follow_the_log():
     assert probes["delay"]["T"] == pytest.approx((0.01, 0.02, 0.04, 0.08, 0.16))
     assert probes["saturation"]["limit"] == pytest.approx((1.8, 1.5, 1.2, 0.9, 0.6))
     f = np.array(probes["periodic"]["f"])
-    assert f[0] == pytest.approx(1.0 / 8.0) and f[-1] == pytest.approx(12.0)
+    assert f[0] == pytest.approx(2.0 / 8.0) and f[-1] == pytest.approx(12.0)
     np.testing.assert_allclose(np.diff(f), 0.5 / 8.0, rtol=0.02)
 
 
