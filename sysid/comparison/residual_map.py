@@ -163,6 +163,7 @@ def _times(residuals: Residuals) -> Shape:
 
 
 def curve_of(residuals: Residuals, name: str, shape: Shape, z: Array) -> Curve:
+    """The torque over the quantity `name` that the responses z explain best."""
     found = residuals.explain(z)
     return Curve(
         name=name,

@@ -139,6 +139,7 @@ class _Report:
         return held_out_error(fit.model, self.held_out, self.sensor)
 
     def diagnosis(self, began: float) -> Diagnosis:
+        """The answer; `began` is when the question was asked."""
         base_error, error = self.error(self.base), self.error(self.end)
         steps = self._steps(base_error)
         machine = tuple(s for s in steps if not CATALOGUE[s.effect].of_log)
