@@ -1,0 +1,99 @@
+"""A task that counts, saves now and then, and dies where it is told: what executors are tried on."""
+
+import os
+import signal
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import ClassVar
+
+from study.executor import Stopped
+
+
+@dataclass(frozen=True)
+class Counting:
+    """Counts from its checkpoint to `end` and saves `every` so many counts.
+
+    Its k-th attempt is killed at the count deaths[k], before that is saved. `name`.begun holds a line an attempt: where
+    it began. Returns the attempts and the seconds that it was told.
+    """
+
+    name: str
+    folder: Path
+    end: int = 4
+    every: int = 1
+    deaths: tuple[int, ...] = ()
+    raises_at: int = -1
+    pause: float = 0.0
+    seconds: float = 0.0
+    gpus: int = 0
+    work: float = 1.0
+    saves: ClassVar[bool] = True
+
+    @property
+    def checkpoint(self):
+        return self.folder / f"{self.name}.checkpoint"
+
+    def resumed(self, seconds):
+        return replace(self, seconds=seconds)
+
+    def attempts(self):
+        return [int(line) for line in (self.folder / f"{self.name}.begun").read_text().split()]
+
+    def run(self, link):
+        start = int(self.checkpoint.read_text()) if self.checkpoint.exists() else 0
+        with (self.folder / f"{self.name}.begun").open("a") as file:
+            file.write(f"{start}\n")
+        attempt = len(self.attempts()) - 1
+        for count in range(start, self.end):
+            if attempt < len(self.deaths) and count == self.deaths[attempt]:
+                self.die(link)
+            if count == self.raises_at:
+                raise ValueError("cannot count on")
+            time.sleep(self.pause)
+            link.progress((count + 1) / self.end)
+            stop = link.stop_asked()
+            if stop or (count + 1) % self.every == 0:
+                self.save(count + 1, link)
+            if stop:
+                raise Stopped
+        return self.attempts(), self.seconds
+
+    def save(self, count, link):
+        partial = self.checkpoint.with_suffix(".partial")
+        partial.write_text(str(count))
+        partial.replace(self.checkpoint)
+        link.saved(10.0 * count)
+
+    def die(self, link):
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+class MidSentence(Counting):
+    """Is killed in the middle of a message: of a thousand bytes four arrive."""
+
+    def die(self, link):
+        os.write(link.connection.fileno(), (1000).to_bytes(4, "big") + b"half")
+        super().die(link)
+
+
+@dataclass(frozen=True)
+class Forgetful(Counting):
+    """Has no checkpoint."""
+
+    saves: ClassVar[bool] = False
+
+    def save(self, count, link):
+        """Nothing."""
+
+
+def run(executor, *tasks):
+    """What was heard, in order, as (name, kind, payload)."""
+    said = []
+    executor.execute(tasks, lambda task, kind, payload: said.append((task.name, kind, payload)))
+    return said
+
+
+def done(said):
+    """What each task returned."""
+    return {name: payload for name, kind, payload in said if kind == "done"}

@@ -1,0 +1,79 @@
+"""Worker processes: one that dies costs what it did since its checkpoint, and nobody else anything."""
+
+import multiprocessing
+import re
+
+import pytest
+
+from study.executor import DEATHS, WorkerFailed
+from study.processes import Processes
+from tests.study.counting import Counting, Forgetful, MidSentence, done, run
+
+SAVES_WHEN_ASKED = {"end": 10_000, "every": 10_000, "pause": 0.001}
+
+
+@pytest.fixture(autouse=True)
+def no_process_is_left():
+    yield
+    assert not multiprocessing.active_children()
+
+
+@pytest.mark.parametrize("workers", [1, 3])
+def test_every_task_is_done_once_whatever_the_number_of_workers(tmp_path, workers):
+    tasks = [Counting(f"task {k}", tmp_path) for k in range(5)]
+    said = run(Processes(workers), *tasks)
+    assert sorted(name for name, kind, _ in said if kind == "done") == [task.name for task in tasks]
+    for task in tasks:
+        assert task.attempts() == [0]
+        assert [p for name, kind, p in said if (name, kind) == (task.name, "progress")] == [0.25, 0.5, 0.75, 1.0]
+
+
+@pytest.mark.parametrize("kind", [Counting, MidSentence])
+def test_a_worker_that_dies_goes_on_from_its_checkpoint_by_itself(tmp_path, kind):
+    said = run(Processes(2), kind("mortal", tmp_path, deaths=(0, 2, 2, 3)), Counting("other", tmp_path))
+    why = [payload for _, kind, payload in said if kind == "died"]
+    assert why == ["its process was ended by signal SIGKILL (out of memory?)"] * 4
+    assert done(said) == {"mortal": ([0, 0, 2, 2, 3], 30.0), "other": ([0], 0.0)}
+
+
+def test_a_task_that_gets_nowhere_ends_the_study_after_the_others_saved(tmp_path):
+    slow = Counting("slow", tmp_path, **SAVES_WHEN_ASKED)
+    with pytest.raises(WorkerFailed) as failure:
+        run(Processes(2), slow, Counting("mortal", tmp_path, deaths=(1,) * 9))
+    assert re.fullmatch(
+        r"mortal failed: its worker died 3 times without a new checkpoint; .* SIGKILL .*", str(failure.value)
+    )
+    assert Counting("mortal", tmp_path).attempts() == [0, 1, 1]
+    assert 0 < int(slow.checkpoint.read_text()) < slow.end
+
+
+def test_what_has_no_checkpoint_is_tried_as_often(tmp_path):
+    assert done(run(Processes(1), Forgetful("once", tmp_path, deaths=(3, 3)))) == {"once": ([0, 0, 0], 0.0)}
+    with pytest.raises(WorkerFailed, match=r"never failed: its worker died 3 times; .*SIGKILL"):
+        run(Processes(1), Forgetful("never", tmp_path, deaths=(3,) * DEATHS))
+
+
+def test_an_error_ends_the_study_after_the_others_saved(tmp_path):
+    slow = Counting("slow", tmp_path, **SAVES_WHEN_ASKED)
+    with pytest.raises(WorkerFailed, match=r"^wrong failed: ValueError: cannot count on \(counting.py, line \d+\)$"):
+        run(Processes(2), slow, Counting("wrong", tmp_path, raises_at=2))
+    assert Counting("wrong", tmp_path).attempts() == [0]
+    assert 0 < int(slow.checkpoint.read_text()) < slow.end
+
+
+def test_an_interrupted_driver_hears_what_its_workers_saved(tmp_path):
+    tasks = [Counting(f"task {k}", tmp_path, **SAVES_WHEN_ASKED) for k in range(2)]
+    begun, seconds = set(), {}
+
+    def heard(task, kind, payload):
+        begun.add(task.name)
+        if kind == "saved":
+            seconds[task.name] = payload
+        elif len(begun) == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        Processes(2).execute(tasks, heard)
+    assert len(seconds) == 2
+    for task in tasks:
+        assert seconds[task.name] == 10.0 * int(task.checkpoint.read_text())
