@@ -1,6 +1,6 @@
 """Finished runs as plain numbers, from our runs.csv and from the authors' per-run files, which begin with its columns.
 
-    theirs = read_published(Path("sim2real_budget/results"))     summary.csv, exp_*.csv; `missing` says which are not there
+    theirs = read_published(Path("sim2real_budget/results"))     summary.csv, exp_*.csv; `missing`: those not there
     ours = read_runs(Path("study/results/paper-small/runs.csv"))
 
 A cell is a Spot (point, n, w); its runs are told apart by their seeds.
