@@ -12,6 +12,7 @@ at round(t / dt), LQR wraps theta.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -19,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from policies import task
+from policies.streams import Purpose, generator
 from sysid import InvalidInput, Model, State
 
 Array = NDArray[np.float64]
@@ -65,7 +67,21 @@ def start_states(seed: int, episodes: int = 20) -> tuple[Array, Array]:
     draws = [
         task.start_state(np.random.Generator(np.random.PCG64(seed + EVALUATION_SEED + e))) for e in range(episodes)
     ]
-    theta, theta_dot = np.array(draws).reshape(episodes, 2).T
+    return _columns(draws)
+
+
+def fresh_start_states(seed: int, episodes: int = 20) -> tuple[Array, Array]:
+    """Start states theta (E,) [rad], theta_dot (E,) [rad/s] that no other seed shares.
+
+    The paper's episode e of seed s starts where episode e - 1 of seed s + 1 does: neighbouring seeds share 19 of 20.
+    These come from a generator of the seed's own, in the same distribution.
+    """
+    rng = generator(seed, Purpose.EVALUATION)
+    return _columns([task.start_state(rng) for _ in range(episodes)])
+
+
+def _columns(states: Sequence[tuple[float, float]]) -> tuple[Array, Array]:
+    theta, theta_dot = np.array(states).reshape(-1, 2).T
     return theta.copy(), theta_dot.copy()
 
 

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from study.cells import Run, Theta
-from study.config import Preset
+from study.cells import Run
+from study.config import Point, Preset
+from study.identification import Theta
 from study.references import CONTROLLERS, OPTIMAL, Reference
 from study.statistics import MINUS, Contrast, bootstrap_coverage, paired_bootstrap, sem
 from sysid import InvalidInput
@@ -37,18 +38,25 @@ class Gap:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What a finished study says. Raises InvalidInput where runs or references are missing."""
+    """What the finished runs of an operating point say; of `runs` and `references` it keeps those of its point.
+
+    Raises InvalidInput where runs or references are missing.
+    """
 
     preset: Preset
+    point: Point
     runs: Sequence[Run]
     references: Sequence[Reference]
 
     def __post_init__(self) -> None:
-        missing = set(self.preset.cells) - {run.cell for run in self.runs}
+        cells = set(self.point.cells)
+        object.__setattr__(self, "runs", [run for run in self.runs if run.cell in cells])
+        object.__setattr__(self, "references", [r for r in self.references if r.truth == self.point.truth])
+        missing = cells - {run.cell for run in self.runs}
         if missing:
-            raise InvalidInput(f"{len(missing)} of {len(self.preset.cells)} runs are missing, such as {min(missing)}")
+            raise InvalidInput(f"{len(missing)} of {len(cells)} runs are missing, such as {min(missing)}")
         designs = {r.theta for r in self.references if r.controller == OPTIMAL}
-        lacking = {self.preset.truth, *(run.theta_hat for run in self.runs)} - designs
+        lacking = {self.point.truth, *(run.theta_hat for run in self.runs)} - designs
         if lacking:
             raise InvalidInput(f"the optimal controller is missing for theta = {min(lacking)}")
 
@@ -57,7 +65,7 @@ class Answer:
     @cached_property
     def cells(self) -> dict[Key, list[Run]]:
         """The runs of every cell, by seed."""
-        table: dict[Key, list[Run]] = {(n, w): [] for n in self.preset.budgets for w in self.preset.widths}
+        table: dict[Key, list[Run]] = {(n, w): [] for n in self.point.budgets for w in self.point.widths}
         for run in sorted(self.runs, key=lambda r: r.cell.seed):
             table[run.cell.n, run.cell.w].append(run)
         return table
@@ -76,12 +84,12 @@ class Answer:
 
     def id_error(self, n: int) -> float:
         """Mean ||theta_hat - truth|| of a budget."""
-        return float(np.mean([run.id_error for run in self.cells[n, self.preset.widths[0]]]))
+        return float(np.mean([run.id_error for run in self.cells[n, self.point.widths[0]]]))
 
     def reference(self, controller: str, theta: Theta | None = None, seeds: Sequence[int] | None = None) -> Array:
         """Mean returns (S,) of a controller designed at theta, by default at the truth and from the study's seeds."""
-        theta = self.preset.truth if theta is None else theta
-        seeds = self.preset.seeds if seeds is None else seeds
+        theta = self.point.truth if theta is None else theta
+        seeds = self.point.seeds if seeds is None else seeds
         means = {r.seed: r.mean for r in self.references if r.controller == controller and r.theta == theta}
         return np.array([means[seed] for seed in sorted(seeds)])
 
@@ -121,12 +129,12 @@ class Answer:
 
     def best_width(self, n: int) -> float:
         """w*: the width with the highest mean return at a budget."""
-        return max(self.preset.widths, key=lambda w: self.mean((n, w)))
+        return max(self.point.widths, key=lambda w: self.mean((n, w)))
 
-    @cached_property
+    @property
     def coverage(self) -> float:
         """How often such an interval holds the truth with this many seeds, for normal differences."""
-        return bootstrap_coverage(len(self.preset.seeds), np.random.default_rng(BOOTSTRAP_SEED))
+        return _coverage(len(self.point.seeds))
 
     # In words --------------------------------------------------------------------------------------------------------
 
@@ -139,9 +147,9 @@ class Answer:
         ]
 
     def _first_rollouts(self) -> str:
-        budgets, w = self.preset.budgets, self.preset.widths[0]
+        budgets, w = self.point.budgets, self.point.widths[0]
         if len(budgets) < 2:
-            return "This preset has a single budget."
+            return "There is a single budget."
         n_0, n_1, n_last = budgets[0], budgets[1], budgets[-1]
         first = self.contrast((n_1, w), (n_0, w))
         text = (
@@ -154,12 +162,12 @@ class Answer:
         return text
 
     def _width(self) -> str:
-        widths = self.preset.widths
+        widths = self.point.widths
         if len(widths) < 2:
-            return "This preset has a single width."
+            return "There is a single width."
         narrow, wide = widths[0], widths[-1]
         parts = []
-        for n in reversed(self.preset.budgets):
+        for n in reversed(self.point.budgets):
             change = self.contrast((n, wide), (n, narrow))
             parts.append(f"{change} at n = {n}{_doubt(change)}")
         return (
@@ -169,7 +177,7 @@ class Answer:
 
     def _short_of_optimal(self) -> str:
         gap, (n, w) = self.gap(self.best), self.best
-        start = (self.preset.budgets[0], self.preset.widths[0])
+        start = (self.point.budgets[0], self.point.widths[0])
         text = (
             f"The best cell (n = {n}, w = {w:g}) returned {number(self.mean(self.best))}; the optimum of the hidden "
             f"plant from the same start states is {number(self.optimum)}, which leaves {_range(gap.total)} "
@@ -182,12 +190,22 @@ class Answer:
 
     def caveat(self) -> str:
         """How far the intervals can be trusted."""
-        seeds = len(self.preset.seeds)
+        seeds = len(self.point.seeds)
         return (
             f"Brackets are 95 % intervals of a paired bootstrap over {seeds} seeds. With {seeds} seeds such an "
             f"interval holds the true mean in about {100 * self.coverage:.0f} % of cases rather than 95 % (simulated, "
             "normal differences)."
         )
+
+
+def answers(preset: Preset, runs: Sequence[Run], references: Sequence[Reference]) -> list[Answer]:
+    """The answer of every operating point, in the preset's order."""
+    return [Answer(preset, point, runs, references) for point in preset.points]
+
+
+@cache
+def _coverage(seeds: int) -> float:
+    return bootstrap_coverage(seeds, np.random.default_rng(BOOTSTRAP_SEED))
 
 
 def number(value: float) -> str:

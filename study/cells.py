@@ -1,18 +1,18 @@
-"""One (n, w, seed): measure the hidden plant, identify it, train on the estimate, evaluate on the hidden plant.
+"""One (point, n, w, seed): measure a hidden plant, identify it, train on the estimate, evaluate on the hidden plant.
 
     rng(seed) -> n rollouts of the plant -> theta_hat -> agent trained on U(theta_hat (1 - w), theta_hat (1 + w))
               -> mean return of 20 episodes on the plant
 
-Cells that share n and seed share the estimate; cells that share a seed share training streams and start states.
+Cells of a point that share n and seed share the estimate; cells that share a seed share training streams and start
+states.
 """
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import math
+import sys
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Protocol
@@ -20,12 +20,12 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 
 from policies import evaluate
-from study.config import Cell, Preset
+from study.config import Cell, Point, Preset, device_type
+from study.files import partial
+from study.identification import Theta, hidden_plant
+from study.policy_files import FOLDER, write_policies
 from study.versions import versions
-from sysid import GridSearch, InvalidInput, Model, paper_model, paper_rollouts
-
-Theta = tuple[float, float]
-"""(m [kg], l [m])."""
+from sysid import InvalidInput, paper_model
 
 CHUNK = 20
 """Training steps between two looks at the clock and at the parent process."""
@@ -49,11 +49,24 @@ class Link(Protocol):
 
 
 @dataclass(frozen=True)
+class Summary:
+    """What a table keeps of a run's episodes: mean and sd (divided by E) of the returns; fresh_mean may be nan."""
+
+    mean: float
+    std: float
+    fresh_mean: float = math.nan
+
+
+@dataclass(frozen=True)
 class Run:
     """A finished cell, with everything its number depends on.
 
-    theta_hat (m [kg], l [m]); id_error = ||theta_hat - truth||; returns (E,) of the evaluation episodes;
-    curve: (env steps done, return) of the training episodes; seconds: the run's share of its population's time.
+    theta_hat (m [kg], l [m]); id_error = ||theta_hat - truth||; returns (E,) from the paper's start states, and
+    fresh_returns (E,) from start states that no other seed shares; curve: (env steps done, return) of the training
+    episodes; seconds: the run's share of its population's time.
+
+    A run that was taken up from elsewhere says in `imported` from which file; where that is a table, `summary` stands
+    for the episodes and the curve is empty.
     """
 
     cell: Cell
@@ -65,31 +78,26 @@ class Run:
     settings: dict[str, Any]
     versions: dict[str, str]
     seconds: float
-
-    @property
-    def evaluation(self) -> evaluate.Evaluation:
-        """The episodes' returns with their mean and spread."""
-        return evaluate.Evaluation(np.array(self.returns))
+    fresh_returns: tuple[float, ...] = ()
+    imported: str = ""
+    summary: Summary | None = None
 
     @property
     def mean(self) -> float:
         """Mean return."""
-        return self.evaluation.mean
+        return self.summary.mean if self.summary else evaluate.Evaluation(np.array(self.returns)).mean
 
+    @property
+    def std(self) -> float:
+        """Standard deviation over the episodes (divided by E)."""
+        return self.summary.std if self.summary else evaluate.Evaluation(np.array(self.returns)).std
 
-def hidden_plant(preset: Preset) -> Model:
-    """The plant that stands for the real robot."""
-    m, l = preset.truth  # noqa: E741
-    return paper_model(m, l)
-
-
-def identify(preset: Preset, n: int, seed: int) -> Theta:
-    """theta_hat from n rollouts of the hidden plant by the paper's grid search; the prior for n = 0."""
-    if n == 0:
-        return preset.prior
-    records = paper_rollouts(hidden_plant(preset), n, np.random.default_rng(seed), sigma=preset.sigma)
-    found = GridSearch().fit(paper_model(), records).values
-    return found["m"], found["l"]
+    @property
+    def fresh_mean(self) -> float:
+        """Mean return from start states that no other seed shares; nan where it is not known."""
+        if self.summary:
+            return self.summary.fresh_mean
+        return evaluate.Evaluation(np.array(self.fresh_returns)).mean if self.fresh_returns else math.nan
 
 
 def start_states(preset: Preset, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -99,12 +107,18 @@ def start_states(preset: Preset, seed: int) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True)
 class PopulationTask:
-    """Train and evaluate the cells of one population; goes on from `checkpoint` where that file exists."""
+    """Train and evaluate the cells of one population; goes on from its checkpoint where that file exists.
+
+    index of count: which population it is; cells: the runs it makes, with their estimates theta_hat; folder: where
+    checkpoint and trained policies lie, on a disk that all workers share; seconds_before: what the checkpoint has cost.
+    """
 
     preset: Preset
     index: int
+    count: int
+    cells: tuple[Cell, ...]
     estimates: tuple[Theta, ...]
-    checkpoint: Path
+    folder: Path
     checkpoint_seconds: float = 60.0
     seconds_before: float = 0.0
     device: str = "cpu"
@@ -112,12 +126,12 @@ class PopulationTask:
 
     @property
     def name(self) -> str:
-        return f"population {self.index + 1} of {len(self.preset.populations)}"
+        return f"population {self.index + 1} of {self.count}"
 
     @property
-    def cells(self) -> tuple[Cell, ...]:
-        """The runs it makes."""
-        return self.preset.populations[self.index]
+    def checkpoint(self) -> Path:
+        """Where an unfinished population is kept."""
+        return self.folder / f"population_{self.index + 1}.checkpoint"
 
     @property
     def work(self) -> float:
@@ -125,8 +139,25 @@ class PopulationTask:
         weights = sum(a * b for a, b in zip(self.preset.hidden[:-1], self.preset.hidden[1:], strict=True))
         return self.preset.steps * len(self.cells) * (0.5e-3 + 5.5e-8 * weights)
 
+    @property
+    def gpus(self) -> int:
+        """How many it needs."""
+        return int(device_type(self.device) == "cuda")
+
+    def resumed(self, seconds: float) -> PopulationTask:
+        """This task with a checkpoint that holds the work of so many seconds."""
+        return dataclasses.replace(self, seconds_before=seconds)
+
+    def discard(self) -> None:
+        """Remove the checkpoint and what a process leaves that dies while it writes one."""
+        for path in (self.checkpoint, partial(self.checkpoint)):
+            path.unlink(missing_ok=True)
+
     def run(self, link: Link) -> list[Run]:
-        """The finished runs, in the order of the cells. Raises Stopped once a checkpoint is written on request."""
+        """The finished runs, in the order of the cells; their policies are in a file by then.
+
+        Raises Stopped once a checkpoint is written on request, and OSError where it cannot be written.
+        """
         from policies import tune_cpu
 
         tune_cpu(threads=1)
@@ -138,15 +169,16 @@ class PopulationTask:
             now = time.monotonic()
             stop = link.stop_asked()
             if stop or now - saved >= self.checkpoint_seconds:
-                population.save(self.checkpoint)
+                self._save(population)
                 saved = time.monotonic()
                 link.saved(self.seconds_before + saved - begin)
             if stop:
                 raise Stopped
+        write_policies(self.folder / FOLDER / f"population_{self.index + 1}.npz", self.cells, population.policies())
         return self._evaluate(population, self.seconds_before + time.monotonic() - begin)
 
     def _population(self) -> Any:
-        from policies import Band, Population, SACSettings
+        from policies import Population, SACSettings
 
         settings = SACSettings(
             hidden=self.preset.hidden,
@@ -154,51 +186,71 @@ class PopulationTask:
             batch=self.preset.batch,
             random_steps=self.preset.random_steps,
         )
-        bands = [
-            Band({"m": m, "l": l}, w=cell.w)
-            for cell, (m, l) in zip(self.cells, self.estimates, strict=True)  # noqa: E741
+        points = [self.preset.point(cell.point) for cell in self.cells]
+        drawn = [
+            _randomization(point, cell, theta)
+            for point, cell, theta in zip(points, self.cells, self.estimates, strict=True)
         ]
-        seeds = [cell.seed for cell in self.cells]
-        arguments = (paper_model(), bands, seeds, settings, self.device)
+        arguments = (paper_model(), drawn, [cell.seed for cell in self.cells], settings, self.device)
         if self.checkpoint.exists():
-            # one that is damaged or of other software costs its minutes, not the study
-            with contextlib.suppress(InvalidInput):
+            try:
                 return Population.load(self.checkpoint, *arguments)
+            except InvalidInput as error:  # it costs the checkpoint's minutes, not the study
+                print(f"{self.name} begins anew: {error}", file=sys.stderr)
         return Population(*arguments)
 
+    def _save(self, population: Any) -> None:
+        """Write a checkpoint; a full disk may reach us as any error of the writer."""
+        try:
+            population.save(self.checkpoint)
+        except (OSError, RuntimeError) as error:
+            partial(self.checkpoint).unlink(missing_ok=True)
+            reason = getattr(error, "strerror", None) or error
+            raise OSError(f"the checkpoint {self.checkpoint} cannot be written ({reason})") from error
+
     def _evaluate(self, population: Any, seconds: float) -> list[Run]:
-        plant, found = hidden_plant(self.preset), versions()
+        found = versions()
         runs = []
         for a, (cell, policy) in enumerate(zip(self.cells, population.policies(), strict=True)):
+            point, theta = self.preset.point(cell.point), self.estimates[a]
+            plant = hidden_plant(point.truth)
             answer = evaluate.evaluate(policy, plant, *start_states(self.preset, cell.seed))
+            fresh = evaluate.evaluate(policy, plant, *evaluate.fresh_start_states(cell.seed, self.preset.episodes))
             settings = {
                 "preset": self.preset.name,
                 "device": self.device,
                 "sac": dataclasses.asdict(population.settings),
                 "randomization": population.env.randomizations[a].to_json(),
-                "sigma": self.preset.sigma,
-                "truth": list(self.preset.truth),
-                "population": [list(c) for c in self.cells],
+                "identifier": point.identifier,
+                "sigma": point.sigma,
+                "truth": list(point.truth),
             }
             runs.append(
                 Run(
                     cell=cell,
                     population=self.index,
-                    theta_hat=self.estimates[a],
-                    id_error=math.dist(self.estimates[a], self.preset.truth),
+                    theta_hat=theta,
+                    id_error=math.dist(theta, point.truth),
                     returns=tuple(answer.returns.tolist()),
                     curve=tuple((int(step), float(value)) for step, value in population.curves[a]),
                     settings=settings,
                     versions=found,
                     seconds=seconds / len(self.cells),
+                    fresh_returns=tuple(fresh.returns.tolist()),
                 )
             )
         return runs
 
 
-def estimates(preset: Preset, cells: Sequence[Cell]) -> dict[tuple[int, int], Theta]:
-    """theta_hat by (n, seed) of all these cells."""
-    return {(n, seed): identify(preset, n, seed) for n, seed in dict.fromkeys((c.n, c.seed) for c in cells)}
+def _randomization(point: Point, cell: Cell, theta: Theta) -> Any:
+    from policies import Band, PriorRange
+
+    if point.randomization == "prior_range":
+        return PriorRange(("m", "l"))
+    if point.randomization != "band":
+        raise InvalidInput(f"randomization {point.randomization!r}: expected one of band, prior_range")
+    m, l = theta  # noqa: E741
+    return Band({"m": m, "l": l}, w=cell.w)
 
 
 def check_device(device: str) -> None:

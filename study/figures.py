@@ -19,6 +19,7 @@ from matplotlib.patches import Rectangle
 
 from study.answer import Answer, number
 from study.statistics import sem
+from study.store import figure_name
 
 STYLE: Any = {
     "font.family": "DejaVu Sans",
@@ -47,7 +48,7 @@ SMOOTH = 10
 
 def heatmap(answer: Answer) -> Figure:
     """Mean return +- SEM of every cell; the best cell is outlined; the brightest colour is the optimum."""
-    budgets, widths = answer.preset.budgets, answer.preset.widths
+    budgets, widths = answer.point.budgets, answer.point.widths
     values = np.array([[answer.mean((n, w)) for w in widths] for n in budgets])
     figure = Figure(figsize=(2.4 + 1.25 * len(widths), 1.5 + 0.62 * len(budgets)), layout="constrained")
     axes = figure.add_subplot()
@@ -56,7 +57,7 @@ def heatmap(answer: Answer) -> Figure:
     for i, n in enumerate(budgets):
         for j, w in enumerate(widths):
             bright = (values[i, j] - low) / (high - low or 1.0) > 0.55
-            text = number(values[i, j]) + (f" ± {answer.sem((n, w)):.0f}" if len(answer.preset.seeds) > 1 else "")
+            text = number(values[i, j]) + (f" ± {answer.sem((n, w)):.0f}" if len(answer.point.seeds) > 1 else "")
             axes.text(j, i, text, ha="center", va="center", color="0.05" if bright else "white")
     i, j = budgets.index(answer.best[0]), widths.index(answer.best[1])
     axes.add_patch(
@@ -79,7 +80,7 @@ def heatmap(answer: Answer) -> Figure:
 
 def pareto(answer: Answer) -> Figure:
     """The best mean return at every budget and the width that reached it, between two extremes and the optimum."""
-    budgets, widths = answer.preset.budgets, answer.preset.widths
+    budgets, widths = answer.point.budgets, answer.point.widths
     chosen = [answer.best_width(n) for n in budgets]
     means = [answer.mean((n, w)) for n, w in zip(budgets, chosen, strict=True)]
     errors = [answer.sem((n, w)) for n, w in zip(budgets, chosen, strict=True)]
@@ -114,7 +115,7 @@ def pareto(answer: Answer) -> Figure:
 
 def gap(answer: Answer) -> Figure:
     """Agents at every width, and the controller that is optimal for the estimate, below the optimum of the plant."""
-    budgets, widths = answer.preset.budgets, answer.preset.widths
+    budgets, widths = answer.point.budgets, answer.point.widths
     figure = Figure(figsize=(6.6, 4.2), layout="constrained")
     axes = figure.add_subplot()
     x = np.arange(len(budgets), dtype=float)
@@ -143,13 +144,13 @@ def gap(answer: Answer) -> Figure:
 
 def curves(answer: Answer) -> Figure:
     """Training returns, in the simulators an agent trains on, averaged over seeds and a few episodes."""
-    budgets, widths = answer.preset.budgets, answer.preset.widths
+    budgets, widths = answer.point.budgets, answer.point.widths
     figure = Figure(figsize=(1.2 + 2.0 * len(budgets), 2.9), layout="constrained")
     panels: list[Axes] = list(figure.subplots(1, len(budgets), sharey=True, squeeze=False)[0])
     for axes, n in zip(panels, budgets, strict=True):
         for w, colour in zip(widths, _width_colours(len(widths)), strict=True):
-            table = [run.curve for run in answer.cells[n, w]]
-            episodes = min(len(curve) for curve in table)
+            table = [run.curve for run in answer.cells[n, w] if run.curve]
+            episodes = min((len(curve) for curve in table), default=0)
             size = min(SMOOTH, max(1, episodes))
             usable = episodes - episodes % size
             if not usable:
@@ -161,7 +162,12 @@ def curves(answer: Answer) -> Figure:
             )
         axes.set_title(f"n = {n}", fontweight="normal", loc="center", pad=4)
     panels[0].set_ylabel("training return")
-    panels[-1].legend(fontsize=8.0, loc="lower right")
+    drawn = [axes for axes in panels if axes.lines]
+    if drawn:
+        drawn[-1].legend(fontsize=8.0, loc="lower right")
+    lacking = sum(not run.curve for run in answer.runs)
+    if lacking:
+        figure.suptitle(f"{lacking} of {len(answer.runs)} runs were imported without learning curves", fontsize=9.0)
     figure.supxlabel("environment steps [thousands]", fontsize=10.0)
     return figure
 
@@ -170,13 +176,13 @@ FIGURES: dict[str, Callable[[Answer], Figure]] = {"heatmap": heatmap, "pareto": 
 
 
 def save_all(answer: Answer, folder: Path) -> dict[str, Path]:
-    """Draw every figure into the folder as NAME.png; returns the files by name."""
+    """Draw every figure of an operating point into the folder; returns the files by name (`store.figure_name`)."""
     files = {}
     for name, draw in FIGURES.items():
         with matplotlib.rc_context(STYLE):
             figure = draw(answer)
             FigureCanvasAgg(figure)
-            files[name] = folder / f"{name}.png"
+            files[name] = folder / figure_name(answer.preset, answer.point.name, name)
             figure.savefig(files[name])
     return files
 

@@ -1,7 +1,7 @@
 """The main job: measure, identify, train, evaluate, answer.
 
-python -m study.main                    quick: minutes on two cores
-python -m study.main --preset paper     the paper's grid: half a day on two cores
+python -m study.main                        quick: minutes on two cores
+python -m study.main --preset paper-small   the paper's grid with small networks: the one for CPUs
 """
 
 from __future__ import annotations
@@ -31,8 +31,10 @@ class Options:
     """
 
     preset: Annotated[str, tyro.conf.arg(metavar=f"{{{','.join(PRESETS)}}}")] = "quick"
-    """quick: 18 small agents, minutes. paper: its 250 agents, half a day on two cores. smoke: every part once, in a
-    minute; its numbers mean nothing."""
+    """quick: 18 small agents, minutes. paper: its 250 agents, 256 x 256. paper-small: the same with 64 x 64 networks,
+    the one for CPUs. robustness: two gaps, two noise levels and the prior range, the paper's table and its text.
+    robustness-small: the same, 64 x 64. identifiers: n on grid, least squares and Kalman filter. longer, longer-small:
+    the widest band with twice the steps. smoke: every part once, in a minute; its numbers mean nothing."""
 
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR", help_behavior_hint="(default: results/PRESET)")] = None
     """Folder of the results."""
@@ -41,7 +43,10 @@ class Options:
     """Processes, each with one thread. The numbers do not depend on it."""
 
     device: Annotated[str, tyro.conf.arg(metavar="NAME")] = "cpu"
-    """Where networks train, as torch names it."""
+    """Where networks train, as torch names it: cpu, cuda. All agents train in one population but on a CPU."""
+
+    import_: Annotated[Path | None, tyro.conf.arg(name="import", metavar="FILE", help_behavior_hint="")] = None
+    """Take up the finished runs in another study's results.sqlite or runs.csv."""
 
     checkpoint_seconds: Annotated[float, tyro.conf.arg(metavar="S")] = 60.0
     """Seconds between checkpoints of a population: about what a crash may cost it."""
@@ -51,7 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code: 0 done, 1 a task failed, 2 bad input, 130 stopped."""
     options, unknown = tyro.cli(Options, prog="python -m study.main", args=arguments, return_unknown_args=True)
     if unknown:
-        known = ", ".join(f"--{f.name.replace('_', '-')}" for f in dataclasses.fields(Options))
+        known = ", ".join(map(_flag, dataclasses.fields(Options)))
         return _fail(f"unknown option {unknown[0]!r}: expected {known} or --help", 2)
     if options.preset not in PRESETS:
         return _fail(f"unknown preset {options.preset!r}: expected one of {', '.join(PRESETS)}", 2)
@@ -90,8 +95,8 @@ def _study(options: Options) -> int:
         if not 0.0 <= options.checkpoint_seconds < math.inf:
             raise InvalidInput(f"--checkpoint-seconds {options.checkpoint_seconds}: expected a number of seconds >= 0")
         check_device(options.device)
-        with Store(folder, preset) as store:
-            run(preset, store, workers, console, options.device, options.checkpoint_seconds)
+        with Store(folder, preset, options.device) as store:
+            run(preset, store, workers, console, options.checkpoint_seconds, options.import_)
             publish(preset, store, console)
     except InvalidInput as error:
         return _fail(str(error), 2)
@@ -115,8 +120,12 @@ def _command(options: Options) -> str:
     for field in dataclasses.fields(Options):
         value = getattr(options, field.name)
         if value != field.default:
-            words.append(f"--{field.name.replace('_', '-')} {shlex.quote(str(value))}")
+            words.append(f"{_flag(field)} {shlex.quote(str(value))}")
     return " ".join(words)
+
+
+def _flag(field: dataclasses.Field[object]) -> str:
+    return f"--{field.name.rstrip('_').replace('_', '-')}"
 
 
 def _fail(sentence: str, code: int) -> int:

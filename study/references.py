@@ -12,14 +12,16 @@ error of its estimate than a controller that trusts it.
 from __future__ import annotations
 
 import time
+from collections.abc import Set
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
 from policies.evaluate import Policy, evaluate
-from study.cells import Link, Theta, hidden_plant, start_states
+from study.cells import Link, start_states
 from study.config import Preset
+from study.identification import Theta, hidden_plant
 from study.versions import versions
 from sysid import paper_model
 
@@ -27,12 +29,17 @@ OPTIMAL, LQR, SWING_UP = "optimal", "lqr", "swing_up_lqr"
 CONTROLLERS = (OPTIMAL, LQR, SWING_UP)
 
 
+Designs = dict[Theta, set[Theta]]
+"""The truths that an optimal controller designed at each theta is run on."""
+
+
 @dataclass(frozen=True)
 class Reference:
-    """Returns (E,) on the hidden plant, from a seed's start states, of a controller designed at theta (m, l)."""
+    """Returns (E,) on the hidden plant `truth`, from a seed's start states, of a controller designed at theta (m, l)."""
 
     controller: str
     theta: Theta
+    truth: Theta
     seed: int
     returns: tuple[float, ...]
     versions: dict[str, str]
@@ -46,34 +53,48 @@ class Reference:
 
 @dataclass(frozen=True)
 class ReferenceTask:
-    """Design a controller at theta and run it on the hidden plant from the start states of all seeds in question."""
+    """Design a controller at theta and run it on hidden plants from the start states of all seeds in question."""
 
     preset: Preset
     controller: str
     theta: Theta
+    truths: tuple[Theta, ...]
     saves: ClassVar[bool] = False
+    gpus: ClassVar[int] = 0
 
     @property
     def name(self) -> str:
-        return f"{self.controller} at m = {self.theta[0]:g}, l = {self.theta[1]:g}"
+        return f"{self.controller} at m = {self.theta[0]:.12g}, l = {self.theta[1]:.12g}"
 
     @property
     def work(self) -> float:
         """About how many seconds it takes on one core; only the time left is computed from it."""
         return 2.0 + (3e-5 * self.preset.grid**2 if self.controller == OPTIMAL else 0.0)
 
+    def resumed(self, seconds: float) -> ReferenceTask:
+        """This task, which has no checkpoint."""
+        return self
+
     def run(self, link: Link) -> list[Reference]:
-        """One reference a seed."""
+        """One reference a truth and seed."""
         begin = time.monotonic()
-        policy, plant = self._design(), hidden_plant(self.preset)
+        policy = self._design()
         seeds = sorted({*self.preset.seeds, *self.preset.reference_seeds})
         starts = [start_states(self.preset, seed) for seed in seeds]
         theta, theta_dot = (np.concatenate(column) for column in zip(*starts, strict=True))
-        returns = evaluate(policy, plant, theta, theta_dot).returns.reshape(len(seeds), self.preset.episodes)
-        seconds, found = (time.monotonic() - begin) / len(seeds), versions()
+        returns = {
+            (truth, seed): tuple(row)
+            for truth in self.truths
+            for seed, row in zip(
+                seeds,
+                evaluate(policy, hidden_plant(truth), theta, theta_dot).returns.reshape(len(seeds), -1).tolist(),
+                strict=True,
+            )
+        }
+        seconds, found = (time.monotonic() - begin) / len(returns), versions()
         return [
-            Reference(self.controller, self.theta, seed, tuple(row), found, seconds)
-            for seed, row in zip(seeds, returns.tolist(), strict=True)
+            Reference(self.controller, self.theta, truth, seed, row, found, seconds)
+            for (truth, seed), row in returns.items()
         ]
 
     def _design(self) -> Policy:
@@ -92,9 +113,21 @@ class ReferenceTask:
         return solve(model, Grid(self.preset.grid, self.preset.grid + 1))
 
 
-def reference_tasks(preset: Preset, estimates: set[Theta]) -> list[ReferenceTask]:
-    """All controllers at the truth, and the optimal one at every estimate."""
-    designs = sorted(estimates - {preset.truth})
-    return [ReferenceTask(preset, c, preset.truth) for c in CONTROLLERS] + [
-        ReferenceTask(preset, OPTIMAL, theta) for theta in designs
-    ]
+def reference_tasks(
+    preset: Preset, designs: Designs, known: Set[tuple[str, Theta, Theta]] = frozenset()
+) -> list[ReferenceTask]:
+    """All controllers at every truth, and the optimal one at every estimate, on the truths where each is asked for.
+
+    What is asked of one (controller, theta) is designed once; `known` (controller, theta, truth) is left out.
+    """
+    wanted: dict[tuple[str, Theta], set[Theta]] = {}
+    for truth in dict.fromkeys(point.truth for point in preset.points):
+        for controller in CONTROLLERS:
+            wanted.setdefault((controller, truth), set()).add(truth)
+    for theta in sorted(designs):
+        wanted.setdefault((OPTIMAL, theta), set()).update(designs[theta])
+    missing = {
+        (controller, theta): tuple(sorted(t for t in truths if (controller, theta, t) not in known))
+        for (controller, theta), truths in wanted.items()
+    }
+    return [ReferenceTask(preset, c, theta, truths) for (c, theta), truths in missing.items() if truths]

@@ -5,7 +5,9 @@ from __future__ import annotations
 import base64
 import itertools
 import re
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +15,12 @@ import numpy as np
 from rich.console import Console
 
 from study import figures, paper, tables
-from study.answer import Answer, number
-from study.config import Preset
+from study.answer import Answer, answers, number
+from study.cells import Run
+from study.config import Point, Preset
+from study.files import write_whole
 from study.progress import duration
-from study.references import LQR, OPTIMAL, SWING_UP
+from study.references import LQR, OPTIMAL, SWING_UP, Reference
 from study.statistics import MINUS, Contrast
 from study.store import Store
 
@@ -32,26 +36,41 @@ CAPTIONS = {
 }
 
 
-def publish(preset: Preset, store: Store, console: Console) -> Answer:
-    """Write tables, figures and report into the folder and say the answer on the console."""
+def publish(preset: Preset, store: Store, console: Console) -> list[Answer]:
+    """Write tables, figures and report into the folder and say the answers on the console, point by point."""
     folder = store.folder
     with console.status("drawing"):
-        answer = Answer(preset, store.runs(), store.references())
-        tables.write_runs(answer, folder / "runs.csv")
-        tables.write_references(answer, folder / "references.csv")
-        drawn = figures.save_all(answer, folder)
-        write_report(answer, drawn, folder / "report.html")
-    console.print()
-    for question, text in answer.sentences():
-        console.print(f"[bold]{question}[/]\n{_plain(text)}\n", soft_wrap=False)
-    console.print(f"[dim]{_plain(answer.caveat())}[/]\n")
+        found = answers(preset, store.runs(), store.references())
+        tables.write_runs(found, folder / "runs.csv")
+        tables.write_references(found, folder / "references.csv")
+        drawn = [figures.save_all(answer, folder) for answer in found]
+        write_report(found, drawn, folder / "report.html")
+    for answer in found:
+        console.print()
+        if len(found) > 1:
+            console.print(f"[bold underline]{title(answer.point)}[/]\n")
+        for question, text in answer.sentences():
+            console.print(f"[bold]{question}[/]\n{_plain(text)}\n", soft_wrap=False)
+        console.print(f"[dim]{_plain(answer.caveat())}[/]\n")
     console.print(f"report   {folder / 'report.html'}", soft_wrap=True)
-    console.print(f"figures  {', '.join(str(path) for path in drawn.values())}", soft_wrap=True)
-    return answer
+    files = [str(path) for files in drawn for path in files.values()]
+    console.print(f"figures  {', '.join(files)}", soft_wrap=True)
+    return found
 
 
-def write_report(answer: Answer, drawn: Mapping[str, Path], path: Path) -> None:
-    """Write the self-contained report with the figures of these files."""
+def title(point: Point) -> str:
+    """An operating point in a line."""
+    m, l = point.truth  # noqa: E741
+    band = "" if point.randomization == "band" else ", trained over the prior range"
+    return (
+        f"{point.name.replace('_', ' ')}: m = {m:g} kg, l = {l:g} m, "
+        f"speed read to {point.sigma:g} rad/s, "
+        f"identified by {point.identifier.replace('_', ' ')}{band}"
+    )
+
+
+def write_report(found: Sequence[Answer], drawn: Sequence[Mapping[str, Path]], path: Path) -> None:
+    """Write the self-contained report: a section a point, with the figures of these files (one mapping a point)."""
     import jinja2
 
     environment = jinja2.Environment(
@@ -59,15 +78,34 @@ def write_report(answer: Answer, drawn: Mapping[str, Path], path: Path) -> None:
     )
     environment.filters["number"] = number
     template = environment.get_template("report.html.j2")
-    path.write_text(template.render(_content(answer, drawn)), encoding="utf-8")
+    write_whole(path, template.render(_content(found, drawn)))
 
 
-def _content(answer: Answer, drawn: Mapping[str, Path]) -> dict[str, Any]:
-    preset = answer.preset
-    seconds = sum(run.seconds for run in answer.runs) + sum(r.seconds for r in answer.references)
+def _content(found: Sequence[Answer], drawn: Sequence[Mapping[str, Path]]) -> dict[str, Any]:
+    preset = found[0].preset
+    runs = [run for answer in found for run in answer.runs]
+    references = {(r.controller, r.theta, r.truth, r.seed): r for answer in found for r in answer.references}
+    settings = preset.to_dict()
+    del settings["points"]
+    return {
+        "preset": preset,
+        "parts": [_part(answer, files) for answer, files in zip(found, drawn, strict=True)],
+        "paper": paper,
+        "settings": settings,
+        "sac": next((run.settings["sac"] for run in runs if "sac" in run.settings), {}),
+        "versions": _versions([*runs, *references.values()]),
+        "worker_time": duration(sum(item.seconds for item in [*runs, *references.values()])),
+        "imported": Counter(run.imported for run in runs if run.imported),
+    }
+
+
+def _part(answer: Answer, drawn: Mapping[str, Path]) -> dict[str, Any]:
+    """What the section of an operating point shows."""
+    seeds = answer.point.seeds
     return {
         "answer": answer,
-        "preset": preset,
+        "point": answer.point,
+        "title": title(answer.point),
         "sentences": [(question, _unbroken(text)) for question, text in answer.sentences()],
         "images": [(name, _embedded(file), CAPTIONS[name]) for name, file in drawn.items()],
         "budget_rows": _budgets(answer),
@@ -75,15 +113,10 @@ def _content(answer: Answer, drawn: Mapping[str, Path]) -> dict[str, Any]:
         "contrasts": _contrasts(answer),
         "controllers": [
             (LABELS[c], mean, sem, here)
-            for (c, mean, sem), (_, here, _) in zip(answer.controllers(), answer.controllers(preset.seeds), strict=True)
+            for (c, mean, sem), (_, here, _) in zip(answer.controllers(), answer.controllers(seeds), strict=True)
         ],
         "short": _paper_short_of_optimal(answer),
         "published": _published(answer),
-        "paper": paper,
-        "settings": preset.to_dict(),
-        "sac": answer.runs[0].settings.get("sac", {}),
-        "versions": _versions(answer),
-        "worker_time": duration(seconds),
     }
 
 
@@ -93,7 +126,13 @@ def _embedded(file: Path) -> str:
 
 def _budgets(answer: Answer) -> list[tuple[int, float, float | None]]:
     """(n, our mean identification error, the paper's where it is printed)."""
-    return [(n, answer.id_error(n), paper.ID_ERROR.get(n)) for n in answer.preset.budgets]
+    printed = paper.ID_ERROR if _is_papers(answer.point) else {}
+    return [(n, answer.id_error(n), printed.get(n)) for n in answer.point.budgets]
+
+
+def _is_papers(point: Point) -> bool:
+    """Whether this is the paper's main operating point."""
+    return point == replace(Point(point.name, point.budgets, point.widths, point.seeds), truth=paper.TRUTH)
 
 
 def _cell_row(answer: Answer, key: tuple[int, float]) -> dict[str, Any]:
@@ -113,7 +152,7 @@ def _cell_row(answer: Answer, key: tuple[int, float]) -> dict[str, Any]:
 
 def _contrasts(answer: Answer) -> list[tuple[str, Contrast]]:
     """Every step of the budget at the least width, and every width against the least."""
-    budgets, widths = answer.preset.budgets, answer.preset.widths
+    budgets, widths = answer.point.budgets, answer.point.widths
     steps = [
         (f"n = {a} → {b}, w = {widths[0]:g}", answer.contrast((b, widths[0]), (a, widths[0])))
         for a, b in [*itertools.pairwise(budgets), (budgets[0], budgets[-1])]
@@ -131,6 +170,8 @@ def _contrasts(answer: Answer) -> list[tuple[str, Contrast]]:
 def _published(answer: Answer) -> list[tuple[str, str, str, str]]:
     """(quantity, the paper's, ours, place in the paper) for what both report."""
     rows = []
+    if not _is_papers(answer.point):
+        return rows
     for p in paper.MEANS:
         if (p.n, p.w) in answer.cells:
             ours = f"{number(answer.mean((p.n, p.w)))} ± {answer.sem((p.n, p.w)):.0f}"
@@ -148,17 +189,17 @@ def _published(answer: Answer) -> list[tuple[str, str, str, str]]:
 
 def _paper_short_of_optimal(answer: Answer) -> tuple[float, float, float] | None:
     """(the paper's best cell, the optimum from the same start states, percent between them); None elsewhere."""
-    preset = answer.preset
-    if (preset.truth, preset.episodes, preset.reference_seeds) != (paper.TRUTH, paper.EPISODES, paper.SEEDS):
+    preset, truth = answer.preset, answer.point.truth
+    if (truth, preset.episodes, preset.reference_seeds) != (paper.TRUTH, paper.EPISODES, paper.SEEDS):
         return None
     optimum = float(np.mean(answer.reference(OPTIMAL, seeds=paper.SEEDS)))
     return paper.BEST, optimum, 100.0 * (optimum - paper.BEST) / abs(optimum)
 
 
-def _versions(answer: Answer) -> list[tuple[str, str]]:
+def _versions(items: Sequence[Run | Reference]) -> list[tuple[str, str]]:
     """(package, every version that took part)."""
     found: dict[str, set[str]] = {}
-    for item in [*answer.runs, *answer.references]:
+    for item in items:
         for package, version in item.versions.items():
             found.setdefault(package, set()).add(version)
     return [(package, " and ".join(sorted(all_))) for package, all_ in found.items()]

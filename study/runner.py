@@ -1,21 +1,25 @@
 """Runs a study to its end, from wherever an earlier attempt left it.
 
-Populations train first, references follow on whatever core is free. Every finished task goes into the store at once;
-an unfinished population leaves a checkpoint in the folder. Nothing a number depends on is decided here.
+First every point is measured and identified, then populations train, and references follow on whatever core is free.
+Every finished task goes into the store at once; an unfinished population leaves a checkpoint in the folder. Nothing a
+number depends on is decided here.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
-from study.cells import PopulationTask, Theta, estimates
+from study.cells import PopulationTask
 from study.config import Preset
+from study.files import partial
+from study.identification import IdentificationTask
+from study.imports import read_runs
 from study.progress import Meter, duration
-from study.references import ReferenceTask, reference_tasks
+from study.references import Designs, ReferenceTask, reference_tasks
 from study.store import Store
 from study.workers import Task, execute
 
@@ -25,21 +29,27 @@ def run(
     store: Store,
     workers: int,
     console: Console,
-    device: str = "cpu",
     checkpoint_seconds: float = 60.0,
+    imported: Path | None = None,
 ) -> None:
-    """Finish every run and reference of the preset that the store lacks.
+    """Finish every run and reference of the preset that the store lacks, after taking up the runs in `imported`.
 
     Raises WorkerFailed where a task fails, after the others have saved; what is finished stays in the store.
     """
-    with console.status("measuring and identifying"):
-        found = estimates(preset, preset.cells)
-    tasks = list(_unfinished(preset, store, found, device, checkpoint_seconds))
+    _execute(list(_unidentified(preset, store)), store, workers, console)
+    if imported is not None:
+        taken = store.add_imported(read_runs(imported, preset, store.estimates()))
+        console.print(f"{taken} runs taken up from {imported}", soft_wrap=True)
+    tasks = [*_untrained(preset, store, checkpoint_seconds), *_unrated(preset, store)]
+    if tasks:
+        _announce(console, store, tasks, workers)
+    _execute(tasks, store, workers, console)
+
+
+def _execute(tasks: Sequence[Task], store: Store, workers: int, console: Console) -> None:
     if not tasks:
         return
-    work = {task.name: task.work for task in tasks}
-    _announce(console, preset, tasks, workers)
-    with Meter(console, work) as meter:
+    with Meter(console, {task.name: task.work for task in tasks}) as meter:
 
         def heard(task: Task, kind: str, payload: Any) -> None:
             """What a worker said: shown, and kept where it is an answer."""
@@ -54,57 +64,57 @@ def run(
         execute(tasks, workers, heard)
 
 
-def checkpoint_path(folder: Path, population: int) -> Path:
-    """Where an unfinished population is kept."""
-    return folder / f"population_{population + 1}.checkpoint"
-
-
-def _partial(checkpoint: Path) -> Path:
-    """What a process leaves that dies while it writes a checkpoint."""
-    return checkpoint.with_name(checkpoint.name + ".partial")
-
-
-def _discard(checkpoint: Path) -> None:
-    for path in (checkpoint, _partial(checkpoint)):
-        path.unlink(missing_ok=True)
-
-
 def _keep(task: Task, payload: Any, store: Store) -> None:
     if isinstance(task, PopulationTask):
         store.add_runs(payload)
-        _discard(task.checkpoint)
+        task.discard()
+    elif isinstance(task, IdentificationTask):
+        store.add_estimates(payload)
     else:
         store.add_references(payload)
 
 
-def _unfinished(
-    preset: Preset, store: Store, found: dict[tuple[int, int], Theta], device: str, checkpoint_seconds: float
-) -> Iterable[PopulationTask | ReferenceTask]:
-    finished = {run.cell for run in store.runs()}
-    for index, cells in enumerate(preset.populations):
-        checkpoint = checkpoint_path(store.folder, index)
+def _unidentified(preset: Preset, store: Store) -> Iterator[IdentificationTask]:
+    known = store.estimates()
+    for point in preset.points:
+        for seed in point.seeds:
+            if not all((point.name, n, seed) in known for n in point.budgets):
+                yield IdentificationTask(point, seed)
+
+
+def _untrained(preset: Preset, store: Store, checkpoint_seconds: float) -> Iterator[PopulationTask]:
+    finished, estimates = store.finished(), store.estimates()
+    populations = preset.populations(store.device)
+    for index, cells in enumerate(populations):
+        thetas = tuple(estimates[c.point, c.n, c.seed] for c in cells)
+        task = PopulationTask(
+            preset, index, len(populations), cells, thetas, store.folder, checkpoint_seconds, device=store.device
+        )
+        partial(task.checkpoint).unlink(missing_ok=True)
         if finished.issuperset(cells):
-            _discard(checkpoint)
-            continue
-        _partial(checkpoint).unlink(missing_ok=True)
-        before = store.training_seconds(index) if checkpoint.exists() else 0.0
-        thetas = tuple(found[c.n, c.seed] for c in cells)
-        yield PopulationTask(preset, index, thetas, checkpoint, checkpoint_seconds, before, device)
-    known = {(r.controller, r.theta) for r in store.references()}
-    for task in reference_tasks(preset, set(found.values())):
-        if (task.controller, task.theta) not in known:
+            task.discard()
+        elif task.checkpoint.exists():
+            yield task.resumed(store.training_seconds(index))
+        else:
             yield task
 
 
-def _announce(console: Console, preset: Preset, tasks: list[PopulationTask | ReferenceTask], workers: int) -> None:
+def _unrated(preset: Preset, store: Store) -> Iterable[ReferenceTask]:
+    known = {(r.controller, r.theta, r.truth) for r in store.references()}
+    designs: Designs = {}
+    for (name, _, _), theta in store.estimates().items():
+        designs.setdefault(theta, set()).add(preset.point(name).truth)
+    return reference_tasks(preset, designs, known)
+
+
+def _announce(console: Console, store: Store, tasks: Sequence[Task], workers: int) -> None:
     training = [t for t in tasks if isinstance(t, PopulationTask)]
     resumed = sum(t.checkpoint.exists() for t in training)
-    total = len(preset.cells)
-    missing = sum(len(t.cells) for t in training)
     begun = f", {resumed} from a checkpoint" if resumed else ""
     console.print(
-        f"preset [bold]{preset.name}[/]: {total} runs, {total - missing} finished; {len(training)} populations to train"
-        f"{begun}, {len(tasks) - len(training)} references; {workers} worker{'s' if workers > 1 else ''}",
+        f"preset [bold]{store.preset.name}[/]: {len(store.preset.cells)} runs, {len(store.finished())} finished; "
+        f"{len(training)} populations to train{begun}, {len(tasks) - len(training)} references; "
+        f"{workers} worker{'s' if workers > 1 else ''}",
         soft_wrap=True,
     )
     seconds = sum(t.work for t in tasks) / min(workers, max(len(tasks), 1))

@@ -1,9 +1,10 @@
-"""The results folder: one SQLite file in write-ahead mode, one writer, tied to one preset and one version.
+"""The results folder: one SQLite file in write-ahead mode, one writer, tied to one preset, device and version.
 
-runs          every finished (n, w, seed): settings, theta_hat, returns, learning curve, versions, seconds
-controllers   returns on the hidden plant of a reference designed at (m, l), by seed
+estimates     theta_hat of every (point, n, seed)
+runs          every finished (point, n, w, seed): settings, theta_hat, returns, learning curve, versions, seconds
+controllers   returns on the hidden plant (truth_m, truth_l) of a reference designed at (m, l), by seed
 training      seconds spent on each unfinished population, as of its last checkpoint
-meta          preset, fingerprint, format, version of gapfinder
+meta          preset, fingerprint, format, device, version of gapfinder
 """
 
 from __future__ import annotations
@@ -15,37 +16,53 @@ import sqlite3
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
-from study.cells import Run
-from study.config import FORMAT, Cell, Preset
+from study.cells import Run, Summary
+from study.config import FORMAT, Cell, Preset, device_type
+from study.identification import Estimated, Theta
+from study.policy_files import FOLDER
 from study.references import Reference
 from study.versions import version
 from sysid import InvalidInput
 
-OUTPUTS = ("runs.csv", "references.csv", "heatmap.png", "pareto.png", "gap.png", "curves.png", "report.html")
-"""What a study writes beside its database; never over files of somebody else."""
+FIGURES = ("heatmap", "pareto", "gap", "curves")
 
 SCHEMA = """
 CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);
+CREATE TABLE estimates (
+    point TEXT, n INTEGER, seed INTEGER, m REAL, l REAL, seconds REAL, PRIMARY KEY (point, n, seed));
 CREATE TABLE runs (
-    n INTEGER, w REAL, seed INTEGER, population INTEGER, theta_hat_m REAL, theta_hat_l REAL, id_error REAL,
-    returns TEXT, curve TEXT, settings TEXT, versions TEXT, seconds REAL, PRIMARY KEY (n, w, seed));
+    point TEXT, n INTEGER, w REAL, seed INTEGER, population INTEGER, theta_hat_m REAL, theta_hat_l REAL, id_error REAL,
+    returns TEXT, curve TEXT, settings TEXT, versions TEXT, seconds REAL, fresh_returns TEXT, imported TEXT,
+    summary TEXT, PRIMARY KEY (point, n, w, seed));
 CREATE TABLE controllers (
-    controller TEXT, m REAL, l REAL, seed INTEGER, returns TEXT, versions TEXT, seconds REAL,
-    PRIMARY KEY (controller, m, l, seed));
+    controller TEXT, m REAL, l REAL, truth_m REAL, truth_l REAL, seed INTEGER, returns TEXT, versions TEXT,
+    seconds REAL, PRIMARY KEY (controller, m, l, truth_m, truth_l, seed));
 CREATE TABLE training (population INTEGER PRIMARY KEY, seconds REAL);
 """
+
+
+def outputs(preset: Preset) -> tuple[str, ...]:
+    """What a study writes beside its database; never over files of somebody else."""
+    drawn = tuple(figure_name(preset, point.name, name) for point in preset.points for name in FIGURES)
+    return ("runs.csv", "references.csv", *drawn, "report.html", FOLDER)
+
+
+def figure_name(preset: Preset, point: str, name: str) -> str:
+    """The file of a figure: NAME.png, and NAME_POINT.png where the preset has several points."""
+    return f"{name}.png" if len(preset.points) == 1 else f"{name}_{point}.png"
 
 
 class Store:
     """The open results folder of a preset; a context manager that holds the folder's lock.
 
-    Raises InvalidInput where the folder cannot be used: no folder, not writable, of another preset or version, in
-    use by another study, or holding foreign files of the names in OUTPUTS. Nothing is written before these checks.
+    Raises InvalidInput where the folder cannot be used: no folder, not writable, of another preset, device or version,
+    in use by another study, or holding foreign files of the names in `outputs`. Nothing is written before these checks.
     """
 
-    def __init__(self, folder: Path, preset: Preset) -> None:
-        self.folder, self.preset = folder, preset
+    def __init__(self, folder: Path, preset: Preset, device: str = "cpu") -> None:
+        self.folder, self.preset, self.device = folder, preset, device
         self.path = folder / "results.sqlite"
         _make(folder)
         self._lock = _lock(folder)
@@ -59,7 +76,7 @@ class Store:
             raise
 
     def _refuse_foreign_files(self) -> None:
-        there = [name for name in OUTPUTS if (self.folder / name).exists()]
+        there = [name for name in outputs(self.preset) if (self.folder / name).exists()]
         if there:
             raise InvalidInput(
                 f"{self.folder} holds {' and '.join(there)} but no results.sqlite, so they are not of this study: "
@@ -91,6 +108,7 @@ class Store:
             "format": str(FORMAT),
             "fingerprint": self.preset.fingerprint,
             "settings": json.dumps(self.preset.to_dict()),
+            "device": device_type(self.device),
         }
 
     def _check(self, found: dict[str, str], expected: dict[str, str]) -> None:
@@ -106,6 +124,11 @@ class Store:
             raise InvalidInput(
                 f"{self.folder} holds results of other settings of preset {self.preset.name!r} "
                 f"({'; '.join(changed) or 'unknown'}): choose another --out, or move that folder away"
+            )
+        if found.get("device") != expected["device"]:
+            raise InvalidInput(
+                f"{self.folder} holds runs of device {found.get('device')!r}, where other agents train together than "
+                f"on {expected['device']!r}: go on with --device {found.get('device')}, or choose another --out"
             )
 
     def __enter__(self) -> Store:
@@ -134,51 +157,57 @@ class Store:
             raise
         self.db.execute("COMMIT")
 
-    def add_runs(self, runs: Sequence[Run]) -> None:
-        """Keep the runs of a finished population, all or none."""
-        rows = [
-            (*r.cell, r.population, *r.theta_hat, r.id_error, json.dumps(r.returns), json.dumps(r.curve),
-             json.dumps(r.settings), json.dumps(r.versions), r.seconds)
-            for r in runs
-        ]  # fmt: skip
+    def add_estimates(self, estimates: Sequence[Estimated]) -> None:
+        """Keep what identification found, in place of an earlier answer."""
+        rows = [(e.point, e.n, e.seed, *e.theta, e.seconds) for e in estimates]
         with self._transaction() as db:
-            db.executemany(f"INSERT INTO runs VALUES ({', '.join('?' * 12)})", rows)
+            db.executemany("INSERT OR REPLACE INTO estimates VALUES (?, ?, ?, ?, ?, ?)", rows)
+
+    def estimates(self) -> dict[tuple[str, int, int], Theta]:
+        """theta_hat by (point, n, seed)."""
+        rows = self.db.execute("SELECT point, n, seed, m, l FROM estimates ORDER BY point, n, seed")
+        return {(point, n, seed): (m, length) for point, n, seed, m, length in rows}
+
+    def add_runs(self, runs: Sequence[Run]) -> None:
+        """Keep the runs of a finished population, all or none, but for those that were imported before."""
+        rows_imported = self.db.execute("SELECT point, n, w, seed FROM runs WHERE imported <> ''")
+        imported = {Cell(*row) for row in rows_imported}
+        rows = [write_run(run) for run in runs if run.cell not in imported]
+        with self._transaction() as db:
+            db.executemany(f"INSERT INTO runs VALUES ({', '.join('?' * 16)})", rows)
             db.executemany("DELETE FROM training WHERE population = ?", {(r.population,) for r in runs})
 
+    def add_imported(self, runs: Sequence[Run]) -> int:
+        """Take up runs from elsewhere where there are none yet, all or none of them; returns how many."""
+        finished = self.finished()
+        rows = [write_run(run) for run in runs if run.cell not in finished]
+        with self._transaction() as db:
+            db.executemany(f"INSERT INTO runs VALUES ({', '.join('?' * 16)})", rows)
+        return len(rows)
+
+    def finished(self) -> set[Cell]:
+        """The cells whose runs are kept."""
+        return {Cell(*row) for row in self.db.execute("SELECT point, n, w, seed FROM runs")}
+
     def runs(self) -> list[Run]:
-        """The finished runs, sorted by n, w, seed."""
-        return [
-            Run(
-                cell=Cell(n, w, seed),
-                population=population,
-                theta_hat=(m, length),
-                id_error=error,
-                returns=tuple(json.loads(returns)),
-                curve=tuple((step, value) for step, value in json.loads(curve)),
-                settings=json.loads(settings),
-                versions=json.loads(found),
-                seconds=seconds,
-            )
-            for n, w, seed, population, m, length, error, returns, curve, settings, found, seconds in self.db.execute(
-                "SELECT * FROM runs ORDER BY n, w, seed"
-            )
-        ]
+        """The finished runs, sorted by point, n, w, seed."""
+        return [read_run(row) for row in self.db.execute("SELECT * FROM runs ORDER BY point, n, w, seed")]
 
     def add_references(self, references: Sequence[Reference]) -> None:
         """Keep what reference controllers returned."""
         rows = [
-            (r.controller, *r.theta, r.seed, json.dumps(r.returns), json.dumps(r.versions), r.seconds)
+            (r.controller, *r.theta, *r.truth, r.seed, json.dumps(r.returns), json.dumps(r.versions), r.seconds)
             for r in references
         ]
         with self._transaction() as db:
-            db.executemany("INSERT INTO controllers VALUES (?, ?, ?, ?, ?, ?, ?)", rows)
+            db.executemany("INSERT INTO controllers VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)", rows)
 
     def references(self) -> list[Reference]:
         """What reference controllers returned, sorted."""
         return [
-            Reference(controller, (m, length), seed, tuple(json.loads(returns)), json.loads(found), seconds)
-            for controller, m, length, seed, returns, found, seconds in self.db.execute(
-                "SELECT * FROM controllers ORDER BY controller, m, l, seed"
+            Reference(controller, (m, l), (truth_m, truth_l), seed, tuple(json.loads(returns)), json.loads(found), s)
+            for controller, m, l, truth_m, truth_l, seed, returns, found, s in self.db.execute(  # noqa: E741
+                "SELECT * FROM controllers ORDER BY controller, m, l, truth_m, truth_l, seed"
             )
         ]
 
@@ -191,6 +220,36 @@ class Store:
         """The seconds that a population's checkpoint holds; 0 without one."""
         row = self.db.execute("SELECT seconds FROM training WHERE population = ?", (population,)).fetchone()
         return float(row[0]) if row else 0.0
+
+
+def write_run(run: Run) -> tuple[Any, ...]:
+    """A run as a row of the table `runs`."""
+    summary = None if run.summary is None else (run.summary.mean, run.summary.std, run.summary.fresh_mean)
+    return (
+        *run.cell, run.population, *run.theta_hat, run.id_error, json.dumps(run.returns), json.dumps(run.curve),
+        json.dumps(run.settings), json.dumps(run.versions), run.seconds, json.dumps(run.fresh_returns), run.imported,
+        json.dumps(summary),
+    )  # fmt: skip
+
+
+def read_run(row: Sequence[Any]) -> Run:
+    """The run in a row of the table `runs`."""
+    point, n, w, seed, population, m, length, error, returns, curve, settings, found, seconds, fresh, source, mean = row
+    summary = json.loads(mean)
+    return Run(
+        cell=Cell(point, n, w, seed),
+        population=population,
+        theta_hat=(m, length),
+        id_error=error,
+        returns=tuple(json.loads(returns)),
+        curve=tuple((step, value) for step, value in json.loads(curve)),
+        settings=json.loads(settings),
+        versions=json.loads(found),
+        seconds=seconds,
+        fresh_returns=tuple(json.loads(fresh)),
+        imported=source,
+        summary=None if summary is None else Summary(*summary),
+    )
 
 
 def _make(folder: Path) -> None:

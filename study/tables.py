@@ -4,40 +4,49 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from study.answer import Answer
+from study.files import write_whole
 
 RUN_COLUMNS = (
     "n", "w", "seed", "id_error", "eval_return_mean", "eval_return_std",
-    "theta_hat_mass", "theta_hat_length", "wall_time_s",
+    "theta_hat_mass", "theta_hat_length", "wall_time_s", "point", "eval_return_fresh",
 )  # fmt: skip
-"""The columns of the paper's summary.csv, so that both files can be read by one program."""
+"""First the columns of the paper's summary.csv, so that both files can be read by one program."""
 
 REFERENCE_COLUMNS = ("m", "l", "controller", "return_mean", "return_sem")
 
 
-def write_runs(answer: Answer, path: Path) -> None:
-    """One row a run, sorted by n, w, seed.
+def write_runs(answers: Sequence[Answer], path: Path) -> None:
+    """One row a run, sorted by n, w, seed, point by point.
 
     eval_return_std is over the run's episodes and divided by their number E (ddof = 0), which is what NumPy's std does
-    by default and what the authors' published code calls.
+    by default and what the authors' published code calls. eval_return_fresh is the mean from start states that no
+    other seed shares; empty for a run that was imported without.
     """
     rows = [
-        (*r.cell, r.id_error, r.mean, r.evaluation.std, *r.theta_hat, r.seconds)
+        (r.cell.n, r.cell.w, r.cell.seed, r.id_error, r.mean, r.std, *r.theta_hat, r.seconds, r.cell.point,
+         "" if math.isnan(r.fresh_mean) else r.fresh_mean)
+        for answer in answers
         for r in sorted(answer.runs, key=lambda r: r.cell)
-    ]
+    ]  # fmt: skip
     _write(path, RUN_COLUMNS, rows)
 
 
-def write_references(answer: Answer, path: Path) -> None:
-    """One row a controller, designed at the hidden plant's own (m, l).
+def write_references(answers: Sequence[Answer], path: Path) -> None:
+    """One row a controller, designed at a hidden plant's own (m, l).
 
     Mean and SEM are over the start states of the preset's reference seeds, the paper's ten, so that these numbers do
     not change with the preset; gaps in the report are paired over the study's own seeds.
     """
-    rows = [(*answer.preset.truth, controller, mean, error) for controller, mean, error in answer.controllers()]
+    rows = [
+        (*answer.point.truth, controller, mean, error)
+        for answer in {answer.point.truth: answer for answer in answers}.values()
+        for controller, mean, error in answer.controllers()
+    ]
     _write(path, REFERENCE_COLUMNS, rows)
 
 
@@ -46,4 +55,4 @@ def _write(path: Path, columns: Sequence[str], rows: Iterable[Sequence[object]])
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
     writer.writerows(rows)
-    path.write_text(text.getvalue(), encoding="utf-8")
+    write_whole(path, text.getvalue())

@@ -15,8 +15,9 @@ OPTIMUM, ESTIMATE_COST, WIDTH_COST, LEARNING_COST = -330.0, {0: 500.0, 5: 80.0, 
 ESTIMATES = {0: (1.0, 1.0), 5: (3.0, 1.3), 50: (2.1, 1.5)}
 
 
-def study(preset=QUICK, start_effect=20.0):
-    """J = optimum - cost of the estimate - cost of width and learning, plus what a seed's start states are worth."""
+def study(point=QUICK.points[0], start_effect=20.0):
+    """The answer of a point: J = optimum - cost of the estimate - cost of width and learning + what start states give."""
+    preset = dataclasses.replace(QUICK, points=(point,))
     starts = {seed: start_effect * np.sin(1.0 + seed) for seed in preset.reference_seeds}
 
     def episodes(mean, seed):
@@ -27,23 +28,24 @@ def study(preset=QUICK, start_effect=20.0):
             cell=cell,
             population=0,
             theta_hat=ESTIMATES[cell.n],
-            id_error=math.dist(ESTIMATES[cell.n], preset.truth),
+            id_error=math.dist(ESTIMATES[cell.n], point.truth),
             returns=episodes(OPTIMUM - ESTIMATE_COST[cell.n] - LEARNING_COST - WIDTH_COST * (cell.w > 0), cell.seed),
             curve=tuple((200 * (k + 1), -1000.0 / (k + 1)) for k in range(23)),
             settings={"sac": {"steps": preset.steps, "polyak": 0.005}},
             versions={"torch": "2.x"},
             seconds=60.0,
+            fresh_returns=episodes(-400.0, cell.seed),
         )
         for cell in preset.cells
     ]
-    returns = {(OPTIMAL, preset.truth): OPTIMUM, (LQR, preset.truth): -960.0, (SWING_UP, preset.truth): -335.0}
+    returns = {(OPTIMAL, point.truth): OPTIMUM, (LQR, point.truth): -960.0, (SWING_UP, point.truth): -335.0}
     returns |= {(OPTIMAL, theta): OPTIMUM - ESTIMATE_COST[n] for n, theta in ESTIMATES.items()}
     references = [
-        Reference(controller, theta, seed, episodes(mean, seed), {"numpy": "2.x"}, 5.0)
+        Reference(controller, theta, point.truth, seed, episodes(mean, seed), {"numpy": "2.x"}, 5.0)
         for (controller, theta), mean in returns.items()
         for seed in starts
     ]
-    return Answer(preset, runs, references)
+    return Answer(preset, point, runs, references)
 
 
 @pytest.fixture(scope="session")
@@ -55,4 +57,5 @@ def answer():
 def small_answer(request):
     one = {"one seed": "seeds", "one width": "widths", "one budget": "budgets"}
     fields = [one[request.param]] if request.param in one else list(one.values())
-    return study(dataclasses.replace(QUICK, **{name: getattr(QUICK, name)[:1] for name in fields}))
+    point = QUICK.points[0]
+    return study(dataclasses.replace(point, **{name: getattr(point, name)[:1] for name in fields}))

@@ -49,7 +49,7 @@ def test_every_small_preset_has_an_answer_in_words(small_answer):
 
 def test_missing_runs_and_references_are_refused(answer):
     with pytest.raises(InvalidInput, match="1 of 18 runs"):
-        Answer(answer.preset, answer.runs[1:], answer.references)
+        Answer(answer.preset, answer.point, answer.runs[1:], answer.references)
     with pytest.raises(InvalidInput, match=r"missing for theta = \(2.0, 1.5\)"):
-        Answer(answer.preset, answer.runs, [r for r in answer.references if r.theta != (2.0, 1.5)])
+        Answer(answer.preset, answer.point, answer.runs, [r for r in answer.references if r.theta != (2.0, 1.5)])
     assert dataclasses.replace(answer).best == answer.best

@@ -46,7 +46,7 @@ def test_help_answers_within_half_a_second():
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (["--preset", "slow"], ["unknown preset 'slow'", "quick, paper, smoke"]),
+        (["--preset", "slow"], ["unknown preset 'slow'", "quick, paper, paper-small"]),
         (["--sedes", "3"], ["unknown option '--sedes'", "--preset, --out"]),
         (["--workers", "some"], ["workers", "some"]),
         (["--workers", "-1"], ["--workers -1", "0 for one a core"]),
@@ -85,7 +85,7 @@ def test_a_study_ends_with_its_answer_and_files(undisturbed):
     made = {path.name for path in folder.iterdir()}
     assert made == {
         "results.sqlite", "runs.csv", "references.csv", "report.html",
-        "heatmap.png", "pareto.png", "gap.png", "curves.png",
+        "heatmap.png", "pareto.png", "gap.png", "curves.png", "policies",
     }  # fmt: skip
     assert len(rows(folder)) == len(SMOKE.cells)
 
@@ -196,11 +196,11 @@ def test_stopped_in_every_way_the_same_command_goes_on_to_the_same_numbers(undis
 
 def test_quick_has_the_start_states_of_the_paper():
     from policies.evaluate import evaluate, start_states
-    from study.cells import hidden_plant
     from study.cells import start_states as study_starts
+    from study.identification import hidden_plant
 
     theta, theta_dot = study_starts(SMOKE, 1)
     expected = start_states(1, SMOKE.episodes)
     assert np.array_equal(theta, expected[0])
     assert np.array_equal(theta_dot, expected[1])
-    assert evaluate(lambda state, t: 0.0, hidden_plant(SMOKE), theta, theta_dot).mean < OPTIMUM
+    assert evaluate(lambda state, t: 0.0, hidden_plant((2.0, 1.5)), theta, theta_dot).mean < OPTIMUM

@@ -20,7 +20,7 @@ VOID = {"meta", "img", "br"}
 @pytest.fixture(scope="module")
 def page(answer, tmp_path_factory):
     folder = tmp_path_factory.mktemp("report")
-    write_report(answer, figures.save_all(answer, folder), folder / "report.html")
+    write_report([answer], [figures.save_all(answer, folder)], folder / "report.html")
     return (folder / "report.html").read_text(encoding="utf-8")
 
 
@@ -58,7 +58,7 @@ def test_settings_versions_and_the_papers_numbers_are_there(page):
 
 
 def test_small_presets_have_a_report_too(small_answer, tmp_path):
-    write_report(small_answer, figures.save_all(small_answer, tmp_path), tmp_path / "report.html")
+    write_report([small_answer], [figures.save_all(small_answer, tmp_path)], tmp_path / "report.html")
     for name in figures.FIGURES:
         assert np.ptp(imread(tmp_path / f"{name}.png")[..., :3]) > 0.5
 
@@ -68,18 +68,18 @@ def test_the_heatmap_outlines_the_best_cell_and_prints_the_means(answer):
         axes = figures.heatmap(answer).axes[0]
     (outline,) = [p for p in axes.patches if isinstance(p, Rectangle)]
     column, row = (int(x + 0.5) for x in outline.get_xy())
-    assert (answer.preset.budgets[row], answer.preset.widths[column]) == answer.best
+    assert (answer.point.budgets[row], answer.point.widths[column]) == answer.best
     printed = {(round(t.get_position()[1]), round(t.get_position()[0])): t.get_text() for t in axes.texts}
     assert len(printed) == len(answer.cells)
     assert printed[row, column].startswith(f"{MINUS}{abs(answer.mean(answer.best)):.0f} ± ")
 
 
 def test_runs_csv_has_the_papers_columns_and_conventions(answer, tmp_path):
-    tables.write_runs(answer, tmp_path / "runs.csv")
+    tables.write_runs([answer], tmp_path / "runs.csv")
     with (tmp_path / "runs.csv").open() as file:
         rows = list(csv.DictReader(file))
-    header = "n,w,seed,id_error,eval_return_mean,eval_return_std,theta_hat_mass,theta_hat_length,wall_time_s"
-    assert ",".join(rows[0]) == header
+    papers = "n,w,seed,id_error,eval_return_mean,eval_return_std,theta_hat_mass,theta_hat_length,wall_time_s"
+    assert ",".join(rows[0]) == papers + ",point,eval_return_fresh"
     order = [(int(r["n"]), float(r["w"]), int(r["seed"])) for r in rows]
     assert order == sorted(order)
     assert len(order) == len(set(order)) == 18
@@ -87,7 +87,7 @@ def test_runs_csv_has_the_papers_columns_and_conventions(answer, tmp_path):
 
 
 def test_references_csv_has_every_controller(answer, tmp_path):
-    tables.write_references(answer, tmp_path / "references.csv")
+    tables.write_references([answer], tmp_path / "references.csv")
     with (tmp_path / "references.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [(r["m"], r["l"], r["controller"]) for r in rows] == [

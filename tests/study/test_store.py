@@ -8,13 +8,15 @@ import pytest
 
 from study.cells import Run
 from study.config import QUICK, SMOKE, Cell
+from study.identification import Estimated
 from study.references import Reference
-from study.store import OUTPUTS, Store
+from study.store import Store, outputs
 from sysid import InvalidInput
 
 CURVE, SETTINGS = ((200, -3.5),), {"sac": {"steps": 1}}
-RUN = Run(Cell(5, 0.5, 1), 0, (1.785, 1.65), 0.26, (-1.25, -2.5), CURVE, SETTINGS, {"torch": "2"}, 7.5)
-REFERENCE = Reference("optimal", (2.0, 1.5), 1, (-1.0, -2.0), {"numpy": "2"}, 3.0)
+RUN = Run(Cell("main", 5, 0.5, 1), 0, (1.785, 1.65), 0.26, (-1.25, -2.5), CURVE, SETTINGS, {"torch": "2"}, 7.5, (-3.0,))
+REFERENCE = Reference("optimal", (2.1, 1.5), (2.0, 1.5), 1, (-1.0, -2.0), {"numpy": "2"}, 3.0)
+ESTIMATED = Estimated("main", 5, 1, (1.785, 1.65), 0.5)
 
 
 def contents(folder):
@@ -27,10 +29,13 @@ def test_what_went_in_comes_out_again(tmp_path):
         assert store.training_seconds(0) == 12.5
         store.add_runs([RUN])
         store.add_references([REFERENCE])
+        store.add_estimates([ESTIMATED])
         assert store.training_seconds(0) == 0.0
     with Store(tmp_path / "a" / "b", SMOKE) as store:
         assert store.runs() == [RUN]
         assert store.references() == [REFERENCE]
+        assert store.estimates() == {("main", 5, 1): (1.785, 1.65)}
+        assert store.finished() == {RUN.cell}
         assert store.db.execute("PRAGMA journal_mode").fetchone() == ("wal",)
 
 
@@ -61,6 +66,13 @@ def test_a_folder_of_another_preset_is_refused_and_left_alone(tmp_path, other, t
     assert contents(tmp_path) == before
 
 
+def test_a_folder_of_another_device_is_refused(tmp_path):
+    Store(tmp_path, SMOKE, "cuda:0").close()
+    Store(tmp_path, SMOKE, "cuda:1").close()
+    with pytest.raises(InvalidInput, match="go on with --device cuda"):
+        Store(tmp_path, SMOKE, "cpu")
+
+
 @pytest.mark.parametrize(("key", "label"), [("gapfinder", "gapfinder version"), ("format", "format")])
 def test_a_folder_of_another_version_is_refused(tmp_path, key, label):
     with Store(tmp_path, SMOKE) as store:
@@ -84,7 +96,7 @@ def test_a_database_that_another_program_locks_is_refused(tmp_path):
     other.close()
 
 
-@pytest.mark.parametrize("name", OUTPUTS)
+@pytest.mark.parametrize("name", outputs(SMOKE))
 def test_foreign_files_are_not_overwritten(tmp_path, name):
     (tmp_path / name).write_text("mine")
     with pytest.raises(InvalidInput, match="but no results"):
