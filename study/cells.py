@@ -15,12 +15,13 @@ import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 
 from policies import evaluate
 from study.config import Cell, Point, Preset, device_type
+from study.executor import Link, Stopped
 from study.files import partial
 from study.identification import Theta, hidden_plant
 from study.policy_files import FOLDER, write_policies
@@ -29,23 +30,6 @@ from sysid import InvalidInput, paper_model
 
 CHUNK = 20
 """Training steps between two looks at the clock and at the parent process."""
-
-
-class Stopped(Exception):
-    """The parent process asked this one to end; what there was to save is saved."""
-
-
-class Link(Protocol):
-    """A worker's line to the process that started it."""
-
-    def progress(self, done: float) -> None:
-        """Say how much of the task is done, from 0 to 1."""
-
-    def saved(self, seconds: float) -> None:
-        """Say that a checkpoint holds the work of so many seconds."""
-
-    def stop_asked(self) -> bool:
-        """Whether the parent wants this task to save and end."""
 
 
 @dataclass(frozen=True)

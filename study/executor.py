@@ -68,7 +68,10 @@ Heard = Callable[[Task, str, Any], None]
 
 
 class Executor(Protocol):
-    """Runs tasks somewhere."""
+    """Runs tasks somewhere; workers: how many at a time, None where only the cluster knows."""
+
+    @property
+    def workers(self) -> int | None: ...
 
     def execute(self, tasks: Sequence[Task], heard: Heard) -> None:
         """Run the tasks, the first ones first; heard is called here, in the driver, and never by two at once.

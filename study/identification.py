@@ -9,16 +9,14 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from study.config import Pair, Point
+from study.executor import Link
 from sysid import GridSearch, Identifier, InvalidInput, LeastSquares, Model, Sensor, UnscentedKalman, paper_model
 from sysid.excitation import paper_rollouts
-
-if TYPE_CHECKING:
-    from study.cells import Link
 
 Theta = Pair
 """(m [kg], l [m])."""

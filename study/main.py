@@ -16,11 +16,14 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from study.config import PRESETS
+
+if TYPE_CHECKING:
+    from study.executor import Executor
 
 
 @dataclass(frozen=True)
@@ -41,6 +44,12 @@ class Options:
 
     workers: Annotated[int, tyro.conf.arg(metavar="N", help_behavior_hint="(default: 0, one a core)")] = 0
     """Processes, each with one thread. The numbers do not depend on it."""
+
+    executor: Annotated[str, tyro.conf.arg(metavar="{processes,ray}")] = "processes"
+    """What runs them: processes of this machine, or a Ray cluster whose machines share the folder of results."""
+
+    address: Annotated[str | None, tyro.conf.arg(metavar="HOST:PORT", help_behavior_hint="(default: made here)")] = None
+    """The Ray cluster, or "auto" for the one that this machine belongs to."""
 
     device: Annotated[str, tyro.conf.arg(metavar="NAME")] = "cpu"
     """Where networks train, as torch names it: cpu, cuda. All agents train in one population but on a CPU."""
@@ -80,29 +89,46 @@ def _study(options: Options) -> int:
 
     from rich.console import Console
 
-    from study.cells import check_device
+    from study.executor import WorkerFailed
     from study.report import publish
     from study.runner import run
     from study.store import Store
-    from study.workers import WorkerFailed
     from sysid import InvalidInput
 
     preset = PRESETS[options.preset]
     folder = options.out or Path("results") / preset.name
     console = Console(highlight=False)
     try:
-        workers = _workers(options.workers)
+        executor = _executor(options)
         if not 0.0 <= options.checkpoint_seconds < math.inf:
             raise InvalidInput(f"--checkpoint-seconds {options.checkpoint_seconds}: expected a number of seconds >= 0")
-        check_device(options.device)
         with Store(folder, preset, options.device) as store:
-            run(preset, store, workers, console, options.checkpoint_seconds, options.import_)
+            run(preset, store, executor, console, options.checkpoint_seconds, options.import_)
             publish(preset, store, console)
     except InvalidInput as error:
         return _fail(str(error), 2)
     except (WorkerFailed, OSError, sqlite3.Error) as error:
         return _fail(f"{error}; finished runs are kept, and the same command goes on: {_command(options)}", 1)
     return 0
+
+
+def _executor(options: Options) -> Executor:
+    from study.cells import check_device
+    from study.cluster import Cluster
+    from study.processes import Processes
+    from sysid import InvalidInput
+
+    if options.executor not in ("processes", "ray"):
+        raise InvalidInput(f"unknown executor {options.executor!r}: expected processes or ray")
+    if options.address and options.executor != "ray":
+        raise InvalidInput(f"--address {options.address}: expected --executor ray with it; it is that of a Ray cluster")
+    if options.address and options.workers:
+        raise InvalidInput(f"--workers {options.workers}: expected none with --address, the cluster has its own")
+    if options.address:
+        return Cluster(options.address)
+    check_device(options.device)
+    workers = _workers(options.workers)
+    return Cluster(workers=workers) if options.executor == "ray" else Processes(workers)
 
 
 def _workers(asked: int) -> int:

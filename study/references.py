@@ -19,8 +19,9 @@ from typing import ClassVar
 import numpy as np
 
 from policies.evaluate import Policy, evaluate
-from study.cells import Link, start_states
+from study.cells import start_states
 from study.config import Preset
+from study.executor import Link
 from study.identification import Theta, hidden_plant
 from study.versions import versions
 from sysid import paper_model
@@ -35,7 +36,7 @@ Designs = dict[Theta, set[Theta]]
 
 @dataclass(frozen=True)
 class Reference:
-    """Returns (E,) on the hidden plant `truth`, from a seed's start states, of a controller designed at theta (m, l)."""
+    """Returns (E,) on the hidden plant `truth`, from a seed's start states, of a controller designed at theta."""
 
     controller: str
     theta: Theta

@@ -15,19 +15,19 @@ from rich.console import Console
 
 from study.cells import PopulationTask
 from study.config import Preset
+from study.executor import Executor, Task
 from study.files import partial
 from study.identification import IdentificationTask
 from study.imports import read_runs
 from study.progress import Meter, duration
 from study.references import Designs, ReferenceTask, reference_tasks
 from study.store import Store
-from study.workers import Task, execute
 
 
 def run(
     preset: Preset,
     store: Store,
-    workers: int,
+    executor: Executor,
     console: Console,
     checkpoint_seconds: float = 60.0,
     imported: Path | None = None,
@@ -36,17 +36,17 @@ def run(
 
     Raises WorkerFailed where a task fails, after the others have saved; what is finished stays in the store.
     """
-    _execute(list(_unidentified(preset, store)), store, workers, console)
+    _execute(list(_unidentified(preset, store)), store, executor, console)
     if imported is not None:
         taken = store.add_imported(read_runs(imported, preset, store.estimates()))
         console.print(f"{taken} runs taken up from {imported}", soft_wrap=True)
     tasks = [*_untrained(preset, store, checkpoint_seconds), *_unrated(preset, store)]
     if tasks:
-        _announce(console, store, tasks, workers)
-    _execute(tasks, store, workers, console)
+        _announce(console, store, tasks, executor.workers)
+    _execute(tasks, store, executor, console)
 
 
-def _execute(tasks: Sequence[Task], store: Store, workers: int, console: Console) -> None:
+def _execute(tasks: Sequence[Task], store: Store, executor: Executor, console: Console) -> None:
     if not tasks:
         return
     with Meter(console, {task.name: task.work for task in tasks}) as meter:
@@ -57,11 +57,13 @@ def _execute(tasks: Sequence[Task], store: Store, workers: int, console: Console
                 meter.update(task.name, payload)
             elif kind == "saved" and isinstance(task, PopulationTask):
                 store.note_training(task.index, payload)
+            elif kind == "died":
+                console.print(f"[dim]{task.name}: {payload}; it is started again", soft_wrap=True)
             elif kind == "done":
                 _keep(task, payload, store)
                 meter.update(task.name, 1.0)
 
-        execute(tasks, workers, heard)
+        executor.execute(tasks, heard)
 
 
 def _keep(task: Task, payload: Any, store: Store) -> None:
@@ -83,12 +85,12 @@ def _unidentified(preset: Preset, store: Store) -> Iterator[IdentificationTask]:
 
 
 def _untrained(preset: Preset, store: Store, checkpoint_seconds: float) -> Iterator[PopulationTask]:
-    finished, estimates = store.finished(), store.estimates()
+    finished, estimates, folder = store.finished(), store.estimates(), store.folder.resolve()
     populations = preset.populations(store.device)
     for index, cells in enumerate(populations):
         thetas = tuple(estimates[c.point, c.n, c.seed] for c in cells)
         task = PopulationTask(
-            preset, index, len(populations), cells, thetas, store.folder, checkpoint_seconds, device=store.device
+            preset, index, len(populations), cells, thetas, folder, checkpoint_seconds, device=store.device
         )
         partial(task.checkpoint).unlink(missing_ok=True)
         if finished.issuperset(cells):
@@ -107,15 +109,17 @@ def _unrated(preset: Preset, store: Store) -> Iterable[ReferenceTask]:
     return reference_tasks(preset, designs, known)
 
 
-def _announce(console: Console, store: Store, tasks: Sequence[Task], workers: int) -> None:
+def _announce(console: Console, store: Store, tasks: Sequence[Task], workers: int | None) -> None:
     training = [t for t in tasks if isinstance(t, PopulationTask)]
     resumed = sum(t.checkpoint.exists() for t in training)
     begun = f", {resumed} from a checkpoint" if resumed else ""
     console.print(
         f"preset [bold]{store.preset.name}[/]: {len(store.preset.cells)} runs, {len(store.finished())} finished; "
         f"{len(training)} populations to train{begun}, {len(tasks) - len(training)} references; "
-        f"{workers} worker{'s' if workers > 1 else ''}",
+        f"{'a Ray cluster' if workers is None else f'{workers} workers' if workers > 1 else '1 worker'}",
         soft_wrap=True,
     )
+    if workers is None:
+        return
     seconds = sum(t.work for t in tasks) / min(workers, max(len(tasks), 1))
     console.print(f"[dim]expect very roughly {duration(seconds)}; stop it at any time, it goes on", soft_wrap=True)
