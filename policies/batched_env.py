@@ -10,6 +10,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
@@ -70,41 +71,45 @@ class BatchedPendulum(EnvBase):
         self.done_spec = Composite(**flags, shape=self.batch_size, device=device)
 
     def _forget(self) -> None:
-        """Before the first episode of every agent."""
+        """Before the first episode of every agent. From here on these tensors are written to, never replaced."""
         self.episodes = [0] * self.agents
         self.steps = torch.zeros(self.agents, dtype=torch.long, device=self.device)
-        zero = torch.zeros(self.agents, dtype=torch.float64, device=self.device)
-        self.parameters_now: dict[str, Tensor] = {}
-        self.state = self.base_model.initial_state(zero, zero)
-        self.model = self.base_model
+        drawn = self.randomizations[0].sample(generator(0, Purpose.EPISODES), self.base_model)
+        ones = torch.ones(self.agents, dtype=torch.float64, device=self.device)
+        self.parameters_now = {name: ones.clone() for name in drawn}
+        self.model = self.base_model.with_parameters(self.parameters_now)
+        at_rest = self.model.initial_state(0.0 * ones, 0.0 * ones)
+        memory = tuple(tuple((0.0 * ones).add_(v) for v in own) for own in at_rest.memory)
+        self.state = State(at_rest.theta.clone(), at_rest.theta_dot.clone(), memory)
 
     def restart(self, which: Tensor | None = None) -> Tensor:
         """Begin a new episode for the agents in the mask `which` (A,), or for all; returns observations (A, 3)."""
         mask = torch.ones_like(self.steps, dtype=torch.bool) if which is None else which
-        theta, theta_dot = self.state.theta.clone(), self.state.theta_dot.clone()
-        parameters = {name: values.clone() for name, values in self.parameters_now.items()}
-        for a in torch.nonzero(mask).flatten().tolist():
+        drawn = {name: np.ones(self.agents) for name in ("theta", "theta_dot", *self.parameters_now)}
+        for a in range(self.agents) if which is None else torch.nonzero(mask).flatten().tolist():
             rng = generator(self.seeds[a], Purpose.EPISODES, self.episodes[a])
-            theta[a], theta_dot[a] = task.start_state(rng)
+            drawn["theta"][a], drawn["theta_dot"][a] = task.start_state(rng)
             for name, value in self.randomizations[a].sample(rng, self.base_model).items():
-                parameters.setdefault(name, torch.ones_like(theta))[a] = value
+                drawn[name][a] = value
             self.episodes[a] += 1
-        self.parameters_now = parameters
-        self.model = self.base_model.with_parameters(parameters)
-        fresh = self.model.initial_state(theta, theta_dot)
-        memory = tuple(
-            tuple(torch.where(mask, new, old) for new, old in zip(after, before, strict=True))
-            for after, before in zip(fresh.memory, self.state.memory, strict=True)
-        )
-        self.state, self.steps = State(theta, theta_dot, memory), torch.where(mask, 0, self.steps)
+        there = {name: torch.from_numpy(numbers).to(self.device) for name, numbers in drawn.items()}
+        for name, values in self.parameters_now.items():
+            values.copy_(torch.where(mask, there[name], values))
+        fresh = self.model.initial_state(there["theta"], there["theta_dot"])
+        for kept, new in zip(_leaves(self.state), _leaves(fresh), strict=True):
+            kept.copy_(torch.where(mask, new, kept))
+        self.steps.masked_fill_(mask, 0)
         return self.observe()
 
     def advance(self, action: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Hold action (A, 1) for dt: next observation (A, 3), reward (A,), truncated (A,). Does not restart."""
         u = action[:, 0].to(torch.float64).clamp(-1.0, 1.0) * self.base_model.u_max
         reward = task.reward(self.state, u).to(torch.float32)
-        self.state = self.model.advance(self.state, u, self.steps * self.base_model.dt)
-        self.steps = self.steps + 1
+        after = self.model.advance(self.state, u, self.steps * self.base_model.dt)
+        # apart first: a delay's line passes the very tensors on that are written to
+        for kept, new in zip(_leaves(self.state), [leaf.clone() for leaf in _leaves(after)], strict=True):
+            kept.copy_(new)
+        self.steps.add_(1)
         return self.observe(), reward, self.steps >= self.horizon
 
     def observe(self) -> Tensor:
@@ -114,25 +119,20 @@ class BatchedPendulum(EnvBase):
     def snapshot(self) -> dict[str, Any]:
         """Everything that the next step depends on, as tensors, lists and numbers."""
         return {
-            "theta": self.state.theta,
-            "theta_dot": self.state.theta_dot,
-            "memory": [list(own) for own in self.state.memory],
-            "parameters": dict(self.parameters_now),
+            "state": [leaf.clone() for leaf in _leaves(self.state)],
+            "parameters": {name: values.clone() for name, values in self.parameters_now.items()},
             "episodes": list(self.episodes),
-            "steps": self.steps,
+            "steps": self.steps.clone(),
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
-        """Go on from a snapshot."""
-        self.state = State(
-            snapshot["theta"].to(self.device),
-            snapshot["theta_dot"].to(self.device),
-            tuple(tuple(v.to(self.device) for v in own) for own in snapshot["memory"]),
-        )
-        self.parameters_now = {k: v.to(self.device) for k, v in snapshot["parameters"].items()}
-        self.model = self.base_model.with_parameters(self.parameters_now)
+        """Go on from a snapshot, in place."""
+        for kept, stored in zip(_leaves(self.state), snapshot["state"], strict=True):
+            kept.copy_(stored)
+        for name, values in self.parameters_now.items():
+            values.copy_(snapshot["parameters"][name])
         self.episodes = list(snapshot["episodes"])
-        self.steps = snapshot["steps"].to(self.device)
+        self.steps.copy_(snapshot["steps"])
 
     def _reset(self, tensordict: TensorDictBase | None = None, **_: Any) -> TensorDictBase:
         which = tensordict.get("_reset", None) if tensordict is not None else None
@@ -158,3 +158,8 @@ class BatchedPendulum(EnvBase):
         if seed is not None:
             self.seeds = tuple(seed + a for a in range(self.agents))
             self._forget()
+
+
+def _leaves(state: State) -> list[Any]:
+    """Angle, speed and every number that an effect remembers."""
+    return [state.theta, state.theta_dot, *(value for own in state.memory for value in own)]

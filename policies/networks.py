@@ -1,4 +1,6 @@
-"""Networks of A agents at once: every layer's weights are stacked along a leading agent axis.
+"""Networks of A agents at once as TorchRL wants them, for `policies.definition`.
+
+Every layer's weights are stacked along a leading agent axis:
 
     y_a = x_a W_a + b_a        x (A, B, in), W (A, in, out), b (A, 1, out)
 
@@ -11,17 +13,14 @@ import math
 from collections.abc import Sequence
 from itertools import pairwise
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor, nn
 from torch.distributions import Distribution, constraints
 from torchrl.modules import ProbabilisticActor
 
-LOG_STD_BOUNDS = (-20.0, 2.0)
-"""log(std) of the policy is clamped to this (Stable-Baselines3)."""
+from policies.sac import LOG_STD_BOUNDS
 
 Layers = Sequence[tuple[Tensor, Tensor]]
 
@@ -38,16 +37,6 @@ def layers_of(params: TensorDictBase) -> Layers:
     """The (W, b) of each layer among the parameters of a StackedMLP."""
     leaves = {key[-1] if isinstance(key, tuple) else key: leaf for key, leaf in params.items(True, True)}
     return [(leaves[f"w{i}"], leaves[f"b{i}"]) for i in range(len(leaves) // 2)]
-
-
-def linear_init(rng: np.random.Generator, sizes: Sequence[int]) -> list[NDArray[np.float32]]:
-    """W (in, out), b (1, out) of each layer of one agent, from U(-k, k), k = 1 / sqrt(in), as nn.Linear's default."""
-    drawn = []
-    for n_in, n_out in pairwise(sizes):
-        k = 1.0 / math.sqrt(n_in)
-        drawn += [rng.uniform(-k, k, (n_in, n_out)).astype(np.float32)]
-        drawn += [rng.uniform(-k, k, (1, n_out)).astype(np.float32)]
-    return drawn
 
 
 class StackedMLP(TensorDictModuleBase):
@@ -81,7 +70,7 @@ class StackedActor(StackedMLP):
 
 
 class StackedCritic(StackedMLP):
-    """observation (A, B, O), action (A, B, D) -> Q (A, B). Without a trailing axis: see `policies.sac.make_loss`."""
+    """observation (A, B, O), action (A, B, D) -> Q (A, B). No trailing axis: see `definition.make_loss`."""
 
     in_keys = ["observation", "action"]  # noqa: RUF012
     out_keys = ["state_action_value"]  # noqa: RUF012

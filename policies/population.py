@@ -22,13 +22,15 @@ from numpy.typing import NDArray
 
 from policies import task
 from policies.batched_env import BatchedPendulum
+from policies.feed import LENGTH, Feed
 from policies.randomization import Randomization
 from policies.replay import Replay
+from policies.replayed import Replayed
 from policies.sac import SAC, SACSettings
-from policies.streams import Blocks, Purpose
+from policies.streams import Purpose
 from sysid import InvalidInput, Model, State
 
-CHECKPOINT_VERSION = 1
+CHECKPOINT_VERSION = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,21 +72,20 @@ class Population:
         self.agents = agents = len(self.seeds)
         self.sac = SAC(self.seeds, settings, device=device)
         self.replay = Replay(agents, min(settings.capacity, settings.steps), 3, 1, device)
-        self.steps_done = 0
-        batch = settings.batch
-        self._random = Blocks(self.seeds, Purpose.EXPLORATION, _exploration)
-        self._uniform = Blocks(self.seeds, Purpose.REPLAY, lambda rng, k: rng.random((k, batch)))
-        self._normal = Blocks(
-            self.seeds, Purpose.LOSS, lambda rng, k: rng.standard_normal((k, 2, batch, 1), dtype=np.float32)
-        )
+        self.steps_done, self._block = 0, -1
+        self._feeds = feeds = _feeds(self.seeds, settings.batch, device)
+        self._exploration, self._uniform, self._normal = feeds
+        self._k = torch.zeros(1, dtype=torch.long, device=self.device)
         self._observation = self.env.restart()
         self._return = torch.zeros(agents, dtype=torch.float64, device=self.device)
-        self._curve: list[tuple[int, list[float]]] = []
+        self._curve: list[tuple[int, torch.Tensor]] = []
+        self._learning_step = Replayed(self._learn, self.device)
 
     @property
     def curves(self) -> list[list[tuple[int, float]]]:
         """Of each agent: (env steps done, return) of every training episode that ended."""
-        return [[(step, returns[a]) for step, returns in self._curve] for a in range(self.agents)]
+        table = [(step, returns.tolist()) for step, returns in self._curve]
+        return [[(step, returns[a]) for step, returns in table] for a in range(self.agents)]
 
     def train(self, steps: int) -> None:
         """Advance every agent by `steps` environment steps, but not beyond settings.steps."""
@@ -92,28 +93,48 @@ class Population:
             self._step()
 
     def _step(self) -> None:
-        k, learning = self.steps_done, self.steps_done >= self.settings.random_steps
-        uniform, normal = self._to_device(self._random[k]).split(1, 1)
-        action = self.sac.act(self._observation, normal) if learning else uniform
-        observation, reward, truncated = self.env.advance(action)
-        never = torch.zeros_like(truncated)
-        self.replay.add(self._observation, action, reward, observation, never)
-        self._observation, self._return = observation, self._return + reward
+        block, k = divmod(self.steps_done, LENGTH)
+        if block != self._block:
+            self._load(block, k)
+        if self.steps_done >= self.settings.random_steps:
+            self._learning_step()
+        else:
+            self._explore()
         self.steps_done += 1
-        if learning:
-            noise, next_noise = self._to_device(self._normal[k]).unbind(1)
-            self.sac.update(self.replay.sample(self._to_device(self._uniform[k])), noise, next_noise)
-        if truncated[0]:
-            self._curve.append((self.steps_done, self._return.tolist()))
-            self._return = torch.zeros_like(self._return)
-            self._observation = self.env.restart()
+        if self.steps_done % self.env.horizon == 0:
+            self._curve.append((self.steps_done, self._return.clone()))
+            self._return.zero_()
+            self._observation.copy_(self.env.restart())
 
-    def _to_device(self, numbers: NDArray) -> torch.Tensor:
-        return torch.from_numpy(numbers).to(self.device)
+    def _load(self, block: int, k: int) -> None:
+        """Take up the random numbers of a block, from its step k on."""
+        for feed in self._feeds:
+            feed.load(block)
+        self._block = block
+        self._k.fill_(k)
+
+    def _explore(self) -> None:
+        """A step with uniform actions."""
+        self._move(self._exploration.at(self._k)[:, :1])
+        self._k.add_(1)
+
+    def _learn(self) -> None:
+        """A step with the policy's actions and an update. Nothing in it waits for the device or depends on the host."""
+        self._move(self.sac.act(self._observation, self._exploration.at(self._k)[:, 1:]))
+        noise, next_noise = self._normal.at(self._k).unbind(1)
+        self.sac.update(self.replay.sample(self._uniform.at(self._k)), noise, next_noise)
+        self._k.add_(1)
+
+    def _move(self, action: torch.Tensor) -> None:
+        """One step of every pendulum, remembered. A time limit is no terminal state."""
+        observation, reward, truncated = self.env.advance(action)
+        self.replay.add(self._observation, action, reward, observation, torch.zeros_like(truncated))
+        self._observation.copy_(observation)
+        self._return.add_(reward)
 
     def policies(self) -> list[NetworkPolicy]:
         """The deterministic policy of every agent as it stands now."""
-        actor = [(w.detach().cpu().numpy().copy(), b.detach().cpu().numpy().copy()) for w, b in self.sac.actor]
+        actor = [(w.cpu().numpy().copy(), b.cpu().numpy().copy()) for w, b in self.sac.actor.weights]
         *hidden, (weight, bias) = actor
         means = [*hidden, (weight[..., :1], bias[..., :1])]
         u_max = self.env.base_model.u_max
@@ -184,7 +205,7 @@ class Population:
             "env": self.env.snapshot(),
             "observation": self._observation,
             "return": self._return,
-            "curve": [[step, returns] for step, returns in self._curve],
+            "curve": [[step, returns.tolist()] for step, returns in self._curve],
         }
 
     def _resume(self, stored: dict[str, Any]) -> None:
@@ -192,9 +213,25 @@ class Population:
         self.sac.restore(stored["sac"])
         self.replay.restore(stored["replay"])
         self.env.restore(stored["env"])
-        self._observation = stored["observation"].to(self.device)
-        self._return = stored["return"].to(self.device)
-        self._curve = [(step, returns) for step, returns in stored["curve"]]
+        self._observation.copy_(stored["observation"])
+        self._return.copy_(stored["return"])
+        self._curve = [(step, torch.tensor(returns, dtype=torch.float64)) for step, returns in stored["curve"]]
+
+
+def _feeds(seeds: Sequence[int], batch: int, device: str) -> tuple[Feed, Feed, Feed]:
+    """Exploration (A, 2), draws from the memory (A, B) and the noise of the losses (A, 2, B, 1), for every step."""
+
+    def uniform(rng: np.random.Generator, length: int) -> NDArray:
+        return rng.random((length, batch))
+
+    def normal(rng: np.random.Generator, length: int) -> NDArray:
+        return rng.standard_normal((length, 2, batch, 1), dtype=np.float32)
+
+    return (
+        Feed(seeds, Purpose.EXPLORATION, _exploration, device),
+        Feed(seeds, Purpose.REPLAY, uniform, device),
+        Feed(seeds, Purpose.LOSS, normal, device),
+    )
 
 
 def _exploration(rng: np.random.Generator, length: int) -> NDArray[np.float32]:

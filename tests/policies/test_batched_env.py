@@ -56,8 +56,8 @@ def test_a_time_limit_truncates_and_never_terminates():
 
 def test_a_new_episode_draws_new_parameters_and_a_new_start():
     env = make([PriorRange()] * 2, (1, 2))
-    first = env.restart(), dict(env.parameters_now)
-    second = env.restart(), dict(env.parameters_now)
+    first = env.restart(), env.snapshot()["parameters"]
+    second = env.restart(), env.snapshot()["parameters"]
     assert (first[0] != second[0]).all()
     for name in ("m", "l"):
         assert (first[1][name] != second[1][name]).all()

@@ -20,7 +20,7 @@ def make(randomizations=BANDS, seeds=(0, 1, 0), settings=SHORT, **options):
 
 
 def weights(population):
-    return [p.detach().clone() for p in population.sac.loss.state_dict().values()]
+    return [stack.flat.clone() for stack in (population.sac.actor, population.sac.critics, population.sac.targets)]
 
 
 @pytest.fixture(scope="module")
@@ -36,9 +36,9 @@ def test_an_agent_trained_alone_becomes_what_it_becomes_among_others():
     for a in range(3):
         alone = make(BANDS[a : a + 1], (together.seeds[a],))
         alone.train(260)
-        torch.testing.assert_close(together.replay.rows[a], alone.replay.rows[0], rtol=1e-3, atol=1e-3)
-        torch.testing.assert_close(together.replay.rows[a, :150], alone.replay.rows[0, :150], rtol=0.0, atol=0.0)
-        for (w, b), (w_alone, b_alone) in zip(together.sac.actor, alone.sac.actor, strict=True):
+        torch.testing.assert_close(together.replay.rows[:, a], alone.replay.rows[:, 0], rtol=1e-3, atol=1e-3)
+        torch.testing.assert_close(together.replay.rows[:150, a], alone.replay.rows[:150, 0], rtol=0.0, atol=0.0)
+        for (w, b), (w_alone, b_alone) in zip(together.sac.actor.weights, alone.sac.actor.weights, strict=True):
             torch.testing.assert_close(w[a], w_alone[0], rtol=1e-3, atol=1e-3)
             torch.testing.assert_close(b[a], b_alone[0], rtol=1e-3, atol=1e-3)
 
@@ -96,12 +96,12 @@ def test_a_save_that_fails_leaves_the_last_checkpoint_whole(tmp_path, monkeypatc
 def test_a_time_limit_is_no_terminal_state_and_hides_no_transition():
     population = make()
     population.train(230)
-    rows = population.replay.rows[:, :230]
+    rows = population.replay.rows[:230]
     assert (rows[..., -1] == 0.0).all()
     observation, following = rows[..., :3], rows[..., 5:8]
-    same = (following[:, :-1] == observation[:, 1:]).all(-1)
-    assert same[:, :199].all() and same[:, 200:].all()
-    assert not same[:, 199].any()
+    same = (following[:-1] == observation[1:]).all(-1)
+    assert same[:199].all() and same[200:].all()
+    assert not same[199].any()
 
 
 def test_the_first_steps_are_uniform_and_the_networks_wait_for_them():
@@ -109,7 +109,7 @@ def test_the_first_steps_are_uniform_and_the_networks_wait_for_them():
     before = weights(population)
     population.train(150)
     assert all(torch.equal(x, y) for x, y in zip(weights(population), before, strict=True))
-    actions = population.replay.rows[:, :150, 3]
+    actions = population.replay.rows[:150, :, 3]
     assert actions.abs().max() <= 1.0
     assert (actions**2).mean().item() == pytest.approx(1.0 / 3.0, abs=0.06)
     population.train(1)
@@ -119,7 +119,7 @@ def test_the_first_steps_are_uniform_and_the_networks_wait_for_them():
 def test_curves_hold_the_return_of_every_training_episode(undisturbed):
     for a, curve in enumerate(undisturbed.curves):
         assert [step for step, _ in curve] == [200, 400]
-        latest = undisturbed.replay.rows[a, :, 4].roll(-150)  # a ring of 300, written 450 times
+        latest = undisturbed.replay.rows[:, a, 4].roll(-150)  # a ring of 300, written 450 times
         assert curve[1][1] == pytest.approx(latest[50:250].sum().item(), rel=1e-5)
 
 

@@ -1,13 +1,13 @@
 """The population's SAC is plain SAC, for every agent by itself."""
 
 import copy
-import math
 
 import numpy as np
 import pytest
 import torch
 from torch import nn
 
+from policies.definition import Definition, in_order
 from policies.replay import Batch
 from policies.sac import SAC, SACSettings
 from sysid import InvalidInput
@@ -15,7 +15,7 @@ from sysid import InvalidInput
 SMALL = SACSettings(hidden=(16, 16), batch=8)
 
 
-def data(agents, batch, seed=0, observation_size=3):
+def data(agents, batch, seed=0, observation_size=3, action_size=1):
     """A batch and the two noises, agent a's numbers from seed + a alone."""
     drawn = []
     for a in range(agents):
@@ -23,12 +23,12 @@ def data(agents, batch, seed=0, observation_size=3):
         drawn.append(
             (
                 rng.standard_normal((batch, observation_size)),
-                rng.uniform(-1.0, 1.0, (batch, 1)),
+                rng.uniform(-1.0, 1.0, (batch, action_size)),
                 rng.standard_normal(batch) - 3.0,
                 rng.standard_normal((batch, observation_size)),
                 rng.random(batch) < 0.3,
-                rng.standard_normal((batch, 1)),
-                rng.standard_normal((batch, 1)),
+                rng.standard_normal((batch, action_size)),
+                rng.standard_normal((batch, action_size)),
             )
         )
     stacked = [np.stack(column) for column in zip(*drawn, strict=True)]
@@ -37,33 +37,32 @@ def data(agents, batch, seed=0, observation_size=3):
 
 
 def set_temperatures(sac, values):
-    with torch.no_grad():
-        sac.loss.log_alpha.copy_(torch.tensor(values).log().reshape(-1, 1))
+    sac.log_alpha.copy_(torch.tensor(values).log().reshape(-1, 1))
 
 
-def leaves(sac):
-    critics = [p for layer in sac.critics for p in layer]
-    actor = [p for layer in sac.actor for p in layer]
-    return critics, [*actor, sac.loss.log_alpha]
+def gradients(sac):
+    """Of the critics (2, A, ...), and of actor and temperature (A, ...)."""
+    critics = in_order(sac.critic_gradients, sac.agents)
+    return critics, [*in_order(sac.actor_gradients, sac.agents), sac.actor_gradients.extra]
 
 
 class PlainSAC:
     """One agent's SAC in the words of the papers, with ordinary layers: what the population must agree with."""
 
     def __init__(self, sac, a):
-        def network(layers, *index):
+        def network(stack, index):
             modules = []
-            for w, b in layers:
+            for w, b in stack.weights:
                 linear = nn.Linear(*w[index].shape)
-                linear.weight.data, linear.bias.data = w[index].detach().T.clone(), b[index][0].detach().clone()
+                linear.weight.data, linear.bias.data = w[index].T.clone(), b[index][0].clone()
                 modules += [linear, nn.ReLU()]
             return nn.Sequential(*modules[:-1])
 
         self.settings = sac.settings
         self.actor = network(sac.actor, a)
-        self.critics = nn.ModuleList([network(sac.critics, i, a) for i in range(2)])
+        self.critics = nn.ModuleList([network(sac.critics, 2 * a + i) for i in range(2)])
         self.targets = copy.deepcopy(self.critics)
-        self.log_alpha = sac.loss.log_alpha[a].detach().clone().requires_grad_()
+        self.log_alpha = sac.log_alpha[a].clone().requires_grad_()
         self.critic_optimizer = torch.optim.Adam(self.critics.parameters(), lr=sac.settings.learning_rate)
         self.actor_optimizer = torch.optim.Adam(self.actor.parameters(), lr=sac.settings.learning_rate)
         self.alpha_optimizer = torch.optim.Adam([self.log_alpha], lr=sac.settings.learning_rate)
@@ -105,8 +104,6 @@ class PlainSAC:
 
 def test_updates_are_those_of_plain_sac():
     sac = SAC((3, 4, 5), SACSettings(hidden=(16, 16), batch=8, gamma=0.9, polyak=0.3))
-    slow = sac.loss.target_qvalue_network_params
-    targets = [(slow[f"w{i}"], slow[f"b{i}"]) for i in range(3)]
     set_temperatures(sac, [1.0, 0.3, 0.05])
     plain = [PlainSAC(sac, a) for a in range(3)]
     close = {"rtol": 1e-4, "atol": 2e-5}
@@ -115,17 +112,40 @@ def test_updates_are_those_of_plain_sac():
         sac.update(batch, noise, next_noise)
         for a, one in enumerate(plain):
             one.update(Batch(*(field[a] for field in batch)), noise[a], next_noise[a])
-            pairs = [((w[a], b[a]), linear) for (w, b), linear in zip(sac.actor, one.actor[::2], strict=True)]
+            pairs = [((w[a], b[a]), linear) for (w, b), linear in zip(sac.actor.weights, one.actor[::2], strict=True)]
             for i in range(2):
-                for stacked, networks in ((sac.critics, one.critics), (targets, one.targets)):
-                    pairs += [((w[i, a], b[i, a]), lin) for (w, b), lin in zip(stacked, networks[i][::2], strict=True)]
-                gradients = [leaf.grad[i, a] for layer in sac.critics for leaf in layer]
-                for ours, theirs in zip(gradients, one.critic_gradients[i], strict=True):
-                    torch.testing.assert_close(ours.T.squeeze(-1), theirs.reshape(ours.T.squeeze(-1).shape), **close)
+                for stack, networks in ((sac.critics, one.critics), (sac.targets, one.targets)):
+                    own = [(w[2 * a + i], b[2 * a + i]) for w, b in stack.weights]
+                    pairs += list(zip(own, networks[i][::2], strict=True))
+                ours = [leaf[2 * a + i] for layer in sac.critic_gradients.weights for leaf in layer]
+                for leaf, theirs in zip(ours, one.critic_gradients[i], strict=True):
+                    torch.testing.assert_close(leaf.T.squeeze(-1), theirs.reshape(leaf.T.squeeze(-1).shape), **close)
             for (w, b), linear in pairs:
                 torch.testing.assert_close(w, linear.weight.T, **close)
                 torch.testing.assert_close(b[0], linear.bias, **close)
-            torch.testing.assert_close(sac.loss.log_alpha[a], one.log_alpha, **close)
+            torch.testing.assert_close(sac.log_alpha[a], one.log_alpha, **close)
+
+
+@pytest.mark.parametrize(("hidden", "actions"), [((64, 64), 1), ((256, 256), 1), ((32,), 2), ((16, 24, 8), 3)])
+def test_gradients_are_those_of_sacloss(hidden, actions):
+    """To 1e-5 of the largest, through several steps; also where log_std is beyond its bounds."""
+    sac = SAC((3, 4, 5), SACSettings(hidden=hidden, batch=32, polyak=0.1), action_size=actions)
+    set_temperatures(sac, [1.0, 0.3, 0.05])
+    sac.actor.weights[-1][1][1, 0, actions:] += 2.0
+    definition = Definition(sac)
+    for k in range(4):
+        numbers = data(3, 32, seed=10 * k, action_size=actions)
+        sac.update(*numbers)
+        definition.update(*numbers)
+        assert (sac.critic_gradients.flat != 0.0).any() and (sac.actor_gradients.flat != 0.0).any()
+        critics, actor = gradients(sac)
+        defined = [leaf.grad for layer in definition.critics for leaf in layer]
+        defined_actor = [leaf.grad for layer in definition.actor for leaf in layer] + [definition.loss.log_alpha.grad]
+        for ours, theirs in zip(critics + actor, defined + defined_actor, strict=True):
+            torch.testing.assert_close(ours, theirs, rtol=1e-5, atol=1e-5 * float(theirs.abs().max()))
+    for stack, layers in ((sac.critics, definition.critics), (sac.targets, definition.targets)):
+        for ours, theirs in zip(in_order(stack, 3), [leaf for layer in layers for leaf in layer], strict=True):
+            torch.testing.assert_close(ours, theirs, rtol=1e-4, atol=1e-5)
 
 
 @pytest.mark.parametrize("agents", [2, 8])
@@ -140,17 +160,17 @@ def test_gradients_together_and_alone_agree(agents):
         alone = SAC([a], SMALL)
         set_temperatures(alone, temperatures[a : a + 1])
         alone.update(*data(1, 8, seed=a))
-        for ours, theirs in zip(leaves(together)[0], leaves(alone)[0], strict=True):
-            torch.testing.assert_close(ours.grad[:, a], theirs.grad[:, 0], rtol=1e-5, atol=1e-5)
-        for ours, theirs in zip(leaves(together)[1], leaves(alone)[1], strict=True):
-            torch.testing.assert_close(ours.grad[a], theirs.grad[0], rtol=1e-5, atol=1e-5)
+        for ours, theirs in zip(gradients(together)[0], gradients(alone)[0], strict=True):
+            torch.testing.assert_close(ours[:, a], theirs[:, 0], rtol=1e-5, atol=1e-5)
+        for ours, theirs in zip(gradients(together)[1], gradients(alone)[1], strict=True):
+            torch.testing.assert_close(ours[a], theirs[0], rtol=1e-5, atol=1e-5)
 
 
 def test_the_pass_over_both_critics_is_sacloss_own_loop():
-    sac, (batch, noise, next_noise) = SAC((0, 1, 2), SMALL), data(3, 8)
-    fast, _ = sac.loss.qvalue_v2_loss(sac._tensordict(batch, noise, next_noise))
-    sac.loss._make_vmap()
-    own, _ = sac.loss.qvalue_v2_loss(sac._tensordict(batch, noise, next_noise))
+    definition, (batch, noise, next_noise) = Definition(SAC((0, 1, 2), SMALL)), data(3, 8)
+    fast, _ = definition.loss.qvalue_v2_loss(definition._tensordict(batch, noise, next_noise))
+    definition.loss._make_vmap()
+    own, _ = definition.loss.qvalue_v2_loss(definition._tensordict(batch, noise, next_noise))
     torch.testing.assert_close(fast, own)
 
 
@@ -158,13 +178,10 @@ def test_an_actor_follows_its_own_critic_and_always_the_latest():
     def actor_gradients(change):
         sac = SAC((0, 1), SMALL)
         sac.update(*data(2, 8))
-        with torch.no_grad():
-            for w, _ in sac.critics:
-                w[:, 1] *= change
-        loss, _ = sac.loss.actor_loss(sac._tensordict(*data(2, 8)))
-        sac.actor_optimizer.zero_grad()
-        loss.sum().backward()
-        return [p.grad for layer in sac.actor for p in layer]
+        for w, _ in sac.critics.weights:
+            w[2:] *= change
+        sac.update(*data(2, 8))
+        return gradients(sac)[1][:-1]
 
     for before, after in zip(actor_gradients(1.0), actor_gradients(-2.0), strict=True):
         assert torch.equal(before[0], after[0])
@@ -189,10 +206,12 @@ def test_learning_uses_no_global_randomness():
 
 def test_initial_networks_come_from_the_own_seed():
     together, alone = SAC((7, 8), SMALL), SAC((8,), SMALL)
-    for ours, theirs in zip(leaves(together)[1], leaves(alone)[1], strict=True):
+    for ours, theirs in zip(in_order(together.actor, 2), in_order(alone.actor, 1), strict=True):
         assert torch.equal(ours[1], theirs[0])
-    w = together.critics[0][0]
-    assert not torch.equal(w[0, 0], w[1, 0]) and not torch.equal(w[0, 0], w[0, 1])
+    for ours, theirs in zip(in_order(together.critics, 2), in_order(alone.critics, 1), strict=True):
+        assert torch.equal(ours[:, 1], theirs[:, 0])
+    w = together.critics.weights[0][0]
+    assert not torch.equal(w[0], w[1]) and not torch.equal(w[0], w[2])
 
 
 def probe(settings, reward, terminated, steps):
@@ -211,8 +230,8 @@ COLD = SACSettings(hidden=(64,), batch=64, gamma=0.5, polyak=0.2, learning_rate=
 
 
 def q_values(sac, action):
-    x = torch.tensor([[0.0, action]]).expand(2, 2, 1, 2)
-    (w0, b0), (w1, b1) = sac.critics
+    x = torch.tensor([[0.0, action]]).expand(4, 1, 2)
+    (w0, b0), (w1, b1) = sac.critics.weights
     return (torch.relu(x @ w0 + b0) @ w1 + b1).flatten().tolist()
 
 
@@ -236,9 +255,8 @@ def test_temperature_falls_while_the_policy_is_more_random_than_wanted_and_rises
     for target, direction in ((-3.0, -1.0), (1.0, 1.0)):
         sac = SAC((0, 1), SACSettings(hidden=(16, 16), batch=64, target_entropy=target))
         sac.update(*data(2, 64))
-        moved = sac.loss.log_alpha.detach().flatten()
+        moved = sac.log_alpha.flatten()
         assert moved.tolist() == pytest.approx([direction * 1e-3] * 2, rel=1e-3)
-    assert math.isclose(float(sac.loss.target_entropy), 1.0)
 
 
 @pytest.mark.parametrize(
