@@ -16,7 +16,7 @@ ESTIMATES = {0: (1.0, 1.0), 5: (3.0, 1.3), 50: (2.1, 1.5)}
 
 
 def study(point=QUICK.points[0], start_effect=20.0):
-    """The answer of a point: J = optimum - cost of the estimate - cost of width and learning + what start states give."""
+    """The answer of a point: J = optimum - cost of the estimate - cost of width and learning + worth of the starts."""
     preset = dataclasses.replace(QUICK, points=(point,))
     starts = {seed: start_effect * np.sin(1.0 + seed) for seed in preset.reference_seeds}
 

@@ -1,0 +1,75 @@
+"""Identification: the paper's estimates, and the same rollouts for every identifier."""
+
+import csv
+import dataclasses
+import math
+from pathlib import Path
+
+import pytest
+
+from study.config import PAPER, PRESETS, Point
+from study.identification import IdentificationTask, identify
+from sysid import InvalidInput
+
+PUBLISHED = Path(__file__).resolve().parents[3] / "shared" / "data" / "paper"
+FILES = {
+    "small_gap": "exp_gap_1.5_1.2.csv",
+    "large_gap": "exp_gap_2.5_2.0.csv",
+    "low_noise": "exp_noise_0.5.csv",
+    "high_noise": "exp_noise_2.0.csv",
+}
+(MAIN,) = PAPER.points
+
+
+def test_without_rollouts_there_is_the_prior():
+    assert identify(MAIN, 0, 3) == MAIN.prior
+
+
+@pytest.mark.parametrize("name", ["main", *FILES])
+def test_the_grid_finds_the_published_estimates(name):
+    if not PUBLISHED.is_dir():
+        pytest.skip("the authors' per-run results are not beside this checkout (../shared/data/paper)")
+    point = MAIN if name == "main" else PRESETS["robustness"].point(name)
+    with (PUBLISHED / FILES.get(name, "summary.csv")).open() as file:
+        rows = [row for row in csv.DictReader(file) if row["n"] in ("5", "10") and row["seed"] in ("0", "4")]
+    assert rows
+    for row in rows:
+        found = identify(point, int(row["n"]), int(row["seed"]))
+        assert found == pytest.approx((float(row["theta_hat_mass"]), float(row["theta_hat_length"])), abs=1e-9)
+
+
+def test_least_squares_and_the_kalman_filter_come_closer_than_the_grid_from_the_same_rollouts():
+    errors = {
+        name: sum(math.dist(identify(dataclasses.replace(MAIN, identifier=name), 2, s), MAIN.truth) for s in (0, 1, 2))
+        for name in ("grid", "least_squares", "unscented")
+    }
+    assert 4.0 * max(errors["least_squares"], errors["unscented"]) < errors["grid"]
+
+
+def test_a_noisier_sensor_makes_a_worse_estimate():
+    errors = [
+        sum(
+            math.dist(identify(dataclasses.replace(MAIN, identifier="least_squares", sigma=sigma), 2, s), MAIN.truth)
+            for s in range(4)
+        )
+        for sigma in (0.1, 1.0)
+    ]
+    assert errors[0] < errors[1]
+
+
+def test_a_task_estimates_every_budget_of_its_seed():
+    point = Point("other", (0, 1, 2), (0.0,), (7,), truth=(1.5, 1.2))
+    shares = []
+
+    class Silent:
+        progress = staticmethod(shares.append)
+
+    found = IdentificationTask(point, 7).run(Silent())
+    assert [e[:4] for e in found] == [("other", n, 7, identify(point, n, 7)) for n in (0, 1, 2)]
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+
+
+def test_an_unknown_identifier_is_refused():
+    with pytest.raises(InvalidInput, match="'oracle': expected one of grid, least_squares, unscented"):
+        identify(dataclasses.replace(MAIN, identifier="oracle"), 1, 0)

@@ -1,0 +1,49 @@
+"""Files of policies: the same commands come out, and nothing in a file is executed."""
+
+import pickle
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from policies.population import NetworkPolicy
+from study.config import Cell
+from study.policy_files import read_policies, write_policies
+from sysid import InvalidInput, paper_model
+
+CELLS = (Cell("main", 0, 0.0, 0), Cell("large_gap", 50, 0.1, 7))
+
+
+def policy(rng):
+    sizes = [(3, 4), (4, 1)]
+    layers = tuple((rng.normal(size=s).astype(np.float32), rng.normal(size=s[1]).astype(np.float32)) for s in sizes)
+    return NetworkPolicy(layers, 2.0)
+
+
+def test_policies_command_the_same_after_reading(tmp_path):
+    policies = [policy(np.random.default_rng(seed)) for seed in (0, 1)]
+    path = tmp_path / "policies" / "population_1.npz"
+    write_policies(path, CELLS, policies)
+    found = read_policies(path)
+    assert tuple(found) == CELLS
+    state = paper_model().initial_state(np.linspace(-3.0, 3.0, 9), np.linspace(-8.0, 8.0, 9))
+    for before, after in zip(policies, found.values(), strict=True):
+        assert np.array_equal(before(state, 0.0), after(state, 0.0))
+    assert not np.array_equal(policies[0](state, 0.0), policies[1](state, 0.0))
+
+
+def test_a_file_that_would_run_code_or_is_none_is_refused(tmp_path):
+    class Trap:
+        def __reduce__(self):
+            return (tmp_path.joinpath("sprung").touch, ())
+
+    pickled = tmp_path / "pickled.npz"
+    np.savez(pickled, cells=np.array([Trap()], dtype=object), u_max=np.ones(1))
+    bare = tmp_path / "bare.npz"
+    bare.write_bytes(pickle.dumps(SimpleNamespace()))
+    cut = tmp_path / "cut.npz"
+    cut.write_bytes(pickled.read_bytes()[:100])
+    for path in (pickled, bare, cut, tmp_path / "missing.npz"):
+        with pytest.raises(InvalidInput, match="not a file of policies"):
+            read_policies(path)
+    assert not (tmp_path / "sprung").exists()
