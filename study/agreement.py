@@ -241,8 +241,9 @@ class Agreement:
         median = float(np.median([abs(c.difference.mean) for c in self.cells]))
         chance = 0.05 * len(self.cells)
         return (
-            f"Of {len(self.cells)} published cells that were run here, {count[SAME]} are the same within ±{MARGIN:.0f}, "
-            f"{count[DIFFERS]} differ and {count[OPEN]} stay open: their seeds scatter too much to tell. The median distance of two means is {median:.0f}. At 95 % about {chance:.0f} would seem to differ by "
+            f"Of {len(self.cells)} published cells that were run here, {count[SAME]} are the same within "
+            f"±{MARGIN:.0f}, {count[DIFFERS]} differ and {count[OPEN]} stay open, for their seeds scatter too much. "
+            f"The median distance of two means is {median:.0f}. At 95 % about {chance:.0f} would seem to differ by "
             "chance alone."
         )
 

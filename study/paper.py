@@ -239,6 +239,7 @@ ID_ERRORS = {
 """Mean ||theta_hat - theta*|| by budget; 1.12 and 0.64 are printed (Sec. III), the rest is of the files."""
 
 QUOTES = {
+    "starts": ("each seed uses its own fixed set of evaluation initial conditions", "Sec. II-C"),
     "rate": ("the identification error falls roughly as 1/√n", "Sec. II-B"),
     "bias": (
         "the additive sensor noise, which also enters the one-step predictor's inputs and biases the least-squares fit",

@@ -1,0 +1,247 @@
+"""What the paper claims beside its table, each answered in a sentence with its numbers.
+
+rate, bias, floor   from identification alone, on many seeds (`study.scatter`); nothing is trained for them
+plateau, monotone   from the cells, there and here                  starts   from the evaluation's start states
+undertraining       from the learning curves of the widest band, and from twice the training where it was run
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from study.paper import CELLS, QUOTES, SEEDS, Spot
+from study.published import Outcomes
+from study.scatter import Scatter
+from study.statistics import MINUS, Contrast, paired_t, sem, student
+
+HOLDS, IN_PART, FAILS, OPEN = "holds", "in part", "does not hold", "open"
+NEAR = 20.0
+"""A return is 'near' another within this."""
+CELL = 2.7 / 60
+"""Step of the paper's grid [kg, m]."""
+
+Curve = Sequence[tuple[int, float]]
+"""(environment steps done, return) of training episodes."""
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A claim of the paper, a verdict in a word or two, and the answer in a few sentences."""
+
+    name: str
+    verdict: str
+    answer: str
+
+    @property
+    def quote(self) -> str:
+        """The paper's words."""
+        return QUOTES[self.name][0]
+
+    @property
+    def place(self) -> str:
+        """Where they stand."""
+        return QUOTES[self.name][1]
+
+
+def rate(found: Scatter) -> Claim:
+    """Does the identification error fall as 1/sqrt(n)?"""
+    rng, last = np.random.default_rng(0), found.budgets[-1]
+    small, large = found.exponent(1.0, 5, 50, rng), found.exponent(1.0, 100, last, rng)
+    five, fifty = (_percent(found.at_bound(1.0, n)) for n in (5, 50))
+    return Claim(
+        "rate",
+        HOLDS if small[1] <= -0.5 <= small[2] else FAILS,
+        f"Between 5 and 50 rollouts the mean error over {found.seeds} seeds falls as n to the power {_power(small)}, "
+        f"not {MINUS}0.5: m ends at the edge of the grid in {five} of measurements with 5 rollouts and in {fifty} "
+        f"with 50, so it is the box that bounds the error, not the data. Between 100 and {last} rollouts the power "
+        f"is {_power(large)}.",
+    )
+
+
+def bias(found: Scatter) -> Claim:
+    """Does noise in the predictor's inputs bias the fit, or only scatter it?"""
+    last, truth = found.budgets[-1], np.array(found.truth)
+    noisy, clean = found.thetas(1.0, 50) - truth, found.thetas(1.0, 50, clean=True) - truth
+    m, l = (student(float(x.mean()), sem(x), len(x)) for x in noisy.T)  # noqa: E741
+    sd = np.std(noisy, axis=0, ddof=1)
+    share = (m.mean**2 + l.mean**2) / float(np.mean(np.sum(noisy**2, axis=1)))
+    inputs = paired_t(noisy[:, 0], clean[:, 0])
+    text = (
+        f"At n = 50 m is off by {_fine(m)} kg on average and l by {_fine(l)} m, while single measurements scatter by "
+        f"{sd[0]:.2f} kg and {sd[1]:.2f} m: bias is {_percent(share)} of the squared error. With the same noise "
+        f"taken out of the inputs m is off by {_signed(clean[:, 0].mean(), 3)} kg all the same (difference "
+        f"{_fine(inputs)}): the measured speed enters the prediction with a fixed factor of one, so noise there acts "
+        "as noise of the output does, and what is left comes from m standing in a denominator."
+    )
+    if 2.0 in found.sigmas:
+        ends = (_signed(np.mean(found.thetas(2.0, last, clean=c)[:, 1]) - truth[1]) for c in (False, True))
+        text += (
+            " Only through the speed limit does it bias: at sigma = 2 and n = {}, l is off by {} m, by {} m with "
+            "clean inputs.".format(last, *ends)
+        )
+    return Claim("bias", IN_PART if inputs.significant else FAILS, text)
+
+
+def floor(found: Scatter) -> Claim:
+    """Is there a floor at 5 rollouts for sigma = 0.5, and at 50 for sigma = 2?"""
+    last = found.budgets[-1]
+    quiet, loud = (
+        {n: float(np.mean(row)) for n, row in zip(found.budgets, found.errors(sigma), strict=True)}
+        for sigma in (0.5, 2.0)
+    )
+    still = min(quiet[5] / quiet[50], loud[50] / loud[last])
+    return Claim(
+        "floor",
+        FAILS if still > 1.2 else OPEN,
+        f"The error goes on falling: at sigma = 0.5 it is {quiet[5]:.2f} on average with 5 rollouts, {quiet[50]:.2f} "
+        f"with 50 and {quiet[last]:.2f} with {last}; at sigma = 2 it is {loud[50]:.2f} with 50 and {loud[last]:.2f} "
+        f"with {last}. A floor of about {nearest_cell(found.truth):.2f} to {CELL:.2f}, the grid's cells about the "
+        "truth, lies below all of these. What is flat from 5 rollouts on at sigma = 0.5 is the return "
+        f"({_cell('low_noise', 5)}, and {_cell('low_noise', 50)} with 50): it asks for no better model.",
+    )
+
+
+def nearest_cell(truth: tuple[float, float]) -> float:
+    """Distance of the truth to the nearest cell of the paper's grid."""
+    axis = 0.3 + CELL * np.arange(61)
+    return float(np.hypot(*(np.min(np.abs(axis - value)) for value in truth)))
+
+
+def plateau(ours: Outcomes | None = None) -> Claim:
+    """Does every cell from n = 10 upward sit near -340?"""
+    spots = [spot for spot in CELLS if spot.point == "main" and spot.n >= 10]
+    far = [spot for spot in spots if abs(CELLS[spot].mean + 340.0) > NEAR]
+    worst = min(spots, key=lambda spot: CELLS[spot].mean)
+    text = (
+        f"Of the paper's own {len(spots)} cells from n = 10 upward, {len(spots) - len(far)} are within {NEAR:.0f} of "
+        f"{MINUS}340; the widest bands are not (n = {worst.n}, w = {worst.w:g}: {_number(CELLS[worst].mean)})."
+    )
+    run = [spot for spot in spots if ours is not None and spot in ours]
+    if ours is not None and run:
+        near = sum(abs(ours.summary(spot).mean + 340.0) <= NEAR for spot in run)
+        text += f" Here {near} of {len(run)} are."
+    return Claim("plateau", IN_PART if far else HOLDS, text)
+
+
+def monotone(ours: Outcomes | None = None) -> Claim:
+    """Does widening the band never improve the return?"""
+    text = f"In the paper's own means {_improvements({s: c.mean for s, c in CELLS.items() if s.point == 'main'})}."
+    if ours is not None:
+        means = {spot: ours.summary(spot).mean for spot in ours.table if spot.point == "main"}
+        if len({spot.w for spot in means}) > 1:
+            text += f" Here {_improvements(means)}."
+    return Claim("monotone", IN_PART, text + " Which of these are more than scatter is in the table of contrasts.")
+
+
+def _improvements(means: Mapping[Spot, float]) -> str:
+    """How many of a sweep's steps to the next width raise the mean, and which does most."""
+    rows = [sorted(spot for spot in means if spot.n == n) for n in sorted({spot.n for spot in means})]
+    steps = [pair for row in rows for pair in itertools.pairwise(row)]
+    better = [(a, b) for a, b in steps if means[b] > means[a]]
+    if not better:
+        return f"none of {len(steps)} steps to the next width raises the return"
+    a, b = max(better, key=lambda pair: means[pair[1]] - means[pair[0]])
+    return (
+        f"{len(better)} of {len(steps)} steps to the next width raise{'s' if len(better) == 1 else ''} the return, "
+        f"most at n = {a.n} from w = {a.w:g} to {b.w:g} ({_signed(means[b] - means[a], 0)})"
+    )
+
+
+def starts(seeds: Sequence[int] = SEEDS, ours: Outcomes | None = None) -> Claim:
+    """Do seeds have start states of their own, and what changes where they do?"""
+    states, total = distinct_starts(seeds)
+    text = (
+        "Episode e of seed s starts from generator s + 50,000 + e, so neighbouring seeds share all but one of their "
+        f"start states: {total} evaluations of a cell stand on {states} distinct ones, and an error over seeds "
+        "leaves out most of what other start states would change."
+    )
+    if ours and (spots := [spot for spot in ours.table if np.isfinite(ours.returns(spot, fresh=True)).all()]):
+        best = max(spots, key=lambda spot: ours.summary(spot).mean)
+        shared, fresh = ours.summary(best), ours.summary(best, fresh=True)
+        moved = [ours.summary(spot, fresh=True).mean - ours.summary(spot).mean for spot in spots]
+        text += (
+            f" From start states that no two seeds share, the best cell (n = {best.n}, w = {best.w:g}) returns "
+            f"{_pair(fresh.mean, fresh.sem)} instead of {_pair(shared.mean, shared.sem)}; over {len(spots)} cells "
+            f"the mean moves by {_signed(float(np.mean(moved)), 0)}, from {_signed(min(moved), 0)} to "
+            f"{_signed(max(moved), 0)}."
+        )
+    return Claim("starts", IN_PART if states < total else HOLDS, text)
+
+
+def distinct_starts(seeds: Sequence[int] = SEEDS, episodes: int = 20) -> tuple[int, int]:
+    """(distinct start states, evaluations) of these seeds."""
+    from policies.evaluate import start_states
+
+    drawn = [state for seed in seeds for state in np.stack(start_states(seed, episodes), axis=1).tolist()]
+    return len(set(map(tuple, drawn))), len(drawn)
+
+
+def undertraining(
+    curves: Mapping[float, Sequence[Curve]], n: int, steps: int, longer: tuple[Contrast, int] | None = None
+) -> Claim:
+    """Is the widest band under-trained?
+
+    curves: by width, of the runs with n rollouts and `steps` training steps; longer: the change of the return on the
+    hidden plant at the widest band when training goes on, and to how many steps.
+    """
+    slopes = {w: slope(group) for w, group in sorted(curves.items())}
+    wide = slopes[max(slopes)]
+    parts = " and ".join(f"{_fine(rise, 1)} at w = {w:g}" for w, rise in slopes.items())
+    text = (
+        f"Over the last third of {steps:,} steps at n = {n} the training return rises per 10,000 steps by {parts} "
+        f"({wide.seeds} seeds)."
+    )
+    if longer is None:
+        text += " Whether more steps help on the hidden plant is what --preset longer and longer-small find out."
+        return Claim("undertraining", IN_PART if wide.low > 0.0 else OPEN, text)
+    gain, long = longer
+    text += f" With {long:,} steps the return on the hidden plant changes by {gain} at the widest band."
+    return Claim("undertraining", HOLDS if gain.low > 0.0 else FAILS if gain.significant else OPEN, text)
+
+
+def slope(curves: Sequence[Curve], share: float = 1.0 / 3.0) -> Contrast:
+    """Rise of the training return per 10,000 steps over the last part of training, with its t interval over seeds."""
+    values = [_slope(np.array(curve, dtype=float), share) for curve in curves]
+    return student(float(np.mean(values)), sem(values), len(values))
+
+
+def _slope(curve: NDArray[np.float64], share: float) -> float:
+    steps, returns = curve[curve[:, 0] >= (1.0 - share) * curve[-1, 0]].T
+    if len(steps) < 2:
+        return 0.0
+    return float(1e4 * np.polyfit(steps - steps.mean(), returns, 1)[0])
+
+
+def _cell(point: str, n: int) -> str:
+    return _number(CELLS[Spot(point, n, 0.0)].mean)
+
+
+def _power(exponent: tuple[float, float, float]) -> str:
+    p, low, high = (_signed(x) for x in exponent)
+    return f"{p} [{low}, {high}]"
+
+
+def _fine(contrast: Contrast, digits: int = 3) -> str:
+    mean, low, high = (_signed(x, digits) for x in (contrast.mean, contrast.low, contrast.high))
+    return f"{mean} [{low}, {high}]"
+
+
+def _pair(mean: float, error: float) -> str:
+    return f"{_number(mean)} ± {error:.1f}"
+
+
+def _signed(value: float, digits: int = 2) -> str:
+    return f"{value:+.{digits}f}".replace("-", MINUS)
+
+
+def _number(value: float) -> str:
+    return f"{value:.0f}".replace("-", MINUS)
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.0f} %"
