@@ -1,10 +1,7 @@
-"""The command line: answers at once, refuses bad input, and goes on after being stopped in any way."""
+"""The command line: answers at once, refuses bad input, and leaves an answer that can be looked up."""
 
-import contextlib
 import csv
-import os
 import re
-import signal
 import sqlite3
 import subprocess
 import sys
@@ -50,6 +47,8 @@ def test_help_answers_within_half_a_second():
         (["--sedes", "3"], ["unknown option '--sedes'", "--preset, --out"]),
         (["--workers", "some"], ["workers", "some"]),
         (["--workers", "-1"], ["--workers -1", "0 for one a core"]),
+        (["--executor", "pool"], ["unknown executor 'pool'", "processes or ray"]),
+        (["--address", "10.0.0.1:6379"], ["10.0.0.1:6379", "--executor ray"]),
         (["--checkpoint-seconds", "nan"], ["nan", "number of seconds >= 0"]),
         (["--device", "abacus"], ["abacus", "'cpu' always can"]),
         (["--out", "pyproject.toml"], ["pyproject.toml is a file", "choose another --out"]),
@@ -114,84 +113,6 @@ def test_every_run_keeps_what_its_number_depends_on(undisturbed):
             assert curve.count("[") == 1 + SMOKE.steps // 200
             assert all(f'"{name}"' in settings for name in ("polyak", "gamma", "randomization", "sigma", "truth"))
             assert all(f'"{name}"' in versions for name in ("torch", "torchrl", "numpy", "python"))
-
-
-class Stoppable:
-    """A smoke study in its own process group, with a checkpoint at every look at the clock."""
-
-    def __init__(self, folder, workers):
-        self.folder = folder
-        arguments = ("--preset", "smoke", "--out", folder, "--workers", workers, "--checkpoint-seconds", "0")
-        self.process = subprocess.Popen(
-            command(*arguments), cwd=ROOT, start_new_session=True, text=True,
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        )  # fmt: skip
-
-    def wait_for_training(self):
-        """Until a checkpoint is written that was not there before."""
-        known = self._checkpoints()
-        deadline = time.monotonic() + 60.0
-        while not self._checkpoints() - known:
-            assert self.process.poll() is None, self.process.communicate()
-            assert time.monotonic() < deadline
-            time.sleep(0.005)
-
-    def _checkpoints(self):
-        found = set()
-        for path in self.folder.glob("*.checkpoint"):
-            with contextlib.suppress(FileNotFoundError):
-                found.add((path.name, path.stat().st_mtime_ns))
-        return found
-
-    def workers(self):
-        """Process ids of its workers."""
-        children = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()
-        return [int(pid) for pid in children if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
-
-    def end(self):
-        out, err = self.process.communicate(timeout=60)
-        return self.process.returncode, out, err
-
-
-@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="workers are looked up in /proc, which is Linux")
-def test_stopped_in_every_way_the_same_command_goes_on_to_the_same_numbers(undisturbed, tmp_path):
-    everything = Stoppable(tmp_path, workers=2)
-    everything.wait_for_training()
-    os.killpg(everything.process.pid, signal.SIGKILL)
-    everything.end()
-    assert list(tmp_path.glob("*.checkpoint"))
-
-    parent = Stoppable(tmp_path, workers=1)
-    parent.wait_for_training()
-    workers = parent.workers()
-    assert workers
-    parent.process.kill()
-    parent.end()
-    deadline = time.monotonic() + 10.0
-    while any(Path(f"/proc/{pid}").exists() for pid in workers):
-        assert time.monotonic() < deadline, "workers outlived their parent"
-        time.sleep(0.05)
-
-    worker = Stoppable(tmp_path, workers=1)
-    worker.wait_for_training()
-    os.kill(worker.workers()[0], signal.SIGKILL)
-    code, _, said = worker.end()
-    assert code == 1
-    assert re.fullmatch(r"error: population \d of 2 failed: .* SIGKILL \(out of memory\?\); .* goes on: .*\n", said)
-
-    (tmp_path / "population_2.checkpoint.partial").write_bytes(b"a checkpoint that was never finished")
-    interrupted = Stoppable(tmp_path, workers=1)
-    interrupted.wait_for_training()
-    os.killpg(interrupted.process.pid, signal.SIGINT)
-    code, _, said = interrupted.end()
-    assert code == 130
-    assert re.fullmatch(r"\nstopped; the same command goes on: python -m study.main --preset smoke --out .*\n", said)
-
-    answer = study("--preset", "smoke", "--out", tmp_path, "--workers", "1")
-    assert answer.returncode == 0, answer.stderr
-    assert "from a checkpoint" in answer.stdout
-    assert rows(tmp_path) == rows(undisturbed[0])
-    assert not list(tmp_path.glob("*.checkpoint*"))
 
 
 def test_quick_has_the_start_states_of_the_paper():

@@ -1,0 +1,126 @@
+"""A study that is killed at random moments, as by a power cut, and started again: the numbers of one that ran through.
+
+Workers, the driver and all of them at once are killed; nobody cleans up.
+"""
+
+import contextlib
+import csv
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+STEPS = 5000
+"""So many that ten kills hit training."""
+STUDY = f"""
+import dataclasses, sys
+from study import config, main
+config.PRESETS["smoke"] = dataclasses.replace(config.SMOKE, steps={STEPS})
+sys.exit(main.main())
+"""
+
+pytestmark = pytest.mark.skipif(
+    not Path("/proc/self/task").exists(), reason="workers are looked up in /proc, which is Linux"
+)
+
+
+class Study:
+    """A study in its own process group, with a checkpoint every fifth of a second."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        arguments = ("--preset", "smoke", "--out", str(folder), "--workers", "2", "--checkpoint-seconds", "0.2")
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", STUDY, *arguments], cwd=ROOT, start_new_session=True, text=True,
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        )  # fmt: skip
+
+    @property
+    def runs(self):
+        return self.process.poll() is None
+
+    def wait_for_checkpoint(self):
+        """Until a checkpoint is written that was not there before, or the study ends."""
+        known, deadline = self.checkpoints(), time.monotonic() + 60.0
+        while self.runs and self.checkpoints() <= known:
+            assert time.monotonic() < deadline
+            time.sleep(0.005)
+
+    def checkpoints(self):
+        found = set()
+        for path in self.folder.glob("*.checkpoint"):
+            with contextlib.suppress(FileNotFoundError):
+                found.add((path.name, path.stat().st_mtime_ns))
+        return found
+
+    def workers(self):
+        """Process ids of its workers."""
+        found = []
+        with contextlib.suppress(FileNotFoundError, ProcessLookupError):
+            children = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()
+            found = [int(pid) for pid in children if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+        return found
+
+    def strike(self, victim, rng):
+        """Kill the victim: a worker, the driver, or everything. Where there is no worker, the driver."""
+        workers = self.workers()
+        if victim == "worker" and workers:
+            os.kill(rng.choice(workers), signal.SIGKILL)
+            return
+        os.killpg(self.process.pid, signal.SIGKILL) if victim == "all" else self.process.kill()
+        self.process.communicate()
+        deadline = time.monotonic() + 10.0
+        while any(Path(f"/proc/{pid}").exists() for pid in workers):
+            assert time.monotonic() < deadline, "workers outlived their driver"
+            time.sleep(0.02)
+
+    def end(self):
+        out, err = self.process.communicate(timeout=120)
+        return self.process.returncode, out, err
+
+
+def table(path):
+    """The text of a CSV file but for the times."""
+    with path.open(newline="") as file:
+        rows = list(csv.reader(file))
+    times = {rows[0].index(name) for name in ("wall_time_s", "seconds") if name in rows[0]}
+    return [[value for k, value in enumerate(row) if k not in times] for row in rows]
+
+
+def test_killed_ten_times_and_resumed_a_study_gives_the_numbers_of_one_that_ran_through(tmp_path):
+    struck, undisturbed = tmp_path / "struck", tmp_path / "undisturbed"
+    study = Study(struck)
+    study.wait_for_checkpoint()
+    (struck / "population_2.checkpoint.partial").write_bytes(b"a checkpoint that was never finished")
+    os.killpg(study.process.pid, signal.SIGINT)
+    code, _, said = study.end()
+    assert code == 130
+    assert re.fullmatch(r"\nstopped; the same command goes on: python -m study.main --preset smoke --out .*\n", said)
+
+    rng = np.random.default_rng(0)
+    for victim in rng.permutation(["worker"] * 5 + ["driver"] * 2 + ["all"] * 2):
+        study = study if study.runs else Study(struck)
+        if rng.random() < 0.7:
+            study.wait_for_checkpoint()
+        time.sleep(rng.uniform(0.0, 1.0))
+        study.strike(victim, rng)
+
+    study = study if study.runs else Study(struck)
+    study.wait_for_checkpoint()
+    study.strike("worker", rng)
+    code, out, said = study.end()
+    assert code == 0, said
+    assert "SIGKILL (out of memory?); it is started again" in out
+
+    code, _, said = Study(undisturbed).end()
+    assert code == 0, said
+    for name in ("runs.csv", "references.csv"):
+        assert table(struck / name) == table(undisturbed / name)
+    assert not list(struck.glob("*.checkpoint*"))
