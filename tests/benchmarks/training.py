@@ -70,13 +70,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for turn in range(given.rounds):
         for who, hidden, agents in turns:
             print(f"\rround {turn + 1} of {given.rounds}: {who} {hidden} {agents}   ", end="", file=sys.stderr)
-            found[who, hidden, agents].append(_turn(who, hidden, agents, given.seconds))
+            found[who, hidden, agents].append(turn(who, hidden, agents, given.seconds))
     print(file=sys.stderr)
     print(_table(found))
     return 0
 
 
-def _turn(who: str, hidden: int, agents: int, seconds: float) -> dict[str, float]:
+def turn(who: str, hidden: int, agents: int, seconds: float) -> dict[str, float]:
+    """Rate [1/s] and memory [B] of a contender, from a process of its own."""
     command = [sys.executable, "-m", "tests.benchmarks.training", "--seconds", str(seconds), "--one", who, str(hidden),
                str(agents)]  # fmt: skip
     done = subprocess.run(
