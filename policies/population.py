@@ -15,6 +15,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from pickle import UnpicklingError
 from typing import Any
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 import torch
@@ -165,10 +166,7 @@ class Population:
         Raises InvalidInput for a file that is no checkpoint, or one of another population or version.
         """
         population = cls(model, randomizations, seeds, settings, device)
-        try:
-            stored = torch.load(path, map_location="cpu", weights_only=True)
-        except (RuntimeError, EOFError, ValueError, KeyError, UnpicklingError) as error:
-            raise InvalidInput(f"{path} is not a checkpoint: expected a file that Population.save wrote") from error
+        stored = _stored(Path(path))
         if not isinstance(stored, dict):
             raise InvalidInput(f"{path} is not a checkpoint: it holds a {type(stored).__name__}")
         for name, expected in population._identity().items():
@@ -238,3 +236,15 @@ def _exploration(rng: np.random.Generator, length: int) -> NDArray[np.float32]:
     """(length, 2): a uniform action in [-1, 1] and the normal noise of the policy's action, for each step."""
     uniform = rng.uniform(-1.0, 1.0, length)
     return np.stack((uniform, rng.standard_normal(length)), 1).astype(np.float32)
+
+
+def _stored(path: Path) -> Any:
+    """What a checkpoint holds. torch.load does not look at the checksums that torch.save writes: zipfile does."""
+    try:
+        with ZipFile(path) as archive:
+            damaged = archive.testzip()
+        if damaged is None:
+            return torch.load(path, map_location="cpu", weights_only=True)
+    except (RuntimeError, OSError, EOFError, ValueError, KeyError, UnpicklingError, BadZipFile) as error:
+        raise InvalidInput(f"{path} is not a checkpoint: expected a file that Population.save wrote") from error
+    raise InvalidInput(f"{path} is damaged ({damaged}): expected a checkpoint as Population.save wrote it")

@@ -193,7 +193,7 @@ class PopulationTask:
             raise OSError(f"the checkpoint {self.checkpoint} cannot be written ({reason})") from error
 
     def _evaluate(self, population: Any, seconds: float) -> list[Run]:
-        found = versions()
+        found, curves = versions(), population.curves
         runs = []
         for a, (cell, policy) in enumerate(zip(self.cells, population.policies(), strict=True)):
             point, theta = self.preset.point(cell.point), self.estimates[a]
@@ -216,7 +216,7 @@ class PopulationTask:
                     theta_hat=theta,
                     id_error=math.dist(theta, point.truth),
                     returns=tuple(answer.returns.tolist()),
-                    curve=tuple((int(step), float(value)) for step, value in population.curves[a]),
+                    curve=tuple((int(step), float(value)) for step, value in curves[a]),
                     settings=settings,
                     versions=found,
                     seconds=seconds / len(self.cells),

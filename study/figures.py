@@ -6,6 +6,7 @@ gap       agents and perfect designers against the optimum  curves   how trainin
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from study.answer import Answer, number
+from study.files import write_whole
 from study.statistics import sem
 from study.store import figure_name
 
@@ -183,7 +185,9 @@ def save_all(answer: Answer, folder: Path) -> dict[str, Path]:
             figure = draw(answer)
             FigureCanvasAgg(figure)
             files[name] = folder / figure_name(answer.preset, answer.point.name, name)
-            figure.savefig(files[name])
+            content = io.BytesIO()
+            figure.savefig(content, format="png")
+            write_whole(files[name], content.getvalue())
     return files
 
 

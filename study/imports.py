@@ -37,13 +37,8 @@ def read_runs(file: Path, preset: Preset, estimates: Estimates) -> list[Run]:
 
     Raises InvalidInput for a file that cannot be read, and for the first row that does not belong to the preset.
     """
-    try:
-        with file.open("rb") as opened:
-            database = opened.read(16) == b"SQLite format 3\0"
-    except OSError as error:
-        raise InvalidInput(f"--import {file}: {error.strerror}; expected a results.sqlite or a runs.csv") from None
     runs: dict[Cell, Run] = {}
-    for place, run in _database(file) if database else _table(file, preset):
+    for place, run in _database(file) if is_database(file) else _table(file, preset):
         problem = "it is there twice" if run.cell in runs else _foreign(run, preset, estimates)
         if problem:
             raise InvalidInput(f"{file}, {place} ({_name(run.cell)}) does not belong to {preset.name!r}: {problem}")
@@ -53,6 +48,15 @@ def read_runs(file: Path, preset: Preset, estimates: Estimates) -> list[Run]:
             run, population=-1, theta_hat=theta, id_error=math.dist(theta, truth), imported=file.name
         )
     return list(runs.values())
+
+
+def is_database(file: Path) -> bool:
+    """Whether it is SQLite's, by its first bytes; raises InvalidInput for a file that cannot be read."""
+    try:
+        with file.open("rb") as opened:
+            return opened.read(16) == b"SQLite format 3\0"
+    except OSError as error:
+        raise InvalidInput(f"--import {file}: {error.strerror}; expected a results.sqlite or a runs.csv") from None
 
 
 def _name(cell: Cell) -> str:
@@ -68,7 +72,7 @@ def _foreign(run: Run, preset: Preset, estimates: Estimates) -> str:
     if n not in known.budgets or w not in known.widths or seed not in known.seeds:
         return f"expected n in {known.budgets}, w in {known.widths} and a seed in {known.seeds}"
     theta = estimates[point, n, seed]
-    if not max(abs(a - b) for a, b in zip(run.theta_hat, theta, strict=True)) <= TOLERANCE:
+    if not all(abs(a - b) <= TOLERANCE for a, b in zip(run.theta_hat, theta, strict=True)):
         return f"its theta_hat is {run.theta_hat}, expected {theta} from the rollouts of that seed"
     if not (math.isfinite(run.mean) and math.isfinite(run.std)):
         return f"its return is {run.mean} with sd {run.std}: expected finite numbers"

@@ -18,7 +18,7 @@ from study.config import Preset
 from study.executor import Executor, Task
 from study.files import partial
 from study.identification import IdentificationTask
-from study.imports import read_runs
+from study.imports import is_database, read_runs
 from study.progress import Meter, duration
 from study.references import Designs, ReferenceTask, reference_tasks
 from study.store import Store
@@ -36,6 +36,8 @@ def run(
 
     Raises WorkerFailed where a task fails, after the others have saved; what is finished stays in the store.
     """
+    if imported is not None:
+        is_database(imported)  # a file that cannot be read is refused before anything runs
     _execute(list(_unidentified(preset, store)), store, executor, console)
     if imported is not None:
         taken = store.add_imported(read_runs(imported, preset, store.estimates()))

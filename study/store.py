@@ -149,13 +149,21 @@ class Store:
 
     @contextlib.contextmanager
     def _transaction(self) -> Iterator[sqlite3.Connection]:
-        self.db.execute("BEGIN IMMEDIATE")
+        """All or nothing. Raises OSError where the file is full, locked or read-only."""
         try:
+            self.db.execute("BEGIN IMMEDIATE")
             yield self.db
+            self.db.execute("COMMIT")
+        except sqlite3.OperationalError as error:
+            self._undo()
+            raise OSError(f"{self.path} cannot be written ({error})") from error
         except BaseException:
-            self.db.execute("ROLLBACK")
+            self._undo()
             raise
-        self.db.execute("COMMIT")
+
+    def _undo(self) -> None:
+        if self.db.in_transaction:  # SQLite itself has rolled back where the disk is full
+            self.db.execute("ROLLBACK")
 
     def add_estimates(self, estimates: Sequence[Estimated]) -> None:
         """Keep what identification found, in place of an earlier answer."""

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from policies import task
-from policies.evaluate import Evaluation, evaluate, start_states
+from policies.evaluate import Evaluation, evaluate, fresh_start_states, start_states
 from sysid import InvalidInput, paper_model
 
 
@@ -22,6 +22,17 @@ def test_start_states_are_gymnasiums_resets(seed):
     for e in range(5):
         pendulum.reset(seed=seed + 50_000 + e)
         assert (theta[e], theta_dot[e]) == tuple(pendulum.state)
+
+
+def test_fresh_start_states_are_shared_with_no_other_seed_and_have_the_same_bounds():
+    papers = {state for seed in range(10) for state in zip(*start_states(seed), strict=True)}
+    fresh = [state for seed in range(10) for state in zip(*fresh_start_states(seed), strict=True)]
+    assert len(papers) == 29
+    assert len({*papers, *fresh}) == 29 + 200
+    theta, theta_dot = np.array(fresh).T
+    assert 0.9 * math.pi < np.max(np.abs(theta)) <= math.pi
+    assert 0.9 < np.max(np.abs(theta_dot)) <= 1.0
+    assert np.array_equal(fresh_start_states(3)[0], fresh_start_states(3)[0])
 
 
 def test_returns_are_gymnasiums_at_other_parameters():

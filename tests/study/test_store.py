@@ -96,6 +96,32 @@ def test_a_database_that_another_program_locks_is_refused(tmp_path):
     other.close()
 
 
+def test_a_database_that_another_program_locks_later_is_told(tmp_path):
+    with Store(tmp_path, SMOKE) as store:
+        store.add_runs([RUN])
+        store.db.execute("PRAGMA busy_timeout = 1")
+        other = sqlite3.connect(store.path, isolation_level=None)
+        other.execute("BEGIN IMMEDIATE")
+        with pytest.raises(OSError, match=r"results.sqlite cannot be written \(database is locked\)"):
+            store.note_training(0, 1.0)
+        other.close()
+        assert store.runs() == [RUN]
+
+
+def test_a_full_disk_is_told_and_nothing_is_lost(tmp_path):
+    large = dataclasses.replace(RUN, cell=RUN.cell._replace(seed=2), curve=CURVE * 100_000)
+    with Store(tmp_path, SMOKE) as store:
+        store.add_runs([RUN])
+        pages = store.db.execute("PRAGMA page_count").fetchone()[0]
+        store.db.execute(f"PRAGMA max_page_count = {pages + 3}")
+        with pytest.raises(OSError, match=r"results.sqlite cannot be written \(database or disk is full\)"):
+            store.add_runs([large])
+        assert store.runs() == [RUN]
+    with Store(tmp_path, SMOKE) as store:
+        store.add_runs([large])
+        assert store.runs() == [RUN, large]
+
+
 @pytest.mark.parametrize("name", outputs(SMOKE))
 def test_foreign_files_are_not_overwritten(tmp_path, name):
     (tmp_path / name).write_text("mine")

@@ -1,0 +1,260 @@
+"""A study of several operating points, from nothing to its report; runs from elsewhere stand in for its own."""
+
+import csv
+import dataclasses
+import io
+import shutil
+import sqlite3
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from policies.evaluate import evaluate, fresh_start_states, start_states
+from study.cells import PopulationTask
+from study.config import Point, Preset
+from study.identification import hidden_plant, identify
+from study.policy_files import read_policies
+from study.references import ReferenceTask
+from study.report import publish
+from study.runner import run
+from study.store import Store, outputs
+from sysid import InvalidInput
+
+MANY = Preset(
+    name="many",
+    points=(
+        Point("main", (0, 2), (0.0, 0.5), (0,)),
+        Point("small_gap", (2,), (0.0,), (0, 1), truth=(1.5, 1.2), identifier="least_squares"),
+        Point("prior_range", (0,), (0.5,), (0, 1), sigma=2.0, randomization="prior_range"),
+    ),
+    hidden=(8, 8),
+    steps=600,
+    population=3,
+    batch=16,
+    random_steps=200,
+    episodes=4,
+    reference_seeds=(0, 1, 2),
+    grid=40,
+)
+PUBLISHED_COLUMNS = 9
+
+
+class Inline:
+    """Runs tasks one after the other in this process, and remembers them."""
+
+    workers = 1
+
+    def __init__(self):
+        self.tasks = []
+
+    def execute(self, tasks, heard):
+        for task in tasks:
+            self.tasks.append(task)
+            heard(task, "done", task.run(self))
+
+    def progress(self, done):
+        assert 0.0 <= done <= 1.0
+
+    def saved(self, seconds):
+        assert seconds >= 0.0
+
+    def stop_asked(self):
+        return False
+
+
+def finish(folder, preset=MANY, device="cpu", imported=None):
+    """Run what is missing and publish; returns the executor, the runs and what was said."""
+    executor, said = Inline(), io.StringIO()
+    with Store(folder, preset, device) as store:
+        run(preset, store, executor, Console(file=said), 1e9, imported)
+        publish(preset, store, Console(file=said))
+        return executor, store.runs(), said.getvalue()
+
+
+def trained(executor):
+    return [task for task in executor.tasks if isinstance(task, PopulationTask)]
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("many")
+    return folder, *finish(folder)
+
+
+def table(folder):
+    with (folder / "runs.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+def test_every_run_is_of_its_points_plant_and_estimate(finished):
+    folder, _, runs, _ = finished
+    policies = {c: p for path in folder.glob("policies/*.npz") for c, p in read_policies(path).items()}
+    assert {run.cell for run in runs} == set(MANY.cells) == set(policies)
+    for r in runs:
+        point = MANY.point(r.cell.point)
+        assert r.theta_hat == identify(point, r.cell.n, r.cell.seed)
+        assert r.id_error == pytest.approx(np.linalg.norm(np.subtract(r.theta_hat, point.truth)))
+        for found, starts in ((r.returns, start_states), (r.fresh_returns, fresh_start_states)):
+            answer = evaluate(policies[r.cell], hidden_plant(point.truth), *starts(r.cell.seed, MANY.episodes))
+            assert found == tuple(answer.returns.tolist())
+
+
+def test_the_prior_range_is_trained_whatever_the_label_says(finished):
+    _, _, runs, _ = finished
+    kinds = {r.cell.point: r.settings["randomization"]["kind"] for r in runs}
+    assert kinds == {"main": "Band", "small_gap": "Band", "prior_range": "PriorRange"}
+
+
+def test_a_controller_is_designed_once_and_run_on_every_plant_that_asks(finished):
+    folder, executor, runs, _ = finished
+    designs = [(t.controller, t.theta) for t in executor.tasks if isinstance(t, ReferenceTask)]
+    assert len(designs) == len(set(designs)) == 2 * 3 + len({r.theta_hat for r in runs})
+    with Store(folder, MANY) as store:
+        found = store.references()
+    assert {(r.theta, r.truth) for r in found if r.controller == "optimal"} >= {
+        (r.theta_hat, MANY.point(r.cell.point).truth) for r in runs
+    }
+    assert {r.seed for r in found} == {0, 1, 2}
+
+
+def test_the_folder_holds_tables_figures_and_a_section_a_point(finished):
+    folder, _, _, said = finished
+    assert {path.name for path in folder.iterdir()} == {*outputs(MANY), "results.sqlite"}
+    rows = table(folder)
+    assert [tuple(rows[0])[PUBLISHED_COLUMNS:]] == [("point", "eval_return_fresh")]
+    assert [row["point"] for row in rows] == ["main"] * 4 + ["small_gap"] * 2 + ["prior_range"] * 2
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    places = [page.index(f'<h2 class="point">{name}: m = {m:g} kg') for name, m in
+              (("main", 2.0), ("small gap", 1.5), ("prior range", 2.0))]  # fmt: skip
+    assert places == sorted(places)
+    assert page.count("How far from optimal, and why?") == said.count("How far from optimal, and why?") == 3
+    assert "speed read to 2 rad/s" in said
+    with (folder / "references.csv").open() as file:
+        assert [row["m"] for row in csv.DictReader(file)] == ["2.0"] * 3 + ["1.5"] * 3
+
+
+def test_a_finished_study_has_nothing_left_to_do(finished):
+    folder, _, runs, _ = finished
+    executor, again, _ = finish(folder)
+    assert executor.tasks == []
+    assert again == runs
+
+
+def test_on_another_device_all_agents_train_together(finished, tmp_path, monkeypatch):
+    monkeypatch.setattr("study.cells.PopulationTask.run", lambda self, link: [])
+    with Store(tmp_path, MANY, "cuda") as store:
+        executor = Inline()
+        run(MANY, store, executor, Console(file=io.StringIO()), 1e9)
+    (population,) = trained(executor)
+    assert population.cells == MANY.cells
+    assert population.gpus == 1
+
+
+def test_runs_of_another_study_are_taken_up_whole(finished, tmp_path):
+    folder, _, runs, _ = finished
+    executor, taken, said = finish(tmp_path, imported=folder / "results.sqlite")
+    assert trained(executor) == []
+    assert [dataclasses.replace(r, imported="", population=0) for r in taken] == [
+        dataclasses.replace(r, population=0) for r in runs
+    ]
+    assert {r.imported for r in taken} == {"results.sqlite"}
+    assert "8 runs taken up" in said
+    assert (tmp_path / "runs.csv").read_text() == (folder / "runs.csv").read_text()
+
+
+def test_a_table_of_runs_is_taken_up_without_its_episodes(finished, tmp_path):
+    folder, _, _, _ = finished
+    executor, taken, _ = finish(tmp_path, imported=folder / "runs.csv")
+    assert trained(executor) == []
+    assert (tmp_path / "runs.csv").read_text() == (folder / "runs.csv").read_text()
+    assert {(r.imported, r.returns, r.curve) for r in taken} == {("runs.csv", (), ())}
+    assert "8 runs were taken up from runs.csv" in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+def test_what_is_missing_is_trained_and_imported_runs_stay(finished, tmp_path):
+    folder, _, runs, _ = finished
+    lines = (folder / "runs.csv").read_text().splitlines()
+    (tmp_path / "some.csv").write_text("\n".join([lines[0], *lines[5:]]) + "\n")
+    executor, taken, _ = finish(tmp_path / "out", imported=tmp_path / "some.csv")
+    assert [task.index for task in trained(executor)] == [0, 1]
+    own = {r.cell for r in taken if not r.imported}
+    assert own == {cell for cell in MANY.cells if cell.point == "main"}
+    means = {r.cell: r.mean for r in runs}
+    assert {r.cell: r.mean for r in taken} == pytest.approx(means)
+
+
+def test_a_published_table_of_one_point_needs_no_column_for_it(tmp_path):
+    one = dataclasses.replace(MANY, points=(Point("main", (0,), (0.0,), (3,)),))
+    (tmp_path / "summary.csv").write_text(
+        "n,w,seed,id_error,eval_return_mean,eval_return_std,theta_hat_mass,theta_hat_length,wall_time_s\n"
+        "0,0.0,3,1.118033988749895,-770.5,200.0,1.0,1.0,900.0\n"
+    )
+    executor, (found,), _ = finish(tmp_path / "out", one, imported=tmp_path / "summary.csv")
+    assert trained(executor) == []
+    assert (found.mean, found.std, found.seconds) == (-770.5, 200.0, 900.0)
+    assert table(tmp_path / "out")[0]["eval_return_fresh"] == ""
+
+
+def changed(folder, path, **columns):
+    """The table with another first run."""
+    with (folder / "runs.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    rows[0].update(columns)
+    with path.open("w") as file:
+        writer = csv.DictWriter(file, [*rows[0]])
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+@pytest.mark.parametrize(
+    ("columns", "told"),
+    [
+        (
+            {"point": "nowhere"},
+            r"line 2 \(nowhere, n = 0, w = 0, seed 0\) .* expected one of the points main,",
+        ),
+        ({"n": "7"}, r"line 2 \(main, n = 7, .* expected n in \(0, 2\)"),
+        ({"w": "0.1"}, r"line 2 .* w in \(0.0, 0.5\)"),
+        ({"theta_hat_mass": "1.00001"}, r"line 2 .* its theta_hat is \(1.00001, 1.0\), expected \(1.0, 1.0\)"),
+        ({"theta_hat_length": "nan"}, r"line 2 .* theta_hat is \(1.0, nan\)"),
+        ({"eval_return_mean": "inf"}, r"line 2 .* its return is inf"),
+        ({"eval_return_mean": "much"}, r"line 2: not the numbers of a run"),
+        ({"w": "0.5"}, r"line \d .* it is there twice"),
+    ],
+)
+def test_a_row_of_something_else_is_refused_and_nothing_taken_up(finished, tmp_path, columns, told):
+    changed(finished[0], tmp_path / "runs.csv", **columns)
+    with Store(tmp_path / "out", MANY) as store:
+        with pytest.raises(InvalidInput, match=told):
+            run(MANY, store, Inline(), Console(file=io.StringIO()), 1e9, tmp_path / "runs.csv")
+        assert store.finished() == set()
+
+
+def test_runs_of_other_training_are_refused(finished, tmp_path):
+    shutil.copy(finished[0] / "results.sqlite", tmp_path / "other.sqlite")
+    longer = dataclasses.replace(MANY, steps=800)
+    with Store(tmp_path / "out", longer) as store, pytest.raises(InvalidInput, match="steps = 600, expected 800"):
+        run(longer, store, Inline(), Console(file=io.StringIO()), 1e9, tmp_path / "other.sqlite")
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "told"),
+    [
+        ("missing.csv", None, "No such file"),
+        ("short.csv", "n,w\n1,2\n", "no column 'point'"),
+        ("image.csv", b"\x89PNG\xff\xfe", "not a text in UTF-8"),
+        ("cut.sqlite", b"SQLite format 3\0cut off", "not the results of a study"),
+        ("cakes.sqlite", "CREATE TABLE cakes (name TEXT)", "not the results of a study"),
+    ],
+)
+def test_a_file_of_something_else_is_refused(tmp_path, name, content, told):
+    path = tmp_path / name
+    if isinstance(content, str) and name.endswith("sqlite"):
+        with sqlite3.connect(path) as db:
+            db.execute(content)
+        db.close()
+    elif content is not None:
+        path.write_bytes(content.encode() if isinstance(content, str) else content)
+    with Store(tmp_path / "out", MANY) as store, pytest.raises(InvalidInput, match=told):
+        run(MANY, store, Inline(), Console(file=io.StringIO()), 1e9, path)
