@@ -151,7 +151,8 @@ def _pareto(axes: Axes, cells: Sweep) -> None:
     if not best:
         return
     first, last = min(best), max(best)
-    breadth, fidelity = (first, max(w for n, w in cells if n == first)), (last, min(w for n, w in cells if n == last))
+    breadth = first, max(w for n, w in cells if n == first)
+    fidelity = last, min(w for n, w in cells if n == last)
     for (n, w), name, style, shift in ((fidelity, "pure fidelity", "--", -34), (breadth, "pure breadth", ":", 10)):
         axes.axhline(cells[n, w].mean, color="0.35", linestyle=style, linewidth=1.0, zorder=1)
         axes.annotate(f"{name}, n = {n}, w = {w:g}: {number(cells[n, w].mean)}", (0.98, cells[n, w].mean), (0, shift),
@@ -160,9 +161,9 @@ def _pareto(axes: Axes, cells: Sweep) -> None:
     means, errors = ([getattr(cells[key], name) for key in best.values()] for name in ("mean", "sem"))
     axes.errorbar(list(best), means, errors, color=OURS, marker="o", markersize=6, linewidth=1.8, capsize=3, zorder=3)
     for (n, w), mean, error in zip(best.values(), means, errors, strict=True):
-        low = 0.0 if math.isnan(error) else error
-        axes.annotate(f"w* = {w:g}", (n, mean - low), (5, -16 if n == last else -5), textcoords="offset points",
-                      va="top", color="0.2", fontsize=9.0, ha="right" if n == last else "left", bbox=PAPER_WHITE)  # fmt: skip
+        low, right = 0.0 if math.isnan(error) else error, n == last
+        axes.annotate(f"w* = {w:g}", (n, mean - low), (5, -16 if right else -5), textcoords="offset points", va="top",
+                      color="0.2", fontsize=9.0, ha="right" if right else "left", bbox=PAPER_WHITE)  # fmt: skip
 
 
 def _reference_lines(panels: Sequence[Axes], references: Mapping[str, float], low: float) -> None:
