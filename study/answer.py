@@ -140,16 +140,19 @@ class Answer:
 
     def sentences(self) -> list[tuple[str, str]]:
         """(question, answer) in plain words, the most important first."""
-        return [
-            ("What were the first rollouts worth?", self._first_rollouts()),
-            ("What did width cost?", self._width()),
-            ("How far from optimal, and why?", self._short_of_optimal()),
-        ]
+        found = [("How far from optimal, and why?", self._short_of_optimal())]
+        if len(self.point.widths) > 1:
+            found.insert(0, ("What did width cost?", self._width()))
+        if len(self.point.budgets) > 1:
+            found.insert(0, ("What were the first rollouts worth?", self._first_rollouts()))
+        return found
+
+    def label(self, w: float) -> str:
+        """A width as it is printed; at the prior range it is no more than a number in a table."""
+        return f"w = {w:g}" if self.point.randomization == "band" else "prior range"
 
     def _first_rollouts(self) -> str:
         budgets, w = self.point.budgets, self.point.widths[0]
-        if len(budgets) < 2:
-            return "There is a single budget."
         n_0, n_1, n_last = budgets[0], budgets[1], budgets[-1]
         first = self.contrast((n_1, w), (n_0, w))
         text = (
@@ -163,8 +166,6 @@ class Answer:
 
     def _width(self) -> str:
         widths = self.point.widths
-        if len(widths) < 2:
-            return "There is a single width."
         narrow, wide = widths[0], widths[-1]
         parts = []
         for n in reversed(self.point.budgets):
@@ -179,7 +180,7 @@ class Answer:
         gap, (n, w) = self.gap(self.best), self.best
         start = (self.point.budgets[0], self.point.widths[0])
         text = (
-            f"The best cell (n = {n}, w = {w:g}) returned {number(self.mean(self.best))}; the optimum of the hidden "
+            f"The best cell (n = {n}, {self.label(w)}) returned {number(self.mean(self.best))}; the optimum of the hidden "
             f"plant from the same start states is {number(self.optimum)}, which leaves {_range(gap.total)} "
             f"({100.0 * gap.total.mean / abs(self.optimum):.1f} %): {_parts(gap)}."
         )

@@ -184,12 +184,15 @@ class PopulationTask:
         return Population(*arguments)
 
     def _save(self, population: Any) -> None:
-        """Write a checkpoint; a full disk may reach us as any error of the writer."""
+        """Write a checkpoint. What the system says of a full disk may stand behind another error of the writer."""
         try:
             population.save(self.checkpoint)
         except (OSError, RuntimeError) as error:
             partial(self.checkpoint).unlink(missing_ok=True)
-            reason = getattr(error, "strerror", None) or error
+            found: BaseException | None = error
+            while found is not None and not isinstance(found, OSError):
+                found = found.__context__
+            reason = found.strerror if found else error
             raise OSError(f"the checkpoint {self.checkpoint} cannot be written ({reason})") from error
 
     def _evaluate(self, population: Any, seconds: float) -> list[Run]:

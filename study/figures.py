@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from study.answer import Answer, number
+from study.config import Point
 from study.files import write_whole
 from study.statistics import sem
 from study.store import figure_name
@@ -52,7 +53,7 @@ def heatmap(answer: Answer) -> Figure:
     """Mean return +- SEM of every cell; the best cell is outlined; the brightest colour is the optimum."""
     budgets, widths = answer.point.budgets, answer.point.widths
     values = np.array([[answer.mean((n, w)) for w in widths] for n in budgets])
-    figure = Figure(figsize=(2.4 + 1.25 * len(widths), 1.5 + 0.62 * len(budgets)), layout="constrained")
+    figure = Figure(figsize=(2.4 + 1.25 * max(2, len(widths)), 1.5 + 0.62 * len(budgets)), layout="constrained")
     axes = figure.add_subplot()
     low, high = float(values.min()), max(answer.optimum, float(values.max()))
     image = axes.imshow(values, cmap=COLOURS, vmin=low, vmax=high, aspect="auto")
@@ -132,7 +133,7 @@ def gap(answer: Answer) -> Figure:
         means = [answer.mean((n, w)) for n in budgets]
         errors = [answer.sem((n, w)) for n in budgets]
         axes.errorbar(x + offset, means, errors, color=colour, marker="o", markersize=5, linestyle="none", capsize=2,
-                      label=f"agent, w = {w:g}", zorder=3)  # fmt: skip
+                      label=f"agent, {answer.label(w)}", zorder=3)  # fmt: skip
     axes.set_xticks(x + 0.5 * offsets[-1], [str(n) for n in budgets])
     axes.tick_params(axis="x", length=0)
     for edge in x[1:] - 0.5 * (1.0 - offsets[-1]):
@@ -140,7 +141,7 @@ def gap(answer: Answer) -> Figure:
     axes.set_xlabel("rollouts measured, n")
     axes.set_ylabel("mean return on the hidden plant (± SEM)")
     axes.set_title("Why agents are short of the optimum")
-    axes.legend(loc="lower right", fontsize=9.0)
+    axes.legend(loc="lower right" if len(budgets) > 1 else "center", fontsize=9.0)
     return figure
 
 
@@ -160,7 +161,7 @@ def curves(answer: Answer) -> Figure:
             steps = np.array([step for step, _ in table[0][:usable]]).reshape(-1, size)[:, -1]
             returns = np.array([[value for _, value in curve[:usable]] for curve in table])
             axes.plot(
-                steps / 1000.0, returns.reshape(len(table), -1, size).mean((0, 2)), color=colour, label=f"w = {w:g}"
+                steps / 1000.0, returns.reshape(len(table), -1, size).mean((0, 2)), color=colour, label=answer.label(w)
             )
         axes.set_title(f"n = {n}", fontweight="normal", loc="center", pad=4)
     panels[0].set_ylabel("training return")
@@ -177,10 +178,17 @@ def curves(answer: Answer) -> Figure:
 FIGURES: dict[str, Callable[[Answer], Figure]] = {"heatmap": heatmap, "pareto": pareto, "gap": gap, "curves": curves}
 
 
+def drawn_at(point: Point) -> list[str]:
+    """The figures that say something of an operating point: where is no choice, none is drawn."""
+    idle = {"heatmap": len(point.budgets) * len(point.widths) == 1, "pareto": len(point.budgets) == 1}
+    return [name for name in FIGURES if not idle.get(name)]
+
+
 def save_all(answer: Answer, folder: Path) -> dict[str, Path]:
-    """Draw every figure of an operating point into the folder; returns the files by name (`store.figure_name`)."""
+    """Draw the figures of an operating point into the folder; returns the files by name (`store.figure_name`)."""
     files = {}
-    for name, draw in FIGURES.items():
+    for name in drawn_at(answer.point):
+        draw = FIGURES[name]
         with matplotlib.rc_context(STYLE):
             figure = draw(answer)
             FigureCanvasAgg(figure)

@@ -44,7 +44,10 @@ def test_the_words_hold_the_numbers(answer):
 
 
 def test_every_small_preset_has_an_answer_in_words(small_answer):
-    assert all(text.endswith(".") and "nan" not in text for _, text in small_answer.sentences())
+    said = small_answer.sentences()
+    assert all(text.endswith(".") and "nan" not in text for _, text in said)
+    choices = [small_answer.point.budgets, small_answer.point.widths]
+    assert len(said) == 1 + sum(len(choice) > 1 for choice in choices)
 
 
 def test_missing_runs_and_references_are_refused(answer):

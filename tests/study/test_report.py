@@ -58,9 +58,12 @@ def test_settings_versions_and_the_papers_numbers_are_there(page):
 
 
 def test_small_presets_have_a_report_too(small_answer, tmp_path):
-    write_report([small_answer], [figures.save_all(small_answer, tmp_path)], tmp_path / "report.html")
-    for name in figures.FIGURES:
-        assert np.ptp(imread(tmp_path / f"{name}.png")[..., :3]) > 0.5
+    drawn = figures.save_all(small_answer, tmp_path)
+    write_report([small_answer], [drawn], tmp_path / "report.html")
+    assert {"gap", "curves"} <= set(drawn)
+    assert ("pareto" in drawn) == (len(small_answer.point.budgets) > 1)
+    for path in drawn.values():
+        assert np.ptp(imread(path)[..., :3]) > 0.5
 
 
 def test_the_heatmap_outlines_the_best_cell_and_prints_the_means(answer):
