@@ -180,8 +180,8 @@ class Answer:
         gap, (n, w) = self.gap(self.best), self.best
         start = (self.point.budgets[0], self.point.widths[0])
         text = (
-            f"The best cell (n = {n}, {self.label(w)}) returned {number(self.mean(self.best))}; the optimum of the hidden "
-            f"plant from the same start states is {number(self.optimum)}, which leaves {_range(gap.total)} "
+            f"The best cell (n = {n}, {self.label(w)}) returned {number(self.mean(self.best))}; the optimum of the "
+            f"hidden plant from the same start states is {number(self.optimum)}, which leaves {_range(gap.total)} "
             f"({100.0 * gap.total.mean / abs(self.optimum):.1f} %): {_parts(gap)}."
         )
         if start != self.best:

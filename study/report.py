@@ -105,7 +105,6 @@ def _part(answer: Answer, drawn: Mapping[str, Path]) -> dict[str, Any]:
     return {
         "answer": answer,
         "point": answer.point,
-        "title": title(answer.point),
         "sentences": [(question, _unbroken(text)) for question, text in answer.sentences()],
         "images": [(name, _embedded(file), CAPTIONS[name]) for name, file in drawn.items()],
         "budget_rows": _budgets(answer),
