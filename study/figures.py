@@ -19,7 +19,6 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from study.answer import Answer, number
-from study.config import Point
 from study.files import write_whole
 from study.statistics import sem
 from study.store import figure_name
@@ -165,9 +164,9 @@ def curves(answer: Answer) -> Figure:
             )
         axes.set_title(f"n = {n}", fontweight="normal", loc="center", pad=4)
     panels[0].set_ylabel("training return")
-    drawn = [axes for axes in panels if axes.lines]
-    if drawn:
-        drawn[-1].legend(fontsize=8.0, loc="lower right")
+    labelled = [axes for axes in panels if axes.lines]
+    if labelled:
+        labelled[-1].legend(fontsize=8.0, loc="lower right")
     lacking = sum(not run.curve for run in answer.runs)
     if lacking:
         figure.suptitle(f"{lacking} of {len(answer.runs)} runs were imported without learning curves", fontsize=9.0)
@@ -178,25 +177,35 @@ def curves(answer: Answer) -> Figure:
 FIGURES: dict[str, Callable[[Answer], Figure]] = {"heatmap": heatmap, "pareto": pareto, "gap": gap, "curves": curves}
 
 
-def drawn_at(point: Point) -> list[str]:
-    """The figures that say something of an operating point: where is no choice, none is drawn."""
-    idle = {"heatmap": len(point.budgets) * len(point.widths) == 1, "pareto": len(point.budgets) == 1}
+def drawn_of(answer: Answer) -> list[str]:
+    """The figures that say something: of a choice where there is one, and of curves that are known."""
+    point = answer.point
+    idle = {
+        "heatmap": len(point.budgets) * len(point.widths) == 1,
+        "pareto": len(point.budgets) == 1,
+        "curves": not any(run.curve for run in answer.runs),
+    }
     return [name for name in FIGURES if not idle.get(name)]
 
 
 def save_all(answer: Answer, folder: Path) -> dict[str, Path]:
     """Draw the figures of an operating point into the folder; returns the files by name (`store.figure_name`)."""
-    files = {}
-    for name in drawn_at(answer.point):
-        draw = FIGURES[name]
-        with matplotlib.rc_context(STYLE):
-            figure = draw(answer)
-            FigureCanvasAgg(figure)
-            files[name] = folder / figure_name(answer.preset, answer.point.name, name)
-            content = io.BytesIO()
-            figure.savefig(content, format="png")
-            write_whole(files[name], content.getvalue())
+    names = drawn_of(answer)
+    files = {name: folder / figure_name(answer.preset, answer.point.name, name) for name in names}
+    for name, path in files.items():
+        save(lambda name=name: FIGURES[name](answer), path)
     return files
+
+
+def save(draw: Callable[[], Figure], path: Path) -> Path:
+    """Draw a figure in the study's style into a PNG file; returns the path."""
+    with matplotlib.rc_context(STYLE):
+        figure = draw()
+        FigureCanvasAgg(figure)
+        content = io.BytesIO()
+        figure.savefig(content, format="png")
+        write_whole(path, content.getvalue())
+    return path
 
 
 def _width(w: float) -> str:

@@ -1,0 +1,191 @@
+"""A finished preset held against the publication: agreement, claims, identifiers, and the figures that show them.
+
+The preset's siblings, folders beside its own that hold the runs of its companions, take part: the main sweep gives the
+robustness table its first row, the longer training its sentence. For a missing one the command is said.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from study import claim_figures, claims, side_by_side
+from study.agreement import Agreement
+from study.answer import Answer
+from study.claims import Claim
+from study.config import PRESETS, Preset
+from study.figures import save
+from study.knee import budget_curves, paragraph
+from study.paper import EPISODES, POINTS, ROBUSTNESS, SEEDS, URL, Spot
+from study.published import Outcome, Outcomes, outcomes, read_runs
+from study.references import OPTIMAL
+from study.scatter import Scatter
+from study.statistics import Contrast, paired_bootstrap
+
+FIGURES = {
+    "published_heatmap": "The published sweep and this one on one colour scale, which ends at the optimum of the "
+    "hidden plant. The best cell of each is outlined.",
+    "published_pareto": "The best width at every budget, there and here (the published curve again in grey), between "
+    "each side's extremes and the references.",
+    "published_contrasts": "Every contrast that the paper calls significant or not, there and here.",
+    "published_claims": "The paper's grid search on many seeds. Left: the error falls slower than 1/√n within the "
+    "paper's budgets, where the edge of the grid bounds it, and has no floor there. Right: m scatters; noise in the "
+    "inputs does not move it.",
+    "identifiers": "The same rollouts through three identifiers: the return that they buy, and how close m and l come.",
+}
+"""What each figure shows; drawn are those for which there are runs."""
+
+LONGER_AT = Spot("main", 50, 0.5)
+"""The cell that the presets longer and longer-small train on."""
+
+
+@dataclass(frozen=True, eq=False)
+class Publication:
+    """What the section says. agreement is None where nothing published was repeated; short: the paper's best cell, the
+    optimum from the same start states, percent between them."""
+
+    agreement: Agreement | None
+    claims: Sequence[Claim]
+    identifiers: str
+    short: tuple[float, float, float] | None
+    notes: Sequence[str]
+    figures: Mapping[str, Path]
+
+    def sentences(self) -> list[tuple[str, str]]:
+        """(question, answer) in plain words."""
+        said = self.agreement.sentences() if self.agreement else []
+        return (
+            [*said, ("What is a rollout worth to a good identifier?", self.identifiers)] if self.identifiers else said
+        )
+
+
+def hold(
+    found: Sequence[Answer], folder: Path, theirs: Outcomes | None = None, scatter: Scatter | None = None
+) -> Publication:
+    """Compare and draw. theirs: the authors' runs, where they are given; scatter: where identification was studied."""
+    preset = found[0].preset
+    own = outcomes(_rows(found))
+    siblings, lacking = _siblings(preset, folder)
+    swept = preset.steps == _base(preset).steps
+    ours = own
+    for name, runs in siblings.items():
+        ours = ours.merged(runs) if PRESETS[name].steps == preset.steps else ours
+    agreement = Agreement(ours, theirs, preset.episodes == EPISODES, preset.hidden, preset.steps, preset.resamples)
+    if not swept or not (agreement.cells or any(c.ours for c in agreement.contrasts)):
+        agreement = None
+    references = _references(found)
+    curves, wider = (budget_curves(own, references, w) if references else {} for w in (0.0, 0.2))
+    drawings: dict[str, Callable[[], Figure]] = {}
+    if agreement:
+        drawings |= _sweeps(agreement, references)
+    if scatter:
+        drawings["published_claims"] = lambda: claim_figures.identification(scatter)
+    if curves:
+        drawings["identifiers"] = lambda: claim_figures.identifiers(curves, wider, references)
+    files = {name: save(draw, folder / f"{name}.png") for name, draw in drawings.items()}
+    return Publication(
+        agreement,
+        _claims(found, own if swept else None, scatter, _longer(preset, own, siblings)),
+        paragraph(curves, references),
+        _short(found),
+        _notes(theirs, lacking),
+        files,
+    )
+
+
+def _rows(found: Iterable[Answer]) -> Iterable[tuple[Spot, int, Outcome]]:
+    for answer in found:
+        for run in answer.runs:
+            spot = Spot(run.cell.point, run.cell.n, run.cell.w)
+            yield spot, run.cell.seed, Outcome(run.mean, run.id_error, run.theta_hat, run.fresh_mean)
+
+
+def _base(preset: Preset) -> Preset:
+    return PRESETS.get(preset.companion or "", preset)
+
+
+def _siblings(preset: Preset, folder: Path) -> tuple[dict[str, Outcomes], list[str]]:
+    """Runs of the presets that belong together, by preset, and the names of those that are missing."""
+    base = _base(preset).name
+    family = [name for name, other in PRESETS.items() if base in (name, other.companion) and name != preset.name]
+    files = {name: folder.parent / name / "runs.csv" for name in family}
+    found = {name: read_runs(file) for name, file in files.items() if file.exists()}
+    return found, [name for name in family if name not in found]
+
+
+def _references(found: Sequence[Answer]) -> dict[str, float]:
+    """Mean returns of the reference controllers on the paper's main plant; empty where it is not in the preset."""
+    for answer in found:
+        if answer.point.truth == POINTS["main"].truth:
+            return {controller: mean for controller, mean, _ in answer.controllers()}
+    return {}
+
+
+def _sweeps(agreement: Agreement, references: Mapping[str, float]) -> dict[str, Callable[[], Figure]]:
+    theirs, ours = side_by_side.published_sweep(), side_by_side.sweep(agreement)
+    drawings: dict[str, Callable[[], Figure]] = {}
+    if ours and references:
+        titles = side_by_side.titles(agreement.hidden, max(cell.seeds for cell in ours.values()))
+        drawings["published_heatmap"] = lambda: side_by_side.heatmaps(theirs, ours, titles, references)
+        drawings["published_pareto"] = lambda: side_by_side.paretos(theirs, ours, titles, references)
+    if ran := [contrast for contrast in agreement.contrasts if contrast.ours]:
+        drawings["published_contrasts"] = lambda: side_by_side.contrasts(ran)
+    return drawings
+
+
+def _longer(preset: Preset, own: Outcomes, siblings: Mapping[str, Outcomes]) -> tuple[Contrast, int] | None:
+    """What training on gained at the widest band, and to how many steps; None where it was not run."""
+    every = {preset.name: own, **siblings}
+    base, long = (
+        _base(preset),
+        next((name for name in every if PRESETS.get(name, preset).steps > _base(preset).steps), ""),
+    )
+    if base.name not in every or not long:
+        return None
+    a, b = every[long], every[base.name]
+    if LONGER_AT not in a or LONGER_AT not in b:
+        return None
+    seeds = sorted({*a.seeds(LONGER_AT)} & {*b.seeds(LONGER_AT)})
+    gain = paired_bootstrap(a.returns(LONGER_AT, seeds), b.returns(LONGER_AT, seeds), np.random.default_rng(0))
+    return gain, PRESETS[long].steps
+
+
+def _claims(
+    found: Sequence[Answer], ours: Outcomes | None, scatter: Scatter | None, longer: tuple[Contrast, int] | None
+) -> list[Claim]:
+    said = [claims.rate(scatter), claims.bias(scatter), claims.floor(scatter)] if scatter else []
+    said += [claims.plateau(ours), claims.monotone(ours), claims.starts(SEEDS, ours)]
+    main = next((answer for answer in found if answer.point.name == "main"), None)
+    if main:
+        n, widths = max(main.point.budgets), sorted({min(main.point.widths), max(main.point.widths)})
+        curves = {w: [run.curve for run in main.cells[n, w] if len(run.curve) > 2] for w in widths}
+        if all(curves.values()):
+            said.append(claims.undertraining(curves, n, main.preset.steps, longer))
+    return said
+
+
+def _short(found: Sequence[Answer]) -> tuple[float, float, float] | None:
+    main = next((answer for answer in found if answer.point.truth == POINTS["main"].truth), None)
+    if main is None or (main.preset.episodes, main.preset.reference_seeds) != (EPISODES, SEEDS):
+        return None
+    best, optimum = ROBUSTNESS[0].best, float(np.mean(main.reference(OPTIMAL, seeds=SEEDS)))
+    return best, optimum, 100.0 * (optimum - best) / abs(optimum)
+
+
+def _notes(theirs: Outcomes | None, lacking: Sequence[str]) -> list[str]:
+    said = []
+    if theirs is None:
+        said.append(
+            f"Without the authors' runs every cell is compared by Welch's interval. --published DIR, with the results "
+            f"folder of {URL}, pairs them seed by seed."
+        )
+    elif theirs.missing:
+        said.append(f"Of the authors' files these were not there: {', '.join(theirs.missing)}.")
+    said += [
+        f"The runs of preset {name} are not beside these: python -m study.main --preset {name}" for name in lacking
+    ]
+    return said
