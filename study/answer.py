@@ -90,8 +90,11 @@ class Answer:
         """Mean returns (S,) of a controller designed at theta, by default at the truth and from the study's seeds."""
         theta = self.point.truth if theta is None else theta
         seeds = self.point.seeds if seeds is None else seeds
-        means = {r.seed: r.mean for r in self.references if r.controller == controller and r.theta == theta}
-        return np.array([means[seed] for seed in sorted(seeds)])
+        return np.array([self._means[controller, theta, seed] for seed in sorted(seeds)])
+
+    @cached_property
+    def _means(self) -> dict[tuple[str, Theta, int], float]:
+        return {(r.controller, r.theta, r.seed): r.mean for r in self.references}
 
     def controllers(self, seeds: Sequence[int] | None = None) -> Iterator[tuple[str, float, float]]:
         """(controller, mean return, SEM over seeds) at the truth, by default from the preset's reference seeds."""
@@ -101,7 +104,7 @@ class Answer:
 
     def design(self, key: Key) -> Array:
         """Returns (S,) on the hidden plant of the controller that is optimal for each seed's estimate."""
-        return np.array([self.reference(OPTIMAL, run.theta_hat)[s] for s, run in enumerate(self.cells[key])])
+        return np.array([self._means[OPTIMAL, run.theta_hat, run.cell.seed] for run in self.cells[key]])
 
     # Contrasts -------------------------------------------------------------------------------------------------------
 

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import base64
 import itertools
-import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +16,14 @@ from study.answer import Answer, answers, number
 from study.cells import Run
 from study.config import Point, Preset
 from study.files import write_whole
+from study.page import embedded, template, unbroken
 from study.progress import duration
+from study.publication import Publication, hold
+from study.publication_page import section
+from study.published import Outcomes
 from study.references import LQR, OPTIMAL, SWING_UP, Reference
-from study.statistics import MINUS, Contrast
+from study.scatter import scatter
+from study.statistics import Contrast
 from study.store import Store
 
 LABELS = {OPTIMAL: "optimal (dynamic programming)", LQR: "LQR alone", SWING_UP: "energy swing-up, then LQR"}
@@ -36,15 +38,19 @@ CAPTIONS = {
 }
 
 
-def publish(preset: Preset, store: Store, console: Console) -> list[Answer]:
-    """Write tables, figures and report into the folder and say the answers on the console, point by point."""
+def publish(preset: Preset, store: Store, console: Console, theirs: Outcomes | None = None) -> list[Answer]:
+    """Write tables, figures and report into the folder and say the answers on the console, point by point.
+
+    theirs: the authors' runs, which ours are paired with.
+    """
     folder = store.folder
     with console.status("drawing"):
         found = answers(preset, store.runs(), store.references())
         tables.write_runs(found, folder / "runs.csv")
         tables.write_references(found, folder / "references.csv")
         drawn = [figures.save_all(answer, folder) for answer in found]
-        write_report(found, drawn, folder / "report.html")
+        held = hold(found, folder, theirs, scatter(np.random.default_rng(0)) if preset.meaningful else None)
+        write_report(found, drawn, folder / "report.html", held)
     for answer in found:
         console.print()
         if len(found) > 1:
@@ -52,8 +58,10 @@ def publish(preset: Preset, store: Store, console: Console) -> list[Answer]:
         for question, text in answer.sentences():
             console.print(f"[bold]{question}[/]\n{_plain(text)}\n", soft_wrap=False)
         console.print(f"[dim]{_plain(answer.caveat())}[/]\n")
+    for question, text in held.sentences():
+        console.print(f"[bold]{question}[/]\n{_plain(text)}\n", soft_wrap=False)
     console.print(f"report   {folder / 'report.html'}", soft_wrap=True)
-    files = [str(path) for files in drawn for path in files.values()]
+    files = [str(path) for files in [*drawn, held.figures] for path in files.values()]
     console.print(f"figures  {', '.join(files)}", soft_wrap=True)
     return found
 
@@ -69,16 +77,13 @@ def title(point: Point) -> str:
     )
 
 
-def write_report(found: Sequence[Answer], drawn: Sequence[Mapping[str, Path]], path: Path) -> None:
-    """Write the self-contained report: a section a point, with the figures of these files (one mapping a point)."""
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("study"), autoescape=True, trim_blocks=True, lstrip_blocks=True
-    )
-    environment.filters["number"] = number
-    template = environment.get_template("report.html.j2")
-    write_whole(path, template.render(_content(found, drawn)))
+def write_report(
+    found: Sequence[Answer], drawn: Sequence[Mapping[str, Path]], path: Path, held: Publication
+) -> None:
+    """Write the self-contained report: a section a point, with the figures of these files (one mapping a point), and
+    one that holds all of them against the publication."""
+    content = _content(found, drawn) | {"publication": section(held, found[0].preset)}
+    write_whole(path, template("report.html.j2").render(content))
 
 
 def _content(found: Sequence[Answer], drawn: Sequence[Mapping[str, Path]]) -> dict[str, Any]:
@@ -90,12 +95,11 @@ def _content(found: Sequence[Answer], drawn: Sequence[Mapping[str, Path]]) -> di
     return {
         "preset": preset,
         "parts": [_part(answer, files) for answer, files in zip(found, drawn, strict=True)],
-        "paper": paper,
         "settings": settings,
         "sac": next((run.settings["sac"] for run in runs if "sac" in run.settings), {}),
         "versions": _versions([*runs, *references.values()]),
         "worker_time": duration(sum(item.seconds for item in [*runs, *references.values()])),
-        "imported": Counter(run.imported for run in runs if run.imported),
+        "imported": Counter(_origin(run) for run in runs if run.imported),
     }
 
 
@@ -105,8 +109,8 @@ def _part(answer: Answer, drawn: Mapping[str, Path]) -> dict[str, Any]:
     return {
         "answer": answer,
         "point": answer.point,
-        "sentences": [(question, _unbroken(text)) for question, text in answer.sentences()],
-        "images": [(name, _embedded(file), CAPTIONS[name]) for name, file in drawn.items()],
+        "sentences": [(question, unbroken(text)) for question, text in answer.sentences()],
+        "images": [(name, embedded(file), CAPTIONS[name]) for name, file in drawn.items()],
         "budget_rows": _budgets(answer),
         "cell_rows": [_cell_row(answer, key) for key in answer.cells],
         "contrasts": _contrasts(answer),
@@ -114,24 +118,17 @@ def _part(answer: Answer, drawn: Mapping[str, Path]) -> dict[str, Any]:
             (LABELS[c], mean, sem, here)
             for (c, mean, sem), (_, here, _) in zip(answer.controllers(), answer.controllers(seeds), strict=True)
         ],
-        "short": _paper_short_of_optimal(answer),
-        "published": _published(answer),
     }
 
 
-def _embedded(file: Path) -> str:
-    return "data:image/png;base64," + base64.b64encode(file.read_bytes()).decode()
+def _origin(run: Run) -> str:
+    return run.imported + (", a table, which does not say how they were trained" if run.summary else "")
 
 
 def _budgets(answer: Answer) -> list[tuple[int, float, float | None]]:
-    """(n, our mean identification error, the paper's where it is printed)."""
-    printed = paper.ID_ERROR if _is_papers(answer.point) else {}
+    """(n, our mean identification error, the paper's of the same operating point)."""
+    printed = paper.ID_ERRORS.get(answer.point.name, {})
     return [(n, answer.id_error(n), printed.get(n)) for n in answer.point.budgets]
-
-
-def _is_papers(point: Point) -> bool:
-    """Whether this is the paper's main operating point."""
-    return point == replace(Point(point.name, point.budgets, point.widths, point.seeds), truth=paper.TRUTH)
 
 
 def _cell_row(answer: Answer, key: tuple[int, float]) -> dict[str, Any]:
@@ -166,35 +163,6 @@ def _contrasts(answer: Answer) -> list[tuple[str, Contrast]]:
     return steps + wider
 
 
-def _published(answer: Answer) -> list[tuple[str, str, str, str]]:
-    """(quantity, the paper's, ours, place in the paper) for what both report."""
-    rows = []
-    if not _is_papers(answer.point):
-        return rows
-    for p in paper.MEANS:
-        if (p.n, p.w) in answer.cells:
-            ours = f"{number(answer.mean((p.n, p.w)))} ± {answer.sem((p.n, p.w)):.0f}"
-            rows.append((f"mean return at n = {p.n}, w = {p.w:g}", number(p.mean), ours, p.place))
-    for c in paper.CONTRASTS:
-        if c.a in answer.cells and c.b in answer.cells:
-            (n_a, w_a), (n_b, w_b) = c.a, c.b
-            change = f"n = {n_b} → {n_a} at w = {w_a:g}" if w_a == w_b else f"w = {w_b:g} → {w_a:g} at n = {n_a}"
-            theirs = f"{c.mean:+.0f}" + (f" [{c.interval[0]:+.0f}, {c.interval[1]:+.0f}]" if c.interval else "")
-            rows.append(
-                (f"change of return, {change}", theirs.replace("-", MINUS), str(answer.contrast(c.a, c.b)), c.place)
-            )
-    return rows
-
-
-def _paper_short_of_optimal(answer: Answer) -> tuple[float, float, float] | None:
-    """(the paper's best cell, the optimum from the same start states, percent between them); None elsewhere."""
-    preset, truth = answer.preset, answer.point.truth
-    if (truth, preset.episodes, preset.reference_seeds) != (paper.TRUTH, paper.EPISODES, paper.SEEDS):
-        return None
-    optimum = float(np.mean(answer.reference(OPTIMAL, seeds=paper.SEEDS)))
-    return paper.BEST, optimum, 100.0 * (optimum - paper.BEST) / abs(optimum)
-
-
 def _versions(items: Sequence[Run | Reference]) -> list[tuple[str, str]]:
     """(package, every version that took part)."""
     found: dict[str, set[str]] = {}
@@ -202,11 +170,6 @@ def _versions(items: Sequence[Run | Reference]) -> list[tuple[str, str]]:
         for package, version in item.versions.items():
             found.setdefault(package, set()).add(version)
     return [(package, " and ".join(sorted(all_))) for package, all_ in found.items()]
-
-
-def _unbroken(text: str) -> str:
-    """The same with no line break inside an interval."""
-    return re.sub(r"\S+ \[[^]]*\]", lambda found: found.group().replace(" ", "\u00a0"), text)
 
 
 def _plain(text: str) -> str:
