@@ -13,6 +13,7 @@ import importlib.util
 import os
 import platform
 import signal
+import socket
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -70,11 +71,19 @@ def _connect(cluster: Cluster) -> Any:
         settings |= {"include_dashboard": False, "_node_ip_address": "127.0.0.1"}
     terminate = signal.getsignal(signal.SIGTERM)
     try:
+        _knock(cluster.address)
         ray.init(**settings, log_to_driver=False, logging_level="ERROR")
-    except (ConnectionError, RuntimeError, ValueError) as error:
+    except (OSError, RuntimeError, ValueError) as error:
         raise InvalidInput(f"no Ray cluster at {cluster.address or 'this machine'}: {_sentence(error)}") from None
     signal.signal(signal.SIGTERM, terminate)  # Ray's own would end the driver before tasks have saved
     return ray
+
+
+def _knock(address: str | None) -> None:
+    """Raise OSError where nobody listens, for which Ray itself would wait for minutes."""
+    host, colon, port = (address or "").rpartition(":")
+    if colon and port.isdecimal():
+        socket.create_connection((host, int(port)), timeout=PATIENCE).close()
 
 
 def _check_needs(tasks: Sequence[Task], there: dict[str, float], address: str | None) -> None:
@@ -128,21 +137,22 @@ class _Driver:
         self.begun.discard(one.task.name)
         self.running[reference] = one
 
-    def _hear(self, supervised: dict[str, Supervised]) -> None:
+    def _hear(self, supervised: dict[str, Supervised], kinds: tuple[str, ...] = ("progress", "saved")) -> None:
         try:
             news = self.ray.get(self.mailbox.take.remote(), timeout=PATIENCE)
         except (self.ray.exceptions.RayActorError, self.ray.exceptions.GetTimeoutError):
             return
         for name, kind, payload in news:
             self.begun.add(name)
-            if kind != "begun":
+            if kind in kinds:
                 supervised[name].hear(kind, payload)
 
     def _result(self, reference: Any) -> tuple[str, Any]:
         try:
             return self.ray.get(reference)
         except self.ray.exceptions.RayTaskError as error:
-            return "failed", _sentence(error.cause or error)
+            cause = error.cause or error
+            return "failed", f"{type(cause).__name__}: {_sentence(cause)}"
         except self.ray.exceptions.RayError as error:
             return "died", _sentence(error)
 
@@ -153,7 +163,7 @@ class _Driver:
         while left and time.monotonic() < deadline:
             self.mailbox.stop.remote()
             finished, left = self.ray.wait(left, timeout=SECOND)
-            self._hear(supervised)
+            self._hear(supervised, ("saved",))
             for reference in finished:
                 kind, payload = self._result(reference)
                 if kind == "done":
@@ -209,9 +219,9 @@ class _Post:
 
 def _serve(task: Task, mailbox: Any, expected: dict[str, str]) -> tuple[str, Any]:
     """Run a task and return how it ended; the main function of a Ray task."""
-    other = [f"{name} {found}, not {expected[name]}" for name, found in versions().items() if found != expected[name]]
+    other = [f"{name} {here}, not {expected[name]}" for name, here in versions().items() if here != expected[name]]
     if other:
-        return "failed", f"the node {platform.node()} has {', '.join(other)}: other numbers would come out"
+        return "failed", f"the node {platform.node()} has {' and '.join(other)}, which may give other numbers"
     post = _Post(mailbox, task.name)
     post.say("begun", None)
     return outcome(task, post)
