@@ -57,6 +57,9 @@ class Options:
     import_: Annotated[Path | None, tyro.conf.arg(name="import", metavar="FILE", help_behavior_hint="")] = None
     """Take up the finished runs in another study's results.sqlite or runs.csv."""
 
+    published: Annotated[Path | None, tyro.conf.arg(metavar="DIR", help_behavior_hint="")] = None
+    """Folder of the authors' per-run CSV files, to pair ours with: results/ of github.com/YTomar79/sim2real_budget."""
+
     checkpoint_seconds: Annotated[float, tyro.conf.arg(metavar="S")] = 60.0
     """Seconds between checkpoints of a population: about what a crash may cost it."""
 
@@ -90,6 +93,7 @@ def _study(options: Options) -> int:
     from rich.console import Console
 
     from study.executor import WorkerFailed
+    from study.published import read_published
     from study.report import publish
     from study.runner import run
     from study.store import Store
@@ -102,9 +106,10 @@ def _study(options: Options) -> int:
         executor = _executor(options)
         if not 0.0 <= options.checkpoint_seconds < math.inf:
             raise InvalidInput(f"--checkpoint-seconds {options.checkpoint_seconds}: expected a number of seconds >= 0")
+        theirs = read_published(options.published) if options.published else None
         with Store(folder, preset, options.device) as store:
             run(preset, store, executor, console, options.checkpoint_seconds, options.import_)
-            publish(preset, store, console)
+            publish(preset, store, console, theirs)
     except InvalidInput as error:
         return _fail(str(error), 2)
     except (WorkerFailed, OSError, sqlite3.Error) as error:

@@ -25,6 +25,7 @@ from study.published import Outcome, Outcomes, outcomes, read_runs
 from study.references import OPTIMAL
 from study.scatter import Scatter
 from study.statistics import Contrast, paired_bootstrap
+from sysid import InvalidInput
 
 FIGURES = {
     "published_heatmap": "The published sweep and this one on one colour scale, which ends at the optimum of the "
@@ -109,12 +110,19 @@ def _base(preset: Preset) -> Preset:
 
 
 def _siblings(preset: Preset, folder: Path) -> tuple[dict[str, Outcomes], list[str]]:
-    """Runs of the presets that belong together, by preset, and the names of those that are missing."""
-    base = _base(preset).name
+    """Runs of the presets that belong together, by preset, and a sentence on each that is missing."""
+    base, found, said = _base(preset).name, {}, []
     family = [name for name, other in PRESETS.items() if base in (name, other.companion) and name != preset.name]
-    files = {name: folder.parent / name / "runs.csv" for name in family}
-    found = {name: read_runs(file) for name, file in files.items() if file.exists()}
-    return found, [name for name in family if name not in found]
+    for name in family:
+        file = folder.parent / name / "runs.csv"
+        if not file.exists():
+            said.append(f"The runs of preset {name} are not beside these: python -m study.main --preset {name}")
+            continue
+        try:
+            found[name] = read_runs(file)
+        except InvalidInput as error:
+            said.append(f"The runs of preset {name} are left out: {error}")
+    return found, said
 
 
 def _references(found: Sequence[Answer]) -> dict[str, float]:

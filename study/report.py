@@ -12,7 +12,7 @@ import numpy as np
 from rich.console import Console
 
 from study import figures, paper, tables
-from study.answer import Answer, answers, number
+from study.answer import Answer, answers
 from study.cells import Run
 from study.config import Point, Preset
 from study.files import write_whole
@@ -49,7 +49,8 @@ def publish(preset: Preset, store: Store, console: Console, theirs: Outcomes | N
         tables.write_runs(found, folder / "runs.csv")
         tables.write_references(found, folder / "references.csv")
         drawn = [figures.save_all(answer, folder) for answer in found]
-        held = hold(found, folder, theirs, scatter(np.random.default_rng(0)) if preset.meaningful else None)
+        identified = scatter(np.random.default_rng(0)) if preset.episodes == paper.EPISODES else None
+        held = hold(found, folder, theirs, identified)
         write_report(found, drawn, folder / "report.html", held)
     for answer in found:
         console.print()
@@ -77,9 +78,7 @@ def title(point: Point) -> str:
     )
 
 
-def write_report(
-    found: Sequence[Answer], drawn: Sequence[Mapping[str, Path]], path: Path, held: Publication
-) -> None:
+def write_report(found: Sequence[Answer], drawn: Sequence[Mapping[str, Path]], path: Path, held: Publication) -> None:
     """Write the self-contained report: a section a point, with the figures of these files (one mapping a point), and
     one that holds all of them against the publication."""
     content = _content(found, drawn) | {"publication": section(held, found[0].preset)}

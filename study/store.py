@@ -27,6 +27,8 @@ from study.versions import version
 from sysid import InvalidInput
 
 FIGURES = ("heatmap", "pareto", "gap", "curves")
+HELD = ("published_heatmap", "published_pareto", "published_contrasts", "published_claims", "identifiers")
+"""Figures of a point, and those of the whole preset beside the publication."""
 
 SCHEMA = """
 CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);
@@ -46,7 +48,7 @@ CREATE TABLE training (population INTEGER PRIMARY KEY, seconds REAL);
 def outputs(preset: Preset) -> tuple[str, ...]:
     """What a study writes beside its database; never over files of somebody else."""
     drawn = tuple(figure_name(preset, point.name, name) for point in preset.points for name in FIGURES)
-    return ("runs.csv", "references.csv", *drawn, "report.html", FOLDER)
+    return ("runs.csv", "references.csv", *drawn, *(f"{name}.png" for name in HELD), "report.html", FOLDER)
 
 
 def figure_name(preset: Preset, point: str, name: str) -> str:

@@ -11,6 +11,7 @@ from matplotlib.image import imread
 from matplotlib.patches import Rectangle
 
 from study import figures, tables
+from study.publication import hold
 from study.report import write_report
 from study.statistics import MINUS
 
@@ -20,13 +21,13 @@ VOID = {"meta", "img", "br"}
 @pytest.fixture(scope="module")
 def page(answer, tmp_path_factory):
     folder = tmp_path_factory.mktemp("report")
-    write_report([answer], [figures.save_all(answer, folder)], folder / "report.html")
+    write_report([answer], [figures.save_all(answer, folder)], folder / "report.html", hold([answer], folder))
     return (folder / "report.html").read_text(encoding="utf-8")
 
 
 def test_it_opens_without_a_network(page):
     links = re.findall(r"(?:src|href|url|import)\s*[=(]\s*[\"']?([^\"')\s>]+)", page)
-    assert len(links) == len(figures.FIGURES)
+    assert len(links) == len(figures.FIGURES) + len({"heat maps", "best widths", "contrasts"})
     assert all(link.startswith("data:image/png;base64,") for link in links)
     assert "<script" not in page
 
@@ -59,10 +60,11 @@ def test_settings_versions_and_the_papers_numbers_are_there(page):
 
 def test_small_presets_have_a_report_too(small_answer, tmp_path):
     drawn = figures.save_all(small_answer, tmp_path)
-    write_report([small_answer], [drawn], tmp_path / "report.html")
+    held = hold([small_answer], tmp_path)
+    write_report([small_answer], [drawn], tmp_path / "report.html", held)
     assert {"gap", "curves"} <= set(drawn)
     assert ("pareto" in drawn) == (len(small_answer.point.budgets) > 1)
-    for path in drawn.values():
+    for path in [*drawn.values(), *held.figures.values()]:
         assert np.ptp(imread(path)[..., :3]) > 0.5
 
 

@@ -1,0 +1,115 @@
+"""The section of the report that holds a preset against the publication, as HTML."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from markupsafe import Markup, escape
+
+from study import paper
+from study.agreement import DIFFERS, MARGIN, Agreement, CellAgreement, ContrastAgreement
+from study.answer import number
+from study.config import Preset
+from study.page import embedded, template
+from study.paper import CELLS, Spot
+from study.publication import FIGURES, Publication
+from study.published import Summary
+from study.statistics import MINUS, Contrast
+
+
+def section(held: Publication, preset: Preset) -> Markup:
+    """The finished section."""
+    page = template("publication.html.j2", {"signed": _signed, "bold": _bold, "p": _p, "summary": _summary})
+    return Markup(page.render(_content(held, preset)))
+
+
+def _content(held: Publication, preset: Preset) -> dict[str, Any]:
+    agreement = held.agreement
+    return {
+        "held": held,
+        "preset": preset,
+        "paper": paper,
+        "points": paper.POINTS,
+        "margin": MARGIN,
+        "pictures": [(name, embedded(file), FIGURES[name]) for name, file in held.figures.items()],
+        "apart": _apart(agreement) if agreement else [],
+        "published": _published,
+        "fresh": lambda spot: _fresh(agreement, spot) if agreement else "",
+    }
+
+
+def _apart(agreement: Agreement) -> list[dict[str, str]]:
+    """Where the two disagree: cells that differ, then contrasts of which one is significant and the other is not."""
+    cells = [
+        {
+            "what": f"mean return, {_named(c.spot)}",
+            "theirs": _published(c),
+            "ours": _summary(c.ours),
+            "difference": str(c.difference),
+            "reason": c.reason,
+        }
+        for c in agreement.cells
+        if c.verdict == DIFFERS
+    ]
+    contrasts = [
+        {
+            "what": c.published.label,
+            "theirs": str(c.theirs),
+            "ours": str(c.ours),
+            "difference": str(c.change or ""),
+            "reason": _flipped(c),
+        }
+        for c in agreement.contrasts
+        if c.agrees is False
+    ]
+    return cells + contrasts
+
+
+def _flipped(c: ContrastAgreement) -> str:
+    """Why one contrast is significant and the other is not, as far as the intervals tell."""
+    said = []
+    if c.change is not None and not c.change.significant:
+        said.append("the two do not differ by more than scatter")
+    if c.published.significant and not c.theirs_t.significant:
+        said.append("the published one has zero in its t interval")
+    if c.ours is not None and c.ours_t is not None and c.ours.significant and not c.ours_t.significant:
+        said.append("ours has zero in its t interval")
+    return "; ".join(said) or "not found"
+
+
+def _named(spot: Spot) -> str:
+    point = "" if spot.point == "main" else f"{spot.point.replace('_', ' ')}, "
+    return f"{point}n = {spot.n}, w = {spot.w:g}"
+
+
+def _published(c: CellAgreement) -> str:
+    """The published side of a cell, as printed where the text has a number."""
+    printed = CELLS[c.spot].printed
+    return _summary(Summary(c.theirs.mean if printed is None else printed, *list(vars(c.theirs).values())[1:]))
+
+
+def _fresh(agreement: Agreement, spot: Spot) -> str:
+    summary = agreement.ours.summary(spot, fresh=True)
+    return "" if math.isnan(summary.mean) else _summary(summary)
+
+
+def _summary(summary: Summary) -> str:
+    error = "" if math.isnan(summary.sem) else f" ± {summary.sem:.0f}"
+    return f"{number(summary.mean)}{error} ({number(summary.median)})"
+
+
+def _bold(contrast: Contrast | None) -> Markup:
+    if contrast is None:
+        return Markup("")
+    return Markup("<b>{}</b>").format(contrast) if contrast.significant else Markup(escape(str(contrast)))
+
+
+def _signed(value: float) -> str:
+    return f"{value:+.0f}".replace("-", MINUS)
+
+
+def _p(value: float) -> str:
+    if math.isnan(value):
+        return ""
+    return "< 0.001" if value < 0.001 else f"{value:.3f}"
