@@ -56,10 +56,16 @@ class Meter:
             self.begin = time.monotonic()
         self.first.setdefault(task, share if share < 1.0 else 0.0)
         self.share[task] = share
-        training = any(name.startswith("population") and s < 1.0 for name, s in self.share.items())
-        label = "training" if training else "references"
+        label = self._label()
         self.bar.update(self.row, description=label, completed=self.done, left=self.left())
         self._say_plainly(label)
+
+    def _label(self) -> str:
+        """What is going on, by the names of the tasks."""
+        if all(name.startswith("identification") for name in self.work):
+            return "identification"
+        training = any(name.startswith("population") and s < 1.0 for name, s in self.share.items())
+        return "training" if training else "references"
 
     @property
     def done(self) -> float:

@@ -34,3 +34,19 @@ def test_a_finished_task_counts_whole():
     with progress.Meter(Console(file=io.StringIO()), {"a": 30.0, "b": 10.0}) as meter:
         meter.update("a", 1.0)
         assert meter.done == 30.0
+
+
+@pytest.mark.parametrize(
+    ("names", "label"),
+    [
+        (["identification at main, seed 0"], "identification"),
+        (["population 1 of 1", "optimal"], "training"),
+        (["optimal", "lqr"], "references"),
+    ],
+)
+def test_a_plain_line_says_what_is_going_on(monkeypatch, names, label):
+    monkeypatch.setattr(progress, "PLAIN_SECONDS", 0.0)
+    out = io.StringIO()
+    with progress.Meter(Console(file=out, width=100), dict.fromkeys(names, 1.0)) as meter:
+        meter.update(names[0], 0.5)
+    assert f"  {label}: " in out.getvalue()
