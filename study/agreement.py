@@ -20,7 +20,7 @@ from functools import cached_property
 import numpy as np
 
 from study import paper
-from study.paper import CELLS, PublishedContrast, Spot
+from study.paper import BASELINE, CELLS, PublishedContrast, Spot
 from study.published import Outcomes, Summary
 from study.statistics import MINUS, Contrast, holm, paired_bootstrap, paired_t, student, welch
 
@@ -234,6 +234,8 @@ class Agreement:
             said.append(("Do the returns agree?", self._cells_in_words()))
         if any(c.agrees is not None for c in self.contrasts):
             said.append(("Do the conclusions agree?", self._contrasts_in_words()))
+        if BASELINE in self.ours:
+            said.append(("Does covering the truth replace measuring it?", self._baseline_in_words()))
         return [*said, ("Which published claims of significance stand?", self.significance())]
 
     def _cells_in_words(self) -> str:
@@ -242,9 +244,9 @@ class Agreement:
         chance = 0.05 * len(self.cells)
         return (
             f"Of {len(self.cells)} published cells that were run here, {count[SAME]} are the same within "
-            f"±{MARGIN:.0f}, {count[DIFFERS]} differ and {count[OPEN]} stay open, for their seeds scatter too much. "
-            f"The median distance of two means is {median:.0f}. At 95 % about {chance:.0f} would seem to differ by "
-            "chance alone."
+            f"±{MARGIN:.0f}, {count[DIFFERS]} differ{'s' * (count[DIFFERS] == 1)} and {count[OPEN]} "
+            f"stay{'s' * (count[OPEN] == 1)} open, for their seeds scatter too much. The median distance of two "
+            f"means is {median:.0f}. At 95 % about {chance:.0f} would seem to differ by chance alone."
         )
 
     def _contrasts_in_words(self) -> str:
@@ -252,6 +254,19 @@ class Agreement:
         apart = [c.published.label for c in ran if not c.agrees]
         text = f"Of {len(ran)} published contrasts that were run here, {len(ran) - len(apart)} agree in significance"
         return text + (f"; these do not: {'; '.join(apart)}." if apart else ".")
+
+    def _baseline_in_words(self) -> str:
+        ours, theirs = self.ours.summary(BASELINE), CELLS[BASELINE]
+        parts = [
+            f"against {_cell(c.published.b)} that is {c.theirs} there and {c.ours} here"
+            for c in self.contrasts
+            if c.published.a == BASELINE and c.ours
+        ]
+        return (
+            f"Trained over the whole prior range, which covers the truth, and without data the agents returned "
+            f"{theirs.printed:.0f} ± {theirs.sem:.0f} there and {ours.mean:.0f} ± {ours.sem:.0f} here"
+            f"{'; ' if parts else ''}{', '.join(parts)}."
+        ).replace(" -", f" {MINUS}")
 
     def significance(self) -> str:
         """How many of the published claims stand with t intervals, and how many with Holm's correction."""
@@ -273,6 +288,10 @@ def _ours_in_words(narrow: Sequence[ContrastAgreement]) -> str:
     signs = [c.ours_t for c in narrow if c.ours_t]
     kept = sum(t.significant for t in signs)
     return f"{kept} of the {len(signs)} that were run {'has' if kept == 1 else 'have'} a t interval without zero."
+
+
+def _cell(spot: Spot) -> str:
+    return f"n = {spot.n}, w = {spot.w:g}"
 
 
 def _verdict(wide: Contrast, narrow: Contrast) -> str:

@@ -20,7 +20,9 @@ from study.statistics import MINUS, Contrast
 
 def section(held: Publication, preset: Preset) -> Markup:
     """The finished section."""
-    page = template("publication.html.j2", {"signed": _signed, "bold": _bold, "p": _p, "summary": _summary})
+    page = template(
+        "publication.html.j2", {"signed": _signed, "bold": _bold, "range": _range, "p": _p, "summary": _summary}
+    )
     return Markup(page.render(_content(held, preset)))
 
 
@@ -44,8 +46,8 @@ def _apart(agreement: Agreement) -> list[dict[str, str]]:
     cells = [
         {
             "what": f"mean return, {_named(c.spot)}",
-            "theirs": _published(c),
-            "ours": _summary(c.ours),
+            "theirs": _published(c).partition(" (")[0],
+            "ours": _summary(c.ours).partition(" (")[0],
             "difference": str(c.difference),
             "reason": c.reason,
         }
@@ -103,6 +105,14 @@ def _bold(contrast: Contrast | None) -> Markup:
     if contrast is None:
         return Markup("")
     return Markup("<b>{}</b>").format(contrast) if contrast.significant else Markup(escape(str(contrast)))
+
+
+def _range(contrast: Contrast | None) -> Markup:
+    """The interval alone."""
+    if contrast is None or not math.isfinite(contrast.low):
+        return Markup("")
+    text = str(contrast).partition(" ")[2]
+    return Markup("<b>{}</b>").format(text) if contrast.significant else Markup(escape(text))
 
 
 def _signed(value: float) -> str:
