@@ -25,7 +25,7 @@ _HOME = {
     "design_lqr": "lqr",
     "Optimal": "optimal",
     "PendulumEnv": "pendulum_env",
-    "NetworkPolicy": "population",
+    "NetworkPolicy": "network_policy",
     "Population": "population",
     "CpuTuning": "processor",
     "tune_cpu": "processor",

@@ -20,15 +20,17 @@ from torchrl.envs import EnvBase
 from policies import task
 from policies.randomization import Randomization
 from policies.streams import Purpose, generator
-from sysid import InvalidInput, Model, State
+from sysid import InvalidInput, Model, Reading, State
+from sysid.effects.effect import Memory
 
 
 class BatchedPendulum(EnvBase):
-    """A pendulums; batch_size (A,), observation (A, 3) float32, action (A, 1) in [-1, 1], which is u / u_max.
+    """A pendulums; batch_size (A,), observation (A, O) float32, action (A, 1) in [-1, 1], which is u / u_max.
 
-    An episode ends after `horizon` steps by truncation; nothing terminates it. `restart` and `advance` are the
-    environment on plain tensors, for a training loop; `reset` and `step` are TorchRL's, made of these two.
-    Raises InvalidInput if there are not as many seeds as randomizations, or the model has no u_max.
+    Observed is what the model's sensors show, and the last `history` actions: O = 3 + history. The reward is of the
+    state. An episode ends after `horizon` steps (by default 10 s) by truncation; nothing terminates it. `restart` and
+    `advance` are the environment on plain tensors, for a training loop; `reset` and `step` are TorchRL's, made of these
+    two. Raises InvalidInput if there are not as many seeds as randomizations, or the model has no u_max.
     """
 
     def __init__(
@@ -36,8 +38,9 @@ class BatchedPendulum(EnvBase):
         model: Model,
         randomizations: Sequence[Randomization],
         seeds: Sequence[int],
-        horizon: int = task.HORIZON,
+        horizon: int | None = None,
         device: str = "cpu",
+        history: int = 0,
     ) -> None:
         if not randomizations or len(randomizations) != len(seeds):
             raise InvalidInput(
@@ -50,7 +53,8 @@ class BatchedPendulum(EnvBase):
             raise InvalidInput(f"the randomizations draw different parameters: {sorted(names)}; expected the same")
         agents = len(seeds)
         super().__init__(device=torch.device(device), batch_size=torch.Size([agents]))
-        self.base_model, self.randomizations, self.horizon = model, tuple(randomizations), horizon
+        self.base_model, self.randomizations, self.history = model, tuple(randomizations), history
+        self.horizon = task.horizon(model.dt) if horizon is None else horizon
         self.seeds = tuple(seeds)
         self.agents = agents
         self._make_specs()
@@ -59,7 +63,7 @@ class BatchedPendulum(EnvBase):
     def _make_specs(self) -> None:
         shape, device = (self.agents, 1), self.device
         self.observation_spec = Composite(
-            observation=Unbounded((self.agents, 3), dtype=torch.float32, device=device),
+            observation=Unbounded((self.agents, 3 + self.history), dtype=torch.float32, device=device),
             shape=self.batch_size,
             device=device,
         )
@@ -81,9 +85,15 @@ class BatchedPendulum(EnvBase):
         at_rest = self.model.initial_state(0.0 * ones, 0.0 * ones)
         memory = tuple(tuple((0.0 * ones).add_(v) for v in own) for own in at_rest.memory)
         self.state = State(at_rest.theta.clone(), at_rest.theta_dot.clone(), memory)
+        self.past = tuple(0.0 * ones for _ in range(self.history))
+        self.seen, self.sensing = Reading(self.state.theta, self.state.theta_dot), ()
+        if self.model.output_effects:
+            self.seen = Reading(0.0 * ones, 0.0 * ones)
+            self.sensing = tuple(tuple(0.0 * v for v in own) for own in self.model.sensing(*self.seen))
+        self._kept = [*_leaves(self.state), *self._sensors(self.seen, self.sensing), *self.past]
 
     def restart(self, which: Tensor | None = None) -> Tensor:
-        """Begin a new episode for the agents in the mask `which` (A,), or for all; returns observations (A, 3)."""
+        """Begin a new episode for the agents in the mask `which` (A,), or for all; returns observations (A, O)."""
         mask = torch.ones_like(self.steps, dtype=torch.bool) if which is None else which
         drawn = {name: np.ones(self.agents) for name in ("theta", "theta_dot", *self.parameters_now)}
         for a in range(self.agents) if which is None else torch.nonzero(mask).flatten().tolist():
@@ -96,30 +106,42 @@ class BatchedPendulum(EnvBase):
         for name, values in self.parameters_now.items():
             values.copy_(torch.where(mask, there[name], values))
         fresh = self.model.initial_state(there["theta"], there["theta_dot"])
-        for kept, new in zip(_leaves(self.state), _leaves(fresh), strict=True):
+        shown = self._sensors(*self._read(fresh, self.model.sensing(fresh.theta, fresh.theta_dot), 0.0))
+        for kept, new in zip(self._kept, (*_leaves(fresh), *shown, *map(torch.zeros_like, self.past)), strict=True):
             kept.copy_(torch.where(mask, new, kept))
         self.steps.masked_fill_(mask, 0)
         return self.observe()
 
     def advance(self, action: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Hold action (A, 1) for dt: next observation (A, 3), reward (A,), truncated (A,). Does not restart."""
-        u = action[:, 0].to(torch.float64).clamp(-1.0, 1.0) * self.base_model.u_max
-        reward = task.reward(self.state, u).to(torch.float32)
-        after = self.model.advance(self.state, u, self.steps * self.base_model.dt)
+        """Hold action (A, 1) for dt: next observation (A, O), reward (A,), truncated (A,). Does not restart."""
+        dt, share = self.base_model.dt, action[:, 0].to(torch.float64).clamp(-1.0, 1.0)
+        u = share * self.base_model.u_max
+        reward = task.reward(self.state, u, dt).to(torch.float32)
+        t = self.steps.to(torch.float64) * dt
+        after = self.model.advance(self.state, u, t)
+        shown = self._sensors(*self._read(after, self.sensing, t + dt))
+        past = (share, *self.past)[: self.history]
         # apart first: a delay's line passes the very tensors on that are written to
-        for kept, new in zip(_leaves(self.state), [leaf.clone() for leaf in _leaves(after)], strict=True):
+        for kept, new in zip(self._kept, [leaf.clone() for leaf in (*_leaves(after), *shown, *past)], strict=True):
             kept.copy_(new)
         self.steps.add_(1)
         return self.observe(), reward, self.steps >= self.horizon
 
     def observe(self) -> Tensor:
-        """Observations (A, 3), float32."""
-        return torch.stack(task.observation(self.state), -1).to(torch.float32)
+        """Observations (A, O), float32."""
+        return torch.stack(task.observation(self.seen, self.past), -1).to(torch.float32)
+
+    def _read(self, state: State, sensing: tuple[Memory, ...], t: Any) -> tuple[Reading, tuple[Memory, ...]]:
+        return self.model.read(state.theta, state.theta_dot, sensing, t)
+
+    def _sensors(self, seen: Reading, sensing: tuple[Memory, ...]) -> list[Any]:
+        """What they show and remember; nothing where they show the state itself."""
+        return [*seen, *(value for own in sensing for value in own)] if self.model.output_effects else []
 
     def snapshot(self) -> dict[str, Any]:
         """Everything that the next step depends on, as tensors, lists and numbers."""
         return {
-            "state": [leaf.clone() for leaf in _leaves(self.state)],
+            "state": [leaf.clone() for leaf in self._kept],
             "parameters": {name: values.clone() for name, values in self.parameters_now.items()},
             "episodes": list(self.episodes),
             "steps": self.steps.clone(),
@@ -127,7 +149,7 @@ class BatchedPendulum(EnvBase):
 
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Go on from a snapshot, in place."""
-        for kept, stored in zip(_leaves(self.state), snapshot["state"], strict=True):
+        for kept, stored in zip(self._kept, snapshot["state"], strict=True):
             kept.copy_(stored)
         for name, values in self.parameters_now.items():
             values.copy_(snapshot["parameters"][name])

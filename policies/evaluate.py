@@ -4,9 +4,10 @@
     print(answer)        # return -330.7 +- 35.0 (20 episodes)
 
 A policy is any callable `u = policy(state, t)`: it receives the state of all episodes at once (theta (E,) unwrapped
-[rad], theta_dot (E,) [rad/s], float64) and the time t [s] since the start, and answers with the command u (E,) [N m]
-or one number for all. A network makes its float32 observation of that state, a time-dependent policy reads its table
-at round(t / dt), LQR wraps theta.
+[rad], theta_dot (E,) [rad/s], float64; as the model's sensors show it) and the time t [s] since the start, and answers
+with the command u (E,) [N m] or one number for all. A network makes its float32 observation of that state, a
+time-dependent policy reads its table at round(t / dt), LQR wraps theta. A policy with an attribute `history` = k > 0
+is called with the last k commands too, `policy(state, t, past)`: past (E, k) [N m], the latest first, 0 before the start.
 """
 
 from __future__ import annotations
@@ -57,6 +58,13 @@ class Evaluation:
         episodes = len(self.returns)
         return float(np.std(self.returns, ddof=1)) / math.sqrt(episodes) if episodes > 1 else math.nan
 
+    def interval(self, level: float = 0.95) -> tuple[float, float]:
+        """Student's t interval of the mean over start states."""
+        from scipy.stats import t
+
+        half = float(t.ppf(0.5 + 0.5 * level, len(self.returns) - 1)) * self.sem
+        return self.mean - half, self.mean + half
+
     def __str__(self) -> str:
         return f"return {self.mean:.1f} +- {self.sem:.1f} ({len(self.returns)} episodes)"
 
@@ -70,13 +78,13 @@ def start_states(seed: int, episodes: int = 20) -> tuple[Array, Array]:
     return _columns(draws)
 
 
-def fresh_start_states(seed: int, episodes: int = 20) -> tuple[Array, Array]:
-    """Start states theta (E,) [rad], theta_dot (E,) [rad/s] that no other seed shares.
+def fresh_start_states(seed: int, episodes: int = 20, block: int = 0) -> tuple[Array, Array]:
+    """Start states theta (E,) [rad], theta_dot (E,) [rad/s] that no other seed or block shares.
 
     The paper's episode e of seed s starts where episode e - 1 of seed s + 1 does: neighbouring seeds share 19 of 20.
     These come from a generator of the seed's own, in the same distribution.
     """
-    rng = generator(seed, Purpose.EVALUATION)
+    rng = generator(seed, Purpose.EVALUATION, block)
     return _columns([task.start_state(rng) for _ in range(episodes)])
 
 
@@ -85,8 +93,10 @@ def _columns(states: Sequence[tuple[float, float]]) -> tuple[Array, Array]:
     return theta.copy(), theta_dot.copy()
 
 
-def evaluate(policy: Policy, model: Model, theta: Array, theta_dot: Array, horizon: int = task.HORIZON) -> Evaluation:
+def evaluate(policy: Policy, model: Model, theta: Array, theta_dot: Array, horizon: int | None = None) -> Evaluation:
     """Run the policy on the model from every start state at once, in float64; the command is clipped to +-u_max.
+
+    horizon   steps in an episode, by default those of 10 s
 
     Raises InvalidInput if the start states are not two finite vectors of one length, or if the policy answers with a
     wrong shape or a number that is not finite.
@@ -98,13 +108,18 @@ def evaluate(policy: Policy, model: Model, theta: Array, theta_dot: Array, horiz
         )
     if not (np.isfinite(theta).all() and np.isfinite(theta_dot).all()):
         raise InvalidInput("start states contain NaN or infinity; expected finite angles [rad] and speeds [rad/s]")
-    state = model.initial_state(theta, theta_dot)
-    returns = np.zeros(theta.shape)
-    for k in range(horizon):
+    state, sensing = model.initial_state(theta, theta_dot), model.sensing(theta, theta_dot)
+    returns, history = np.zeros(theta.shape), getattr(policy, "history", 0)
+    past = np.zeros((len(theta), history))
+    for k in range(task.horizon(model.dt) if horizon is None else horizon):
         t = k * model.dt
-        u = _command(policy(state, t), theta.shape, model.u_max, t)
-        returns += task.reward(state, u)
+        reading, sensing = model.read(state.theta, state.theta_dot, sensing, t)
+        seen = State(*reading, state.memory)
+        answer = policy(seen, t, past) if history else policy(seen, t)
+        u = _command(answer, theta.shape, model.u_max, t)
+        returns += task.reward(state, u, model.dt)
         state = model.advance(state, u, t)
+        past = np.column_stack((u, past))[:, :history]
     return Evaluation(returns)
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from pickle import UnpicklingError
 from typing import Any
@@ -21,42 +21,24 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from policies import task
 from policies.batched_env import BatchedPendulum
 from policies.feed import LENGTH, Feed
+from policies.network_policy import NetworkPolicy
 from policies.randomization import Randomization
 from policies.replay import Replay
 from policies.replayed import Replayed
 from policies.sac import SAC, SACSettings
 from policies.streams import Purpose
-from sysid import InvalidInput, Model, State
+from sysid import InvalidInput, Model
 
 CHECKPOINT_VERSION = 2
-
-
-@dataclass(frozen=True, eq=False)
-class NetworkPolicy:
-    """The deterministic policy of one trained agent: u = u_max tanh(loc(observation)), in float32 NumPy.
-
-    layers: (W (in, out), b (out,)) of the actor; a callable for `policies.evaluate.evaluate`, and free of torch.
-    """
-
-    layers: tuple[tuple[NDArray[np.float32], NDArray[np.float32]], ...]
-    u_max: float
-
-    def __call__(self, state: State, t: float) -> NDArray[np.float32]:
-        x = np.stack(task.observation(state), -1).astype(np.float32)
-        *hidden, (weight, bias) = self.layers
-        for w, b in hidden:
-            x = np.maximum(x @ w + b, np.float32(0.0))
-        loc = (x @ weight + bias)[..., 0]
-        return np.float32(self.u_max) * np.tanh(loc)
 
 
 class Population:
     """Soft actor-critic agents, trained together; `train` advances all, `save` and `load` interrupt and go on.
 
-    model: the pendulum whose parameters the randomizations draw; randomizations (A,), seeds (A,).
+    model: the pendulum whose parameters the randomizations draw; randomizations (A,), seeds (A,); history: how many
+    past commands the agents observe.
     """
 
     def __init__(
@@ -66,13 +48,14 @@ class Population:
         seeds: Sequence[int],
         settings: SACSettings | None = None,
         device: str = "cpu",
+        history: int = 0,
     ) -> None:
         self.settings = settings = SACSettings() if settings is None else settings
         self.seeds, self.device = tuple(int(s) for s in seeds), torch.device(device)
-        self.env = BatchedPendulum(model, randomizations, self.seeds, device=device)
+        self.env = BatchedPendulum(model, randomizations, self.seeds, device=device, history=history)
         self.agents = agents = len(self.seeds)
-        self.sac = SAC(self.seeds, settings, device=device)
-        self.replay = Replay(agents, min(settings.capacity, settings.steps), 3, 1, device)
+        self.sac = SAC(self.seeds, settings, 3 + history, device=device)
+        self.replay = Replay(agents, min(settings.capacity, settings.steps), 3 + history, 1, device)
         self.steps_done, self._block = 0, -1
         self._feeds = feeds = _feeds(self.seeds, settings.batch, device)
         self._exploration, self._uniform, self._normal = feeds
@@ -138,8 +121,8 @@ class Population:
         actor = [(w.cpu().numpy().copy(), b.cpu().numpy().copy()) for w, b in self.sac.actor.weights]
         *hidden, (weight, bias) = actor
         means = [*hidden, (weight[..., :1], bias[..., :1])]
-        u_max = self.env.base_model.u_max
-        return [NetworkPolicy(tuple((w[a], b[a, 0]) for w, b in means), u_max) for a in range(self.agents)]
+        u_max, history = self.env.base_model.u_max, self.env.history
+        return [NetworkPolicy(tuple((w[a], b[a, 0]) for w, b in means), u_max, history) for a in range(self.agents)]
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a checkpoint, whole or not at all: the file is replaced only when the new one is on the disk."""
@@ -160,15 +143,17 @@ class Population:
         seeds: Sequence[int],
         settings: SACSettings | None = None,
         device: str = "cpu",
+        history: int = 0,
     ) -> Population:
         """Go on from a checkpoint of this very population: the same numbers follow as without the interruption.
 
         Raises InvalidInput for a file that is no checkpoint, or one of another population or version.
         """
-        population = cls(model, randomizations, seeds, settings, device)
+        population = cls(model, randomizations, seeds, settings, device, history)
         stored = _stored(Path(path))
         if not isinstance(stored, dict):
             raise InvalidInput(f"{path} is not a checkpoint: it holds a {type(stored).__name__}")
+        stored.setdefault("history", 0)  # what was written before there was one
         for name, expected in population._identity().items():
             if stored.get(name) != expected:
                 raise InvalidInput(
@@ -184,6 +169,7 @@ class Population:
             "version": CHECKPOINT_VERSION,
             "seeds": list(self.seeds),
             "settings": asdict(self.settings),
+            "history": self.env.history,
             "randomizations": [r.to_json() for r in self.env.randomizations],
             "model": {
                 "plant": type(model.plant).__name__,

@@ -1,26 +1,42 @@
 """The swing-up task: what a step costs, what a controller sees, how long an episode lasts and where it starts.
 
     cost = wrap(theta)^2 + 0.1 theta_dot^2 + 0.001 u^2        from the state before the step
-    return = -(sum of the costs over 200 steps)
+    return = -(sum of dt/0.05 cost over 10 s)
 
-Gymnasium's Pendulum-v1 (Farama Foundation), with theta = 0 upright. The formulas go through sysid.ops, so that one
-definition serves NumPy (evaluation, dynamic programming) and torch (training).
+Gymnasium's Pendulum-v1 (Farama Foundation), with theta = 0 upright. There dt = 0.05 s, so that the costs of 200 steps
+are summed as they are; at another interval between commands the return is the same integral, in the same unit. The
+formulas go through sysid.ops, so that one definition serves NumPy (evaluation, dynamic programming) and torch (training).
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid import State, ops
+from sysid import ops
+
+if TYPE_CHECKING:
+    from sysid import Reading, State
+
+DURATION = 10.0
+"""Length of an episode [s]."""
+
+INTERVAL = 0.05
+"""Time between two commands [s] at which `cost` counts once."""
 
 HORIZON = 200
-"""Steps in an episode."""
+"""Steps in an episode at INTERVAL."""
 
 START_HIGH = (math.pi, 1.0)
 """Bounds of the start state: |theta| [rad], |theta_dot| [rad/s]."""
+
+
+def horizon(dt: float) -> int:
+    """Steps in an episode whose commands are held for dt [s]."""
+    return max(1, round(DURATION / dt))
 
 
 def cost(state: State, u: Any) -> Any:
@@ -28,14 +44,23 @@ def cost(state: State, u: Any) -> Any:
     return ops.wrap(state.theta) ** 2 + 0.1 * state.theta_dot**2 + 0.001 * u**2
 
 
-def reward(state: State, u: Any) -> Any:
-    """The negative cost."""
-    return -cost(state, u)
+def reward(state: State, u: Any, dt: float = INTERVAL) -> Any:
+    """What a step of dt [s] adds to the return: -dt/0.05 cost."""
+    return -(dt / INTERVAL) * cost(state, u)
 
 
-def observation(state: State) -> tuple[Any, Any, Any]:
-    """(cos theta, sin theta, theta_dot), unscaled, in the precision and back end of the state; stack it as you need."""
-    return ops.cos(state.theta), ops.sin(state.theta), state.theta_dot
+def observation(seen: State | Reading, past: Sequence[Any] = ()) -> tuple[Any, ...]:
+    """(cos theta, sin theta, theta_dot, *past), unscaled, in the precision and back end of what is seen; stack it.
+
+    past: the last k commands divided by u_max, the latest first, 0 before the start. A policy needs them where commands
+    under way decide what comes, as with a delay.
+    """
+    return ops.cos(seen.theta), ops.sin(seen.theta), seen.theta_dot, *past
+
+
+def observation_names(history: int = 0) -> tuple[str, ...]:
+    """What the entries of an observation with so many past commands are."""
+    return "cos theta", "sin theta", "theta_dot [rad/s]", *(f"u[-{i + 1}] / u_max" for i in range(history))
 
 
 def start_state(rng: np.random.Generator) -> tuple[float, float]:
