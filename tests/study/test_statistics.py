@@ -1,17 +1,11 @@
-"""The bootstrap: its coverage, its pairing, and the paper's own intervals from the paper's own runs."""
-
-import csv
-from collections import defaultdict
-from pathlib import Path
+"""Bootstrap, t, Welch and Holm: coverage, pairing, and what each says where the other is known."""
 
 import numpy as np
 import pytest
+import scipy.stats
 
-from study import paper
-from study.statistics import bootstrap_coverage, paired_bootstrap, sem
+from study.statistics import MINUS, bootstrap_coverage, holm, paired_bootstrap, paired_t, sem, student, welch
 from sysid import InvalidInput
-
-PAPER_RUNS = Path(__file__).resolve().parents[3] / "shared" / "data" / "paper" / "summary.csv"
 
 
 def rng(seed=0):
@@ -61,29 +55,65 @@ def test_bad_input_is_refused(a, b, told):
         paired_bootstrap(a, b, rng())
 
 
-@pytest.fixture(scope="module")
-def published():
-    if not PAPER_RUNS.exists():
-        pytest.skip("the authors' per-run results are not beside this checkout (../shared/data/paper)")
-    cells = defaultdict(dict)
-    with PAPER_RUNS.open() as file:
-        for row in csv.DictReader(file):
-            cells[int(row["n"]), float(row["w"])][int(row["seed"])] = float(row["eval_return_mean"])
-    return {key: np.array([by_seed[s] for s in range(10)]) for key, by_seed in cells.items()}
+def test_student_intervals_hold_the_true_mean_as_often_as_they_say_with_ten_seeds_and_the_bootstrap_does_not():
+    source, hits = rng(7), np.zeros(2)
+    for _ in range(600):
+        a, b = source.normal(3.0, 1.0, 10), np.zeros(10)
+        for k, contrast in enumerate((paired_t(a, b), paired_bootstrap(a, b, source, resamples=500))):
+            hits[k] += contrast.low <= 3.0 <= contrast.high
+    assert 0.93 < hits[0] / 600 < 0.97
+    assert hits[1] / 600 < 0.93
 
 
-@pytest.mark.parametrize("c", paper.CONTRASTS, ids=lambda c: f"{c.a}-{c.b}")
-def test_the_papers_contrasts_follow_from_its_runs(published, c):
-    contrast = paired_bootstrap(published[c.a], published[c.b], rng())
-    assert contrast.mean == pytest.approx(c.mean, abs=0.6)
-    if c.interval:
-        assert (contrast.low, contrast.high) == pytest.approx(c.interval, abs=1.5)
+def test_p_and_interval_tell_the_same():
+    source = rng(8)
+    for _ in range(50):
+        contrast = paired_t(source.normal(0.7, 1.0, 8), np.zeros(8))
+        assert (contrast.p < 0.05) == contrast.significant
 
 
-@pytest.mark.parametrize("m", paper.MEANS, ids=lambda m: f"n{m.n}-w{m.w:g}")
-def test_the_papers_means_follow_from_its_runs(published, m):
-    assert np.mean(published[m.n, m.w]) == pytest.approx(m.mean, abs=2.5 if "about" in m.place else 0.6)
+def test_t_of_a_published_mean_and_error_is_that_of_the_runs():
+    a, b = rng(9).normal(size=12), rng(10).normal(size=12)
+    known = student(float(np.mean(a - b)), sem(a - b), 12)
+    assert (known.low, known.high, known.p) == pytest.approx(vars_of(paired_t(a, b)))
 
 
-def test_the_papers_errors_are_sample_standard_errors(published):
-    assert sem(published[10, 0.0]) == pytest.approx(6.0, abs=0.5)
+def vars_of(contrast):
+    return contrast.low, contrast.high, contrast.p
+
+
+def test_welch_agrees_with_the_textbook():
+    a, b = rng(11).normal(1.0, 1.0, 9), rng(12).normal(0.0, 4.0, 14)
+    found = welch((a.mean(), sem(a), 9), (b.mean(), sem(b), 14))
+    expected = scipy.stats.ttest_ind(a, b, equal_var=False)
+    interval = expected.confidence_interval()
+    assert vars_of(found) == pytest.approx((interval.low, interval.high, expected.pvalue))
+
+
+def test_one_seed_decides_nothing():
+    alone = paired_t([5.0], [1.0])
+    assert (alone.mean, alone.significant, alone.p) == (4.0, False, 1.0)
+    assert str(alone) == f"+4 [{MINUS}inf, +inf]"
+    assert not welch((1.0, np.nan, 1), (0.0, 0.1, 10)).significant
+
+
+def test_equal_pairs_are_no_difference_and_shifted_ones_are():
+    assert not paired_t([1.0, 2.0], [1.0, 2.0]).significant
+    assert paired_t([2.0, 3.0], [1.0, 2.0]).significant
+
+
+def test_holm_keeps_whole_families_honest_and_the_order():
+    source, wrong = rng(13), 0
+    for _ in range(500):
+        p = source.uniform(size=12)
+        adjusted = np.array(holm(p))
+        assert np.all(adjusted >= p)
+        assert np.all(np.diff(adjusted[np.argsort(p)]) >= 0.0)
+        wrong += np.min(adjusted) < 0.05
+    assert wrong / 500 < 0.08
+
+
+def test_holm_of_one_is_itself_and_of_two_the_textbooks():
+    assert holm([0.03]) == [0.03]
+    assert holm([0.04, 0.01]) == pytest.approx([0.04, 0.02])
+    assert holm([]) == []
