@@ -1,0 +1,130 @@
+"""Claims: each answer says what was put into the numbers, and start states overlap as the report says."""
+
+import numpy as np
+import pytest
+
+from policies.evaluate import start_states
+from study import claims
+from study.paper import CELLS, QUOTES
+from study.published import Outcome, Outcomes, outcomes
+from study.scatter import Scatter, scatter
+from study.statistics import MINUS, Contrast
+
+BUDGETS = (1, 2, 5, 10, 25, 50, 100, 200, 400)
+
+
+def falling(power, noise=0.05):
+    """Estimates whose error falls as n^power, with a share of bias that is none."""
+    rng = np.random.default_rng(0)
+    sigmas = (0.5, 1.0, 2.0)
+    sizes = np.array(sigmas)[:, None, None, None] * 0.5 * (np.array(BUDGETS) / 50.0)[None, :, None, None] ** power
+    signs = rng.choice([-1.0, 1.0], (3, len(BUDGETS), 400, 2)) * (
+        1.0 + noise * rng.normal(size=(3, len(BUDGETS), 400, 2))
+    )
+    estimates = np.array([2.0, 1.5]) + sizes * signs
+    return Scatter((2.0, 1.5), sigmas, BUDGETS, estimates, estimates)
+
+
+@pytest.fixture(scope="module")
+def found():
+    return scatter(np.random.default_rng(5), seeds=60, budgets=(5, 50, 100, 200))
+
+
+def test_the_rate_is_recognised():
+    assert claims.rate(falling(-0.5)).verdict == claims.HOLDS
+    slow = claims.rate(falling(-0.2))
+    assert slow.verdict == claims.FAILS
+    assert f"to the power {MINUS}0.20" in slow.answer
+
+
+def test_noise_in_the_inputs_scatters_m_and_does_not_move_it(found):
+    claim = claims.bias(found)
+    assert claim.verdict == claims.FAILS
+    assert found.thetas(1.0, 50)[:, 0].mean() == pytest.approx(found.thetas(1.0, 50, clean=True)[:, 0].mean(), abs=0.03)
+    assert found.thetas(1.0, 50)[:, 0].std() > 0.4
+
+
+def test_a_shift_of_the_inputs_would_be_seen(found):
+    shifted = Scatter(found.truth, found.sigmas, found.budgets, found.estimates + 0.2, found.clean)
+    assert claims.bias(shifted).verdict == claims.IN_PART
+
+
+def test_a_floor_is_told_from_a_fall(found):
+    assert claims.floor(found).verdict == claims.FAILS
+    assert claims.floor(falling(0.0)).verdict == claims.OPEN
+
+
+def test_the_nearest_cell_is_half_a_step_away_at_most():
+    assert claims.nearest_cell((0.3, 3.0)) == pytest.approx(0.0, abs=1e-12)
+    assert 0.0 < claims.nearest_cell((2.0, 1.5)) < claims.CELL / 2**0.5
+
+
+def test_what_the_published_cells_say_against_the_text():
+    assert "8 are within 20" in claims.plateau().answer
+    assert "3 of 20 steps" in claims.monotone().answer
+
+
+def test_ours_stand_beside(answer_of_the_paper):
+    assert "Here 15 of 15 are." in claims.plateau(flat(answer_of_the_paper, -340.0)).answer
+    assert "Here none of 20 steps" in claims.monotone(flat(answer_of_the_paper, -340.0)).answer
+
+
+@pytest.fixture
+def answer_of_the_paper():
+    return [spot for spot in CELLS if spot.point == "main"]
+
+
+def flat(spots, value):
+    return outcomes((spot, seed, Outcome(value, 0.5, (2.0, 1.5), value - seed)) for spot in spots for seed in range(2))
+
+
+def test_200_evaluations_stand_on_29_start_states():
+    assert claims.distinct_starts() == (29, 200)
+    for seed in range(9):
+        here, there = (np.stack(start_states(s), axis=1) for s in (seed, seed + 1))
+        assert np.array_equal(here[1:], there[:-1])
+        assert not np.array_equal(here[0], there[0])
+    assert claims.starts().verdict == claims.IN_PART
+    assert claims.starts((0, 20, 40)).verdict == claims.HOLDS
+
+
+def test_fresh_starts_stand_beside(answer_of_the_paper):
+    answer = claims.starts(ours=flat(answer_of_the_paper, -340.0)).answer
+    assert f"returns {MINUS}340 ± 0.5 instead of {MINUS}340 ± 0.0" in answer
+    assert "start states that no two seeds share" not in claims.starts(ours=Outcomes({})).answer
+
+
+def curves(rise, seeds=6, spread=0.02, seed=1):
+    rng = np.random.default_rng(seed)
+    steps = 200.0 * np.arange(1, 376)
+    return [list(zip(steps, rise * (1 + spread * rng.normal()) * steps / 1e4 + rng.normal(size=375), strict=True))
+            for _ in range(seeds)]  # fmt: skip
+
+
+def test_the_slope_at_the_end_of_training_is_found_with_its_interval():
+    found = [claims.slope(curves(12.0, seed=seed)) for seed in range(40)]
+    assert np.mean([slope.mean for slope in found]) == pytest.approx(12.0, rel=0.01)
+    assert 0.85 <= np.mean([slope.low < 12.0 < slope.high for slope in found]) <= 1.0
+    level = [(s, -300.0 - 1e4 / s) for s, _ in curves(0.0, 1)[0]]
+    assert claims.slope([level, level]).mean == pytest.approx(0.03, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("gain", "verdict"),
+    [((30.0, 5.0, 60.0), claims.HOLDS), ((3.0, -5.0, 9.0), claims.OPEN), ((-9.0, -12.0, -2.0), claims.FAILS)],
+)
+def test_longer_training_decides_where_it_was_run(gain, verdict):
+    claim = claims.undertraining({0.0: curves(0.0), 0.5: curves(9.0)}, 50, 75_000, (Contrast(*gain, 10), 150_000))
+    assert claim.verdict == verdict
+    assert "150,000 steps" in claim.answer
+    assert claims.undertraining({0.5: curves(9.0)}, 50, 75_000).verdict == claims.IN_PART
+    assert claims.undertraining({0.5: curves(0.0)}, 50, 75_000).verdict == claims.OPEN
+
+
+def test_every_claim_quotes_the_paper(found):
+    said = [claims.rate(found), claims.bias(found), claims.floor(found), claims.plateau(), claims.monotone(),
+            claims.starts(), claims.undertraining({0.5: curves(1.0)}, 50, 75_000)]  # fmt: skip
+    assert {claim.name for claim in said} == set(QUOTES)
+    assert all(
+        claim.quote and claim.place and claim.answer.endswith(".") and "nan" not in claim.answer for claim in said
+    )
