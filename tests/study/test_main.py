@@ -85,6 +85,7 @@ def test_a_study_ends_with_its_answer_and_files(undisturbed):
     assert made == {
         "results.sqlite", "runs.csv", "references.csv", "report.html",
         "heatmap.png", "pareto.png", "gap.png", "curves.png", "policies",
+        "published_heatmap.png", "published_pareto.png",
     }  # fmt: skip
     assert len(rows(folder)) == len(SMOKE.cells)
 
