@@ -19,12 +19,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from study.executor import PATIENCE, Heard, Supervised, Task, WorkerFailed, outcome
+from study.executor import PATIENCE, SECOND, Heard, Supervised, Task, WorkerFailed, outcome
 from study.versions import versions
 from sysid import InvalidInput
-
-SECOND = 1.0
-"""Seconds between two looks of the driver at its tasks, and of a task at what the driver wants."""
 
 STORE_BYTES = 100 * 2**20
 """Size of Ray's shared memory where it is started here; finished runs are small."""

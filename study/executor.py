@@ -63,6 +63,9 @@ class Task(Protocol):
         ...
 
 
+SECOND = 1.0
+"""Least seconds between two messages of progress from a task: thousands of tasks must not drown the driver."""
+
 Heard = Callable[[Task, str, Any], None]
 """heard(task, kind, payload): "progress" (0 to 1), "saved" (seconds), "died" (why; it is started again) or "done"."""
 

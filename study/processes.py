@@ -7,11 +7,13 @@ reaches the driver alone, which asks its workers to save and end.
 from __future__ import annotations
 
 import contextlib
+import math
 import multiprocessing
 import multiprocessing.connection
 import os
 import signal
 import threading
+import time
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -19,7 +21,7 @@ from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 from typing import Any
 
-from study.executor import PATIENCE, Heard, Supervised, Task, outcome
+from study.executor import PATIENCE, SECOND, Heard, Supervised, Task, outcome
 
 ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")}
 
@@ -119,14 +121,18 @@ def _interrupts_blocked() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-@dataclass(frozen=True)
+@dataclass
 class _Pipe:
     """The worker's end of the line (a `study.executor.Link`)."""
 
     connection: Connection
+    said: float = -math.inf
 
     def progress(self, done: float) -> None:
-        self.connection.send(("progress", done))
+        now = time.monotonic()
+        if now - self.said >= SECOND:
+            self.said = now
+            self.connection.send(("progress", done))
 
     def saved(self, seconds: float) -> None:
         self.connection.send(("saved", seconds))

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import time
 from types import TracebackType
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
+
+DRAW_SECONDS = 0.2
+"""Least time between two looks at all tasks, of which there may be thousands."""
 
 PLAIN_SECONDS = 30.0
 """Least time between two plain lines."""
@@ -30,6 +34,7 @@ class Meter:
         self.console, self.work = console, dict(work)
         self.share = dict.fromkeys(work, 0.0)
         self.begin = self.said = time.monotonic()
+        self.drawn = -math.inf
         self.first: dict[str, float] = {}
         self.bar = Progress(
             TextColumn("{task.description}"),
@@ -48,6 +53,7 @@ class Meter:
     def __exit__(
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self._draw()
         self.bar.stop()
 
     def update(self, task: str, share: float) -> None:
@@ -56,6 +62,12 @@ class Meter:
             self.begin = time.monotonic()
         self.first.setdefault(task, share if share < 1.0 else 0.0)
         self.share[task] = share
+        now = time.monotonic()
+        if now - self.drawn >= DRAW_SECONDS:
+            self.drawn = now
+            self._draw()
+
+    def _draw(self) -> None:
         label = self._label()
         self.bar.update(self.row, description=label, completed=self.done, left=self.left())
         self._say_plainly(label)

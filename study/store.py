@@ -180,9 +180,8 @@ class Store:
 
     def add_runs(self, runs: Sequence[Run]) -> None:
         """Keep the runs of a finished population, all or none, but for those that were imported before."""
-        rows_imported = self.db.execute("SELECT point, n, w, seed FROM runs WHERE imported <> ''")
-        imported = {Cell(*row) for row in rows_imported}
-        rows = [write_run(run) for run in runs if run.cell not in imported]
+        imported = "SELECT 1 FROM runs WHERE point = ? AND n = ? AND w = ? AND seed = ? AND imported <> ''"
+        rows = [write_run(run) for run in runs if not self.db.execute(imported, run.cell).fetchone()]
         with self._transaction() as db:
             db.executemany(f"INSERT INTO runs VALUES ({', '.join('?' * 16)})", rows)
             db.executemany("DELETE FROM training WHERE population = ?", {(r.population,) for r in runs})

@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from study.executor import DEATHS, WorkerFailed
+from study.executor import DEATHS, SECOND, WorkerFailed
 from study.processes import Processes
 from tests.study.counting import Counting, Forgetful, MidSentence, done, run
 
@@ -25,7 +25,13 @@ def test_every_task_is_done_once_whatever_the_number_of_workers(tmp_path, worker
     assert sorted(name for name, kind, _ in said if kind == "done") == [task.name for task in tasks]
     for task in tasks:
         assert task.attempts() == [0]
-        assert [p for name, kind, p in said if (name, kind) == (task.name, "progress")] == [0.25, 0.5, 0.75, 1.0]
+        assert [p for name, kind, p in said if (name, kind) == (task.name, "saved")] == [10.0, 20.0, 30.0, 40.0]
+
+
+def test_progress_is_told_once_a_second_at_most(tmp_path):
+    said = run(Processes(1), Counting("fast", tmp_path, end=100), Counting("slow", tmp_path, end=3, pause=SECOND))
+    assert [payload for name, kind, payload in said if (name, kind) == ("fast", "progress")] == [0.01]
+    assert [payload for name, kind, payload in said if (name, kind) == ("slow", "progress")] == [1 / 3, 2 / 3, 1.0]
 
 
 @pytest.mark.parametrize("kind", [Counting, MidSentence])

@@ -1,0 +1,128 @@
+"""python -m tests.benchmarks.driver: what the driver of a study itself costs, with runs that take no time.
+
+Tasks are answered at once with invented numbers of real size (375 training episodes, 2 x 20 evaluation episodes), so
+that what is left is the driver's: progress, the store's transactions, reading everything back, runs.csv. Populations of
+five and the paper's grid at as many operating points as it takes. A driver whose cost for a run grows with the number
+of runs is one that sums or scans all of them again and again: the two sizes side by side show that.
+"""
+
+from __future__ import annotations
+
+import argparse
+import cProfile
+import dataclasses
+import io
+import pstats
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from study.answer import answers
+from study.cells import PopulationTask, Run
+from study.config import PAPER, Preset
+from study.executor import Heard, Task
+from study.identification import Estimated, IdentificationTask
+from study.references import Reference, ReferenceTask
+from study.runner import run
+from study.store import Store
+from study.tables import write_runs
+
+PROGRESS = 20
+"""Messages of progress a task; more than a second apart where tasks take their time."""
+
+EPISODES, CURVE = (-400.0,) * 20, tuple((200 * k, -1234.567890123) for k in range(375))
+
+
+class Instant:
+    """An executor whose tasks are done when they are asked for (a `study.executor.Executor`)."""
+
+    workers = 1
+
+    def execute(self, tasks: Sequence[Task], heard: Heard) -> None:
+        for task in tasks:
+            for k in range(PROGRESS):
+                heard(task, "progress", k / PROGRESS)
+            if task.saves:
+                heard(task, "saved", 60.0)
+            heard(task, "done", invented(task))
+
+
+def invented(task: Task) -> list[Any]:
+    """The answer of a task, with theta_hat told apart by all that it depends on."""
+    if isinstance(task, IdentificationTask):
+        number = float(task.point.name)
+        return [
+            Estimated(task.point.name, n, task.seed, (1.0 + number + 0.001 * n, 1.0 + 0.01 * task.seed), 0.1)
+            for n in task.point.budgets
+        ]
+    versions = {"torch": "0", "numpy": "0"}
+    if isinstance(task, ReferenceTask):
+        return [
+            Reference(task.controller, task.theta, truth, seed, EPISODES, versions, 1.0)
+            for truth in task.truths
+            for seed in task.preset.reference_seeds
+        ]
+    assert isinstance(task, PopulationTask)
+    settings = {"preset": task.preset.name, "device": task.device, "sac": dict.fromkeys("abcdefghijklmnop", 0.001)}
+    return [
+        Run(cell, task.index, theta, 0.5, EPISODES, CURVE, settings, versions, 900.0, EPISODES)
+        for cell, theta in zip(task.cells, task.estimates, strict=True)
+    ]
+
+
+def preset(runs: int) -> Preset:
+    """The paper's grid at so many plants that there are `runs` runs (a multiple of 250)."""
+    (point,) = PAPER.points
+    points = tuple(
+        dataclasses.replace(point, name=str(k), truth=(2.0 + 0.01 * k, 1.5)) for k in range(runs // len(PAPER.cells))
+    )
+    return dataclasses.replace(PAPER, name="driver", points=points, companion=None)
+
+
+def measure(runs: int) -> dict[str, float]:
+    """Cost by phase."""
+    many, console = preset(runs), Console(file=io.StringIO())
+    cost, begin = {}, time.perf_counter()
+
+    def lap(phase: str) -> None:
+        nonlocal begin
+        now = time.perf_counter()
+        cost[f"{phase} [ms]"], begin = 1e3 * (now - begin), now
+
+    with tempfile.TemporaryDirectory() as folder:
+        with Store(Path(folder), many) as store:
+            run(many, store, Instant(), console)
+            lap("run")
+        with Store(Path(folder), many) as store:
+            run(many, store, Instant(), console)
+            lap("go on when all is done")
+            kept = store.runs(), store.references()
+            lap("read it back")
+            write_runs(answers(many, *kept), Path(folder) / "runs.csv")
+            lap("runs.csv")
+        cost["folder [kB]"] = 1e-3 * sum(path.stat().st_size for path in Path(folder).iterdir())
+    return cost
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure both sizes, then profile the smaller one."""
+    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.driver", description=__doc__.splitlines()[0])
+    parser.add_argument("--runs", nargs="+", type=int, default=[1000, 10_000], help="multiples of 250")
+    parser.add_argument("--top", type=int, default=12, help="functions of the profile")
+    given = parser.parse_args(arguments)
+    found = {runs: measure(runs) for runs in given.runs}
+    print(f"| a run of | {' | '.join(map(str, found))} |\n|---|{'---:|' * len(found)}")
+    for phase in found[given.runs[0]]:
+        print(f"| {phase} | {' | '.join(f'{cost[phase] / runs:.3f}' for runs, cost in found.items())} |")
+    profile = cProfile.Profile()
+    profile.runcall(measure, given.runs[0])
+    pstats.Stats(profile).strip_dirs().sort_stats("tottime").print_stats(given.top)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
