@@ -241,19 +241,22 @@ class Agreement:
     def _cells_in_words(self) -> str:
         count = {v: sum(c.verdict == v for c in self.cells) for v in (SAME, DIFFERS, OPEN)}
         median = float(np.median([abs(c.difference.mean) for c in self.cells]))
-        chance = 0.05 * len(self.cells)
-        return (
-            f"Of {len(self.cells)} published cells that were run here, {count[SAME]} are the same within "
-            f"±{MARGIN:.0f}, {count[DIFFERS]} differ{'s' * (count[DIFFERS] == 1)} and {count[OPEN]} "
-            f"stay{'s' * (count[OPEN] == 1)} open, for their seeds scatter too much. The median distance of two "
-            f"means is {median:.0f}. At 95 % about {chance:.0f} would seem to differ by chance alone."
+        text = (
+            f"Of {len(CELLS)} published cells {len(self.cells)} were run here: {count[SAME]} are the same within "
+            f"±{MARGIN:.0f}, {count[DIFFERS]} differ and {count[OPEN]} stay open, for their seeds scatter too much. "
+            f"The median distance of two means is {median:.0f}."
         )
+        if len(self.cells) < 1.0 / 0.05:
+            return text
+        return f"{text} At 95 % about {0.05 * len(self.cells):.0f} would seem to differ by chance alone."
 
     def _contrasts_in_words(self) -> str:
         ran = [c for c in self.contrasts if c.agrees is not None]
         apart = [c.published.label for c in ran if not c.agrees]
-        text = f"Of {len(ran)} published contrasts that were run here, {len(ran) - len(apart)} agree in significance"
-        return text + (f"; these do not: {'; '.join(apart)}." if apart else ".")
+        text = (
+            f"Of {len(self.contrasts)} published contrasts {len(ran)} were run here, and {len(ran) - len(apart)} agree"
+        )
+        return f"{text} in significance and sign" + (f"; these do not: {'; '.join(apart)}." if apart else ".")
 
     def _baseline_in_words(self) -> str:
         ours, theirs = self.ours.summary(BASELINE), CELLS[BASELINE]
@@ -277,17 +280,15 @@ class Agreement:
             f"{sum(c.theirs_t.significant for c in claimed)} keep a t interval without zero and "
             f"{sum(c.survives for c in claimed)} survive Holm's correction over all {len(self.contrasts)}. Of the "
             f"{len(narrow)} 'w = 0 beats w = 0.2', {sum(c.theirs_t.significant for c in narrow)} keeps it with t and "
-            f"{sum(c.survives for c in narrow) or 'none'} with Holm; here "
-            + _ours_in_words([c for c in narrow if c.ours_t])
+            f"{sum(c.survives for c in narrow) or 'none'} with Holm." + _ours_in_words([c for c in narrow if c.ours_t])
         )
 
 
 def _ours_in_words(narrow: Sequence[ContrastAgreement]) -> str:
     if not narrow:
-        return "they were not run."
-    signs = [c.ours_t for c in narrow if c.ours_t]
-    kept = sum(t.significant for t in signs)
-    return f"{kept} of the {len(signs)} that were run {'has' if kept == 1 else 'have'} a t interval without zero."
+        return ""
+    kept = sum(c.ours_t is not None and c.ours_t.significant for c in narrow)
+    return f" Here {kept or 'none'} of the {len(narrow)} that were run keep{'s' * (kept == 1)} it with t."
 
 
 def _cell(spot: Spot) -> str:

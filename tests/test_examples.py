@@ -89,6 +89,25 @@ def test_published_runs_refuses_settings_that_cannot_be():
     assert "positive number" in done.stderr
 
 
+def test_paper_claims(tmp_path):
+    done = run("paper_claims.py", "--seeds", "60", "--figure", str(tmp_path / "claims.png"))
+    assert done.returncode == 0, done.stderr
+    assert '"the identification error falls roughly as 1/√n" (Sec. II-B): does not hold.' in done.stdout
+    assert "29 distinct ones" in done.stdout
+    assert "15 keep a t interval without zero and 10 survive Holm" in done.stdout
+    assert (tmp_path / "claims.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"), [(("--seeds", "1"), "at least 2"), (("--seeds", "2", "--figure", "."), "cannot write")]
+)
+def test_paper_claims_refuses_wrong_input(arguments, message):
+    done = run("paper_claims.py", *arguments)
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert "Traceback" not in done.stderr
+
+
 def test_own_effect():
     done = run("own_effect.py")
     assert done.returncode == 0, done.stderr
