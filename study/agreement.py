@@ -178,15 +178,16 @@ class Agreement:
         ours_holm = dict(zip(ran, holm([_p(pair[1]) for pair in ours if pair]), strict=True))
         return [
             ContrastAgreement(
-                c,
-                Contrast(c.mean, *c.interval, c.seeds),
-                theirs_t[k],
-                theirs_holm[k],
-                *(ours[k] or (None, None)),
-                ours_holm.get(k, math.nan),
-                self._change(c),
+                published=c,
+                theirs=Contrast(c.mean, *c.interval, c.seeds),
+                theirs_t=theirs_t[k],
+                theirs_holm=theirs_holm[k],
+                ours=pair[0] if pair else None,
+                ours_t=pair[1] if pair else None,
+                ours_holm=ours_holm.get(k, math.nan),
+                change=self._change(c),
             )
-            for k, c in enumerate(paper.DIFFERENCES)
+            for k, (c, pair) in enumerate(zip(paper.DIFFERENCES, ours, strict=True))
         ]
 
     def _change(self, contrast: PublishedContrast) -> Contrast | None:

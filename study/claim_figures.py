@@ -64,8 +64,7 @@ def _masses(axes: Axes, found: Scatter) -> None:
     )
     for clean, colour, alpha, label in looks:
         m = found.thetas(1.0, 50, clean=clean)[:, 0]
-        kind = "step" if clean else "stepfilled"
-        axes.hist(m, edges, histtype=kind, color=colour, alpha=alpha, label=label, linewidth=1.3)
+        axes.stairs(*np.histogram(m, edges), fill=not clean, color=colour, alpha=alpha, label=label, linewidth=1.3)
     axes.axvline(found.truth[0], color=ACCENT, linewidth=1.4)
     axes.annotate("the truth", (found.truth[0], 1.0), (4, -2), xycoords=axes.get_xaxis_transform(), va="top",
                   textcoords="offset points", color=ACCENT, fontsize=9.0)  # fmt: skip

@@ -108,12 +108,11 @@ def _cells() -> dict[Spot, PublishedCell]:
     table = {}
     for point, text in _TABLE.items():
         numbers = [float(word) for word in text.split()]
-        for n, w, *values in zip(*(numbers[k::5] for k in range(5)), strict=True):
+        for n, w, mean, error, median in zip(*(numbers[k::5] for k in range(5)), strict=True):
             spot = Spot(point, int(n), w)
             printed, place = PRINTED.get(spot, (None, "Fig. 1" if point == "main" else POINTS[point].file))
-            table[spot] = PublishedCell(
-                spot, *values, 10 if point in ("main", "prior_range") else 5, printed=printed, place=place
-            )
+            seeds = 10 if point in ("main", "prior_range") else 5
+            table[spot] = PublishedCell(spot, mean, error, median, seeds, printed, place)
     return table
 
 

@@ -20,7 +20,7 @@ from study.claims import Claim
 from study.config import PRESETS, Preset
 from study.figures import save
 from study.knee import budget_curves, paragraph
-from study.paper import EPISODES, POINTS, ROBUSTNESS, SEEDS, URL, Spot
+from study.paper import CELLS, EPISODES, POINTS, ROBUSTNESS, SEEDS, URL, Spot
 from study.published import Outcome, Outcomes, outcomes, read_runs
 from study.references import OPTIMAL
 from study.scatter import Scatter
@@ -75,8 +75,10 @@ def hold(
     ours = own
     for name, runs in siblings.items():
         ours = ours.merged(runs) if PRESETS[name].steps == preset.steps else ours
-    agreement = Agreement(ours, theirs, preset.episodes == EPISODES, preset.hidden, preset.steps, preset.resamples)
-    if not swept or not (agreement.cells or any(c.ours for c in agreement.contrasts)):
+    agreement: Agreement | None = Agreement(
+        ours, theirs, preset.episodes == EPISODES, preset.hidden, preset.steps, preset.resamples
+    )
+    if not swept or not any(spot in ours for spot in CELLS):
         agreement = None
     references = _references(found)
     curves, wider = (budget_curves(own, references, w) if references else {} for w in (0.0, 0.2))

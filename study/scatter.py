@@ -117,11 +117,13 @@ class Scatter:
 
     def thetas(self, sigma: float, n: int, *, clean: bool = False) -> Array:
         """theta_hat (seeds, 2) of a noise level and a budget."""
-        return (self.clean if clean else self.estimates)[self.sigmas.index(sigma), self.budgets.index(n)]
+        found: Array = (self.clean if clean else self.estimates)[self.sigmas.index(sigma), self.budgets.index(n)]
+        return found
 
     def errors(self, sigma: float) -> Array:
         """||theta_hat - truth|| (budgets, seeds)."""
-        return np.linalg.norm(self.estimates[self.sigmas.index(sigma)] - np.array(self.truth), axis=-1)
+        off: Array = self.estimates[self.sigmas.index(sigma)] - np.array(self.truth)
+        return np.hypot(off[..., 0], off[..., 1])
 
     def at_bound(self, sigma: float, n: int) -> float:
         """The share of seeds whose m ended at the edge of the grid."""

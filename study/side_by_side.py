@@ -46,7 +46,7 @@ def sweep(agreement: Agreement, point: str = "main") -> Sweep:
 
 def heatmaps(theirs: Sweep, ours: Sweep, titles: tuple[str, str], references: Mapping[str, float]) -> Figure:
     """Mean return +- SEM of every cell, published on the left, here on the right; the best cell is outlined."""
-    budgets, widths = (sorted({key[k] for key in theirs}) for k in (0, 1))
+    budgets, widths = sorted({n for n, _ in theirs}), sorted({w for _, w in theirs})
     means = [c.mean for c in [*theirs.values(), *(ours[key] for key in theirs if key in ours)]]
     low, high = min(means), max(*means, references[OPTIMAL])
     figure = Figure(figsize=(10.0, 4.7), layout="constrained")
