@@ -7,7 +7,7 @@ A policy is any callable `u = policy(state, t)`: it receives the state of all ep
 [rad], theta_dot (E,) [rad/s], float64; as the model's sensors show it) and the time t [s] since the start, and answers
 with the command u (E,) [N m] or one number for all. A network makes its float32 observation of that state, a
 time-dependent policy reads its table at round(t / dt), LQR wraps theta. A policy with an attribute `history` = k > 0
-is called with the last k commands too, `policy(state, t, past)`: past (E, k) [N m], the latest first, 0 before the start.
+is called with the last k commands too, `policy(state, t, past)`: past (E, k) [N m], the latest first, 0 at the start.
 """
 
 from __future__ import annotations

@@ -63,8 +63,9 @@ class LQR:
 def design_lqr(model: Model) -> LQR:
     """Minimise the sum of the task's costs over an infinite horizon, to second order at the upright.
 
-    The Riccati equation is solved by python-control. Raises InvalidInput as `step_of` does (input
-    effects, ...), and for a model that no torque within +-u_max holds upright.
+    The Riccati equation is solved by python-control. Raises InvalidInput as `step_of` does (commands that are
+    remembered, ...), for a model that no torque within +-u_max holds upright and for one that a small torque does
+    not move.
     """
     import control  # loads matplotlib; late, so that importing this module stays cheap
 
@@ -77,6 +78,8 @@ def design_lqr(model: Model) -> LQR:
     )
 
     drift, _, B, _ = (np.asarray(a) for a in linearise([0.0, 0.0], 0.0))
+    if not abs(B[1, 0]) > 0.0:
+        raise InvalidInput("a small torque does not move the upright: dry friction or a dead zone holds it")
     u_0 = -float(drift[1, 0] / B[1, 0])
     drift, A, B, half = (np.asarray(a) for a in linearise([0.0, 0.0], u_0))
     if np.max(np.abs(drift)) > 1e-9 or abs(u_0) > model.u_max:

@@ -25,9 +25,9 @@ Observation = NDArray[np.float32]
 class PendulumEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     """Observation [cos theta, sin theta, theta_dot, *past] (3 + history,), action u (1,) [N m], clipped to +-u_max.
 
-    Observed is what the model's sensors show, and the last `history` commands / u_max. `randomization` draws new parameters at every reset, after the start state; `info` holds them. The horizon is
-    the TimeLimit of `gymnasium.make`: a truncation, never a terminal state. Raises InvalidInput for a model without
-    u_max.
+    Observed is what the model's sensors show, and the last `history` commands / u_max. `randomization` draws new
+    parameters at every reset, after the start state; `info` holds them. The horizon is the TimeLimit of
+    `gymnasium.make`: a truncation, never a terminal state. Raises InvalidInput for a model without u_max.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012

@@ -6,9 +6,11 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid import InvalidInput, Model
 
@@ -29,6 +31,14 @@ class Randomization(ABC):
 
 
 @dataclass(frozen=True)
+class Fixed(Randomization):
+    """Nothing is drawn: every episode is the model at its own values."""
+
+    def sample(self, rng: np.random.Generator, model: Model) -> dict[str, float]:
+        return {}
+
+
+@dataclass(frozen=True)
 class Band(Randomization):
     """Each parameter independently from U(c (1 - w), c (1 + w)) around its centre c, clipped to its bounds afterwards.
 
@@ -44,15 +54,16 @@ class Band(Randomization):
         if not self.center:
             raise InvalidInput("the band has no centre; expected at least one parameter, as in {'m': 1.0, 'l': 1.0}")
         for name, value in self.center.items():
-            if not (math.isfinite(value) and value > 0.0):
-                raise InvalidInput(f"centre of {name} is {value}: expected a positive number")
+            if not math.isfinite(value):
+                raise InvalidInput(f"centre of {name} is {value}: expected a number")
         if not 0.0 <= self.w < 1.0:
             raise InvalidInput(f"w = {self.w}: expected a relative width in [0, 1)")
 
     def sample(self, rng: np.random.Generator, model: Model) -> dict[str, float]:
         model.check_names(self.center)
         parameters = model.parameters
-        drawn = {name: rng.uniform(c * (1.0 - self.w), c * (1.0 + self.w)) for name, c in self.center.items()}
+        ends = {name: sorted((c * (1.0 - self.w), c * (1.0 + self.w))) for name, c in self.center.items()}
+        drawn = {name: rng.uniform(low, high) for name, (low, high) in ends.items()}
         return {name: float(np.clip(p, *parameters[name].bounds)) for name, p in drawn.items()}
 
 
@@ -73,3 +84,73 @@ class PriorRange(Randomization):
             if not all(map(math.isfinite, parameters[name].bounds)):
                 raise InvalidInput(f"parameter {name} has bounds {parameters[name].bounds}: expected finite ones")
         return {name: float(rng.uniform(*parameters[name].bounds)) for name in self.names}
+
+
+@dataclass(frozen=True)
+class Ranges(Randomization):
+    """Each parameter independently and uniformly from a range (low, high) of its own, within its bounds."""
+
+    ranges: Mapping[str, tuple[float, float]]
+
+    def __post_init__(self) -> None:
+        ranges = {name: (float(low), float(high)) for name, (low, high) in self.ranges.items()}
+        object.__setattr__(self, "ranges", ranges)
+        for name, (low, high) in ranges.items():
+            if not -math.inf < low <= high < math.inf:
+                raise InvalidInput(f"range of {name} is ({low}, {high}): expected (low, high) with low <= high")
+
+    def sample(self, rng: np.random.Generator, model: Model) -> dict[str, float]:
+        model.check_names(self.ranges)
+        parameters = model.parameters
+        drawn = {name: rng.uniform(low, high) for name, (low, high) in self.ranges.items()}
+        return {name: float(np.clip(p, *parameters[name].bounds)) for name, p in drawn.items()}
+
+
+@dataclass(frozen=True)
+class Posterior(Randomization):
+    """All parameters together from the normal distribution that a fit found, clipped to their bounds afterwards.
+
+        p = p_hat + D R^(1/2) z,   z ~ N(0, 1)        C = D R D: D the standard deviations, R the correlations
+
+    names (P,), values (P,) fitted, covariance (P, P). Raises InvalidInput for a covariance that is not one, or that is
+    infinite: the records then leave a parameter open.
+    """
+
+    names: tuple[str, ...]
+    values: tuple[float, ...]
+    covariance: tuple[tuple[float, ...], ...]
+
+    def __post_init__(self) -> None:
+        rows = tuple(tuple(float(c) for c in row) for row in self.covariance)
+        for name, value in (("names", tuple(self.names)), ("values", tuple(map(float, self.values)))):
+            object.__setattr__(self, name, value)
+        object.__setattr__(self, "covariance", rows)
+        P = len(self.names)
+        if P == 0 or len(self.values) != P or len(rows) != P or any(len(row) != P for row in rows):
+            raise InvalidInput(f"{P} names, {len(self.values)} values and {len(rows)} rows: expected as many of each")
+        open_ = [name for name, row in zip(self.names, rows, strict=True) if not all(map(math.isfinite, row))]
+        if open_:
+            raise InvalidInput(
+                f"the fit leaves {', '.join(open_)} open (its variance is not finite): nothing to draw from"
+            )
+        C = np.array(rows)
+        if not np.allclose(C, C.T) or np.any(np.diag(C) < 0.0):
+            raise InvalidInput("the covariance is not symmetric with variances >= 0: expected that of a fit")
+
+    @cached_property
+    def _root(self) -> NDArray[np.float64]:
+        """D R^(1/2); the square root is the symmetric one, which is unique."""
+        C = np.array(self.covariance)
+        sd = np.sqrt(np.diag(C))
+        scale = np.where(sd > 0.0, sd, 1.0)
+        size, direction = np.linalg.eigh(C / np.outer(scale, scale))
+        return scale[:, None] * (direction * np.sqrt(np.maximum(size, 0.0))) @ direction.T
+
+    def sample(self, rng: np.random.Generator, model: Model) -> dict[str, float]:
+        model.check_names(self.names)
+        parameters = model.parameters
+        drawn = np.array(self.values) + self._root @ rng.standard_normal(len(self.names))
+        return {
+            name: float(np.clip(p, *parameters[name].bounds))
+            for name, p in zip(self.names, drawn.tolist(), strict=True)
+        }

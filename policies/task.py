@@ -5,7 +5,7 @@
 
 Gymnasium's Pendulum-v1 (Farama Foundation), with theta = 0 upright. There dt = 0.05 s, so that the costs of 200 steps
 are summed as they are; at another interval between commands the return is the same integral, in the same unit. The
-formulas go through sysid.ops, so that one definition serves NumPy (evaluation, dynamic programming) and torch (training).
+formulas go through sysid.ops: one definition serves NumPy (evaluation, dynamic programming) and torch (training).
 """
 
 from __future__ import annotations

@@ -1,0 +1,121 @@
+"""What the command line of policies understands: one dataclass a command."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction, arg
+
+File = Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="")]
+Number = Annotated[float | None, arg(metavar="NUMBER", help_behavior_hint="")]
+Switch = FlagCreatePairsOff[Annotated[bool, arg(help_behavior_hint="")]]
+Folder = Annotated[Positional[Path], arg(metavar="POLICY")]
+Texts = UseAppendAction[tuple[str, ...]]
+
+
+@dataclass(frozen=True)
+class Train:
+    """A controller for a fitted model: swing up and hold, trained on the model with all its effects."""
+
+    model: Annotated[Positional[Path], arg(metavar="MODEL")]
+    """A model.json, as sysid writes it."""
+
+    out: Annotated[Path, arg(aliases=["-o"], metavar="FOLDER", help_behavior_hint="(default: policy)")] = Path("policy")
+    """Where the policy is written: policy.json and policy.safetensors."""
+
+    u_max: Annotated[Number, arg(metavar="TORQUE", help_behavior_hint="(default: the model's)")] = None
+    """Largest torque [N m] that the policy commands."""
+
+    dt: Annotated[Number, arg(metavar="S", help_behavior_hint="(default: near 0.05, a multiple of the model's)")] = None
+    """Time between two commands [s]."""
+
+    history: Annotated[int | None, arg(metavar="K", help_behavior_hint="(default: what its delays and lags need)")] = (
+        None
+    )
+    """How many of its past commands the policy observes: those under way decide what comes."""
+
+    randomize: Annotated[str, arg(metavar="none|band:W|posterior|prior")] = "none"
+    """What is drawn anew in every training episode. none: nothing. band:0.3: each fitted parameter within 30 % of its
+    value. posterior: all of them from the fit's covariance. prior: each from its bounds where they are stated within a
+    factor of 20, else a plant's numbers from half to twice, an effect from nothing to twice."""
+
+    range: Annotated[Texts, arg(metavar="NAME=LOW:HIGH", help_behavior_hint="(repeatable)")] = ()
+    """With --randomize prior: the range of a parameter, as in m=0.5:2."""
+
+    steps: Annotated[int, arg(metavar="N")] = 30_000
+    """Commands that each agent gives in training."""
+
+    hidden: Annotated[tuple[int, ...], arg(metavar="N")] = (64, 64)
+    """Sizes of the network's hidden layers."""
+
+    agents: Annotated[int, arg(metavar="A")] = 1
+    """Agents trained side by side, of seeds SEED, SEED + 1, ...; the best on the model is kept."""
+
+    seed: Annotated[int, arg(metavar="S")] = 0
+    """Where all random numbers of the training come from."""
+
+    onnx: File = None
+    """Write the policy here as ONNX too."""
+
+    effects: File = None
+    """The Python file with effects of your own that the model has."""
+
+    no_references: Switch = False
+    """Leave out the optimum and the textbook's controllers on the same model."""
+
+    force: Switch = False
+    """Write over files that are there."""
+
+
+@dataclass(frozen=True)
+class Evaluate:
+    """What a policy is worth: on the model it was trained on, and on another: the transfer gap."""
+
+    policy: Folder
+    """The folder that `train` wrote."""
+
+    model: File = None
+    """Another model.json."""
+
+    episodes: Annotated[int, arg(metavar="N")] = 200
+    """Start states."""
+
+    seed: Annotated[int, arg(metavar="S")] = 0
+    """Where the start states come from; train uses 0."""
+
+    references: Switch = False
+    """The optimum and the textbook's controllers on the same model too."""
+
+    json: File = None
+    """Write the numbers here."""
+
+    effects: File = None
+    """The Python file with effects of your own that a model has."""
+
+    force: Switch = False
+    """Write over files that are there."""
+
+
+@dataclass(frozen=True)
+class Export:
+    """A policy as ONNX, for a controller that knows nothing of Python."""
+
+    policy: Folder
+    """The folder that `train` wrote."""
+
+    out: Annotated[Path, arg(aliases=["-o"], metavar="FILE", help_behavior_hint="(default: policy.onnx)")] = Path(
+        "policy.onnx"
+    )
+    """Where it is written."""
+
+    effects: File = None
+    """The Python file with effects of your own that its model has."""
+
+    force: Switch = False
+    """Write over a file that is there."""
+
+
+COMMANDS: dict[str, Callable[..., Any]] = {"train": Train, "evaluate": Evaluate, "export": Export}

@@ -1,0 +1,103 @@
+"""What else can be had on a model: the optimum, and two controllers of the textbook.
+
+for reference in references(machine, *fresh_start_states(0, 200)):
+    print(reference.name, reference.evaluation or reference.note)
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from policies.evaluate import Evaluation, Policy, evaluate
+from policies.optimal import Grid
+from sysid import DeadZone, Effect, InvalidInput, Model
+
+Array = NDArray[np.float64]
+
+FINE, COARSE = Grid(), Grid(theta=180, theta_dot=181)
+"""Tables of the optimum; the second where it costs many times as much: the input path remembers, or time matters."""
+
+SPEED = 8.0
+"""Least speed [rad/s] up to which dynamic programming looks, and the paper's."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """A controller's returns on a model; None where it cannot be had. The note says why, or what it does not know."""
+
+    name: str
+    evaluation: Evaluation | None
+    note: str = ""
+
+
+def references(model: Model, theta: Array, theta_dot: Array) -> tuple[Reference, ...]:
+    """Optimum, swing-up + LQR and LQR on the model, from the same start states.
+
+    The optimum knows the state. The other two act on what the sensors show, and are designed without what has no linear
+    feedback: memory of the input path, dead zones, dry friction, sensing.
+    """
+    sensing = model.output_effects
+    remembering = (e for e in model.input_effects if e.rest(model.dt) or isinstance(e, DeadZone))
+    left_out = (*remembering, *model.dry_frictions, *sensing)
+    note = f"designed without {', '.join(e.name for e in left_out)}" if left_out else ""
+    known, simple = _without(model, sensing), _without(model, left_out)
+    return (
+        _reference("optimum (dynamic programming)", _optimal, known, known, theta, theta_dot),
+        _reference("swing-up, then LQR", _swing_up, simple, model, theta, theta_dot, note),
+        _reference("LQR", _lqr, simple, model, theta, theta_dot, note),
+    )
+
+
+def _without(model: Model, effects: tuple[Effect, ...]) -> Model:
+    return dataclasses.replace(model, effects=tuple(e for e in model.effects if e not in effects))
+
+
+def _reference(
+    name: str,
+    design: Callable[[Model], Policy],
+    on: Model,
+    plant: Model,
+    theta: Array,
+    theta_dot: Array,
+    note: str = "",
+) -> Reference:
+    try:
+        return Reference(name, evaluate(design(on), plant, theta, theta_dot), note)
+    except InvalidInput as error:
+        return Reference(name, None, " ".join(str(error).split()))
+
+
+def _optimal(model: Model) -> Policy:
+    from policies.design import is_periodic, is_steady, without_dead_time
+    from policies.predictive import design_predictive
+
+    core, _ = without_dead_time(model)
+    costly = any(e.rest(core.dt) for e in core.input_effects) or not is_steady(core)
+    grid = COARSE if costly else FINE
+    turns = 1 if is_periodic(model) else 3
+    return design_predictive(model, dataclasses.replace(grid, theta_dot_max=_fastest(model), turns=turns))
+
+
+def _fastest(model: Model) -> float:
+    """Where the speed is clipped; else 1.5 times that of a fall from the upright."""
+    clipped = getattr(model.integrator, "theta_dot_max", math.inf)
+    G = abs(float(model.plant.gravity_torque(0.5 * math.pi)))
+    return min(clipped, max(SPEED, 1.5 * math.sqrt(1.0 + 4.0 * G / float(model.inertia()))))
+
+
+def _swing_up(model: Model) -> Policy:
+    from policies.swing_up import design_swing_up
+
+    return design_swing_up(model)
+
+
+def _lqr(model: Model) -> Policy:
+    from policies.lqr import design_lqr
+
+    return design_lqr(model)
