@@ -48,7 +48,7 @@ class Study:
 
     def wait_for_checkpoint(self):
         """Until a checkpoint is written that was not there before, or the study ends."""
-        known, deadline = self.checkpoints(), time.monotonic() + 60.0
+        known, deadline = self.checkpoints(), time.monotonic() + 120.0
         while self.runs and self.checkpoints() <= known:
             assert time.monotonic() < deadline
             time.sleep(0.005)
@@ -82,7 +82,7 @@ class Study:
             time.sleep(0.02)
 
     def end(self):
-        out, err = self.process.communicate(timeout=120)
+        out, err = self.process.communicate(timeout=300)
         return self.process.returncode, out, err
 
 

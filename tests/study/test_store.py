@@ -1,6 +1,7 @@
 """The results folder: keeps what it is given, and refuses what is not its own."""
 
 import dataclasses
+import errno
 import os
 import sqlite3
 
@@ -81,7 +82,23 @@ def test_a_folder_of_another_version_is_refused(tmp_path, key, label):
         Store(tmp_path, SMOKE)
 
 
-def test_two_studies_in_one_folder_are_refused(tmp_path):
+def locks_only_what_is_open_for_writing(fcntl):
+    """flock by the rule of network disks."""
+    flock = fcntl.flock
+
+    def lock(handle, how):
+        if fcntl.fcntl(handle, fcntl.F_GETFL) & os.O_ACCMODE == os.O_RDONLY:
+            raise OSError(errno.EBADF, "Bad file descriptor")
+        flock(handle, how)
+
+    return lock
+
+
+@pytest.mark.parametrize("disk", ["local", "network"])
+def test_two_studies_in_one_folder_are_refused(disk, tmp_path, monkeypatch):
+    if disk == "network":
+        fcntl = pytest.importorskip("fcntl", reason="this system has no flock")
+        monkeypatch.setattr(fcntl, "flock", locks_only_what_is_open_for_writing(fcntl))
     with Store(tmp_path, SMOKE), pytest.raises(InvalidInput, match="another study is running"):
         Store(tmp_path, SMOKE)
     Store(tmp_path, SMOKE).close()
