@@ -22,8 +22,8 @@ import numpy as np
 
 from study import claims
 from study.agreement import Agreement
-from study.claim_figures import identification
-from study.figures import save
+from study.figures.claims import identification
+from study.figures.style import save
 from study.published import Outcomes
 from study.scatter import scatter
 

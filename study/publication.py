@@ -13,12 +13,15 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from study import claim_figures, claims, side_by_side
+from study import claims
 from study.agreement import Agreement
 from study.answer import Answer
 from study.claims import Claim
 from study.config import PRESETS, Preset
-from study.figures import save
+from study.figures import claims as claim_figures
+from study.figures import publication as side_by_side
+from study.figures.style import save
+from study.figures.sweeps import heatmaps, paretos
 from study.knee import budget_curves, paragraph
 from study.paper import CELLS, EPISODES, POINTS, ROBUSTNESS, SEEDS, URL, Spot
 from study.published import Outcome, Outcomes, outcomes, read_runs
@@ -140,8 +143,9 @@ def _sweeps(agreement: Agreement, references: Mapping[str, float]) -> dict[str, 
     drawings: dict[str, Callable[[], Figure]] = {}
     if ours and references:
         titles = side_by_side.titles(agreement.hidden, max(cell.seeds for cell in ours.values()))
-        drawings["published_heatmap"] = lambda: side_by_side.heatmaps(theirs, ours, titles, references)
-        drawings["published_pareto"] = lambda: side_by_side.paretos(theirs, ours, titles, references)
+        sides = dict(zip(titles, (theirs, ours), strict=True))
+        drawings["published_heatmap"] = lambda: heatmaps(sides, references)
+        drawings["published_pareto"] = lambda: paretos(sides, references)
     if ran := [contrast for contrast in agreement.contrasts if contrast.ours]:
         drawings["published_contrasts"] = lambda: side_by_side.contrasts(ran)
     return drawings

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from study import figures, paper, tables
+from study import paper, tables
 from study.answer import Answer, answers
 from study.cells import Run
 from study.config import Point, Preset
+from study.figures.answers import save_all
 from study.files import write_whole
 from study.page import embedded, template, unbroken
 from study.progress import duration
@@ -48,7 +49,7 @@ def publish(preset: Preset, store: Store, console: Console, theirs: Outcomes | N
         found = answers(preset, store.runs(), store.references())
         tables.write_runs(found, folder / "runs.csv")
         tables.write_references(found, folder / "references.csv")
-        drawn = [figures.save_all(answer, folder) for answer in found]
+        drawn = [save_all(answer, folder) for answer in found]
         identified = scatter(np.random.default_rng(0)) if preset.episodes == paper.EPISODES else None
         held = hold(found, folder, theirs, identified)
         write_report(found, drawn, folder / "report.html", held)

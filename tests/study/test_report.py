@@ -10,7 +10,9 @@ import pytest
 from matplotlib.image import imread
 from matplotlib.patches import Rectangle
 
-from study import figures, tables
+from study import tables
+from study.figures import answers as figures
+from study.figures.style import STYLE
 from study.publication import hold
 from study.report import write_report
 from study.statistics import MINUS
@@ -69,14 +71,19 @@ def test_small_presets_have_a_report_too(small_answer, tmp_path):
 
 
 def test_the_heatmap_outlines_the_best_cell_and_prints_the_means(answer):
-    with matplotlib.rc_context(figures.STYLE):
+    with matplotlib.rc_context(STYLE):
         axes = figures.heatmap(answer).axes[0]
     (outline,) = [p for p in axes.patches if isinstance(p, Rectangle)]
     column, row = (int(x + 0.5) for x in outline.get_xy())
     assert (answer.point.budgets[row], answer.point.widths[column]) == answer.best
-    printed = {(round(t.get_position()[1]), round(t.get_position()[0])): t.get_text() for t in axes.texts}
+    printed = {}
+    for text in axes.texts:
+        x, y = text.get_position()
+        printed.setdefault((round(y), round(x)), []).append(text.get_text())
     assert len(printed) == len(answer.cells)
-    assert printed[row, column].startswith(f"{MINUS}{abs(answer.mean(answer.best)):.0f} ± ")
+    mean, error = printed[row, column]
+    assert mean == f"{MINUS}{abs(answer.mean(answer.best)):.0f}"
+    assert error.startswith(f"± {answer.sem(answer.best):.0f} · ")
 
 
 def test_runs_csv_has_the_papers_columns_and_conventions(answer, tmp_path):

@@ -9,12 +9,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullLocator
 
-from study.answer import number
 from study.claims import CELL, nearest_cell
-from study.figures import ACCENT, COLOURS
+from study.figures.references import reference_lines
+from study.figures.style import ACCENT, COLOURS
 from study.knee import IDENTIFIERS, BudgetCurve
 from study.paper import ID_ERRORS
-from study.references import LQR, OPTIMAL, SWING_UP
 from study.scatter import Scatter
 
 POINTS = {0.5: "low_noise", 1.0: "main", 2.0: "high_noise"}
@@ -91,7 +90,7 @@ def identifiers(
     if wider:
         left.plot([], [], color="0.5", linestyle="--", linewidth=1.2, label=f"w = {next(iter(wider.values())).w:g}")
     lows = [value for group in (curves, wider) for curve in group.values() for value in curve.returns]
-    _references(left, references, min(lows))
+    reference_lines([left], references, min(lows))
     for name, curve in curves.items():
         colour, marker = LOOKS[name]
         right.plot(curve.budgets[1:], curve.errors[1:], color=colour, marker=marker, markersize=6, linewidth=1.9)
@@ -107,22 +106,6 @@ def identifiers(
     right.set_ylabel("mean identification error")
     right.set_title("How close m and l come")
     return figure
-
-
-def _references(axes: Axes, references: Mapping[str, float], low: float) -> None:
-    """Optimal and swing-up as lines, LQR as a line or, below the figure, as words."""
-    high = references[OPTIMAL]
-    room = 0.14 * (high - low)
-    axes.set_ylim(low - room, high + room)
-    looks = ((OPTIMAL, "optimal", "-", 6), (SWING_UP, "swing-up", "-.", -6), (LQR, "LQR", ":", 0))
-    for controller, name, style, shift in looks:
-        value = references[controller]
-        inside = value > low - room
-        if inside:
-            axes.axhline(value, color=ACCENT, linestyle=style, linewidth=1.1, zorder=1)
-        text = f"{'' if inside else '↓ '}{name} {number(value)}"
-        axes.annotate(text, (1.0, value if inside else low - 0.9 * room), (4, shift), color=ACCENT, fontsize=8.5,
-                      xycoords=axes.get_yaxis_transform(), textcoords="offset points", va="center")  # fmt: skip
 
 
 def _spread(budgets: Sequence[int]) -> list[float]:

@@ -1,0 +1,9 @@
+"""The study's figures.
+
+style          colours, fonts, and how a figure becomes a file
+references     optimal, swing-up and LQR, drawn the same way everywhere
+sweeps         heat map and best width of one sweep, or of two side by side
+answers        what a finished operating point shows
+publication    this study beside the published one
+claims         what the paper says beside its table
+"""

@@ -1,0 +1,52 @@
+"""How figures look, and how one becomes a file."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from study.files import write_whole
+
+STYLE: Any = {
+    "font.family": "DejaVu Sans",
+    "font.size": 10.0,
+    "axes.titlesize": 11.0,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.titlepad": 12.0,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": "0.4",
+    "axes.labelcolor": "0.15",
+    "xtick.color": "0.3",
+    "ytick.color": "0.3",
+    "legend.frameon": False,
+    "figure.dpi": 160.0,
+    "figure.constrained_layout.w_pad": 0.1,
+    "figure.constrained_layout.h_pad": 0.08,
+}
+COLOURS = matplotlib.colormaps["viridis"]
+ACCENT = "#c8102e"
+PAPER_WHITE = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
+
+
+def save(draw: Callable[[], Figure], path: Path) -> Path:
+    """Draw a figure in the study's style into a PNG file; returns the path."""
+    with matplotlib.rc_context(STYLE):
+        figure = draw()
+        FigureCanvasAgg(figure)
+        content = io.BytesIO()
+        figure.savefig(content, format="png")
+        write_whole(path, content.getvalue())
+    return path
+
+
+def width_colours(count: int) -> list[tuple[float, ...]]:
+    """A colour for each of so many widths."""
+    return [COLOURS(0.15 + 0.7 * k / max(1, count - 1)) for k in range(count)]
