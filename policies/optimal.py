@@ -4,13 +4,17 @@
     print(evaluate(optimal, plant, *start_states(seed=0)))           # the best that this grid knows to do
     print(-optimal.cost_to_go(*start_states(seed=0)).mean())         # what it promises
 
-Interpolation weights act as transition probabilities: the scheme is monotone and its error cannot grow.
+Interpolation weights act as transition probabilities: the scheme is monotone and its error cannot grow. They also act
+as noise, of a sixth of the squared spacing a step and axis on average: a coarse table plans with a margin, a fine one
+to the edge of what the plant can do. A finer table is worth more on the plant that it was solved for and less on others.
 Source: Kushner & Dupuis, Numerical Methods for Stochastic Control Problems in Continuous Time, ch. 5.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -19,67 +23,73 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from policies import task
-from policies.design import Step, step_of
+from policies.design import check_numbers, is_periodic, is_steady
+from policies.table import Axis, corners
 from sysid import InvalidInput, Model, State
+from sysid.ops import Value
 
 Array = NDArray[np.float64]
+Stage = tuple[NDArray[np.float32], csr_array]
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Nodes of the table: `theta` angles around the circle, `theta_dot` speeds up to +-theta_dot_max [rad/s]
-    and `u` torques up to +-u_max. The upright at rest without torque is a node, hence even and odd numbers.
+    """Nodes of the table: `theta` angles a turn, `theta_dot` speeds up to +-theta_dot_max [rad/s] and `u` torques up
+    to +-u_max; `memory` values of what the input path remembers, where it remembers a number.
 
-    A speed beyond theta_dot_max counts as theta_dot_max, which is exact where the model clips it there. Twice
-    the torques change the paper's returns by less than 0.05 (the optimum is nearly bang-bang).
+    turns   1: angles around the circle. More: a line of so many turns, for torques that wind up with the angle.
+
+    The upright at rest without torque is a node, hence even and odd numbers. A speed beyond theta_dot_max counts as
+    theta_dot_max, which is exact where the model clips it there. Twice the torques change the paper's returns by less
+    than 0.05 (the optimum is nearly bang-bang).
     """
 
     theta: int = 450
     theta_dot: int = 451
     u: int = 21
     theta_dot_max: float = 8.0
+    memory: int = 9
+    turns: int = 1
 
     def __post_init__(self) -> None:
         if self.theta < 4 or self.theta % 2:
             raise InvalidInput(f"a grid of theta = {self.theta} angles: expected an even number >= 4")
-        for name in ("theta_dot", "u"):
+        for name in ("theta_dot", "u", "memory"):
             number = getattr(self, name)
             if number < 3 or number % 2 == 0:
                 raise InvalidInput(f"a grid of {name} = {number} values: expected an odd number >= 3")
         if not 0.0 < self.theta_dot_max < math.inf:
             raise InvalidInput(f"theta_dot_max = {self.theta_dot_max}: expected a positive speed [rad/s]")
+        if self.turns < 1:
+            raise InvalidInput(f"a grid of turns = {self.turns}: expected at least one")
+
+    @property
+    def axes(self) -> tuple[Axis, Axis]:
+        """Those of theta [rad] and theta_dot [rad/s]."""
+        circle, turn = self.turns == 1, 2.0 * math.pi
+        angles = Axis(turn, self.theta, circle=True) if circle else Axis(self.turns * turn, self.turns * self.theta + 1)
+        return angles, Axis(2.0 * self.theta_dot_max, self.theta_dot)
 
     @property
     def states(self) -> State:
-        """The nodes theta (T, 1) in [-pi, pi) and theta_dot (1, D)."""
-        theta = -math.pi + 2.0 * math.pi / self.theta * np.arange(self.theta)
-        theta_dot = np.linspace(-self.theta_dot_max, self.theta_dot_max, self.theta_dot)
-        return State(theta[:, None], theta_dot[None, :])
+        """The nodes theta (T, 1) and theta_dot (1, D)."""
+        theta, theta_dot = self.axes
+        return State(theta.nodes[:, None], theta_dot.nodes[None, :])
 
     def torques(self, u_max: float) -> Array:
         """The torques (U,) [N m]."""
         return np.linspace(-u_max, u_max, self.u)
-
-    def corners(self, theta: Array, theta_dot: Array) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-        """The nodes (..., 4) around each state, numbered as in a flat table, and their weights (..., 4)."""
-        a = (theta + math.pi) / (2.0 * math.pi / self.theta)
-        b = np.clip(theta_dot / self.theta_dot_max, -1.0, 1.0) * (self.theta_dot // 2) + self.theta_dot // 2
-        a, b = np.broadcast_arrays(a, b)
-        i, j = np.floor(a).astype(np.int32), np.minimum(b.astype(np.int32), self.theta_dot - 2)
-        p, q = a - i, b - j
-        low, high = i % self.theta * self.theta_dot + j, (i + 1) % self.theta * self.theta_dot + j
-        weights = np.stack([(1.0 - p) * (1.0 - q), (1.0 - p) * q, p * (1.0 - q), p * q], axis=-1)
-        return np.stack([low, low + 1, high, high + 1], axis=-1), weights.astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)
 class Optimal:
     """The cost to come V_k on the grid, and the policy that is greedy with it; a policy for `evaluate`.
 
-        V_N = 0,   V_k(x) = min_u [cost(x, u) + V_{k+1}(f(x, u))],   u_k(x) = argmin of the same
+        V_N = 0,   V_k(x) = min_u [cost(x, u) + V_{k+1}(f(x, u, t_k))],   u_k(x) = argmin of the same
 
-    f is the step of `model`, the one designed on; values (N + 1, T, D) float32 hold V_k at the nodes, bilinear
-    between them. The policy applies f to the state as it is, so it acts well on a coarse grid too.
+    f is the step of `model`, the one designed on; x = (theta, theta_dot), and what its input path remembers where that
+    is a number. values (N + 1, T, D) or (N + 1, T, D, M) float32 hold V_k at the nodes, multilinear between them. The
+    policy applies f to the state as it is, so it acts well on a coarse grid too.
     """
 
     model: Model
@@ -92,56 +102,110 @@ class Optimal:
         return len(self.values) - 1
 
     @cached_property
-    def _step(self) -> Step:
-        return step_of(self.model)
+    def _axes(self) -> tuple[Axis, ...]:
+        return _axes(self.model, self.grid)
 
-    def cost_to_go(self, theta: Array, theta_dot: Array, k: int = 0) -> Array:
-        """V_k at theta [rad], theta_dot [rad/s], of their shape; -V_0 is the return that it promises."""
-        nodes, weights = self.grid.corners(theta, theta_dot)
+    def cost_to_go(self, theta: Array, theta_dot: Array, k: int = 0, memory: Sequence[Value] = ()) -> Array:
+        """V_k at theta [rad], theta_dot [rad/s], of their shape; -V_0 is the return that it promises.
+
+        memory   the number that the input path remembers, where there is one; by default that of rest
+        """
+        remembered = tuple(memory) or (0.0,) * (len(self._axes) - 2)
+        nodes, weights = corners(self._axes, (theta, theta_dot, *remembered))
         return np.einsum("...c,...c->...", self.values[k].ravel()[nodes], weights, dtype=np.float64)
 
     def __call__(self, state: State, t: float) -> Array:
         k = round(t / self.model.dt)
         if not 0 <= k < self.horizon:
             raise InvalidInput(f"step {k} (t = {t:g} s): this policy was solved for {self.horizon} steps")
-        theta, theta_dot = np.asarray(state.theta)[..., None], np.asarray(state.theta_dot)[..., None]
+        memory = self.model.rest()
+        if len(self._axes) > 2:
+            memory = tuple(tuple(np.asarray(v)[..., None] for v in own) for own in state.memory)
+        now = State(np.asarray(state.theta)[..., None], np.asarray(state.theta_dot)[..., None], memory)
         torques = self.grid.torques(self.model.u_max)
-        after = self._step(theta, theta_dot, torques)
-        total = task.cost(State(theta, theta_dot), torques) + self.cost_to_go(*after, k + 1)
+        after = self.model.advance(now, torques, t)
+        paid = -task.reward(now, torques, self.model.dt)
+        total = paid + self.cost_to_go(after.theta, after.theta_dot, k + 1, _flat(after))
         return torques[np.argmin(total, axis=-1)]
 
     def __str__(self) -> str:
-        g = self.grid
-        size = f"{g.theta} x {g.theta_dot} states, {g.u} torques, {self.horizon} steps"
-        return f"optimal for {self.model}: {size}"
+        sizes = " x ".join(str(axis.count) for axis in self._axes)
+        return f"optimal for {self.model}: {sizes} states, {self.grid.u} torques, {self.horizon} steps"
 
 
-def solve(model: Model, grid: Grid = Grid(), horizon: int = task.HORIZON) -> Optimal:
+def solve(model: Model, grid: Grid | None = None, horizon: int | None = None) -> Optimal:
     """Dynamic programming, backwards from the last step, for the task's cost on the model.
 
-    Interpolation at f(x, u) is the same linear map of V_{k+1} at every k: a sparse matrix a torque, with four
-    entries a row, built once from the model's own step. Raises InvalidInput as `step_of` does and for a
-    model without torque limit.
-    """
-    step = step_of(model)
-    if not math.isfinite(model.u_max):
-        raise InvalidInput("the model has no torque limit u_max: expected one, torques are a grid up to it")
-    states, shape = grid.states, (grid.theta, grid.theta_dot)
-    size = grid.theta * grid.theta_dot
-    stages = []
-    for u in grid.torques(model.u_max):
-        nodes, weights = grid.corners(*step(states.theta, states.theta_dot, float(u)))
-        rows = np.arange(0, 4 * size + 1, 4, dtype=np.int32)
-        cost = np.broadcast_to(task.cost(states, u), shape).astype(np.float32).ravel()
-        stages.append((cost, csr_array((weights.ravel(), nodes.ravel(), rows), shape=(size, size))))
+    Interpolation at f(x, u) is the same linear map of V_{k+1} at every k: a sparse matrix a torque, with 2^D entries a
+    row, built once from the model's own step, and for effects that depend on time at every k. Sensing is left out: the
+    policy acts on the state.
+    horizon   steps in an episode, by default those of 10 s
 
+    Raises InvalidInput for a model without torque limit, with a parameter that is not one number, whose input path
+    remembers more than one number (`policies.predictive` takes whole samples of a delay out), or whose torques wind up
+    with the angle while the grid has one turn.
+    """
+    grid = Grid() if grid is None else grid
+    _check(model, grid)
+    axes = _axes(model, grid)
+    shape, size = tuple(axis.count for axis in axes), math.prod(axis.count for axis in axes)
+    kept = list(_stages(model, grid, 0.0)) if is_steady(model) else None
+
+    horizon = task.horizon(model.dt) if horizon is None else horizon
     values = np.zeros((horizon + 1, *shape), dtype=np.float32)
     best, total = np.empty(size, dtype=np.float32), np.empty(size, dtype=np.float32)
     for k in reversed(range(horizon)):
         later = values[k + 1].ravel()
         best.fill(np.inf)
-        for cost, expectation in stages:
+        for cost, expectation in kept or _stages(model, grid, k * model.dt):
             np.add(cost, expectation @ later, out=total)
             np.minimum(best, total, out=best)
         values[k] = best.reshape(shape)
     return Optimal(model=model, grid=grid, values=values)
+
+
+def _check(model: Model, grid: Grid) -> None:
+    check_numbers(model)
+    if not math.isfinite(model.u_max):
+        raise InvalidInput("the model has no torque limit u_max: expected one, torques are a grid up to it")
+    remembered = {e.name: len(e.rest(model.dt)) for e in model.input_effects if e.rest(model.dt)}
+    if sum(remembered.values()) > 1:
+        several = ", ".join(f"{name} {count}" for name, count in remembered.items())
+        raise InvalidInput(f"the model's input effects remember past commands ({several}): a table carries one number")
+    if grid.turns == 1 and not is_periodic(model):
+        raise InvalidInput(
+            "the model's torques wind up with the angle: expected a grid of some turns, as Grid(turns=3)"
+        )
+
+
+def _axes(model: Model, grid: Grid) -> tuple[Axis, ...]:
+    """Those of the table. What is remembered is a drive torque, which never exceeds the largest at rest."""
+    if not _flat(model.initial_state(0.0, 0.0)):
+        return grid.axes
+    static = dataclasses.replace(model, effects=tuple(e for e in model.input_effects if not e.rest(model.dt)))
+    drives, _ = static.drive(grid.torques(model.u_max), static.rest())
+    reach = float(np.max(np.abs(drives[0]))) or 1.0
+    return (*grid.axes, Axis(2.0 * reach, grid.memory))
+
+
+def _stages(model: Model, grid: Grid, t: float) -> Iterator[Stage]:
+    """For each torque the cost at every node, and the matrix that interpolates the table one step on."""
+    axes = _axes(model, grid)
+    size = math.prod(axis.count for axis in axes)
+    theta, theta_dot, *rest = np.ix_(*(axis.nodes for axis in axes))
+    numbers = iter(rest)
+    memory = tuple(tuple(next(numbers) for _ in own) for own in model.rest())
+    for u in grid.torques(model.u_max).tolist():
+        now = State(theta, theta_dot, memory)
+        after = model.advance(now, u, t)
+        nodes, weights = corners(axes, (after.theta, after.theta_dot, *_flat(after)))
+        width = nodes.shape[-1]
+        rows = np.arange(0, width * size + 1, width, dtype=np.int32)
+        paid = np.broadcast_to(-task.reward(now, u, model.dt), [axis.count for axis in axes])
+        nodes, weights = (np.broadcast_to(x, (*paid.shape, width)).ravel() for x in (nodes, weights))
+        yield paid.astype(np.float32).ravel(), csr_array((weights, nodes, rows), shape=(size, size))
+
+
+def _flat(state: State) -> tuple[Value, ...]:
+    """Every number that the input path remembers."""
+    return tuple(value for own in state.memory for value in own)

@@ -1,0 +1,79 @@
+"""The near-optimal policy for a machine whose commands act late: it acts on where the commands under way will lead.
+
+    policy = design_predictive(model)              # model: fitted, with delay and lag
+    print(evaluate(policy, plant, *start_states(seed=0)))
+
+With a delay of d whole samples the command of sample k acts in sample k + d. What happens until then is decided by
+commands that were given, so on a machine without noise the best command is that of the machine without delay, from the
+state predicted:
+
+    u_k = pi_{k+d}(x_{k+d}),   x_{k+1} = f(x_k, u_{k-d}),   0 where k + d is beyond the horizon
+
+What is left of the delay below a sample, or a lag, is a number that the input path remembers: an axis of pi's table.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from policies.design import without_dead_time
+from policies.optimal import Grid, Optimal, solve
+from sysid import Lag, Model, State
+
+Array = NDArray[np.float64]
+
+FORGOTTEN = 1e-6
+"""Share of a command's effect on a lag below which it is no longer looked back to."""
+
+
+@dataclass(frozen=True, eq=False)
+class Predictive:
+    """pi, the optimum of the model without the d = `ahead` whole samples of delay; a policy for `evaluate`.
+
+    history   how many past commands it needs: those under way, and those that the input path still remembers
+    """
+
+    optimal: Optimal
+    ahead: int
+    history: int
+
+    def __call__(self, state: State, t: float, past: Array | None = None) -> Array:
+        """u (E,) [N m] for theta (E,), theta_dot (E,) and the last commands past (E, history), the latest first."""
+        model, commands = self.optimal.model, np.zeros((*np.shape(state.theta), 0)) if past is None else past
+        memory = model.rest(np.asarray(state.theta))
+        for i in reversed(range(self.ahead, self.history)):
+            _, memory = model.drive(commands[..., i], memory)
+        now = State(state.theta, state.theta_dot, memory)
+        for i in reversed(range(self.ahead)):
+            now = model.advance(now, commands[..., i], t + (self.ahead - 1 - i) * model.dt)
+        then = t + self.ahead * model.dt
+        if round(then / model.dt) >= self.optimal.horizon:
+            return np.zeros(np.shape(state.theta))
+        return self.optimal(now, then)
+
+    def __str__(self) -> str:
+        return f"{self.optimal}, on the state predicted {self.ahead} samples ahead"
+
+
+def design_predictive(model: Model, grid: Grid | None = None, horizon: int | None = None) -> Predictive:
+    """The near-optimal policy for the machine (not the log) that the model describes; it acts on the joint's state.
+
+    horizon   steps in an episode, by default those of 10 s
+
+    Raises InvalidInput as `solve` does; so for a lag beside a delay that is no whole number of samples.
+    """
+    core, ahead = without_dead_time(model.machine)
+    optimal = solve(core, grid, horizon)
+    remembered = max((_remembered(e, model.dt) for e in core.input_effects), default=0)
+    return Predictive(optimal, ahead, ahead + min(remembered, optimal.horizon))
+
+
+def _remembered(effect: object, dt: float) -> int:
+    """How many samples back the effect looks: a delay below a sample one, a lag until it has forgotten."""
+    if isinstance(effect, Lag):
+        return math.ceil(-math.log(FORGOTTEN) * effect.T / dt)
+    return len(effect.rest(dt))
