@@ -20,12 +20,12 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 
-from study import claims
-from study.agreement import Agreement
 from study.figures.claims import identification
 from study.figures.style import save
-from study.published import Outcomes
-from study.scatter import scatter
+from study.publication import claims
+from study.publication.agreement import Agreement
+from study.publication.published import Outcomes
+from study.publication.scatter import scatter
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -21,10 +21,10 @@ import numpy as np
 
 from policies import evaluate
 from study.config import Cell, Point, Preset, device_type
-from study.executor import Link, Stopped
-from study.files import partial
+from study.executors.executor import Link, Stopped
 from study.identification import Theta, hidden_plant
-from study.policy_files import FOLDER, write_policies
+from study.storage.files import partial
+from study.storage.policy_files import FOLDER, write_policies
 from study.versions import versions
 from sysid import InvalidInput, paper_model
 

@@ -14,7 +14,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from study.config import Pair, Point
-from study.executor import Link
+from study.executors.executor import Link
 from sysid import GridSearch, Identifier, InvalidInput, LeastSquares, Model, Sensor, UnscentedKalman, paper_model
 from sysid.excitation import paper_rollouts
 

@@ -23,7 +23,7 @@ import tyro
 from study.config import PRESETS
 
 if TYPE_CHECKING:
-    from study.executor import Executor
+    from study.executors.executor import Executor
 
 
 @dataclass(frozen=True)
@@ -92,11 +92,11 @@ def _study(options: Options) -> int:
 
     from rich.console import Console
 
-    from study.executor import WorkerFailed
-    from study.published import read_published
+    from study.executors.executor import WorkerFailed
+    from study.publication.published import read_published
     from study.report import publish
     from study.runner import run
-    from study.store import Store
+    from study.storage.store import Store
     from sysid import InvalidInput
 
     preset = PRESETS[options.preset]
@@ -119,8 +119,8 @@ def _study(options: Options) -> int:
 
 def _executor(options: Options) -> Executor:
     from study.cells import check_device
-    from study.cluster import Cluster
-    from study.processes import Processes
+    from study.executors.cluster import Cluster
+    from study.executors.processes import Processes
     from sysid import InvalidInput
 
     if options.executor not in ("processes", "ray"):

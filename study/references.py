@@ -21,7 +21,7 @@ import numpy as np
 from policies.evaluate import Policy, evaluate
 from study.cells import start_states
 from study.config import Preset
-from study.executor import Link
+from study.executors.executor import Link
 from study.identification import Theta, hidden_plant
 from study.versions import versions
 from sysid import paper_model

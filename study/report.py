@@ -11,21 +11,22 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from study import paper, tables
+from study import tables
 from study.answer import Answer, answers
 from study.cells import Run
 from study.config import Point, Preset
 from study.figures.answers import save_all
-from study.files import write_whole
 from study.page import embedded, template, unbroken
 from study.progress import duration
-from study.publication import Publication, hold
-from study.publication_page import section
-from study.published import Outcomes
+from study.publication import paper
+from study.publication.held import Publication, hold
+from study.publication.page import section
+from study.publication.published import Outcomes
+from study.publication.scatter import scatter
 from study.references import LQR, OPTIMAL, SWING_UP, Reference
-from study.scatter import scatter
 from study.statistics import Contrast
-from study.store import Store
+from study.storage.files import write_whole
+from study.storage.store import Store
 
 LABELS = {OPTIMAL: "optimal (dynamic programming)", LQR: "LQR alone", SWING_UP: "energy swing-up, then LQR"}
 

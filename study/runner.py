@@ -15,13 +15,13 @@ from rich.console import Console
 
 from study.cells import PopulationTask
 from study.config import Preset
-from study.executor import Executor, Task
-from study.files import partial
+from study.executors.executor import Executor, Task
 from study.identification import IdentificationTask
-from study.imports import is_database, read_runs
 from study.progress import Meter, duration
 from study.references import Designs, ReferenceTask, reference_tasks
-from study.store import Store
+from study.storage.files import partial
+from study.storage.imports import is_database, read_runs
+from study.storage.store import Store
 
 
 def run(

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from study.answer import Answer
-from study.files import write_whole
+from study.storage.files import write_whole
 
 RUN_COLUMNS = (
     "n", "w", "seed", "id_error", "eval_return_mean", "eval_return_std",

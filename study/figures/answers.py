@@ -17,10 +17,10 @@ from study.answer import Answer
 from study.figures import sweeps
 from study.figures.references import reference_lines
 from study.figures.style import save, width_colours
-from study.published import Summary
+from study.publication.published import Summary
 from study.references import CONTROLLERS
 from study.statistics import sem
-from study.store import figure_name
+from study.storage.store import figure_name
 
 SMOOTH = 10
 """Training episodes averaged into a point of a learning curve."""

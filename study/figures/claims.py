@@ -9,12 +9,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullLocator
 
-from study.claims import CELL, nearest_cell
 from study.figures.references import reference_lines
 from study.figures.style import ACCENT, COLOURS
-from study.knee import IDENTIFIERS, BudgetCurve
-from study.paper import ID_ERRORS
-from study.scatter import Scatter
+from study.publication.claims import CELL, nearest_cell
+from study.publication.knee import IDENTIFIERS, BudgetCurve
+from study.publication.paper import ID_ERRORS
+from study.publication.scatter import Scatter
 
 POINTS = {0.5: "low_noise", 1.0: "main", 2.0: "high_noise"}
 """Whose published errors belong to a noise level."""

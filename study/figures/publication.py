@@ -9,12 +9,12 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from study.agreement import Agreement, ContrastAgreement
 from study.answer import number
 from study.figures.style import ACCENT
 from study.figures.sweeps import OURS, Sweep
-from study.paper import CELLS
-from study.published import Summary
+from study.publication.agreement import Agreement, ContrastAgreement
+from study.publication.paper import CELLS
+from study.publication.published import Summary
 from study.statistics import Contrast
 
 THEIRS = "0.45"

@@ -11,7 +11,7 @@ import matplotlib
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from study.files import write_whole
+from study.storage.files import write_whole
 
 STYLE: Any = {
     "font.family": "DejaVu Sans",

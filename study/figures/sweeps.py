@@ -19,7 +19,7 @@ from matplotlib.patches import Rectangle
 from study.answer import number
 from study.figures.references import NAMES, reference_lines
 from study.figures.style import ACCENT, COLOURS, PAPER_WHITE
-from study.published import Summary
+from study.publication.published import Summary
 from study.references import LQR, OPTIMAL, SWING_UP
 
 OURS = COLOURS(0.35)

@@ -24,11 +24,11 @@ from rich.console import Console
 from study.answer import answers
 from study.cells import PopulationTask, Run
 from study.config import PAPER, Preset
-from study.executor import Heard, Task
+from study.executors.executor import Heard, Task
 from study.identification import Estimated, IdentificationTask
 from study.references import Reference, ReferenceTask
 from study.runner import run
-from study.store import Store
+from study.storage.store import Store
 from study.tables import write_runs
 
 PROGRESS = 20
@@ -38,7 +38,7 @@ EPISODES, CURVE = (-400.0,) * 20, tuple((200 * k, -1234.567890123) for k in rang
 
 
 class Instant:
-    """An executor whose tasks are done when they are asked for (a `study.executor.Executor`)."""
+    """An executor whose tasks are done when they are asked for (a `study.executors.executor.Executor`)."""
 
     workers = 1
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
 
-from study.executor import Stopped
+from study.executors.executor import Stopped
 
 
 @dataclass(frozen=True)

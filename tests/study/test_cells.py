@@ -9,7 +9,7 @@ import torch
 
 from study.cells import PopulationTask
 from study.config import SMOKE
-from study.executor import Stopped
+from study.executors.executor import Stopped
 
 TINY = dataclasses.replace(SMOKE, steps=300, random_steps=100, batch=8, episodes=2)
 (CELLS, _) = TINY.populations()

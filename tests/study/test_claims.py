@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from policies.evaluate import start_states
-from study import claims
-from study.paper import CELLS, QUOTES
-from study.published import Outcome, Outcomes, outcomes
-from study.scatter import Scatter, scatter
+from study.publication import claims
+from study.publication.paper import CELLS, QUOTES
+from study.publication.published import Outcome, Outcomes, outcomes
+from study.publication.scatter import Scatter, scatter
 from study.statistics import MINUS, Contrast
 
 BUDGETS = (1, 2, 5, 10, 25, 50, 100, 200, 400)

@@ -11,14 +11,14 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-import study.cluster
+import study.executors.cluster
 from study.answer import answers
-from study.cluster import Cluster
 from study.config import SMOKE
-from study.executor import WorkerFailed
-from study.processes import Processes
+from study.executors.cluster import Cluster
+from study.executors.executor import WorkerFailed
+from study.executors.processes import Processes
 from study.runner import run as run_study
-from study.store import Store
+from study.storage.store import Store
 from study.tables import write_runs
 from study.versions import versions
 from sysid import InvalidInput
@@ -114,7 +114,7 @@ def test_a_task_that_raises_or_that_no_node_can_run_is_named(machines, tmp_path,
         run(machines.executor, Counting("wrong", tmp_path, raises_at=2))
     with pytest.raises(InvalidInput, match=r"needs 1 GPU, the cluster at .* has 0"):
         run(machines.executor, Counting("graphical", tmp_path, gpus=1))
-    monkeypatch.setattr(study.cluster, "versions", lambda: versions() | {"numpy": "0.1"})
+    monkeypatch.setattr(study.executors.cluster, "versions", lambda: versions() | {"numpy": "0.1"})
     with pytest.raises(WorkerFailed, match=r"^elsewhere failed: the node .* has numpy \d.*, not 0.1, which may give"):
         run(machines.executor, Counting("elsewhere", tmp_path))
 

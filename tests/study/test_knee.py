@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from study.knee import IDENTIFIERS, budget_curves, paragraph
-from study.paper import Spot
-from study.published import Outcome, outcomes
+from study.publication.knee import IDENTIFIERS, budget_curves, paragraph
+from study.publication.paper import Spot
+from study.publication.published import Outcome, outcomes
 from study.statistics import MINUS
 
 REFERENCES = {"optimal": -330.0, "swing_up_lqr": -335.0, "lqr": -960.0}

@@ -8,7 +8,7 @@ import pytest
 
 from policies.population import NetworkPolicy
 from study.config import Cell
-from study.policy_files import read_policies, write_policies
+from study.storage.policy_files import read_policies, write_policies
 from sysid import InvalidInput, paper_model
 
 CELLS = (Cell("main", 0, 0.0, 0), Cell("large_gap", 50, 0.1, 7))

@@ -5,8 +5,8 @@ import re
 
 import pytest
 
-from study.executor import DEATHS, SECOND, WorkerFailed
-from study.processes import Processes
+from study.executors.executor import DEATHS, SECOND, WorkerFailed
+from study.executors.processes import Processes
 from tests.study.counting import Counting, Forgetful, MidSentence, done, run
 
 SAVES_WHEN_ASKED = {"end": 10_000, "every": 10_000, "pause": 0.001}

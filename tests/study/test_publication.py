@@ -8,12 +8,12 @@ import pytest
 from matplotlib.image import imread
 
 from study.config import PRESETS
-from study.paper import CELLS, Spot
-from study.publication import FIGURES, hold
-from study.publication_page import section
-from study.published import Outcome, outcomes
-from study.scatter import scatter
-from study.store import HELD
+from study.publication.held import FIGURES, hold
+from study.publication.page import section
+from study.publication.paper import CELLS, Spot
+from study.publication.published import Outcome, outcomes
+from study.publication.scatter import scatter
+from study.storage.store import HELD
 from study.tables import write_runs
 
 

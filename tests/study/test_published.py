@@ -5,8 +5,8 @@ import math
 import pytest
 
 from study.main import main
-from study.paper import POINTS, Spot
-from study.published import COLUMNS, Outcome, Outcomes, outcomes, read_published, read_runs
+from study.publication.paper import POINTS, Spot
+from study.publication.published import COLUMNS, Outcome, Outcomes, outcomes, read_published, read_runs
 from study.tables import write_runs
 from sysid import InvalidInput
 

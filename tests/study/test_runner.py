@@ -14,11 +14,11 @@ from policies.evaluate import evaluate, fresh_start_states, start_states
 from study.cells import PopulationTask
 from study.config import Point, Preset
 from study.identification import hidden_plant, identify
-from study.policy_files import read_policies
 from study.references import ReferenceTask
 from study.report import publish
 from study.runner import run
-from study.store import Store, outputs
+from study.storage.policy_files import read_policies
+from study.storage.store import Store, outputs
 from sysid import InvalidInput
 
 MANY = Preset(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from study.scatter import LENGTH, OneStepGrid, Samples, motion, scatter
+from study.publication.scatter import LENGTH, OneStepGrid, Samples, motion, scatter
 from sysid import GridSearch, paper_model, paper_rollouts
 
 

@@ -11,7 +11,7 @@ from study.cells import Run
 from study.config import QUICK, SMOKE, Cell
 from study.identification import Estimated
 from study.references import Reference
-from study.store import Store, outputs
+from study.storage.store import Store, outputs
 from sysid import InvalidInput
 
 CURVE, SETTINGS = ((200, -3.5),), {"sac": {"steps": 1}}

@@ -2,7 +2,7 @@
 
 The driver alone writes the store. Checkpoints lie in the results folder, which every node has to see under the same
 path. Ray starts no task again by itself: it cannot tell one that gets on from one that dies over and over, so that is
-decided here as for processes (`study.executor.Supervised`). A small actor on the driver's node holds what running
+decided here as for processes (`executor.Supervised`). A small actor on the driver's node holds what running
 tasks have said and whether they shall stop; it lives as long as the driver, and Ray ends the tasks of a dead driver.
 """
 
@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from study.executor import PATIENCE, SECOND, Heard, Supervised, Task, WorkerFailed, outcome
+from study.executors.executor import PATIENCE, SECOND, Heard, Supervised, Task, WorkerFailed, outcome
 from study.versions import versions
 from sysid import InvalidInput
 
@@ -29,7 +29,7 @@ STORE_BYTES = 100 * 2**20
 
 @dataclass(frozen=True)
 class Cluster:
-    """Runs tasks on a Ray cluster (a `study.executor.Executor`).
+    """Runs tasks on a Ray cluster (a `study.executors.executor.Executor`).
 
     address: HOST:PORT of a running cluster, "auto" for the one that this machine belongs to; None starts one here, of
     so many `workers`. Raises InvalidInput where Ray is not installed or no cluster answers.
@@ -188,7 +188,7 @@ class _Mailbox:
 
 @dataclass
 class _Post:
-    """A task's end of the line (a `study.executor.Link`): what it says is answered by whether it shall stop."""
+    """A task's end of the line (a `Link`): what it says is answered by whether it shall stop."""
 
     mailbox: Any
     name: str

@@ -7,14 +7,14 @@ from typing import Any
 
 from markupsafe import Markup, escape
 
-from study import paper
-from study.agreement import DIFFERS, MARGIN, Agreement, CellAgreement, ContrastAgreement
 from study.answer import number
 from study.config import Preset
 from study.page import embedded, template
-from study.paper import CELLS, Spot
-from study.publication import FIGURES, Publication
-from study.published import Summary
+from study.publication import paper
+from study.publication.agreement import DIFFERS, MARGIN, Agreement, CellAgreement, ContrastAgreement
+from study.publication.held import FIGURES, Publication
+from study.publication.paper import CELLS, Spot
+from study.publication.published import Summary
 from study.statistics import MINUS, Contrast
 
 

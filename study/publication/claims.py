@@ -1,6 +1,6 @@
 """What the paper claims beside its table, each answered in a sentence with its numbers.
 
-rate, bias, floor   from identification alone, on many seeds (`study.scatter`); nothing is trained for them
+rate, bias, floor   from identification alone, on many seeds (`study.publication.scatter`); nothing is trained for them
 plateau, monotone   from the cells, there and here                  starts   from the evaluation's start states
 undertraining       from the learning curves of the widest band, and from twice the training where it was run
 """
@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from study.paper import CELLS, QUOTES, SEEDS, Spot
-from study.published import Outcomes
-from study.scatter import Scatter
+from study.publication.paper import CELLS, QUOTES, SEEDS, Spot
+from study.publication.published import Outcomes
+from study.publication.scatter import Scatter
 from study.statistics import MINUS, Contrast, paired_t, sem, student
 
 HOLDS, IN_PART, FAILS, OPEN = "holds", "in part", "does not hold", "open"

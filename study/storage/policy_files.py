@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from study.config import Cell
-from study.files import write_whole
+from study.storage.files import write_whole
 from sysid import InvalidInput
 
 if TYPE_CHECKING:

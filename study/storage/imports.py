@@ -17,7 +17,7 @@ from pathlib import Path
 from study.cells import Run, Summary
 from study.config import FORMAT, Cell, Preset
 from study.identification import Theta
-from study.store import read_run
+from study.storage.store import read_run
 from sysid import InvalidInput
 
 TOLERANCE = 1e-6

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from study.paper import POINTS, URL, Spot
+from study.publication.paper import POINTS, URL, Spot
 from study.statistics import sem
 from sysid import InvalidInput
 

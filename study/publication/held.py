@@ -13,20 +13,20 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from study import claims
-from study.agreement import Agreement
 from study.answer import Answer
-from study.claims import Claim
 from study.config import PRESETS, Preset
 from study.figures import claims as claim_figures
 from study.figures import publication as side_by_side
 from study.figures.style import save
 from study.figures.sweeps import heatmaps, paretos
-from study.knee import budget_curves, paragraph
-from study.paper import CELLS, EPISODES, POINTS, ROBUSTNESS, SEEDS, URL, Spot
-from study.published import Outcome, Outcomes, outcomes, read_runs
+from study.publication import claims
+from study.publication.agreement import Agreement
+from study.publication.claims import Claim
+from study.publication.knee import budget_curves, paragraph
+from study.publication.paper import CELLS, EPISODES, POINTS, ROBUSTNESS, SEEDS, URL, Spot
+from study.publication.published import Outcome, Outcomes, outcomes, read_runs
+from study.publication.scatter import Scatter
 from study.references import OPTIMAL
-from study.scatter import Scatter
 from study.statistics import Contrast, paired_bootstrap
 from sysid import InvalidInput
 

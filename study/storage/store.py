@@ -22,8 +22,8 @@ from typing import Any
 from study.cells import Run, Summary
 from study.config import FORMAT, Cell, Preset, device_type
 from study.identification import Estimated, Theta
-from study.policy_files import FOLDER
 from study.references import Reference
+from study.storage.policy_files import FOLDER
 from study.versions import version
 from sysid import InvalidInput
 

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from study.paper import Spot
-from study.published import Outcomes
+from study.publication.paper import Spot
+from study.publication.published import Outcomes
 from study.references import OPTIMAL
 from study.statistics import MINUS, Contrast, paired_t
 

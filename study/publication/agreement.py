@@ -19,9 +19,9 @@ from functools import cached_property
 
 import numpy as np
 
-from study import paper
-from study.paper import BASELINE, CELLS, PublishedContrast, Spot
-from study.published import Outcomes, Summary
+from study.publication import paper
+from study.publication.paper import BASELINE, CELLS, PublishedContrast, Spot
+from study.publication.published import Outcomes, Summary
 from study.statistics import MINUS, Contrast, holm, paired_bootstrap, paired_t, student, welch
 
 MARGIN = 20.0

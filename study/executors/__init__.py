@@ -1,0 +1,1 @@
+"""What runs a study's tasks: `executor` is the interface, `processes` and `cluster` are behind it."""

@@ -1,0 +1,7 @@
+"""What a results folder holds.
+
+store         every finished run in one SQLite file
+policy_files  the trained policies
+imports       runs taken up from elsewhere
+files         files that are written whole or not at all
+"""
