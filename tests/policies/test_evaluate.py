@@ -8,7 +8,7 @@ import pytest
 
 from policies import task
 from policies.evaluate import Evaluation, evaluate, fresh_start_states, start_states
-from sysid import InvalidInput, paper_model
+from sysid import AngleOffset, InvalidInput, Model, RodPendulum, VelocityGain, paper_model
 
 
 def zero(state, t):
@@ -67,6 +67,58 @@ def test_torque_is_clipped_at_the_limit():
     ten = evaluate(lambda state, t: 10.0, paper_model(), *start)
     two = evaluate(lambda state, t: 2.0, paper_model(), *start)
     np.testing.assert_array_equal(ten.returns, two.returns)
+
+
+def test_a_policy_sees_what_the_sensors_show_and_pays_for_the_state():
+    seen = []
+
+    def policy(state, t):
+        seen.append(state)
+        return 0.0
+
+    model = Model(RodPendulum(), dt=0.05, u_max=2.0)
+    shown = model.with_effect(AngleOffset(0.1)).with_effect(VelocityGain(2.0))
+    start = start_states(2, 3)
+    returns = [evaluate(policy, m, *start, horizon=4).returns for m in (model, shown)]
+    np.testing.assert_array_equal(*returns)
+    for plain, other in zip(seen[:4], seen[4:], strict=True):
+        np.testing.assert_allclose(other.theta, plain.theta + 0.1)
+        np.testing.assert_allclose(other.theta_dot, 2.0 * plain.theta_dot)
+
+
+def test_a_policy_with_a_history_is_told_what_was_really_commanded():
+    class Remembering:
+        history = 2
+
+        def __init__(self):
+            self.told = []
+
+        def __call__(self, state, t, past):
+            self.told.append(past)
+            return np.array([1.0, 10.0 * len(self.told)])
+
+    policy = Remembering()
+    evaluate(policy, paper_model(), np.zeros(2), np.zeros(2), horizon=3)
+    expected = [[[0, 0], [0, 0]], [[1, 0], [2, 0]], [[1, 1], [2, 2]]]
+    np.testing.assert_array_equal(policy.told, expected)
+
+
+def test_the_return_is_the_same_integral_whatever_the_interval_between_commands():
+    start = start_states(1)
+    returns = [
+        evaluate(lambda state, t: 1.0 if t < 5.0 else -0.5, Model(RodPendulum(2.0, 1.5), dt=dt, u_max=2.0), *start).mean
+        for dt in (0.05, 0.02, 0.01)
+    ]
+    assert returns[:2] == pytest.approx([returns[2]] * 2, rel=0.02)
+
+
+def test_the_interval_covers_the_mean_as_often_as_it_says():
+    rng = np.random.default_rng(0)
+    hits = 0
+    for _ in range(1000):
+        low, high = Evaluation(rng.normal(3.0, 2.0, 6)).interval(0.9)
+        hits += low < 3.0 < high
+    assert hits == pytest.approx(900, abs=30)
 
 
 def test_upright_at_rest_costs_nothing_and_hanging_costs_pi_squared():

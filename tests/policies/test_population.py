@@ -6,10 +6,11 @@ import torch
 
 from policies import task
 from policies.evaluate import evaluate, start_states
+from policies.network_policy import NetworkPolicy
 from policies.population import Population
 from policies.randomization import Band, PriorRange
 from policies.sac import SACSettings
-from sysid import Delay, InvalidInput, Model, RodPendulum, State, paper_model
+from sysid import AngleOffset, Delay, InvalidInput, Model, RodPendulum, SensorDelay, State, paper_model
 
 SHORT = SACSettings(hidden=(16, 16), batch=32, random_steps=150, steps=450, capacity=300)
 BANDS = [Band({"m": 2.0, "l": 1.5}, 0.2), Band({"m": 1.0, "l": 1.0}, 0.0), PriorRange()]
@@ -133,6 +134,45 @@ def test_policies_are_the_actors_without_their_noise(undisturbed):
         answer = policy(state, 0.0)
         assert answer.dtype == np.float32
         np.testing.assert_allclose(answer, expected, rtol=1e-5, atol=1e-5)
+
+
+LATE = Model(RodPendulum(), (Delay(T=0.12), SensorDelay(T=0.06), AngleOffset(0.1)), dt=0.04, u_max=2.0)
+
+
+@pytest.mark.parametrize(("model", "history"), [(paper_model(), 0), (paper_model(), 2), (LATE, 0), (LATE, 4)])
+def test_a_policy_is_worth_in_an_evaluation_what_it_is_worth_in_the_environment(model, history):
+    population = Population(model, BANDS[1:2], [3], SHORT, history=history)
+    population.train(300)
+    (policy,), env = population.policies(), population.env
+    assert policy.history == history
+    observation = env.restart()
+    start = env.state.theta.numpy().copy(), env.state.theta_dot.numpy().copy()
+    rewards = []
+    for _ in range(env.horizon):
+        share = policy.command(observation.numpy()) / np.float32(2.0)
+        observation, reward, _ = env.advance(torch.from_numpy(share)[:, None])
+        rewards.append(float(reward[0]))
+    there = evaluate(policy, model.with_parameters({"m": 1.0, "l": 1.0}), *start).mean
+    assert there == pytest.approx(sum(rewards), rel=1e-3)
+
+
+def test_a_policy_that_observes_its_past_does_not_act_without_it():
+    policy = NetworkPolicy(((np.ones((5, 1), np.float32), np.zeros(1, np.float32)),), 2.0, history=2)
+    state = State(np.zeros(3), np.zeros(3))
+    with pytest.raises(InvalidInput, match="0 past commands were given: this policy observes the last 2"):
+        policy(state, 0.0)
+    assert policy(state, 0.0, np.full((3, 2), 0.1)).shape == (3,)
+
+
+def test_a_checkpoint_from_before_past_commands_were_observed_goes_on(tmp_path):
+    path = tmp_path / "population.pt"
+    make().save(path)
+    stored = torch.load(path, weights_only=True)
+    del stored["history"]
+    torch.save(stored, path)
+    assert Population.load(path, paper_model(), BANDS, (0, 1, 0), SHORT).env.history == 0
+    with pytest.raises(InvalidInput, match="with history = 0; this population has history = 2"):
+        Population.load(path, paper_model(), BANDS, (0, 1, 0), SHORT, history=2)
 
 
 def test_policies_do_not_change_while_training_goes_on():

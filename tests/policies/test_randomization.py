@@ -5,16 +5,16 @@ import json
 import numpy as np
 import pytest
 
-from policies.randomization import Band, PriorRange
-from sysid import InvalidInput, paper_model
+from policies.randomization import Band, Fixed, Posterior, PriorRange, Ranges
+from sysid import InvalidInput, Model, RodPendulum, Tilt, paper_model
 
 MODEL = paper_model()
 DRAWS = 4000
 
 
-def draws(randomization, seed=0):
+def draws(randomization, seed=0, model=MODEL):
     rng = np.random.default_rng(seed)
-    samples = [randomization.sample(rng, MODEL) for _ in range(DRAWS)]
+    samples = [randomization.sample(rng, model) for _ in range(DRAWS)]
     return {name: np.array([s[name] for s in samples]) for name in samples[0]}
 
 
@@ -47,7 +47,79 @@ def test_prior_range_covers_the_bounds():
         np.testing.assert_allclose(np.histogram(unit, 5, (0.0, 1.0))[0] / DRAWS, 0.2, atol=0.03)
 
 
+def test_a_band_around_a_negative_number_is_as_wide_as_around_a_positive_one():
+    model = Model(RodPendulum(), (Tilt(alpha=-0.2),))
+    alpha = draws(Band({"tilt.alpha": -0.2}, 0.5), model=model)["tilt.alpha"]
+    assert -0.3 <= alpha.min() < -0.299 and -0.101 < alpha.max() <= -0.1
+
+
+def test_nothing_is_drawn_from_a_fixed_model():
+    rng = np.random.default_rng(0)
+    assert Fixed().sample(rng, MODEL) == {}
+    assert rng.random() == np.random.default_rng(0).random()
+
+
+def test_ranges_are_uniform_within_the_bounds():
+    drawn = draws(Ranges({"m": (0.5, 0.7), "l": (2.5, 3.5)}))
+    assert 0.5 <= drawn["m"].min() < 0.501 and 0.699 < drawn["m"].max() <= 0.7
+    assert np.mean(drawn["l"] == 3.0) == pytest.approx(0.5, abs=0.04)
+
+
+COVARIANCE = ((0.04, -0.012), (-0.012, 0.0049))
+
+
+def test_a_posterior_has_the_mean_and_the_covariance_of_the_fit():
+    drawn = draws(Posterior(("m", "l"), (1.5, 1.2), COVARIANCE))
+    sample = np.stack([drawn["m"], drawn["l"]])
+    np.testing.assert_allclose(sample.mean(1), (1.5, 1.2), atol=4.0 * 0.2 / DRAWS**0.5)
+    np.testing.assert_allclose(np.cov(sample), COVARIANCE, rtol=0.1)
+    unit = (drawn["m"] - 1.5) / 0.2
+    assert np.mean(np.abs(unit) < 1.0) == pytest.approx(0.683, abs=0.03)
+
+
+def test_a_posterior_keeps_a_combination_that_the_fit_knows_exactly():
+    drawn = draws(Posterior(("m", "l"), (1.5, 1.2), ((0.01, 0.001), (0.001, 0.0001))))
+    np.testing.assert_allclose(drawn["m"] - 1.5, 10.0 * (drawn["l"] - 1.2), atol=1e-7)
+    assert drawn["m"].std() == pytest.approx(0.1, rel=0.1)
+
+
+def test_a_posterior_stays_within_the_bounds_and_units_may_lie_decades_apart():
+    drawn = draws(Posterior(("m", "l"), (2.9, 1.0), ((0.04, 0.0), (0.0, 1e-16))))
+    assert drawn["m"].max() == 3.0 and np.mean(drawn["m"] == 3.0) == pytest.approx(0.309, abs=0.03)
+    assert drawn["l"].std() == pytest.approx(1e-8, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((("m", "l"), (1.0, 1.0), ((np.inf, 0.0), (0.0, 1.0))), "leaves m open"),
+        ((("m",), (1.0, 1.0), ((1.0,),)), "expected as many"),
+        (((), (), ()), "expected as many"),
+        ((("m",), (1.0,), ((-1.0,),)), "not symmetric with variances >= 0"),
+        ((("m", "l"), (1.0, 1.0), ((1.0, 0.5), (0.1, 1.0))), "not symmetric"),
+    ],
+)
+def test_what_is_no_covariance_is_refused(arguments, message):
+    with pytest.raises(InvalidInput, match=message):
+        Posterior(*arguments)
+
+
+def test_ranges_that_mean_nothing_are_refused():
+    for ends in ((2.0, 1.0), (0.0, np.inf), (np.nan, 1.0)):
+        with pytest.raises(InvalidInput, match="range of m"):
+            Ranges({"m": ends})
+    for unknown in (Ranges({"mass": (1.0, 2.0)}), Posterior(("mass",), (1.0,), ((1.0,),))):
+        with pytest.raises(InvalidInput, match="mass"):
+            unknown.sample(np.random.default_rng(0), MODEL)
+
+
 def test_it_is_plain_data():
+    posterior = Posterior(("m", "l"), (1.5, 1.2), np.array(COVARIANCE))
+    stored = json.loads(json.dumps(posterior.to_json()))
+    assert stored.pop("kind") == "Posterior" and Posterior(**stored) == posterior
+    ranges = Ranges({"m": (1, 2)})
+    assert json.loads(json.dumps(ranges.to_json())) == {"kind": "Ranges", "ranges": {"m": [1.0, 2.0]}}
+    assert Fixed().to_json() == {"kind": "Fixed"}
     assert json.loads(json.dumps(Band({"m": 2.0}, 0.1).to_json())) == {"kind": "Band", "center": {"m": 2.0}, "w": 0.1}
     assert json.loads(json.dumps(PriorRange().to_json())) == {"kind": "PriorRange", "names": ["m", "l"]}
 

@@ -9,15 +9,19 @@ from policies.population import Population
 from policies.randomization import Band, PriorRange
 from policies.replayed import Replayed
 from policies.sac import SACSettings
-from sysid import Delay, Lag, Model, RodPendulum, paper_model
+from sysid import Delay, Lag, Model, RodPendulum, SensorDelay, paper_model
 
 SHORT = SACSettings(hidden=(16, 16), batch=32, random_steps=20, steps=450, capacity=40)
 BANDS = [Band({"m": 2.0, "l": 1.5}, 0.2), PriorRange()]
-MODELS = {"paper": paper_model(), "memory": Model(RodPendulum(), (Delay(T=0.12), Lag(T=0.1)), dt=0.05, u_max=2.0)}
+MODELS = {
+    "paper": paper_model(),
+    "memory": Model(RodPendulum(), (Delay(T=0.12), Lag(T=0.1)), dt=0.05, u_max=2.0),
+    "history": Model(RodPendulum(), (Delay(T=0.12), SensorDelay(T=0.07)), dt=0.05, u_max=2.0),
+}
 
 
-def make(model=MODELS["paper"]):
-    population = Population(model, BANDS, (0, 1), SHORT)
+def make(name="paper"):
+    population = Population(MODELS[name], BANDS, (0, 1), SHORT, history=3 if name == "history" else 0)
     population.train(30)
     return population
 
@@ -38,7 +42,7 @@ class Waiting(TorchDispatchMode):
 
 @pytest.mark.parametrize("name", MODELS)
 def test_a_learning_step_never_waits_for_the_device(name):
-    population = make(MODELS[name])
+    population = make(name)
     with Waiting() as waiting:
         population._learn()
     assert waiting.found == []
@@ -50,7 +54,7 @@ def test_a_learning_step_never_waits_for_the_device(name):
 @pytest.mark.parametrize("name", MODELS)
 def test_a_recorded_step_repeats_what_the_step_does(name):
     """What a CUDA graph does with it: the same operations on the same tensors, without the Python around them."""
-    stepped, replayed = make(MODELS[name]), make(MODELS[name])
+    stepped, replayed = make(name), make(name)
     graph = make_fx(lambda: replayed._learn())()
     stepped._learn()
     for _ in range(45):
