@@ -25,8 +25,10 @@ class GridSearch:
         argmin_p mean_k (theta_dot[k+1] - f(theta[k], theta_dot[k], u[k]; p))^2
 
     Ties go to the first cell, the first parameter varying slowest. Angles enter as a regressor; speeds are
-    read before (theta_dot) and after (theta_dot_after, else theta_dot[k+1]) each step. Noise in the regressor
-    theta_dot[k] biases the estimate; the covariance (linearised, plus the grid's rounding) ignores that bias.
+    read before (theta_dot) and after (theta_dot_after, else theta_dot[k+1]) each step. Noise in the
+    regressor theta_dot[k] scatters m and l of the paper's model, where it enters with a factor of one, and biases a
+    parameter that multiplies the speed, such as viscous.b; the covariance (linearised, plus the grid's rounding)
+    ignores that bias.
     Source: paper, Sec. II-B, with 61 x 61 points on [0.3, 3.0]^2.
     """
 
@@ -87,7 +89,9 @@ class GridSearch:
         # both readings of a step carry the noise, the earlier one through df/dtheta_dot, which is near 1
         noise = math.sqrt(mean_square / 2.0)
         edge = [n for n, a in zip(names, axes, strict=True) if fitted.parameters[n].value in (a[0], a[-1])]
-        status = f"best of {self.points ** len(axes)} cells; noise in the measured speed biases this estimate"
+        status = (
+            f"best of {self.points ** len(axes)} cells; noise in the measured speed enters on both sides of this fit"
+        )
         if edge:
             status += f"; {' and '.join(edge)} ended at the edge of the grid"
         expected = self.sensor.theta_dot
