@@ -4,9 +4,9 @@
     print(evaluate(optimal, plant, *start_states(seed=0)))           # the best that this grid knows to do
     print(-optimal.cost_to_go(*start_states(seed=0)).mean())         # what it promises
 
-Interpolation weights act as transition probabilities: the scheme is monotone and its error cannot grow. They also act
-as noise, of a sixth of the squared spacing a step and axis on average: a coarse table plans with a margin, a fine one
-to the edge of what the plant can do. A finer table is worth more on the plant that it was solved for and less on others.
+Interpolation weights act as transition probabilities: the scheme is monotone and its error cannot grow. They act as
+noise too, whose variance a step is on average a sixth of the squared spacing: a coarse table plans with a margin, a
+fine one to the edge of what the plant can do. The finer is worth more on the plant it was solved for, less on others.
 Source: Kushner & Dupuis, Numerical Methods for Stochastic Control Problems in Continuous Time, ch. 5.
 """
 
