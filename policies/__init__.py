@@ -25,6 +25,7 @@ _HOME = {
     "design_lqr": "lqr",
     "Optimal": "optimal",
     "PendulumEnv": "pendulum_env",
+    "Pendulums": "pendulums",
     "NetworkPolicy": "network_policy",
     "Population": "population",
     "CpuTuning": "processor",

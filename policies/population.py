@@ -21,9 +21,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from policies.batched_env import BatchedPendulum
 from policies.feed import LENGTH, Feed
 from policies.network_policy import NetworkPolicy
+from policies.pendulums import Pendulums
 from policies.randomization import Randomization
 from policies.replay import Replay
 from policies.replayed import Replayed
@@ -52,7 +52,7 @@ class Population:
     ) -> None:
         self.settings = settings = SACSettings() if settings is None else settings
         self.seeds, self.device = tuple(int(s) for s in seeds), torch.device(device)
-        self.env = BatchedPendulum(model, randomizations, self.seeds, device=device, history=history)
+        self.env = Pendulums(model, randomizations, self.seeds, device=device, history=history)
         self.agents = agents = len(self.seeds)
         self.sac = SAC(self.seeds, settings, 3 + history, device=device)
         self.replay = Replay(agents, min(settings.capacity, settings.steps), 3 + history, 1, device)

@@ -1,28 +1,19 @@
-"""The batched environment is a proper TorchRL environment, and each of its pendulums is the single one."""
+"""The pendulums are a proper TorchRL environment."""
 
 import numpy as np
-import pytest
 import torch
 from torchrl.envs.utils import check_env_specs
 
 from policies.batched_env import BatchedPendulum
-from policies.pendulum_env import PendulumEnv
 from policies.randomization import Band, PriorRange
-from sysid import AngleOffset, Backlash, Delay, InvalidInput, Model, RodPendulum, SensorDelay, Viscous, paper_model
+from sysid import AngleOffset, Backlash, Delay, Model, RodPendulum, SensorDelay, paper_model
 
 BANDS = [Band({"m": 2.0, "l": 1.5}, 0.2), Band({"m": 1.0, "l": 1.0}, 0.0), PriorRange()]
-
-
-def make(randomizations=BANDS, seeds=(4, 5, 6), **options):
-    return BatchedPendulum(paper_model(), randomizations, seeds, **options)
-
-
 SENSING = (Backlash(width=0.1), SensorDelay(T=0.06), AngleOffset(offset=0.05))
 
 
-def test_torchrl_accepts_it():
-    check_env_specs(make())
-    check_env_specs(BatchedPendulum(Model(RodPendulum(), SENSING, u_max=2.0), BANDS, (4, 5, 6), history=2))
+def make(**options):
+    return BatchedPendulum(paper_model(), BANDS, (4, 5, 6), **options)
 
 
 def actions(steps, agents, seed=0):
@@ -30,25 +21,9 @@ def actions(steps, agents, seed=0):
     return torch.from_numpy(rng.uniform(-1.0, 1.0, (steps, agents, 1)).astype(np.float32))
 
 
-@pytest.mark.parametrize("history", [0, 3])
-@pytest.mark.parametrize("effects", [(), (Viscous(b=0.05), Delay(T=0.07)), SENSING])
-def test_every_agent_is_the_single_pendulum_with_its_own_parameters(effects, history):
-    model = Model(RodPendulum(), effects, dt=0.04, u_max=2.0)
-    env = BatchedPendulum(model, BANDS, (4, 5, 6), history=history)
-    begun = env.restart()
-    singles = []
-    for a in range(3):
-        drawn = {name: float(values[a]) for name, values in env.parameters_now.items()}
-        single = PendulumEnv(model.with_parameters(drawn), history=history)
-        start = {"theta": float(env.state.theta[a]), "theta_dot": float(env.state.theta_dot[a])}
-        np.testing.assert_allclose(begun[a].numpy(), single.reset(options=start)[0], atol=2e-5)
-        singles.append(single)
-    for action in actions(50, 3):
-        observation, reward, _ = env.advance(action)
-        for a, single in enumerate(singles):
-            expected, cost, *_ = single.step(2.0 * action[a].numpy())
-            np.testing.assert_allclose(observation[a].numpy(), expected, atol=2e-5)
-            assert float(reward[a]) == pytest.approx(cost, rel=1e-4, abs=1e-6)
+def test_torchrl_accepts_it():
+    check_env_specs(make())
+    check_env_specs(BatchedPendulum(Model(RodPendulum(), SENSING, u_max=2.0), BANDS, (4, 5, 6), history=2))
 
 
 def test_a_time_limit_truncates_and_never_terminates():
@@ -60,85 +35,17 @@ def test_a_time_limit_truncates_and_never_terminates():
     assert not out["next", "terminated"].any()
 
 
-def test_a_new_episode_draws_new_parameters_and_a_new_start():
-    env = make([PriorRange()] * 2, (1, 2))
-    first = env.restart(), env.snapshot()["parameters"]
-    second = env.restart(), env.snapshot()["parameters"]
-    assert (first[0] != second[0]).all()
-    for name in ("m", "l"):
-        assert (first[1][name] != second[1][name]).all()
-
-
-def test_past_commands_are_observed_the_latest_first_and_forgotten_at_the_start():
-    env = BatchedPendulum(paper_model(), BANDS, (4, 5, 6), history=2)
-    assert (env.restart()[:, 3:] == 0.0).all()
-    moves = actions(4, 3)
-    moves[3] *= 1.5  # beyond the limit: what was given is the limit
-    for action in moves:
-        observation, *_ = env.advance(action)
-    assert torch.equal(observation[:, 3:], torch.cat((moves[3].clamp(-1.0, 1.0), moves[2]), 1))
-    assert (env.restart()[:, 3:] == 0.0).all()
-
-
-def test_sensors_that_show_something_else_do_not_change_the_motion_or_the_reward():
-    plain, shown = (BatchedPendulum(Model(RodPendulum(), e, u_max=2.0), BANDS, (4, 5, 6)) for e in ((), SENSING))
-    plain.restart(), shown.restart()
-    for action in actions(20, 3):
-        (seen, reward, _), (other, same, _) = plain.advance(action), shown.advance(action)
-        assert torch.equal(reward, same)
-    assert torch.equal(plain.state.theta, shown.state.theta) and not torch.equal(seen, other)
-
-
-def test_the_horizon_is_ten_seconds_and_the_return_the_same_integral_at_every_interval():
-    costs = []
-    for dt, steps in ((0.05, 200), (0.02, 500), (0.0125, 800)):
-        env = BatchedPendulum(Model(RodPendulum(2.0, 1.5), dt=dt, u_max=2.0), [Band({"m": 2.0})], [3])
-        assert env.horizon == steps
-        env.restart()
-        costs.append(sum(float(env.advance(torch.zeros(1, 1))[1]) for _ in range(steps)))
-    assert costs[1:] == pytest.approx([costs[0]] * 2, rel=0.02)
-
-
 def test_a_partial_reset_leaves_the_other_agents_alone():
     env = BatchedPendulum(Model(RodPendulum(), (Delay(T=0.07), *SENSING), u_max=2.0), BANDS, (4, 5, 6), history=2)
     td = env.reset()
     for action in actions(3, 3):
         td = env.step(td.set("action", action))["next"]
-    before, episodes = [kept.clone() for kept in env._kept], list(env.episodes)
+    before, episodes = [kept.clone() for kept in env.pendulums._kept], list(env.pendulums.episodes)
     env.reset(td.set("_reset", torch.tensor([[False], [True], [False]])))
-    changed = torch.stack([kept != was for kept, was in zip(env._kept, before, strict=True)])
+    changed = torch.stack([kept != was for kept, was in zip(env.pendulums._kept, before, strict=True)])
     assert changed[0].tolist() == [False, True, False] and not changed[:, [0, 2]].any()
-    assert env.steps.tolist() == [3, 0, 3]
-    assert env.episodes == [episodes[0], episodes[1] + 1, episodes[2]]
-
-
-def test_draws_depend_on_the_own_seed_only():
-    together = make([PriorRange()] * 3, (4, 5, 6))
-    alone = make([PriorRange()], (5,))
-    for _ in range(3):
-        assert torch.equal(together.restart()[1], alone.restart()[0])
-        assert together.parameters_now["m"][1] == alone.parameters_now["m"][0]
-
-
-def test_agents_that_share_a_seed_share_the_start_states_whatever_the_width():
-    env = make([Band({"m": 2.0, "l": 1.5}, w) for w in (0.0, 0.5)], (3, 3))
-    for _ in range(3):
-        observation = env.restart()
-        assert torch.equal(observation[0], observation[1])
-
-
-def test_a_snapshot_goes_on_where_it_was_taken():
-    model = Model(RodPendulum(), (Delay(T=0.07), *SENSING), u_max=2.0)
-    one, other = (BatchedPendulum(model, BANDS, (4, 5, 6), horizon=5, history=2) for _ in range(2))
-    one.restart()
-    moves = actions(12, 3)
-    for action in moves[:4]:
-        one.advance(action)
-    other.restore(one.snapshot())
-    for action in moves[4:]:
-        for ours, theirs in zip(one.advance(action), other.advance(action), strict=True):
-            assert torch.equal(ours, theirs)
-    assert torch.equal(one.restart(), other.restart())
+    assert env.pendulums.steps.tolist() == [3, 0, 3]
+    assert env.pendulums.episodes == [episodes[0], episodes[1] + 1, episodes[2]]
 
 
 def test_setting_the_seed_repeats_the_rollout():
@@ -149,12 +56,3 @@ def test_setting_the_seed_repeats_the_rollout():
         td = env.reset()
         rewards.append(torch.stack([env.step(td.set("action", a))["next", "reward"] for a in actions(5, 3)]))
     assert torch.equal(*rewards)
-
-
-def test_bad_input_is_named():
-    with pytest.raises(InvalidInput, match="3 randomizations and 1 seeds"):
-        make(seeds=(1,))
-    with pytest.raises(InvalidInput, match="expected the same"):
-        make([Band({"m": 1.0}), Band({"l": 1.0})], (1, 2))
-    with pytest.raises(InvalidInput, match="u_max"):
-        BatchedPendulum(Model(RodPendulum()), [PriorRange()], [0])
