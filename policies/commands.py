@@ -56,13 +56,13 @@ def _(command: Train) -> None:
     randomization = _randomization(command, saved, machine)
     check_machine(machine, randomization)
     history = _history(machine, randomization) if command.history is None else command.history
-    _introduce(command, saved.model, machine, randomization, history)
 
     from policies.processor import tune_cpu
     from policies.training import settings_for, train
 
-    tune_cpu(threads=1)
     settings = settings_for(machine, command.hidden, command.steps)
+    _introduce(command, saved.model, machine, randomization, history)
+    tune_cpu(threads=1)
     seeds = range(command.seed, command.seed + command.agents)
     training = train(machine, randomization, settings, seeds, history, _Curve())
     if command.agents > 1:

@@ -138,7 +138,7 @@ def test_an_effect_that_tensors_cannot_pass_is_named():
             return self.a * joint.theta.round(3)
 
     model = Model(RodPendulum(), (Viscous(0.1), Numb()), dt=0.05, u_max=2.0)
-    with pytest.raises(InvalidInput, match="effect 'numb' cannot be carried .* it raises TypeError"):
+    with pytest.raises(InvalidInput, match=r"effect 'numb' cannot be carried .* it raises TypeError"):
         check_machine(model, Fixed())
 
 
