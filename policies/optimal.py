@@ -28,6 +28,9 @@ from policies.table import Axis, corners
 from sysid import InvalidInput, Model, State
 from sysid.ops import Value
 
+LARGEST = 200_000_000
+"""Entries of all matrices beyond which a table is refused: 8 bytes each."""
+
 Array = NDArray[np.float64]
 Stage = tuple[NDArray[np.float32], csr_array]
 
@@ -35,7 +38,7 @@ Stage = tuple[NDArray[np.float32], csr_array]
 @dataclass(frozen=True)
 class Grid:
     """Nodes of the table: `theta` angles a turn, `theta_dot` speeds up to +-theta_dot_max [rad/s] and `u` torques up
-    to +-u_max; `memory` values of what the input path remembers, where it remembers a number.
+    to +-u_max; `memory` values of each number that the input path remembers.
 
     turns   1: angles around the circle. More: a line of so many turns, for torques that wind up with the angle.
 
@@ -87,9 +90,9 @@ class Optimal:
 
         V_N = 0,   V_k(x) = min_u [cost(x, u) + V_{k+1}(f(x, u, t_k))],   u_k(x) = argmin of the same
 
-    f is the step of `model`, the one designed on; x = (theta, theta_dot), and what its input path remembers where that
-    is a number. values (N + 1, T, D) or (N + 1, T, D, M) float32 hold V_k at the nodes, multilinear between them. The
-    policy applies f to the state as it is, so it acts well on a coarse grid too.
+    f is the step of `model`, the one designed on; x = (theta, theta_dot, *memory), what its input path remembers
+    included. values (N + 1, T, D, *M) float32 hold V_k at the nodes, multilinear between them. The policy applies f to
+    the state as it is, so it acts well on a coarse grid too.
     """
 
     model: Model
@@ -108,7 +111,7 @@ class Optimal:
     def cost_to_go(self, theta: Array, theta_dot: Array, k: int = 0, memory: Sequence[Value] = ()) -> Array:
         """V_k at theta [rad], theta_dot [rad/s], of their shape; -V_0 is the return that it promises.
 
-        memory   the number that the input path remembers, where there is one; by default that of rest
+        memory   the numbers that the input path remembers; by default those of rest
         """
         remembered = tuple(memory) or (0.0,) * (len(self._axes) - 2)
         nodes, weights = corners(self._axes, (theta, theta_dot, *remembered))
@@ -142,8 +145,8 @@ def solve(model: Model, grid: Grid | None = None, horizon: int | None = None) ->
     horizon   steps in an episode, by default those of 10 s
 
     Raises InvalidInput for a model without torque limit, with a parameter that is not one number, whose input path
-    remembers more than one number (`policies.predictive` takes whole samples of a delay out), or whose torques wind up
-    with the angle while the grid has one turn.
+    remembers too much for the grid (`policies.predictive` takes whole samples of a delay out), or whose torques wind
+    up with the angle while the grid has one turn.
     """
     grid = Grid() if grid is None else grid
     _check(model, grid)
@@ -168,10 +171,13 @@ def _check(model: Model, grid: Grid) -> None:
     check_numbers(model)
     if not math.isfinite(model.u_max):
         raise InvalidInput("the model has no torque limit u_max: expected one, torques are a grid up to it")
-    remembered = {e.name: len(e.rest(model.dt)) for e in model.input_effects if e.rest(model.dt)}
-    if sum(remembered.values()) > 1:
-        several = ", ".join(f"{name} {count}" for name, count in remembered.items())
-        raise InvalidInput(f"the model's input effects remember past commands ({several}): a table carries one number")
+    counts = [axis.count for axis in _axes(model, grid)]
+    if math.prod(counts) * 2 ** len(counts) * grid.u > LARGEST:
+        remembered = len(counts) - 2
+        raise InvalidInput(
+            f"a table of {' x '.join(map(str, counts))} states and {grid.u} torques is too large (of past commands, "
+            f"the model remembers {remembered} numbers): expected a coarser grid, as Grid(120, 121, u=11, memory=5)"
+        )
     if grid.turns == 1 and not is_periodic(model):
         raise InvalidInput(
             "the model's torques wind up with the angle: expected a grid of some turns, as Grid(turns=3)"
@@ -179,13 +185,12 @@ def _check(model: Model, grid: Grid) -> None:
 
 
 def _axes(model: Model, grid: Grid) -> tuple[Axis, ...]:
-    """Those of the table. What is remembered is a drive torque, which never exceeds the largest at rest."""
-    if not _flat(model.initial_state(0.0, 0.0)):
-        return grid.axes
+    """Those of the table. What is remembered are torques, which never exceed the largest that a command gives."""
+    remembered = len(_flat(model.initial_state(0.0, 0.0)))
     static = dataclasses.replace(model, effects=tuple(e for e in model.input_effects if not e.rest(model.dt)))
     drives, _ = static.drive(grid.torques(model.u_max), static.rest())
     reach = float(np.max(np.abs(drives[0]))) or 1.0
-    return (*grid.axes, Axis(2.0 * reach, grid.memory))
+    return (*grid.axes, *(Axis(2.0 * reach, grid.memory),) * remembered)
 
 
 def _stages(model: Model, grid: Grid, t: float) -> Iterator[Stage]:

@@ -9,7 +9,7 @@ state predicted:
 
     u_k = pi_{k+d}(x_{k+d}),   x_{k+1} = f(x_k, u_{k-d}),   0 where k + d is beyond the horizon
 
-What is left of the delay below a sample, or a lag, is a number that the input path remembers: an axis of pi's table.
+What is left of the delay below a sample, and a lag, are numbers that the input path remembers: axes of pi's table.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 
 from policies.design import without_dead_time
 from policies.optimal import Grid, Optimal, solve
-from sysid import Lag, Model, State
+from sysid import Delay, Lag, Model, State
+from sysid.effects import InputEffect
 
 Array = NDArray[np.float64]
 
@@ -64,16 +65,18 @@ def design_predictive(model: Model, grid: Grid | None = None, horizon: int | Non
 
     horizon   steps in an episode, by default those of 10 s
 
-    Raises InvalidInput as `solve` does; so for a lag beside a delay that is no whole number of samples.
+    Raises InvalidInput as `solve` does.
     """
     core, ahead = without_dead_time(model.machine)
     optimal = solve(core, grid, horizon)
-    remembered = max((_remembered(e, model.dt) for e in core.input_effects), default=0)
-    return Predictive(optimal, ahead, ahead + min(remembered, optimal.horizon))
+    remembered = sum(_remembered(e, model.dt) for e in core.input_effects)
+    return Predictive(optimal, ahead, ahead + int(min(remembered, optimal.horizon)))
 
 
-def _remembered(effect: object, dt: float) -> int:
-    """How many samples back the effect looks: a delay below a sample one, a lag until it has forgotten."""
+def _remembered(effect: InputEffect, dt: float) -> int | float:
+    """How many samples back the effect looks: a lag until it has forgotten, one of which nothing is known forever."""
     if isinstance(effect, Lag):
         return math.ceil(-math.log(FORGOTTEN) * effect.T / dt)
-    return len(effect.rest(dt))
+    if isinstance(effect, Delay) or not effect.rest(dt):
+        return len(effect.rest(dt))
+    return math.inf
