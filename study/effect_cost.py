@@ -8,14 +8,14 @@
 The machine is the paper's rod (2.0 kg, 1.5 m), |u| <= 2 N m, a command every 0.05 s, with one effect. Both policies are
 optimal for a machine: the ignorant one for that without the effect, the aware one for that with it. Behind a delay the
 aware one acts on the state predicted through the commands under way; below a sample of delay, and for a lag, what the
-drive remembers is a third axis of its table, so no approximation is made but the table's. For sensing, to be aware is to
-know the state: J_aware is then that of the plain machine. A torque in time begins with the episode, and the aware
-one knows when that was.
+drive remembers is a third axis of its table, so that nothing is approximated but by the table. To be aware of sensing
+is to know the state: J_aware is then that of the plain machine. A torque in time begins with the episode, and the
+aware one knows when that was.
 
 The machine moves in Runge-Kutta steps of 5 ms, of 0.2 ms where it sticks; policies are designed on steps of 25 ms.
 Episodes start 200 times where no other seed does (the loss, and the standard error of its paired mean), and 100 times
-where the paper's generator says. Tables have 120 x 121 states: as 8 trained agents showed, a table of 450 x 451 plans too
-close to the edge to stand for them. Its loss stands beside, as `sharp`.
+where the paper's generator says. Tables have 120 x 121 states, whose interpolation makes them plan with a margin, as
+trained agents do. What an ignorant policy from 450 x 451 states, planned to the edge, loses stands beside as `sharp`.
 """
 
 from __future__ import annotations
@@ -37,6 +37,7 @@ from policies.design import is_periodic, is_steady, without_dead_time
 from policies.evaluate import Policy, evaluate, fresh_start_states, start_states
 from policies.optimal import Grid, Optimal, solve
 from policies.predictive import design_predictive
+from study.effect_sizes import Size, Sizes
 from study.effects import CASES, U_MAX, Case
 from sysid import RK4, Effect, InvalidInput, Model, OutputEffect, RodPendulum, State
 from sysid.files import write_whole
@@ -54,6 +55,9 @@ SEED, EPISODES, PAPER_SEEDS = 500_000, 200, range(500, 600, 20)
 
 TARGETS = (1.5, 10.0, 30.0)
 """Losses that sizes are looked for at [% of |J_aware|]."""
+
+SMALL = 2.0
+"""Loss [%] below which an effect costs nothing worth the name."""
 
 STEPS = tuple(i / 8.0 for i in range(9))
 """Shares of the largest plausible size that are measured in any case."""
@@ -129,20 +133,25 @@ def returns(policies: Sequence[Policy], model: Model, theta: Array, theta_dot: A
 
 
 class Bench:
-    """The plain machine's designers, and what they are worth there; measures one case at one size at a time."""
+    """The plain machine's designers, and what they are worth there; measures one case at one size at a time.
 
-    def __init__(self, blunt: Grid = BLUNT, sharp: Grid = SHARP, episodes: int = EPISODES) -> None:
-        self.grid = blunt
+    substeps   of the machine, where others are wanted than `machine` takes
+    """
+
+    def __init__(
+        self, blunt: Grid = BLUNT, sharp: Grid = SHARP, episodes: int = EPISODES, substeps: int | None = None
+    ) -> None:
+        self.grid, self.substeps = blunt, substeps
         self.ignorant: tuple[Optimal, ...] = tuple(solve(machine(substeps=2), grid) for grid in (blunt, sharp))
         groups = [fresh_start_states(SEED, episodes), *(start_states(seed) for seed in PAPER_SEEDS)]
         self.starts = tuple(np.concatenate(columns) for columns in zip(*groups, strict=True))
         self.fresh = np.arange(len(self.starts[0])) < episodes
-        (self.plain,) = returns(self.ignorant[:1], machine(), *self.starts)
+        (self.plain,) = returns(self.ignorant[:1], machine(substeps=substeps), *self.starts)
 
     def measure(self, case: Case, size: float) -> Row:
         """The row of a size."""
         effect = case.at(size)
-        model = machine(effect)
+        model = machine(effect, self.substeps)
         if isinstance(effect, OutputEffect):
             ignorant, sharp = returns(self.ignorant, model, *self.starts)
             aware = self.plain
@@ -178,7 +187,7 @@ def explore(case: Case, measure: Callable[[Case, float], Row]) -> list[Row]:
     """Rows over the plausible sizes, then nearer and nearer to those at which the loss passes each target."""
     rows = {size: measure(case, size) for size in (_rounded(share * case.largest) for share in STEPS)}
     for target in TARGETS:
-        for _ in range(4):
+        for _ in range(6):
             size = _between(sorted(rows.values(), key=lambda row: row.size), target)
             if size is None or size in rows:
                 break
@@ -187,20 +196,45 @@ def explore(case: Case, measure: Callable[[Case, float], Row]) -> list[Row]:
 
 
 def _between(rows: Sequence[Row], target: float) -> float | None:
-    """Where a line between the rows around the first passage meets the target; None where one is near enough, or none
-    is beyond."""
+    """About where a line between the rows around the first passage meets the target; None where one is near enough, or
+    where none is beyond."""
     beyond = next((i for i, row in enumerate(rows) if row.percent > target), 0)
     if beyond == 0:
         return None
     low, high = rows[beyond - 1], rows[beyond]
-    if min(abs(row.percent - target) for row in (low, high)) < 0.1 * target:
+    if min(abs(row.percent - target) for row in (low, high)) < max(0.45, 0.1 * target):
         return None
     share = (target - low.percent) / (high.percent - low.percent)
-    return _rounded(low.size + min(max(share, 0.1), 0.9) * (high.size - low.size))
+    return _rounded(low.size + min(max(share, 0.3), 0.7) * (high.size - low.size))
 
 
 def _rounded(size: float) -> float:
     return float(f"{size:.3g}")
+
+
+def choose(rows: Sequence[Row]) -> Sizes:
+    """From one effect's rows: small is the last eighth of what is plausible before losses reach 2 % (else the least
+    size measured); medium and large are nearest to 10 % and 30 % up to the first passage, if within a third of it."""
+    rows = sorted(rows, key=lambda row: row.size)
+    case = CASES[rows[0].effect]
+    first = next((i for i, row in enumerate(rows) if row.percent >= SMALL), len(rows))
+    eighths = {_rounded(share * case.largest) for share in STEPS[1:]}
+    small = next((row for row in reversed(rows[:first]) if row.size in eighths), rows[1])
+    medium, large = (_passage(rows, target) for target in TARGETS[1:])
+    return Sizes(_size(small), medium and _size(medium), large and _size(large), _size(rows[-1]))
+
+
+def _passage(rows: Sequence[Row], target: float) -> Row | None:
+    """The row nearest to the target, of those up to the first beyond it."""
+    beyond = next((i for i, row in enumerate(rows) if row.percent > target), len(rows) - 1)
+    nearest = min(rows[: beyond + 1], key=lambda row: abs(row.percent - target))
+    return nearest if abs(nearest.percent - target) < target / 3.0 else None
+
+
+def _size(row: Row) -> Size:
+    numbers = tuple((name, float(f"{value:.6g}")) for name, value in CASES[row.effect].numbers(row.size).items())
+    rounded = (round(value, 2) + 0.0 for value in (row.loss, row.percent, row.sharp))
+    return Size(row.size, row.unit, numbers, *rounded)
 
 
 def read(path: Path) -> list[Row]:

@@ -19,7 +19,7 @@ U_MAX = 2.0
 
 @dataclass(frozen=True)
 class Case:
-    """An effect over one number, its `size` in `unit`: size 0 changes nothing, `largest` is the end of what is plausible.
+    """An effect over one number, its `size` in `unit`: 0 changes nothing, `largest` is the end of what is plausible.
 
     numbers   the effect's parameters by name at a size; meaning: what the size is
     """

@@ -1,0 +1,193 @@
+"""To know an effect cannot hurt, an effect of size 0 is none, and sizes are found where the loss is."""
+
+import csv
+import dataclasses
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from policies.evaluate import evaluate
+from policies.optimal import Grid
+from study import effect_cost
+from study.effect_cost import (
+    SHIPPED,
+    TABLE,
+    TARGETS,
+    Abreast,
+    Bench,
+    Row,
+    choose,
+    explore,
+    machine,
+    main,
+    read,
+    returns,
+    write,
+)
+from study.effect_sizes import SIZES
+from study.effects import CASES, Case
+from sysid import CATALOGUE, InvalidInput, State, effect
+
+COARSE = Grid(theta=60, theta_dot=61, u=7)
+LINE = Case("viscous", "b", "N m s/rad", 0.8, lambda s: {"b": s})
+
+
+@pytest.fixture(scope="module")
+def bench():
+    return Bench(COARSE, COARSE, episodes=50, substeps=5)
+
+
+def row(case, size, percent):
+    zero = {f.name: 0.0 for f in dataclasses.fields(Row)}
+    return Row(**{**zero, "effect": case.effect, "size": size, "unit": case.unit, "aware": -400.0, "percent": percent})
+
+
+def test_every_effect_of_the_catalogue_is_asked_for_but_two():
+    ours = {name for name, kind in CATALOGUE.items() if kind.__module__.startswith("sysid.")}
+    assert ours - set(CASES) == {"back_emf", "stamp"}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_at_size_zero_it_is_the_plain_machine_and_at_its_largest_another(name):
+    rng = np.random.default_rng(0)
+    start, u = rng.uniform(-3.0, 3.0, (2, 20)), rng.uniform(-2.0, 2.0, (30, 20))
+
+    def motion(effect):
+        model = machine(effect, substeps=5)
+        state, sensing, seen = model.initial_state(*start), model.sensing(*start), []
+        for k, command in enumerate(u):
+            state = model.advance(state, command, k * model.dt)
+            reading, sensing = model.read(state.theta, state.theta_dot, sensing, (k + 1) * model.dt)
+            seen.append([*state[:2], *reading])
+        return np.array(seen)
+
+    case = CASES[name]
+    np.testing.assert_allclose(motion(case.at(0.0)), motion(None), atol=1e-9)
+    assert np.max(np.abs(motion(case.at(case.largest)) - motion(None))) > 0.05
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_knowing_does_not_hurt(bench, name):
+    found = bench.measure(CASES[name], 0.75 * CASES[name].largest)
+    error = 0.02 * abs(found.aware)  # the coarse table's own
+    assert found.loss > -error - 2.0 * found.sem
+    assert found.loss == pytest.approx(found.aware - found.ignorant)
+
+
+@pytest.mark.parametrize("name", ["coulomb", "delay", "ripple", "backlash"])
+def test_an_effect_of_size_zero_costs_nothing(bench, name):
+    found = bench.measure(CASES[name], 0.0)
+    assert (found.loss, found.sem, found.paper_loss) == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
+    assert found.ignorant == pytest.approx(found.plain)
+
+
+def test_a_delay_of_four_samples_is_dear_and_knowing_it_brings_most_back(bench):
+    found = bench.measure(CASES["delay"], 0.2)
+    assert found.percent > 10.0
+    assert found.aware > found.plain - 0.1 * abs(found.plain)
+
+
+def test_policies_abreast_do_as_each_does_alone(bench):
+    model, (theta, theta_dot) = machine(CASES["delay"].at(0.1)), (x[:6] for x in bench.starts)
+    policies = (bench.ignorant[0], effect_cost.design(model, COARSE))
+    assert Abreast(policies).history == 2
+    together = returns(policies, model, theta, theta_dot)
+    for policy, own in zip(policies, together, strict=True):
+        np.testing.assert_allclose(own, evaluate(policy, model, theta, theta_dot).returns, rtol=1e-12)
+
+
+def test_the_aware_policy_does_not_peek_at_the_machines_memory(bench):
+    policy = effect_cost.design(machine(CASES["lag"].at(0.1)), COARSE)
+    theta, theta_dot = (x[:3] for x in bench.starts)
+    past = np.ones((3, policy.history))
+    u = [policy(State(theta, theta_dot, memory), 1.0, past) for memory in ((), ((7.0 + 0.0 * theta,),))]
+    np.testing.assert_array_equal(*u)
+
+
+@pytest.mark.parametrize(
+    "curve",
+    [lambda s: 60.0 * s / 0.8, lambda s: 100.0 * (s / 0.8) ** 3, lambda s: 90.0 / (1.0 + np.exp(-60.0 * (s - 0.33)))],
+)
+def test_sizes_are_found_where_the_loss_passes_the_targets(curve):
+    rows = explore(LINE, lambda case, size: row(case, size, float(curve(size))))
+    assert [r.size for r in rows] == sorted({r.size for r in rows})
+    for target in TARGETS:
+        assert min(abs(r.percent - target) for r in rows) < max(0.45, 0.15 * target)
+
+
+def test_where_nothing_is_lost_nothing_is_looked_for():
+    asked = []
+    explore(LINE, lambda case, size: asked.append(size) or row(case, size, 0.1))
+    assert asked == [pytest.approx(i / 10.0) for i in range(9)]
+
+
+def test_a_table_is_read_as_it_was_written(tmp_path):
+    rows = [row(CASES["lag"], 0.123, 4.5), row(CASES["coulomb"], 0.5, -0.25), row(CASES["coulomb"], 0.25, 0.0)]
+    write(tmp_path / TABLE, rows)
+    assert read(tmp_path / TABLE) == [rows[2], rows[1], rows[0]]
+    assert read(tmp_path / "none.csv") == []
+
+
+def test_a_run_goes_on_from_its_table(tmp_path, monkeypatch):
+    measured = []
+
+    class Counting:
+        def measure(self, case, size):
+            measured.append(size)
+            if len(measured) == 3:
+                raise KeyboardInterrupt
+            return row(case, size, 0.0)
+
+    monkeypatch.setattr(effect_cost, "Bench", Counting)
+    with pytest.raises(KeyboardInterrupt):
+        main(["--out", str(tmp_path), "--effects", "drag"])
+    assert len(read(tmp_path / TABLE)) == 2
+    assert main(["--out", str(tmp_path), "--effects", "drag"]) == 0
+    assert len(measured) == 3 + 7
+    assert (tmp_path / effect_cost.FIGURE).read_bytes().startswith(b"\x89PNG")
+    assert main(["--out", str(tmp_path), "--effects", "drag"]) == 0
+    assert len(measured) == 3 + 7
+
+
+def test_what_is_no_table_is_refused_and_left_alone(tmp_path, capsys):
+    (tmp_path / TABLE).write_text("a,b\n1,2\n")
+    assert main(["--out", str(tmp_path)]) == 2
+    message = capsys.readouterr().err
+    assert message.startswith("error: ") and message.count("\n") == 1
+    assert (tmp_path / TABLE).read_text() == "a,b\n1,2\n"
+    with pytest.raises(InvalidInput, match="not a table"):
+        read(tmp_path / TABLE)
+
+
+def test_the_sizes_fixed_before_training_are_those_of_the_shipped_table():
+    rows = read(SHIPPED / TABLE)
+    assert {name: choose([r for r in rows if r.effect == name]) for name in CASES} == SIZES
+    for name, sizes in SIZES.items():
+        assert sizes.small.size > 0.0 and sizes.small.percent < 2.0
+        assert sizes.medium is None or (sizes.small.size < sizes.medium.size and 6.0 < sizes.medium.percent < 14.0)
+        assert sizes.large is None or (sizes.medium.size < sizes.large.size and 20.0 < sizes.large.percent < 40.0)
+        assert sizes.largest.size == CASES[name].largest
+        made = effect(name, **dict(sizes.largest.numbers))
+        asked = CASES[name].at(sizes.largest.size)
+        assert {k: p.value for k, p in made.parameters.items()} == pytest.approx(
+            {k: p.value for k, p in asked.parameters.items()}
+        )
+
+
+def test_the_shipped_table_is_whole():
+    with (SHIPPED / TABLE).open(newline="") as file:
+        sizes = {}
+        for line in csv.DictReader(file):
+            sizes.setdefault(line["effect"], []).append(float(line["size"]))
+    for name, case in CASES.items():
+        assert sizes[name][0] == 0.0 and sizes[name][-1] == pytest.approx(case.largest) and len(sizes[name]) >= 9
+
+
+def test_the_sizes_load_nothing_heavy():
+    code = (
+        "import sys, study.effect_sizes; print([m for m in ('numpy', 'scipy', 'torch', 'sysid') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
