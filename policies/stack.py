@@ -103,9 +103,13 @@ def backward(
 
 
 def _weight_gradients(x: Tensor, slope: Tensor, w: Tensor, b: Tensor | None) -> None:
-    """dL/dW and dL/db, into w and b. A single column is several times faster as a row."""
+    """dL/dW and dL/db, into w and b. A single column is several times faster as a row.
+
+    The row is a view of its own: into the column's transpose, which has the same numbers in the same order but other
+    strides, oneDNN's product writes nothing (torch 2.13).
+    """
     if slope.shape[-1] == 1:
-        torch.bmm(slope.mT, x, out=w.mT)
+        torch.bmm(slope.mT, x, out=w.view(len(w), 1, -1))
     else:
         torch.bmm(x.mT, slope, out=w)
     if b is not None:

@@ -33,5 +33,10 @@ def test_a_processor_that_would_round_to_bfloat16_is_left_alone(monkeypatch):
 
 def test_the_check_would_notice_bfloat16(monkeypatch):
     exact = torch.bmm
-    monkeypatch.setattr(torch, "bmm", lambda x, w: exact(x.bfloat16().float(), w.bfloat16().float()))
+    monkeypatch.setattr(torch, "bmm", lambda x, w, out: exact(x.bfloat16().float(), w.bfloat16().float(), out=out))
     assert matmul_error() > 50 * ACCURACY
+
+
+def test_the_check_would_notice_products_that_are_not_written(monkeypatch):
+    monkeypatch.setattr(torch, "bmm", lambda x, w, out: out)
+    assert matmul_error() > ACCURACY
