@@ -225,7 +225,8 @@ def _introduce(command: Train, model: Model, machine: Model, randomization: Rand
     left_out = [e.name for e in model.effects if e.of_log]
     if left_out:
         print(f"left out, as it belongs to the log: {', '.join(left_out)}")
-    seen = ", ".join(task.observation_names()) + (f" and the last {history} commands" if history else "")
+    past = {0: "", 1: " and its last command"}.get(history, f" and its last {history} commands")
+    seen = ", ".join(task.observation_names()) + past
     print(f"task: swing up and hold for {task.DURATION:g} s, a command every {machine.dt:g} s; observed: {seen}")
     rng = np.random.default_rng(0)
     draws = [randomization.sample(rng, machine) for _ in range(200)]

@@ -1,6 +1,6 @@
 """From a model to a policy: a few agents trained side by side, and the best of them on that model.
 
-training = train(machine, Fixed(), settings_for(machine, hidden=(64, 64), steps=30_000), seeds=[0, 1], history=2)
+training = train(machine, Fixed(), settings_for(machine), seeds=[0, 1], history=2)
 training.policy       # what an evaluation, a file or a robot takes
 """
 
@@ -48,7 +48,7 @@ class Training:
     seconds: float
 
 
-def settings_for(model: Model, hidden: Sequence[int] = (64, 64), steps: int = 30_000) -> SACSettings:
+def settings_for(model: Model, hidden: Sequence[int] = (64, 64), steps: int = 75_000) -> SACSettings:
     """The paper's settings; the discount is the same per second at every dt: 0.99 at 0.05 s."""
     gamma = 0.99 ** (model.dt / task.INTERVAL)
     return SACSettings(hidden=tuple(hidden), steps=steps, random_steps=min(1000, math.ceil(0.1 * steps)), gamma=gamma)

@@ -69,7 +69,7 @@ def test_the_whole_way(models, tmp_path, run, monkeypatch):
     options = ("--u-max", 2, "--randomize", "posterior", "--agents", 2, "--steps", 420, "--hidden", 8, 8)
     code, said, _ = run("train", models / "fitted.json", "-o", folder, *options)
     assert code == 0
-    assert "and the last 3 commands" in said and "agent" in said and "is the best on this model" in said
+    assert "and its last 3 commands" in said and "agent" in said and "is the best on this model" in said
     curve = [line for line in said.splitlines() if " s" in line and "#" in line]
     assert len(curve) == 2  # the tenths in which an episode ended
     assert "swing-up, then LQR" in said and "designed without delay, coulomb" in said
@@ -121,7 +121,7 @@ def test_the_policy_may_command_less_than_asked_of_a_weaker_machine(models, poli
 def test_another_interval_holds_the_commands_and_history_can_be_asked_for(models, tmp_path, run):
     folder = tmp_path / "policy"
     code, said, _ = run("train", models / "fine.json", "-o", folder, *TINY, "--u-max", 2, "--history", 1)
-    assert code == 0 and "a command every 0.04 s" in said and "the last 1 commands" in said
+    assert code == 0 and "a command every 0.04 s" in said and "and its last command" in said
     saved = load_policy(folder)
     assert (saved.model.dt, saved.model.integrator.substeps, saved.policy.history) == (0.04, 4, 1)
     code, _, complaint = run("evaluate", folder, "--model", models / "paper.json")
