@@ -21,7 +21,7 @@ from sysid import DeadZone, Effect, InvalidInput, Model
 Array = NDArray[np.float64]
 
 FINE, COARSE = Grid(), Grid(theta=180, theta_dot=181)
-"""Tables of the optimum; the second where it costs many times as much: the input path remembers, or time matters."""
+"""Tables of the optimum; the second where it costs many times as much."""
 
 SPEED = 8.0
 """Least speed [rad/s] up to which dynamic programming looks, and the paper's."""
@@ -78,9 +78,9 @@ def _optimal(model: Model) -> Policy:
     from policies.predictive import design_predictive
 
     core, _ = without_dead_time(model)
-    costly = any(e.rest(core.dt) for e in core.input_effects) or not is_steady(core)
-    grid = COARSE if costly else FINE
     turns = 1 if is_periodic(model) else 3
+    costly = turns > 1 or not is_steady(core) or any(e.rest(core.dt) for e in core.input_effects)
+    grid = COARSE if costly else FINE
     return design_predictive(model, dataclasses.replace(grid, theta_dot_max=_fastest(model), turns=turns))
 
 
