@@ -1,0 +1,124 @@
+"""Which table of dynamic programming stands for a trained agent? The one that other machines hurt as much.
+
+    python -m study.margin        trains 8 agents on the plain machine, some minutes; writes margin.csv
+
+    ratio(policy, effect) = J(policy, machine with the effect) / J(policy, plain machine)
+
+A table's interpolation is noise to it, so that it keeps a margin; the finer, the less. For every effect at its dearest
+chosen size, a table's ratio is compared with the mean of the agents': it stands for them where log ratios are near.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from policies.evaluate import Policy, fresh_start_states
+from policies.optimal import Grid, solve
+from policies.population import Population
+from policies.randomization import Band
+from policies.sac import SACSettings
+from study.effect_cost import EPISODES, SEED, SHIPPED, machine, returns
+from study.effect_sizes import SIZES, Size
+from study.effects import CASES
+from sysid import InvalidInput
+from sysid.files import write_whole
+
+Array = NDArray[np.float64]
+
+TABLE = "margin.csv"
+ANGLES = (90, 120, 150, 180, 240, 450)
+"""Angles of the tables; speeds are one more."""
+
+SEEDS = tuple(range(100, 108))
+"""The agents', which no study uses."""
+
+
+@dataclass(frozen=True, eq=False)
+class Margin:
+    """Ratios of returns: tables (effects, tables), agents (effects, agents)."""
+
+    angles: tuple[int, ...]
+    effects: tuple[str, ...]
+    sizes: tuple[float, ...]
+    tables: Array
+    agents: Array
+
+    @property
+    def distances(self) -> Array:
+        """Root mean square over effects of log(ratio of a table) - log(mean ratio of the agents)."""
+        difference = np.log(self.tables) - np.log(self.agents.mean(axis=1, keepdims=True))
+        return np.sqrt(np.mean(difference**2, axis=0))
+
+    def __str__(self) -> str:
+        pairs = zip(self.angles, self.distances, strict=True)
+        return "distance to the agents, by angles: " + ", ".join(f"{n} {d:.3f}" for n, d in pairs)
+
+
+def compare(tables: Sequence[Policy], agents: Sequence[Policy], angles: Sequence[int], episodes: int) -> Margin:
+    """The ratios at every effect's dearest chosen size, from start states that nothing else uses."""
+    starts, policies = fresh_start_states(SEED, episodes, block=1), (*tables, *agents)
+    plain = returns(policies, machine(), *starts).mean(axis=1)
+    dearest = {name: _dearest(name) for name in CASES}
+    ratios = []
+    for name, size in dearest.items():
+        model = machine(CASES[name].at(size.size))
+        model = machine(CASES[name].at(size.size), 50) if model.dry_frictions else model
+        ratios.append(returns(policies, model, *starts).mean(axis=1) / plain)
+    split = len(tables)
+    sizes = tuple(size.size for size in dearest.values())
+    return Margin(tuple(angles), tuple(dearest), sizes, np.array(ratios)[:, :split], np.array(ratios)[:, split:])
+
+
+def _dearest(name: str) -> Size:
+    sizes = SIZES[name]
+    return sizes.large or sizes.medium or sizes.largest
+
+
+def train(steps: int = 30_000, seeds: Sequence[int] = SEEDS, hidden: tuple[int, ...] = (64, 64)) -> list[Policy]:
+    """Agents that know the plain machine and nothing else."""
+    plain = Band({"m": 2.0, "l": 1.5})
+    settings = SACSettings(hidden=hidden, steps=steps, random_steps=min(1000, steps // 10))
+    population = Population(machine(substeps=2), [plain] * len(seeds), seeds, settings)
+    population.train(steps)
+    return list(population.policies())
+
+
+def write(path: Path, margin: Margin) -> None:
+    """A row an effect: the tables' ratios, the agents' mean and standard deviation."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["effect", "size", *(f"table_{n}" for n in margin.angles), "agents", "agents_sd"])
+    for name, size, tables, agents in zip(margin.effects, margin.sizes, margin.tables, margin.agents, strict=True):
+        numbers = (*tables, np.mean(agents), np.std(agents, ddof=1))
+        writer.writerow([name, size, *(f"{number:.4g}" for number in numbers)])
+    write_whole(path, text.getvalue())
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit code: 0 done, 2 bad input."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0], prog="python -m study.margin")
+    parser.add_argument("--out", type=Path, default=SHIPPED, metavar="DIR", help="folder of the table")
+    options = parser.parse_args(arguments)
+    try:
+        options.out.mkdir(parents=True, exist_ok=True)
+        tables = [solve(machine(substeps=2), Grid(theta=n, theta_dot=n + 1)) for n in ANGLES]
+        margin = compare(tables, train(), ANGLES, EPISODES)
+        write(options.out / TABLE, margin)
+    except (InvalidInput, OSError) as error:
+        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+        return 2
+    print(margin)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
