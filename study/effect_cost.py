@@ -15,8 +15,8 @@ aware one knows when that was.
 The machine moves in Runge-Kutta steps of 5 ms, of 0.2 ms where it sticks; policies are designed on steps of 25 ms.
 Episodes start 200 times where no other seed does (the loss, and the standard error of its paired mean), and 100 times
 where the paper's generator says. Tables have 120 x 121 states, whose interpolation makes them plan with a margin: as
-trained agents do, says `study.margin`. What an ignorant policy from 450 x 451 states, planned to the edge, loses against
-the same aware one stands beside as `sharp`.
+trained agents do, says `study.margin`. What an ignorant policy from 450 x 451 states, planned to the edge, loses
+against the same aware one stands beside as `sharp`.
 """
 
 from __future__ import annotations

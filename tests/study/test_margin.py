@@ -44,7 +44,7 @@ def test_the_table_that_sizes_were_chosen_with_stands_for_agents_better_than_fin
     with (SHIPPED / TABLE).open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert [row["effect"] for row in rows] == list(CASES)
-    agents = np.log([float(row["agents"]) for row in rows])
-    distance = {n: np.std(np.log([float(row[f"table_{n}"]) for row in rows]) - agents) for n in ANGLES}
+    agents = np.array([float(row["agents"]) for row in rows])
+    distance = {n: np.hypot.reduce(np.log([float(r[f"table_{n}"]) for r in rows] / agents)) for n in ANGLES}
     assert distance[BLUNT.theta] < 0.5 * distance[SHARP.theta]
     assert distance[BLUNT.theta] < 0.7 * distance[240]
