@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.benchmarks.training import BATCH, OURS, SACLOSS, products, turn
+from tests.benchmarks.training import BATCH, OURS, SACLOSS, main, products
 
 
 def test_the_work_of_an_update_is_sixteen_products_of_its_hidden_layers():
@@ -10,7 +10,9 @@ def test_the_work_of_an_update_is_sixteen_products_of_its_hidden_layers():
     assert products((wide, wide)) / (2.0 * BATCH * wide * wide) == pytest.approx(16.0, rel=0.01)
 
 
-@pytest.mark.parametrize("who", [OURS, SACLOSS])
-def test_a_contender_runs_in_a_process_of_its_own_and_says_its_rate(who):
-    measured = turn(who, 8, 2, 0.01)
-    assert measured["rate"] > 0.0 and measured["memory"] > 1e7
+def test_the_contenders_take_turns_and_end_in_a_table(capsys):
+    assert main(["--hidden", "8", "--agents", "2", "--rounds", "1", "--seconds", "0.01"]) == 0
+    rows = [line.split("|")[1:-1] for line in capsys.readouterr().out.splitlines() if line.startswith("|")]
+    assert {OURS, SACLOSS} <= {row[0].strip() for row in rows[2:]}
+    for row in rows[2:]:
+        assert float(row[3]) > 0.0 and float(row[7].split()[0]) > 0.01

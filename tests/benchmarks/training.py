@@ -67,9 +67,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         turns += [(SB3, hidden, 1), (SB3_TUNED, hidden, 1)] if find_spec("stable_baselines3") else []
         turns += [(SACLOSS, hidden, 5), *((OURS, hidden, agents) for agents in given.agents)]
     found = defaultdict(list)
-    for turn in range(given.rounds):
+    for lap in range(given.rounds):
         for who, hidden, agents in turns:
-            print(f"\rround {turn + 1} of {given.rounds}: {who} {hidden} {agents}   ", end="", file=sys.stderr)
+            print(f"\rround {lap + 1} of {given.rounds}: {who} {hidden} {agents}   ", end="", file=sys.stderr)
             found[who, hidden, agents].append(turn(who, hidden, agents, given.seconds))
     print(file=sys.stderr)
     print(_table(found))
