@@ -17,19 +17,19 @@ from policies.task import HORIZON
 ENV_ID = "gapfinder/Pendulum-v0"
 
 _HOME = {
-    "BatchedPendulum": "batched_env",
+    "BatchedPendulum": "learning.batched_env",
     "Evaluation": "evaluate",
     "Policy": "evaluate",
     "start_states": "evaluate",
-    "LQR": "lqr",
-    "design_lqr": "lqr",
-    "Optimal": "optimal",
+    "LQR": "control.lqr",
+    "design_lqr": "control.lqr",
+    "Optimal": "control.optimal",
     "PendulumEnv": "pendulum_env",
-    "Pendulums": "pendulums",
+    "Pendulums": "learning.pendulums",
     "NetworkPolicy": "network_policy",
-    "Population": "population",
-    "CpuTuning": "processor",
-    "tune_cpu": "processor",
+    "Population": "learning.population",
+    "CpuTuning": "learning.processor",
+    "tune_cpu": "learning.processor",
     "Band": "randomization",
     "Fixed": "randomization",
     "Posterior": "randomization",
@@ -39,10 +39,10 @@ _HOME = {
     "SavedPolicy": "policy_file",
     "load_policy": "policy_file",
     "save_policy": "policy_file",
-    "SAC": "sac",
-    "SACSettings": "sac",
-    "SwingUp": "swing_up",
-    "design_swing_up": "swing_up",
+    "SAC": "learning.sac",
+    "SACSettings": "learning.sac",
+    "SwingUp": "control.swing_up",
+    "design_swing_up": "control.swing_up",
 }
 
 __all__ = ["ENV_ID", "HORIZON", *_HOME]  # noqa: PLE0604

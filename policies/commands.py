@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 
 from policies import task
+from policies.control.references import Reference, references
 from policies.evaluate import Evaluation, evaluate, fresh_start_states
 from policies.machine import check_machine, check_stable, machine_of, reach
 from policies.options import Evaluate, Export, Train
 from policies.policy_file import DESCRIPTION, WEIGHTS, SavedPolicy, load_policy, save_policy
 from policies.randomization import Band, Fixed, Posterior, Randomization, Ranges
-from policies.references import Reference, references
 from sysid import InvalidInput, Model, Parameter, SavedModel, load
 from sysid.files import write_whole
 
@@ -57,8 +57,8 @@ def _(command: Train) -> None:
     check_machine(machine, randomization)
     history = _history(machine, randomization) if command.history is None else command.history
 
-    from policies.processor import tune_cpu
-    from policies.training import settings_for, train
+    from policies.learning.processor import tune_cpu
+    from policies.learning.training import settings_for, train
 
     settings = settings_for(machine, command.hidden, command.steps)
     _introduce(command, saved.model, machine, randomization, history)

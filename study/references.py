@@ -102,14 +102,14 @@ class ReferenceTask:
         m, l = self.theta  # noqa: E741
         model = paper_model(m, l)
         if self.controller == LQR:
-            from policies.lqr import design_lqr
+            from policies.control.lqr import design_lqr
 
             return design_lqr(model)
         if self.controller == SWING_UP:
-            from policies.swing_up import design_swing_up
+            from policies.control.swing_up import design_swing_up
 
             return design_swing_up(model)
-        from policies.optimal import Grid, solve
+        from policies.control.optimal import Grid, solve
 
         return solve(model, Grid(self.preset.grid, self.preset.grid + 1))
 

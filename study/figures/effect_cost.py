@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from study.effect_cost import SMALL, Row
-from study.effect_sizes import SIZES
-from study.effects import CASES
 from study.figures.style import ACCENT
+from study.mismatch.cases import CASES
+from study.mismatch.effect_cost import SMALL, Row
+from study.mismatch.sizes import SIZES
 
 COLUMNS, TOP = 5, 60.0
 """Panels abreast, and the loss [%] above which lines leave them."""

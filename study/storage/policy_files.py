@@ -23,7 +23,7 @@ from study.storage.files import write_whole
 from sysid import InvalidInput
 
 if TYPE_CHECKING:
-    from policies.population import NetworkPolicy
+    from policies.learning.population import NetworkPolicy
 
 FOLDER = "policies"
 """Where they lie in a results folder."""
@@ -46,7 +46,7 @@ def write_policies(path: Path, cells: Sequence[Cell], policies: Sequence[Network
 
 def read_policies(path: Path) -> dict[Cell, NetworkPolicy]:
     """The policies in such a file by cell; raises InvalidInput for another file."""
-    from policies.population import NetworkPolicy
+    from policies.learning.population import NetworkPolicy
 
     try:
         with np.load(path, allow_pickle=False) as stored:

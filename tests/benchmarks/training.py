@@ -157,9 +157,9 @@ def _sacloss(hidden: int, agents: int, seconds: float) -> dict[str, float]:
     import torch
 
     from policies import SACSettings, tune_cpu
-    from policies.definition import Definition
-    from policies.replay import Batch
-    from policies.sac import SAC
+    from policies.learning.definition import Definition
+    from policies.learning.replay import Batch
+    from policies.learning.sac import SAC
 
     tune_cpu(threads=1)
     learner = Definition(SAC(range(agents), SACSettings(hidden=(hidden, hidden), batch=BATCH)))

@@ -4,7 +4,7 @@ import numpy as np
 import torch
 from torchrl.envs.utils import check_env_specs
 
-from policies.batched_env import BatchedPendulum
+from policies.learning.batched_env import BatchedPendulum
 from policies.randomization import Band, PriorRange
 from sysid import AngleOffset, Backlash, Delay, Model, RodPendulum, SensorDelay, paper_model
 

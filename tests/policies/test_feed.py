@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from policies.feed import Feed
+from policies.learning.feed import Feed
 from policies.streams import Purpose
 
 

@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from policies.control.lqr import design_lqr
 from policies.evaluate import evaluate
-from policies.lqr import design_lqr
 from sysid import RK4, Delay, InvalidInput, State, TorqueBias, Viscous, paper_model
 
 HIDDEN = paper_model(m=2.0, l=1.5)

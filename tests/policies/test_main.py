@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 import sysid
-from policies import references
 from policies.__main__ import main
 from policies.commands import plausible
+from policies.control import references
+from policies.control.optimal import Grid
 from policies.evaluate import evaluate, fresh_start_states
-from policies.optimal import Grid
 from policies.policy_file import DESCRIPTION, WEIGHTS, load_policy
 from sysid import Coulomb, Delay, Model, RodPendulum, Sensor, Spring, Stamp, paper_model
 
@@ -258,7 +258,7 @@ def test_a_policy_is_replaced_only_when_asked(models, policy, tmp_path, run):
 
 
 def test_a_training_that_is_stopped_writes_nothing(models, tmp_path, run, monkeypatch):
-    from policies.population import Population
+    from policies.learning.population import Population
 
     def stopped(self, steps):
         raise KeyboardInterrupt

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
+from policies.learning.pendulums import Pendulums
 from policies.pendulum_env import PendulumEnv
-from policies.pendulums import Pendulums
 from policies.randomization import Band, PriorRange
 from sysid import AngleOffset, Backlash, Delay, InvalidInput, Model, RodPendulum, SensorDelay, Viscous, paper_model
 

@@ -6,10 +6,10 @@ import torch
 
 from policies import task
 from policies.evaluate import evaluate, start_states
+from policies.learning.population import Population
+from policies.learning.sac import SACSettings
 from policies.network_policy import NetworkPolicy
-from policies.population import Population
 from policies.randomization import Band, PriorRange
-from policies.sac import SACSettings
 from sysid import AngleOffset, Delay, InvalidInput, Model, RodPendulum, SensorDelay, State, paper_model
 
 SHORT = SACSettings(hidden=(16, 16), batch=32, random_steps=150, steps=450, capacity=300)

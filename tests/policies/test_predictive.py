@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from policies import task
-from policies.design import without_dead_time
+from policies.control.design import without_dead_time
+from policies.control.optimal import Grid, solve
+from policies.control.predictive import Predictive, design_predictive
 from policies.evaluate import evaluate, fresh_start_states
-from policies.optimal import Grid, solve
-from policies.predictive import Predictive, design_predictive
 from sysid import (
     RK4,
     DeadZone,

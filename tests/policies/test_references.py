@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from policies import references as module
+from policies.control import references as module
+from policies.control.optimal import Grid
+from policies.control.references import references
 from policies.evaluate import fresh_start_states
-from policies.optimal import Grid
-from policies.references import references
 from sysid import AngleOffset, Coulomb, DeadZone, Delay, Drift, Model, RodPendulum, SensorDelay, paper_model
 
 START = fresh_start_states(0, 40)

@@ -2,7 +2,7 @@
 
 import torch
 
-from policies.replay import Replay
+from policies.learning.replay import Replay
 
 
 def filled(agents=2, capacity=4, steps=6):

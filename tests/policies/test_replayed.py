@@ -5,10 +5,10 @@ import torch
 from torch.fx.experimental.proxy_tensor import make_fx
 from torch.utils._python_dispatch import TorchDispatchMode
 
-from policies.population import Population
+from policies.learning.population import Population
+from policies.learning.replayed import Replayed
+from policies.learning.sac import SACSettings
 from policies.randomization import Band, PriorRange
-from policies.replayed import Replayed
-from policies.sac import SACSettings
 from sysid import Delay, Lag, Model, RodPendulum, SensorDelay, paper_model
 
 SHORT = SACSettings(hidden=(16, 16), batch=32, random_steps=20, steps=450, capacity=40)

@@ -7,10 +7,10 @@ import pytest
 import torch
 from torch import nn
 
-from policies.definition import Definition, in_order
-from policies.processor import tune_cpu
-from policies.replay import Batch
-from policies.sac import SAC, SACSettings
+from policies.learning.definition import Definition, in_order
+from policies.learning.processor import tune_cpu
+from policies.learning.replay import Batch
+from policies.learning.sac import SAC, SACSettings
 from sysid import InvalidInput
 
 SMALL = SACSettings(hidden=(16, 16), batch=8)

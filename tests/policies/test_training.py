@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from policies.evaluate import evaluate, fresh_start_states
-from policies.population import Population
+from policies.learning.population import Population
+from policies.learning.sac import SACSettings
+from policies.learning.training import CHOICE, settings_for, train
 from policies.randomization import Band, Fixed
-from policies.sac import SACSettings
-from policies.training import CHOICE, settings_for, train
 from sysid import Delay, Model, RodPendulum, paper_model
 
 SHORT = SACSettings(hidden=(16, 16), batch=32, random_steps=50, steps=430)

@@ -8,10 +8,11 @@ import sys
 import numpy as np
 import pytest
 
+from policies.control.optimal import Grid
 from policies.evaluate import evaluate
-from policies.optimal import Grid
-from study import effect_cost
-from study.effect_cost import (
+from study.mismatch import effect_cost
+from study.mismatch.cases import CASES, Case
+from study.mismatch.effect_cost import (
     SHIPPED,
     TABLE,
     TARGETS,
@@ -26,8 +27,7 @@ from study.effect_cost import (
     returns,
     write,
 )
-from study.effect_sizes import SIZES
-from study.effects import CASES, Case
+from study.mismatch.sizes import SIZES
 from sysid import CATALOGUE, InvalidInput, State, effect
 
 COARSE = Grid(theta=60, theta_dot=61, u=7)
@@ -187,7 +187,7 @@ def test_the_shipped_table_is_whole():
 
 def test_the_sizes_load_nothing_heavy():
     code = (
-        "import sys, study.effect_sizes; print([m for m in ('numpy', 'scipy', 'torch', 'sysid') if m in sys.modules])"
+        "import sys, study.mismatch.sizes; print([m for m in ('numpy', 'scipy', 'torch', 'sysid') if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

@@ -5,12 +5,12 @@ import csv
 import numpy as np
 import pytest
 
-from policies.optimal import Grid, solve
-from study import margin
-from study.effect_cost import BLUNT, SHARP, SHIPPED, machine
-from study.effect_sizes import SIZES
-from study.effects import CASES
-from study.margin import ANGLES, TABLE, compare, train, write
+from policies.control.optimal import Grid, solve
+from study.mismatch import margin
+from study.mismatch.cases import CASES
+from study.mismatch.effect_cost import BLUNT, SHARP, SHIPPED, machine
+from study.mismatch.margin import ANGLES, TABLE, compare, train, write
+from study.mismatch.sizes import SIZES
 
 
 @pytest.fixture

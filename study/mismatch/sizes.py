@@ -1,6 +1,6 @@
 """The sizes of effects that are hidden from policies, fixed before any policy was trained, with what they cost.
 
-Chosen by `study.effect_cost.choose` from study/results/effect_cost/effect_cost.csv. This module loads nothing heavy.
+Chosen by `effect_cost.choose` from study/results/effect_cost/effect_cost.csv. This module loads nothing heavy.
 """
 
 from __future__ import annotations

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from policies.design import Step, step_of
-from policies.lqr import LQR, design_lqr
+from policies.control.design import Step, step_of
+from policies.control.lqr import LQR, design_lqr
 from sysid import InvalidInput, Model, State, ops
 
 Array = NDArray[np.float64]

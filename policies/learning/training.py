@@ -15,10 +15,10 @@ import numpy as np
 
 from policies import task
 from policies.evaluate import evaluate, fresh_start_states
+from policies.learning.population import Population
+from policies.learning.sac import SACSettings
 from policies.network_policy import NetworkPolicy
-from policies.population import Population
 from policies.randomization import Randomization
-from policies.sac import SACSettings
 from sysid import InvalidInput, Model
 
 CHOICE = 100

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from policies import task
-from policies.design import step_of
+from policies.control.design import step_of
 from sysid import InvalidInput, Model, State, ops
 
 Array = NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""Networks of A agents at once as TorchRL wants them, for `policies.definition`.
+"""Networks of A agents at once as TorchRL wants them, for `policies.learning.definition`.
 
 Every layer's weights are stacked along a leading agent axis:
 
@@ -20,7 +20,7 @@ from torch import Tensor, nn
 from torch.distributions import Distribution, constraints
 from torchrl.modules import ProbabilisticActor
 
-from policies.sac import LOG_STD_BOUNDS
+from policies.learning.sac import LOG_STD_BOUNDS
 
 Layers = Sequence[tuple[Tensor, Tensor]]
 

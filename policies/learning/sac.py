@@ -10,9 +10,9 @@ Of agent a, with its two critics Q_i, their slow copies Q'_i, its policy pi and 
 
     a = tanh x,   x = loc + exp(log_std) noise,   d log pi / dx = 2 a,   d log pi / d log_std = -1 + 2 a (x - loc)
 
-Means run over the B transitions of the agent's own batch. The losses are those of TorchRL's SACLoss
-(`policies.definition`, which a test holds this module to); no graph is recorded for them, no gradient is computed that
-no step needs, and everything that a step fills lies ready in memory.
+Means run over the B transitions of the agent's own batch. The losses are those of TorchRL's SACLoss, which a test holds
+this module to (`policies.learning.definition`); no graph is recorded for them, no gradient is computed that no step
+needs, and everything that a step fills lies ready in memory.
 Sources: Haarnoja et al., "Soft Actor-Critic Algorithms and Applications" (2018); Stable-Baselines3, sac.py.
 """
 
@@ -28,8 +28,8 @@ from torch import Tensor
 from torch.nn.functional import softplus
 from torch.optim.adam import adam
 
-from policies.replay import Batch
-from policies.stack import Stack, activations, backward, forward
+from policies.learning.replay import Batch
+from policies.learning.stack import Stack, activations, backward, forward
 from policies.streams import Purpose, generator
 from sysid import InvalidInput
 

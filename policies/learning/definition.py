@@ -1,9 +1,9 @@
-"""The losses of `policies.sac` by TorchRL's SACLoss and autograd: what its written-out gradients are held to.
+"""The losses of `policies.learning.sac` by TorchRL's SACLoss and autograd: what its written-out gradients are held to.
 
     definition = Definition(sac)                  # starts from the weights and temperatures of sac
     definition.update(batch, noise, next_noise)   # takes the steps that sac.update takes, from SACLoss
 
-Training uses `policies.sac`, which computes the same numbers in two thirds of the time.
+Training uses `policies.learning.sac`, which computes the same numbers in two thirds of the time.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from tensordict import TensorDict
 from torch import Tensor, nn
 from torchrl.objectives import SACLoss, SoftUpdate, ValueEstimators
 
-from policies.networks import Layers, both_critics, layers_of, make_actor, make_critic
-from policies.replay import Batch
-from policies.sac import SAC, SACSettings
-from policies.stack import Stack
+from policies.learning.networks import Layers, both_critics, layers_of, make_actor, make_critic
+from policies.learning.replay import Batch
+from policies.learning.sac import SAC, SACSettings
+from policies.learning.stack import Stack
 
 
 def make_loss(agents: int, observation_size: int, action_size: int, settings: SACSettings) -> SACLoss:

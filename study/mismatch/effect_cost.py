@@ -1,7 +1,7 @@
 """What does an effect cost the policy that does not know it? Dynamic programming in the place of training.
 
-    python -m study.effect_cost                    draws what was measured: study/results/effect_cost
-    python -m study.effect_cost --out elsewhere    measures again, about an hour; stopped, the same command goes on
+    python -m study.mismatch.effect_cost                    draws what was measured: study/results/effect_cost
+    python -m study.mismatch.effect_cost --out elsewhere    measures again, about an hour, and goes on if stopped
 
     loss(size) = J_aware(size) - J_ignorant(size)
 
@@ -15,7 +15,7 @@ aware one knows when that was.
 The machine moves in Runge-Kutta steps of 5 ms, of 0.2 ms where it sticks; policies are designed on steps of 25 ms.
 Episodes start 200 times where no other seed does (the loss, and the standard error of its paired mean), and 100 times
 where the paper's generator says. Tables have 120 x 121 states, whose interpolation makes them plan with a margin: as
-trained agents do, says `study.margin`. What an ignorant policy from 450 x 451 states, planned to the edge, loses
+trained agents do, says `margin`. What an ignorant policy from 450 x 451 states, planned to the edge, loses
 against the same aware one stands beside as `sharp`.
 """
 
@@ -34,18 +34,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from policies.design import is_periodic, is_steady, without_dead_time
+from policies.control.design import is_periodic, is_steady, without_dead_time
+from policies.control.optimal import Grid, Optimal, solve
+from policies.control.predictive import design_predictive
 from policies.evaluate import Policy, evaluate, fresh_start_states, start_states
-from policies.optimal import Grid, Optimal, solve
-from policies.predictive import design_predictive
-from study.effect_sizes import Size, Sizes
-from study.effects import CASES, U_MAX, Case
+from study.mismatch.cases import CASES, U_MAX, Case
+from study.mismatch.sizes import Size, Sizes
 from sysid import RK4, Effect, InvalidInput, Model, OutputEffect, RodPendulum, State
 from sysid.files import write_whole
 
 Array = NDArray[np.float64]
 
-SHIPPED = Path(__file__).parent / "results" / "effect_cost"
+SHIPPED = Path(__file__).parents[1] / "results" / "effect_cost"
 TABLE, FIGURE = "effect_cost.csv", "effect_cost.png"
 
 BLUNT, SHARP = Grid(theta=120, theta_dot=121), Grid()
@@ -265,7 +265,7 @@ def write(path: Path, rows: Iterable[Row]) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code: 0 done, 2 bad input."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0], prog="python -m study.effect_cost")
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0], prog="python -m study.mismatch.effect_cost")
     parser.add_argument("--out", type=Path, default=SHIPPED, metavar="DIR", help="folder of table and figure")
     parser.add_argument("--effects", nargs="+", default=list(CASES), choices=list(CASES), metavar="NAME")
     options = parser.parse_args(arguments)

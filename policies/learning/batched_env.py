@@ -10,13 +10,13 @@ from tensordict import TensorDict, TensorDictBase
 from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
-from policies.pendulums import Pendulums
+from policies.learning.pendulums import Pendulums
 from policies.randomization import Randomization
 from sysid import Model
 
 
 class BatchedPendulum(EnvBase):
-    """`policies.pendulums.Pendulums` with TorchRL's interface; batch_size (A,), arguments and errors are the same.
+    """`Pendulums` with TorchRL's interface; batch_size (A,), arguments and errors are the same.
 
     observation (A, O) float32, action (A, 1) in [-1, 1]. A time limit truncates and never terminates.
     """

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from policies import task
-from policies.design import check_numbers, is_periodic, is_steady
-from policies.table import Axis, corners
+from policies.control.design import check_numbers, is_periodic, is_steady
+from policies.control.table import Axis, corners
 from sysid import InvalidInput, Model, State
 from sysid.ops import Value
 
@@ -145,8 +145,8 @@ def solve(model: Model, grid: Grid | None = None, horizon: int | None = None) ->
     horizon   steps in an episode, by default those of 10 s
 
     Raises InvalidInput for a model without torque limit, with a parameter that is not one number, whose input path
-    remembers too much for the grid (`policies.predictive` takes whole samples of a delay out), or whose torques wind
-    up with the angle while the grid has one turn.
+    remembers too much for the grid (`predictive` takes whole samples of a delay out), or whose torques wind up
+    with the angle while the grid has one turn.
     """
     grid = Grid() if grid is None else grid
     _check(model, grid)

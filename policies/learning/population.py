@@ -21,13 +21,13 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from policies.feed import LENGTH, Feed
+from policies.learning.feed import LENGTH, Feed
+from policies.learning.pendulums import Pendulums
+from policies.learning.replay import Replay
+from policies.learning.replayed import Replayed
+from policies.learning.sac import SAC, SACSettings
 from policies.network_policy import NetworkPolicy
-from policies.pendulums import Pendulums
 from policies.randomization import Randomization
-from policies.replay import Replay
-from policies.replayed import Replayed
-from policies.sac import SAC, SACSettings
 from policies.streams import Purpose
 from sysid import InvalidInput, Model
 

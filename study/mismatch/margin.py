@@ -1,6 +1,6 @@
 """Which table of dynamic programming stands for a trained agent? The one that other machines hurt as much.
 
-    python -m study.margin        trains 8 agents on the plain machine, some minutes; writes margin.csv
+    python -m study.mismatch.margin        trains 8 agents on the plain machine, some minutes; writes margin.csv
 
     ratio(policy, effect) = J(policy, machine with the effect) / J(policy, plain machine)
 
@@ -21,14 +21,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from policies.control.optimal import Grid, solve
 from policies.evaluate import Policy, fresh_start_states
-from policies.optimal import Grid, solve
-from policies.population import Population
+from policies.learning.population import Population
+from policies.learning.sac import SACSettings
 from policies.randomization import Band
-from policies.sac import SACSettings
-from study.effect_cost import EPISODES, SEED, SHIPPED, machine, returns
-from study.effect_sizes import SIZES, Size
-from study.effects import CASES
+from study.mismatch.cases import CASES
+from study.mismatch.effect_cost import EPISODES, SEED, SHIPPED, machine, returns
+from study.mismatch.sizes import SIZES, Size
 from sysid import InvalidInput
 from sysid.files import write_whole
 
@@ -105,7 +105,7 @@ def write(path: Path, margin: Margin) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code: 0 done, 2 bad input."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0], prog="python -m study.margin")
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0], prog="python -m study.mismatch.margin")
     parser.add_argument("--out", type=Path, default=SHIPPED, metavar="DIR", help="folder of the table")
     options = parser.parse_args(arguments)
     try:

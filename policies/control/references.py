@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from policies.control.optimal import Grid
 from policies.evaluate import Evaluation, Policy, evaluate
-from policies.optimal import Grid
 from sysid import DeadZone, Effect, InvalidInput, Model
 
 Array = NDArray[np.float64]
@@ -74,8 +74,8 @@ def _reference(
 
 
 def _optimal(model: Model) -> Policy:
-    from policies.design import is_periodic, is_steady, without_dead_time
-    from policies.predictive import design_predictive
+    from policies.control.design import is_periodic, is_steady, without_dead_time
+    from policies.control.predictive import design_predictive
 
     core, _ = without_dead_time(model)
     turns = 1 if is_periodic(model) else 3
@@ -92,12 +92,12 @@ def _fastest(model: Model) -> float:
 
 
 def _swing_up(model: Model) -> Policy:
-    from policies.swing_up import design_swing_up
+    from policies.control.swing_up import design_swing_up
 
     return design_swing_up(model)
 
 
 def _lqr(model: Model) -> Policy:
-    from policies.lqr import design_lqr
+    from policies.control.lqr import design_lqr
 
     return design_lqr(model)
