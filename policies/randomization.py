@@ -147,6 +147,7 @@ class Posterior(Randomization):
         return scale[:, None] * (direction * np.sqrt(np.maximum(size, 0.0))) @ direction.T
 
     def sample(self, rng: np.random.Generator, model: Model) -> dict[str, float]:
+        """The parameters of one episode, clipped to their bounds."""
         model.check_names(self.names)
         parameters = model.parameters
         drawn = np.array(self.values) + self._root @ rng.standard_normal(len(self.names))

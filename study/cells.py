@@ -23,10 +23,10 @@ from policies import evaluate
 from study.config import Cell, Point, Preset, device_type
 from study.executors.executor import Link, Stopped
 from study.identification import Theta, hidden_plant
-from study.storage.files import partial
 from study.storage.policy_files import FOLDER, write_policies
 from study.versions import versions
 from sysid import InvalidInput, paper_model
+from sysid.files import partial
 
 CHUNK = 20
 """Training steps between two looks at the clock and at the parent process."""
@@ -175,13 +175,13 @@ class PopulationTask:
             _randomization(point, cell, theta)
             for point, cell, theta in zip(points, self.cells, self.estimates, strict=True)
         ]
-        arguments = (paper_model(), drawn, [cell.seed for cell in self.cells], settings, self.device)
+        population = Population(paper_model(), drawn, [cell.seed for cell in self.cells], settings, self.device)
         if self.checkpoint.exists():
             try:
-                return Population.load(self.checkpoint, *arguments)
+                population.resume(self.checkpoint)
             except InvalidInput as error:  # it costs the checkpoint's minutes, not the study
                 print(f"{self.name} begins anew: {error}", file=sys.stderr)
-        return Population(*arguments)
+        return population
 
     def _save(self, population: Any) -> None:
         """Write a checkpoint. What the system says of a full disk may stand behind another error of the writer."""

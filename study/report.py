@@ -23,10 +23,11 @@ from study.publication.held import Publication, hold
 from study.publication.page import section
 from study.publication.published import Outcomes
 from study.publication.scatter import scatter
-from study.references import LQR, OPTIMAL, SWING_UP, Reference
+from study.references import LQR, OPTIMAL, SWING_UP
 from study.statistics import Contrast
-from study.storage.files import write_whole
 from study.storage.store import Store
+from study.versions import all_versions
+from sysid.files import write_whole
 
 LABELS = {OPTIMAL: "optimal (dynamic programming)", LQR: "LQR alone", SWING_UP: "energy swing-up, then LQR"}
 
@@ -50,6 +51,7 @@ def publish(preset: Preset, store: Store, console: Console, theirs: Outcomes | N
         found = answers(preset, store.runs(), store.references())
         tables.write_runs(found, folder / "runs.csv")
         tables.write_references(found, folder / "references.csv")
+        tables.write_record(found, store.device, folder / "study.json")
         drawn = [save_all(answer, folder) for answer in found]
         identified = scatter(np.random.default_rng(0)) if preset.episodes == paper.EPISODES else None
         held = hold(found, folder, theirs, identified)
@@ -98,7 +100,7 @@ def _content(found: Sequence[Answer], drawn: Sequence[Mapping[str, Path]]) -> di
         "parts": [_part(answer, files) for answer, files in zip(found, drawn, strict=True)],
         "settings": settings,
         "sac": next((run.settings["sac"] for run in runs if "sac" in run.settings), {}),
-        "versions": _versions([*runs, *references.values()]),
+        "versions": list(all_versions(item.versions for item in [*runs, *references.values()]).items()),
         "worker_time": duration(sum(item.seconds for item in [*runs, *references.values()])),
         "imported": Counter(_origin(run) for run in runs if run.imported),
     }
@@ -162,15 +164,6 @@ def _contrasts(answer: Answer) -> list[tuple[str, Contrast]]:
         for w in widths[1:]
     ]
     return steps + wider
-
-
-def _versions(items: Sequence[Run | Reference]) -> list[tuple[str, str]]:
-    """(package, every version that took part)."""
-    found: dict[str, set[str]] = {}
-    for item in items:
-        for package, version in item.versions.items():
-            found.setdefault(package, set()).add(version)
-    return [(package, " and ".join(sorted(all_))) for package, all_ in found.items()]
 
 
 def _plain(text: str) -> str:

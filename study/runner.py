@@ -19,9 +19,9 @@ from study.executors.executor import Executor, Task
 from study.identification import IdentificationTask
 from study.progress import Meter, duration
 from study.references import Designs, ReferenceTask, reference_tasks
-from study.storage.files import partial
 from study.storage.imports import is_database, read_runs
 from study.storage.store import Store
+from sysid.files import partial
 
 
 def run(

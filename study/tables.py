@@ -1,15 +1,17 @@
-"""The study's tables as CSV, for other programs."""
+"""The study's tables as CSV and what made them as JSON, for other programs."""
 
 from __future__ import annotations
 
 import csv
 import io
+import json
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from study.answer import Answer
-from study.storage.files import write_whole
+from study.versions import all_versions
+from sysid.files import write_whole
 
 RUN_COLUMNS = (
     "n", "w", "seed", "id_error", "eval_return_mean", "eval_return_std",
@@ -48,6 +50,22 @@ def write_references(answers: Sequence[Answer], path: Path) -> None:
         for controller, mean, error in answer.controllers()
     ]
     _write(path, REFERENCE_COLUMNS, rows)
+
+
+def write_record(answers: Sequence[Answer], device: str, path: Path) -> None:
+    """What the runs depend on: preset, settings, device, versions, and the hours that workers spent on them."""
+    preset, runs = answers[0].preset, [run for answer in answers for run in answer.runs]
+    record = {
+        "command": f"python -m study.main --preset {preset.name}",
+        "device": device,
+        "runs": len(runs),
+        "imported": sum(bool(run.imported) for run in runs),
+        "worker_hours": round(sum(run.seconds for run in runs) / 3600.0, 3),
+        "versions": all_versions([run.versions for run in runs]),
+        "fingerprint": preset.fingerprint,
+        "settings": preset.to_dict(),
+    }
+    write_whole(path, json.dumps(record, indent=1) + "\n")
 
 
 def _write(path: Path, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:

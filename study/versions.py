@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+from collections.abc import Iterable, Mapping
 from importlib import metadata
 from pathlib import Path
 
@@ -20,6 +21,15 @@ def version(package: str) -> str:
 def versions() -> dict[str, str]:
     """Python, the processor's architecture and PACKAGES."""
     return {"python": platform.python_version(), "machine": platform.machine()} | {p: version(p) for p in PACKAGES}
+
+
+def all_versions(found: Iterable[Mapping[str, str]]) -> dict[str, str]:
+    """Every version of each package that took part."""
+    together: dict[str, set[str]] = {}
+    for own in found:
+        for package, number in own.items():
+            together.setdefault(package, set()).add(number)
+    return {package: " and ".join(sorted(numbers)) for package, numbers in together.items()}
 
 
 def foreign_sysid() -> str | None:

@@ -30,12 +30,13 @@ from policies.network_policy import NetworkPolicy
 from policies.randomization import Randomization
 from policies.streams import Purpose
 from sysid import InvalidInput, Model
+from sysid.files import partial
 
 CHECKPOINT_VERSION = 2
 
 
 class Population:
-    """Soft actor-critic agents, trained together; `train` advances all, `save` and `load` interrupt and go on.
+    """Soft actor-critic agents, trained together; `train` advances all, `save` and `resume` interrupt and go on.
 
     model: the pendulum whose parameters the randomizations draw; randomizations (A,), seeds (A,); history: how many
     past commands the agents observe.
@@ -127,40 +128,35 @@ class Population:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a checkpoint, whole or not at all: the file is replaced only when the new one is on the disk."""
         path = Path(path)
-        partial = path.with_name(path.name + ".partial")
-        with partial.open("wb") as file:
+        growing = partial(path)
+        with growing.open("wb") as file:
             torch.save({**self._identity(), **self._progress()}, file)
             file.flush()
             os.fsync(file.fileno())
-        partial.replace(path)
+        growing.replace(path)
 
-    @classmethod
-    def load(
-        cls,
-        path: str | os.PathLike[str],
-        model: Model,
-        randomizations: Sequence[Randomization],
-        seeds: Sequence[int],
-        settings: SACSettings | None = None,
-        device: str = "cpu",
-        history: int = 0,
-    ) -> Population:
+    def resume(self, path: str | os.PathLike[str]) -> None:
         """Go on from a checkpoint of this very population: the same numbers follow as without the interruption.
 
-        Raises InvalidInput for a file that is no checkpoint, or one of another population or version.
+        Raises InvalidInput for a file that is no checkpoint, or one of another population or version; nothing has
+        changed then.
         """
-        population = cls(model, randomizations, seeds, settings, device, history)
         stored = _stored(Path(path))
         if not isinstance(stored, dict):
             raise InvalidInput(f"{path} is not a checkpoint: it holds a {type(stored).__name__}")
         stored.setdefault("history", 0)  # what was written before there was one
-        for name, expected in population._identity().items():
+        for name, expected in self._identity().items():
             if stored.get(name) != expected:
                 raise InvalidInput(
                     f"{path} is a checkpoint with {name} = {stored.get(name)}; this population has {name} = {expected}"
                 )
-        population._resume(stored)
-        return population
+        self.steps_done = stored["steps_done"]
+        self.sac.restore(stored["sac"])
+        self.replay.restore(stored["replay"])
+        self.env.restore(stored["env"])
+        self._observation.copy_(stored["observation"])
+        self._return.copy_(stored["return"])
+        self._curve = [(step, torch.tensor(returns, dtype=torch.float64)) for step, returns in stored["curve"]]
 
     def _identity(self) -> dict[str, Any]:
         """What makes this population the one it is."""
@@ -191,15 +187,6 @@ class Population:
             "return": self._return,
             "curve": [[step, returns.tolist()] for step, returns in self._curve],
         }
-
-    def _resume(self, stored: dict[str, Any]) -> None:
-        self.steps_done = stored["steps_done"]
-        self.sac.restore(stored["sac"])
-        self.replay.restore(stored["replay"])
-        self.env.restore(stored["env"])
-        self._observation.copy_(stored["observation"])
-        self._return.copy_(stored["return"])
-        self._curve = [(step, torch.tensor(returns, dtype=torch.float64)) for step, returns in stored["curve"]]
 
 
 def _feeds(seeds: Sequence[int], batch: int, device: str) -> tuple[Feed, Feed, Feed]:

@@ -111,6 +111,7 @@ class _Driver:
         self.begun: set[str] = set()
 
     def execute(self, tasks: Sequence[Task], heard: Heard) -> None:
+        """Run the tasks; see `Executor.execute`."""
         supervised = {task.name: Supervised(task, heard) for task in tasks}
         try:
             for one in supervised.values():
@@ -206,6 +207,7 @@ class _Post:
         return self.stopping
 
     def say(self, kind: str, payload: Any) -> None:
+        """Leave a word in the mailbox, and take from it whether to stop."""
         import ray
 
         self.said = time.monotonic()

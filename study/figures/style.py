@@ -11,22 +11,16 @@ import matplotlib
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from study.storage.files import write_whole
+from sysid import plotting
+from sysid.files import write_whole
 
-STYLE: Any = {
+STYLE: Any = plotting.STYLE | {
     "font.family": "DejaVu Sans",
     "font.size": 10.0,
     "axes.titlesize": 11.0,
-    "axes.titleweight": "bold",
-    "axes.titlelocation": "left",
     "axes.titlepad": 12.0,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.edgecolor": "0.4",
-    "axes.labelcolor": "0.15",
     "xtick.color": "0.3",
     "ytick.color": "0.3",
-    "legend.frameon": False,
     "figure.dpi": 160.0,
     "figure.constrained_layout.w_pad": 0.1,
     "figure.constrained_layout.h_pad": 0.08,

@@ -288,6 +288,7 @@ def _measured(path: Path, effects: Sequence[str]) -> list[Row]:
     bench: list[Bench] = []
 
     def measure(case: Case, size: float) -> Row:
+        """The row of an effect's size, kept in the file as soon as it is known."""
         if (case.effect, size) not in known:
             if not bench:
                 bench.append(Bench())

@@ -125,12 +125,25 @@ def _conclusion(curves: Mapping[str, BudgetCurve]) -> str:
         "The difference is the sensing, not the data: the grid compares readings one step apart, where the noise of a "
         "speed is far larger than what a torque changes in it, while the others follow a rollout as a whole."
     )
-    if good.knee is None:
+    text += " " + _as_far(curves[GRID], good)
+    if good.knee is None or grid is None:
         return text
-    text += f" So the knee moves {'' if grid is None else f'from n = {grid} '}to n = {good.knee}"
+    text += f" So the knee moves from n = {grid} to n = {good.knee}"
     if good.after is None or good.after.significant:
         return f"{text}."
     return f"{text}, and past it another rollout is worth nothing that these seeds could show."
+
+
+def _as_far(grid: BudgetCurve, good: BudgetCurve) -> str:
+    """From which budget on the grid closes as much of the gap as the first rollouts of a better identifier."""
+    n, share = good.budgets[1], good.closed[1]
+    within = [mean + sem >= good.returns[1] for mean, sem in zip(grid.returns, grid.sems, strict=True)]
+    bent = 1 + max((k for k, reached in enumerate(within) if not reached), default=-1)
+    later = f"from n = {grid.budgets[bent]} on" if bent < len(within) else "with none of these budgets"
+    return (
+        f"With n = {n} {IDENTIFIERS[good.identifier]} closes {_percent(share)} of the gap; "
+        f"the grid comes as far, give or take a standard error, {later}."
+    )
 
 
 def _percent(share: float) -> str:

@@ -3,5 +3,4 @@
 store         every finished run in one SQLite file
 policy_files  the trained policies
 imports       runs taken up from elsewhere
-files         files that are written whole or not at all
 """

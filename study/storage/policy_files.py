@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from study.config import Cell
-from study.storage.files import write_whole
 from sysid import InvalidInput
+from sysid.files import write_whole
 
 if TYPE_CHECKING:
     from policies.learning.population import NetworkPolicy

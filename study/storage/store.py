@@ -49,7 +49,8 @@ CREATE TABLE training (population INTEGER PRIMARY KEY, seconds REAL);
 def outputs(preset: Preset) -> tuple[str, ...]:
     """What a study writes beside its database; never over files of somebody else."""
     drawn = tuple(figure_name(preset, point.name, name) for point in preset.points for name in FIGURES)
-    return ("runs.csv", "references.csv", *drawn, *(f"{name}.png" for name in HELD), "report.html", FOLDER)
+    held = (f"{name}.png" for name in HELD)
+    return ("runs.csv", "references.csv", "study.json", *drawn, *held, "report.html", FOLDER)
 
 
 def figure_name(preset: Preset, point: str, name: str) -> str:

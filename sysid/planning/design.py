@@ -279,6 +279,7 @@ def precision(scale: Array) -> Goal:
     """
 
     def parts(pool: Pool) -> Parts:
+        """The normal equations of all hypotheses' rollouts together."""
         lins = [pool.lin(h) for h in range(len(pool.hypotheses))]
         normals = [Normal.of(lin.S_x, lin.S_p, lin.e) for lin in lins]
         total = normals[0]

@@ -215,6 +215,7 @@ def _shown(model: Model, unknown: Sequence[str], payload: tuple[float, float] | 
     size = np.array([abs(v) or 0.1 * float(model.inertia()) for v in at])
 
     def show(values: Array) -> Array:
+        """What the motion shows where the unknown numbers have these values."""
         now = model.with_parameters(dict(zip(unknown, values.tolist(), strict=True)))
         numbers = now.parameters
         c = float(numbers["torque_gain.c"].value) if "torque_gain.c" in numbers else 1.0

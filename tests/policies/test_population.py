@@ -51,6 +51,12 @@ def test_the_same_seed_gives_the_same_numbers(undisturbed):
     assert again.curves == undisturbed.curves
 
 
+def resumed(path, population=None):
+    population = population or make()
+    population.resume(path)
+    return population
+
+
 @pytest.mark.parametrize("stop", [1, 149, 200, 333])
 def test_an_interrupted_training_ends_where_an_undisturbed_one_ends(undisturbed, tmp_path, stop):
     path = tmp_path / "population.pt"
@@ -58,7 +64,7 @@ def test_an_interrupted_training_ends_where_an_undisturbed_one_ends(undisturbed,
     first.train(stop)
     first.save(path)
     first.train(7)
-    second = Population.load(path, paper_model(), BANDS, (0, 1, 0), SHORT)
+    second = resumed(path)
     assert second.steps_done == stop
     second.train(10_000)
     assert second.steps_done == SHORT.steps
@@ -72,7 +78,8 @@ def test_a_model_with_memory_is_resumed_too(tmp_path):
     one = Population(model, BANDS[:1], [0], SHORT)
     one.train(30)
     one.save(tmp_path / "one.pt")
-    other = Population.load(tmp_path / "one.pt", model, BANDS[:1], [0], SHORT)
+    other = Population(model, BANDS[:1], [0], SHORT)
+    other.resume(tmp_path / "one.pt")
     one.train(30), other.train(30)
     assert torch.equal(one.replay.rows, other.replay.rows)
 
@@ -91,7 +98,7 @@ def test_a_save_that_fails_leaves_the_last_checkpoint_whole(tmp_path, monkeypatc
     population.train(5)
     with pytest.raises(OSError, match="no space"):
         population.save(path)
-    assert Population.load(path, paper_model(), BANDS, (0, 1, 0), SHORT).steps_done == 5
+    assert resumed(path).steps_done == 5
 
 
 def test_a_time_limit_is_no_terminal_state_and_hides_no_transition():
@@ -170,9 +177,9 @@ def test_a_checkpoint_from_before_past_commands_were_observed_goes_on(tmp_path):
     stored = torch.load(path, weights_only=True)
     del stored["history"]
     torch.save(stored, path)
-    assert Population.load(path, paper_model(), BANDS, (0, 1, 0), SHORT).env.history == 0
+    assert resumed(path).env.history == 0
     with pytest.raises(InvalidInput, match="with history = 0; this population has history = 2"):
-        Population.load(path, paper_model(), BANDS, (0, 1, 0), SHORT, history=2)
+        resumed(path, Population(paper_model(), BANDS, (0, 1, 0), SHORT, history=2))
 
 
 def test_policies_do_not_change_while_training_goes_on():
@@ -200,10 +207,10 @@ def test_a_foreign_file_is_refused(tmp_path):
     path = tmp_path / "population.pt"
     path.write_bytes(b"not a checkpoint")
     with pytest.raises(InvalidInput, match="not a checkpoint"):
-        Population.load(path, paper_model(), BANDS, (0, 1, 0), SHORT)
+        resumed(path)
     torch.save([1, 2], path)
     with pytest.raises(InvalidInput, match="not a checkpoint"):
-        Population.load(path, paper_model(), BANDS, (0, 1, 0), SHORT)
+        resumed(path)
 
 
 @pytest.mark.parametrize(
@@ -220,7 +227,7 @@ def test_a_checkpoint_of_another_population_is_refused(tmp_path, name, others):
     path = tmp_path / "population.pt"
     make().save(path)
     with pytest.raises(InvalidInput, match=f"with {name} = "):
-        Population.load(path, *others)
+        resumed(path, Population(*others))
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")

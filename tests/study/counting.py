@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
 
+import pytest
+
 from study.executors.executor import Stopped
 
 
@@ -97,3 +99,19 @@ def run(executor, *tasks):
 def done(said):
     """What each task returned."""
     return {name: payload for name, kind, payload in said if kind == "done"}
+
+
+def saved_at_an_interrupt(executor, tasks):
+    """Seconds by task that an executor hears when it is interrupted once all of them have begun."""
+    begun, seconds = set(), {}
+
+    def heard(task, kind, payload):
+        begun.add(task.name)
+        if kind == "saved":
+            seconds[task.name] = payload
+        elif len(begun) == len(tasks):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        executor.execute(tasks, heard)
+    return seconds

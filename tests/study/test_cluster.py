@@ -22,7 +22,7 @@ from study.storage.store import Store
 from study.tables import write_runs
 from study.versions import versions
 from sysid import InvalidInput
-from tests.study.counting import Counting, done, run
+from tests.study.counting import Counting, done, run, saved_at_an_interrupt
 
 NODE = {"num_cpus": 1, "object_store_memory": 80 * 2**20, "include_dashboard": False}
 SAVES_WHEN_ASKED = {"end": 100_000, "every": 100_000, "pause": 0.001}
@@ -95,17 +95,7 @@ def test_a_task_that_gets_nowhere_ends_the_study_after_the_others_saved(machines
 
 def test_an_interrupted_driver_hears_what_its_workers_saved(machines, tmp_path):
     tasks = [Counting(f"task {k}", tmp_path, **SAVES_WHEN_ASKED) for k in range(2)]
-    begun, seconds = set(), {}
-
-    def heard(task, kind, payload):
-        begun.add(task.name)
-        if kind == "saved":
-            seconds[task.name] = payload
-        elif len(begun) == 2:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        machines.executor.execute(tasks, heard)
+    seconds = saved_at_an_interrupt(machines.executor, tasks)
     assert seconds == {task.name: 10.0 * int(task.checkpoint.read_text()) for task in tasks}
 
 

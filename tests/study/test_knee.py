@@ -19,10 +19,14 @@ ERRORS = {"grid": 0.8, "least_squares": 0.02, "unscented": 0.1}
 
 
 def runs(names=tuple(RETURNS)):
+    return noisy({name: RETURNS[name] for name in names})
+
+
+def noisy(returns):
     rng = np.random.default_rng(0)
     rows = [(Spot("prior", 0, 0.0), seed, Outcome(-770.0, 1.1, (1.0, 1.0))) for seed in range(5)]
-    for name in names:
-        for n, value in zip(BUDGETS, RETURNS[name], strict=True):
+    for name, values in returns.items():
+        for n, value in zip(BUDGETS, values, strict=True):
             noise = rng.normal(size=5)
             rows += [
                 (Spot(name, n, 0.0), seed, Outcome(value + x, ERRORS[name], (2.0, 1.5)))
@@ -48,6 +52,19 @@ def test_the_paragraph_says_so():
     assert "stays open: n = 50 closes 80 %" in text
     assert "40 to 40 times closer" in text
     assert "the knee moves from n = 10 to n = 1" in text
+    assert "With n = 1 least squares closes 98 % of the gap; the grid comes as far" in text
+
+
+def test_where_no_knee_is_reached_it_says_from_where_on_the_grid_comes_as_far():
+    short = {"grid": (-700.0, -600.0, -450.0, -360.0, -360.1, -360.0), "least_squares": (-360.0,) * 6}
+    curves = budget_curves(noisy(short), REFERENCES)
+    assert curves["grid"].knee is None
+    text = paragraph(curves, REFERENCES)
+    assert (
+        "With n = 1 least squares closes 93 % of the gap; the grid comes as far, give or take a standard error, "
+        in text
+    )
+    assert "from n = 10 on" in text and "knee moves" not in text
 
 
 def test_a_knee_that_returns_is_none_yet():

@@ -1,6 +1,7 @@
 """The command line: answers at once, refuses bad input, and leaves an answer that can be looked up."""
 
 import csv
+import json
 import re
 import sqlite3
 import subprocess
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 from study.config import SMOKE
+from study.versions import version
 
 ROOT = Path(__file__).resolve().parents[2]
 OPTIMUM = -330.15
@@ -83,7 +85,7 @@ def test_a_study_ends_with_its_answer_and_files(undisturbed):
     assert f"report   {folder / 'report.html'}" in said
     made = {path.name for path in folder.iterdir()}
     assert made == {
-        "results.sqlite", "runs.csv", "references.csv", "report.html",
+        "results.sqlite", "runs.csv", "references.csv", "study.json", "report.html",
         "heatmap.png", "pareto.png", "gap.png", "curves.png", "policies",
         "published_heatmap.png", "published_pareto.png",
     }  # fmt: skip
@@ -97,6 +99,13 @@ def test_a_finished_study_is_only_drawn_again(undisturbed):
     assert study("--preset", "smoke", "--out", folder).returncode == 0
     assert (folder / "heatmap.png").exists()
     assert (folder / "results.sqlite").read_bytes() == database
+
+
+def test_study_json_says_what_the_tables_depend_on(undisturbed):
+    folder, _ = undisturbed
+    record = json.loads((folder / "study.json").read_text())
+    assert record["runs"] == len(SMOKE.cells) and record["fingerprint"] == SMOKE.fingerprint
+    assert record["versions"]["gapfinder"] == version("gapfinder") and record["worker_hours"] > 0.0
 
 
 def test_references_of_the_smallest_grid_are_near_the_optimum(undisturbed):

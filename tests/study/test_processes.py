@@ -7,7 +7,7 @@ import pytest
 
 from study.executors.executor import DEATHS, SECOND, WorkerFailed
 from study.executors.processes import Processes
-from tests.study.counting import Counting, Forgetful, MidSentence, done, run
+from tests.study.counting import Counting, Forgetful, MidSentence, done, run, saved_at_an_interrupt
 
 SAVES_WHEN_ASKED = {"end": 10_000, "every": 10_000, "pause": 0.001}
 
@@ -69,17 +69,7 @@ def test_an_error_ends_the_study_after_the_others_saved(tmp_path):
 
 def test_an_interrupted_driver_hears_what_its_workers_saved(tmp_path):
     tasks = [Counting(f"task {k}", tmp_path, **SAVES_WHEN_ASKED) for k in range(2)]
-    begun, seconds = set(), {}
-
-    def heard(task, kind, payload):
-        begun.add(task.name)
-        if kind == "saved":
-            seconds[task.name] = payload
-        elif len(begun) == 2:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        Processes(2).execute(tasks, heard)
+    seconds = saved_at_an_interrupt(Processes(2), tasks)
     assert len(seconds) == 2
     for task in tasks:
         assert seconds[task.name] == 10.0 * int(task.checkpoint.read_text())
