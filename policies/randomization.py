@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -144,7 +145,8 @@ class Posterior(Randomization):
         sd = np.sqrt(np.diag(C))
         scale = np.where(sd > 0.0, sd, 1.0)
         size, direction = np.linalg.eigh(C / np.outer(scale, scale))
-        return scale[:, None] * (direction * np.sqrt(np.maximum(size, 0.0))) @ direction.T
+        root: NDArray[np.float64] = scale[:, None] * (direction * np.sqrt(np.maximum(size, 0.0))) @ direction.T
+        return root
 
     def sample(self, rng: np.random.Generator, model: Model) -> dict[str, float]:
         """The parameters of one episode, clipped to their bounds."""
@@ -155,3 +157,75 @@ class Posterior(Randomization):
             name: float(np.clip(p, *parameters[name].bounds))
             for name, p in zip(self.names, drawn.tolist(), strict=True)
         }
+
+
+@dataclass(frozen=True)
+class OneOf(Randomization):
+    """One of the alternatives, each as likely as another: for a log that cannot tell which effect is missing.
+
+    Each alternative is a full set of the same parameters; an effect that it does not mean stands at its neutral value:
+    ({"coulomb.tau_c": 1.5, "delay.T": 0.0}, {"coulomb.tau_c": 0.0, "delay.T": 0.13}). Clipped to the bounds.
+    """
+
+    alternatives: tuple[Mapping[str, float], ...]
+
+    def __post_init__(self) -> None:
+        given = tuple(self.alternatives)
+        if not given or not all(isinstance(alternative, Mapping) and alternative for alternative in given):
+            raise InvalidInput(f"alternatives = {given}: expected at least one, as in ({{'m': 1.0}}, {{'m': 2.0}})")
+        names = tuple(given[0])
+        for alternative in given:
+            if set(alternative) != set(names):
+                raise InvalidInput(f"an alternative has {', '.join(alternative)}: expected {', '.join(names)} in each")
+            for name, value in alternative.items():
+                if not math.isfinite(value):
+                    raise InvalidInput(f"an alternative has {name} = {value}: expected a number")
+        ordered = tuple({name: float(alternative[name]) for name in names} for alternative in given)
+        object.__setattr__(self, "alternatives", ordered)
+
+    def sample(self, rng: np.random.Generator, model: Model) -> dict[str, float]:
+        """The parameters of one episode, clipped to their bounds."""
+        model.check_names(self.alternatives[0])
+        parameters = model.parameters
+        chosen = self.alternatives[rng.integers(len(self.alternatives))]
+        return {name: float(np.clip(p, *parameters[name].bounds)) for name, p in chosen.items()}
+
+
+@dataclass(frozen=True)
+class Shaken(Randomization):
+    """Draws what `inner` draws, and shakes the joint by a random torque d all through the episode.
+
+        d_0 ~ N(0, s^2)   d_(k+1) = a d_k + s sqrt(1 - a^2) z_k   a = exp(-dt / T)   z ~ N(0, 1)
+
+    held over each interval dt: Ornstein-Uhlenbeck, of sd s [N m] and memory T [s]; T = 0: each step anew. Random force
+    injection (E. Valassakis, Z. Ding, E. Johns: Crossing the Gap, IROS 2020), with the memory that a residual torque
+    shows. Raises InvalidInput for s or T below zero or not finite, and for an inner one that is shaken itself.
+    """
+
+    inner: Randomization
+    s: float
+    T: float
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.inner, Randomization) or isinstance(self.inner, Shaken):
+            raise InvalidInput(f"inner is {self.inner!r}: expected a randomization that is not shaken, such as Fixed()")
+        for name, unit in (("s", "N m"), ("T", "s")):
+            value = getattr(self, name)
+            if not 0.0 <= value < math.inf:
+                raise InvalidInput(f"{name} = {value}: expected a finite number [{unit}] >= 0")
+            object.__setattr__(self, name, float(value))
+
+    def sample(self, rng: np.random.Generator, model: Model) -> dict[str, float]:
+        """What `inner` draws."""
+        return self.inner.sample(rng, model)
+
+    def torques(self, rng: np.random.Generator, steps: int, dt: float) -> NDArray[np.float64]:
+        """d (steps,) [N m] of one episode at intervals of dt [s]."""
+        a = math.exp(-dt / self.T) if self.T > 0.0 else 0.0
+        first, *z = rng.standard_normal(steps).tolist()
+        new = math.sqrt(1.0 - a * a)
+        return self.s * np.array(list(accumulate(z, lambda d, z_k: a * d + new * z_k, initial=first)))
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data: the kind, the inner one's own and the numbers."""
+        return {"kind": type(self).__name__, "inner": self.inner.to_json(), "s": self.s, "T": self.T}

@@ -1,24 +1,40 @@
 """A pendulum an agent, all moved at once, on plain tensors: what a population trains on.
 
 The parameters of the model are tensors (A,), one number an agent, so one `model.advance` moves all pendulums. Agent a's
-episode e (start state, then parameters) is drawn from a generator made from (seeds[a], e) alone.
+episode e (start state, then parameters, then random torques where it is shaken) is drawn from a generator made from
+(seeds[a], e) alone.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from policies import task
-from policies.randomization import Randomization
+from policies.randomization import Randomization, Shaken
 from policies.streams import Purpose, generator
-from sysid import InvalidInput, Model, Reading, State
+from sysid import InvalidInput, Joint, JointEffect, Model, Reading, State
 from sysid.effects.effect import Memory
+from sysid.ops import Value
+from sysid.parameters import parameter
+
+
+@dataclass(frozen=True, eq=False)
+class RandomTorque(JointEffect):
+    """tau [N m], whatever the joint does: where `Shaken` acts. No effect of a machine, so not in the catalogue."""
+
+    formula: ClassVar[str] = "tau = d_k"
+    tau: Value = parameter(0.0, unit="N m", neutral=0.0)
+
+    def torque(self, joint: Joint) -> Value:
+        """tau [N m]."""
+        return self.tau
 
 
 class Pendulums:
@@ -26,8 +42,9 @@ class Pendulums:
 
     Observed is what the model's sensors show, and the last `history` actions: O = 3 + history. The reward is of the
     state. An episode ends after `horizon` steps (by default 10 s) by truncation; nothing terminates it. What changes
-    is written to in place, so that a step can be replayed as a graph. Raises InvalidInput if there are not as many
-    seeds as randomizations, or the model has no u_max.
+    is written to in place, so that a step can be replayed as a graph. Where an agent is shaken, `model` has a
+    random torque beyond base_model, zero for agents that are not; past the horizon the last one stays. Raises
+    InvalidInput if there are not as many seeds as randomizations, or the model has no u_max.
     """
 
     def __init__(
@@ -53,6 +70,7 @@ class Pendulums:
         self.horizon = task.horizon(model.dt) if horizon is None else horizon
         self.seeds = tuple(seeds)
         self.agents = len(self.seeds)
+        self.shaken = any(isinstance(r, Shaken) for r in randomizations)
         self.forget()
 
     def forget(self) -> None:
@@ -63,11 +81,16 @@ class Pendulums:
         ones = torch.ones(self.agents, dtype=torch.float64, device=self.device)
         self.parameters_now = {name: ones.clone() for name in drawn}
         self.model = self.base_model.with_parameters(self.parameters_now)
+        if self.shaken:
+            self._torques = ones.new_zeros(self.agents, self.horizon)
+            self._torque = 0.0 * ones
+            self.model = self.model.with_effect(RandomTorque(self._torque))
         at_rest = self.model.initial_state(0.0 * ones, 0.0 * ones)
         memory = tuple(tuple((0.0 * ones).add_(v) for v in own) for own in at_rest.memory)
         self.state = State(at_rest.theta.clone(), at_rest.theta_dot.clone(), memory)
         self.past = tuple(0.0 * ones for _ in range(self.history))
-        self.seen, self.sensing = Reading(self.state.theta, self.state.theta_dot), ()
+        self.seen = Reading(self.state.theta, self.state.theta_dot)
+        self.sensing: tuple[Memory, ...] = ()
         if self.model.output_effects:
             self.seen = Reading(0.0 * ones, 0.0 * ones)
             self.sensing = tuple(tuple(0.0 * v for v in own) for own in self.model.sensing(*self.seen))
@@ -77,15 +100,21 @@ class Pendulums:
         """Begin a new episode for the agents in the mask `which` (A,), or for all; returns observations (A, O)."""
         mask = torch.ones_like(self.steps, dtype=torch.bool) if which is None else which
         drawn = {name: np.ones(self.agents) for name in ("theta", "theta_dot", *self.parameters_now)}
+        torques = np.zeros((self.agents, self.horizon))
         for a in range(self.agents) if which is None else torch.nonzero(mask).flatten().tolist():
             rng = generator(self.seeds[a], Purpose.EPISODES, self.episodes[a])
             drawn["theta"][a], drawn["theta_dot"][a] = task.start_state(rng)
-            for name, value in self.randomizations[a].sample(rng, self.base_model).items():
+            own = self.randomizations[a]
+            for name, value in own.sample(rng, self.base_model).items():
                 drawn[name][a] = value
+            if isinstance(own, Shaken):
+                torques[a] = own.torques(rng, self.horizon, self.base_model.dt)
             self.episodes[a] += 1
         there = {name: torch.from_numpy(numbers).to(self.device) for name, numbers in drawn.items()}
         for name, values in self.parameters_now.items():
             values.copy_(torch.where(mask, there[name], values))
+        if self.shaken:
+            self._torques.copy_(torch.where(mask[:, None], torch.from_numpy(torques).to(self.device), self._torques))
         fresh = self.model.initial_state(there["theta"], there["theta_dot"])
         shown = self._sensors(*self._read(fresh, self.model.sensing(fresh.theta, fresh.theta_dot), 0.0))
         for kept, new in zip(self._kept, (*_leaves(fresh), *shown, *map(torch.zeros_like, self.past)), strict=True):
@@ -99,6 +128,9 @@ class Pendulums:
         u = share * self.base_model.u_max
         reward = task.reward(self.state, u, dt).to(torch.float32)
         t = self.steps.to(torch.float64) * dt
+        if self.shaken:
+            k = self.steps.clamp(max=self.horizon - 1).unsqueeze(1)
+            self._torque.copy_(self._torques.gather(1, k).squeeze(1))
         after = self.model.advance(self.state, u, t)
         shown = self._sensors(*self._read(after, self.sensing, t + dt))
         past = (share, *self.past)[: self.history]
@@ -126,6 +158,7 @@ class Pendulums:
             "parameters": {name: values.clone() for name, values in self.parameters_now.items()},
             "episodes": list(self.episodes),
             "steps": self.steps.clone(),
+            **({"torques": self._torques.clone()} if self.shaken else {}),
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
@@ -136,6 +169,8 @@ class Pendulums:
             values.copy_(snapshot["parameters"][name])
         self.episodes = list(snapshot["episodes"])
         self.steps.copy_(snapshot["steps"])
+        if self.shaken:
+            self._torques.copy_(snapshot["torques"])
 
 
 def _leaves(state: State) -> list[Any]:

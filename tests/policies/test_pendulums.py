@@ -4,10 +4,24 @@ import numpy as np
 import pytest
 import torch
 
+from policies import task
 from policies.learning.pendulums import Pendulums
 from policies.pendulum_env import PendulumEnv
-from policies.randomization import Band, PriorRange
-from sysid import AngleOffset, Backlash, Delay, InvalidInput, Model, RodPendulum, SensorDelay, Viscous, paper_model
+from policies.randomization import Band, OneOf, PriorRange, Shaken
+from policies.streams import Purpose, generator
+from sysid import (
+    CATALOGUE,
+    AngleOffset,
+    Backlash,
+    Coulomb,
+    Delay,
+    InvalidInput,
+    Model,
+    RodPendulum,
+    SensorDelay,
+    Viscous,
+    paper_model,
+)
 
 BANDS = [Band({"m": 2.0, "l": 1.5}, 0.2), Band({"m": 1.0, "l": 1.0}, 0.0), PriorRange()]
 
@@ -120,3 +134,126 @@ def test_bad_input_is_named():
         make([Band({"m": 1.0}), Band({"l": 1.0})], (1, 2))
     with pytest.raises(InvalidInput, match="u_max"):
         Pendulums(Model(RodPendulum()), [PriorRange()], [0])
+
+
+MIXED = [Shaken(BANDS[0], 0.9, 0.1), BANDS[1], Shaken(BANDS[2], 0.4, 0.0)]
+
+
+def torques_of(randomization, seed, episode, model, steps):
+    """The random torques of an episode, by the rule: start state, parameters, then they."""
+    rng = generator(seed, Purpose.EPISODES, episode)
+    task.start_state(rng), randomization.sample(rng, model)
+    return randomization.torques(rng, steps, model.dt)
+
+
+def test_a_shaken_pendulum_moves_as_one_under_the_torque_u_plus_d():
+    model = Model(RodPendulum(), (Viscous(b=0.05),), dt=0.05, u_max=2.0)
+    env = Pendulums(model, MIXED, (4, 5, 6))
+    for episode in range(2):
+        env.restart()
+        states = [model.initial_state(float(env.state.theta[a]), float(env.state.theta_dot[a])) for a in range(3)]
+        singles = [model.with_parameters({n: float(v[a]) for n, v in env.parameters_now.items()}) for a in range(3)]
+        d = np.zeros((3, env.horizon))
+        for a in (0, 2):
+            d[a] = torques_of(MIXED[a], env.seeds[a], episode, model, env.horizon)
+        for k, action in enumerate(actions(env.horizon, 3)):
+            env.advance(action)
+            for a in range(3):
+                states[a] = singles[a].advance(states[a], 2.0 * float(action[a, 0]) + d[a, k])
+            if k in (0, 1, 20):  # a swing-up is chaotic: rounding grows later
+                np.testing.assert_allclose(env.state.theta.numpy(), [s.theta for s in states], atol=1e-9)
+                np.testing.assert_allclose(env.state.theta_dot.numpy(), [s.theta_dot for s in states], atol=1e-9)
+
+
+def test_shaking_goes_past_what_is_between_command_and_torque():
+    """Behind a delay of two intervals the first commands do nothing, random torques act at once."""
+    model = Model(RodPendulum(), (Delay(T=0.1),), dt=0.05, u_max=2.0)
+    still, shaken = (Pendulums(model, [r], [3]) for r in (BANDS[1], Shaken(BANDS[1], 1.0, 0.1)))
+    assert torch.equal(still.restart(), shaken.restart())
+    for env in (still, shaken):
+        env.advance(torch.ones(1, 1))
+    d = torques_of(Shaken(BANDS[1], 1.0, 0.1), 3, 0, model, 200)[0]
+    inertia = float(model.with_parameters({"m": 1.0, "l": 1.0}).inertia())
+    gained = float(shaken.state.theta_dot - still.state.theta_dot)
+    assert gained == pytest.approx(0.05 * d / inertia, rel=0.05)
+
+
+def test_an_agent_is_shaken_or_not_whatever_its_neighbours_are():
+    together = make(MIXED)
+    alone = [make([r], (seed,)) for r, seed in zip(MIXED, (4, 5, 6), strict=True)]
+    for _ in range(2):
+        begun = together.restart()
+        for a, env in enumerate(alone):
+            assert torch.equal(env.restart()[0], begun[a])
+        for action in actions(30, 3):
+            observation, reward, _ = together.advance(action)
+            for a, env in enumerate(alone):
+                ours, worth, _ = env.advance(action[a : a + 1])
+                torch.testing.assert_close(ours[0], observation[a], rtol=0.0, atol=1e-6)
+                torch.testing.assert_close(worth[0], reward[a], rtol=1e-6, atol=1e-6)
+
+
+def test_where_nobody_is_shaken_nothing_is_there_and_no_torque_changes_nothing():
+    plain, still = make(), make([Shaken(r, 0.0, 0.1) for r in BANDS])
+    assert plain.model.effects == () and "torques" not in plain.snapshot()
+    assert [e.name for e in still.model.effects] == ["random_torque"] and "random_torque" not in CATALOGUE
+    assert still.base_model.effects == ()
+    for _ in range(2):
+        assert torch.equal(plain.restart(), still.restart())
+        for action in actions(20, 3):
+            for ours, theirs in zip(plain.advance(action), still.advance(action), strict=True):
+                assert torch.equal(ours, theirs)
+
+
+def test_shaking_leaves_every_start_and_every_parameter_as_they_were():
+    plain, shaken = make(), make([Shaken(r, 1.0, 0.1) for r in BANDS])
+    for _ in range(3):
+        assert torch.equal(plain.restart(), shaken.restart())
+        for name, values in plain.parameters_now.items():
+            assert torch.equal(values, shaken.parameters_now[name])
+        for action in actions(5, 3):
+            ours, theirs = plain.advance(action)[0], shaken.advance(action)[0]
+        assert (ours != theirs).any(1).all()
+
+
+def test_a_snapshot_holds_the_random_torques_and_goes_on():
+    one, other = (make(MIXED, horizon=9) for _ in range(2))
+    one.restart(), one.restart()
+    moves = actions(9, 3)
+    for action in moves[:4]:
+        one.advance(action)
+    other.restore(one.snapshot())
+    for action in moves[4:]:
+        for ours, theirs in zip(one.advance(action), other.advance(action), strict=True):
+            assert torch.equal(ours, theirs)
+    assert torch.equal(one.restart(), other.restart())
+
+
+def test_a_restart_of_some_leaves_the_random_torques_of_the_others():
+    whole, parts = make(MIXED), make(MIXED)
+    whole.restart(), parts.restart()
+    for k, action in enumerate(actions(12, 3)):
+        if k == 5:
+            parts.restart(torch.tensor([False, True, True]))
+        ours, theirs = whole.advance(action)[0], parts.advance(action)[0]
+        assert torch.equal(ours[0], theirs[0])
+        assert torch.equal(ours[2], theirs[2]) == (k < 5)
+
+
+def test_an_effect_that_an_alternative_does_not_mean_is_not_there():
+    base = {"m": 1.0, "l": 1.0}
+    unsure = Model(RodPendulum(), (Coulomb(), Delay()), dt=0.05, u_max=2.0)
+    either = OneOf(({**base, "coulomb.tau_c": 1.0, "delay.T": 0.0}, {**base, "coulomb.tau_c": 0.0, "delay.T": 0.13}))
+    env = Pendulums(unsure, [either], [7])
+    rubs = Pendulums(Model(RodPendulum(), (Coulomb(tau_c=1.0),), dt=0.05, u_max=2.0), BANDS[1:2], [7])
+    late = Pendulums(Model(RodPendulum(), (Delay(T=0.13),), dt=0.05, u_max=2.0), BANDS[1:2], [7])
+    met = set()
+    for _ in range(6):
+        begun = [e.restart() for e in (env, rubs, late)]
+        assert torch.equal(begun[0], begun[1]) and torch.equal(begun[0], begun[2])
+        meant = float(env.parameters_now["delay.T"][0]) > 0.0
+        met.add(meant)
+        for action in actions(40, 1):
+            ours, theirs = env.advance(action)[0], (late if meant else rubs).advance(action)[0]
+            torch.testing.assert_close(ours, theirs, rtol=0.0, atol=1e-5)
+    assert met == {False, True}
