@@ -229,3 +229,17 @@ class Shaken(Randomization):
     def to_json(self) -> dict[str, Any]:
         """Plain data: the kind, the inner one's own and the numbers."""
         return {"kind": type(self).__name__, "inner": self.inner.to_json(), "s": self.s, "T": self.T}
+
+
+def from_json(data: Mapping[str, Any]) -> Randomization:
+    """The randomization that `to_json` wrote; raises InvalidInput for other data."""
+    numbers = {name: value for name, value in data.items() if name != "kind"}
+    kinds = {kind.__name__: kind for kind in (Fixed, Band, PriorRange, Ranges, Posterior, OneOf, Shaken)}
+    if data.get("kind") not in kinds:
+        raise InvalidInput(f"a randomization of kind {data.get('kind')!r}: expected one of {', '.join(kinds)}")
+    if "inner" in numbers:
+        numbers["inner"] = from_json(numbers["inner"])
+    try:
+        return kinds[data["kind"]](**numbers)
+    except (TypeError, ValueError, AttributeError) as error:
+        raise InvalidInput(f"a {data['kind']} of {numbers}: expected what to_json writes ({error})") from None

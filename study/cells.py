@@ -11,8 +11,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import sys
-import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -20,16 +18,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from policies import evaluate
+from study import training
 from study.config import Cell, Point, Preset, device_type
-from study.executors.executor import Link, Stopped
+from study.executors.executor import Link
 from study.identification import Theta, hidden_plant
 from study.storage.policy_files import FOLDER, write_policies
 from study.versions import versions
 from sysid import InvalidInput, paper_model
-from sysid.files import partial
-
-CHUNK = 20
-"""Training steps between two looks at the clock and at the parent process."""
 
 
 @dataclass(frozen=True)
@@ -120,8 +115,7 @@ class PopulationTask:
     @property
     def work(self) -> float:
         """About how many seconds it takes on one core; only the time left is computed from it."""
-        weights = sum(a * b for a, b in zip(self.preset.hidden[:-1], self.preset.hidden[1:], strict=True))
-        return self.preset.steps * len(self.cells) * (0.5e-3 + 5.5e-8 * weights)
+        return training.work(len(self.cells), self.preset.steps, self.preset.hidden)
 
     @property
     def gpus(self) -> int:
@@ -134,8 +128,7 @@ class PopulationTask:
 
     def discard(self) -> None:
         """Remove the checkpoint and what a process leaves that dies while it writes one."""
-        for path in (self.checkpoint, partial(self.checkpoint)):
-            path.unlink(missing_ok=True)
+        training.discard(self.checkpoint)
 
     def run(self, link: Link) -> list[Run]:
         """The finished runs, in the order of the cells; their policies are in a file by then.
@@ -146,20 +139,9 @@ class PopulationTask:
 
         tune_cpu(threads=1)
         population = self._population()
-        begin = saved = time.monotonic()
-        while population.steps_done < self.preset.steps:
-            population.train(CHUNK)
-            link.progress(population.steps_done / self.preset.steps)
-            now = time.monotonic()
-            stop = link.stop_asked()
-            if stop or now - saved >= self.checkpoint_seconds:
-                self._save(population)
-                saved = time.monotonic()
-                link.saved(self.seconds_before + saved - begin)
-            if stop:
-                raise Stopped
+        seconds = training.finish(population, self.checkpoint, link, self.checkpoint_seconds, self.seconds_before)
         write_policies(self.folder / FOLDER / f"population_{self.index + 1}.npz", self.cells, population.policies())
-        return self._evaluate(population, self.seconds_before + time.monotonic() - begin)
+        return self._evaluate(population, seconds)
 
     def _population(self) -> Any:
         from policies import Population, SACSettings
@@ -176,24 +158,8 @@ class PopulationTask:
             for point, cell, theta in zip(points, self.cells, self.estimates, strict=True)
         ]
         population = Population(paper_model(), drawn, [cell.seed for cell in self.cells], settings, self.device)
-        if self.checkpoint.exists():
-            try:
-                population.resume(self.checkpoint)
-            except InvalidInput as error:  # it costs the checkpoint's minutes, not the study
-                print(f"{self.name} begins anew: {error}", file=sys.stderr)
+        training.resume(population, self.checkpoint, self.name)
         return population
-
-    def _save(self, population: Any) -> None:
-        """Write a checkpoint. What the system says of a full disk may stand behind another error of the writer."""
-        try:
-            population.save(self.checkpoint)
-        except (OSError, RuntimeError) as error:
-            partial(self.checkpoint).unlink(missing_ok=True)
-            found: BaseException | None = error
-            while found is not None and not isinstance(found, OSError):
-                found = found.__context__
-            reason = found.strerror if found else error
-            raise OSError(f"the checkpoint {self.checkpoint} cannot be written ({reason})") from error
 
     def _evaluate(self, population: Any, seconds: float) -> list[Run]:
         found, curves = versions(), population.curves

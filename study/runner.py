@@ -7,7 +7,8 @@ number depends on is decided here.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from study.progress import Meter, duration
 from study.references import Designs, ReferenceTask, reference_tasks
 from study.storage.imports import is_database, read_runs
 from study.storage.store import Store
-from sysid.files import partial
+from sysid import files
 
 
 def run(
@@ -38,17 +39,25 @@ def run(
     """
     if imported is not None:
         is_database(imported)  # a file that cannot be read is refused before anything runs
-    _execute(list(_unidentified(preset, store)), store, executor, console)
+    keep, note = partial(_keep, store=store), partial(_note, store=store)
+    execute(list(_unidentified(preset, store)), executor, console, keep, note)
     if imported is not None:
         taken = store.add_imported(read_runs(imported, preset, store.estimates()))
         console.print(f"{taken} runs taken up from {imported}", soft_wrap=True)
     tasks = [*_untrained(preset, store, checkpoint_seconds), *_unrated(preset, store)]
     if tasks:
-        _announce(console, store, tasks, executor.workers)
-    _execute(tasks, store, executor, console)
+        announce(console, tasks, executor.workers, _about(store, tasks))
+    execute(tasks, executor, console, keep, note)
 
 
-def _execute(tasks: Sequence[Task], store: Store, executor: Executor, console: Console) -> None:
+def execute(
+    tasks: Sequence[Task],
+    executor: Executor,
+    console: Console,
+    keep: Callable[[Task, Any], None],
+    note: Callable[[Task, float], None],
+) -> None:
+    """Run tasks and show how far they are; keep(task, answer) as each is done, note(task, seconds) at a checkpoint."""
     if not tasks:
         return
     with Meter(console, {task.name: task.work for task in tasks}) as meter:
@@ -57,15 +66,25 @@ def _execute(tasks: Sequence[Task], store: Store, executor: Executor, console: C
             """What a worker said: shown, and kept where it is an answer."""
             if kind == "progress":
                 meter.update(task.name, payload)
-            elif kind == "saved" and isinstance(task, PopulationTask):
-                store.note_training(task.index, payload)
+            elif kind == "saved":
+                note(task, payload)
             elif kind == "died":
                 console.print(f"[dim]{task.name}: {payload}; it is started again", soft_wrap=True)
             elif kind == "done":
-                _keep(task, payload, store)
+                keep(task, payload)
                 meter.update(task.name, 1.0)
 
         executor.execute(tasks, heard)
+
+
+def announce(console: Console, tasks: Sequence[Task], workers: int | None, about: str) -> None:
+    """Say what is ahead."""
+    workers_said = "a Ray cluster" if workers is None else f"{workers} workers" if workers > 1 else "1 worker"
+    console.print(f"{about}; {workers_said}", soft_wrap=True)
+    if workers is None:
+        return
+    seconds = sum(task.work for task in tasks) / min(workers, max(len(tasks), 1))
+    console.print(f"[dim]expect very roughly {duration(seconds)}; stop it at any time, it goes on", soft_wrap=True)
 
 
 def _keep(task: Task, payload: Any, store: Store) -> None:
@@ -76,6 +95,11 @@ def _keep(task: Task, payload: Any, store: Store) -> None:
         store.add_estimates(payload)
     else:
         store.add_references(payload)
+
+
+def _note(task: Task, seconds: float, store: Store) -> None:
+    if isinstance(task, PopulationTask):
+        store.note_training(task.index, seconds)
 
 
 def _unidentified(preset: Preset, store: Store) -> Iterator[IdentificationTask]:
@@ -94,7 +118,7 @@ def _untrained(preset: Preset, store: Store, checkpoint_seconds: float) -> Itera
         task = PopulationTask(
             preset, index, len(populations), cells, thetas, folder, checkpoint_seconds, device=store.device
         )
-        partial(task.checkpoint).unlink(missing_ok=True)
+        files.partial(task.checkpoint).unlink(missing_ok=True)
         if finished.issuperset(cells):
             task.discard()
         elif task.checkpoint.exists():
@@ -111,17 +135,11 @@ def _unrated(preset: Preset, store: Store) -> Iterable[ReferenceTask]:
     return reference_tasks(preset, designs, known)
 
 
-def _announce(console: Console, store: Store, tasks: Sequence[Task], workers: int | None) -> None:
+def _about(store: Store, tasks: Sequence[Task]) -> str:
     training = [t for t in tasks if isinstance(t, PopulationTask)]
     resumed = sum(t.checkpoint.exists() for t in training)
     begun = f", {resumed} from a checkpoint" if resumed else ""
-    console.print(
+    return (
         f"preset [bold]{store.preset.name}[/]: {len(store.preset.cells)} runs, {len(store.finished())} finished; "
-        f"{len(training)} populations to train{begun}, {len(tasks) - len(training)} references; "
-        f"{'a Ray cluster' if workers is None else f'{workers} workers' if workers > 1 else '1 worker'}",
-        soft_wrap=True,
+        f"{len(training)} populations to train{begun}, {len(tasks) - len(training)} references"
     )
-    if workers is None:
-        return
-    seconds = sum(t.work for t in tasks) / min(workers, max(len(tasks), 1))
-    console.print(f"[dim]expect very roughly {duration(seconds)}; stop it at any time, it goes on", soft_wrap=True)

@@ -14,11 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from study.mismatch.plan import FORMAT
 from study.storage.database import Database, Settings, identity
 from study.storage.policy_files import FOLDER
-
-FORMAT = "mismatch 1"
-"""Version of these tables: raised whenever stored numbers or tables change their meaning."""
 
 OUTPUTS = ("study.json", "report.html", FOLDER)
 """What the experiment writes beside its database; never over files of somebody else."""
@@ -82,7 +80,7 @@ class Results(Database):
 
     def __init__(self, folder: Path, plan: Settings, device: str = "cpu") -> None:
         self.device = device
-        super().__init__(folder, SCHEMA, identity(plan, FORMAT, device), OUTPUTS)
+        super().__init__(folder, SCHEMA, identity(plan, f"mismatch {FORMAT}", device), OUTPUTS)
 
     def add_fits(self, fits: Sequence[Fitted]) -> None:
         """Keep what ways made of rollouts."""

@@ -14,10 +14,10 @@ from sysid import InvalidInput, paper_model
 CELLS = (Cell("main", 0, 0.0, 0), Cell("large_gap", 50, 0.1, 7))
 
 
-def policy(rng):
-    sizes = [(3, 4), (4, 1)]
+def policy(rng, history=0):
+    sizes = [(3 + history, 4), (4, 1)]
     layers = tuple((rng.normal(size=s).astype(np.float32), rng.normal(size=s[1]).astype(np.float32)) for s in sizes)
-    return NetworkPolicy(layers, 2.0)
+    return NetworkPolicy(layers, 2.0, history)
 
 
 def test_policies_command_the_same_after_reading(tmp_path):
@@ -30,6 +30,16 @@ def test_policies_command_the_same_after_reading(tmp_path):
     for before, after in zip(policies, found.values(), strict=True):
         assert np.array_equal(before(state, 0.0), after(state, 0.0))
     assert not np.array_equal(policies[0](state, 0.0), policies[1](state, 0.0))
+
+
+def test_policies_that_see_past_commands_come_back_by_name(tmp_path):
+    before = policy(np.random.default_rng(0), history=2)
+    write_policies(tmp_path / "policies.npz", ["4f2a"], [before])
+    after = read_policies(tmp_path / "policies.npz")["4f2a"]
+    state = paper_model().initial_state(np.array([0.3]), np.array([-1.0]))
+    past = np.array([[2.0, -1.0]])
+    assert after.history == 2
+    assert np.array_equal(before(state, 0.0, past), after(state, 0.0, past))
 
 
 def test_a_file_that_would_run_code_or_is_none_is_refused(tmp_path):
