@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from policies.randomization import Band, Fixed, OneOf, Posterior, PriorRange, Ranges, Shaken
+from policies.randomization import Band, Fixed, OneOf, Posterior, PriorRange, Ranges, Shaken, from_json
 from sysid import Coulomb, Delay, InvalidInput, Model, RodPendulum, Tilt, paper_model
 
 MODEL = paper_model()
@@ -231,3 +231,26 @@ def test_what_is_inside_keeps_its_kind_as_plain_data():
     assert stored == {"kind": "Shaken", "inner": inner, "s": 1.0, "T": 0.2}
     stored = json.loads(json.dumps(OneOf(EITHER).to_json()))
     assert stored.pop("kind") == "OneOf" and OneOf(**stored) == OneOf(EITHER)
+
+
+@pytest.mark.parametrize(
+    "randomization",
+    [
+        Fixed(),
+        Band({"m": 2.0}, 0.1),
+        PriorRange(),
+        Ranges({"m": (1.0, 2.0)}),
+        Posterior(("m", "l"), (1.5, 1.2), COVARIANCE),
+        OneOf(EITHER),
+        Shaken(OneOf(EITHER), 0.5, 0.1),
+    ],
+    ids=lambda r: type(r).__name__,
+)
+def test_every_kind_comes_back_from_plain_data(randomization):
+    assert from_json(json.loads(json.dumps(randomization.to_json()))) == randomization
+
+
+@pytest.mark.parametrize("data", [{}, {"kind": "Bend"}, {"kind": "Band", "w": 0.1}, {"kind": "Shaken", "inner": {}}])
+def test_other_data_is_no_randomization(data):
+    with pytest.raises(InvalidInput):
+        from_json(data)
