@@ -1,0 +1,157 @@
+"""The mismatch experiment as it was fixed before any of its agents was trained: plants, ways, seeds and contrasts.
+
+    hidden plant -> n rollouts -> a way to spend them -> agent trained on what came out -> return on the hidden plant
+
+Sizes of the hidden effects are those that dynamic programming chose (`sizes`, `effect_cost`): nothing here was tried on
+a trained agent. Seeds are used for nothing else. This module loads nothing heavy.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+FORMAT = 1
+"""Version of the results folder: raised whenever stored numbers change their meaning."""
+
+WAYS = {
+    "z": "no rollouts: trained at the prior",
+    "e": "no rollouts: breadth over m, l and the effects' plausible ranges",
+    "a": "the paper's grid search for m and l",
+    "b": "least squares for m and l",
+    "b+": "least squares for m and l, band w = 0.3",
+    "g": "least squares for m and l, random torques in training",
+    "i": "least squares for m and l, and a learned residual torque",
+    "d": "least squares for m, l and all effects at once",
+    "c": "diagnosed: the missing effect named, added, refitted",
+    "f": "diagnosed, parameters drawn from the fit's covariance",
+    "h": "the hidden plant itself: an oracle",
+}
+"""Every way to spend rollouts; those of z, e and h spend none."""
+
+FREE = ("z", "e", "h")
+
+SHARED = ("z", "e")
+"""Ways that know nothing of the plant: their agents are the same on all plants."""
+
+CONTRASTS = (("c", "b"), ("b+", "b"), ("c", "d"), ("c", "i"), ("e", "z"), ("h", "c"))
+"""Pre-registered differences of return, at every plant and budget; their p-values are one family for Holm."""
+
+
+class Trial(NamedTuple):
+    """One number: on a hidden plant, a way spends n rollouts; everything random comes from seed."""
+
+    plant: str
+    way: str
+    n: int
+    seed: int
+
+
+@dataclass(frozen=True)
+class HiddenPlant:
+    """A machine with one effect, of the catalogue or outside it; None: the plain rod.
+
+    numbers   the effect's parameters (name, value)
+    percent   what it costs an optimal policy not to know it, in percent of the return (`effect_cost`)
+    """
+
+    name: str
+    effect: str | None = None
+    numbers: tuple[tuple[str, float], ...] = ()
+    percent: float = 0.0
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Everything that the experiment's numbers depend on.
+
+    contrasted  seeds of every way that a contrast names; described: of the others, the first ones
+    history     past commands that every agent observes
+    sd          of the angle [rad] and of the speed [rad/s] as read
+    agents      trained together in one process on a CPU, at most
+    grid        angles of the dynamic programs, at the hidden plants and at every fitted model
+    """
+
+    name: str
+    plants: tuple[HiddenPlant, ...]
+    ways: tuple[str, ...]
+    budgets: tuple[int, ...]
+    seeds: tuple[int, ...]
+    described: int
+    hidden: tuple[int, ...] = (64, 64)
+    steps: int = 30_000
+    random_steps: int = 1000
+    batch: int = 256
+    history: int = 4
+    band: float = 0.3
+    length: int = 200
+    sd: tuple[float, float] = (0.01, 1.0)
+    agents: int = 25
+    episodes: int = 20
+    grid: int = 120
+
+    def seeds_of(self, way: str) -> tuple[int, ...]:
+        """All seeds where a contrast names the way, else the first ones."""
+        contrasted = any(way in pair for pair in CONTRASTS)
+        return self.seeds if contrasted else self.seeds[: self.described]
+
+    @property
+    def trials(self) -> tuple[Trial, ...]:
+        """Every number of the experiment. Seeds vary slowest, so that what is there after a while is balanced."""
+        return tuple(
+            Trial(plant.name, way, n, seed)
+            for seed in self.seeds
+            for plant in self.plants
+            for way in self.ways
+            if seed in self.seeds_of(way)
+            for n in ((0,) if way in FREE else self.budgets)
+        )
+
+    def plant(self, name: str) -> HiddenPlant:
+        """The hidden plant of that name; raises KeyError for another."""
+        return {plant.name: plant for plant in self.plants}[name]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, ready for JSON."""
+        return json.loads(json.dumps(dataclasses.asdict(self)))
+
+    @property
+    def fingerprint(self) -> str:
+        """Sixteen hexadecimal digits that change with any setting and with FORMAT."""
+        text = json.dumps({"format": FORMAT, **self.to_dict()}, sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+PLAIN = HiddenPlant("plain")
+COULOMB = HiddenPlant("coulomb", "coulomb", (("tau_c", 1.5),), 3.9)
+DELAY_MEDIUM = HiddenPlant("delay_medium", "delay", (("T", 0.126),), 9.9)
+DELAY_LARGE = HiddenPlant("delay_large", "delay", (("T", 0.155),), 30.0)
+MAGNET = HiddenPlant("magnet", "magnet", (("k", 1.25),), 29.1)
+SLEW = HiddenPlant("slew", "slew_limit", (("rate", 8.5),), 28.4)
+
+ALL_PLANTS = (PLAIN, COULOMB, DELAY_MEDIUM, DELAY_LARGE, MAGNET, SLEW)
+
+_ALL = (
+    Plan("mismatch", ALL_PLANTS, tuple(WAYS), (5, 50), tuple(range(1000, 1020)), described=5),
+    Plan("mismatch-quick", (DELAY_LARGE, MAGNET), ("z", "b", "b+", "c", "h"), (5,), (1000, 1001, 1002), described=3),
+    Plan(
+        "mismatch-smoke",
+        (DELAY_LARGE, MAGNET),
+        tuple(WAYS),
+        (2,),
+        (1000, 1001),
+        described=1,
+        hidden=(8, 8),
+        steps=800,
+        random_steps=200,
+        batch=32,
+        agents=4,
+        episodes=4,
+        grid=40,
+    ),
+)
+
+PLANS = {plan.name: plan for plan in _ALL}
