@@ -34,8 +34,9 @@ class Options:
     """
 
     preset: Annotated[str, tyro.conf.arg(metavar=f"{{{','.join(PRESETS)}}}")] = "quick"
-    """quick: 18 small agents, minutes. paper: its 250 agents, 256 x 256. paper-small: the same with 64 x 64 networks,
-    the one for CPUs. robustness: two gaps, two noise levels and the prior range, the paper's table and its text.
+    """quick: 18 small agents, minutes. paper: its 250 agents, 256 x 256. paper-w0: of these the 50 that train at the
+    estimate alone. paper-small: the same as paper with 64 x 64 networks, the one for CPUs. robustness: two gaps, two
+    noise levels and the prior range, the table and the text of the paper.
     robustness-small: the same, 64 x 64. identifiers: n on grid, least squares and Kalman filter. longer, longer-small:
     the widest band with twice the steps. smoke: every part once, in a minute; its numbers mean nothing."""
 
