@@ -108,8 +108,8 @@ def needed_experiment(
 
 
 def _nothing(names: tuple[str, ...], sentence: str) -> Experiment:
-    empty = np.zeros((0, 0))
-    return Experiment("none", sentence, names, "evidence", None, None, empty, 0.0, empty, empty, 0.0)
+    unplayed, unmoved = np.zeros((0, 0)), np.zeros((0, 1))
+    return Experiment("none", sentence, names, "evidence", None, None, unplayed, 0.0, unmoved, unmoved, 0.0)
 
 
 # the driver off ----------------------------------------------------------------------------------------------

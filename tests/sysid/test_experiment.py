@@ -263,6 +263,7 @@ def test_of_some_pairs_nothing_that_is_played_tells(pair: tuple[str, str], tmp_p
     assert (e.kind, e.after, e.repeats) == ("none", None, 1)
     assert pair[0] in e.description
     assert pair[1] in e.description
+    assert (e.to_dict()["rollouts"], e.to_dict()["start"]) == (0, [])
     with pytest.raises(InvalidInput, match="nothing to play"):
         e.write_csv(tmp_path / "none.csv")
 
