@@ -13,7 +13,7 @@ is called with the last k commands too, `policy(state, t, past)`: past (E, k) [N
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -101,6 +101,32 @@ def evaluate(policy: Policy, model: Model, theta: Array, theta_dot: Array, horiz
     Raises InvalidInput if the start states are not two finite vectors of one length, or if the policy answers with a
     wrong shape or a number that is not finite.
     """
+    theta, theta_dot = _start(theta, theta_dot)
+    returns = np.zeros(theta.shape)
+    for state, u in _steps(policy, model, theta, theta_dot, horizon):
+        returns += task.reward(state, u, model.dt)
+    return Evaluation(returns)
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """What E episodes did: at the instants t (N,) [s] the machine's own state theta (N, E) [rad], unwrapped, and
+    theta_dot (N, E) [rad/s], and the command u (N, E) [N m] that was held from there on."""
+
+    t: Array
+    theta: Array
+    theta_dot: Array
+    u: Array
+
+
+def rollout(policy: Policy, model: Model, theta: Array, theta_dot: Array, horizon: int | None = None) -> Motion:
+    """The motion that `evaluate` sums the rewards of. Raises InvalidInput as it does."""
+    seen = list(_steps(policy, model, *_start(theta, theta_dot), horizon))
+    states = np.array([(state.theta, state.theta_dot) for state, _ in seen])
+    return Motion(model.dt * np.arange(len(seen)), states[:, 0], states[:, 1], np.array([u for _, u in seen]))
+
+
+def _start(theta: Array, theta_dot: Array) -> tuple[Array, Array]:
     theta, theta_dot = np.asarray(theta, dtype=np.float64), np.asarray(theta_dot, dtype=np.float64)
     if theta.ndim != 1 or theta.shape != theta_dot.shape or theta.size == 0:
         raise InvalidInput(
@@ -108,8 +134,15 @@ def evaluate(policy: Policy, model: Model, theta: Array, theta_dot: Array, horiz
         )
     if not (np.isfinite(theta).all() and np.isfinite(theta_dot).all()):
         raise InvalidInput("start states contain NaN or infinity; expected finite angles [rad] and speeds [rad/s]")
+    return theta, theta_dot
+
+
+def _steps(
+    policy: Policy, model: Model, theta: Array, theta_dot: Array, horizon: int | None
+) -> Iterator[tuple[State, Array]]:
+    """The state before every step and the command (E,) that follows it."""
     state, sensing = model.initial_state(theta, theta_dot), model.sensing(theta, theta_dot)
-    returns, history = np.zeros(theta.shape), getattr(policy, "history", 0)
+    history = getattr(policy, "history", 0)
     past = np.zeros((len(theta), history))
     for k in range(task.horizon(model.dt) if horizon is None else horizon):
         t = k * model.dt
@@ -117,10 +150,9 @@ def evaluate(policy: Policy, model: Model, theta: Array, theta_dot: Array, horiz
         seen = State(*reading, state.memory)
         answer = policy(seen, t, past) if history else policy(seen, t)
         u = _command(answer, theta.shape, model.u_max, t)
-        returns += task.reward(state, u, model.dt)
+        yield state, u
         state = model.advance(state, u, t)
         past = np.column_stack((u, past))[:, :history]
-    return Evaluation(returns)
 
 
 def _command(answer: Array | float, shape: tuple[int, ...], u_max: float, t: float) -> Array:

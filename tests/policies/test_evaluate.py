@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from policies import task
-from policies.evaluate import Evaluation, evaluate, fresh_start_states, start_states
-from sysid import AngleOffset, InvalidInput, Model, RodPendulum, VelocityGain, paper_model
+from policies.evaluate import Evaluation, evaluate, fresh_start_states, rollout, start_states
+from sysid import AngleOffset, Delay, InvalidInput, Model, RodPendulum, State, VelocityGain, paper_model
 
 
 def zero(state, t):
@@ -101,6 +101,24 @@ def test_a_policy_with_a_history_is_told_what_was_really_commanded():
     evaluate(policy, paper_model(), np.zeros(2), np.zeros(2), horizon=3)
     expected = [[[0, 0], [0, 0]], [[1, 0], [2, 0]], [[1, 1], [2, 2]]]
     np.testing.assert_array_equal(policy.told, expected)
+
+
+def test_a_rollout_is_the_motion_whose_rewards_the_return_sums():
+    class Remembering:
+        history = 1
+
+        def __call__(self, state, t, past):
+            return -3.0 * state.theta_dot + past[:, 0]
+
+    model = paper_model(m=2.0, l=1.5).with_effect(Delay(T=0.07)).with_effect(AngleOffset(0.1))
+    start = start_states(4, 3)
+    motion = rollout(Remembering(), model, *start)
+    assert motion.t[-1] == pytest.approx(9.95)
+    np.testing.assert_array_equal([motion.theta[0], motion.theta_dot[0]], start)
+    rewards = task.reward(State(motion.theta, motion.theta_dot), motion.u, model.dt)
+    np.testing.assert_allclose(rewards.sum(axis=0), evaluate(Remembering(), model, *start).returns, rtol=1e-12)
+    with pytest.raises(InvalidInput, match="NaN"):
+        rollout(zero, model, np.array([np.nan]), np.zeros(1))
 
 
 def test_the_return_is_the_same_integral_whatever_the_interval_between_commands():
