@@ -4,11 +4,12 @@
     bootstrap   the 2.5 % and 97.5 % quantiles of mean(d*), d* drawn from d with replacement, 20,000 times
     paired t    mean(d) +- t sem(d),   t the 97.5 % quantile of Student's t with S - 1 degrees of freedom
     Welch       mean(a) - mean(b) +- t sqrt(sem(a)^2 + sem(b)^2), for cells that share nothing
+    Wilson      (q + z^2/2S +- z sqrt(q (1 - q)/S + (z/2S)^2)) / (1 + z^2/S) for a share q of S, z the 97.5 % quantile
     Holm        p_(k), k-th smallest of K, times K - k + 1, made monotone: below 5 % whole families err in 5 % of cases
 
 A seed fixes the measurement, the training streams and the start states of a run, so pairing removes what these share.
 Sources: paper, Sec. II-C; Efron & Tibshirani, "An Introduction to the Bootstrap" (1993), Ch. 13; Welch, Biometrika 34
-(1947) 28; Holm, Scand. J. Statist. 6 (1979) 65.
+(1947) 28; Wilson, J. Am. Stat. Assoc. 22 (1927) 209; Holm, Scand. J. Statist. 6 (1979) 65.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import stdtr, stdtrit
+from scipy.special import ndtri, stdtr, stdtrit
 
 from sysid import InvalidInput
 
@@ -97,6 +98,16 @@ def welch(a: tuple[float, float, int], b: tuple[float, float, int], level: float
     seeds = min(a[2], b[2])
     dof = total**2 / weight if weight > 0.0 else float(seeds - 1)
     return student(a[0] - b[0], math.sqrt(total), seeds, dof, level)
+
+
+def wilson(hits: int, tries: int, level: float = 0.95) -> tuple[float, float]:
+    """The interval of a rate. Raises InvalidInput where there are no tries, or more hits than tries."""
+    if not 0 <= hits <= tries or tries == 0:
+        raise InvalidInput(f"{hits} hits in {tries} tries: expected at least one try, and no more hits than tries")
+    z, q = float(ndtri(0.5 + 0.5 * level)), hits / tries
+    center, reach = q + z * z / (2 * tries), z * math.sqrt(q * (1.0 - q) / tries + (z / (2 * tries)) ** 2)
+    low, high = (center - reach) / (1.0 + z * z / tries), (center + reach) / (1.0 + z * z / tries)
+    return max(0.0, low), min(1.0, high)
 
 
 def holm(p: Sequence[float]) -> list[float]:

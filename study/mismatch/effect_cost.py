@@ -22,9 +22,7 @@ against the same aware one stands beside as `sharp`.
 from __future__ import annotations
 
 import argparse
-import csv
 import dataclasses
-import io
 import math
 import sys
 from collections.abc import Callable, Iterable, Sequence
@@ -38,10 +36,10 @@ from policies.control.design import is_periodic, is_steady, without_dead_time
 from policies.control.optimal import Grid, Optimal, solve
 from policies.control.predictive import design_predictive
 from policies.evaluate import Policy, evaluate, fresh_start_states, start_states
+from study import rows as table
 from study.mismatch.cases import CASES, U_MAX, Case
 from study.mismatch.sizes import Size, Sizes
 from sysid import RK4, Effect, InvalidInput, Model, OutputEffect, RodPendulum, State
-from sysid.files import write_whole
 
 Array = NDArray[np.float64]
 
@@ -240,27 +238,13 @@ def _size(row: Row) -> Size:
 
 def read(path: Path) -> list[Row]:
     """The rows of a table; none where there is no file. Raises InvalidInput for a file of another kind."""
-    if not path.exists():
-        return []
-    kinds = {f.name: str if f.type == "str" else float for f in dataclasses.fields(Row)}
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            return [Row(**{name: kind(row[name]) for name, kind in kinds.items()}) for row in csv.DictReader(file)]
-    except (KeyError, ValueError, TypeError, csv.Error, UnicodeDecodeError):
-        raise InvalidInput(
-            f"{path} is not a table of effects and losses: expected one that this command wrote"
-        ) from None
+    return table.read(Row, path, "effects and losses")
 
 
 def write(path: Path, rows: Iterable[Row]) -> None:
     """The rows as a CSV file, in the catalogue's order; whole or not at all."""
     order = {name: i for i, name in enumerate(CASES)}
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([f.name for f in dataclasses.fields(Row)])
-    for row in sorted(rows, key=lambda row: (order[row.effect], row.size)):
-        writer.writerow([f"{v:.6g}" if isinstance(v, float) else v for v in dataclasses.astuple(row)])
-    write_whole(path, text.getvalue())
+    table.write(Row, path, sorted(rows, key=lambda row: (order[row.effect], row.size)))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

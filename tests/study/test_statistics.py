@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from study.statistics import MINUS, bootstrap_coverage, holm, paired_bootstrap, paired_t, sem, student, welch
+from study.statistics import MINUS, bootstrap_coverage, holm, paired_bootstrap, paired_t, sem, student, welch, wilson
 from sysid import InvalidInput
 
 
@@ -117,3 +117,19 @@ def test_holm_of_one_is_itself_and_of_two_the_textbooks():
     assert holm([0.03]) == [0.03]
     assert holm([0.04, 0.01]) == pytest.approx([0.04, 0.02])
     assert holm([]) == []
+
+
+def test_the_interval_of_a_rate_holds_it_as_often_as_it_says_on_average_over_rates():
+    rates = rng(3).uniform(0.01, 0.99, 4000)
+    bounds = np.array([wilson(int(k), 50) for k in rng(4).binomial(50, rates)])
+    held = (bounds[:, 0] <= rates) & (rates <= bounds[:, 1])
+    assert np.mean(held) == pytest.approx(0.95, abs=0.015)
+
+
+def test_the_interval_of_a_rate_ends_at_never_and_at_always():
+    expected = scipy.stats.binomtest(7, 20).proportion_ci(method="wilson")
+    assert wilson(7, 20) == pytest.approx((expected.low, expected.high))
+    assert wilson(0, 20)[0] == 0.0
+    assert wilson(20, 20)[1] == 1.0
+    with pytest.raises(InvalidInput, match="3 hits in 2 tries"):
+        wilson(3, 2)
