@@ -21,8 +21,11 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from study.config import PRESETS
+from study.mismatch.plan import PLANS
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from study.executors.executor import Executor
 
 
@@ -33,12 +36,16 @@ class Options:
     Runs a preset end to end and writes its answer to a folder. Stopped in any way, the same command goes on.
     """
 
-    preset: Annotated[str, tyro.conf.arg(metavar=f"{{{','.join(PRESETS)}}}")] = "quick"
+    preset: Annotated[str, tyro.conf.arg(metavar=f"{{{','.join([*PRESETS, *PLANS])}}}")] = "quick"
     """quick: 18 small agents, minutes. paper: its 250 agents, 256 x 256. paper-w0: of these the 50 that train at the
     estimate alone. paper-small: the same as paper with 64 x 64 networks, the one for CPUs. robustness: two gaps, two
     noise levels and the prior range, the table and the text of the paper.
     robustness-small: the same, 64 x 64. identifiers: n on grid, least squares and Kalman filter. longer, longer-small:
-    the widest band with twice the steps. smoke: every part once, in a minute; its numbers mean nothing."""
+    the widest band with twice the steps. mismatch: does breadth pay when the simulator lacks an effect; mismatch-quick:
+    two of its plants, in minutes. smoke, mismatch-smoke: every part once, in a minute; the numbers mean nothing."""
+
+    quick: bool = False
+    """With --preset mismatch: mismatch-quick."""
 
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR", help_behavior_hint="(default: results/PRESET)")] = None
     """Folder of the results."""
@@ -71,8 +78,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if unknown:
         known = ", ".join(map(_flag, dataclasses.fields(Options)))
         return _fail(f"unknown option {unknown[0]!r}: expected {known} or --help", 2)
-    if options.preset not in PRESETS:
-        return _fail(f"unknown preset {options.preset!r}: expected one of {', '.join(PRESETS)}", 2)
+    if options.quick:
+        options = dataclasses.replace(options, preset=f"{options.preset}-quick", quick=False)
+    if options.preset not in {**PRESETS, **PLANS}:
+        return _fail(f"unknown preset {options.preset!r}: expected one of {', '.join([*PRESETS, *PLANS])}", 2)
     signal.signal(signal.SIGTERM, _interrupt)
     try:
         return _study(options)
@@ -94,28 +103,54 @@ def _study(options: Options) -> int:
     from rich.console import Console
 
     from study.executors.executor import WorkerFailed
-    from study.publication.published import read_published
-    from study.report import publish
-    from study.runner import run
-    from study.storage.store import Store
     from sysid import InvalidInput
 
-    preset = PRESETS[options.preset]
-    folder = options.out or Path("results") / preset.name
     console = Console(highlight=False)
     try:
         executor = _executor(options)
         if not 0.0 <= options.checkpoint_seconds < math.inf:
             raise InvalidInput(f"--checkpoint-seconds {options.checkpoint_seconds}: expected a number of seconds >= 0")
-        theirs = read_published(options.published) if options.published else None
-        with Store(folder, preset, options.device) as store:
-            run(preset, store, executor, console, options.checkpoint_seconds, options.import_)
-            publish(preset, store, console, theirs)
+        if options.preset in PLANS:
+            _experiment(options, executor, console)
+        else:
+            _sweep(options, executor, console)
     except InvalidInput as error:
         return _fail(str(error), 2)
     except (WorkerFailed, OSError, sqlite3.Error) as error:
         return _fail(f"{error}; finished runs are kept, and the same command goes on: {_command(options)}", 1)
     return 0
+
+
+def _sweep(options: Options, executor: Executor, console: Console) -> None:
+    from study.publication.published import read_published
+    from study.report import publish
+    from study.runner import run
+    from study.storage.store import Store
+
+    preset = PRESETS[options.preset]
+    theirs = read_published(options.published) if options.published else None
+    with Store(_folder(options), preset, options.device) as store:
+        run(preset, store, executor, console, options.checkpoint_seconds, options.import_)
+        publish(preset, store, console, theirs)
+
+
+def _experiment(options: Options, executor: Executor, console: Console) -> None:
+    from study.mismatch.experiment import run
+    from study.mismatch.report import publish
+    from study.mismatch.results import Results
+    from sysid import InvalidInput
+
+    for name, given in (("--import", options.import_), ("--published", options.published)):
+        if given is not None:
+            raise InvalidInput(f"{name} {given}: expected a preset of the paper's kind with it, not {options.preset}")
+    plan = PLANS[options.preset]
+    with Results(_folder(options), plan, options.device) as results:
+        run(plan, results, executor, console, options.checkpoint_seconds)
+        publish(plan, results, console)
+
+
+def _folder(options: Options) -> Path:
+    return options.out or Path("results") / options.preset
 
 
 def _executor(options: Options) -> Executor:

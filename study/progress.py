@@ -74,7 +74,7 @@ class Meter:
 
     def _label(self) -> str:
         """What is going on, by the names of the tasks."""
-        if all(name.startswith("identification") for name in self.work):
+        if all(name.startswith(("identification", "fits")) for name in self.work):
             return "identification"
         training = any(name.startswith("population") and s < 1.0 for name, s in self.share.items())
         return "training" if training else "references"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -58,7 +59,7 @@ def discard(checkpoint: Path) -> None:
 
 def work(agents: int, steps: int, hidden: tuple[int, ...]) -> float:
     """About how many seconds a population takes on one core; only the time left is computed from it."""
-    weights = sum(a * b for a, b in zip(hidden[:-1], hidden[1:], strict=True))
+    weights = sum(a * b for a, b in pairwise(hidden))
     return steps * agents * (0.5e-3 + 5.5e-8 * weights)
 
 

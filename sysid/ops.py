@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Sequence
 from types import ModuleType
 from typing import Any, TypeAlias
 
@@ -133,6 +134,22 @@ def where(condition: Value, x: Value, y: Value) -> Value:
     if any(isinstance(v, np.ndarray) for v in (condition, x, y)):
         return np.where(condition, x, y)
     return x if condition else y
+
+
+def stack(values: Sequence[Value]) -> Value:
+    """Values (...,) side by side along a new last axis, (..., I); CasADi symbols as a column (I, 1)."""
+    torch = _tensor_module(tuple(values))
+    if torch is not None:
+        return torch.stack(torch.broadcast_tensors(*_as_tensors(torch, tuple(values))), -1)
+    if _is_casadi(tuple(values)):
+        return casadi.vertcat(*values)
+    return np.stack(np.broadcast_arrays(*values), -1)
+
+
+def alike(like: Value, *values: Value) -> tuple[Value, ...]:
+    """Values as tensors of the type and on the device of `like`, where that is a tensor; else as they are."""
+    torch = _tensor_module((like,))
+    return values if torch is None else tuple(_as_tensors(torch, (like, *values))[1:])
 
 
 def wrap(theta: Value) -> Value:

@@ -1,0 +1,180 @@
+"""What the experiment found: returns of every way at every plant and budget, contrasts, and where a gap comes from."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from study.mismatch.designs import CENTER, DESIGNED, OPTIMUM, PLAIN, model_key
+from study.mismatch.plan import CONTRASTS, FREE, HiddenPlant, Plan, Trial
+from study.mismatch.recipe import Recipe, recipe_of
+from study.mismatch.results import Designed, Fitted, Trained
+from study.mismatch.trainings import agents_of
+from study.statistics import Contrast, holm, paired_t, sem, student
+
+Array = NDArray[np.float64]
+
+
+class Spot(NamedTuple):
+    """A way at a plant and a budget (0 for ways without rollouts)."""
+
+    plant: str
+    way: str
+    n: int
+
+
+@dataclass(frozen=True)
+class Split:
+    """Where the gap to the optimum comes from, in return; the three parts add up to it."""
+
+    structure: float
+    identification: float
+    training: float
+
+    @property
+    def gap(self) -> float:
+        """J(optimum) - J(agent)."""
+        return self.structure + self.identification + self.training
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """A way at a spot: returns (S,) of the seeds, each the mean over its start states, and the parts of the gap."""
+
+    spot: Spot
+    seeds: tuple[int, ...]
+    returns: Array
+    split: Split | None
+
+    @property
+    def mean(self) -> Contrast:
+        """The mean with Student's interval over seeds."""
+        return student(float(np.mean(self.returns)), sem(self.returns), len(self.returns))
+
+    @property
+    def median(self) -> float:
+        """Single failed trainings do not move it."""
+        return float(np.median(self.returns))
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A pre-registered contrast J(a) - J(b) over matched seeds; p: Holm's over the whole family; median of the
+    differences."""
+
+    plant: str
+    n: int
+    a: str
+    b: str
+    contrast: Contrast
+    median: float
+    p: float
+
+    @property
+    def certain(self) -> bool:
+        """Whether it stands after Holm."""
+        return self.p < 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """The experiment's answer.
+
+    outcomes   by spot; optima: mean return of the near-optimal policy by plant
+    compared   the pre-registered contrasts, in the plan's order
+    verdicts   of the diagnoses by (plant, n): how often each (verdict, named effects)
+    hours      what workers spent
+    """
+
+    plan: Plan
+    outcomes: dict[Spot, Outcome]
+    optima: dict[str, float]
+    compared: tuple[Compared, ...]
+    verdicts: dict[tuple[str, int], Counter[str]]
+    hours: float
+
+    def contrast(self, plant: str, a: str, b: str, n: int) -> Compared | None:
+        """A contrast of the plan, or None where it was not planned."""
+        return next((c for c in self.compared if (c.plant, c.a, c.b, c.n) == (plant, a, b, n)), None)
+
+
+def answer(plan: Plan, fits: Sequence[Fitted], trained: Sequence[Trained], designs: Sequence[Designed]) -> Answer:
+    """The answer from the results; raises KeyError where a trial is missing."""
+    keys, _ = agents_of(plan, fits)
+    agents = {agent.key: agent for agent in trained}
+    models = {Trial(f.plant, f.way, f.n, f.seed): recipe_of(f.payload) for f in fits}
+    designed = {(d.plant, d.model, d.seed): float(np.mean(d.returns)) for d in designs}
+    trials: dict[Spot, list[Trial]] = {}
+    for trial in plan.trials:
+        trials.setdefault(Spot(*trial[:3]), []).append(trial)
+    outcomes = {}
+    for spot, own in trials.items():
+        returns = np.array([float(np.mean(agents[keys[t]].returns[t.plant])) for t in own])
+        split = _split(plan.plant(spot.plant), own, returns, models, designed)
+        outcomes[spot] = Outcome(spot, tuple(t.seed for t in own), returns, split)
+    return Answer(
+        plan=plan,
+        outcomes=outcomes,
+        optima={p.name: float(np.mean([designed[p.name, OPTIMUM, s] for s in plan.seeds])) for p in plan.plants},
+        compared=tuple(_compared(plan, outcomes)),
+        verdicts=_verdicts(fits),
+        hours=sum([f.seconds for f in fits] + [t.seconds for t in trained] + [d.seconds for d in designs]) / 3600.0,
+    )
+
+
+def _split(
+    plant: HiddenPlant,
+    trials: Sequence[Trial],
+    returns: Array,
+    recipes: Mapping[Trial, Recipe],
+    designed: Mapping[tuple[str, str, int], float],
+) -> Split | None:
+    """The mean parts; None where no table stands for the model."""
+    way = trials[0].way
+    rows = []
+    for trial, reached in zip(trials, returns, strict=True):
+        seed, optimum = trial.seed, designed[plant.name, OPTIMUM, trial.seed]
+        if way == "h":
+            rows.append((0.0, 0.0, optimum - reached))
+            continue
+        center = trial._replace(way=CENTER.get(way, way))
+        if center.way not in DESIGNED:
+            return None
+        recipe = recipes[center]
+        fitted = designed.get((plant.name, model_key(recipe), seed))
+        if fitted is None:
+            return None
+        lacks = plant.effect is not None and plant.effect not in {e.name for e in recipe.model.effects}
+        allowed = designed[plant.name, PLAIN, seed] if lacks else optimum
+        rows.append((optimum - allowed, allowed - fitted, fitted - reached))
+    return Split(*np.mean(rows, axis=0).tolist())
+
+
+def _compared(plan: Plan, outcomes: Mapping[Spot, Outcome]) -> list[Compared]:
+    found = []
+    for plant in plan.plants:
+        for a, b in CONTRASTS:
+            if a not in plan.ways or b not in plan.ways:
+                continue
+            for n in (0,) if a in FREE and b in FREE else plan.budgets:
+                one, other = (outcomes[Spot(plant.name, way, 0 if way in FREE else n)] for way in (a, b))
+                difference = one.returns - other.returns
+                contrast = paired_t(one.returns, other.returns)
+                found.append((plant.name, n, a, b, contrast, float(np.median(difference))))
+    adjusted = holm([1.0 if row[4].p is None else row[4].p for row in found])
+    return [Compared(*row, p) for row, p in zip(found, adjusted, strict=True)]
+
+
+def _verdicts(fits: Sequence[Fitted]) -> dict[tuple[str, int], Counter[str]]:
+    found: dict[tuple[str, int], Counter[str]] = {}
+    for f in fits:
+        if f.way == "c":
+            named = " + ".join(f.payload["steps"])
+            text = f"{f.payload['verdict']}{': ' + named if named else ''}"
+            found.setdefault((f.plant, f.n), Counter())[text] += 1
+    return found

@@ -1,0 +1,151 @@
+"""What the experiment trains: every different recipe and seed once, side by side where the models have one structure.
+
+Agents train together whose machines differ in numbers alone. Which do is a function of the recipes, never of workers
+or of what is left.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from policies import Population, SACSettings, tune_cpu
+from policies.evaluate import evaluate, fresh_start_states
+from study import training
+from study.config import device_type
+from study.executors.executor import Link
+from study.mismatch.hidden import hidden_machine
+from study.mismatch.plan import SHARED, Plan, Trial
+from study.mismatch.recipe import Recipe, recipe_of, together
+from study.mismatch.results import Fitted, Trained
+from study.storage.policy_files import FOLDER, write_policies
+from study.versions import versions
+
+
+@dataclass(frozen=True)
+class Agent:
+    """One agent: what it trains on (Recipe.to_json), its seed, and the hidden plants that it is run on."""
+
+    key: str
+    recipe: dict[str, Any]
+    seed: int
+    plants: tuple[str, ...]
+
+
+def key_of(recipe: Recipe, seed: int) -> str:
+    """What an agent is stored under: its recipe's digits and its seed."""
+    return f"{recipe.key}-{seed}"
+
+
+def agents_of(plan: Plan, fits: Sequence[Fitted]) -> tuple[dict[Trial, str], list[Agent]]:
+    """The key of the agent behind every trial, and the agents in the order of trials; equal recipes share an agent."""
+    made = {Trial(f.plant, f.way, f.n, f.seed): f.payload for f in fits}
+    keys: dict[Trial, str] = {}
+    agents: dict[str, Agent] = {}
+    for trial in plan.trials:
+        payload = made[trial]
+        key = keys[trial] = key_of(recipe_of(payload), trial.seed)
+        plants = tuple(p.name for p in plan.plants) if trial.way in SHARED else (trial.plant,)
+        known = agents.get(key)
+        together = plants if known is None else tuple(dict.fromkeys((*known.plants, *plants)))
+        agents[key] = Agent(key, payload, trial.seed, together)
+    return keys, list(agents.values())
+
+
+def populations(plan: Plan, agents: Sequence[Agent], device: str = "cpu") -> list[tuple[Agent, ...]]:
+    """Agents that train together: of one structure, on a CPU at most plan.agents."""
+    groups: dict[str, list[Agent]] = {}
+    for agent in agents:
+        groups.setdefault(_structure(recipe_of(agent.recipe)), []).append(agent)
+    size = plan.agents if device_type(device) == "cpu" else len(agents)
+    return [tuple(group[i : i + size]) for group in groups.values() for i in range(0, len(group), size)]
+
+
+def _structure(recipe: Recipe) -> str:
+    """What the machines of agents that train together share: everything but the numbers that are drawn."""
+    data = recipe.to_json()
+    drawn = set(drawn_names(recipe))
+    numbers = {name: float(p.value) for name, p in recipe.model.parameters.items() if name not in drawn}
+    model = data["model"]
+    effects = [[e["name"], e.get("settings")] for e in model["effects"]]
+    learned = data["learned"] is not None
+    return json.dumps([effects, sorted(data["outside"]), learned, numbers, sorted(drawn)], sort_keys=True)
+
+
+def drawn_names(recipe: Recipe) -> tuple[str, ...]:
+    """The parameters that every episode draws."""
+    from numpy.random import default_rng
+
+    return tuple(recipe.drawn.sample(default_rng(0), recipe.model))
+
+
+@dataclass(frozen=True)
+class TrainingTask:
+    """Train and evaluate a population; goes on from its checkpoint where that file exists."""
+
+    plan: Plan
+    agents: tuple[Agent, ...]
+    folder: Path
+    checkpoint_seconds: float = 60.0
+    seconds_before: float = 0.0
+    device: str = "cpu"
+    saves: ClassVar[bool] = True
+
+    @property
+    def name(self) -> str:
+        text = " ".join(agent.key for agent in self.agents)
+        return f"population {hashlib.sha256(text.encode()).hexdigest()[:12]}"
+
+    @property
+    def checkpoint(self) -> Path:
+        """Where an unfinished population is kept."""
+        return self.folder / f"{self.name.replace(' ', '_')}.checkpoint"
+
+    @property
+    def work(self) -> float:
+        """About how many seconds it takes on one core; only the time left is computed from it."""
+        return training.work(len(self.agents), self.plan.steps, self.plan.hidden)
+
+    @property
+    def gpus(self) -> int:
+        """How many it needs."""
+        return int(device_type(self.device) == "cuda")
+
+    def resumed(self, seconds: float) -> TrainingTask:
+        """This task with a checkpoint that holds the work of so many seconds."""
+        return dataclasses.replace(self, seconds_before=seconds)
+
+    def discard(self) -> None:
+        """Remove the checkpoint."""
+        training.discard(self.checkpoint)
+
+    def run(self, link: Link) -> list[Trained]:
+        """The trained agents, in order; their policies are in a file by then. Raises Stopped, OSError as `finish`."""
+        tune_cpu(threads=1)
+        population = self._population()
+        training.resume(population, self.checkpoint, self.name)
+        seconds = training.finish(population, self.checkpoint, link, self.checkpoint_seconds, self.seconds_before)
+        policies = population.policies()
+        path = self.folder / FOLDER / f"{self.name.replace(' ', '_')}.npz"
+        write_policies(path, [agent.key for agent in self.agents], policies)
+        found, answers = versions(), list[Trained]()
+        for agent, policy, curve in zip(self.agents, policies, population.curves, strict=True):
+            starts = fresh_start_states(agent.seed, self.plan.episodes)
+            returns = {
+                name: tuple(evaluate(policy, hidden_machine(self.plan.plant(name)), *starts).returns.tolist())
+                for name in agent.plants
+            }
+            numbers = tuple((int(step), float(value)) for step, value in curve)
+            answers.append(Trained(agent.key, returns, numbers, found, seconds / len(self.agents)))
+        return answers
+
+    def _population(self) -> Population:
+        plan, recipes = self.plan, [recipe_of(agent.recipe) for agent in self.agents]
+        settings = SACSettings(hidden=plan.hidden, steps=plan.steps, batch=plan.batch, random_steps=plan.random_steps)
+        drawn, seeds = [recipe.drawn for recipe in recipes], [agent.seed for agent in self.agents]
+        return Population(together(recipes, self.device), drawn, seeds, settings, self.device, plan.history)

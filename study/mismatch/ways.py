@@ -1,0 +1,201 @@
+"""The ways to spend n rollouts: each makes of them what an agent then trains on. Nobody is in the loop.
+
+    recipes(plan, plant, seed) -> {(way, n): Recipe}
+
+All fits are by output error with the sensor's noise known, from the same records: ways differ in what they fit, not in
+how well.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from policies.randomization import Band, Fixed, OneOf, Posterior, Randomization, Ranges, Shaken
+from study.mismatch.cases import CASES
+from study.mismatch.hidden import PRIOR, oracle, rollouts, sensor
+from study.mismatch.plan import FREE, HiddenPlant, Plan
+from study.mismatch.recipe import Recipe
+from sysid import (
+    Diagnosis,
+    Estimate,
+    GridSearch,
+    InvalidInput,
+    Model,
+    Record,
+    add,
+    diagnose,
+    effect,
+    fit,
+    residual_torque,
+)
+
+AT_ONCE = (
+    "viscous", "coulomb", "drag", "load_friction", "tilt", "spring", "torque_bias", "delay", "lag", "dead_zone",
+    "saturation", "angle_offset", "velocity_bias", "velocity_gain", "sensor_delay", "backlash",
+)  # fmt: skip
+"""Every effect of the catalogue that can stand beside the others, does not depend on time, and is not absorbed by m and
+l: of those that contain each other the simpler one."""
+
+PLAUSIBLE = (0.3, 3.0)
+"""m [kg] and l [m] where nobody measured (paper, Sec. III)."""
+
+
+def recipes(
+    plan: Plan, plant: HiddenPlant, seed: int, ways: Sequence[str]
+) -> dict[tuple[str, int], tuple[Recipe, float]]:
+    """What each way makes of each budget, and the seconds that it took."""
+    found: dict[tuple[str, int], tuple[Recipe, float]] = {}
+    free, spent = [w for w in ways if w in FREE], [w for w in ways if w not in FREE]
+    for way in free:
+        found[way, 0] = _without_rollouts(way, plant), 0.0
+    records = rollouts(plan, plant, seed) if spent else []
+    for n in plan.budgets if spent else ():
+        spending = Spending(plan, records[:n], seed)
+        for way in spent:
+            begin = time.perf_counter()
+            found[way, n] = spending.recipe(way), time.perf_counter() - begin
+    return found
+
+
+def _without_rollouts(way: str, plant: HiddenPlant) -> Recipe:
+    if way == "h":
+        return Recipe(oracle(plant), Fixed())
+    if way == "z":
+        return Recipe(PRIOR, Fixed())
+    model = dataclasses.replace(PRIOR, effects=tuple(effect(name) for name in AT_ONCE))
+    ranges: dict[str, tuple[float, float]] = {"m": PLAUSIBLE, "l": PLAUSIBLE}
+    for name in AT_ONCE:
+        nothing, most = CASES[name].numbers(0.0), CASES[name].numbers(CASES[name].largest)
+        ranges |= {f"{name}.{key}": tuple(sorted((nothing[key], most[key]))) for key in nothing}
+    return Recipe(model, Ranges(ranges))
+
+
+class Spending:
+    """n rollouts (Records) and what can be made of them; what several ways need is made once."""
+
+    def __init__(self, plan: Plan, records: Sequence[Record], seed: int) -> None:
+        self.plan, self.records, self.seed, self.sensor = plan, records, seed, sensor(plan)
+
+    def recipe(self, way: str) -> Recipe:
+        """What the way trains on; raises InvalidInput for an unknown way."""
+        made = {
+            "a": self._grid,
+            "b": lambda: Recipe(self.fitted.model, center(self.fitted)),
+            "b+": lambda: Recipe(self.fitted.model, center(self.fitted, self.plan.band)),
+            "c": self._mended,
+            "d": self._at_once,
+            "f": self._posterior,
+            "g": self._random_torques,
+            "i": self._learned,
+        }
+        if way not in made:
+            raise InvalidInput(f"way {way!r}: expected one of {', '.join(made)}")
+        return made[way]()
+
+    @cached_property
+    def fitted(self) -> Estimate:
+        """m and l of a model that lacks nothing."""
+        return fit(PRIOR, self.records, self.sensor, ("m", "l"))
+
+    @cached_property
+    def diagnosis(self) -> Diagnosis:
+        """What the prior lacks."""
+        return diagnose(PRIOR, self.records, self.sensor)
+
+    @cached_property
+    def mended(self) -> Estimate:
+        """Refitted on all rollouts with the effects that were named. What imitates something unknown (the error on
+        held-out data did not fall) is not believed."""
+        found = self.diagnosis
+        believed = found.verdict != "unknown" or found.error.ratio < found.base_error.ratio
+        if not believed or not (found.steps or found.conventions):
+            return self.fitted
+        return fit(found.estimate.model, self.records, self.sensor, found.estimate.names)
+
+    def _mended(self) -> Recipe:
+        found, model = self.diagnosis, self.mended.model.machine
+        drawn, about = center(self.mended), {"errors": [found.base_error.ratio, found.error.ratio]}
+        if found.verdict == "cannot tell":
+            model, drawn = self._class()
+        elif found.verdict == "unknown":
+            drawn, shaking = self._shaken(drawn, self.mended.model)
+            about |= shaking
+        return Recipe(model, drawn, found.verdict, tuple(s.effect for s in found.steps), about)
+
+    def _posterior(self) -> Recipe:
+        named = self._mended()
+        if isinstance(named.drawn, OneOf):
+            return named
+        posterior: Randomization = posterior_of(self.mended)
+        if isinstance(named.drawn, Shaken):
+            posterior = Shaken(posterior, named.drawn.s, named.drawn.T)
+        return dataclasses.replace(named, drawn=posterior)
+
+    def _class(self) -> tuple[Model, Randomization]:
+        """Each effect of a class that does not separate, fitted in turn, in a model that holds them all."""
+        step = next(s for s in self.diagnosis.steps if len(s.alike) > 1)
+        fits, together = [self.mended], self.mended.model
+        for name in step.alike[1:]:
+            try:
+                added = add(self.mended.model.without_effect(step.effect), name, self.records, self.sensor)
+                together = together.with_effect(effect(name))
+            except InvalidInput:  # one that this log cannot show, or that contains another of the class
+                continue
+            fits.append(fit(added.estimate.model, self.records, self.sensor, added.estimate.names))
+        machine = together.machine
+        neutral = {
+            p.name: float(p.value if p.neutral is None else p.neutral)
+            for p in machine.parameters.values()
+            if "." in p.name
+        }
+        names = sorted({name for f in fits for name in f.names if name in machine.parameters})
+        alternatives = [{name: f.values.get(name, neutral.get(name, math.nan)) for name in names} for f in fits]
+        return machine, OneOf(tuple(alternatives))
+
+    def _grid(self) -> Recipe:
+        found = GridSearch(("m", "l")).fit(PRIOR, self.records)
+        return Recipe(found.model, center(found))
+
+    def _at_once(self) -> Recipe:
+        model = dataclasses.replace(PRIOR, effects=tuple(effect(name) for name in AT_ONCE))
+        found = fit(model, self.records, self.sensor)
+        return Recipe(found.model, center(found))
+
+    def _learned(self) -> Recipe:
+        from study.mismatch.learning import learn
+
+        learned = learn(self.fitted.model, self.records, self.sensor, np.random.default_rng(self.seed))
+        return Recipe(learned.model, center(self.fitted), about={"errors": [learned.before, learned.after]})
+
+    def _random_torques(self) -> Recipe:
+        drawn, about = self._shaken(center(self.fitted), self.fitted.model)
+        return Recipe(self.fitted.model, drawn, about=about)
+
+    def _shaken(self, drawn: Randomization, model: Model) -> tuple[Randomization, dict[str, Any]]:
+        """Random torques of the size and memory that the log asks for beyond the model."""
+        residual = residual_torque(model, self.records, self.sensor)
+        s = residual.torque.s if residual.present else 0.0
+        return Shaken(drawn, s, residual.torque.T), {"s": s, "T": residual.torque.T}
+
+
+def center(estimate: Estimate, w: float = 0.0) -> Band:
+    """A band of relative width w about the estimate, of what belongs to the machine; w = 0: the numbers themselves."""
+    machine = estimate.model.machine.parameters
+    return Band({name: value for name, value in estimate.values.items() if name in machine}, w)
+
+
+def posterior_of(estimate: Estimate) -> Posterior:
+    """The estimate's normal distribution; what the records leave open stays at its number."""
+    machine = estimate.model.machine.parameters
+    sd = estimate.sd
+    kept = [k for k, name in enumerate(estimate.names) if name in machine and math.isfinite(sd[name])]
+    names = tuple(estimate.names[k] for k in kept)
+    rows = estimate.covariance[np.ix_(kept, kept)]
+    return Posterior(names, tuple(estimate.values[name] for name in names), tuple(map(tuple, rows.tolist())))

@@ -1,0 +1,114 @@
+"""The experiment's answers in sentences, each with its interval; nothing here decides anything."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from study.mismatch.answer import Answer, Compared, Spot
+from study.statistics import MINUS
+
+TITLES = {
+    "plain": "nothing missing",
+    "coulomb": "Coulomb friction of 1.5 N m",
+    "delay_medium": "a delay of 0.126 s",
+    "delay_large": "a delay of 0.155 s",
+    "magnet": "a magnet",
+    "slew": "a limited slew rate",
+}
+"""What each hidden plant has and the prior lacks."""
+
+
+def sentences(answer: Answer) -> list[str]:
+    """Breadth, naming, the honest unknown: one sentence each, as far as the plan asked for it."""
+    found = [_breadth(answer), _naming(answer), _unknown(answer), _rivals(answer), _blind(answer), _split(answer)]
+    return [sentence for sentence in found if sentence]
+
+
+def _breadth(answer: Answer) -> str:
+    """(b+) - (b) where an effect is missing."""
+    rows = _rows(answer, "b+", "b", [p.name for p in answer.plan.plants if p.effect])
+    if not rows:
+        return ""
+    better, worse = _count(rows, +1), _count(rows, -1)
+    return (
+        f"Does breadth pay when the simulator lacks an effect? A band of {_percent(answer.plan.band)} around the fitted "
+        f"m and l changed the return by {_listed(rows)}: {better} of {len(rows)} are gains and {worse} losses that stand "
+        "after Holm's correction."
+    )
+
+
+def _naming(answer: Answer) -> str:
+    """(c) - (b) where the effect is in the catalogue."""
+    rows = _rows(answer, "c", "b", [p.name for p in answer.plan.plants if p.effect and _named(answer, p.name)])
+    if not rows:
+        return ""
+    return f"Naming the effect and adding it changed the return by {_listed(rows)} against m and l alone."
+
+
+def _unknown(answer: Answer) -> str:
+    """(c) - (b) where no effect of the catalogue is right."""
+    rows = _rows(answer, "c", "b", [p.name for p in answer.plan.plants if p.effect and not _named(answer, p.name)])
+    if not rows:
+        return ""
+    return (
+        "Where the catalogue lacks the effect, a diagnosis that says unknown trains under random torques of the size "
+        f"that the log asks for: {_listed(rows)}."
+    )
+
+
+def _rivals(answer: Answer) -> str:
+    """(c) - (d) and (c) - (i)."""
+    parts = []
+    for rival, name in (("d", "all effects fitted at once"), ("i", "a learned residual torque")):
+        rows = _rows(answer, "c", rival, [p.name for p in answer.plan.plants])
+        if rows:
+            parts.append(f"against {name} {_count(rows, +1)} better and {_count(rows, -1)} worse of {len(rows)}")
+    return f"One named effect, {', and '.join(parts)}, after Holm." if parts else ""
+
+
+def _blind(answer: Answer) -> str:
+    """(e) - (z)."""
+    rows = _rows(answer, "e", "z", [p.name for p in answer.plan.plants])
+    if not rows:
+        return ""
+    return f"Without any rollout, breadth over everything plausible changed the return by {_listed(rows)}."
+
+
+def _split(answer: Answer) -> str:
+    """What is left of the gap at the largest budget, for b and c."""
+    n, parts = max(answer.plan.budgets), []
+    for plant in answer.plan.plants:
+        fitted, mended = (answer.outcomes.get(Spot(plant.name, way, n)) for way in ("b", "c"))
+        if plant.effect and fitted and mended and fitted.split and mended.split:
+            parts.append(f"{TITLES[plant.name]} {_signed(-fitted.split.gap)} to {_signed(-mended.split.gap)}")
+    return (
+        f"With {n} rollouts the distance to the optimum went, from fitted to mended: {'; '.join(parts)}."
+        if parts
+        else ""
+    )
+
+
+def _named(answer: Answer, plant: str) -> bool:
+    from sysid import CATALOGUE
+
+    return answer.plan.plant(plant).effect in CATALOGUE
+
+
+def _rows(answer: Answer, a: str, b: str, plants: Sequence[str]) -> list[Compared]:
+    return [row for row in answer.compared if (row.a, row.b) == (a, b) and row.plant in plants]
+
+
+def _listed(rows: Sequence[Compared]) -> str:
+    return ", ".join(f"{row.contrast} ({TITLES[row.plant]}{f', n = {row.n}' if row.n else ''})" for row in rows)
+
+
+def _count(rows: Sequence[Compared], sign: int) -> int:
+    return sum(row.certain and sign * row.contrast.mean > 0.0 for row in rows)
+
+
+def _percent(share: float) -> str:
+    return f"±{100.0 * share:.0f} %"
+
+
+def _signed(value: float) -> str:
+    return f"{value:.0f}".replace("-", MINUS)

@@ -1,0 +1,99 @@
+"""The mended model put to work: recipes are plain data, equal recipes share an agent, and naming an effect pays."""
+
+import json
+
+import numpy as np
+import pytest
+
+from policies.evaluate import evaluate, fresh_start_states
+from policies.randomization import Band
+from study.mismatch.effect_cost import design, machine
+from study.mismatch.hidden import hidden_machine, oracle, rollouts
+from study.mismatch.plan import ALL_PLANTS, DELAY_LARGE, MAGNET, PLANS, WAYS, Trial
+from study.mismatch.recipe import Recipe, recipe_of
+from study.mismatch.results import Fitted
+from study.mismatch.trainings import agents_of, populations
+from study.mismatch.ways import Spending, recipes
+
+SMOKE = PLANS["mismatch-smoke"]
+
+
+@pytest.fixture(scope="module")
+def spending():
+    """Five rollouts of the plant whose delay costs 30 % of the return."""
+    plan = PLANS["mismatch-quick"]
+    return Spending(plan, rollouts(plan, DELAY_LARGE, 1), 1)
+
+
+def test_naming_the_effect_brings_back_at_least_half_of_what_it_cost(spending):
+    """Way (c) end to end, with dynamic programming in the place of training."""
+    plant, starts = hidden_machine(DELAY_LARGE), fresh_start_states(7, 100)
+
+    def worth(model):
+        return evaluate(design(model), plant, *starts).mean
+
+    aware, ignorant = worth(oracle(DELAY_LARGE)), worth(machine(substeps=2))
+    named = spending.recipe("c")
+    assert named.verdict == "missing" and named.steps == ("delay",)
+    loss, left = aware - ignorant, aware - worth(named.model)
+    assert loss > 0.2 * abs(aware)
+    assert left < 0.5 * loss
+
+
+def test_a_band_is_about_the_same_fit_and_random_torques_leave_it(spending):
+    fitted, band, shaken = (spending.recipe(way) for way in ("b", "b+", "g"))
+    assert fitted.drawn.center == band.drawn.center == shaken.drawn.inner.center
+    assert (fitted.drawn.w, band.drawn.w) == (0.0, 0.3)
+    assert shaken.drawn.s > 0.0
+
+
+def test_recipes_are_plain_data(spending):
+    free = recipes(SMOKE, MAGNET, 0, ("z", "e", "h"))
+    for recipe in (*(spending.recipe(way) for way in ("a", "b", "c", "f", "g")), *(r for r, _ in free.values())):
+        again = recipe_of(json.loads(json.dumps(recipe.to_json())))
+        assert again.key == recipe.key and again.verdict == recipe.verdict
+        state = recipe.model.initial_state(np.array([0.3]), np.array([1.0]))
+        assert again.model.advance(state, 1.5).theta == recipe.model.advance(state, 1.5).theta
+
+
+def test_the_oracle_moves_as_the_hidden_plant_does():
+    """In steps five to 125 times as long: a speed of 1 rad/s is off by less than 2 % after an interval."""
+    for plant in ALL_PLANTS:
+        coarse, fine = oracle(plant), hidden_machine(plant)
+        state = coarse.initial_state(np.array([2.0]), np.array([1.0]))
+        assert coarse.advance(state, 1.0).theta_dot == pytest.approx(fine.advance(state, 1.0).theta_dot, abs=0.02)
+
+
+def fits(plan, recipe):
+    return [Fitted(t.plant, t.way, t.n, t.seed, recipe(t).to_json(), 0.0) for t in plan.trials]
+
+
+def test_equal_recipes_share_an_agent_and_structures_train_together():
+    plain, late = oracle(ALL_PLANTS[0]), oracle(DELAY_LARGE)
+
+    def recipe(trial):
+        if trial.way in ("c", "h"):
+            return Recipe(late, Band({"m": 2.0, "delay.T": 0.1 + 0.001 * trial.seed % 7}))
+        return Recipe(plain, Band({"m": 2.0, "l": 1.5}, 0.3 if trial.way == "b+" else 0.0))
+
+    keys, agents = agents_of(SMOKE, fits(SMOKE, recipe))
+    assert set(keys) == set(SMOKE.trials) and len({a.key for a in agents}) == len(agents)
+    shared = [t for t in SMOKE.trials if t.way in ("a", "b", "z")]
+    assert len({keys[t] for t in shared}) == len({t.seed for t in shared})
+    plants = {a.key: a.plants for a in agents}
+    assert all(trial.plant in plants[key] for trial, key in keys.items())
+    for together in populations(SMOKE, agents):
+        assert len(together) <= SMOKE.agents
+        assert len({tuple(e["name"] for e in a.recipe["model"]["effects"]) for a in together}) == 1
+    assert sum(map(len, populations(SMOKE, agents))) == len(agents)
+
+
+def test_the_plan_is_balanced_and_its_seeds_are_matched():
+    for plan in PLANS.values():
+        assert set(plan.ways) <= set(WAYS) and len(set(plan.trials)) == len(plan.trials)
+        seeds = {}
+        for trial in plan.trials:
+            seeds.setdefault(trial[:3], []).append(trial.seed)
+        for (_, way, _), own in seeds.items():
+            assert tuple(own) == plan.seeds_of(way)
+    assert Trial("plain", "c", 50, 1019) in PLANS["mismatch"].trials
