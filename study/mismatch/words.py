@@ -31,9 +31,9 @@ def _breadth(answer: Answer) -> str:
         return ""
     better, worse = _count(rows, +1), _count(rows, -1)
     return (
-        f"Does breadth pay when the simulator lacks an effect? A band of {_percent(answer.plan.band)} around the fitted "
-        f"m and l changed the return by {_listed(rows)}: {better} of {len(rows)} are gains and {worse} losses that stand "
-        "after Holm's correction."
+        "Does breadth pay when the simulator lacks an effect? A band of "
+        f"{_percent(answer.plan.band)} around the fitted m and l changed the return by {_listed(rows)}: "
+        f"{better} of {len(rows)} are gains and {worse} losses that stand after Holm's correction."
     )
 
 
