@@ -1,0 +1,210 @@
+"""The mismatch experiment on two pages: what every way returns, and the ladder from the prior to the oracle."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from study.answer import number
+from study.figures.style import ACCENT
+from study.mismatch.answer import Answer, Outcome, Split, Spot
+from study.mismatch.plan import FREE, SHARED, HiddenPlant
+from study.mismatch.titles import GROUPS, RUNGS, SHORT, capital, is_outside, plant_noun, plant_size, plant_title
+from study.statistics import Contrast
+
+INKS = ("0.45", "#0072B2", "#D55E00", "0.1")
+"""Of the groups of ways: without rollouts, without effects, with effects, the oracle (Okabe and Ito)."""
+
+PARTS = {"structure": "#D55E00", "identification": "#56B4E9", "training": "0.72"}
+"""Colours of the parts of a gap."""
+
+
+def returns(answer: Answer) -> Figure:
+    """Mean return of every way with its interval over seeds, a panel a hidden plant, few rollouts hollow and many
+    filled; small upright ticks are medians, the red line is the optimum."""
+    plan = answer.plan
+    rows = _rows(plan.ways)
+    figure = Figure(figsize=(11.0, 1.9 + 0.34 * max(rows.values())), layout="constrained")
+    panels: list[Axes] = list(figure.subplots(1, len(plan.plants), sharex=True, sharey=True, squeeze=False)[0])
+    panels[0].set_xlim(*_range(answer))
+    for axes, plant in zip(panels, plan.plants, strict=True):
+        for way, y in rows.items():
+            _way(axes, answer, plant, way, y)
+        axes.axvline(answer.optima[plant.name], color=ACCENT, linewidth=1.2, zorder=1)
+        _title(axes, plant)
+    first = panels[0]
+    first.set_yticks(list(rows.values()), [f"{SHORT[way]}  ({way})" for way in rows])
+    for label, way in zip(first.get_yticklabels(), rows, strict=True):
+        label.set_color(_ink(way))
+    first.set_ylim(max(rows.values()) + 0.7, -0.7)
+    figure.supxlabel("return on the hidden plant: mean and 95 % interval over seeds", fontsize=10.0)
+    _key(figure, plan.budgets)
+    return figure
+
+
+def _rows(ways: Sequence[str]) -> dict[str, float]:
+    """Places of the ways, in the groups' order with a gap between groups."""
+    places, y = dict[str, float](), 0.0
+    for group in GROUPS:
+        own = [way for way in group if way in ways]
+        for way in own:
+            places[way], y = y, y + 1.0
+        y += 0.6 * bool(own)
+    return places
+
+
+def _ink(way: str) -> str:
+    return next(ink for ink, group in zip(INKS, GROUPS, strict=True) if way in group)
+
+
+def _way(axes: Axes, answer: Answer, plant: HiddenPlant, way: str, y: float) -> None:
+    """The dots of a way: one without rollouts, one a budget with them; a number where the mean is left of the panel."""
+    budgets, ink, low = (0,) if way in FREE else answer.plan.budgets, _ink(way), axes.get_xlim()[0]
+    for k, n in enumerate(budgets):
+        outcome = answer.outcomes[Spot(plant.name, way, n)]
+        place = y + 0.34 * (k - 0.5 * (len(budgets) - 1)) / max(1, len(budgets) - 1)
+        if outcome.mean.mean < low:
+            text = f"◂ {number(outcome.mean.mean)}"
+            axes.annotate(text, (low, place), (3, 0), textcoords="offset points", va="center", color=ink, fontsize=8.5)
+            continue
+        _interval(axes, outcome.mean, place, ink)
+        axes.plot([outcome.median], [place], color=ink, marker="|", markersize=8, markeredgewidth=1.3, zorder=3)
+        axes.plot([outcome.mean.mean], [place], color=ink, marker="o", markersize=5, zorder=4, markeredgewidth=1.2,
+                  markerfacecolor="white" if k < len(budgets) - 1 else ink)  # fmt: skip
+
+
+def _interval(axes: Axes, contrast: Contrast, y: float, ink: Any) -> None:
+    if math.isfinite(contrast.low):
+        axes.plot([contrast.low, contrast.high], [y, y], color=ink, linewidth=1.3, zorder=2)
+
+
+def _range(answer: Answer) -> tuple[float, float]:
+    """From the worst mean of a way that measured, or knows, to the best optimum; others may leave the panels."""
+    means = [o.mean.mean for o in answer.outcomes.values()]
+    near = [o.mean.mean for spot, o in answer.outcomes.items() if spot.way not in SHARED] or means
+    low, high = min(near), max([*means, *answer.optima.values()])
+    return low - 0.12 * (high - low), high + 0.08 * (high - low)
+
+
+def _title(axes: Axes, plant: HiddenPlant) -> None:
+    axes.set_title(capital(plant_noun(plant)), fontsize=10.0, pad=30)
+    kind = "not in the catalogue" if is_outside(plant) else ""
+    about = [line for line in (plant_size(plant), kind) if line]
+    axes.annotate("\n".join(about), (0.0, 1.0), (0, 26), xycoords="axes fraction", textcoords="offset points", va="top",
+                  fontsize=8.5, color="0.4")  # fmt: skip
+    axes.tick_params(axis="y", length=0)
+    axes.grid(axis="x", color="0.92", linewidth=0.8)
+    axes.set_axisbelow(True)
+
+
+def _key(figure: Figure, budgets: Sequence[int]) -> None:
+    """What the marks mean, in one line above the panels."""
+
+    def mark(**style: Any) -> Line2D:
+        return Line2D([], [], color="0.2", **style)
+
+    handles = [
+        mark(marker="o", markersize=5, linewidth=1.3, markerfacecolor="0.2" if n == budgets[-1] else "white",
+             label=f"{n} rollouts")
+        for n in budgets
+    ]  # fmt: skip
+    handles.append(mark(marker="|", markersize=8, linestyle="none", label="median"))
+    handles.append(Line2D([], [], color=ACCENT, linewidth=1.2, label="optimum (dynamic programming)"))
+    figure.legend(handles=handles, loc="outside upper right", ncols=len(handles), fontsize=9.0)
+
+
+# the ladder ------------------------------------------------------------------------------------------------------
+
+
+def ladder(answer: Answer) -> Figure:
+    """Left: from the prior to the oracle at the largest budget, a line a hidden plant, as a share of the optimum,
+    J* / J. Right: what the gaps of the fitted and the mended model consist of."""
+    figure = Figure(figsize=(11.0, 5.6), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=(1.15, 1.0))
+    _climb(left, answer)
+    _splits(right, answer)
+    return figure
+
+
+def _climb(axes: Axes, answer: Answer) -> None:
+    rungs = [way for way in RUNGS if way in answer.plan.ways]
+    inks = _plant_inks(answer)
+    for k, plant in enumerate(answer.plan.plants):
+        means = [_at_most(answer, plant, way).mean for way in rungs]
+        optimum, x = answer.optima[plant.name], np.arange(len(rungs)) + 0.05 * (k - 0.5 * (len(inks) - 1))
+        shares = [_share(optimum, mean.mean) for mean in means]
+        bars = [_reach(optimum, mean) for mean in means]
+        axes.errorbar(x, shares, np.transpose(bars), color=inks[plant.name], marker="o", markersize=5, linewidth=1.8,
+                      elinewidth=1.1, zorder=3, label=plant_title(plant))  # fmt: skip
+    axes.axhline(100.0, color=ACCENT, linewidth=1.1, zorder=1)
+    axes.set_xticks(range(len(rungs)), [f"{RUNGS[way]}\n({way})" for way in rungs])
+    axes.set_ylim(0.0, 106.0)
+    axes.set_ylabel("share of the optimum, J* / J [%]")
+    axes.set_title(f"From the prior to the oracle, {max(answer.plan.budgets)} rollouts")
+    axes.legend(loc="lower right", fontsize=9.5, labelcolor="linecolor", title="what is missing", alignment="left")
+
+
+def _share(optimum: float, value: float) -> float:
+    """J* / J in percent: returns are negative, and 100 is the optimum; beyond -1 it is that of -1."""
+    return 100.0 * optimum / min(value, -1.0)
+
+
+def _reach(optimum: float, mean: Contrast) -> tuple[float, float]:
+    """How far the interval of the share reaches down and up; nan for that of one seed, which is everything."""
+    if not math.isfinite(mean.low):
+        return math.nan, math.nan
+    low, share, high = (_share(optimum, value) for value in (mean.low, mean.mean, mean.high))
+    return share - low, high - share
+
+
+def _at_most(answer: Answer, plant: HiddenPlant, way: str) -> Outcome:
+    """The way's outcome at the largest budget."""
+    return answer.outcomes[Spot(plant.name, way, 0 if way in FREE else max(answer.plan.budgets))]
+
+
+def _plant_inks(answer: Answer) -> dict[str, str]:
+    """A colour a plant: grey for the plain one, then Okabe and Ito's."""
+    inks = iter(("#009E73", "#56B4E9", "#0072B2", "#D55E00", "#CC79A7", "#E69F00", "#000000"))
+    return {p.name: "0.55" if p.effect is None else next(inks) for p in answer.plan.plants}
+
+
+def _splits(axes: Axes, answer: Answer) -> None:
+    """Bars from the optimum: parts of a gap end to end; a part below zero stands left of it."""
+    ways, y, ticks = [way for way in ("b", "c") if way in answer.plan.ways], 0.0, []
+    for plant in answer.plan.plants:
+        axes.annotate(capital(plant_title(plant)), (0.0, y - 0.5), (4, 3), textcoords="offset points", fontsize=9.0,
+                      color="0.3")  # fmt: skip
+        for way in ways:
+            split = _at_most(answer, plant, way).split
+            if split is None:
+                axes.text(0.0, y, " no table stands for this model", va="center", fontsize=8.0, color="0.5")
+            else:
+                _stack(axes, split, y)
+            ticks.append((y, f"{RUNGS[way]} ({way})"))
+            y += 1.0
+        y += 1.1
+    axes.axvline(0.0, color=ACCENT, linewidth=1.1, zorder=3)
+    axes.set_yticks(*zip(*ticks, strict=True), fontsize=8.5)
+    axes.set_ylim(y - 1.5, -1.5)
+    axes.margins(x=0.08)
+    axes.tick_params(axis="y", length=0)
+    axes.set_xlabel("return lost against the optimum")
+    axes.set_title("What the gap is made of", pad=26)
+    handles = [Patch(color=ink, label=name) for name, ink in PARTS.items()]
+    axes.legend(handles=handles, loc="lower left", bbox_to_anchor=(-0.02, 0.985), ncols=3, fontsize=9.0)
+
+
+def _stack(axes: Axes, split: Split, y: float) -> None:
+    plus = minus = 0.0
+    for name, ink in PARTS.items():
+        part = getattr(split, name)
+        axes.barh(y, part, left=plus if part >= 0.0 else minus, color=ink, height=0.8, zorder=2)
+        plus, minus = plus + max(part, 0.0), minus + min(part, 0.0)
+    axes.annotate(number(split.gap), (plus, y), (4, 0), textcoords="offset points", va="center", fontsize=8.0)

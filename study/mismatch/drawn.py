@@ -1,0 +1,101 @@
+"""Draws the experiment's figures into a folder, and chooses the pair of agents whose trajectories are shown."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from study.mismatch.answer import Answer, Spot
+from study.mismatch.plan import FREE, Trial
+from study.mismatch.results import Fitted
+from study.mismatch.titles import RUNGS, capital, plant_title
+
+if TYPE_CHECKING:
+    from policies.network_policy import NetworkPolicy
+
+EPISODES = 4
+"""Start states whose trajectories are shown: the first ones of the evaluation."""
+
+FILES = {name: f"{name}.png" for name in ("returns", "ladder", "trajectories")}
+
+
+class Pair(NamedTuple):
+    """Two agents on a hidden plant: of the ways b and c, after n rollouts, of one seed."""
+
+    plant: str
+    n: int
+    seed: int
+
+    def trial(self, way: str) -> Trial:
+        """The agent's."""
+        return Trial(self.plant, way, 0 if way in FREE else self.n, self.seed)
+
+
+def telling(answer: Answer) -> Pair | None:
+    """Where mending gained most in the mean, the seed whose gain is nearest to the median gain: neither the best nor
+    the worst. None where the plan has no such contrast."""
+    rows = [row for row in answer.compared if (row.a, row.b) == ("c", "b")]
+    if not rows:
+        return None
+    most = max(rows, key=lambda row: row.contrast.mean)
+    mended, fitted = (answer.outcomes[Spot(most.plant, way, most.n)] for way in ("c", "b"))
+    k = int(np.argmin(np.abs(mended.returns - fitted.returns - most.median)))
+    return Pair(most.plant, most.n, mended.seeds[k])
+
+
+def draw(answer: Answer, fits: Sequence[Fitted], folder: Path) -> dict[str, Path]:
+    """Draw the figures into the results folder; returns the files by the names of FILES. The trajectories need the
+    folder's policies, and are left out where these are gone."""
+    from study.figures.mismatch import ladder, returns
+    from study.figures.style import save
+
+    files = {
+        "returns": save(lambda: returns(answer), folder / FILES["returns"]),
+        "ladder": save(lambda: ladder(answer), folder / FILES["ladder"]),
+    }
+    pair = telling(answer)
+    policies = {} if pair is None else _policies(answer, pair, fits, folder)
+    if pair is not None and policies:
+        files["trajectories"] = _trajectories(answer, pair, policies, folder / FILES["trajectories"])
+    return files
+
+
+def _policies(answer: Answer, pair: Pair, fits: Sequence[Fitted], folder: Path) -> dict[str, NetworkPolicy]:
+    """The pair's policies by way; {} unless both are there."""
+    from study.mismatch.trainings import agents_of
+
+    keys, _ = agents_of(answer.plan, fits)
+    wanted = {way: keys[pair.trial(way)] for way in ("b", "c")}
+    found = read_agents(folder, wanted.values())
+    return {way: found[key] for way, key in wanted.items()} if set(wanted.values()) <= set(found) else {}
+
+
+def read_agents(folder: Path, keys: Iterable[str]) -> dict[str, NetworkPolicy]:
+    """Those of the agents with these keys whose policies lie in the results folder."""
+    from study.storage.policy_files import FOLDER, read_policies
+
+    found: dict[str, NetworkPolicy] = {}
+    left = set(keys)
+    for path in sorted((folder / FOLDER).glob("*.npz")):
+        if left:
+            own = read_policies(path)
+            found |= {key: own[key] for key in left if key in own}
+            left -= set(found)
+    return found
+
+
+def _trajectories(answer: Answer, pair: Pair, policies: Mapping[str, NetworkPolicy], path: Path) -> Path:
+    from policies.evaluate import fresh_start_states
+    from study.figures.style import save
+    from study.figures.trajectories import trajectories
+    from study.mismatch.hidden import hidden_machine
+
+    plant = answer.plan.plant(pair.plant)
+    starts = fresh_start_states(pair.seed, answer.plan.episodes)
+    title = f"{capital(plant_title(plant))}, {pair.n} rollouts, seed {pair.seed}"
+    labels = {way: f"{RUNGS[way]} ({way})" for way in policies}
+    shown = (starts[0][:EPISODES], starts[1][:EPISODES])
+    return save(lambda: trajectories(title, hidden_machine(plant), policies, shown, labels), path)

@@ -1,0 +1,109 @@
+"""The page of the mismatch experiment: one HTML file that opens without a network, the answer in words first."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from study.answer import number
+from study.mismatch.answer import Answer
+from study.mismatch.naming import Named, errors, rates
+from study.mismatch.plan import WAYS
+from study.mismatch.titles import SHORT, capital, plant_title
+from study.page import embedded, template
+from study.progress import duration
+from study.statistics import MINUS, Contrast
+
+CAPTIONS = {
+    "returns": "Every way at every hidden plant: mean return with its 95 % interval over seeds, hollow for few "
+    "rollouts, filled for many. A number at the left edge is a mean left of the panel.",
+    "ladder": "Left: from knowing nothing to knowing everything, at the largest budget. Right: what the gap to the "
+    "optimum consists of, with a model that lacks the effect and with the mended one.",
+    "trajectories": "Where mending gained most, the two agents of the seed whose gain is nearest to the median, from "
+    "the same start states. Torques: of the first in full, of the others faint.",
+    "naming": "Above: how often the diagnosis gives the right answer and nothing else, with Wilson's 95 % band. Below: "
+    "the error of m and l in the model without the effect (squares) and in the mended one (dots).",
+}
+"""What stands below a figure, by its name and in the page's order."""
+
+
+def page(
+    answer: Answer,
+    sentences: Sequence[str],
+    figures: Mapping[str, Path],
+    versions: Mapping[str, str],
+    rows: Sequence[Named] = (),
+) -> str:
+    """The finished page.
+
+    figures   PNG files by their names in CAPTIONS; those that are missing are left out
+    rows      of the naming study, where they are there
+    """
+    plan = answer.plan
+    settings = plan.to_dict()
+    for shown in ("plants", "ways"):
+        del settings[shown]
+    content = {
+        "answer": answer,
+        "plan": plan,
+        "sentences": sentences,
+        "images": [(embedded(figures[name]), text) for name, text in CAPTIONS.items() if name in figures],
+        "ways": WAYS,
+        "short": SHORT,
+        "titles": {plant.name: capital(plant_title(plant)) for plant in plan.plants},
+        "gaps": {spot: answer.optima[spot.plant] - o.mean.mean for spot, o in answer.outcomes.items()},
+        "verdicts": _verdicts(answer),
+        "named": _named(answer, rows),
+        "worker_time": duration(3600.0 * answer.hours),
+        "settings": settings,
+        "versions": versions,
+    }
+    return template("mismatch.html.j2", {"signed": _signed, "p": _p, "interval": _interval}).render(content)
+
+
+def _verdicts(answer: Answer) -> list[tuple[str, int, str]]:
+    """(plant, n, what was said and how often), in the plan's order."""
+    return [
+        (capital(plant_title(plant)), n, ", ".join(f"{text} ({count})" for text, count in found.most_common()))
+        for plant in answer.plan.plants
+        for n in answer.plan.budgets
+        if (found := answer.verdicts.get((plant.name, n)))
+    ]
+
+
+def _named(answer: Answer, rows: Sequence[Named]) -> dict[str, Any] | None:
+    """The table of the naming study; None without rows."""
+    if not rows:
+        return None
+    found, budgets = rates(rows), sorted({row.n for row in rows})
+    table = []
+    for plant in answer.plan.plants:
+        cells = []
+        for n in budgets:
+            rate = found.get((plant.name, n))
+            if rate is None:
+                cells.append("")
+                continue
+            low, high = rate.interval
+            fitted, mended = (f"{100.0 * error:.2g}" for error in errors(rows, plant.name, n))
+            cells.append(f"{100 * rate.share:.0f} [{100 * low:.0f}, {100 * high:.0f}] ({fitted}, {mended})")
+        table.append((capital(plant_title(plant)), cells))
+    return {"budgets": budgets, "seeds": max(rate.seeds for rate in found.values()), "table": table}
+
+
+def _interval(mean: Contrast) -> str:
+    """A return, which is read without a plus sign; its interval where there is one."""
+    if not math.isfinite(mean.low):
+        return number(mean.mean)
+    low, high = number(mean.low), number(mean.high)
+    return f"{number(mean.mean)} [{low}, {high}]".replace(" ", "\u00a0")
+
+
+def _signed(value: float) -> str:
+    return f"{round(value) + 0.0:+.0f}".replace("-", MINUS)
+
+
+def _p(value: float) -> str:
+    return "< 0.001" if value < 0.001 else f"{value:.3f}"

@@ -1,0 +1,65 @@
+"""Hidden plants and ways in words, the same in figures, tables and sentences."""
+
+from __future__ import annotations
+
+from study.mismatch.plan import HiddenPlant
+
+SHORT = {
+    "z": "prior",
+    "e": "breadth over m, l and effects",
+    "a": "grid, m and l",
+    "b": "least squares, m and l",
+    "b+": "the same, band w = 0.3",
+    "g": "the same, random torques",
+    "i": "the same, learned torque",
+    "d": "all effects at once",
+    "c": "diagnosed and mended",
+    "f": "the same, posterior",
+    "h": "the plant itself",
+}
+"""A way in up to five words; `plan.WAYS` says it in full."""
+
+GROUPS = (("z", "e"), ("a", "b", "b+", "g", "i"), ("d", "c", "f"), ("h",))
+"""Ways that belong together: those without rollouts, without effects, with effects, and the oracle."""
+
+RUNGS = {"z": "prior", "b": "fitted", "c": "mended", "h": "oracle"}
+"""The ladder, from knowing nothing to knowing everything."""
+
+_NOUNS = {"coulomb": "Coulomb friction", "slew_limit": "slew limit"}
+
+
+def plant_title(plant: HiddenPlant) -> str:
+    """What the plant has and the prior lacks: "delay 0.155 s"."""
+    return f"{plant_noun(plant)} {plant_size(plant)}".rstrip()
+
+
+def plant_noun(plant: HiddenPlant) -> str:
+    """The kind of effect alone: "delay"."""
+    if plant.effect is None:
+        return "nothing missing"
+    return _NOUNS.get(plant.effect, plant.effect.replace("_", " "))
+
+
+def plant_size(plant: HiddenPlant) -> str:
+    """Its first number with its unit: "0.155 s"; nothing for the plain plant."""
+    return f"{plant.numbers[0][1]:g}{_unit(plant)}" if plant.numbers else ""
+
+
+def capital(text: str) -> str:
+    """The text with a capital first letter, and the others as they are."""
+    return text[:1].upper() + text[1:]
+
+
+def is_outside(plant: HiddenPlant) -> bool:
+    """Whether the plant's effect is none of the catalogue."""
+    from study.mismatch.outside import OUTSIDE
+
+    return plant.effect in OUTSIDE
+
+
+def _unit(plant: HiddenPlant) -> str:
+    from study.mismatch.hidden import effect_of
+
+    effect, name = effect_of(plant), plant.numbers[0][0]
+    unit = "" if effect is None else effect.parameters[name].unit
+    return "" if unit == "1" else f" {unit}"

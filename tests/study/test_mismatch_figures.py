@@ -1,0 +1,236 @@
+"""Figures and page of the mismatch experiment, drawn for an answer of invented numbers that is known beforehand."""
+
+import itertools
+import re
+from collections import Counter
+from dataclasses import replace
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.image import imread
+
+from policies.evaluate import evaluate, fresh_start_states
+from study.figures.mismatch import PARTS, ladder, returns
+from study.figures.naming import naming
+from study.figures.style import STYLE, save
+from study.figures.trajectories import trajectories
+from study.mismatch.answer import Answer, Compared, Outcome, Split, Spot
+from study.mismatch.drawn import read_agents, telling
+from study.mismatch.naming import Named, is_right
+from study.mismatch.page import CAPTIONS, page
+from study.mismatch.plan import CONTRASTS, FREE, PLANS
+from study.mismatch.titles import GROUPS, SHORT, plant_title
+from study.statistics import MINUS, paired_t
+from study.storage.policy_files import FOLDER, write_policies
+from sysid import paper_model
+
+OPTIMUM, SEED_STEP = -360.0, 3.0
+STRUCTURE = {"plain": 0.0, "coulomb": 15.0, "delay_medium": 40.0, "delay_large": 150.0, "magnet": 140.0, "slew": 120.0}
+IDENTIFICATION = {"z": 400.0, "e": 250.0, "a": 60.0}
+TRAINING = 12.0
+
+
+def invented(plan):
+    """J = optimum - structure (not of c, d, f and h where the catalogue has the effect) - identification - training."""
+    outcomes = {}
+    spots = dict.fromkeys(Spot(*trial[:3]) for trial in plan.trials)
+    for spot in spots:
+        seeds = plan.seeds_of(spot.way)
+        spared = spot.way == "h" or (spot.way in "cdf" and spot.plant not in ("magnet", "slew"))
+        structure = 0.0 if spared else STRUCTURE[spot.plant]
+        identification = IDENTIFICATION.get(spot.way, 2.0 + 50.0 / max(spot.n, 5)) if spot.way != "h" else 0.0
+        reached = OPTIMUM - structure - identification - TRAINING - SEED_STEP * (len(spot.way) + np.arange(len(seeds)))
+        split = Split(structure, identification, OPTIMUM - np.mean(reached) - structure - identification)
+        outcomes[spot] = Outcome(spot, seeds, reached, None if spot.way in "edi" else split)
+    compared = []
+    for plant in plan.plants:
+        for a, b in CONTRASTS:
+            for n in (0,) if a in FREE and b in FREE else plan.budgets:
+                spots = [Spot(plant.name, way, 0 if way in FREE else n) for way in (a, b)]
+                if all(spot in outcomes for spot in spots):
+                    one, other = (outcomes[spot].returns for spot in spots)
+                    wobble = np.linspace(-1.0, 1.0, len(one))
+                    contrast = paired_t(one + wobble, other)
+                    compared.append(Compared(plant.name, n, a, b, contrast, float(np.median(one - other)), 0.001))
+    verdicts = {(p.name, n): Counter({"missing: delay": 12, "unknown": 3}) for p in plan.plants for n in plan.budgets}
+    return Answer(plan, outcomes, {p.name: OPTIMUM for p in plan.plants}, tuple(compared), verdicts, 2.5)
+
+
+def named(seeds=4, budgets=(1, 5, 50)):
+    """From five rollouts on everything is right; with one, an effect is named beside the right one."""
+    rows = []
+    for plant in PLANS["mismatch"].plants:
+        for n in budgets:
+            for seed in range(seeds):
+                late = {None: ("adequate", ())}.get(plant.effect, ("missing", (str(plant.effect),)))
+                late = ("unknown", ()) if plant.name in ("magnet", "slew") else late
+                verdict, steps = late if n > 1 else ("missing", (str(plant.effect), "tilt"))
+                rows.append(Named(plant.name, n, seed, verdict, steps, is_right(plant, verdict, steps), 0.2, 0.1 / n))
+    return rows
+
+
+@pytest.fixture(scope="module", params=["mismatch", "mismatch-quick", "one seed"])
+def answer(request):
+    if request.param == "one seed":
+        return invented(replace(PLANS["mismatch-quick"], seeds=(1000,), described=1))
+    return invented(PLANS[request.param])
+
+
+def drawn(figure):
+    with matplotlib.rc_context(STYLE):
+        made = figure()
+        made.canvas.draw()
+    return made
+
+
+def dots(axes):
+    """Means (x, y) of the round marks."""
+    return [(line.get_xdata()[0], line.get_ydata()[0]) for line in axes.lines if line.get_marker() == "o"]
+
+
+def test_every_mean_is_a_dot_or_a_number_at_the_edge(answer):
+    figure = drawn(lambda: returns(answer))
+    for axes, plant in zip(figure.axes, answer.plan.plants, strict=True):
+        means = sorted(round(o.mean.mean, 6) for spot, o in answer.outcomes.items() if spot.plant == plant.name)
+        numbers = [text.get_text() for text in axes.texts if text.get_text().startswith("◂")]
+        shown = sorted(round(x, 6) for x, _ in dots(axes))
+        assert shown == means[len(numbers) :]
+        assert [f"◂ {MINUS}{-mean:.0f}" for mean in means[: len(numbers)]] == sorted(numbers, reverse=True)
+        low, high = axes.get_xlim()
+        assert all(low < x < high for x in shown)
+        assert low < answer.optima[plant.name] < high
+
+
+def test_every_way_stands_in_a_row_of_its_own_in_words(answer):
+    figure = drawn(lambda: returns(answer))
+    labels = [label.get_text() for label in figure.axes[0].get_yticklabels()]
+    assert labels == [f"{SHORT[way]}  ({way})" for group in GROUPS for way in group if way in answer.plan.ways]
+
+
+def test_the_ladder_is_a_share_of_the_optimum_and_its_bars_add_up_to_the_gap(answer):
+    figure = drawn(lambda: ladder(answer))
+    left, right = figure.axes
+    n = max(answer.plan.budgets)
+    for line, plant in zip([c[0] for c in left.containers], answer.plan.plants, strict=True):
+        means = [answer.outcomes[Spot(plant.name, w, 0 if w in FREE else n)].mean.mean for w in ("z", "b", "c", "h")]
+        np.testing.assert_allclose(line.get_ydata().astype(float), [100.0 * OPTIMUM / mean for mean in means])
+    bars = np.array([bar.get_width() for bar in right.patches]).reshape(-1, len(PARTS))
+    splits = [answer.outcomes[Spot(p.name, way, n)].split for p in answer.plan.plants for way in ("b", "c")]
+    np.testing.assert_allclose(bars.sum(axis=1), [split.gap for split in splits])
+    np.testing.assert_allclose(bars[:, 0], [split.structure for split in splits])
+
+
+@pytest.mark.parametrize("figure", [lambda: returns(invented(PLANS["mismatch"])), lambda: naming(named())])
+def test_titles_do_not_run_into_the_next_panel(figure):
+    made = drawn(figure)
+    renderer = FigureCanvasAgg(made).get_renderer()
+    row = [axes for axes in made.axes if axes.get_title(loc="left")]
+    texts = [[axes._left_title, *axes.texts] for axes in row]
+    assert len(row) == 6
+    for own, following in itertools.pairwise(zip(texts, row, strict=True)):
+        end = max(text.get_window_extent(renderer).x1 for text in own[0])
+        assert end < following[1].get_window_extent(renderer).x0
+
+
+class Leaning:
+    """Commands in proportion to the speed, and to the last command."""
+
+    history = 1
+
+    def __init__(self, gain):
+        self.gain = gain
+
+    def __call__(self, state, t, past):
+        return self.gain * state.theta_dot + 0.1 * past[:, 0]
+
+
+def test_trajectories_are_those_whose_return_stands_above_them():
+    model, starts = paper_model(m=2.0, l=1.5), fresh_start_states(3, 4)
+    policies = {"b": Leaning(-3.0), "c": Leaning(3.0)}
+    figure = drawn(lambda: trajectories("A delay", model, policies, starts, {"b": "fitted"}))
+    upper, other, lower, _ = figure.axes
+    said = [re.search(rf"^(\S+): {MINUS}(\d+) ", axes.get_title(loc="left")).groups() for axes in (upper, other)]
+    assert [name for name, _ in said] == ["fitted", "c"]
+    for (_, value), policy in zip(said, policies.values(), strict=True):
+        assert -int(value) == pytest.approx(evaluate(policy, model, *starts).mean, abs=0.51)
+    lines = upper.lines[1:]
+    np.testing.assert_allclose([line.get_ydata()[0] for line in lines], np.degrees(starts[0]))
+    for line in lines:
+        jumps = np.abs(np.diff(line.get_ydata()))
+        assert np.nanmax(jumps) < 180.0
+    assert all(np.max(np.abs(line.get_ydata())) <= model.u_max for line in lower.lines)
+
+
+def test_the_naming_figure_shows_rates_and_errors_in_percent():
+    figure = drawn(lambda: naming(named()))
+    upper, lower = figure.axes[:6], figure.axes[6:]
+    right, accompanied = upper[1].lines
+    np.testing.assert_allclose(right.get_ydata(), [0.0, 100.0, 100.0])
+    np.testing.assert_allclose(accompanied.get_ydata(), [100.0, 0.0, 0.0])
+    fitted, mended = lower[1].lines
+    np.testing.assert_allclose(fitted.get_ydata(), 20.0)
+    np.testing.assert_allclose(mended.get_ydata(), [10.0, 2.0, 0.2])
+
+
+def test_the_pair_that_is_shown_is_neither_the_best_nor_the_worst_where_mending_gained_most():
+    found = invented(PLANS["mismatch"])
+    c = found.outcomes[Spot("delay_large", "c", 50)]
+    outcome = replace(c, returns=c.returns + 10.0 * np.arange(20.0))
+    gains = outcome.returns - found.outcomes[Spot("delay_large", "b", 50)].returns
+    compared = tuple(
+        replace(row, contrast=replace(row.contrast, mean=float(gains.mean())), median=float(np.median(gains)))
+        if (row.plant, row.n, row.a, row.b) == ("delay_large", 50, "c", "b") else row for row in found.compared
+    )  # fmt: skip
+    pair = telling(replace(found, outcomes=found.outcomes | {c.spot: outcome}, compared=compared))
+    assert (pair.plant, pair.n) == ("delay_large", 50)
+    assert pair.seed in (1009, 1010)
+    assert telling(replace(found, compared=())) is None
+
+
+def test_agents_are_found_in_whichever_file_they_lie(tmp_path):
+    from policies import NetworkPolicy
+
+    def policy(k):
+        return NetworkPolicy(((np.full((7, 1), float(k)), np.zeros(1)),), u_max=2.0, history=4)
+
+    for k in range(3):
+        write_policies(tmp_path / FOLDER / f"population_{k}.npz", [f"agent-{k}"], [policy(k)])
+    found = read_agents(tmp_path, ["agent-0", "agent-2", "agent-9"])
+    assert {key: float(own.layers[0][0][0, 0]) for key, own in found.items()} == {"agent-0": 0.0, "agent-2": 2.0}
+
+
+@pytest.fixture(scope="module")
+def html(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("mismatch")
+    found = invented(PLANS["mismatch"])
+    figures = {"returns": save(lambda: returns(found), folder / "a.png")}
+    figures["naming"] = save(lambda: naming(named()), folder / "b.png")
+    assert all(imread(path).shape[1] > 1000 for path in figures.values())
+    return page(found, ["Breadth <b> changed it by +40 [30, 50]."], figures, {"numpy": "2.x"}, named())
+
+
+def test_the_page_opens_without_a_network_and_leaves_out_figures_that_are_not_there(html):
+    links = re.findall(r"(?:src|href|url|import)\s*[=(]\s*[\"']?([^\"')\s>]+)", html)
+    assert len(links) == 2
+    assert all(link.startswith("data:image/png;base64,") for link in links)
+    assert "<script" not in html
+    assert CAPTIONS["trajectories"] not in html
+
+
+def test_the_page_says_the_answer_first_and_escapes_it(html):
+    place = html.index("Breadth &lt;b&gt; changed it by +40\u00a0[30,\u00a050].")
+    assert place < html.index("<img") < html.index("<table")
+
+
+def test_the_page_holds_every_contrast_with_its_interval_and_every_way(html):
+    found = invented(PLANS["mismatch"])
+    for row in found.compared:
+        assert str(row.contrast).replace(" ", "\u00a0") in html
+    for spot, outcome in found.outcomes.items():
+        assert f"{outcome.mean.mean:.0f}".replace("-", MINUS) in html, spot
+    assert "missing: delay (12), unknown (3)" in html
+    assert "100 [51, 100] (20, 2)" in html
+    assert all(plant_title(plant)[1:] in html for plant in found.plan.plants)
+    assert ">nan" not in html

@@ -1,0 +1,171 @@
+"""Naming the missing effect: what counts as right, and a table that goes on where it stopped."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from study.mismatch import naming
+from study.mismatch.naming import (
+    BUDGETS,
+    FIGURE,
+    FIRST,
+    TABLE,
+    Named,
+    enough,
+    errors,
+    is_right,
+    main,
+    measure,
+    rates,
+    read,
+    tasks,
+    write,
+)
+from study.mismatch.plan import COULOMB, DELAY_LARGE, MAGNET, PLAIN, PLANS
+from sysid import InvalidInput
+
+PLAN = PLANS["mismatch"]
+
+
+@pytest.mark.parametrize(
+    ("plant", "verdict", "steps", "right"),
+    [
+        (PLAIN, "adequate", (), True),
+        (PLAIN, "missing", ("viscous",), False),
+        (COULOMB, "missing", ("coulomb",), True),
+        (COULOMB, "missing", ("asymmetric_coulomb",), True),
+        (COULOMB, "missing", ("coulomb", "tilt"), False),
+        (COULOMB, "missing", ("viscous",), False),
+        (COULOMB, "unknown", ("coulomb",), False),
+        (COULOMB, "adequate", (), False),
+        (DELAY_LARGE, "cannot tell", ("sensor_delay/delay",), True),
+        (DELAY_LARGE, "cannot tell", ("lag/dead_zone",), False),
+        (MAGNET, "unknown", (), True),
+        (MAGNET, "unknown", ("spring",), True),
+        (MAGNET, "missing", ("spring",), False),
+    ],
+)
+def test_right_is_the_effect_or_one_that_contains_it_and_nothing_else(plant, verdict, steps, right):
+    assert is_right(plant, verdict, steps) is right
+
+
+def row(n, seed, steps=("delay",), verdict="missing", plant=DELAY_LARGE, error=0.1):
+    return Named(plant.name, n, seed, verdict, steps, is_right(plant, verdict, steps), error, 0.5 * error)
+
+
+def test_company_is_counted_beside_what_is_right():
+    rows = [row(5, 0), row(5, 1, ("delay", "tilt")), row(5, 2, ("delay",), "unknown"), row(5, 3, ("lag",))]
+    rate = rates(rows)["delay_large", 5]
+    assert (rate.right, rate.accompanied, rate.seeds, rate.share) == (1, 2, 4, 0.25)
+    low, high = rate.interval
+    assert low < 0.25 < high
+
+
+def test_enough_is_what_stays_enough_with_more():
+    right = {1: 10, 2: 4, 3: 9, 5: 10}
+    rows = [row(n, s, ("delay",) if s < hits else ("lag",)) for n, hits in right.items() for s in range(10)]
+    assert enough(rows, "delay_large") == 3
+    assert enough(rows, "delay_large", 0.95) == 5
+    assert enough(rows, "delay_large", 0.3) == 1
+    assert enough([row(5, 0, ("lag",))], "delay_large") is None
+
+
+def test_errors_are_root_mean_squares_of_what_could_be_fitted():
+    rows = [row(5, 0, error=0.3), row(5, 1, error=0.4), row(5, 2, (), naming.REFUSED, error=math.nan)]
+    assert errors(rows, "delay_large", 5) == pytest.approx((math.sqrt(0.125), 0.5 * math.sqrt(0.125)))
+    assert np.isnan(errors(rows, "delay_large", 50)).all()
+
+
+def test_what_allows_no_fit_is_a_row_that_is_not_right():
+    class Refusing:
+        @property
+        def diagnosis(self):
+            raise InvalidInput("too short")
+
+    found = measure(DELAY_LARGE, 1, FIRST, Refusing())
+    assert (found.verdict, found.right, math.isnan(found.error_fitted)) == (naming.REFUSED, False, True)
+
+
+def test_a_delay_is_named_and_m_and_l_are_closer_with_it():
+    plan = dataclasses.replace(PLAN, plants=(DELAY_LARGE, PLAIN), budgets=(2,))
+    found = {}
+    for task in tasks(plan, (), (2,), 1):
+        (found[task.plant],) = task.run(_Silent())
+    assert found["delay_large"].right
+    assert found["delay_large"].steps[0].startswith("delay")
+    assert found["delay_large"].error_mended < 0.3 * found["delay_large"].error_fitted
+    assert found["plain"].verdict == "adequate"
+    assert found["plain"].error_mended == found["plain"].error_fitted < 0.05
+
+
+class _Silent:
+    def progress(self, done):
+        assert 0.0 < done <= 1.0
+
+
+def test_a_table_is_read_as_it_was_written(tmp_path):
+    rows = [row(5, 1, ("delay/sensor_delay", "tilt")), row(5, 0, ()), row(1, 0), row(50, 0, (), "adequate", PLAIN)]
+    write(tmp_path / TABLE, rows)
+    assert read(tmp_path / TABLE) == [rows[3], rows[2], rows[1], rows[0]]
+    assert read(tmp_path / "none.csv") == []
+
+
+def test_seeds_vary_slowest_and_only_what_is_missing_is_measured():
+    asked = list(tasks(PLAN, [row(1, FIRST), row(5, FIRST + 1)], (1, 5), 2))
+    assert [task.seed for task in asked] == [FIRST] * 6 + [FIRST + 1] * 6
+    assert {(t.plant, t.seed): t.budgets for t in asked if len(t.budgets) < 2} == {
+        ("delay_large", FIRST): (5,),
+        ("delay_large", FIRST + 1): (1,),
+    }
+    everything = [row(n, s, plant=p) for n in BUDGETS for s in range(FIRST, FIRST + 3) for p in PLAN.plants]
+    assert list(tasks(PLAN, everything, BUDGETS, 3)) == []
+
+
+def test_seeds_are_used_for_nothing_else():
+    from study.mismatch.margin import SEEDS
+
+    assert max(*SEEDS, *PLAN.seeds) < FIRST
+
+
+def test_a_run_goes_on_from_its_table(tmp_path, monkeypatch):
+    done = []
+
+    def execute(self, left, heard):
+        for task in left:
+            if len(done) == 3:
+                raise KeyboardInterrupt
+            done.append(task)
+            heard(task, "done", [row(n, task.seed, plant=PLAN.plant(task.plant)) for n in task.budgets])
+
+    monkeypatch.setattr("study.executors.processes.Processes.execute", execute)
+    command = ["--out", str(tmp_path), "--seeds", "1", "--budgets", "1", "2"]
+    with pytest.raises(KeyboardInterrupt):
+        main(command)
+    assert len(read(tmp_path / TABLE)) == 6
+    monkeypatch.setattr("study.executors.processes.Processes.execute", _go_on(done))
+    assert main(command) == 0
+    assert [task.plant for task in done] == [plant.name for plant in PLAN.plants]
+    assert (tmp_path / FIGURE).read_bytes().startswith(b"\x89PNG")
+    assert main(command) == 0
+    assert len(done) == 6
+
+
+def _go_on(done):
+    def execute(self, left, heard):
+        for task in left:
+            done.append(task)
+            heard(task, "done", [row(n, task.seed, plant=PLAN.plant(task.plant)) for n in task.budgets])
+
+    return execute
+
+
+@pytest.mark.parametrize("arguments", [["--seeds", "0"], ["--workers", "0"], []])
+def test_what_is_no_table_or_no_number_is_refused_in_a_line(tmp_path, capsys, arguments):
+    (tmp_path / TABLE).write_text("a,b\n1,2\n")
+    assert main(["--out", str(tmp_path), *arguments]) == 2
+    message = capsys.readouterr().err
+    assert message.startswith("error: ")
+    assert message.count("\n") == 1
+    assert (tmp_path / TABLE).read_text() == "a,b\n1,2\n"
