@@ -11,7 +11,7 @@ from study.answer import number
 from study.mismatch.answer import Answer
 from study.mismatch.naming import Named, errors, rates
 from study.mismatch.plan import WAYS
-from study.mismatch.titles import SHORT, capital, plant_title
+from study.mismatch.titles import capital, plant_title
 from study.page import embedded, template
 from study.progress import duration
 from study.statistics import MINUS, Contrast
@@ -51,7 +51,6 @@ def page(
         "sentences": sentences,
         "images": [(embedded(figures[name]), text) for name, text in CAPTIONS.items() if name in figures],
         "ways": WAYS,
-        "short": SHORT,
         "titles": {plant.name: capital(plant_title(plant)) for plant in plan.plants},
         "gaps": {spot: answer.optima[spot.plant] - o.mean.mean for spot, o in answer.outcomes.items()},
         "verdicts": _verdicts(answer),

@@ -9,12 +9,12 @@ SHORT = {
     "e": "breadth over m, l and effects",
     "a": "grid, m and l",
     "b": "least squares, m and l",
-    "b+": "the same, band w = 0.3",
-    "g": "the same, random torques",
-    "i": "the same, learned torque",
+    "b+": "least squares, band w = 0.3",
+    "g": "least squares, random torques",
+    "i": "least squares, learned torque",
     "d": "all effects at once",
     "c": "diagnosed and mended",
-    "f": "the same, posterior",
+    "f": "diagnosed, posterior",
     "h": "the plant itself",
 }
 """A way in up to five words; `plan.WAYS` says it in full."""

@@ -45,8 +45,8 @@ def test_help_answers_within_half_a_second():
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (["--preset", "slow"], ["unknown preset 'slow'", "quick, paper, paper-small"]),
-        (["--sedes", "3"], ["unknown option '--sedes'", "--preset, --out"]),
+        (["--preset", "slow"], ["unknown preset 'slow'", "quick, paper, paper-w0, paper-small"]),
+        (["--sedes", "3"], ["unknown option '--sedes'", "--preset, --quick, --out"]),
         (["--workers", "some"], ["workers", "some"]),
         (["--workers", "-1"], ["--workers -1", "0 for one a core"]),
         (["--executor", "pool"], ["unknown executor 'pool'", "processes or ray"]),
