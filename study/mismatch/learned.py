@@ -6,7 +6,6 @@ are plain arrays, one set for all pendulums or one for each of A.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
@@ -26,6 +25,9 @@ SPEED = 5.0
 
 HIDDEN = (16, 16)
 INPUTS = 4
+
+STEEP = 3.0
+"""Gain of the first layer: what acts within a few tenths of a radian must be within its reach."""
 
 Layers = tuple[tuple[Value, Value], ...]
 """W (I, H) and b (H,) of each layer; for A pendulums of their own (A, I, H) and (A, H)."""
@@ -52,11 +54,6 @@ class CommandFilter(InputEffect):
         drive = sum(self.taps[..., i] * u for i, u in enumerate(commands))
         return (drive,) * len(signal), commands[:-1]
 
-    @property
-    def digest(self) -> str:
-        """A hash of the taps."""
-        return _hash([self.taps])
-
 
 @dataclass(frozen=True, eq=False)
 class LearnedTorque(JointEffect):
@@ -74,11 +71,6 @@ class LearnedTorque(JointEffect):
         theta, theta_dot, drive = joint.theta, joint.theta_dot, joint.drive
         inputs = (ops.cos(theta), ops.sin(theta), theta_dot / SPEED, drive / self.drive_max)
         return network(inputs, self.layers) if self.layers else 0.0 * theta
-
-    @property
-    def digest(self) -> str:
-        """A hash of the weights."""
-        return _hash([number for layer in self.layers for number in layer])
 
 
 def network(inputs: Sequence[Value], layers: Layers) -> Value:
@@ -99,11 +91,13 @@ def _affine(x: Value, W: Value, b: Value) -> Value:
 
 
 def untrained(rng: np.random.Generator, hidden: Sequence[int] = HIDDEN) -> Layers:
-    """Random hidden layers, of unit gain, and a last layer of zeros: a network that says 0 and can learn."""
+    """Random hidden layers, the first steep and the others of unit gain, and a last layer of zeros: a network that says
+    0 and can learn."""
     sizes = (INPUTS, *hidden)
+    gains = (STEEP, *(1.0 for _ in hidden[1:]))
     layers = [
-        (rng.standard_normal((i, h)) / np.sqrt(i), 0.5 * rng.standard_normal(h))
-        for i, h in zip(sizes, hidden, strict=False)
+        (gain * rng.standard_normal((i, h)) / np.sqrt(i), gain * 0.5 * rng.standard_normal(h))
+        for gain, i, h in zip(gains, sizes, hidden, strict=False)
     ]
     return (*layers, (np.zeros((sizes[-1], 1)), np.zeros(1)))
 
@@ -130,12 +124,3 @@ def stacked(effects: Sequence[Sequence[Effect]], device: str = "cpu") -> tuple[E
         for layer in zip(*(e.layers for e in torques), strict=True)
     )
     return replace(filters[0], taps=together([e.taps for e in filters])), replace(torques[0], layers=layers)
-
-
-def _hash(numbers: Sequence[Value]) -> str:
-    """SHA-256 of arrays or tensors, their shapes included."""
-    digest = hashlib.sha256()
-    for number in numbers:
-        array = np.ascontiguousarray(number.cpu() if hasattr(number, "cpu") else number, dtype=float)
-        digest.update(repr(array.shape).encode() + array.tobytes())
-    return digest.hexdigest()

@@ -97,7 +97,7 @@ def solve(
         for attempt in range(8):
             share = 0.5**attempt
             dp = _step(reduced, p, low, high, scale, damping)
-            dx = _start_step(lin, reduced, dp)
+            dx = start_step(lin, reduced, dp)
             if attempt == 0:
                 promised = lin.cost - 0.5 * float(np.sum((lin.e - _moved(lin, dx, dp)) ** 2))
             e = response.residual(np.clip(p + share * dp, low, high), starts + share * dx)
@@ -138,7 +138,7 @@ def _step(reduced: Reduced, p: Array, low: Array, high: Array, scale: Array, dam
     return np.clip(dp, -limit, limit)
 
 
-def _start_step(lin: Linearisation, reduced: Reduced, dp: Array) -> Array:
+def start_step(lin: Linearisation, reduced: Reduced, dp: Array) -> Array:
     """The step of the starts (K, 2) that goes with dp; at most half a radian and three times that a second."""
     right = np.swapaxes(reduced.directions, -1, -2) @ (lin.e - lin.S_p @ dp)[..., None]
     R = reduced.triangle
