@@ -10,7 +10,7 @@ import numpy as np
 
 from study.mismatch.answer import Answer, Spot
 from study.mismatch.plan import FREE, Trial
-from study.mismatch.results import Fitted
+from study.mismatch.results import FIGURES, Fitted
 from study.mismatch.titles import RUNGS, capital, plant_title
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 EPISODES = 4
 """Start states whose trajectories are shown: the first ones of the evaluation."""
 
-FILES = {name: f"{name}.png" for name in ("returns", "ladder", "trajectories")}
+FILES = {name: f"{name}.png" for name in FIGURES}
 
 
 class Pair(NamedTuple):

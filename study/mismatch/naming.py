@@ -216,6 +216,14 @@ def write(path: Path, rows: Iterable[Named]) -> None:
     table.write(Named, path, sorted(rows, key=lambda row: (order[row.plant], row.n, row.seed)))
 
 
+def draw(rows: Sequence[Named], folder: Path) -> Path:
+    """Draw the rates and errors into a folder; returns the file."""
+    from study.figures.naming import naming
+    from study.figures.style import save
+
+    return save(lambda: naming(rows), folder / FIGURE)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code: 0 done, 1 a task failed, 2 bad input."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0], prog="python -m study.mismatch.naming")
@@ -232,10 +240,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise InvalidInput("--seeds and --workers: expected at least 1")
         options.out.mkdir(parents=True, exist_ok=True)
         rows = _measured(options.out / TABLE, sorted(set(options.budgets)), options.seeds, options.workers)
-        from study.figures.naming import naming
-        from study.figures.style import save
-
-        save(lambda: naming(rows), options.out / FIGURE)
+        draw(rows, options.out)
     except (InvalidInput, OSError, WorkerFailed) as error:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         return 1 if isinstance(error, WorkerFailed) else 2

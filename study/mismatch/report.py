@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
 
 from study import rows
+from study.mismatch import naming
 from study.mismatch.answer import Answer, answer
+from study.mismatch.drawn import draw
+from study.mismatch.page import page
 from study.mismatch.plan import Plan
 from study.mismatch.results import Results
 from study.mismatch.words import sentences
@@ -63,25 +67,44 @@ class TrialRow:
 
 
 def publish(plan: Plan, results: Results, console: Console) -> Answer:
-    """Write the tables into the results' folder and say the answers; returns them."""
-    found = answer(plan, results.fits(), results.trainings(), results.designs())
-    write_tables(found, results.folder)
-    versions = all_versions([agent.versions for agent in results.trainings()])
+    """Write tables, figures and page into the results' folder and say the answers; returns them.
+
+    The naming study is told too where its table lies in the folder.
+    """
+    folder, trained, fits = results.folder, results.trainings(), results.fits()
+    named = naming.read(folder / naming.TABLE)
+    with console.status("drawing"):
+        found = answer(plan, fits, trained, results.designs())
+        said = sentences(found, named)
+        versions = all_versions([agent.versions for agent in trained])
+        write_tables(found, folder)
+        _write_record(found, results.device, len(trained), versions, folder / "study.json")
+        figures = draw(found, fits, folder)
+        if named:
+            figures["naming"] = naming.draw(named, folder)
+        write_whole(folder / "report.html", page(found, said, figures, versions, named))
+    for sentence in said:
+        console.print(sentence.replace("[", r"\["))
+        console.print()
+    console.print(f"report   {folder / 'report.html'}", soft_wrap=True)
+    console.print(f"figures  {', '.join(map(str, figures.values()))}", soft_wrap=True)
+    return found
+
+
+def _write_record(found: Answer, device: str, agents: int, versions: Mapping[str, str], path: Path) -> None:
+    """What made the numbers."""
+    plan = found.plan
     record = {
         "command": f"python -m study.main --preset {plan.name}",
-        "device": results.device,
+        "device": device,
         "trials": len(plan.trials),
-        "agents": len(results.trainings()),
+        "agents": agents,
         "worker_hours": round(found.hours, 3),
         "versions": versions,
         "fingerprint": plan.fingerprint,
         "settings": plan.to_dict(),
     }
-    write_whole(results.folder / "study.json", json.dumps(record, indent=1) + "\n")
-    for sentence in sentences(found):
-        console.print(sentence.replace("[", r"\["))
-        console.print()
-    return found
+    write_whole(path, json.dumps(record, indent=1) + "\n")
 
 
 def write_tables(found: Answer, folder: Path) -> None:

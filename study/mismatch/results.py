@@ -18,7 +18,10 @@ from study.mismatch.plan import FORMAT
 from study.storage.database import Database, Settings, identity
 from study.storage.policy_files import FOLDER
 
-OUTPUTS = ("study.json", "trials.csv", "outcomes.csv", "contrasts.csv", "report.html", FOLDER)
+FIGURES = ("returns", "ladder", "trajectories")
+OUTPUTS = (
+    "study.json", "trials.csv", "outcomes.csv", "contrasts.csv", "report.html", FOLDER, *(f"{f}.png" for f in FIGURES)
+)  # fmt: skip
 """What the experiment writes beside its database; never over files of somebody else."""
 
 SCHEMA = """

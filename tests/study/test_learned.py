@@ -1,4 +1,4 @@
-"""A learned torque: neutral before it learns, its derivatives exact, each pendulum its own, and silent without cause."""
+"""A learned torque: neutral before it learns, its derivatives exact, each pendulum its own, silent without cause."""
 
 from dataclasses import replace
 
