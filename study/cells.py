@@ -12,19 +12,19 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from policies import evaluate
-from study import training
-from study.config import Cell, Point, Preset, device_type
-from study.executors.executor import Link
+from study.config import Cell, Point, Preset
 from study.identification import Theta, hidden_plant
-from study.storage.policy_files import FOLDER, write_policies
+from study.training import Training, sac_settings
 from study.versions import versions
 from sysid import InvalidInput, paper_model
+
+if TYPE_CHECKING:
+    from policies import Population
 
 
 @dataclass(frozen=True)
@@ -85,11 +85,10 @@ def start_states(preset: Preset, seed: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 @dataclass(frozen=True)
-class PopulationTask:
-    """Train and evaluate the cells of one population; goes on from its checkpoint where that file exists.
+class PopulationTask(Training):
+    """The cells of one population.
 
-    index of count: which population it is; cells: the runs it makes, with their estimates theta_hat; folder: where
-    checkpoint and trained policies lie, on a disk that all workers share; seconds_before: what the checkpoint has cost.
+    index of count: which population it is; cells: the runs it makes, with their estimates theta_hat
     """
 
     preset: Preset
@@ -97,71 +96,36 @@ class PopulationTask:
     count: int
     cells: tuple[Cell, ...]
     estimates: tuple[Theta, ...]
-    folder: Path
-    checkpoint_seconds: float = 60.0
-    seconds_before: float = 0.0
-    device: str = "cpu"
-    saves: ClassVar[bool] = True
 
     @property
     def name(self) -> str:
         return f"population {self.index + 1} of {self.count}"
 
     @property
-    def checkpoint(self) -> Path:
-        """Where an unfinished population is kept."""
-        return self.folder / f"population_{self.index + 1}.checkpoint"
+    def stem(self) -> str:
+        return f"population_{self.index + 1}"
 
     @property
-    def work(self) -> float:
-        """About how many seconds it takes on one core; only the time left is computed from it."""
-        return training.work(len(self.cells), self.preset.steps, self.preset.hidden)
+    def settings(self) -> Preset:
+        """What the runs belong to."""
+        return self.preset
 
     @property
-    def gpus(self) -> int:
-        """How many it needs."""
-        return int(device_type(self.device) == "cuda")
+    def keys(self) -> tuple[Cell, ...]:
+        """The cells."""
+        return self.cells
 
-    def resumed(self, seconds: float) -> PopulationTask:
-        """This task with a checkpoint that holds the work of so many seconds."""
-        return dataclasses.replace(self, seconds_before=seconds)
+    def population(self) -> Population:
+        """An agent a cell, about its estimate."""
+        from policies import Population
 
-    def discard(self) -> None:
-        """Remove the checkpoint and what a process leaves that dies while it writes one."""
-        training.discard(self.checkpoint)
-
-    def run(self, link: Link) -> list[Run]:
-        """The finished runs, in the order of the cells; their policies are in a file by then.
-
-        Raises Stopped once a checkpoint is written on request, and OSError where it cannot be written.
-        """
-        from policies import tune_cpu
-
-        tune_cpu(threads=1)
-        population = self._population()
-        seconds = training.finish(population, self.checkpoint, link, self.checkpoint_seconds, self.seconds_before)
-        write_policies(self.folder / FOLDER / f"population_{self.index + 1}.npz", self.cells, population.policies())
-        return self._evaluate(population, seconds)
-
-    def _population(self) -> Any:
-        from policies import Population, SACSettings
-
-        settings = SACSettings(
-            hidden=self.preset.hidden,
-            steps=self.preset.steps,
-            batch=self.preset.batch,
-            random_steps=self.preset.random_steps,
-        )
         points = [self.preset.point(cell.point) for cell in self.cells]
-        drawn = [
-            _randomization(point, cell, theta)
-            for point, cell, theta in zip(points, self.cells, self.estimates, strict=True)
-        ]
-        population = Population(paper_model(), drawn, [cell.seed for cell in self.cells], settings, self.device)
-        training.resume(population, self.checkpoint, self.name)
-        return population
+        drawn = [_randomization(*own) for own in zip(points, self.cells, self.estimates, strict=True)]
+        seeds = [cell.seed for cell in self.cells]
+        return Population(paper_model(), drawn, seeds, sac_settings(self.preset), self.device)
 
-    def _evaluate(self, population: Any, seconds: float) -> list[Run]:
+    def answers(self, population: Population, seconds: float) -> list[Run]:
+        """The finished runs, in the order of the cells."""
         found, curves = versions(), population.curves
         runs = []
         for a, (cell, policy) in enumerate(zip(self.cells, population.policies(), strict=True)):
@@ -188,7 +152,7 @@ class PopulationTask:
                     curve=tuple((int(step), float(value)) for step, value in curves[a]),
                     settings=settings,
                     versions=found,
-                    seconds=seconds / len(self.cells),
+                    seconds=seconds,
                     fresh_returns=tuple(fresh.returns.tolist()),
                 )
             )

@@ -11,7 +11,7 @@ import dataclasses
 import hashlib
 import json
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 FORMAT = 2
 """Version of the results folder: raised whenever stored numbers or tables change their meaning."""
@@ -57,8 +57,25 @@ class Point:
         return tuple(Cell(self.name, n, w, seed) for w in self.widths for seed in self.seeds for n in self.budgets)
 
 
+class Fingerprinted:
+    """Frozen plain data that results are tied to."""
+
+    layout: ClassVar[int]
+    """FORMAT of the results folder."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, ready for JSON."""
+        return json.loads(json.dumps(dataclasses.asdict(self)))
+
+    @property
+    def fingerprint(self) -> str:
+        """Sixteen hexadecimal digits that change with any setting and with the layout."""
+        text = json.dumps({"format": self.layout, **self.to_dict()}, sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
 @dataclass(frozen=True)
-class Preset:
+class Preset(Fingerprinted):
     """Operating points, and everything else that the numbers of their runs depend on.
 
     hidden       layer sizes of actor and critics
@@ -82,6 +99,7 @@ class Preset:
     grid: int = 450
     resamples: int = 20_000
     companion: str | None = None
+    layout: ClassVar[int] = FORMAT
 
     @property
     def cells(self) -> tuple[Cell, ...]:
@@ -105,16 +123,6 @@ class Preset:
     def seeds(self) -> tuple[int, ...]:
         """Every seed that some point uses."""
         return tuple(sorted({seed for point in self.points for seed in point.seeds}))
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data, ready for JSON."""
-        return json.loads(json.dumps(dataclasses.asdict(self)))
-
-    @property
-    def fingerprint(self) -> str:
-        """Sixteen hexadecimal digits that change with any setting and with FORMAT."""
-        text = json.dumps({"format": FORMAT, **self.to_dict()}, sort_keys=True)
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def device_type(device: str) -> str:

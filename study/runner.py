@@ -22,7 +22,7 @@ from study.progress import Meter, duration
 from study.references import Designs, ReferenceTask, reference_tasks
 from study.storage.imports import is_database, read_runs
 from study.storage.store import Store
-from sysid import files
+from study.training import left
 
 
 def run(
@@ -111,20 +111,21 @@ def _unidentified(preset: Preset, store: Store) -> Iterator[IdentificationTask]:
 
 
 def _untrained(preset: Preset, store: Store, checkpoint_seconds: float) -> Iterator[PopulationTask]:
-    finished, estimates, folder = store.finished(), store.estimates(), store.folder.resolve()
-    populations = preset.populations(store.device)
-    for index, cells in enumerate(populations):
-        thetas = tuple(estimates[c.point, c.n, c.seed] for c in cells)
-        task = PopulationTask(
-            preset, index, len(populations), cells, thetas, folder, checkpoint_seconds, device=store.device
+    estimates, populations = store.estimates(), preset.populations(store.device)
+    tasks = [
+        PopulationTask(
+            preset,
+            index,
+            len(populations),
+            cells,
+            tuple(estimates[c.point, c.n, c.seed] for c in cells),
+            folder=store.folder.resolve(),
+            checkpoint_seconds=checkpoint_seconds,
+            device=store.device,
         )
-        files.partial(task.checkpoint).unlink(missing_ok=True)
-        if finished.issuperset(cells):
-            task.discard()
-        elif task.checkpoint.exists():
-            yield task.resumed(store.training_seconds(index))
-        else:
-            yield task
+        for index, cells in enumerate(populations)
+    ]
+    return left(tasks, store.finished(), lambda task: store.training_seconds(task.index))
 
 
 def _unrated(preset: Preset, store: Store) -> Iterable[ReferenceTask]:

@@ -21,7 +21,7 @@ from study.mismatch.results import Fitted, Results
 from study.mismatch.trainings import TrainingTask, agents_of, populations
 from study.mismatch.ways import recipes
 from study.runner import announce, execute
-from sysid import files
+from study.training import left
 
 
 @dataclass(frozen=True)
@@ -100,17 +100,11 @@ def _unfitted(plan: Plan, results: Results) -> Iterator[FitTask]:
 
 
 def _untrained(plan: Plan, results: Results, checkpoint_seconds: float) -> Iterator[TrainingTask]:
-    finished = {agent.key for agent in results.trainings()}
+    about = {"folder": results.folder.resolve(), "checkpoint_seconds": checkpoint_seconds, "device": results.device}
     _, agents = agents_of(plan, results.fits())
-    for together in populations(plan, agents, results.device):
-        task = TrainingTask(plan, together, results.folder.resolve(), checkpoint_seconds, device=results.device)
-        files.partial(task.checkpoint).unlink(missing_ok=True)
-        if finished.issuperset(agent.key for agent in together):
-            task.discard()
-        elif task.checkpoint.exists():
-            yield task.resumed(results.training_seconds(task.name))
-        else:
-            yield task
+    tasks = [TrainingTask(plan, together, **about) for together in populations(plan, agents, results.device)]
+    finished = {agent.key for agent in results.trainings()}
+    return left(tasks, finished, lambda task: results.training_seconds(task.name))
 
 
 def _undesigned(plan: Plan, results: Results) -> Iterator[DesignTask]:

@@ -8,11 +8,10 @@ a trained agent. Seeds are used for nothing else. This module loads nothing heav
 
 from __future__ import annotations
 
-import dataclasses
-import hashlib
-import json
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import ClassVar, NamedTuple
+
+from study.config import Fingerprinted
 
 FORMAT = 1
 """Version of the results folder: raised whenever stored numbers change their meaning."""
@@ -65,7 +64,7 @@ class HiddenPlant:
 
 
 @dataclass(frozen=True)
-class Plan:
+class Plan(Fingerprinted):
     """Everything that the experiment's numbers depend on.
 
     contrasted  seeds of every way that a contrast names; described: of the others, the first ones
@@ -92,6 +91,7 @@ class Plan:
     agents: int = 25
     episodes: int = 20
     grid: int = 120
+    layout: ClassVar[int] = FORMAT
 
     def seeds_of(self, way: str) -> tuple[int, ...]:
         """All seeds where a contrast names the way, else the first ones."""
@@ -113,16 +113,6 @@ class Plan:
     def plant(self, name: str) -> HiddenPlant:
         """The hidden plant of that name; raises KeyError for another."""
         return {plant.name: plant for plant in self.plants}[name]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data, ready for JSON."""
-        return json.loads(json.dumps(dataclasses.asdict(self)))
-
-    @property
-    def fingerprint(self) -> str:
-        """Sixteen hexadecimal digits that change with any setting and with FORMAT."""
-        text = json.dumps({"format": FORMAT, **self.to_dict()}, sort_keys=True)
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 PLAIN = HiddenPlant("plain")

@@ -6,24 +6,20 @@ or of what is left.
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
-from policies import Population, SACSettings, tune_cpu
+from policies import Population
 from policies.evaluate import evaluate, fresh_start_states
-from study import training
 from study.config import device_type
-from study.executors.executor import Link
 from study.mismatch.hidden import hidden_machine
 from study.mismatch.plan import SHARED, Plan, Trial
 from study.mismatch.recipe import Recipe, recipe_of, together
 from study.mismatch.results import Fitted, Trained
-from study.storage.policy_files import FOLDER, write_policies
+from study.training import Training, sac_settings
 from study.versions import versions
 
 
@@ -85,67 +81,46 @@ def drawn_names(recipe: Recipe) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True)
-class TrainingTask:
-    """Train and evaluate a population; goes on from its checkpoint where that file exists."""
+class TrainingTask(Training):
+    """Agents of one structure."""
 
     plan: Plan
     agents: tuple[Agent, ...]
-    folder: Path
-    checkpoint_seconds: float = 60.0
-    seconds_before: float = 0.0
-    device: str = "cpu"
-    saves: ClassVar[bool] = True
 
     @property
     def name(self) -> str:
-        text = " ".join(agent.key for agent in self.agents)
-        return f"population {hashlib.sha256(text.encode()).hexdigest()[:12]}"
+        return f"population {hashlib.sha256(' '.join(self.keys).encode()).hexdigest()[:12]}"
 
     @property
-    def checkpoint(self) -> Path:
-        """Where an unfinished population is kept."""
-        return self.folder / f"{self.name.replace(' ', '_')}.checkpoint"
+    def stem(self) -> str:
+        return self.name.replace(" ", "_")
 
     @property
-    def work(self) -> float:
-        """About how many seconds it takes on one core; only the time left is computed from it."""
-        return training.work(len(self.agents), self.plan.steps, self.plan.hidden)
+    def settings(self) -> Plan:
+        """What the agents belong to."""
+        return self.plan
 
     @property
-    def gpus(self) -> int:
-        """How many it needs."""
-        return int(device_type(self.device) == "cuda")
+    def keys(self) -> tuple[str, ...]:
+        """Of the agents."""
+        return tuple(agent.key for agent in self.agents)
 
-    def resumed(self, seconds: float) -> TrainingTask:
-        """This task with a checkpoint that holds the work of so many seconds."""
-        return dataclasses.replace(self, seconds_before=seconds)
+    def population(self) -> Population:
+        """Each agent on what its recipe says."""
+        recipes = [recipe_of(agent.recipe) for agent in self.agents]
+        drawn, seeds = [recipe.drawn for recipe in recipes], [agent.seed for agent in self.agents]
+        machine = together(recipes, self.device)
+        return Population(machine, drawn, seeds, sac_settings(self.plan), self.device, self.plan.history)
 
-    def discard(self) -> None:
-        """Remove the checkpoint."""
-        training.discard(self.checkpoint)
-
-    def run(self, link: Link) -> list[Trained]:
-        """The trained agents, in order; their policies are in a file by then. Raises Stopped, OSError as `finish`."""
-        tune_cpu(threads=1)
-        population = self._population()
-        training.resume(population, self.checkpoint, self.name)
-        seconds = training.finish(population, self.checkpoint, link, self.checkpoint_seconds, self.seconds_before)
-        policies = population.policies()
-        path = self.folder / FOLDER / f"{self.name.replace(' ', '_')}.npz"
-        write_policies(path, [agent.key for agent in self.agents], policies)
+    def answers(self, population: Population, seconds: float) -> list[Trained]:
+        """The trained agents on the hidden plants, in order."""
         found, answers = versions(), list[Trained]()
-        for agent, policy, curve in zip(self.agents, policies, population.curves, strict=True):
+        for agent, policy, curve in zip(self.agents, population.policies(), population.curves, strict=True):
             starts = fresh_start_states(agent.seed, self.plan.episodes)
             returns = {
                 name: tuple(evaluate(policy, hidden_machine(self.plan.plant(name)), *starts).returns.tolist())
                 for name in agent.plants
             }
             numbers = tuple((int(step), float(value)) for step, value in curve)
-            answers.append(Trained(agent.key, returns, numbers, found, seconds / len(self.agents)))
+            answers.append(Trained(agent.key, returns, numbers, found, seconds))
         return answers
-
-    def _population(self) -> Population:
-        plan, recipes = self.plan, [recipe_of(agent.recipe) for agent in self.agents]
-        settings = SACSettings(hidden=plan.hidden, steps=plan.steps, batch=plan.batch, random_steps=plan.random_steps)
-        drawn, seeds = [recipe.drawn for recipe in recipes], [agent.seed for agent in self.agents]
-        return Population(together(recipes, self.device), drawn, seeds, settings, self.device, plan.history)

@@ -33,7 +33,7 @@ class Link:
 
 
 def task(folder):
-    return PopulationTask(TINY, 0, 2, CELLS, ((1.0, 1.0), (2.0, 1.4)), folder)
+    return PopulationTask(TINY, 0, 2, CELLS, ((1.0, 1.0), (2.0, 1.4)), folder=folder)
 
 
 def numbers(runs):
