@@ -3,121 +3,34 @@
 from __future__ import annotations
 
 import dataclasses
-import json
-import math
 from collections.abc import Callable
-from functools import cache
 
 import numpy as np
 import pytest
 
 from sysid import (
-    CATALOGUE,
     Coulomb,
-    Delay,
-    Diagnosis,
-    Drag,
-    Drift,
-    Effect,
     InvalidInput,
     Model,
     Record,
-    Ripple,
     RodPendulum,
-    Saturation,
     Sensor,
-    Spring,
-    Stamp,
-    Tilt,
-    VelocityGain,
-    Viscous,
     diagnose,
     fit,
-    simulate,
 )
 from sysid.comparison.held_out import held_out_error
-from sysid.diagnose.answer import SCHEMA, VERDICTS
-from sysid.diagnose.diagnosis import POWER
-from sysid.excitation import steps
 from sysid.logs import split
-
-DT = 0.02
-SENSOR = Sensor(0.003, 0.05)
-FEW = ("viscous", "coulomb", "tilt", "delay")
-DEPENDENCES = {"theta", "theta_dot", "torque", "time", "history"}
-
-
-def rod(*effects: Effect) -> Model:
-    return Model(RodPendulum(m=1.1, l=0.8), effects, dt=DT)
-
-
-def truth(*effects: Effect) -> Model:
-    return Model(RodPendulum(m=1.0, l=0.9), effects, dt=DT)
-
-
-def logs(model: Model, seed: int = 0, n: int = 5, seconds: float = 5.0) -> list[Record]:
-    rng = np.random.default_rng(seed)
-    u = np.array([steps(rng, round(seconds / DT), DT, 1.5, 0.3) for _ in range(n)])
-    return simulate(model, u, math.pi + rng.uniform(-0.8, 0.8, n), np.zeros(n)).measure(SENSOR, rng)
-
-
-def pushed(records: list[Record], i: int) -> list[Record]:
-    """A hand leans on rollout i from 1.5 s to 2.1 s."""
-    push = np.zeros(len(records[i]))
-    push[75:105] = 1.2
-    run = simulate(truth(), records[i].u + push, records[i].theta[0], 0.0)  # type: ignore[index]
-    (made,) = run.measure(SENSOR, np.random.default_rng(9))
-    return [*records[:i], Record(made.t, records[i].u, made.theta, made.theta_dot, name="pushed"), *records[i + 1 :]]
-
-
-def misread(records: list[Record]) -> list[Record]:
-    """The speed wobbles with the angle, as that of a tachometer with seven poles does."""
-    return [
-        dataclasses.replace(r, theta_dot=r.theta_dot * (1.0 + 0.05 * np.sin(7.0 * r.theta)))  # type: ignore[operator]
-        for r in records
-    ]
-
-
-PLANTED = {
-    "viscous": (Viscous(b=0.03),),
-    "coulomb": (Coulomb(tau_c=0.04),),
-    "delay": (Delay(T=0.05),),
-    "tilt": (Tilt(alpha=0.05),),
-    "ripple": (Ripple(a=0.05, b=0.03, order=5.0),),
-    "velocity_gain": (VelocityGain(c=1.06),),
-    "saturation": (Saturation(limit=1.0),),
-    "drift": (Drift(r=0.05),),
-    "coulomb and spring": (Coulomb(tau_c=0.04), Spring(k=0.6)),
-}
-UNKNOWN: dict[str, tuple[Effect, tuple[str, ...], str]] = {
-    "speed": (Drag(c=0.02), ("tilt", "delay", "torque_bias"), "theta_dot"),
-    "angle": (Ripple(a=0.08, b=0.03, order=5.0), ("viscous", "coulomb", "delay", "tilt"), "theta"),
-    "torque": (Saturation(limit=0.9), ("viscous", "coulomb", "tilt", "delay"), "torque"),
-    "time": (Drift(r=0.05), ("viscous", "coulomb", "delay", "torque_bias"), "time"),
-    "history": (Delay(T=0.06), ("viscous", "coulomb", "tilt", "torque_bias"), "history"),
-}
-
-
-@cache
-def records_of(name: str) -> tuple[Record, ...]:
-    if name == "pushed":
-        return tuple(pushed(logs(truth()), 1))
-    if name == "misread":
-        return tuple(misread(logs(truth())))
-    others = {"stamped": (Stamp(s=-0.5),), "nothing": ()}
-    hidden = UNKNOWN[name][:1] if name in UNKNOWN else PLANTED.get(name) or others[name]
-    return tuple(logs(truth(*hidden)))
-
-
-@cache
-def of(name: str) -> Diagnosis:
-    """Each log is diagnosed once."""
-    effects = UNKNOWN[name][1] if name in UNKNOWN else None
-    return diagnose(rod(), records_of(name), SENSOR, effects=effects)
-
-
-EVERY = ("nothing", *PLANTED, *UNKNOWN, "stamped", "pushed", "misread")
-
+from tests.sysid.planted import (
+    FEW,
+    PLANTED,
+    SENSOR,
+    UNKNOWN,
+    logs,
+    of,
+    records_of,
+    rod,
+    truth,
+)
 
 # what is found -----------------------------------------------------------------------------------------------
 
@@ -228,133 +141,6 @@ def test_a_sensor_that_is_told_wrong_is_no_effect() -> None:
     found = diagnose(rod(), records_of("nothing"), Sensor(0.001, 0.05 / 3.0))
     assert found.verdict == "adequate"
     assert found.error.ratio == pytest.approx(3.0 * of("nothing").error.ratio, rel=1e-3)
-
-
-# what is said ------------------------------------------------------------------------------------------------
-
-KEYS = {
-    "schema",
-    "plant",
-    "parameters",
-    "noise",
-    "held_out",
-    "base_error",
-    "error",
-    "verdict",
-    "steps",
-    "conventions",
-    "ranking",
-    "remaining",
-    "not_identifiable",
-    "ruled_out",
-    "touched",
-    "next_experiment",
-    "seconds",
-}
-STEP = {"effect", "class", "parameters", "error_before", "error_after", "p_value"}
-RANKED = {"effect", "class", "score", "p_value", "error_after"}
-NUMBER = {"value", "sd", "unit"}
-
-
-@pytest.mark.parametrize("name", EVERY)
-def test_the_answer_is_data_of_the_documented_schema(name: str) -> None:
-    found = of(name)
-    data = json.loads(json.dumps(found.to_dict(), allow_nan=False))
-    assert set(data) == KEYS
-    assert data["schema"] == SCHEMA
-    assert data["plant"] == "RodPendulum"
-    assert data["verdict"] in VERDICTS
-    assert data["noise"] == {"theta": SENSOR.theta, "theta_dot": SENSOR.theta_dot}
-    assert data["held_out"] == [r.name for r in split(records_of(name))[1]]
-    assert data["base_error"] == found.base_error.ratio
-    assert set(data["parameters"]) == set(found.estimate.names)
-    assert all(set(p) == NUMBER for p in data["parameters"].values())
-    for step in (*data["steps"], *data["conventions"]):
-        assert set(step) == STEP
-        assert step["class"][0] == step["effect"]
-        assert all(set(p) == NUMBER for p in step["parameters"].values())
-        for full, p in step["parameters"].items():
-            assert data["parameters"][full] == p
-    for ranked in data["ranking"]:
-        assert set(ranked) == RANKED
-        assert ranked["effect"] in CATALOGUE
-        assert 0.0 <= ranked["p_value"] <= 1.0
-    assert data["remaining"] is None or set(data["remaining"]) == {"share", "depends_on", "where"}
-    assert all(isinstance(n, str) for group in data["not_identifiable"] for n in group)
-    assert all(set(r) == {"parameter", "size", "unit"} for r in data["ruled_out"].values())
-    assert data["seconds"] > 0.0
-
-
-@pytest.mark.parametrize("name", EVERY)
-def test_the_verdict_agrees_with_what_it_rests_on(name: str) -> None:
-    found = of(name)
-    assert (found.remaining is not None) == (found.verdict == "unknown")
-    if found.verdict == "adequate":
-        assert not found.steps
-    if found.verdict in ("missing", "cannot tell"):
-        assert found.steps
-    if found.verdict != "cannot tell":
-        assert found.next_experiment is None
-    if found.remaining is not None:
-        assert set(found.remaining.depends_on) <= DEPENDENCES
-        assert 0.0 <= found.remaining.share <= 1.0
-    chain = sorted((*found.steps, *found.conventions), key=lambda s: len(s.estimate.names))
-    before = [found.base_error.ratio, *(s.error_after for s in chain)]
-    assert [s.error_before for s in chain] == before[:-1]
-    assert before[-1] == found.error.ratio
-    assert {e.name for e in found.model.effects} == {s.effect for s in chain}
-    assert found.best.estimate is found.estimate
-    assert found.model is found.estimate.model
-
-
-@pytest.mark.parametrize("name", EVERY)
-def test_it_reads_well(name: str) -> None:
-    found = of(name)
-    assert found.sentence.startswith(f"{found.verdict}: ")
-    assert found.sentence.endswith(".")
-    assert "\n" not in found.sentence
-    assert str(found).startswith(found.sentence)
-    assert all(s.effect in str(found) for s in (*found.steps, *found.conventions))
-
-
-@pytest.mark.parametrize("name", ["nothing", "viscous", "tilt"])
-def test_what_the_motion_cannot_separate_is_always_named(name: str) -> None:
-    groups = [set(g) for g in of(name).not_identifiable]
-    assert {"m", "l", "torque_gain", "rotor_inertia"} in groups
-    twins = {"viscous": {"viscous", "back_emf"}, "tilt": {"tilt", "angle_offset"}}
-    if name in twins:
-        assert twins[name] in groups
-        assert set(of(name).steps[0].alike) == twins[name]
-        assert of(name).verdict == "missing", "twins are one thing to every log of this kind"
-
-
-def test_the_ranking_is_of_everything_visible_and_in_order() -> None:
-    found = of("coulomb")
-    names = [r.effect for r in found.ranking]
-    assert len(names) == len(set(names))
-    assert set(names) == set(CATALOGUE) - {"torque_gain", "rotor_inertia"}
-    refitted = [r for r in found.ranking if r.error_after is not None]
-    assert refitted == list(found.ranking[: len(refitted)]), "what was refitted stands before what was not"
-    rest = [r.score for r in found.ranking[len(refitted) :]]
-    assert rest == sorted(rest, reverse=True)
-    assert found.ranking[0].error_after == pytest.approx(found.steps[0].error_after, rel=0.02)
-
-
-def test_what_is_ruled_out_would_have_been_found() -> None:
-    """At 1.3 times that size: p-values of a few effects, each by one screen."""
-    from sysid.diagnose.search import Round
-    from sysid.fit import fitted
-
-    ruled = of("nothing").ruled_out
-    assert {"viscous", "coulomb", "delay", "tilt"} <= set(ruled)
-    assert "saturation" not in ruled
-    for name in ("viscous", "tilt"):
-        entry = ruled[name]
-        hidden = truth(CATALOGUE[name](**{entry["parameter"]: 1.3 * entry["size"]}))
-        training, _ = split(logs(hidden))
-        now = Round.of(fitted(rod(), ("m", "l"), training, SENSOR), None)
-        assert now.adjusted[name] < 0.05
-        assert entry["size"] == pytest.approx(POWER * now.scores[name].sd[0], rel=0.1)
 
 
 # what is held out --------------------------------------------------------------------------------------------

@@ -1,0 +1,109 @@
+"""Logs of rods with one thing hidden, and what `diagnose` says of each: asked once, whoever wants to know."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from functools import cache
+
+import numpy as np
+
+from sysid import (
+    Coulomb,
+    Delay,
+    Diagnosis,
+    Drag,
+    Drift,
+    Effect,
+    Model,
+    Record,
+    Ripple,
+    RodPendulum,
+    Saturation,
+    Sensor,
+    Spring,
+    Stamp,
+    Tilt,
+    VelocityGain,
+    Viscous,
+    diagnose,
+    simulate,
+)
+from sysid.excitation import steps
+
+DT = 0.02
+SENSOR = Sensor(0.003, 0.05)
+FEW = ("viscous", "coulomb", "tilt", "delay")
+DEPENDENCES = {"theta", "theta_dot", "torque", "time", "history"}
+
+
+def rod(*effects: Effect) -> Model:
+    return Model(RodPendulum(m=1.1, l=0.8), effects, dt=DT)
+
+
+def truth(*effects: Effect) -> Model:
+    return Model(RodPendulum(m=1.0, l=0.9), effects, dt=DT)
+
+
+def logs(model: Model, seed: int = 0, n: int = 5, seconds: float = 5.0) -> list[Record]:
+    rng = np.random.default_rng(seed)
+    u = np.array([steps(rng, round(seconds / DT), DT, 1.5, 0.3) for _ in range(n)])
+    return simulate(model, u, math.pi + rng.uniform(-0.8, 0.8, n), np.zeros(n)).measure(SENSOR, rng)
+
+
+def pushed(records: list[Record], i: int) -> list[Record]:
+    """A hand leans on rollout i from 1.5 s to 2.1 s."""
+    push = np.zeros(len(records[i]))
+    push[75:105] = 1.2
+    run = simulate(truth(), records[i].u + push, records[i].theta[0], 0.0)  # type: ignore[index]
+    (made,) = run.measure(SENSOR, np.random.default_rng(9))
+    return [*records[:i], Record(made.t, records[i].u, made.theta, made.theta_dot, name="pushed"), *records[i + 1 :]]
+
+
+def misread(records: list[Record]) -> list[Record]:
+    """The speed wobbles with the angle, as that of a tachometer with seven poles does."""
+    return [
+        dataclasses.replace(r, theta_dot=r.theta_dot * (1.0 + 0.05 * np.sin(7.0 * r.theta)))  # type: ignore[operator]
+        for r in records
+    ]
+
+
+PLANTED = {
+    "viscous": (Viscous(b=0.03),),
+    "coulomb": (Coulomb(tau_c=0.04),),
+    "delay": (Delay(T=0.05),),
+    "tilt": (Tilt(alpha=0.05),),
+    "ripple": (Ripple(a=0.05, b=0.03, order=5.0),),
+    "velocity_gain": (VelocityGain(c=1.06),),
+    "saturation": (Saturation(limit=1.0),),
+    "drift": (Drift(r=0.05),),
+    "coulomb and spring": (Coulomb(tau_c=0.04), Spring(k=0.6)),
+}
+UNKNOWN: dict[str, tuple[Effect, tuple[str, ...], str]] = {
+    "speed": (Drag(c=0.02), ("tilt", "delay", "torque_bias"), "theta_dot"),
+    "angle": (Ripple(a=0.08, b=0.03, order=5.0), ("viscous", "coulomb", "delay", "tilt"), "theta"),
+    "torque": (Saturation(limit=0.9), ("viscous", "coulomb", "tilt", "delay"), "torque"),
+    "time": (Drift(r=0.05), ("viscous", "coulomb", "delay", "torque_bias"), "time"),
+    "history": (Delay(T=0.06), ("viscous", "coulomb", "tilt", "torque_bias"), "history"),
+}
+
+
+@cache
+def records_of(name: str) -> tuple[Record, ...]:
+    if name == "pushed":
+        return tuple(pushed(logs(truth()), 1))
+    if name == "misread":
+        return tuple(misread(logs(truth())))
+    others = {"stamped": (Stamp(s=-0.5),), "nothing": ()}
+    hidden = UNKNOWN[name][:1] if name in UNKNOWN else PLANTED.get(name) or others[name]
+    return tuple(logs(truth(*hidden)))
+
+
+@cache
+def of(name: str) -> Diagnosis:
+    """Each log is diagnosed once."""
+    effects = UNKNOWN[name][1] if name in UNKNOWN else None
+    return diagnose(rod(), records_of(name), SENSOR, effects=effects)
+
+
+EVERY = ("nothing", *PLANTED, *UNKNOWN, "stamped", "pushed", "misread")
