@@ -18,7 +18,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from policies.evaluate import Policy, evaluate
+from policies.evaluate import Policy, evaluate, fresh_start_states
 from study.cells import start_states
 from study.config import Preset
 from study.executors.executor import Link
@@ -79,7 +79,7 @@ class ReferenceTask:
     def run(self, link: Link) -> list[Reference]:
         """One reference a truth and seed."""
         begin = time.monotonic()
-        policy = self._design()
+        policy = self.design()
         seeds = sorted({*self.preset.seeds, *self.preset.reference_seeds})
         starts = [start_states(self.preset, seed) for seed in seeds]
         theta, theta_dot = (np.concatenate(column) for column in zip(*starts, strict=True))
@@ -98,7 +98,8 @@ class ReferenceTask:
             for (truth, seed), row in returns.items()
         ]
 
-    def _design(self) -> Policy:
+    def design(self) -> Policy:
+        """The controller."""
         m, l = self.theta  # noqa: E741
         model = paper_model(m, l)
         if self.controller == LQR:
@@ -112,6 +113,14 @@ class ReferenceTask:
         from policies.control.optimal import Grid, solve
 
         return solve(model, Grid(self.preset.grid, self.preset.grid + 1))
+
+
+def fresh_optimum(preset: Preset, truth: Theta) -> float:
+    """J(optimal | truth) from start states that no two seeds share; nothing keeps it, and it takes some seconds."""
+    starts = [fresh_start_states(seed, preset.episodes) for seed in preset.reference_seeds]
+    theta, theta_dot = (np.concatenate(column) for column in zip(*starts, strict=True))
+    policy = ReferenceTask(preset, OPTIMAL, truth, (truth,)).design()
+    return evaluate(policy, hidden_plant(truth), theta, theta_dot).mean
 
 
 def reference_tasks(

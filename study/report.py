@@ -23,7 +23,7 @@ from study.publication.held import Publication, hold
 from study.publication.page import section
 from study.publication.published import Outcomes
 from study.publication.scatter import scatter
-from study.references import LQR, OPTIMAL, SWING_UP
+from study.references import LQR, OPTIMAL, SWING_UP, fresh_optimum
 from study.statistics import Contrast
 from study.storage.store import Store
 from study.versions import all_versions
@@ -54,7 +54,7 @@ def publish(preset: Preset, store: Store, console: Console, theirs: Outcomes | N
         tables.write_record(found, store.device, folder / "study.json")
         drawn = [save_all(answer, folder) for answer in found]
         identified = scatter(np.random.default_rng(0)) if preset.episodes == paper.EPISODES else None
-        held = hold(found, folder, theirs, identified)
+        held = hold(found, folder, theirs, identified, _fresh_optimum(preset))
         write_report(found, drawn, folder / "report.html", held)
     for answer in found:
         console.print()
@@ -69,6 +69,12 @@ def publish(preset: Preset, store: Store, console: Console, theirs: Outcomes | N
     files = [str(path) for files in [*drawn, held.figures] for path in files.values()]
     console.print(f"figures  {', '.join(files)}", soft_wrap=True)
     return found
+
+
+def _fresh_optimum(preset: Preset) -> float | None:
+    """At the paper's main plant, where a sweep as published has it."""
+    truths = [point.truth for point in preset.points if point.truth == paper.POINTS["main"].truth]
+    return fresh_optimum(preset, truths[0]) if truths and preset.episodes == paper.EPISODES else None
 
 
 def title(point: Point) -> str:

@@ -6,6 +6,7 @@ gap       agents and perfect designers against the optimum  curves   how trainin
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -58,11 +59,11 @@ def gap(answer: Answer) -> Figure:
     axes.errorbar(x, [np.mean(d) for d in design], [sem(d) for d in design], color="0.1", marker="D", markersize=6,
                   linestyle="none", capsize=3, label="optimal for the estimate", zorder=3)  # fmt: skip
     offsets = 0.16 + 0.56 * np.arange(len(widths)) / max(1, len(widths) - 1) * min(1.0, len(widths) / 5.0)
-    lows = [float(np.mean(d)) for d in design]
+    lows = [float(np.mean(d)) - _reach(sem(d)) for d in design]
     for w, offset, colour in zip(widths, offsets, width_colours(len(widths)), strict=True):
         means = [answer.mean((n, w)) for n in budgets]
         errors = [answer.sem((n, w)) for n in budgets]
-        lows += means
+        lows += [mean - _reach(error) for mean, error in zip(means, errors, strict=True)]
         axes.errorbar(x + offset, means, errors, color=colour, marker="o", markersize=5, linestyle="none", capsize=2,
                       label=f"agent, {answer.label(w)}", zorder=3)  # fmt: skip
     axes.set_xticks(x + 0.5 * offsets[-1], [str(n) for n in budgets])
@@ -75,6 +76,11 @@ def gap(answer: Answer) -> Figure:
     axes.set_title("Why agents are short of the optimum")
     axes.legend(loc="lower right" if len(budgets) > 1 else "center", fontsize=9.0)
     return figure
+
+
+def _reach(error: float) -> float:
+    """How far a bar reaches; one seed has none."""
+    return error if math.isfinite(error) else 0.0
 
 
 def curves(answer: Answer) -> Figure:

@@ -69,7 +69,7 @@ def _masses(axes: Axes, found: Scatter) -> None:
                   textcoords="offset points", color=ACCENT, fontsize=9.0)  # fmt: skip
     axes.set_xlabel("m found from 50 rollouts, σ = 1  [kg]")  # noqa: RUF001
     axes.set_ylabel("measurements")
-    axes.set_title("Scatter, not bias")
+    axes.set_title("How m scatters")
     axes.legend(fontsize=8.5, loc="upper left")
 
 

@@ -161,9 +161,9 @@ class Agreement:
         if outlier and not outlier.rest.significant:
             found.append(f"one seed: without seed {outlier.seed} ({_signed(outlier.difference)}) it is {outlier.rest}")
         if self.hidden != paper.HIDDEN:
-            found.append(f"networks of {_layers(self.hidden)} instead of {_layers(paper.HIDDEN)}")
+            found.append(f"possibly networks of {_layers(self.hidden)} instead of {_layers(paper.HIDDEN)}")
         if self.steps != paper.STEPS:
-            found.append(f"{self.steps:,} training steps instead of {paper.STEPS:,}")
+            found.append(f"possibly {self.steps:,} training steps instead of {paper.STEPS:,}")
         return "; ".join(found) or "not found: same protocol, other training draws and another SAC library"
 
     # Contrasts -------------------------------------------------------------------------------------------------------

@@ -68,9 +68,14 @@ class Publication:
 
 
 def hold(
-    found: Sequence[Answer], folder: Path, theirs: Outcomes | None = None, scatter: Scatter | None = None
+    found: Sequence[Answer],
+    folder: Path,
+    theirs: Outcomes | None = None,
+    scatter: Scatter | None = None,
+    fresh_optimum: float | None = None,
 ) -> Publication:
-    """Compare and draw. theirs: the authors' runs, where they are given; scatter: where identification was studied."""
+    """Compare and draw. theirs: the authors' runs, where they are given; scatter: where identification was studied;
+    fresh_optimum: at the main plant, from start states that no two seeds share."""
     preset = found[0].preset
     own = outcomes(_rows(found))
     siblings, lacking = _siblings(preset, folder)
@@ -84,7 +89,7 @@ def hold(
     if not swept or not any(spot in ours for spot in CELLS):
         agreement = None
     references = _references(found)
-    curves, wider = (budget_curves(own, references, w) if references else {} for w in (0.0, 0.2))
+    curves, wider = (budget_curves(own, w) if references else {} for w in (0.0, 0.2))
     drawings: dict[str, Callable[[], Figure]] = {}
     if agreement:
         drawings |= _sweeps(agreement, references)
@@ -95,10 +100,10 @@ def hold(
     files = {name: save(draw, folder / f"{name}.png") for name, draw in drawings.items()}
     return Publication(
         agreement,
-        _claims(found, own if swept else None, scatter, _longer(preset, own, siblings)),
-        paragraph(curves, references),
+        _claims(found, own if swept else None, scatter, _longer(preset, own, siblings), fresh_optimum),
+        paragraph(curves, wider, references),
         _short(found),
-        _notes(theirs, lacking),
+        _notes(agreement, theirs, lacking),
         files,
     )
 
@@ -169,12 +174,18 @@ def _longer(preset: Preset, own: Outcomes, siblings: Mapping[str, Outcomes]) -> 
 
 
 def _claims(
-    found: Sequence[Answer], ours: Outcomes | None, scatter: Scatter | None, longer: tuple[Contrast, int] | None
+    found: Sequence[Answer],
+    ours: Outcomes | None,
+    scatter: Scatter | None,
+    longer: tuple[Contrast, int] | None,
+    fresh_optimum: float | None,
 ) -> list[Claim]:
     said = [claims.rate(scatter), claims.bias(scatter), claims.floor(scatter)] if scatter else []
-    said += [claims.plateau(ours), claims.monotone(ours), claims.starts(SEEDS, ours)]
+    short = _short(found)
+    optima = None if short is None or fresh_optimum is None else (short[1], fresh_optimum)
+    said += [claims.plateau(ours), claims.monotone(ours), claims.starts(SEEDS, ours, optima)]
     main = next((answer for answer in found if answer.point.name == "main"), None)
-    if main:
+    if main and LONGER_AT.w in main.point.widths:
         n, widths = max(main.point.budgets), sorted({min(main.point.widths), max(main.point.widths)})
         curves = {w: [run.curve for run in main.cells[n, w] if len(run.curve) > 2] for w in widths}
         if all(curves.values()):
@@ -190,13 +201,13 @@ def _short(found: Sequence[Answer]) -> tuple[float, float, float] | None:
     return best, optimum, 100.0 * (optimum - best) / abs(optimum)
 
 
-def _notes(theirs: Outcomes | None, lacking: Sequence[str]) -> list[str]:
+def _notes(agreement: Agreement | None, theirs: Outcomes | None, lacking: Sequence[str]) -> list[str]:
     said = []
-    if theirs is None:
+    if theirs is None and agreement:
         said.append(
             f"Without the authors' runs every cell is compared by Welch's interval. --published DIR, with the results "
             f"folder of {URL}, pairs them seed by seed."
         )
-    elif theirs.missing:
+    elif theirs and theirs.missing:
         said.append(f"Of the authors' files these were not there: {', '.join(theirs.missing)}.")
     return [*said, *lacking]

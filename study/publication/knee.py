@@ -1,15 +1,17 @@
 """How many rollouts a good identifier needs: where the budget curve of each bends, and what a rollout is then worth.
 
-    closed(n) = (J(n) - J(0)) / (J(optimal) - J(0)),   J the mean return at width w
-    knee      = the least n from which on closed >= 95 %
+    closed(n) = (J(n) - J(0)) / (J_known - J(0)),   J the mean return at width w
+    knee      = the least n from which on closed >= 95 %, give or take a standard error of J(n)
 
-All identifiers see the same rollouts. The points are those of the preset `identifiers`: prior, grid, least_squares,
+J_known is the best return that an identifier ends at: what agents so trained reach on a plant that is known. The
+optimum would be no measure, for no number of rollouts closes what training leaves open. All identifiers see the same
+rollouts. The points are those of the preset `identifiers`: prior, grid, least_squares,
 unscented.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,14 +24,15 @@ from study.statistics import MINUS, Contrast, paired_t
 PRIOR, GRID = "prior", "grid"
 IDENTIFIERS = {"grid": "grid search", "least_squares": "least squares", "unscented": "the Kalman filter"}
 ENOUGH = 0.95
-"""The share of the gap between no data and the optimum at which a budget curve has bent."""
+"""The share of the gap between no data and a known plant at which a budget curve has bent."""
 
 
 @dataclass(frozen=True, eq=False)
 class BudgetCurve:
     """What n rollouts came to with one identifier at width w; the first budget is 0, the prior.
 
-    knee: None where the gap stays open; first: worth of the first rollouts; after: of all beyond the knee.
+    known: J_known; knee: None where the gap stays open; first: worth of the first rollouts; after: of all beyond the
+    knee.
     """
 
     identifier: str
@@ -38,6 +41,7 @@ class BudgetCurve:
     returns: tuple[float, ...]
     sems: tuple[float, ...]
     errors: tuple[float, ...]
+    known: float
     closed: tuple[float, ...]
     knee: int | None
     first: Contrast
@@ -50,19 +54,23 @@ class BudgetCurve:
         return (self.returns[end] - self.returns[0]) / max(self.budgets[end], 1)
 
 
-def budget_curves(runs: Outcomes, references: Mapping[str, float], w: float = 0.0) -> dict[str, BudgetCurve]:
+def budget_curves(runs: Outcomes, w: float = 0.0) -> dict[str, BudgetCurve]:
     """The curves of all identifiers that were run at this width, by name; empty where the prior was not."""
     start = Spot(PRIOR, 0, w)
-    if start not in runs:
+    names = [name for name in IDENTIFIERS if name in runs.points]
+    spots = {name: [start, *(s for n in runs.budgets(name) if (s := Spot(name, n, w)) in runs)] for name in names}
+    if start not in runs or not names:
         return {}
-    return {name: _curve(runs, name, start, references[OPTIMAL]) for name in IDENTIFIERS if name in runs.points}
+    known = max(runs.summary(own[-1]).mean for own in spots.values())
+    return {name: _curve(runs, name, own, known) for name, own in spots.items()}
 
 
-def _curve(runs: Outcomes, name: str, start: Spot, optimum: float) -> BudgetCurve:
-    spots = [start, *(spot for n in runs.budgets(name) if (spot := Spot(name, n, start.w)) in runs)]
-    cells = [runs.summary(spot) for spot in spots]
-    closed = [(cell.mean - cells[0].mean) / (optimum - cells[0].mean) for cell in cells]
-    bent = 1 + max((k for k, share in enumerate(closed) if share < ENOUGH), default=-1)
+def _curve(runs: Outcomes, name: str, spots: Sequence[Spot], known: float) -> BudgetCurve:
+    start, cells = spots[0], [runs.summary(spot) for spot in spots]
+    gap = known - cells[0].mean
+    closed = [(cell.mean - cells[0].mean) / gap for cell in cells]
+    short = [share + cell.sem / gap < ENOUGH for share, cell in zip(closed, cells, strict=True)]
+    bent = 1 + max((k for k, yes in enumerate(short) if yes), default=-1)
     return BudgetCurve(
         identifier=name,
         w=start.w,
@@ -70,6 +78,7 @@ def _curve(runs: Outcomes, name: str, start: Spot, optimum: float) -> BudgetCurv
         returns=tuple(cell.mean for cell in cells),
         sems=tuple(cell.sem for cell in cells),
         errors=tuple(float(np.mean(runs.id_errors(spot.point, spot.n))) for spot in spots),
+        known=known,
         closed=tuple(closed),
         knee=spots[bent].n if bent < len(spots) else None,
         first=_gain(runs, spots[1], start),
@@ -82,26 +91,32 @@ def _gain(runs: Outcomes, a: Spot, b: Spot) -> Contrast:
     return paired_t(runs.returns(a, seeds), runs.returns(b, seeds))
 
 
-def paragraph(curves: Mapping[str, BudgetCurve], references: Mapping[str, float]) -> str:
-    """Where the knee of the budget curve moves with a better identifier, and what a rollout is then worth."""
+def paragraph(
+    curves: Mapping[str, BudgetCurve], wider: Mapping[str, BudgetCurve], references: Mapping[str, float]
+) -> str:
+    """Where the knee of the budget curve moves with a better identifier, and what a rollout is then worth; wider: the
+    curves at another width."""
     if not curves:
         return ""
-    said = [_sentence(curve, references) for curve in curves.values()]
+    any_ = next(iter(curves.values()))
+    said = [
+        f"Without data agents return {_number(any_.returns[0])}, on a plant that is known {_number(any_.known)}, and "
+        f"the optimum is {_number(references[OPTIMAL])}."
+    ]
+    said += [_sentence(curve) for curve in curves.values()]
     for name in ("least_squares", "unscented"):
         if name in curves and GRID in curves:
             said.append(_closer(curves[GRID], curves[name]))
-    return " ".join([*said, _conclusion(curves)]).strip()
+    return " ".join([*said, _conclusion(curves), _wider(wider)]).strip()
 
 
-def _sentence(curve: BudgetCurve, references: Mapping[str, float]) -> str:
+def _sentence(curve: BudgetCurve) -> str:
     n, last = curve.budgets[1], curve.budgets[-1]
     first = "the first rollout is" if n == 1 else f"the first {n} rollouts are"
     text = f"With {IDENTIFIERS[curve.identifier]} {first} worth {curve.first}"
-    gap = f"{_percent(ENOUGH)} of the gap between {_number(curve.returns[0])} without data and the optimum"
-    gap += f" ({_number(references[OPTIMAL])})"
     if curve.knee is None:
-        return f"{text}; {gap} stays open: n = {last} closes {_percent(curve.closed[-1])}."
-    text += f"; {gap} is closed from n = {curve.knee} on, at {_number(curve.worth)} a rollout"
+        return f"{text}; n = {last} closes {_percent(curve.closed[-1])} of that gap."
+    text += f"; {_percent(ENOUGH)} of that gap are closed from n = {curve.knee} on, at {_number(curve.worth)} a rollout"
     if curve.after is None:
         return f"{text}."
     return f"{text}, and the other {last - curve.knee} are together worth {curve.after}."
@@ -125,7 +140,6 @@ def _conclusion(curves: Mapping[str, BudgetCurve]) -> str:
         "The difference is the sensing, not the data: the grid compares readings one step apart, where the noise of a "
         "speed is far larger than what a torque changes in it, while the others follow a rollout as a whole."
     )
-    text += " " + _as_far(curves[GRID], good)
     if good.knee is None or grid is None:
         return text
     text += f" So the knee moves from n = {grid} to n = {good.knee}"
@@ -134,16 +148,15 @@ def _conclusion(curves: Mapping[str, BudgetCurve]) -> str:
     return f"{text}, and past it another rollout is worth nothing that these seeds could show."
 
 
-def _as_far(grid: BudgetCurve, good: BudgetCurve) -> str:
-    """From which budget on the grid closes as much of the gap as the first rollouts of a better identifier."""
-    n, share = good.budgets[1], good.closed[1]
-    within = [mean + sem >= good.returns[1] for mean, sem in zip(grid.returns, grid.sems, strict=True)]
-    bent = 1 + max((k for k, reached in enumerate(within) if not reached), default=-1)
-    later = f"from n = {grid.budgets[bent]} on" if bent < len(within) else "with none of these budgets"
-    return (
-        f"With n = {n} {IDENTIFIERS[good.identifier]} closes {_percent(share)} of the gap; "
-        f"the grid comes as far, give or take a standard error, {later}."
-    )
+def _wider(curves: Mapping[str, BudgetCurve]) -> str:
+    """The knees at another width."""
+    if not curves:
+        return ""
+    knees = [
+        f"n = {curve.knee} with {IDENTIFIERS[name]}" if curve.knee else f"none with {IDENTIFIERS[name]}"
+        for name, curve in curves.items()
+    ]
+    return f"In a band of w = {next(iter(curves.values())).w:g} the knee is at {', '.join(knees)}."
 
 
 def _percent(share: float) -> str:

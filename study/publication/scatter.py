@@ -125,11 +125,15 @@ class Scatter:
         off: Array = self.estimates[self.sigmas.index(sigma)] - np.array(self.truth)
         return np.hypot(off[..., 0], off[..., 1])
 
-    def at_bound(self, sigma: float, n: int) -> float:
-        """The share of seeds whose m ended at the edge of the grid."""
+    def edge(self, sigma: float, n: int) -> NDArray[np.bool_]:
+        """Of each seed, whether m ended at the edge of the grid (S,)."""
         m = self.thetas(sigma, n)[:, 0]
         low, high = (float(x) for x in paper_model().parameters["m"].bounds)
-        return float(np.mean((m < low + 1e-9) | (m > high - 1e-9)))
+        return (m < low + 1e-9) | (m > high - 1e-9)
+
+    def at_bound(self, sigma: float, n: int) -> float:
+        """The share of seeds whose m ended at the edge of the grid."""
+        return float(np.mean(self.edge(sigma, n)))
 
     def exponent(self, sigma: float, first: int, last: int, rng: np.random.Generator) -> tuple[float, float, float]:
         """p of mean error ~ n^p between two budgets, with its 95 % interval (bootstrap of whole seeds)."""
