@@ -102,6 +102,10 @@ class Answer:
             returns = self.reference(controller, seeds=self.preset.reference_seeds if seeds is None else seeds)
             yield controller, float(np.mean(returns)), sem(returns)
 
+    def allowed(self) -> dict[str, float]:
+        """Mean return of every reference controller at the truth, from the study's own seeds."""
+        return {controller: mean for controller, mean, _ in self.controllers(self.point.seeds)}
+
     def design(self, key: Key) -> Array:
         """Returns (S,) on the hidden plant of the controller that is optimal for each seed's estimate."""
         return np.array([self._means[OPTIMAL, run.theta_hat, run.cell.seed] for run in self.cells[key]])

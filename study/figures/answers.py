@@ -19,7 +19,6 @@ from study.figures import sweeps
 from study.figures.references import reference_lines
 from study.figures.style import save, width_colours
 from study.publication.published import Summary
-from study.references import CONTROLLERS
 from study.statistics import sem
 from study.storage.store import figure_name
 
@@ -29,12 +28,12 @@ SMOOTH = 10
 
 def heatmap(answer: Answer) -> Figure:
     """Mean return +- SEM of every cell; the best cell is outlined; the brightest colour is the optimum."""
-    return sweeps.heatmaps({"Mean return on the hidden plant": _sweep(answer)}, _references(answer))
+    return sweeps.heatmaps({"Mean return on the hidden plant": _sweep(answer)}, answer.allowed())
 
 
 def pareto(answer: Answer) -> Figure:
     """The best mean return at every budget and the width that reached it, between two extremes and the references."""
-    return sweeps.paretos({"What the next rollout is worth": _sweep(answer)}, _references(answer))
+    return sweeps.paretos({"What the next rollout is worth": _sweep(answer)}, answer.allowed())
 
 
 def _sweep(answer: Answer) -> sweeps.Sweep:
@@ -42,11 +41,6 @@ def _sweep(answer: Answer) -> sweeps.Sweep:
         key: Summary(answer.mean(key), answer.sem(key), float(np.median(answer.returns(key))), len(runs))
         for key, runs in answer.cells.items()
     }
-
-
-def _references(answer: Answer) -> dict[str, float]:
-    """From the start states of the study's own seeds."""
-    return {controller: float(np.mean(answer.reference(controller))) for controller in CONTROLLERS}
 
 
 def gap(answer: Answer) -> Figure:
@@ -70,7 +64,7 @@ def gap(answer: Answer) -> Figure:
     axes.tick_params(axis="x", length=0)
     for edge in x[1:] - 0.5 * (1.0 - offsets[-1]):
         axes.axvline(edge, color="0.9", linewidth=0.8, zorder=0)
-    reference_lines([axes], _references(answer), min(lows))
+    reference_lines([axes], answer.allowed(), min(lows))
     axes.set_xlabel("rollouts measured, n")
     axes.set_ylabel("mean return on the hidden plant (± SEM)")
     axes.set_title("Why agents are short of the optimum")

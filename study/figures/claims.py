@@ -50,7 +50,7 @@ def identification(found: Scatter) -> Figure:
     left.yaxis.set_minor_locator(NullLocator())
     left.set_ylabel("mean identification error")
     left.set_title("The error over the budget")
-    left.legend(fontsize=8.5, loc="lower left", bbox_to_anchor=(0.0, 0.09))
+    left.legend(fontsize=8.5, loc="lower left", bbox_to_anchor=(0.0, 0.2))
     _masses(right, found)
     return figure
 

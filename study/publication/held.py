@@ -139,7 +139,7 @@ def _references(found: Sequence[Answer]) -> dict[str, float]:
     """Mean returns of the reference controllers on the paper's main plant; empty where it is not in the preset."""
     for answer in found:
         if answer.point.truth == POINTS["main"].truth:
-            return {controller: mean for controller, mean, _ in answer.controllers()}
+            return answer.allowed()
     return {}
 
 
