@@ -192,6 +192,34 @@ class OneOf(Randomization):
 
 
 @dataclass(frozen=True)
+class OneAtATime(Randomization):
+    """Each of `always` from its range, and of `kinds` none or one, each as likely, from its own; the rest is `neutral`.
+
+    For who does not know which effect is missing: a machine rarely lacks sixteen at once.
+    OneAtATime({"m": (0.3, 3.0)}, ({"coulomb.tau_c": (0.0, 1.5)}, {"delay.T": (0.0, 0.3)}), {"coulomb.tau_c": 0.0,
+    "delay.T": 0.0}). Clipped to the bounds. Raises InvalidInput where a kind names what `neutral` has not.
+    """
+
+    always: Mapping[str, tuple[float, float]]
+    kinds: tuple[Mapping[str, tuple[float, float]], ...]
+    neutral: Mapping[str, float]
+
+    def __post_init__(self) -> None:
+        always, *kinds = (Ranges(ranges).ranges for ranges in (self.always, *self.kinds))
+        for name, value in (("always", always), ("kinds", tuple(kinds)), ("neutral", dict(self.neutral))):
+            object.__setattr__(self, name, value)
+        for name in (name for kind in kinds for name in kind):
+            if not math.isfinite(self.neutral.get(name, math.nan)):
+                raise InvalidInput(f"{name} has no neutral number: expected one of every parameter of a kind")
+
+    def sample(self, rng: np.random.Generator, model: Model) -> dict[str, float]:
+        """The parameters of one episode, clipped to their bounds."""
+        chosen = int(rng.integers(len(self.kinds) + 1))
+        rest = {name: (number, number) for name, number in self.neutral.items()}
+        return Ranges({**rest, **self.always, **(self.kinds[chosen - 1] if chosen else {})}).sample(rng, model)
+
+
+@dataclass(frozen=True)
 class Shaken(Randomization):
     """Draws what `inner` draws, and shakes the joint by a random torque d all through the episode.
 
@@ -234,7 +262,7 @@ class Shaken(Randomization):
 def from_json(data: Mapping[str, Any]) -> Randomization:
     """The randomization that `to_json` wrote; raises InvalidInput for other data."""
     numbers = {name: value for name, value in data.items() if name != "kind"}
-    kinds = {kind.__name__: kind for kind in (Fixed, Band, PriorRange, Ranges, Posterior, OneOf, Shaken)}
+    kinds = {kind.__name__: kind for kind in (Fixed, Band, PriorRange, Ranges, Posterior, OneOf, OneAtATime, Shaken)}
     if data.get("kind") not in kinds:
         raise InvalidInput(f"a randomization of kind {data.get('kind')!r}: expected one of {', '.join(kinds)}")
     if "inner" in numbers:

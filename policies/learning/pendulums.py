@@ -62,9 +62,11 @@ class Pendulums:
             )
         if not math.isfinite(model.u_max):
             raise InvalidInput(f"the model has u_max = {model.u_max}: expected a finite torque limit [N m]")
-        names = {tuple(r.sample(generator(0, Purpose.EPISODES), model)) for r in randomizations}
+        names = {frozenset(r.sample(generator(0, Purpose.EPISODES), model)) for r in randomizations}
         if len(names) > 1:
-            raise InvalidInput(f"the randomizations draw different parameters: {sorted(names)}; expected the same")
+            raise InvalidInput(
+                f"the randomizations draw different parameters: {sorted(map(sorted, names))}; expected the same"
+            )
         self.base_model, self.randomizations, self.history = model, tuple(randomizations), history
         self.device = torch.device(device)
         self.horizon = task.horizon(model.dt) if horizon is None else horizon

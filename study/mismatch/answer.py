@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from study.mismatch.designs import CENTER, DESIGNED, OPTIMUM, PLAIN, model_key
+from study.mismatch.naming import names
 from study.mismatch.plan import CONTRASTS, FREE, HiddenPlant, Plan, Trial
 from study.mismatch.recipe import Recipe, recipe_of
 from study.mismatch.results import Designed, Fitted, Trained
@@ -30,11 +31,13 @@ class Spot(NamedTuple):
 
 @dataclass(frozen=True)
 class Split:
-    """Where the gap to the optimum comes from, in return; the three parts add up to it."""
+    """Where the gap to the optimum comes from, in return: means over the seeds for whose models a table stands. The
+    three parts add up to the gap of these seeds."""
 
     structure: float
     identification: float
     training: float
+    seeds: int
 
     @property
     def gap(self) -> float:
@@ -44,11 +47,13 @@ class Split:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """A way at a spot: returns (S,) of the seeds, each the mean over its start states, and the parts of the gap."""
+    """A way at a spot: returns (S,) of the seeds, each the mean over its start states, the optima (S,) from the same
+    start states, and the parts of the gap; None where no table stands for what was trained on."""
 
     spot: Spot
     seeds: tuple[int, ...]
     returns: Array
+    optima: Array
     split: Split | None
 
     @property
@@ -60,6 +65,11 @@ class Outcome:
     def median(self) -> float:
         """Single failed trainings do not move it."""
         return float(np.median(self.returns))
+
+    @property
+    def gap(self) -> float:
+        """J(optimum) - J(agent) from the same start states."""
+        return float(np.mean(self.optima - self.returns))
 
 
 @dataclass(frozen=True)
@@ -102,6 +112,14 @@ class Answer:
         """A contrast of the plan, or None where it was not planned."""
         return next((c for c in self.compared if (c.plant, c.a, c.b, c.n) == (plant, a, b, n)), None)
 
+    def difference(self, plant: str, a: str, b: str, n: int) -> Contrast | None:
+        """J(a) - J(b) over the seeds that both have, planned or not; None where a way is not in the plan."""
+        one, other = self.outcomes.get(Spot(plant, a, n)), self.outcomes.get(Spot(plant, b, n))
+        if one is None or other is None:
+            return None
+        shared = sorted(set(one.seeds) & set(other.seeds))
+        return paired_t(*(o.returns[[o.seeds.index(s) for s in shared]] for o in (one, other)))
+
 
 def answer(plan: Plan, fits: Sequence[Fitted], trained: Sequence[Trained], designs: Sequence[Designed]) -> Answer:
     """The answer from the results; raises KeyError where a trial is missing."""
@@ -116,7 +134,8 @@ def answer(plan: Plan, fits: Sequence[Fitted], trained: Sequence[Trained], desig
     for spot, own in trials.items():
         returns = np.array([float(np.mean(agents[keys[t]].returns[t.plant])) for t in own])
         split = _split(plan.plant(spot.plant), own, returns, models, designed)
-        outcomes[spot] = Outcome(spot, tuple(t.seed for t in own), returns, split)
+        optima = np.array([designed[spot.plant, OPTIMUM, t.seed] for t in own])
+        outcomes[spot] = Outcome(spot, tuple(t.seed for t in own), returns, optima, split)
     return Answer(
         plan=plan,
         outcomes=outcomes,
@@ -134,7 +153,7 @@ def _split(
     recipes: Mapping[Trial, Recipe],
     designed: Mapping[tuple[str, str, int], float],
 ) -> Split | None:
-    """The mean parts; None where no table stands for the model."""
+    """The mean parts over the seeds for whose models a table stands; None where none does."""
     way = trials[0].way
     rows = []
     for trial, reached in zip(trials, returns, strict=True):
@@ -148,11 +167,11 @@ def _split(
         recipe = recipes[center]
         fitted = designed.get((plant.name, model_key(recipe), seed))
         if fitted is None:
-            return None
-        lacks = plant.effect is not None and plant.effect not in {e.name for e in recipe.model.effects}
+            continue
+        lacks = plant.effect is not None and not names(plant, [e.name for e in recipe.model.effects])
         allowed = designed[plant.name, PLAIN, seed] if lacks else optimum
         rows.append((optimum - allowed, allowed - fitted, fitted - reached))
-    return Split(*np.mean(rows, axis=0).tolist())
+    return Split(*np.mean(rows, axis=0).tolist(), len(rows)) if rows else None
 
 
 def _compared(plan: Plan, outcomes: Mapping[Spot, Outcome]) -> list[Compared]:
@@ -175,6 +194,7 @@ def _verdicts(fits: Sequence[Fitted]) -> dict[tuple[str, int], Counter[str]]:
     for f in fits:
         if f.way == "c":
             named = " + ".join(f.payload["steps"])
-            text = f"{f.payload['verdict']}{': ' + named if named else ''}"
+            doubted = "" if f.payload["about"].get("believed", True) or not named else ", not believed"
+            text = f"{f.payload['verdict']}{': ' + named if named else ''}{doubted}"
             found.setdefault((f.plant, f.n), Counter())[text] += 1
     return found

@@ -18,8 +18,9 @@ import time
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from policies.abreast import returns
 from policies.control.optimal import Grid
-from policies.evaluate import evaluate, fresh_start_states
+from policies.evaluate import Policy, fresh_start_states
 from study.executors.executor import Link
 from study.mismatch.effect_cost import design, machine
 from study.mismatch.hidden import hidden_machine, oracle
@@ -73,15 +74,18 @@ class DesignTask:
         plant = self.plan.plant(self.plant)
         models: list[tuple[str, Model]] = [(OPTIMUM, oracle(plant)), (PLAIN, machine(substeps=2))]
         models += [(key, recipe_of(data).model) for key, data in self.models]
-        starts = fresh_start_states(self.seed, self.plan.episodes)
-        found = []
+        begin, made = time.perf_counter(), dict[str, Policy]()
         for k, (key, model) in enumerate(models):
-            begin = time.perf_counter()
             try:
-                policy = design(model, Grid(theta=self.plan.grid, theta_dot=self.plan.grid + 1))
+                made[key] = design(model, Grid(theta=self.plan.grid, theta_dot=self.plan.grid + 1))
             except InvalidInput:
                 continue
-            returns = evaluate(policy, hidden_machine(plant), *starts).returns
-            found.append(Designed(self.plant, key, self.seed, tuple(returns.tolist()), time.perf_counter() - begin))
-            link.progress((k + 1) / len(models))
-        return found
+            link.progress((k + 1) / (len(models) + 1))
+        reached = returns(
+            tuple(made.values()), hidden_machine(plant), *fresh_start_states(self.seed, self.plan.episodes)
+        )
+        seconds = (time.perf_counter() - begin) / len(made)
+        return [
+            Designed(self.plant, key, self.seed, tuple(row), seconds)
+            for key, row in zip(made, reached.tolist(), strict=True)
+        ]

@@ -32,14 +32,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from policies.abreast import returns
 from policies.control.design import is_periodic, is_steady, without_dead_time
 from policies.control.optimal import Grid, Optimal, solve
 from policies.control.predictive import design_predictive
-from policies.evaluate import Policy, evaluate, fresh_start_states, start_states
+from policies.evaluate import Policy, fresh_start_states, start_states
 from study import rows as table
 from study.mismatch.cases import CASES, U_MAX, Case
 from study.mismatch.sizes import Size, Sizes
-from sysid import RK4, Effect, InvalidInput, Model, OutputEffect, RodPendulum, State
+from sysid import RK4, Effect, InvalidInput, Model, OutputEffect, RodPendulum
 
 Array = NDArray[np.float64]
 
@@ -96,39 +97,17 @@ def machine(effect: Effect | None = None, substeps: int | None = None) -> Model:
 
 
 def design(model: Model, grid: Grid = BLUNT) -> Policy:
-    """The near-optimal policy for a machine, designed on steps of 25 ms; it knows the state."""
+    """The near-optimal policy for a machine, designed on steps of 25 ms; it knows the state.
+
+    Raises InvalidInput for a machine with effects of the sensors, or one that no table can be made for.
+    """
+    if model.output_effects:
+        raise InvalidInput(f"{model.output_effects[0].name} is of the sensors: expected a machine whose state is known")
     model = dataclasses.replace(model, integrator=RK4(substeps=2))
     core, _ = without_dead_time(model)
     if any(e.rest(core.dt) for e in core.input_effects) or not is_steady(core):
         grid = dataclasses.replace(grid, u=11, memory=7)
     return design_predictive(model, dataclasses.replace(grid, turns=1 if is_periodic(model) else 3))
-
-
-@dataclass(frozen=True, eq=False)
-class Abreast:
-    """Policies side by side in one run, each on its own share of the episodes."""
-
-    policies: tuple[Policy, ...]
-
-    @property
-    def history(self) -> int:
-        """As many past commands as any of them asks for."""
-        return max(getattr(policy, "history", 0) for policy in self.policies)
-
-    def __call__(self, state: State, t: float, past: Array | None = None) -> Array:
-        shares = np.split(np.arange(len(state.theta)), len(self.policies))
-        commands = []
-        for policy, own in zip(self.policies, shares, strict=True):
-            seen, known = State(state.theta[own], state.theta_dot[own]), getattr(policy, "history", 0)
-            commands.append(policy(seen, t, past[own, :known]) if known and past is not None else policy(seen, t))
-        return np.concatenate(commands)
-
-
-def returns(policies: Sequence[Policy], model: Model, theta: Array, theta_dot: Array) -> Array:
-    """Returns (P, E) of each policy from the same start states (E,)."""
-    P = len(policies)
-    answer = evaluate(Abreast(tuple(policies)), model, np.tile(theta, P), np.tile(theta_dot, P))
-    return answer.returns.reshape(P, -1)
 
 
 class Bench:

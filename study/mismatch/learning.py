@@ -3,12 +3,12 @@
     min  1/2 |e(p, starts)|^2 + decay/2 |p - p_0|^2        over the weights p and the starts of windows of a second
 
 from strong to weak decay, each from where the last one ended. Some rollouts are held out: they choose the decay, or
-nothing where no decay lowers their error.
+nothing where no decay lowers their error. Then all rollouts are learned from.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -24,7 +24,7 @@ from sysid.response import Linearisation, Response, cut, propagate
 Array = NDArray[np.float64]
 
 HELD_OUT = 0.2
-"""Share of the rollouts, at least one, that the weights never see."""
+"""Share of the rollouts, at least one, that choose the decay."""
 
 WINDOW = 1.0
 """Seconds that the model is simulated for before it is put right."""
@@ -46,7 +46,7 @@ PATIENCE = 2
 class Learned:
     """A model with a command filter and a learned torque, or the one that came where neither helped.
 
-    before, after   its error on the held-out rollouts, in units of the sensor's noise
+    before, after   error on the held-out rollouts, in units of the sensor's noise, before these were learned from, too
     decay           that was chosen; None where the model is the one that came
     """
 
@@ -66,19 +66,19 @@ def learn(model: Model, records: Sequence[Record], sensor: Sensor, rng: np.rando
     count = max(1, round(HELD_OUT * len(records)))
     held, seen = records[:count], records[count:]
     before = held_out_error(model, held, sensor, WINDOW).ratio
-    best, failed = Learned(model, before, before, None), 0
     weights = Weights.untrained(model, rng)
-    windows = Windows(weights, seen, sensor)
-    p, starts, damping = weights.first, windows.response.starts, 1e-2
-    for decay in DECAYS:
-        p, starts, damping = _descend(windows, p, starts, decay * weights.stiffness, damping)
+    chosen, least, failed = 0, before, 0
+    for k, p in enumerate(_path(weights, seen, sensor, DECAYS), 1):
         after = held_out_error(weights.model(p), held, sensor, WINDOW).ratio
-        failed = 0 if after < best.after else failed + 1
-        if after < best.after:
-            best = Learned(weights.model(p), before, after, decay)
+        failed = 0 if after < least else failed + 1
+        if after < least:
+            chosen, least = k, after
         elif failed == PATIENCE:
             break
-    return best
+    if not chosen:
+        return Learned(model, before, before, None)
+    *_, p = _path(weights, records, sensor, DECAYS[:chosen])
+    return Learned(weights.model(p), before, least, DECAYS[chosen - 1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,6 +169,15 @@ class Windows:
             slopes = torch.autograd.grad(value.sum(), (x, own), retain_graph=row == 0)
             A[:, row], G[:, row] = (slope.numpy() for slope in slopes)
         return A.reshape(K, L, 2, 2), G.reshape(K, L, 2, -1)
+
+
+def _path(weights: Weights, records: Sequence[Record], sensor: Sensor, decays: Sequence[float]) -> Iterator[Array]:
+    """The weights (P,) at one decay after the other."""
+    windows = Windows(weights, records, sensor)
+    p, starts, damping = weights.first, windows.response.starts, 1e-2
+    for decay in decays:
+        p, starts, damping = _descend(windows, p, starts, decay * weights.stiffness, damping)
+        yield p
 
 
 def _descend(windows: Windows, p: Array, starts: Array, decay: Array, damping: float) -> tuple[Array, Array, float]:

@@ -21,13 +21,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from policies.abreast import returns
 from policies.control.optimal import Grid, solve
 from policies.evaluate import Policy, fresh_start_states
 from policies.learning.population import Population
 from policies.learning.sac import SACSettings
 from policies.randomization import Band
 from study.mismatch.cases import CASES
-from study.mismatch.effect_cost import EPISODES, SEED, SHIPPED, machine, returns
+from study.mismatch.effect_cost import EPISODES, SEED, SHIPPED, machine
 from study.mismatch.sizes import SIZES, Size
 from sysid import InvalidInput
 from sysid.files import write_whole

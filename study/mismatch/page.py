@@ -52,7 +52,6 @@ def page(
         "images": [(embedded(figures[name]), text) for name, text in CAPTIONS.items() if name in figures],
         "ways": WAYS,
         "titles": {plant.name: capital(plant_title(plant)) for plant in plan.plants},
-        "gaps": {spot: answer.optima[spot.plant] - o.mean.mean for spot, o in answer.outcomes.items()},
         "verdicts": _verdicts(answer),
         "named": _named(answer, rows),
         "worker_time": duration(3600.0 * answer.hours),

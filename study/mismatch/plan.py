@@ -18,14 +18,14 @@ FORMAT = 1
 
 WAYS = {
     "z": "no rollouts: trained at the prior",
-    "e": "no rollouts: breadth over m, l and the effects' plausible ranges",
+    "e": "no rollouts: breadth over m, l and one effect of any kind within its plausible range",
     "a": "the paper's grid search for m and l",
     "b": "least squares for m and l",
     "b+": "least squares for m and l, band w = 0.3",
     "g": "least squares for m and l, random torques in training",
-    "i": "least squares for m and l, and a learned residual torque",
+    "i": "least squares for m and l, a learned command filter and residual torque",
     "d": "least squares for m, l and all effects at once",
-    "c": "diagnosed: the missing effect named, added, refitted",
+    "c": "diagnosed: the missing effect named, added, refitted; where it is unknown, as g",
     "f": "diagnosed, parameters drawn from the fit's covariance",
     "h": "the hidden plant itself: an oracle",
 }
@@ -125,7 +125,7 @@ SLEW = HiddenPlant("slew", "slew_limit", (("rate", 8.5),), 28.4)
 ALL_PLANTS = (PLAIN, COULOMB, DELAY_MEDIUM, DELAY_LARGE, MAGNET, SLEW)
 
 _ALL = (
-    Plan("mismatch", ALL_PLANTS, tuple(WAYS), (5, 50), tuple(range(1000, 1020)), described=5),
+    Plan("mismatch", ALL_PLANTS, tuple(WAYS), (5, 50), tuple(range(3000, 3020)), described=5),
     Plan("mismatch-quick", (DELAY_LARGE, MAGNET), ("z", "b", "b+", "c", "h"), (5,), (1000, 1001, 1002), described=3),
     Plan(
         "mismatch-smoke",

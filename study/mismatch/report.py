@@ -23,7 +23,8 @@ from sysid.files import write_whole
 
 @dataclass(frozen=True)
 class OutcomeRow:
-    """A way at a plant and a budget: returns over seeds, with Student's interval, and the parts of the gap."""
+    """A way at a plant and a budget: returns over seeds, with Student's interval, the gap to the optimum from the
+    same start states, and its parts over as many seeds as there are tables for."""
 
     plant: str
     way: str
@@ -33,10 +34,11 @@ class OutcomeRow:
     low: float
     high: float
     median: float
-    optimum: float
+    gap: float
     structure: float
     identification: float
     training: float
+    tables: int
 
 
 @dataclass(frozen=True)
@@ -114,8 +116,10 @@ def write_tables(found: Answer, folder: Path) -> None:
         trials += [TrialRow(*spot, seed, float(mean)) for seed, mean in zip(own.seeds, own.returns, strict=True)]
         mean, split = own.mean, own.split
         parts = (split.structure, split.identification, split.training) if split else (float("nan"),) * 3
-        optimum = found.optima[spot.plant]
-        outcomes.append(OutcomeRow(*spot, len(own.seeds), mean.mean, mean.low, mean.high, own.median, optimum, *parts))
+        stands = split.seeds if split else 0
+        outcomes.append(
+            OutcomeRow(*spot, len(own.seeds), mean.mean, mean.low, mean.high, own.median, own.gap, *parts, stands)
+        )
     contrasts = [
         ContrastRow(
             c.plant, c.n, c.a, c.b, c.contrast.mean, c.contrast.low, c.contrast.high, c.median, c.contrast.seeds, c.p

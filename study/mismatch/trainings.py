@@ -12,8 +12,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from policies import Population
-from policies.evaluate import evaluate, fresh_start_states
+from policies.abreast import returns
+from policies.evaluate import fresh_start_states
 from study.config import device_type
 from study.mismatch.hidden import hidden_machine
 from study.mismatch.plan import SHARED, Plan, Trial
@@ -114,13 +117,17 @@ class TrainingTask(Training):
 
     def answers(self, population: Population, seconds: float) -> list[Trained]:
         """The trained agents on the hidden plants, in order."""
-        found, answers = versions(), list[Trained]()
-        for agent, policy, curve in zip(self.agents, population.policies(), population.curves, strict=True):
-            starts = fresh_start_states(agent.seed, self.plan.episodes)
-            returns = {
-                name: tuple(evaluate(policy, hidden_machine(self.plan.plant(name)), *starts).returns.tolist())
-                for name in agent.plants
-            }
-            numbers = tuple((int(step), float(value)) for step, value in curve)
-            answers.append(Trained(agent.key, returns, numbers, found, seconds))
-        return answers
+        policies, found = population.policies(), versions()
+        reached: list[dict[str, tuple[float, ...]]] = [{} for _ in self.agents]
+        for plant in self.plan.plants:
+            there = [a for a, agent in enumerate(self.agents) if plant.name in agent.plants]
+            if not there:
+                continue
+            starts = [fresh_start_states(self.agents[a].seed, self.plan.episodes) for a in there]
+            own, machine = [policies[a] for a in there], hidden_machine(plant)
+            for a, row in zip(there, returns(own, machine, *map(np.array, zip(*starts, strict=True))), strict=True):
+                reached[a][plant.name] = tuple(row.tolist())
+        return [
+            Trained(agent.key, own, tuple((int(step), float(value)) for step, value in curve), found, seconds)
+            for agent, own, curve in zip(self.agents, reached, population.curves, strict=True)
+        ]

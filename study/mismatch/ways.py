@@ -2,8 +2,7 @@
 
     recipes(plan, plant, seed) -> {(way, n): Recipe}
 
-All fits are by output error with the sensor's noise known, from the same records: ways differ in what they fit, not in
-how well.
+All fits but the grid's are by output error with the sensor's noise known, from the same records.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from policies.randomization import Band, Fixed, OneOf, Posterior, Randomization, Ranges, Shaken
+from policies.randomization import Band, Fixed, OneAtATime, OneOf, Posterior, Randomization, Shaken
 from study.mismatch.cases import CASES
 from study.mismatch.hidden import PRIOR, oracle, rollouts, sensor
 from study.mismatch.plan import FREE, HiddenPlant, Plan
@@ -35,13 +34,14 @@ from sysid import (
     fit,
     residual_torque,
 )
+from sysid.comparison.held_out import held_out_error
 
 AT_ONCE = (
     "viscous", "coulomb", "drag", "load_friction", "tilt", "spring", "torque_bias", "delay", "lag", "dead_zone",
     "saturation", "angle_offset", "velocity_bias", "velocity_gain", "sensor_delay", "backlash",
 )  # fmt: skip
-"""Every effect of the catalogue that can stand beside the others, does not depend on time, and is not absorbed by m and
-l: of those that contain each other the simpler one."""
+"""Every effect of the catalogue that can stand beside the others, does not depend on time or on a number that no slope
+finds (a ripple's order), and is not absorbed by m and l: of those that contain each other the simpler one."""
 
 PLAUSIBLE = (0.3, 3.0)
 """m [kg] and l [m] where nobody measured (paper, Sec. III)."""
@@ -70,11 +70,21 @@ def _without_rollouts(way: str, plant: HiddenPlant) -> Recipe:
     if way == "z":
         return Recipe(PRIOR, Fixed())
     model = dataclasses.replace(PRIOR, effects=tuple(effect(name) for name in AT_ONCE))
-    ranges: dict[str, tuple[float, float]] = {"m": PLAUSIBLE, "l": PLAUSIBLE}
-    for name in AT_ONCE:
-        nothing, most = CASES[name].numbers(0.0), CASES[name].numbers(CASES[name].largest)
-        ranges |= {f"{name}.{key}": tuple(sorted((nothing[key], most[key]))) for key in nothing}
-    return Recipe(model, Ranges(ranges))
+    neutral = {f"{name}.{key}": value for name in AT_ONCE for key, value in CASES[name].numbers(0.0).items()}
+    kinds = tuple(plausible(model, name) for name in AT_ONCE)
+    return Recipe(model, OneAtATime({"m": PLAUSIBLE, "l": PLAUSIBLE}, kinds, neutral))
+
+
+def plausible(model: Model, name: str) -> dict[str, tuple[float, float]]:
+    """The range of each of an effect's numbers: from nothing to the largest plausible, and as far to the other side
+    where the model allows it and that is something else."""
+    found, parameters = {}, model.parameters
+    nothing, most = CASES[name].numbers(0.0), CASES[name].numbers(CASES[name].largest)
+    for key, end in most.items():
+        p, other = parameters[f"{name}.{key}"], 2.0 * nothing[key] - end
+        signed = p.bounds[0] <= other <= p.bounds[1] and nothing[key] == p.neutral
+        found[f"{name}.{key}"] = (min(end, other), max(end, other)) if signed else tuple(sorted((nothing[key], end)))
+    return found
 
 
 class Spending:
@@ -109,24 +119,29 @@ class Spending:
         """What the prior lacks."""
         return diagnose(PRIOR, self.records, self.sensor)
 
+    @property
+    def believed(self) -> bool:
+        """Whether what was named is taken for what is missing: not where something unknown remains, nor where the error
+        on held-out rollouts did not fall."""
+        found = self.diagnosis
+        return found.verdict != "unknown" and (not found.steps or found.error.ratio < found.base_error.ratio)
+
     @cached_property
     def mended(self) -> Estimate:
-        """Refitted on all rollouts with the effects that were named. What imitates something unknown (the error on
-        held-out data did not fall) is not believed."""
+        """Refitted on all rollouts with the effects that were named and believed."""
         found = self.diagnosis
-        believed = found.verdict != "unknown" or found.error.ratio < found.base_error.ratio
-        if not believed or not (found.steps or found.conventions):
+        if not self.believed or not (found.steps or found.conventions):
             return self.fitted
         return fit(found.estimate.model, self.records, self.sensor, found.estimate.names)
 
     def _mended(self) -> Recipe:
         found, model = self.diagnosis, self.mended.model.machine
         drawn, about = center(self.mended), {"errors": [found.base_error.ratio, found.error.ratio]}
-        if found.verdict == "cannot tell":
-            model, drawn = self._class()
-        elif found.verdict == "unknown":
+        if not self.believed:
             drawn, shaking = self._shaken(drawn, self.mended.model)
-            about |= shaking
+            about |= {"believed": False, **shaking}
+        elif found.verdict == "cannot tell":
+            model, drawn = self._class()
         return Recipe(model, drawn, found.verdict, tuple(s.effect for s in found.steps), about)
 
     def _posterior(self) -> Recipe:
@@ -140,9 +155,9 @@ class Spending:
 
     def _class(self) -> tuple[Model, Randomization]:
         """Each effect of a class that does not separate, fitted in turn, in a model that holds them all."""
-        step = next(s for s in self.diagnosis.steps if len(s.alike) > 1)
+        step = next(s for s in self.diagnosis.steps if s.rivals)
         fits, together = [self.mended], self.mended.model
-        for name in step.alike[1:]:
+        for name in step.rivals:
             try:
                 added = add(self.mended.model.without_effect(step.effect), name, self.records, self.sensor)
                 together = together.with_effect(effect(name))
@@ -155,7 +170,7 @@ class Spending:
             for p in machine.parameters.values()
             if "." in p.name
         }
-        names = sorted({name for f in fits for name in f.names if name in machine.parameters})
+        names = [name for name in machine.parameters if any(name in f.names for f in fits)]
         alternatives = [{name: f.values.get(name, neutral.get(name, math.nan)) for name in names} for f in fits]
         return machine, OneOf(tuple(alternatives))
 
@@ -164,14 +179,26 @@ class Spending:
         return Recipe(found.model, center(found))
 
     def _at_once(self) -> Recipe:
-        model = dataclasses.replace(PRIOR, effects=tuple(effect(name) for name in AT_ONCE))
-        found = fit(model, self.records, self.sensor)
-        return Recipe(found.model, center(found))
+        """From the fit without effects, first without and then with a limit of the drive, whichever is nearer: the fit
+        has no slope from "never" to a limit, and a limit that it begins with hides the rest."""
+        free = [effect(name) for name in AT_ONCE if name != "saturation"]
+        first = fit(dataclasses.replace(self.fitted.model, effects=tuple(free)), self.records, self.sensor)
+        second = fit(first.model.with_effect(effect("saturation")), self.records, self.sensor)
+        errors = [held_out_error(found.model, self.records, self.sensor).ratio for found in (first, second)]
+        found = (first, second)[int(np.argmin(errors))]
+        named = dataclasses.replace(center(found), center={**center(found).center, **self._unlimited(found.model)})
+        model = second.model.with_parameters(named.center)
+        return Recipe(model, named, about={"errors": errors, "success": found.success})
+
+    @staticmethod
+    def _unlimited(model: Model) -> dict[str, float]:
+        """Without a limit: the number that changes nothing, so that agents of either kind train together."""
+        return {} if "saturation.limit" in model.parameters else {"saturation.limit": model.u_max}
 
     def _learned(self) -> Recipe:
         from study.mismatch.learning import learn
 
-        learned = learn(self.fitted.model, self.records, self.sensor, np.random.default_rng(self.seed))
+        learned = learn(self.fitted.model, self.records, self.sensor, np.random.default_rng([self.seed, 1]))
         return Recipe(learned.model, center(self.fitted), about={"errors": [learned.before, learned.after]})
 
     def _random_torques(self) -> Recipe:
@@ -181,8 +208,9 @@ class Spending:
     def _shaken(self, drawn: Randomization, model: Model) -> tuple[Randomization, dict[str, Any]]:
         """Random torques of the size and memory that the log asks for beyond the model."""
         residual = residual_torque(model, self.records, self.sensor)
-        s = residual.torque.s if residual.present else 0.0
-        return Shaken(drawn, s, residual.torque.T), {"s": s, "T": residual.torque.T}
+        if not residual.present:
+            return drawn, {"s": 0.0}
+        return Shaken(drawn, residual.torque.s, residual.torque.T), {"s": residual.torque.s, "T": residual.torque.T}
 
 
 def center(estimate: Estimate, w: float = 0.0) -> Band:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from study.mismatch.answer import Answer, Compared, Spot
 from study.mismatch.naming import Named, enough, errors
@@ -15,8 +15,8 @@ def sentences(answer: Answer, rows: Sequence[Named] = ()) -> list[str]:
 
     rows: of the naming study, where they are there.
     """
-    found = [_breadth(answer), _naming(answer), _rollouts(answer, rows), _unknown(answer), _rivals(answer)]
-    found += [_blind(answer), _split(answer)]
+    found = [_breadth(answer), _naming(answer), _still(answer), _rollouts(answer, rows), _unknown(answer)]
+    found += [_rivals(answer), _blind(answer), _split(answer)]
     return [sentence for sentence in found if sentence]
 
 
@@ -38,7 +38,27 @@ def _naming(answer: Answer) -> str:
     rows = _rows(answer, "c", "b", [p.name for p in answer.plan.plants if p.effect and _named(answer, p.name)])
     if not rows:
         return ""
-    return f"Naming the effect and adding it changed the return by {_listed(answer, rows)} against m and l alone."
+    return (
+        f"The diagnosis changed the return against m and l alone by {_listed(answer, rows)}; it named an effect and "
+        f"believed it in {_counts(answer, rows, lambda text: ':' in text and 'believed' not in text)}."
+    )
+
+
+def _still(answer: Answer) -> str:
+    """(f) - (c): breadth after the diagnosis."""
+    parts = []
+    for plant in answer.plan.plants:
+        for n in answer.plan.budgets:
+            found = answer.difference(plant.name, "f", "c", n) if plant.effect and _named(answer, plant.name) else None
+            if found:
+                parts.append(f"{found} ({plant_title(plant)}, n = {n})")
+                seeds = found.seeds
+    if not parts:
+        return ""
+    return (
+        "And after the diagnosis? Drawing the parameters from the fit's covariance, which is the breadth that the data "
+        f"leave, changed the return by {', '.join(parts)} ({seeds} seeds; not pre-registered)."
+    )
 
 
 def _rollouts(answer: Answer, rows: Sequence[Named]) -> str:
@@ -62,7 +82,8 @@ def _unknown(answer: Answer) -> str:
         return ""
     return (
         "Where the catalogue lacks the effect, a diagnosis that says unknown trains under random torques of the size "
-        f"that the log asks for: {_listed(answer, rows)}."
+        f"that the log asks for; it did in {_counts(answer, rows, lambda text: text.startswith('unknown'))}, and over "
+        f"all seeds the return changed by {_listed(answer, rows)}."
     )
 
 
@@ -73,7 +94,7 @@ def _rivals(answer: Answer) -> str:
         rows = _rows(answer, "c", rival, [p.name for p in answer.plan.plants])
         if rows:
             parts.append(f"against {name} {_count(rows, +1)} better and {_count(rows, -1)} worse of {len(rows)}")
-    return f"One named effect, {', and '.join(parts)}, after Holm." if parts else ""
+    return f"The diagnosis, {', and '.join(parts)}, at all plants, after Holm." if parts else ""
 
 
 def _blind(answer: Answer) -> str:
@@ -111,6 +132,16 @@ def _rows(answer: Answer, a: str, b: str, plants: Sequence[str]) -> list[Compare
 def _listed(answer: Answer, rows: Sequence[Compared]) -> str:
     title = {plant.name: plant_title(plant) for plant in answer.plan.plants}
     return ", ".join(f"{row.contrast} ({title[row.plant]}{f', n = {row.n}' if row.n else ''})" for row in rows)
+
+
+def _counts(answer: Answer, rows: Sequence[Compared], which: Callable[[str], bool]) -> str:
+    """How many of the seeds of each row had a verdict of a kind."""
+    parts = []
+    for row in rows:
+        found = answer.verdicts.get((row.plant, row.n), {})
+        count = sum(times for text, times in found.items() if which(text))
+        parts.append(f"{count} of {sum(found.values())}")
+    return ", ".join(parts)
 
 
 def _count(rows: Sequence[Compared], sign: int) -> int:

@@ -131,12 +131,14 @@ def refit_windows(
     """The states of windows refitted.
 
     Those of long windows through heads of growing length, as their ends say ever more exactly where they began; those
-    of short ones from windows of 1 s, where the angle is not read and a short one does not tell it.
+    of short ones from windows of 1 s, where the angle is not read and a short one does not tell it; those whose first
+    instants are not scored from windows of 1 s that are scored from their first instant on.
     """
     length = round(HEAD / model.dt)
     longest = max(w.count - w.lead for w in windows)
-    if near is None and sensor.theta is None and 2 * longest <= length:
-        near = refit(Response(model, (), records, sensor, cut(records, HEAD, lead_of(model))))
+    blind = sensor.theta is None and 2 * longest <= length
+    if near is None and (blind or any(w.lead for w in windows)):
+        near = refit(Response(model, (), records, sensor, cut(records, HEAD)))
     starts = None if near is None else _states_at(near, windows)
     if near is not None:
         length *= 2

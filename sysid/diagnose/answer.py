@@ -20,6 +20,7 @@ class Step:
     """An effect that was added.
 
     alike          effects that this log cannot tell from it, itself first
+    rivals         those of them that are something else to other logs
     parameters     its numbers {name: {value, sd, unit}} at the end of the loop
     error_before   held-out error before and after, in units of the sensor noise
     p_value        Holm's, over all candidates of the round
@@ -27,6 +28,7 @@ class Step:
 
     effect: str
     alike: tuple[str, ...]
+    rivals: tuple[str, ...]
     parameters: dict[str, dict[str, Any]]
     error_before: float
     error_after: float

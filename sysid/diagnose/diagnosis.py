@@ -145,7 +145,7 @@ class _Report:
         machine = tuple(s for s in steps if not CATALOGUE[s.effect].of_log)
         remaining = self._remaining(error)
         verdict = "adequate" if not machine else "missing"
-        if any(len(s.alike) > 1 and self._apart(s) for s in machine):
+        if any(s.rivals for s in machine):
             verdict = "cannot tell"
         if remaining is not None:
             verdict = "unknown"
@@ -174,18 +174,13 @@ class _Report:
             return None
         from sysid.planning.experiment import next_experiment
 
-        alike = next(s.alike for s in machine if len(s.alike) > 1 and self._apart(s))
+        alike = next(s.alike for s in machine if s.rivals)
         try:
             return next_experiment(
                 self.end.estimate(), alike, sensor=self.sensor, records=self.search.records
             ).to_dict()
         except InvalidInput:  # no torque in the log, or rivals that exclude each other
             return None
-
-    def _apart(self, step: Step) -> bool:
-        """Whether the step's class holds effects that are not simply the same thing to every log of this kind."""
-        addition = next(a for a in self.search.additions if a.name == step.effect)
-        return bool(addition.close)
 
     def _steps(self, base_error: HeldOutError) -> tuple[Step, ...]:
         estimate = self.end.estimate()
@@ -199,7 +194,9 @@ class _Report:
                 if name.startswith(f"{addition.name}.")
             }
             alike = (addition.name, *addition.same, *addition.close)
-            steps.append(Step(addition.name, alike, numbers, before, after, addition.p_value, fit.estimate()))
+            steps.append(
+                Step(addition.name, alike, addition.close, numbers, before, after, addition.p_value, fit.estimate())
+            )
             before = after
         return tuple(steps)
 

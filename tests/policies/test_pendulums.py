@@ -240,6 +240,13 @@ def test_a_restart_of_some_leaves_the_random_torques_of_the_others():
         assert torch.equal(ours[2], theirs[2]) == (k < 5)
 
 
+def test_agents_may_draw_the_same_parameters_in_any_order():
+    one, other = Band({"m": 1.2, "l": 0.9}), Band({"l": 0.9, "m": 1.2})
+    env = Pendulums(paper_model(), [one, other], [3, 3])
+    env.restart()
+    assert {name: float(values[1]) for name, values in env.parameters_now.items()} == {"m": 1.2, "l": 0.9}
+
+
 def test_an_effect_that_an_alternative_does_not_mean_is_not_there():
     base = {"m": 1.0, "l": 1.0}
     unsure = Model(RodPendulum(), (Coulomb(), Delay()), dt=0.05, u_max=2.0)

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from policies.randomization import Band, Fixed, OneOf, Posterior, PriorRange, Ranges, Shaken, from_json
+from policies.randomization import Band, Fixed, OneAtATime, OneOf, Posterior, PriorRange, Ranges, Shaken, from_json
 from sysid import Coulomb, Delay, InvalidInput, Model, RodPendulum, Tilt, paper_model
 
 MODEL = paper_model()
@@ -185,6 +185,18 @@ def test_an_alternative_that_the_model_does_not_have_is_refused():
         OneOf(EITHER).sample(np.random.default_rng(0), MODEL)
 
 
+def test_one_at_a_time_draws_none_or_one_kind_each_as_often_and_leaves_the_rest_neutral():
+    kinds = ({"coulomb.tau_c": (0.5, 1.5)}, {"delay.T": (0.1, 0.3)})
+    drawn = draws(OneAtATime({"m": (0.5, 2.5)}, kinds, {"coulomb.tau_c": 0.0, "delay.T": 0.0}), model=UNSURE)
+    rubs, late = drawn["coulomb.tau_c"] > 0.0, drawn["delay.T"] > 0.0
+    assert not np.any(rubs & late)
+    for share in (rubs.mean(), late.mean(), (~rubs & ~late).mean()):
+        assert share == pytest.approx(1.0 / 3.0, abs=4.0 * (2.0 / 9.0 / DRAWS) ** 0.5)
+    assert drawn["coulomb.tau_c"][rubs].min() >= 0.5 and drawn["m"].mean() == pytest.approx(1.5, abs=0.05)
+    with pytest.raises(InvalidInput, match=r"delay\.T has no neutral number"):
+        OneAtATime({}, kinds, {"coulomb.tau_c": 0.0})
+
+
 @pytest.mark.parametrize(("s", "T"), [(0.5, 0.0), (1.2, 0.08), (0.3, 0.4)])
 def test_random_torques_are_stationary_with_the_stated_sd_and_memory(s, T):
     episodes, steps, dt = 4000, 30, 0.05
@@ -242,6 +254,7 @@ def test_what_is_inside_keeps_its_kind_as_plain_data():
         Ranges({"m": (1.0, 2.0)}),
         Posterior(("m", "l"), (1.5, 1.2), COVARIANCE),
         OneOf(EITHER),
+        OneAtATime({"m": (0.3, 3.0)}, ({"coulomb.tau_c": (0.0, 1.5)},), {"coulomb.tau_c": 0.0}),
         Shaken(OneOf(EITHER), 0.5, 0.1),
     ],
     ids=lambda r: type(r).__name__,

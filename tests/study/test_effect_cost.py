@@ -8,6 +8,7 @@ import sys
 import numpy as np
 import pytest
 
+from policies.abreast import Abreast, returns
 from policies.control.optimal import Grid
 from policies.evaluate import evaluate
 from study.mismatch import effect_cost
@@ -16,7 +17,6 @@ from study.mismatch.effect_cost import (
     SHIPPED,
     TABLE,
     TARGETS,
-    Abreast,
     Bench,
     Row,
     choose,
@@ -24,7 +24,6 @@ from study.mismatch.effect_cost import (
     machine,
     main,
     read,
-    returns,
     write,
 )
 from study.mismatch.sizes import SIZES

@@ -7,13 +7,16 @@ import pytest
 
 from policies.evaluate import evaluate, fresh_start_states
 from policies.randomization import Band
+from study.config import PRESETS
 from study.mismatch.effect_cost import design, machine
 from study.mismatch.hidden import hidden_machine, oracle, rollouts
+from study.mismatch.naming import FIRST, SEEDS
 from study.mismatch.plan import ALL_PLANTS, DELAY_LARGE, MAGNET, PLANS, WAYS, Trial
 from study.mismatch.recipe import Recipe, recipe_of
 from study.mismatch.results import Fitted
 from study.mismatch.trainings import agents_of, populations
-from study.mismatch.ways import Spending, recipes
+from study.mismatch.ways import AT_ONCE, Spending, recipes
+from sysid.comparison.held_out import held_out_error
 
 SMOKE = PLANS["mismatch-smoke"]
 
@@ -96,4 +99,35 @@ def test_the_plan_is_balanced_and_its_seeds_are_matched():
             seeds.setdefault(trial[:3], []).append(trial.seed)
         for (_, way, _), own in seeds.items():
             assert tuple(own) == plan.seeds_of(way)
-    assert Trial("plain", "c", 50, 1019) in PLANS["mismatch"].trials
+    assert Trial("plain", "c", 50, 3019) in PLANS["mismatch"].trials
+
+
+def test_the_experiments_seeds_are_used_for_nothing_else():
+    own = set(PLANS["mismatch"].seeds)
+    assert own.isdisjoint(s for name, plan in PLANS.items() if name != "mismatch" for s in plan.seeds)
+    assert own.isdisjoint(range(FIRST, FIRST + SEEDS)) and own.isdisjoint(s for p in PRESETS.values() for s in p.seeds)
+
+
+def test_what_is_unknown_or_does_not_help_is_not_believed(spending):
+    """Then (c) trains as (g) does; and (d), which holds what (c) found, is no further from the rollouts."""
+    plan = PLANS["mismatch-quick"]
+    lost = Spending(plan, rollouts(plan, MAGNET, 2), 2)
+    assert lost.diagnosis.verdict == "unknown" and not lost.believed
+    assert lost.recipe("c").key == lost.recipe("g").key
+    assert spending.believed
+    named, every = (held_out_error(spending.recipe(way).model, spending.records, spending.sensor) for way in "cd")
+    assert every.ratio < named.ratio + 0.02
+
+
+def test_breadth_is_over_one_effect_at_a_time():
+    recipe = recipes(SMOKE, MAGNET, 0, ("e",))["e", 0][0]
+    rng, count = np.random.default_rng(0), []
+    for _ in range(300):
+        drawn = recipe.drawn.sample(rng, recipe.model)
+        assert 0.3 <= drawn["m"] <= 3.0 and 0.3 <= drawn["l"] <= 3.0
+        off = {name.split(".")[0] for name, value in drawn.items() if value != recipe.drawn.neutral.get(name, value)}
+        count.append(off)
+    assert max(map(len, count)) == 1
+    assert set().union(*count) == set(AT_ONCE)
+    tilts = [recipe.drawn.sample(rng, recipe.model)["tilt.alpha"] for _ in range(600)]
+    assert min(tilts) < -0.05 and max(tilts) > 0.05

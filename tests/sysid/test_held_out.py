@@ -128,3 +128,18 @@ def test_it_prints_and_becomes_json() -> None:
 def test_a_channel_that_is_missing_is_said() -> None:
     with pytest.raises(InvalidInput, match="no theta_dot readings"):
         held_out_error(rod(), logs(rod(), Sensor(0.003)), BOTH)
+
+
+@pytest.mark.parametrize("sensing", [SensorDelay(T=0.0), Backlash(width=0.0)], ids=lambda e: e.name)
+def test_a_sensor_that_remembers_and_changes_nothing_changes_no_error(sensing: SensorDelay | Backlash) -> None:
+    """Also where the angle is coarse and the speed poor, and random torque of a second hides where a window began."""
+    model, sensor, rng = (
+        Model(RodPendulum(m=2.0, l=1.5), dt=0.05, u_max=2.0),
+        Sensor(0.01, 1.0),
+        np.random.default_rng(3),
+    )
+    start = rng.uniform(-math.pi, math.pi, 5), rng.uniform(-1.0, 1.0, 5)
+    records = simulate(model, rng.uniform(-2.0, 2.0, (5, 200)), *start).measure(sensor, rng)
+    plain = held_out_error(model, records, sensor)
+    assert held_out_error(model.with_effect(sensing), records, sensor).ratio == pytest.approx(plain.ratio, abs=0.01)
+    assert abs(plain.ratio - 1.0) < 0.05

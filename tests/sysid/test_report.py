@@ -42,7 +42,7 @@ def diagnosis(records: list[Record], verdict: str = "missing", sensor: Sensor = 
     before, after = (held_out_error(e.model, held_out, sensor) for e in (base, end))
     alike = ("coulomb", "stribeck") if verdict == "cannot tell" else ("coulomb",)
     tau_c = {"coulomb.tau_c": {"value": end.values["coulomb.tau_c"], "sd": end.sd["coulomb.tau_c"], "unit": "N m"}}
-    step = Step("coulomb", alike, tau_c, before.ratio, after.ratio, 1e-20, end)
+    step = Step("coulomb", alike, alike[1:], tau_c, before.ratio, after.ratio, 1e-20, end)
     added = (step,) if verdict in ("missing", "cannot tell") else ()
     return Diagnosis(
         verdict=verdict,
