@@ -1,5 +1,8 @@
 """A population learns, its agents do not know of each other, and an interruption changes nothing."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 import torch
@@ -234,6 +237,43 @@ def test_a_foreign_file_is_refused(tmp_path):
     torch.save([1, 2], path)
     with pytest.raises(InvalidInput, match="not a checkpoint"):
         resumed(path)
+
+
+class Trap:
+    """Leaves a trace where a reader lets a file execute."""
+
+    def __init__(self, trace):
+        self.trace = trace
+
+    def __reduce__(self):
+        return open, (str(self.trace), "w")
+
+
+def test_nothing_in_a_checkpoint_is_executed(tmp_path):
+    path, trace = tmp_path / "population.pt", tmp_path / "executed"
+    torch.save({"version": Trap(trace)}, path)
+    with pytest.raises(InvalidInput, match="not a checkpoint"):
+        resumed(path)
+    assert not trace.exists()
+
+
+PEAK = """
+import resource
+from policies import Band, Population, SACSettings, tune_cpu
+from sysid import paper_model
+
+tune_cpu(threads=1)
+agents = Population(paper_model(), [Band({"m": 2.0, "l": 1.5})] * 125, range(125), SACSettings(hidden=(64, 64)))
+agents.train(agents.settings.random_steps + 5)
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
+"""
+
+
+def test_125_agents_fit_into_two_gigabytes():
+    """With the replay of the whole training, which is touched as it fills, and its copy for a checkpoint."""
+    peak = subprocess.run([sys.executable, "-c", PEAK], capture_output=True, text=True, check=True)
+    replay = 125 * 75_000 * 9 * 4
+    assert int(peak.stdout) + 2 * replay < 2e9
 
 
 @pytest.mark.parametrize(
