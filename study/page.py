@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import base64
+import math
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from study.answer import number
+from study.statistics import MINUS, Contrast
 
 if TYPE_CHECKING:
     import jinja2
+    from markupsafe import Markup
 
 
 def template(name: str, filters: Mapping[str, Callable[..., str]] | None = None) -> jinja2.Template:
@@ -21,7 +24,8 @@ def template(name: str, filters: Mapping[str, Callable[..., str]] | None = None)
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("study"), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
-    environment.filters |= {"number": number, "unbroken": unbroken, **(filters or {})}
+    own = {"number": number, "unbroken": unbroken, "signed": signed, "range": interval, "p": p_value}
+    environment.filters |= {**own, **(filters or {})}
     return environment.get_template(name)
 
 
@@ -33,3 +37,25 @@ def embedded(file: Path) -> str:
 def unbroken(text: str) -> str:
     """The same with no line break inside an interval."""
     return re.sub(r"\S+ \[[^]]*\]", lambda found: found.group().replace(" ", "\u00a0"), text)
+
+
+def signed(value: float) -> str:
+    """A change, without digits behind the point."""
+    return f"{round(value) + 0.0:+.0f}".replace("-", MINUS)
+
+
+def interval(contrast: Contrast | None) -> Markup:
+    """The interval of a contrast alone, bold where zero is outside; nothing without one."""
+    from markupsafe import Markup, escape
+
+    if contrast is None or not math.isfinite(contrast.low):
+        return Markup("")
+    text = str(contrast).partition(" ")[2]
+    return Markup("<b>{}</b>").format(text) if contrast.significant else Markup(escape(text))
+
+
+def p_value(value: float) -> str:
+    """To three digits; nothing for nan."""
+    if math.isnan(value):
+        return ""
+    return "< 0.001" if value < 0.001 else f"{value:.3f}"

@@ -24,7 +24,7 @@ from study.publication.page import section
 from study.publication.published import Outcomes
 from study.publication.scatter import scatter
 from study.references import LQR, OPTIMAL, SWING_UP, fresh_optimum
-from study.statistics import Contrast
+from study.statistics import Contrast, holm, paired_t
 from study.storage.store import Store
 from study.versions import all_versions
 from sysid.files import write_whole
@@ -147,6 +147,7 @@ def _cell_row(answer: Answer, key: tuple[int, float]) -> dict[str, Any]:
         "w": key[1],
         "mean": answer.mean(key),
         "sem": answer.sem(key),
+        "median": float(np.median(answer.returns(key))),
         "best": key == answer.best,
         "gap": gap.total,
         "percent": 100.0 * gap.total.mean / abs(answer.optimum),
@@ -155,21 +156,23 @@ def _cell_row(answer: Answer, key: tuple[int, float]) -> dict[str, Any]:
     }
 
 
-def _contrasts(answer: Answer) -> list[tuple[str, Contrast]]:
-    """Every step of the budget at the least width, and every width against the least."""
+def _contrasts(answer: Answer) -> list[tuple[str, Contrast, Contrast, float]]:
+    """Every step of the budget at the least width, and every width against the least: the paired bootstrap, Student's t
+    and its p after Holm's correction over the table."""
     budgets, widths = answer.point.budgets, answer.point.widths
-    steps = [
-        (f"n = {a} → {b}, w = {widths[0]:g}", answer.contrast((b, widths[0]), (a, widths[0])))
+    steps = {
+        f"n = {a} → {b}, w = {widths[0]:g}": ((b, widths[0]), (a, widths[0]))
         for a, b in [*itertools.pairwise(budgets), (budgets[0], budgets[-1])]
         if a != b
+    }
+    wider = {f"w = {widths[0]:g} → {w:g}, n = {n}": ((n, w), (n, widths[0])) for n in budgets for w in widths[1:]}
+    pairs = {**steps, **wider}
+    found = [paired_t(answer.returns(a), answer.returns(b)) for a, b in pairs.values()]
+    adjusted = holm([1.0 if t.p is None else t.p for t in found])
+    return [
+        (label, answer.contrast(a, b), t, p)
+        for (label, (a, b)), t, p in zip(pairs.items(), found, adjusted, strict=True)
     ]
-    steps = list(dict(steps).items())
-    wider = [
-        (f"w = {widths[0]:g} → {w:g}, n = {n}", answer.contrast((n, w), (n, widths[0])))
-        for n in budgets
-        for w in widths[1:]
-    ]
-    return steps + wider
 
 
 def _plain(text: str) -> str:

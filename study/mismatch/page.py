@@ -14,7 +14,7 @@ from study.mismatch.plan import WAYS
 from study.mismatch.titles import capital, plant_title
 from study.page import embedded, template
 from study.progress import duration
-from study.statistics import MINUS, Contrast
+from study.statistics import Contrast
 
 CAPTIONS = {
     "returns": "Every way at every hidden plant: mean return with its 95 % interval over seeds, hollow for few "
@@ -58,7 +58,7 @@ def page(
         "settings": settings,
         "versions": versions,
     }
-    return template("mismatch.html.j2", {"signed": _signed, "p": _p, "interval": _interval}).render(content)
+    return template("mismatch.html.j2", {"interval": _interval}).render(content)
 
 
 def _verdicts(answer: Answer) -> list[tuple[str, int, str]]:
@@ -97,11 +97,3 @@ def _interval(mean: Contrast) -> str:
         return number(mean.mean)
     low, high = number(mean.low), number(mean.high)
     return f"{number(mean.mean)} [{low}, {high}]".replace(" ", "\u00a0")
-
-
-def _signed(value: float) -> str:
-    return f"{round(value) + 0.0:+.0f}".replace("-", MINUS)
-
-
-def _p(value: float) -> str:
-    return "< 0.001" if value < 0.001 else f"{value:.3f}"

@@ -15,14 +15,12 @@ from study.publication.agreement import DIFFERS, MARGIN, Agreement, CellAgreemen
 from study.publication.held import FIGURES, Publication
 from study.publication.paper import CELLS, Spot
 from study.publication.published import Summary
-from study.statistics import MINUS, Contrast
+from study.statistics import Contrast
 
 
 def section(held: Publication, preset: Preset) -> Markup:
     """The finished section."""
-    page = template(
-        "publication.html.j2", {"signed": _signed, "bold": _bold, "range": _range, "p": _p, "summary": _summary}
-    )
+    page = template("publication.html.j2", {"bold": _bold, "summary": _summary})
     return Markup(page.render(_content(held, preset)))
 
 
@@ -105,21 +103,3 @@ def _bold(contrast: Contrast | None) -> Markup:
     if contrast is None:
         return Markup("")
     return Markup("<b>{}</b>").format(contrast) if contrast.significant else Markup(escape(str(contrast)))
-
-
-def _range(contrast: Contrast | None) -> Markup:
-    """The interval alone."""
-    if contrast is None or not math.isfinite(contrast.low):
-        return Markup("")
-    text = str(contrast).partition(" ")[2]
-    return Markup("<b>{}</b>").format(text) if contrast.significant else Markup(escape(text))
-
-
-def _signed(value: float) -> str:
-    return f"{value:+.0f}".replace("-", MINUS)
-
-
-def _p(value: float) -> str:
-    if math.isnan(value):
-        return ""
-    return "< 0.001" if value < 0.001 else f"{value:.3f}"
