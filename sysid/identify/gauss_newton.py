@@ -292,8 +292,11 @@ class Fit:
         )
 
     def state(self, record: int, instant: int) -> Array | None:
-        """The fitted state (2,) at an instant of a record, where some window covers it."""
-        for w, states in zip(self.response.windows, self.solution.lin.states, strict=True):
+        """The fitted state (2,) at an instant of a record, where some window covers it.
+
+        Of two windows that do the later one: it begins there, where the earlier one has drifted to.
+        """
+        for w, states in reversed(list(zip(self.response.windows, self.solution.lin.states, strict=True))):
             if w.record == record and w.begin <= instant <= w.begin + w.count:
                 found: Array = states[instant - w.begin]
                 return found

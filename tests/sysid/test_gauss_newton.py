@@ -314,6 +314,17 @@ def test_states_of_a_fit_are_those_of_its_windows(clean: list[Record]) -> None:
     assert fit.state(len(clean), 0) is None
 
 
+def test_a_fit_begins_where_a_near_one_of_the_same_windows_ended() -> None:
+    """Also where windows overlap by their leads, and a wrong model drifts by the end of each."""
+    records = logs(rod(Coulomb(tau_c=0.3)), n=2)
+    near = fit_windows(rod(), PLANT, records, SENSOR, 1.0, lead=0.3)
+    for w, start in zip(near.response.windows, near.solution.starts, strict=True):
+        assert near.state(w.record, w.begin) == pytest.approx(start)
+    more, names = near.model.with_effect(Coulomb(tau_c=1e-6)), (*PLANT, "coulomb.tau_c")
+    with_more = fit_windows(more, names, records, SENSOR, 1.0, near=near, lead=0.3)
+    assert with_more.solution.lin.cost < near.solution.lin.cost
+
+
 def test_windows_of_one_interval_can_be_fitted() -> None:
     """As much as nothing is known, but nothing breaks."""
     fit = fit_windows(rod(), PLANT, [logs(rod())[0].head(40)], SENSOR, DT)
