@@ -186,14 +186,10 @@ class Spending:
         second = fit(first.model.with_effect(effect("saturation")), self.records, self.sensor)
         errors = [held_out_error(found.model, self.records, self.sensor).ratio for found in (first, second)]
         found = (first, second)[int(np.argmin(errors))]
-        named = dataclasses.replace(center(found), center={**center(found).center, **self._unlimited(found.model)})
-        model = second.model.with_parameters(named.center)
-        return Recipe(model, named, about={"errors": errors, "success": found.success})
-
-    @staticmethod
-    def _unlimited(model: Model) -> dict[str, float]:
-        """Without a limit: the number that changes nothing, so that agents of either kind train together."""
-        return {} if "saturation.limit" in model.parameters else {"saturation.limit": model.u_max}
+        numbers = {"saturation.limit": PRIOR.u_max, **center(found).center}  # a limit that no command reaches
+        return Recipe(
+            second.model.with_parameters(numbers), Band(numbers), about={"errors": errors, "success": found.success}
+        )
 
     def _learned(self) -> Recipe:
         from study.mismatch.learning import learn
