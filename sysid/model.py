@@ -177,12 +177,12 @@ class Model:
                 yield drives
 
     def drive_record(self, u: Array) -> Array:
-        """What `drives` yields, (N, S), all at once: for plain numbers, many times faster."""
-        fed = np.concatenate([u, np.repeat(u[-1:], self.ahead)])
-        signal = np.repeat(fed[:, None], self.integrator.substeps, axis=1)
+        """What `drives` yields, (..., N, S), of records (..., N) all at once: for plain numbers, many times faster."""
+        fed = np.concatenate([u, np.repeat(u[..., -1:], self.ahead, axis=-1)], axis=-1)
+        signal = np.repeat(fed[..., None], self.integrator.substeps, axis=-1)
         for e in self.input_effects:
             signal = e.whole(signal, self.dt)
-        return signal[self.ahead :]
+        return signal[..., self.ahead :, :]
 
     def joint(self, theta: Value, theta_dot: Value, t: Value, drive: Value) -> Joint:
         """What acts at the joint, the load complete, as frictions see it."""

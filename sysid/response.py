@@ -174,7 +174,19 @@ class Response:
         if not self.model.input_effects:
             return np.repeat(self.commands[:, None], self.model.integrator.substeps, axis=1)
         model = self.model.with_parameters(dict(zip(self.names, p.tolist(), strict=True)))
-        return np.concatenate([model.drive_record(record.u) for record in self.records])
+        drives = np.empty((len(self.commands), self.model.integrator.substeps))
+        for at in self._equally_long:
+            drives[at] = model.drive_record(self.commands[at])
+        return drives
+
+    @cached_property
+    def _equally_long(self) -> list[Index]:
+        """Places (K, N) in the whole log of the K records of each length N."""
+        first = np.concatenate([[0], np.cumsum([len(r) for r in self.records])])
+        begins: dict[int, list[int]] = {}
+        for begin, record in zip(first.tolist(), self.records, strict=False):
+            begins.setdefault(len(record), []).append(begin)
+        return [np.add.outer(own, np.arange(N)) for N, own in begins.items()]
 
     def _symbolic(self, p: casadi.SX) -> Model:
         return self.model.with_parameters(dict(zip(self.names, casadi.vertsplit(p), strict=True)))

@@ -39,7 +39,7 @@ class Delay(DeadTime, InputEffect):
         return delayed(signal, memory, self.T, dt)
 
     def whole(self, signal: Array, dt: float) -> Array:
-        """Substep means (N, S) over a whole record."""
+        """Substep means (..., N, S) over whole records."""
         return delayed_record(signal, self.intervals(dt), self.T, dt)
 
 
@@ -78,13 +78,13 @@ class Lag(InputEffect):
         return tuple(lagged), (z,)
 
     def whole(self, signal: Array, dt: float) -> Array:
-        """Substep means (N, S) over a whole record: z is a first-order filter of the substeps' signal."""
+        """Substep means (..., N, S) over whole records: z is a first-order filter of the substeps' signal."""
         from scipy.signal import lfilter
 
-        h, T = dt / signal.shape[1], self.T + _TINY
+        h, T = dt / signal.shape[-1], self.T + _TINY
         decay = ops.exp(-h / T)
-        s = signal.ravel()
-        z = np.concatenate([[0.0], lfilter([1.0 - decay], [1.0, -decay], s)[:-1]])
+        s = signal.reshape(*signal.shape[:-2], -1)
+        z = np.concatenate([np.zeros_like(s[..., :1]), lfilter([1.0 - decay], [1.0, -decay], s)[..., :-1]], axis=-1)
         return np.reshape(s + (z - s) * (T / h) * (1.0 - decay), signal.shape)
 
 
@@ -177,5 +177,5 @@ class Stamp(InputEffect):
         return delayed(signal, memory, (1.0 + self.s) * dt, dt)
 
     def whole(self, signal: Array, dt: float) -> Array:
-        """Substep means (N, S) over a whole record."""
+        """Substep means (..., N, S) over whole records."""
         return delayed_record(signal, 2, (1.0 + self.s) * dt, dt)

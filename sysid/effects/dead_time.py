@@ -76,16 +76,16 @@ def delayed(signal: Sequence[Value], memory: Memory, T: Value, dt: float) -> tup
 
 
 def delayed_record(signal: Array, intervals: int, T: float, dt: float) -> Array:
-    """`delayed` for all intervals of a record (N, S) at once, from rest: the memory is the record itself, shifted."""
-    N, S = signal.shape
-    u, h = np.concatenate([np.zeros(intervals), signal[:, 0]]), dt / S
+    """`delayed` for all intervals of records (..., N, S), from rest: the memory is the record itself, shifted."""
+    *batch, N, S = signal.shape
+    u, h = np.concatenate([np.zeros((*batch, intervals)), signal[..., 0]], axis=-1), dt / S
     c = np.arange(intervals + 1)
     low, high = -c * dt, (1 - c) * dt
-    late = np.zeros((N, S))
+    late = np.zeros(signal.shape)
     for j in range(S):
         share = (np.clip((j + 1) * h - T, low, high) - np.clip(j * h - T, low, high)) / h
         for k in np.flatnonzero(share):
-            late[:, j] += share[k] * u[intervals - k : intervals - k + N]
+            late[..., j] += share[k] * u[..., intervals - k : intervals - k + N]
     return late
 
 

@@ -86,16 +86,17 @@ class InputEffect(Effect):
         """The signal after this effect over one interval dt [s], and the memory for the next interval."""
 
     def whole(self, signal: Array, dt: float) -> Array:
-        """The signal (N, S) of a whole record after this effect, from rest; its parameters must be plain numbers."""
+        """The signal (..., N, S) of whole records after this effect, from rest; parameters must be plain numbers."""
         memory = self.rest(dt)
         if not memory:
-            columns, _ = self.advance(tuple(signal.T), memory, dt)
-            return np.stack(np.broadcast_arrays(*columns), axis=1)
+            columns, _ = self.advance(tuple(np.moveaxis(signal, -1, 0)), memory, dt)
+            return np.stack(np.broadcast_arrays(*columns), axis=-1)
         rows = []
-        for row in signal.tolist():
+        several = np.moveaxis(signal, (-2, -1), (0, 1))
+        for row in signal.tolist() if signal.ndim == 2 else several:  # floats are faster than arrays of one
             after, memory = self.advance(tuple(row), memory, dt)
-            rows.append(after)
-        return np.array(rows)
+            rows.append(after if signal.ndim == 2 else np.broadcast_arrays(*after))
+        return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
 
 @dataclass(frozen=True, eq=False)

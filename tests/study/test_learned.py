@@ -43,6 +43,13 @@ def test_a_filter_of_one_late_tap_is_a_delay_of_whole_samples():
     np.testing.assert_allclose(moved(late), moved(named), atol=1e-9)
 
 
+def test_a_filter_runs_over_several_records_at_once():
+    """It has no way of its own to do so: an effect of a user's has none, either."""
+    u = np.random.default_rng(6).uniform(-2.0, 2.0, (3, 20))
+    model = replace(TRUE, effects=(CommandFilter(taps=np.array([0.2, 0.5, 0.3])),))
+    np.testing.assert_allclose(model.drive_record(u), [list(model.drives(own.tolist())) for own in u], atol=1e-12)
+
+
 def test_stacked_pendulums_move_as_each_alone():
     own = [some_effects(seed) for seed in (1, 2, 3)]
     together = replace(TRUE, effects=stacked(own))

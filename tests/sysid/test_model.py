@@ -169,6 +169,7 @@ def test_a_whole_record_at_once_equals_interval_by_interval(T, substeps, all_eff
         path = (*others, *(e for name, e in late.items() if name != left_out))
         model = Model(RodPendulum(), path, RK4(substeps), dt=0.02)
         np.testing.assert_allclose(model.drive_record(u), list(model.drives(u.tolist())), rtol=0.0, atol=1e-12)
+        np.testing.assert_array_equal(model.drive_record(np.stack([0.5 * u, u]))[1], model.drive_record(u))
 
 
 def test_the_machine_is_the_model_without_what_belongs_to_the_log():
