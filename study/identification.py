@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from study.config import Pair, Point
-from study.executors.executor import Link
+from study.executors.executor import Brief, Link
 from sysid import GridSearch, Identifier, InvalidInput, LeastSquares, Model, Sensor, UnscentedKalman, paper_model
 from sysid.excitation import paper_rollouts
 
@@ -73,13 +73,11 @@ def _identifier(point: Point) -> Identifier:
 
 
 @dataclass(frozen=True)
-class IdentificationTask:
+class IdentificationTask(Brief):
     """The estimates of all budgets of an operating point, for one seed."""
 
     point: Point
     seed: int
-    saves: ClassVar[bool] = False
-    gpus: ClassVar[int] = 0
 
     @property
     def name(self) -> str:
@@ -90,10 +88,6 @@ class IdentificationTask:
         """About how many seconds it takes on one core; only the time left is computed from it."""
         rollout = {"grid": 0.007, "least_squares": 0.03, "unscented": 0.2}.get(self.point.identifier, 0.1)
         return 1.0 + rollout * sum(self.point.budgets)
-
-    def resumed(self, seconds: float) -> IdentificationTask:
-        """This task, which has no checkpoint."""
-        return self
 
     def run(self, link: Link) -> list[Estimated]:
         """One estimate a budget."""

@@ -14,14 +14,13 @@ from __future__ import annotations
 import time
 from collections.abc import Set
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
 from policies.evaluate import Policy, evaluate, fresh_start_states
 from study.cells import start_states
 from study.config import Preset
-from study.executors.executor import Link
+from study.executors.executor import Brief, Link
 from study.identification import Theta, hidden_plant
 from study.versions import versions
 from sysid import paper_model
@@ -53,15 +52,13 @@ class Reference:
 
 
 @dataclass(frozen=True)
-class ReferenceTask:
+class ReferenceTask(Brief):
     """Design a controller at theta and run it on hidden plants from the start states of all seeds in question."""
 
     preset: Preset
     controller: str
     theta: Theta
     truths: tuple[Theta, ...]
-    saves: ClassVar[bool] = False
-    gpus: ClassVar[int] = 0
 
     @property
     def name(self) -> str:
@@ -71,10 +68,6 @@ class ReferenceTask:
     def work(self) -> float:
         """About how many seconds it takes on one core; only the time left is computed from it."""
         return 2.0 + (3e-5 * self.preset.grid**2 if self.controller == OPTIMAL else 0.0)
-
-    def resumed(self, seconds: float) -> ReferenceTask:
-        """This task, which has no checkpoint."""
-        return self
 
     def run(self, link: Link) -> list[Reference]:
         """One reference a truth and seed."""

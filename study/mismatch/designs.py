@@ -16,12 +16,12 @@ import hashlib
 import json
 import time
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 from policies.abreast import returns
 from policies.control.optimal import Grid
 from policies.evaluate import Policy, fresh_start_states
-from study.executors.executor import Link
+from study.executors.executor import Brief, Link
 from study.mismatch.effect_cost import design, machine
 from study.mismatch.hidden import hidden_machine, oracle
 from study.mismatch.plan import Plan
@@ -46,15 +46,13 @@ def model_key(recipe: Recipe) -> str:
 
 
 @dataclass(frozen=True)
-class DesignTask:
+class DesignTask(Brief):
     """Design on each model, and run on a hidden plant from a seed's start states. models: (key, Recipe.to_json)."""
 
     plan: Plan
     plant: str
     seed: int
     models: tuple[tuple[str, dict[str, Any]], ...]
-    saves: ClassVar[bool] = False
-    gpus: ClassVar[int] = 0
 
     @property
     def name(self) -> str:
@@ -64,10 +62,6 @@ class DesignTask:
     def work(self) -> float:
         """About how many seconds it takes on one core; only the time left is computed from it."""
         return 3.0 * (len(self.models) + 2) * (self.plan.grid / 120.0) ** 2
-
-    def resumed(self, seconds: float) -> DesignTask:
-        """This task: it has no checkpoint."""
-        return self
 
     def run(self, link: Link) -> list[Designed]:
         """The returns of every design; none of a model that no table can be made for."""

@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, ClassVar
+from typing import Any
 
 from rich.console import Console
 
-from study.executors.executor import Executor, Link, Task
+from study.executors.executor import Brief, Executor, Link, Task
 from study.mismatch.designs import DESIGNED, OPTIMUM, DesignTask, model_key
 from study.mismatch.plan import Plan, Trial
 from study.mismatch.recipe import recipe_of
@@ -25,15 +25,13 @@ from study.training import left
 
 
 @dataclass(frozen=True)
-class FitTask:
+class FitTask(Brief):
     """What every way makes of the rollouts that a seed draws on a hidden plant."""
 
     plan: Plan
     plant: str
     seed: int
     ways: tuple[str, ...]
-    saves: ClassVar[bool] = False
-    gpus: ClassVar[int] = 0
 
     @property
     def name(self) -> str:
@@ -43,10 +41,6 @@ class FitTask:
     def work(self) -> float:
         """About how many seconds it takes on one core; only the time left is computed from it."""
         return 0.3 * len(self.ways) * sum(self.plan.budgets)
-
-    def resumed(self, seconds: float) -> FitTask:
-        """This task: it has no checkpoint."""
-        return self
 
     def run(self, link: Link) -> list[Fitted]:
         """One answer a way and budget."""

@@ -20,11 +20,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from study import rows as table
+from study.executors.executor import Brief
 from study.mismatch.plan import PLANS, HiddenPlant, Plan
 from study.statistics import wilson
 from sysid import CATALOGUE, Diagnosis, InvalidInput
@@ -158,15 +159,13 @@ def _error(estimate: Estimate) -> float:
 
 
 @dataclass(frozen=True)
-class NamingTask:
+class NamingTask(Brief):
     """The rows of a plant and a seed."""
 
     plan: Plan
     plant: str
     seed: int
     budgets: tuple[int, ...]
-    saves: ClassVar[bool] = False
-    gpus: ClassVar[int] = 0
 
     @property
     def name(self) -> str:
@@ -176,10 +175,6 @@ class NamingTask:
     def work(self) -> float:
         """About how many seconds it takes on one core; only the time left is computed from it."""
         return 3.0 + sum(0.7 + 0.25 * n for n in self.budgets)
-
-    def resumed(self, seconds: float) -> NamingTask:
-        """This task: it has no checkpoint."""
-        return self
 
     def run(self, link: Link) -> list[Named]:
         """One row a budget; smaller budgets are the first rollouts of larger ones."""
