@@ -75,20 +75,6 @@ def test_optimal_returns_refuses_a_grid_without_the_upright():
     assert "even number" in done.stderr
 
 
-def test_published_runs():
-    done = run("published_runs.py", "--steps", "1100", "--hidden", "8")
-    assert done.returncode == 0, done.stderr
-    _, *lines = done.stdout.splitlines()
-    assert [float(line.split()[3]) for line in lines] == [1.0, 3.0, 3.0, 2.1, 2.82, 2.955, 2.1, 2.955]  # published m
-    assert all(-2000.0 < float(line.split()[5]) < -100.0 for line in lines)
-
-
-def test_published_runs_refuses_settings_that_cannot_be():
-    done = run("published_runs.py", "--steps", "0")
-    assert done.returncode == 2
-    assert "positive number" in done.stderr
-
-
 def test_paper_claims(tmp_path):
     done = run("paper_claims.py", "--seeds", "60", "--figure", str(tmp_path / "claims.png"))
     assert done.returncode == 0, done.stderr

@@ -146,7 +146,8 @@ def _pareto(axes: Axes, cells: Sweep) -> None:
     first, last = min(best), max(best)
     breadth = first, max(w for n, w in cells if n == first)
     fidelity = last, min(w for n, w in cells if n == last)
-    for (n, w), name, style, shift in ((fidelity, "pure fidelity", "--", -34), (breadth, "pure breadth", ":", 10)):
+    without = "pure breadth" if breadth[1] else "no data"
+    for (n, w), name, style, shift in ((fidelity, "pure fidelity", "--", -34), (breadth, without, ":", 10)):
         axes.axhline(cells[n, w].mean, color="0.35", linestyle=style, linewidth=1.0, zorder=1)
         axes.annotate(f"{name}, n = {n}, w = {w:g}: {number(cells[n, w].mean)}", (0.98, cells[n, w].mean), (0, shift),
                       xycoords=axes.get_yaxis_transform(), textcoords="offset points", va="center", ha="right",
