@@ -19,10 +19,11 @@ import json
 import os
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # one process a core; threads inside would only fight
 
@@ -46,8 +47,23 @@ SENSORS = {
     "paper": Sensor(theta=None, theta_dot=1.0, theta_0=0.001),
     "encoder": Sensor(theta=0.01, theta_dot=1.0),
 }
-METHODS = ("grid", "least_squares", "ukf")
-LABELS = {"grid": "grid (paper)", "least_squares": "least squares", "ukf": "UKF", "paper": "paper's sensing"}
+
+
+class Method(NamedTuple):
+    """An identifier to compare, its colour and marker, and the share 1 / one_in of the seeds that it runs."""
+
+    label: str
+    make: Callable[..., Identifier]
+    colour: str
+    marker: str
+    one_in: int = 1
+
+
+METHODS = {
+    "grid": Method("grid (paper)", GridSearch, "#b5651d", "s"),
+    "least_squares": Method("least squares", LeastSquares, "#1b6ca8", "o"),
+    "ukf": Method("UKF", UnscentedKalman, "#5a9a5a", "^", one_in=4),
+}
 
 
 @dataclass(frozen=True)
@@ -91,20 +107,10 @@ def measure(setting: str, method: str, n: int, seed: int) -> list[Record]:
     return noisy
 
 
-def identifier(setting: str, method: str) -> Identifier:
-    """The identifier with the sensor it is told about."""
-    sensor = SENSORS[setting]
-    if method == "grid":
-        return GridSearch(NAMES, sensor=sensor)
-    if method == "least_squares":
-        return LeastSquares(NAMES, sensor=sensor)
-    return UnscentedKalman(NAMES, sensor=sensor)
-
-
 def run(task: Task) -> Outcome:
     """Fit from the prior (1, 1), and weigh the error by the information that the same readings carry."""
     records = measure(task.setting, task.method, task.n, task.seed)
-    method = identifier(task.setting, task.method)
+    method = METHODS[task.method].make(NAMES, sensor=SENSORS[task.setting])
     begin = time.perf_counter()
     estimate = method.fit(paper_model(), records)
     seconds = time.perf_counter() - begin
@@ -185,9 +191,9 @@ HEADER = (
 
 def line(row: Row) -> str:
     """One line of the table."""
-    same = "" if row.same_optimum is None else f"{row.same_optimum:.0%}"
+    same, label = "" if row.same_optimum is None else f"{row.same_optimum:.0%}", METHODS[row.method].label
     return (
-        f"{row.setting:8} {LABELS[row.method]:14} {row.n:3d} {row.seeds:5d}  {row.rms[0]:10.5f} {row.crb[0]:8.5f}"
+        f"{row.setting:8} {label:14} {row.n:3d} {row.seeds:5d}  {row.rms[0]:10.5f} {row.crb[0]:8.5f}"
         f"  {row.rms[1]:10.5f} {row.crb[1]:8.5f}  {row.ratio:7.2f}  {row.coverage:8.0%}  {row.seconds:7.3f}  {same:>13}"
     )
 
@@ -220,16 +226,15 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     from matplotlib import pyplot as plt
 
     figure, axes = plt.subplots(2, 2, figsize=(9, 6.5), sharex=True, sharey="row", layout="constrained")
-    style = {"grid": ("#b5651d", "s"), "least_squares": ("#1b6ca8", "o"), "ukf": ("#5a9a5a", "^")}
     ticks = sorted({row.n for row in rows})
     for j, setting in enumerate(SENSORS):
-        for i, (name, unit) in enumerate((("m", "kg"), ("l", "m"))):
+        for i, (parameter, unit) in enumerate((("m", "kg"), ("l", "m"))):
             ax = axes[i, j]
-            for method in METHODS:
-                own = [r for r in rows if (r.setting, r.method) == (setting, method)]
-                colour, marker = style[method]
-                ax.plot([r.n for r in own], [r.rms[i] for r in own], color=colour, marker=marker, label=LABELS[method])
-                if method == "least_squares":
+            for name, method in METHODS.items():
+                own = [r for r in rows if (r.setting, r.method) == (setting, name)]
+                ax.plot([r.n for r in own], [r.rms[i] for r in own], color=method.colour, marker=method.marker,
+                        label=method.label)  # fmt: skip
+                if name == "least_squares":
                     bound = [r.crb[i] for r in own]
                     ax.plot(ticks, bound, color="black", linestyle="--", label="Cramér-Rao bound", zorder=5)
             ax.set_xscale("log")
@@ -239,7 +244,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
             ax.grid(alpha=0.25)
             ax.spines[["top", "right"]].set_visible(False)
             if j == 0:
-                ax.set_ylabel(f"RMS error of {name} [{unit}]")
+                ax.set_ylabel(f"RMS error of {parameter} [{unit}]")
             if i == 0:
                 ax.set_title(
                     "paper's sensing: speed only (sd 1 rad/s)" if j == 0 else "encoder: angle too (sd 0.01 rad)"
@@ -280,7 +285,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             parser.error(f"cannot write {path}: expected the name of a file in a folder that can be written")
 
     ns = (1, 5, 10) if options.quick else (1, 2, 5, 10, 25, 50)
-    seeds = dict.fromkeys(METHODS, count) | {"ukf": max(1, count // 4)}
+    seeds = {name: max(1, count // method.one_in) for name, method in METHODS.items()}
     tasks = [Task(s, m, n, k) for s in SENSORS for m in METHODS for n in ns for k in range(seeds[m])]
     print(HEADER)
     rows = []

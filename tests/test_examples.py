@@ -94,6 +94,22 @@ def test_paper_claims_refuses_wrong_input(arguments, message):
     assert "Traceback" not in done.stderr
 
 
+def test_compare_sweeps():
+    """The committed sweeps of small and large networks: cells of both, and all pairs with data."""
+    done = run("compare_sweeps.py", "study/results/paper-small/runs.csv", "study/results/paper-w0/runs.csv")
+    assert done.returncode == 0, done.stderr
+    _, *lines, last = done.stdout.splitlines()
+    assert [int(line.split()[1]) for line in lines] == [0, 5, 10, 25, 50]
+    assert "-359 ± 10 (-349)" in lines[2] and "-350 ±  9 (-342)" in lines[2] and "+9 [+2, +15]" in lines[2]
+    assert last.startswith("all 40 pairs with data")
+
+
+def test_compare_sweeps_refuses_sweeps_without_a_common_cell():
+    done = run("compare_sweeps.py", "study/results/longer-small/runs.csv", "study/results/paper-w0/runs.csv")
+    assert done.returncode == 2
+    assert "share no cell" in done.stderr
+
+
 def test_own_effect():
     done = run("own_effect.py")
     assert done.returncode == 0, done.stderr

@@ -116,7 +116,10 @@ def _sentence(curve: BudgetCurve) -> str:
     text = f"With {IDENTIFIERS[curve.identifier]} {first} worth {curve.first}"
     if curve.knee is None:
         return f"{text}; n = {last} closes {_percent(curve.closed[-1])} of that gap."
-    text += f"; {_percent(ENOUGH)} of that gap are closed from n = {curve.knee} on, at {_number(curve.worth)} a rollout"
+    text += (
+        f"; {_percent(ENOUGH)} of that gap are closed, give or take a standard error, from n = {curve.knee} on, at "
+        f"{_number(curve.worth)} a rollout"
+    )
     if curve.after is None:
         return f"{text}."
     return f"{text}, and the other {last - curve.knee} are together worth {curve.after}."
