@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from study.cells import Run
 from study.config import Point, Preset
 from study.identification import Theta
+from study.numerals import bracketed, number
 from study.references import CONTROLLERS, OPTIMAL, Reference
-from study.statistics import MINUS, Contrast, bootstrap_coverage, paired_bootstrap, sem
+from study.statistics import Contrast, bootstrap_coverage, paired_bootstrap, sem
 from sysid import InvalidInput
 
 Array = NDArray[np.float64]
@@ -134,10 +135,6 @@ class Answer:
         """The cell with the highest mean return."""
         return max(self.cells, key=self.mean)
 
-    def best_width(self, n: int) -> float:
-        """w*: the width with the highest mean return at a budget."""
-        return max(self.point.widths, key=lambda w: self.mean((n, w)))
-
     @property
     def coverage(self) -> float:
         """How often such an interval holds the truth with this many seeds, for normal differences."""
@@ -162,8 +159,9 @@ class Answer:
         budgets, w = self.point.budgets, self.point.widths[0]
         n_0, n_1, n_last = budgets[0], budgets[1], budgets[-1]
         first = self.contrast((n_1, w), (n_0, w))
+        begun = f"The first {n_1} rollouts were" if n_0 == 0 else f"To go from n = {n_0} to n = {n_1} was"
         text = (
-            f"The first {n_1 - n_0} rollouts were worth {first} in return, from {number(self.mean((n_0, w)))} to "
+            f"{begun} worth {first} in return, from {number(self.mean((n_0, w)))} to "
             f"{number(self.mean((n_1, w)))} at w = {w:g}{_doubt(first)}."
         )
         if n_last != n_1:
@@ -199,6 +197,8 @@ class Answer:
     def caveat(self) -> str:
         """How far the intervals can be trusted."""
         seeds = len(self.point.seeds)
+        if seeds == 1:
+            return "A single seed says nothing of how returns scatter: no interval is finite, no difference stands."
         return (
             f"Brackets are 95 % intervals of a paired bootstrap over {seeds} seeds. With {seeds} seeds such an "
             f"interval holds the true mean in about {100 * self.coverage:.0f} % of cases rather than 95 % (simulated, "
@@ -216,15 +216,9 @@ def _coverage(seeds: int) -> float:
     return bootstrap_coverage(seeds, np.random.default_rng(BOOTSTRAP_SEED))
 
 
-def number(value: float) -> str:
-    """A return as it is printed, with a minus sign that is one."""
-    return f"{value:.0f}".replace("-", MINUS)
-
-
 def _range(contrast: Contrast) -> str:
     """A gap, which is read without a plus sign."""
-    numbers = [number(round(x) + 0.0) for x in (contrast.mean, contrast.low, contrast.high)]
-    return f"{numbers[0]} [{numbers[1]}, {numbers[2]}]"
+    return bracketed(contrast.mean, contrast.low, contrast.high)
 
 
 def _parts(gap: Gap) -> str:

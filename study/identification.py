@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -78,6 +78,7 @@ class IdentificationTask(Brief):
 
     point: Point
     seed: int
+    activity: ClassVar[str] = "identification"
 
     @property
     def name(self) -> str:

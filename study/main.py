@@ -79,7 +79,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         known = ", ".join(map(_flag, dataclasses.fields(Options)))
         return _fail(f"unknown option {unknown[0]!r}: expected {known} or --help", 2)
     if options.quick:
-        options = dataclasses.replace(options, preset=f"{options.preset}-quick", quick=False)
+        if options.preset != "mismatch":
+            return _fail(f"--quick with preset {options.preset!r}: expected --preset mismatch, or --preset quick", 2)
+        options = dataclasses.replace(options, preset="mismatch-quick", quick=False)
     if options.preset not in {**PRESETS, **PLANS}:
         return _fail(f"unknown preset {options.preset!r}: expected one of {', '.join([*PRESETS, *PLANS])}", 2)
     signal.signal(signal.SIGTERM, _interrupt)

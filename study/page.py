@@ -9,8 +9,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from study.answer import number
-from study.statistics import MINUS, Contrast
+from study.numerals import number, signed
+from study.statistics import Contrast
 
 if TYPE_CHECKING:
     import jinja2
@@ -37,11 +37,6 @@ def embedded(file: Path) -> str:
 def unbroken(text: str) -> str:
     """The same with no line break inside an interval."""
     return re.sub(r"\S+ \[[^]]*\]", lambda found: found.group().replace(" ", "\u00a0"), text)
-
-
-def signed(value: float) -> str:
-    """A change, without digits behind the point."""
-    return f"{round(value) + 0.0:+.0f}".replace("-", MINUS)
 
 
 def interval(contrast: Contrast | None) -> Markup:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 from types import TracebackType
+from typing import Protocol
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
@@ -24,15 +26,28 @@ def duration(seconds: float) -> str:
     return f"{minutes} min" if minutes < 100 else f"{minutes // 60} h {minutes % 60:02d} min"
 
 
+class Work(Protocol):
+    """A task as it is shown: its name, what it does, and its expected work [s on one core]."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def activity(self) -> str: ...
+    @property
+    def work(self) -> float: ...
+
+
 class Meter:
-    """Shows how much of the expected work [s on one core] is done; a context manager.
+    """Shows how much of the expected work is done; a context manager.
 
     time left = work left / (work done here / time passed)
     """
 
-    def __init__(self, console: Console, work: dict[str, float]) -> None:
-        self.console, self.work = console, dict(work)
-        self.share = dict.fromkeys(work, 0.0)
+    def __init__(self, console: Console, tasks: Sequence[Work]) -> None:
+        self.console = console
+        self.work = {task.name: task.work for task in tasks}
+        self.activity = {task.name: task.activity for task in tasks}
+        self.share = dict.fromkeys(self.work, 0.0)
         self.begin = self.said = time.monotonic()
         self.drawn = -math.inf
         self.first: dict[str, float] = {}
@@ -73,11 +88,9 @@ class Meter:
         self._say_plainly(label)
 
     def _label(self) -> str:
-        """What is going on, by the names of the tasks."""
-        if all(name.startswith(("identification", "fits")) for name in self.work):
-            return "identification"
-        training = any(name.startswith("population") and s < 1.0 for name, s in self.share.items())
-        return "training" if training else "references"
+        """What is going on: what the first task that is not done does."""
+        ahead = [name for name, share in self.share.items() if share < 1.0]
+        return self.activity[(ahead or list(self.work))[0]]
 
     @property
     def done(self) -> float:

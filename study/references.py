@@ -14,6 +14,7 @@ from __future__ import annotations
 import time
 from collections.abc import Set
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -59,6 +60,7 @@ class ReferenceTask(Brief):
     controller: str
     theta: Theta
     truths: tuple[Theta, ...]
+    activity: ClassVar[str] = "references"
 
     @property
     def name(self) -> str:

@@ -60,7 +60,7 @@ def execute(
     """Run tasks and show how far they are; keep(task, answer) as each is done, note(task, seconds) at a checkpoint."""
     if not tasks:
         return
-    with Meter(console, {task.name: task.work for task in tasks}) as meter:
+    with Meter(console, tasks) as meter:
 
         def heard(task: Task, kind: str, payload: Any) -> None:
             """What a worker said: shown, and kept where it is an answer."""

@@ -22,12 +22,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri, stdtr, stdtrit
 
+from study.numerals import bracketed, signed
 from sysid import InvalidInput
 
 Array = NDArray[np.float64]
 
-MINUS = "\N{MINUS SIGN}"
-"""What a printed number is negated with."""
+QUANTILE = 0.975
+"""Upper end of an interval that holds 95 %."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,6 @@ class Contrast:
     low: float
     high: float
     seeds: int
-    level: float = 0.95
     p: float | None = None
 
     @property
@@ -54,20 +54,20 @@ class Contrast:
         return asdict(self)
 
     def __str__(self) -> str:
-        mean, low, high = (f"{_whole(x):+.0f}".replace("-", MINUS) for x in (self.mean, self.low, self.high))
-        return f"{mean} [{low}, {high}]"
+        return bracketed(self.mean, self.low, self.high, write=signed)
 
 
-def paired_bootstrap(
-    a: ArrayLike, b: ArrayLike, rng: np.random.Generator, resamples: int = 20_000, level: float = 0.95
-) -> Contrast:
-    """The contrast mean(a - b) of two cells, a (S,) and b (S,) in the same order of seeds.
+def paired_bootstrap(a: ArrayLike, b: ArrayLike, rng: np.random.Generator, resamples: int = 20_000) -> Contrast:
+    """The contrast mean(a - b) of two cells, a (S,) and b (S,) in the same order of seeds; one seed says nothing.
 
     Raises InvalidInput for different or empty shapes and for values that are not finite.
     """
     difference = _difference(a, b)
-    low, high = _interval(difference[None], rng, resamples, level)
-    return Contrast(float(np.mean(difference)), float(low[0]), float(high[0]), len(difference), level)
+    mean, seeds = float(np.mean(difference)), len(difference)
+    if seeds == 1:
+        return Contrast(mean, -math.inf, math.inf, seeds)
+    low, high = _interval(difference[None], rng, resamples)
+    return Contrast(mean, float(low[0]), float(high[0]), seeds)
 
 
 def paired_t(a: ArrayLike, b: ArrayLike, level: float = 0.95) -> Contrast:
@@ -83,11 +83,11 @@ def student(mean: float, error: float, seeds: int, dof: float | None = None, lev
     """
     dof = seeds - 1 if dof is None else dof
     if not dof > 0.0 or math.isnan(error):
-        return Contrast(mean, -math.inf, math.inf, seeds, level, 1.0)
+        return Contrast(mean, -math.inf, math.inf, seeds, 1.0)
     reach = float(stdtrit(dof, 0.5 + 0.5 * level)) * error
     if error == 0.0:
-        return Contrast(mean, mean, mean, seeds, level, float(mean == 0.0))
-    return Contrast(mean, mean - reach, mean + reach, seeds, level, 2.0 * float(stdtr(dof, -abs(mean) / error)))
+        return Contrast(mean, mean, mean, seeds, float(mean == 0.0))
+    return Contrast(mean, mean - reach, mean + reach, seeds, 2.0 * float(stdtr(dof, -abs(mean) / error)))
 
 
 def welch(a: tuple[float, float, int], b: tuple[float, float, int], level: float = 0.95) -> Contrast:
@@ -100,11 +100,11 @@ def welch(a: tuple[float, float, int], b: tuple[float, float, int], level: float
     return student(a[0] - b[0], math.sqrt(total), seeds, dof, level)
 
 
-def wilson(hits: int, tries: int, level: float = 0.95) -> tuple[float, float]:
+def wilson(hits: int, tries: int) -> tuple[float, float]:
     """The interval of a rate. Raises InvalidInput where there are no tries, or more hits than tries."""
     if not 0 <= hits <= tries or tries == 0:
         raise InvalidInput(f"{hits} hits in {tries} tries: expected at least one try, and no more hits than tries")
-    z, q = float(ndtri(0.5 + 0.5 * level)), hits / tries
+    z, q = float(ndtri(QUANTILE)), hits / tries
     center, reach = q + z * z / (2 * tries), z * math.sqrt(q * (1.0 - q) / tries + (z / (2 * tries)) ** 2)
     low, high = (center - reach) / (1.0 + z * z / tries), (center + reach) / (1.0 + z * z / tries)
     return max(0.0, low), min(1.0, high)
@@ -128,21 +128,19 @@ def _difference(a: ArrayLike, b: ArrayLike) -> Array:
     return a - b
 
 
-def _interval(samples: Array, rng: np.random.Generator, resamples: int, level: float) -> tuple[Array, Array]:
+def _interval(samples: Array, rng: np.random.Generator, resamples: int) -> tuple[Array, Array]:
     """Percentile intervals (R,) of the means of samples (R, S); all rows share the draws."""
     seeds = samples.shape[1]
     draws = rng.integers(0, seeds, size=(resamples, seeds))
     counts = np.stack([np.sum(draws == s, axis=1) for s in range(seeds)])
     means = samples @ (counts / seeds)
-    low, high = np.quantile(means, [0.5 - 0.5 * level, 0.5 + 0.5 * level], axis=1)
+    low, high = np.quantile(means, [1.0 - QUANTILE, QUANTILE], axis=1)
     return low, high
 
 
-def bootstrap_coverage(
-    seeds: int, rng: np.random.Generator, trials: int = 4000, resamples: int = 1000, level: float = 0.95
-) -> float:
-    """How often such an interval holds the true mean where the differences are normal; below `level` for few seeds."""
-    low, high = _interval(rng.standard_normal((trials, seeds)), rng, resamples, level)
+def bootstrap_coverage(seeds: int, rng: np.random.Generator) -> float:
+    """How often such an interval holds the true mean where the differences are normal; below 95 % for few seeds."""
+    low, high = _interval(rng.standard_normal((4000, seeds)), rng, 1000)
     return float(np.mean((low <= 0.0) & (high >= 0.0)))
 
 
@@ -150,7 +148,3 @@ def sem(values: ArrayLike) -> float:
     """Standard error of the mean, sd / sqrt(S) with the sample sd (divided by S - 1); nan for a single value."""
     values = np.asarray(values, dtype=float)
     return float(np.std(values, ddof=1)) / math.sqrt(len(values)) if len(values) > 1 else math.nan
-
-
-def _whole(x: float) -> float:
-    return round(x) + 0.0 if math.isfinite(x) else x

@@ -58,6 +58,7 @@ class Training(ABC):
     seconds_before: float = 0.0
     device: str = "cpu"
     saves: ClassVar[bool] = True
+    activity: ClassVar[str] = "training"
 
     @property
     @abstractmethod

@@ -46,10 +46,11 @@ class Link(Protocol):
 class Task(Protocol):
     """Picklable work that goes on from its own checkpoint; `saves`: it has one, and writes it when asked to end.
 
-    work: about its seconds on one core; gpus: how many it needs.
+    activity: what it does, in a word; work: about its seconds on one core; gpus: how many it needs.
     """
 
     saves: ClassVar[bool]
+    activity: ClassVar[str]
 
     @property
     def name(self) -> str: ...

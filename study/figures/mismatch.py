@@ -12,11 +12,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from study.answer import number
 from study.figures.style import ACCENT
 from study.mismatch.answer import Answer, Outcome, Split, Spot
 from study.mismatch.plan import FREE, SHARED, HiddenPlant
 from study.mismatch.titles import GROUPS, RUNGS, SHORT, capital, is_outside, plant_noun, plant_size, plant_title
+from study.numerals import number
 from study.statistics import Contrast
 
 INKS = ("0.45", "#0072B2", "#D55E00", "0.1")

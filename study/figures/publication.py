@@ -9,9 +9,9 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from study.answer import number
 from study.figures.style import ACCENT
 from study.figures.sweeps import OURS, Sweep
+from study.numerals import number
 from study.publication.agreement import Agreement, ContrastAgreement
 from study.publication.paper import CELLS
 from study.publication.published import Summary

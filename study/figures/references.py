@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 
 from matplotlib.axes import Axes
 
-from study.answer import number
 from study.figures.style import ACCENT
+from study.numerals import number
 from study.references import LQR, OPTIMAL, SWING_UP
 
 NAMES = {OPTIMAL: "optimal", SWING_UP: "swing-up + LQR", LQR: "LQR alone"}

@@ -16,9 +16,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from study.answer import number
 from study.figures.references import NAMES, reference_lines
 from study.figures.style import ACCENT, COLOURS, PAPER_WHITE
+from study.numerals import number
 from study.publication.published import Summary
 from study.references import LQR, OPTIMAL, SWING_UP
 
@@ -28,7 +28,8 @@ Sweep = Mapping[tuple[int, float], Summary]
 """Return by (n, w)."""
 
 
-LEGEND = "bold: mean return; below: standard error over seeds · share of the gap from no data to the optimum"
+LEGEND = "bold: mean return; below: standard error over seeds"
+CLOSED = " · share of the gap from no data to the optimum"
 
 
 def heatmaps(sides: Mapping[str, Sweep], references: Mapping[str, float]) -> Figure:
@@ -47,7 +48,7 @@ def heatmaps(sides: Mapping[str, Sweep], references: Mapping[str, float]) -> Fig
         image = _panel(axes, cells, (budgets, widths), (low, high), references[OPTIMAL])
         axes.set_title(title, fontsize=11.0, pad=8.0)
     panels[0].set_ylabel("rollouts measured, n")
-    legend = textwrap.fill(LEGEND, int(14.0 * size[0]))
+    legend = textwrap.fill(LEGEND + CLOSED * (budgets[0] == 0), int(14.0 * size[0]))
     figure.supxlabel(f"width w of the training band around the estimate\n{legend}", fontsize=9.0, color="0.15")
     _scale(figure, panels, image, (low, high), references)
     return figure
@@ -60,7 +61,7 @@ def _panel(
     low, high = ends
     values = np.array([[cells[n, w].mean if (n, w) in cells else math.nan for w in widths] for n in budgets])
     image = axes.imshow(values, cmap=COLOURS, vmin=low, vmax=high, aspect="auto")
-    start = cells[budgets[0], widths[0]].mean if (budgets[0], widths[0]) in cells else math.nan
+    start = cells[0, widths[0]].mean if (0, widths[0]) in cells else math.nan
     for i, n in enumerate(budgets):
         for j, w in enumerate(widths):
             if (n, w) not in cells:
@@ -74,7 +75,7 @@ def _panel(
             )
             error = "" if math.isnan(cell.sem) else f"± {cell.sem:.0f}"
             closed = 100.0 * (cell.mean - start) / (optimum - start)
-            share = "" if (i, j) == (0, 0) or math.isnan(closed) else f"{number(round(closed) + 0.0)} %"
+            share = "" if (i, j) == (0, 0) or math.isnan(closed) else f"{number(closed)} %"
             axes.text(j, i + 0.24, " · ".join(filter(None, (error, share))), ha="center", va="center", color=colour,
                       fontsize=7.6)  # fmt: skip
     if cells:
@@ -146,7 +147,7 @@ def _pareto(axes: Axes, cells: Sweep) -> None:
     first, last = min(best), max(best)
     breadth = first, max(w for n, w in cells if n == first)
     fidelity = last, min(w for n, w in cells if n == last)
-    without = "pure breadth" if breadth[1] else "no data"
+    without = ("pure breadth" if breadth[1] else "no data") if first == 0 else "least data"
     for (n, w), name, style, shift in ((fidelity, "pure fidelity", "--", -34), (breadth, without, ":", 10)):
         axes.axhline(cells[n, w].mean, color="0.35", linestyle=style, linewidth=1.0, zorder=1)
         axes.annotate(f"{name}, n = {n}, w = {w:g}: {number(cells[n, w].mean)}", (0.98, cells[n, w].mean), (0, shift),

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from policies import task
 from policies.evaluate import Motion, Policy, rollout
-from study.answer import number
 from study.figures.style import ACCENT, COLOURS
-from study.statistics import MINUS
+from study.numerals import MINUS, number
 from sysid import Model, State, ops
 
 Array = NDArray[np.float64]

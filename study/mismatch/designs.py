@@ -16,7 +16,7 @@ import hashlib
 import json
 import time
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from policies.abreast import returns
 from policies.control.optimal import Grid
@@ -53,6 +53,7 @@ class DesignTask(Brief):
     plant: str
     seed: int
     models: tuple[tuple[str, dict[str, Any]], ...]
+    activity: ClassVar[str] = "dynamic programming"
 
     @property
     def name(self) -> str:

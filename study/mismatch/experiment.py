@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 from rich.console import Console
 
@@ -32,6 +32,7 @@ class FitTask(Brief):
     plant: str
     seed: int
     ways: tuple[str, ...]
+    activity: ClassVar[str] = "identification"
 
     @property
     def name(self) -> str:

@@ -20,7 +20,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -166,6 +166,7 @@ class NamingTask(Brief):
     plant: str
     seed: int
     budgets: tuple[int, ...]
+    activity: ClassVar[str] = "naming"
 
     @property
     def name(self) -> str:

@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from study.answer import number
 from study.mismatch.answer import Answer
 from study.mismatch.naming import Named, errors, rates
 from study.mismatch.plan import WAYS
 from study.mismatch.titles import capital, plant_title
+from study.numerals import bracketed, number
 from study.page import embedded, template
 from study.progress import duration
 from study.statistics import Contrast
@@ -95,5 +95,4 @@ def _interval(mean: Contrast) -> str:
     """A return, which is read without a plus sign; its interval where there is one."""
     if not math.isfinite(mean.low):
         return number(mean.mean)
-    low, high = number(mean.low), number(mean.high)
-    return f"{number(mean.mean)} [{low}, {high}]".replace(" ", "\u00a0")
+    return bracketed(mean.mean, mean.low, mean.high).replace(" ", "\u00a0")

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from study.mismatch.answer import Answer, Compared, Spot
 from study.mismatch.naming import Named, enough, errors
 from study.mismatch.titles import plant_title
-from study.statistics import MINUS
+from study.numerals import number, percent
 
 
 def sentences(answer: Answer, rows: Sequence[Named] = ()) -> list[str]:
@@ -28,7 +28,7 @@ def _breadth(answer: Answer) -> str:
     better, worse = _count(rows, +1), _count(rows, -1)
     return (
         "Does breadth pay when the simulator lacks an effect? A band of "
-        f"{_percent(answer.plan.band)} around the fitted m and l changed the return by {_listed(answer, rows)}: "
+        f"±{percent(answer.plan.band)} around the fitted m and l changed the return by {_listed(answer, rows)}: "
         f"{better} of {len(rows)} are gains and {worse} losses that stand after Holm's correction."
     )
 
@@ -111,7 +111,7 @@ def _split(answer: Answer) -> str:
     for plant in answer.plan.plants:
         fitted, mended = (answer.outcomes.get(Spot(plant.name, way, n)) for way in ("b", "c"))
         if plant.effect and fitted and mended and fitted.split and mended.split:
-            parts.append(f"{plant_title(plant)} {_signed(-fitted.split.gap)} to {_signed(-mended.split.gap)}")
+            parts.append(f"{plant_title(plant)} {number(-fitted.split.gap)} to {number(-mended.split.gap)}")
     return (
         f"With {n} rollouts the distance to the optimum went, from fitted to mended: {'; '.join(parts)}."
         if parts
@@ -146,11 +146,3 @@ def _counts(answer: Answer, rows: Sequence[Compared], which: Callable[[str], boo
 
 def _count(rows: Sequence[Compared], sign: int) -> int:
     return sum(row.certain and sign * row.contrast.mean > 0.0 for row in rows)
-
-
-def _percent(share: float) -> str:
-    return f"±{100.0 * share:.0f} %"
-
-
-def _signed(value: float) -> str:
-    return f"{value:.0f}".replace("-", MINUS)

@@ -19,10 +19,11 @@ from functools import cached_property
 
 import numpy as np
 
+from study.numerals import number, signed
 from study.publication import paper
 from study.publication.paper import BASELINE, CELLS, PublishedContrast, Spot
 from study.publication.published import Outcomes, Summary
-from study.statistics import MINUS, Contrast, holm, paired_bootstrap, paired_t, student, welch
+from study.statistics import Contrast, holm, paired_bootstrap, paired_t, student, welch
 
 MARGIN = 20.0
 """Returns closer than this count as the same: a twentieth of what the paper's 50 rollouts were worth (434)."""
@@ -159,7 +160,7 @@ class Agreement:
         """What may be behind a difference, as far as it can be told from the runs."""
         found = []
         if outlier and not outlier.rest.significant:
-            found.append(f"one seed: without seed {outlier.seed} ({_signed(outlier.difference)}) it is {outlier.rest}")
+            found.append(f"one seed: without seed {outlier.seed} ({signed(outlier.difference)}) it is {outlier.rest}")
         if self.hidden != paper.HIDDEN:
             found.append(f"possibly networks of {_layers(self.hidden)} instead of {_layers(paper.HIDDEN)}")
         if self.steps != paper.STEPS:
@@ -268,9 +269,9 @@ class Agreement:
         ]
         return (
             f"Trained over the whole prior range, which covers the truth, and without data the agents returned "
-            f"{theirs.printed:.0f} ± {theirs.sem:.0f} there and {ours.mean:.0f} ± {ours.sem:.0f} here"
+            f"{number(theirs.printed)} ± {theirs.sem:.0f} there and {number(ours.mean)} ± {ours.sem:.0f} here"
             f"{'; ' if parts else ''}{', '.join(parts)}."
-        ).replace(" -", f" {MINUS}")
+        )
 
     def significance(self) -> str:
         """How many of the published claims stand with t intervals, and how many with Holm's correction."""
@@ -317,7 +318,3 @@ def _p(contrast: Contrast) -> float:
 
 def _layers(hidden: Sequence[int]) -> str:
     return " x ".join(map(str, hidden))
-
-
-def _signed(value: float) -> str:
-    return f"{value:+.0f}".replace("-", MINUS)

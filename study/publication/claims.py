@@ -14,10 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from study.numerals import MINUS, bracketed, number, percent, signed
 from study.publication.paper import CELLS, DIFFERENCES, QUOTES, SEEDS, Spot
 from study.publication.published import Outcomes
 from study.publication.scatter import Scatter
-from study.statistics import MINUS, Contrast, paired_t, sem, student
+from study.statistics import Contrast, paired_t, sem, student
 
 HOLDS, IN_PART, FAILS, OPEN = "holds", "in part", "does not hold", "open"
 NEAR = 20.0
@@ -52,7 +53,7 @@ def rate(found: Scatter) -> Claim:
     """Does the identification error fall as 1/sqrt(n)?"""
     rng, last = np.random.default_rng(0), found.budgets[-1]
     small, large = found.exponent(1.0, 5, 50, rng), found.exponent(1.0, 100, last, rng)
-    five, fifty = (_percent(found.at_bound(1.0, n)) for n in (5, 50))
+    five, fifty = (percent(found.at_bound(1.0, n)) for n in (5, 50))
     close, open_ = max(abs(p + 0.5) for p in small) < 0.1, small[1] <= -0.5 <= small[2]
     return Claim(
         "rate",
@@ -75,16 +76,16 @@ def bias(found: Scatter) -> Claim:
     inputs = paired_t(noisy[:, 0], clean[:, 0])
     text = (
         f"At n = 50 m is off by {_fine(m)} kg on average and l by {_fine(l)} m, while single measurements scatter by "
-        f"{sd[0]:.2f} kg and {sd[1]:.2f} m: bias is {_percent(share)} of the squared error. That the "
-        f"mean of m is so near is partly the grid's edge, where {_percent(found.at_bound(1.0, 50))} of measurements "
-        f"end: the median is off by {_signed(np.median(noisy[:, 0]))} kg, and the mean of the others by "
-        f"{_signed(free.mean())} kg. With the same noise "
-        f"taken out of the inputs m is off by {_signed(clean[:, 0].mean(), 3)} kg all the same (difference "
+        f"{sd[0]:.2f} kg and {sd[1]:.2f} m: bias is {percent(share)} of the squared error. That the "
+        f"mean of m is so near is partly the grid's edge, where {percent(found.at_bound(1.0, 50))} of measurements "
+        f"end: the median is off by {signed(np.median(noisy[:, 0]), 2)} kg, and the mean of the others by "
+        f"{signed(free.mean(), 2)} kg. With the same noise "
+        f"taken out of the inputs m is off by {signed(clean[:, 0].mean(), 3)} kg all the same (difference "
         f"{_fine(inputs)}): the measured speed enters the prediction with a fixed factor of one, so noise there acts "
         "as noise of the output does, and what is left comes from m standing in a denominator."
     )
     if 2.0 in found.sigmas:
-        ends = (_signed(np.mean(found.thetas(2.0, last, clean=c)[:, 1]) - truth[1]) for c in (False, True))
+        ends = (signed(np.mean(found.thetas(2.0, last, clean=c)[:, 1]) - truth[1], 2) for c in (False, True))
         text += (
             " Only through the speed limit does it bias: at sigma = 2 and n = {}, l is off by {} m, by {} m with "
             "clean inputs.".format(last, *ends)
@@ -128,7 +129,7 @@ def plateau(ours: Outcomes | None = None) -> Claim:
     worst = min(spots, key=lambda spot: CELLS[spot].mean)
     text = (
         f"Of the paper's own {len(spots)} cells from n = 10 upward, {len(spots) - len(far)} are within {NEAR:.0f} of "
-        f"{MINUS}340; the widest bands are not (n = {worst.n}, w = {worst.w:g}: {_number(CELLS[worst].mean)})."
+        f"{MINUS}340; the widest bands are not (n = {worst.n}, w = {worst.w:g}: {number(CELLS[worst].mean)})."
     )
     run = [spot for spot in spots if ours is not None and spot in ours]
     if ours is not None and run:
@@ -157,7 +158,7 @@ def _improvements(means: Mapping[Spot, float]) -> str:
     a, b = max(better, key=lambda pair: means[pair[1]] - means[pair[0]])
     return (
         f"{len(better)} of {len(steps)} steps to the next width raise{'s' if len(better) == 1 else ''} the return, "
-        f"most at n = {a.n} from w = {a.w:g} to {b.w:g} ({_signed(means[b] - means[a], 0)})"
+        f"most at n = {a.n} from w = {a.w:g} to {b.w:g} ({signed(means[b] - means[a])})"
     )
 
 
@@ -181,14 +182,14 @@ def starts(
         text += (
             f" From start states that no two seeds share, the best cell (n = {best.n}, w = {best.w:g}) returns "
             f"{_pair(fresh.mean, fresh.sem)} instead of {_pair(shared.mean, shared.sem)}; over {len(spots)} cells "
-            f"the mean moves by {_signed(float(np.mean(moved)), 0)}, from {_signed(min(moved), 0)} to "
-            f"{_signed(max(moved), 0)}."
+            f"the mean moves by {signed(float(np.mean(moved)))}, from {signed(min(moved))} to "
+            f"{signed(max(moved))}."
         )
         if optima:
             gaps = [100.0 * (j - cell.mean) / abs(j) for j, cell in zip(optima, (shared, fresh), strict=True)]
             text += (
-                f" Those start states are harder: the optimum falls from {_number(optima[0])} to "
-                f"{_number(optima[1])}, and the best cell is {gaps[1]:.1f} % short of it instead of {gaps[0]:.1f} %."
+                f" Those start states are harder: the optimum falls from {number(optima[0])} to "
+                f"{number(optima[1])}, and the best cell is {gaps[1]:.1f} % short of it instead of {gaps[0]:.1f} %."
             )
         text += _changed(ours, spots)
     return Claim("starts", IN_PART if states < total else HOLDS, text)
@@ -256,30 +257,16 @@ def _slope(curve: NDArray[np.float64], share: float) -> float:
 
 
 def _cell(point: str, n: int) -> str:
-    return _number(CELLS[Spot(point, n, 0.0)].mean)
+    return number(CELLS[Spot(point, n, 0.0)].mean)
 
 
 def _power(exponent: tuple[float, float, float]) -> str:
-    p, low, high = (_signed(x) for x in exponent)
-    return f"{p} [{low}, {high}]"
+    return bracketed(*exponent, digits=2, write=signed)
 
 
 def _fine(contrast: Contrast, digits: int = 3) -> str:
-    mean, low, high = (_signed(x, digits) for x in (contrast.mean, contrast.low, contrast.high))
-    return f"{mean} [{low}, {high}]"
+    return bracketed(contrast.mean, contrast.low, contrast.high, digits, signed)
 
 
 def _pair(mean: float, error: float) -> str:
-    return f"{_number(mean)} ± {error:.1f}"
-
-
-def _signed(value: float, digits: int = 2) -> str:
-    return f"{value:+.{digits}f}".replace("-", MINUS)
-
-
-def _number(value: float) -> str:
-    return f"{value:.0f}".replace("-", MINUS)
-
-
-def _percent(share: float) -> str:
-    return f"{100.0 * share:.0f} %"
+    return f"{number(mean)} ± {error:.1f}"

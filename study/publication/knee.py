@@ -16,10 +16,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from study.numerals import number, percent
 from study.publication.paper import Spot
 from study.publication.published import Outcomes
 from study.references import OPTIMAL
-from study.statistics import MINUS, Contrast, paired_t
+from study.statistics import Contrast, paired_t
 
 PRIOR, GRID = "prior", "grid"
 IDENTIFIERS = {"grid": "grid search", "least_squares": "least squares", "unscented": "the Kalman filter"}
@@ -100,8 +101,8 @@ def paragraph(
         return ""
     any_ = next(iter(curves.values()))
     said = [
-        f"Without data agents return {_number(any_.returns[0])}, on a plant that is known {_number(any_.known)}, and "
-        f"the optimum is {_number(references[OPTIMAL])}."
+        f"Without data agents return {number(any_.returns[0])}, on a plant that is known {number(any_.known)}, and "
+        f"the optimum is {number(references[OPTIMAL])}."
     ]
     said += [_sentence(curve) for curve in curves.values()]
     for name in ("least_squares", "unscented"):
@@ -115,10 +116,10 @@ def _sentence(curve: BudgetCurve) -> str:
     first = "the first rollout is" if n == 1 else f"the first {n} rollouts are"
     text = f"With {IDENTIFIERS[curve.identifier]} {first} worth {curve.first}"
     if curve.knee is None:
-        return f"{text}; n = {last} closes {_percent(curve.closed[-1])} of that gap."
+        return f"{text}; n = {last} closes {percent(curve.closed[-1])} of that gap."
     text += (
-        f"; {_percent(ENOUGH)} of that gap are closed, give or take a standard error, from n = {curve.knee} on, at "
-        f"{_number(curve.worth)} a rollout"
+        f"; {percent(ENOUGH)} of that gap are closed, give or take a standard error, from n = {curve.knee} on, at "
+        f"{number(curve.worth)} a rollout"
     )
     if curve.after is None:
         return f"{text}."
@@ -160,11 +161,3 @@ def _wider(curves: Mapping[str, BudgetCurve]) -> str:
         for name, curve in curves.items()
     ]
     return f"In a band of w = {next(iter(curves.values())).w:g} the knee is at {', '.join(knees)}."
-
-
-def _percent(share: float) -> str:
-    return f"{100.0 * share:.0f} %".replace("-", MINUS)
-
-
-def _number(value: float) -> str:
-    return f"{value:.0f}".replace("-", MINUS)

@@ -7,8 +7,8 @@ from typing import Any
 
 from markupsafe import Markup, escape
 
-from study.answer import number
 from study.config import Preset
+from study.numerals import number
 from study.page import embedded, template
 from study.publication import paper
 from study.publication.agreement import DIFFERS, MARGIN, Agreement, CellAgreement, ContrastAgreement

@@ -24,7 +24,7 @@ from sysid import InvalidInput
 from sysid.files import write_whole
 
 if TYPE_CHECKING:
-    from policies.learning.population import NetworkPolicy
+    from policies.network_policy import NetworkPolicy
 
 FOLDER = "policies"
 """Where they lie in a results folder."""
@@ -48,7 +48,7 @@ def write_policies(path: Path, cells: Sequence[Cell | str], policies: Sequence[N
 
 def read_policies(path: Path) -> dict[Cell | str, NetworkPolicy]:
     """The policies in such a file by cell, or by name; raises InvalidInput for another file."""
-    from policies.learning.population import NetworkPolicy
+    from policies.network_policy import NetworkPolicy
 
     try:
         with np.load(path, allow_pickle=False) as stored:

@@ -53,9 +53,11 @@ def answer():
     return study()
 
 
-@pytest.fixture(scope="session", params=["one seed", "one width", "one budget", "one cell"])
+@pytest.fixture(scope="session", params=["one seed", "one width", "one budget", "one cell", "no n = 0"])
 def small_answer(request):
     one = {"one seed": "seeds", "one width": "widths", "one budget": "budgets"}
     fields = [one[request.param]] if request.param in one else list(one.values())
     point = QUICK.points[0]
+    if request.param == "no n = 0":
+        return study(dataclasses.replace(point, budgets=point.budgets[1:]))
     return study(dataclasses.replace(point, **{name: getattr(point, name)[:1] for name in fields}))

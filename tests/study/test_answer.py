@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 
 from study.answer import Answer
-from study.statistics import MINUS
+from study.numerals import MINUS
 from sysid import InvalidInput
 
 
@@ -13,7 +13,6 @@ def test_what_rollouts_and_width_were_worth_comes_out(answer):
     assert answer.contrast((5, 0.0), (0, 0.0)).mean == pytest.approx(420.0)
     assert answer.contrast((50, 0.5), (50, 0.0)).mean == pytest.approx(-180.0)
     assert answer.best == (50, 0.0)
-    assert answer.best_width(0) == 0.0
 
 
 def test_a_gap_is_identification_plus_training(answer):
@@ -48,6 +47,20 @@ def test_every_small_preset_has_an_answer_in_words(small_answer):
     assert all(text.endswith(".") and "nan" not in text for _, text in said)
     choices = [small_answer.point.budgets, small_answer.point.widths]
     assert len(said) == 1 + sum(len(choice) > 1 for choice in choices)
+
+
+def test_nothing_is_said_of_no_data_where_none_was_run(answer):
+    point = dataclasses.replace(answer.point, budgets=answer.point.budgets[1:])
+    (_, first), *_ = dataclasses.replace(answer, point=point).sentences()
+    assert first.startswith("To go from n = 5 to n = 50 was worth")
+
+
+def test_one_seed_shows_no_difference(answer):
+    """An interval needs scatter: with one seed it is everything, and no difference stands."""
+    alone = dataclasses.replace(answer, point=dataclasses.replace(answer.point, seeds=answer.point.seeds[:1]))
+    assert not alone.contrast((50, 0.0), (0, 0.0)).significant
+    assert all("not distinguishable" in text for _, text in alone.sentences()[:2])
+    assert "no interval is finite" in alone.caveat()
 
 
 def test_missing_runs_and_references_are_refused(answer):

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from policies.evaluate import start_states
+from study.numerals import MINUS
 from study.publication import claims
 from study.publication.paper import CELLS, DIFFERENCES, QUOTES
 from study.publication.published import Outcome, Outcomes, outcomes
 from study.publication.scatter import Scatter, scatter
-from study.statistics import MINUS, Contrast
+from study.statistics import Contrast
 
 BUDGETS = (1, 2, 5, 10, 25, 50, 100, 200, 400)
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from study.numerals import MINUS
 from study.publication.knee import IDENTIFIERS, budget_curves, paragraph
 from study.publication.paper import Spot
 from study.publication.published import Outcome, outcomes
-from study.statistics import MINUS
 
 REFERENCES = {"optimal": -330.0, "swing_up_lqr": -335.0, "lqr": -960.0}
 BUDGETS = (1, 2, 5, 10, 25, 50)

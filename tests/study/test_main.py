@@ -46,6 +46,7 @@ def test_help_answers_within_half_a_second():
     ("arguments", "told"),
     [
         (["--preset", "slow"], ["unknown preset 'slow'", "quick, paper, paper-w0, paper-small"]),
+        (["--quick"], ["--quick with preset 'quick'", "--preset mismatch"]),
         (["--sedes", "3"], ["unknown option '--sedes'", "--preset, --quick, --out"]),
         (["--workers", "some"], ["workers", "some"]),
         (["--workers", "-1"], ["--workers -1", "0 for one a core"]),

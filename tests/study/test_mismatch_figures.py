@@ -22,7 +22,8 @@ from study.mismatch.naming import Named, is_right
 from study.mismatch.page import CAPTIONS, page
 from study.mismatch.plan import CONTRASTS, FREE, PLANS
 from study.mismatch.titles import GROUPS, SHORT, plant_title
-from study.statistics import MINUS, paired_t
+from study.numerals import MINUS
+from study.statistics import paired_t
 from study.storage.policy_files import FOLDER, write_policies
 from sysid import paper_model
 

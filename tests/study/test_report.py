@@ -13,9 +13,9 @@ from matplotlib.patches import Rectangle
 from study import tables
 from study.figures import answers as figures
 from study.figures.style import STYLE
+from study.numerals import MINUS
 from study.publication.held import hold
 from study.report import write_report
-from study.statistics import MINUS
 
 VOID = {"meta", "img", "br"}
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from study.statistics import MINUS, bootstrap_coverage, holm, paired_bootstrap, paired_t, sem, student, welch, wilson
+from study.numerals import MINUS
+from study.statistics import bootstrap_coverage, holm, paired_bootstrap, paired_t, sem, student, welch, wilson
 from sysid import InvalidInput
 
 
