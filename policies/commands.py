@@ -28,9 +28,6 @@ EPISODES = 200
 NARROW = 20.0
 """Bounds whose ends differ by no more than this factor say what is plausible."""
 
-NEVER = 1e5
-"""A neutral value beyond it means that a limit is never met."""
-
 LONGEST_HISTORY = 100
 """Past commands that a policy may observe; 20 where nobody asked."""
 
@@ -187,7 +184,7 @@ def plausible(p: Parameter) -> tuple[float, float]:
     if low > 0.0 and high <= NARROW * low:
         return low, high
     value = float(p.value)
-    nothing = p.neutral if p.neutral is not None and abs(p.neutral) < NEVER else None
+    nothing = None if p.never else p.neutral
     ends = (0.5 * value, 2.0 * value) if nothing is None else (nothing, nothing + 2.0 * (value - nothing))
     low, high = np.clip(sorted(ends), low, high).tolist()
     return low, high

@@ -24,10 +24,11 @@ from study.publication.page import section
 from study.publication.published import Outcomes
 from study.publication.scatter import scatter
 from study.references import LQR, OPTIMAL, SWING_UP, fresh_optimum
-from study.statistics import Contrast, holm, paired_t
+from study.statistics import Contrast, paired_t
 from study.storage.store import Store
 from study.versions import all_versions
 from sysid.files import write_whole
+from sysid.holm import holm
 
 LABELS = {OPTIMAL: "optimal (dynamic programming)", LQR: "LQR alone", SWING_UP: "energy swing-up, then LQR"}
 
@@ -167,12 +168,9 @@ def _contrasts(answer: Answer) -> list[tuple[str, Contrast, Contrast, float]]:
     }
     wider = {f"w = {widths[0]:g} → {w:g}, n = {n}": ((n, w), (n, widths[0])) for n in budgets for w in widths[1:]}
     pairs = {**steps, **wider}
-    found = [paired_t(answer.returns(a), answer.returns(b)) for a, b in pairs.values()]
-    adjusted = holm([1.0 if t.p is None else t.p for t in found])
-    return [
-        (label, answer.contrast(a, b), t, p)
-        for (label, (a, b)), t, p in zip(pairs.items(), found, adjusted, strict=True)
-    ]
+    found = {label: paired_t(answer.returns(a), answer.returns(b)) for label, (a, b) in pairs.items()}
+    adjusted = holm({label: t.p for label, t in found.items()})
+    return [(label, answer.contrast(*pairs[label]), t, adjusted[label]) for label, t in found.items()]
 
 
 def _plain(text: str) -> str:

@@ -5,17 +5,15 @@
     paired t    mean(d) +- t sem(d),   t the 97.5 % quantile of Student's t with S - 1 degrees of freedom
     Welch       mean(a) - mean(b) +- t sqrt(sem(a)^2 + sem(b)^2), for cells that share nothing
     Wilson      (q + z^2/2S +- z sqrt(q (1 - q)/S + (z/2S)^2)) / (1 + z^2/S) for a share q of S, z the 97.5 % quantile
-    Holm        p_(k), k-th smallest of K, times K - k + 1, made monotone: below 5 % whole families err in 5 % of cases
 
 A seed fixes the measurement, the training streams and the start states of a run, so pairing removes what these share.
 Sources: paper, Sec. II-C; Efron & Tibshirani, "An Introduction to the Bootstrap" (1993), Ch. 13; Welch, Biometrika 34
-(1947) 28; Wilson, J. Am. Stat. Assoc. 22 (1927) 209; Holm, Scand. J. Statist. 6 (1979) 65.
+(1947) 28; Wilson, J. Am. Stat. Assoc. 22 (1927) 209.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -35,21 +33,21 @@ QUANTILE = 0.975
 class Contrast:
     """A mean difference over `seeds` matched seeds with its interval [low, high].
 
-    p: how often chance alone would give one as far from zero, where the method knows; None for a bootstrap.
+    p: how often chance alone would give one as far from zero, where the method knows; nan for a bootstrap.
     """
 
     mean: float
     low: float
     high: float
     seeds: int
-    p: float | None = None
+    p: float = math.nan
 
     @property
     def significant(self) -> bool:
         """Whether the interval excludes zero."""
         return self.low > 0.0 or self.high < 0.0
 
-    def to_dict(self) -> dict[str, float | None]:
+    def to_dict(self) -> dict[str, float]:
         """Plain data, ready for JSON."""
         return asdict(self)
 
@@ -108,15 +106,6 @@ def wilson(hits: int, tries: int) -> tuple[float, float]:
     center, reach = q + z * z / (2 * tries), z * math.sqrt(q * (1.0 - q) / tries + (z / (2 * tries)) ** 2)
     low, high = (center - reach) / (1.0 + z * z / tries), (center + reach) / (1.0 + z * z / tries)
     return max(0.0, low), min(1.0, high)
-
-
-def holm(p: Sequence[float]) -> list[float]:
-    """p-values (K,) of a family, each raised so that one below alpha is still believed when all K were looked at."""
-    adjusted, floor = [math.nan] * len(p), 0.0
-    for rank, k in enumerate(sorted(range(len(p)), key=lambda k: p[k])):
-        floor = max(floor, min(1.0, (len(p) - rank) * p[k]))
-        adjusted[k] = floor
-    return adjusted
 
 
 def _difference(a: ArrayLike, b: ArrayLike) -> Array:

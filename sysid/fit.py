@@ -7,13 +7,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sysid.diagnose.candidates import NEVER, extent_of
+from sysid.diagnose.candidates import extent_of
 from sysid.errors import InvalidInput
 from sysid.estimate import Estimate
 from sysid.identify.gauss_newton import Fit, fit_longest
 from sysid.identify.identifier import free_parameters
 from sysid.identify.start import parameter_starts
 from sysid.model import Model
+from sysid.parameters import NEVER
 from sysid.records import Array, Record, check_records
 from sysid.sensor import Sensor
 
@@ -43,7 +44,7 @@ def _begins(model: Model, names: Sequence[str], records: Sequence[Record]) -> li
     parameters, extent = free_parameters(model, names), extent_of(records)
     own = next(parameter_starts(parameters)).tolist()
     tried = [
-        p.probes(extent) if p.neutral is not None and min(abs(p.neutral), abs(float(p.value))) >= NEVER else (number,)
+        p.probes(extent) if p.never and abs(float(p.value)) >= NEVER else (number,)
         for p, number in zip(parameters, own, strict=True)
     ]
     return [np.array(numbers) for numbers in itertools.product(*tried)]

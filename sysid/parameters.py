@@ -16,6 +16,9 @@ from sysid.ops import Value
 
 _KEY = "parameter"
 
+NEVER = 1e5
+"""A neutral value from here on is a limit that nothing reaches."""
+
 
 class Extent(NamedTuple):
     """What a probe may depend on: dt [s], the longest rollout [s], the largest |u| [N m] of a log."""
@@ -59,6 +62,11 @@ class Parameter:
     def scale(self) -> float:
         """A typical size: the number itself; at zero a tenth of the bounds' width, or 0.1 where that is above 1."""
         return abs(float(self.value)) or 0.1 * min(self.bounds[1] - self.bounds[0], 1.0)
+
+    @property
+    def never(self) -> bool:
+        """Whether it is a limit, whose effect changes nothing as long as it is never reached: no slope leads there."""
+        return self.neutral is not None and abs(self.neutral) >= NEVER
 
     def check(self, value: Value, owner: str = "") -> None:
         """Raise InvalidInput where numbers are not finite or out of bounds; symbols and tensors pass."""

@@ -16,7 +16,8 @@ from study.mismatch.plan import CONTRASTS, FREE, HiddenPlant, Plan, Trial
 from study.mismatch.recipe import Recipe, recipe_of
 from study.mismatch.results import Designed, Fitted, Trained
 from study.mismatch.trainings import agents_of
-from study.statistics import Contrast, holm, paired_t, sem, student
+from study.statistics import Contrast, paired_t, sem, student
+from sysid.holm import holm
 
 Array = NDArray[np.float64]
 
@@ -185,8 +186,8 @@ def _compared(plan: Plan, outcomes: Mapping[Spot, Outcome]) -> list[Compared]:
                 difference = one.returns - other.returns
                 contrast = paired_t(one.returns, other.returns)
                 found.append((plant.name, n, a, b, contrast, float(np.median(difference))))
-    adjusted = holm([1.0 if row[4].p is None else row[4].p for row in found])
-    return [Compared(*row, p) for row, p in zip(found, adjusted, strict=True)]
+    adjusted = holm({k: row[4].p for k, row in enumerate(found)})
+    return [Compared(*row, adjusted[k]) for k, row in enumerate(found)]
 
 
 def _verdicts(fits: Sequence[Fitted]) -> dict[tuple[str, int], Counter[str]]:

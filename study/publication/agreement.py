@@ -23,7 +23,8 @@ from study.numerals import number, signed
 from study.publication import paper
 from study.publication.paper import BASELINE, CELLS, PublishedContrast, Spot
 from study.publication.published import Outcomes, Summary
-from study.statistics import Contrast, holm, paired_bootstrap, paired_t, student, welch
+from study.statistics import Contrast, paired_bootstrap, paired_t, student, welch
+from sysid.holm import holm
 
 MARGIN = 20.0
 """Returns closer than this count as the same: a twentieth of what the paper's 50 rollouts were worth (434)."""
@@ -174,9 +175,8 @@ class Agreement:
         """Every published contrast; Holm's correction is over all of them there, over those that were run here."""
         theirs_t = [student(c.mean, c.error, c.seeds) for c in paper.DIFFERENCES]
         ours = [self.contrast(c.a, c.b) for c in paper.DIFFERENCES]
-        theirs_holm = holm([_p(t) for t in theirs_t])
-        ran = [k for k, pair in enumerate(ours) if pair]
-        ours_holm = dict(zip(ran, holm([_p(pair[1]) for pair in ours if pair]), strict=True))
+        theirs_holm = holm({k: t.p for k, t in enumerate(theirs_t)})
+        ours_holm = holm({k: pair[1].p for k, pair in enumerate(ours) if pair})
         return [
             ContrastAgreement(
                 published=c,
@@ -309,11 +309,6 @@ def _outlier(difference: np.ndarray, seeds: Sequence[int]) -> Outlier | None:
     k = int(np.argmax(np.abs(difference - np.median(difference))))
     rest = np.delete(difference, k)
     return Outlier(seeds[k], float(difference[k]), paired_t(rest, np.zeros_like(rest)))
-
-
-def _p(contrast: Contrast) -> float:
-    assert contrast.p is not None
-    return contrast.p
 
 
 def _layers(hidden: Sequence[int]) -> str:

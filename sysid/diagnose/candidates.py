@@ -13,7 +13,6 @@ from sysid.model import Model
 from sysid.parameters import Extent, Parameter
 from sysid.records import Record
 
-NEVER = 1e5
 """A neutral value from here on stands for "never"."""
 
 
@@ -47,7 +46,7 @@ class Alternative:
         for k, a, probe in zip(self.magnitudes, sizes, self.probes, strict=True):
             p = self.neutral.parameters[k]
             low, high = p.bounds
-            if p.neutral is not None and abs(p.neutral) >= NEVER:
+            if p.never:
                 values[k] = float(getattr(probe, k))
                 continue
             width = min(high - low, 1.0)

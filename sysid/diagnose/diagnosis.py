@@ -31,7 +31,7 @@ from sysid.smoothing.touched import Touched
 EXCESS = 1.2
 """Multiple of the sensor noise from which errors that hang together mean that something is missing."""
 
-MOST_SEARCHES = 2
+MOST_RESTARTS = 2
 """What a hand touched is left out and the search begun anew, at most so often."""
 
 POWER = 3.9
@@ -72,11 +72,11 @@ def diagnose(
         sensor = sensor_noise(records).sensor
     training, held_out = split(records, hold_out)
     touched: tuple[Touched, ...] = ()
-    for _ in range(MOST_SEARCHES):
+    for restarts_left in reversed(range(MOST_RESTARTS + 1)):
         base = fit_longest(model, names, training, sensor, lead=LEAD)
         search = Search(training, chosen)
         end = search.run(base)
-        found = _touched(end) if _perhaps_touched(search.rounds[-1]) else ()
+        found = _touched(end) if restarts_left and _perhaps_touched(search.rounds[-1]) else ()
         rest = leave_out(training, [(t.name, t.t_begin, t.t_end) for t in found])
         if not found or sum(map(len, rest)) < 0.6 * sum(map(len, training)):
             break

@@ -125,7 +125,7 @@ def _times(directions: Directions, scored: Mask, seconds: float = 0.5, most: int
 
 
 def _history(directions: Directions, lags: tuple[int, ...] = (-1, 1, 2, 4, 8, 16)) -> Array:
-    """Commands of other intervals, and speeds and angles of before: what a missing state would remember."""
+    """Commands of earlier intervals, which a missing state would remember, and of the next: a log stamped late."""
     response, L = directions.response, directions.response.length
     columns = []
     first = np.concatenate([[0], np.cumsum([len(r) for r in response.records])])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -147,16 +147,6 @@ def _tries(units: list[Array], count: int, rank: int) -> float:
     largest = np.max(np.add.reduceat(scores, edges, axis=1), axis=1)
     level = float(np.quantile(largest, 0.95))
     return float(np.clip(0.05 / chi2.sf(level, rank), 1.0, count))
-
-
-def holm(p_values: Mapping[str, float]) -> dict[str, float]:
-    """Holm's adjusted p-values: the family-wise error rate stays below any level (Holm, Scand. J. Stat. 1979)."""
-    adjusted, running = {}, 0.0
-    ordered = sorted(p_values, key=lambda name: p_values[name])
-    for rank, name in enumerate(ordered):
-        running = max(running, min(1.0, (len(ordered) - rank) * p_values[name]))
-        adjusted[name] = running
-    return adjusted
 
 
 def alikeness(a: Score, b: Score) -> float:

@@ -9,12 +9,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.stats import chi2
 
-from sysid.diagnose.candidates import NEVER
 from sysid.diagnose.directions import Directions
 from sysid.diagnose.flexible import Dependence, bases, dependences
 from sysid.diagnose.refits import at_horizon, extend, gain, grow, reduce_by
-from sysid.diagnose.screen import Score, alikeness, holm, screen
+from sysid.diagnose.screen import Score, alikeness, screen
 from sysid.effects import CATALOGUE
+from sysid.holm import holm
 from sysid.identify.gauss_newton import Fit
 from sysid.records import Record
 
@@ -302,7 +302,7 @@ def holds(fit: Fit, name: str) -> bool:
 
     One that ended at its bound, or whose direction is not determined, is judged by its cost alone.
     """
-    own = [p.name for p in CATALOGUE[name]().parameters.values() if p.neutral is not None and abs(p.neutral) < NEVER]
+    own = [p.name for p in CATALOGUE[name]().parameters.values() if p.neutral is not None and not p.never]
     at = [fit.names.index(f"{name}.{k}") for k in own if f"{name}.{k}" in fit.names]
     covariance = fit.covariance[np.ix_(at, at)]
     if not at or not np.all(np.isfinite(covariance)):

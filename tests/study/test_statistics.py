@@ -5,7 +5,7 @@ import pytest
 import scipy.stats
 
 from study.numerals import MINUS
-from study.statistics import bootstrap_coverage, holm, paired_bootstrap, paired_t, sem, student, welch, wilson
+from study.statistics import bootstrap_coverage, paired_bootstrap, paired_t, sem, student, welch, wilson
 from sysid import InvalidInput
 
 
@@ -101,23 +101,6 @@ def test_one_seed_decides_nothing():
 def test_equal_pairs_are_no_difference_and_shifted_ones_are():
     assert not paired_t([1.0, 2.0], [1.0, 2.0]).significant
     assert paired_t([2.0, 3.0], [1.0, 2.0]).significant
-
-
-def test_holm_keeps_whole_families_honest_and_the_order():
-    source, wrong = rng(13), 0
-    for _ in range(500):
-        p = source.uniform(size=12)
-        adjusted = np.array(holm(p))
-        assert np.all(adjusted >= p)
-        assert np.all(np.diff(adjusted[np.argsort(p)]) >= 0.0)
-        wrong += np.min(adjusted) < 0.05
-    assert wrong / 500 < 0.08
-
-
-def test_holm_of_one_is_itself_and_of_two_the_textbooks():
-    assert holm([0.03]) == [0.03]
-    assert holm([0.04, 0.01]) == pytest.approx([0.04, 0.02])
-    assert holm([]) == []
 
 
 def test_the_interval_of_a_rate_holds_it_as_often_as_it_says_on_average_over_rates():

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from sysid import CATALOGUE, Delay, Effect, Joint, JointEffect, Model, Record, RodPendulum, Stamp, Viscous, simulate
-from sysid.diagnose.candidates import NEVER, Alternative, alternatives, candidates, extent_of
+from sysid.diagnose.candidates import Alternative, alternatives, candidates, extent_of
 from sysid.excitation import multisine
-from sysid.parameters import Extent, parameter
+from sysid.parameters import NEVER, Extent, parameter
 
 DT = 0.02
 EXTENT = Extent(DT, 6.0, 2.0)

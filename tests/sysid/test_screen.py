@@ -42,7 +42,7 @@ from sysid import (
 from sysid.diagnose.candidates import alternatives, extent_of
 from sysid.diagnose.directions import Directions
 from sysid.diagnose.refits import LEAD, extend
-from sysid.diagnose.screen import Score, alikeness, holm, screen
+from sysid.diagnose.screen import Score, alikeness, screen
 from sysid.diagnose.search import LEVEL, SAME, Round
 from sysid.excitation import steps
 from sysid.identify.gauss_newton import Fit, fit_longest, fit_windows, without
@@ -391,26 +391,3 @@ def test_a_start_for_the_fit_lies_within_the_bounds(screened: dict[str, Score]) 
     for name, score in screened.items():
         if score.visible:
             effect(name, **score.start())  # raises where a number is out of bounds
-
-
-# Holm --------------------------------------------------------------------------------------------------------
-
-
-def test_holm_by_hand() -> None:
-    assert holm({"a": 0.01, "b": 0.04, "c": 0.03, "d": 0.005}) == pytest.approx(
-        {"d": 4 * 0.005, "a": 3 * 0.01, "c": 2 * 0.03, "b": 2 * 0.03}
-    )
-    assert holm({"a": 0.03}) == {"a": 0.03}
-    assert holm({"a": 0.7, "b": 0.6}) == {"b": 1.0, "a": 1.0}
-    assert holm({}) == {}
-
-
-def test_holm_keeps_the_order_and_never_sharpens() -> None:
-    rng = np.random.default_rng(0)
-    p = {str(i): float(v) for i, v in enumerate(rng.uniform(0.0, 1.0, 40) ** 3)}
-    adjusted = holm(p)
-    assert adjusted.keys() == p.keys()
-    ordered = sorted(p, key=lambda n: p[n])
-    values = [adjusted[n] for n in ordered]
-    assert values == sorted(values)
-    assert all(p[n] <= adjusted[n] <= min(1.0, 40 * p[n]) for n in p)
