@@ -171,10 +171,7 @@ def _randomization(command: Train, saved: SavedModel, machine: Model) -> Randomi
 def _posterior(saved: SavedModel, names: Sequence[str], file: str) -> Posterior:
     if saved.estimate is None:
         raise InvalidInput(f"--randomize posterior: {file} was never fitted; expected one that `sysid fit -o` wrote")
-    rows = [saved.estimate.names.index(name) for name in names]
-    values = saved.estimate.values
-    covariance = saved.estimate.covariance[np.ix_(rows, rows)]
-    return Posterior(tuple(names), tuple(values[name] for name in names), covariance)
+    return Posterior.of(saved.estimate, names)
 
 
 def plausible(p: Parameter) -> tuple[float, float]:

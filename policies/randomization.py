@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from itertools import accumulate
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid import InvalidInput, Model
+from sysid import Estimate, InvalidInput, Model
 
 
 class Randomization(ABC):
@@ -137,6 +137,13 @@ class Posterior(Randomization):
         C = np.array(rows)
         if not np.allclose(C, C.T) or np.any(np.diag(C) < 0.0):
             raise InvalidInput("the covariance is not symmetric with variances >= 0: expected that of a fit")
+
+    @classmethod
+    def of(cls, estimate: Estimate, names: Sequence[str]) -> Posterior:
+        """That of an estimate, of so many of its parameters. Raises InvalidInput as the class does."""
+        at = [estimate.names.index(name) for name in names]
+        rows = estimate.covariance[np.ix_(at, at)]
+        return cls(tuple(names), tuple(estimate.values[name] for name in names), tuple(map(tuple, rows.tolist())))
 
     @cached_property
     def _root(self) -> NDArray[np.float64]:

@@ -63,6 +63,14 @@ def _moved(model: Model, t: float = 0.0, turn: float = 0.0) -> np.ndarray:
     return np.stack(np.broadcast_arrays(after[0] - turn, after[1]))
 
 
+def table_shape(model: Model) -> tuple[int, bool]:
+    """Turns of theta that a table of the optimum has to span, and whether it needs an axis beside theta and theta_dot:
+    for what the input path remembers beyond whole samples of delay, or for time."""
+    core, _ = without_dead_time(model)
+    remembers = any(e.rest(core.dt) for e in core.input_effects)
+    return (1 if is_periodic(model) else 3), remembers or not is_steady(core)
+
+
 def without_dead_time(model: Model) -> tuple[Model, int]:
     """The model without the whole samples of its delay, and their number d: its command k acts as the other's k + d.
 

@@ -74,13 +74,11 @@ def _reference(
 
 
 def _optimal(model: Model) -> Policy:
-    from policies.control.design import is_periodic, is_steady, without_dead_time
+    from policies.control.design import table_shape
     from policies.control.predictive import design_predictive
 
-    core, _ = without_dead_time(model)
-    turns = 1 if is_periodic(model) else 3
-    costly = turns > 1 or not is_steady(core) or any(e.rest(core.dt) for e in core.input_effects)
-    grid = COARSE if costly else FINE
+    turns, third_axis = table_shape(model)
+    grid = COARSE if turns > 1 or third_axis else FINE
     return design_predictive(model, dataclasses.replace(grid, theta_dot_max=_fastest(model), turns=turns))
 
 

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from study.figures.style import ACCENT
 from study.mismatch.cases import CASES
-from study.mismatch.effect_cost import SMALL, Row
+from study.mismatch.costs import SMALL, Row
 from study.mismatch.sizes import SIZES
 
 COLUMNS, TOP = 5, 60.0

@@ -14,13 +14,13 @@ from matplotlib.patches import Patch
 
 from study.figures.style import ACCENT
 from study.mismatch.answer import Answer, Outcome, Split, Spot
-from study.mismatch.plan import FREE, SHARED, HiddenPlant
-from study.mismatch.titles import GROUPS, RUNGS, SHORT, capital, is_outside, plant_noun, plant_size, plant_title
+from study.mismatch.plan import FREE, SHARED, WAYS, HiddenPlant
+from study.mismatch.titles import RUNGS, capital, is_outside, plant_noun, plant_size, plant_title
 from study.numerals import number
 from study.statistics import Contrast
 
-INKS = ("0.45", "#0072B2", "#D55E00", "0.1")
-"""Of the groups of ways: without rollouts, without effects, with effects, the oracle (Okabe and Ito)."""
+INKS = {"nothing": "0.45", "plain": "#0072B2", "mended": "#D55E00", "oracle": "0.1"}
+"""Of the groups of ways (Okabe and Ito)."""
 
 PARTS = {"structure": "#D55E00", "identification": "#56B4E9", "training": "0.72"}
 """Colours of the parts of a gap."""
@@ -40,7 +40,7 @@ def returns(answer: Answer) -> Figure:
         axes.axvline(answer.optima[plant.name], color=ACCENT, linewidth=1.2, zorder=1)
         _title(axes, plant)
     first = panels[0]
-    first.set_yticks(list(rows.values()), [f"{SHORT[way]}  ({way})" for way in rows])
+    first.set_yticks(list(rows.values()), [f"{WAYS[way].short}  ({way})" for way in rows])
     for label, way in zip(first.get_yticklabels(), rows, strict=True):
         label.set_color(_ink(way))
     first.set_ylim(max(rows.values()) + 0.7, -0.7)
@@ -52,8 +52,8 @@ def returns(answer: Answer) -> Figure:
 def _rows(ways: Sequence[str]) -> dict[str, float]:
     """Places of the ways, in the groups' order with a gap between groups."""
     places, y = dict[str, float](), 0.0
-    for group in GROUPS:
-        own = [way for way in group if way in ways]
+    for group in INKS:
+        own = [key for key, way in WAYS.items() if way.group == group and key in ways]
         for way in own:
             places[way], y = y, y + 1.0
         y += 0.6 * bool(own)
@@ -61,7 +61,7 @@ def _rows(ways: Sequence[str]) -> dict[str, float]:
 
 
 def _ink(way: str) -> str:
-    return next(ink for ink, group in zip(INKS, GROUPS, strict=True) if way in group)
+    return INKS[WAYS[way].group]
 
 
 def _way(axes: Axes, answer: Answer, plant: HiddenPlant, way: str, y: float) -> None:

@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, NullLocator
 
-from study.mismatch.naming import Named, errors, rates
+from study.mismatch.named import Named, errors, rates
 from study.mismatch.plan import PLANS, HiddenPlant
 from study.mismatch.titles import capital, is_outside, plant_noun, plant_size
 

@@ -10,13 +10,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from study.mismatch.designs import CENTER, DESIGNED, OPTIMUM, PLAIN, model_key
-from study.mismatch.naming import names
-from study.mismatch.plan import CONTRASTS, FREE, HiddenPlant, Plan, Trial
+from study.mismatch.designs import OPTIMUM, PLAIN, model_key
+from study.mismatch.named import names
+from study.mismatch.plan import CONTRASTS, FREE, WAYS, HiddenPlant, Plan, Trial
 from study.mismatch.recipe import Recipe, recipe_of
 from study.mismatch.results import Designed, Fitted, Trained
 from study.mismatch.trainings import agents_of
 from study.statistics import Contrast, paired_t, sem, student
+from sysid import InvalidInput
 from sysid.holm import holm
 
 Array = NDArray[np.float64]
@@ -28,6 +29,18 @@ class Spot(NamedTuple):
     plant: str
     way: str
     n: int
+
+
+class Verdict(NamedTuple):
+    """What a diagnosis said: the verdict, the effects that it added, and whether they were believed."""
+
+    verdict: str
+    named: tuple[str, ...] = ()
+    believed: bool = True
+
+    def __str__(self) -> str:
+        text = self.verdict + (f": {' + '.join(self.named)}" if self.named else "")
+        return text if self.believed or not self.named else f"{text}, not believed"
 
 
 @dataclass(frozen=True)
@@ -98,7 +111,7 @@ class Answer:
 
     outcomes   by spot; optima: mean return of the near-optimal policy by plant
     compared   the pre-registered contrasts, in the plan's order
-    verdicts   of the diagnoses by (plant, n): how often each (verdict, named effects)
+    verdicts   of the diagnoses by (plant, n): how often each
     hours      what workers spent
     """
 
@@ -106,7 +119,7 @@ class Answer:
     outcomes: dict[Spot, Outcome]
     optima: dict[str, float]
     compared: tuple[Compared, ...]
-    verdicts: dict[tuple[str, int], Counter[str]]
+    verdicts: dict[tuple[str, int], Counter[Verdict]]
     hours: float
 
     def contrast(self, plant: str, a: str, b: str, n: int) -> Compared | None:
@@ -123,7 +136,8 @@ class Answer:
 
 
 def answer(plan: Plan, fits: Sequence[Fitted], trained: Sequence[Trained], designs: Sequence[Designed]) -> Answer:
-    """The answer from the results; raises KeyError where a trial is missing."""
+    """The answer from the results; raises InvalidInput where some are missing."""
+    _check(plan, fits, trained, designs)
     keys, _ = agents_of(plan, fits)
     agents = {agent.key: agent for agent in trained}
     models = {Trial(f.plant, f.way, f.n, f.seed): recipe_of(f.payload) for f in fits}
@@ -147,6 +161,20 @@ def answer(plan: Plan, fits: Sequence[Fitted], trained: Sequence[Trained], desig
     )
 
 
+def _check(plan: Plan, fits: Sequence[Fitted], trained: Sequence[Trained], designs: Sequence[Designed]) -> None:
+    """Raise InvalidInput unless every trial was fitted, trained and held against the optimum."""
+    unfitted = set(plan.trials) - {Trial(f.plant, f.way, f.n, f.seed) for f in fits}
+    if unfitted:
+        raise InvalidInput(f"{len(unfitted)} of {len(plan.trials)} trials have no fit: expected a finished experiment")
+    untrained = {agent.key for agent in agents_of(plan, fits)[1]} - {agent.key for agent in trained}
+    if untrained:
+        raise InvalidInput(f"{len(untrained)} agents are not trained: expected a finished experiment")
+    wanted = {(plant.name, model, seed) for plant in plan.plants for model in (OPTIMUM, PLAIN) for seed in plan.seeds}
+    undesigned = wanted - {(d.plant, d.model, d.seed) for d in designs}
+    if undesigned:
+        raise InvalidInput(f"{len(undesigned)} optima are missing: expected a finished experiment")
+
+
 def _split(
     plant: HiddenPlant,
     trials: Sequence[Trial],
@@ -162,10 +190,9 @@ def _split(
         if way == "h":
             rows.append((0.0, 0.0, optimum - reached))
             continue
-        center = trial._replace(way=CENTER.get(way, way))
-        if center.way not in DESIGNED:
+        if not WAYS[way].center:
             return None
-        recipe = recipes[center]
+        recipe = recipes[trial._replace(way=WAYS[way].center)]
         fitted = designed.get((plant.name, model_key(recipe), seed))
         if fitted is None:
             continue
@@ -190,12 +217,10 @@ def _compared(plan: Plan, outcomes: Mapping[Spot, Outcome]) -> list[Compared]:
     return [Compared(*row, adjusted[k]) for k, row in enumerate(found)]
 
 
-def _verdicts(fits: Sequence[Fitted]) -> dict[tuple[str, int], Counter[str]]:
-    found: dict[tuple[str, int], Counter[str]] = {}
+def _verdicts(fits: Sequence[Fitted]) -> dict[tuple[str, int], Counter[Verdict]]:
+    found: dict[tuple[str, int], Counter[Verdict]] = {}
     for f in fits:
         if f.way == "c":
-            named = " + ".join(f.payload["steps"])
-            doubted = "" if f.payload["about"].get("believed", True) or not named else ", not believed"
-            text = f"{f.payload['verdict']}{': ' + named if named else ''}{doubted}"
-            found.setdefault((f.plant, f.n), Counter())[text] += 1
+            verdict = Verdict(f.payload["verdict"], tuple(f.payload["steps"]), f.payload["about"].get("believed", True))
+            found.setdefault((f.plant, f.n), Counter())[verdict] += 1
     return found

@@ -18,24 +18,20 @@ import time
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+import numpy as np
+
 from policies.abreast import returns
 from policies.control.optimal import Grid
 from policies.evaluate import Policy, fresh_start_states
 from study.executors.executor import Brief, Link
-from study.mismatch.effect_cost import design, machine
 from study.mismatch.hidden import hidden_machine, oracle
+from study.mismatch.machine import DESIGN_SUBSTEPS, design, machine
 from study.mismatch.plan import Plan
 from study.mismatch.recipe import Recipe, recipe_of
 from study.mismatch.results import Designed
 from sysid import InvalidInput, Model
 
 OPTIMUM, PLAIN = "optimum", "plain"
-
-DESIGNED = ("z", "a", "b", "c")
-"""Ways whose models are designed on; b+ and g have b's centre, f has c's."""
-
-CENTER = {"b+": "b", "g": "b", "f": "c"}
-"""The way whose model is the centre of another's."""
 
 
 def model_key(recipe: Recipe) -> str:
@@ -47,17 +43,21 @@ def model_key(recipe: Recipe) -> str:
 
 @dataclass(frozen=True)
 class DesignTask(Brief):
-    """Design on each model, and run on a hidden plant from a seed's start states. models: (key, Recipe.to_json)."""
+    """Design on the models of some seeds, each once, and run on a hidden plant from the start states of their seeds.
+
+    models   by key, as Recipe.to_json; wanted: (seed, key) of what is run, beside the optimum and the plain machine's
+    """
 
     plan: Plan
     plant: str
-    seed: int
+    seeds: tuple[int, ...]
     models: tuple[tuple[str, dict[str, Any]], ...]
+    wanted: tuple[tuple[int, str], ...]
     activity: ClassVar[str] = "dynamic programming"
 
     @property
     def name(self) -> str:
-        return f"designs for {self.plant}, seed {self.seed}"
+        return f"designs for {self.plant}, seeds {self.seeds[0]} to {self.seeds[-1]}"
 
     @property
     def work(self) -> float:
@@ -66,21 +66,29 @@ class DesignTask(Brief):
 
     def run(self, link: Link) -> list[Designed]:
         """The returns of every design; none of a model that no table can be made for."""
-        plant = self.plan.plant(self.plant)
-        models: list[tuple[str, Model]] = [(OPTIMUM, oracle(plant)), (PLAIN, machine(substeps=2))]
+        begin = time.perf_counter()
+        made = self._designs(link)
+        pairs = [(seed, key) for seed in self.seeds for key in (OPTIMUM, PLAIN)] + list(self.wanted)
+        pairs = [(seed, key) for seed, key in pairs if key in made]
+        starts = [fresh_start_states(seed, self.plan.episodes) for seed, _ in pairs]
+        plant = hidden_machine(self.plan.plant(self.plant))
+        reached = returns([made[key] for _, key in pairs], plant, *map(np.array, zip(*starts, strict=True)))
+        seconds = (time.perf_counter() - begin) / len(pairs)
+        return [
+            Designed(self.plant, key, seed, tuple(row), seconds)
+            for (seed, key), row in zip(pairs, reached.tolist(), strict=True)
+        ]
+
+    def _designs(self, link: Link) -> dict[str, Policy]:
+        models: list[tuple[str, Model]] = [(OPTIMUM, oracle(self.plan.plant(self.plant)))]
+        models.append((PLAIN, machine(substeps=DESIGN_SUBSTEPS)))
         models += [(key, recipe_of(data).model) for key, data in self.models]
-        begin, made = time.perf_counter(), dict[str, Policy]()
+        grid, made = Grid(theta=self.plan.grid, theta_dot=self.plan.grid + 1), dict[str, Policy]()
         for k, (key, model) in enumerate(models):
             try:
-                made[key] = design(model, Grid(theta=self.plan.grid, theta_dot=self.plan.grid + 1))
-            except InvalidInput:
-                continue
+                made[key] = design(model, grid)
+            except InvalidInput:  # a fitted model that no table can be made for has no row
+                if key in (OPTIMUM, PLAIN):
+                    raise
             link.progress((k + 1) / (len(models) + 1))
-        reached = returns(
-            tuple(made.values()), hidden_machine(plant), *fresh_start_states(self.seed, self.plan.episodes)
-        )
-        seconds = (time.perf_counter() - begin) / len(made)
-        return [
-            Designed(self.plant, key, self.seed, tuple(row), seconds)
-            for key, row in zip(made, reached.tolist(), strict=True)
-        ]
+        return made

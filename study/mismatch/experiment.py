@@ -14,14 +14,17 @@ from typing import Any, ClassVar
 from rich.console import Console
 
 from study.executors.executor import Brief, Executor, Link, Task
-from study.mismatch.designs import DESIGNED, OPTIMUM, DesignTask, model_key
-from study.mismatch.plan import Plan, Trial
+from study.mismatch.designs import OPTIMUM, DesignTask, model_key
+from study.mismatch.plan import WAYS, Plan, Trial
 from study.mismatch.recipe import recipe_of
 from study.mismatch.results import Fitted, Results
 from study.mismatch.trainings import TrainingTask, agents_of, populations
 from study.mismatch.ways import recipes
 from study.runner import announce, execute
 from study.training import left
+
+TOGETHER = 5
+"""Seeds whose models are designed on in one task: what they share, the optimum above all, is designed once."""
 
 
 @dataclass(frozen=True)
@@ -104,11 +107,16 @@ def _untrained(plan: Plan, results: Results, checkpoint_seconds: float) -> Itera
 
 def _undesigned(plan: Plan, results: Results) -> Iterator[DesignTask]:
     known = {(d.plant, d.seed) for d in results.designs() if d.model == OPTIMUM}
-    models: dict[tuple[str, int], dict[str, dict[str, Any]]] = {}
+    models: dict[str, dict[str, Any]] = {}
+    wanted: dict[tuple[str, int], dict[str, None]] = {}
     for f in results.fits():
-        if f.way in DESIGNED:
-            models.setdefault((f.plant, f.seed), {})[model_key(recipe_of(f.payload))] = f.payload
+        if WAYS[f.way].center == f.way:
+            key = model_key(recipe_of(f.payload))
+            models[key] = f.payload
+            wanted.setdefault((f.plant, f.seed), {})[key] = None
     for plant in plan.plants:
-        for seed in plan.seeds:
-            if (plant.name, seed) not in known:
-                yield DesignTask(plan, plant.name, seed, tuple(models.get((plant.name, seed), {}).items()))
+        left = [seed for seed in plan.seeds if (plant.name, seed) not in known]
+        for seeds in (tuple(left[i : i + TOGETHER]) for i in range(0, len(left), TOGETHER)):
+            pairs = tuple((seed, key) for seed in seeds for key in wanted.get((plant.name, seed), {}))
+            own = tuple((key, models[key]) for key in dict.fromkeys(key for _, key in pairs))
+            yield DesignTask(plan, plant.name, seeds, own, pairs)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from study.mismatch.effect_cost import U_MAX, machine
+from study.mismatch.cases import U_MAX
+from study.mismatch.machine import DESIGN_SUBSTEPS, machine
 from study.mismatch.outside import OUTSIDE
 from study.mismatch.plan import HiddenPlant, Plan
 from sysid import RK4, Effect, InvalidInput, Model, Record, RodPendulum, Sensor, effect, simulate
 
-PRIOR = Model(RodPendulum(m=1.0, l=1.0, g=10.0), integrator=RK4(substeps=2), dt=0.05, u_max=U_MAX)
+PRIOR = Model(RodPendulum(m=1.0, l=1.0, g=10.0), integrator=RK4(substeps=DESIGN_SUBSTEPS), dt=0.05, u_max=U_MAX)
 """What an engineer would assume without data; the paper's numbers, integrated so that steps of 25 ms are no gap."""
 
 
@@ -28,7 +29,7 @@ def hidden_machine(plant: HiddenPlant) -> Model:
 
 def oracle(plant: HiddenPlant) -> Model:
     """The plant in the steps that every agent trains on."""
-    return machine(effect_of(plant), substeps=PRIOR.integrator.substeps)
+    return machine(effect_of(plant), substeps=DESIGN_SUBSTEPS)
 
 
 def sensor(plan: Plan) -> Sensor:

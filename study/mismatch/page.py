@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from study.mismatch.answer import Answer
-from study.mismatch.naming import Named, errors, rates
+from study.mismatch.named import Named, errors, rates
 from study.mismatch.plan import WAYS
 from study.mismatch.titles import capital, plant_title
 from study.numerals import bracketed, number
@@ -23,8 +23,9 @@ CAPTIONS = {
     "optimum consists of, with a model that lacks the effect and with the mended one.",
     "trajectories": "Where mending gained most, the two agents of the seed whose gain is nearest to the median, from "
     "the same start states. Torques: of the first in full, of the others faint.",
-    "naming": "Above: how often the diagnosis gives the right answer and nothing else, with Wilson's 95 % band. Below: "
-    "the error of m and l in the model without the effect (squares) and in the mended one (dots).",
+    "naming": "Above: how often the diagnosis is right, with Wilson's 95 % band: the effect named and no other, or its "
+    "class where the log cannot tell; \u201cunknown\u201d where the catalogue lacks it. Below: the error of m and l in "
+    "the model without the effect (squares) and in the mended one (dots).",
 }
 """What stands below a figure, by its name and in the page's order."""
 
@@ -88,7 +89,9 @@ def _named(answer: Answer, rows: Sequence[Named]) -> dict[str, Any] | None:
             fitted, mended = (f"{100.0 * error:.2g}" for error in errors(rows, plant.name, n))
             cells.append(f"{100 * rate.share:.0f} [{100 * low:.0f}, {100 * high:.0f}] ({fitted}, {mended})")
         table.append((capital(plant_title(plant)), cells))
-    return {"budgets": budgets, "seeds": max(rate.seeds for rate in found.values()), "table": table}
+    least, most = (choose(rate.seeds for rate in found.values()) for choose in (min, max))
+    seeds = f"{most}" if least == most else f"{least} to {most}"
+    return {"budgets": budgets, "seeds": seeds, "table": table}
 
 
 def _interval(mean: Contrast) -> str:

@@ -16,24 +16,47 @@ from study.config import Fingerprinted
 FORMAT = 1
 """Version of the results folder: raised whenever stored numbers change their meaning."""
 
-WAYS = {
-    "z": "no rollouts: trained at the prior",
-    "e": "no rollouts: breadth over m, l and one effect of any kind within its plausible range",
-    "a": "the paper's grid search for m and l",
-    "b": "least squares for m and l",
-    "b+": "least squares for m and l, band w = 0.3",
-    "g": "least squares for m and l, random torques in training",
-    "i": "least squares for m and l, a learned command filter and residual torque",
-    "d": "least squares for m, l and all effects at once",
-    "c": "diagnosed: the missing effect named, added, refitted; where it is unknown, as g",
-    "f": "diagnosed, parameters drawn from the fit's covariance",
-    "h": "the hidden plant itself: an oracle",
-}
-"""Every way to spend rollouts; those of z, e and h spend none."""
 
-FREE = ("z", "e", "h")
+@dataclass(frozen=True)
+class Way:
+    """A way to spend rollouts.
 
-SHARED = ("z", "e")
+    short, words   it in up to five words, and in full
+    group          what ways that belong together share: "nothing" measured, "plain" or "mended" model, "oracle"
+    center         the way whose model is the centre of what it trains on; "" where no table can be made for that
+    """
+
+    key: str
+    group: str
+    short: str
+    words: str
+    center: str = ""
+
+
+_WAYS = (
+    Way("z", "nothing", "prior", "no rollouts: trained at the prior", "z"),
+    Way("e", "nothing", "breadth over m, l and effects",
+        "no rollouts: breadth over m, l and one effect of any kind within its plausible range"),
+    Way("a", "plain", "grid, m and l", "the paper's grid search for m and l", "a"),
+    Way("b", "plain", "least squares, m and l", "least squares for m and l", "b"),
+    Way("b+", "plain", "least squares, band w = 0.3", "least squares for m and l, band w = 0.3", "b"),
+    Way("g", "plain", "least squares, random torques", "least squares for m and l, random torques in training", "b"),
+    Way("i", "plain", "least squares, learned torque",
+        "least squares for m and l, a learned command filter and residual torque"),
+    Way("d", "mended", "all effects at once", "least squares for m, l and all effects at once"),
+    Way("c", "mended", "diagnosed and mended",
+        "diagnosed: the missing effect named, added, refitted; where it is unknown, as g", "c"),
+    Way("f", "mended", "diagnosed, posterior", "diagnosed, parameters drawn from the fit's covariance", "c"),
+    Way("h", "oracle", "the plant itself", "the hidden plant itself: an oracle"),
+)  # fmt: skip
+
+WAYS = {way.key: way for way in _WAYS}
+"""Every way, in the order in which they are shown."""
+
+FREE = tuple(key for key, way in WAYS.items() if way.group in ("nothing", "oracle"))
+"""Ways that spend no rollouts."""
+
+SHARED = tuple(key for key, way in WAYS.items() if way.group == "nothing")
 """Ways that know nothing of the plant: their agents are the same on all plants."""
 
 CONTRASTS = (("c", "b"), ("b+", "b"), ("c", "d"), ("c", "i"), ("e", "z"), ("h", "c"))

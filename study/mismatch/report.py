@@ -10,11 +10,11 @@ from pathlib import Path
 from rich.console import Console
 
 from study import rows
-from study.mismatch import naming
+from study.mismatch import named, naming
 from study.mismatch.answer import Answer, answer
-from study.mismatch.drawn import draw
+from study.mismatch.figures import draw
 from study.mismatch.page import page
-from study.mismatch.plan import Plan
+from study.mismatch.plan import CONTRASTS, Plan
 from study.mismatch.results import Results
 from study.mismatch.words import sentences
 from study.versions import all_versions
@@ -74,17 +74,17 @@ def publish(plan: Plan, results: Results, console: Console) -> Answer:
     The naming study is told too where its table lies in the folder.
     """
     folder, trained, fits = results.folder, results.trainings(), results.fits()
-    named = naming.read(folder / naming.TABLE)
+    rows_named = named.read(folder / named.TABLE)
     with console.status("drawing"):
         found = answer(plan, fits, trained, results.designs())
-        said = sentences(found, named)
+        said = sentences(found, rows_named)
         versions = all_versions([agent.versions for agent in trained])
         write_tables(found, folder)
         _write_record(found, results.device, len(trained), versions, folder / "study.json")
         figures = draw(found, fits, folder)
-        if named:
-            figures["naming"] = naming.draw(named, folder)
-        write_whole(folder / "report.html", page(found, said, figures, versions, named))
+        if rows_named:
+            figures["naming"] = naming.draw(rows_named, folder)
+        write_whole(folder / "report.html", page(found, said, figures, versions, rows_named))
     for sentence in said:
         console.print(sentence.replace("[", r"\["))
         console.print()
@@ -103,6 +103,7 @@ def _write_record(found: Answer, device: str, agents: int, versions: Mapping[str
         "agents": agents,
         "worker_hours": round(found.hours, 3),
         "versions": versions,
+        "contrasts": [f"{a} - {b}" for a, b in CONTRASTS],
         "fingerprint": plan.fingerprint,
         "settings": plan.to_dict(),
     }

@@ -98,7 +98,7 @@ class Results(Database):
             )
         ]
 
-    def add_trainings(self, trainings: Sequence[Trained], population: str = "") -> None:
+    def add_trainings(self, trainings: Sequence[Trained], population: str | None = None) -> None:
         """Keep trained agents, and forget the progress of the population that they finish."""
         rows = [
             (t.key, json.dumps(t.returns), json.dumps(t.curve), json.dumps(t.versions), t.seconds) for t in trainings
@@ -140,8 +140,9 @@ class Results(Database):
         row = self.db.execute("SELECT seconds FROM progress WHERE population = ?", (population,)).fetchone()
         return float(row[0]) if row else 0.0
 
-    def _add(self, table: str, rows: Sequence[tuple[Any, ...]], finished: str = "") -> None:
+    def _add(self, table: str, rows: Sequence[tuple[Any, ...]], finished: str | None = None) -> None:
         with self.transaction() as db:
             for row in rows:
                 db.execute(f"INSERT OR REPLACE INTO {table} VALUES ({', '.join('?' * len(row))})", row)
-            db.execute("DELETE FROM progress WHERE population = ?", (finished,))
+            if finished is not None:
+                db.execute("DELETE FROM progress WHERE population = ?", (finished,))

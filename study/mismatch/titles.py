@@ -4,24 +4,6 @@ from __future__ import annotations
 
 from study.mismatch.plan import HiddenPlant
 
-SHORT = {
-    "z": "prior",
-    "e": "breadth over m, l and effects",
-    "a": "grid, m and l",
-    "b": "least squares, m and l",
-    "b+": "least squares, band w = 0.3",
-    "g": "least squares, random torques",
-    "i": "least squares, learned torque",
-    "d": "all effects at once",
-    "c": "diagnosed and mended",
-    "f": "diagnosed, posterior",
-    "h": "the plant itself",
-}
-"""A way in up to five words; `plan.WAYS` says it in full."""
-
-GROUPS = (("z", "e"), ("a", "b", "b+", "g", "i"), ("d", "c", "f"), ("h",))
-"""Ways that belong together: those without rollouts, without effects, with effects, and the oracle."""
-
 RUNGS = {"z": "prior", "b": "fitted", "c": "mended", "h": "oracle"}
 """The ladder, from knowing nothing to knowing everything."""
 
@@ -51,10 +33,15 @@ def capital(text: str) -> str:
 
 
 def is_outside(plant: HiddenPlant) -> bool:
-    """Whether the plant's effect is none of the catalogue."""
-    from study.mismatch.outside import OUTSIDE
+    """Whether the plant has an effect that the catalogue lacks."""
+    from sysid import CATALOGUE
 
-    return plant.effect in OUTSIDE
+    return plant.effect is not None and plant.effect not in CATALOGUE
+
+
+def in_catalogue(plant: HiddenPlant) -> bool:
+    """Whether the plant has an effect of the catalogue."""
+    return plant.effect is not None and not is_outside(plant)
 
 
 def _unit(plant: HiddenPlant) -> str:

@@ -188,7 +188,7 @@ class Spending:
         found = (first, second)[int(np.argmin(errors))]
         numbers = {"saturation.limit": PRIOR.u_max, **center(found).center}  # a limit that no command reaches
         return Recipe(
-            second.model.with_parameters(numbers), Band(numbers), about={"errors": errors, "success": found.success}
+            second.model.with_parameters(numbers), Band(numbers), about={"fit_errors": errors, "success": found.success}
         )
 
     def _learned(self) -> Recipe:
@@ -217,9 +217,5 @@ def center(estimate: Estimate, w: float = 0.0) -> Band:
 
 def posterior_of(estimate: Estimate) -> Posterior:
     """The estimate's normal distribution; what the records leave open stays at its number."""
-    machine = estimate.model.machine.parameters
-    sd = estimate.sd
-    kept = [k for k, name in enumerate(estimate.names) if name in machine and math.isfinite(sd[name])]
-    names = tuple(estimate.names[k] for k in kept)
-    rows = estimate.covariance[np.ix_(kept, kept)]
-    return Posterior(names, tuple(estimate.values[name] for name in names), tuple(map(tuple, rows.tolist())))
+    machine, sd = estimate.model.machine.parameters, estimate.sd
+    return Posterior.of(estimate, [name for name in estimate.names if name in machine and math.isfinite(sd[name])])

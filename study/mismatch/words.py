@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from study.mismatch.answer import Answer, Compared, Spot
-from study.mismatch.naming import Named, enough, errors
-from study.mismatch.titles import plant_title
+from study.mismatch.answer import Answer, Compared, Spot, Verdict
+from study.mismatch.named import Named, enough, errors
+from study.mismatch.titles import in_catalogue, is_outside, plant_title
 from study.numerals import number, percent
 
 
@@ -35,12 +35,12 @@ def _breadth(answer: Answer) -> str:
 
 def _naming(answer: Answer) -> str:
     """(c) - (b) where the effect is in the catalogue."""
-    rows = _rows(answer, "c", "b", [p.name for p in answer.plan.plants if p.effect and _named(answer, p.name)])
+    rows = _rows(answer, "c", "b", [p.name for p in answer.plan.plants if in_catalogue(p)])
     if not rows:
         return ""
     return (
         f"The diagnosis changed the return against m and l alone by {_listed(answer, rows)}; it named an effect and "
-        f"believed it in {_counts(answer, rows, lambda text: ':' in text and 'believed' not in text)}."
+        f"believed it in {_counts(answer, rows, lambda said: bool(said.named) and said.believed)}."
     )
 
 
@@ -49,7 +49,7 @@ def _still(answer: Answer) -> str:
     parts = []
     for plant in answer.plan.plants:
         for n in answer.plan.budgets:
-            found = answer.difference(plant.name, "f", "c", n) if plant.effect and _named(answer, plant.name) else None
+            found = answer.difference(plant.name, "f", "c", n) if in_catalogue(plant) else None
             if found:
                 parts.append(f"{found} ({plant_title(plant)}, n = {n})")
                 seeds = found.seeds
@@ -65,24 +65,27 @@ def _rollouts(answer: Answer, rows: Sequence[Named]) -> str:
     """How many rollouts naming takes, and what m and l cost meanwhile."""
     if not rows:
         return ""
-    parts, most = [], max(row.n for row in rows)
+    parts = []
     for plant in answer.plan.plants:
+        budgets = [row.n for row in rows if row.plant == plant.name]
+        if not budgets:
+            continue
         least = enough(rows, plant.name)
-        n = most if least is None else least
+        n = max(budgets) if least is None else least
         when = f"{n} rollouts" if least else f"more than {n}"
         fitted, mended = (100.0 * error for error in errors(rows, plant.name, n))
         parts.append(f"{plant_title(plant)}: {when} (m and l off by {fitted:.2g} % without, {mended:.2g} % with it)")
-    return f"The right answer and nothing else, for nine seeds in ten, takes: {'; '.join(parts)}."
+    return f"The right answer, for nine seeds in ten, takes: {'; '.join(parts)}."
 
 
 def _unknown(answer: Answer) -> str:
     """(c) - (b) where no effect of the catalogue is right."""
-    rows = _rows(answer, "c", "b", [p.name for p in answer.plan.plants if p.effect and not _named(answer, p.name)])
+    rows = _rows(answer, "c", "b", [p.name for p in answer.plan.plants if is_outside(p)])
     if not rows:
         return ""
     return (
         "Where the catalogue lacks the effect, a diagnosis that says unknown trains under random torques of the size "
-        f"that the log asks for; it did in {_counts(answer, rows, lambda text: text.startswith('unknown'))}, and over "
+        f"that the log asks for; it did in {_counts(answer, rows, lambda said: said.verdict == 'unknown')}, and over "
         f"all seeds the return changed by {_listed(answer, rows)}."
     )
 
@@ -119,12 +122,6 @@ def _split(answer: Answer) -> str:
     )
 
 
-def _named(answer: Answer, plant: str) -> bool:
-    from sysid import CATALOGUE
-
-    return answer.plan.plant(plant).effect in CATALOGUE
-
-
 def _rows(answer: Answer, a: str, b: str, plants: Sequence[str]) -> list[Compared]:
     return [row for row in answer.compared if (row.a, row.b) == (a, b) and row.plant in plants]
 
@@ -134,12 +131,12 @@ def _listed(answer: Answer, rows: Sequence[Compared]) -> str:
     return ", ".join(f"{row.contrast} ({title[row.plant]}{f', n = {row.n}' if row.n else ''})" for row in rows)
 
 
-def _counts(answer: Answer, rows: Sequence[Compared], which: Callable[[str], bool]) -> str:
+def _counts(answer: Answer, rows: Sequence[Compared], which: Callable[[Verdict], bool]) -> str:
     """How many of the seeds of each row had a verdict of a kind."""
     parts = []
     for row in rows:
         found = answer.verdicts.get((row.plant, row.n), {})
-        count = sum(times for text, times in found.items() if which(text))
+        count = sum(times for said, times in found.items() if which(said))
         parts.append(f"{count} of {sum(found.values())}")
     return ", ".join(parts)
 

@@ -13,19 +13,9 @@ from policies.control.optimal import Grid
 from policies.evaluate import evaluate
 from study.mismatch import effect_cost
 from study.mismatch.cases import CASES, Case
-from study.mismatch.effect_cost import (
-    SHIPPED,
-    TABLE,
-    TARGETS,
-    Bench,
-    Row,
-    choose,
-    explore,
-    machine,
-    main,
-    read,
-    write,
-)
+from study.mismatch.costs import FIGURE, SHIPPED, TABLE, Bench, Row, read, write
+from study.mismatch.effect_cost import TARGETS, choose, explore, main
+from study.mismatch.machine import design, machine
 from study.mismatch.sizes import SIZES
 from sysid import CATALOGUE, InvalidInput, State, effect
 
@@ -90,7 +80,7 @@ def test_a_delay_of_four_samples_is_dear_and_knowing_it_brings_most_back(bench):
 
 def test_policies_abreast_do_as_each_does_alone(bench):
     model, (theta, theta_dot) = machine(CASES["delay"].at(0.1)), (x[:6] for x in bench.starts)
-    policies = (bench.ignorant[0], effect_cost.design(model, COARSE))
+    policies = (bench.ignorant[0], design(model, COARSE))
     assert Abreast(policies).history == 2
     together = returns(policies, model, theta, theta_dot)
     for policy, own in zip(policies, together, strict=True):
@@ -98,7 +88,7 @@ def test_policies_abreast_do_as_each_does_alone(bench):
 
 
 def test_the_aware_policy_does_not_peek_at_the_machines_memory(bench):
-    policy = effect_cost.design(machine(CASES["lag"].at(0.1)), COARSE)
+    policy = design(machine(CASES["lag"].at(0.1)), COARSE)
     theta, theta_dot = (x[:3] for x in bench.starts)
     past = np.ones((3, policy.history))
     u = [policy(State(theta, theta_dot, memory), 1.0, past) for memory in ((), ((7.0 + 0.0 * theta,),))]
@@ -145,7 +135,7 @@ def test_a_run_goes_on_from_its_table(tmp_path, monkeypatch):
     assert len(read(tmp_path / TABLE)) == 2
     assert main(["--out", str(tmp_path), "--effects", "drag"]) == 0
     assert len(measured) == 3 + 7
-    assert (tmp_path / effect_cost.FIGURE).read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / FIGURE).read_bytes().startswith(b"\x89PNG")
     assert main(["--out", str(tmp_path), "--effects", "drag"]) == 0
     assert len(measured) == 3 + 7
 

@@ -8,7 +8,8 @@ import pytest
 from policies.control.optimal import Grid, solve
 from study.mismatch import margin
 from study.mismatch.cases import CASES
-from study.mismatch.effect_cost import BLUNT, SHARP, SHIPPED, machine
+from study.mismatch.costs import SHARP, SHIPPED
+from study.mismatch.machine import BLUNT, machine
 from study.mismatch.margin import ANGLES, TABLE, compare, train, write
 from study.mismatch.sizes import SIZES
 

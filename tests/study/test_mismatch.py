@@ -8,8 +8,8 @@ import pytest
 from policies.evaluate import evaluate, fresh_start_states
 from policies.randomization import Band
 from study.config import PRESETS
-from study.mismatch.effect_cost import design, machine
 from study.mismatch.hidden import hidden_machine, oracle, rollouts
+from study.mismatch.machine import design, machine
 from study.mismatch.naming import FIRST, SEEDS
 from study.mismatch.plan import ALL_PLANTS, DELAY_LARGE, MAGNET, PLANS, WAYS, Trial
 from study.mismatch.recipe import Recipe, recipe_of

@@ -16,12 +16,12 @@ from study.figures.mismatch import PARTS, ladder, returns
 from study.figures.naming import naming
 from study.figures.style import STYLE, save
 from study.figures.trajectories import trajectories
-from study.mismatch.answer import Answer, Compared, Outcome, Split, Spot
-from study.mismatch.drawn import read_agents, telling
-from study.mismatch.naming import Named, is_right
+from study.mismatch.answer import Answer, Compared, Outcome, Split, Spot, Verdict
+from study.mismatch.figures import read_agents, telling
+from study.mismatch.named import Named, is_right
 from study.mismatch.page import CAPTIONS, page
-from study.mismatch.plan import CONTRASTS, FREE, PLANS
-from study.mismatch.titles import GROUPS, SHORT, plant_title
+from study.mismatch.plan import CONTRASTS, FREE, PLANS, WAYS
+from study.mismatch.titles import plant_title
 from study.numerals import MINUS
 from study.statistics import paired_t
 from study.storage.policy_files import FOLDER, write_policies
@@ -57,7 +57,11 @@ def invented(plan):
                     wobble = np.linspace(-1.0, 1.0, len(one))
                     contrast = paired_t(one + wobble, other)
                     compared.append(Compared(plant.name, n, a, b, contrast, float(np.median(one - other)), 0.001))
-    verdicts = {(p.name, n): Counter({"missing: delay": 12, "unknown": 3}) for p in plan.plants for n in plan.budgets}
+    verdicts = {
+        (p.name, n): Counter({Verdict("missing", ("delay",)): 12, Verdict("unknown"): 3})
+        for p in plan.plants
+        for n in plan.budgets
+    }
     return Answer(plan, outcomes, {p.name: OPTIMUM for p in plan.plants}, tuple(compared), verdicts, 2.5)
 
 
@@ -109,7 +113,7 @@ def test_every_mean_is_a_dot_or_a_number_at_the_edge(answer):
 def test_every_way_stands_in_a_row_of_its_own_in_words(answer):
     figure = drawn(lambda: returns(answer))
     labels = [label.get_text() for label in figure.axes[0].get_yticklabels()]
-    assert labels == [f"{SHORT[way]}  ({way})" for group in GROUPS for way in group if way in answer.plan.ways]
+    assert labels == [f"{WAYS[way].short}  ({way})" for way in WAYS if way in answer.plan.ways]
 
 
 def test_the_ladder_is_a_share_of_the_optimum_and_its_bars_add_up_to_the_gap(answer):

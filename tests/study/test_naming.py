@@ -7,22 +7,8 @@ import numpy as np
 import pytest
 
 from study.mismatch import naming
-from study.mismatch.naming import (
-    BUDGETS,
-    FIGURE,
-    FIRST,
-    TABLE,
-    Named,
-    enough,
-    errors,
-    is_right,
-    main,
-    measure,
-    rates,
-    read,
-    tasks,
-    write,
-)
+from study.mismatch.named import TABLE, Named, enough, errors, is_right, rates, read, write
+from study.mismatch.naming import BUDGETS, FIGURE, FIRST, main, measure, tasks
 from study.mismatch.plan import COULOMB, DELAY_LARGE, MAGNET, PLAIN, PLANS
 from sysid import InvalidInput
 

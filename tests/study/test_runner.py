@@ -20,6 +20,7 @@ from study.runner import run
 from study.storage.policy_files import read_policies
 from study.storage.store import Store, outputs
 from sysid import InvalidInput
+from tests.study.inline import Inline
 
 MANY = Preset(
     name="many",
@@ -38,29 +39,6 @@ MANY = Preset(
     grid=40,
 )
 PUBLISHED_COLUMNS = 9
-
-
-class Inline:
-    """Runs tasks one after the other in this process, and remembers them."""
-
-    workers = 1
-
-    def __init__(self):
-        self.tasks = []
-
-    def execute(self, tasks, heard):
-        for task in tasks:
-            self.tasks.append(task)
-            heard(task, "done", task.run(self))
-
-    def progress(self, done):
-        assert 0.0 <= done <= 1.0
-
-    def saved(self, seconds):
-        assert seconds >= 0.0
-
-    def stop_asked(self):
-        return False
 
 
 def finish(folder, preset=MANY, device="cpu", imported=None):

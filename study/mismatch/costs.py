@@ -1,0 +1,118 @@
+"""What an effect of one size costs the policy that does not know it: the bench that measures it, and the table of rows.
+
+loss(size) = J_aware(size) - J_ignorant(size)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from policies.abreast import returns
+from policies.control.optimal import Grid, Optimal, solve
+from policies.evaluate import fresh_start_states, start_states
+from study import rows as table
+from study.mismatch.cases import CASES, Case
+from study.mismatch.machine import BLUNT, DESIGN_SUBSTEPS, design, machine
+from study.statistics import sem
+from sysid import OutputEffect
+
+SHIPPED = Path(__file__).parents[1] / "results" / "effect_cost"
+TABLE, FIGURE = "effect_cost.csv", "effect_cost.png"
+
+SHARP = Grid()
+"""The table of the second ignorant designer, who plans to the edge; the aware one's is blunt."""
+
+SEED, EPISODES, PAPER_SEEDS = 500_000, 200, range(500, 600, 20)
+"""Start states: of one fresh seed, and of five of the paper's, 20 apart so that they share none."""
+
+SMALL = 2.0
+"""Loss [%] below which an effect costs nothing worth the name."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """Returns on the machine with one effect of one size, and what not knowing it costs; sem: of the paired mean.
+
+    percent of |J_aware|, percent_plain of the plain machine's optimum; sharp: loss of the ignorant with the fine table;
+    paper_: from the paper's start states.
+    """
+
+    effect: str
+    size: float
+    unit: str
+    plain: float
+    ignorant: float
+    aware: float
+    loss: float
+    sem: float
+    percent: float
+    percent_plain: float
+    sharp: float
+    paper_ignorant: float
+    paper_aware: float
+    paper_loss: float
+    paper_sem: float
+
+
+class Bench:
+    """The plain machine's designers, and what they are worth there; measures one case at one size at a time.
+
+    substeps   of the machine, where others are wanted than `machine` takes
+    """
+
+    def __init__(
+        self, blunt: Grid = BLUNT, sharp: Grid = SHARP, episodes: int = EPISODES, substeps: int | None = None
+    ) -> None:
+        self.grid, self.substeps = blunt, substeps
+        self.ignorant: tuple[Optimal, ...] = tuple(
+            solve(machine(substeps=DESIGN_SUBSTEPS), grid) for grid in (blunt, sharp)
+        )
+        groups = [fresh_start_states(SEED, episodes), *(start_states(seed) for seed in PAPER_SEEDS)]
+        self.starts = tuple(np.concatenate(columns) for columns in zip(*groups, strict=True))
+        self.fresh = np.arange(len(self.starts[0])) < episodes
+        (self.plain,) = returns(self.ignorant[:1], machine(substeps=substeps), *self.starts)
+
+    def measure(self, case: Case, size: float) -> Row:
+        """The row of a size."""
+        effect = case.at(size)
+        model = machine(effect, self.substeps)
+        if isinstance(effect, OutputEffect):
+            ignorant, sharp = returns(self.ignorant, model, *self.starts)
+            aware = self.plain
+        else:
+            ignorant, sharp, aware = returns((*self.ignorant, design(model, self.grid)), model, *self.starts)
+        loss, paper = (aware - ignorant)[self.fresh], (aware - ignorant)[~self.fresh]
+        reached = float(np.mean(aware[self.fresh]))
+        plain = float(np.mean(self.plain[self.fresh]))
+        return Row(
+            effect=case.effect,
+            size=size,
+            unit=case.unit,
+            plain=plain,
+            ignorant=float(np.mean(ignorant[self.fresh])),
+            aware=reached,
+            loss=float(np.mean(loss)),
+            sem=sem(loss),
+            percent=100.0 * float(np.mean(loss)) / abs(reached),
+            percent_plain=100.0 * float(np.mean(loss)) / abs(plain),
+            sharp=float(np.mean((aware - sharp)[self.fresh])),
+            paper_ignorant=float(np.mean(ignorant[~self.fresh])),
+            paper_aware=float(np.mean(aware[~self.fresh])),
+            paper_loss=float(np.mean(paper)),
+            paper_sem=sem(paper),
+        )
+
+
+def read(path: Path) -> list[Row]:
+    """The rows of a table; none where there is no file. Raises InvalidInput for a file of another kind."""
+    return table.read(Row, path, "effects and losses")
+
+
+def write(path: Path, rows: Iterable[Row]) -> None:
+    """The rows as a CSV file, in the catalogue's order; whole or not at all."""
+    order = {name: i for i, name in enumerate(CASES)}
+    table.write(Row, path, sorted(rows, key=lambda row: (order[row.effect], row.size)))

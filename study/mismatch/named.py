@@ -1,0 +1,125 @@
+"""What the naming study found: rows, how often the answer was right, and how far m and l were off.
+
+Right is to name the effect, alone: as itself, as one that contains it, or in a class that the log cannot tell apart
+("cannot tell"). Where the catalogue lacks the effect "unknown" is right, whatever was named beside it; where nothing is
+missing, "adequate".
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from study import rows as table
+from study.mismatch.plan import PLANS, HiddenPlant
+from study.statistics import wilson
+from sysid import CATALOGUE
+
+TABLE = "naming.csv"
+
+CONTAINS = {"coulomb": ("stribeck", "asymmetric_coulomb")}
+"""Larger effects that are the effect at some of their numbers: to name one of them is right, too."""
+
+REFUSED = "refused"
+"""The verdict where the rollouts do not even allow a fit."""
+
+
+@dataclass(frozen=True)
+class Named:
+    """What n rollouts of a hidden plant led to.
+
+    steps         what was added, in order; with "/" between the effects that the log cannot tell apart
+    right         whether that is what is missing, and nothing else
+    error_fitted  of m and l of the model that lacks the effect; error_mended: of that with what was added [1]
+    """
+
+    plant: str
+    n: int
+    seed: int
+    verdict: str
+    steps: tuple[str, ...]
+    right: bool
+    error_fitted: float
+    error_mended: float
+
+
+@dataclass(frozen=True)
+class Rate:
+    """How often, of so many seeds, the naming was right, with Wilson's 95 % interval.
+
+    accompanied   how often the effect was named, but with another, or with something left that nothing explains
+    """
+
+    right: int
+    accompanied: int
+    seeds: int
+
+    @property
+    def share(self) -> float:
+        """Of the seeds that were right."""
+        return self.right / self.seeds
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Of that share."""
+        return wilson(self.right, self.seeds)
+
+
+def is_right(plant: HiddenPlant, verdict: str, steps: Sequence[str]) -> bool:
+    """Whether this is what the plant has, and nothing else."""
+    if plant.effect is None:
+        return verdict == "adequate"
+    if plant.effect not in CATALOGUE:
+        return verdict == "unknown"
+    return verdict in ("missing", "cannot tell") and len(steps) == 1 and names(plant, steps)
+
+
+def names(plant: HiddenPlant, steps: Sequence[str]) -> bool:
+    """Whether one of the steps is the plant's effect, one that contains it, or one that the log cannot tell from it."""
+    wanted = {plant.effect, *CONTAINS.get(plant.effect or "", ())}
+    return any(wanted & set(step.split("/")) for step in steps)
+
+
+def rates(rows: Iterable[Named]) -> dict[tuple[str, int], Rate]:
+    """The rates by (plant, n)."""
+    plants = {plant.name: plant for plant in PLANS["mismatch"].plants}
+    groups: dict[tuple[str, int], list[Named]] = {}
+    for row in rows:
+        groups.setdefault((row.plant, row.n), []).append(row)
+    found = {}
+    for key, own in groups.items():
+        accompanied = [row for row in own if not row.right and names(plants[row.plant], row.steps)]
+        found[key] = Rate(sum(row.right for row in own), len(accompanied), len(own))
+    return found
+
+
+def enough(rows: Iterable[Named], plant: str, share: float = 0.9) -> int | None:
+    """The least measured number of rollouts from which on such a share is right; None where even the most are few."""
+    found, least = rates(rows), None
+    for n in sorted((n for name, n in found if name == plant), reverse=True):
+        if found[plant, n].share < share:
+            break
+        least = n
+    return least
+
+
+def errors(rows: Iterable[Named], plant: str, n: int) -> tuple[float, float]:
+    """Root mean squares over seeds of the errors of m and l, fitted and mended; nan where there is no row."""
+    own = [(r.error_fitted, r.error_mended) for r in rows if (r.plant, r.n) == (plant, n) and r.verdict != REFUSED]
+    fitted, mended = np.sqrt(np.mean(np.square(own), axis=0)) if own else (math.nan, math.nan)
+    return float(fitted), float(mended)
+
+
+def read(path: Path) -> list[Named]:
+    """The rows of a table; none where there is no file. Raises InvalidInput for a file of another kind."""
+    return table.read(Named, path, "effects that were named")
+
+
+def write(path: Path, rows: Iterable[Named]) -> None:
+    """The rows as a CSV file, in the plan's order of plants; whole or not at all."""
+    order = {plant.name: i for i, plant in enumerate(PLANS["mismatch"].plants)}
+    table.write(Named, path, sorted(rows, key=lambda row: (order[row.plant], row.n, row.seed)))

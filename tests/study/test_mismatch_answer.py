@@ -1,0 +1,150 @@
+"""The experiment's answer: parts of a gap add up, contrasts are paired and Holm's, and a run from nothing is told."""
+
+import dataclasses
+import io
+import json
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from policies.randomization import Fixed
+from study import rows as table
+from study.mismatch.answer import Verdict, answer
+from study.mismatch.designs import OPTIMUM, PLAIN, model_key
+from study.mismatch.experiment import run
+from study.mismatch.hidden import PRIOR, oracle
+from study.mismatch.named import TABLE, Named
+from study.mismatch.named import write as write_named
+from study.mismatch.plan import CONTRASTS, FREE, PLANS
+from study.mismatch.recipe import Recipe
+from study.mismatch.report import ContrastRow, OutcomeRow, TrialRow, publish
+from study.mismatch.results import Designed, Fitted, Results, Trained
+from study.mismatch.trainings import agents_of
+from study.mismatch.words import sentences
+from study.statistics import paired_t
+from sysid import InvalidInput
+from tests.study.inline import Inline
+
+PLAN = dataclasses.replace(PLANS["mismatch-quick"], seeds=(1, 2, 3, 4), described=4, ways=("z", "b", "b+", "c", "h"))
+RETURNS = {"z": -900.0, "b": -500.0, "b+": -520.0, "c": -400.0, "h": -380.0}
+
+
+def invented():
+    """Fits, agents and designs of PLAN: c has the delay but not the magnet; each way and seed has its own model."""
+    fits, trained, designs = [], [], []
+    for trial in PLAN.trials:
+        plant, seed = PLAN.plant(trial.plant), trial.seed
+        theta = {"m": 1.0 + 0.1 * seed, "l": 1.2 + 0.01 * len(trial.way)}
+        named = trial.way == "c" and plant.effect == "delay"
+        if trial.way == "h":
+            recipe = Recipe(oracle(plant), Fixed())
+        elif trial.way == "z":
+            recipe = Recipe(PRIOR, Fixed())
+        elif trial.way == "c":
+            model = oracle(plant) if named else PRIOR
+            recipe = Recipe(model.with_parameters(theta), Fixed(), "missing" if named else "unknown",
+                            ("delay",) if named else (), {"believed": named})  # fmt: skip
+        else:
+            recipe = Recipe(PRIOR.with_parameters(theta), Fixed())
+        fits.append(Fitted(*trial, recipe.to_json(), 1.0))
+        if trial.way in ("z", "b", "c"):
+            designs.append(Designed(plant.name, model_key(recipe), seed, (-450.0 - seed,) * 2, 1.0))
+    for plant in PLAN.plants:
+        for seed in PLAN.seeds:
+            designs.append(Designed(plant.name, OPTIMUM, seed, (-350.0 - seed,) * 2, 1.0))
+            designs.append(Designed(plant.name, PLAIN, seed, (-430.0 - seed,) * 2, 1.0))
+    keys, agents = agents_of(PLAN, fits)
+    ways = {key: trial.way for trial, key in keys.items()}
+    for agent in agents:
+        noise = np.random.default_rng(agent.seed).normal(0.0, 5.0)
+        reached = {plant: (RETURNS[ways[agent.key]] + noise,) * 2 for plant in agent.plants}
+        trained.append(Trained(agent.key, reached, (), {}, 10.0))
+    return fits, trained, designs
+
+
+@pytest.fixture(scope="module")
+def found():
+    return answer(PLAN, *invented())
+
+
+def test_the_parts_of_a_gap_add_up_seed_by_seed(found):
+    for spot, outcome in found.outcomes.items():
+        split = outcome.split
+        assert split is not None and split.seeds == len(PLAN.seeds)
+        assert split.gap == pytest.approx(outcome.gap)
+        if spot.way == "h":
+            assert (split.structure, split.identification) == (0.0, 0.0)
+        else:
+            knows = spot.way == "c" and spot.plant == "delay_large"
+            assert split.structure == pytest.approx(0.0 if knows else 80.0)
+            assert split.identification == pytest.approx(100.0 if knows else 20.0)
+
+
+def test_contrasts_are_those_of_the_plan_paired_and_raised_by_holm(found):
+    planned = [(a, b) for a, b in CONTRASTS if a in PLAN.ways and b in PLAN.ways]
+    assert [(c.a, c.b) for c in found.compared] == planned * len(PLAN.plants)
+    raw = []
+    for c in found.compared:
+        one, other = (found.outcomes[c.plant, way, 0 if way in FREE else c.n].returns for way in (c.a, c.b))
+        raw.append(paired_t(one, other))
+        assert (c.contrast.mean, c.contrast.low, c.contrast.high) == (raw[-1].mean, raw[-1].low, raw[-1].high)
+    least = int(np.argmin([contrast.p for contrast in raw]))
+    assert found.compared[least].p == pytest.approx(min(1.0, len(raw) * raw[least].p))
+    assert all(c.p >= contrast.p for c, contrast in zip(found.compared, raw, strict=True))
+
+
+def test_verdicts_are_counted_and_said(found):
+    assert found.verdicts["delay_large", 5] == {Verdict("missing", ("delay",)): 4}
+    assert found.verdicts["magnet", 5] == {Verdict("unknown", (), False): 4}
+    said = " ".join(sentences(found))
+    assert "it named an effect and believed it in 4 of 4" in said
+    assert "it did in 4 of 4" in said
+
+
+def test_a_plant_that_was_not_named_yet_is_left_out_of_the_words(found):
+    rows = [Named("delay_large", 2, seed, "missing", ("delay",), True, 0.2, 0.01) for seed in range(5)]
+    (told,) = [text for text in sentences(found, rows) if "nine seeds in ten" in text]
+    assert "delay 0.155 s: 2 rollouts (m and l off by 20 % without, 1 % with it)" in told
+    assert "magnet" not in told and "nan" not in told
+
+
+@pytest.mark.parametrize(("part", "words"), [(0, "have no fit"), (1, "agents are not trained"), (2, "optima are miss")])
+def test_an_unfinished_experiment_is_refused(part, words):
+    parts = list(invented())
+    parts[part] = [row for row in parts[part] if getattr(row, "model", OPTIMUM) == OPTIMUM][1:]
+    with pytest.raises(InvalidInput, match=words):
+        answer(PLAN, *parts)
+
+
+def test_a_run_from_nothing_to_the_page(tmp_path):
+    """The smoke plan's settings, three ways: what stands in the tables is what its agents returned, and a second run
+    finds nothing to do."""
+    smoke = PLANS["mismatch-smoke"]
+    plan = dataclasses.replace(smoke, plants=smoke.plants[:1], ways=("z", "b", "c"), seeds=(1000, 1001), described=2)
+    out = io.StringIO()
+    write_named(tmp_path / TABLE, [Named("delay_large", 2, 1, "missing", ("delay",), True, 0.2, 0.01)])
+    with Results(tmp_path, plan) as results:
+        run(plan, results, Inline(), Console(file=out), 1e9)
+        publish(plan, results, Console(file=out))
+        again = Inline()
+        run(plan, results, again, Console(file=out), 1e9)
+        trained = {agent.key: agent.returns for agent in results.trainings()}
+        keys, _ = agents_of(plan, results.fits())
+    assert again.tasks == []
+    trials = table.read(TrialRow, tmp_path / "trials.csv", "trials")
+    written = {(row.plant, row.way, row.n, row.seed): row.mean for row in trials}
+    reached = {tuple(trial): float(np.mean(trained[keys[trial]][trial.plant])) for trial in plan.trials}
+    assert written == pytest.approx(reached, rel=1e-5)
+    outcomes = table.read(OutcomeRow, tmp_path / "outcomes.csv", "outcomes")
+    assert all(
+        row.gap == pytest.approx(row.structure + row.identification + row.training, rel=1e-4) for row in outcomes
+    )
+    assert {(row.a, row.b) for row in table.read(ContrastRow, tmp_path / "contrasts.csv", "contrasts")} == {("c", "b")}
+    record = json.loads((tmp_path / "study.json").read_text())
+    assert record["contrasts"] == [f"{a} - {b}" for a, b in CONTRASTS]
+    for figure in ("returns", "ladder", "naming", "trajectories"):
+        assert (tmp_path / f"{figure}.png").read_bytes().startswith(b"\x89PNG")
+    html = (tmp_path / "report.html").read_text()
+    assert html.count("data:image/png") == 4 and "http" not in html.replace("http://www.w3.org", "")
+    assert "The right answer, for nine seeds in ten" in html.replace("\u00a0", " ")
