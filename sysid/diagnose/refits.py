@@ -73,15 +73,15 @@ def grow(fit: Fit) -> Fit:
     )
 
 
-def gain(base: Fit, other: Fit) -> float:
+def gain(base: Fit, other: Fit, wary: bool = True) -> float:
     """Cross-validated gain in log likelihood: each record (or stretch, where records are few) left out in turn.
 
     One Gauss-Newton step from the full fit stands for a refit:  dp = -(F - F_g)^-1 g_g,  e_g' = e_g - S_g dp.
-    Where residuals stay coloured with the larger model, two standard errors of the folds are taken off.
+    Where residuals stay coloured with the larger model, two standard errors of the folds are taken off if `wary`.
     """
     gains = (_left_out(base) - _left_out(other)) / min(base.variance, other.variance)
     total = float(np.sum(gains))
-    if other.inflation > COLOURED:
+    if wary and other.inflation > COLOURED:
         total -= 2.0 * float(np.std(gains)) * math.sqrt(len(gains))
     return total
 

@@ -37,7 +37,8 @@ EXPLAINS = 0.35
 """Share of what flexible torques explain that an effect must explain; below, it only imitates something unknown."""
 
 MOST = 0.8
-"""Share of the same from which an effect is more than an imitation."""
+"""Share of the same from which an effect is more than an imitation: it may gain unevenly, and stands beside what is
+unknown."""
 
 MOST_STEPS = 6
 MOST_REFITS = 4
@@ -197,7 +198,8 @@ class Search:
         preferred.sort(key=lambda t: PREFERRED.index(t.name))
         for trial in (*preferred, *ranked):
             explained = 1.0 - trial.fit.solution.lin.cost / fit.solution.lin.cost
-            if explained > EXPLAINS * unknown and explained > 0.0 and gain(fit, trial.fit) > 0.0:
+            wary = explained < MOST * unknown  # what explains most may gain most of it in one record
+            if explained > max(0.0, EXPLAINS * unknown) and gain(fit, trial.fit, wary) > 0.0:
                 return trial
         return None
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -10,17 +11,24 @@ import pytest
 
 from sysid import (
     Coulomb,
+    Effect,
     InvalidInput,
     Model,
     Record,
     RodPendulum,
+    Saturation,
     Sensor,
+    Spring,
+    Viscous,
     diagnose,
     fit,
+    simulate,
 )
 from sysid.comparison.held_out import held_out_error
+from sysid.excitation import steps
 from sysid.logs import split
 from tests.sysid.planted import (
+    DT,
     FEW,
     PLANTED,
     SENSOR,
@@ -62,6 +70,19 @@ def test_the_error_falls_to_that_of_a_perfect_model(name: str) -> None:
     assert 0.9 < found.error.ratio < 1.1
     assert found.steps[0].error_before == found.base_error.ratio
     assert found.steps[-1].error_after == found.error.ratio
+
+
+@pytest.mark.parametrize("other", [Spring(k=0.3), Viscous(b=0.03)])
+def test_what_acts_in_one_record_most_is_named_too(other: Effect) -> None:
+    """One rollout of five is driven three times as hard: nearly all that a saturation explains is in it."""
+    rng = np.random.default_rng(0)
+    u = np.array([steps(rng, 250, DT, amplitude, 0.3) for amplitude in (4.5, 1.5, 1.5, 1.5, 1.5)])
+    starts = math.pi + rng.uniform(-0.8, 0.8, len(u)), np.zeros(len(u))
+    records = simulate(truth(Saturation(limit=1.0), other), u, *starts).measure(SENSOR, rng)
+    found = diagnose(rod(), records, SENSOR)
+    assert found.verdict == "missing"
+    assert [s.effect for s in found.steps] == ["saturation", other.name]
+    assert found.error.ratio < 1.1
 
 
 def test_nothing_hidden_nothing_missing() -> None:
