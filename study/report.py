@@ -52,7 +52,7 @@ def publish(preset: Preset, store: Store, console: Console, theirs: Outcomes | N
         found = answers(preset, store.runs(), store.references())
         tables.write_runs(found, folder / "runs.csv")
         tables.write_references(found, folder / "references.csv")
-        tables.write_record(found, store.device, folder / "study.json")
+        tables.write_study(found, store.device, folder / "study.json")
         drawn = [save_all(answer, folder) for answer in found]
         identified = scatter(np.random.default_rng(0)) if preset.episodes == paper.EPISODES else None
         held = hold(found, folder, theirs, identified, _fresh_optimum(preset))

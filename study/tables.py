@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from study.answer import Answer
-from study.versions import all_versions
+from study.record import write_record
 from sysid.files import write_whole
 
 RUN_COLUMNS = (
@@ -52,20 +51,12 @@ def write_references(answers: Sequence[Answer], path: Path) -> None:
     _write(path, REFERENCE_COLUMNS, rows)
 
 
-def write_record(answers: Sequence[Answer], device: str, path: Path) -> None:
+def write_study(answers: Sequence[Answer], device: str, path: Path) -> None:
     """What the runs depend on: preset, settings, device, versions, and the hours that workers spent on them."""
     preset, runs = answers[0].preset, [run for answer in answers for run in answer.runs]
-    record = {
-        "command": f"python -m study.main --preset {preset.name}",
-        "device": device,
-        "runs": len(runs),
-        "imported": sum(bool(run.imported) for run in runs),
-        "worker_hours": round(sum(run.seconds for run in runs) / 3600.0, 3),
-        "versions": all_versions([run.versions for run in runs]),
-        "fingerprint": preset.fingerprint,
-        "settings": preset.to_dict(),
-    }
-    write_whole(path, json.dumps(record, indent=1) + "\n")
+    about = {"runs": len(runs), "imported": sum(bool(run.imported) for run in runs)}
+    hours = sum(run.seconds for run in runs) / 3600.0
+    write_record(path, preset, device, about, hours, [run.versions for run in runs])
 
 
 def _write(path: Path, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:

@@ -77,7 +77,8 @@ class HiddenPlant:
     """A machine with one effect, of the catalogue or outside it; None: the plain rod.
 
     numbers   the effect's parameters (name, value)
-    percent   what it costs an optimal policy not to know it, in percent of the return (`effect_cost`)
+    percent   what it costs an optimal policy not to know it, in percent of the return, by the programs of
+              `effect_cost`; a record: nothing is computed from it
     """
 
     name: str

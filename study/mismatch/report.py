@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +15,7 @@ from study.mismatch.page import page
 from study.mismatch.plan import CONTRASTS, Plan
 from study.mismatch.results import Results
 from study.mismatch.words import sentences
+from study.record import write_record
 from study.versions import all_versions
 from sysid.files import write_whole
 
@@ -78,36 +77,20 @@ def publish(plan: Plan, results: Results, console: Console) -> Answer:
     with console.status("drawing"):
         found = answer(plan, fits, trained, results.designs())
         said = sentences(found, rows_named)
-        versions = all_versions([agent.versions for agent in trained])
+        made_with = [agent.versions for agent in trained]
         write_tables(found, folder)
-        _write_record(found, results.device, len(trained), versions, folder / "study.json")
+        about = {"trials": len(plan.trials), "agents": len(trained), "contrasts": [f"{a} - {b}" for a, b in CONTRASTS]}
+        write_record(folder / "study.json", plan, results.device, about, found.hours, made_with)
         figures = draw(found, fits, folder)
         if rows_named:
             figures["naming"] = naming.draw(rows_named, folder)
-        write_whole(folder / "report.html", page(found, said, figures, versions, rows_named))
+        write_whole(folder / "report.html", page(found, said, figures, all_versions(made_with), rows_named))
     for sentence in said:
         console.print(sentence.replace("[", r"\["))
         console.print()
     console.print(f"report   {folder / 'report.html'}", soft_wrap=True)
     console.print(f"figures  {', '.join(map(str, figures.values()))}", soft_wrap=True)
     return found
-
-
-def _write_record(found: Answer, device: str, agents: int, versions: Mapping[str, str], path: Path) -> None:
-    """What made the numbers."""
-    plan = found.plan
-    record = {
-        "command": f"python -m study.main --preset {plan.name}",
-        "device": device,
-        "trials": len(plan.trials),
-        "agents": agents,
-        "worker_hours": round(found.hours, 3),
-        "versions": versions,
-        "contrasts": [f"{a} - {b}" for a, b in CONTRASTS],
-        "fingerprint": plan.fingerprint,
-        "settings": plan.to_dict(),
-    }
-    write_whole(path, json.dumps(record, indent=1) + "\n")
 
 
 def write_tables(found: Answer, folder: Path) -> None:

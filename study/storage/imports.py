@@ -11,13 +11,15 @@ import math
 import sqlite3
 from collections.abc import Iterator, Mapping
 from contextlib import closing
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 from study.cells import Run, Summary
-from study.config import FORMAT, Cell, Preset
+from study.config import FORMAT, Cell, Point, Preset
 from study.identification import Theta
 from study.storage.store import read_run
+from study.training import sac_settings
 from sysid import InvalidInput
 
 TOLERANCE = 1e-6
@@ -78,11 +80,17 @@ def _foreign(run: Run, preset: Preset, estimates: Estimates) -> str:
         return f"its return is {run.mean} with sd {run.std}: expected finite numbers"
     if run.returns and len(run.returns) != preset.episodes:
         return f"it has {len(run.returns)} episodes, expected {preset.episodes}"
-    trained = run.settings.get("sac", {})
-    expected = {name: getattr(preset, name) for name in ("hidden", "steps", "batch", "random_steps")}
-    expected["hidden"] = list(preset.hidden)
-    changed = [f"{name} = {trained[name]}, expected {v}" for name, v in expected.items() if trained.get(name, v) != v]
-    return "; ".join(changed)
+    return "; ".join(_changed(run.settings, preset, known))
+
+
+def _changed(settings: Mapping[str, Any], preset: Preset, point: Point) -> Iterator[str]:
+    """What a database says of a run's making that is not the preset's; a table says nothing."""
+    sac = {name: list(v) if isinstance(v, tuple) else v for name, v in asdict(sac_settings(preset)).items()}
+    made = {"identifier": point.identifier, "sigma": point.sigma, "truth": list(point.truth)}
+    for expected, found in ((sac, settings.get("sac", {})), (made, settings)):
+        for name, value in expected.items():
+            if found.get(name, value) != value:
+                yield f"{name} = {found[name]}, expected {value}"
 
 
 def _database(file: Path) -> Iterator[tuple[str, Run]]:

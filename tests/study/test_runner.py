@@ -221,6 +221,16 @@ def test_runs_of_other_training_are_refused(finished, tmp_path):
         run(longer, store, Inline(), Console(file=io.StringIO()), 1e9, tmp_path / "other.sqlite")
 
 
+def test_runs_on_another_plant_are_refused_where_no_estimate_tells(finished, tmp_path):
+    """Without data the estimate is the prior, whatever the plant."""
+    shutil.copy(finished[0] / "results.sqlite", tmp_path / "other.sqlite")
+    elsewhere = tuple(dataclasses.replace(p, truth=(2.5, 2.0)) for p in MANY.points)
+    with Store(tmp_path / "out", dataclasses.replace(MANY, points=elsewhere)) as store:
+        with pytest.raises(InvalidInput, match=r"n = 0, .* truth = \[.*\], expected \[2.5, 2.0\]"):
+            run(store.preset, store, Inline(), Console(file=io.StringIO()), 1e9, tmp_path / "other.sqlite")
+        assert store.finished() == set()
+
+
 @pytest.mark.parametrize(
     ("name", "content", "told"),
     [
