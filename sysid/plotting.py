@@ -20,8 +20,8 @@ from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure, FigureBase
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
-from sysid.page import chance, multiple
 from sysid.records import Array
+from sysid.typography import chance, multiple
 
 if TYPE_CHECKING:
     from sysid.comparison.compare import Comparison, Trace

@@ -9,18 +9,19 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sysid import page as set_as
+from sysid import typography as set_as
 from sysid.comparison.compare import Comparison, compare
 from sysid.diagnose.answer import Diagnosis, Step
 from sysid.effects import CATALOGUE
 from sysid.errors import InvalidInput
 from sysid.logs import split
 from sysid.model import Model
-from sysid.page import Page, Picture, Section, Table, picture, sentence
+from sysid.page import Page, Picture, Section, Table, horizons, physical, picture, settings
 from sysid.records import Record
 from sysid.sensor import Sensor
 from sysid.smoothing.residual_torque import ResidualTorque, residual_torque
 from sysid.smoothing.touched import Touched
+from sysid.typography import sentence
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -92,13 +93,12 @@ def _(answer: Diagnosis, records: Sequence[Record], hold_out: float | None = Non
         badge=answer.verdict,
         sentence=sentence(_briefly(answer.sentence, answer)),
         numbers=tuple(set_as.multiple(e.ratio) for e in errors),
-        under="times the sensor noise, on data that no fit has seen; 1.0 is a perfect model: "
-        + set_as.physical(errors),
+        under="times the sensor noise, on data that no fit has seen; 1.0 is a perfect model: " + physical(errors),
         sections=[s for name in order if (s := sections[name]).pictures or s.sentences],
         tables=[
             _parameters(answer, mended),
             *_steps(answer),
-            set_as.horizons([c.errors for c in compared]),
+            horizons([c.errors for c in compared]),
             *_ruled_out(answer),
         ],
         lists={
@@ -106,7 +106,7 @@ def _(answer: Diagnosis, records: Sequence[Record], hold_out: float | None = Non
             "What the fit says of itself": [sentence(s) for s in (answer.estimate.status, *answer.estimate.ambiguous)],
             "The next experiment": _experiment(answer.next_experiment),
         },
-        settings=set_as.settings(answer.sensor, records)
+        settings=settings(answer.sensor, records)
         | {
             "held out": set_as.listed(answer.held_out),
             "model": _described(answer.model),
@@ -348,15 +348,14 @@ def _(answer: Comparison, records: Sequence[Record], hold_out: float | None = No
         badge="adequate" if answer.adequate else "off",
         sentence=sentence(answer.sentence),
         numbers=(set_as.multiple(answer.ratio),),
-        under="times the sensor noise over windows of 1 s; 1.0 is a perfect model: "
-        + set_as.physical((answer.one_second,)),
+        under="times the sensor noise over windows of 1 s; 1.0 is a perfect model: " + physical((answer.one_second,)),
         sections=tuple(_compared(answer)),
-        tables=[set_as.horizons((answer.errors,))],
+        tables=[horizons((answer.errors,))],
         lists={
             "What explains it together, the strongest first": [sentence(f"{c.words}.") for c in answer.causes],
             "What a perfect model would not show": [sentence(f"{s}.") for s in answer.surprises],
         },
-        settings=set_as.settings(answer.sensor, records) | {"compared with": set_as.listed(answer.records)},
+        settings=settings(answer.sensor, records) | {"compared with": set_as.listed(answer.records)},
     )
 
 

@@ -26,13 +26,13 @@ from sysid.comparison.held_out import Refit, error_of, lead_of, refit_windows
 from sysid.comparison.residual_map import ResidualMap
 from sysid.diagnose.answer import Diagnosis, Step
 from sysid.model import Model
-from sysid.page import chance, multiple
 from sysid.plotting import BLUE, GREEN, GREY, LABEL, ORANGE, STYLE, cells, scale, short
 from sysid.records import Array, Record
 from sysid.response import CHANNELS, cut
 from sysid.sensor import Sensor
 from sysid.smoothing.residual_torque import Followed, ResidualTorque
 from sysid.smoothing.touched import Touched
+from sysid.typography import chance, multiple
 
 WIDE, NARROW = 5.0, 4.2
 """Widths [in]: of a column, and of half of one."""

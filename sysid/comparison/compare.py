@@ -10,7 +10,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.comparison.causes import Cause, causes
-from sysid.comparison.held_out import HeldOutError, Refit, WindowError, error_of, held_out_error, lead_of, refit_windows
+from sysid.comparison.held_out import (
+    HeldOutError,
+    Refit,
+    WindowError,
+    error_of,
+    held_out_error,
+    lead_of,
+    multiple,
+    refit_windows,
+)
 from sysid.comparison.past_torque import PastTorque, lags_of, past_torque
 from sysid.comparison.residual_map import Curve, ResidualMap, curve_of, map_of, shapes
 from sysid.comparison.residuals import Residuals
@@ -205,13 +214,6 @@ def compare(model: Model | Estimate, records: Sequence[Record], sensor: Sensor |
 def shortest(sensor: Sensor) -> int:
     """Instants of the shortest window that leaves something to judge: two, or three where one channel is measured."""
     return 2 if sensor.theta is not None and sensor.theta_dot is not None else 3
-
-
-def multiple(ratio: float) -> str:
-    """A multiple of the noise, to three digits at most."""
-    if not math.isfinite(ratio):
-        return "inf"
-    return f"{ratio:.2f}" if ratio < 9.995 else f"{ratio:.3g}" if ratio < 999.5 else f"{ratio:.0f}"
 
 
 def place(window: WindowError) -> str:

@@ -281,3 +281,10 @@ def _chosen(better: NDArray[np.bool_], new: Linearisation, old: Linearisation) -
 
     parts = {f: pick(getattr(new, f), getattr(old, f)) for f in ("e", "S_x", "S_p", "states", "A")}
     return Linearisation(**parts, drives=new.drives, growth=new.growth)
+
+
+def multiple(ratio: float) -> str:
+    """A multiple of the noise, to three digits at most."""
+    if not math.isfinite(ratio):
+        return "inf"
+    return f"{ratio:.2f}" if ratio < 9.995 else f"{ratio:.3g}" if ratio < 999.5 else f"{ratio:.0f}"

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from sysid import Coulomb, InvalidInput, Model, Record, RodPendulum, Sensor, compare, fit, simulate
-from sysid import page as set_as
 from sysid import report_figures as figures
+from sysid import typography as set_as
 from sysid.comparison.held_out import held_out_error
 from sysid.diagnose.answer import VERDICTS, Diagnosis, Ranked, Remaining, Step
 from sysid.excitation import steps
