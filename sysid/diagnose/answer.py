@@ -158,7 +158,8 @@ class Diagnosis:
         """The verdict in words."""
         before, after = self.base_error.ratio, self.error.ratio
         names = " and ".join(self._named(s) for s in self.steps)
-        fell = f"the error on held-out data falls from {before:.3g} to {after:.3g} times the sensor noise"
+        went = "falls" if after <= before else "rises"
+        fell = f"the error on held-out data {went} from {before:.3g} to {after:.3g} times the sensor noise"
         if self.verdict == "adequate":
             return f"adequate: the model lacks nothing that this log can show ({after:.3g} times the sensor noise)."
         if self.verdict == "missing":

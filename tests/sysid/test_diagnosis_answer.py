@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 
 import pytest
@@ -146,3 +147,10 @@ def test_what_is_ruled_out_would_have_been_found() -> None:
         now = Round.of(fitted(rod(), ("m", "l"), training, SENSOR), None)
         assert now.adjusted[name] < 0.05
         assert entry["size"] == pytest.approx(POWER * now.scores[name].sd[0], rel=0.1)
+
+
+def test_an_error_that_rises_is_not_said_to_fall() -> None:
+    found = of("coulomb")
+    assert "falls from" in found.sentence
+    worse = dataclasses.replace(found, base_error=found.error, error=found.base_error)
+    assert "rises from" in worse.sentence and "falls" not in worse.sentence
