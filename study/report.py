@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
+from rich.markup import escape
 
 from study import tables
 from study.answer import Answer, answers
@@ -62,10 +63,10 @@ def publish(preset: Preset, store: Store, console: Console, theirs: Outcomes | N
         if len(found) > 1:
             console.print(f"[bold underline]{title(answer.point)}[/]\n")
         for question, text in answer.sentences():
-            console.print(f"[bold]{question}[/]\n{_plain(text)}\n", soft_wrap=False)
-        console.print(f"[dim]{_plain(answer.caveat())}[/]\n")
+            console.print(f"[bold]{question}[/]\n{escape(text)}\n", soft_wrap=False)
+        console.print(f"[dim]{escape(answer.caveat())}[/]\n")
     for question, text in held.sentences():
-        console.print(f"[bold]{question}[/]\n{_plain(text)}\n", soft_wrap=False)
+        console.print(f"[bold]{question}[/]\n{escape(text)}\n", soft_wrap=False)
     console.print(f"report   {folder / 'report.html'}", soft_wrap=True)
     files = [str(path) for files in [*drawn, held.figures] for path in files.values()]
     console.print(f"figures  {', '.join(files)}", soft_wrap=True)
@@ -171,8 +172,3 @@ def _contrasts(answer: Answer) -> list[tuple[str, Contrast, Contrast, float]]:
     found = {label: paired_t(answer.returns(a), answer.returns(b)) for label, (a, b) in pairs.items()}
     adjusted = holm({label: t.p for label, t in found.items()})
     return [(label, answer.contrast(*pairs[label]), t, adjusted[label]) for label, t in found.items()]
-
-
-def _plain(text: str) -> str:
-    """Brackets that rich does not take for markup."""
-    return text.replace("[", r"\[")

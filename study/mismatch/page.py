@@ -32,7 +32,7 @@ CAPTIONS = {
 
 def page(
     answer: Answer,
-    sentences: Sequence[str],
+    sentences: Sequence[tuple[str, str]],
     figures: Mapping[str, Path],
     versions: Mapping[str, str],
     rows: Sequence[Named] = (),

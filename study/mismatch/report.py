@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
+from rich.markup import escape
 
 from study import rows
 from study.mismatch import named, naming
@@ -85,9 +86,8 @@ def publish(plan: Plan, results: Results, console: Console) -> Answer:
         if rows_named:
             figures["naming"] = naming.draw(rows_named, folder)
         write_whole(folder / "report.html", page(found, said, figures, all_versions(made_with), rows_named))
-    for sentence in said:
-        console.print(sentence.replace("[", r"\["))
-        console.print()
+    for question, text in said:
+        console.print(f"[bold]{question}[/]\n{escape(text)}\n")
     console.print(f"report   {folder / 'report.html'}", soft_wrap=True)
     console.print(f"figures  {', '.join(map(str, figures.values()))}", soft_wrap=True)
     return found

@@ -97,15 +97,16 @@ def test_contrasts_are_those_of_the_plan_paired_and_raised_by_holm(found):
 def test_verdicts_are_counted_and_said(found):
     assert found.verdicts["delay_large", 5] == {Verdict("missing", ("delay",)): 4}
     assert found.verdicts["magnet", 5] == {Verdict("unknown", (), False): 4}
-    said = " ".join(sentences(found))
-    assert "it named an effect and believed it in 4 of 4" in said
-    assert "it did in 4 of 4" in said
+    said = dict(sentences(found))
+    assert "(named and believed: 4 of 4) with 5 rollouts" in said["What is it worth to name the effect?"]
+    assert "(unknown: 4 of 4) with 5 rollouts" in said["What does an honest “unknown” buy?"]
+    assert "0 of 2 are better and 2 worse" in said["Does breadth pay when the simulator lacks an effect?"]
 
 
 def test_a_plant_that_was_not_named_yet_is_left_out_of_the_words(found):
     rows = [Named("delay_large", 2, seed, "missing", ("delay",), True, 0.2, 0.01) for seed in range(5)]
-    (told,) = [text for text in sentences(found, rows) if "nine seeds in ten" in text]
-    assert "delay 0.155 s: 2 rollouts (m and l off by 20 % without, 1 % with it)" in told
+    told = dict(sentences(found, rows))["How many rollouts does naming take?"]
+    assert "delay 0.155 s: 2 (m and l off by 20 % without, 1 % with it)" in told
     assert "magnet" not in told and "nan" not in told
 
 
@@ -147,4 +148,4 @@ def test_a_run_from_nothing_to_the_page(tmp_path):
         assert (tmp_path / f"{figure}.png").read_bytes().startswith(b"\x89PNG")
     html = (tmp_path / "report.html").read_text()
     assert html.count("data:image/png") == 4 and "http" not in html.replace("http://www.w3.org", "")
-    assert "The right answer, for nine seeds in ten" in html.replace("\u00a0", " ")
+    assert "For the right answer in nine seeds of ten" in html.replace("\u00a0", " ")

@@ -215,7 +215,9 @@ def html(tmp_path_factory):
     figures = {"returns": save(lambda: returns(found), folder / "a.png")}
     figures["naming"] = save(lambda: naming(named()), folder / "b.png")
     assert all(imread(path).shape[1] > 1000 for path in figures.values())
-    return page(found, ["Breadth <b> changed it by +40 [30, 50]."], figures, {"numpy": "2.x"}, named())
+    return page(
+        found, [("Does breadth pay?", "Breadth <b> changed it by +40 [30, 50].")], figures, {"numpy": "2.x"}, named()
+    )
 
 
 def test_the_page_opens_without_a_network_and_leaves_out_figures_that_are_not_there(html):
