@@ -36,8 +36,12 @@ def _breadth(answer: Answer) -> str:
     rows = _rows(answer, "b+", "b", lambda plant: plant.effect is not None)
     if not rows:
         return ""
-    band = percent(answer.plan.band)
-    return f"A band of ±{band} around the fitted m and l: {_counted(rows)}. In return: {_listed(answer, rows)}."
+    better = sum(row.certain and row.contrast.mean > 0.0 for row in rows)
+    verdict = "No" if better == 0 else "Yes" if better == len(rows) else "In part"
+    return (
+        f"{verdict}: with a band of ±{percent(answer.plan.band)} around the fitted m and l {_counted(rows)}. "
+        f"In return: {_listed(answer, rows)}."
+    )
 
 
 def _naming(answer: Answer) -> str:
@@ -62,7 +66,7 @@ def _still(answer: Answer) -> str:
     seeds = min(contrast.seeds for contrast in found.values())
     text = _by_plant(answer, ((*key, str(contrast)) for key, contrast in found.items()))
     return (
-        "Parameters drawn from the fit's covariance, which is the breadth that the data leave, in place of its numbers. "
+        "Parameters drawn from the fit's covariance, the breadth that the data leave, in place of its numbers. "
         f"In return: {text} ({seeds} seeds, not pre-registered)."
     )
 
@@ -89,8 +93,8 @@ def _unknown(answer: Answer) -> str:
         return ""
     text = _listed(answer, rows, "unknown", lambda said: said.verdict == "unknown")
     return (
-        "Where the catalogue lacks the effect, a diagnosis that says so trains under random torques of the size that the "
-        f"log asks for. Against m and l alone: {_counted(rows)}. In return: {text}."
+        "Where the catalogue lacks the effect, a diagnosis that says so trains under random torques of the size that "
+        f"the log asks for. Against m and l alone: {_counted(rows)}. In return: {text}."
     )
 
 
