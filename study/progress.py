@@ -6,10 +6,13 @@ import math
 import time
 from collections.abc import Sequence
 from types import TracebackType
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
+
+if TYPE_CHECKING:
+    from study.executors.executor import Task
 
 DRAW_SECONDS = 0.2
 """Least time between two looks at all tasks, of which there may be thousands."""
@@ -26,24 +29,13 @@ def duration(seconds: float) -> str:
     return f"{minutes} min" if minutes < 100 else f"{minutes // 60} h {minutes % 60:02d} min"
 
 
-class Work(Protocol):
-    """A task as it is shown: its name, what it does, and its expected work [s on one core]."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def activity(self) -> str: ...
-    @property
-    def work(self) -> float: ...
-
-
 class Meter:
     """Shows how much of the expected work is done; a context manager.
 
     time left = work left / (work done here / time passed)
     """
 
-    def __init__(self, console: Console, tasks: Sequence[Work]) -> None:
+    def __init__(self, console: Console, tasks: Sequence[Task]) -> None:
         self.console = console
         self.work = {task.name: task.work for task in tasks}
         self.activity = {task.name: task.activity for task in tasks}
