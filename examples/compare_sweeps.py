@@ -34,7 +34,7 @@ def common(first: Outcomes, second: Outcomes) -> dict[Spot, tuple[tuple[int, ...
     """Seeds (S,) and returns (S,) of both in every cell with two seeds in common."""
     found = {}
     for spot in sorted(spot for spot in first.table if spot in second):
-        seeds = tuple(sorted({*first.seeds(spot)} & {*second.seeds(spot)}))
+        seeds = tuple(sorted(set(first.seeds(spot)) & set(second.seeds(spot))))
         if len(seeds) > 1:
             found[spot] = seeds, first.returns(spot, seeds), second.returns(spot, seeds)
     return found

@@ -13,8 +13,6 @@ from sysid.model import Model
 from sysid.parameters import Extent, Parameter
 from sysid.records import Record
 
-"""A neutral value from here on stands for "never"."""
-
 
 @dataclass(frozen=True, eq=False)
 class Alternative:
