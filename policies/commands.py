@@ -29,7 +29,7 @@ NARROW = 20.0
 """Bounds whose ends differ by no more than this factor say what is plausible."""
 
 LONGEST_HISTORY = 100
-"""Past commands that a policy may observe; 20 where nobody asked."""
+"""Past commands that a policy may observe."""
 
 
 @singledispatch
@@ -41,8 +41,11 @@ def run(command: Any) -> None:
 @run.register
 def _(command: Train) -> None:
     _check_numbers(command)
-    _check_outputs([command.model, command.effects], command.force, command.onnx)
     _check_folder(command.out, [command.model, command.effects, command.onnx], command.force)
+    if command.onnx is not None and command.onnx.resolve() == command.out.resolve():
+        raise InvalidInput(f"--onnx {command.onnx}: that is the policy's folder; expected a file")
+    if command.onnx is None or command.onnx.resolve().parent != command.out.resolve() or command.out.is_dir():
+        _check_outputs([command.model, command.effects], command.force, command.onnx)
     _load_effects(command.effects)
     if command.onnx is not None:
         from policies.onnx_file import require_onnx
@@ -52,7 +55,7 @@ def _(command: Train) -> None:
     machine = machine_of(saved.model, command.u_max, command.dt)
     randomization = _randomization(command, saved, machine)
     check_machine(machine, randomization)
-    history = _history(machine, randomization) if command.history is None else command.history
+    history = history_for(machine, randomization) if command.history is None else command.history
 
     from policies.learning.processor import tune_cpu
     from policies.learning.training import settings_for, train
@@ -207,10 +210,13 @@ def _number(option: str, text: str, example: str) -> float:
         raise InvalidInput(f"{option}: {text!r} is no number; expected {example}") from None
 
 
-def _history(machine: Model, randomization: Randomization) -> int:
+def history_for(machine: Model, randomization: Randomization) -> int:
     """As many past commands as the delays and lags reach back, in the longest of some draws."""
     rng = np.random.default_rng(0)
-    return min(20, max(reach(machine.with_parameters(randomization.sample(rng, machine))) for _ in range(20)))
+    wanted = max(reach(machine.with_parameters(randomization.sample(rng, machine))) for _ in range(20))
+    if wanted > LONGEST_HISTORY:
+        print(f"delays and lags reach back {wanted} commands: the policy observes the last {LONGEST_HISTORY}")
+    return min(LONGEST_HISTORY, wanted)
 
 
 def _introduce(command: Train, model: Model, machine: Model, randomization: Randomization, history: int) -> None:

@@ -16,7 +16,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from policies import task
-from policies.randomization import Randomization
+from policies.randomization import Randomization, Shaken
 from sysid import InvalidInput, Model, paper_model
 
 Observation = NDArray[np.float32]
@@ -27,7 +27,8 @@ class PendulumEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
 
     Observed is what the model's sensors show, and the last `history` commands / u_max. `randomization` draws new
     parameters at every reset, after the start state; `info` holds them. The horizon is the TimeLimit of
-    `gymnasium.make`: a truncation, never a terminal state. Raises InvalidInput for a model without u_max.
+    `gymnasium.make`: a truncation, never a terminal state. Raises InvalidInput for a model without u_max and for random
+    torques.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012
@@ -37,6 +38,8 @@ class PendulumEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     ) -> None:
         self.model = self._drawn = paper_model() if model is None else model
         self.randomization, self.history = randomization, history
+        if isinstance(randomization, Shaken):
+            raise InvalidInput("random torques (Shaken) act in Pendulums alone: expected another randomization")
         if not np.isfinite(self.model.u_max):
             raise InvalidInput(f"the model has u_max = {self.model.u_max}: expected a finite torque limit [N m]")
         speed = getattr(self.model.integrator, "theta_dot_max", np.inf)

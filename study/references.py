@@ -12,7 +12,7 @@ error of its estimate than a controller that trusts it.
 from __future__ import annotations
 
 import time
-from collections.abc import Set
+from collections.abc import Sequence, Set
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -110,9 +110,9 @@ class ReferenceTask(Brief):
         return solve(model, Grid(self.preset.grid, self.preset.grid + 1))
 
 
-def fresh_optimum(preset: Preset, truth: Theta) -> float:
+def fresh_optimum(preset: Preset, truth: Theta, seeds: Sequence[int]) -> float:
     """J(optimal | truth) from start states that no two seeds share; nothing keeps it, and it takes some seconds."""
-    starts = [fresh_start_states(seed, preset.episodes) for seed in preset.reference_seeds]
+    starts = [fresh_start_states(seed, preset.episodes) for seed in seeds]
     theta, theta_dot = (np.concatenate(column) for column in zip(*starts, strict=True))
     policy = ReferenceTask(preset, OPTIMAL, truth, (truth,)).design()
     return evaluate(policy, hidden_plant(truth), theta, theta_dot).mean

@@ -18,6 +18,9 @@ from sysid import InvalidInput, Model, State, ops
 
 Array = NDArray[np.float64]
 
+NEWTON = 5
+"""Steps towards the torque that holds the upright: one is exact but for rounding where the plant is steep."""
+
 
 @dataclass(frozen=True, eq=False)
 class LQR:
@@ -77,10 +80,12 @@ def design_lqr(model: Model) -> LQR:
         "linearise", [x, u], [after, casadi.jacobian(after, x), casadi.jacobian(after, u), 0.5 * hessian]
     )
 
-    drift, _, B, _ = (np.asarray(a) for a in linearise([0.0, 0.0], 0.0))
-    if not abs(B[1, 0]) > 0.0:
-        raise InvalidInput("a small torque does not move the upright: dry friction or a dead zone holds it")
-    u_0 = -float(drift[1, 0] / B[1, 0])
+    u_0 = 0.0
+    for _ in range(NEWTON):
+        drift, _, B, _ = (np.asarray(a) for a in linearise([0.0, 0.0], u_0))
+        if not abs(B[1, 0]) > 0.0:
+            raise InvalidInput("a small torque does not move the upright: dry friction or a dead zone holds it")
+        u_0 -= float(drift[1, 0] / B[1, 0])
     drift, A, B, half = (np.asarray(a) for a in linearise([0.0, 0.0], u_0))
     if np.max(np.abs(drift)) > 1e-9 or abs(u_0) > model.u_max:
         raise InvalidInput(

@@ -29,7 +29,7 @@ from sysid import InvalidInput, Model, State
 from sysid.ops import Value
 
 LARGEST = 200_000_000
-"""Entries of all matrices beyond which a table is refused: 8 bytes each."""
+"""Entries of all matrices beyond which a table is refused, 8 bytes each; twice as many of its own, 4 bytes each."""
 
 Array = NDArray[np.float64]
 Stage = tuple[NDArray[np.float32], csr_array]
@@ -149,12 +149,12 @@ def solve(model: Model, grid: Grid | None = None, horizon: int | None = None) ->
     with the angle while the grid has one turn.
     """
     grid = Grid() if grid is None else grid
-    _check(model, grid)
+    horizon = task.horizon(model.dt) if horizon is None else horizon
+    _check(model, grid, horizon)
     axes = _axes(model, grid)
     shape, size = tuple(axis.count for axis in axes), math.prod(axis.count for axis in axes)
     kept = list(_stages(model, grid, 0.0)) if is_steady(model) else None
 
-    horizon = task.horizon(model.dt) if horizon is None else horizon
     values = np.zeros((horizon + 1, *shape), dtype=np.float32)
     best, total = np.empty(size, dtype=np.float32), np.empty(size, dtype=np.float32)
     for k in reversed(range(horizon)):
@@ -167,7 +167,7 @@ def solve(model: Model, grid: Grid | None = None, horizon: int | None = None) ->
     return Optimal(model=model, grid=grid, values=values)
 
 
-def _check(model: Model, grid: Grid) -> None:
+def _check(model: Model, grid: Grid, horizon: int) -> None:
     check_numbers(model)
     if not math.isfinite(model.u_max):
         raise InvalidInput("the model has no torque limit u_max: expected one, torques are a grid up to it")
@@ -177,6 +177,11 @@ def _check(model: Model, grid: Grid) -> None:
         raise InvalidInput(
             f"a table of {' x '.join(map(str, counts))} states and {grid.u} torques is too large (of past commands, "
             f"the model remembers {remembered} numbers): expected a coarser grid, as Grid(120, 121, u=11, memory=5)"
+        )
+    if math.prod(counts) * (horizon + 1) > 2 * LARGEST:
+        raise InvalidInput(
+            f"a table of {' x '.join(map(str, counts))} states at each of {horizon} steps is too large: expected a "
+            "coarser grid, as Grid(120, 121), or a longer dt"
         )
     if grid.turns == 1 and not is_periodic(model):
         raise InvalidInput(

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from policies import task
 from policies.control.optimal import Grid
 from policies.evaluate import Evaluation, Policy, evaluate
 from sysid import DeadZone, Effect, InvalidInput, Model
@@ -22,6 +23,9 @@ Array = NDArray[np.float64]
 
 FINE, COARSE = Grid(), Grid(theta=180, theta_dot=181)
 """Tables of the optimum; the second where it costs many times as much."""
+
+LONG = 1000
+"""Steps in an episode from which a fine table, kept for each of them, takes a gigabyte."""
 
 SPEED = 8.0
 """Least speed [rad/s] up to which dynamic programming looks, and the paper's."""
@@ -78,7 +82,7 @@ def _optimal(model: Model) -> Policy:
     from policies.control.predictive import design_predictive
 
     turns, third_axis = table_shape(model)
-    grid = COARSE if turns > 1 or third_axis else FINE
+    grid = COARSE if turns > 1 or third_axis or task.horizon(model.dt) > LONG else FINE
     return design_predictive(model, dataclasses.replace(grid, theta_dot_max=_fastest(model), turns=turns))
 
 

@@ -150,7 +150,7 @@ class Population:
                 raise InvalidInput(
                     f"{path} is a checkpoint with {name} = {stored.get(name)}; this population has {name} = {expected}"
                 )
-        self.steps_done = stored["steps_done"]
+        self.steps_done, self._block = stored["steps_done"], -1
         self.sac.restore(stored["sac"])
         self.replay.restore(stored["replay"])
         self.env.restore(stored["env"])

@@ -18,7 +18,7 @@ from study import rows as table
 from study.mismatch.cases import CASES, Case
 from study.mismatch.machine import BLUNT, DESIGN_SUBSTEPS, design, machine
 from study.statistics import sem
-from sysid import OutputEffect
+from sysid import InvalidInput, OutputEffect
 
 SHIPPED = Path(__file__).parents[1] / "results" / "effect_cost"
 TABLE, FIGURE = "effect_cost.csv", "effect_cost.png"
@@ -109,7 +109,11 @@ class Bench:
 
 def read(path: Path) -> list[Row]:
     """The rows of a table; none where there is no file. Raises InvalidInput for a file of another kind."""
-    return table.read(Row, path, "effects and losses")
+    rows = table.read(Row, path, "effects and losses")
+    for row in rows:
+        if row.effect not in CASES:
+            raise InvalidInput(f"{path} has a row of effect {row.effect!r}: expected one of {', '.join(CASES)}")
+    return rows
 
 
 def write(path: Path, rows: Iterable[Row]) -> None:

@@ -17,7 +17,7 @@ import numpy as np
 from study import rows as table
 from study.mismatch.plan import PLANS, HiddenPlant
 from study.statistics import wilson
-from sysid import CATALOGUE
+from sysid import CATALOGUE, InvalidInput
 
 TABLE = "naming.csv"
 
@@ -116,7 +116,11 @@ def errors(rows: Iterable[Named], plant: str, n: int) -> tuple[float, float]:
 
 def read(path: Path) -> list[Named]:
     """The rows of a table; none where there is no file. Raises InvalidInput for a file of another kind."""
-    return table.read(Named, path, "effects that were named")
+    rows, known = table.read(Named, path, "effects that were named"), [plant.name for plant in PLANS["mismatch"].plants]
+    for row in rows:
+        if row.plant not in known:
+            raise InvalidInput(f"{path} has a row of plant {row.plant!r}: expected one of {', '.join(known)}")
+    return rows
 
 
 def write(path: Path, rows: Iterable[Named]) -> None:

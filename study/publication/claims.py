@@ -8,7 +8,7 @@ undertraining       from the learning curves of the widest band, and from twice 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -163,11 +163,15 @@ def _improvements(means: Mapping[Spot, float]) -> str:
 
 
 def starts(
-    seeds: Sequence[int] = SEEDS, ours: Outcomes | None = None, optima: tuple[float, float] | None = None
+    seeds: Sequence[int] = SEEDS,
+    ours: Outcomes | None = None,
+    alike: Collection[str] = ("main",),
+    optima: Callable[[Sequence[int]], tuple[float, float]] | None = None,
 ) -> Claim:
     """Do seeds have start states of their own, and what changes where they do?
 
-    optima: mean return of the near-optimal policy from the shared start states, and from those that no seeds share.
+    alike: operating points on the paper's main plant, of whose cells the best one is told; optima: mean return of the
+    near-optimal policy there for such seeds, from the start states that they share and from those that they do not.
     """
     states, total = distinct_starts(seeds)
     text = (
@@ -176,23 +180,30 @@ def starts(
         "leaves out most of what other start states would change."
     )
     if ours and (spots := [spot for spot in ours.table if np.isfinite(ours.returns(spot, fresh=True)).all()]):
-        best = max(spots, key=lambda spot: ours.summary(spot).mean)
-        shared, fresh = ours.summary(best), ours.summary(best, fresh=True)
         moved = [ours.summary(spot, fresh=True).mean - ours.summary(spot).mean for spot in spots]
         text += (
-            f" From start states that no two seeds share, the best cell (n = {best.n}, w = {best.w:g}) returns "
-            f"{_pair(fresh.mean, fresh.sem)} instead of {_pair(shared.mean, shared.sem)}; over {len(spots)} cells "
-            f"the mean moves by {signed(float(np.mean(moved)))}, from {signed(min(moved))} to "
-            f"{signed(max(moved))}."
+            f" From start states that no two seeds share, the mean moves by {signed(float(np.mean(moved)))} over "
+            f"{len(spots)} cells, from {signed(min(moved))} to {signed(max(moved))}."
         )
-        if optima:
-            gaps = [100.0 * (j - cell.mean) / abs(j) for j, cell in zip(optima, (shared, fresh), strict=True)]
-            text += (
-                f" Those start states are harder: the optimum falls from {number(optima[0])} to "
-                f"{number(optima[1])}, and the best cell is {gaps[1]:.1f} % short of it instead of {gaps[0]:.1f} %."
-            )
+        if there := [spot for spot in spots if spot.point in alike]:
+            text += _best(ours, max(there, key=lambda spot: ours.summary(spot).mean), optima)
         text += _changed(ours, spots)
     return Claim("starts", IN_PART if states < total else HOLDS, text)
+
+
+def _best(ours: Outcomes, best: Spot, optima: Callable[[Sequence[int]], tuple[float, float]] | None) -> str:
+    """What the best cell returns from both kinds of start states, and how far that is from the optimum of its seeds."""
+    cells = ours.summary(best), ours.summary(best, fresh=True)
+    shared, fresh = (_pair(cell.mean, cell.sem) for cell in cells)
+    text = f" The best cell (n = {best.n}, w = {best.w:g}) returns {fresh} there instead of {shared}"
+    if optima is None:
+        return f"{text}."
+    values = optima(ours.seeds(best))
+    gaps = [100.0 * (j - cell.mean) / abs(j) for j, cell in zip(values, cells, strict=True)]
+    return (
+        f"{text}; the optimum goes from {number(values[0])} to {number(values[1])}, and the cell is {gaps[1]:.1f} % "
+        f"short of it instead of {gaps[0]:.1f} %."
+    )
 
 
 def _changed(ours: Outcomes, spots: Sequence[Spot]) -> str:

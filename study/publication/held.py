@@ -72,10 +72,10 @@ def hold(
     folder: Path,
     theirs: Outcomes | None = None,
     scatter: Scatter | None = None,
-    fresh_optimum: float | None = None,
+    fresh_optimum: Callable[[Sequence[int]], float] | None = None,
 ) -> Publication:
     """Compare and draw. theirs: the authors' runs, where they are given; scatter: where identification was studied;
-    fresh_optimum: at the main plant, from start states that no two seeds share."""
+    fresh_optimum: of such seeds, at the main plant, from start states that no two seeds share."""
     preset = found[0].preset
     own = outcomes(_rows(found))
     siblings, lacking = _siblings(preset, folder)
@@ -88,20 +88,21 @@ def hold(
     )
     if not swept or not any(spot in ours for spot in CELLS):
         agreement = None
-    references = _references(found)
-    curves, wider = (budget_curves(own, w) if references else {} for w in (0.0, 0.2))
+    main = next((answer for answer in found if answer.point.truth == POINTS["main"].truth), None)
+    allowed = main.allowed() if main else {}
+    curves, wider = (budget_curves(own, w) if main else {} for w in (0.0, 0.2))
     drawings: dict[str, Callable[[], Figure]] = {}
     if agreement:
-        drawings |= _sweeps(agreement, references)
+        drawings |= _sweeps(agreement, main)
     if scatter:
         drawings["published_claims"] = lambda: claim_figures.identification(scatter)
     if curves:
-        drawings["identifiers"] = lambda: claim_figures.identifiers(curves, wider, references)
+        drawings["identifiers"] = lambda: claim_figures.identifiers(curves, wider, allowed)
     files = {name: save(draw, folder / f"{name}.png") for name, draw in drawings.items()}
     return Publication(
         agreement,
         _claims(found, own if swept else None, scatter, _longer(preset, own, siblings), fresh_optimum),
-        paragraph(curves, wider, references),
+        paragraph(curves, wider, allowed),
         _short(found),
         _notes(agreement, theirs, lacking),
         files,
@@ -135,18 +136,12 @@ def _siblings(preset: Preset, folder: Path) -> tuple[dict[str, Outcomes], list[s
     return found, said
 
 
-def _references(found: Sequence[Answer]) -> dict[str, float]:
-    """Mean returns of the reference controllers on the paper's main plant; empty where it is not in the preset."""
-    for answer in found:
-        if answer.point.truth == POINTS["main"].truth:
-            return answer.allowed()
-    return {}
-
-
-def _sweeps(agreement: Agreement, references: Mapping[str, float]) -> dict[str, Callable[[], Figure]]:
+def _sweeps(agreement: Agreement, main: Answer | None) -> dict[str, Callable[[], Figure]]:
+    """The published sweep and ours beside what controllers reach on its plant (`main`) with the published seeds."""
     theirs, ours = side_by_side.published_sweep(), side_by_side.sweep(agreement)
     drawings: dict[str, Callable[[], Figure]] = {}
-    if ours and references:
+    if ours and main:
+        references = {controller: mean for controller, mean, _ in main.controllers()}
         titles = side_by_side.titles(agreement.hidden, max(cell.seeds for cell in ours.values()))
         sides = dict(zip(titles, (theirs, ours), strict=True))
         drawings["published_heatmap"] = lambda: heatmaps(sides, references)
@@ -178,12 +173,18 @@ def _claims(
     ours: Outcomes | None,
     scatter: Scatter | None,
     longer: tuple[Contrast, int] | None,
-    fresh_optimum: float | None,
+    fresh_optimum: Callable[[Sequence[int]], float] | None,
 ) -> list[Claim]:
     said = [claims.rate(scatter), claims.bias(scatter), claims.floor(scatter)] if scatter else []
-    short = _short(found)
-    optima = None if short is None or fresh_optimum is None else (short[1], fresh_optimum)
-    said += [claims.plateau(ours), claims.monotone(ours), claims.starts(SEEDS, ours, optima)]
+    alike = [answer for answer in found if answer.point.truth == POINTS["main"].truth]
+
+    def optima(seeds: Sequence[int]) -> tuple[float, float]:
+        assert fresh_optimum is not None
+        return float(np.mean(alike[0].reference(OPTIMAL, seeds=seeds))), fresh_optimum(seeds)
+
+    names = [answer.point.name for answer in alike]
+    own_starts = claims.starts(SEEDS, ours, names, optima if alike and fresh_optimum else None)
+    said += [claims.plateau(ours), claims.monotone(ours), own_starts]
     main = next((answer for answer in found if answer.point.name == "main"), None)
     if main and LONGER_AT.w in main.point.widths:
         n, widths = max(main.point.budgets), sorted({min(main.point.widths), max(main.point.widths)})

@@ -7,7 +7,7 @@ import pytest
 
 from policies.control.lqr import design_lqr
 from policies.evaluate import evaluate
-from sysid import RK4, Delay, InvalidInput, State, TorqueBias, Viscous, paper_model
+from sysid import RK4, Delay, InvalidInput, State, Tilt, TorqueBias, Viscous, paper_model
 
 HIDDEN = paper_model(m=2.0, l=1.5)
 MODELS = {
@@ -98,6 +98,15 @@ def test_it_holds_the_upright_against_a_torque_bias():
     for _ in range(200):
         state = model.advance(state, lqr(state))
     assert abs(state.theta) < 1e-6 and abs(state.theta_dot) < 1e-6
+
+
+def test_it_holds_a_tilted_base():
+    """The torque that does is found by Newton's method; what a single step leaves is no drift."""
+    model = HIDDEN.with_effect(Tilt(alpha=0.05))
+    lqr = design_lqr(model)
+    assert lqr.u_0 == pytest.approx(-float(model.acceleration(0.0, 0.0, 0.0, 0.0) * model.inertia()), rel=1e-6)
+    after = model.advance(State(0.0, 0.0), lqr(State(0.0, 0.0)))
+    assert abs(after.theta) < 1e-12 and abs(after.theta_dot) < 1e-12
 
 
 @pytest.mark.parametrize(

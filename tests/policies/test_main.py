@@ -12,12 +12,14 @@ import pytest
 
 import sysid
 from policies.__main__ import main
-from policies.commands import plausible
+from policies.commands import LONGEST_HISTORY, history_for, plausible
 from policies.control import references
 from policies.control.optimal import Grid
 from policies.evaluate import evaluate, fresh_start_states
+from policies.machine import reach
 from policies.policy_file import DESCRIPTION, WEIGHTS, load_policy
-from sysid import Coulomb, Delay, Model, RodPendulum, Sensor, Spring, Stamp, paper_model
+from policies.randomization import Fixed
+from sysid import Coulomb, Delay, Lag, Model, RodPendulum, Sensor, Spring, Stamp, paper_model
 
 ROOT = Path(__file__).parents[2]
 TINY = ("--steps", "60", "--hidden", "8", "8", "--no-references")
@@ -129,6 +131,18 @@ def test_another_interval_holds_the_commands_and_history_can_be_asked_for(models
     assert "error: paper.json: the model is integrated in steps of 0.05 s" in complaint
 
 
+def test_a_long_delay_is_observed_whole():
+    """A delay of 0.3 s at 100 Hz is 30 commands; what is longer than the longest history is said."""
+    delayed = Model(RodPendulum(), (Delay(T=0.3),), dt=0.01, u_max=2.0)
+    assert history_for(delayed, Fixed()) == reach(delayed) == 30
+
+
+def test_a_history_that_is_cut_is_said(capsys):
+    slow = Model(RodPendulum(), (Lag(T=5.0),), dt=0.01, u_max=2.0)
+    assert history_for(slow, Fixed()) == LONGEST_HISTORY
+    assert f"observes the last {LONGEST_HISTORY}" in capsys.readouterr().out
+
+
 def test_a_policy_for_onnx(models, policy, tmp_path, run):
     onnx = pytest.importorskip("onnx", reason="the extra [onnx] is not installed")
     assert run("export", policy, "-o", tmp_path / "p.onnx")[0] == 0
@@ -207,6 +221,7 @@ def test_what_is_plausible_where_nobody_measured():
         (("paper.json", "--onnx", "light.json"), "is there already: expected another name, or --force"),
         (("paper.json", "--onnx", "paper.json", "--force"), "is read by this command"),
         (("paper.json", "--effects", "nowhere.py"), "no such file"),
+        (("paper.json", "--onnx", "fresh"), "that is the policy's folder"),
     ],
 )
 def test_what_cannot_be_trained_ends_with_a_sentence(models, run, monkeypatch, words, complaint):

@@ -140,6 +140,11 @@ def test_a_grid_that_misses_the_upright_is_refused(wrong):
         Grid(**wrong)
 
 
+def test_a_table_that_would_not_fit_over_all_steps_is_refused():
+    with pytest.raises(InvalidInput, match="at each of 10000 steps is too large"):
+        solve(dataclasses.replace(HIDDEN, dt=0.001))
+
+
 @pytest.mark.parametrize(
     ("model", "reason"),
     [

@@ -7,7 +7,7 @@ from gymnasium.utils.env_checker import check_env
 
 import policies
 from policies.pendulum_env import PendulumEnv
-from policies.randomization import Band, PriorRange
+from policies.randomization import Band, Fixed, PriorRange, Shaken
 from sysid import Delay, InvalidInput, Model, PointMassPendulum, Viscous, paper_model
 
 
@@ -52,6 +52,11 @@ def test_any_model_can_be_trained_on_and_the_start_state_can_be_fixed():
         seen, *_ = env.step(np.array([0.5], dtype=np.float32))
         state = model.advance(state, 0.5, k * 0.02)
     assert seen[2] == np.float32(state.theta_dot)
+
+
+def test_random_torques_are_refused_as_it_does_not_apply_them():
+    with pytest.raises(InvalidInput, match="Shaken"):
+        PendulumEnv(randomization=Shaken(Fixed(), 0.5, 0.1))
 
 
 def test_a_model_without_torque_limit_is_refused():

@@ -76,6 +76,16 @@ def test_an_interrupted_training_ends_where_an_undisturbed_one_ends(undisturbed,
     assert second.curves == undisturbed.curves
 
 
+def test_a_population_goes_back_to_a_checkpoint_of_its_own_past(undisturbed, tmp_path):
+    """Within a block of random numbers, too, which is loaded anew."""
+    population = make()
+    population.train(150)
+    population.save(tmp_path / "population.pt")
+    population.train(9)
+    resumed(tmp_path / "population.pt", population).train(10_000)
+    assert torch.equal(population.replay.rows, undisturbed.replay.rows)
+
+
 def test_a_model_with_memory_is_resumed_too(tmp_path):
     model = Model(RodPendulum(), (Delay(T=0.12),), dt=0.05, u_max=2.0)
     one = Population(model, BANDS[:1], [0], SHORT)

@@ -155,3 +155,11 @@ def test_what_is_no_table_or_no_number_is_refused_in_a_line(tmp_path, capsys, ar
     assert message.startswith("error: ")
     assert message.count("\n") == 1
     assert (tmp_path / TABLE).read_text() == "a,b\n1,2\n"
+
+
+def test_a_row_of_a_plant_that_is_not_in_the_plan_is_refused(tmp_path):
+    write(tmp_path / TABLE, [row(5, 0)])
+    text = (tmp_path / TABLE).read_text()
+    (tmp_path / TABLE).write_text(text.replace(row(5, 0).plant, "slew_old"))
+    with pytest.raises(InvalidInput, match="plant 'slew_old': expected one of plain"):
+        read(tmp_path / TABLE)
