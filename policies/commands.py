@@ -20,7 +20,7 @@ from policies.options import Evaluate, Export, Train
 from policies.policy_file import DESCRIPTION, WEIGHTS, SavedPolicy, load_policy, save_policy
 from policies.randomization import Band, Fixed, Posterior, Randomization, Ranges
 from sysid import InvalidInput, Model, Parameter, SavedModel, load
-from sysid.files import write_whole
+from sysid.files import save_text
 
 EPISODES = 200
 """Start states from which `train` states the expected return."""
@@ -329,10 +329,7 @@ def _load_effects(file: Path | None) -> None:
 
 
 def _write(path: Path, text: str) -> None:
-    try:
-        write_whole(path, text)
-    except OSError as error:
-        raise InvalidInput(f"cannot write {path}: {error.strerror}") from None
+    save_text(path, text)
     print(f"wrote {path}")
 
 

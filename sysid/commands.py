@@ -14,6 +14,7 @@ import numpy as np
 
 from sysid.errors import InvalidInput
 from sysid.estimate import Estimate
+from sysid.files import save_text
 from sysid.fit import fit, free
 from sysid.integrators import RK4
 from sysid.logs import Log, read, split
@@ -305,12 +306,11 @@ def _begun(options: ModelOptions) -> tuple[Model, tuple[str, ...], bool]:
 
 
 def _sampled(model: Model, dt: float) -> Model:
-    """The model at the log's sample interval; its integrator's steps stay as fine."""
-    if abs(model.dt - dt) <= 1e-6 * dt:
-        return model
+    """The model at the log's sample interval; its integrator's steps stay as fine, and no longer than SUBSTEP."""
     if not isinstance(model.integrator, RK4):
         return dataclasses.replace(model, dt=dt) if abs(model.dt - dt) < 0.01 * dt else model
-    return dataclasses.replace(model, dt=dt, integrator=RK4(substeps=math.ceil(dt / SUBSTEP - 1e-6)))
+    own = model.dt / model.integrator.substeps
+    return dataclasses.replace(model, dt=dt, integrator=RK4(substeps=math.ceil(dt / min(SUBSTEP, own) - 1e-6)))
 
 
 def _shown(model: Model, names: tuple[str, ...], log: Log) -> tuple[str, ...]:
@@ -356,10 +356,7 @@ def _limits(options: Experiment, log: Log, model: Model) -> Limits:
 
 
 def _write(path: Path, text: str) -> None:
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise InvalidInput(f"cannot write {path}: {error.strerror}") from None
+    save_text(path, text)
     print(f"wrote {path}")
 
 

@@ -86,13 +86,13 @@ class Estimate:
 
     @property
     def at_bound(self) -> tuple[str, ...]:
-        """The fitted parameters that ended at a bound."""
-        parameters = self.model.parameters
-        return tuple(
-            name
-            for name, value in self.values.items()
-            if min(abs(value - b) for b in parameters[name].bounds) < 1e-6 * parameters[name].scale
-        )
+        """The fitted parameters that ended at a bound: nearer than a thousandth of their sd."""
+        parameters, sd, found = self.model.parameters, self.sd, []
+        for name, value in self.values.items():
+            near = 1e-6 * parameters[name].scale + (1e-3 * sd[name] if math.isfinite(sd[name]) else 0.0)
+            if min(abs(value - b) for b in parameters[name].bounds) < near:
+                found.append(name)
+        return tuple(found)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, ready for JSON; a number that is not finite becomes None."""

@@ -29,6 +29,7 @@ import numpy as np
 from sysid.effects import CATALOGUE, Effect, effect
 from sysid.errors import InvalidInput
 from sysid.estimate import Estimate
+from sysid.files import save_text
 from sysid.fit import free
 from sysid.integrators import RK4, Integrator, SemiImplicitEuler
 from sysid.model import Model
@@ -59,11 +60,7 @@ def save(answer: Model | Estimate, path: str | PathLike[str]) -> None:
 
     Raises InvalidInput where the file cannot be written, and for a plant or an integrator that is not ours.
     """
-    text = json.dumps(to_dict(answer), indent=1, allow_nan=False) + "\n"
-    try:
-        Path(path).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise InvalidInput(f"cannot write {path}: {error.strerror}") from None
+    save_text(Path(path), json.dumps(to_dict(answer), indent=1, allow_nan=False) + "\n")
 
 
 def load(path: str | PathLike[str]) -> SavedModel:
@@ -199,7 +196,7 @@ def _build(kind: type[Part], fields: Mapping[str, Any]) -> Part:
         return kind(**{name: math.inf if value is None else value for name, value in fields.items()})
     except InvalidInput:
         raise
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         came = ", ".join(f"{name} = {value!r}" for name, value in fields.items() if name != "bounds")
         raise InvalidInput(f"{kind.__name__} cannot be made of {came}") from None
 
@@ -208,8 +205,10 @@ def _about(model: Model, names: tuple[str, ...], saved: Mapping[str, Any]) -> Es
     rows = _list(saved, "covariance")
     try:
         covariance = np.array([[math.inf if c is None else float(c) for c in row] for row in rows], dtype=float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InvalidInput("covariance is ragged or not numeric: expected a square matrix") from None
+    if np.any(np.isnan(covariance)):
+        raise InvalidInput("covariance holds NaN: expected numbers, null where one is not known")
     if covariance.shape != (len(names), len(names)):
         raise InvalidInput(f"covariance has shape {covariance.shape}: expected {len(names)} rows and columns")
     return Estimate(
@@ -220,7 +219,7 @@ def _about(model: Model, names: tuple[str, ...], saved: Mapping[str, Any]) -> Es
         success=bool(_entry(saved, "success")),
         status=str(_entry(saved, "status")),
         cost=_float(saved, "cost", math.nan),
-        n_readings=int(_float(saved, "n_readings")),
+        n_readings=_count(saved, "n_readings"),
         method=str(_entry(saved, "method")),
         sensor=None if _entry(saved, "sensor") is None else _sensor(_dict(saved, "sensor")),
         horizon=_float(saved, "horizon", math.inf),
@@ -265,7 +264,20 @@ def _float(saved: Any, name: str, null: float | None = None) -> float:
         return null
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise InvalidInput(f"{name!r} is {value!r}: expected a number")
-    return float(value)
+    try:
+        number = float(value)
+    except OverflowError:
+        raise InvalidInput(f"{name!r} has {len(str(value))} digits: expected a number") from None
+    if math.isnan(number):
+        raise InvalidInput(f"{name!r} is {value!r}: expected a number")
+    return number
+
+
+def _count(saved: Any, name: str) -> int:
+    number = _float(saved, name)
+    if not 0.0 <= number < math.inf or number != int(number):
+        raise InvalidInput(f"{name!r} is {number!r}: expected a whole number")
+    return int(number)
 
 
 def _bounds(saved: Any, name: str) -> tuple[float, float]:

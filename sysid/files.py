@@ -5,10 +5,20 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from sysid.errors import InvalidInput
+
 
 def partial(path: Path) -> Path:
     """Where a file grows until it is whole."""
     return path.with_name(path.name + ".partial")
+
+
+def save_text(path: Path | str, text: str) -> None:
+    """`write_whole` for what a user asked for: raises InvalidInput, in a sentence, where it cannot be written."""
+    try:
+        write_whole(Path(path), text)
+    except OSError as error:
+        raise InvalidInput(f"cannot write {path}: {error.strerror}") from None
 
 
 def write_whole(path: Path, content: bytes | str) -> None:

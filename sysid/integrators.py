@@ -30,8 +30,10 @@ class Integrator(ABC):
     order: ClassVar[int] = 1
 
     def __post_init__(self) -> None:
-        if self.substeps != int(self.substeps) or self.substeps < 1:
+        whole = isinstance(self.substeps, int | float) and not isinstance(self.substeps, bool)
+        if not whole or not 1 <= self.substeps < math.inf or self.substeps != int(self.substeps):
             raise InvalidInput(f"substeps = {self.substeps}: expected a whole number >= 1")
+        object.__setattr__(self, "substeps", int(self.substeps))
 
     def advance(
         self,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import math
 import warnings
+import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -182,7 +183,7 @@ def _npz(path: Path, columns: Mapping[str, str] | None = None) -> dict[str, Any]
             if columns is None:
                 return dict.fromkeys(file.files)
             return {ours: file[name] for ours, name in columns.items()}
-    except (ValueError, OSError, BadZipFile, AttributeError):
+    except (ValueError, TypeError, EOFError, OSError, BadZipFile, AttributeError, zlib.error):
         raise InvalidInput(
             f"{path.name} is no .npz file of plain arrays: expected one as numpy.savez makes it"
         ) from None
@@ -197,7 +198,7 @@ def _mat(path: Path, columns: Mapping[str, str] | None = None) -> dict[str, Any]
         content = loadmat(path, simplify_cells=True)
     except NotImplementedError:
         raise InvalidInput(f"{path.name} is a MATLAB v7.3 file: save it with -v7") from None
-    except (ValueError, TypeError, OSError, KeyError, MatReadError):
+    except (ValueError, TypeError, EOFError, OSError, KeyError, MatReadError, zlib.error):
         raise InvalidInput(f"{path.name} is no .mat file: expected one as MATLAB's save -v7 makes it") from None
     arrays: dict[str, Any] = {}
     for name, value in content.items():

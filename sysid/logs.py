@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal, overload
+from typing import Literal, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from sysid import log_files, plausibility, sampling
 from sysid.errors import InvalidInput
 from sysid.log_files import Table
-from sysid.records import COLUMNS, Record
+from sysid.records import COLUMNS, Record, in_step
 from sysid.sampling import Rows
 
 Array = NDArray[np.float64]
@@ -89,7 +89,8 @@ def read(
     begin, end   the window [s] of the file's t that is read
     dt           the sample interval [s] wanted, where the logs' own is not
 
-    Rows without a number are left out where they are few; sysid.sampling says what becomes of uneven stamps and gaps.
+    Rows without a number are left out where they are few, their torque kept where it is known; sysid.sampling says what
+    becomes of uneven stamps and gaps.
     Raises InvalidInput, in one sentence, for anything that cannot be a log of a pendulum.
     """
     if zero not in ("upright", "hanging"):
@@ -100,24 +101,28 @@ def read(
     rollouts: list[Rows] = []
     exact: list[Record] = []
     notes: list[str] = []
-    for path in files:
+    for path, title in zip(files, _titles(files), strict=True):
         chosen = _chosen(path, log_files.header(path), wanted)
         table = log_files.load(path, chosen, window)
         if len(table["t"]) == 0:
             span = f" between {window.begin:g} and {window.end:g} s" if begin is not None or end is not None else ""
             raise InvalidInput(f"{path.name} has no rows{span}")
-        if "theta_dot_after" in table:
-            exact.append(_exact(path, _converted(table, zero, flip_torque, degrees)))
+        if _is_exact(table):
+            if dt is not None:
+                raise InvalidInput(f"{path.name} has readings before and after each step: expected none, or no dt")
+            exact.append(_exact(path, title, _converted(table, zero, flip_torque, degrees)))
             continue
         table = _complete(path, table, chosen, notes)
         plausibility.check_time(path.name, table, chosen)
-        for name, part in _rollouts(path, table):
-            notes += plausibility.check_columns(name, part)
+        for name, part in _rollouts(title, table):
+            whole = np.all([np.isfinite(column) for column in part.values()], axis=0)
+            notes += plausibility.check_columns(name, {key: column[whole] for key, column in part.items()})
             rollouts.append(_rows(name, _converted(part, zero, flip_torque, degrees)))
     records, step, more = sampling.evenly(rollouts, dt) if rollouts else ((), exact[0].dt, ())
     records = (*exact, *records)
-    if max(r.dt for r in records) > 1.01 * min(r.dt for r in records):
-        raise InvalidInput(f"{records[0].name} and {records[-1].name} are sampled at different rates")
+    for record in records:
+        if not in_step(record, step):
+            raise InvalidInput(f"{record.name} is sampled every {record.dt:.7g} s, others every {step:.7g} s")
     return Log(records, (*notes, *more, *plausibility.doubts(records)), step)
 
 
@@ -128,6 +133,12 @@ def _files(paths: Sequence[File | Iterable[File]]) -> list[Path]:
     if not files:
         raise InvalidInput("no log was given: expected one or more CSV, .npz or .mat files")
     return files
+
+
+def _titles(files: Sequence[Path]) -> list[str]:
+    """What rollouts are called: their file's name, and where several files have it their folder's before it."""
+    stems = [path.stem for path in files]
+    return [f"{path.parent.name}/{path.stem}" if stems.count(path.stem) > 1 else path.stem for path in files]
 
 
 def _window(begin: float | None, end: float | None, dt: float | None) -> log_files.Window:
@@ -193,7 +204,10 @@ def _suggestion(found: Sequence[str], chosen: Mapping[str, str]) -> str:
 
 
 def _complete(path: Path, table: Table, titles: Mapping[str, str], notes: list[str]) -> Table:
-    """The table without the rows that lack a number; the last torque of a rollout may be missing."""
+    """The table without the rows that lack a time or a torque; the last torque of a rollout may be missing.
+
+    In rows that lack a reading all readings are nan: their torque acted all the same.
+    """
     table = dict(table)
     bad = {name: ~np.isfinite(column) for name, column in table.items()}
     for name in list(table):
@@ -217,8 +231,13 @@ def _complete(path: Path, table: Table, titles: Mapping[str, str], notes: list[s
             f"{path.name}: {lost.sum()} of {len(lost)} rows lack a number, most often {titles[worst]!r}: "
             "expected a few at most"
         )
-    if np.any(lost):
-        notes.append(f"{path.name}: {lost.sum()} row{'s' * (int(lost.sum()) != 1)} without a number left out")
+    readings = [name for name in ("theta", "theta_dot") if name in table]
+    unread = np.any([bad[name] for name in readings], axis=0)
+    lost = np.any([bad[name] for name in bad if name not in readings], axis=0)
+    for rows, what in ((lost, "a number left out"), (unread & ~lost, "a reading")):
+        if np.any(rows):
+            notes.append(f"{path.name}: {rows.sum()} row{'s' * (int(rows.sum()) != 1)} without {what}")
+    table |= {name: np.where(unread, np.nan, table[name]) for name in readings}
     return {name: column[~lost] for name, column in table.items()}
 
 
@@ -235,34 +254,47 @@ def _converted(table: Table, zero: str, flip_torque: bool, degrees: bool) -> Tab
     return converted
 
 
-def _rollouts(path: Path, table: Table) -> Iterable[tuple[str, Table]]:
+def _rollouts(title: str, table: Table) -> Iterable[tuple[str, Table]]:
     """The rows of each rollout, by the value of column "rollout"."""
     if "rollout" not in table:
-        return [(path.stem, table)]
+        return [(title, table)]
     values, first = np.unique(table["rollout"], return_index=True)
     ordered = values[np.argsort(first)]
     return [
-        (f"{path.stem} rollout {value:g}", {name: v[table["rollout"] == value] for name, v in table.items()})
+        (f"{title} rollout {value:g}", {name: v[table["rollout"] == value] for name, v in table.items()})
         for value in ordered
     ]
 
 
 def _rows(name: str, table: Table) -> Rows:
     torque = table.get("torque", np.zeros(len(table["t"])))
-    theta = np.unwrap(table["theta"]) if "theta" in table else None
+    theta = table.get("theta")
+    if theta is not None:
+        theta, read = theta.copy(), np.isfinite(theta)
+        theta[read] = np.unwrap(theta[read])
     return Rows(name, table["t"], torque, theta, table.get("theta_dot"))
 
 
-def _exact(path: Path, table: Table) -> Record:
-    """A record with readings before and after each step, as `write_csv` writes it; its columns may be of any length."""
-    named = {"u" if name == "torque" else name: column for name, column in table.items() if name != "rollout"}
-    arrays = {}
-    for name, column in named.items():
-        numbers = np.flatnonzero(np.isfinite(column))
-        arrays[name] = column[: numbers[-1] + 1] if len(numbers) else column
-    if "u" not in arrays:
+def _is_exact(table: Table) -> bool:
+    """Whether readings stand before and after each step, or the start angle alone beside the speed."""
+    if "theta_dot_after" in table:
+        return True
+    start = "theta" in table and len(table["t"]) > 1 and np.isfinite(table["theta"][0])
+    return bool(start and np.all(np.isnan(table["theta"][1:])) and "theta_dot" in table)
+
+
+def _exact(path: Path, title: str, table: Table) -> Record:
+    """The record that `write_csv` wrote, or the rows of it that were asked for."""
+    if "torque" not in table:
         raise InvalidInput(f"{path.name} has theta_dot_after but no torque: expected {', '.join(COLUMNS)}")
-    return Record(**(arrays | {"u": arrays["u"][: len(arrays["t"]) - 1]}), name=path.stem)
+    n = len(table["t"]) - 1
+    theta, after = table.get("theta"), table.get("theta_dot_after")
+    if theta is not None and not np.any(np.isfinite(theta[1:])):
+        theta = theta[:1] if np.isfinite(theta[0]) else None
+    speed = table.get("theta_dot")
+    if after is not None:
+        after, speed = after[:n], None if speed is None else speed[:n]
+    return Record(table["t"], table["torque"][:n], theta, speed, after, name=title)
 
 
 # ---- what is held out ------------------------------------------------------------------------------------------------
@@ -276,7 +308,7 @@ def cut(records: Sequence[Record], seconds: float = 3.0) -> tuple[Record, ...]:
         edges = np.round(np.linspace(0, len(record), count + 1)).astype(int)
         for k, (first, last) in enumerate(pairwise(edges), start=1):
             if last > first:
-                blocks.append(_part(record, int(first), int(last), f"{record.name} block {k}" if count > 1 else ""))
+                blocks.append(record.part(int(first), int(last), f"{record.name} block {k}" if count > 1 else ""))
     return tuple(blocks)
 
 
@@ -290,15 +322,15 @@ def split(
 
     Of fewer than four rollouts (a single long log, say), or where the last ones are too short, the last quarter of
     the time is held out instead: a rollout is cut in two there. The two parts share no interval and both stay as long
-    as they are, because a fit loses information with every free initial state; `cut` makes blocks of them. What came
-    before a cut is not known to the part behind it: whoever scores that part leaves a lead-in unscored, which fills
-    the memories (delay, lag, play) from the record's own first samples, as at the start of any rollout.
+    as they are, because a fit loses information with every free initial state; `cut` makes blocks of them. The part
+    behind a cut knows the commands before it (delay, lag); where sensors remember, whoever scores it leaves a lead-in
+    unscored.
 
     Raises InvalidInput where nothing would be left on one side.
     """
     share = 0.25 if hold_out is None else float(hold_out)
     whole = hold_out is not None and share >= 1.0
-    if not share > 0.0 or (whole and share != int(share)):
+    if not 0.0 < share < math.inf or (whole and share != int(share)):
         raise InvalidInput(f"hold_out = {hold_out}: expected a share between 0 and 1, or a number of rollouts")
     if whole and share >= len(records):
         raise InvalidInput(
@@ -319,8 +351,8 @@ def split(
         elif keep <= 0:
             out.append(record)
         else:
-            training.append(_part(record, 0, keep, f"{record.name}, first part"))
-            out.append(_part(record, keep, len(record), f"{record.name}, held-out part"))
+            training.append(record.part(0, keep, f"{record.name}, first part"))
+            out.append(record.part(keep, len(record), f"{record.name}, held-out part"))
     if not training or not out:
         raise InvalidInput(f"{total:.2g} s of log are too short to hold a part out: expected some seconds")
     return tuple(training), tuple(out)
@@ -342,19 +374,5 @@ def leave_out(
         edges = np.flatnonzero(np.diff(np.concatenate([[False], acts, [False]])))
         for first, last in zip(edges[::2], edges[1::2], strict=True):
             if last - first == n or (last - first) * record.dt >= shortest:
-                kept.append(_part(record, int(first), int(last)))
+                kept.append(record.part(int(first), int(last)))
     return tuple(kept)
-
-
-def _part(record: Record, first: int, last: int, name: str = "") -> Record:
-    """The control intervals first .. last-1 of a record, with the instants at both ends."""
-    whole = len(record)
-    parts: dict[str, Any] = {}
-    for column in COLUMNS:
-        value = getattr(record, column)
-        if value is not None:
-            if column == "theta" and len(value) == 1:
-                parts[column] = value if first == 0 else None
-            else:
-                parts[column] = value[first : last + (len(value) > whole)]
-    return replace(record, **parts, name=name or record.name)

@@ -103,7 +103,7 @@ def _turned(records: Sequence[Record]) -> tuple[str, ...]:
     rows, targets = [], []
     for r in records:
         span = max(round(SPAN / r.dt), 1)
-        if r.theta is None or len(r) < 4 * span:
+        if r.theta is None or len(r.theta) == 1 or len(r) < 4 * span:
             continue
         mean = np.convolve(r.u, np.full(2 * span, 0.5 / span), "valid")
         mid = r.theta[span:-span]

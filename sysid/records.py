@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import io
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,12 +14,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sysid.errors import InvalidInput
+from sysid.files import save_text
 
 if TYPE_CHECKING:
     from sysid.model import Model
 
 Array = NDArray[np.float64]
 COLUMNS = ("t", "u", "theta", "theta_dot", "theta_dot_after")
+
+PAST = 10.0
+"""Seconds of commands before it that a piece of a rollout keeps: what drives remember is shorter."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +38,11 @@ class Record:
     theta_dot_after (N,)    [rad/s]  a second speed reading, of instant k+1, independent of theta_dot[k+1]:
                                      the paper's protocol reads before and after each step
 
+    A piece of a longer rollout (`part`, what follows a gap) also carries where that began:
+
+    origin                  [s]      the instant from which effects that depend on time count; by default t[0]
+    before (M,)             [N m]    the commands of the M intervals before t[0], which drives remember; by default none
+
     Raises InvalidInput for empty, ragged or non-finite data and for time that does not increase evenly.
     """
 
@@ -41,6 +52,8 @@ class Record:
     theta_dot: Array | None = None
     theta_dot_after: Array | None = None
     name: str = "record"
+    origin: float | None = None
+    before: Array | None = None
 
     def __post_init__(self) -> None:
         for column in COLUMNS:
@@ -49,6 +62,8 @@ class Record:
                 raise InvalidInput(f"{self.name} has no {column}: expected t (N+1,) and u (N,)")
             if value is not None:
                 object.__setattr__(self, column, self._array(column, value))
+        if self.before is not None:
+            object.__setattr__(self, "before", self._array("before", self.before))
         if self.theta is None and self.theta_dot is None:
             raise InvalidInput(f"{self.name} has no readings: expected theta, theta_dot or both")
         if len(self.u) == 0:
@@ -64,6 +79,8 @@ class Record:
                 came = f"{column} has {len(series)} values"
                 raise InvalidInput(f"{self.name} is ragged: {came}, expected {size} for {n} commands u")
         self._check_time()
+        if not self.clock[0] >= 0.0:
+            raise InvalidInput(f"{self.name} begins at {self.t[0]:g} s, before its rollout does ({self.origin} s)")
         if self.theta is not None:
             unwrapped = np.unwrap(self.theta)
             unwrapped.setflags(write=False)
@@ -103,14 +120,39 @@ class Record:
 
     def head(self, n: int) -> Record:
         """The first n control intervals (all of them where there are fewer)."""
-        if n >= len(self):
-            return self
-        cut: dict[str, Any] = {}
+        return self if n >= len(self) else self.part(0, n)
+
+    def part(self, first: int, last: int, name: str = "") -> Record:
+        """The control intervals first .. last-1 with the instants at both ends, and what came before them."""
+        parts: dict[str, Any] = {}
         for column in COLUMNS:
             value = getattr(self, column)
-            if value is not None:
-                cut[column] = value[: n + (len(value) > len(self))]
-        return replace(self, **cut)
+            if value is None:
+                continue
+            if column == "theta" and len(value) == 1:
+                parts[column] = value if first == 0 else None
+            else:
+                parts[column] = value[first : last + (len(value) > len(self))]
+        kept = math.ceil(PAST / self.dt)
+        before = np.concatenate([self.past, self.u[:first]])[-kept:]
+        origin = float(self.t[0]) if self.origin is None else self.origin
+        return replace(self, **parts, name=name or self.name, origin=origin, before=before)
+
+    @property
+    def clock(self) -> Array:
+        """Seconds since the rollout began (N+1,)."""
+        return self.t - (self.t[0] if self.origin is None else self.origin)
+
+    @property
+    def past(self) -> Array:
+        """`before`, or no commands (0,)."""
+        return np.zeros(0) if self.before is None else self.before
+
+    @property
+    def sudden(self) -> bool:
+        """Whether it begins in the middle of a rollout, after commands that are not known."""
+        known = (len(self.past) + 0.5) * self.dt
+        return bool(self.clock[0] > known and known < PAST)
 
     @property
     def dt(self) -> float:
@@ -131,14 +173,28 @@ def check_records(model: Model, records: Sequence[Record]) -> tuple[Record, ...]
     for record in given:
         if not isinstance(record, Record):
             raise InvalidInput(f"records holds {record!r}: expected Record objects, as read and measure make them")
-        if abs(record.dt - model.dt) > 0.01 * model.dt:
-            raise InvalidInput(f"{record.name} is sampled every {record.dt:g} s, the model steps every {model.dt:g} s")
+        if not in_step(record, model.dt):
+            raise InvalidInput(
+                f"{record.name} is sampled every {record.dt:.7g} s, the model steps every {model.dt:.7g} s: expected a "
+                "model with the log's dt"
+            )
         largest = float(np.max(np.abs(record.u)))
         if largest > model.u_max * (1.0 + 1e-9):
             raise InvalidInput(
                 f"{record.name} has a torque of {largest:g} N m, beyond the model's limit |u| <= {model.u_max:g} N m"
             )
     return given
+
+
+def told_apart(records: Sequence[Record]) -> tuple[Record, ...]:
+    """The records under names of their own: an answer names stretches of them."""
+    names = [r.name for r in records]
+    return tuple(replace(r, name=f"{r.name} {i}") if names.count(r.name) > 1 else r for i, r in enumerate(records))
+
+
+def in_step(record: Record, dt: float) -> bool:
+    """Whether intervals of dt [s] follow the record's instants to a fiftieth of an interval, its last one included."""
+    return abs(record.dt - dt) * len(record) <= 0.02 * dt
 
 
 def check_direct(model: Model, method: str) -> None:
@@ -152,10 +208,14 @@ def check_direct(model: Model, method: str) -> None:
 
 
 def write_csv(record: Record, path: str | Path) -> None:
-    """Write a record as CSV that `read` brings back exactly, one row an instant; cells without a value stay empty."""
+    """Write a record as CSV that `read` brings back exactly, one row an instant; cells without a value stay empty.
+
+    Raises InvalidInput for a file that cannot be written.
+    """
     columns = {c: getattr(record, c) for c in COLUMNS if getattr(record, c) is not None}
-    with open(path, "w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(columns)
-        for k in range(len(record) + 1):
-            writer.writerow([repr(float(v[k])) if k < len(v) else "" for v in columns.values()])
+    text = io.StringIO()
+    writer = csv.writer(text)
+    writer.writerow(columns)
+    for k in range(len(record) + 1):
+        writer.writerow([repr(float(v[k])) if k < len(v) else "" for v in columns.values()])
+    save_text(path, text.getvalue())

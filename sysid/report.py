@@ -17,7 +17,7 @@ from sysid.errors import InvalidInput
 from sysid.logs import split
 from sysid.model import Model
 from sysid.page import Page, Picture, Section, Table, horizons, physical, picture, settings
-from sysid.records import Record
+from sysid.records import Record, told_apart
 from sysid.sensor import Sensor
 from sysid.smoothing.residual_torque import ResidualTorque, residual_torque
 from sysid.smoothing.touched import Touched
@@ -125,6 +125,7 @@ def _hands(answer: Diagnosis, touched: Sequence[Touched]) -> Iterator[str]:
 
 def _held_out(answer: Diagnosis, records: Sequence[Record], hold_out: float | None) -> tuple[Record, ...]:
     """The records that no fit has seen. Raises InvalidInput where they are not among these."""
+    records = told_apart(records)
     candidates = (split(records, hold_out)[1], tuple(r for r in records if r.name in answer.held_out))
     for held_out in candidates:
         if tuple(r.name for r in held_out) == answer.held_out:

@@ -25,6 +25,9 @@ Index = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 CHANNELS = ("theta", "theta_dot")
 
+UNKNOWN = 0.5
+"""Seconds at the start of a record that are not scored where the commands before it are not known."""
+
 
 @dataclass(frozen=True)
 class Window:
@@ -40,6 +43,8 @@ def cut(records: Sequence[Record], length: float = math.inf, lead: float = 0.0, 
     """Windows of `length` [s] that tile the records, each preceded by up to `lead` [s] that is not scored.
 
     The first `skip` instants of a record are not scored either: what the drive did just before a log, no row tells.
+    Nor is the lead of a record that begins in the middle of a rollout, or UNKNOWN [s] where the commands before it are
+    not known: memories fill there.
 
     The windows of a record are equally long to one interval; none is shorter than two thirds of `length`, unless
     its record is.
@@ -47,13 +52,19 @@ def cut(records: Sequence[Record], length: float = math.inf, lead: float = 0.0, 
     windows = []
     for i, record in enumerate(records):
         n, dt = len(record), record.dt
-        pieces = max(1, round(n * dt / length)) if math.isfinite(length) else 1
-        edges = np.linspace(0, n, min(pieces, n) + 1).round().astype(int)
+        blind = max(lead, UNKNOWN if record.sudden else 0.0) if record.clock[0] > 0.0 else 0.0
+        first = min(_intervals(blind, dt), n // 2)
+        pieces = max(1, round((n - first) * dt / length)) if math.isfinite(length) else 1
+        edges = np.linspace(first, n, min(pieces, n - first) + 1).round().astype(int)
         for begin, end in pairwise(edges):
-            early = min(int(begin), math.ceil(lead / dt - 1e-9))
+            early = min(int(begin), _intervals(lead, dt)) if begin > first else first
             unscored = early if begin > 0 else min(skip, n - 1)
             windows.append(Window(i, int(begin) - early, int(end - begin) + early, unscored))
     return tuple(windows)
+
+
+def _intervals(seconds: float, dt: float) -> int:
+    return math.ceil(seconds / dt - 1e-9)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,13 +113,14 @@ class Response:
         K, L = len(self.windows), self.length
         first = np.concatenate([[0], np.cumsum([len(r) for r in self.records])])
         self.interval = np.full((K, L), first[-1], dtype=np.intp)  # padding: one interval beyond the end
-        self.time = np.zeros((K, L + 1))
+        self.time, self.clock = np.zeros((K, L + 1)), np.zeros((K, L + 1))
         self.y, self.weight = np.zeros((K, 2, L + 1)), np.zeros((K, 2, L + 1))
         targets = [_targets(r, self.sensor) for r in self.records]
         for i, w in enumerate(self.windows):
             record, begin, count, lead = w.record, w.begin, w.count, w.lead
             self.interval[i, :count] = first[record] + begin + np.arange(count)
-            self.time[i] = self.records[record].t[0] + self.model.dt * (begin + np.arange(L + 1))
+            since = self.model.dt * (begin + np.arange(L + 1))
+            self.time[i], self.clock[i] = self.records[record].t[0] + since, self.records[record].clock[0] + since
             value, weight = targets[record]
             self.y[i, :, : count + 1] = value[:, begin : begin + count + 1]
             self.weight[i, :, lead : count + 1] = weight[:, begin + lead : begin + count + 1]
@@ -175,18 +187,22 @@ class Response:
             return np.repeat(self.commands[:, None], self.model.integrator.substeps, axis=1)
         model = self.model.with_parameters(dict(zip(self.names, p.tolist(), strict=True)))
         drives = np.empty((len(self.commands), self.model.integrator.substeps))
-        for at in self._equally_long:
-            drives[at] = model.drive_record(self.commands[at])
+        for at, past in self._equally_long:
+            commands = np.concatenate([past, self.commands[at]], axis=1)
+            drives[at] = model.drive_record(commands)[:, past.shape[1] :]
         return drives
 
     @cached_property
-    def _equally_long(self) -> list[Index]:
-        """Places (K, N) in the whole log of the K records of each length N."""
+    def _equally_long(self) -> list[tuple[Index, Array]]:
+        """Places (K, N) in the whole log of the K records of each length N, and the commands (K, M) before them."""
         first = np.concatenate([[0], np.cumsum([len(r) for r in self.records])])
-        begins: dict[int, list[int]] = {}
+        alike: dict[tuple[int, int], list[tuple[int, Array]]] = {}
         for begin, record in zip(first.tolist(), self.records, strict=False):
-            begins.setdefault(len(record), []).append(begin)
-        return [np.add.outer(own, np.arange(N)) for N, own in begins.items()]
+            alike.setdefault((len(record), len(record.past)), []).append((begin, record.past))
+        return [
+            (np.add.outer([begin for begin, _ in own], np.arange(N)), np.array([past for _, past in own]))
+            for (N, _), own in alike.items()
+        ]
 
     def _symbolic(self, p: casadi.SX) -> Model:
         return self.model.with_parameters(dict(zip(self.names, casadi.vertsplit(p), strict=True)))
@@ -219,7 +235,7 @@ class Response:
         """States (K, L+1, 2) of all windows from their starts (K, 2)."""
         K, L = len(self.windows), self.length
         held = drives[self.interval].reshape(K * L, -1).T
-        path = self._roll(starts.T, np.repeat(p[:, None], K * L, axis=1), held, self.time[:, :L].reshape(1, -1))
+        path = self._roll(starts.T, np.repeat(p[:, None], K * L, axis=1), held, self.clock[:, :L].reshape(1, -1))
         states = np.empty((K, L + 1, 2))
         states[:, 0] = starts
         states[:, 1:] = np.asarray(path).T.reshape(K, L, 2)
@@ -230,7 +246,7 @@ class Response:
         K, L, P = len(self.windows), self.length, len(self.names)
         flat = states[:, :L].reshape(K * L, 2).T
         held = drives[self.interval].reshape(K * L, -1).T
-        out = self._tangent(flat, np.repeat(p[:, None], K * L, axis=1), held, self.time[:, :L].reshape(1, -1))
+        out = self._tangent(flat, np.repeat(p[:, None], K * L, axis=1), held, self.clock[:, :L].reshape(1, -1))
         columns = np.asarray(out).T.reshape(K, L, -1, 2).transpose(0, 1, 3, 2)
         A, G, B = columns[..., :2], columns[..., 2 : 2 + P].copy(), columns[..., 2 + P :]
         for i in self.shaping:
@@ -244,7 +260,7 @@ class Response:
         if not self.model.output_effects:
             return np.swapaxes(states, -1, -2)
         model = self.model.with_parameters(dict(zip(self.names, p.tolist(), strict=True)))
-        reading = model.read_record(states[..., 0], states[..., 1], np.broadcast_to(self.time, states.shape[:-1]))
+        reading = model.read_record(states[..., 0], states[..., 1], np.broadcast_to(self.clock, states.shape[:-1]))
         return np.stack(reading, axis=-2)
 
     def reading_slopes(self, p: Array, states: Array, Z: Array, own: Array) -> Array:

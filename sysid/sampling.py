@@ -28,18 +28,29 @@ SHORTEST = 5
 @dataclass(frozen=True, eq=False)
 class Rows:
     """Rows of one rollout as they were logged: t (K,) [s], torque (K,) [N m] held from its row's time to the next,
-    theta (K,) [rad] (unwrapped) and theta_dot (K,) [rad/s], None where they were not measured."""
+    theta (K,) [rad] (unwrapped) and theta_dot (K,) [rad/s], None where they were not measured, nan where a row lacks
+    them. origin [s]: where the rollout began, of which these are a later piece."""
 
     name: str
     t: Array
     torque: Array
     theta: Array | None
     theta_dot: Array | None
+    origin: float | None = None
 
     def take(self, rows: NDArray[np.intp] | NDArray[np.bool_] | slice, name: str = "") -> Rows:
         """Some of the rows, perhaps under another name."""
         theta, theta_dot = (None if v is None else v[rows] for v in (self.theta, self.theta_dot))
-        return Rows(name or self.name, self.t[rows], self.torque[rows], theta, theta_dot)
+        return Rows(name or self.name, self.t[rows], self.torque[rows], theta, theta_dot, self.origin)
+
+    @property
+    def read(self) -> NDArray[np.bool_]:
+        """(K,) whether a row has its readings."""
+        read = np.ones(len(self.t), dtype=bool)
+        for channel in (self.theta, self.theta_dot):
+            if channel is not None:
+                read &= np.isfinite(channel)
+        return read
 
     @property
     def step(self) -> float:
@@ -105,21 +116,27 @@ def _stamps(rows: Rows, tally: Counter[str]) -> Rows:
 
 
 def _resolution(t: Array) -> float:
-    """The power of ten [s] that all stamps are multiples of; 0 where they have more than six decimals."""
+    """The power of ten [s] that the time since the first stamp is a multiple of; 0 where it has more than six decimals.
+    What float64 cannot tell (a quarter of a microsecond in seconds since 1970) counts as equal."""
+    since = t - t[0]
+    equal = 1e-9 * max(1.0, float(np.max(np.abs(since)))) + 4.0 * float(np.spacing(np.max(np.abs(t))))
     for decimals in range(7):
-        if np.max(np.abs(t - np.round(t, decimals))) <= 1e-9 * max(1.0, float(np.max(np.abs(t)))):
+        if np.max(np.abs(since - np.round(since, decimals))) <= equal:
             return float(10.0**-decimals)
     return 0.0
 
 
 def _pieces(rows: Rows, gaps: list[float]) -> Iterable[Rows]:
-    """The rows between gaps."""
-    steps = np.diff(rows.t)
+    """The rows between gaps in the readings, from the first of them to the last one."""
+    read = np.flatnonzero(rows.read)
+    steps = np.diff(rows.t[read])
     cuts = np.flatnonzero(steps > GAP * rows.step)
     gaps.extend(steps[cuts].tolist())
-    edges = [0, *(cuts + 1), len(rows.t)]
+    edges = [0, *(cuts + 1), len(read)]
     for k, (first, last) in enumerate(pairwise(edges), start=1):
-        yield rows.take(slice(first, last), f"{rows.name} part {k}" if len(cuts) else "")
+        if last > first:
+            piece = rows.take(slice(read[first], read[last - 1] + 1), f"{rows.name} part {k}" if len(cuts) else "")
+            yield replace(piece, origin=float(rows.t[0])) if k > 1 else piece
 
 
 def _interval(pieces: Sequence[Rows], dt: float | None) -> float:
@@ -148,21 +165,24 @@ def _interval(pieces: Sequence[Rows], dt: float | None) -> float:
 
 def _record(rows: Rows, dt: float, tally: Counter[str]) -> Record:
     """A record on an even grid: as it is, or each instant from its nearest row."""
-    n = len(rows.t) - 1
+    n, read = len(rows.t) - 1, rows.take(rows.read)
     own = (rows.t[-1] - rows.t[0]) / n
-    if abs(own - dt) * n <= 0.02 * dt and np.max(np.abs(rows.t - rows.t[0] - own * np.arange(n + 1))) <= 0.004 * dt:
-        return Record(rows.t, rows.torque[:-1], rows.theta, rows.theta_dot, name=rows.name)
+    even = np.max(np.abs(rows.t - rows.t[0] - own * np.arange(n + 1))) <= 0.004 * dt and abs(own - dt) * n <= 0.02 * dt
+    if even and len(read.t) == n + 1:
+        return Record(rows.t, rows.torque[:-1], rows.theta, rows.theta_dot, name=rows.name, origin=rows.origin)
     start = rows.t[0] + float(np.median(rows.t - rows.t[0] - dt * np.round((rows.t - rows.t[0]) / dt)))
     grid = start + dt * np.arange(max(int((rows.t[-1] - start) / dt + 0.5), 1) + 1)
-    right = np.clip(np.searchsorted(rows.t, grid), 1, n)
-    nearest = np.where(grid - rows.t[right - 1] <= rows.t[right] - grid, right - 1, right)
-    offset = np.abs(grid - rows.t[nearest])
-    near = len(grid) == n + 1 and float(offset.max()) <= 0.02 * dt
+    right = np.clip(np.searchsorted(read.t, grid), 1, len(read.t) - 1)
+    nearest = np.where(grid - read.t[right - 1] <= read.t[right] - grid, right - 1, right)
+    offset = np.abs(grid - read.t[nearest])
+    missing = int(np.sum(offset > FAR * rows.step))
+    near = len(grid) == n + 1 and float(np.max(np.abs(grid - rows.t))) <= 0.02 * dt
     torque = rows.torque[:-1] if near else _held(rows.t, rows.torque, grid)
-    theta, theta_dot = (None if y is None else _moved(rows.t, y, grid, nearest) for y in (rows.theta, rows.theta_dot))
-    tally["stamps put right" if near else "resampled"] += 1
-    tally["missing row(s) filled in"] += int(np.sum(offset > FAR * rows.step))
-    return Record(grid, torque, theta, theta_dot, name=rows.name)
+    theta, theta_dot = (None if y is None else _moved(read.t, y, grid, nearest) for y in (read.theta, read.theta_dot))
+    if not even:
+        tally["stamps put right" if near else "resampled"] += 1
+    tally["missing row(s) filled in"] += missing
+    return Record(grid, torque, theta, theta_dot, name=rows.name, origin=rows.origin)
 
 
 def _held(t: Array, torque: Array, grid: Array) -> Array:
@@ -218,10 +238,9 @@ def _notes(pieces: Sequence[Rows], dt: float, tally: Counter[str], gaps: Sequenc
     if resampled or near:
         rates = 1.0 / np.concatenate([np.diff(p.t) for p in pieces])
         slow, fast = np.percentile(rates, [1.0, 99.0])
-        if resampled or fast - slow > 0.01 * fast:
-            done.append(
-                f"{'resampled' if resampled else 'stamps put right'} from {_span(slow, fast)} to {1 / dt:.4g} Hz"
-            )
+        before, after = _span(slow, fast), f"{1 / dt:.4g} Hz"
+        if before != after and (resampled or fast - slow > 0.01 * fast):
+            done.append(f"{'resampled' if resampled else 'stamps put right'} from {before} to {after}")
     done += [_plural(n, what) for what, n in tally.items() if n]
     if gaps:
         longest = f"up to {max(gaps):.2g} s" if len(gaps) > 1 else f"{gaps[0]:.2g} s"

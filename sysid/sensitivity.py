@@ -73,7 +73,9 @@ class Segments:
         self.n_readings = np.zeros(2, dtype=int)
         self.scatter = np.zeros(2)
         self.value, self.weight = self._targets()
-        self.time = np.concatenate([self.length * model.dt * np.arange(c) for c in self.counts])[None, :]
+        begins = [float(r.clock[0]) for r in self.records]
+        since = [begin + self.length * model.dt * np.arange(c) for begin, c in zip(begins, self.counts, strict=True)]
+        self.time = np.concatenate(since)[None, :]
         self.path = self._input_path()
         self.functions = functions or self._segment()
         self.segment, self.slope, self.curvature = (f.map(self.size) for f in self.functions)
@@ -118,9 +120,10 @@ class Segments:
         p = casadi.MX.sym("p", len(self.names))
         columns = []
         for record, count in zip(self.records, self.counts, strict=True):
-            u = casadi.DM(record.u).T
-            drive = self._drive_step().mapaccum(len(record))(self._rest(), u, p)[1] if model.input_effects else None
-            drive = casadi.repmat(u, S, 1) if drive is None else drive
+            drive = casadi.repmat(casadi.DM(record.u).T, S, 1)
+            if model.input_effects:
+                u = casadi.DM(np.concatenate([record.past, record.u])).T
+                drive = self._drive_step().mapaccum(u.numel())(self._rest(), u, p)[1][:, len(record.past) :]
             padded = casadi.horzcat(drive, casadi.DM.zeros(S, count * L - len(record)))
             columns.append(casadi.reshape(padded, S * L, count))
         drives = casadi.horzcat(*columns)

@@ -122,7 +122,7 @@ def shapes(residuals: Residuals) -> dict[str, Shape]:
 def _angles(residuals: Residuals) -> Shape:
     inside = residuals.theta[residuals.scored]
     low, high = np.quantile(inside, [0.005, 0.995])
-    if high - low > 5.0:
+    if residuals.response.model.plant.turns and high - low > 5.0:
         knots = np.linspace(0.0, 2.0 * math.pi, _KNOTS["theta"], endpoint=False)
         return Shape("rad", knots, hats(residuals.theta, knots, 2.0 * math.pi))
     knots = np.linspace(low, high, _KNOTS["theta"]) if high - low > 0.02 else np.array([low])

@@ -38,8 +38,9 @@ def _on(near: Refit, fit: Refit) -> Array:
     paths = [np.zeros((len(r) + 1, 2)) for r in fit.response.records]
     for refitted in (fit, near):
         for w, states in zip(refitted.response.windows, refitted.lin.states, strict=True):
-            own = states[w.lead : w.count + 1]
-            paths[w.record][w.begin + w.lead : w.begin + w.count + 1] = np.where(np.isfinite(own), own, 0.0)
+            lead = w.lead if w.begin > 0 else 0
+            own = states[lead : w.count + 1]
+            paths[w.record][w.begin + lead : w.begin + w.count + 1] = np.where(np.isfinite(own), own, 0.0)
     found = np.zeros_like(fit.lin.states)
     for i, w in enumerate(fit.response.windows):
         own = paths[w.record][w.begin : w.begin + w.count + 1]
@@ -64,7 +65,7 @@ class Explained:
 class Residuals:
     """Residuals e (rows,) of refitted windows and the intervals (K, L) that they come from.
 
-    theta (mod 2 pi), theta_dot, time (K, L) at the middle of each interval; scored (K, L): whether it is in the scored
+    theta (its place), theta_dot, time (K, L) at the middle of each interval; scored (K, L): whether it is in the scored
     part of a window. theta and theta_dot are those of shorter windows (`near`), which stay nearer to the readings.
     Windows `without` are left out.
     """
@@ -83,7 +84,7 @@ class Residuals:
         self.A = np.where(steady[:, None, None, None], fit.lin.A, 0.0)
         along = _on(near, fit)
         middle = 0.5 * (along[:, :L] + along[:, 1:])
-        self.theta, self.theta_dot = np.mod(middle[..., 0], 2.0 * math.pi), middle[..., 1]
+        self.theta, self.theta_dot = response.model.plant.place(middle[..., 0]), middle[..., 1]
         self.time = response.time[:, :L] + 0.5 * response.model.dt
         self.push = self._push() * steady[:, None, None]
 
@@ -101,8 +102,9 @@ class Residuals:
         """The command (K, L) [N m] of `lag` samples before each interval; 0 before a record, its last one after."""
         found = np.zeros(self.theta.shape)
         for i, w in enumerate(self.response.windows):
-            u = self.response.records[w.record].u
-            k = w.begin + np.arange(self.response.length) - lag
+            record = self.response.records[w.record]
+            u = np.concatenate([record.past, record.u])
+            k = len(record.past) + w.begin + np.arange(self.response.length) - lag
             found[i] = np.where(k >= 0, u[np.clip(k, 0, len(u) - 1)], 0.0)
         return found
 
@@ -134,7 +136,7 @@ class Residuals:
     def _after(self, model: Model, held: Array) -> Array:
         L = self.response.length
         drives = tuple(held[..., j] for j in range(held.shape[-1]))
-        after = model.move(self.states[:, :L, 0], self.states[:, :L, 1], drives, self.response.time[:, :L])
+        after = model.move(self.states[:, :L, 0], self.states[:, :L, 1], drives, self.response.clock[:, :L])
         return np.stack(after, axis=-1)
 
     def explain(self, z: Array) -> Explained:

@@ -47,9 +47,9 @@ class Alternative:
             if p.never:
                 values[k] = float(getattr(probe, k))
                 continue
-            width = min(high - low, 1.0)
             neutral = 0.0 if p.neutral is None else p.neutral
-            values[k] = float(np.clip(neutral + a, low + 1e-3 * width, high - 1e-3 * width))
+            inside = min(1e-3 * min(high - low, 1.0), 0.05 * abs(float(getattr(probe, k)) - neutral))
+            values[k] = float(np.clip(neutral + a, low + inside, high - inside))
         effect: Effect = self.neutral.with_parameters(values)
         return effect
 

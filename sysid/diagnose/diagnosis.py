@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,7 @@ from sysid.estimate import Estimate
 from sysid.fit import free
 from sysid.identify.gauss_newton import HORIZONS, Fit, fit_longest
 from sysid.model import Model
-from sysid.records import Record, check_records
+from sysid.records import Record, check_records, told_apart
 from sysid.response import cut
 from sysid.sensor import Sensor
 from sysid.smoothing.touched import Touched
@@ -61,7 +60,7 @@ def diagnose(
     from sysid.logs import leave_out, split
 
     began = time.perf_counter()
-    records = _told_apart(check_records(model.model if isinstance(model, Estimate) else model, records))
+    records = told_apart(check_records(model.model if isinstance(model, Estimate) else model, records))
     names = model.names if isinstance(model, Estimate) else free(model)
     if isinstance(model, Estimate):
         sensor, model = sensor or model.sensor, model.model
@@ -96,12 +95,6 @@ def _touched(fit: Fit) -> tuple[Touched, ...]:
     from sysid.smoothing.residual_torque import residual_torque
 
     return residual_torque(fit.model, fit.response.records, Sensor(**fit.residual_sd())).touched
-
-
-def _told_apart(records: Sequence[Record]) -> tuple[Record, ...]:
-    """The records under names of their own: stretches of them are named in the answer, and left out by name."""
-    names = [r.name for r in records]
-    return tuple(replace(r, name=f"{r.name} {i}") if names.count(r.name) > 1 else r for i, r in enumerate(records))
 
 
 def _known(effects: Iterable[str]) -> tuple[str, ...]:
@@ -271,7 +264,7 @@ class _Report:
         """Parameters that no log of this kind separates, and effects that the free parameters absorb."""
         groups = []
         plant = tuple(n for n in self.end.names if "." not in n)
-        absorbed = tuple(n for n, s in self.first.scores.items() if not s.visible)
+        absorbed = tuple(n for n, s in self.first.scores.items() if s.absorbed)
         if absorbed:
             groups.append((*plant, *absorbed))
         groups.extend((a.name, *a.same) for a in self.search.additions if a.same)

@@ -133,9 +133,9 @@ class Directions:
     def torque_of(self, effect: Effect) -> Array:
         """Mean torque (K, L) [N m] of an effect over each interval, along the fitted states."""
         assert isinstance(effect, JointEffect)
-        time, ends = self.response.time, []
+        clock, ends = self.response.clock, []
         for side in (slice(None, -1), slice(1, None)):
-            joint = self.model.joint(self.theta[:, side], self.theta_dot[:, side], time[:, side], self.drive)
+            joint = self.model.joint(self.theta[:, side], self.theta_dot[:, side], clock[:, side], self.drive)
             ends.append(np.broadcast_to(np.asarray(effect.torque(joint), dtype=float), self.drive.shape))
         return np.asarray(0.5 * (ends[0] + ends[1]))
 
@@ -151,7 +151,7 @@ class Directions:
     def _after(self, model: Model, held: Array) -> Array:
         L = self.response.length
         drives = tuple(held[..., j] for j in range(held.shape[-1]))
-        after = model.move(self.theta[:, :L], self.theta_dot[:, :L], drives, self.response.time[:, :L])
+        after = model.move(self.theta[:, :L], self.theta_dot[:, :L], drives, self.response.clock[:, :L])
         return np.stack(after, axis=-1)
 
     def _seen(self, G: Array) -> Array:

@@ -63,7 +63,7 @@ def bases(directions: Directions) -> dict[str, Array]:
     theta = 0.5 * (directions.theta[:, :L] + directions.theta[:, 1:])
     theta_dot = 0.5 * (directions.theta_dot[:, :L] + directions.theta_dot[:, 1:])
     scored = directions.response.scored
-    angles = _angles(theta, scored)
+    angles = _angles(theta, scored, directions.model.plant.turns)
     moving = np.tanh(theta_dot / max(1e-6, 0.2 * float(np.std(theta_dot[scored]))))
     return {
         "theta": angles,
@@ -91,14 +91,14 @@ def _splines(x: Array, scored: Mask, count: int) -> Array:
     return values
 
 
-def _angles(theta: Array, scored: Mask) -> Array:
+def _angles(theta: Array, scored: Mask, turns: bool) -> Array:
     """Splines over the angle: periodic where whole turns were made, else over the stretch that was seen."""
     inside = theta[scored]
     span = float(np.max(inside) - np.min(inside)) if inside.size else 0.0
     if span < 0.05:
         return np.zeros((*theta.shape, 0))
     count = int(np.clip(round(min(span, 2.0 * math.pi) / 0.3), 6, 20))
-    if span < 2.0 * math.pi:
+    if not turns or span < 2.0 * math.pi:
         return _splines(theta, scored, count)
     turn = np.mod(theta, 2.0 * math.pi)
     centres = np.linspace(0.0, 2.0 * math.pi, count, endpoint=False)
@@ -128,12 +128,12 @@ def _history(directions: Directions, lags: tuple[int, ...] = (-1, 1, 2, 4, 8, 16
     """Commands of earlier intervals, which a missing state would remember, and of the next: a log stamped late."""
     response, L = directions.response, directions.response.length
     columns = []
-    first = np.concatenate([[0], np.cumsum([len(r) for r in response.records])])
+    commands = [np.concatenate([r.past, r.u]) for r in response.records]
     for lag in lags:
         column = np.zeros((len(response.windows), L))
         for i, w in enumerate(response.windows):
-            n = len(response.records[w.record])
-            at = np.clip(w.begin + np.arange(L) - lag, 0, n - 1)
-            column[i] = response.commands[first[w.record] + at]
+            own = commands[w.record]
+            known = len(response.records[w.record].past)
+            column[i] = own[np.clip(known + w.begin + np.arange(L) - lag, 0, len(own) - 1)]
         columns.append(column)
     return np.stack(columns, axis=-1)

@@ -36,10 +36,20 @@ def extend(fit: Fit, score: Score, full: Fit | None = None) -> Fit:
     promised = 0.5 * score.lm * fit.variance
     if full is None and fit.solution.lin.cost - best.solution.lin.cost < 0.3 * promised:
         best = min(best, _with(fit, [expected], fit.solution.p, fit), key=_cost)
+    if not best.solution.converged:
+        best = min(best, at_horizon(_through_shorter(fit, expected), fit.horizon), key=_cost)
     if full is not None:
         p = np.array([full.solution.p[full.names.index(n)] for n in fit.names])
         best = min(best, _with(fit, [expected, *others], p, full), key=_cost)
     return best
+
+
+def _through_shorter(fit: Fit, effect: Effect) -> Fit:
+    """The fit with one more effect, begun at short windows: where a whole motion is far off they still show the way."""
+    response, own = fit.response, {f"{effect.name}.{k}": float(p.value) for k, p in effect.parameters.items()}
+    p = np.concatenate([fit.solution.p, list(own.values())])
+    names = (*fit.names, *own)
+    return fit_longest(fit.model.with_effect(effect), names, response.records, response.sensor, p, lead=LEAD)
 
 
 def _with(fit: Fit, effects: Sequence[Effect], p: Array, near: Fit) -> Fit:

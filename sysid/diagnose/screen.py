@@ -31,6 +31,7 @@ class Score:
     sd          their standard deviations
     others      the other ways to try the effect, where they are few
     visible     whether the effect moves the readings beside the fitted parameters at all
+    absorbed    whether it moves them, but as the fitted parameters do
     z           (rows, q) z_perp at the best shape
     """
 
@@ -43,6 +44,7 @@ class Score:
     visible: bool
     z: Array
     others: tuple[Alternative, ...] = ()
+    absorbed: bool = False
 
     def start(self) -> dict[str, float]:
         """Numbers of the effect to begin a fit with, by field."""
@@ -64,9 +66,10 @@ def screen(
 
 def score(directions: Directions, alternatives: tuple[Alternative, ...], clusters: Index) -> Score:
     """The best of an effect's alternatives."""
-    best, units = None, []
+    best, units, moved = None, [], False
     for alternative, z, size in directions.each(alternatives):
         test = Test.of(directions, z, size, clusters, alternative.side)
+        moved = moved or bool(np.any(size > 0.0))
         if test.rank == 0:
             continue
         if len(alternatives) <= 16:
@@ -75,7 +78,8 @@ def score(directions: Directions, alternatives: tuple[Alternative, ...], cluster
             best = (test, alternative, z)
     if best is None:
         name = alternatives[0].name
-        return Score(name, 0.0, 1.0, alternatives[0], (), (), False, np.zeros((directions.e.size, 0)))
+        nothing = np.zeros((directions.e.size, 0))
+        return Score(name, 0.0, 1.0, alternatives[0], (), (), False, nothing, absorbed=moved)
     test, alternative, z = best
     p = min(1.0, _tries(units, len(alternatives), test.rank) * test.p_value)
     others = alternatives if 1 < len(alternatives) <= 8 else ()

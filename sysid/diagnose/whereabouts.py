@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from sysid.diagnose.flexible import Dependence
@@ -26,7 +24,7 @@ def whereabouts(fit: Fit, dependence: Dependence) -> str:
     if on == "history":
         return "on what happened up to 16 samples before"
     x, unit = {
-        "theta": (np.mod(fit.solution.lin.states[:, :L, 0], 2.0 * math.pi)[scored], "rad"),
+        "theta": (fit.model.plant.place(fit.solution.lin.states[:, :L, 0])[scored], "rad"),
         "theta_dot": (fit.solution.lin.states[:, :L, 1][scored], "rad/s"),
         "torque": (fit.solution.lin.drives[response.interval].mean(axis=-1)[scored], "N m"),
     }[on]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
@@ -110,7 +111,7 @@ class DeadZone(InputEffect):
 
     formula: ClassVar[str] = "drive = sign(u) max(|u| - d, 0)"
     confused: ClassVar[tuple[str, ...]] = ("coulomb", "torque_gain")
-    d: Value = parameter(0.0, unit="N m", bounds=(0.0, 10.0), neutral=0.0)
+    d: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
 
     def advance(self, signal: Sequence[Value], memory: Memory, dt: float) -> tuple[tuple[Value, ...], Memory]:
         """u - clip(u, -d, d)."""
@@ -144,7 +145,7 @@ class BackEmf(JointEffect):
     formula: ClassVar[str] = "tau = -k theta_dot, while the driver is on"
     confused: ClassVar[tuple[str, ...]] = ("viscous", "drag", "load_friction")
     friction: ClassVar[bool] = True
-    k: Value = parameter(0.0, unit="N m s/rad", bounds=(0.0, 10.0), neutral=0.0)
+    k: Value = parameter(0.0, unit="N m s/rad", bounds=(0.0, math.inf), neutral=0.0)
 
     def torque(self, joint: Joint) -> Value:
         """-k theta_dot [N m]."""

@@ -22,7 +22,7 @@ class TorqueBias(JointEffect):
 
     formula: ClassVar[str] = "tau = tau_0"
     confused: ClassVar[tuple[str, ...]] = ("spring", "tilt", "drift", "asymmetric_coulomb", "angle_offset")
-    tau_0: Value = parameter(0.0, unit="N m", bounds=(-10.0, 10.0), neutral=0.0)
+    tau_0: Value = parameter(0.0, unit="N m", bounds=(-math.inf, math.inf), neutral=0.0)
 
     def torque(self, joint: Joint) -> Value:
         """tau_0 [N m]."""
@@ -45,8 +45,8 @@ class Periodic(JointEffect):
 
     formula: ClassVar[str] = "tau = a sin(2 pi f t) + b cos(2 pi f t)"
     confused: ClassVar[tuple[str, ...]] = ("ripple", "drift")
-    a: Value = parameter(0.0, unit="N m", bounds=(-10.0, 10.0), neutral=0.0)
-    b: Value = parameter(0.0, unit="N m", bounds=(-10.0, 10.0), neutral=0.0)
+    a: Value = parameter(0.0, unit="N m", bounds=(-math.inf, math.inf), neutral=0.0)
+    b: Value = parameter(0.0, unit="N m", bounds=(-math.inf, math.inf), neutral=0.0)
     f: Value = parameter(1.0, unit="Hz", bounds=(1e-3, 100.0), probe=_frequencies)
 
     def torque(self, joint: Joint) -> Value:
@@ -61,7 +61,7 @@ class Drift(JointEffect):
 
     formula: ClassVar[str] = "tau = r t"
     confused: ClassVar[tuple[str, ...]] = ("torque_bias", "periodic")
-    r: Value = parameter(0.0, unit="N m/s", bounds=(-10.0, 10.0), neutral=0.0)
+    r: Value = parameter(0.0, unit="N m/s", bounds=(-math.inf, math.inf), neutral=0.0)
 
     def torque(self, joint: Joint) -> Value:
         """r t [N m]."""

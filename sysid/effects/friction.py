@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -18,7 +19,7 @@ class Viscous(JointEffect):
     formula: ClassVar[str] = "tau = -b theta_dot"
     confused: ClassVar[tuple[str, ...]] = ("back_emf", "drag", "asymmetric_viscous", "load_friction", "coulomb")
     friction: ClassVar[bool] = True
-    b: Value = parameter(0.0, unit="N m s/rad", bounds=(0.0, 10.0), neutral=0.0)
+    b: Value = parameter(0.0, unit="N m s/rad", bounds=(0.0, math.inf), neutral=0.0)
 
     def torque(self, joint: Joint) -> Value:
         """-b theta_dot [N m]."""
@@ -38,7 +39,7 @@ class Coulomb(DryFriction):
         "torque_gain",
         "dead_zone",
     )
-    tau_c: Value = parameter(0.0, unit="N m", bounds=(0.0, 10.0), neutral=0.0)
+    tau_c: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
 
     def limits(self, joint: Joint) -> tuple[Value, Value]:
         """tau_c both ways [N m]."""
@@ -55,8 +56,8 @@ class Stribeck(DryFriction):
 
     formula: ClassVar[str] = "tau = -(tau_c + excess exp(-(theta_dot/v_s)^2)) sign(theta_dot)"
     confused: ClassVar[tuple[str, ...]] = ("coulomb",)
-    tau_c: Value = parameter(0.0, unit="N m", bounds=(0.0, 10.0), neutral=0.0)
-    excess: Value = parameter(0.0, unit="N m", bounds=(0.0, 10.0), neutral=0.0)
+    tau_c: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
+    excess: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
     v_s: Value = parameter(0.15, unit="rad/s", bounds=(0.005, 10.0), probe=(0.05, 0.15, 0.5))
 
     def limits(self, joint: Joint) -> tuple[Value, Value]:
@@ -73,7 +74,7 @@ class Drag(JointEffect):
     formula: ClassVar[str] = "tau = -c |theta_dot| theta_dot"
     confused: ClassVar[tuple[str, ...]] = ("viscous", "back_emf")
     friction: ClassVar[bool] = True
-    c: Value = parameter(0.0, unit="N m s^2/rad^2", bounds=(0.0, 10.0), neutral=0.0)
+    c: Value = parameter(0.0, unit="N m s^2/rad^2", bounds=(0.0, math.inf), neutral=0.0)
 
     def torque(self, joint: Joint) -> Value:
         """-c |theta_dot| theta_dot [N m]."""
@@ -87,8 +88,8 @@ class AsymmetricViscous(JointEffect):
     formula: ClassVar[str] = "tau = -b_plus max(theta_dot, 0) - b_minus min(theta_dot, 0)"
     confused: ClassVar[tuple[str, ...]] = ("viscous", "asymmetric_coulomb")
     friction: ClassVar[bool] = True
-    b_plus: Value = parameter(0.0, unit="N m s/rad", bounds=(0.0, 10.0), neutral=0.0)
-    b_minus: Value = parameter(0.0, unit="N m s/rad", bounds=(0.0, 10.0), neutral=0.0)
+    b_plus: Value = parameter(0.0, unit="N m s/rad", bounds=(0.0, math.inf), neutral=0.0)
+    b_minus: Value = parameter(0.0, unit="N m s/rad", bounds=(0.0, math.inf), neutral=0.0)
 
     def torque(self, joint: Joint) -> Value:
         """-b_plus max(theta_dot, 0) - b_minus min(theta_dot, 0) [N m]."""
@@ -104,8 +105,8 @@ class AsymmetricCoulomb(DryFriction):
 
     formula: ClassVar[str] = "tau = -tau_plus (theta_dot > 0), +tau_minus (theta_dot < 0)"
     confused: ClassVar[tuple[str, ...]] = ("coulomb", "torque_bias", "asymmetric_viscous")
-    tau_plus: Value = parameter(0.0, unit="N m", bounds=(0.0, 10.0), neutral=0.0)
-    tau_minus: Value = parameter(0.0, unit="N m", bounds=(0.0, 10.0), neutral=0.0)
+    tau_plus: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
+    tau_minus: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
 
     def limits(self, joint: Joint) -> tuple[Value, Value]:
         """tau_plus against positive, tau_minus against negative motion [N m]."""

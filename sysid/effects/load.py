@@ -54,7 +54,7 @@ class Spring(JointEffect):
 
     formula: ClassVar[str] = "tau = -k (theta - pi)"
     confused: ClassVar[tuple[str, ...]] = ("torque_bias", "ripple")
-    k: Value = parameter(0.0, unit="N m/rad", bounds=(-100.0, 100.0), neutral=0.0)
+    k: Value = parameter(0.0, unit="N m/rad", bounds=(-math.inf, math.inf), neutral=0.0)
 
     def torque(self, joint: Joint) -> Value:
         """-k (theta - pi) [N m]."""
@@ -70,8 +70,8 @@ class Ripple(JointEffect):
 
     formula: ClassVar[str] = "tau = a sin(order theta) + b cos(order theta)"
     confused: ClassVar[tuple[str, ...]] = ("spring", "periodic")
-    a: Value = parameter(0.0, unit="N m", bounds=(-10.0, 10.0), neutral=0.0)
-    b: Value = parameter(0.0, unit="N m", bounds=(-10.0, 10.0), neutral=0.0)
+    a: Value = parameter(0.0, unit="N m", bounds=(-math.inf, math.inf), neutral=0.0)
+    b: Value = parameter(0.0, unit="N m", bounds=(-math.inf, math.inf), neutral=0.0)
     order: Value = parameter(6.0, unit="1", bounds=(2.0, 60.0), probe=tuple(float(n) for n in range(2, 25)))
 
     def torque(self, joint: Joint) -> Value:
@@ -93,7 +93,7 @@ class RotorInertia(JointEffect):
 
     formula: ClassVar[str] = "(J + J_r) theta_ddot = ..."
     confused: ClassVar[tuple[str, ...]] = ("torque_gain",)
-    J_r: Value = parameter(0.0, unit="kg m^2", bounds=(0.0, 100.0), neutral=0.0, probe=_small_inertia)
+    J_r: Value = parameter(0.0, unit="kg m^2", bounds=(0.0, math.inf), neutral=0.0, probe=_small_inertia)
 
     def inertia(self) -> Value:
         """J_r [kg m^2]."""

@@ -61,7 +61,9 @@ class GridSearch:
 
     def _axis(self, name: str, bounds: tuple[float, float]) -> Array:
         if not math.isfinite(bounds[1] - bounds[0]):
-            raise InvalidInput(f"{name} has no finite bounds {bounds}: a grid needs them; use LeastSquares")
+            raise InvalidInput(
+                f"{name} has no finite bounds {bounds}: a grid needs them (as Viscous(bounds={{'b': (0, 1)}})); use LeastSquares"
+            )
         if self.points < 2:
             raise InvalidInput(f"points = {self.points}: expected at least 2")
         return np.linspace(*bounds, self.points)
@@ -123,10 +125,10 @@ class _OneStep:
             raise InvalidInput(
                 f"{record.name} has the start angle alone: a grid search needs the angle of every instant"
             )
-        self.model, self.t = model, record.t[:n] - record.t[0]
+        self.model, self.t = model, record.clock[:n]
         self.theta, self.before = record.theta[:n], record.theta_dot[:n]
         self.after = record.theta_dot[1:] if record.theta_dot_after is None else record.theta_dot_after
-        self.drives = _drives(model, record.u)
+        self.drives = _drives(model, record)
 
     def __call__(self, k: slice) -> Array:
         drives = tuple(d[..., k] for d in self.drives)
@@ -134,11 +136,11 @@ class _OneStep:
         return np.atleast_2d(predicted - self.after[k])
 
 
-def _drives(model: Model, u: Array) -> Drives:
+def _drives(model: Model, record: Record) -> Drives:
     """Drive torques over a whole record, one (..., N) array a substep."""
     if not model.input_effects:
-        return (u,) * model.integrator.substeps
-    columns = list(model.drives(u.tolist()))
+        return (record.u,) * model.integrator.substeps
+    columns = list(model.drives([*record.past.tolist(), *record.u.tolist()]))[len(record.past) :]
     return tuple(
         np.concatenate([np.reshape(drive[j], (-1, 1)) for drive in columns], axis=1)
         for j in range(model.integrator.substeps)

@@ -212,7 +212,7 @@ class _Pass:
     def __init__(self, settings: UnscentedKalman, model: Model, coordinates: Coordinates, record: Record) -> None:
         from filterpy.kalman import MerweScaledSigmaPoints  # loads for half a second
 
-        self.record, self.coordinates = record, coordinates
+        self.record, self.coordinates, self.begin = record, coordinates, float(record.clock[0])
         names = tuple(settings.parameters)
         self.size = 2 + len(names)
         self.points = MerweScaledSigmaPoints(
@@ -240,6 +240,9 @@ class _Pass:
         kf.P = np.block([[self.start_covariance, np.zeros((2, len(mean)))], [np.zeros((len(mean), 2)), covariance]])
         kf.sigmas_f = self.points.sigma_points(kf.x, kf.P)
         self.memory, self.s = self.model.rest(np.zeros(2 * self.size + 1)), kf.sigmas_f[:, 2:]
+        self.rows[:] = self.coordinates(self.s).T
+        for u in self.record.past.tolist() if self.model.input_effects else ():
+            _, self.memory = self.model.drive(u, self.memory)
         squares, count = np.zeros(2), np.zeros(2, dtype=int)
         with np.errstate(over="ignore", invalid="ignore"):
             for k, (channel, value, variance) in enumerate(self.readings):
@@ -263,7 +266,7 @@ class _Pass:
         drives, self.memory = self.model.drive(float(self.record.u[k]), memory)
         self.s = s
         after = sigmas.copy()
-        after[:, 0], after[:, 1] = self.model.move(sigmas[:, 0], sigmas[:, 1], drives, k * dt)
+        after[:, 0], after[:, 1] = self.model.move(sigmas[:, 0], sigmas[:, 1], drives, self.begin + k * dt)
         return after
 
 

@@ -176,6 +176,8 @@ def _weighed(
     plant = tuple(n for n in model.plant.parameters if n in fitted or n in names)
     unknown = (*plant, *own.values())
     payload = limits.payload or _payload(model)
+    if not model.plant.turns:
+        payload = payload[0], 1.0  # a carriage carries it, wherever it sits
     shown = _shown(model, unknown, None), _shown(model, unknown, payload)
     for known in ((), ("m",), ("m", "l"), ("m", "l", "g")):
         left = [i for i, n in enumerate(unknown) if n not in known]
@@ -265,10 +267,11 @@ def _with_payload(
     first = f"{_measuring(known)}, and " if known else ""
     orders = "; ".join(dict.fromkeys(s.sentence for s in signals))
     theta = np.concatenate([r.theta for r in runs])
+    place = f"hung on {payload[1]:g} m from the axis" if model.plant.turns else "on it"
     return Experiment(
         kind="payload",
-        description=f"{first}{orders}, for {limits.duration:g} s, once as it is and once with {payload[0]:g} kg hung "
-        f"on {payload[1]:g} m from the axis: that tells {', '.join(rest)} apart, {rest[k]} to +-{after:.2g} {unit}.",
+        description=f"{first}{orders}, for {limits.duration:g} s, once as it is and once with {payload[0]:g} kg "
+        f"{place}: that tells {', '.join(rest)} apart, {rest[k]} to +-{after:.2g} {unit}.",
         separates=unknown,
         measure="interval",
         before=None,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,7 @@ import numpy as np
 
 from sysid.comparison.held_out import finite
 from sysid.errors import InvalidInput
+from sysid.files import save_text
 from sysid.planning.contest import Contest
 from sysid.records import Array
 
@@ -122,17 +124,17 @@ class Experiment:
         """Write what a rig plays: columns t [s] and torque [N m], held from that row's time; the last row lasts dt too.
 
         Several rollouts stand below one another, told apart by a column `rollout`. Raises InvalidInput where there is
-        nothing to play.
+        nothing to play, and for a file that cannot be written.
         """
         if not self.u.size:
             raise InvalidInput(f"nothing to play: {self.description}")
-        with open(path, "w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            several = len(self.u) > 1
-            writer.writerow([*(["rollout"] if several else []), "t", "torque"])
-            for i, u in enumerate(self.u):
-                for t, value in zip(self.t, u, strict=False):
-                    writer.writerow([*([i] if several else []), repr(round(float(t), 9)), repr(float(value))])
+        several, text = len(self.u) > 1, io.StringIO()
+        writer = csv.writer(text)
+        writer.writerow([*(["rollout"] if several else []), "t", "torque"])
+        for i, u in enumerate(self.u):
+            for t, value in zip(self.t, u, strict=False):
+                writer.writerow([*([i] if several else []), repr(round(float(t), 9)), repr(float(value))])
+        save_text(path, text.getvalue())
 
     def __str__(self) -> str:
         lines = [self.description]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from sysid.ops import Value
 from sysid.parameters import parameter
@@ -19,6 +20,7 @@ class LinearAxis(Plant):
     of an effect changes with it: N for N m, m for rad.
     """
 
+    turns: ClassVar[bool] = False
     m: Value = parameter(1.0, unit="kg", bounds=(1e-3, 1e4))
 
     def inertia(self) -> Value:

@@ -30,7 +30,7 @@ class Instants:
         beyond = np.full((len(counts), 1), counts.sum())
         rows = np.concatenate([response.interval, beyond], axis=1)[self.inside]
         self.drives = response.drives(_NO_PARAMETERS)[0][rows]
-        self.t = response.time[self.inside]
+        self.t, self.clock = response.time[self.inside], response.clock[self.inside]
         self.y, self.weight = (np.swapaxes(v, 1, 2)[self.inside] for v in (response.y, response.weight))
         self.number = np.repeat(np.arange(len(counts)), counts + 1)
         self.follows = np.append(self.number[1:] == self.number[:-1], False)
@@ -48,8 +48,8 @@ class Instants:
         x = np.zeros((len(self.t), 2))
         first = np.searchsorted(self.number, np.arange(len(self.records)))
         for window, states in zip(windows, fit.lin.states, strict=True):
-            begin = first[window.record] + window.begin
-            x[begin + window.lead : begin + window.count + 1] = states[window.lead : window.count + 1]
+            begin, lead = first[window.record] + window.begin, window.lead if window.begin > 0 else 0
+            x[begin + lead : begin + window.count + 1] = states[lead : window.count + 1]
         return x, error_of(fit, seconds).ratio
 
     def residuals(self, x: Array) -> Array:
@@ -81,9 +81,9 @@ class Instants:
         return max(float(np.sqrt(np.mean(change**2))) / max(response, 1e-12), 1e-9)
 
     def coordinates(self, x: Array) -> dict[str, Array]:
-        """Mean theta (mod 2 pi), theta_dot, drive torque and time of each interval, (M,) each."""
+        """Mean theta (its place), theta_dot, drive torque and time of each interval, (M,) each."""
         middle = 0.5 * (x + np.roll(x, -1, axis=0))
-        own = {"theta": np.mod(middle[:, 0], 2.0 * np.pi), "theta_dot": middle[:, 1]}
+        own = {"theta": self.model.plant.place(middle[:, 0]), "theta_dot": middle[:, 1]}
         return own | {"torque": self.drives.mean(axis=1), "time": self.t + 0.5 * self.model.dt}
 
     def split(self, values: Array) -> list[Array]:
@@ -92,7 +92,7 @@ class Instants:
 
     def _move(self, z: Array) -> Array:
         drives = tuple((self.drives + z[:, 2:]).T)
-        return np.stack(np.broadcast_arrays(*self.model.move(z[:, 0], z[:, 1], drives, self.t)), axis=1)
+        return np.stack(np.broadcast_arrays(*self.model.move(z[:, 0], z[:, 1], drives, self.clock)), axis=1)
 
     def _readings(self, x: Array) -> tuple[Array, Array]:
         """Slopes H (M, 2, 2) of the readings and residuals r (M, 2), in units of the sensor's sd.

@@ -71,7 +71,7 @@ class Binned:
         mean = np.where(np.abs(mean) > 2.0 * np.nan_to_num(self.sd), mean, 0.0)
         at = int(np.argmax(np.abs(mean)))
         alike = mean * np.sign(mean[at]) >= 0.5 * abs(mean[at])
-        round_about = self.name == "theta"
+        round_about = self.name == "theta" and math.isclose(self.edges[-1] - self.edges[0], 2.0 * math.pi)
         low, high = at, at
         while alike[(low - 1) % B] and (round_about or low > 0) and high - low < B - 1:
             low -= 1
@@ -290,7 +290,7 @@ def _answer(
     normal = float(np.sum(np.log(log.weight[seen]))) - 0.5 * math.log(2.0 * math.pi) * np.count_nonzero(seen)
     at, number = log.coordinates(x), log.number[inside]
     stretch = number if len(log.records) > 1 else np.arange(len(number)) * 8 // len(number)
-    binned = {name: _binned(name, at[name], d, inside, smoothed) for name in UNITS}
+    binned = {name: _binned(name, at[name], d, inside, smoothed, log.model.plant.turns) for name in UNITS}
     return ResidualTorque(
         records=tuple(
             Followed(v.name, v.t, own[:, 0], own[:, 1], own[:-1, 2], own[:-1, 3])
@@ -323,9 +323,11 @@ def _touched(log: Instants, x: Array, d: Array, smoothed: Smoothed) -> tuple[Tou
     return touched(names, number, log.t[inside], x[inside], averaged, ratio * np.sqrt(variance[inside]), dt)
 
 
-def _binned(name: str, coordinate: Array, d: Array, follows: NDArray[np.bool_], smoothed: Smoothed) -> Binned:
+def _binned(
+    name: str, coordinate: Array, d: Array, follows: NDArray[np.bool_], smoothed: Smoothed, turns: bool
+) -> Binned:
     own = coordinate[follows]
-    low, high = (0.0, 2.0 * math.pi) if name == "theta" else (float(own.min()), float(own.max()))
+    low, high = (0.0, 2.0 * math.pi) if name == "theta" and turns else (float(own.min()), float(own.max()))
     edges = np.linspace(low, high if high > low else low + 1e-9, _BINS + 1)
     group = np.where(follows, np.clip(np.searchsorted(edges, coordinate, side="right") - 1, 0, _BINS - 1), -1)
     count = np.bincount(group[follows], minlength=_BINS)

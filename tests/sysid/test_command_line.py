@@ -290,6 +290,7 @@ OPTIONS = {
     "no gravity": (["fit", "LOG", "--plant", "joint", "--gravity", "9"], "--gravity"),
     "empty window": (["fit", "LOG", "--from", "3", "--to", "2"], "empty"),
     "unknown column": (["fit", "LOG", "--columns", "theta=phi"], "found t, theta"),
+    "endlessly held out": (["fit", "LOG", "--hold-out", "inf"], "expected a share between 0 and 1"),
     "all held out": (["fit", "LOG", "--hold-out", "9"], "leaves none to fit"),
     "two plants": (["fit", "LOG", "--plant", "rod", "--model", "m.json"], "expected one"),
     "no model": (["compare", "LOG", "--model", "absent.json"], "absent.json"),
@@ -299,6 +300,10 @@ OPTIONS = {
     "no folder": (["fit", "LOG", "-o", "absent/model.json"], "no folder"),
     "folder as output": (["fit", "LOG", "-o", "."], "is a folder"),
     "picture of no kind": (["compare", "LOG", "--plant", "point", "--figure", "x.abc"], "x.abc"),
+    "experiment to nowhere": (
+        ["experiment", "LOG", "--plant", "point", "--duration", "1", "-o", "/proc/x.csv"],
+        "x.csv",
+    ),
     "experiment with nothing": (["experiment", "LOG", "--plant", "point", "--between", "coulomb,frixion"], "'frixion'"),
     "effects of nobody": (["effects", "--effects", "absent.py"], "no such file"),
 }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections.abc import Callable
 
 import numpy as np
@@ -11,8 +12,13 @@ import pytest
 
 from sysid import (
     Coulomb,
+    Diagnosis,
     Effect,
+    GeneralJoint,
     InvalidInput,
+    Joint,
+    JointEffect,
+    LinearAxis,
     Model,
     Record,
     RodPendulum,
@@ -22,11 +28,14 @@ from sysid import (
     Viscous,
     diagnose,
     fit,
+    ops,
+    parameter,
     simulate,
 )
 from sysid.comparison.held_out import held_out_error
 from sysid.excitation import steps
 from sysid.logs import split
+from sysid.ops import Value
 from tests.sysid.planted import (
     DT,
     FEW,
@@ -39,6 +48,18 @@ from tests.sysid.planted import (
     rod,
     truth,
 )
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Detent(JointEffect):
+    """A force near x = -0.3 m."""
+
+    f: Value = parameter(0.0, unit="N", neutral=0.0)  # noqa: RUF009
+
+    def torque(self, joint: Joint) -> Value:
+        x = (joint.theta + 0.3) / 0.05
+        return self.f * ops.exp(-x * x)
+
 
 # what is found -----------------------------------------------------------------------------------------------
 
@@ -83,6 +104,46 @@ def test_what_acts_in_one_record_most_is_named_too(other: Effect) -> None:
     assert found.verdict == "missing"
     assert [s.effect for s in found.steps] == ["saturation", other.name]
     assert found.error.ratio < 1.1
+
+
+@pytest.mark.parametrize("size", [1e-4, 200.0])
+def test_a_machine_of_any_size_is_the_same_machine(size: float) -> None:
+    """All torques in another unit: the same verdict, the same error, the number in that unit."""
+    bounds = {"J": (1e-9, 1e6), "G": (0.0, 1e6)}
+
+    def asked(size: float) -> Diagnosis:
+        joint = GeneralJoint(J=0.3 * size, G=3.0 * size, bounds=bounds)
+        rng = np.random.default_rng(4)
+        u = size * np.array([steps(rng, 250, DT, 2.0, 0.4) for _ in range(4)])
+        plant = Model(joint, (Coulomb(tau_c=0.1 * size),), dt=DT)
+        records = simulate(plant, u, math.pi + rng.uniform(-0.8, 0.8, 4), np.zeros(4)).measure(SENSOR, rng)
+        return diagnose(Model(joint, dt=DT), records, SENSOR)
+
+    one, other = asked(1.0), asked(size)
+    assert (other.verdict, [s.effect for s in other.steps]) == ("missing", ["coulomb"])
+    assert other.error.ratio == pytest.approx(one.error.ratio, rel=0.01)
+    number = other.steps[0].parameters["coulomb.tau_c"]
+    assert abs(number["value"] - 0.1 * size) < 4.5 * number["sd"]
+
+
+def test_what_no_reading_shows_is_not_called_inseparable() -> None:
+    """Without speeds nothing can be said of how they are read; that is no question of telling apart."""
+    angles = [dataclasses.replace(r, theta_dot=None) for r in records_of("nothing")]
+    found = diagnose(rod(), angles, Sensor(theta=SENSOR.theta))
+    assert found.not_identifiable == (("m", "l", "rotor_inertia", "torque_gain"),)
+
+
+def test_a_carriage_is_where_it_is() -> None:
+    """A detent at -0.3 m is found there, not a turn away."""
+    rng = np.random.default_rng(3)
+    t = DT * np.arange(300)
+    u = np.array([2.0 * np.sin(2 * np.pi * (0.5 + 0.1 * i) * t + 1.6) for i in range(4)])
+    carriage = LinearAxis(m=2.0)
+    run = simulate(Model(carriage, (Viscous(b=1.0), Detent(f=0.8)), dt=DT), u, np.full(4, -0.3), np.zeros(4))
+    found = diagnose(Model(carriage, dt=DT), run.measure(Sensor(0.001, 0.01), rng), Sensor(0.001, 0.01))
+    assert found.verdict == "unknown" and found.remaining is not None
+    begin, end = map(float, re.findall(r"theta from (\S+) to (\S+) rad", found.remaining.where)[0])
+    assert -0.5 < begin < end < -0.1
 
 
 def test_nothing_hidden_nothing_missing() -> None:

@@ -83,7 +83,7 @@ def test_without_noise_the_true_cell_wins():
 
 
 def test_any_parameter_of_any_model_input_effects_included():
-    model = Model(RodPendulum(m=1.0, l=1.0), (Viscous(), Delay(T=0.05, longest=0.1)), dt=0.05)
+    model = Model(RodPendulum(m=1.0, l=1.0), (Viscous(bounds={"b": (0.0, 10.0)}), Delay(T=0.05, longest=0.1)), dt=0.05)
     truth = {"viscous.b": 0.5, "delay.T": 0.025}
     record = noise_free(model.with_parameters(truth))
     search = GridSearch(parameters=("viscous.b", "delay.T"), points=41)

@@ -246,14 +246,68 @@ def test_a_few_rows_without_a_number_are_left_out_and_counted(tmp_path):
     columns["theta"][[20, 150]] = math.nan
     columns["torque"][[21, -1]] = math.nan
     log = read(write(tmp_path / "log.csv", columns))
-    assert "log.csv: 3 rows without a number left out" in log.notes and len(log) == 1 and len(log[0]) == len(record)
+    assert log.notes[:2] == ("log.csv: 1 row without a number left out", "log.csv: 2 rows without a reading")
+    assert len(log) == 1 and len(log[0]) == len(record)
+
+
+def test_the_torque_of_a_row_without_a_reading_acts_all_the_same(tmp_path):
+    """Of a log that lacks a reading here and there, every impulse is kept."""
+    (record,) = rollouts()
+    columns = {name: v.copy() for name, v in table(record).items()}
+    lacking = np.random.default_rng(0).choice(np.arange(1, len(record)), 20, replace=False)
+    columns["theta"][lacking] = columns["theta_dot"][lacking] = math.nan
+    found = read(write(tmp_path / "log.csv", columns))[0]
+    np.testing.assert_allclose(found.u, record.u, atol=1e-12)
+    kept = np.setdiff1d(np.arange(len(record) + 1), lacking)
+    np.testing.assert_allclose(found.theta[kept], record.theta[kept], atol=1e-12)
+
+
+def test_stamps_in_seconds_since_1970_are_as_good_as_any(tmp_path):
+    """A log that lost rows, stamped by a clock: microseconds at 1.7e9 s."""
+    (record,) = rollouts()
+    rng = np.random.default_rng(0)
+    kept = np.sort(rng.choice(len(record) + 1, 290, replace=False))
+    columns = {name: v[kept] for name, v in table(record).items()}
+    columns["t"] = columns["t"] + np.round(rng.uniform(-1e-3, 1e-3, len(kept)), 6)
+    near = read(write(tmp_path / "near.csv", columns))
+    far = read(write(tmp_path / "far.csv", columns | {"t": columns["t"] + 1.7e9}))
+    assert far.dt == pytest.approx(near.dt, rel=1e-6) and far.notes == near.notes
+    np.testing.assert_allclose(far[0].theta, near[0].theta, atol=1e-5)
+
+
+def test_a_record_of_the_papers_protocol_is_cut_like_any(tmp_path):
+    """Its columns have different lengths, also where only some of its rows are read."""
+    record = paper_rollouts(paper_model(), n=1, rng=np.random.default_rng(0))[0]
+    write_csv(record, tmp_path / "paper.csv")
+    same(read(tmp_path / "paper.csv")[0], record)
+    same(read(tmp_path / "paper.csv", end=5.0)[0], record.head(100))
+    with pytest.raises(InvalidInput, match="before and after each step"):
+        read(tmp_path / "paper.csv", dt=0.1)
+
+
+def test_a_record_whose_start_angle_alone_is_known_comes_back(tmp_path):
+    record = replace(rollouts()[0], theta=np.array([math.pi]))
+    write_csv(record, tmp_path / "speed.csv")
+    same(read(tmp_path / "speed.csv")[0], record)
+
+
+def test_a_piece_of_a_rollout_knows_what_came_before(tmp_path):
+    """Its clock goes on, and it knows the commands; behind a gap it knows that it does not."""
+    (record,) = rollouts()
+    piece = record.part(100, 200).part(20, 90)
+    assert (piece.clock[0], piece.sudden) == (pytest.approx(120 * record.dt), False)
+    np.testing.assert_array_equal(piece.past, record.u[:120])
+    columns = {name: np.delete(v, slice(100, 120)) for name, v in table(record).items()}
+    first, second = read(write(tmp_path / "gap.csv", columns))
+    assert (first.sudden, second.sudden) == (False, True)
+    assert second.clock[0] == pytest.approx(second.t[0]) and len(second.past) == 0
 
 
 def test_the_last_line_may_be_torn(tmp_path):
     path = write(tmp_path / "log.csv", table(rollouts()[0]))
     path.write_text(path.read_text()[:-45])
     log = read(path)
-    assert "log.csv: 1 row without a number left out" in log.notes and len(log[0]) == 299
+    assert "log.csv: 1 row without a reading" in log.notes and len(log[0]) == 299
 
 
 # ---- what is refused ---------------------------------------------------------------------------------------------

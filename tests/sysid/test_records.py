@@ -77,5 +77,10 @@ def test_records_must_fit_the_model():
         check_records(model, [])
     with pytest.raises(InvalidInput, match=re.escape("log is sampled every 0.1 s, the model steps every 0.05 s")):
         check_records(model, [Record(2.0 * T, U, THETA, name="log")])
+    t = 0.05 * 1.0005 * np.arange(101)
+    drifting = Record(t, np.zeros(100), np.zeros(101), name="log")
+    assert check_records(model, drifting.head(30))
+    with pytest.raises(InvalidInput, match="expected a model with the log's dt"):
+        check_records(model, drifting)
     with pytest.raises(InvalidInput, match=re.escape("log has a torque of 3 N m, beyond the model's limit |u| <= 2")):
         check_records(model, [Record(T, spoilt(U, 0, -3.0), THETA, name="log")])

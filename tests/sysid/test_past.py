@@ -1,0 +1,124 @@
+"""A piece of a rollout knows what came before it: the time that went by, and the commands that drives remember."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from sysid import (
+    RK4,
+    Delay,
+    Drift,
+    Effect,
+    GridSearch,
+    InvalidInput,
+    Lag,
+    LeastSquares,
+    Model,
+    Record,
+    RodPendulum,
+    Sensor,
+    SensorDelay,
+    UnscentedKalman,
+    diagnose,
+    fit,
+    simulate,
+)
+from sysid.comparison.held_out import held_out_error
+from sysid.excitation import steps
+from sysid.logs import read, split
+
+DT = 0.02
+SENSOR = Sensor(0.003, 0.05)
+
+
+def rod(*effects: Effect) -> Model:
+    return Model(RodPendulum(m=1.0, l=0.9), effects, RK4(4), dt=DT)
+
+
+def log(*effects: Effect, n: int = 1, seconds: float = 12.0, seed: int = 1) -> list[Record]:
+    rng = np.random.default_rng(seed)
+    u = np.stack([steps(rng, round(seconds / DT), DT, 2.0, 0.4) for _ in range(n)])
+    return simulate(rod(*effects), u, math.pi + rng.uniform(-0.8, 0.8, n), np.zeros(n)).measure(SENSOR, rng)
+
+
+def test_a_part_of_a_part_is_a_part() -> None:
+    (record,) = log()
+    one, other = record.part(100, 400).part(50, 120), record.part(150, 220)
+    np.testing.assert_array_equal(one.past, other.past)
+    np.testing.assert_allclose(one.clock, other.clock)
+    assert not one.sudden and one.clock[0] == pytest.approx(150 * DT)
+    assert dataclasses.replace(one, before=None).sudden
+    with pytest.raises(InvalidInput, match="before its rollout does"):
+        dataclasses.replace(record, origin=1.0)
+
+
+@pytest.mark.parametrize("effect", [Delay(T=0.25), Lag(T=0.1), SensorDelay(T=0.15)])
+def test_the_true_model_is_as_good_behind_a_cut_as_before_it(effect: Effect) -> None:
+    """Windows begin in the middle of a motion, under commands given before the cut."""
+    ratios = []
+    for seed in range(4):
+        held_out = split(log(effect, seed=seed))[1]
+        ratios.append(held_out_error(rod(effect), held_out, SENSOR).windows[0].ratio)
+    assert np.mean(ratios) == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.parametrize("identifier", ["fit", "least squares", "filter"])
+@pytest.mark.parametrize(("effect", "name"), [(Delay(T=0.11), "delay.T"), (Drift(r=0.05), "drift.r")])
+def test_what_is_found_in_a_piece_is_what_is_found_in_the_whole(identifier: str, effect: Effect, name: str) -> None:
+    """Of any identifier: time counts from where the rollout began, and drives remember."""
+    piece = log(effect)[0].part(200, 600)
+    start = rod(dataclasses.replace(effect, **{name.split(".")[1]: 0.03}))
+    if identifier == "fit":
+        found = fit(start, [piece], SENSOR, [name])
+    else:
+        kind = LeastSquares if identifier == "least squares" else UnscentedKalman
+        found = kind([name], SENSOR).fit(start, [piece])
+    assert abs(found.values[name] - float(effect.parameters[name.split(".")[1]].value)) < 4.0 * found.sd[name]
+    assert found.noise["theta"] == pytest.approx(SENSOR.theta, rel=0.15)
+
+
+def test_the_papers_grid_knows_the_past_too() -> None:
+    """One-step errors behind a cut are those of the same instants before it."""
+    model, (record,) = rod(Delay(T=0.11)), log(Delay(T=0.11))
+    model = dataclasses.replace(model, plant=RodPendulum(m=1.0, l=0.9, bounds={"l": (0.8, 1.0)}))
+    whole = GridSearch(["l"], points=5).fit(model, [record])
+    halves = GridSearch(["l"], points=5).fit(model, [record.part(0, 300), record.part(300, 600)])
+    assert halves.values == whole.values
+    assert halves.noise == pytest.approx(whole.noise, rel=1e-9)
+
+
+@pytest.mark.parametrize("begin", [0.0, 20.0, 1.7e9])
+def test_the_clock_of_the_log_is_no_matter(begin: float) -> None:
+    """A drift begins with the rollout, whatever the log calls that instant."""
+    (record,) = log(Drift(r=0.05), seconds=6.0)
+    later = dataclasses.replace(record, t=record.t + begin)
+    found = fit(rod(Drift(r=0.0)), [later], SENSOR, ["drift.r"])
+    assert found.values["drift.r"] == pytest.approx(fit(rod(Drift()), [record], SENSOR, ["drift.r"]).values["drift.r"])
+
+
+def test_gaps_hide_nothing_of_a_delay(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    """The logger paused five times: what the drive did meanwhile no row tells, and nothing is made of it."""
+    files = []
+    for i, record in enumerate(log(Delay(T=0.1), n=4, seconds=6.0)):
+        rows = np.column_stack([record.t, np.append(record.u, 0.0), record.theta, record.theta_dot])
+        lost = [k for begin in (50, 110, 170, 230) for k in range(begin + 9 * i, begin + 9 * i + 20)]
+        files.append(tmp_path / f"{i}.csv")
+        np.savetxt(
+            files[-1], np.delete(rows, lost, axis=0), "%.17g", ",", header="t,torque,theta,theta_dot", comments=""
+        )
+    records = read(files)
+    assert sum(r.sudden for r in records) == 16
+    found = diagnose(rod(), records, SENSOR)
+    assert (found.verdict, [s.effect for s in found.steps]) == ("missing", ["delay"])
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_a_long_swing_under_a_delay_is_found_through_short_windows(seed: int) -> None:
+    """From the plain model a whole motion is too far off for a fit to arrive from."""
+    found = diagnose(Model(RodPendulum(g=9.81), dt=DT), log(Delay(T=0.1), seconds=20.0, seed=seed), SENSOR)
+    assert (found.verdict, [s.effect for s in found.steps]) == ("missing", ["delay"])
+    assert found.estimate.values["delay.T"] == pytest.approx(0.1, abs=1e-3)
