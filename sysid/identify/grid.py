@@ -62,7 +62,8 @@ class GridSearch:
     def _axis(self, name: str, bounds: tuple[float, float]) -> Array:
         if not math.isfinite(bounds[1] - bounds[0]):
             raise InvalidInput(
-                f"{name} has no finite bounds {bounds}: a grid needs them (as Viscous(bounds={{'b': (0, 1)}})); use LeastSquares"
+                f"{name} has no finite bounds {bounds}: a grid needs them, as Viscous(bounds={{'b': (0, 1)}}) has; "
+                "use LeastSquares"
             )
         if self.points < 2:
             raise InvalidInput(f"points = {self.points}: expected at least 2")
