@@ -35,12 +35,12 @@ class Train:
     history: Annotated[int | None, arg(metavar="K", help_behavior_hint="(default: what its delays and lags need)")] = (
         None
     )
-    """How many of its past commands the policy observes: those under way decide what comes."""
+    """How many of its past commands the policy observes: those not yet in effect decide what comes next."""
 
     randomize: Annotated[str, arg(metavar="none|band:W|posterior|prior")] = "none"
     """What is drawn anew in every training episode. none: nothing. band:0.3: each fitted parameter within 30 % of its
-    value. posterior: all of them from the fit's covariance. prior: each from its bounds where they are stated within a
-    factor of 20, else a plant's numbers from half to twice, an effect from nothing to twice."""
+    value. posterior: all of them from the fit's covariance. prior: each within its bounds where these span less
+    than a factor of 20; otherwise a plant's number from half to twice its value, an effect's from nothing to twice."""
 
     range: Annotated[Texts, arg(metavar="NAME=LOW:HIGH", help_behavior_hint="(repeatable)")] = ()
     """With --randomize prior: the range of a parameter, as in m=0.5:2."""

@@ -33,16 +33,16 @@ if TYPE_CHECKING:
 class Options:
     """What is the next real rollout worth, and what does a wider training band cost?
 
-    Runs a preset end to end and writes its answer to a folder. Stopped in any way, the same command goes on.
+    Runs a preset end to end and writes its answer to a folder. However it is stopped, the same command resumes it.
     """
 
     preset: Annotated[str, tyro.conf.arg(metavar=f"{{{','.join([*PRESETS, *PLANS])}}}")] = "quick"
-    """quick: 18 small agents, minutes. paper: its 250 agents, 256 x 256. paper-w0: of these the 50 that train at the
-    estimate alone. paper-small: the same as paper with 64 x 64 networks, the one for CPUs. robustness: two gaps, two
-    noise levels and the prior range, the table and the text of the paper.
-    robustness-small: the same, 64 x 64. identifiers: n on grid, least squares and Kalman filter. longer, longer-small:
-    the widest band with twice the steps. mismatch: does breadth pay when the simulator lacks an effect; mismatch-quick:
-    two of its plants, in minutes. smoke, mismatch-smoke: every part once, in a minute; the numbers mean nothing."""
+    """quick: 18 small agents, minutes. paper: the paper's 250 agents, 256 x 256. paper-w0: of these the 50 that train
+    at the estimate alone. paper-small: the same as paper with 64 x 64 networks, the one for CPUs. robustness: two gaps,
+    two noise levels and the prior range, the table and the text of the paper. robustness-small: the same, 64 x 64.
+    identifiers: n on grid, least squares and Kalman filter. longer, longer-small: the widest band with twice the steps.
+    mismatch: does breadth pay when the simulator lacks an effect; mismatch-quick: two of its plants, in minutes. smoke,
+    mismatch-smoke: every part once, in a minute; the numbers mean nothing."""
 
     quick: bool = False
     """With --preset mismatch: mismatch-quick."""
@@ -60,7 +60,7 @@ class Options:
     """The Ray cluster, or "auto" for the one that this machine belongs to."""
 
     device: Annotated[str, tyro.conf.arg(metavar="NAME")] = "cpu"
-    """Where networks train, as torch names it: cpu, cuda. All agents train in one population but on a CPU."""
+    """Where networks train, as torch names it: cpu, cuda. Anywhere but on a CPU all agents train in one population."""
 
     import_: Annotated[Path | None, tyro.conf.arg(name="import", metavar="FILE", help_behavior_hint="")] = None
     """Take up the finished runs in another study's results.sqlite or runs.csv."""

@@ -17,7 +17,7 @@ from sysid.options import COMMANDS
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code: 0 answered, 2 bad input, 130 stopped."""
-    about = "What is the model of a pendulum missing? Torque and motion go in, the missing effect comes out."
+    about = "What is the model of a joint missing? Torque and motion go in, the missing effect comes out."
     return answer(COMMANDS, _run, "sysid", about, arguments)
 
 

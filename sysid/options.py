@@ -108,7 +108,7 @@ class Compare:
 
 @dataclass(frozen=True)
 class Diagnose:
-    """Which physical effect the model lacks, with the evidence. Without --model: the whole loop."""
+    """Which physical effects the model lacks, with the evidence. Begins with the plain plant, or with --model."""
 
     log: LogOptions = field(default_factory=LogOptions)
     start: ModelOptions = field(default_factory=ModelOptions)
