@@ -42,10 +42,7 @@ def run(command: Any) -> None:
 def _(command: Train) -> None:
     _check_numbers(command)
     _check_folder(command.out, [command.model, command.effects, command.onnx], command.force)
-    if command.onnx is not None and command.onnx.resolve() == command.out.resolve():
-        raise InvalidInput(f"--onnx {command.onnx}: that is the policy's folder; expected a file")
-    if command.onnx is None or command.onnx.resolve().parent != command.out.resolve() or command.out.is_dir():
-        _check_outputs([command.model, command.effects], command.force, command.onnx)
+    _check_onnx(command)
     _load_effects(command.effects)
     if command.onnx is not None:
         from policies.onnx_file import require_onnx
@@ -136,6 +133,16 @@ def _(command: Export) -> None:
 
 
 # ---- train -----------------------------------------------------------------------------------------------------------
+
+
+def _check_onnx(command: Train) -> None:
+    if command.onnx is None:
+        return
+    file, folder = command.onnx.resolve(), command.out.resolve()
+    if file == folder:
+        raise InvalidInput(f"--onnx {command.onnx}: that is the policy's folder; expected a file")
+    if file.parent != folder or folder.is_dir():  # else in the folder that is yet to be made
+        _check_outputs([command.model, command.effects], command.force, command.onnx)
 
 
 def _check_numbers(command: Train) -> None:

@@ -162,7 +162,7 @@ class Task:
         print(log)
         sensor = _sensor(command.log, log)
         training, held_out = split(log, command.log.hold_out)
-        model = _sampled(model, log.dt)
+        model = _sampled(model, log.dt, given)
         names = _shown(model, names, log)
         if not given:
             from sysid.identify.rough import rough
@@ -305,10 +305,15 @@ def _begun(options: ModelOptions) -> tuple[Model, tuple[str, ...], bool]:
     return model, tuple(n for n in names if n not in known), options.model is not None
 
 
-def _sampled(model: Model, dt: float) -> Model:
-    """The model at the log's sample interval; its integrator's steps stay as fine, and no longer than SUBSTEP."""
+def _sampled(model: Model, dt: float, given: bool) -> Model:
+    """The model at the log's sample interval; its integrator's steps stay as fine, and no longer than SUBSTEP.
+
+    A `given` model of that interval stays as it is.
+    """
     if not isinstance(model.integrator, RK4):
         return dataclasses.replace(model, dt=dt) if abs(model.dt - dt) < 0.01 * dt else model
+    if given and abs(model.dt - dt) <= 1e-6 * dt:
+        return dataclasses.replace(model, dt=dt)
     own = model.dt / model.integrator.substeps
     return dataclasses.replace(model, dt=dt, integrator=RK4(substeps=math.ceil(dt / min(SUBSTEP, own) - 1e-6)))
 

@@ -134,7 +134,7 @@ class Record:
             else:
                 parts[column] = value[first : last + (len(value) > len(self))]
         kept = math.ceil(PAST / self.dt)
-        before = np.concatenate([self.past, self.u[:first]])[-kept:]
+        before = self.commands[: len(self.past) + first][-kept:]
         origin = float(self.t[0]) if self.origin is None else self.origin
         return replace(self, **parts, name=name or self.name, origin=origin, before=before)
 
@@ -147,6 +147,11 @@ class Record:
     def past(self) -> Array:
         """`before`, or no commands (0,)."""
         return np.zeros(0) if self.before is None else self.before
+
+    @property
+    def commands(self) -> Array:
+        """All that drives remember and are told (M+N,): `past`, then u."""
+        return np.concatenate([self.past, self.u])
 
     @property
     def sudden(self) -> bool:

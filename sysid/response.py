@@ -38,6 +38,11 @@ class Window:
     count: int
     lead: int = 0
 
+    @property
+    def shared(self) -> int:
+        """How many of its first instants belong to the window before it: the lead, but at the start of a record."""
+        return self.lead if self.begin > 0 else 0
+
 
 def cut(records: Sequence[Record], length: float = math.inf, lead: float = 0.0, skip: int = 0) -> tuple[Window, ...]:
     """Windows of `length` [s] that tile the records, each preceded by up to `lead` [s] that is not scored.

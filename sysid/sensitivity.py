@@ -122,7 +122,7 @@ class Segments:
         for record, count in zip(self.records, self.counts, strict=True):
             drive = casadi.repmat(casadi.DM(record.u).T, S, 1)
             if model.input_effects:
-                u = casadi.DM(np.concatenate([record.past, record.u])).T
+                u = casadi.DM(record.commands).T
                 drive = self._drive_step().mapaccum(u.numel())(self._rest(), u, p)[1][:, len(record.past) :]
             padded = casadi.horzcat(drive, casadi.DM.zeros(S, count * L - len(record)))
             columns.append(casadi.reshape(padded, S * L, count))

@@ -88,7 +88,7 @@ def hold(
     )
     if not swept or not any(spot in ours for spot in CELLS):
         agreement = None
-    main = next((answer for answer in found if answer.point.truth == POINTS["main"].truth), None)
+    main = next(iter(_on_main(found)), None)
     allowed = main.allowed() if main else {}
     curves, wider = (budget_curves(own, w) if main else {} for w in (0.0, 0.2))
     drawings: dict[str, Callable[[], Figure]] = {}
@@ -136,6 +136,11 @@ def _siblings(preset: Preset, folder: Path) -> tuple[dict[str, Outcomes], list[s
     return found, said
 
 
+def _on_main(found: Sequence[Answer]) -> list[Answer]:
+    """Those at the paper's main plant."""
+    return [answer for answer in found if answer.point.truth == POINTS["main"].truth]
+
+
 def _sweeps(agreement: Agreement, main: Answer | None) -> dict[str, Callable[[], Figure]]:
     """The published sweep and ours beside what controllers reach on its plant (`main`) with the published seeds."""
     theirs, ours = side_by_side.published_sweep(), side_by_side.sweep(agreement)
@@ -176,7 +181,7 @@ def _claims(
     fresh_optimum: Callable[[Sequence[int]], float] | None,
 ) -> list[Claim]:
     said = [claims.rate(scatter), claims.bias(scatter), claims.floor(scatter)] if scatter else []
-    alike = [answer for answer in found if answer.point.truth == POINTS["main"].truth]
+    alike = _on_main(found)
 
     def optima(seeds: Sequence[int]) -> tuple[float, float]:
         assert fresh_optimum is not None
@@ -195,7 +200,7 @@ def _claims(
 
 
 def _short(found: Sequence[Answer]) -> tuple[float, float, float] | None:
-    main = next((answer for answer in found if answer.point.truth == POINTS["main"].truth), None)
+    main = next(iter(_on_main(found)), None)
     if main is None or (main.preset.episodes, main.preset.reference_seeds) != (EPISODES, SEEDS):
         return None
     best, optimum = ROBUSTNESS[0].best, float(np.mean(main.reference(OPTIMAL, seeds=SEEDS)))

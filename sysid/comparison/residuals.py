@@ -38,9 +38,8 @@ def _on(near: Refit, fit: Refit) -> Array:
     paths = [np.zeros((len(r) + 1, 2)) for r in fit.response.records]
     for refitted in (fit, near):
         for w, states in zip(refitted.response.windows, refitted.lin.states, strict=True):
-            lead = w.lead if w.begin > 0 else 0
-            own = states[lead : w.count + 1]
-            paths[w.record][w.begin + lead : w.begin + w.count + 1] = np.where(np.isfinite(own), own, 0.0)
+            own = states[w.shared : w.count + 1]
+            paths[w.record][w.begin + w.shared : w.begin + w.count + 1] = np.where(np.isfinite(own), own, 0.0)
     found = np.zeros_like(fit.lin.states)
     for i, w in enumerate(fit.response.windows):
         own = paths[w.record][w.begin : w.begin + w.count + 1]
@@ -103,7 +102,7 @@ class Residuals:
         found = np.zeros(self.theta.shape)
         for i, w in enumerate(self.response.windows):
             record = self.response.records[w.record]
-            u = np.concatenate([record.past, record.u])
+            u = record.commands
             k = len(record.past) + w.begin + np.arange(self.response.length) - lag
             found[i] = np.where(k >= 0, u[np.clip(k, 0, len(u) - 1)], 0.0)
         return found

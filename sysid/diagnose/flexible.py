@@ -128,12 +128,11 @@ def _history(directions: Directions, lags: tuple[int, ...] = (-1, 1, 2, 4, 8, 16
     """Commands of earlier intervals, which a missing state would remember, and of the next: a log stamped late."""
     response, L = directions.response, directions.response.length
     columns = []
-    commands = [np.concatenate([r.past, r.u]) for r in response.records]
     for lag in lags:
         column = np.zeros((len(response.windows), L))
         for i, w in enumerate(response.windows):
-            own = commands[w.record]
-            known = len(response.records[w.record].past)
-            column[i] = own[np.clip(known + w.begin + np.arange(L) - lag, 0, len(own) - 1)]
+            record = response.records[w.record]
+            at = len(record.past) + w.begin + np.arange(L) - lag
+            column[i] = record.commands[np.clip(at, 0, len(record.commands) - 1)]
         columns.append(column)
     return np.stack(columns, axis=-1)

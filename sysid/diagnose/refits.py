@@ -46,18 +46,22 @@ def extend(fit: Fit, score: Score, full: Fit | None = None) -> Fit:
 
 def _through_shorter(fit: Fit, effect: Effect) -> Fit:
     """The fit with one more effect, begun at short windows: where a whole motion is far off they still show the way."""
-    response, own = fit.response, {f"{effect.name}.{k}": float(p.value) for k, p in effect.parameters.items()}
-    p = np.concatenate([fit.solution.p, list(own.values())])
-    names = (*fit.names, *own)
-    return fit_longest(fit.model.with_effect(effect), names, response.records, response.sensor, p, lead=LEAD)
+    response, own = fit.response, _numbers(effect)
+    model, p = fit.model.with_effect(effect), np.concatenate([fit.solution.p, list(own.values())])
+    return fit_longest(model, (*fit.names, *own), response.records, response.sensor, p, lead=LEAD)
 
 
 def _with(fit: Fit, effects: Sequence[Effect], p: Array, near: Fit) -> Fit:
     response, model = fit.response, fit.model.with_effect(effects[0])
-    own = [{f"{e.name}.{k}": float(p.value) for k, p in e.parameters.items()} for e in effects]
+    own = [_numbers(e) for e in effects]
     starts = [np.concatenate([p, list(values.values())]) for values in own]
     names = (*fit.names, *own[0])
     return fit_windows(model, names, response.records, response.sensor, fit.horizon, starts, near, LEAD)
+
+
+def _numbers(effect: Effect) -> dict[str, float]:
+    """Its parameters by full name."""
+    return {f"{effect.name}.{k}": float(p.value) for k, p in effect.parameters.items()}
 
 
 def _cost(fit: Fit) -> float:

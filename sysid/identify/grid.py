@@ -141,7 +141,7 @@ def _drives(model: Model, record: Record) -> Drives:
     """Drive torques over a whole record, one (..., N) array a substep."""
     if not model.input_effects:
         return (record.u,) * model.integrator.substeps
-    columns = list(model.drives([*record.past.tolist(), *record.u.tolist()]))[len(record.past) :]
+    columns = list(model.drives(record.commands.tolist()))[len(record.past) :]
     return tuple(
         np.concatenate([np.reshape(drive[j], (-1, 1)) for drive in columns], axis=1)
         for j in range(model.integrator.substeps)

@@ -48,8 +48,8 @@ class Instants:
         x = np.zeros((len(self.t), 2))
         first = np.searchsorted(self.number, np.arange(len(self.records)))
         for window, states in zip(windows, fit.lin.states, strict=True):
-            begin, lead = first[window.record] + window.begin, window.lead if window.begin > 0 else 0
-            x[begin + lead : begin + window.count + 1] = states[lead : window.count + 1]
+            begin, shared = first[window.record] + window.begin, window.shared
+            x[begin + shared : begin + window.count + 1] = states[shared : window.count + 1]
         return x, error_of(fit, seconds).ratio
 
     def residuals(self, x: Array) -> Array:

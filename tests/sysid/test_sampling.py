@@ -1,0 +1,147 @@
+"""What real logs are like (jitter, gaps, lost rows, rounded stamps) becomes records of one even sample interval."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sysid import RK4, Sensor
+from sysid.excitation import multisine
+from sysid.fit import fit
+from sysid.logs import read
+from tests.sysid.written import MODEL, SENSOR, rollouts, table, write
+
+
+def jittered(spread, seed=3, seconds=10.0, gap=0.0):
+    """The rows of a rig whose steps vary by `spread`, its torque held from row to row; `gap` [s] in the middle."""
+    rng = np.random.default_rng(seed)
+    n = round(seconds / MODEL.dt)
+    steps = MODEL.dt * (1.0 + spread * rng.uniform(-1.0, 1.0, n))
+    steps[n // 2] += gap
+    u = multisine(rng, n, MODEL.dt, 3.0, 2.0)
+    state = MODEL.initial_state(math.pi + 1.0, 0.0)
+    states = [state]
+    for step, torque in zip(steps, u, strict=True):
+        state = replace(MODEL, dt=step, integrator=RK4(substeps=max(4, round(step / 0.005)))).advance(state, torque)
+        states.append(state)
+    theta, theta_dot = (np.array([getattr(s, c) for s in states]) for c in ("theta", "theta_dot"))
+    noise = rng.standard_normal((2, n + 1))
+    rows = {"t": np.concatenate(([0.0], np.cumsum(steps))), "theta": theta, "theta_dot": theta_dot}
+    rows["theta"], rows["theta_dot"] = theta + 0.003 * noise[0], theta_dot + 0.05 * noise[1]
+    return rows | {"torque": np.append(u, 0.0)}
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.03, 0.2], ids=str)
+def test_jitter_costs_nothing_but_its_own_noise(spread, tmp_path):
+    log = read(write(tmp_path / "log.csv", jittered(spread, seconds=6.0)))
+    assert log.dt == pytest.approx(0.02, rel=0.02 if spread else 1e-6)
+    assert any("resampled from" in note for note in log.notes) == (spread > 0.0)
+    model = replace(MODEL, dt=log.dt)
+    estimate = fit(model, log, SENSOR)
+    for name, truth in (("m", 1.0), ("l", 1.0), ("viscous.b", 0.05)):
+        assert abs(estimate.values[name] - truth) < 3.5 * estimate.sd[name], name
+    variance = estimate.cost / (estimate.n_readings - 5)
+    assert abs(variance - 1.0) < 4.0 * math.sqrt(2.0 / estimate.n_readings) + 0.5 * spread
+
+
+def test_impulses_are_kept_when_torque_is_resampled(tmp_path):
+    rows = jittered(0.3)
+    record = read(write(tmp_path / "log.csv", rows))[0]
+    held = np.interp(record.t, rows["t"], np.concatenate(([0.0], np.cumsum(rows["torque"][:-1] * np.diff(rows["t"])))))
+    np.testing.assert_allclose(np.cumsum(record.u) * record.dt, held[1:] - held[0], atol=0.05 * record.dt)
+
+
+def test_a_gap_starts_a_new_rollout_and_is_told(tmp_path):
+    log = read(write(tmp_path / "log.csv", jittered(0.0, gap=0.4)))
+    assert [r.name for r in log] == ["log part 1", "log part 2"] and "1 gap of 0.42 s starts a new rollout" in log.notes
+    assert log[1].t[0] - log[0].t[-1] == pytest.approx(0.42)
+
+
+def test_a_missing_row_is_filled_in_and_a_doubled_stamp_dropped(tmp_path):
+    rows = jittered(0.0)
+    keep = np.delete(np.arange(len(rows["t"])), 77)
+    doubled = np.sort(np.append(keep, [10, 200, 300]))
+    log = read(write(tmp_path / "log.csv", {name: v[doubled] for name, v in rows.items()}))
+    assert len(log) == 1 and len(log[0]) == len(rows["t"]) - 1
+    assert {"3 duplicate stamps dropped", "1 missing row filled in"} <= set(log.notes)
+    others = np.delete(np.arange(len(rows["t"])), 77)
+    np.testing.assert_allclose(log[0].theta[others], rows["theta"][others], atol=1e-6)
+    assert log[0].theta[77] == pytest.approx(np.mean(rows["theta"][[76, 78]]), abs=1e-9)
+
+
+@pytest.mark.parametrize("decimals", [2, 3])
+def test_rounded_stamps_are_taken_as_even(decimals, tmp_path):
+    model = replace(MODEL, dt=1.0 / 150.0)
+    (record,) = rollouts(model=model)
+    log = read(write(tmp_path / "log.csv", table(record) | {"t": np.round(record.t, decimals)}))
+    assert log.dt == pytest.approx(record.dt, rel=1e-4)
+    assert any(f"stamps rounded to {10.0**-decimals:g} s taken as even" in note for note in log.notes)
+    np.testing.assert_array_equal(log[0].theta, record.theta)
+    np.testing.assert_array_equal(log[0].u, record.u)
+
+
+def test_wrapped_angles_are_unwrapped_before_they_are_resampled(tmp_path):
+    rng = np.random.default_rng(0)
+    t = np.cumsum(0.02 * (1.0 + 0.2 * rng.uniform(-1.0, 1.0, 500)))
+    turning = 6.0 * t + np.sin(t)
+    wrapped = (turning + math.pi) % (2.0 * math.pi) - math.pi
+    record = read(write(tmp_path / "log.csv", {"t": t, "theta": wrapped}))[0]
+    expected = 6.0 * record.t + np.sin(record.t)
+    offset = record.theta - expected
+    np.testing.assert_allclose(offset, 2.0 * math.pi * np.round(offset[0] / (2.0 * math.pi)), atol=1e-4)
+
+
+def test_a_longer_sample_interval_can_be_asked_for(tmp_path):
+    (record,) = rollouts(sensor=Sensor(theta=1e-6, theta_dot=1e-6))
+    log = read(write(tmp_path / "log.csv", table(record)), dt=0.06)
+    assert log.dt == 0.06 and log[0].dt == pytest.approx(0.06)
+    np.testing.assert_allclose(log[0].theta, record.theta[::3], atol=1e-5)
+    np.testing.assert_allclose(log[0].u, record.u.reshape(-1, 3).mean(axis=1), atol=1e-9)
+
+
+def test_a_few_rows_without_a_number_are_left_out_and_counted(tmp_path):
+    (record,) = rollouts()
+    columns = {name: v.copy() for name, v in table(record).items()}
+    columns["theta"][[20, 150]] = math.nan
+    columns["torque"][[21, -1]] = math.nan
+    log = read(write(tmp_path / "log.csv", columns))
+    assert log.notes[:2] == ("log.csv: 1 row without a number left out", "log.csv: 2 rows without a reading")
+    assert len(log) == 1 and len(log[0]) == len(record)
+
+
+def test_the_torque_of_a_row_without_a_reading_acts_all_the_same(tmp_path):
+    """Of a log that lacks a reading here and there, every impulse is kept."""
+    (record,) = rollouts()
+    columns = {name: v.copy() for name, v in table(record).items()}
+    lacking = np.random.default_rng(0).choice(np.arange(1, len(record)), 20, replace=False)
+    columns["theta"][lacking] = columns["theta_dot"][lacking] = math.nan
+    found = read(write(tmp_path / "log.csv", columns))[0]
+    np.testing.assert_allclose(found.u, record.u, atol=1e-12)
+    kept = np.setdiff1d(np.arange(len(record) + 1), lacking)
+    np.testing.assert_allclose(found.theta[kept], record.theta[kept], atol=1e-12)
+
+
+def test_stamps_in_seconds_since_1970_are_as_good_as_any(tmp_path):
+    """A log that lost rows, stamped by a clock: microseconds at 1.7e9 s."""
+    (record,) = rollouts()
+    rng = np.random.default_rng(0)
+    kept = np.sort(rng.choice(len(record) + 1, 290, replace=False))
+    columns = {name: v[kept] for name, v in table(record).items()}
+    columns["t"] = columns["t"] + np.round(rng.uniform(-1e-3, 1e-3, len(kept)), 6)
+    near = read(write(tmp_path / "near.csv", columns))
+    far = read(write(tmp_path / "far.csv", columns | {"t": columns["t"] + 1.7e9}))
+    assert far.dt == pytest.approx(near.dt, rel=1e-6) and far.notes == near.notes
+    np.testing.assert_allclose(far[0].theta, near[0].theta, atol=1e-5)
+
+
+def test_a_piece_of_a_rollout_knows_what_came_before(tmp_path):
+    """Its clock goes on, and it knows the commands; behind a gap it knows that it does not."""
+    (record,) = rollouts()
+    piece = record.part(100, 200).part(20, 90)
+    assert (piece.clock[0], piece.sudden) == (pytest.approx(120 * record.dt), False)
+    np.testing.assert_array_equal(piece.past, record.u[:120])
+    columns = {name: np.delete(v, slice(100, 120)) for name, v in table(record).items()}
+    first, second = read(write(tmp_path / "gap.csv", columns))
+    assert (first.sudden, second.sudden) == (False, True)
+    assert second.clock[0] == pytest.approx(second.t[0]) and len(second.past) == 0

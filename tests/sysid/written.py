@@ -1,0 +1,39 @@
+"""Logs as a rig writes them: rollouts of a damped rod, their tables, and files of these."""
+
+import math
+
+import numpy as np
+
+from sysid import RK4, Model, RodPendulum, Sensor, Viscous, simulate
+from sysid.excitation import multisine
+from sysid.records import COLUMNS
+
+MODEL = Model(RodPendulum(m=1.0, l=1.0), (Viscous(b=0.05),), RK4(substeps=4), dt=0.02)
+SENSOR = Sensor(theta=0.003, theta_dot=0.05)
+
+
+def rollouts(n=1, seconds=6.0, seed=0, sensor=SENSOR, model=MODEL):
+    rng = np.random.default_rng(seed)
+    u = np.stack([multisine(rng, round(seconds / model.dt), model.dt, 3.0, 3.0) for _ in range(n)])
+    return simulate(model, u, math.pi + rng.uniform(-1.5, 1.5, n), np.zeros(n)).measure(sensor, rng)
+
+
+def table(record):
+    """The record's columns as a rig would log them."""
+    return {"t": record.t, "theta": record.theta, "theta_dot": record.theta_dot, "torque": np.append(record.u, 0.0)}
+
+
+def write(path, columns):
+    names = list(columns)
+    rows = zip(*(columns[name] for name in names), strict=True)
+    lines = [",".join(c if isinstance(c, str) else repr(float(c)) for c in row) for row in rows]
+    path.write_text("\n".join([",".join(names), *lines]) + "\n")
+    return path
+
+
+def same(a, b, rtol=0.0):
+    for column in COLUMNS:
+        mine, yours = getattr(a, column), getattr(b, column)
+        assert (mine is None) == (yours is None), column
+        if mine is not None:
+            np.testing.assert_allclose(mine, yours, rtol=rtol, atol=1e-9 if rtol else 0.0, err_msg=column)
