@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
 
 from study.figures.style import ACCENT
 from study.mismatch.answer import Answer, Outcome, Split, Spot
@@ -27,14 +28,17 @@ PARTS = {"structure": "#D55E00", "identification": "#56B4E9", "training": "0.72"
 
 
 def returns(answer: Answer) -> Figure:
-    """Mean return of every way with its interval over seeds, a panel a hidden plant, few rollouts hollow and many
-    filled; small upright ticks are medians, the red line is the optimum."""
+    """Mean return of every way with its interval over seeds, a panel a hidden plant, all to one scale but each about
+    its own optimum (red line); few rollouts hollow and many filled; small upright ticks are medians."""
     plan = answer.plan
     rows = _rows(plan.ways)
-    figure = Figure(figsize=(11.0, 1.9 + 0.34 * max(rows.values())), layout="constrained")
-    panels: list[Axes] = list(figure.subplots(1, len(plan.plants), sharex=True, sharey=True, squeeze=False)[0])
-    panels[0].set_xlim(*_range(answer))
+    figure = Figure(figsize=(12.0, 1.9 + 0.34 * max(rows.values())), layout="constrained")
+    panels: list[Axes] = list(figure.subplots(1, len(plan.plants), sharey=True, squeeze=False)[0])
+    reach = _reach_of_panels(answer)
     for axes, plant in zip(panels, plan.plants, strict=True):
+        best = max(answer.optima[plant.name], *(o.mean.mean for s, o in answer.outcomes.items() if s[0] == plant.name))
+        axes.set_xlim(best - 1.12 * reach, best + 0.12 * reach)
+        axes.xaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
         for way, y in rows.items():
             _way(axes, answer, plant, way, y)
         axes.axvline(answer.optima[plant.name], color=ACCENT, linewidth=1.2, zorder=1)
@@ -65,12 +69,12 @@ def _ink(way: str) -> str:
 
 
 def _way(axes: Axes, answer: Answer, plant: HiddenPlant, way: str, y: float) -> None:
-    """The dots of a way: one without rollouts, one a budget with them; a number where the mean is left of the panel."""
-    budgets, ink, low = (0,) if way in FREE else answer.plan.budgets, _ink(way), axes.get_xlim()[0]
+    """The dots of a way: one without rollouts, one a budget with them; a number where a dot would be cut off."""
+    budgets, ink, (low, high) = (0,) if way in FREE else answer.plan.budgets, _ink(way), axes.get_xlim()
     for k, n in enumerate(budgets):
         outcome = answer.outcomes[Spot(plant.name, way, n)]
         place = y + 0.34 * (k - 0.5 * (len(budgets) - 1)) / max(1, len(budgets) - 1)
-        if outcome.mean.mean < low:
+        if outcome.mean.mean < low + 0.04 * (high - low):
             text = f"◂ {number(outcome.mean.mean)}"
             axes.annotate(text, (low, place), (3, 0), textcoords="offset points", va="center", color=ink, fontsize=8.5)
             continue
@@ -85,16 +89,14 @@ def _interval(axes: Axes, contrast: Contrast, y: float, ink: Any) -> None:
         axes.plot([contrast.low, contrast.high], [y, y], color=ink, linewidth=1.3, zorder=2)
 
 
-def _range(answer: Answer) -> tuple[float, float]:
-    """From the worst mean of a way that measured, or knows, to the best optimum; others may leave the panels."""
-    means = [o.mean.mean for o in answer.outcomes.values()]
-    near = [o.mean.mean for spot, o in answer.outcomes.items() if spot.way not in SHARED] or means
-    low, high = min(near), max([*means, *answer.optima.values()])
-    return low - 0.12 * (high - low), high + 0.08 * (high - low)
+def _reach_of_panels(answer: Answer) -> float:
+    """The largest gap to the optimum of a way that measured, or knows; others may leave the panels."""
+    gaps = {spot: answer.optima[spot.plant] - o.mean.mean for spot, o in answer.outcomes.items()}
+    return max([gap for spot, gap in gaps.items() if spot.way not in SHARED] or gaps.values())
 
 
 def _title(axes: Axes, plant: HiddenPlant) -> None:
-    axes.set_title(capital(plant_noun(plant)), fontsize=10.0, pad=30)
+    axes.set_title(capital(plant_noun(plant)), fontsize=9.5, pad=30)
     kind = "not in the catalogue" if is_outside(plant) else ""
     about = [line for line in (plant_size(plant), kind) if line]
     axes.annotate("\n".join(about), (0.0, 1.0), (0, 26), xycoords="axes fraction", textcoords="offset points", va="top",

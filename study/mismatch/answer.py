@@ -134,6 +134,13 @@ class Answer:
         shared = sorted(set(one.seeds) & set(other.seeds))
         return paired_t(*(o.returns[[o.seeds.index(s) for s in shared]] for o in (one, other)))
 
+    def together(self, rows: Sequence[Compared]) -> Contrast:
+        """The mean of some of the plan's contrasts: paired over seeds, each seed's differences averaged first. It was
+        not pre-registered."""
+        a, b = rows[0].a, rows[0].b
+        sides = ([self.outcomes[_spot(row.plant, way, row.n)].returns for row in rows] for way in (a, b))
+        return paired_t(*(np.mean(side, axis=0) for side in sides))
+
 
 def answer(plan: Plan, fits: Sequence[Fitted], trained: Sequence[Trained], designs: Sequence[Designed]) -> Answer:
     """The answer from the results; raises InvalidInput where some are missing."""
@@ -209,12 +216,16 @@ def _compared(plan: Plan, outcomes: Mapping[Spot, Outcome]) -> list[Compared]:
             if a not in plan.ways or b not in plan.ways:
                 continue
             for n in (0,) if a in FREE and b in FREE else plan.budgets:
-                one, other = (outcomes[Spot(plant.name, way, 0 if way in FREE else n)] for way in (a, b))
+                one, other = (outcomes[_spot(plant.name, way, n)] for way in (a, b))
                 difference = one.returns - other.returns
                 contrast = paired_t(one.returns, other.returns)
                 found.append((plant.name, n, a, b, contrast, float(np.median(difference))))
     adjusted = holm({k: row[4].p for k, row in enumerate(found)})
     return [Compared(*row, adjusted[k]) for k, row in enumerate(found)]
+
+
+def _spot(plant: str, way: str, n: int) -> Spot:
+    return Spot(plant, way, 0 if way in FREE else n)
 
 
 def _verdicts(fits: Sequence[Fitted]) -> dict[tuple[str, int], Counter[Verdict]]:

@@ -18,7 +18,8 @@ from study.statistics import Contrast
 
 CAPTIONS = {
     "returns": "Every way at every hidden plant: mean return with its 95 % interval over seeds, hollow for few "
-    "rollouts, filled for many. A number at the left edge is a mean left of the panel.",
+    "rollouts, filled for many. All panels have one scale, each about its own optimum; a number at the left edge is a "
+    "mean left of the panel.",
     "ladder": "Left: from knowing nothing to knowing everything, at the largest budget. Right: what the gap to the "
     "optimum consists of, with a model that lacks the effect and with the mended one.",
     "trajectories": "Where mending gained most, the two agents of the seed whose gain is nearest to the median, from "

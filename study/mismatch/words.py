@@ -39,7 +39,7 @@ def _breadth(answer: Answer) -> str:
     better = sum(row.certain and row.contrast.mean > 0.0 for row in rows)
     verdict = "No" if better == 0 else "Yes" if better == len(rows) else "In part"
     return (
-        f"{verdict}: with a band of ±{percent(answer.plan.band)} around the fitted m and l {_counted(rows)}. "
+        f"{verdict}: with a band of ±{percent(answer.plan.band)} around the fitted m and l {_counted(answer, rows)}. "
         f"In return: {_listed(answer, rows)}."
     )
 
@@ -50,7 +50,7 @@ def _naming(answer: Answer) -> str:
     if not rows:
         return ""
     text = _listed(answer, rows, "named and believed", lambda said: bool(said.named) and said.believed)
-    return f"Against m and l alone: {_counted(rows)}. In return: {text}."
+    return f"Against m and l alone: {_counted(answer, rows)}. In return: {text}."
 
 
 def _still(answer: Answer) -> str:
@@ -94,7 +94,7 @@ def _unknown(answer: Answer) -> str:
     text = _listed(answer, rows, "unknown", lambda said: said.verdict == "unknown")
     return (
         "Where the catalogue lacks the effect, a diagnosis that says so trains under random torques of the size that "
-        f"the log asks for. Against m and l alone: {_counted(rows)}. In return: {text}."
+        f"the log asks for. Against m and l alone: {_counted(answer, rows)}. In return: {text}."
     )
 
 
@@ -104,7 +104,7 @@ def _rivals(answer: Answer) -> str:
     for rival, name in (("d", "all effects fitted at once"), ("i", "a learned residual torque")):
         rows = _rows(answer, "c", rival)
         if rows:
-            parts.append(f"against {name}, {_counted(rows)}")
+            parts.append(f"against {name}: {_counted(answer, rows)}")
     return f"The diagnosis {'; '.join(parts)}." if parts else ""
 
 
@@ -113,9 +113,8 @@ def _blind(answer: Answer) -> str:
     rows = _rows(answer, "e", "z")
     if not rows:
         return ""
-    return (
-        f"Breadth over everything plausible, against the prior: {_counted(rows)}. In return: {_listed(answer, rows)}."
-    )
+    counted, listed = _counted(answer, rows), _listed(answer, rows)
+    return f"Breadth over everything plausible, against the prior: {counted}. In return: {listed}."
 
 
 def _split(answer: Answer) -> str:
@@ -134,10 +133,11 @@ def _rows(answer: Answer, a: str, b: str, which: Callable[[HiddenPlant], bool] =
     return [row for row in answer.compared if (row.a, row.b) == (a, b) and row.plant in plants]
 
 
-def _counted(rows: Sequence[Compared]) -> str:
-    """How many of them stand."""
+def _counted(answer: Answer, rows: Sequence[Compared]) -> str:
+    """How many of them stand, and what they come to together."""
     better, worse = (sum(row.certain and sign * row.contrast.mean > 0.0 for row in rows) for sign in (1, -1))
-    return f"{better} of {len(rows)} are better and {worse} worse after Holm's correction"
+    text = f"{better} of {len(rows)} are better and {worse} worse after Holm's correction"
+    return text if len(rows) < 2 else f"{text}, in the mean {answer.together(rows)} (not pre-registered)"
 
 
 def _listed(answer: Answer, rows: Sequence[Compared], verdict: str = "", which: Said | None = None) -> str:

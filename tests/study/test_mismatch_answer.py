@@ -94,6 +94,16 @@ def test_contrasts_are_those_of_the_plan_paired_and_raised_by_holm(found):
     assert all(c.p >= contrast.p for c, contrast in zip(found.compared, raw, strict=True))
 
 
+def test_contrasts_together_are_their_mean_and_no_wider_than_the_widest(found):
+    rows = [c for c in found.compared if (c.a, c.b) == ("b+", "b")]
+    every = np.array([[found.outcomes[c.plant, way, c.n].returns for c in rows] for way in ("b+", "b")])
+    together = found.together(rows)
+    assert (len(rows), together.seeds) == (2, len(PLAN.seeds))
+    assert together.mean == pytest.approx(np.mean([c.contrast.mean for c in rows]))
+    assert together == paired_t(*every.mean(axis=1))
+    assert together.high - together.low <= max(c.contrast.high - c.contrast.low for c in rows)
+
+
 def test_verdicts_are_counted_and_said(found):
     assert found.verdicts["delay_large", 5] == {Verdict("missing", ("delay",)): 4}
     assert found.verdicts["magnet", 5] == {Verdict("unknown", (), False): 4}
