@@ -54,9 +54,14 @@ class Split:
     seeds: int
 
     @property
+    def model(self) -> float:
+        """J(optimum) - J(fitted): what is left where training is perfect."""
+        return self.structure + self.identification
+
+    @property
     def gap(self) -> float:
         """J(optimum) - J(agent)."""
-        return self.structure + self.identification + self.training
+        return self.model + self.training
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,7 +26,7 @@ def sentences(answer: Answer, rows: Sequence[Named] = ()) -> list[tuple[str, str
         "What does an honest “unknown” buy?": _unknown(answer),
         "What else could the rollouts be spent on?": _rivals(answer),
         "And without any rollout?": _blind(answer),
-        "What is left?": _split(answer),
+        "What is left?": " ".join(text for text in (_oracle(answer), _split(answer)) if text),
     }
     return [(question, text) for question, text in asked.items() if text]
 
@@ -117,14 +117,27 @@ def _blind(answer: Answer) -> str:
     return f"Breadth over everything plausible, against the prior: {counted}. In return: {listed}."
 
 
+def _oracle(answer: Answer) -> str:
+    """(h) - (c), where the catalogue has the effect and where it lacks it."""
+    parts = []
+    for which, name in ((in_catalogue, "where the catalogue has the effect"), (is_outside, "where it lacks it")):
+        rows = _rows(answer, "h", "c", which)
+        if rows:
+            parts.append(f"{name}, {_counted(answer, rows)}")
+    return f"Trained on the hidden plant itself, against the diagnosis: {'; '.join(parts)}." if parts else ""
+
+
 def _split(answer: Answer) -> str:
-    """What is left of the gap at the largest budget, for b and c."""
+    """What is left of the gap at the largest budget, for b and c: with agents, and with designs on their models."""
     n, parts = max(answer.plan.budgets), []
     for plant in answer.plan.plants:
         fitted, mended = (answer.outcomes.get(Spot(plant.name, way, n)) for way in ("b", "c"))
         if plant.effect and fitted and mended and fitted.split and mended.split:
-            parts.append(f"{plant_title(plant)}: {number(-fitted.split.gap)} to {number(-mended.split.gap)}")
-    return f"From the optimum, with {n} rollouts, from fitted to mended: {'; '.join(parts)}." if parts else ""
+            trained = f"{number(-fitted.split.gap)} to {number(-mended.split.gap)}"
+            designed = f"{number(-fitted.split.model)} to {number(-mended.split.model)}"
+            parts.append(f"{plant_title(plant)}: {trained} ({designed})")
+    told = f"From the optimum, with {n} rollouts, from fitted to mended (in brackets with dynamic programming for training)"
+    return f"{told}: {'; '.join(parts)}." if parts else ""
 
 
 def _rows(answer: Answer, a: str, b: str, which: Callable[[HiddenPlant], bool] = lambda plant: True) -> list[Compared]:
