@@ -136,7 +136,7 @@ def _split(answer: Answer) -> str:
             trained = f"{number(-fitted.split.gap)} to {number(-mended.split.gap)}"
             designed = f"{number(-fitted.split.model)} to {number(-mended.split.model)}"
             parts.append(f"{plant_title(plant)}: {trained} ({designed})")
-    told = f"From the optimum, with {n} rollouts, from fitted to mended (in brackets with dynamic programming for training)"
+    told = f"From the optimum, with {n} rollouts, from fitted to mended (in brackets: dynamic programming, not agents)"
     return f"{told}: {'; '.join(parts)}." if parts else ""
 
 
