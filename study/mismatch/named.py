@@ -97,16 +97,6 @@ def rates(rows: Iterable[Named]) -> dict[tuple[str, int], Rate]:
     return found
 
 
-def enough(rows: Iterable[Named], plant: str, share: float = 0.9) -> int | None:
-    """The least measured number of rollouts from which on such a share is right; None where even the most are few."""
-    found, least = rates(rows), None
-    for n in sorted((n for name, n in found if name == plant), reverse=True):
-        if found[plant, n].share < share:
-            break
-        least = n
-    return least
-
-
 def errors(rows: Iterable[Named], plant: str, n: int) -> tuple[float, float]:
     """Root mean squares over seeds of the errors of m and l, fitted and mended; nan where there is no row."""
     own = [(r.error_fitted, r.error_mended) for r in rows if (r.plant, r.n) == (plant, n) and r.verdict != REFUSED]

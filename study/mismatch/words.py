@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 
 from study.mismatch.answer import Answer, Compared, Spot, Verdict
-from study.mismatch.named import Named, enough, errors
+from study.mismatch.named import Named, errors, rates
 from study.mismatch.plan import HiddenPlant
 from study.mismatch.titles import in_catalogue, is_outside, plant_title
 from study.numerals import number, percent
@@ -72,18 +72,16 @@ def _still(answer: Answer) -> str:
 
 
 def _rollouts(answer: Answer, rows: Sequence[Named]) -> str:
-    """How many rollouts naming takes, and how well m and l are known meanwhile."""
-    parts = []
+    """How often the naming is right with the fewest rollouts, a middling number and the most; how well m and l are
+    known meanwhile."""
+    found, parts = rates(rows), list[tuple[str, int, str]]()
     for plant in answer.plan.plants:
-        budgets = [row.n for row in rows if row.plant == plant.name]
-        if not budgets:
-            continue
-        least = enough(rows, plant.name)
-        n = max(budgets) if least is None else least
-        when = f"{n}" if least else f"more than {n}"
-        fitted, mended = (100.0 * error for error in errors(rows, plant.name, n))
-        parts.append(f"{plant_title(plant)}: {when} (m and l off by {fitted:.2g} % without, {mended:.2g} % with it)")
-    return f"For the right answer in nine seeds of ten: {'; '.join(parts)}." if parts else ""
+        budgets = sorted(n for name, n in found if name == plant.name)
+        for n in sorted({budgets[k] for k in (0, len(budgets) // 2, -1)} if budgets else ()):
+            fitted, mended = (100.0 * error for error in errors(rows, plant.name, n))
+            parts.append((plant.name, n, f"{100.0 * found[plant.name, n].share:.0f} % ({fitted:.2g}, {mended:.2g} %)"))
+    told = "Seeds in which the answer is right (m and l are off by so much without, and with it)"
+    return f"{told}: {_by_plant(answer, parts)}." if parts else ""
 
 
 def _unknown(answer: Answer) -> str:
@@ -169,5 +167,6 @@ def _by_plant(answer: Answer, parts: Iterable[tuple[str, int, str]]) -> str:
     found: dict[str, list[str]] = {}
     for plant, n, text in parts:
         own = found.setdefault(plant_title(answer.plan.plant(plant)), [])
-        own.append(f"{text} with {n}{'' if own else ' rollouts'}" if n else text)
+        unit = "" if own else " rollout" if n == 1 else " rollouts"
+        own.append(f"{text} with {n}{unit}" if n else text)
     return "; ".join(f"{title}: {', '.join(own)}" for title, own in found.items())

@@ -116,10 +116,14 @@ def test_verdicts_are_counted_and_said(found):
     )
 
 
-def test_a_plant_that_was_not_named_yet_is_left_out_of_the_words(found):
-    rows = [Named("delay_large", 2, seed, "missing", ("delay",), True, 0.2, 0.01) for seed in range(5)]
+def test_naming_is_told_with_the_fewest_and_the_most_rollouts_where_it_was_measured(found):
+    rows = [
+        Named("delay_large", n, seed, "missing", steps, len(steps) == 1, 0.2, 0.01 * n)
+        for seed in range(5)
+        for n, steps in ((1, ("delay",)), (2, ("delay", "tilt")[: 1 + seed % 2]), (5, ("delay", "tilt")))
+    ]
     told = dict(sentences(found, rows))["How many rollouts does naming take?"]
-    assert "delay 0.155 s: 2 (m and l off by 20 % without, 1 % with it)" in told
+    assert "delay 0.155 s: 100 % (20, 1 %) with 1 rollout, 60 % (20, 2 %) with 2, 0 % (20, 5 %) with 5" in told
     assert "magnet" not in told and "nan" not in told
 
 
@@ -161,4 +165,4 @@ def test_a_run_from_nothing_to_the_page(tmp_path):
         assert (tmp_path / f"{figure}.png").read_bytes().startswith(b"\x89PNG")
     html = (tmp_path / "report.html").read_text()
     assert html.count("data:image/png") == 4 and "http" not in html.replace("http://www.w3.org", "")
-    assert "For the right answer in nine seeds of ten" in html.replace("\u00a0", " ")
+    assert "Seeds in which the answer is right" in html.replace("\u00a0", " ")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from study.mismatch import naming
-from study.mismatch.named import TABLE, Named, enough, errors, is_right, rates, read, write
+from study.mismatch.named import TABLE, Named, errors, is_right, rates, read, write
 from study.mismatch.naming import BUDGETS, FIGURE, FIRST, main, measure, tasks
 from study.mismatch.plan import COULOMB, DELAY_LARGE, MAGNET, PLAIN, PLANS
 from sysid import InvalidInput
@@ -47,15 +47,6 @@ def test_company_is_counted_beside_what_is_right():
     assert (rate.right, rate.accompanied, rate.seeds, rate.share) == (1, 2, 4, 0.25)
     low, high = rate.interval
     assert low < 0.25 < high
-
-
-def test_enough_is_what_stays_enough_with_more():
-    right = {1: 10, 2: 4, 3: 9, 5: 10}
-    rows = [row(n, s, ("delay",) if s < hits else ("lag",)) for n, hits in right.items() for s in range(10)]
-    assert enough(rows, "delay_large") == 3
-    assert enough(rows, "delay_large", 0.95) == 5
-    assert enough(rows, "delay_large", 0.3) == 1
-    assert enough([row(5, 0, ("lag",))], "delay_large") is None
 
 
 def test_errors_are_root_mean_squares_of_what_could_be_fitted():
