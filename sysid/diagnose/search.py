@@ -152,7 +152,8 @@ class Search:
         return fit
 
     def trials(self, now: Round, full: Fit | None = None) -> list[Trial]:
-        """The most promising candidates, refitted at the round's horizon; of those that are the same, the first.
+        """The most promising candidates, refitted at the round's horizon; of those that are the same, the first whose
+        bounds let it act as the log asks.
 
         Where the round leaves an effect out of a `full` fit, that fit's numbers are where the others begin too.
         """
@@ -165,9 +166,9 @@ class Search:
             score = now.scores[name]
             if len(found) >= MOST_REFITS or (found and score.lm < 0.5 * best):
                 break
-            if name in self.taken_back or any(twins(score, t.score) for t in found):
+            if name in self.taken_back or any(twins(score, t.score) and not confined(t) for t in found):
                 continue
-            score = self._representative(score, now)
+            score = self._representative(score, now, [t.name for t in found])
             found.append(Trial(score.name, extend(now.fit, score, full), score, now.adjusted[score.name]))
         for simpler in self._simpler(found, warranted, now):
             found.append(Trial(simpler.name, extend(now.fit, simpler, full), simpler, now.adjusted[simpler.name]))
@@ -182,9 +183,9 @@ class Search:
         return [s for s in scores if len(s.sizes) == 1 and not any(twins(s, t.score) for t in found)][:2]
 
     @staticmethod
-    def _representative(score: Score, now: Round) -> Score:
+    def _representative(score: Score, now: Round, tried: Sequence[str]) -> Score:
         for name in PREFERRED:
-            if name in now.scores and now.scores[name].visible and twins(now.scores[name], score):
+            if name not in tried and name in now.scores and now.scores[name].visible and twins(now.scores[name], score):
                 return now.scores[name]
         return score
 
@@ -205,7 +206,8 @@ class Search:
 
     def _addition(self, chosen: Trial, trials: list[Trial], now: Round) -> Addition:
         variance = chosen.fit.variance
-        same = [n for n, s in now.scores.items() if n != chosen.name and s.visible and twins(s, chosen.score)]
+        apart = {chosen.name, *(t.name for t in trials if confined(t))}
+        same = [n for n, s in now.scores.items() if n not in apart and s.visible and twins(s, chosen.score)]
         same += [t.name for t in trials if t.name not in (chosen.name, *same) and alike(t, chosen, variance)]
         close = tuple(
             t.name
@@ -229,14 +231,16 @@ class Search:
                 return grow(reduce_by(fit, addition.name))
         for addition in list(self.additions):
             first = len(self.additions) == 1 and len(fit.names) == len(self.rounds[0].fit.names) + 1
-            if first or not (now.left or _has_simpler(addition.name)):
-                continue  # nothing has changed since it was chosen, or nothing can be gained
+            if first:
+                continue  # nothing has changed since it was chosen
             full = at_horizon(fit, self.reviewed_at)
             without = reduce_by(full, addition.name)
             price = (len(full.names) - len(without.names)) * math.log(full.degrees)
             if 2.0 * (without.solution.lin.cost - full.solution.lin.cost) / full.variance < price:
                 self.additions.remove(addition)
                 return grow(without)
+            if not (now.left or _has_simpler(addition.name)):
+                continue  # a swap can gain nothing
             bare = Round.of(without, self.names)
             trials = [t for t in self.trials(bare, full) if t.name != addition.name]
             if not trials:
@@ -312,6 +316,16 @@ def holds(fit: Fit, name: str) -> bool:
     neutral = [fit.model.parameters[fit.names[i]].neutral or 0.0 for i in at]
     apart = fit.solution.p[at] - np.array(neutral)
     return bool(chi2.sf(apart @ np.linalg.pinv(covariance) @ apart, len(at)) < LEVEL / 10.0)
+
+
+def confined(trial: Trial) -> bool:
+    """Whether one of the effect's numbers ended at a bound that is not its neutral value."""
+    fit = trial.fit
+    for name, number in zip(fit.names, fit.solution.p.tolist(), strict=True):
+        p = fit.model.parameters[name]
+        if name.startswith(f"{trial.name}.") and number in p.bounds and number != p.neutral:
+            return True
+    return False
 
 
 def alike(a: Trial, b: Trial, variance: float) -> bool:

@@ -10,7 +10,7 @@ from policies.randomization import Band
 from study.config import PRESETS
 from study.mismatch.hidden import hidden_machine, oracle, rollouts
 from study.mismatch.machine import design, machine
-from study.mismatch.naming import FIRST, SEEDS
+from study.mismatch.naming import FIRST, SEEDS, steps_of
 from study.mismatch.plan import ALL_PLANTS, DELAY_LARGE, MAGNET, PLANS, WAYS, Trial
 from study.mismatch.recipe import Recipe, recipe_of
 from study.mismatch.results import Fitted
@@ -41,6 +41,14 @@ def test_naming_the_effect_brings_back_at_least_half_of_what_it_cost(spending):
     loss, left = aware - ignorant, aware - worth(named.model)
     assert loss > 0.2 * abs(aware)
     assert left < 0.5 * loss
+
+
+@pytest.mark.parametrize("seed", [2000, 2015])
+def test_a_delay_of_three_samples_is_named_alone(seed):
+    """To a first order it moves the readings as a stamp does, which cannot be so late: both have to be tried."""
+    plan = PLANS["mismatch"]
+    found = Spending(plan, rollouts(plan, DELAY_LARGE, seed)[:10], seed).diagnosis
+    assert (found.verdict, steps_of(found)) == ("missing", ("delay",))
 
 
 def test_a_band_is_about_the_same_fit_and_random_torques_leave_it(spending):

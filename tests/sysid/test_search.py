@@ -26,7 +26,7 @@ from sysid import (
 )
 from sysid.diagnose.refits import LEAD, at_horizon, extend, gain, grow, reduce_by
 from sysid.diagnose.screen import screen
-from sysid.diagnose.search import MOST_STEPS, Addition, Round, Search, Trial, alike, holds, twins
+from sysid.diagnose.search import MOST_STEPS, Addition, Round, Search, Trial, alike, confined, holds, twins
 from sysid.excitation import steps
 from sysid.identify.gauss_newton import NEGLIGIBLE, Fit, fit_longest, fit_windows
 from sysid.response import Response, cut
@@ -310,3 +310,32 @@ def test_lead_in_is_the_same_all_along(base: Fit, mended: Fit) -> None:
     for fit in (base, mended, reduce_by(mended, "coulomb"), at_horizon(grow(mended), base.horizon)):
         assert [w.lead for w in fit.response.windows] == [w.lead for w in base.response.windows]
         np.testing.assert_array_equal(fit.response.n_readings, base.response.n_readings)
+
+
+LATE = Delay(T=0.065)
+
+
+@pytest.fixture(scope="module")
+def late() -> list[Record]:
+    """A drive that is three samples and a quarter late: more than a stamp can be."""
+    return logs(rod(LATE), 5)
+
+
+def test_a_stamp_that_cannot_be_late_enough_is_confined(late: list[Record]) -> None:
+    """Its bound is one sample; the delay beside it ends where its own bounds do not matter."""
+    bare = longest(late)
+    scores = screen(bare, ("stamp", "delay"))[0]
+    stamp, delay = (Trial(name, extend(bare, scores[name]), scores[name], 0.01) for name in ("stamp", "delay"))
+    assert confined(stamp) and not confined(delay)
+
+
+def test_an_addition_that_a_later_one_makes_idle_is_dropped(late: list[Record]) -> None:
+    """A late sensor was named first. Beside the late drive it is idle, though at a kink (a delay of whole samples) its
+    covariance says that it is not."""
+    bare = longest(late)
+    sensor = grow(extend(bare, screen(bare, ("sensor_delay",))[0]["sensor_delay"]))
+    both = grow(extend(sensor, screen(sensor, ("delay",))[0]["delay"]))
+    search = Search(late, ("delay", "sensor_delay"), rounds=[Round.of(bare, ("delay", "sensor_delay"))])
+    search.additions = [Addition(name, (), (), 1e-9, both) for name in ("sensor_delay", "delay")]
+    search.run(both)
+    assert found(search) == {"delay"}
