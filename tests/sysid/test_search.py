@@ -312,30 +312,33 @@ def test_lead_in_is_the_same_all_along(base: Fit, mended: Fit) -> None:
         np.testing.assert_array_equal(fit.response.n_readings, base.response.n_readings)
 
 
-LATE = Delay(T=0.065)
+def late() -> Fit:
+    """The bare rod on logs of one whose drive is three samples and a bit late: more than a stamp can be."""
+    rng, sensor = np.random.default_rng(0), Sensor(0.01, 1.0)
+    model = Model(RodPendulum(m=2.0, l=1.5, g=10.0), (Delay(T=0.155),), dt=0.05)
+    records = simulate(model, rng.uniform(-2.0, 2.0, (6, 200)), rng.uniform(-math.pi, math.pi, 6), np.zeros(6))
+    bare = Model(RodPendulum(g=10.0), dt=0.05)
+    return fit_longest(bare, PLANT, records.measure(sensor, rng), sensor, lead=LEAD)
 
 
-@pytest.fixture(scope="module")
-def late() -> list[Record]:
-    """A drive that is three samples and a quarter late: more than a stamp can be."""
-    return logs(rod(LATE), 5)
+def added(fit: Fit, name: str) -> Fit:
+    return grow(extend(fit, screen(fit, (name,))[0][name]))
 
 
-def test_a_stamp_that_cannot_be_late_enough_is_confined(late: list[Record]) -> None:
+def test_a_stamp_that_cannot_be_late_enough_is_confined() -> None:
     """Its bound is one sample; the delay beside it ends where its own bounds do not matter."""
-    bare = longest(late)
+    bare = late()
     scores = screen(bare, ("stamp", "delay"))[0]
     stamp, delay = (Trial(name, extend(bare, scores[name]), scores[name], 0.01) for name in ("stamp", "delay"))
     assert confined(stamp) and not confined(delay)
 
 
-def test_an_addition_that_a_later_one_makes_idle_is_dropped(late: list[Record]) -> None:
-    """A late sensor was named first. Beside the late drive it is idle, though at a kink (a delay of whole samples) its
-    covariance says that it is not."""
-    bare = longest(late)
-    sensor = grow(extend(bare, screen(bare, ("sensor_delay",))[0]["sensor_delay"]))
-    both = grow(extend(sensor, screen(sensor, ("delay",))[0]["delay"]))
-    search = Search(late, ("delay", "sensor_delay"), rounds=[Round.of(bare, ("delay", "sensor_delay"))])
+def test_an_addition_that_a_later_one_makes_idle_is_dropped() -> None:
+    """A late sensor was named first. Beside the late drive it is idle, though the covariance says that it is not."""
+    bare, names = late(), ("delay", "sensor_delay")
+    both = added(added(bare, "sensor_delay"), "delay")
+    assert holds(both, "sensor_delay") and holds(both, "delay")
+    search = Search(bare.response.records, names, rounds=[Round.of(bare, names)])
     search.additions = [Addition(name, (), (), 1e-9, both) for name in ("sensor_delay", "delay")]
     search.run(both)
     assert found(search) == {"delay"}
