@@ -7,6 +7,7 @@ import io
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -148,7 +149,7 @@ class Record:
         """`before`, or no commands (0,)."""
         return np.zeros(0) if self.before is None else self.before
 
-    @property
+    @cached_property
     def commands(self) -> Array:
         """All that drives remember and are told (M+N,): `past`, then u."""
         return np.concatenate([self.past, self.u])

@@ -92,7 +92,7 @@ def _interval(axes: Axes, contrast: Contrast, y: float, ink: Any) -> None:
 def _reach_of_panels(answer: Answer) -> float:
     """The largest gap to the optimum of a way that measured, or knows; others may leave the panels."""
     gaps = {spot: answer.optima[spot.plant] - o.mean.mean for spot, o in answer.outcomes.items()}
-    return max([gap for spot, gap in gaps.items() if spot.way not in SHARED] or gaps.values())
+    return max(1.0, *([gap for spot, gap in gaps.items() if spot.way not in SHARED] or gaps.values()))
 
 
 def _title(axes: Axes, plant: HiddenPlant) -> None:
@@ -168,7 +168,7 @@ def _reach(optimum: float, mean: Contrast) -> tuple[float, float]:
 
 def _at_most(answer: Answer, plant: HiddenPlant, way: str) -> Outcome:
     """The way's outcome at the largest budget."""
-    return answer.outcomes[Spot(plant.name, way, 0 if way in FREE else max(answer.plan.budgets))]
+    return answer.outcomes[Spot.of(plant.name, way, max(answer.plan.budgets))]
 
 
 def _plant_inks(answer: Answer) -> dict[str, str]:

@@ -30,6 +30,11 @@ class Spot(NamedTuple):
     way: str
     n: int
 
+    @classmethod
+    def of(cls, plant: str, way: str, n: int) -> Spot:
+        """With n rollouts where the way spends any."""
+        return cls(plant, way, 0 if way in FREE else n)
+
 
 class Verdict(NamedTuple):
     """What a diagnosis said: the verdict, the effects that it added, and whether they were believed."""
@@ -143,7 +148,7 @@ class Answer:
         """The mean of some of the plan's contrasts: paired over seeds, each seed's differences averaged first. It was
         not pre-registered."""
         a, b = rows[0].a, rows[0].b
-        sides = ([self.outcomes[_spot(row.plant, way, row.n)].returns for row in rows] for way in (a, b))
+        sides = ([self.outcomes[Spot.of(row.plant, way, row.n)].returns for row in rows] for way in (a, b))
         return paired_t(*(np.mean(side, axis=0) for side in sides))
 
 
@@ -221,16 +226,12 @@ def _compared(plan: Plan, outcomes: Mapping[Spot, Outcome]) -> list[Compared]:
             if a not in plan.ways or b not in plan.ways:
                 continue
             for n in (0,) if a in FREE and b in FREE else plan.budgets:
-                one, other = (outcomes[_spot(plant.name, way, n)] for way in (a, b))
+                one, other = (outcomes[Spot.of(plant.name, way, n)] for way in (a, b))
                 difference = one.returns - other.returns
                 contrast = paired_t(one.returns, other.returns)
                 found.append((plant.name, n, a, b, contrast, float(np.median(difference))))
     adjusted = holm({k: row[4].p for k, row in enumerate(found)})
     return [Compared(*row, adjusted[k]) for k, row in enumerate(found)]
-
-
-def _spot(plant: str, way: str, n: int) -> Spot:
-    return Spot(plant, way, 0 if way in FREE else n)
 
 
 def _verdicts(fits: Sequence[Fitted]) -> dict[tuple[str, int], Counter[Verdict]]:

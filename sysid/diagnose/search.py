@@ -168,8 +168,11 @@ class Search:
                 break
             if name in self.taken_back or any(twins(score, t.score) and not confined(t) for t in found):
                 continue
-            score = self._representative(score, now, [t.name for t in found])
-            found.append(Trial(score.name, extend(now.fit, score, full), score, now.adjusted[score.name]))
+            for own in (self._representative(score, now), score):
+                if all(own.name != t.name for t in found):
+                    found.append(Trial(own.name, extend(now.fit, own, full), own, now.adjusted[own.name]))
+                    if not confined(found[-1]):
+                        break
         for simpler in self._simpler(found, warranted, now):
             found.append(Trial(simpler.name, extend(now.fit, simpler, full), simpler, now.adjusted[simpler.name]))
         return found
@@ -183,9 +186,9 @@ class Search:
         return [s for s in scores if len(s.sizes) == 1 and not any(twins(s, t.score) for t in found)][:2]
 
     @staticmethod
-    def _representative(score: Score, now: Round, tried: Sequence[str]) -> Score:
+    def _representative(score: Score, now: Round) -> Score:
         for name in PREFERRED:
-            if name not in tried and name in now.scores and now.scores[name].visible and twins(now.scores[name], score):
+            if name in now.scores and now.scores[name].visible and twins(now.scores[name], score):
                 return now.scores[name]
         return score
 

@@ -342,3 +342,10 @@ def test_an_addition_that_a_later_one_makes_idle_is_dropped() -> None:
     search.additions = [Addition(name, (), (), 1e-9, both) for name in ("sensor_delay", "delay")]
     search.run(both)
     assert found(search) == {"delay"}
+
+
+def test_no_candidate_is_fitted_twice_in_a_round() -> None:
+    """Nor where the one that stands for a class is confined and the others are tried, too."""
+    bare = late()
+    tried = [t.name for t in Search(bare.response.records).trials(Round.of(bare, None))]
+    assert {"stamp", "delay"} <= set(tried) and len(set(tried)) == len(tried)
