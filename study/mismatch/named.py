@@ -16,6 +16,7 @@ import numpy as np
 
 from study import rows as table
 from study.mismatch.plan import PLANS, HiddenPlant
+from study.mismatch.titles import capital, plant_title
 from study.statistics import wilson
 from sysid import CATALOGUE, InvalidInput
 
@@ -102,6 +103,37 @@ def errors(rows: Iterable[Named], plant: str, n: int) -> tuple[float, float]:
     own = [(r.error_fitted, r.error_mended) for r in rows if (r.plant, r.n) == (plant, n) and r.verdict != REFUSED]
     fitted, mended = np.sqrt(np.mean(np.square(own), axis=0)) if own else (math.nan, math.nan)
     return float(fitted), float(mended)
+
+
+@dataclass(frozen=True)
+class Tabled:
+    """The rates as text: "93 [86, 97] (2.1, 0.4)" is the rate with its interval, and the errors of m and l without and
+    with what was named, all in percent.
+
+    seeds     how many a cell has: "100", or "20 to 100"
+    lines     (hidden plant, a cell a budget); "" for what was not measured
+    """
+
+    budgets: tuple[int, ...]
+    seeds: str
+    lines: tuple[tuple[str, tuple[str, ...]], ...]
+
+
+def tabled(rows: Sequence[Named]) -> Tabled:
+    """What was found, in the plan's order of plants."""
+    found, budgets = rates(rows), tuple(sorted({row.n for row in rows}))
+
+    def cell(plant: str, n: int) -> str:
+        if (plant, n) not in found:
+            return ""
+        low, high = found[plant, n].interval
+        fitted, mended = (f"{100.0 * error:.2g}" for error in errors(rows, plant, n))
+        return f"{100 * found[plant, n].share:.0f} [{100 * low:.0f}, {100 * high:.0f}] ({fitted}, {mended})"
+
+    known = [plant for plant in PLANS["mismatch"].plants if any(name == plant.name for name, _ in found)]
+    lines = tuple((capital(plant_title(p)), tuple(cell(p.name, n) for n in budgets)) for p in known)
+    seeds = sorted({rate.seeds for rate in found.values()})
+    return Tabled(budgets, " to ".join(str(s) for s in dict.fromkeys((seeds[0], seeds[-1]))), lines)
 
 
 def read(path: Path) -> list[Named]:

@@ -1,6 +1,6 @@
 """How many rollouts does naming the missing effect take, beside fitting m and l? No agent is trained.
 
-    python -m study.mismatch.naming                    draws what was measured: study/results/mismatch
+    python -m study.mismatch.naming                    tells and draws what was measured: study/results/mismatch
     python -m study.mismatch.naming --out elsewhere    measures again, some hours, and goes on if stopped
 
     error = sqrt(((m_hat - m)^2 / m^2 + (l_hat - l)^2 / l^2) / 2)
@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from study.executors.executor import Brief
-from study.mismatch.named import REFUSED, TABLE, Named, is_right, read, write
+from study.mismatch.named import REFUSED, TABLE, Named, is_right, read, tabled, write
 from study.mismatch.plan import PLANS, HiddenPlant, Plan
 from sysid import InvalidInput
 
@@ -80,7 +80,7 @@ class NamingTask(Brief):
     @property
     def work(self) -> float:
         """About how many seconds it takes on one core; only the time left is computed from it."""
-        return 3.0 + sum(0.7 + 0.25 * n for n in self.budgets)
+        return 3.0 + sum(0.7 + 0.5 * n for n in self.budgets)
 
     def run(self, link: Link) -> list[Named]:
         """One row a budget; smaller budgets are the first rollouts of larger ones."""
@@ -130,11 +130,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise InvalidInput(f"--seeds {options.seeds}, --workers {options.workers}: expected at least 1 of each")
         options.out.mkdir(parents=True, exist_ok=True)
         rows = _measured(options.out / TABLE, sorted(set(options.budgets)), options.seeds, options.workers)
-        draw(rows, options.out)
+        _tell(rows, draw(rows, options.out))
     except (InvalidInput, OSError, WorkerFailed) as error:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         return 1 if isinstance(error, WorkerFailed) else 2
     return 0
+
+
+def _tell(rows: Sequence[Named], figure: Path) -> None:
+    """Print the table and where the figure is."""
+    from rich.console import Console
+    from rich.table import Table
+
+    told = tabled(rows)
+    title = f"right [%] of {told.seeds} seeds (errors of m and l without and with what was named [%])"
+    shown = Table(title=title, title_justify="left")
+    for head in ("hidden plant", *(f"n = {n}" for n in told.budgets)):
+        shown.add_column(head, no_wrap=True)
+    for plant, cells in told.lines:
+        shown.add_row(plant, *(cell.replace(" (", "\n(") for cell in cells))
+    # a cell that is cut says nothing: the table is as wide as it must be
+    console = Console(highlight=False, width=400)
+    console.print(shown)
+    console.print(f"figure: {figure}", soft_wrap=True)
 
 
 def _measured(path: Path, budgets: Sequence[int], seeds: int, workers: int) -> list[Named]:

@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from study.mismatch.answer import Answer
-from study.mismatch.named import Named, errors, rates
+from study.mismatch.named import Named, tabled
 from study.mismatch.plan import WAYS
 from study.mismatch.titles import capital, plant_title
 from study.numerals import bracketed, number
@@ -55,7 +54,7 @@ def page(
         "ways": WAYS,
         "titles": {plant.name: capital(plant_title(plant)) for plant in plan.plants},
         "verdicts": _verdicts(answer),
-        "named": _named(answer, rows),
+        "named": tabled(rows) if rows else None,
         "worker_time": duration(3600.0 * answer.hours),
         "settings": settings,
         "versions": versions,
@@ -71,28 +70,6 @@ def _verdicts(answer: Answer) -> list[tuple[str, int, str]]:
         for n in answer.plan.budgets
         if (found := answer.verdicts.get((plant.name, n)))
     ]
-
-
-def _named(answer: Answer, rows: Sequence[Named]) -> dict[str, Any] | None:
-    """The table of the naming study; None without rows."""
-    if not rows:
-        return None
-    found, budgets = rates(rows), sorted({row.n for row in rows})
-    table = []
-    for plant in answer.plan.plants:
-        cells = []
-        for n in budgets:
-            rate = found.get((plant.name, n))
-            if rate is None:
-                cells.append("")
-                continue
-            low, high = rate.interval
-            fitted, mended = (f"{100.0 * error:.2g}" for error in errors(rows, plant.name, n))
-            cells.append(f"{100 * rate.share:.0f} [{100 * low:.0f}, {100 * high:.0f}] ({fitted}, {mended})")
-        table.append((capital(plant_title(plant)), cells))
-    least, most = (choose(rate.seeds for rate in found.values()) for choose in (min, max))
-    seeds = f"{most}" if least == most else f"{least} to {most}"
-    return {"budgets": budgets, "seeds": seeds, "table": table}
 
 
 def _interval(mean: Contrast) -> str:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from study.mismatch import naming
-from study.mismatch.named import TABLE, Named, errors, is_right, rates, read, write
+from study.mismatch.named import TABLE, Named, errors, is_right, rates, read, tabled, write
 from study.mismatch.naming import BUDGETS, FIGURE, FIRST, main, measure, tasks
 from study.mismatch.plan import COULOMB, DELAY_LARGE, MAGNET, PLAIN, PLANS
 from sysid import InvalidInput
@@ -106,7 +106,16 @@ def test_seeds_are_used_for_nothing_else():
     assert max(SEEDS) < FIRST and min(PLAN.seeds) >= FIRST + 100
 
 
-def test_a_run_goes_on_from_its_table(tmp_path, monkeypatch):
+def test_a_table_tells_rates_and_errors_in_percent_and_leaves_out_what_was_not_measured():
+    told = tabled([row(5, 0), row(5, 1, ()), row(20, 0), row(20, 0, (), "adequate", PLAIN, 0.02)])
+    assert (told.budgets, told.seeds) == ((5, 20), "1 to 2")
+    assert told.lines == (
+        ("Nothing missing", ("", "100 [21, 100] (2, 1)")),
+        ("Delay 0.155 s", ("50 [9, 91] (10, 5)", "100 [21, 100] (10, 5)")),
+    )
+
+
+def test_a_run_goes_on_from_its_table(tmp_path, monkeypatch, capsys):
     done = []
 
     def execute(self, left, heard):
@@ -125,8 +134,11 @@ def test_a_run_goes_on_from_its_table(tmp_path, monkeypatch):
     assert main(command) == 0
     assert [task.plant for task in done] == [plant.name for plant in PLAN.plants]
     assert (tmp_path / FIGURE).read_bytes().startswith(b"\x89PNG")
+    capsys.readouterr()
     assert main(command) == 0
     assert len(done) == 6
+    said = capsys.readouterr().out
+    assert "of 1 seeds" in said and "(10, 5)" in said and said.endswith(f"figure: {tmp_path / FIGURE}\n")
 
 
 def _go_on(done):
