@@ -1,7 +1,7 @@
 """How many rollouts does naming the missing effect take, beside fitting m and l? No agent is trained.
 
-    python -m study.mismatch.naming                    tells and draws what was measured: study/results/mismatch
-    python -m study.mismatch.naming --out elsewhere    measures again, some hours, and goes on if stopped
+    python -m study.mismatch.naming                                  tells and draws what is in study/results/mismatch
+    python -m study.mismatch.naming --seeds 100 --out elsewhere      measures, some hours; goes on if stopped
 
     error = sqrt(((m_hat - m)^2 / m^2 + (l_hat - l)^2 / l^2) / 2)
 
@@ -36,8 +36,8 @@ SHIPPED = Path(__file__).parents[1] / "results" / "mismatch"
 FIGURE = "naming.png"
 
 BUDGETS = (1, 2, 3, 5, 10, 20, 50)
-FIRST, SEEDS = 2000, 100
-"""The first seed, and how many."""
+FIRST, MOST = 2000, 100
+"""The first seed, and how many there are at most: others begin where these end."""
 
 
 def measure(plant: HiddenPlant, n: int, seed: int, spending: Spending) -> Named:
@@ -118,7 +118,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code: 0 done, 1 a task failed, 2 bad input."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0], prog="python -m study.mismatch.naming")
     parser.add_argument("--out", type=Path, default=SHIPPED, metavar="DIR", help="folder of table and figure")
-    parser.add_argument("--seeds", type=int, default=SEEDS, metavar="N", help=f"how many, from {FIRST} on")
+    parser.add_argument(
+        "--seeds",
+        type=int,
+        metavar="N",
+        help=f"measure the table up to so many seeds, from {FIRST} on (default: tell what it has)",
+    )
     parser.add_argument("--budgets", type=int, nargs="+", default=list(BUDGETS), choices=BUDGETS, metavar="N")
     parser.add_argument("--workers", type=int, default=2, metavar="N", help="processes (default 2)")
     options = parser.parse_args(arguments)
@@ -126,10 +131,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from study.executors.executor import WorkerFailed
 
     try:
-        if options.seeds < 1 or options.workers < 1:
-            raise InvalidInput(f"--seeds {options.seeds}, --workers {options.workers}: expected at least 1 of each")
-        options.out.mkdir(parents=True, exist_ok=True)
-        rows = _measured(options.out / TABLE, sorted(set(options.budgets)), options.seeds, options.workers)
+        rows = read(options.out / TABLE)
+        if options.seeds is not None:
+            _measure(rows, options.out / TABLE, sorted(set(options.budgets)), options.seeds, options.workers)
+        if not rows:
+            raise InvalidInput(f"{options.out} has no {TABLE}: measure one with --seeds {MOST}")
         _tell(rows, draw(rows, options.out))
     except (InvalidInput, OSError, WorkerFailed) as error:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
@@ -155,19 +161,20 @@ def _tell(rows: Sequence[Named], figure: Path) -> None:
     console.print(f"figure: {figure}", soft_wrap=True)
 
 
-def _measured(path: Path, budgets: Sequence[int], seeds: int, workers: int) -> list[Named]:
-    """The rows of the table, after those that it lacks were measured; kept as soon as they are known."""
+def _measure(rows: list[Named], path: Path, budgets: Sequence[int], seeds: int, workers: int) -> None:
+    """Add the rows that the table lacks, each kept as soon as it is known."""
     from rich.console import Console
 
     from study.executors.processes import Processes
     from study.runner import announce, execute
 
-    rows, console = read(path), Console(highlight=False)
-    left = list(tasks(PLANS["mismatch"], rows, budgets, seeds))
+    if not 1 <= seeds <= MOST or workers < 1:
+        raise InvalidInput(f"--seeds {seeds}, --workers {workers}: expected 1 to {MOST} seeds and at least 1 worker")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    left, console = list(tasks(PLANS["mismatch"], rows, budgets, seeds)), Console(highlight=False)
     if left:
         announce(console, left, workers, f"{sum(len(task.budgets) for task in left)} diagnoses")
     execute(left, Processes(workers), console, partial(_keep, path=path, rows=rows), lambda task, seconds: None)
-    return rows
 
 
 def _keep(task: Task, found: Any, path: Path, rows: list[Named]) -> None:

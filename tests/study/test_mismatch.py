@@ -10,7 +10,7 @@ from policies.randomization import Band
 from study.config import PRESETS
 from study.mismatch.hidden import hidden_machine, oracle, rollouts
 from study.mismatch.machine import design, machine
-from study.mismatch.naming import FIRST, SEEDS, steps_of
+from study.mismatch.naming import FIRST, MOST, steps_of
 from study.mismatch.plan import ALL_PLANTS, DELAY_LARGE, MAGNET, PLANS, WAYS, Trial
 from study.mismatch.recipe import Recipe, recipe_of
 from study.mismatch.results import Fitted
@@ -113,7 +113,7 @@ def test_the_plan_is_balanced_and_its_seeds_are_matched():
 def test_the_experiments_seeds_are_used_for_nothing_else():
     own = set(PLANS["mismatch"].seeds)
     assert own.isdisjoint(s for name, plan in PLANS.items() if name != "mismatch" for s in plan.seeds)
-    assert own.isdisjoint(range(FIRST, FIRST + SEEDS)) and own.isdisjoint(s for p in PRESETS.values() for s in p.seeds)
+    assert own.isdisjoint(range(FIRST, FIRST + MOST)) and own.isdisjoint(s for p in PRESETS.values() for s in p.seeds)
 
 
 def test_what_is_unknown_or_does_not_help_is_not_believed(spending):

@@ -8,7 +8,7 @@ import pytest
 
 from study.mismatch import naming
 from study.mismatch.named import TABLE, Named, errors, is_right, rates, read, tabled, write
-from study.mismatch.naming import BUDGETS, FIGURE, FIRST, main, measure, tasks
+from study.mismatch.naming import BUDGETS, FIGURE, FIRST, MOST, main, measure, tasks
 from study.mismatch.plan import COULOMB, DELAY_LARGE, MAGNET, PLAIN, PLANS
 from sysid import InvalidInput
 
@@ -103,7 +103,7 @@ def test_seeds_vary_slowest_and_only_what_is_missing_is_measured():
 def test_seeds_are_used_for_nothing_else():
     from study.mismatch.margin import SEEDS
 
-    assert max(SEEDS) < FIRST and min(PLAN.seeds) >= FIRST + 100
+    assert max(SEEDS) < FIRST and min(PLAN.seeds) >= FIRST + MOST
 
 
 def test_a_table_tells_rates_and_errors_in_percent_and_leaves_out_what_was_not_measured():
@@ -135,7 +135,7 @@ def test_a_run_goes_on_from_its_table(tmp_path, monkeypatch, capsys):
     assert [task.plant for task in done] == [plant.name for plant in PLAN.plants]
     assert (tmp_path / FIGURE).read_bytes().startswith(b"\x89PNG")
     capsys.readouterr()
-    assert main(command) == 0
+    assert main(["--out", str(tmp_path)]) == 0
     assert len(done) == 6
     said = capsys.readouterr().out
     assert "of 1 seeds" in said and "(10, 5)" in said and said.endswith(f"figure: {tmp_path / FIGURE}\n")
@@ -150,7 +150,7 @@ def _go_on(done):
     return execute
 
 
-@pytest.mark.parametrize("arguments", [["--seeds", "0"], ["--workers", "0"], []])
+@pytest.mark.parametrize("arguments", [["--seeds", "0"], ["--seeds", "101"], ["--seeds", "1", "--workers", "0"], []])
 def test_what_is_no_table_or_no_number_is_refused_in_a_line(tmp_path, capsys, arguments):
     (tmp_path / TABLE).write_text("a,b\n1,2\n")
     assert main(["--out", str(tmp_path), *arguments]) == 2
@@ -158,6 +158,12 @@ def test_what_is_no_table_or_no_number_is_refused_in_a_line(tmp_path, capsys, ar
     assert message.startswith("error: ")
     assert message.count("\n") == 1
     assert (tmp_path / TABLE).read_text() == "a,b\n1,2\n"
+
+
+def test_without_a_table_nothing_is_told_and_no_folder_made(tmp_path, capsys):
+    assert main(["--out", str(tmp_path / "none")]) == 2
+    assert "has no naming.csv: measure one with --seeds 100" in capsys.readouterr().err
+    assert not (tmp_path / "none").exists()
 
 
 def test_a_row_of_a_plant_that_is_not_in_the_plan_is_refused(tmp_path):
