@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import NamedTuple
 
 import casadi
 import numpy as np
@@ -70,6 +71,15 @@ def cut(records: Sequence[Record], length: float = math.inf, lead: float = 0.0, 
 
 def _intervals(seconds: float, dt: float) -> int:
     return math.ceil(seconds / dt - 1e-9)
+
+
+class Motion(NamedTuple):
+    """What a model does on a log: drive torques (N + 1, S) of the whole log, states (K, L+1, 2) of all windows, and
+    the whitened residuals e (K, R)."""
+
+    drives: Array
+    states: Array
+    e: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,15 +178,17 @@ class Response:
         """The commands of the whole log (N,)."""
         return np.concatenate([r.u for r in self.records])
 
-    def drives(self, p: Array) -> tuple[Array, Array]:
-        """Drive torques (N + 1, S) of the whole log and their derivatives (N + 1, S, P); the last row pads.
+    def drives(self, p: Array) -> Array:
+        """Drive torques (N + 1, S) of the whole log; the last row pads."""
+        return np.concatenate([self._driven(p), np.zeros((1, self.model.integrator.substeps))])
+
+    def drive_slopes(self, p: Array, drives: Array) -> Array:
+        """Derivatives (N + 1, S, P) of the drive torques, which are `drives` at p.
 
         Differences to the side that the bounds leave open: a delay moves the torque piecewise linearly, a lag
         smoothly, and neither needs more.
         """
-        S, P, N = self.model.integrator.substeps, len(self.names), len(self.commands)
-        drives, slopes = np.zeros((N + 1, S)), np.zeros((N + 1, S, P))
-        drives[:N] = self._driven(p)
+        slopes = np.zeros((*drives.shape, len(self.names)))
         known = self.model.parameters
         for i in self.shaping:
             low, high = known[self.names[i]].bounds
@@ -184,8 +196,8 @@ class Response:
             h = -h if p[i] + h > high else h
             moved = p.copy()
             moved[i] += h
-            slopes[:N, :, i] = (self._driven(moved) - drives[:N]) / h
-        return drives, slopes
+            slopes[:-1, :, i] = (self._driven(moved) - drives[:-1]) / h
+        return slopes
 
     def _driven(self, p: Array) -> Array:
         if not self.model.input_effects:
@@ -220,7 +232,7 @@ class Response:
         P, S = len(self.names), self.model.integrator.substeps
         x, p, drives = casadi.SX.sym("x", 2), casadi.SX.sym("p", P), casadi.SX.sym("drives", S)
         t = casadi.SX.sym("t")
-        after = casadi.vertcat(*self._symbolic(p).move(x[0], x[1], tuple(casadi.vertsplit(drives)), t))
+        after = casadi.densify(casadi.vertcat(*self._symbolic(p).move(x[0], x[1], tuple(casadi.vertsplit(drives)), t)))
         slope = casadi.densify(casadi.jacobian(after, casadi.vertcat(x, p, drives)))
         inputs = [x, p, drives, t]
         return (
@@ -239,24 +251,28 @@ class Response:
     def states(self, p: Array, starts: Array, drives: Array) -> Array:
         """States (K, L+1, 2) of all windows from their starts (K, 2)."""
         K, L = len(self.windows), self.length
-        held = drives[self.interval].reshape(K * L, -1).T
-        path = self._roll(starts.T, np.repeat(p[:, None], K * L, axis=1), held, self.clock[:, :L].reshape(1, -1))
         states = np.empty((K, L + 1, 2))
         states[:, 0] = starts
-        states[:, 1:] = np.asarray(path).T.reshape(K, L, 2)
+        states[:, 1:] = evaluate(self._roll, *self._inputs(p, starts, drives)).reshape(K, L, 2)
         return states
 
-    def slopes(self, p: Array, states: Array, drives: Array, drive_slopes: Array) -> tuple[Array, Array]:
+    def slopes(self, p: Array, states: Array, drives: Array) -> tuple[Array, Array]:
         """One-step derivatives A (K, L, 2, 2) with respect to the state and G (K, L, 2, P) to the parameters."""
         K, L, P = len(self.windows), self.length, len(self.names)
-        flat = states[:, :L].reshape(K * L, 2).T
-        held = drives[self.interval].reshape(K * L, -1).T
-        out = self._tangent(flat, np.repeat(p[:, None], K * L, axis=1), held, self.clock[:, :L].reshape(1, -1))
-        columns = np.asarray(out).T.reshape(K, L, -1, 2).transpose(0, 1, 3, 2)
+        out = evaluate(self._tangent, *self._inputs(p, states[:, :L].reshape(K * L, 2), drives))
+        columns = out.reshape(K, L, -1, 2).transpose(0, 1, 3, 2)
         A, G, B = columns[..., :2], columns[..., 2 : 2 + P].copy(), columns[..., 2 + P :]
-        for i in self.shaping:
-            G[..., i] += np.einsum("klxs,kls->klx", B, drive_slopes[self.interval, :, i])
+        if self.shaping:
+            slopes = self.drive_slopes(p, drives)
+            for i in self.shaping:
+                G[..., i] += np.einsum("klxs,kls->klx", B, slopes[self.interval, :, i])
         return A, G
+
+    def _inputs(self, p: Array, x: Array, drives: Array) -> tuple[Array, Array, Array, Array]:
+        """What a mapped step takes, a row an interval, but states x as they are."""
+        K, L = len(self.windows), self.length
+        held, clock = drives[self.interval].reshape(K * L, -1), self.clock[:, :L].reshape(-1, 1)
+        return x, np.repeat(p[None], K * L, axis=0), held, clock
 
     # readings ------------------------------------------------------------------------------------------------
 
@@ -300,25 +316,44 @@ class Response:
 
     # all together --------------------------------------------------------------------------------------------
 
+    def motion(self, p: Array, starts: Array) -> Motion:
+        """What the model does at parameters p (P,) from window starts (K, 2), and how far the log is from it."""
+        drives = self.drives(p)
+        states = self.states(p, starts, drives)
+        e = (self.y - self.readings(p, states)) * self.weight
+        return Motion(drives, states, e.reshape(len(self.windows), -1))
+
     def residual(self, p: Array, starts: Array) -> Array:
         """Whitened residuals (K, R) alone."""
-        states = self.states(p, starts, self.drives(p)[0])
-        e = (self.y - self.readings(p, states)) * self.weight
-        return e.reshape(len(self.windows), -1)
+        return self.motion(p, starts).e
 
-    def linearise(self, p: Array, starts: Array) -> Linearisation:
-        """Residuals and derivatives at parameters p (P,) and window starts (K, 2)."""
-        K = len(self.windows)
-        drives, drive_slopes = self.drives(p)
-        states = self.states(p, starts, drives)
-        A, G = self.slopes(p, states, drives, drive_slopes)
+    def linearise(self, p: Array, starts: Array, motion: Motion | None = None) -> Linearisation:
+        """Residuals and derivatives at parameters p (P,), window starts (K, 2) and, where it is known, their motion."""
+        drives, states, e = self.motion(p, starts) if motion is None else motion
+        A, G = self.slopes(p, states, drives)
         Z = propagate(A, G)
         own = np.concatenate([np.zeros((2, len(p))), np.eye(len(p))])
         S = self.reading_slopes(p, states, Z, own) * self.weight[..., None]
-        e = (self.y - self.readings(p, states)) * self.weight
-        S = S.reshape(K, -1, S.shape[-1])
+        S = S.reshape(len(self.windows), -1, S.shape[-1])
         growth = float(np.max(np.abs(Z[..., :2])))
-        return Linearisation(e.reshape(K, -1), S[..., :2], S[..., 2:], states, A, drives, growth)
+        return Linearisation(e, S[..., :2], S[..., 2:], states, A, drives, growth)
+
+
+def evaluate(function: casadi.Function, *inputs: Array) -> Array:
+    """The one output of a mapped function, a row a column of CasADi's; so are the inputs.
+
+    CasADi keeps columns together as NumPy does rows: through its buffer nothing is copied or turned into lists, which
+    takes as long as the computation.
+    """
+    buffer, run = function.buffer()
+    rows = [np.ascontiguousarray(value, dtype=float) for value in inputs]
+    for i, value in enumerate(rows):
+        if value.size:
+            buffer.set_arg(i, value.data)
+    out = np.empty((function.size2_out(0), function.size1_out(0)))
+    buffer.set_res(0, out.data)
+    run()
+    return out
 
 
 def stretches(values: Array, clusters: Index) -> Array:

@@ -144,7 +144,7 @@ class Directions:
         probed, held = self.model.with_effect(effect), self.held
         if isinstance(effect, InputEffect):
             other = Response(probed, (), self.response.records, self.response.sensor, self.response.windows)
-            held = other.drives(np.zeros(0))[0][self.response.interval]
+            held = other.drives(np.zeros(0))[self.response.interval]
             probed = self.model
         return self._after(probed, held) - self._after(self.model, self.held)
 

@@ -100,8 +100,8 @@ def solve(
             dx = start_step(lin, reduced, dp)
             if attempt == 0:
                 promised = lin.cost - 0.5 * float(np.sum((lin.e - _moved(lin, dx, dp)) ** 2))
-            e = response.residual(np.clip(p + share * dp, low, high), starts + share * dx)
-            cost = 0.5 * float(np.sum(e**2))
+            motion = response.motion(np.clip(p + share * dp, low, high), starts + share * dx)
+            cost = 0.5 * float(np.sum(motion.e**2))
             if math.isfinite(cost) and cost <= lin.cost:
                 taken = cost
                 break
@@ -111,7 +111,7 @@ def solve(
             break
         gain, enough = lin.cost - taken, NEGLIGIBLE * max(1.0, 2.0 * taken / lin.e.size)
         p, starts = np.clip(p + share * dp, low, high), starts + share * dx
-        lin = response.linearise(p, starts)
+        lin = response.linearise(p, starts, motion)
         damping = max(damping * 0.1, 1e-9)
         if gain < enough and attempt < 3:
             converged = True

@@ -156,7 +156,7 @@ class Pool:
         for i, (response, h) in enumerate(zip(self.responses, self.hypotheses, strict=True)):
             p = h.bare.p
             known = self._lins.get(i)
-            motions.append(response.states(p, self.starts, response.drives(p)[0]) if known is None else known.states)
+            motions.append(response.states(p, self.starts, response.drives(p)) if known is None else known.states)
         return np.array(motions)
 
     def stays(self, limits: Limits) -> NDArray[np.bool_]:
@@ -196,7 +196,7 @@ class Pool:
         if truth not in self._directions:
             bare = self.hypotheses[truth].bare
             response = self._response(bare.model, bare.names)
-            lin = replace(self.lin(truth), drives=response.drives(bare.p)[0])
+            lin = replace(self.lin(truth), drives=response.drives(bare.p))
             solution = Solution(bare.p, self.starts, lin, True)
             self._directions[truth] = Directions(Fit(response, solution, math.inf, bare.model))
         return self._directions[truth]

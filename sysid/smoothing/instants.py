@@ -29,7 +29,7 @@ class Instants:
         self.inside = np.arange(response.length + 1) <= counts[:, None]
         beyond = np.full((len(counts), 1), counts.sum())
         rows = np.concatenate([response.interval, beyond], axis=1)[self.inside]
-        self.drives = response.drives(_NO_PARAMETERS)[0][rows]
+        self.drives = response.drives(_NO_PARAMETERS)[rows]
         self.t, self.clock = response.time[self.inside], response.clock[self.inside]
         self.y, self.weight = (np.swapaxes(v, 1, 2)[self.inside] for v in (response.y, response.weight))
         self.number = np.repeat(np.arange(len(counts)), counts + 1)

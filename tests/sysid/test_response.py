@@ -209,7 +209,7 @@ def test_the_nominal_trajectory_is_the_simulation(name: str, all_effects: tuple[
 
     windows = Response(model, tuple(model.parameters), records, BOTH, cut(records, 0.4, 0.2))
     starts = np.array([truth[w.record, w.begin] for w in windows.windows])
-    states = windows.states(p, starts, windows.drives(p)[0])
+    states = windows.states(p, starts, windows.drives(p))
     for w, own in zip(windows.windows, states, strict=True):
         np.testing.assert_allclose(own[: w.count + 1], truth[w.record, w.begin : w.begin + w.count + 1], atol=1e-11)
     if name != "all effects":  # a play's memory outlasts any lead-in
