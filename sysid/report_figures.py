@@ -28,11 +28,12 @@ from sysid.diagnose.answer import Diagnosis, Step
 from sysid.model import Model
 from sysid.plotting import BLUE, GREEN, GREY, LABEL, ORANGE, STYLE, cells, scale, short
 from sysid.records import Array, Record
-from sysid.response import CHANNELS, cut
+from sysid.response import CHANNELS
 from sysid.sensor import Sensor
 from sysid.smoothing.residual_torque import Followed, ResidualTorque
 from sysid.smoothing.touched import Touched
 from sysid.typography import chance, multiple
+from sysid.windows import cut
 
 WIDE, NARROW = 5.0, 4.2
 """Widths [in]: of a column, and of half of one."""

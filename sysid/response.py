@@ -11,7 +11,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from typing import NamedTuple
 
 import casadi
@@ -21,56 +20,11 @@ from numpy.typing import NDArray
 from sysid.model import Model
 from sysid.records import Array, Record, check_records
 from sysid.sensor import Sensor
+from sysid.windows import Window
 
 Index = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 CHANNELS = ("theta", "theta_dot")
-
-UNKNOWN = 0.5
-"""Seconds at the start of a record that are not scored where the commands before it are not known."""
-
-
-@dataclass(frozen=True)
-class Window:
-    """Instants begin ... begin + count of record number `record`; the first `lead` instants are not scored."""
-
-    record: int
-    begin: int
-    count: int
-    lead: int = 0
-
-    @property
-    def shared(self) -> int:
-        """How many of its first instants belong to the window before it: the lead, but at the start of a record."""
-        return self.lead if self.begin > 0 else 0
-
-
-def cut(records: Sequence[Record], length: float = math.inf, lead: float = 0.0, skip: int = 0) -> tuple[Window, ...]:
-    """Windows of `length` [s] that tile the records, each preceded by up to `lead` [s] that is not scored.
-
-    The first `skip` instants of a record are not scored either: what the drive did just before a log, no row tells.
-    Nor is the lead of a record that begins in the middle of a rollout, or UNKNOWN [s] where the commands before it are
-    not known: memories fill there.
-
-    The windows of a record are equally long to one interval; none is shorter than two thirds of `length`, unless
-    its record is.
-    """
-    windows = []
-    for i, record in enumerate(records):
-        n, dt = len(record), record.dt
-        blind = max(lead, UNKNOWN if record.sudden else 0.0) if record.clock[0] > 0.0 else 0.0
-        first = min(_intervals(blind, dt), n // 2)
-        pieces = max(1, round((n - first) * dt / length)) if math.isfinite(length) else 1
-        edges = np.linspace(first, n, min(pieces, n - first) + 1).round().astype(int)
-        for begin, end in pairwise(edges):
-            early = min(int(begin), _intervals(lead, dt)) if begin > first else first
-            unscored = early if begin > 0 else min(skip, n - 1)
-            windows.append(Window(i, int(begin) - early, int(end - begin) + early, unscored))
-    return tuple(windows)
-
-
-def _intervals(seconds: float, dt: float) -> int:
-    return math.ceil(seconds / dt - 1e-9)
 
 
 class Motion(NamedTuple):

@@ -27,8 +27,9 @@ from sysid.comparison.whiteness import Whiteness, whiteness
 from sysid.estimate import Estimate
 from sysid.model import Model
 from sysid.records import Array, Record, check_records
-from sysid.response import CHANNELS, cut
+from sysid.response import CHANNELS
 from sysid.sensor import Sensor
+from sysid.windows import cut
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from sysid.model import Model
 from sysid.records import Array, Record, check_records
-from sysid.response import CHANNELS, Linearisation, Response, Window, cut
+from sysid.response import CHANNELS, Linearisation, Response
 from sysid.sensor import Sensor
+from sysid.windows import Window, cut
 
 LEAD = 1.0
 """Unscored seconds before each window of a model whose sensors remember."""

@@ -23,9 +23,9 @@ from sysid.fit import free
 from sysid.identify.gauss_newton import HORIZONS, Fit, fit_longest
 from sysid.model import Model
 from sysid.records import Record, check_records, told_apart
-from sysid.response import cut
 from sysid.sensor import Sensor
 from sysid.smoothing.touched import Touched
+from sysid.windows import cut
 
 EXCESS = 1.2
 """Multiple of the sensor noise from which errors that hang together mean that something is missing."""

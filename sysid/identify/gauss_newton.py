@@ -15,8 +15,9 @@ from sysid.identify.start import parameter_starts
 from sysid.model import Model
 from sysid.parameters import Parameter
 from sysid.records import Array, Record
-from sysid.response import CHANNELS, Linearisation, Response, cut, stretches
+from sysid.response import CHANNELS, Linearisation, Response, stretches
 from sysid.sensor import Sensor
+from sysid.windows import cut
 
 HORIZONS = (0.5, 1.0, 2.0, 4.0, math.inf)
 """Lengths of windows [s] that a fit goes through; inf is a whole rollout."""

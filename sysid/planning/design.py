@@ -17,8 +17,9 @@ from sysid.identify.gauss_newton import Fit, Solution, without
 from sysid.model import Model
 from sysid.planning.signals import Limits, Signal, draw, rest_angle, vary, within
 from sysid.records import Array, Record
-from sysid.response import Linearisation, Response, cut
+from sysid.response import Linearisation, Response
 from sysid.sensor import Sensor
+from sysid.windows import cut
 
 LARGEST_GROWTH = 300.0
 """Of an initial error within a rollout; beyond it a fit would have to find its way through a chaotic motion."""

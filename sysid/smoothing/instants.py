@@ -7,8 +7,9 @@ import numpy as np
 from sysid.comparison.held_out import error_of, lead_of, refit_windows
 from sysid.model import Model
 from sysid.records import Array
-from sysid.response import Response, cut
+from sysid.response import Response
 from sysid.smoothing.smoother import Chain
+from sysid.windows import cut
 
 _NO_PARAMETERS = np.zeros(0)
 _SPREAD = (3.0, 30.0)

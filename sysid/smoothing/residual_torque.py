@@ -15,12 +15,13 @@ from sysid.errors import InvalidInput
 from sysid.identify.start import smooth_states
 from sysid.model import Model
 from sysid.records import Array, Record, check_records
-from sysid.response import Response, cut
+from sysid.response import Response
 from sysid.sensor import Sensor
 from sysid.smoothing.instants import Instants
 from sysid.smoothing.likeliest import SIGNIFICANT, largest, likeliest
 from sysid.smoothing.smoother import Chain, Smoothed, Torque
 from sysid.smoothing.touched import HAND, Touched, slow, touched
+from sysid.windows import cut
 
 UNITS = {"theta": "rad", "theta_dot": "rad/s", "torque": "N m", "time": "s"}
 """What a residual torque can be drawn over."""

@@ -37,7 +37,7 @@ from sysid.comparison.compare import Comparison, compare
 from sysid.comparison.held_out import refit_windows
 from sysid.comparison.whiteness import innovations
 from sysid.excitation import multisine, steps
-from sysid.response import cut
+from sysid.windows import cut
 
 BOTH = Sensor(0.003, 0.05)
 ROD = Model(RodPendulum(m=1.0, l=0.9), dt=0.02)

@@ -39,7 +39,8 @@ from sysid import (
 )
 from sysid.excitation import steps
 from sysid.identify.gauss_newton import NEGLIGIBLE, Fit, Solution, fit_longest, fit_windows, reduce
-from sysid.response import Response, cut
+from sysid.response import Response
+from sysid.windows import cut
 
 DT = 0.02
 SENSOR = Sensor(0.003, 0.05)

@@ -23,7 +23,8 @@ from sysid import (
 )
 from sysid.comparison.held_out import held_out_error, lead_of, refit
 from sysid.excitation import steps
-from sysid.response import Response, cut
+from sysid.response import Response
+from sysid.windows import cut
 
 BOTH = Sensor(0.003, 0.05)
 

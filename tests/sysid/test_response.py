@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from itertools import pairwise
 
+import casadi
 import numpy as np
 import pytest
 
@@ -27,7 +28,8 @@ from sysid import (
     simulate,
 )
 from sysid.excitation import multisine
-from sysid.response import CHANNELS, Response, cut, propagate, stretches
+from sysid.response import CHANNELS, Response, evaluate, propagate, stretches
+from sysid.windows import cut
 
 DT = 0.02
 BOTH = Sensor(0.003, 0.05)
@@ -283,6 +285,26 @@ def test_a_clusters_readings_are_near_in_time_however_the_log_is_cut() -> None:
         clusters = response.clusters()[scored.ravel()]
         spans.append(sorted((time[clusters == c].min(), time[clusters == c].max()) for c in np.unique(clusters)))
     np.testing.assert_allclose(spans[0], spans[1])
+
+
+def test_a_mapped_function_gives_what_casadi_gives_with_rows_for_columns() -> None:
+    rng = np.random.default_rng(0)
+    x, y, none = casadi.SX.sym("x", 2), casadi.SX.sym("y", 3), casadi.SX.sym("none", 0)
+    mapped = casadi.Function("f", [x, none, y], [casadi.vertcat(x[0] * y[:2], casadi.sin(x[1]), y[2])]).map(5)
+    X, Y = rng.standard_normal((5, 2)), rng.standard_normal((3, 5)).T  # Y is not contiguous
+    called = np.asarray(mapped(X.T, np.zeros((0, 5)), Y.T)).T
+    np.testing.assert_array_equal(evaluate(mapped, X, np.zeros((5, 0)), Y), called)
+
+
+def test_a_motion_that_is_known_changes_nothing() -> None:
+    model = rod(Viscous(b=0.1), Delay(T=0.03))
+    records = logs(model)
+    response = Response(model, ("m", "delay.T"), records, BOTH, cut(records, 0.5))
+    p = np.array([0.9, 0.05])
+    alone = response.linearise(p, response.starts)
+    given = response.linearise(p, response.starts, response.motion(p, response.starts))
+    for name in ("e", "S_x", "S_p", "states", "A", "drives"):
+        np.testing.assert_array_equal(getattr(alone, name), getattr(given, name))
 
 
 def test_inputs_stay_as_they_are() -> None:

@@ -29,7 +29,8 @@ from sysid.diagnose.screen import screen
 from sysid.diagnose.search import MOST_STEPS, Addition, Round, Search, Trial, alike, confined, holds, twins
 from sysid.excitation import steps
 from sysid.identify.gauss_newton import NEGLIGIBLE, Fit, fit_longest, fit_windows
-from sysid.response import Response, cut
+from sysid.response import Response
+from sysid.windows import cut
 
 DT = 0.02
 SENSOR = Sensor(0.003, 0.05)
