@@ -41,6 +41,8 @@ def dependences(directions: Directions, clusters: Index) -> dict[str, Dependence
 
 
 def _tested(directions: Directions, clusters: Index, name: str, torque: Array) -> Dependence:
+    if torque.shape[-1] == 0:  # the quantity hardly varies
+        return Dependence(tuple(name.split("+")), 0.0, 0.0, 1.0, np.zeros(torque.shape[:-1]))
     parts = [directions.of_torque(block) for block in directions.blocks(torque)]
     z, size = (np.concatenate([p[i] for p in parts], axis=-1) for i in (0, 1))
     test = Test.of(directions, z, size, clusters)

@@ -101,8 +101,9 @@ def solve(
             dx = start_step(lin, reduced, dp)
             if attempt == 0:
                 promised = lin.cost - 0.5 * float(np.sum((lin.e - _moved(lin, dx, dp)) ** 2))
-            motion = response.motion(np.clip(p + share * dp, low, high), starts + share * dx)
-            cost = 0.5 * float(np.sum(motion.e**2))
+            with np.errstate(over="ignore", invalid="ignore"):  # where the motion runs away, no step is taken
+                motion = response.motion(np.clip(p + share * dp, low, high), starts + share * dx)
+                cost = 0.5 * float(np.sum(motion.e**2))
             if math.isfinite(cost) and cost <= lin.cost:
                 taken = cost
                 break

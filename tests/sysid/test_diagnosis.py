@@ -155,6 +155,15 @@ def test_nothing_hidden_nothing_missing() -> None:
     assert 0.9 < found.error.ratio < 1.1
 
 
+@pytest.mark.filterwarnings("error")
+def test_what_hardly_moves_is_diagnosed_too() -> None:
+    rng, sensor, model = np.random.default_rng(0), Sensor(theta=0.003, theta_dot=0.05), Model(RodPendulum(), dt=0.02)
+    runs = [simulate(model, steps(rng, 200, model.dt, 0.01, 0.5), math.pi, 0.0) for _ in range(3)]
+    assert max(float(np.ptp(run.theta)) for run in runs) < 0.03
+    records = [record for run in runs for record in run.measure(sensor, rng)]
+    assert diagnose(model, records, sensor).verdict == "adequate"
+
+
 @pytest.mark.parametrize("name", UNKNOWN)
 def test_what_stands_in_no_catalogue_is_unknown_and_its_dependence_is_said(name: str) -> None:
     found, (_, allowed, on) = of(name), UNKNOWN[name]
