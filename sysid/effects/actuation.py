@@ -26,6 +26,7 @@ class Delay(DeadTime, InputEffect):
     Raises InvalidInput for a `longest` that is not a positive time.
     """
 
+    rarity: ClassVar[float] = 0.5
     formula: ClassVar[str] = "drive(t) = u(t - T)"
     confused: ClassVar[tuple[str, ...]] = ("lag", "stamp", "sensor_delay")
     excludes: ClassVar[tuple[str, ...]] = ("stamp",)
@@ -56,6 +57,7 @@ class Lag(InputEffect):
         z' = s + (z - s) exp(-h/T),   mean of z over the substep = s + (z - s) (T/h) (1 - exp(-h/T))
     """
 
+    rarity: ClassVar[float] = 1.5
     formula: ClassVar[str] = "T z_dot = u - z, drive = z"
     confused: ClassVar[tuple[str, ...]] = ("delay", "stamp", "sensor_delay")
     stage: ClassVar[int] = 2
@@ -96,6 +98,7 @@ class TorqueGain(InputEffect):
     With m and l (or J and G) free it does not show in the motion: weigh the pendulum, or hang a known payload on it.
     """
 
+    rarity: ClassVar[float] = 2.0
     formula: ClassVar[str] = "drive = c u"
     confused: ClassVar[tuple[str, ...]] = ("rotor_inertia", "coulomb", "saturation", "dead_zone")
     c: Value = parameter(1.0, unit="1", bounds=(0.1, 10.0), neutral=1.0)
@@ -109,6 +112,7 @@ class TorqueGain(InputEffect):
 class DeadZone(InputEffect):
     """drive = sign(u) max(|u| - d, 0): commands below d [N m] do nothing, those above lose d."""
 
+    rarity: ClassVar[float] = 2.0
     formula: ClassVar[str] = "drive = sign(u) max(|u| - d, 0)"
     confused: ClassVar[tuple[str, ...]] = ("coulomb", "torque_gain")
     d: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
@@ -126,6 +130,7 @@ def _limits(extent: Extent) -> tuple[float, ...]:
 class Saturation(InputEffect):
     """drive = clip(u, -limit, limit): the driver gives no more than limit [N m]; 10^6 stands for never."""
 
+    rarity: ClassVar[float] = 1.5
     formula: ClassVar[str] = "drive = clip(u, -limit, limit)"
     confused: ClassVar[tuple[str, ...]] = ("torque_gain",)
     limit: Value = parameter(1e6, unit="N m", bounds=(1e-6, 1e6), neutral=1e6, probe=_limits)
@@ -142,6 +147,7 @@ class BackEmf(JointEffect):
     Exactly viscous friction while the driver is on: only a log with the driver off tells them apart.
     """
 
+    rarity: ClassVar[float] = 2.0
     formula: ClassVar[str] = "tau = -k theta_dot, while the driver is on"
     confused: ClassVar[tuple[str, ...]] = ("viscous", "drag", "load_friction")
     friction: ClassVar[bool] = True
@@ -161,6 +167,7 @@ class Stamp(InputEffect):
     torque one row ahead and delays it by (1 + s) dt.
     """
 
+    rarity: ClassVar[float] = 1.0
     formula: ClassVar[str] = "drive(t) = u(t - s dt), of the log and not of the machine"
     confused: ClassVar[tuple[str, ...]] = ("delay", "lag", "sensor_delay")
     excludes: ClassVar[tuple[str, ...]] = ("delay",)

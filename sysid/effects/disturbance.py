@@ -20,6 +20,7 @@ _MOST_FREQUENCIES = 200
 class TorqueBias(JointEffect):
     """tau = tau_0 [N m]: a constant torque (a torque sensor's or amplifier's offset, a preloaded cable)."""
 
+    rarity: ClassVar[float] = 1.0
     formula: ClassVar[str] = "tau = tau_0"
     confused: ClassVar[tuple[str, ...]] = ("spring", "tilt", "drift", "asymmetric_coulomb", "angle_offset")
     tau_0: Value = parameter(0.0, unit="N m", bounds=(-math.inf, math.inf), neutral=0.0)
@@ -43,6 +44,7 @@ class Periodic(JointEffect):
     a, b [N m]; f [Hz]; t [s] from the start of each record.
     """
 
+    rarity: ClassVar[float] = 4.0
     formula: ClassVar[str] = "tau = a sin(2 pi f t) + b cos(2 pi f t)"
     confused: ClassVar[tuple[str, ...]] = ("ripple", "drift")
     a: Value = parameter(0.0, unit="N m", bounds=(-math.inf, math.inf), neutral=0.0)
@@ -59,6 +61,7 @@ class Periodic(JointEffect):
 class Drift(JointEffect):
     """tau = r t: a torque that grows while the record runs (warming, a leak); r [N m/s], t [s] from its start."""
 
+    rarity: ClassVar[float] = 3.0
     formula: ClassVar[str] = "tau = r t"
     confused: ClassVar[tuple[str, ...]] = ("torque_bias", "periodic")
     r: Value = parameter(0.0, unit="N m/s", bounds=(-math.inf, math.inf), neutral=0.0)

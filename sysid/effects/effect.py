@@ -46,12 +46,14 @@ class Effect(Parametric):
     confused   names of effects that many logs cannot tell from it
     excludes   names of effects that cannot stand in a model beside it
     of_log     whether it belongs to the log (how rows were stamped) and not to the machine
+    rarity     -log of its odds before any log was seen, against friction, which is in every joint
     """
 
     formula: ClassVar[str] = ""
     confused: ClassVar[tuple[str, ...]] = ()
     excludes: ClassVar[tuple[str, ...]] = ()
     of_log: ClassVar[bool] = False
+    rarity: ClassVar[float] = 2.0
 
     def __init_subclass__(cls, **keywords: Any) -> None:
         super().__init_subclass__(**keywords)

@@ -16,6 +16,7 @@ from sysid.parameters import parameter
 class Viscous(JointEffect):
     """tau = -b theta_dot: oil, grease, slow air; b [N m s/rad]."""
 
+    rarity: ClassVar[float] = 0.0
     formula: ClassVar[str] = "tau = -b theta_dot"
     confused: ClassVar[tuple[str, ...]] = ("back_emf", "drag", "asymmetric_viscous", "load_friction", "coulomb")
     friction: ClassVar[bool] = True
@@ -30,6 +31,7 @@ class Viscous(JointEffect):
 class Coulomb(DryFriction):
     """tau = -tau_c sign(theta_dot); at rest it holds up to tau_c [N m]: seals, brushes, preloaded bearings."""
 
+    rarity: ClassVar[float] = 0.0
     formula: ClassVar[str] = "tau = -tau_c sign(theta_dot), at rest up to tau_c"
     confused: ClassVar[tuple[str, ...]] = (
         "viscous",
@@ -54,6 +56,7 @@ class Stribeck(DryFriction):
     Coulomb friction. (Armstrong-Helouvry, Dupont, Canudas de Wit: Automatica 30 (1994) 1083, with exponent 2.)
     """
 
+    rarity: ClassVar[float] = 2.0
     formula: ClassVar[str] = "tau = -(tau_c + excess exp(-(theta_dot/v_s)^2)) sign(theta_dot)"
     confused: ClassVar[tuple[str, ...]] = ("coulomb",)
     tau_c: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
@@ -71,6 +74,7 @@ class Stribeck(DryFriction):
 class Drag(JointEffect):
     """tau = -c |theta_dot| theta_dot: air drag at high Reynolds number; c [N m s^2/rad^2]."""
 
+    rarity: ClassVar[float] = 1.5
     formula: ClassVar[str] = "tau = -c |theta_dot| theta_dot"
     confused: ClassVar[tuple[str, ...]] = ("viscous", "back_emf")
     friction: ClassVar[bool] = True
@@ -85,6 +89,7 @@ class Drag(JointEffect):
 class AsymmetricViscous(JointEffect):
     """tau = -b_plus theta_dot for theta_dot > 0, -b_minus theta_dot below: friction of a worm or a check valve."""
 
+    rarity: ClassVar[float] = 3.0
     formula: ClassVar[str] = "tau = -b_plus max(theta_dot, 0) - b_minus min(theta_dot, 0)"
     confused: ClassVar[tuple[str, ...]] = ("viscous", "asymmetric_coulomb")
     friction: ClassVar[bool] = True
@@ -103,6 +108,7 @@ class AsymmetricCoulomb(DryFriction):
     Where the joint never stands, Coulomb friction of the mean and a torque bias of half the difference move alike.
     """
 
+    rarity: ClassVar[float] = 3.0
     formula: ClassVar[str] = "tau = -tau_plus (theta_dot > 0), +tau_minus (theta_dot < 0)"
     confused: ClassVar[tuple[str, ...]] = ("coulomb", "torque_bias", "asymmetric_viscous")
     tau_plus: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)

@@ -19,6 +19,7 @@ class LoadFriction(DryFriction):
     load [N m] is gravity, drive and every effect that is not friction; mu [1] is its share that friction takes.
     """
 
+    rarity: ClassVar[float] = 2.0
     formula: ClassVar[str] = "tau = -mu |load| sign(theta_dot), at rest up to mu |load|"
     confused: ClassVar[tuple[str, ...]] = ("viscous", "coulomb", "back_emf")
     mu: Value = parameter(0.0, unit="1", bounds=(0.0, 1.0), neutral=0.0)
@@ -36,6 +37,7 @@ class Tilt(JointEffect):
     For a fixed axis it cannot be told from an encoder that reads alpha too little. Without gravity it does nothing.
     """
 
+    rarity: ClassVar[float] = 1.0
     formula: ClassVar[str] = "tau = gravity_torque(theta + alpha) - gravity_torque(theta)"
     confused: ClassVar[tuple[str, ...]] = ("angle_offset", "torque_bias")
     alpha: Value = parameter(0.0, unit="rad", bounds=(-0.5, 0.5), neutral=0.0)
@@ -52,6 +54,7 @@ class Spring(JointEffect):
     theta is unwrapped, so each turn winds it further. A rest angle elsewhere shows as a torque bias beside it.
     """
 
+    rarity: ClassVar[float] = 2.0
     formula: ClassVar[str] = "tau = -k (theta - pi)"
     confused: ClassVar[tuple[str, ...]] = ("torque_bias", "ripple")
     k: Value = parameter(0.0, unit="N m/rad", bounds=(-math.inf, math.inf), neutral=0.0)
@@ -68,6 +71,7 @@ class Ripple(JointEffect):
     `order` [1] counts the waves in a turn. Order 1 is left out: that is gravity.
     """
 
+    rarity: ClassVar[float] = 3.0
     formula: ClassVar[str] = "tau = a sin(order theta) + b cos(order theta)"
     confused: ClassVar[tuple[str, ...]] = ("spring", "periodic")
     a: Value = parameter(0.0, unit="N m", bounds=(-math.inf, math.inf), neutral=0.0)
@@ -91,6 +95,7 @@ class RotorInertia(JointEffect):
     With m and l (or J) free it does not show in the motion: weigh the pendulum, or hang a known payload on it.
     """
 
+    rarity: ClassVar[float] = 2.0
     formula: ClassVar[str] = "(J + J_r) theta_ddot = ..."
     confused: ClassVar[tuple[str, ...]] = ("torque_gain",)
     J_r: Value = parameter(0.0, unit="kg m^2", bounds=(0.0, math.inf), neutral=0.0, probe=_small_inertia)

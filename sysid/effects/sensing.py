@@ -19,6 +19,7 @@ from sysid.records import Array
 class AngleOffset(OutputEffect):
     """reading theta + offset [rad]: the encoder's zero is off."""
 
+    rarity: ClassVar[float] = 1.0
     formula: ClassVar[str] = "reading = theta + offset"
     confused: ClassVar[tuple[str, ...]] = ("tilt", "torque_bias")
     offset: Value = parameter(0.0, unit="rad", bounds=(-1.0, 1.0), neutral=0.0)
@@ -32,6 +33,7 @@ class AngleOffset(OutputEffect):
 class VelocityBias(OutputEffect):
     """reading theta_dot + bias [rad/s]: the offset of a gyroscope or a tachometer."""
 
+    rarity: ClassVar[float] = 2.0
     formula: ClassVar[str] = "reading = theta_dot + bias"
     confused: ClassVar[tuple[str, ...]] = ()
     bias: Value = parameter(0.0, unit="rad/s", bounds=(-10.0, 10.0), neutral=0.0)
@@ -45,6 +47,7 @@ class VelocityBias(OutputEffect):
 class VelocityGain(OutputEffect):
     """reading c theta_dot: the scale of a gyroscope or a tachometer is off by the factor c [1]."""
 
+    rarity: ClassVar[float] = 2.0
     formula: ClassVar[str] = "reading = c theta_dot"
     confused: ClassVar[tuple[str, ...]] = ()
     c: Value = parameter(1.0, unit="1", bounds=(0.1, 10.0), neutral=1.0)
@@ -67,6 +70,7 @@ class SensorDelay(DeadTime, OutputEffect):
     Raises InvalidInput for a `longest` that is not a positive time.
     """
 
+    rarity: ClassVar[float] = 2.0
     formula: ClassVar[str] = "reading(t) = state(t - T)"
     confused: ClassVar[tuple[str, ...]] = ("delay", "lag", "stamp", "backlash")
     stage: ClassVar[int] = 1
@@ -116,6 +120,7 @@ class Backlash(OutputEffect):
     in the gap. A log begins in the middle of the gap, y = theta.
     """
 
+    rarity: ClassVar[float] = 2.0
     formula: ClassVar[str] = "y = min(max(y, theta - width/2), theta + width/2)"
     confused: ClassVar[tuple[str, ...]] = ("sensor_delay",)
     stage: ClassVar[int] = 0

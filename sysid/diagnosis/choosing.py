@@ -1,0 +1,57 @@
+"""Choosing: what an effect has to show before it is added, as numbers with their reasons."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Choosing:
+    """What counts as evidence, and what counts as large enough to matter.
+
+    price          decrease of the deviance (-2 log likelihood) that each number of an effect has to pay for: beyond 3
+                   it is nothing that noise does in more than 1 of 12 logs
+    tolerance      share by which an effect has to lower the error of 1 s predictions, to matter
+    noise_share    change of 1 s predictions, in units of the sensor noise, below which nothing matters
+    window         horizon of a prediction [s]
+    steps          additions, at most
+    trials         candidates that a round fits, at most: single effects first, then composites
+    same           alikeness from which two effects are one to this log
+    alike          alikeness from which it takes 100 times the evidence to tell two effects that it takes to find one
+    close          difference of the deviance below which two effects explain a log equally well
+    enough         excess of the error of 1 s predictions over the noise, as a multiple of the noise, from which
+                   something that matters is still missing
+    blocks         stretches of the log that are left out in turn when a candidate is validated
+    """
+
+    price: float = 3.0
+    tolerance: float = 0.02
+    noise_share: float = 0.07
+    window: float = 1.0
+    steps: int = 6
+    trials: int = 9
+    same: float = 1.0 - 1e-5
+    alike: float = 0.995
+    close: float = 3.0
+    enough: float = 0.3
+    blocks: int = 8
+
+
+DEFAULT = Choosing()
+
+COMPOSITES: tuple[tuple[str, ...], ...] = (
+    ("viscous", "coulomb"),
+    ("coulomb", "tilt"),
+    ("viscous", "tilt"),
+    ("coulomb", "delay"),
+    ("viscous", "coulomb", "tilt"),
+    ("viscous", "coulomb", "torque_bias"),
+    ("viscous", "coulomb", "drag"),
+    ("coulomb", "drag"),
+    ("lag", "dead_zone"),
+    ("saturation", "spring"),
+)
+"""Effects that come together and of which none may pay alone; what does not pay beside the others is dropped again."""
+
+PREFERRED = ("stamp", "tilt", "viscous", "delay")
+"""Where effects are the same to a log, these stand for their class: the log's own convention before any machine's."""

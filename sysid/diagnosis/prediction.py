@@ -1,0 +1,96 @@
+"""Prediction: how far off a model is over a horizon, on stretches that did not choose its numbers."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.comparison.held_out import Refit, lead_of, refit_windows
+from sysid.estimation.prediction_error import Fit
+from sysid.model import Model
+from sysid.records import Array
+from sysid.windows import Window, cut
+
+
+@dataclass(frozen=True, eq=False)
+class PredictionErrors:
+    """Squared errors (K,) of K windows, in units of the sensor's variance, and what they had to be for noise alone."""
+
+    squares: Array
+    free: Array
+
+    @property
+    def ratio(self) -> float:
+        """RMS error, in units of the sensor noise."""
+        return math.sqrt(float(np.sum(self.squares)) / max(float(np.sum(self.free)), 1e-9))
+
+    def gain(self, other: PredictionErrors) -> tuple[float, float]:
+        """By how much the mean square is below that of another model on the same windows, and its standard error."""
+        apart = (other.squares - self.squares) / max(float(np.sum(self.free)), 1e-9)
+        total = float(np.sum(apart))
+        return total, float(np.std(apart, ddof=1)) * math.sqrt(len(apart)) if len(apart) > 1 else math.inf
+
+
+def windows_of(fit: Fit, seconds: float) -> tuple[Window, ...]:
+    """The windows over which predictions are judged."""
+    return cut(fit.chain.records, seconds, lead_of(fit.model))
+
+
+def left_out(fit: Fit, seconds: float, blocks: int) -> PredictionErrors:
+    """The errors of each window, by parameters that a Gauss-Newton step takes back from the block it lies in.
+
+        p_(-b) = p - (N - N_b)^-1 g_b,    N = Z'Z,  g = Z'e,  of block b
+    """
+    windows = windows_of(fit, seconds)
+    groups = np.array_split(np.arange(len(windows)), min(blocks, len(windows)))
+    found = []
+    for group in groups:
+        own = [windows[i] for i in group]
+        found.append(_squares(refit_windows(_without(fit, own), fit.chain.records, fit.chain.sensor, own)))
+    return PredictionErrors(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+
+
+def moved(before: Model, after: Model, fit: Fit, seconds: float) -> tuple[float, float]:
+    """RMS difference of two models' predictions, and the RMS error of the second, in units of the sensor noise."""
+    records, sensor = fit.chain.records, fit.chain.sensor
+    a = refit_windows(before, records, sensor, cut(records, seconds, max(lead_of(before), lead_of(after))))
+    b = refit_windows(after, records, sensor, cut(records, seconds, max(lead_of(before), lead_of(after))), a)
+    scored = a.scored > 0.0
+    with np.errstate(over="ignore", invalid="ignore"):
+        apart = np.where(scored, a.lin.e - b.lin.e, 0.0)
+    size = math.sqrt(float(np.sum(apart**2)) / max(int(scored.sum()), 1))
+    return size, PredictionErrors(*_squares(b)).ratio
+
+
+def _squares(refitted: Refit) -> tuple[Array, Array]:
+    K = len(refitted.starts)
+    with np.errstate(over="ignore"):
+        squares = np.sum(np.minimum(refitted.lin.e**2, 1e12), axis=1)
+    return squares, np.sum(refitted.scored - refitted.leverage, axis=1).reshape(K)
+
+
+def _without(fit: Fit, windows: list[Window]) -> Model:
+    """The model with the parameters that the other blocks ask for."""
+    chain, p = fit.chain, fit.values
+    if not len(p):
+        return fit.model
+    own = np.zeros(len(chain), dtype=bool)
+    for w in windows:
+        begin = int(chain.first[w.record]) + w.begin
+        own[begin + w.shared : begin + w.count + 1] = True
+    rows = np.repeat(own, 2)
+    low, high = np.array([fit.model.parameters[n].bounds for n in fit.names]).T
+    free = (p > low) & (p < high)
+    Z, e = fit.Z[:, free], fit.e
+    size = np.linalg.norm(Z, axis=0)
+    free[free] = size > 0.0
+    Z = Z[:, size > 0.0] / size[size > 0.0]
+    rest = Z[~rows]
+    step = np.zeros(len(p))
+    N = rest.T @ rest + 1e-6 * np.eye(Z.shape[1])
+    step[free] = np.linalg.solve(N, rest.T @ e[~rows]) / size[size > 0.0]
+    numbers = np.clip(p + step, low, high).tolist()
+    return fit.model.with_parameters(dict(zip(fit.names, numbers, strict=True)))
+

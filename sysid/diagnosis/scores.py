@@ -1,0 +1,112 @@
+"""Score tests: what every effect of the catalogue promises at one fit, before any is fitted."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.diagnose.candidates import Alternative, candidates, extent_of
+from sysid.effects import CATALOGUE
+from sysid.estimation.prediction_error import Fit
+from sysid.records import Array
+
+VISIBLE = 1e-3
+"""|z_perp| / |z| below which an effect is absorbed by the parameters that are free already."""
+
+
+@dataclass(frozen=True, eq=False)
+class Score:
+    """What the fit says of an effect that the model lacks.
+
+        LM = (z_perp'e)^2 / |z_perp|^2,   z whitened by the filter, z_perp its part beside the free parameters'
+
+    lm         expected decrease of the deviance, the best over the effect's shapes
+    shapes     how many shapes were tried
+    sizes, sd  expected magnitudes from neutral and their standard deviations
+    z          (2 M, q) z_perp at the best shape
+    visible    whether it moves the readings beside the free parameters at all; absorbed: only as those do
+    """
+
+    name: str
+    lm: float
+    shapes: int
+    best: Alternative
+    sizes: tuple[float, ...]
+    sd: tuple[float, ...]
+    z: Array
+    visible: bool
+    absorbed: bool
+
+    @property
+    def numbers(self) -> int:
+        """How many parameters the effect brings."""
+        return len(self.best.neutral.parameters)
+
+
+def scores(fit: Fit, names: Iterable[str] | None = None) -> dict[str, Score]:
+    """Score tests of all effects that the fitted model may lack, or of those named."""
+    basis = np.linalg.qr(fit.Z)[0] if fit.Z.shape[1] else fit.Z
+    found = candidates(fit.model, extent_of(fit.chain.records), names)
+    tested = (_score(fit, basis, alternatives) for alternatives in found.values())
+    return {score.name: score for score in tested if score is not None}
+
+
+def _score(fit: Fit, basis: Array, alternatives: tuple[Alternative, ...]) -> Score | None:
+    effects = [probe for alternative in alternatives for probe in alternative.probes]
+    sizes = [size for alternative in alternatives for size in alternative.sizes]
+    owners = [k for k, alternative in enumerate(alternatives) for _ in alternative.probes]
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        G, R = fit.linearised.effect_changes(effects, sizes)
+    if not (np.all(np.isfinite(G)) and np.all(np.isfinite(R))):
+        return None
+    Z = fit.filter.whiten(G, R)
+    length = np.linalg.norm(Z, axis=0)
+    for _ in range(2):
+        Z = Z - basis @ (basis.T @ Z)
+    best: Score | None = None
+    for k, alternative in enumerate(alternatives):
+        own = np.array([i for i, owner in enumerate(owners) if owner == k], dtype=int)
+        score = _tested(fit.e, alternative, Z[:, own], length[own], len(alternatives))
+        if best is None or score.lm > best.lm:
+            best = score
+    return best
+
+
+def _tested(e: Array, alternative: Alternative, z: Array, length: Array, shapes: int) -> Score:
+    """The test of one way to have the effect; a size on the wrong side of its bound explains nothing."""
+    beside = np.linalg.norm(z, axis=0)
+    seen = (beside > VISIBLE * length) & (length > 1e-6)
+    q = z.shape[1]
+    sizes, sd, lm = np.zeros(q), np.full(q, math.inf), 0.0
+    if np.any(seen):
+        unit = z[:, seen] / beside[seen]
+        U, size, V = np.linalg.svd(unit, full_matrices=False)
+        keep = size > 1e-3
+        along = U[:, keep].T @ e
+        lm = float(along @ along)
+        sizes[seen] = V[keep].T @ (along / size[keep]) / beside[seen]
+        sd[seen] = np.sqrt(np.sum((V[keep].T / size[keep]) ** 2, axis=1)) / beside[seen]
+        if alternative.side and sizes[0] * alternative.side < 0.0:
+            lm = 0.0
+    visible = bool(np.any(seen))
+    absorbed = not visible and bool(np.any(length > 1e-6))
+    return Score(
+        alternative.name, lm, shapes, alternative, tuple(sizes.tolist()), tuple(sd.tolist()), z, visible, absorbed
+    )
+
+
+def alikeness(a: Score, b: Score) -> float:
+    """The smallest cosine between the spaces that two effects move the innovations in; 0 for unequal dimensions."""
+    A, B = (np.linalg.qr(s.z)[0] for s in (a, b) if s.visible) if a.visible and b.visible else (None, None)
+    if A is None or B is None or A.shape[1] != B.shape[1]:
+        return 0.0
+    return float(np.linalg.svd(A.T @ B, compute_uv=False)[-1])
+
+
+def price(name: str, each: float, shapes: int = 1) -> float:
+    """Decrease of the deviance that an effect has to bring: for its numbers, its rarity, and the shapes that were tried."""
+    kind = CATALOGUE[name]
+    return each * len(kind().parameters) + 2.0 * kind.rarity + 2.0 * math.log(shapes)

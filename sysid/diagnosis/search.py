@@ -1,0 +1,296 @@
+"""The search: from a model and a log to the effects that pay, one addition at a time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from sysid.diagnose.candidates import extent_of
+from sysid.diagnosis.choosing import COMPOSITES, DEFAULT, PREFERRED, Choosing
+from sysid.diagnosis.prediction import PredictionErrors, left_out, moved
+from sysid.diagnosis.scores import Score, alikeness, price, scores
+from sysid.effects import CATALOGUE, Effect, effect
+from sysid.errors import InvalidInput
+from sysid.estimation.chain import Chain
+from sysid.estimation.disturbances import Disturbances
+from sysid.estimation.prediction_error import DEFAULT as THOROUGH
+from sysid.estimation.prediction_error import QUICK, Fit, Settings, fit, with_likeliest_memory
+from sysid.identify.rough import rough
+from sysid.model import Model
+from sysid.records import Record
+from sysid.sensor import Sensor
+
+MEMORIES = tuple((T, T_o) for T in (0.1, 1.0) for T_o in (0.03, 0.3))
+"""Correlation times [s] of the disturbances that are tried: the likelihood hardly tells more."""
+
+FRICTION = ("viscous", "coulomb")
+"""What a first fit knows beside the plant, so that friction does not bend inertia and gravity."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A candidate that was fitted: one effect or several, and the fit with them.
+
+    merit   decrease of the deviance beyond what the effects have to pay
+    """
+
+    effects: tuple[str, ...]
+    fit: Fit
+    merit: float
+
+
+@dataclass(frozen=True, eq=False)
+class Addition:
+    """An effect that was added.
+
+    same    effects that this log cannot tell from it, whatever their sizes; close: that explain it about as well
+    share   of the missing torque that it explained when it was added
+    p_value of its gain, times the number of candidates
+    """
+
+    name: str
+    same: tuple[str, ...]
+    close: tuple[str, ...]
+    p_value: float
+    fit: Fit
+
+
+@dataclass(eq=False)
+class Search:
+    """Forward over effects and composites of them, backward after every addition.
+
+    effects   which of the catalogue may be used (None: all)
+    tell      is told what is being tried
+    """
+
+    records: Sequence[Record]
+    sensor: Sensor
+    effects: Iterable[str] | None = None
+    choosing: Choosing = DEFAULT
+    tell: Callable[[str], None] = lambda _: None
+    additions: list[Addition] = field(default_factory=list)
+    trials: list[Trial] = field(default_factory=list)
+    first: dict[str, Score] = field(default_factory=dict)
+    last: dict[str, Score] = field(default_factory=dict)
+    negligible: list[str] = field(default_factory=list)
+
+    def run(self, model: Model, names: Sequence[str]) -> tuple[Fit, Fit]:
+        """The fit of the model as it came, and the one at the end of the loop."""
+        self.tell("fitting the model as it came")
+        chain = Chain(model, self.records, self.sensor)
+        base = first_fit(chain, model, names)
+        now = base
+        for k in range(self.choosing.steps):
+            self.tell(f"testing {len(CATALOGUE)} effects" if not k else "testing what else is missing")
+            self.last = scores(now, self.effects)
+            self.first = self.first or self.last
+            trials = self._trials(now)
+            chosen = self._chosen(now, trials)
+            if chosen is None and not _white(now):
+                trials = [*trials, *self._composites(now, trials)]
+                chosen = self._chosen(now, trials)
+            self.trials = self.trials or trials
+            if chosen is None:
+                break
+            now = self._pruned(self._added(now, chosen, trials))
+        else:
+            self.last = scores(now, self.effects)
+        return base, now
+
+    # candidates ----------------------------------------------------------------------------------------------
+
+    def _trials(self, now: Fit) -> list[Trial]:
+        """The candidates that promise most, fitted, best first; common effects always, where d may hide them."""
+        hidden = now.disturbances.s * now.inertia > 0.0 and not _white(now)
+        promise = {n: s.lm - price(n, self.choosing.price, s.shapes) for n, s in self.last.items() if s.visible}
+        names = sorted(promise, key=lambda n: promise[n], reverse=True)
+        best = max(promise.values(), default=0.0)
+        single = [n for n in names if promise[n] > max(0.0, 0.2 * best)][: self.choosing.trials // 2 + 1]
+        if hidden:
+            single += [n for n in ("coulomb", "viscous", "tilt", "delay") if n in promise and n not in single]
+        tried: list[Trial] = []
+        for name in self._representatives(single):
+            self._try(now, (name,), tried)
+        return sorted(tried, key=lambda t: t.merit, reverse=True)
+
+    def _composites(self, now: Fit, trials: Sequence[Trial]) -> list[Trial]:
+        """Effects that come together, where none pays alone."""
+        tried: list[Trial] = []
+        for composite in COMPOSITES:
+            new = tuple(n for n in composite if n in self.last and self.last[n].visible)
+            if len(new) > 1 and all(set(new) != set(t.effects) for t in tried):
+                self._try(now, new, tried)
+        return sorted(tried, key=lambda t: t.merit, reverse=True)
+
+    def _representatives(self, names: Sequence[str]) -> list[str]:
+        """One name of each class that the log cannot tell apart, the preferred one."""
+        kept: list[str] = []
+        for name in names:
+            own = self.last[name]
+            alike = [n for n in PREFERRED if n in self.last and self._same(self.last[n], own)]
+            chosen = alike[0] if alike else name
+            if all(not self._same(self.last[chosen], self.last[k]) for k in kept):
+                kept.append(chosen)
+        return kept
+
+    def _same(self, a: Score, b: Score) -> bool:
+        return a.name == b.name or alikeness(a, b) > self.choosing.same
+
+    def _try(self, now: Fit, names: tuple[str, ...], tried: list[Trial]) -> None:
+        """Fit with these effects; a model in which two exclude each other is no candidate."""
+        self.tell(f"fitting {' and '.join(names)}")
+        try:
+            found = extended(now, [self._start(now, n, alone=len(names) == 1) for n in names], QUICK)
+        except InvalidInput:
+            return
+        owed = sum(price(n, self.choosing.price, self.last[n].shapes if n in self.last else 1) for n in names)
+        tried.append(Trial(names, found, now.deviance - found.deviance - owed))
+
+    def _start(self, now: Fit, name: str, alone: bool) -> Effect:
+        """The effect at the size that its score promises, or where it is one of several, a small one."""
+        score = self.last[name]
+        u = extent_of(now.chain.records).u_max
+        if alone and score.lm > 0.0:
+            return score.best.at(score.sizes)
+        numbers = {"viscous": 0.02, "coulomb": 0.05, "drag": 0.005}
+        own = next(iter(score.best.neutral.parameters))
+        size = numbers[name] * (u or now.inertia) if name in numbers else None
+        return effect(name, **{own: size}) if size is not None else score.best.at(tuple(0.1 * s for s in score.sizes))
+
+    # choosing ------------------------------------------------------------------------------------------------
+
+    def _chosen(self, now: Fit, trials: Sequence[Trial]) -> Trial | None:
+        """The best that pays, does not predict worse where it was not fitted, and matters."""
+        ranked = [t for t in trials if t.merit > 0.0]
+        if not ranked:
+            return None
+        near = [t for t in ranked if len(t.effects) == 1 and t.effects[0] in PREFERRED and self._alike(t, ranked[0])]
+        near.sort(key=lambda t: PREFERRED.index(t.effects[0]))
+        before = left_out(now, self.choosing.window, self.choosing.blocks)
+        for trial in (*near, *ranked):
+            if self._predicts(before, trial.fit) and matters(now.model, trial.fit, self.choosing):
+                return trial
+            if len(trial.effects) == 1 and trial.effects[0] not in self.negligible:
+                self.negligible.append(trial.effects[0])
+        return None
+
+    def _predicts(self, before: PredictionErrors, after: Fit) -> bool:
+        gain, sd = before.gain(left_out(after, self.choosing.window, self.choosing.blocks))
+        return math.isfinite(gain) and gain > -sd
+
+    def _alike(self, a: Trial, b: Trial) -> bool:
+        if len(a.effects) != 1 or len(b.effects) != 1:
+            return False
+        one, other = (self.last[t.effects[0]] for t in (a, b))
+        return abs(a.merit - b.merit) < 3.0 * self.choosing.close and alikeness(one, other) > self.choosing.alike
+
+    def _added(self, now: Fit, chosen: Trial, trials: Sequence[Trial]) -> Fit:
+        from scipy.stats import chi2
+
+        for name in chosen.effects:
+            own = self.last[name]
+            same = tuple(n for n, s in self.last.items() if n != name and s.visible and self._same(s, own))
+            close = ()
+            if len(chosen.effects) == 1:
+                close = tuple(
+                    t.effects[0]
+                    for t in trials
+                    if len(t.effects) == 1
+                    and t.effects[0] not in (name, *same)
+                    and abs(t.fit.deviance - chosen.fit.deviance) < self.choosing.close
+                    and len(t.fit.names) <= len(chosen.fit.names)
+                )
+            numbers = len(chosen.fit.names) - len(now.names)
+            p = float(chi2.sf(max(now.deviance - chosen.fit.deviance, 0.0), numbers)) * len(self.last)
+            self.additions.append(Addition(name, same, close, min(p, 1.0), chosen.fit))
+        return fit(now.chain, chosen.fit.model, chosen.fit.names, chosen.fit)
+
+    def _pruned(self, now: Fit) -> Fit:
+        """Without the additions that no longer pay, or no longer matter."""
+        dropped = True
+        while dropped and len(self.additions) > 1:
+            dropped = False
+            for addition in list(self.additions):
+                self.tell(f"trying without {addition.name}")
+                without = reduced(now, addition.name)
+                loses = without.deviance - now.deviance - price(addition.name, self.choosing.price)
+                if loses < 0.0 or not matters(without.model, now, self.choosing):
+                    self.additions.remove(addition)
+                    now, dropped = without, True
+                    break
+        return now
+
+
+def matters(before: Model, after: Fit, choosing: Choosing) -> bool:
+    """Whether predictions move by more than nothing that anybody would notice.
+
+    The RMS difference of the two models' predictions exceeds `noise_share` of the sensor noise and what would lower the
+    error by the share `tolerance`:  sqrt(1 - (1 - tolerance)^2)  of what the prediction is off beyond the noise.
+    """
+    size, error = moved(before, after.model, after, choosing.window)
+    excess = math.sqrt(max(error**2 - 1.0, 0.0))
+    share = math.sqrt(1.0 - (1.0 - choosing.tolerance) ** 2)
+    return math.isfinite(size) and size > max(choosing.noise_share, share * excess)
+
+
+def first_fit(chain: Chain, model: Model, names: Sequence[str]) -> Fit:
+    """The model as it came, fitted from far off: by a regression, and beside friction that it may lack."""
+    begun = rough(model, names, chain.records, chain.sensor)
+    u = extent_of(chain.records).u_max
+    start = {"viscous.b": 0.02, "coulomb.tau_c": 0.05}
+    richer, more = begun, dict[str, float]()
+    for name, number in zip(FRICTION, start, strict=True):
+        if name not in {e.name for e in begun.effects}:
+            richer = richer.with_effect(CATALOGUE[name]())
+            more[number] = start[number] * (u or float(begun.inertia()))
+    helped = fit(chain, richer.with_parameters(more), (*names, *more))
+    likely = helped.disturbances
+    if not _white(helped):
+        likely = with_likeliest_memory(helped, MEMORIES)
+        helped = fit(chain, helped.model, helped.names, helped, likely)
+        likely = helped.disturbances
+    numbers = {n: float(helped.model.parameters[n].value) for n in names}
+    plain = model.with_parameters(numbers)
+    near = replace_model(helped, plain, tuple(names))
+    loose = replace(likely, s=2.0 * likely.s)
+    base = fit(chain, plain, names, near, loose)
+    if not more:
+        return base
+    other = fit(chain, begun, names, None, replace(loose, s=4.0 * likely.s))
+    return min((base, other), key=lambda f: f.deviance)
+
+
+def replace_model(near: Fit, model: Model, names: tuple[str, ...]) -> Fit:
+    """A fit that others may begin at, of another model."""
+    return replace(near, model=model, names=names)
+
+
+def _white(found: Fit, seconds: float = 1.0) -> bool:
+    """Whether the log needs no disturbance: without any its deviance is as good, but for what two numbers gain."""
+    none = Disturbances(0.0, found.disturbances.T, 0.0, found.disturbances.T_o)
+    bare = found.linearised.system.filter(none)
+    return bare.deviance - found.deviance < 6.0
+
+
+def extended(now: Fit, effects: Sequence[Effect], settings: Settings = THOROUGH) -> Fit:
+    """The fit with more effects, begun where it ended."""
+    model, names = now.model, list(now.names)
+    for own in effects:
+        model = model.with_effect(own)
+        names += [f"{own.name}.{k}" for k in own.parameters]
+    return fit(now.chain, model, names, now, settings=settings)
+
+
+def reduced(now: Fit, name: str) -> Fit:
+    """The fit without an effect, begun where it ended."""
+    own = {f"{name}.{k}" for k in CATALOGUE[name]().parameters}
+    loose = replace(now.disturbances, s=1.5 * now.disturbances.s)
+    return fit(now.chain, now.model.without_effect(name), [n for n in now.names if n not in own], now, loose)
+
+
+def residual_torque_rms(found: Fit) -> float:
+    """RMS of the smoothed random torque [N m]."""
+    return found.inertia * float(np.sqrt(np.mean(found.motion.d**2)))

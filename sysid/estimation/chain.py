@@ -1,0 +1,220 @@
+"""Chain: all records of a log as one line of instants, and a model along it, linearised about a motion."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from sysid.effects import Effect
+from sysid.estimation.kalman import LinearSystem
+from sysid.identify.start import smooth_states
+from sysid.model import Model
+from sysid.records import Array, Record, check_records
+from sysid.sensor import Sensor
+
+class Chain:
+    """The M instants of records, one record after the other.
+
+    t, clock (M,) [s]: of the log and since the rollout began; y and weight (M, 2): readings of theta and theta_dot and
+    1 / sd, 0 where nothing was read; number (M,) of the record; follows (M,): whether the next instant belongs to the
+    same record. The last instant of a record has no interval after it: whatever is said about that is idle.
+    """
+
+    def __init__(self, model: Model, records: Sequence[Record], sensor: Sensor) -> None:
+        self.records, self.sensor, self.dt = check_records(model, records), sensor, model.dt
+        counts = np.array([len(r) + 1 for r in self.records])
+        self.first = np.concatenate([[0], np.cumsum(counts)])
+        self.number = np.repeat(np.arange(len(counts)), counts)
+        self.follows = np.append(self.number[1:] == self.number[:-1], False)
+        inside = np.arange(len(self.number)) - self.first[self.number]
+        self.t, self.clock = (
+            np.array([start(r) for r in self.records])[self.number] + self.dt * inside
+            for start in (lambda r: float(r.t[0]), lambda r: float(r.clock[0]))
+        )
+        self.y, self.weight = np.zeros((len(inside), 2)), np.zeros((len(inside), 2))
+        for record, begin in zip(self.records, self.first.tolist(), strict=False):
+            self._gather(record, begin)
+
+    def __len__(self) -> int:
+        return len(self.number)
+
+    def _gather(self, record: Record, begin: int) -> None:
+        """Readings of an instant that was read twice count as their mean, which is as good as both."""
+        total, precision = np.zeros((len(record) + 1, 2)), np.zeros((len(record) + 1, 2))
+        for reading in self.sensor.readings(record):
+            channel = 0 if reading.channel == "theta" else 1
+            known = np.isfinite(reading.value)
+            at = reading.index[known]
+            total[at, channel] += reading.value[known] / reading.sd**2
+            precision[at, channel] += 1.0 / reading.sd**2
+        rows = slice(begin, begin + len(record) + 1)
+        self.y[rows] = total / np.where(precision > 0.0, precision, 1.0)
+        self.weight[rows] = np.sqrt(precision)
+
+    @property
+    def readings(self) -> int:
+        """How many readings there are."""
+        return int(np.count_nonzero(self.weight))
+
+    @cached_property
+    def smoothed(self) -> Array:
+        """States (M, 2) without any model of the machine: the smoothest motion that follows the readings."""
+        return np.concatenate([smooth_states(r, self.sensor) for r in self.records])
+
+    def drives(self, model: Model) -> Array:
+        """Drive torques (M, S) [N m] of the intervals after the instants."""
+        drives = np.zeros((len(self), model.integrator.substeps))
+        for record, begin in zip(self.records, self.first.tolist(), strict=False):
+            own = model.drive_record(np.concatenate([record.past, record.u]))
+            drives[begin : begin + len(record)] = own[len(record.past) :]
+        return drives
+
+    def read(self, model: Model, x: Array) -> Array:
+        """What perfect sensors show (M, 2) along states x (M, 2)."""
+        if not model.output_effects:
+            return x
+        rows = (slice(a, b) for a, b in zip(self.first[:-1].tolist(), self.first[1:].tolist(), strict=True))
+        return np.concatenate(
+            [np.stack(model.read_record(x[own, 0], x[own, 1], self.clock[own]), axis=1) for own in rows]
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """What a model is linearised about: states x (M, 2), the random acceleration d (M,) [rad/s^2], and how far off
+    each may be, spread (M, 3), in rad, rad/s and rad/s^2."""
+
+    x: Array
+    d: Array
+    spread: Array
+
+
+class LinearisedModel:
+    """A model along a motion on a chain.
+
+    Slopes are central differences as wide as the state is uncertain: a joint that sticks has no slope at a point, and
+    a filter that believed in none would never let it go. All differences are rows of one array, and one call of the
+    model makes them.
+    """
+
+    def __init__(self, chain: Chain, model: Model, motion: Motion) -> None:
+        self.chain, self.model, self.motion = chain, model, motion
+        self.drives, self.seen = chain.drives(model), chain.read(model, motion.x)
+        h = np.maximum(motion.spread, (1e-7, 1e-6, 1e-6))
+        rows = np.zeros((7, len(chain), 3))
+        for i in range(3):
+            rows[1 + 2 * i, :, i], rows[2 + 2 * i, :, i] = h[:, i], -h[:, i]
+        ends = self._ends(model, self.drives, rows)
+        self.ends = ends[0]
+        A = np.stack([(ends[1 + 2 * i] - ends[2 + 2 * i]) / (2.0 * h[:, i, None]) for i in range(3)], axis=2)
+        gap = self.ends - A[:, :, 2] * motion.d[:, None] - np.roll(motion.x, -1, axis=0)
+        A[~chain.follows], gap[~chain.follows] = 0.0, 0.0
+        self.ahead = (0, 0)
+        H, r = self._readings()
+        self.system = LinearSystem(A, gap, H, r, chain.weight[:, 0], chain.follows, chain.dt)
+
+    def _ends(self, model: Model, drives: Array, shift: Array | None = None) -> Array:
+        """Where the steps end (..., M, 2) from the motion, or from `shift` (..., M, 3) beside it.
+
+        The model may hold arrays (V, 1), and the drives be (V, M, S): one row a variant.
+        """
+        theta, theta_dot, d = self.motion.x[:, 0], self.motion.x[:, 1], self.motion.d
+        if shift is not None:
+            theta, theta_dot, d = theta + shift[..., 0], theta_dot + shift[..., 1], d + shift[..., 2]
+        torque = model.inertia() * d
+        own = tuple(drives[..., j] + torque for j in range(drives.shape[-1]))
+        return np.stack(np.broadcast_arrays(*model.move(theta, theta_dot, own, self.chain.clock)), axis=-1)
+
+    def changes(self, names: Sequence[str]) -> tuple[Array, Array]:
+        """What moves with the parameters: G (M, 2, P) of the ends of the steps, R (M, 2, P) of the readings in the
+        sensor's sd.
+
+        The random acceleration stays: what a change of the inertia does to the likelihood of d is in that.
+        """
+        parameters, P = self.model.parameters, len(names)
+        if not P:
+            nothing = np.zeros((len(self.chain), 2, 0))
+            return nothing, nothing
+        value = np.array([float(parameters[n].value) for n in names])
+        low, high = np.array([parameters[n].bounds for n in names]).T
+        h = 1e-5 * np.maximum(np.abs(value), 1e-2 * np.minimum(high - low, 1.0))
+        rows = np.repeat(value[None], 2 * P, axis=0)
+        at = np.arange(P)
+        rows[at, at], rows[P + at, at] = np.minimum(value + h, high), np.maximum(value - h, low)
+        variants = [dict(zip(names, row.tolist(), strict=True)) for row in rows]
+        ends, seen = self._variants([self.model.with_parameters(v) for v in variants], self.model, rows, names)
+        size = (rows[at, at] - rows[P + at, at])[:, None, None]
+        return self._as_changes((ends[:P] - ends[P:]) / size, (seen[:P] - seen[P:]) / size)
+
+    def effect_changes(self, effects: Sequence[Effect], sizes: Sequence[float]) -> tuple[Array, Array]:
+        """What moves, as in `changes` and a column each, with effects of one kind, per their sizes from neutral."""
+        model = self.model.with_effect(effects[0])
+        keys = [f"{effects[0].name}.{k}" for k in effects[0].parameters]
+        rows = np.array([[float(p.value) for p in e.parameters.values()] for e in effects])
+        ends, seen = self._variants([self.model.with_effect(e) for e in effects], model, rows, keys)
+        size = np.asarray(sizes)[:, None, None]
+        return self._as_changes((ends - self.ends) / size, (seen - self.seen) / size)
+
+    def _variants(
+        self, models: Sequence[Model], model: Model, rows: Array, names: Sequence[str]
+    ) -> tuple[Array, Array]:
+        """Ends (V, M, 2) and readings (V, M, 2) of variants of a model that differ in numbers (V, P) alone."""
+        columns = {n: column[:, None] for n, column in zip(names, rows.T, strict=True)}
+        inputs = any(e.parameters.keys() and any(n.startswith(f"{e.name}.") for n in names) for e in model.input_effects)
+        drives = np.stack([self.chain.drives(m) for m in models]) if inputs else self.drives
+        ends = np.broadcast_to(self._ends(model.with_parameters(columns), drives), (len(rows), len(self.chain), 2))
+        if not model.output_effects:
+            return ends, np.broadcast_to(self.seen, ends.shape)
+        return ends, np.stack([self.chain.read(m, self.motion.x) for m in models])
+
+    def _as_changes(self, ends: Array, seen: Array) -> tuple[Array, Array]:
+        G = np.moveaxis(ends, 0, -1) * self.chain.follows[:, None, None]
+        R = np.moveaxis(seen, 0, -1) * self.chain.weight[:, :, None]
+        return G, self._moved_ahead(R)
+
+    def _readings(self) -> tuple[Array, Array]:
+        """Slopes H (M, 2, 2) of the readings and residuals r (M, 2), in units of the sensor's sd.
+
+        A sensor remembers: what it shows is moved to the instant that it shows, and a change of speed is taken as one
+        of all angles before, too.
+        """
+        chain, model, x = self.chain, self.model, self.motion.x
+        residual = (chain.y - self.seen) * chain.weight
+        if not model.output_effects:
+            return np.eye(2) * chain.weight[:, :, None], residual
+        h, t = 1e-6, chain.t - chain.t[0]
+        one, zero = np.ones_like(t), np.zeros_like(t)
+        shifts = (np.column_stack(v) for v in ((one, zero), (t, one), (0.5 * t * t, t)))
+        moved = [(chain.read(model, x + h * v) - chain.read(model, x - h * v)) / (2.0 * h) for v in shifts]
+        H = np.stack([moved[0], moved[1] - moved[0] * t[:, None]], axis=2)
+        late = np.median(np.column_stack([-H[:, 0, 1], t - moved[2][:, 1]]), axis=0)
+        self.ahead = (max(0, round(float(late[0]) / chain.dt)), max(0, round(float(late[1]) / chain.dt)))
+        H, residual = self._moved_ahead(H * chain.weight[:, :, None]), self._moved_ahead(residual)
+        H[:, 0, 1] += self.ahead[0] * chain.dt * H[:, 0, 0]
+        return H, residual
+
+    def _moved_ahead(self, values: Array) -> Array:
+        """Values (M, 2, ...) of the readings at the instants that they show, 0 where a record has no such reading."""
+        moved, M = values.copy(), len(values)
+        for channel, by in enumerate(self.ahead):
+            if by:
+                source = np.minimum(np.arange(M) + by, M - 1)
+                same = (self.chain.number[source] == self.chain.number) & (np.arange(M) + by < M)
+                moved[:, channel] = np.where(same.reshape(-1, *[1] * (values.ndim - 2)), values[source, channel], 0.0)
+        return moved
+
+
+def begin(chain: Chain, size: float) -> Motion:
+    """The smoothed readings as a motion, under no random acceleration yet; `size` [rad/s^2] is how large it may be."""
+    spread = np.tile([1e-3, 0.05, size], (len(chain), 1))
+    return Motion(chain.smoothed, np.zeros(len(chain)), spread)
+
+
+def level(chain: Chain) -> float:
+    """RMS of the acceleration of the smoothed readings [rad/s^2], a yardstick for d."""
+    change = np.diff(chain.smoothed[:, 1])[chain.follows[:-1]] / chain.dt
+    return max(float(np.sqrt(np.mean(change**2))), 1e-9) if len(change) else math.nan

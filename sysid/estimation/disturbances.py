@@ -1,0 +1,44 @@
+"""Disturbances: what acts beside a model, and what shows in its readings beside white noise."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.records import Array
+
+
+@dataclass(frozen=True)
+class Disturbances:
+    """Two stationary Gaussian processes that a model does not explain.
+
+        d:  random acceleration [rad/s^2], sd s, correlation time T [s]; times the inertia it is the random torque
+        o:  error of the angle reading [rad] that neighbouring readings share, sd sigma_o, correlation time T_o [s]:
+            rounding at slow speed, stamps that jitter, a vibration of the structure
+
+    Both are Ornstein-Uhlenbeck processes, x(t + dt) = exp(-dt / T) x(t) + w. d accumulates in the motion and o does
+    not, so that d takes what is slow and o what is fast. With s = sigma_o = 0 the fit is that of output error.
+
+    Source: Kristensen, Madsen, Jorgensen, Automatica 40 (2004) 225, for d (stochastic grey-box models).
+    """
+
+    s: float
+    T: float = 1.0
+    sigma_o: float = 0.0
+    T_o: float = 0.1
+
+    def moved(self, step: Array) -> Disturbances:
+        """The same with s and sigma_o times exp(step) (2,)."""
+        return Disturbances(self.s * math.exp(step[0]), self.T, self.sigma_o * math.exp(step[1]), self.T_o)
+
+    def with_memory(self, T: float, T_o: float) -> Disturbances:
+        """The same sizes with other correlation times [s]."""
+        return Disturbances(self.s, T, self.sigma_o, T_o)
+
+    def discrete(self, dt: float) -> tuple[Array, Array, Array]:
+        """Factors (2,), variances of the increments (2,) and stationary variances (2,) of d and o over dt [s]."""
+        factor = np.exp(-dt / np.array([self.T, self.T_o]))
+        variance = np.square([self.s, self.sigma_o])
+        return factor, variance * (1.0 - factor**2), variance

@@ -1,0 +1,224 @@
+"""Kalman filter of z = (theta, theta_dot, d, o) about a motion, and everything that is read off it.
+
+CasADi runs the recursion of the covariance, instant by instant; what follows from it for any number of columns is one
+banded triangular system, which LAPACK solves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache, cached_property
+
+import casadi
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dtbtrs
+
+from sysid.estimation.disturbances import Disturbances
+from sysid.records import Array
+
+BLOCK = 256
+"""Instants that one CasADi call runs through; a longer log takes several."""
+
+SPREAD = (3.0, 30.0)
+"""How far a record's first state may lie from where it is thought to be [rad], [rad/s]: anywhere."""
+
+_N, _L = 4, 10
+_ROWS, _COLUMNS = np.array([(i, j) for j in range(_N) for i in range(j, _N)]).T
+
+
+@dataclass(frozen=True, eq=False)
+class LinearSystem:
+    """M instants of z, linear about a motion; x is the deviation from it.
+
+        x_(k+1) = A_k (x_k, d_k) + gap_k,    r_k = H_k x_k + weight_k (o_k, 0) + v_k,   v ~ N(0, I)
+
+    A (M, 2, 3), gap (M, 2), H (M, 2, 2), r (M, 2): slopes and residuals in units of the sensor's sd, 0 where nothing
+    was read. weight (M,) = 1 / sd of the angle's reading, follows (M,): whether the next instant belongs to the same
+    record. dt [s].
+    """
+
+    A: Array
+    gap: Array
+    H: Array
+    r: Array
+    weight: Array
+    follows: NDArray[np.bool_]
+    dt: float
+
+    def filter(self, disturbances: Disturbances) -> Filter:
+        """The Kalman filter under these disturbances."""
+        states, own = self._scan(disturbances)
+        return Filter(self, disturbances, states, own)
+
+    @cached_property
+    def _columns(self) -> Array:
+        """What the recursion takes, (M padded to whole blocks, 16)."""
+        M = len(self.r)
+        columns = np.zeros((-(-M // BLOCK) * BLOCK, 16))
+        columns[:M] = np.hstack(
+            [self.A.reshape(M, 6), self.gap, self.H.reshape(M, 4), self.r, self.weight[:, None], self.follows[:, None]]
+        )
+        return columns
+
+    def _scan(self, disturbances: Disturbances) -> tuple[Array, Array]:
+        columns, M = self._columns, len(self.r)
+        factor, increment, variance = disturbances.discrete(self.dt)
+        first = np.zeros(_L + _N)
+        first[[0, 4, 7, 9]] = [*np.square(SPREAD), *variance]
+        scale = np.concatenate([factor, increment, variance])
+        states, own = np.empty((len(columns) + 1, _L + _N)), np.empty((len(columns), 12))
+        states[0] = first
+        buffer, run = _step().buffer()
+        buffer.set_arg(2, memoryview(scale))
+        for begin in range(0, len(columns), BLOCK):
+            state = np.ascontiguousarray(states[begin])
+            buffer.set_arg(0, memoryview(state))
+            buffer.set_arg(1, memoryview(columns[begin : begin + BLOCK]))
+            buffer.set_res(0, memoryview(states[begin + 1 : begin + 1 + BLOCK]))
+            buffer.set_res(1, memoryview(own[begin : begin + BLOCK]))
+            run()
+        return states[:M], own[:M]
+
+
+@cache
+def _step() -> casadi.Function:
+    """(predicted P and m, column, scale) -> predicted P' and m'; gains, variances and errors of both readings."""
+    state, column, scale = casadi.SX.sym("state", _L + _N), casadi.SX.sym("column", 16), casadi.SX.sym("scale", 6)
+    A, gap, H = casadi.reshape(column[:6], 3, 2).T, column[6:8], casadi.reshape(column[8:12], 2, 2).T
+    r, weight, follows = column[12:14], column[14], column[15]
+    P, m = casadi.tril2symm(casadi.SX(casadi.Sparsity.lower(_N), state[:_L])), state[_L:]
+    gains, variances, errors = [], [], []
+    for i in range(2):
+        h = casadi.vertcat(H[i, 0], H[i, 1], 0, weight if i == 0 else 0)
+        Ph = casadi.mtimes(P, h)
+        S, e = 1.0 + casadi.dot(h, Ph), r[i] - casadi.dot(h, m)
+        m, P = m + Ph * (e / S), P - casadi.mtimes(Ph, Ph.T) / S
+        gains.append(Ph / S)
+        variances.append(S)
+        errors.append(e)
+    x = casadi.horzcat(A, casadi.SX(2, 1))
+    F = casadi.vertcat(x, casadi.horzcat(casadi.SX(2, 2), casadi.diag(scale[:2]))) * follows
+    m = casadi.mtimes(F, m) + casadi.vertcat(gap, 0, 0) * follows
+    start = casadi.vertcat(SPREAD[0] ** 2, SPREAD[1] ** 2, scale[4:6])
+    P = casadi.mtimes([F, P, F.T]) + casadi.diag(casadi.vertcat(0, 0, scale[2:4])) * follows
+    P = P + casadi.diag(start) * (1.0 - follows)
+    lower = casadi.densify(casadi.tril(P)).nz[[_N * j + i for j in range(_N) for i in range(j, _N)]]
+    own = casadi.vertcat(*gains, *variances, *errors)
+    step = casadi.Function("step", [state, column, scale], [casadi.vertcat(lower, m), own], {"cse": True})
+    inputs = [casadi.MX.sym("state", _L + _N), casadi.MX.sym("block", 16, BLOCK), casadi.MX.sym("scale", 6)]
+    states, owns = step.mapaccum(BLOCK).call([*inputs[:2], casadi.repmat(inputs[2], 1, BLOCK)])
+    return casadi.Function("steps", inputs, [states, owns])
+
+
+@dataclass(frozen=True, eq=False)
+class Filter:
+    """The filter's way through a log: predicted covariances and means (M, 14), gains, variances and errors (M, 12)."""
+
+    system: LinearSystem
+    disturbances: Disturbances
+    states: Array
+    own: Array
+
+    @property
+    def innovations(self) -> Array:
+        """Prediction errors (M, 2) in units of their predicted sd: white, where the model is right."""
+        innovations: Array = self.own[:, 10:] / np.sqrt(self.own[:, 8:10])
+        return innovations
+
+    @property
+    def log_variances(self) -> Array:
+        """log of the innovations' predicted variances (M, 2), 0 where nothing was read."""
+        return np.log(self.own[:, 8:10])
+
+    @property
+    def deviance(self) -> float:
+        """-2 log likelihood of the readings, up to a constant that depends on the sensor alone."""
+        return float(np.sum(self.log_variances) + np.sum(self.innovations**2))
+
+    @cached_property
+    def _parts(self) -> tuple[Array, Array, Array, Array]:
+        """W (M, 2, 2), W H (M, 2, 4), Gamma (M, 4, 2) and the band of I - shifted Phi.
+
+        For deviations of z by m and of the readings by R: innovations W R + W H m, m' = Phi m + g - Gamma R.
+        """
+        s, own, M = self.system, self.own, len(self.own)
+        first, second = own[:, :4], own[:, 4:8]
+        H = np.zeros((M, 2, _N))
+        H[:, :, :2], H[:, 0, 3] = s.H, s.weight
+        F = np.zeros((M, _N, _N))
+        F[:, :2, :3] = s.A
+        F[:, [2, 3], [2, 3]] = self.disturbances.discrete(s.dt)[0]
+        F *= s.follows[:, None, None]
+        after = F - (F @ second[:, :, None]) @ H[:, 1, None, :]
+        Phi = after - (after @ first[:, :, None]) @ H[:, 0, None, :]
+        sd = np.sqrt(own[:, 8:10])
+        W = np.zeros((M, 2, 2))
+        W[:, 0, 0], W[:, 1, 1] = 1.0 / sd.T
+        W[:, 1, 0] = -np.einsum("mi,mi->m", H[:, 1], first) / sd[:, 1]
+        Gamma = np.concatenate([after @ first[:, :, None], F @ second[:, :, None]], axis=2)
+        band = np.zeros((2 * _N, _N * M))
+        band[0] = 1.0
+        for i in range(_N):
+            for j in range(_N):
+                band[_N + i - j, j::_N] = -Phi[:, i, j]
+        return W, W @ H, Gamma, band
+
+    def whiten(self, G: Array, R: Array) -> Array:
+        """Innovations (2 M, C) that small changes cause: G (M, 2, C) of the steps' ends, R (M, 2, C) of the readings,
+        the latter in units of the sensor's sd."""
+        W, WH, _, _ = self._parts
+        innovations: Array = W @ R + WH @ self._response(G, R)
+        return innovations.reshape(2 * len(G), -1)
+
+    def _response(self, G: Array, R: Array) -> Array:
+        """How the predicted means (M, 4, C) move with such changes."""
+        _, _, Gamma, band = self._parts
+        M, C = len(G), G.shape[2]
+        g = np.zeros((M, _N, C))
+        g[1:] = -(Gamma @ R)[:-1]
+        g[1:, :2] += G[:-1]
+        g[1:][~self.system.follows[:-1]] = 0.0
+        m, _ = dtbtrs(band, g.reshape(_N * M, C), uplo="L")
+        return np.asarray(m).reshape(M, _N, C)
+
+    def smooth(self, G: Array | None = None, R: Array | None = None) -> Array:
+        """The mean of z (M, 4) given all readings; after the model's own predictions have changed by G (M, 2), R (M, 2).
+        """
+        W, WH, _, band = self._parts
+        M, e, mean = len(self.own), self.innovations, self.states[:, _L:]
+        if G is not None and R is not None:
+            m = self._response(G[:, :, None], R[:, :, None])[:, :, 0]
+            e = e - np.einsum("mij,mj->mi", W, R) - np.einsum("mij,mj->mi", WH, m)
+            mean = mean + m
+        source = np.einsum("mij,mi->mj", WH, e).reshape(-1, 1)
+        adjoint, _ = dtbtrs(band, source, uplo="L", trans="T")
+        smoothed: Array = mean + np.einsum("mij,mj->mi", self.covariance, np.asarray(adjoint).reshape(M, _N))
+        return smoothed
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Predicted covariances (M, 4, 4)."""
+        P = np.empty((len(self.states), _N, _N))
+        P[:, _ROWS, _COLUMNS] = P[:, _COLUMNS, _ROWS] = self.states[:, :_L]
+        return P
+
+    @property
+    def sd(self) -> Array:
+        """Predicted sd (M, 4) of z."""
+        return np.sqrt(np.maximum(self.states[:, [0, 4, 7, 9]], 0.0))
+
+    def posterior_sd(self) -> Array:
+        """sd (M, 4) of z given all readings: P - P N P, N' = (W H)'(W H) + Phi' N Phi, backwards."""
+        _, WH, _, band = self._parts
+        M = len(WH)
+        information, N, variance = np.swapaxes(WH, 1, 2) @ WH, np.zeros((_N, _N)), np.empty((M, _N))
+        Phi = np.empty((M, _N, _N))
+        for i in range(_N):
+            for j in range(_N):
+                Phi[:, i, j] = -band[_N + i - j, j::_N]
+        P = self.covariance
+        for k in range(M - 1, -1, -1):
+            N = information[k] + Phi[k].T @ N @ Phi[k]
+            variance[k] = np.diag(P[k] - P[k] @ N @ P[k])
+        return np.sqrt(np.maximum(variance, 0.0))

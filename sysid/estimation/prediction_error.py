@@ -1,0 +1,269 @@
+"""The solver: parameters, motion and disturbances by maximum likelihood of the prediction errors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from sysid.estimate import Estimate
+from sysid.estimation.chain import Chain, LinearisedModel, Motion, begin, level
+from sysid.estimation.disturbances import Disturbances
+from sysid.estimation.kalman import Filter
+from sysid.model import Model
+from sysid.records import Array
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How the solver works.
+
+    iterations   Gauss-Newton steps, at most; each linearises the model about the motion that the one before found
+    settled      a step below this share of every parameter's sd, which leaves the deviance within `negligible`, ends it
+    negligible   change of the deviance (-2 log likelihood) that no statistic would notice
+    stride       largest relative change of a parameter in a step
+    smallest     sizes of the disturbances below this share of the motion's acceleration, of the sensor's sd, are none
+    """
+
+    iterations: int = 40
+    settled: float = 0.02
+    negligible: float = 0.05
+    stride: float = 0.7
+    smallest: float = 1e-5
+
+
+DEFAULT = Settings()
+QUICK = Settings(iterations=12, settled=0.15, negligible=0.5)
+"""For a candidate that is only compared with others."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Where the solver ended.
+
+        min_p  sum_k log det S_k + |e_k|^2,    e_k innovations whitened by their predicted covariance S_k
+
+    model, names     the fitted model and which of its parameters were free
+    linearised       the model along the smoothed motion
+    filter           the Kalman filter there
+    Z (2 M, P)       whitened sensitivities of the innovations
+    converged        whether another step would change nothing
+    """
+
+    chain: Chain
+    model: Model
+    names: tuple[str, ...]
+    linearised: LinearisedModel
+    filter: Filter
+    Z: Array
+    converged: bool
+
+    @property
+    def disturbances(self) -> Disturbances:
+        """The likeliest disturbances."""
+        return self.filter.disturbances
+
+    @property
+    def motion(self) -> Motion:
+        """What the model was linearised about."""
+        return self.linearised.motion
+
+    @property
+    def e(self) -> Array:
+        """Innovations (2 M,)."""
+        return self.filter.innovations.ravel()
+
+    @property
+    def deviance(self) -> float:
+        """-2 log likelihood, up to a constant that depends on the sensor alone."""
+        return self.filter.deviance
+
+    @property
+    def values(self) -> Array:
+        """The fitted numbers (P,)."""
+        return _values(self.model, self.names)
+
+    @property
+    def inertia(self) -> float:
+        """What d is multiplied with to be a torque [kg m^2]."""
+        return float(self.model.inertia())
+
+    @cached_property
+    def covariance(self) -> Array:
+        """(P, P) of the parameters; infinite where some direction is not determined."""
+        return inverse(self.Z.T @ self.Z)
+
+    def estimate(self, method: str = "prediction error") -> Estimate:
+        """The answer of an identifier."""
+        chain, e = self.chain, self.linearised.system.r
+        noise = {}
+        for k, channel in enumerate(("theta", "theta_dot")):
+            read = chain.weight[:, k] > 0.0
+            if np.any(read):
+                noise[channel] = float(np.sqrt(np.mean((e[read, k] / chain.weight[read, k]) ** 2)))
+        known = bool(np.all(np.isfinite(self.covariance)))
+        status = "converged" if self.converged else "stopped before it converged: begin nearer, or free fewer numbers"
+        if not known:
+            status = f"{status}; yet the records do not determine {', '.join(self.names)}"
+        return Estimate(
+            model=self.model,
+            names=self.names,
+            covariance=self.covariance,
+            noise=noise,
+            success=self.converged and known,
+            status=status,
+            cost=float(np.sum(self.e**2)),
+            n_readings=chain.readings,
+            method=method,
+            sensor=chain.sensor,
+        )
+
+
+def fit(
+    chain: Chain,
+    model: Model,
+    names: Sequence[str],
+    near: Fit | None = None,
+    disturbances: Disturbances | None = None,
+    settings: Settings = DEFAULT,
+) -> Fit:
+    """The likeliest parameters, begun at the model's numbers, along the motion of a fit that is `near`.
+
+    disturbances   where their sizes begin; their correlation times stay. By default those of `near`, else large: nearly
+                   a regression, which finds its way from far off
+    """
+    names = tuple(names)
+    size = level(chain)
+    if disturbances is None:
+        disturbances = near.disturbances if near else Disturbances(0.3 * size, sigma_o=_angle_sd(chain))
+    motion = near.motion if near else begin(chain, disturbances.s)
+    floor = np.log([settings.smallest * size, settings.smallest * max(_angle_sd(chain), 1e-12)])
+    low, high = (np.array([model.parameters[n].bounds[side] for n in names]) for side in (0, 1))
+    before, converged, restless = math.inf, False, True
+    for k in range(settings.iterations):
+        linearised = LinearisedModel(chain, model, motion)
+        if k > 0 and (restless or k % 4 == 3):
+            likely = likelier(linearised, disturbances, floor)
+            restless = bool(np.max(np.abs(_logs(likely) - _logs(disturbances))) > 0.05)
+            disturbances = likely
+        here = linearised.system.filter(disturbances)
+        G, R = linearised.changes(names)
+        Z = here.whiten(G, R)
+        step = bounded_step(Z, here.innovations.ravel(), low - _values(model, names), high - _values(model, names))
+        longest = settings.stride * np.array([_scale(model, n) for n in names])
+        step = step * min([1.0, *(longest / np.maximum(np.abs(step), 1e-300))])
+        moved = float(np.linalg.norm(Z @ step)) if len(step) else 0.0
+        if k >= 2 and not restless and moved < settings.settled and abs(here.deviance - before) < settings.negligible:
+            converged = True
+            break
+        before = here.deviance
+        z = here.smooth(G @ step, R @ step)
+        # a filter knows less than a smoother: its sd is wide enough where a joint sticks
+        motion = Motion(motion.x + z[:, :2], z[:, 2], here.sd[:, :3])
+        model = model.with_parameters(dict(zip(names, (_values(model, names) + step).tolist(), strict=True)))
+    return Fit(chain, linearised.model, names, linearised, here, Z, converged)
+
+
+def likelier(linearised: LinearisedModel, disturbances: Disturbances, floor: Array) -> Disturbances:
+    """Disturbances of larger likelihood about the same motion: one Newton step of v = (log s, log sigma_o).
+
+    Slope and curvature are differences over a factor of 1.35, which is less than a log can tell; where the curvature is
+    negative the step follows the slope, by a factor of e at most.
+    """
+    system, h, now = linearised.system, 0.3, _logs(disturbances)
+    free = [i for i in range(2) if now[i] > floor[i]]
+    if not free:
+        return disturbances
+
+    def deviance(move: Array) -> float:
+        return system.filter(disturbances.moved(move)).deviance
+
+    here, unit = deviance(np.zeros(2)), h * np.eye(2)[free]
+    up, down = np.array([deviance(v) for v in unit]), np.array([deviance(-v) for v in unit])
+    slope, curvature = (up - down) / (2.0 * h), np.diag(up - 2.0 * here + down) / h**2
+    if len(free) == 2:
+        both = (deviance(unit[0] + unit[1]) - up[0] - up[1] + here) / h**2
+        curvature[0, 1] = curvature[1, 0] = both
+    size, axes = np.linalg.eigh(curvature)
+    along = -(axes.T @ slope) / np.maximum(np.abs(size), 1e-3)
+    move = np.zeros(2)
+    move[free] = axes @ np.clip(along, -1.0, 1.0)
+    trials = [(here, np.zeros(2)), *zip(up, unit, strict=True), *zip(down, -unit, strict=True)]
+    for share in (1.0, 0.3):
+        own = np.maximum(share * move, np.minimum(floor - now, 0.0))
+        trials.append((deviance(own), own))
+        if trials[-1][0] < here:
+            break
+    return disturbances.moved(min(trials, key=lambda own: own[0])[1])
+
+
+def _logs(disturbances: Disturbances) -> Array:
+    """(log s, log sigma_o), far below any floor where they are 0."""
+    return np.log(np.maximum([disturbances.s, disturbances.sigma_o], 1e-300))
+
+
+def with_likeliest_memory(fitted: Fit, times: Sequence[tuple[float, float]]) -> Disturbances:
+    """The disturbances of that pair of correlation times (T, T_o) [s] under which the log is likeliest."""
+    floor, found = np.array([-40.0, -40.0]), list[tuple[float, Disturbances]]()
+    for T, T_o in times:
+        trial = fitted.disturbances.with_memory(T, T_o)
+        for _ in range(4):
+            trial = likelier(fitted.linearised, trial, floor)
+        found.append((fitted.linearised.system.filter(trial).deviance, trial))
+    return min(found, key=lambda own: own[0])[1]
+
+
+def bounded_step(Z: Array, e: Array, low: Array, high: Array) -> Array:
+    """min |e - Z step|^2 within low <= step <= high (P,); what the readings do not determine does not move."""
+    if Z.shape[1] == 0:
+        return np.zeros(0)
+    size = np.linalg.norm(Z, axis=0)
+    moves = size > 0.0
+    step = np.zeros(Z.shape[1])
+    free = moves.copy()
+    for _ in range(Z.shape[1] + 1):
+        at = np.flatnonzero(free)
+        if not len(at):
+            break
+        rest = e - Z @ np.where(free, 0.0, step)
+        scaled = Z[:, at] / size[at]
+        step[at] = np.linalg.lstsq(scaled, rest, rcond=1e-9)[0] / size[at]
+        outside = free & ((step < low) | (step > high))
+        if not np.any(outside):
+            break
+        step = np.where(outside, np.clip(step, low, high), step)
+        free &= ~outside
+    return np.clip(step, low, high)
+
+
+def inverse(information: Array) -> Array:
+    """The covariance (P, P), scaled before it is inverted; infinite where some direction is not determined."""
+    size = np.sqrt(np.diag(information))
+    if np.all(size > 0.0):
+        scaled = information / np.outer(size, size)
+        if len(size) == 0 or np.linalg.eigvalsh(scaled)[0] > 1e-12:
+            found: Array = np.linalg.inv(scaled) / np.outer(size, size)
+            return 0.5 * (found + found.T)
+    return np.full_like(information, np.inf)
+
+
+def _angle_sd(chain: Chain) -> float:
+    weight = chain.weight[:, 0]
+    return float(1.0 / np.max(weight)) if np.any(weight > 0.0) else 0.0
+
+
+def _values(model: Model, names: Sequence[str]) -> Array:
+    parameters = model.parameters
+    return np.array([float(parameters[n].value) for n in names])
+
+
+def _scale(model: Model, name: str) -> float:
+    return model.parameters[name].scale
+
+
+def without_disturbances(fitted: Fit) -> Disturbances:
+    """The same correlation times, sizes 0: output error."""
+    return replace(fitted.disturbances, s=0.0, sigma_o=0.0)
