@@ -242,6 +242,7 @@ def _read(options: LogOptions) -> Log:
         begin=options.begin,
         end=options.end,
         dt=options.dt,
+        time_unit=options.time_unit,
     )
 
 

@@ -65,7 +65,7 @@ def _variance(A: Array, b: Array) -> float:
     size = np.linalg.norm(A, axis=0)
     S = A / np.where(size > 0.0, size, 1.0)
     rest = b - S @ np.linalg.lstsq(S, b, rcond=1e-10)[0]
-    return float(rest @ rest) / (len(b) - A.shape[1])
+    return float(rest @ rest / (len(b) - A.shape[1]))
 
 
 def is_difference(records: Sequence[Record]) -> bool:

@@ -46,6 +46,9 @@ class LogOptions:
     dt: Number = None
     """Sample interval [s] to resample to; by default the log's own."""
 
+    time_unit: Annotated[Literal["s", "ms", "us"] | None, arg(metavar="{s,ms,us}", help_behavior_hint="")] = None
+    """What the log's time counts; by default what the name of the column or the speed shows."""
+
     noise: Annotated[str, arg(metavar="theta=SD,theta_dot=SD", help_behavior_hint="")] = ""
     """Noise of the sensors [rad], [rad/s] (of an axis [m], [m/s]); by default it is found without any model."""
 

@@ -50,10 +50,10 @@ def check_columns(name: str, table: Mapping[str, Array]) -> tuple[str, ...]:
     moving = {c: table[c] for c in ("theta", "theta_dot", "torque") if c in table and np.ptp(table[c]) > 0.0}
     if not {"theta", "theta_dot"} <= set(moving):
         return ()
-    if _mismatch(table["t"], moving["theta"], moving["theta_dot"]) < 0.5:
+    if rate_mismatch(table["t"], moving["theta"], moving["theta_dot"]) < 0.5:
         return ()
     for angle, speed in (("theta_dot", "theta"), ("theta", "torque"), ("torque", "theta_dot")):
-        if {angle, speed} <= set(moving) and _mismatch(table["t"], moving[angle], moving[speed]) < 0.15:
+        if {angle, speed} <= set(moving) and rate_mismatch(table["t"], moving[angle], moving[speed]) < 0.15:
             swapped = sorted({angle, speed} ^ {"theta", "theta_dot"}) or ["theta", "theta_dot"]
             raise InvalidInput(
                 f"{name}: theta_dot is not the rate of theta, but {speed} is the rate of {angle}: "
@@ -76,7 +76,7 @@ def _changes(t: Array, angle: Array, speed: Array) -> tuple[Array, Array]:
     return angle[span:] - angle[:-span], area[span:] - area[:-span]
 
 
-def _mismatch(t: Array, angle: Array, speed: Array) -> float:
+def rate_mismatch(t: Array, angle: Array, speed: Array) -> float:
     """The typical difference between the two where it moves most, in units of the integral's typical size there."""
     change, integral = _changes(t, angle, speed)
     fast = np.abs(integral) >= np.percentile(np.abs(integral), 75.0)

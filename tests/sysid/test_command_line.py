@@ -361,3 +361,17 @@ def test_words_that_are_no_command(words, capsys):
         main(words)
     assert left.value.code == 2
     assert "help" in capsys.readouterr().err
+
+
+def test_a_clock_in_milliseconds_is_told_or_asked_for(hidden, tmp_path, capsys):
+    table = np.loadtxt(hidden[0], delimiter=",", skiprows=1)
+    table[:, 0] *= 1e3
+    both, angle = tmp_path / "both.csv", tmp_path / "angle.csv"
+    np.savetxt(both, table, "%.8g", ",", header="t,theta,theta_dot,torque", comments="")
+    np.savetxt(angle, table[:, [0, 1, 3]], "%.8g", ",", header="t,theta,torque", comments="")
+    assert "--time-unit" in refused(["fit", str(angle), "--plant", "point"], capsys)
+    assert main(["fit", str(angle), "--plant", "point", "--time-unit", "ms"]) == 0
+    assert "at 50 Hz" in capsys.readouterr().out
+    assert main(["fit", str(both), "--plant", "point", "--from", "1", "--to", "4"]) == 0
+    said = capsys.readouterr().out
+    assert "150 samples (3 s)" in said and "t is in milliseconds, in which theta_dot is the rate of theta" in said
