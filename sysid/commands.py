@@ -18,6 +18,7 @@ from sysid.estimate import Estimate
 from sysid.files import save_text
 from sysid.fit import fit, free
 from sysid.integrators import RK4
+from sysid.log_settings import settled
 from sysid.logs import Log, read, split
 from sysid.model import Model
 from sysid.options import Add, Compare, Diagnose, Effects, Experiment, Fit, LogOptions, ModelOptions
@@ -39,13 +40,22 @@ SUBSTEP = 0.01
 """Longest step [s] of the integrator."""
 
 
-@singledispatch
 def run(command: Any) -> None:
-    """Run a command of sysid.options. Raises InvalidInput for bad input."""
+    """Run a command of sysid.options, completed by the log's log.toml. Raises InvalidInput for bad input."""
+    if isinstance(command, Fit | Compare | Diagnose | Add | Experiment):
+        log, start, said = settled(command.log, command.start)
+        if said:
+            print(said)
+        command = dataclasses.replace(command, log=log, start=start)
+    _run(command)
+
+
+@singledispatch
+def _run(command: Any) -> None:
     raise InvalidInput(f"unknown command {command!r}")
 
 
-@run.register
+@_run.register
 def _(command: Fit) -> None:
     from sysid.comparison.held_out import held_out_error
 
@@ -60,7 +70,7 @@ def _(command: Fit) -> None:
     task.write_model(command.out, estimate)
 
 
-@run.register
+@_run.register
 def _(command: Compare) -> None:
     from sysid.comparison.compare import compare
 
@@ -76,7 +86,7 @@ def _(command: Compare) -> None:
     task.write_report(command.html, comparison, command.log.hold_out)
 
 
-@run.register
+@_run.register
 def _(command: Diagnose) -> None:
     from sysid.diagnose.diagnosis import diagnose
 
@@ -92,7 +102,7 @@ def _(command: Diagnose) -> None:
     task.write_report(command.html, diagnosis, command.log.hold_out)
 
 
-@run.register
+@_run.register
 def _(command: Add) -> None:
     from sysid.diagnose.add import add
     from sysid.effects import effect
@@ -106,7 +116,7 @@ def _(command: Add) -> None:
     task.write_model(command.out, added.estimate)
 
 
-@run.register
+@_run.register
 def _(command: Experiment) -> None:
     from sysid.planning.experiment import next_experiment
 
@@ -123,7 +133,7 @@ def _(command: Experiment) -> None:
         print(f"wrote {command.out}")
 
 
-@run.register
+@_run.register
 def _(command: Effects) -> None:
     _load(command.effects)
     for name, kind in CATALOGUE.items():
@@ -157,7 +167,7 @@ class Task:
     @classmethod
     def of(cls, command: Fit | Compare | Diagnose | Add | Experiment, *outputs: Path | None) -> Task:
         """Read everything, and say what was read. Raises InvalidInput before anything expensive."""
-        _check_outputs([*command.log.files, command.start.model, command.start.effects], outputs)
+        _check_outputs([*command.log.files, command.log.settings, command.start.model, command.start.effects], outputs)
         model, names, added = _begun(command.start)
         given = command.start.model is not None
         log = _read(command.log)
@@ -236,7 +246,7 @@ def _read(options: LogOptions) -> Log:
     return read(
         *options.files,
         columns=options.columns or None,
-        zero=options.zero,
+        zero=options.zero or "upright",
         flip_torque=options.flip_torque,
         degrees=options.degrees,
         begin=options.begin,

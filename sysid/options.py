@@ -28,7 +28,10 @@ class LogOptions:
     columns: Annotated[str, arg(metavar="t=NAME,...", help_behavior_hint="")] = ""
     """The file's own names of columns, as in t=time_s,theta=angle_rad,torque=i_meas; "theta_dot=" leaves one out."""
 
-    zero: Literal["upright", "hanging"] = "upright"
+    zero: Annotated[
+        Literal["upright", "hanging"] | None,
+        arg(metavar="{upright,hanging}", help_behavior_hint="(default: upright)"),
+    ] = None
     """Where the log's angle is 0."""
 
     flip_torque: Switch = False
@@ -55,6 +58,10 @@ class LogOptions:
     hold_out: Annotated[float | None, arg(metavar="SHARE", help_behavior_hint="")] = None
     """What no fit sees: a share of the log, or a number of rollouts; by default the last quarter."""
 
+    settings: Annotated[Path | None, arg(name="log", metavar="FILE.toml", help_behavior_hint="")] = None
+    """A file with these options (columns, zero, from, ...) and plant as keys; what is given here overrides it. By
+    default log.toml in the log's folder, where there is one ("none": none)."""
+
 
 @dataclass(frozen=True)
 class ModelOptions:
@@ -76,7 +83,7 @@ class ModelOptions:
     effects_from_start: Annotated[str, arg(name="with", metavar="EFFECT,EFFECT.NAME=NUMBER", help_behavior_hint="")] = (
         ""
     )
-    """Effects in the model from the start, as in coulomb,viscous.b=0.1: a number fixes that parameter, the others are
+    """Effects in the model from the start, as in coulomb,viscous.b=0.1: a number fixes that parameter, without one it is
     fitted (`sysid effects` lists them)."""
 
     gravity: Annotated[float | None, arg(metavar="G", help_behavior_hint="(default: 9.81)")] = None

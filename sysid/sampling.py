@@ -135,6 +135,8 @@ def _fresh(parts: Sequence[Rows]) -> tuple[Sequence[Rows], tuple[str, ...]]:
 
 def _thinned(rows: Rows, read: Rows, lead: Array, held: float) -> Rows:
     """Of rows, of which `read` have readings, those with a fresh reading of `lead`; torques averaged between them."""
+    if len(read.t) < 2:
+        return rows
     fresh = held_readings.fresh(lead, held)
     fresh = fresh[np.append(True, np.diff(read.t[fresh]) > 0.0)]
     kept = read.take(fresh)

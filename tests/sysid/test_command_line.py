@@ -200,6 +200,26 @@ def test_other_names_zero_sign_and_units(hidden, tmp_path):
     assert second == pytest.approx(first, rel=1e-3)
 
 
+def test_a_log_carries_its_options_in_a_file_beside_it(hidden, tmp_path, capsys):
+    table = np.loadtxt(hidden[0], delimiter=",", skiprows=1)
+    table[:, 1] -= math.pi
+    rig = tmp_path / "rig.csv"
+    np.savetxt(rig, table, "%.12g", ",", header="sec,phi,omega,motor", comments="")
+    (tmp_path / "log.toml").write_text(
+        'columns = {t = "sec", theta = "phi", theta_dot = "omega", torque = "motor"}\nzero = "hanging"\n'
+        'plant = "point"\nto = 4\n'
+    )
+    assert main(["fit", str(rig), "--to", "3", "-o", str(tmp_path / "a.json")]) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert "zero hanging; plant point (the command line overrides to)" in said[0] and "(3 s)" in said[1]
+    assert main(["fit", hidden[0], "--plant", "point", "--to", "3", "-o", str(tmp_path / "b.json")]) == 0
+    first, second = (sysid.load(tmp_path / f).estimate.values for f in ("a.json", "b.json"))
+    assert second == pytest.approx(first, rel=1e-4)
+    assert "is read by this command" in refused(["fit", str(rig), "-o", str(tmp_path / "log.toml")], capsys)
+    assert "found sec, phi" in refused(["fit", str(rig), "--log", "none"], capsys)
+    assert "absent.toml cannot be read" in refused(["fit", str(rig), "--log", "absent.toml"], capsys)
+
+
 def test_a_window_and_another_rate(hidden, tmp_path, capsys):
     """A saved model steps at the interval of the log that it is held against."""
     out = str(tmp_path / "model.json")
