@@ -170,7 +170,7 @@ class Task:
         _check_outputs([*command.log.files, command.log.settings, command.start.model, command.start.effects], outputs)
         model, names, added = _begun(command.start)
         given = command.start.model is not None
-        log = _read(command.log)
+        log = _read(command.log, model.plant)
         print(log)
         sensor = _sensor(command.log, log, model.plant)
         training, held_out = split(log, command.log.hold_out)
@@ -242,7 +242,7 @@ def _load(effects: Path | None) -> None:
         print(f"effects of {effects.name}: {', '.join(load_effects(effects))}")
 
 
-def _read(options: LogOptions) -> Log:
+def _read(options: LogOptions, plant: Plant) -> Log:
     return read(
         *options.files,
         columns=options.columns or None,
@@ -253,6 +253,7 @@ def _read(options: LogOptions) -> Log:
         end=options.end,
         dt=options.dt,
         time_unit=options.time_unit,
+        plant=plant,
     )
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from os import PathLike
 from pathlib import Path
-from typing import Literal, overload
+from typing import TYPE_CHECKING, Literal, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,9 @@ from sysid.log_files import Table
 from sysid.records import COLUMNS, Record, in_step
 from sysid.sampling import Rows
 from sysid.time_unit import FEWEST, PER_SECOND, WORDS, TimeUnit, check_unit, found_unit, named_unit
+
+if TYPE_CHECKING:
+    from sysid.plants import Plant
 
 Array = NDArray[np.float64]
 File = str | PathLike[str]
@@ -78,6 +81,7 @@ def read(
     end: float | None = None,
     dt: float | None = None,
     time_unit: TimeUnit | None = None,
+    plant: Plant | None = None,
 ) -> Log:
     """Read logs, one or several rollouts a file, into records: theta = 0 upright, SI, evenly sampled.
 
@@ -91,6 +95,7 @@ def read(
     begin, end   the window [s] of the file's t that is read
     dt           the sample interval [s] wanted, where the logs' own is not
     time_unit    what the file's t counts: "s", "ms" or "us"; by default what the column's name or the speed shows
+    plant        what the log is of: of a LinearAxis, theta [m], theta_dot [m/s] and torque [N] are expected
 
     Rows without a number are left out where they are few, their torque kept where it is known; sysid.sampling says what
     becomes of uneven stamps and gaps.
@@ -127,7 +132,7 @@ def read(
     for record in records:
         if not in_step(record, step):
             raise InvalidInput(f"{record.name} is sampled every {record.dt:.7g} s, others every {step:.7g} s")
-    return Log(records, (*notes, *more, *plausibility.doubts(records)), step)
+    return Log(records, (*notes, *more, *plausibility.doubts(records, plant)), step)
 
 
 def _files(paths: Sequence[File | Iterable[File]]) -> list[Path]:

@@ -83,8 +83,8 @@ class ModelOptions:
     effects_from_start: Annotated[str, arg(name="with", metavar="EFFECT,EFFECT.NAME=NUMBER", help_behavior_hint="")] = (
         ""
     )
-    """Effects in the model from the start, as in coulomb,viscous.b=0.1: a number fixes that parameter, without one it is
-    fitted (`sysid effects` lists them)."""
+    """Effects in the model from the start, as in coulomb,viscous.b=0.1: a number fixes that parameter, without one it
+    is fitted (`sysid effects` lists them)."""
 
     gravity: Annotated[float | None, arg(metavar="G", help_behavior_hint="(default: 9.81)")] = None
     """Gravity [m/s^2]."""

@@ -11,6 +11,7 @@ import pytest
 
 from sysid import (
     InvalidInput,
+    LinearAxis,
     Record,
     paper_model,
     paper_rollouts,
@@ -298,6 +299,14 @@ def test_a_doubt_is_voiced(change, note, tmp_path):
     columns = table(rollouts()[0])
     assert not read(write(tmp_path / "good.csv", columns)).notes
     assert any(note in n for n in read(write(tmp_path / "odd.csv", change(columns))).notes)
+
+
+def test_an_axis_is_not_asked_about_angles(tmp_path):
+    (record,) = rollouts()
+    columns = table(record) | {"theta": 50.0 + np.sin(record.t), "torque": np.full(len(record.t), 0.4)}
+    path = write(tmp_path / "log.csv", columns | {"theta_dot": np.cos(record.t)})
+    assert any("degrees" in note for note in read(path).notes)
+    assert read(path, plant=LinearAxis()).notes == ("the force never changes (0.4 N)",)
 
 
 def test_a_pendulum_at_rest_excites_nothing():
