@@ -19,9 +19,9 @@ Array = NDArray[np.float64]
 
 BEFORE, AFTER, OWN = 24, 4, 2
 """The readings of the angle before and after an instant, and the speeds before it, that may have made its speed."""
-FEWEST = 300
+FEWEST = 80
 """Instants that the comparison must rest on."""
-COMPUTED = 0.4
+COMPUTED = 0.5
 """A speed of whose error the angle's errors leave less than this share (of the variance) was computed from them."""
 
 
@@ -46,17 +46,18 @@ def unexplained(angle: Array, speed: Array, edges: NDArray[np.intp]) -> float:
         The share; 1 where there is too little to compare.
     """
     own, others, targets = [], [], []
+    before = min(BEFORE, len(speed) // 12)  # of a short log fewer
     for first, last in pairwise((0, *edges)):
         x, y = angle[first:last], speed[first:last]
-        k = np.arange(max(BEFORE, OWN), len(x) - AFTER)
+        k = np.arange(max(before, OWN), len(x) - AFTER)
         if len(k) > 0:
             own.append(np.column_stack([y[k - i] for i in range(1, OWN + 1)]))
-            others.append(np.column_stack([x[k - j] for j in range(-AFTER, BEFORE + 1)]))
+            others.append(np.column_stack([x[k - j] for j in range(-AFTER, before + 1)]))
             targets.append(y[k])
     if sum(map(len, targets)) < FEWEST:
         return 1.0
-    before, b = np.concatenate(own), np.concatenate(targets)
-    alone, together = _variance(before, b), _variance(np.column_stack([before, np.concatenate(others)]), b)
+    past, b = np.concatenate(own), np.concatenate(targets)
+    alone, together = _variance(past, b), _variance(np.column_stack([past, np.concatenate(others)]), b)
     return together / alone if alone > 0.0 else 1.0
 
 

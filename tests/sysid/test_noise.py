@@ -181,6 +181,17 @@ def test_a_speed_computed_from_the_angle_is_no_second_sensor(angle, torque):
         assert [n for n in noise.notes if "theta_dot was computed from the readings of theta" in n], kind
 
 
+def test_a_computed_speed_shows_in_a_short_and_slow_log_too():
+    run = truth("random", HIDDEN["lag"], n=1, dt=0.05)
+    for angle in ("noisy", "fine"):
+        theta = ANGLES[angle](run.theta, np.random.default_rng(0))
+        d = np.diff(theta, axis=-1, prepend=theta[:, :1]) / 0.05
+        for kind, speed in list(COMPUTED.items())[:4]:
+            assert sensor_noise(with_speed(run, theta, speed(d))).sensor.theta_dot is None, kind
+        tachometer = run.theta_dot + 0.01 * np.random.default_rng(1).standard_normal(theta.shape)
+        assert sensor_noise(with_speed(run, theta, tachometer)).sensor.theta_dot is not None
+
+
 @pytest.mark.parametrize("torque", ["multisine", "random", "free"])
 @pytest.mark.parametrize("angle", ANGLES)
 @pytest.mark.parametrize("dt", [0.02, 0.005])
