@@ -99,7 +99,7 @@ class Estimate:
         """The units of the fitted parameters and of the noise, in those of the plant."""
         parameters, unit = self.model.parameters, self.model.plant.unit
         fitted = {name: parameters[name].unit for name in self.names}
-        return fitted | {channel: unit(UNITS[channel]) for channel in self.noise}
+        return fitted | {channel: unit(UNITS.get(channel, "")) for channel in self.noise}
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, ready for JSON; a number that is not finite becomes None."""
