@@ -12,11 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sysid.effects import CATALOGUE
 from sysid.errors import InvalidInput
 from sysid.estimate import Estimate
 from sysid.files import save_text
 from sysid.fit import fit, free
 from sysid.integrators import RK4
+from sysid.log_settings import settled
 from sysid.logs import Log, read, split
 from sysid.model import Model
 from sysid.options import Add, Compare, Diagnose, Effects, Experiment, Fit, LogOptions, ModelOptions
@@ -38,13 +40,22 @@ SUBSTEP = 0.01
 """Longest step [s] of the integrator."""
 
 
-@singledispatch
 def run(command: Any) -> None:
-    """Run a command of sysid.options. Raises InvalidInput for bad input."""
+    """Run a command of sysid.options, completed by the log's log.toml. Raises InvalidInput for bad input."""
+    if isinstance(command, Fit | Compare | Diagnose | Add | Experiment):
+        log, start, said = settled(command.log, command.start)
+        if said:
+            print(said)
+        command = dataclasses.replace(command, log=log, start=start)
+    _run(command)
+
+
+@singledispatch
+def _run(command: Any) -> None:
     raise InvalidInput(f"unknown command {command!r}")
 
 
-@run.register
+@_run.register
 def _(command: Fit) -> None:
     from sysid.comparison.held_out import held_out_error
 
@@ -59,13 +70,13 @@ def _(command: Fit) -> None:
     task.write_model(command.out, estimate)
 
 
-@run.register
+@_run.register
 def _(command: Compare) -> None:
     from sysid.comparison.compare import compare
 
     _load(command.start.effects)
     task = Task.of(command, command.json, command.html, command.figure)
-    model = task.model if task.given or not task.names else task.fitted().model
+    model = task.model if task.known or not task.names else task.fitted().model
     comparison = compare(model, task.held_out, task.sensor)
     print(comparison)
     task.doubt(comparison.one_second.theta)
@@ -75,7 +86,7 @@ def _(command: Compare) -> None:
     task.write_report(command.html, comparison, command.log.hold_out)
 
 
-@run.register
+@_run.register
 def _(command: Diagnose) -> None:
     from sysid.diagnose.diagnosis import diagnose
 
@@ -83,13 +94,15 @@ def _(command: Diagnose) -> None:
     task = Task.of(command, command.out, command.json, command.html)
     diagnosis = diagnose(task.fitted(), task.log, task.sensor, command.log.hold_out)
     print(diagnosis)
+    if "+-" in str(diagnosis) and "standard deviation" not in str(diagnosis):
+        print("  (+- is one standard deviation)")
     task.doubt(diagnosis.error.theta)
     task.write_json(command.json, diagnosis.to_dict())
     task.write_model(command.out, diagnosis.best.estimate)
     task.write_report(command.html, diagnosis, command.log.hold_out)
 
 
-@run.register
+@_run.register
 def _(command: Add) -> None:
     from sysid.diagnose.add import add
     from sysid.effects import effect
@@ -103,7 +116,7 @@ def _(command: Add) -> None:
     task.write_model(command.out, added.estimate)
 
 
-@run.register
+@_run.register
 def _(command: Experiment) -> None:
     from sysid.planning.experiment import next_experiment
 
@@ -120,10 +133,8 @@ def _(command: Experiment) -> None:
         print(f"wrote {command.out}")
 
 
-@run.register
+@_run.register
 def _(command: Effects) -> None:
-    from sysid.effects import CATALOGUE
-
     _load(command.effects)
     for name, kind in CATALOGUE.items():
         print(name)
@@ -142,7 +153,7 @@ class Task:
     """A log with its noise, and the model to begin with.
 
     names   the parameters that a fit may move
-    given   whether the model came from a file
+    known   whether nothing has to be fitted first: the model came from a file, and all that was added has its numbers
     """
 
     log: Log
@@ -151,16 +162,17 @@ class Task:
     held_out: tuple[Record, ...]
     model: Model
     names: tuple[str, ...]
-    given: bool
+    known: bool
 
     @classmethod
     def of(cls, command: Fit | Compare | Diagnose | Add | Experiment, *outputs: Path | None) -> Task:
         """Read everything, and say what was read. Raises InvalidInput before anything expensive."""
-        _check_outputs([*command.log.files, command.start.model, command.start.effects], outputs)
-        model, names, given = _begun(command.start)
-        log = _read(command.log)
+        _check_outputs([*command.log.files, command.log.settings, command.start.model, command.start.effects], outputs)
+        model, names, added = _begun(command.start)
+        given = command.start.model is not None
+        log = _read(command.log, model.plant)
         print(log)
-        sensor = _sensor(command.log, log)
+        sensor = _sensor(command.log, log, model.plant)
         training, held_out = split(log, command.log.hold_out)
         model = _sampled(model, log.dt, given)
         names = _shown(model, names, log)
@@ -168,7 +180,7 @@ class Task:
             from sysid.identify.rough import rough
 
             model = rough(model, names, training, sensor)
-        return cls(log, sensor, training, held_out, model, names, given)
+        return cls(log, sensor, training, held_out, model, names, given and not added)
 
     def fitted(self) -> Estimate:
         """The model fitted to what is not held out."""
@@ -230,23 +242,25 @@ def _load(effects: Path | None) -> None:
         print(f"effects of {effects.name}: {', '.join(load_effects(effects))}")
 
 
-def _read(options: LogOptions) -> Log:
+def _read(options: LogOptions, plant: Plant) -> Log:
     return read(
         *options.files,
         columns=options.columns or None,
-        zero=options.zero,
+        zero=options.zero or "upright",
         flip_torque=options.flip_torque,
         degrees=options.degrees,
         begin=options.begin,
         end=options.end,
         dt=options.dt,
+        time_unit=options.time_unit,
+        plant=plant,
     )
 
 
 # ---- noise -----------------------------------------------------------------------------------------------------------
 
 
-def _sensor(options: LogOptions, log: Log) -> Sensor:
+def _sensor(options: LogOptions, log: Log, plant: Plant) -> Sensor:
     """The noise that the user gave; what was not given is found. Raises InvalidInput where nothing moves."""
     from sysid.noise import sensor_noise
     from sysid.plausibility import check_excitation
@@ -254,7 +268,7 @@ def _sensor(options: LogOptions, log: Log) -> Sensor:
     measured = [c for c in ("theta", "theta_dot") if all(getattr(r, c) is not None for r in log)]
     if all(np.ptp(getattr(r, c)) == 0.0 for r in log for c in measured):
         at = getattr(log[0], measured[0])[0]
-        raise InvalidInput(f"the pendulum is at rest: {measured[0]} stays at {at:.4g}: nothing excites m")
+        raise InvalidInput(f"the machine is at rest: {measured[0]} stays at {at:.4g}: nothing excites m")
     given = _numbers("--noise", options.noise.split(",") if options.noise else ())
     for channel in given:
         if channel not in measured:
@@ -263,7 +277,7 @@ def _sensor(options: LogOptions, log: Log) -> Sensor:
         sensor = Sensor(**given)
     else:
         noise = sensor_noise(log)
-        print(noise)
+        print(noise.sentence(plant))
         sensor = dataclasses.replace(noise.sensor, **given)
     check_excitation(log, sensor)
     return sensor
@@ -284,25 +298,62 @@ def _numbers(option: str, pairs: tuple[str, ...] | list[str]) -> dict[str, float
 # ---- the model to begin with -----------------------------------------------------------------------------------------
 
 
-def _begun(options: ModelOptions) -> tuple[Model, tuple[str, ...], bool]:
-    """The model of the file or the plain plant, what the user knows put in; its free names; whether it is a file's."""
+def _begun(options: ModelOptions) -> tuple[Model, tuple[str, ...], tuple[str, ...]]:
+    """The model of the file or the plain plant, what the user knows put in; its free names; those of --with."""
     if options.model is None:
         model = Model(PLANTS[options.plant or "rod"])
         names = free(model)
-    elif options.plant is not None:
-        raise InvalidInput(f"--plant {options.plant} and --model {options.model} both name a plant: expected one")
     else:
         from sysid.export import load
 
         saved = load(options.model)
         model, names = saved.model, saved.free
+        _check_plant(options, model.plant)
     known = _numbers("--set", options.set)
     if options.gravity is not None:
         if "g" not in model.parameters:
             raise InvalidInput(f"--gravity: a {type(model.plant).__name__} has none, but {', '.join(model.parameters)}")
         known["g"] = options.gravity
+    model, added = _with_effects(model, options.effects_from_start)
+    for name in known:
+        owner, dot, _ = name.partition(".")
+        if dot and owner in CATALOGUE and name not in model.parameters and owner not in {e.name for e in model.effects}:
+            raise InvalidInput(f"--set {name}: the model has no {owner} yet; --with {name}={known[name]:g} puts it in")
     model = model.with_parameters(known)
-    return model, tuple(n for n in names if n not in known), options.model is not None
+    added = tuple(n for n in added if n not in known)
+    return model, (*(n for n in names if n not in known), *added), added
+
+
+def _check_plant(options: ModelOptions, plant: Plant) -> None:
+    """Raise InvalidInput where --plant says otherwise than --model."""
+    if options.plant is None or type(PLANTS[options.plant]) is type(plant):
+        return
+    own = next((name for name, known in PLANTS.items() if type(known) is type(plant)), type(plant).__name__)
+    raise InvalidInput(f"--plant {options.plant}, but the plant of {options.model} is {own}: leave --plant out")
+
+
+def _with_effects(model: Model, text: str) -> tuple[Model, tuple[str, ...]]:
+    """The model with the effects of "coulomb,viscous.b=0.1", and the names of their parameters that have no number."""
+    from sysid.effects import effect
+
+    numbers: dict[str, dict[str, float]] = {}
+    for part in (part.strip() for part in text.split(",") if part.strip()):
+        whole, equals, _ = part.partition("=")
+        owner, dot, field = whole.strip().partition(".")
+        known = effect(owner).parameters
+        if bool(equals) != bool(dot) or (dot and field not in known):
+            choices = " or ".join([owner, *(f"{owner}.{name}=NUMBER" for name in known)])
+            raise InvalidInput(f"--with {part!r}: expected {choices}")
+        numbers.setdefault(owner, {})
+        if equals:
+            numbers[owner][field] = _numbers("--with", [part])[whole.strip()]
+    present = [e.name for e in model.effects]
+    for owner, own in numbers.items():
+        if owner in present:
+            raise InvalidInput(f"--with {owner}: the model has it already; --set {owner}.NAME=NUMBER fixes its numbers")
+        model = model.with_effect(effect(owner, **own))
+    free_ones = [f"{o}.{name}" for o, own in numbers.items() for name in effect(o).parameters if name not in own]
+    return model, tuple(free_ones)
 
 
 def _sampled(model: Model, dt: float, given: bool) -> Model:
@@ -326,8 +377,9 @@ def _shown(model: Model, names: tuple[str, ...], log: Log) -> tuple[str, ...]:
     if scale is None:
         return names
     p = model.parameters[scale]
+    torque = "torque" if model.plant.turns else "force"
     print(
-        f"a free swing cannot show {scale}: it stays at {p.value:g} {p.unit}, and every torque is relative to it; "
+        f"a free swing cannot show {scale}: it stays at {p.value:g} {p.unit}, and every {torque} is relative to it; "
         f"give it with --set {scale}=..."
     )
     return tuple(n for n in names if n != scale)

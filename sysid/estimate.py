@@ -11,7 +11,7 @@ import numpy as np
 
 from sysid.model import Model
 from sysid.records import Array
-from sysid.sensor import Sensor
+from sysid.sensor import UNITS, Sensor
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +21,7 @@ class Estimate:
     model        the same model holding the fitted numbers
     names        the fitted parameters
     covariance   (P, P) of the fitted parameters, in their units
-    noise        sd of the readings about the fit (UKF: about its predictions), by channel ([rad], [rad/s])
+    noise        sd of the readings about the fit (UKF: about its predictions), by channel, in the plant's units
     success      whether the numbers can be used
     status       a sentence: how it ended and, where it ended badly, what to try
     cost         the sum of squares that was minimised, in units of the sensor's variance (nan: none)
@@ -94,11 +94,19 @@ class Estimate:
                 found.append(name)
         return tuple(found)
 
+    @property
+    def _units(self) -> dict[str, str]:
+        """The units of the fitted parameters and of the noise, in those of the plant."""
+        parameters, unit = self.model.parameters, self.model.plant.unit
+        fitted = {name: parameters[name].unit for name in self.names}
+        return fitted | {channel: unit(UNITS.get(channel, "")) for channel in self.noise}
+
     def to_dict(self) -> dict[str, Any]:
         """Plain data, ready for JSON; a number that is not finite becomes None."""
         return {
             "method": self.method,
             "values": self.values,
+            "units": self._units,
             "sd": {name: _finite(sd) for name, sd in self.sd.items()},
             "covariance": [[_finite(c) for c in row] for row in self.covariance.tolist()],
             "noise": self.noise,
@@ -112,16 +120,17 @@ class Estimate:
 
     def __str__(self) -> str:
         parameters = self.model.parameters
-        width = max(len(n) for n in self.names)
+        width, units = max(len(n) for n in self.names), self._units
         lines = [f"{self.method}: {self.status}"]
         for name, (low, high) in self.interval().items():
             p = parameters[name]
             mark = "  (at its bound)" if name in self.at_bound else ""
             lines.append(
-                f"  {name:<{width}} = {p.value:.5g} +- {self.sd[name]:.2g} {p.unit}"
+                f"  {name:<{width}} = {p.value:.5g} +- {self.sd[name]:.2g} {units[name]}"
                 f"   95 % [{low:.5g}, {high:.5g}]{mark}"
             )
-        noise = ", ".join(f"{k} {v:.3g}" for k, v in self.noise.items())
+        lines.append("  (+- is one standard deviation)")
+        noise = ", ".join(f"{k} {v:.3g} {units[k]}" for k, v in self.noise.items())
         lines.append(f"  sd of the readings about the fit: {noise}  ({self.n_readings} readings)")
         lines.extend(f"  {sentence}" for sentence in self.ambiguous)
         return "\n".join(lines)

@@ -98,8 +98,8 @@ def to_dict(answer: Model | Estimate) -> dict[str, Any]:
             raise InvalidInput(f"{type(part).__name__} cannot be saved: expected one of {', '.join(ours)}")
     return {
         "schema": SCHEMA,
-        "plant": {"name": type(model.plant).__name__, "parameters": _parameters(model.plant)},
-        "effects": [_effect(e) for e in model.effects],
+        "plant": {"name": type(model.plant).__name__, "parameters": _parameters(model.plant, model.plant)},
+        "effects": [_effect(e, model.plant) for e in model.effects],
         "integrator": {"name": type(model.integrator).__name__, "settings": _settings(model.integrator)},
         "dt": model.dt,
         "u_max": _number(model.u_max),
@@ -108,16 +108,16 @@ def to_dict(answer: Model | Estimate) -> dict[str, Any]:
     }
 
 
-def _effect(e: Effect) -> dict[str, Any]:
-    return {"name": e.name, "parameters": _parameters(e), "settings": _settings(e)}
+def _effect(e: Effect, plant: Plant) -> dict[str, Any]:
+    return {"name": e.name, "parameters": _parameters(e, plant), "settings": _settings(e)}
 
 
-def _parameters(part: Parametric) -> dict[str, dict[str, Any]]:
+def _parameters(part: Parametric, plant: Plant) -> dict[str, dict[str, Any]]:
     for name, p in part.parameters.items():
         if np.ndim(p.value) > 0:
             raise InvalidInput(f"{type(part).__name__}.{name} is an array: expected a model of one machine")
     return {
-        name: {"value": float(p.value), "unit": p.unit}
+        name: {"value": float(p.value), "unit": plant.unit(p.unit)}
         | ({"bounds": [_number(b) for b in p.bounds]} if name in part.bounds else {})
         for name, p in part.parameters.items()
     }

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from os import PathLike
 from pathlib import Path
-from typing import Literal, overload
+from typing import TYPE_CHECKING, Literal, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,12 +19,16 @@ from sysid.errors import InvalidInput
 from sysid.log_files import Table
 from sysid.records import COLUMNS, Record, in_step
 from sysid.sampling import Rows
+from sysid.time_unit import FEWEST, PER_SECOND, WORDS, TimeUnit, check_unit, found_unit, named_unit
+
+if TYPE_CHECKING:
+    from sysid.plants import Plant
 
 Array = NDArray[np.float64]
 File = str | PathLike[str]
 NAMES = ("t", "theta", "theta_dot", "torque", "rollout")
 LOOKS_LIKE = {
-    "t": r"t$|time|stamp|sec",
+    "t": r"t$|^t_|time|stamp|sec|^[mu]s$|millis|micros",
     "theta": r"theta$|angle|pos|^q\d*$|phi",
     "theta_dot": r"theta_?dot|vel|speed|omega|^q?d(ot)?_?q|rate",
     "torque": r"tor|tau|^u$|effort|command|current",
@@ -76,6 +80,8 @@ def read(
     begin: float | None = None,
     end: float | None = None,
     dt: float | None = None,
+    time_unit: TimeUnit | None = None,
+    plant: Plant | None = None,
 ) -> Log:
     """Read logs, one or several rollouts a file, into records: theta = 0 upright, SI, evenly sampled.
 
@@ -88,6 +94,8 @@ def read(
     degrees      the file has degrees and degrees/s
     begin, end   the window [s] of the file's t that is read
     dt           the sample interval [s] wanted, where the logs' own is not
+    time_unit    what the file's t counts: "s", "ms" or "us"; by default what the column's name or the speed shows
+    plant        what the log is of: of a LinearAxis, theta [m], theta_dot [m/s] and torque [N] are expected
 
     Rows without a number are left out where they are few, their torque kept where it is known; sysid.sampling says what
     becomes of uneven stamps and gaps.
@@ -95,6 +103,7 @@ def read(
     """
     if zero not in ("upright", "hanging"):
         raise InvalidInput(f"zero = {zero!r}: expected 'upright' or 'hanging'")
+    check_unit(time_unit)
     files = _files(paths)
     wanted = _wanted(columns)
     window = _window(begin, end, dt)
@@ -103,7 +112,7 @@ def read(
     notes: list[str] = []
     for path, title in zip(files, _titles(files), strict=True):
         chosen = _chosen(path, log_files.header(path), wanted)
-        table = log_files.load(path, chosen, window)
+        table = _timed(path, chosen, window, time_unit, notes)
         if len(table["t"]) == 0:
             span = f" between {window.begin:g} and {window.end:g} s" if begin is not None or end is not None else ""
             raise InvalidInput(f"{path.name} has no rows{span}")
@@ -123,7 +132,7 @@ def read(
     for record in records:
         if not in_step(record, step):
             raise InvalidInput(f"{record.name} is sampled every {record.dt:.7g} s, others every {step:.7g} s")
-    return Log(records, (*notes, *more, *plausibility.doubts(records)), step)
+    return Log(records, (*notes, *more, *plausibility.doubts(records, plant)), step)
 
 
 def _files(paths: Sequence[File | Iterable[File]]) -> list[Path]:
@@ -198,6 +207,36 @@ def _suggestion(found: Sequence[str], chosen: Mapping[str, str]) -> str:
             free.remove(match)
             pairs.append(f"{ours}={match}")
     return f"; say which is which, perhaps columns {','.join(pairs)}" if pairs else "; say which is which (columns)"
+
+
+# ---- time ------------------------------------------------------------------------------------------------------------
+
+
+def _timed(
+    path: Path, chosen: Mapping[str, str], window: log_files.Window, unit: TimeUnit | None, notes: list[str]
+) -> Table:
+    """The columns of the rows in the window, t in seconds whatever the file counts; a note where it was converted."""
+    reason, named = "", named_unit(chosen["t"])
+    table = log_files.load(path, chosen, _counted(window, unit or "s"))
+    if unit is None:
+        unit, reason = found_unit(path.name, chosen["t"], table)
+        bounded = math.isfinite(window.begin) or math.isfinite(window.end)
+        if unit == "s" and bounded and len(table["t"]) < FEWEST:  # of a clock that counts faster, next to nothing
+            for other in (named,) if named else (u for u in PER_SECOND if u != "s"):
+                rows = log_files.load(path, chosen, _counted(window, other))
+                if found_unit(path.name, chosen["t"], rows)[0] == other:
+                    unit, reason = found_unit(path.name, chosen["t"], rows)
+        if unit != "s" and bounded:
+            table = log_files.load(path, chosen, _counted(window, unit))
+        note = f"t is in {WORDS[unit]}, {reason}: converted to seconds"
+        if unit != "s" and note not in notes:
+            notes.append(note)
+    return table | {"t": table["t"] / PER_SECOND[unit]}
+
+
+def _counted(window: log_files.Window, unit: TimeUnit) -> log_files.Window:
+    """The window in units of the file's clock."""
+    return window._replace(begin=window.begin * PER_SECOND[unit], end=window.end * PER_SECOND[unit])
 
 
 # ---- rows ------------------------------------------------------------------------------------------------------------

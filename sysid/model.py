@@ -106,12 +106,12 @@ class Model:
 
     @property
     def parameters(self) -> dict[str, Parameter]:
-        """Every parameter by its full name."""
+        """Every parameter by its full name, in the plant's units: N for N m, where it does not turn."""
         named = dict(self.plant.parameters)
         for e in self.effects:
             for key, p in e.parameters.items():
                 name = f"{e.name}.{key}"
-                named[name] = dataclasses.replace(p, name=name)
+                named[name] = dataclasses.replace(p, name=name, unit=self.plant.unit(p.unit))
         return named
 
     def check_names(self, names: Iterable[str]) -> None:

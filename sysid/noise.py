@@ -6,14 +6,19 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.computed_speed import COMPUTED, is_difference, unexplained
 from sysid.errors import InvalidInput
 from sysid.quantum import quantum
 from sysid.records import Record
-from sysid.sensor import Sensor
+from sysid.sensor import UNITS, Sensor
+
+if TYPE_CHECKING:
+    from sysid.plants import Plant
 
 Array = NDArray[np.float64]
 
@@ -29,13 +34,23 @@ EVENT = 3.3
 """A residual beyond this many standard deviations is an event (a kink, an impact), no noise."""
 KEPT = 0.9943
 """sd of a Gaussian cut off there, in units of its own."""
+ERRORS = 6
+"""The order of difference of which the motion leaves next to nothing: what remains are errors."""
+
+
+class _Found(NamedTuple):
+    """The sd of a channel's errors, its relative standard error, and whether these errors were seen at all."""
+
+    sd: float
+    error: float
+    seen: bool
 
 
 @dataclass(frozen=True, eq=False)
 class Noise:
     """What the sensors add to the truth.
 
-    sensor   the sd of each channel, theta [rad] and theta_dot [rad/s]
+    sensor   the sd of each channel, theta [rad] and theta_dot [rad/s]; None for a speed that was computed from theta
     error    the relative standard error of each sd, by channel
     quantum  the step to which a channel's readings are rounded, where that matters, by channel
     notes    what is unusual about them, one sentence each
@@ -46,10 +61,25 @@ class Noise:
     quantum: dict[str, float]
     notes: tuple[str, ...]
 
-    def __str__(self) -> str:
-        units = {"theta": "rad", "theta_dot": "rad/s"}
-        found = [f"{c} {getattr(self.sensor, c):.3g} {units[c]} (+- {self.error[c]:.0%})" for c in self.error]
+    def sentence(self, plant: Plant | None = None) -> str:
+        """What was found, in the units of a plant.
+
+        Parameters
+        ----------
+        plant : Plant, optional
+            The plant whose units are meant; by default one that turns.
+
+        Returns
+        -------
+        str
+            The sd of each channel with its standard error, and the notes.
+        """
+        units = UNITS if plant is None else {channel: plant.unit(unit) for channel, unit in UNITS.items()}
+        found = [f"{c} {getattr(self.sensor, c):.3g} {units[c]} (known to {self.error[c]:.0%})" for c in self.error]
         return "; ".join(("sensor noise: " + ", ".join(found), *self.notes))
+
+    def __str__(self) -> str:
+        return self.sentence()
 
 
 def sensor_noise(records: Sequence[Record]) -> Noise:
@@ -61,13 +91,13 @@ def sensor_noise(records: Sequence[Record]) -> Noise:
     torque, up to 0.3 s later, through a piecewise linear map (dead zone, saturation). Kinks of stick-slip, backlash
     and impacts are left out with the residuals that they touch. Readings rounded to steps of q have at least
     q / sqrt(12). What windows of 5 to 61 readings leave beside their own cubics shows whether neighbouring errors are
-    correlated (by a filter, by a difference of angles), and then what they are in all.
+    correlated (by a filter, by a difference of angles), and then what they are in all. A speed whose errors are those
+    of the angle was computed from it, tells nothing new, and is left out (`sysid.computed_speed`).
 
     Source of the differences: von Neumann et al., Ann. Math. Statist. 12 (1941) 153; of the cubic: Savitzky and Golay,
     Anal. Chem. 36 (1964) 1627. Raises InvalidInput where a channel never changes or the records are too short.
     """
-    sd: dict[str, float] = {}
-    error: dict[str, float] = {}
+    found: dict[str, _Found] = {}
     steps: dict[str, float] = {}
     notes: list[str] = []
     if not records:
@@ -78,21 +108,54 @@ def sensor_noise(records: Sequence[Record]) -> Noise:
             continue
         if all(np.all(y == y[0]) for y, _ in series):
             raise InvalidInput(f"{channel} never changes (it stays at {series[0][0][0]:g}): it measures nothing")
-        sd[channel], error[channel] = (
+        found[channel] = (
             _paired(records)
             if channel == "theta_dot" and _twice(records)
             else (_channel(channel, list(_blocks(series)), records[0].dt, steps, notes))
         )
-    if not sd:
+    if not found:
         raise InvalidInput("no channel is in all of the records: expected theta, theta_dot or both in each")
-    return Noise(Sensor(**sd), error, steps, tuple(notes))
+    reason = _computed(records, found["theta"].seen) if len(found) == 2 else ""
+    if reason:
+        del found["theta_dot"]
+        steps.pop("theta_dot", None)
+        notes = [note for note in notes if "theta_dot" not in note]
+        notes.append(f"theta_dot was computed from the readings of theta ({reason}): the angle alone is used")
+    sd = {channel: f.sd for channel, f in found.items()}
+    return Noise(Sensor(**sd), {channel: f.error for channel, f in found.items()}, steps, tuple(notes))
+
+
+def _computed(records: Sequence[Record], seen: bool) -> str:
+    """How it shows that the speed was computed from the angle's readings; empty where it does not.
+
+    Where the errors of the angle are `seen`, those of the speed are compared with them.
+    """
+    if any(r.theta_dot_after is not None for r in records):
+        return ""
+    if is_difference(records):
+        return "it is a difference of them to the last digit"
+    if not seen:
+        return ""
+    lags = _lags([len(r) for r in records], records[0].dt)
+    rests = []
+    for channel, power in (("theta", 2), ("theta_dot", 1)):
+        series = list(_blocks([(getattr(r, channel), r.u) for r in records]))
+        targets, regressors, edges = _filtered(series, _difference(ERRORS), power, lags)
+        rests.append(_fitted(targets, regressors[:, : len(targets) // 8], np.ones(len(targets), dtype=bool))[0])
+    share = unexplained(rests[0], rests[1], edges)
+    return f"{1.0 - share:.0%} of its error comes from theirs" if share < COMPUTED else ""
+
+
+def _lags(lengths: Sequence[int], dt: float) -> int:
+    """How many samples later a torque may still act, in records of these lengths."""
+    return min(round(LATEST / dt), 25, int(np.median(lengths)) // 4)
 
 
 def _twice(records: Sequence[Record]) -> bool:
     return all(r.theta_dot_after is not None for r in records) and sum(len(r) for r in records) >= FEWEST
 
 
-def _paired(records: Sequence[Record]) -> tuple[float, float]:
+def _paired(records: Sequence[Record]) -> _Found:
     """The sd, where an instant is read twice: sigma^2 = var(theta_dot[k+1] - theta_dot_after[k]) / 2."""
     pairs = [
         r.theta_dot[1:] - r.theta_dot_after[:-1]
@@ -100,7 +163,7 @@ def _paired(records: Sequence[Record]) -> tuple[float, float]:
         if r.theta_dot is not None and r.theta_dot_after is not None
     ]
     difference = np.concatenate(pairs)
-    return float(np.sqrt(np.mean(difference**2) / 2.0)), 1.0 / math.sqrt(2.0 * len(difference))
+    return _Found(float(np.sqrt(np.mean(difference**2) / 2.0)), 1.0 / math.sqrt(2.0 * len(difference)), True)
 
 
 def _blocks(series: Sequence[tuple[Array, Array]]) -> Iterator[tuple[Array, Array]]:
@@ -116,13 +179,13 @@ def _blocks(series: Sequence[tuple[Array, Array]]) -> Iterator[tuple[Array, Arra
 
 def _channel(
     channel: str, series: Sequence[tuple[Array, Array]], dt: float, steps: dict[str, float], notes: list[str]
-) -> tuple[float, float]:
+) -> _Found:
     """The sd of one channel and its relative error."""
     power = 2 if channel == "theta" else 1
     spread = math.sqrt(float(np.mean(np.concatenate([(y - y.mean()) ** 2 for y, _ in series]))))
     step = quantum([y for y, _ in series])
     floor = max(step / math.sqrt(12.0), 1e-6 * spread)
-    lags = min(round(LATEST / dt), 25, int(np.median([len(u) for _, u in series])) // 4)
+    lags = _lags([len(u) for _, u in series], dt)
 
     def spread_after(kernel: Array) -> tuple[float, int]:
         return _scale(series, kernel, power, lags, floor)
@@ -134,7 +197,7 @@ def _channel(
         )
     error = 1.3 / math.sqrt(2.0 * n)
     correlated = _by_windows(spread_after)
-    if correlated and abs(correlated / sd - 1.0) > 0.1:
+    if correlated and abs(correlated - sd) > 0.1 * sd:
         notes.append(
             f"neighbouring errors of {channel} are correlated (sd {sd:.2g} from sample to sample, {correlated:.2g} in "
             "all): it was filtered, or made from differences, before it was logged"
@@ -147,7 +210,7 @@ def _channel(
     if step > 0.3 * max(sd, floor):
         steps[channel] = step
         notes.append(f"{channel} is rounded to steps of {step:.4g}")
-    return max(sd, floor), error
+    return _Found(max(sd, floor), error, settled and (step > 0.0 or sd > floor))
 
 
 # ---- linear filters that leave the noise and take out the motion -----------------------------------------------------

@@ -23,12 +23,15 @@ class LogOptions:
 
     files: Files = ()
     """CSV, .npz or .mat with columns t [s], theta [rad] and/or theta_dot [rad/s], torque [N m] (none: a free swing),
-    rollout (where a file has several). Several files are several rollouts."""
+    rollout (where a file has several); of a linear axis [m], [m/s], [N]. Several files are several rollouts."""
 
     columns: Annotated[str, arg(metavar="t=NAME,...", help_behavior_hint="")] = ""
     """The file's own names of columns, as in t=time_s,theta=angle_rad,torque=i_meas; "theta_dot=" leaves one out."""
 
-    zero: Literal["upright", "hanging"] = "upright"
+    zero: Annotated[
+        Literal["upright", "hanging"] | None,
+        arg(metavar="{upright,hanging}", help_behavior_hint="(default: upright)"),
+    ] = None
     """Where the log's angle is 0."""
 
     flip_torque: Switch = False
@@ -46,11 +49,18 @@ class LogOptions:
     dt: Number = None
     """Sample interval [s] to resample to; by default the log's own."""
 
+    time_unit: Annotated[Literal["s", "ms", "us"] | None, arg(metavar="{s,ms,us}", help_behavior_hint="")] = None
+    """What the log's time counts; by default what the name of the column or the speed shows."""
+
     noise: Annotated[str, arg(metavar="theta=SD,theta_dot=SD", help_behavior_hint="")] = ""
-    """Noise of the sensors [rad], [rad/s]; by default it is found without any model."""
+    """Noise of the sensors [rad], [rad/s] (of an axis [m], [m/s]); by default it is found without any model."""
 
     hold_out: Annotated[float | None, arg(metavar="SHARE", help_behavior_hint="")] = None
     """What no fit sees: a share of the log, or a number of rollouts; by default the last quarter."""
+
+    settings: Annotated[Path | None, arg(name="log", metavar="FILE.toml", help_behavior_hint="")] = None
+    """A file with these options (columns, zero, from, ...) and plant as keys; what is given here overrides it. By
+    default log.toml in the log's folder, where there is one ("none": none)."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +78,13 @@ class ModelOptions:
     drive of mass m that a force moves, in m and N."""
 
     set: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="NAME=NUMBER", help_behavior_hint="(repeatable)")] = ()
-    """Fix what is known, as in l=0.45 or viscous.b=0.01."""
+    """Fix what is known, as in l=0.45; of an effect that is not in the model yet: --with."""
+
+    effects_from_start: Annotated[str, arg(name="with", metavar="EFFECT,EFFECT.NAME=NUMBER", help_behavior_hint="")] = (
+        ""
+    )
+    """Effects in the model from the start, as in coulomb,viscous.b=0.1: a number fixes that parameter, without one it
+    is fitted (`sysid effects` lists them)."""
 
     gravity: Annotated[float | None, arg(metavar="G", help_behavior_hint="(default: 9.81)")] = None
     """Gravity [m/s^2]."""
@@ -148,7 +164,7 @@ class Experiment:
     """The effects to tell apart; by default the widest interval shrinks."""
 
     u_max: Annotated[float | None, arg(metavar="TORQUE", help_behavior_hint=AS_LOG)] = None
-    """Largest torque [N m]."""
+    """Largest torque [N m], of an axis force [N]."""
 
     duration: Annotated[float | None, arg(metavar="S", help_behavior_hint=AS_LOG)] = None
     """Length of a rollout [s]."""
@@ -157,16 +173,16 @@ class Experiment:
     """How many rollouts to play."""
 
     reach: Annotated[float | None, arg(metavar="ANGLE", help_behavior_hint=AS_LOG)] = None
-    """Farthest that the motion may go from rest [rad]."""
+    """Farthest that the motion may go from rest [rad], of an axis [m]."""
 
     speed: Annotated[float | None, arg(metavar="SPEED", help_behavior_hint="(default: any)")] = None
-    """Largest speed [rad/s]."""
+    """Largest speed [rad/s], of an axis [m/s]."""
 
     payload: Annotated[tuple[float, float] | None, arg(metavar="MASS DISTANCE", help_behavior_hint="")] = None
     """A known weight that can be hung on: its mass [kg], and its distance from the axis [m]."""
 
     out: Annotated[File, arg(aliases=["-o"])] = None
-    """Write what the rig plays here, as CSV with columns rollout, t [s], torque [N m]."""
+    """Write what the rig plays here, as CSV with columns rollout, t [s], torque [N m] (of an axis [N])."""
 
     json: File = None
     """Write the answer here."""

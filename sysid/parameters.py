@@ -49,11 +49,11 @@ class Parameter:
     def probes(self, extent: Extent) -> tuple[float, ...]:
         """Values to try this parameter at on a log of that extent.
 
-        Where none is declared: a hundredth beside neutral, of u_max where the unit is a torque's.
+        Where none is declared: a hundredth beside neutral, of u_max where the unit is a torque's or a force's.
         """
         chosen = self.probe(extent) if callable(self.probe) else self.probe
         if chosen is None:
-            size = extent.u_max if extent.u_max > 0.0 and self.unit.startswith("N m") else 1.0
+            size = extent.u_max if extent.u_max > 0.0 and self.unit.startswith("N") else 1.0
             chosen = float(self.value) if self.neutral is None else self.neutral + 0.01 * size
         numbers = chosen if isinstance(chosen, Sequence) else (chosen,)
         return tuple(float(number) for number in numbers)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,9 @@ from numpy.typing import NDArray
 from sysid.errors import InvalidInput
 from sysid.records import Record
 from sysid.sensor import Sensor
+
+if TYPE_CHECKING:
+    from sysid.plants import Plant
 
 Array = NDArray[np.float64]
 
@@ -50,10 +54,10 @@ def check_columns(name: str, table: Mapping[str, Array]) -> tuple[str, ...]:
     moving = {c: table[c] for c in ("theta", "theta_dot", "torque") if c in table and np.ptp(table[c]) > 0.0}
     if not {"theta", "theta_dot"} <= set(moving):
         return ()
-    if _mismatch(table["t"], moving["theta"], moving["theta_dot"]) < 0.5:
+    if rate_mismatch(table["t"], moving["theta"], moving["theta_dot"]) < 0.5:
         return ()
     for angle, speed in (("theta_dot", "theta"), ("theta", "torque"), ("torque", "theta_dot")):
-        if {angle, speed} <= set(moving) and _mismatch(table["t"], moving[angle], moving[speed]) < 0.15:
+        if {angle, speed} <= set(moving) and rate_mismatch(table["t"], moving[angle], moving[speed]) < 0.15:
             swapped = sorted({angle, speed} ^ {"theta", "theta_dot"}) or ["theta", "theta_dot"]
             raise InvalidInput(
                 f"{name}: theta_dot is not the rate of theta, but {speed} is the rate of {angle}: "
@@ -76,23 +80,29 @@ def _changes(t: Array, angle: Array, speed: Array) -> tuple[Array, Array]:
     return angle[span:] - angle[:-span], area[span:] - area[:-span]
 
 
-def _mismatch(t: Array, angle: Array, speed: Array) -> float:
+def rate_mismatch(t: Array, angle: Array, speed: Array) -> float:
     """The typical difference between the two where it moves most, in units of the integral's typical size there."""
     change, integral = _changes(t, angle, speed)
     fast = np.abs(integral) >= np.percentile(np.abs(integral), 75.0)
     return float(np.median(np.abs(change - integral)[fast])) / max(float(np.median(np.abs(integral)[fast])), 1e-300)
 
 
-def doubts(records: Sequence[Record]) -> tuple[str, ...]:
-    """Notes on what looks unlikely: an angle in degrees, a torque that never changes, a zero or a sign turned round."""
+def doubts(records: Sequence[Record], plant: Plant | None = None) -> tuple[str, ...]:
+    """Notes on what looks unlikely: an angle in degrees, a torque that never changes, a zero or a sign turned round.
+
+    Of a `plant` that does not turn, none on angles, and forces in its units.
+    """
     found = []
+    turns, newton = (True, "N m") if plant is None else (plant.turns, plant.unit("N m"))
     largest = max(float(np.max(np.abs(r.theta))) if r.theta is not None else 0.0 for r in records)
-    if largest > 40.0:
+    if turns and largest > 40.0:
         found.append(f"theta reaches {largest:.3g} rad ({largest / (2 * math.pi):.1f} turns): or is it in degrees?")
     first = float(records[0].u[0])
     if all(np.all(r.u == first) for r in records):
-        found.append("a free swing: the torque is 0" if first == 0.0 else f"the torque never changes ({first:g} N m)")
-    return (*found, *_turned(records))
+        free = "a free swing: the torque is 0" if turns else "a free motion: the force is 0"
+        acts = f"the {'torque' if turns else 'force'} never changes ({first:g} {newton})"
+        found.append(free if first == 0.0 else acts)
+    return (*found, *(_turned(records) if turns else ()))
 
 
 def _turned(records: Sequence[Record]) -> tuple[str, ...]:

@@ -186,8 +186,10 @@ def check_records(model: Model, records: Sequence[Record]) -> tuple[Record, ...]
             )
         largest = float(np.max(np.abs(record.u)))
         if largest > model.u_max * (1.0 + 1e-9):
+            unit = model.plant.unit("N m")
             raise InvalidInput(
-                f"{record.name} has a torque of {largest:g} N m, beyond the model's limit |u| <= {model.u_max:g} N m"
+                f"{record.name} has a torque of {largest:g} {unit}, beyond the model's limit "
+                f"|u| <= {model.u_max:g} {unit}"
             )
     return given
 

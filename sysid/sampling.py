@@ -11,6 +11,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid import held_readings
 from sysid.errors import InvalidInput
 from sysid.quantum import quantum
 from sysid.records import Record
@@ -63,7 +64,8 @@ class Rows:
 def evenly(rollouts: Sequence[Rows], dt: float | None = None) -> tuple[tuple[Record, ...], float, tuple[str, ...]]:
     """Records of one sample interval [s], that interval, and a note on each thing that was done to get there.
 
-    Rows are put in order; stamps that were rounded are made even; of rows with the same stamp the last is kept; a
+    Rows are put in order; of readings that are held for several rows the fresh ones are kept
+    (`sysid.held_readings`); stamps that were rounded are made even; of rows with the same stamp the last is kept; a
     restart of the clock or a gap (a step above 3.5 typical ones) starts a new rollout. The interval is dt where it is
     given, else the mean step. A row nearest to an instant of the even grid stands for it, moved there along the
     channel's local cubic: its error then stays its own (interpolation between two rows would shrink the sensor's noise
@@ -73,8 +75,8 @@ def evenly(rollouts: Sequence[Rows], dt: float | None = None) -> tuple[tuple[Rec
     """
     tally: Counter[str] = Counter()
     gaps: list[float] = []
-    parts = [p for rows in rollouts for part in _restarts(rows, tally) for p in _pieces(part, gaps)]
-    pieces = [_stamps(p, tally) for p in parts]
+    ordered, held = _fresh([part for rows in rollouts for part in _restarts(rows, tally)])
+    pieces = [_stamps(p, tally) for part in ordered for p in _pieces(part, gaps)]
     long = [p for p in pieces if len(p.t) > 1 and p.t[-1] - p.t[0] >= (dt or 0.0)]
     long = [p for p in long if len(p.t) >= SHORTEST] or long
     if not long:
@@ -83,7 +85,7 @@ def evenly(rollouts: Sequence[Rows], dt: float | None = None) -> tuple[tuple[Rec
     tally["row(s) in pieces too short to use left out"] += sum(len(p.t) for p in pieces) - sum(len(p.t) for p in long)
     common = _interval(long, dt)
     records = tuple(_record(p, common, tally) for p in long)
-    return records, common, _notes(long, common, tally, gaps)
+    return records, common, (*held, *_notes(long, common, tally, gaps))
 
 
 def _restarts(rows: Rows, tally: Counter[str]) -> Iterable[Rows]:
@@ -97,6 +99,48 @@ def _restarts(rows: Rows, tally: Counter[str]) -> Iterable[Rows]:
     for k, (first, last) in enumerate(pairwise(edges), start=1):
         part = rows.take(slice(first, last), f"{rows.name} run {k}" if len(far) else "")
         yield part.take(np.argsort(part.t, kind="stable"))
+
+
+def _fresh(parts: Sequence[Rows]) -> tuple[Sequence[Rows], tuple[str, ...]]:
+    """The rows with fresh readings, where a sensor is slower than the log, and a note on that.
+
+    The angle leads: a speed that is held for longer, or read at other times, is left out. Torques become their means
+    between fresh rows.
+    """
+    read = [p.take(p.read) for p in parts]
+    held = {}
+    for channel in ("theta", "theta_dot"):
+        series = [getattr(p, channel) for p in read]
+        if all(values is not None for values in series):
+            held[channel] = held_readings.holding(series)
+    notes, lead = [], next(iter(held), "")
+    if len(held) == 2 and held["theta_dot"] > 1.0:
+        longer = held["theta_dot"] > 1.5 * held["theta"]
+        both = [(p.theta, p.theta_dot) for p in read]
+        together = [held_readings.in_time(x, v) for x, v in both if x is not None and v is not None]
+        if longer or not all(together):
+            parts = [replace(p, theta_dot=None) for p in parts]
+            read = [replace(p, theta_dot=None) for p in read]
+            why = "longer than theta" if longer else "and read at other times than theta"
+            notes.append(f"theta_dot is held for {held['theta_dot']:.3g} rows each, {why}: it is left out")
+    if not held or held[lead] == 1.0:
+        return parts, tuple(notes)
+    step = float(np.median([p.step for p in read]))
+    notes.append(
+        f"{lead} is held for {held[lead]:.3g} rows each (read at {1.0 / (held[lead] * step):.4g} Hz, logged at "
+        f"{1.0 / step:.4g} Hz): only fresh readings are kept, with the mean torque between them"
+    )
+    return [_thinned(p, q, getattr(q, lead), held[lead]) for p, q in zip(parts, read, strict=True)], tuple(notes)
+
+
+def _thinned(rows: Rows, read: Rows, lead: Array, held: float) -> Rows:
+    """Of rows, of which `read` have readings, those with a fresh reading of `lead`; torques averaged between them."""
+    if len(read.t) < 2:
+        return rows
+    fresh = held_readings.fresh(lead, held)
+    fresh = fresh[np.append(True, np.diff(read.t[fresh]) > 0.0)]
+    kept = read.take(fresh)
+    return replace(kept, torque=np.append(_held(rows.t, rows.torque, kept.t), kept.torque[-1]))
 
 
 def _stamps(rows: Rows, tally: Counter[str]) -> Rows:

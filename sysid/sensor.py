@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from sysid.errors import InvalidInput
 from sysid.records import Array, Record
 
+UNITS = {"theta": "rad", "theta_dot": "rad/s"}
+"""The units of the channels of what turns; `Plant.unit` has those of another plant."""
+
 
 @dataclass(frozen=True, eq=False)
 class Readings:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -21,6 +22,7 @@ class LinearAxis(Plant):
     """
 
     turns: ClassVar[bool] = False
+    units: ClassVar[Mapping[str, str]] = {"kg m^2": "kg", "N m": "N", "rad": "m"}
     m: Value = parameter(1.0, unit="kg", bounds=(1e-3, 1e4))
 
     def inertia(self) -> Value:

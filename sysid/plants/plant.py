@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 from abc import abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -19,9 +21,28 @@ class Plant(Parametric):
     """J theta_ddot = gravity_torque(theta) + tau, with theta = 0 upright and theta = pi hanging.
 
     turns: whether theta comes back to the same place after a turn.
+    units: what the units of turning are called for this plant, the longest first; empty for what turns.
     """
 
     turns: ClassVar[bool] = True
+    units: ClassVar[Mapping[str, str]] = {}
+
+    def unit(self, unit: str) -> str:
+        """The name that a unit of turning has for this plant.
+
+        Parameters
+        ----------
+        unit : str
+            A unit as effects declare it, "rad/s" or "N m s/rad".
+
+        Returns
+        -------
+        str
+            The same for what turns; "m/s" and "N s/m" for a linear axis.
+        """
+        for turning, ours in self.units.items():
+            unit = re.sub(rf"\b{re.escape(turning)}\b", ours, unit)
+        return unit
 
     def place(self, theta: NDArray[np.float64]) -> NDArray[np.float64]:
         """Where theta [rad] is: modulo a turn where the plant turns."""

@@ -152,6 +152,39 @@ def test_what_is_known_stays_fixed(hidden, tmp_path, capsys):
     assert "sensor noise: theta" not in capsys.readouterr().out.split("wrote")[1]
 
 
+def test_a_published_model_is_compared_as_it_stands(hidden, tmp_path, capsys):
+    """All of its numbers given: nothing is fitted, and the truth leaves nothing over."""
+    answer = tmp_path / "answer.json"
+    words = ["compare", *hidden, "--plant", "point", "--set", "m=1.3", "--set", "l=0.6", "--json", str(answer)]
+    assert main([*words, "--with", "coulomb.tau_c=0.15"]) == 0
+    assert "nothing is missing" in capsys.readouterr().out
+    assert main([*words, "--with", "coulomb.tau_c=0.05,viscous.b=0.01"]) == 0
+    assert json.loads(answer.read_text())["errors"]["1_s"]["ratio"] > 1.4
+
+
+def test_effects_from_the_start_are_fitted_or_fixed(hidden, tmp_path, capsys):
+    out = str(tmp_path / "model.json")
+    assert main(["fit", *hidden, "--plant", "point", "--to", "3", "--with", "coulomb,viscous.b=0.001", "-o", out]) == 0
+    assert capsys.readouterr().out.count("+- is one standard deviation") == 1
+    saved = sysid.load(out)
+    assert saved.free == ("m", "l", "coulomb.tau_c")
+    assert saved.model.parameters["viscous.b"].value == 0.001
+    assert "has it already" in refused(["fit", *hidden, "--model", out, "--with", "coulomb"], capsys)
+    assert main(["compare", *hidden, "--model", out, "--plant", "point"]) == 0
+    said = refused(["compare", *hidden, "--model", out, "--plant", "rod"], capsys)
+    assert "--plant rod, but the plant of" in said and "is point" in said
+
+
+def test_an_axis_is_told_in_its_own_units(tmp_path, capsys):
+    files = written(swings(sysid.LinearAxis(m=2.0), sysid.Viscous(0.5), count=2), tmp_path)
+    assert main(["fit", *files, "--plant", "axis", "--with", "viscous", "--json", str(tmp_path / "a.json")]) == 0
+    said = capsys.readouterr().out
+    noise, numbers = said.splitlines()[1], said[said.index("  m ") : said.index("  on held-out")]
+    assert " m (" in noise and " m/s (" in noise and "rad" not in noise
+    assert "N s/m" in numbers and "rad" not in numbers
+    assert json.loads((tmp_path / "a.json").read_text())["units"]["viscous.b"] == "N s/m"
+
+
 def test_other_names_zero_sign_and_units(hidden, tmp_path):
     """The same log in degrees from the hanging position, its torque turned round, gives the same numbers."""
     table = np.loadtxt(hidden[0], delimiter=",", skiprows=1)
@@ -165,6 +198,26 @@ def test_other_names_zero_sign_and_units(hidden, tmp_path):
     assert main(["fit", str(tmp_path / "rig.csv"), "--plant", "point", "-o", b, *other, "--zero", "hanging"]) == 0
     first, second = (sysid.load(f).estimate.values for f in (a, b))
     assert second == pytest.approx(first, rel=1e-3)
+
+
+def test_a_log_carries_its_options_in_a_file_beside_it(hidden, tmp_path, capsys):
+    table = np.loadtxt(hidden[0], delimiter=",", skiprows=1)
+    table[:, 1] -= math.pi
+    rig = tmp_path / "rig.csv"
+    np.savetxt(rig, table, "%.12g", ",", header="sec,phi,omega,motor", comments="")
+    (tmp_path / "log.toml").write_text(
+        'columns = {t = "sec", theta = "phi", theta_dot = "omega", torque = "motor"}\nzero = "hanging"\n'
+        'plant = "point"\nto = 4\n'
+    )
+    assert main(["fit", str(rig), "--to", "3", "-o", str(tmp_path / "a.json")]) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert "zero hanging; plant point (the command line overrides to)" in said[0] and "(3 s)" in said[1]
+    assert main(["fit", hidden[0], "--plant", "point", "--to", "3", "-o", str(tmp_path / "b.json")]) == 0
+    first, second = (sysid.load(tmp_path / f).estimate.values for f in ("a.json", "b.json"))
+    assert second == pytest.approx(first, rel=1e-4)
+    assert "is read by this command" in refused(["fit", str(rig), "-o", str(tmp_path / "log.toml")], capsys)
+    assert "found sec, phi" in refused(["fit", str(rig), "--log", "none"], capsys)
+    assert "absent.toml cannot be read" in refused(["fit", str(rig), "--log", "absent.toml"], capsys)
 
 
 def test_a_window_and_another_rate(hidden, tmp_path, capsys):
@@ -292,7 +345,11 @@ OPTIONS = {
     "unknown column": (["fit", "LOG", "--columns", "theta=phi"], "found t, theta"),
     "endlessly held out": (["fit", "LOG", "--hold-out", "inf"], "expected a share between 0 and 1"),
     "all held out": (["fit", "LOG", "--hold-out", "9"], "leaves none to fit"),
-    "two plants": (["fit", "LOG", "--plant", "rod", "--model", "m.json"], "expected one"),
+    "set without effect": (["fit", "LOG", "--set", "viscous.b=0.1"], "--with viscous.b=0.1 puts it in"),
+    "with no effect": (["fit", "LOG", "--with", "viscus"], "did you mean viscous"),
+    "with no such number": (["fit", "LOG", "--with", "viscous.c=1"], "expected viscous or viscous.b=NUMBER"),
+    "with a number for all": (["fit", "LOG", "--with", "viscous=1"], "expected viscous or viscous.b=NUMBER"),
+    "with no number": (["fit", "LOG", "--with", "viscous.b=much"], "expected NAME=NUMBER"),
     "no model": (["compare", "LOG", "--model", "absent.json"], "absent.json"),
     "log as model": (["compare", "LOG", "--model", "LOG"], "is not JSON"),
     "log as output": (["fit", "LOG", "-o", "LOG"], "is read by this command"),
@@ -324,3 +381,17 @@ def test_words_that_are_no_command(words, capsys):
         main(words)
     assert left.value.code == 2
     assert "help" in capsys.readouterr().err
+
+
+def test_a_clock_in_milliseconds_is_told_or_asked_for(hidden, tmp_path, capsys):
+    table = np.loadtxt(hidden[0], delimiter=",", skiprows=1)
+    table[:, 0] *= 1e3
+    both, angle = tmp_path / "both.csv", tmp_path / "angle.csv"
+    np.savetxt(both, table, "%.8g", ",", header="t,theta,theta_dot,torque", comments="")
+    np.savetxt(angle, table[:, [0, 1, 3]], "%.8g", ",", header="t,theta,torque", comments="")
+    assert "--time-unit" in refused(["fit", str(angle), "--plant", "point"], capsys)
+    assert main(["fit", str(angle), "--plant", "point", "--time-unit", "ms"]) == 0
+    assert "at 50 Hz" in capsys.readouterr().out
+    assert main(["fit", str(both), "--plant", "point", "--from", "1", "--to", "4"]) == 0
+    said = capsys.readouterr().out
+    assert "150 samples (3 s)" in said and "t is in milliseconds, in which theta_dot is the rate of theta" in said

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from sysid import Estimate, Model, RodPendulum, Viscous
+from sysid import Estimate, LinearAxis, Model, RodPendulum, Viscous
 
 
 def estimate(covariance, **changes):
@@ -82,3 +82,13 @@ def test_it_turns_into_json_and_prints_its_numbers():
     text = str(e)
     for part in ("by hand: converged", "m         = 2 +- 0.2 kg", "viscous.b = 0.1 +- 0.01 N m s/rad", "400 readings"):
         assert part in text
+
+
+def test_an_axis_has_its_own_units_and_the_plus_minus_is_explained_once():
+    axis = estimate(np.diag([0.04, 1e-4]), model=Model(LinearAxis(m=2.0), (Viscous(b=0.1),)))
+    text = str(axis)
+    assert "viscous.b = 0.1 +- 0.01 N s/m" in text and "theta_dot 1.02 m/s" in text and "rad" not in text
+    assert text.count("+- is one standard deviation") == 1
+    assert axis.to_dict()["units"] == {"m": "kg", "viscous.b": "N s/m", "theta_dot": "m/s"}
+    rod = estimate(np.diag([0.04, 1e-4]))
+    assert rod.to_dict()["units"] == {"m": "kg", "viscous.b": "N m s/rad", "theta_dot": "rad/s"}

@@ -11,6 +11,7 @@ import pytest
 
 from sysid import (
     InvalidInput,
+    LinearAxis,
     Record,
     paper_model,
     paper_rollouts,
@@ -136,6 +137,53 @@ def test_the_last_line_may_be_torn(tmp_path):
     assert "log.csv: 1 row without a reading" in log.notes and len(log[0]) == 299
 
 
+# ---- the clock ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("unit", "per_second"), [("ms", 1e3), ("us", 1e6)])
+@pytest.mark.parametrize("shown_by", ["name", "speed", "option"])
+def test_a_clock_that_counts_faster_than_seconds_gives_the_same_records(shown_by, unit, per_second, tmp_path):
+    (record,) = rollouts()
+    columns = {"t": np.round(record.t * per_second)} | {k: v for k, v in table(record).items() if k != "t"}
+    options = {}
+    if shown_by == "name":
+        columns = {f"time_{unit}" if k == "t" else k: v for k, v in columns.items() if k != "theta_dot"}
+        options = {"columns": f"t=time_{unit}"}
+    elif shown_by == "option":
+        del columns["theta_dot"]
+        options = {"time_unit": unit}
+    path = write(tmp_path / "log.csv", columns)
+    expected = record if shown_by == "speed" else replace(record, theta_dot=None)
+    log = read(path, **options)
+    same(log[0], expected, rtol=1e-9)
+    assert any("converted to seconds" in note for note in log.notes) == (shown_by != "option")
+    window = read(path, **options, begin=1.0, end=2.5)
+    assert (window[0].t[0], window[0].t[-1]) == pytest.approx((1.0, 2.5))
+
+
+def test_a_clock_of_unknown_unit_is_refused_in_a_sentence_that_names_the_option(tmp_path):
+    (record,) = rollouts()
+    path = write(tmp_path / "log.csv", {"t": 1e3 * record.t, "theta": record.theta})
+    with pytest.raises(InvalidInput, match=r"rows are 20 apart in 't'.*--time-unit.*s \(0.05 Hz\) or ms \(50 Hz\)"):
+        read(path)
+    assert read(path, time_unit="s").dt == pytest.approx(20.0)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda c: c | {"theta_dot": np.rad2deg(c["theta_dot"])},
+        lambda c: c | {"theta_dot": 1e-3 * c["theta_dot"][::-1]},
+        lambda c: c | {"theta_dot": np.random.default_rng(0).normal(0.0, 5.0, len(c["t"]))},
+        lambda c: {name: v[::10] for name, v in c.items()},
+    ],
+    ids=["degrees", "nonsense", "noise", "5 Hz"],
+)
+def test_seconds_stay_seconds(change, tmp_path):
+    log = read(write(tmp_path / "log.csv", change(table(rollouts(seconds=12.0)[0]))), time_unit=None)
+    assert not any("converted to seconds" in note for note in log.notes) and log.dt >= 0.0199
+
+
 # ---- what is refused ---------------------------------------------------------------------------------------------
 
 HEAD = "t,theta,theta_dot,torque\n"
@@ -156,7 +204,7 @@ REFUSED = {
     "hollow.csv": ("t,theta,torque\n0,1,\n1,1,\n2,1,\n", "column 'torque' for torque holds no numbers"),
     "twice.csv": ("t,theta,theta\n0,1,2\n", "twice.csv: column 'theta' comes twice"),
     "holes.csv": (
-        "t,theta\n" + "".join(f"{k},{'nan' if k % 2 else k}\n" for k in range(40)),
+        "t,theta\n" + "".join(f"{0.02 * k},{'nan' if k % 2 else k}\n" for k in range(40)),
         "holes.csv: 20 of 40 rows lack a number, most often 'theta': expected a few at most",
     ),
     "back.csv": ("t,theta\n" + "".join(f"{-k},1\n" for k in range(9)), "'t' goes backwards in 100% of the rows"),
@@ -186,6 +234,7 @@ def test_wrong_wishes_are_refused(tmp_path):
     path = write(tmp_path / "log.csv", table(rollouts()[0]))
     for wish, message in (
         ({"zero": "left"}, "zero = 'left': expected 'upright' or 'hanging'"),
+        ({"time_unit": "min"}, "time_unit = 'min': expected one of s, ms, us"),
         ({"columns": "theta"}, "columns has 'theta': expected name=column pairs"),
         ({"columns": "angle=theta"}, "columns name 'angle': expected some of t, theta, theta_dot, torque, rollout"),
         ({"columns": "theta=phi"}, "log.csv has no column 'phi' for theta: found t, theta, theta_dot, torque"),
@@ -250,6 +299,14 @@ def test_a_doubt_is_voiced(change, note, tmp_path):
     columns = table(rollouts()[0])
     assert not read(write(tmp_path / "good.csv", columns)).notes
     assert any(note in n for n in read(write(tmp_path / "odd.csv", change(columns))).notes)
+
+
+def test_an_axis_is_not_asked_about_angles(tmp_path):
+    (record,) = rollouts()
+    columns = table(record) | {"theta": 50.0 + np.sin(record.t), "torque": np.full(len(record.t), 0.4)}
+    path = write(tmp_path / "log.csv", columns | {"theta_dot": np.cos(record.t)})
+    assert any("degrees" in note for note in read(path).notes)
+    assert read(path, plant=LinearAxis()).notes == ("the force never changes (0.4 N)",)
 
 
 def test_a_pendulum_at_rest_excites_nothing():

@@ -148,6 +148,63 @@ def test_correlated_errors_are_told_and_their_size_is_found(kind):
     assert any("neighbouring errors of theta_dot are correlated" in note for note in noise.notes)
 
 
+ANGLES = {
+    "noisy": lambda theta, rng: theta + 0.003 * rng.standard_normal(theta.shape),
+    "quiet": lambda theta, rng: theta + 1e-4 * rng.standard_normal(theta.shape),
+    "coarse": lambda theta, rng: 0.003 * np.round(theta / 0.003),
+    "fine": lambda theta, rng: 2.0 * math.pi / 4096 * np.round(theta * 4096 / (2.0 * math.pi)),
+    "clean": lambda theta, rng: theta,
+}
+COMPUTED = {
+    "backward difference": lambda d: d,
+    "central difference": lambda d: 0.5 * (d + np.roll(d, -1, axis=-1)),
+    "filtered difference": lambda d: lfilter([0.2], [1.0, -0.8], d, axis=-1),
+    "twice filtered difference": lambda d: lfilter([0.3], [1.0, -0.7], lfilter([0.3], [1.0, -0.7], d, axis=-1)),
+    "mean of ten differences": lambda d: lfilter(np.full(10, 0.1), [1.0], d, axis=-1),
+}
+
+
+def with_speed(run, theta, theta_dot):
+    return [Record(run.t, u, y, v).part(20, len(u) - 1) for u, y, v in zip(run.u, theta, theta_dot, strict=True)]
+
+
+@pytest.mark.parametrize("torque", ["multisine", "random", "free"])
+@pytest.mark.parametrize("angle", ANGLES)
+def test_a_speed_computed_from_the_angle_is_no_second_sensor(angle, torque):
+    run = truth(torque, HIDDEN["coulomb"], n=2, dt=0.01)
+    theta = ANGLES[angle](run.theta, np.random.default_rng(0))
+    d = np.diff(theta, axis=-1, prepend=theta[:, :1]) / 0.01
+    kinds = list(COMPUTED)[: 3 if angle == "clean" else None]  # without errors only what is exact can be told
+    for kind in kinds:
+        noise = sensor_noise(with_speed(run, theta, COMPUTED[kind](d)))
+        assert noise.sensor.theta_dot is None and "theta_dot" not in noise.error, kind
+        assert [n for n in noise.notes if "theta_dot was computed from the readings of theta" in n], kind
+
+
+def test_a_computed_speed_shows_in_a_short_and_slow_log_too():
+    run = truth("random", HIDDEN["lag"], n=1, dt=0.05)
+    for angle in ("noisy", "fine"):
+        theta = ANGLES[angle](run.theta, np.random.default_rng(0))
+        d = np.diff(theta, axis=-1, prepend=theta[:, :1]) / 0.05
+        for kind, speed in list(COMPUTED.items())[:4]:
+            assert sensor_noise(with_speed(run, theta, speed(d))).sensor.theta_dot is None, kind
+        tachometer = run.theta_dot + 0.01 * np.random.default_rng(1).standard_normal(theta.shape)
+        assert sensor_noise(with_speed(run, theta, tachometer)).sensor.theta_dot is not None
+
+
+@pytest.mark.parametrize("torque", ["multisine", "random", "free"])
+@pytest.mark.parametrize("angle", ANGLES)
+@pytest.mark.parametrize("dt", [0.02, 0.005])
+def test_a_tachometer_is_never_taken_for_a_difference(angle, torque, dt):
+    run, rng = truth(torque, HIDDEN["coulomb"], n=2, dt=dt), np.random.default_rng(1)
+    theta = ANGLES[angle](run.theta, rng)
+    for sd in (0.05, 0.005) if angle == "clean" else (0.05, 0.0005):  # else the angle's differences are as good
+        tachometer = run.theta_dot + sd * rng.standard_normal(theta.shape)
+        if angle == "noisy":  # a slow one
+            tachometer = lfilter([0.2], [1.0, -0.8], tachometer, axis=-1)
+        assert sensor_noise(with_speed(run, theta, tachometer)).sensor.theta_dot is not None, sd
+
+
 def test_a_speed_read_twice_tells_its_noise_at_once():
     records = paper_rollouts(paper_model(), 5, np.random.default_rng(0), sigma=1.0)
     noise = sensor_noise([Record(r.t, r.u, None, r.theta_dot, r.theta_dot_after) for r in records])
@@ -195,4 +252,7 @@ def test_real_logs_show_their_encoders(path):
     q = next(step for name, step in ENCODERS.items() if path.name.startswith(name))
     assert noise.quantum["theta"] == pytest.approx(q, rel=2e-3)
     assert q / math.sqrt(12.0) <= 1.001 * noise.sensor.theta < 1.5 * q or path.name.startswith("dfki_dp")
-    assert 0.005 < noise.sensor.theta_dot < 0.15
+    if path.name.startswith("dfki_dp"):  # its speed is the encoder's step over the sample time
+        assert noise.sensor.theta_dot is None and any("was computed from the readings" in n for n in noise.notes)
+    else:
+        assert 0.005 < noise.sensor.theta_dot < 0.15

@@ -6,7 +6,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from sysid import RK4, GeneralJoint, LinearAxis, Model, PointMassPendulum, RodPendulum, paper_model, simulate
+from sysid import CATALOGUE, RK4, GeneralJoint, LinearAxis, Model, PointMassPendulum, RodPendulum, paper_model, simulate
 from sysid.excitation import uniform_noise
 
 
@@ -54,3 +54,29 @@ def test_an_axis_moves_by_half_f_over_m_t_squared():
     run = simulate(Model(LinearAxis(m=2.5), dt=0.01), np.full(100, 5.0), 0.2, -0.3)
     np.testing.assert_allclose(run.theta, 0.2 - 0.3 * run.t + 0.5 * 2.0 * run.t**2, atol=1e-13)
     np.testing.assert_allclose(run.theta_dot, -0.3 + 2.0 * run.t, atol=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("turning", "sliding"),
+    [
+        ("N m", "N"),
+        ("N m s/rad", "N s/m"),
+        ("N m s^2/rad^2", "N s^2/m^2"),
+        ("rad/s", "m/s"),
+        ("kg m^2", "kg"),
+        ("m/s^2", "m/s^2"),
+        ("samples", "samples"),
+    ],
+)
+def test_an_axis_is_told_in_metres_and_newtons(turning, sliding):
+    assert LinearAxis().unit(turning) == sliding
+    assert all(p.unit(turning) == turning for p in (RodPendulum(), GeneralJoint()))
+
+
+def test_a_models_parameters_have_the_units_of_its_plant():
+    effects = tuple(kind() for kind in CATALOGUE.values() if not kind.excludes)
+    turning = {p.unit for p in Model(GeneralJoint(), effects).parameters.values()}
+    sliding = {p.unit for p in Model(LinearAxis(), effects).parameters.values()}
+    assert {"N m", "rad/s"} <= turning
+    assert {"N", "m/s"} <= sliding
+    assert not any("rad" in unit or "N m" in unit for unit in sliding)

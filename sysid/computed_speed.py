@@ -1,0 +1,99 @@
+"""Computed speed: whether a logged speed is a second measurement, or was worked out from the angle's own readings.
+
+A drive without a tachometer differences its encoder, perhaps filters what comes out, and logs that as the speed. Such a
+speed repeats the errors of the angle: whoever takes it for an independent reading counts every error twice.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.records import Record
+
+Array = NDArray[np.float64]
+
+BEFORE, AFTER, OWN = 24, 4, 2
+"""The readings of the angle before and after an instant, and the speeds before it, that may have made its speed."""
+FEWEST = 80
+"""Instants that the comparison must rest on."""
+COMPUTED = 0.5
+"""A speed of whose error the angle's errors leave less than this share (of the variance) was computed from them."""
+
+
+def unexplained(angle: Array, speed: Array, edges: NDArray[np.intp]) -> float:
+    """The share of the speed's errors that the angle's errors do not explain: 1 for a tachometer, 0 for a difference.
+
+        e_v[k] = sum_{i=1}^{2} a_i e_v[k-i]  +  sum_{j=-4}^{24} c_j e_theta[k-j]  +  rest
+
+    The share is the variance of the rest over that of the same regression without e_theta. It covers differences,
+    moving averages of up to 24 readings and filters of first and second order behind them.
+
+    Parameters
+    ----------
+    angle, speed : (n,)
+        What a linear filter that takes out the motion leaves of both channels, the same filter for both.
+    edges : (R,)
+        Where each record's part of them ends.
+
+    Returns
+    -------
+    float
+        The share; 1 where there is too little to compare.
+    """
+    own, others, targets = [], [], []
+    before = min(BEFORE, len(speed) // 12)  # of a short log fewer
+    for first, last in pairwise((0, *edges)):
+        x, y = angle[first:last], speed[first:last]
+        k = np.arange(max(before, OWN), len(x) - AFTER)
+        if len(k) > 0:
+            own.append(np.column_stack([y[k - i] for i in range(1, OWN + 1)]))
+            others.append(np.column_stack([x[k - j] for j in range(-AFTER, before + 1)]))
+            targets.append(y[k])
+    if sum(map(len, targets)) < FEWEST:
+        return 1.0
+    past, b = np.concatenate(own), np.concatenate(targets)
+    alone, together = _variance(past, b), _variance(np.column_stack([past, np.concatenate(others)]), b)
+    return together / alone if alone > 0.0 else 1.0
+
+
+def _variance(A: Array, b: Array) -> float:
+    """The variance of what a regression on the columns of A (n, c) leaves of b (n,)."""
+    size = np.linalg.norm(A, axis=0)
+    S = A / np.where(size > 0.0, size, 1.0)
+    rest = b - S @ np.linalg.lstsq(S, b, rcond=1e-10)[0]
+    return float(rest @ rest / (len(b) - A.shape[1]))
+
+
+def is_difference(records: Sequence[Record]) -> bool:
+    """Whether the speed is a difference of neighbouring angles, or the first-order filter of one, to the last digits.
+
+        theta_dot[k] = c d[k] + (1 - c) d[k-1]   or   a theta_dot[k-1] + (1 - a) d[k-1],
+        d[k] = (theta[k+1] - theta[k]) / dt,   0 <= a < 1
+
+    A true speed differs from any of these by what a difference formula leaves out, dt^2 theta''' / 12 at least, and by
+    the noise of the angle. A tenth of that is asked for: this serves where there is no noise to compare.
+    """
+    gaps, parts, slopes, third = [], [], [], []
+    for r in records:
+        if r.theta is None or r.theta_dot is None or len(r.theta_dot) != len(r.theta) or len(r) < 4:
+            return False
+        d = np.diff(r.theta) / r.dt
+        gaps.append((r.theta_dot - np.append(d, d[-1]))[1:-1] + (d[1:] - d[:-1]))  # theta_dot[k] - d[k-1]
+        parts.append(d[1:] - d[:-1])
+        slopes.append(r.theta_dot[:-2] - d[:-1])
+        third.append(np.diff(r.theta, 3) / r.dt)
+    gap, allowed = np.concatenate(gaps), 0.1 * _rms(np.concatenate(third)) / 12.0
+    for column, low, high in ((np.concatenate(parts), -0.1, 1.1), (np.concatenate(slopes), -0.01, 0.99)):
+        share = float(column @ gap) / max(float(column @ column), 1e-300)
+        if low <= share <= high and _rms(gap - share * column) < allowed:
+            return True
+    return False
+
+
+def _rms(values: Array) -> float:
+    return math.sqrt(float(np.mean(values**2)))

@@ -1,0 +1,106 @@
+"""Held readings: a sensor that is slower than the log, whose last reading every row repeats until the next one comes.
+
+Taken for fresh, a held reading is late by up to its age, and its staircase is the noise of no sensor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.quantum import quantum
+
+Array = NDArray[np.float64]
+
+SHORTEST = 3
+"""Rows that a reading must be held for: two in a row are common where two clocks meet."""
+FEWEST = 20
+"""Jumps that a holding must show in."""
+REGULAR = 0.85
+"""The share of all jumps that must come at the sensor's interval."""
+FAR = 2.5
+"""A jump of more than this many of a sensor's steps: a fresh sensor that moves so fast changes in every row."""
+
+
+class Run(NamedTuple):
+    """`length` (n,): how many rows the reading before each change was held for; `size` (n,): how far it changed."""
+
+    length: Array
+    size: Array
+
+
+def runs(values: Array) -> Run:
+    """The rests and changes of a channel (K,), the rows before its first change left out."""
+    change = np.flatnonzero(np.diff(values) != 0.0) + 1
+    return Run(np.diff(change).astype(float), np.abs(values[change[1:]] - values[change[1:] - 1]))
+
+
+def holding(series: Iterable[Array]) -> float:
+    """For how many rows each reading of a channel is held; 1 where every row has a fresh one.
+
+    An encoder that moves slowly repeats its readings too, but then changes by one step, after rests of any length; a
+    machine at rest does not change at all. A held reading changes by many steps, and always after the same number of
+    rows. So jumps of more than 2.5 steps are looked at: before most of them the reading was held for the same
+    number of rows, 3 or more.
+
+    Parameters
+    ----------
+    series : iterable of (K,)
+        The readings of one channel, one array a rollout, all numbers finite.
+
+    Returns
+    -------
+    float
+        The mean number of rows, 4.5 where 4 and 5 take turns.
+    """
+    series = [values for values in series if len(values) > 2]
+    if not series:
+        return 1.0
+    found = [runs(values) for values in series]
+    length, size = (np.concatenate([getattr(run, field) for run in found]) for field in Run._fields)
+    length = length[size > FAR * quantum([values[np.append(True, np.diff(values) != 0.0)] for values in series])]
+    if len(length) < FEWEST:
+        return 1.0
+    typical = float(np.median(length))
+    regular = np.abs(length - typical) <= max(1.0, 0.1 * typical)
+    if typical < SHORTEST or float(np.mean(regular)) < REGULAR:
+        return 1.0
+    return float(np.mean(length[regular]))
+
+
+def fresh(values: Array, rows: float) -> NDArray[np.intp]:
+    """The rows of fresh readings, where each is held for so many rows.
+
+    Parameters
+    ----------
+    values : (K,)
+        A held channel of one rollout.
+    rows : float
+        For how many rows a reading is held.
+
+    Returns
+    -------
+    (n,) int
+        The rows at which the channel changes, and within longer rests, where the same reading came again, one every
+        `rows` rows.
+    """
+    changed = np.diff(values) != 0.0
+    edges = np.concatenate(([0], np.flatnonzero(changed) + 1, [len(changed) + 1]))
+    found: list[int] = []
+    for k, (first, last) in enumerate(pairwise(edges.tolist())):
+        again = max(round((last - first) / rows), 1)
+        if k == 0:  # counted from its end: nobody knows when it came
+            found += [row for row in (last - round(rows * i) for i in range(again, 0, -1)) if row >= first]
+        else:
+            found += [first + round(rows * i) for i in range(again)]
+    return np.unique(np.array(found, dtype=np.intp))
+
+
+def in_time(held: Array, other: Array) -> bool:
+    """Whether the changes of `other` (K,) come in the rows in which `held` (K,) changes, four in five of them."""
+    first, second = np.diff(held) != 0.0, np.diff(other) != 0.0
+    return bool(np.sum(first & second) >= 0.8 * np.sum(second))

@@ -1,0 +1,97 @@
+"""The unit of a log's clock: seconds, or the milliseconds and microseconds that many loggers count."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.errors import InvalidInput
+from sysid.plausibility import rate_mismatch
+
+Array = NDArray[np.float64]
+TimeUnit = Literal["s", "ms", "us"]
+
+PER_SECOND: dict[TimeUnit, float] = {"s": 1.0, "ms": 1e3, "us": 1e6}
+WORDS: dict[TimeUnit, str] = {"s": "seconds", "ms": "milliseconds", "us": "microseconds"}
+NAMED: dict[TimeUnit, str] = {
+    "ms": r"ms|msecs?|millis|milliseconds?",
+    "us": r"us|µs|μs|usecs?|micros|microseconds?",
+    "s": r"s|secs?|seconds?",
+}
+SLOW = 0.5
+"""Rows that are so far apart [s] follow no pendulum: the clock may count something shorter."""
+FINEST = 2e-5
+"""Nor does a logger write rows nearer to each other than this [s], whatever a column is called."""
+FEWEST = 10
+"""Rows that the unit of a clock can be told from."""
+
+
+def check_unit(unit: str | None) -> None:
+    """Raise InvalidInput where a unit is none of those that a clock may have."""
+    if unit is not None and unit not in PER_SECOND:
+        raise InvalidInput(f"time_unit = {unit!r}: expected one of {', '.join(PER_SECOND)}")
+
+
+def named_unit(title: str) -> TimeUnit | None:
+    """The unit that the name of a column ends with, as in t_ms, time [us] or millis; None where it names none."""
+    words = [word for word in re.split(r"[\W_]+", title.strip().lower()) if word]
+    for unit, pattern in NAMED.items():
+        if words and re.fullmatch(pattern, words[-1]):
+            return unit
+    return None
+
+
+def found_unit(name: str, title: str, table: Mapping[str, Array]) -> tuple[TimeUnit, str]:
+    """The unit of column t, and what shows it.
+
+    The name of the column counts where rows are then not absurdly near to each other; else the unit in which the speed
+    is the rate of the angle.
+
+    Parameters
+    ----------
+    name, title : str
+        What the log and its column t are called.
+    table : mapping of str to (K,)
+        The columns as the file has them.
+
+    Returns
+    -------
+    unit : {"s", "ms", "us"}
+        The unit.
+    reason : str
+        Half a sentence; empty where nothing speaks against seconds.
+
+    Raises
+    ------
+    InvalidInput
+        Where seconds cannot be and nothing tells what it is: the sentence names the option.
+    """
+    steps = np.diff(table["t"][np.isfinite(table["t"])])
+    steps = steps[steps > 0.0]
+    if len(steps) == 0:
+        return "s", ""
+    step, named = float(np.median(steps)), named_unit(title)
+    if named is not None and step / PER_SECOND[named] >= FINEST:
+        return named, f"as the name of column {title!r} says" if named != "s" else ""
+    if len(steps) < FEWEST:
+        return "s", ""
+    moving = [c for c in ("theta", "theta_dot") if c in table and len(table[c]) == len(table["t"])]
+    whole = np.all([np.isfinite(table[c]) for c in ("t", *moving)], axis=0)
+    if len(moving) == 2 and np.sum(whole) >= FEWEST:
+        t, theta, theta_dot = (table[c][whole] for c in ("t", *moving))
+        if np.ptp(theta) > 0.0 and np.ptp(theta_dot) > 0.0:
+            off = {u: rate_mismatch(t / per, theta, theta_dot) for u, per in PER_SECOND.items()}
+            best = min(off, key=lambda unit: off[unit])
+            if off[best] < 0.3 and (best == "s" or off["s"] > 0.9):
+                return best, "in which theta_dot is the rate of theta" if best != "s" else ""
+    if step < SLOW:
+        return "s", ""
+    choices = " or ".join(f"{u} ({PER_SECOND[u] / step:.4g} Hz)" for u in PER_SECOND)
+    raise InvalidInput(
+        f"{name}: rows are {step:.4g} apart in {title!r}, too far for seconds, and nothing tells which unit it is: "
+        f"give the time unit (--time-unit, time_unit), one of {choices}"
+    )
