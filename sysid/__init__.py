@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # what type checkers and editors see
     from sysid.comparison.compare import Comparison, compare
-    from sysid.diagnose.add import Added, add
-    from sysid.diagnose.answer import Diagnosis
-    from sysid.diagnose.diagnosis import diagnose
+    from sysid.diagnosis.add import Added, add
+    from sysid.diagnosis.answer import Diagnosis
+    from sysid.diagnosis.diagnose import diagnose
     from sysid.effects import (  # type: ignore[no-redef]
         CATALOGUE,
         AngleOffset,
@@ -82,10 +82,10 @@ if TYPE_CHECKING:  # what type checkers and editors see
 _HOME = {
     name: module
     for module, names in {
-        "diagnose.add": "Added add",
-        "diagnose.answer": "Diagnosis",
+        "diagnosis.add": "Added add",
+        "diagnosis.answer": "Diagnosis",
         "comparison.compare": "Comparison compare",
-        "diagnose.diagnosis": "diagnose",
+        "diagnosis.diagnose": "diagnose",
         "smoothing.residual_torque": "ResidualTorque residual_torque",
         "effects": (
             "AngleOffset AsymmetricCoulomb AsymmetricViscous BackEmf Backlash CATALOGUE Coulomb DeadZone Delay "

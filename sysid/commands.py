@@ -88,7 +88,7 @@ def _(command: Compare) -> None:
 
 @_run.register
 def _(command: Diagnose) -> None:
-    from sysid.diagnose.diagnosis import diagnose
+    from sysid.diagnosis.diagnose import diagnose
 
     _load(command.start.effects)
     task = Task.of(command, command.out, command.json, command.html)
@@ -104,7 +104,7 @@ def _(command: Diagnose) -> None:
 
 @_run.register
 def _(command: Add) -> None:
-    from sysid.diagnose.add import add
+    from sysid.diagnosis.add import add
     from sysid.effects import effect
 
     _load(command.start.effects)

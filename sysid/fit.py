@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sysid.diagnose.candidates import extent_of
+from sysid.diagnosis.candidates import extent_of
 from sysid.errors import InvalidInput
 from sysid.estimate import Estimate
 from sysid.identify.gauss_newton import Fit, fit_longest

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from sysid import typography as set_as
 from sysid.comparison.compare import Comparison, compare
-from sysid.diagnose.answer import Diagnosis, Step
+from sysid.diagnosis.answer import Diagnosis, Step
 from sysid.effects import CATALOGUE
 from sysid.errors import InvalidInput
 from sysid.logs import split

@@ -24,7 +24,7 @@ from sysid import plotting
 from sysid.comparison.compare import Trace
 from sysid.comparison.held_out import Refit, error_of, lead_of, refit_windows
 from sysid.comparison.residual_map import ResidualMap
-from sysid.diagnose.answer import Diagnosis, Step
+from sysid.diagnosis.answer import Diagnosis, Step
 from sysid.model import Model
 from sysid.plotting import BLUE, GREEN, GREY, LABEL, ORANGE, STYLE, cells, scale, short
 from sysid.records import Array, Record

@@ -13,7 +13,7 @@ from types import TracebackType
 import casadi
 import numpy as np
 
-from sysid.diagnose.candidates import Alternative, alternatives
+from sysid.diagnosis.candidates import Alternative, alternatives
 from sysid.effects import CATALOGUE, Effect
 from sysid.errors import InvalidInput
 from sysid.model import Model

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.diagnose.candidates import Alternative, candidates, extent_of
+from sysid.diagnosis.candidates import Alternative, candidates, extent_of
 from sysid.effects import CATALOGUE
 from sysid.estimation.prediction_error import Fit
 from sysid.records import Array

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sysid.diagnose.candidates import extent_of
+from sysid.diagnosis.candidates import extent_of
 from sysid.diagnosis.choosing import COMPOSITES, DEFAULT, PREFERRED, Choosing
 from sysid.diagnosis.prediction import PredictionErrors, left_out, moved
 from sysid.diagnosis.scores import Score, alikeness, price, scores
@@ -17,14 +17,11 @@ from sysid.errors import InvalidInput
 from sysid.estimation.chain import Chain
 from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.prediction_error import DEFAULT as THOROUGH
-from sysid.estimation.prediction_error import QUICK, Fit, Settings, fit, with_likeliest_memory
+from sysid.estimation.prediction_error import QUICK, Fit, Prior, Settings, fit, with_likeliest_memory
 from sysid.identify.rough import rough
 from sysid.model import Model
-from sysid.records import Record
+from sysid.records import Array, Record
 from sysid.sensor import Sensor
-
-MEMORIES = tuple((T, T_o) for T in (0.1, 1.0) for T_o in (0.03, 0.3))
-"""Correlation times [s] of the disturbances that are tried: the likelihood hardly tells more."""
 
 FRICTION = ("viscous", "coulomb")
 """What a first fit knows beside the plant, so that friction does not bend inertia and gravity."""
@@ -89,7 +86,7 @@ class Search:
             self.first = self.first or self.last
             trials = self._trials(now)
             chosen = self._chosen(now, trials)
-            if chosen is None and not _white(now):
+            if chosen is None and not needs_no_disturbance(now):
                 trials = [*trials, *self._composites(now, trials)]
                 chosen = self._chosen(now, trials)
             self.trials = self.trials or trials
@@ -104,7 +101,7 @@ class Search:
 
     def _trials(self, now: Fit) -> list[Trial]:
         """The candidates that promise most, fitted, best first; common effects always, where d may hide them."""
-        hidden = now.disturbances.s * now.inertia > 0.0 and not _white(now)
+        hidden = now.disturbances.s * now.inertia > 0.0 and not needs_no_disturbance(now)
         promise = {n: s.lm - price(n, self.choosing.price, s.shapes) for n, s in self.last.items() if s.visible}
         names = sorted(promise, key=lambda n: promise[n], reverse=True)
         best = max(promise.values(), default=0.0)
@@ -178,7 +175,7 @@ class Search:
         return None
 
     def _predicts(self, before: PredictionErrors, after: Fit) -> bool:
-        gain, sd = before.gain(left_out(after, self.choosing.window, self.choosing.blocks))
+        gain, sd = left_out(after, self.choosing.window, self.choosing.blocks).gain(before)
         return math.isfinite(gain) and gain > -sd
 
     def _alike(self, a: Trial, b: Trial) -> bool:
@@ -248,8 +245,8 @@ def first_fit(chain: Chain, model: Model, names: Sequence[str]) -> Fit:
             more[number] = start[number] * (u or float(begun.inertia()))
     helped = fit(chain, richer.with_parameters(more), (*names, *more))
     likely = helped.disturbances
-    if not _white(helped):
-        likely = with_likeliest_memory(helped, MEMORIES)
+    if not needs_no_disturbance(helped):
+        likely = with_likeliest_memory(helped)
         helped = fit(chain, helped.model, helped.names, helped, likely)
         likely = helped.disturbances
     numbers = {n: float(helped.model.parameters[n].value) for n in names}
@@ -257,18 +254,17 @@ def first_fit(chain: Chain, model: Model, names: Sequence[str]) -> Fit:
     near = replace_model(helped, plain, tuple(names))
     loose = replace(likely, s=2.0 * likely.s)
     base = fit(chain, plain, names, near, loose)
-    if not more:
-        return base
-    other = fit(chain, begun, names, None, replace(loose, s=4.0 * likely.s))
-    return min((base, other), key=lambda f: f.deviance)
+    return base
 
 
 def replace_model(near: Fit, model: Model, names: tuple[str, ...]) -> Fit:
-    """A fit that others may begin at, of another model."""
-    return replace(near, model=model, names=names)
+    """A fit that others may begin at, of a model with fewer numbers."""
+    at = [near.names.index(n) for n in names]
+    prior = Prior(near.prior.mean[at], near.prior.precision[at])
+    return replace(near, model=model, names=names, prior=prior)
 
 
-def _white(found: Fit, seconds: float = 1.0) -> bool:
+def needs_no_disturbance(found: Fit) -> bool:
     """Whether the log needs no disturbance: without any its deviance is as good, but for what two numbers gain."""
     none = Disturbances(0.0, found.disturbances.T, 0.0, found.disturbances.T_o)
     bare = found.linearised.system.filter(none)
@@ -291,6 +287,9 @@ def reduced(now: Fit, name: str) -> Fit:
     return fit(now.chain, now.model.without_effect(name), [n for n in now.names if n not in own], now, loose)
 
 
-def residual_torque_rms(found: Fit) -> float:
-    """RMS of the smoothed random torque [N m]."""
-    return found.inertia * float(np.sqrt(np.mean(found.motion.d**2)))
+def residual_torque(found: Fit, disturbances: Disturbances, settings: Settings = QUICK) -> Array:
+    """The random torque (M,) [N m] that the log needs beside a fitted model, smoothed under given disturbances."""
+    held = replace(settings, sizes=False)
+    smoothed = fit(found.chain, found.model, (), replace_model(found, found.model, ()), disturbances, held)
+    torque: Array = found.inertia * smoothed.motion.d
+    return np.where(found.chain.follows, torque, 0.0)

@@ -20,6 +20,9 @@ from sysid.records import Array
 BLOCK = 256
 """Instants that one CasADi call runs through; a longer log takes several."""
 
+UNROLLED = 16
+"""Instants that are one graph."""
+
 SPREAD = (3.0, 30.0)
 """How far a record's first state may lie from where it is thought to be [rad], [rad/s]: anywhere."""
 
@@ -69,7 +72,10 @@ class LinearSystem:
         scale = np.concatenate([factor, increment, variance])
         states, own = np.empty((len(columns) + 1, _L + _N)), np.empty((len(columns), 12))
         states[0] = first
-        buffer, run = _step().buffer()
+        read = self.H[:, [0, 1], [0, 1]]
+        own_state = not (np.any(self.H[:, 0, 1]) or np.any(self.H[:, 1, 0]))
+        steps = _steps(own_state, bool(np.any(read[:, 0])), bool(np.any(read[:, 1])), disturbances.sigma_o > 0.0)
+        buffer, run = steps.buffer()
         buffer.set_arg(2, memoryview(scale))
         for begin in range(0, len(columns), BLOCK):
             state = np.ascontiguousarray(states[begin])
@@ -82,21 +88,31 @@ class LinearSystem:
 
 
 @cache
-def _step() -> casadi.Function:
-    """(predicted P and m, column, scale) -> predicted P' and m'; gains, variances and errors of both readings."""
+def _steps(own_state: bool, theta: bool, theta_dot: bool, coloured: bool) -> casadi.Function:
+    """(predicted P and m, columns, scale) -> predicted P and m after each; gains, variances and errors of both readings.
+
+    Half of the time goes with what is known to be zero: whether each channel shows its own state alone, whether it was
+    read at all, and whether there is an o.
+    """
     state, column, scale = casadi.SX.sym("state", _L + _N), casadi.SX.sym("column", 16), casadi.SX.sym("scale", 6)
     A, gap, H = casadi.reshape(column[:6], 3, 2).T, column[6:8], casadi.reshape(column[8:12], 2, 2).T
     r, weight, follows = column[12:14], column[14], column[15]
     P, m = casadi.tril2symm(casadi.SX(casadi.Sparsity.lower(_N), state[:_L])), state[_L:]
-    gains, variances, errors = [], [], []
-    for i in range(2):
-        h = casadi.vertcat(H[i, 0], H[i, 1], 0, weight if i == 0 else 0)
+    if not coloured:
+        P[3, :], P[:, 3], m[3] = 0, 0, 0
+        P, m = casadi.sparsify(P), casadi.sparsify(m)
+    own: list[casadi.SX] = []
+    for i, read in enumerate((theta, theta_dot)):
+        if not read:
+            own.append(casadi.vertcat(0, 0, 0, 0, 1, 0))
+            continue
+        shows = [H[i, j] if i == j or not own_state else 0 for j in range(2)]
+        h = casadi.sparsify(casadi.vertcat(*shows, 0, weight if i == 0 and coloured else 0))
         Ph = casadi.mtimes(P, h)
         S, e = 1.0 + casadi.dot(h, Ph), r[i] - casadi.dot(h, m)
-        m, P = m + Ph * (e / S), P - casadi.mtimes(Ph, Ph.T) / S
-        gains.append(Ph / S)
-        variances.append(S)
-        errors.append(e)
+        K = Ph / S
+        m, P = m + K * e, P - casadi.mtimes(K, Ph.T)
+        own.append(casadi.vertcat(casadi.densify(K), S, e))
     x = casadi.horzcat(A, casadi.SX(2, 1))
     F = casadi.vertcat(x, casadi.horzcat(casadi.SX(2, 2), casadi.diag(scale[:2]))) * follows
     m = casadi.mtimes(F, m) + casadi.vertcat(gap, 0, 0) * follows
@@ -104,10 +120,22 @@ def _step() -> casadi.Function:
     P = casadi.mtimes([F, P, F.T]) + casadi.diag(casadi.vertcat(0, 0, scale[2:4])) * follows
     P = P + casadi.diag(start) * (1.0 - follows)
     lower = casadi.densify(casadi.tril(P)).nz[[_N * j + i for j in range(_N) for i in range(j, _N)]]
-    own = casadi.vertcat(*gains, *variances, *errors)
-    step = casadi.Function("step", [state, column, scale], [casadi.vertcat(lower, m), own], {"cse": True})
+    K_1, K_2 = own
+    said = casadi.vertcat(K_1[:4], K_2[:4], K_1[4], K_2[4], K_1[5], K_2[5])
+    after = casadi.vertcat(lower, casadi.densify(m))
+    step = casadi.Function("step", [state, column, scale], [after, said], {"cse": True})
+    # several instants in one graph: a call a step would cost as much as the step
+    several, states, owns = casadi.SX.sym("several", 16, UNROLLED), [state], list[casadi.SX]()
+    for k in range(UNROLLED):
+        after, said = step(states[-1], several[:, k], scale)
+        states.append(after)
+        owns.append(said)
+    ends = casadi.Function(
+        "ends", [state, several, scale], [states[-1], casadi.horzcat(*states[1:]), casadi.horzcat(*owns)], {"cse": True}
+    )
+    count = BLOCK // UNROLLED
     inputs = [casadi.MX.sym("state", _L + _N), casadi.MX.sym("block", 16, BLOCK), casadi.MX.sym("scale", 6)]
-    states, owns = step.mapaccum(BLOCK).call([*inputs[:2], casadi.repmat(inputs[2], 1, BLOCK)])
+    _, states, owns = ends.mapaccum(count).call([*inputs[:2], casadi.repmat(inputs[2], 1, count)])
     return casadi.Function("steps", inputs, [states, owns])
 
 
@@ -169,13 +197,15 @@ class Filter:
         the latter in units of the sensor's sd."""
         W, WH, _, _ = self._parts
         innovations: Array = W @ R + WH @ self._response(G, R)
-        return innovations.reshape(2 * len(G), -1)
+        return innovations.reshape(2 * len(G), G.shape[2])
 
     def _response(self, G: Array, R: Array) -> Array:
         """How the predicted means (M, 4, C) move with such changes."""
         _, _, Gamma, band = self._parts
         M, C = len(G), G.shape[2]
         g = np.zeros((M, _N, C))
+        if C == 0:
+            return g
         g[1:] = -(Gamma @ R)[:-1]
         g[1:, :2] += G[:-1]
         g[1:][~self.system.follows[:-1]] = 0.0

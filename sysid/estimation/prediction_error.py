@@ -24,6 +24,10 @@ class Settings:
     iterations   Gauss-Newton steps, at most; each linearises the model about the motion that the one before found
     settled      a step below this share of every parameter's sd, which leaves the deviance within `negligible`, ends it
     negligible   change of the deviance (-2 log likelihood) that no statistic would notice
+    sizes        whether the sizes of the disturbances are found, or stay
+    angle_error  whether the size of the angle's coloured error is found too, or stays
+    vague        sd of a number of the plant about the one that a fit begins with, as a share of it: where a random torque
+                 explains all, the readings say nothing of an inertia, and it would run away
     stride       largest relative change of a parameter in a step
     smallest     sizes of the disturbances below this share of the motion's acceleration, of the sensor's sd, are none
     """
@@ -33,11 +37,43 @@ class Settings:
     negligible: float = 0.05
     stride: float = 0.7
     smallest: float = 1e-5
+    sizes: bool = True
+    angle_error: bool = True
+    vague: float = 1.0
 
 
 DEFAULT = Settings()
-QUICK = Settings(iterations=12, settled=0.15, negligible=0.5)
+QUICK = Settings(iterations=12, settled=0.15, negligible=0.5, angle_error=False)
 """For a candidate that is only compared with others."""
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """What is vaguely known of the parameters: independent normals about `mean` (P,), of `precision` (P,) = 1 / sd^2."""
+
+    mean: Array
+    precision: Array
+
+    @classmethod
+    def of(cls, model: Model, names: Sequence[str], vague: float, known: Prior | None, known_names: Sequence[str]) -> Prior:
+        """The numbers of the plant as they are, vaguely; those that are `known` already as they are known."""
+        own = dict(zip(known_names, zip(known.mean, known.precision, strict=True), strict=True)) if known else {}
+        mean, precision = _values(model, names), np.zeros(len(names))
+        for i, name in enumerate(names):
+            if name in own:
+                mean[i], precision[i] = own[name]
+            elif name in model.plant.parameters and mean[i] != 0.0:
+                precision[i] = (vague * mean[i]) ** -2.0
+        return cls(mean, precision)
+
+    def deviance(self, values: Array) -> float:
+        """-2 log density at values (P,), up to a constant."""
+        return float(np.sum(self.precision * (values - self.mean) ** 2))
+
+    def rows(self, values: Array) -> tuple[Array, Array]:
+        """Sensitivities (P, P) and residuals (P,) that stand below those of the readings."""
+        weight = np.sqrt(self.precision)
+        return np.diag(weight), weight * (self.mean - values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +86,7 @@ class Fit:
     linearised       the model along the smoothed motion
     filter           the Kalman filter there
     Z (2 M, P)       whitened sensitivities of the innovations
+    prior            what is known beside the readings
     converged        whether another step would change nothing
     """
 
@@ -59,6 +96,7 @@ class Fit:
     linearised: LinearisedModel
     filter: Filter
     Z: Array
+    prior: Prior
     converged: bool
 
     @property
@@ -79,7 +117,7 @@ class Fit:
     @property
     def deviance(self) -> float:
         """-2 log likelihood, up to a constant that depends on the sensor alone."""
-        return self.filter.deviance
+        return self.filter.deviance + self.prior.deviance(self.values)
 
     @property
     def values(self) -> Array:
@@ -94,7 +132,7 @@ class Fit:
     @cached_property
     def covariance(self) -> Array:
         """(P, P) of the parameters; infinite where some direction is not determined."""
-        return inverse(self.Z.T @ self.Z)
+        return inverse(self.Z.T @ self.Z + np.diag(self.prior.precision))
 
     def estimate(self, method: str = "prediction error") -> Estimate:
         """The answer of an identifier."""
@@ -140,19 +178,23 @@ def fit(
     if disturbances is None:
         disturbances = near.disturbances if near else Disturbances(0.3 * size, sigma_o=_angle_sd(chain))
     motion = near.motion if near else begin(chain, disturbances.s)
+    prior = Prior.of(model, names, settings.vague, near.prior if near else None, near.names if near else ())
     floor = np.log([settings.smallest * size, settings.smallest * max(_angle_sd(chain), 1e-12)])
     low, high = (np.array([model.parameters[n].bounds[side] for n in names]) for side in (0, 1))
-    before, converged, restless = math.inf, False, True
+    before, converged, restless = math.inf, False, settings.sizes
     for k in range(settings.iterations):
         linearised = LinearisedModel(chain, model, motion)
-        if k > 0 and (restless or k % 4 == 3):
-            likely = likelier(linearised, disturbances, floor)
+        if k > 0 and settings.sizes and (restless or k % 4 == 3):
+            likely = likelier(linearised, disturbances, floor, settings.angle_error)
             restless = bool(np.max(np.abs(_logs(likely) - _logs(disturbances))) > 0.05)
             disturbances = likely
         here = linearised.system.filter(disturbances)
         G, R = linearised.changes(names)
         Z = here.whiten(G, R)
-        step = bounded_step(Z, here.innovations.ravel(), low - _values(model, names), high - _values(model, names))
+        now = _values(model, names)
+        rows, rest = prior.rows(now)
+        below = np.concatenate([Z, rows]), np.concatenate([here.innovations.ravel(), rest])
+        step = bounded_step(*below, low - now, high - now)
         longest = settings.stride * np.array([_scale(model, n) for n in names])
         step = step * min([1.0, *(longest / np.maximum(np.abs(step), 1e-300))])
         moved = float(np.linalg.norm(Z @ step)) if len(step) else 0.0
@@ -163,18 +205,21 @@ def fit(
         z = here.smooth(G @ step, R @ step)
         # a filter knows less than a smoother: its sd is wide enough where a joint sticks
         motion = Motion(motion.x + z[:, :2], z[:, 2], here.sd[:, :3])
-        model = model.with_parameters(dict(zip(names, (_values(model, names) + step).tolist(), strict=True)))
-    return Fit(chain, linearised.model, names, linearised, here, Z, converged)
+        model = model.with_parameters(dict(zip(names, (now + step).tolist(), strict=True)))
+    return Fit(chain, linearised.model, names, linearised, here, Z, prior, converged)
 
 
-def likelier(linearised: LinearisedModel, disturbances: Disturbances, floor: Array) -> Disturbances:
-    """Disturbances of larger likelihood about the same motion: one Newton step of v = (log s, log sigma_o).
+def likelier(
+    linearised: LinearisedModel, disturbances: Disturbances, floor: Array, angle_error: bool = True
+) -> Disturbances:
+    """Disturbances of larger likelihood about the same motion: one Newton step of v = (log s, log sigma_o), or of the
+    first alone.
 
     Slope and curvature are differences over a factor of 1.35, which is less than a log can tell; where the curvature is
     negative the step follows the slope, by a factor of e at most.
     """
     system, h, now = linearised.system, 0.3, _logs(disturbances)
-    free = [i for i in range(2) if now[i] > floor[i]]
+    free = [i for i in range(1 + angle_error) if now[i] > floor[i]]
     if not free:
         return disturbances
 
@@ -205,15 +250,21 @@ def _logs(disturbances: Disturbances) -> Array:
     return np.log(np.maximum([disturbances.s, disturbances.sigma_o], 1e-300))
 
 
-def with_likeliest_memory(fitted: Fit, times: Sequence[tuple[float, float]]) -> Disturbances:
-    """The disturbances of that pair of correlation times (T, T_o) [s] under which the log is likeliest."""
-    floor, found = np.array([-40.0, -40.0]), list[tuple[float, Disturbances]]()
-    for T, T_o in times:
+def with_likeliest_memory(
+    fitted: Fit, times: Sequence[float] = (0.01, 0.1, 1.0), angle_times: Sequence[float] = (0.03, 0.3, 1.0)
+) -> Disturbances:
+    """The disturbances of those correlation times T, T_o [s] under which the log is likeliest: first T_o, then T."""
+    floor, deviances = np.array([-40.0, -40.0]), dict[Disturbances, float]()
+
+    def tried(T: float, T_o: float) -> Disturbances:
         trial = fitted.disturbances.with_memory(T, T_o)
-        for _ in range(4):
+        for _ in range(3):
             trial = likelier(fitted.linearised, trial, floor)
-        found.append((fitted.linearised.system.filter(trial).deviance, trial))
-    return min(found, key=lambda own: own[0])[1]
+        deviances[trial] = fitted.linearised.system.filter(trial).deviance
+        return trial
+
+    found = min([tried(times[-1], T_o) for T_o in angle_times], key=lambda own: deviances[own])
+    return min([found, *(tried(T, found.T_o) for T in times[:-1])], key=lambda own: deviances[own])
 
 
 def bounded_step(Z: Array, e: Array, low: Array, high: Array) -> Array:

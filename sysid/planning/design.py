@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.diagnose.directions import Directions
+from sysid.planning.directions import Directions
 from sysid.effects import Effect, OutputEffect
 from sysid.identify.gauss_newton import Fit, Solution, without
 from sysid.model import Model

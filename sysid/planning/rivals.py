@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sysid.diagnose.candidates import Alternative, candidates
-from sysid.diagnose.refits import LEAD, at_horizon, grow
-from sysid.diagnose.screen import screen
+from sysid.diagnosis.candidates import Alternative, candidates
+from sysid.planning.refits import LEAD, at_horizon, grow
+from sysid.planning.screen import screen
 from sysid.effects import Effect, effect
 from sysid.errors import InvalidInput
 from sysid.identify.gauss_newton import Fit, fit_longest, fit_windows

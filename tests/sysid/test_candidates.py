@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sysid import CATALOGUE, Delay, Effect, Joint, JointEffect, Model, Record, RodPendulum, Stamp, Viscous, simulate
-from sysid.diagnose.candidates import Alternative, alternatives, candidates, extent_of
+from sysid.diagnosis.candidates import Alternative, alternatives, candidates, extent_of
 from sysid.excitation import multisine
 from sysid.parameters import NEVER, Extent, parameter
 

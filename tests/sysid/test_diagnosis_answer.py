@@ -10,8 +10,8 @@ import pytest
 from sysid import (
     CATALOGUE,
 )
-from sysid.diagnose.answer import SCHEMA, VERDICTS
-from sysid.diagnose.diagnosis import POWER
+from sysid.diagnosis.answer import SCHEMA, VERDICTS
+from sysid.diagnosis.diagnose import POWER
 from sysid.logs import split
 from tests.sysid.planted import (
     DEPENDENCES,

@@ -27,10 +27,10 @@ from sysid import (
     Viscous,
     simulate,
 )
-from sysid.diagnose.candidates import alternatives, extent_of
-from sysid.diagnose.directions import Directions
-from sysid.diagnose.refits import extend
-from sysid.diagnose.screen import screen
+from sysid.diagnosis.candidates import alternatives, extent_of
+from sysid.planning.directions import Directions
+from sysid.planning.refits import extend
+from sysid.planning.screen import screen
 from sysid.effects import CATALOGUE, Effect
 from sysid.fit import fit
 from sysid.identify.gauss_newton import fit_longest, fit_windows

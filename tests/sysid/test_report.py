@@ -18,7 +18,7 @@ from sysid import Coulomb, InvalidInput, Model, Record, RodPendulum, Sensor, com
 from sysid import report_figures as figures
 from sysid import typography as set_as
 from sysid.comparison.held_out import held_out_error
-from sysid.diagnose.answer import VERDICTS, Diagnosis, Ranked, Remaining, Step
+from sysid.diagnosis.answer import VERDICTS, Diagnosis, Ranked, Remaining, Step
 from sysid.excitation import steps
 from sysid.logs import split
 from sysid.report import page_of, write_report

@@ -39,10 +39,10 @@ from sysid import (
     effect,
     simulate,
 )
-from sysid.diagnose.candidates import alternatives, extent_of
-from sysid.diagnose.directions import Directions
-from sysid.diagnose.refits import LEAD, extend
-from sysid.diagnose.screen import Score, alikeness, screen
+from sysid.diagnosis.candidates import alternatives, extent_of
+from sysid.planning.directions import Directions
+from sysid.planning.refits import LEAD, extend
+from sysid.planning.screen import Score, alikeness, screen
 from sysid.diagnose.search import LEVEL, SAME, Round
 from sysid.excitation import steps
 from sysid.identify.gauss_newton import Fit, fit_longest, fit_windows, without

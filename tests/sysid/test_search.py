@@ -24,8 +24,8 @@ from sysid import (
     Viscous,
     simulate,
 )
-from sysid.diagnose.refits import LEAD, at_horizon, extend, gain, grow, reduce_by
-from sysid.diagnose.screen import screen
+from sysid.planning.refits import LEAD, at_horizon, extend, gain, grow, reduce_by
+from sysid.planning.screen import screen
 from sysid.diagnose.search import MOST_STEPS, Addition, Round, Search, Trial, alike, confined, holds, twins
 from sysid.excitation import steps
 from sysid.identify.gauss_newton import NEGLIGIBLE, Fit, fit_longest, fit_windows

@@ -12,7 +12,7 @@ from sysid.sensor import Sensor
 from sysid.smoothing.touched import Touched
 
 SCHEMA = "gapfinder/diagnosis/1"
-VERDICTS = ("adequate", "missing", "unknown", "cannot tell")
+VERDICTS = ("adequate", "missing", "partly", "unknown", "cannot tell")
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,8 +22,9 @@ class Step:
     alike          effects that this log cannot tell from it, itself first
     rivals         those of them that are something else to other logs
     parameters     its numbers {name: {value, sd, unit}} at the end of the loop
-    error_before   held-out error before and after, in units of the sensor noise
-    p_value        Holm's, over all candidates of the round
+    error_before   held-out error over 1 s before and after, in units of the sensor noise; effects that only pay together
+                   share one step of the error
+    p_value        of its likelihood ratio, times the number of candidates of the round
     """
 
     effect: str
@@ -71,23 +72,56 @@ class Ranked:
 
 @dataclass(frozen=True)
 class Remaining:
-    """What no step explains: its share of the squared held-out error, what it depends on, and where it lives."""
+    """What no step explains.
+
+    share       of the squared held-out error
+    torque      RMS of the random torque that is left [N m]
+    depends_on  some of "theta", "theta_dot", "torque", "time", "history"; where: over which stretch of these
+    """
 
     share: float
     depends_on: tuple[str, ...]
     where: str
+    torque: float = 0.0
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data."""
-        return {"share": self.share, "depends_on": list(self.depends_on), "where": self.where}
+        return {
+            "share": self.share,
+            "torque": self.torque,
+            "depends_on": list(self.depends_on),
+            "where": self.where,
+        }
+
+
+@dataclass(frozen=True)
+class MissingTorque:
+    """How large what a model lacks is: RMS of the random torque [N m] that the log needs beside it.
+
+    drive   RMS of the drive torque; before and after the steps: of the random torque, smoothed under the same prior
+    """
+
+    drive: float
+    before: float
+    after: float
+
+    @property
+    def explained(self) -> float:
+        """1 - after^2 / before^2, the share of the missing torque that the steps explain; 0 where nothing was missing."""
+        return max(0.0, 1.0 - (self.after / self.before) ** 2) if self.before > 0.0 else 0.0
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data."""
+        return {"drive": self.drive, "before": self.before, "after": self.after, "explained": self.explained}
 
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
     """What the model lacks.
 
-    verdict           "adequate": nothing was missing; "missing": the steps explain everything; "unknown": something
-                      remains after the steps, if any; "cannot tell": a step's class does not separate on this log
+    verdict           "adequate": nothing that matters was missing; "missing": the steps explain everything that matters;
+                      "partly": the steps are sure and pay, and something that matters remains; "unknown": something
+                      matters and nothing known pays; "cannot tell": a step's class does not separate on this log
     base              the model as it came, refitted
     steps             effects that were added, in order; those of the log itself (torque stamps) in `conventions`
     ranking           the candidates of the first round, best first
@@ -95,6 +129,10 @@ class Diagnosis:
     not_identifiable  groups of parameters and effects that this motion cannot separate
     ruled_out         {effect: size}: an effect above that size would have been found
     touched           stretches of the log that no state of the joint explains, such as a hand's push
+    torque            how large the missing torque was, and how large what remains is
+    negligible        effects that are there, by their likelihood, and too small to matter
+    unconfirmed       effects that the fitted part of the log asked for and the held-out part did not confirm
+    tolerance         share by which an effect has to lower the error of predictions, to matter
     held_out          names of the rollouts that no fit has seen; errors are theirs, in units of the sensor noise
     """
 
@@ -114,6 +152,10 @@ class Diagnosis:
     touched: tuple[Touched, ...]
     next_experiment: dict[str, Any] | None
     seconds: float
+    torque: MissingTorque = MissingTorque(0.0, 0.0, 0.0)
+    negligible: tuple[str, ...] = ()
+    unconfirmed: tuple[str, ...] = ()
+    tolerance: float = 0.02
 
     @property
     def best(self) -> Diagnosis:
@@ -141,6 +183,13 @@ class Diagnosis:
             "held_out": list(self.held_out),
             "base_error": finite(self.base_error.ratio),
             "error": finite(self.error.ratio),
+            "prediction": {"before": self.base_error.to_dict(), "after": self.error.to_dict()},
+            "torque": self.torque.to_dict(),
+            "tolerance": self.tolerance,
+            "converged": self.estimate.success,
+            "status": self.estimate.status,
+            "negligible": list(self.negligible),
+            "unconfirmed": list(self.unconfirmed),
             "verdict": self.verdict,
             "steps": [s.to_dict() for s in self.steps],
             "conventions": [s.to_dict() for s in self.conventions],
@@ -156,24 +205,49 @@ class Diagnosis:
     @property
     def sentence(self) -> str:
         """The verdict in words."""
-        before, after = self.base_error.ratio, self.error.ratio
         names = " and ".join(self._named(s) for s in self.steps)
-        went = "falls" if after <= before else "rises"
-        fell = f"the error on held-out data {went} from {before:.3g} to {after:.3g} times the sensor noise"
         if self.verdict == "adequate":
-            return f"adequate: the model lacks nothing that this log can show ({after:.3g} times the sensor noise)."
+            return f"adequate: the model lacks nothing that matters in this log; {self._predicted()}."
         if self.verdict == "missing":
-            return f"missing: {names}; {fell}, and nothing else is visible in this log."
+            return f"missing: {names}{self._explained()}; {self._predicted()}, and nothing else that matters is left."
         left = "" if self.remaining is None else self._left(self.remaining)
+        if self.verdict == "partly":
+            return f"partly: {names}{self._explained()}; {self._predicted()}; {left}."
         if self.verdict == "unknown":
-            return f"unknown: {names + '; ' + fell + '; ' if names else ''}{left}."
+            return f"unknown: no known effect pays; {self._predicted()}; {left}."
         classes = "; ".join(" or ".join(s.alike) for s in self.steps if len(s.alike) > 1)
-        return f"cannot tell: {classes} explain this log equally well; {fell}{'; ' + left if left else ''}."
+        tail = f"; {left}" if left else ""
+        return f"cannot tell: {classes} explain this log equally well{self._explained()}; {self._predicted()}{tail}."
+
+    def _explained(self) -> str:
+        """The share of the missing torque that the steps explain, with its size."""
+        torque, unit = self.torque, self.model.plant.unit("N m")
+        if not self.steps or torque.before <= 0.0:
+            return ""
+        return (
+            f" explain{'s' if len(self.steps) == 1 else ''} {torque.explained:.0%} of the missing torque "
+            f"(rms {torque.before:.2g} -> {torque.after:.2g} {unit})"
+        )
+
+    def _predicted(self) -> str:
+        """What predictions over a second are off by, on data that no fit has seen."""
+        before, after = self.base_error, self.error
+        channel = "theta" if after.theta is not None else "theta_dot"
+        unit = self.model.plant.unit("rad" if channel == "theta" else "rad/s")
+        size, came = getattr(after, channel), getattr(before, channel)
+        what = "the angle" if channel == "theta" and self.model.plant.turns else channel
+        what = "the position" if channel == "theta" and not self.model.plant.turns else what
+        fell = f", before {came:.3g}" if self.steps or self.conventions else ""
+        return (
+            f"over {after.window:g} s of held-out data {what} is predicted to {size:.3g} {unit}{fell} "
+            f"({after.ratio:.3g} times the sensor noise{f', before {before.ratio:.3g}' if fell else ''})"
+        )
 
     def _left(self, remaining: Remaining) -> str:
         on = " and ".join(remaining.depends_on) or "nothing that was tried"
+        unit = self.model.plant.unit("N m")
         return (
-            f"something is missing that no known effect explains: {remaining.share:.0%} of the squared error; "
+            f"a torque of rms {remaining.torque:.2g} {unit} remains that no known effect explains; "
             f"it depends on {on}{', ' + remaining.where if remaining.where else ''}"
         )
 
@@ -194,4 +268,12 @@ class Diagnosis:
                 + (f"; this log cannot tell it from {', '.join(step.alike[1:])}" if len(step.alike) > 1 else "")
             )
         lines.extend(f"  cannot be told apart by this motion: {', '.join(group)}" for group in self.not_identifiable)
+        if self.negligible:
+            lines.append(f"  there, by their likelihood, and too small to matter: {', '.join(self.negligible)}")
+        if self.unconfirmed:
+            lines.append(f"  not confirmed by the held-out data, and left out: {', '.join(self.unconfirmed)}")
+        lines.append(
+            f"  what matters: an effect that lowers the error of 1 s predictions by {self.tolerance:.0%}; "
+            "+- is one standard deviation"
+        )
         return "\n".join(lines)

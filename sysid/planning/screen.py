@@ -9,8 +9,8 @@ import numpy as np
 from scipy.linalg import eigh
 from scipy.stats import chi2, f
 
-from sysid.diagnose.candidates import Alternative, candidates, extent_of
-from sysid.diagnose.directions import Directions
+from sysid.diagnosis.candidates import Alternative, candidates, extent_of
+from sysid.planning.directions import Directions
 from sysid.identify.gauss_newton import Fit
 from sysid.records import Array
 from sysid.response import Index, stretches

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from sysid.diagnose.candidates import Alternative
+from sysid.diagnosis.candidates import Alternative
 from sysid.effects import Effect, InputEffect, Joint, JointEffect, OutputEffect
 from sysid.identify.gauss_newton import Fit, without
 from sysid.model import Model

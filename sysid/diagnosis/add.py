@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from sysid.comparison.held_out import HeldOutError, held_out_error
-from sysid.diagnose.refits import LEAD, extend, grow
-from sysid.diagnose.screen import screen
+from sysid.planning.refits import LEAD, extend, grow
+from sysid.planning.screen import screen
 from sysid.effects import effect
 from sysid.errors import InvalidInput
 from sysid.estimate import Estimate

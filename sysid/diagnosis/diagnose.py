@@ -1,0 +1,355 @@
+"""diagnose: from a model and a log to the effect that is missing, with the evidence and its size."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from sysid.comparison.held_out import HeldOutError, held_out_error
+from sysid.diagnosis.answer import Diagnosis, MissingTorque, Ranked, Remaining, Step
+from sysid.diagnosis.channels import relied_on
+from sysid.diagnosis.choosing import DEFAULT, Choosing
+from sysid.diagnosis.contacts import contacts
+from sysid.diagnosis.dependence import Dependence, dependences
+from sysid.diagnosis.prediction import moved
+from sysid.diagnosis.scores import alikeness, price
+from sysid.diagnosis.search import Addition, Search, needs_no_disturbance, reduced, residual_torque
+from sysid.effects import CATALOGUE, effect
+from sysid.errors import InvalidInput
+from sysid.estimate import Estimate
+from sysid.estimation.prediction_error import Fit
+from sysid.fit import free
+from sysid.model import Model
+from sysid.records import Record, check_records, told_apart
+from sysid.sensor import Sensor
+from sysid.smoothing.touched import Touched
+
+RESTARTS = 2
+"""What a hand touched is left out and the search begun anew, at most so often."""
+
+POWER = 3.9
+"""Size, in its standard deviations, that is found in 80 % of logs at the price that an effect has to pay."""
+
+INVISIBLE = 1e-3
+"""A rise of the held-out error by less than this share is not printed, and counts as none."""
+
+
+def diagnose(
+    model: Model | Estimate,
+    records: Sequence[Record],
+    sensor: Sensor | None = None,
+    hold_out: float | None = None,
+    effects: Iterable[str] | None = None,
+    choosing: Choosing = DEFAULT,
+    tell: Callable[[str], None] = lambda _: None,
+) -> Diagnosis:
+    """Which physical effect is missing, how large is it, and does it matter?
+
+    Beside the model acts a random torque, whose size and correlation time the log tells. An effect is added where it
+    explains what the random torque had to: where the likelihood gains more than the effect's numbers and its rarity
+    cost, predictions on left-out stretches are no worse, and what it changes matters. So it goes on until nothing
+    pays; in the end no effect stays that raises the error on the held-out data.
+
+    Parameters
+    ----------
+    model : Model or Estimate
+        The model as it came. Of an estimate the free parameters are refitted; the others keep their numbers.
+    records : sequence of Record
+        At least one rollout. Stretches that a hand touched are left out of the search, and named.
+    sensor : Sensor, optional
+        Noise of the readings; by default the estimate's, else found from the records without any model.
+    hold_out : float, optional
+        A share, or a count, of the records that no fit sees.
+    effects : iterable of str, optional
+        Names of the effects that may be missing; by default the whole catalogue.
+    choosing : Choosing, optional
+        What counts as evidence, and what matters.
+    tell : callable, optional
+        Is told what is being tried.
+
+    Returns
+    -------
+    Diagnosis
+        The verdict with its evidence, and the mended model.
+
+    Raises
+    ------
+    InvalidInput
+        For unusable records and unknown names.
+
+    Notes
+    -----
+    Kristensen, Madsen, Jorgensen, "A method for systematic improvement of stochastic grey-box models", Computers and
+    Chemical Engineering 28 (2004) 1431. Brynjarsdottir, O'Hagan, Inverse Problems 30 (2014) 114007, show what leaving
+    the random torque out does to intervals.
+    """
+    from sysid.logs import leave_out, split
+
+    began = time.perf_counter()
+    records = told_apart(check_records(model.model if isinstance(model, Estimate) else model, records))
+    names = model.names if isinstance(model, Estimate) else free(model)
+    if isinstance(model, Estimate):
+        sensor, model = sensor or model.sensor, model.model
+    chosen = None if effects is None else _known(effects)
+    if sensor is None:
+        from sysid.noise import sensor_noise
+
+        sensor = sensor_noise(records).sensor
+    training, held_out = split(records, hold_out)
+    sensor = relied_on(model, training, sensor)
+    touched: tuple[Touched, ...] = ()
+    for restarts_left in reversed(range(RESTARTS + 1)):
+        search = Search(training, sensor, chosen, choosing, tell)
+        base, end = search.run(model, names)
+        found = contacts(end) if restarts_left and not needs_no_disturbance(end) else ()
+        rest = leave_out(training, [(t.name, t.t_begin, t.t_end) for t in found])
+        if not found or sum(map(len, rest)) < 0.6 * sum(map(len, training)):
+            break
+        touched, training = (*touched, *found), rest
+    return _Report(search, base, end, held_out, sensor, touched).diagnosis(began)
+
+
+def _known(effects: Iterable[str]) -> tuple[str, ...]:
+    names = (effects,) if isinstance(effects, str) else tuple(effects)
+    for name in names:
+        if name not in CATALOGUE:
+            effect(name)  # raises, and says which names are near
+    if not names:
+        raise InvalidInput("no effects were named: leave them out to try the whole catalogue")
+    return names
+
+
+class _Report:
+    """Puts the way of a search into numbers; errors are held-out."""
+
+    def __init__(
+        self,
+        search: Search,
+        base: Fit,
+        end: Fit,
+        held_out: Sequence[Record],
+        sensor: Sensor,
+        touched: tuple[Touched, ...],
+    ) -> None:
+        self.search, self.base, self.held_out, self.sensor, self.touched = search, base, held_out, sensor, touched
+        self.errors: dict[tuple[str, ...], tuple[Fit, HeldOutError]] = {}
+        self.additions, self.unconfirmed = list(search.additions), list[str]()
+        self.errors[()] = (base, self._error(base))
+        self.errors[self._names(self.additions)] = (end, self._error(end))
+        self._confirm()
+
+    def _error(self, fit: Fit) -> HeldOutError:
+        return held_out_error(fit.model, self.held_out, self.sensor, self.search.choosing.window)
+
+    @staticmethod
+    def _names(additions: Sequence[Addition]) -> tuple[str, ...]:
+        return tuple(sorted(a.name for a in additions))
+
+    def _with(self, additions: Sequence[Addition]) -> tuple[Fit, HeldOutError]:
+        """The fit with these additions alone, and its error."""
+        names = self._names(additions)
+        if names not in self.errors:
+            fit, _ = self.errors[self._names(self.additions)]
+            for addition in self.additions:
+                if addition.name not in names:
+                    fit = reduced(fit, addition.name)
+            self.errors[names] = (fit, self._error(fit))
+        return self.errors[names]
+
+    def _confirm(self) -> None:
+        """Take back what raises the error on the held-out data: one addition after the other, the worst first."""
+        while self.additions:
+            error = self._with(self.additions)[1].ratio
+            fewer = [[a for a in self.additions if a is not left] for left in self.additions]
+            best = min([*fewer, []], key=lambda own: self._with(own)[1].ratio)
+            if self._with(best)[1].ratio > error * (1.0 - INVISIBLE) and math.isfinite(error):
+                break
+            self.unconfirmed += [a.name for a in self.additions if a not in best]
+            end = self._with(best)
+            self.additions = best
+            self.errors = {(): self.errors[()], self._names(best): end}
+
+    def diagnosis(self, began: float) -> Diagnosis:
+        """The answer; `began` is when the question was asked."""
+        end, error = self._with(self.additions)
+        steps = self._steps(end)
+        machine = tuple(s for s in steps if not CATALOGUE[s.effect].of_log)
+        torque = self._torque(end)
+        remaining = self._remaining(end, error, torque)
+        verdict = "adequate" if not machine else "missing"
+        if any(s.rivals for s in machine):
+            verdict = "cannot tell"
+        elif remaining is not None:
+            verdict = "partly" if machine else "unknown"
+        return Diagnosis(
+            verdict=verdict,
+            base=self.base.estimate(),
+            base_error=self.errors[()][1],
+            error=error,
+            steps=machine,
+            conventions=tuple(s for s in steps if CATALOGUE[s.effect].of_log),
+            ranking=self._ranking(),
+            remaining=remaining,
+            not_identifiable=self._not_identifiable(end),
+            ruled_out=self._ruled_out(),
+            sensor=self.sensor,
+            held_out=tuple(r.name for r in self.held_out),
+            estimate=end.estimate(),
+            touched=self.touched,
+            next_experiment=self._experiment(verdict, machine, end),
+            seconds=time.perf_counter() - began,
+            torque=torque,
+            negligible=tuple(n for n in self.search.negligible if n not in self._names(self.additions)),
+            unconfirmed=tuple(self.unconfirmed),
+            tolerance=self.search.choosing.tolerance,
+        )
+
+    def _torque(self, end: Fit) -> MissingTorque:
+        """The random torque before and after, smoothed under what the model as it came needed."""
+        drive = float(np.sqrt(np.mean(end.linearised.drives[end.chain.follows] ** 2)))
+        rms = [float(np.sqrt(np.mean(residual_torque(f, self.base.disturbances) ** 2))) for f in (self.base, end)]
+        return MissingTorque(drive, *rms)
+
+    def _experiment(self, verdict: str, machine: tuple[Step, ...], end: Fit) -> dict[str, Any] | None:
+        """What to play next where a class does not separate."""
+        if verdict != "cannot tell":
+            return None
+        from sysid.planning.experiment import next_experiment
+
+        alike = next(s.alike for s in machine if s.rivals)
+        try:
+            return next_experiment(end.estimate(), alike, sensor=self.sensor, records=self.search.records).to_dict()
+        except InvalidInput:  # no torque in the log, or rivals that exclude each other
+            return None
+
+    def _steps(self, end: Fit) -> tuple[Step, ...]:
+        """In the order of the search; a step of the error is that of all effects that pay together."""
+        estimate, additions = end.estimate(), self.additions
+        sd, errors = estimate.sd, [self._with(additions[:k])[1].ratio for k in range(len(additions) + 1)]
+        steps, first = list[Step](), 0
+        for k, addition in enumerate(additions):
+            last = next((j for j in range(k + 1, len(errors)) if errors[j] <= errors[first]), len(errors) - 1)
+            numbers = {
+                f"{addition.name}.{key}": {
+                    "value": float(p.value),
+                    "sd": sd[f"{addition.name}.{key}"],
+                    "unit": estimate.model.parameters[f"{addition.name}.{key}"].unit,
+                }
+                for e in estimate.model.effects
+                if e.name == addition.name
+                for key, p in e.parameters.items()
+            }
+            alike = (addition.name, *addition.same, *addition.close)
+            fit = self._with(additions[: k + 1])[0]
+            steps.append(
+                Step(
+                    addition.name,
+                    alike,
+                    addition.close,
+                    numbers,
+                    errors[first],
+                    errors[last],
+                    addition.p_value,
+                    fit.estimate(),
+                )
+            )
+            first = last if last == k + 1 else first
+        return tuple(steps)
+
+    def _ranking(self) -> tuple[Ranked, ...]:
+        """The first round: those that were fitted by what came out, then the others by what they promise."""
+        first, each = self.search.first, self.search.choosing.price
+        fitted = {t.effects[0]: t for t in self.search.trials if len(t.effects) == 1}
+        order = sorted(fitted, key=lambda n: fitted[n].merit, reverse=True)
+        chosen = [a.name for a in self.search.additions if a.name in first]
+        order = [*chosen, *(n for n in order if n not in chosen)]
+        merit = {n: s.lm - price(n, each, s.shapes) for n, s in first.items()}
+        order += sorted((n for n, s in first.items() if s.visible and n not in order), key=merit.__getitem__, reverse=True)
+        return tuple(
+            Ranked(
+                name,
+                (name, *self._same(name)),
+                fitted[name].merit if name in fitted else merit[name],
+                self._p_value(name),
+                self._error(fitted[name].fit).ratio if name in fitted else None,
+            )
+            for name in order
+        )
+
+    def _p_value(self, name: str) -> float:
+        from scipy.stats import chi2
+
+        score = self.search.first[name]
+        return min(1.0, float(chi2.sf(score.lm, max(len(score.sizes), 1))) * len(self.search.first))
+
+    def _same(self, name: str) -> tuple[str, ...]:
+        first, own = self.search.first, self.search.first[name]
+        return tuple(
+            n
+            for n, s in first.items()
+            if n != name
+            and s.visible
+            and len(s.sizes) == len(own.sizes)
+            and alikeness(s, own) > self.search.choosing.same
+        )
+
+    def _remaining(self, end: Fit, error: HeldOutError, torque: MissingTorque) -> Remaining | None:
+        """What matters and is not explained: predictions are off beyond the noise, and the log needs a random torque."""
+        choosing = self.search.choosing
+        _, ratio = moved(end.model, end.model, end, choosing.window)
+        excess = math.sqrt(max(ratio**2 - 1.0, 0.0)) if math.isfinite(ratio) else math.inf
+        if not self.touched and (needs_no_disturbance(end) or excess < choosing.enough):
+            return None
+        depends_on, where = self._depends_on(end)
+        share = max(0.0, 1.0 - 1.0 / max(error.ratio, 1e-9) ** 2)
+        return Remaining(share, depends_on, where, torque.after)
+
+    def _depends_on(self, end: Fit) -> tuple[tuple[str, ...], str]:
+        found = dependences(replace_memory(end))
+        best: Dependence | None = max(found.values(), key=lambda d: d.gain, default=None)
+        sure = best is not None and best.gain > 0.0 and best.p_value < 0.01
+        depends_on, where = (best.depends_on, best.where) if best is not None and sure else ((), "")
+        if self.touched:
+            depends_on = (*(q for q in depends_on if q != "time"), "time")
+            where = f"in {'; '.join(map(str, self.touched))}" + (f"; {where}" if where else "")
+        return depends_on, where
+
+    def _not_identifiable(self, end: Fit) -> tuple[tuple[str, ...], ...]:
+        """Parameters that no log of this kind separates, and effects that the free parameters absorb."""
+        groups = []
+        own = end.model.plant.parameters
+        absorbed = tuple(n for n, s in self.search.first.items() if s.absorbed)
+        if absorbed:
+            groups.append((*(n for n in end.names if n in own), *absorbed))
+        groups.extend((a.name, *a.same) for a in self.additions if a.same)
+        F = end.Z.T @ end.Z
+        size = np.sqrt(np.maximum(np.diag(F), 1e-300))
+        values, vectors = np.linalg.eigh(F / np.outer(size, size)) if len(size) else (np.zeros(0), np.zeros((0, 0)))
+        for value, v in zip(values, vectors.T, strict=True):
+            if value < 1e-9:
+                groups.append(tuple(n for n, c in zip(end.names, v, strict=True) if abs(c) > 0.2))
+        return tuple(groups)
+
+    def _ruled_out(self) -> dict[str, dict[str, Any]]:
+        """Sizes above which effects that were not found would have been found."""
+        found = {}
+        for name, s in self.search.last.items():
+            if not s.visible or len(s.sizes) != 1 or not math.isfinite(s.sd[0]):
+                continue
+            p = s.best.neutral.parameters[s.best.magnitudes[0]]
+            if not p.never:
+                found[name] = {"parameter": p.name, "size": POWER * s.sd[0], "unit": p.unit}
+        return found
+
+
+def replace_memory(fit: Fit, share: float = 0.3) -> Fit:
+    """The fit under a smaller random torque: about the likeliest one a flexible torque has nothing left to explain."""
+    own = fit.disturbances
+    less = replace(own, s=share * own.s)
+    filtered = fit.linearised.system.filter(less)
+    return replace(fit, filter=filtered, Z=filtered.whiten(*fit.linearised.changes(fit.names)))
