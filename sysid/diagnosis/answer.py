@@ -24,7 +24,7 @@ class Step:
     parameters     its numbers {name: {value, sd, unit}} at the end of the loop
     error_before   held-out error over 1 s before and after, in units of the sensor noise; effects that only pay together
                    share one step of the error
-    p_value        of its likelihood ratio, times the number of candidates of the round
+    p_value        of the likelihood ratio when it was added, without what its rarity costs
     """
 
     effect: str
@@ -96,9 +96,10 @@ class Remaining:
 
 @dataclass(frozen=True)
 class MissingTorque:
-    """How large what a model lacks is: RMS of the random torque [N m] that the log needs beside it.
+    """How large what a model lacks is: RMS of the torque [N m] that has to act beside it for the log to come about.
 
-    drive   RMS of the drive torque; before and after the steps: of the random torque, smoothed under the same prior
+    What is faster than 0.4 s is averaged out: it hardly moves a prediction. drive: RMS of the drive torque; before and
+    after the steps: of the missing torque, smoothed under the same prior.
     """
 
     drive: float

@@ -18,7 +18,8 @@ class Choosing:
     trials         candidates that a round fits, at most: single effects first, then composites
     same           alikeness from which two effects are one to this log
     alike          alikeness from which it takes 100 times the evidence to tell two effects that it takes to find one
-    close          difference of the deviance below which two effects explain a log equally well
+    close          difference of the deviance below which two effects explain a log equally well, where they are also
+    rival          that much alike
     enough         excess of the error of 1 s predictions over the noise, as a multiple of the noise, from which
                    something that matters is still missing
     blocks         stretches of the log that are left out in turn when a candidate is validated
@@ -33,6 +34,7 @@ class Choosing:
     same: float = 1.0 - 1e-5
     alike: float = 0.995
     close: float = 3.0
+    rival: float = 0.8
     enough: float = 0.3
     blocks: int = 8
 

@@ -1,4 +1,4 @@
-"""Dependence: what a torque that no effect explains depends on, by torques of no particular physics."""
+"""Dependence: what a torque that no effect explains depends on."""
 
 from __future__ import annotations
 
@@ -7,59 +7,68 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import BSpline
-from scipy.stats import chi2
 
 from sysid.estimation.prediction_error import Fit
 from sysid.records import Array
 
-QUANTITIES = ("theta", "theta_dot", "theta+theta_dot", "torque", "time", "history")
+QUANTITIES = ("theta", "theta_dot", "torque", "history", "theta+theta_dot")
+"""What a torque may depend on, the simpler first."""
+ENOUGH = 0.2
+"""Share of the torque's mean square that a quantity has to predict on other stretches."""
+BETTER = 0.1
+"""By how much a later quantity has to predict a larger share than a simpler one."""
+STRETCH = 1.0
+"""Length [s] of the stretches that predict each other, at least; a log is cut into 12 at most."""
 
 
 @dataclass(frozen=True, eq=False)
 class Dependence:
-    """How much of the innovations smooth torques of one quantity explain.
+    """What a torque depends on.
 
     depends_on  some of "theta", "theta_dot", "torque", "time", "history"
-    lm          decrease of the deviance that they promise; gain: the same, less the log of the sample size a function
-    p_value     that nothing of it is there
-    torque      (M,) the torque [N m] that explains most, over each interval; what is not significant is shrunk
+    share       of its mean square that smooth functions of these predict, taken from other stretches of the log
     where       the stretch of the quantity over which most of it acts, in words
     """
 
     depends_on: tuple[str, ...]
-    lm: float
-    gain: float
-    p_value: float
-    torque: Array
+    share: float
     where: str
 
 
-def dependences(fit: Fit) -> dict[str, Dependence]:
-    """Every quantity, tested about a fit."""
-    basis = np.linalg.qr(fit.Z)[0] if fit.Z.shape[1] else fit.Z
-    return {name: _tested(fit, basis, name) for name in QUANTITIES}
+def dependence(fit: Fit, torque: Array) -> Dependence:
+    """The quantity that predicts a torque (M,) [N m], nan where it is not known; "time" where none does.
+
+    A function of the quantity is fitted to all stretches of the log but one and predicts that one. What acts once can
+    be predicted by nothing but the time.
+    """
+    known = np.isfinite(torque)
+    chosen, best = "time", 0.0
+    if np.count_nonzero(known) < 30:
+        return Dependence(("time",), 0.0, "")
+    for name in QUANTITIES:
+        share = _predicted(fit, torque, known, _torques(fit, name))
+        if share > max(ENOUGH, best + BETTER):
+            chosen, best = name, share
+    on = tuple(chosen.split("+"))
+    return Dependence(on, best, _where(fit, on[0], np.where(known, torque, 0.0)))
 
 
-def _tested(fit: Fit, basis: Array, name: str) -> Dependence:
-    torque = _torques(fit, name)
-    on = tuple(name.split("+"))
-    M = len(fit.chain)
-    if torque.shape[1] == 0:  # the quantity hardly varies
-        return Dependence(on, 0.0, 0.0, 1.0, np.zeros(M), "")
-    # a torque enters as the random acceleration does, which is a torque over the inertia
-    G = fit.linearised.system.A[:, :, 2, None] * (torque / fit.inertia)[:, None, :]
-    Z = fit.filter.whiten(G, np.zeros_like(G))
-    Z = Z - basis @ (basis.T @ Z)
-    U, size, V = np.linalg.svd(Z, full_matrices=False)
-    keep = size > 1e-6 * max(float(size[0]), 1e-300)
-    along = U[:, keep].T @ fit.e
-    lm, rank = float(along @ along), int(np.sum(keep))
-    sizes = V[keep].T @ (along / size[keep])
-    sd = np.sqrt(np.sum((V[keep].T / size[keep]) ** 2, axis=1))
-    worth = np.maximum(0.0, 1.0 - (2.0 * sd / np.maximum(np.abs(sizes), 1e-300)) ** 2)
-    found = torque @ (sizes * worth)
-    gain = lm - rank * math.log(fit.chain.readings)
-    return Dependence(on, lm, gain, float(chi2.sf(lm, rank)), found, _where(fit, on[0], found))
+def _predicted(fit: Fit, torque: Array, known: Array, basis: Array) -> float:
+    """1 - sum |d - prediction|^2 / sum d^2, each stretch predicted by ridge regression on the others."""
+    if basis.shape[1] == 0:
+        return 0.0
+    chain, at = fit.chain, np.flatnonzero(known)
+    count = int(np.clip(len(at) * chain.dt / STRETCH, 2, 12))
+    stretch = np.minimum(np.arange(len(at)) * count // len(at), count - 1)
+    d, columns = torque[at], basis[at] - np.mean(basis[at], axis=0)
+    columns = np.column_stack([columns, np.ones(len(at))])
+    ridge = 1e-3 * np.sum(columns**2) / columns.shape[1] * np.eye(columns.shape[1])
+    missed = 0.0
+    for k in range(count):
+        own, other = stretch == k, stretch != k
+        N = columns[other].T @ columns[other] + ridge
+        missed += float(np.sum((d[own] - columns[own] @ np.linalg.solve(N, columns[other].T @ d[other])) ** 2))
+    return 1.0 - missed / max(float(np.sum(d**2)), 1e-300)
 
 
 def _middle(fit: Fit) -> tuple[Array, Array, Array]:
@@ -76,8 +85,6 @@ def _torques(fit: Fit, name: str) -> Array:
         return _splines(theta_dot, 8)
     if name == "torque":
         return _splines(drive, 6)
-    if name == "time":
-        return _times(fit)
     if name == "history":
         return _history(fit)
     angles = _angles(theta, fit.model.plant.turns)
@@ -111,18 +118,6 @@ def _angles(theta: Array, turns: bool) -> Array:
     width = 2.0 * math.pi / count
     apart = np.mod(theta[:, None] - width * np.arange(count) + math.pi, 2.0 * math.pi) - math.pi
     return np.asarray(np.maximum(0.0, 1.0 - np.abs(apart) / width))
-
-
-def _times(fit: Fit, seconds: float = 0.5, most: int = 96) -> Array:
-    """Hats over the time of each record, `seconds` apart or wider."""
-    chain, columns = fit.chain, []
-    width = max(seconds, sum(len(r) * r.dt for r in chain.records) / most)
-    for i, record in enumerate(chain.records):
-        centres = np.linspace(record.t[0], record.t[-1], max(2, round(len(record) * record.dt / width) + 1))
-        step = centres[1] - centres[0]
-        apart = np.abs(chain.t[:, None] + 0.5 * chain.dt - centres)
-        columns.append(np.maximum(0.0, 1.0 - apart / step) * (chain.number == i)[:, None])
-    return np.concatenate(columns, axis=1)
 
 
 def _history(fit: Fit, lags: tuple[int, ...] = (-1, 1, 2, 4, 8, 16)) -> Array:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,10 +14,11 @@ from sysid.diagnosis.answer import Diagnosis, MissingTorque, Ranked, Remaining, 
 from sysid.diagnosis.channels import relied_on
 from sysid.diagnosis.choosing import DEFAULT, Choosing
 from sysid.diagnosis.contacts import contacts
-from sysid.diagnosis.dependence import Dependence, dependences
+from sysid.diagnosis.dependence import dependence
 from sysid.diagnosis.prediction import moved
 from sysid.diagnosis.scores import alikeness, price
-from sysid.diagnosis.search import Addition, Search, needs_no_disturbance, reduced, residual_torque
+from sysid.diagnosis.missing_torque import missing_torque
+from sysid.diagnosis.search import Addition, Search, needs_no_disturbance, reduced
 from sysid.effects import CATALOGUE, effect
 from sysid.errors import InvalidInput
 from sysid.estimate import Estimate
@@ -210,10 +210,10 @@ class _Report:
         )
 
     def _torque(self, end: Fit) -> MissingTorque:
-        """The random torque before and after, smoothed under what the model as it came needed."""
+        """The missing torque before and after, smoothed under what the model as it came needed."""
         drive = float(np.sqrt(np.mean(end.linearised.drives[end.chain.follows] ** 2)))
-        rms = [float(np.sqrt(np.mean(residual_torque(f, self.base.disturbances) ** 2))) for f in (self.base, end)]
-        return MissingTorque(drive, *rms)
+        self.torques = [missing_torque(f, self.base) for f in (self.base, end)]
+        return MissingTorque(drive, *(float(np.sqrt(np.nanmean(d**2))) for d in self.torques))
 
     def _experiment(self, verdict: str, machine: tuple[Step, ...], end: Fit) -> dict[str, Any] | None:
         """What to play next where a class does not separate."""
@@ -310,14 +310,11 @@ class _Report:
         return Remaining(share, depends_on, where, torque.after)
 
     def _depends_on(self, end: Fit) -> tuple[tuple[str, ...], str]:
-        found = dependences(replace_memory(end))
-        best: Dependence | None = max(found.values(), key=lambda d: d.gain, default=None)
-        sure = best is not None and best.gain > 0.0 and best.p_value < 0.01
-        depends_on, where = (best.depends_on, best.where) if best is not None and sure else ((), "")
-        if self.touched:
-            depends_on = (*(q for q in depends_on if q != "time"), "time")
-            where = f"in {'; '.join(map(str, self.touched))}" + (f"; {where}" if where else "")
-        return depends_on, where
+        found = dependence(end, self.torques[-1])
+        if not self.touched:
+            return found.depends_on, found.where
+        depends_on = (*(q for q in found.depends_on if q != "time"), "time")
+        return depends_on, "; ".join([f"in {'; '.join(map(str, self.touched))}", *([found.where] if found.where else [])])
 
     def _not_identifiable(self, end: Fit) -> tuple[tuple[str, ...], ...]:
         """Parameters that no log of this kind separates, and effects that the free parameters absorb."""
@@ -346,10 +343,3 @@ class _Report:
                 found[name] = {"parameter": p.name, "size": POWER * s.sd[0], "unit": p.unit}
         return found
 
-
-def replace_memory(fit: Fit, share: float = 0.3) -> Fit:
-    """The fit under a smaller random torque: about the likeliest one a flexible torque has nothing left to explain."""
-    own = fit.disturbances
-    less = replace(own, s=share * own.s)
-    filtered = fit.linearised.system.filter(less)
-    return replace(fit, filter=filtered, Z=filtered.whiten(*fit.linearised.changes(fit.names)))

@@ -44,8 +44,7 @@ class Addition:
     """An effect that was added.
 
     same    effects that this log cannot tell from it, whatever their sizes; close: that explain it about as well
-    share   of the missing torque that it explained when it was added
-    p_value of its gain, times the number of candidates
+    p_value of the likelihood ratio when it was added
     """
 
     name: str
@@ -199,10 +198,11 @@ class Search:
                     and t.effects[0] not in (name, *same)
                     and abs(t.fit.deviance - chosen.fit.deviance) < self.choosing.close
                     and len(t.fit.names) <= len(chosen.fit.names)
+                    and alikeness(self.last[t.effects[0]], own) > self.choosing.rival
                 )
             numbers = len(chosen.fit.names) - len(now.names)
-            p = float(chi2.sf(max(now.deviance - chosen.fit.deviance, 0.0), numbers)) * len(self.last)
-            self.additions.append(Addition(name, same, close, min(p, 1.0), chosen.fit))
+            p = float(chi2.sf(max(now.deviance - chosen.fit.deviance, 0.0), numbers))
+            self.additions.append(Addition(name, same, close, p, chosen.fit))
         return fit(now.chain, chosen.fit.model, chosen.fit.names, chosen.fit)
 
     def _pruned(self, now: Fit) -> Fit:
@@ -285,11 +285,3 @@ def reduced(now: Fit, name: str) -> Fit:
     own = {f"{name}.{k}" for k in CATALOGUE[name]().parameters}
     loose = replace(now.disturbances, s=1.5 * now.disturbances.s)
     return fit(now.chain, now.model.without_effect(name), [n for n in now.names if n not in own], now, loose)
-
-
-def residual_torque(found: Fit, disturbances: Disturbances, settings: Settings = QUICK) -> Array:
-    """The random torque (M,) [N m] that the log needs beside a fitted model, smoothed under given disturbances."""
-    held = replace(settings, sizes=False)
-    smoothed = fit(found.chain, found.model, (), replace_model(found, found.model, ()), disturbances, held)
-    torque: Array = found.inertia * smoothed.motion.d
-    return np.where(found.chain.follows, torque, 0.0)

@@ -66,6 +66,10 @@ class Prior:
                 precision[i] = (vague * mean[i]) ** -2.0
         return cls(mean, precision)
 
+    def of_nothing(self) -> Prior:
+        """That of no parameters."""
+        return Prior(np.zeros(0), np.zeros(0))
+
     def deviance(self, values: Array) -> float:
         """-2 log density at values (P,), up to a constant."""
         return float(np.sum(self.precision * (values - self.mean) ** 2))
