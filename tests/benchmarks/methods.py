@@ -15,7 +15,7 @@ Told = tuple[float, float] | None
 class Answer:
     """What a method says of a log.
 
-    verdict      "adequate", "missing", "unknown" or "cannot tell"; methods without verdicts say the first two
+    verdict      "adequate", "missing", "partly", "unknown" or "cannot tell"; methods without verdicts say the first two
     ranking      effects, best first (six of them); the first is what it would name if it had to name one
     alike        effects that the method says it cannot tell from the first, the first among them
     named        effects that it says are missing, with those it cannot tell from each

@@ -52,10 +52,10 @@ def silent(answer: Answer) -> bool:
 
 
 def stranger_right(case: Case, answer: Answer) -> bool:
-    """`unknown`, with the right dependence."""
+    """Something unknown is said to remain, whatever of it known effects explain, with the right dependence."""
     who = STRANGERS[case.hidden[0]]
     said = frozenset(answer.depends_on)
-    return answer.verdict == "unknown" and bool(said & who.needs) and said <= who.allows
+    return answer.verdict in ("unknown", "partly") and bool(said & who.needs) and said <= who.allows
 
 
 def decided(case: Case, prepared: Mapping[str, Any]) -> bool:
@@ -83,7 +83,7 @@ def right(case: Case, answer: Answer) -> bool:
 RULES: Mapping[str, Callable[[Case, Answer], bool | None]] = {
     "right": right,
     "named, and nothing else": lambda case, a: None if not case.hidden or case.stranger else exact(case, a),
-    "unknown": lambda case, a: a.verdict == "unknown" if case.stranger else None,
+    "unknown": lambda case, a: a.verdict in ("unknown", "partly") if case.stranger else None,
     "error <= 1.1": lambda case, a: (
         None if case.stranger or case.column == "told" or a.error_after is None else a.error_after <= 1.1
     ),

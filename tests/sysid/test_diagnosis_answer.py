@@ -11,7 +11,11 @@ from sysid import (
     CATALOGUE,
 )
 from sysid.diagnosis.answer import SCHEMA, VERDICTS
+from sysid.diagnosis.choosing import DEFAULT
 from sysid.diagnosis.diagnose import POWER
+from sysid.diagnosis.scores import price, scores
+from sysid.diagnosis.search import first_fit
+from sysid.estimation.chain import Chain
 from sysid.logs import split
 from tests.sysid.planted import (
     DEPENDENCES,
@@ -32,6 +36,13 @@ KEYS = {
     "held_out",
     "base_error",
     "error",
+    "prediction",
+    "torque",
+    "tolerance",
+    "converged",
+    "status",
+    "negligible",
+    "unconfirmed",
     "verdict",
     "steps",
     "conventions",
@@ -71,29 +82,45 @@ def test_the_answer_is_data_of_the_documented_schema(name: str) -> None:
         assert set(ranked) == RANKED
         assert ranked["effect"] in CATALOGUE
         assert 0.0 <= ranked["p_value"] <= 1.0
-    assert data["remaining"] is None or set(data["remaining"]) == {"share", "depends_on", "where"}
+    assert data["remaining"] is None or set(data["remaining"]) == {"share", "torque", "depends_on", "where"}
+    assert set(data["prediction"]) == {"before", "after"}
+    assert set(data["torque"]) == {"drive", "before", "after", "explained"}
+    assert 0.0 <= data["torque"]["explained"] <= 1.0
+    assert 0.0 < data["tolerance"] < 1.0
+    assert data["converged"] is True and data["status"]
+    assert set(data["negligible"]) | set(data["unconfirmed"]) <= set(CATALOGUE)
     assert all(isinstance(n, str) for group in data["not_identifiable"] for n in group)
     assert all(set(r) == {"parameter", "size", "unit"} for r in data["ruled_out"].values())
     assert data["seconds"] > 0.0
 
 
+def assert_ladder(errors: list[float]) -> None:
+    """[base, before, after, before, after, ..]: each step begins where the last ended, or shares it; none rises."""
+    base, befores, afters = errors[0], errors[1::2], errors[2::2]
+    here = (base, base)
+    for before, after in zip(befores, afters, strict=True):
+        assert (before, after) == here or before == here[1]
+        assert after <= before
+        here = (before, after)
+
+
 @pytest.mark.parametrize("name", EVERY)
 def test_the_verdict_agrees_with_what_it_rests_on(name: str) -> None:
     found = of(name)
-    assert (found.remaining is not None) == (found.verdict == "unknown")
-    if found.verdict == "adequate":
-        assert not found.steps
-    if found.verdict in ("missing", "cannot tell"):
-        assert found.steps
+    if found.verdict != "cannot tell":
+        assert (found.remaining is not None) == (found.verdict in ("unknown", "partly"))
+    assert bool(found.steps) == (found.verdict in ("missing", "partly", "cannot tell"))
+    assert any(s.rivals for s in found.steps) == (found.verdict == "cannot tell")
+    named = {s.effect for s in (*found.steps, *found.conventions)}
+    assert not named & set(found.negligible) and not named & set(found.unconfirmed)
     if found.verdict != "cannot tell":
         assert found.next_experiment is None
     if found.remaining is not None:
         assert set(found.remaining.depends_on) <= DEPENDENCES
         assert 0.0 <= found.remaining.share <= 1.0
     chain = sorted((*found.steps, *found.conventions), key=lambda s: len(s.estimate.names))
-    before = [found.base_error.ratio, *(s.error_after for s in chain)]
-    assert [s.error_before for s in chain] == before[:-1]
-    assert before[-1] == found.error.ratio
+    assert_ladder([found.base_error.ratio, *(e for s in chain for e in (s.error_before, s.error_after))])
+    assert (chain[-1].error_after if chain else found.base_error.ratio) == found.error.ratio
     assert {e.name for e in found.model.effects} == {s.effect for s in chain}
     assert found.best.estimate is found.estimate
     assert found.model is found.estimate.model
@@ -133,24 +160,22 @@ def test_the_ranking_is_of_everything_visible_and_in_order() -> None:
 
 
 def test_what_is_ruled_out_would_have_been_found() -> None:
-    """At 1.3 times that size: p-values of a few effects, each by one screen."""
-    from sysid.diagnose.search import Round
-    from sysid.fit import fitted
-
+    """At 1.3 times that size, in another log of the kind."""
     ruled = of("nothing").ruled_out
     assert {"viscous", "coulomb", "delay", "tilt"} <= set(ruled)
     assert "saturation" not in ruled
     for name in ("viscous", "tilt"):
         entry = ruled[name]
-        hidden = truth(CATALOGUE[name](**{entry["parameter"]: 1.3 * entry["size"]}))
-        training, _ = split(logs(hidden))
-        now = Round.of(fitted(rod(), ("m", "l"), training, SENSOR), None)
-        assert now.adjusted[name] < 0.05
-        assert entry["size"] == pytest.approx(POWER * now.scores[name].sd[0], rel=0.1)
+        training, _ = split(logs(truth(CATALOGUE[name](**{entry["parameter"]: 1.3 * entry["size"]}))))
+        score = scores(first_fit(Chain(rod(), training, SENSOR), rod(), ("m", "l")))[name]
+        assert score.lm > price(name, DEFAULT.price, score.shapes)
+        assert entry["size"] == pytest.approx(POWER * score.sd[0], rel=0.1)
 
 
-def test_an_error_that_rises_is_not_said_to_fall() -> None:
+def test_both_errors_are_said_and_neither_is_called_a_fall() -> None:
     found = of("coulomb")
-    assert "falls from" in found.sentence
+    assert "falls" not in found.sentence and "rises" not in found.sentence
+    channel, unit = found.error.theta, "rad"
+    assert f"predicted to {channel:.3g} {unit}, before {found.base_error.theta:.3g}" in found.sentence
     worse = dataclasses.replace(found, base_error=found.error, error=found.base_error)
-    assert "rises from" in worse.sentence and "falls" not in worse.sentence
+    assert f"predicted to {worse.error.theta:.3g} {unit}, before {channel:.3g}" in worse.sentence

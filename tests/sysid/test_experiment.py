@@ -28,16 +28,16 @@ from sysid import (
     simulate,
 )
 from sysid.diagnosis.candidates import alternatives, extent_of
-from sysid.planning.directions import Directions
-from sysid.planning.refits import extend
-from sysid.planning.screen import screen
 from sysid.effects import CATALOGUE, Effect
 from sysid.fit import fit
 from sysid.identify.gauss_newton import fit_longest, fit_windows
 from sysid.planning.design import Hypothesis, Pool, foresee
+from sysid.planning.directions import Directions
 from sysid.planning.experiment import limits_of, next_experiment
 from sysid.planning.needed import Payload, needed_experiment
 from sysid.planning.protocol import Experiment
+from sysid.planning.refits import extend
+from sysid.planning.screen import screen
 from sysid.planning.signals import KINDS, Limits, draw
 
 SENSOR = Sensor(0.003, 0.05)
