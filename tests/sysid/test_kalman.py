@@ -1,0 +1,232 @@
+"""The filter is exact: what it says is what conditioning one large Gaussian vector says, in any system it is given."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from sysid.estimation.disturbances import Disturbances
+from sysid.estimation.kalman import BLOCK, SPREAD, LinearSystem
+
+DT = 0.02
+BOTH = Disturbances(s=4.0, T=0.3, sigma_o=0.8, T_o=0.07)
+DISTURBANCES = {
+    "d and o": BOTH,
+    "no o": replace(BOTH, sigma_o=0.0),
+    "no d": replace(BOTH, s=0.0),
+    "neither": replace(BOTH, s=0.0, sigma_o=0.0),
+}
+READ = ("both channels", "mixed channels", "angle alone", "speed alone")
+"""What the readings show: each its own state, a mixture, or one channel."""
+
+
+def system(seed: int, lengths: tuple[int, ...], read: str = "both channels") -> LinearSystem:
+    """A random time-varying system of several records; a fifth of the readings is missing."""
+    rng, M = np.random.default_rng(seed), sum(lengths)
+    A = np.tile([[1.0, DT, 0.5 * DT * DT], [-20.0 * DT, 1.0 - 0.5 * DT, DT]], (M, 1, 1))
+    A[:, 1] *= rng.uniform(0.8, 1.2, (M, 1))
+    A[:, 0, 1] *= rng.uniform(0.8, 1.2, M)
+    H = np.eye(2) * rng.uniform(2.0, 5.0, (M, 2, 2))
+    if read == "mixed channels":
+        H[:, [0, 1], [1, 0]] = rng.standard_normal((M, 2))
+    there = rng.uniform(size=(M, 2)) > 0.2
+    there &= [read != "speed alone", read != "angle alone"]
+    r = 5.0 * rng.standard_normal((M, 2)) * there
+    follows = np.ones(M, dtype=bool)
+    follows[np.cumsum(lengths) - 1] = False
+    weight = rng.uniform(2.0, 5.0, M) * there[:, 0]
+    return LinearSystem(A, 0.05 * rng.standard_normal((M, 2)), H * there[:, :, None], r, weight, follows, DT)
+
+
+@dataclass(frozen=True, eq=False)
+class Dense:
+    """The same as one Gaussian vector: mean (4M,) and covariance (4M, 4M) of all z, and readings r = H z + N(0, I)."""
+
+    mean: np.ndarray
+    covariance: np.ndarray
+    H: np.ndarray
+    r: np.ndarray
+
+    @classmethod
+    def of(cls, given: LinearSystem, disturbances: Disturbances) -> Dense:
+        """From the defining equations, z' = F z + gap + w, by one inverse."""
+        M = len(given.r)
+        sizes, times = np.array([disturbances.s, disturbances.sigma_o]), np.array([disturbances.T, disturbances.T_o])
+        kept = np.exp(-DT / times)
+        start = np.diag([*np.square(SPREAD), *np.square(sizes)])
+        F, Q, shift = np.zeros((4 * M, 4 * M)), np.zeros((4 * M, 4 * M)), np.zeros(4 * M)
+        H = np.zeros((2 * M, 4 * M))
+        for k in range(M):
+            own = slice(4 * k, 4 * k + 4)
+            H[2 * k : 2 * k + 2, own][:, :2] = given.H[k]
+            H[2 * k, 4 * k + 3] = given.weight[k]
+            if k == 0 or not given.follows[k - 1]:
+                Q[own, own] = start
+                continue
+            before = slice(4 * k - 4, 4 * k)
+            F[own, before][:2, :3], F[own, before][2:, 2:] = given.A[k - 1], np.diag(kept)
+            Q[own, own] = np.diag([0.0, 0.0, *np.square(sizes) * (1.0 - kept**2)])
+            shift[own] = [*given.gap[k - 1], 0.0, 0.0]
+        G = np.linalg.inv(np.eye(4 * M) - F)
+        return cls(G @ shift, G @ Q @ G.T, H, given.r.ravel())
+
+    def conditioned(self, readings: slice = slice(None)) -> tuple[np.ndarray, np.ndarray, float]:
+        """Mean (M, 4) and sd (M, 4) given these readings, and -2 log of their likelihood, less n log 2 pi."""
+        H = self.H[readings]
+        S, e = H @ self.covariance @ H.T + np.eye(len(H)), self.r[readings] - H @ self.mean
+        gain = np.linalg.solve(S, H @ self.covariance).T
+        variance = np.diag(self.covariance - gain @ H @ self.covariance)
+        deviance = np.linalg.slogdet(S)[1] + e @ np.linalg.solve(S, e)
+        mean = self.mean + gain @ e
+        return mean.reshape(-1, 4), np.sqrt(np.maximum(variance, 0.0)).reshape(-1, 4), float(deviance)
+
+
+@pytest.mark.parametrize("read", READ)
+@pytest.mark.parametrize("disturbances", DISTURBANCES.values(), ids=DISTURBANCES.keys())
+def test_filtering_and_smoothing_are_conditioning(disturbances: Disturbances, read: str) -> None:
+    given = system(1, (37, 24), read)
+    found = given.filter(disturbances)
+    mean, sd, deviance = Dense.of(given, disturbances).conditioned()
+    assert found.deviance == pytest.approx(deviance, rel=1e-9)
+    np.testing.assert_allclose(found.smooth(), mean, rtol=1e-7, atol=1e-7)
+    # sd are differences of variances up to 900: what rounding leaves of them is the root of 1e-16 of that
+    np.testing.assert_allclose(found.posterior_sd(), sd, rtol=1e-6, atol=2e-6)
+
+
+@pytest.mark.parametrize("disturbances", DISTURBANCES.values(), ids=DISTURBANCES.keys())
+def test_what_is_predicted_is_conditioned_on_what_came_before(disturbances: Disturbances) -> None:
+    given = system(2, (20, 15), "mixed channels")
+    found, dense = given.filter(disturbances), Dense.of(given, disturbances)
+    for k in (0, 1, 7, 19, 20, 21, 34):
+        mean, sd, _ = dense.conditioned(slice(0, 2 * k))
+        np.testing.assert_allclose(found.sd[k], sd[k], rtol=1e-6, atol=2e-6)
+        np.testing.assert_allclose(np.sqrt(np.diag(found.covariance[k])), found.sd[k], rtol=1e-12)
+        np.testing.assert_allclose(found.states[k, 10:], mean[k], rtol=1e-7, atol=1e-7)
+
+
+def drawn(given: LinearSystem, disturbances: Disturbances, seed: int) -> LinearSystem:
+    """The system with readings r that were drawn from its own equations."""
+    rng, M = np.random.default_rng(seed), len(given.r)
+    sizes, times = np.array([disturbances.s, disturbances.sigma_o]), np.array([disturbances.T, disturbances.T_o])
+    kept = np.exp(-DT / times)
+    r = np.zeros((M, 2))
+    for k in range(M):
+        if k == 0 or not given.follows[k - 1]:
+            x, slow = np.array(SPREAD) * rng.standard_normal(2), sizes * rng.standard_normal(2)
+        else:
+            x = given.A[k - 1] @ [*x, slow[0]] + given.gap[k - 1]
+            slow = kept * slow + sizes * np.sqrt(1.0 - kept**2) * rng.standard_normal(2)
+        r[k] = given.H[k] @ x + [given.weight[k] * slow[1], 0.0] + rng.standard_normal(2)
+    there = np.any(given.H != 0.0, axis=2)
+    return replace(given, r=r * there)
+
+
+@pytest.mark.parametrize("disturbances", DISTURBANCES.values(), ids=DISTURBANCES.keys())
+def test_innovations_of_the_systems_own_readings_are_white_and_unit(disturbances: Disturbances) -> None:
+    given = drawn(system(3, (1500, 1500), "mixed channels"), disturbances, seed=4)
+    there = np.any(given.H != 0.0, axis=2)
+    e = given.filter(disturbances).innovations
+    assert np.all(e[~there] == 0.0)
+    n = int(np.sum(there))
+    assert abs(float(np.sum(e**2)) - n) < 4.0 * math.sqrt(2.0 * n)
+    assert np.max(np.abs(e)) < 5.0
+    for lag in range(1, 21):
+        for i in range(2):
+            for j in range(2):
+                both = there[lag:, i] & there[:-lag, j]
+                along = float(np.sum(e[lag:, i] * e[:-lag, j])) / math.sqrt(float(np.sum(both)))
+                assert abs(along) < 4.5, (lag, i, j)
+    assert abs(float(np.sum(e[:, 0] * e[:, 1]))) < 4.0 * math.sqrt(float(np.sum(there.all(axis=1))))
+
+
+def test_the_true_disturbances_are_likelier_than_others() -> None:
+    given = drawn(system(5, (2000, 2000)), BOTH, seed=6)
+    here = given.filter(BOTH).deviance
+    others = [replace(BOTH, **{key: factor * getattr(BOTH, key)}) for key in ("s", "sigma_o") for factor in (0.7, 1.5)]
+    others += [replace(BOTH, **{key: factor * getattr(BOTH, key)}) for key in ("T", "T_o") for factor in (0.3, 3.0)]
+    for other in others:
+        assert given.filter(other).deviance > here, other
+
+
+@pytest.mark.parametrize("read", READ)
+@pytest.mark.parametrize("disturbances", DISTURBANCES.values(), ids=DISTURBANCES.keys())
+def test_whitened_changes_are_what_the_innovations_lose(disturbances: Disturbances, read: str) -> None:
+    """A model that ends its steps G further and shows R more leaves gaps + G and residuals - R."""
+    given, C = system(7, (40, 25), read), 3
+    rng = np.random.default_rng(8)
+    there = np.any(given.H != 0.0, axis=2)
+    G = rng.standard_normal((65, 2, C)) * given.follows[:, None, None]
+    R = rng.standard_normal((65, 2, C)) * there[:, :, None]
+    before, h = given.filter(disturbances), 1e-3
+    whitened = before.whiten(G, R)
+    for c in range(C):
+        sides = [
+            replace(given, gap=given.gap + side * G[:, :, c], r=given.r - side * R[:, :, c]).filter(disturbances)
+            for side in (h, -h)
+        ]
+        lost = -(sides[0].innovations - sides[1].innovations).ravel() / (2.0 * h)
+        np.testing.assert_allclose(whitened[:, c], lost, rtol=1e-7, atol=1e-8)
+        moved = replace(given, gap=given.gap + G[:, :, c], r=given.r - R[:, :, c]).filter(disturbances)
+        np.testing.assert_allclose(before.smooth(G[:, :, c], R[:, :, c]), moved.smooth(), rtol=1e-7, atol=1e-7)
+
+
+def rolled(given: LinearSystem) -> tuple[np.ndarray, float, float]:
+    """Least squares of whole rollouts: the motion x (M, 2), the sum of squares and the log determinant of S."""
+    x, cost, logs = [], 0.0, 0.0
+    ends = np.flatnonzero(~given.follows) + 1
+    for begin, end in zip([0, *ends[:-1]], ends, strict=True):
+        Phi, offset = np.eye(2), np.zeros(2)
+        maps, offsets = [], []
+        for k in range(begin, end):
+            maps.append(Phi)
+            offsets.append(offset)
+            Phi, offset = given.A[k, :, :2] @ Phi, given.A[k, :, :2] @ offset + given.gap[k]
+        S = np.concatenate([H @ P for H, P in zip(given.H[begin:end], maps, strict=True)])
+        rest = given.r[begin:end].ravel() - np.concatenate(
+            [H @ o for H, o in zip(given.H[begin:end], offsets, strict=True)]
+        )
+        # a start may be anywhere: its two rows hardly weigh
+        S, rest = np.concatenate([S, np.diag(1.0 / np.array(SPREAD))]), np.concatenate([rest, np.zeros(2)])
+        start = np.linalg.lstsq(S, rest, rcond=None)[0]
+        cost += float(np.sum((rest - S @ start) ** 2))
+        logs += float(np.linalg.slogdet(S.T @ S)[1]) + 2.0 * float(np.sum(np.log(SPREAD)))
+        x += [P @ start + o for P, o in zip(maps, offsets, strict=True)]
+    return np.array(x), cost, logs
+
+
+@pytest.mark.parametrize("read", READ)
+def test_without_disturbances_it_is_least_squares_of_whole_rollouts(read: str) -> None:
+    given = system(9, (300, 200), read)
+    found = given.filter(Disturbances(0.0))
+    x, cost, logs = rolled(given)
+    assert np.sum(found.innovations**2) == pytest.approx(cost, rel=1e-9)
+    assert np.sum(found.log_variances) == pytest.approx(logs, rel=1e-9)
+    z = found.smooth()
+    np.testing.assert_allclose(z[:, :2], x, rtol=1e-6, atol=1e-7)
+    assert np.all(z[:, 2:] == 0.0) and np.all(found.posterior_sd()[:, 2:] == 0.0)
+
+
+@pytest.mark.parametrize("size", [1e-9, 1e-150])
+def test_vanishing_disturbances_are_none(size: float) -> None:
+    given = system(10, (200, 100))
+    none, little = (given.filter(Disturbances(s, sigma_o=s)) for s in (0.0, size))
+    assert little.deviance == pytest.approx(none.deviance, rel=1e-9)
+    np.testing.assert_allclose(little.innovations, none.innovations, atol=1e-8)
+    np.testing.assert_allclose(little.smooth(), none.smooth(), atol=1e-8)
+    np.testing.assert_allclose(little.posterior_sd(), none.posterior_sd(), atol=2e-8)
+
+
+@pytest.mark.parametrize("first", [1, 100, BLOCK - 1, BLOCK, BLOCK + 1])
+def test_where_a_block_ends_does_not_matter(first: int) -> None:
+    """Records do not speak to each other, and another one in front moves the edges of the blocks within this one."""
+    front, own = system(11, (first,), "mixed channels"), system(12, (300, 5), "mixed channels")
+    fields = ("A", "gap", "H", "r", "weight", "follows")
+    both = LinearSystem(*(np.concatenate([getattr(front, f), getattr(own, f)]) for f in fields), DT)
+    together, apart = both.filter(BOTH), own.filter(BOTH)
+    assert together.deviance == pytest.approx(front.filter(BOTH).deviance + apart.deviance, rel=1e-12)
+    np.testing.assert_allclose(together.innovations[first:], apart.innovations, rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(together.smooth()[first:], apart.smooth(), rtol=1e-9, atol=1e-10)
+    np.testing.assert_allclose(together.posterior_sd()[first:], apart.posterior_sd(), rtol=1e-9, atol=1e-10)
