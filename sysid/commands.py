@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import sys
 from dataclasses import dataclass
 from functools import singledispatch
 from pathlib import Path
@@ -88,18 +89,30 @@ def _(command: Compare) -> None:
 
 @_run.register
 def _(command: Diagnose) -> None:
+    from sysid.diagnosis.choosing import DEFAULT
     from sysid.diagnosis.diagnose import diagnose
 
+    if not 0.0 < command.tolerance < 1.0:
+        raise InvalidInput(f"--tolerance {command.tolerance:g}: expected a share between 0 and 1, such as 0.02")
+    choosing = dataclasses.replace(DEFAULT, tolerance=command.tolerance)
     _load(command.start.effects)
     task = Task.of(command, command.out, command.json, command.html)
-    diagnosis = diagnose(task.fitted(), task.log, task.sensor, command.log.hold_out)
+    task.check_free()
+    diagnosis = diagnose(
+        task.model, task.log, task.sensor, command.log.hold_out, parameters=task.names, choosing=choosing, tell=_progress
+    )
+    _progress("")
     print(diagnosis)
-    if "+-" in str(diagnosis) and "standard deviation" not in str(diagnosis):
-        print("  (+- is one standard deviation)")
     task.doubt(diagnosis.error.theta)
     task.write_json(command.json, diagnosis.to_dict())
     task.write_model(command.out, diagnosis.best.estimate)
     task.write_report(command.html, diagnosis, command.log.hold_out)
+
+
+def _progress(doing: str) -> None:
+    """Say on a terminal what is being done, in one line that the next one replaces."""
+    if sys.stderr.isatty():
+        print(f"\r\033[K{doing}{' ...' if doing else ''}", end="", file=sys.stderr, flush=True)
 
 
 @_run.register
@@ -184,9 +197,13 @@ class Task:
 
     def fitted(self) -> Estimate:
         """The model fitted to what is not held out."""
+        self.check_free()
+        return fit(self.model, self.training, self.sensor, self.names)
+
+    def check_free(self) -> None:
+        """Raise InvalidInput where there is nothing to fit."""
         if not self.names:
             raise InvalidInput("nothing is left to fit: every parameter that this log can show is fixed")
-        return fit(self.model, self.training, self.sensor, self.names)
 
     def doubt(self, error: float | None) -> None:
         """Say so where the model explains next to nothing of the angle: an error of columns rather than of physics."""

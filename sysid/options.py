@@ -137,6 +137,9 @@ class Diagnose:
     html: File = None
     """Write a report here that opens offline."""
 
+    tolerance: Annotated[float, arg(metavar="SHARE")] = 0.02
+    """What matters: an effect is added where it lowers the error of 1 s predictions by this share."""
+
 
 @dataclass(frozen=True)
 class Add:

@@ -85,7 +85,7 @@ def _(answer: Diagnosis, records: Sequence[Record], hold_out: float | None = Non
         "torque": _torque(answer, torques, touched, whole, sensor is answer.sensor),
         "maps": _maps(compared),
     }
-    order = ("fall", "torque", "rollout", "ranking", "maps") if answer.verdict == "unknown" else tuple(sections)
+    order = ("fall", "torque", "rollout", "ranking", "maps") if answer.remaining is not None else tuple(sections)
     horizon = answer.estimate.horizon
     over = "whole rollouts" if math.isinf(horizon) else f"windows of {horizon:g} s"
     return Page(
@@ -221,7 +221,7 @@ def _torque(
     from sysid import report_figures as figures
 
     found, before = torques[-1], torques[0] if len(torques) > 1 else None
-    left, unknown = answer.remaining, answer.verdict == "unknown"
+    left, unknown = answer.remaining, answer.remaining is not None
     depends_on = left.depends_on if left else ()
     says = [str(found).split(". no state of the joint")[0] + "."]
     if not of_sensor:

@@ -45,6 +45,7 @@ def diagnose(
     sensor: Sensor | None = None,
     hold_out: float | None = None,
     effects: Iterable[str] | None = None,
+    parameters: Sequence[str] | None = None,
     choosing: Choosing = DEFAULT,
     tell: Callable[[str], None] = lambda _: None,
 ) -> Diagnosis:
@@ -67,6 +68,8 @@ def diagnose(
         A share, or a count, of the records that no fit sees.
     effects : iterable of str, optional
         Names of the effects that may be missing; by default the whole catalogue.
+    parameters : sequence of str, optional
+        The free parameters; by default the estimate's, or all but gravity.
     choosing : Choosing, optional
         What counts as evidence, and what matters.
     tell : callable, optional
@@ -92,7 +95,7 @@ def diagnose(
 
     began = time.perf_counter()
     records = told_apart(check_records(model.model if isinstance(model, Estimate) else model, records))
-    names = model.names if isinstance(model, Estimate) else free(model)
+    names = tuple(parameters or (model.names if isinstance(model, Estimate) else free(model)))
     if isinstance(model, Estimate):
         sensor, model = sensor or model.sensor, model.model
     chosen = None if effects is None else _known(effects)
@@ -106,7 +109,8 @@ def diagnose(
     for restarts_left in reversed(range(RESTARTS + 1)):
         search = Search(training, sensor, chosen, choosing, tell)
         base, end = search.run(model, names)
-        found = contacts(end) if restarts_left and not needs_no_disturbance(end) else ()
+        perhaps = restarts_left and not needs_no_disturbance(end)
+        found = contacts(end, missing_torque(end, base)) if perhaps else ()
         rest = leave_out(training, [(t.name, t.t_begin, t.t_end) for t in found])
         if not found or sum(map(len, rest)) < 0.6 * sum(map(len, training)):
             break
