@@ -1,0 +1,284 @@
+"""The solver: it is output error where no random torque acts, and its answers are as good and as sure as they say."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+
+import sysid
+from sysid import (
+    RK4,
+    GeneralJoint,
+    LeastSquares,
+    Model,
+    Record,
+    RodPendulum,
+    Sensor,
+    effect,
+    fisher_information,
+    simulate,
+)
+from sysid.estimation.chain import Chain
+from sysid.estimation.disturbances import Disturbances
+from sysid.estimation.prediction_error import Fit, Settings, bounded_step, fit, inverse, without_disturbances
+from sysid.excitation import multisine
+
+DT = 0.02
+SENSOR = Sensor(theta=0.003, theta_dot=0.05)
+JOINT = Model(GeneralJoint(J=0.3, G=2.0), (effect("viscous", b=0.07),), RK4(substeps=2), DT)
+NAMES = ("J", "G", "viscous.b")
+TRUTH = np.array([0.3, 2.0, 0.07])
+AFAR = JOINT.with_parameters({"J": 0.4, "G": 1.5, "viscous.b": 0.02})
+NONE = Disturbances(0.0)
+HELD = Settings(sizes=False)
+QUIET = Settings(angle_error=False)
+
+
+def logs(count: int, seed: int = 0, s: float = 0.0, model: Model = JOINT) -> tuple[list[list[Record]], np.ndarray]:
+    """Logs of two rollouts of 6 s under a random acceleration of sd s [rad/s^2], T = 0.3 s; and where they began."""
+    rng, n = np.random.default_rng(seed), 300
+    u = np.array([multisine(rng, n, DT, 1.5, 2.0) for _ in range(2 * count)])
+    d, kept = s * rng.standard_normal((2 * count, n)), math.exp(-DT / 0.3)
+    for k in range(1, n):
+        d[:, k] = kept * d[:, k - 1] + math.sqrt(1.0 - kept**2) * d[:, k]
+    run = simulate(
+        model, u + float(model.inertia()) * d, math.pi + rng.uniform(-1.0, 1.0, 2 * count), np.zeros(2 * count)
+    )
+    made = [replace(r, u=own) for r, own in zip(run.measure(SENSOR, rng), u, strict=True)]
+    starts = np.stack([run.theta[:, 0], run.theta_dot[:, 0]], axis=1).reshape(count, 2, 2)
+    return [made[2 * i : 2 * i + 2] for i in range(count)], starts
+
+
+def sd_of(found: Fit) -> np.ndarray:
+    """sd (P,) of the fitted numbers."""
+    return np.sqrt(np.diag(found.covariance))
+
+
+def test_output_error_reaches_the_bound() -> None:
+    """No unbiased answer is better: its errors are as large as the Cramer-Rao bound says, and its sd are the bound."""
+    given, starts = logs(16)
+    information = fisher_information(JOINT, NAMES, given[0], SENSOR, starts[0])
+    found = [fit(Chain(AFAR, own, SENSOR), AFAR, NAMES, disturbances=NONE, settings=HELD) for own in given]
+    assert all(f.converged for f in found)
+    np.testing.assert_allclose(sd_of(found[0]), np.sqrt(np.diag(np.linalg.inv(information))), rtol=0.02)
+    errors = [(f.values - TRUTH, np.linalg.inv(f.covariance)) for f in found]
+    squares, n = sum(float(e @ N @ e) for e, N in errors), 3 * len(given)  # chi-square of n degrees
+    assert abs(squares - n) < 4.0 * math.sqrt(2.0 * n)
+
+
+def test_a_log_without_a_random_torque_is_fitted_as_by_output_error() -> None:
+    """The sizes of the disturbances are free, are found to be small, and cost next to nothing."""
+    for records in logs(2, seed=1)[0]:
+        chain = Chain(AFAR, records, SENSOR)
+        found = fit(chain, AFAR, NAMES)
+        whole = fit(chain, AFAR, NAMES, disturbances=NONE, settings=HELD)
+        other = sysid.fit(AFAR, records, SENSOR, NAMES)
+        sd = np.array(list(other.sd.values()))
+        assert found.converged
+        assert found.disturbances.s < 0.01 and found.disturbances.sigma_o < 0.5 * 0.003
+        assert np.max(np.abs(found.values - list(other.values.values())) / sd) < 0.4
+        assert np.max(np.abs(whole.values - list(other.values.values())) / sd) < 0.02
+        # that sd is scaled by the size of the residuals, this one takes the sensor at its word
+        residual = math.sqrt(other.cost / (other.n_readings - len(NAMES) - 2 * len(records)))
+        np.testing.assert_allclose(residual * sd_of(whole), sd, rtol=0.002)
+        np.testing.assert_allclose(sd_of(found), sd, rtol=0.35)
+        assert found.deviance <= whole.deviance + 0.05
+        again = fit(chain, found.model, NAMES, near=found, disturbances=without_disturbances(found), settings=HELD)
+        assert np.max(np.abs(again.values - whole.values) / sd) < 0.05
+
+
+def test_it_agrees_with_multiple_shooting() -> None:
+    (records,), _ = logs(1, seed=2)
+    own = fit(Chain(AFAR, records, SENSOR), AFAR, NAMES, disturbances=NONE, settings=HELD).estimate()
+    other = LeastSquares(NAMES, SENSOR, segment=0.2).fit(AFAR, records)
+    assert own.success and own.n_readings == other.n_readings
+    for name in NAMES:
+        assert abs(own.values[name] - other.values[name]) < 0.02 * other.sd[name]
+    np.testing.assert_allclose(own.covariance, other.covariance, rtol=0.03)
+    # the prior of a filter's start, anywhere, and Gauss-Newton's last step are all that sets them apart
+    assert own.cost == pytest.approx(other.cost, rel=1e-3)
+    for channel, sd in other.noise.items():
+        assert own.noise[channel] == pytest.approx(sd, rel=0.02)
+
+
+def test_a_fit_that_is_fitted_again_does_not_move() -> None:
+    """Neither from its own motion nor from the smoothed readings, with the disturbances or without."""
+    for s in (0.0, 0.6):
+        for records in logs(1, seed=3, s=s)[0]:
+            chain = Chain(AFAR, records, SENSOR)
+            found = fit(chain, AFAR, NAMES)
+            again = (
+                fit(chain, found.model, NAMES, near=found),
+                fit(chain, found.model, NAMES, disturbances=found.disturbances),
+            )
+            assert found.converged and all(f.converged for f in again)
+            for other in again:
+                assert np.max(np.abs(other.values - found.values) / sd_of(found)) < 0.1
+                assert abs(other.deviance - found.deviance) < 0.5
+
+
+def test_where_it_began_does_not_matter() -> None:
+    (records,), _ = logs(1, seed=4, s=0.6)
+    chain = Chain(AFAR, records, SENSOR)
+    found = fit(chain, AFAR, NAMES)
+    for numbers in ((0.15, 4.0, 0.3), (0.9, 1.0, 0.01)):
+        other = fit(chain, JOINT.with_parameters(dict(zip(NAMES, numbers, strict=True))), NAMES)
+        assert np.max(np.abs(other.values - found.values) / sd_of(found)) < 0.1
+
+
+def test_a_motion_that_is_fitted_is_the_one_that_was_made() -> None:
+    """Where no random torque acts the motion of the fit is the rollout itself: closer than its readings by far."""
+    rng = np.random.default_rng(5)
+    run = simulate(JOINT, multisine(rng, 300, DT, 1.5, 2.0), math.pi, 1.0)
+    found = fit(Chain(AFAR, run.measure(SENSOR, rng), SENSOR), AFAR, NAMES, disturbances=NONE, settings=HELD)
+    assert np.max(np.abs(found.motion.x[:, 0] - run.theta)) < 0.003
+    assert np.max(np.abs(found.motion.x[:, 1] - run.theta_dot)) < 0.01
+    assert np.max(np.abs(found.linearised.system.gap)) < 1e-4, "steps of the model end where the next one begins"
+
+
+@pytest.mark.parametrize("s", [0.0, 0.6])
+def test_the_likelihood_falls_beside_the_found_disturbances(s: float) -> None:
+    for records in logs(1, seed=6, s=s)[0]:
+        found = fit(Chain(AFAR, records, SENSOR), AFAR, NAMES)
+        here = found.filter.deviance
+        for move in ((0.3, 0.0), (-0.3, 0.0), (0.0, 0.3), (0.0, -0.3), (0.4, 0.4), (-0.4, 0.4)):
+            beside = found.linearised.system.filter(found.disturbances.moved(np.array(move)))
+            assert beside.deviance > here - 0.1, move
+        if s > 0.0:  # a size that is there is found, not only not refuted
+            for move in (0.5, -0.5):
+                beside = found.linearised.system.filter(found.disturbances.moved(np.array([move, 0.0])))
+                assert beside.deviance > here + 4.0
+
+
+@pytest.mark.parametrize("s", [0.0, 0.2])
+def test_sd_are_those_of_the_likelihood(s: float) -> None:
+    """A number held k sd away, all others fitted again, raises the deviance by k^2: 4 for two sd."""
+    (records,), _ = logs(1, seed=7, s=s)
+    chain, close = Chain(AFAR, records, SENSOR), replace(HELD, settled=1e-3, negligible=1e-3)
+    found = fit(chain, AFAR, NAMES, disturbances=Disturbances(s, 0.3), settings=close)
+    for name, value, sd in zip(NAMES, found.values, sd_of(found), strict=True):
+        rest = [n for n in NAMES if n != name]
+        raised = [
+            fit(
+                chain, found.model.with_parameters({name: value + k * sd}), rest, near=found, settings=close
+            ).filter.deviance
+            - found.filter.deviance
+            for k in (-2.0, 2.0)
+        ]
+        assert np.mean(raised) == pytest.approx(4.0, rel=0.15)
+        assert min(raised) > 2.5
+
+
+@pytest.mark.parametrize("s", [0.0, 0.6])
+@pytest.mark.parametrize(
+    ("name", "bounds", "end"), [("G", (0.5, 1.8), 1.8), ("G", (2.3, 4.0), 2.3), ("J", (0.32, 1.0), 0.32)]
+)
+def test_bounds_are_kept_and_the_others_fitted_beside_them(
+    s: float, name: str, bounds: tuple[float, float], end: float
+) -> None:
+    (records,), _ = logs(1, seed=8, s=s)
+    start = {"J": 0.4, "G": min(max(1.5, bounds[0] + 0.2), bounds[1] - 0.2) if name == "G" else 1.5}
+    plant = GeneralJoint(**start, bounds={name: bounds})
+    model = replace(AFAR, plant=plant)
+    chain = Chain(model, records, SENSOR)
+    found = fit(chain, model, NAMES, settings=QUIET)
+    rest = [n for n in NAMES if n != name]
+    beside = fit(chain, model.with_parameters({name: end}), rest, settings=QUIET)
+    assert found.values[NAMES.index(name)] == end
+    own = np.array([found.values[NAMES.index(n)] for n in rest])
+    assert np.max(np.abs(own - beside.values) / sd_of(beside)) < 0.15
+
+
+def test_a_friction_that_is_not_there_is_not_negative() -> None:
+    for records in logs(3, seed=9, s=0.3, model=JOINT.with_parameters({"viscous.b": 0.0}))[0]:
+        found = fit(Chain(AFAR, records, SENSOR), AFAR, NAMES, settings=QUIET)
+        assert 0.0 <= found.values[2] < 3.0 * sd_of(found)[2]
+
+
+def test_what_the_readings_do_not_determine_stays_where_it_was_thought() -> None:
+    """Of m, l and g two combinations show in the motion: these are found, the third stays, and its sd says so."""
+    (records,), _ = logs(1, seed=10, model=replace(JOINT, effects=()))
+    rod = replace(JOINT, plant=RodPendulum(m=1.0, l=1.0, g=9.81), effects=())
+    found = fit(Chain(rod, records, SENSOR), rod, ("m", "l", "g"), settings=QUIET)
+    joint = replace(JOINT, effects=())
+    other = fit(Chain(joint, records, SENSOR), joint, ("J", "G"), settings=QUIET)
+    J, G = float(found.model.inertia()), float(found.model.plant.gravity_torque(0.5 * math.pi))
+    assert found.converged
+    np.testing.assert_allclose((np.array([J, G]) - other.values) / sd_of(other), 0.0, atol=0.2)
+    start = np.array([1.0, 1.0, 9.81])
+    assert np.all(np.abs(found.values - start) < start)
+    assert np.all(sd_of(found) < 1.5 * start) and np.max(sd_of(found) / start) > 0.3
+
+
+def test_a_log_that_says_nothing_moves_nothing() -> None:
+    """A joint at rest, and sensors that read noise: an inertia may be anything, and does not run away."""
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        read = (math.pi + 0.003 * rng.standard_normal(301), 0.05 * rng.standard_normal(301))
+        rest = Record(DT * np.arange(301), np.zeros(300), *read)
+        found = fit(Chain(JOINT, [rest], SENSOR), JOINT, ("J", "G"), settings=QUIET)
+        assert np.all(np.abs(found.values - TRUTH[:2]) < 1.5 * TRUTH[:2])
+        assert np.max(sd_of(found) / found.values) > 0.4, "it is not known, and says so"
+
+
+def test_a_fit_without_free_numbers_finds_motion_and_disturbances() -> None:
+    (records,), _ = logs(1, seed=11, s=0.6)
+    found = fit(Chain(JOINT, records, SENSOR), JOINT, ())
+    assert found.converged and found.covariance.shape == (0, 0) and found.values.shape == (0,)
+    assert found.disturbances.s == pytest.approx(0.6, rel=0.5)
+
+
+def test_records_of_different_lengths_count_as_one_log() -> None:
+    """Their informations add: what two logs say together is what the sum of both says."""
+    given, _ = logs(2, seed=12)
+    cut = [given[0][0], given[0][1].head(170)], [given[1][0].head(31), given[1][1]]
+    apart = [fit(Chain(JOINT, own, SENSOR), JOINT, NAMES, disturbances=NONE, settings=HELD) for own in cut]
+    both = fit(Chain(JOINT, [*cut[0], *cut[1]], SENSOR), JOINT, NAMES, disturbances=NONE, settings=HELD)
+    information = [np.linalg.inv(f.covariance) for f in apart]
+    np.testing.assert_allclose(both.covariance, np.linalg.inv(sum(information)), rtol=0.05)
+    mean = np.linalg.solve(sum(information), sum(N @ f.values for N, f in zip(information, apart, strict=True)))
+    assert np.max(np.abs(both.values - mean) / sd_of(both)) < 0.1
+
+
+def test_a_step_is_least_squares_within_its_bounds() -> None:
+    rng = np.random.default_rng(13)
+    for _ in range(50):
+        Z, e = rng.standard_normal((40, 3)) * [1.0, 1e3, 1e-4], rng.standard_normal(40)
+        free = np.linalg.lstsq(Z, e, rcond=None)[0]
+        wide = bounded_step(Z, e, -2.0 * np.abs(free), 2.0 * np.abs(free))
+        np.testing.assert_allclose(wide, free, rtol=1e-9)
+        low, high = -np.abs(free) * [2.0, 0.5, 2.0], np.abs(free) * [2.0, 0.5, 2.0]
+        narrow = bounded_step(Z, e, low, high)
+        size = np.linalg.norm(Z, axis=0)
+        best = lsq_linear(Z / size, e, (low * size, high * size), method="bvls").x / size
+        assert np.all((low <= narrow) & (narrow <= high))
+        if np.all(np.abs(best[[0, 2]]) < high[[0, 2]] * (1.0 - 1e-9)):  # one bound alone is met
+            np.testing.assert_allclose(narrow, best, rtol=1e-6)
+
+
+def test_a_step_leaves_what_nothing_shows() -> None:
+    rng = np.random.default_rng(14)
+    Z, e = rng.standard_normal((30, 3)), rng.standard_normal(30)
+    Z[:, 1] = 0.0
+    step = bounded_step(Z, e, np.full(3, -9.0), np.full(3, 9.0))
+    assert step[1] == 0.0
+    np.testing.assert_allclose(step[[0, 2]], np.linalg.lstsq(Z[:, [0, 2]], e, rcond=None)[0], rtol=1e-9)
+    twin = np.column_stack([Z[:, 0], Z[:, 0]])  # two that do the same share what they do, and do not run apart
+    np.testing.assert_allclose(*bounded_step(twin, e, np.full(2, -9.0), np.full(2, 9.0)), rtol=1e-9)
+    assert bounded_step(np.zeros((5, 0)), np.ones(5), np.zeros(0), np.zeros(0)).shape == (0,)
+
+
+def test_a_covariance_is_the_inverse_of_the_information_in_any_units() -> None:
+    rng = np.random.default_rng(15)
+    Z, units = rng.standard_normal((30, 3)), np.array([1e-6, 1.0, 1e6])
+    N = Z.T @ Z
+    np.testing.assert_allclose(
+        inverse(N * np.outer(units, units)) * np.outer(units, units), np.linalg.inv(N), rtol=1e-9
+    )
+    N[:, 2] = N[2] = 0.0
+    assert np.all(np.isinf(inverse(N)))
+    assert inverse(np.zeros((0, 0))).shape == (0, 0)
