@@ -51,6 +51,22 @@ def logs(model: Model, seed: int = 0, n: int = 5, seconds: float = 5.0) -> list[
     return simulate(model, u, math.pi + rng.uniform(-0.8, 0.8, n), np.zeros(n)).measure(SENSOR, rng)
 
 
+def shaken(model: Model, rms: float, seed: int = 0, u: np.ndarray | None = None, T: float = 0.5) -> list[Record]:
+    """As on a real machine: beside the model a random torque acts, rms [N m], that no record shows.
+
+    An Ornstein-Uhlenbeck process of correlation time T [s], beside steps, or beside commands u (n, N) from standstill.
+    """
+    rng = np.random.default_rng(seed)
+    if u is None:
+        u = np.array([steps(rng, 200, DT, 1.5, 0.3) for _ in range(5)])
+    theta = math.pi + np.linspace(-0.8, 0.8, len(u))
+    factor, d = math.exp(-DT / T), rms * rng.standard_normal(u.shape)
+    for k in range(1, u.shape[1]):
+        d[:, k] = factor * d[:, k - 1] + math.sqrt(1.0 - factor**2) * d[:, k]
+    made = simulate(model, u + d, theta, np.zeros(len(u))).measure(SENSOR, rng)
+    return [dataclasses.replace(r, u=own) for r, own in zip(made, u, strict=True)]
+
+
 def pushed(records: list[Record], i: int) -> list[Record]:
     """A hand leans on rollout i from 1.5 s to 2.1 s."""
     push = np.zeros(len(records[i]))

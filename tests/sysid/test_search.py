@@ -1,0 +1,269 @@
+"""The search: what is added pays, matters and is no imitation, what has become idle goes, and chance is no effect."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+from sysid import CATALOGUE, Coulomb, Diagnosis, Effect, Joint, JointEffect, Record, Tilt, Viscous, diagnose, ops
+from sysid import parameter as number
+from sysid.diagnosis.choosing import DEFAULT
+from sysid.diagnosis.scores import Score, alikeness, price, scores
+from sysid.diagnosis.search import Addition, Search, extended, first_fit, matters, reduced
+from sysid.estimation.chain import Chain
+from sysid.estimation.prediction_error import Fit
+from sysid.ops import Value
+from tests.sysid.planted import SENSOR, logs, rod, shaken, truth
+
+PLANT = ("m", "l")
+FRICTIONS = ("viscous", "coulomb", "asymmetric_viscous", "asymmetric_coulomb", "stribeck", "drag", "tilt")
+
+
+@cache
+def rubbing() -> tuple[Record, ...]:
+    """Dry friction, and nothing else but the noise."""
+    return tuple(logs(truth(Coulomb(tau_c=0.1)), n=3, seconds=4.0))
+
+
+@cache
+def base() -> Fit:
+    """The bare rod on it."""
+    return first_fit(Chain(rod(), rubbing(), SENSOR), rod(), PLANT)
+
+
+@cache
+def mended() -> Fit:
+    return extended(base(), [Coulomb(tau_c=0.05)])
+
+
+@cache
+def of_shaken(seed: int) -> Diagnosis:
+    """Dry friction beside a coloured torque that no record shows."""
+    return diagnose(rod(), shaken(truth(Coulomb(tau_c=0.1)), 0.05, seed), SENSOR)
+
+
+# a random torque beside the model ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_an_addition_never_raises_the_held_out_error(seed: int) -> None:
+    found = of_shaken(seed)
+    errors = [found.base_error.ratio, *(s.error_after for s in found.steps)]
+    assert errors == sorted(errors, reverse=True)
+    assert errors[-1] == found.error.ratio
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_what_explains_no_better_than_its_simple_parent_is_not_named(seed: int) -> None:
+    """Asymmetric friction and Stribeck's contain Coulomb's: only the simplest is named, and it is no class of them."""
+    found = of_shaken(seed)
+    assert found.verdict == "partly"
+    assert [s.effect for s in found.steps] == ["coulomb"]
+    assert found.steps[0].alike == ("coulomb",)
+    tau_c = found.steps[0].parameters["coulomb.tau_c"]
+    assert abs(tau_c["value"] - 0.1) < 4.0 * tau_c["sd"] < 0.04
+
+
+def test_a_free_decay_under_a_constant_torque_names_dry_friction_alone() -> None:
+    u = np.full((4, 250), 0.3)
+    found = diagnose(rod(), shaken(truth(Coulomb(tau_c=0.08)), 0.02, 0, u), SENSOR)
+    assert [s.effect for s in found.steps] == ["coulomb"]
+    assert found.verdict == "partly"
+    assert abs(found.estimate.values["coulomb.tau_c"] - 0.08) < 4.0 * found.estimate.sd["coulomb.tau_c"] < 0.04
+
+
+def test_a_random_torque_is_no_effect() -> None:
+    """It is unknown, of the size that it has, and m and l are as sure as it allows."""
+    found = diagnose(rod(), shaken(truth(), 0.05, 1), SENSOR)
+    assert found.verdict == "unknown" and found.remaining is not None
+    assert not found.steps
+    assert 0.02 < found.remaining.torque < 0.1
+    for name in PLANT:
+        off = found.estimate.values[name] - truth().parameters[name].value
+        assert abs(off) < 4.0 * found.estimate.sd[name]
+
+
+SEEDS = 12
+
+
+def test_false_alarms_are_rare() -> None:
+    """Of short logs in which nothing is hidden."""
+    alarms = 0
+    for seed in range(SEEDS):
+        found = diagnose(rod(), logs(truth(), 500 + seed, n=4, seconds=3.0), SENSOR)
+        alarms += found.verdict != "adequate" or bool(found.steps or found.conventions)
+    assert alarms <= binom.ppf(0.999, SEEDS, 0.05)
+
+
+# what matters, and what is likely before any log ---------------------------------------------------------------
+
+
+def test_what_is_there_and_too_small_to_matter_is_said_and_not_added() -> None:
+    records = logs(truth(Viscous(b=3e-4)), n=4)
+    found = diagnose(rod(), records, SENSOR, effects=("viscous",))
+    assert found.verdict == "adequate"
+    assert not found.steps
+    assert found.negligible == ("viscous",)
+    assert "too small to matter: viscous" in str(found)
+    eager = dataclasses.replace(DEFAULT, tolerance=0.0, noise_share=0.0)
+    assert [s.effect for s in diagnose(rod(), records, SENSOR, effects=("viscous",), choosing=eager).steps] == [
+        "viscous"
+    ]
+
+
+def test_what_matters_depends_on_the_tolerance() -> None:
+    """The effect lowers the error by much more than 2 %, and by less than 99 %."""
+    assert matters(base().model, mended(), DEFAULT)
+    assert matters(base().model, mended(), dataclasses.replace(DEFAULT, tolerance=0.2))
+    assert not matters(base().model, base(), DEFAULT)
+    assert not matters(base().model, mended(), dataclasses.replace(DEFAULT, noise_share=1e3))
+
+
+def test_an_effect_that_is_rare_needs_more_evidence(catalogue: dict[str, type[Effect]]) -> None:
+    """The same torque by two names, of which one is believed at odds of exp(-20) only."""
+
+    @dataclass(frozen=True, eq=False)
+    class Wave(JointEffect):
+        k: Value = number(0.0, unit="N m", bounds=(-1.0, 1.0), neutral=0.0)  # noqa: RUF009
+
+        def torque(self, joint: Joint) -> Value:
+            return self.k * ops.sin(3.0 * joint.theta)
+
+    class Unlikely(Wave):
+        rarity = 20.0
+
+    catalogue["wave"], catalogue["unlikely"] = Wave, Unlikely
+    assert price("unlikely", DEFAULT.price) - price("wave", DEFAULT.price) == 2.0 * (20.0 - Wave.rarity)
+    records = logs(truth(Wave(k=0.004)), n=4)
+    common, rare = (diagnose(rod(), records, SENSOR, effects=(n,)) for n in ("wave", "unlikely"))
+    assert "wave" in {*(s.effect for s in common.steps), *common.negligible}
+    assert "unlikely" not in {*(s.effect for s in rare.steps), *rare.negligible}
+    plain = diagnose(rod(), logs(truth(Wave(k=0.1)), n=4), SENSOR, effects=("unlikely",))
+    assert [s.effect for s in plain.steps] == ["unlikely"], "a log that says enough is believed"
+
+
+def test_friction_is_in_every_joint() -> None:
+    """Nothing is likelier beforehand."""
+    assert CATALOGUE["viscous"].rarity == CATALOGUE["coulomb"].rarity == 0.0
+    assert all(kind.rarity >= 0.0 for kind in CATALOGUE.values())
+    for refined, parent in (
+        ("asymmetric_coulomb", "coulomb"),
+        ("asymmetric_viscous", "viscous"),
+        ("stribeck", "coulomb"),
+    ):
+        assert price(refined, DEFAULT.price) > price(parent, DEFAULT.price) + DEFAULT.price
+
+
+# the loop ------------------------------------------------------------------------------------------------------
+
+
+def test_what_has_become_idle_goes() -> None:
+    """As if viscous friction had been added while the dry one was still unknown."""
+    both = extended(extended(base(), [Viscous(b=0.02)]), [Coulomb(tau_c=0.05)])
+    search = Search(rubbing(), SENSOR)
+    search.additions = [Addition(n, (), (), 1e-9, both) for n in ("viscous", "coulomb")]
+    end = search._pruned(both)
+    assert [a.name for a in search.additions] == ["coulomb"]
+    assert {e.name for e in end.model.effects} == {"coulomb"}
+    assert end.deviance == pytest.approx(mended().deviance, abs=0.5)
+
+
+def test_what_stays_pays() -> None:
+    """Two effects, both found; without either the log is less likely by more than its price."""
+    search = Search(logs(truth(Coulomb(tau_c=0.06), Tilt(alpha=0.04)), n=3, seconds=4.0), SENSOR, FRICTIONS)
+    _, end = search.run(rod(), PLANT)
+    assert {a.name for a in search.additions} == {"coulomb", "tilt"}
+    assert {e.name for e in end.model.effects} == {"coulomb", "tilt"}
+    for name in ("coulomb", "tilt"):
+        assert reduced(end, name).deviance - end.deviance > price(name, DEFAULT.price)
+
+
+def test_a_bigger_model_is_never_less_likely() -> None:
+    for name in ("viscous", "tilt", "delay", "asymmetric_coulomb", "spring"):
+        own = scores(base(), (name,))[name]
+        bigger = extended(base(), [own.best.at(own.sizes)])
+        assert bigger.deviance < base().deviance + 0.5, name
+        assert bigger.names[: len(PLANT)] == PLANT
+
+
+def test_taking_an_effect_away_gives_the_smaller_fit_back() -> None:
+    again = reduced(mended(), "coulomb")
+    assert again.names == base().names and not again.model.effects
+    assert again.deviance == pytest.approx(base().deviance, abs=2.0)
+    assert mended().model.effects, "the fit that was reduced has changed"
+
+
+def test_only_what_is_allowed_is_used() -> None:
+    search = Search(rubbing(), SENSOR, ("tilt", "delay"))
+    _, end = search.run(rod(), PLANT)
+    assert {a.name for a in search.additions} <= {"tilt", "delay"}
+    assert set(search.first) == {"tilt", "delay"}
+    assert end.disturbances.s > 0.0, "friction that is not allowed is a random torque"
+
+
+def test_a_fixed_number_stays_fixed() -> None:
+    search = Search(rubbing(), SENSOR, ("coulomb", "viscous", "tilt"))
+    _, end = search.run(truth(), ("l",))
+    assert end.model.parameters["m"].value == 1.0
+    assert [a.name for a in search.additions] == ["coulomb"]
+
+
+def test_the_same_search_again() -> None:
+    ends = [Search(rubbing(), SENSOR, ("coulomb", "tilt")).run(rod(), PLANT)[1] for _ in range(2)]
+    np.testing.assert_array_equal(ends[0].values, ends[1].values)
+    assert ends[0].deviance == ends[1].deviance
+
+
+# score tests beside a random torque ----------------------------------------------------------------------------
+
+
+@cache
+def scored(alpha: float) -> dict[str, Score]:
+    """About the bare rod, on logs of one whose base leans by alpha [rad]."""
+    records = logs(truth(Tilt(alpha=alpha)), n=3, seconds=4.0)
+    return scores(first_fit(Chain(rod(), records, SENSOR), rod(), PLANT))
+
+
+@pytest.mark.parametrize("alpha", [0.0, 0.05])
+def test_twins_are_the_same_whatever_else_is_missing(alpha: float) -> None:
+    own = scored(alpha)
+    for a, b in (("viscous", "back_emf"), ("tilt", "angle_offset")):
+        assert alikeness(own[a], own[b]) > DEFAULT.same
+        assert own[a].lm == pytest.approx(own[b].lm, rel=1e-2)
+    for a, b in (("viscous", "coulomb"), ("viscous", "drag"), ("torque_bias", "spring"), ("delay", "drag")):
+        assert alikeness(own[a], own[b]) < DEFAULT.alike
+
+
+def test_what_the_free_parameters_absorb_is_not_visible() -> None:
+    absorbed = {n for n, s in scored(0.0).items() if not s.visible}
+    assert absorbed == {"torque_gain", "rotor_inertia"}
+    assert all(scored(0.0)[n].absorbed and scored(0.0)[n].lm == 0.0 for n in absorbed)
+
+
+@pytest.mark.parametrize("hidden", [Viscous(b=5e-4), Tilt(alpha=6e-4), Coulomb(tau_c=1e-3)], ids=lambda e: e.name)
+def test_a_score_is_no_more_than_the_deviance_that_a_refit_saves(hidden: Effect) -> None:
+    """Or less: the refit makes the random torque smaller, too. The size is that of the refit, and of the truth."""
+    records = logs(truth(hidden), 3, n=3)
+    fit = first_fit(Chain(rod(), records, SENSOR), rod(), PLANT)
+    score = scores(fit, (hidden.name,))[hidden.name]
+    bigger = extended(fit, [score.best.at(score.sizes)])
+    assert score.lm > 6.0, "too small to test anything"
+    assert fit.deviance - bigger.deviance > 0.95 * score.lm - 0.5
+    (p,) = hidden.parameters.values()
+    assert abs(score.sizes[0] - float(p.value)) < 4.0 * score.sd[0]
+    found = bigger.values[-1]
+    assert abs(score.sizes[0] - found) < score.sd[0]
+
+
+def test_a_friction_that_drives_is_no_friction() -> None:
+    driving = Viscous(b=-0.01, bounds={"b": (-1.0, 1.0)})
+    fit = first_fit(Chain(rod(), logs(truth(driving), n=3, seconds=4.0), SENSOR), rod(), PLANT)
+    score = scores(fit, ("viscous",))["viscous"]
+    assert score.lm == 0.0 and score.sizes[0] < 0.0
+    assert math.isfinite(score.sd[0])
