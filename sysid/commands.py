@@ -99,7 +99,13 @@ def _(command: Diagnose) -> None:
     task = Task.of(command, command.out, command.json, command.html)
     task.check_free()
     diagnosis = diagnose(
-        task.model, task.log, task.sensor, command.log.hold_out, parameters=task.names, choosing=choosing, tell=_progress
+        task.model,
+        task.log,
+        task.sensor,
+        command.log.hold_out,
+        parameters=task.names,
+        choosing=choosing,
+        tell=_progress,
     )
     _progress("")
     print(diagnosis)

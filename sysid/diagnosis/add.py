@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from sysid.comparison.held_out import HeldOutError, held_out_error
-from sysid.planning.refits import LEAD, extend, grow
-from sysid.planning.screen import screen
 from sysid.effects import effect
 from sysid.errors import InvalidInput
 from sysid.estimate import Estimate
 from sysid.fit import free
 from sysid.identify.gauss_newton import fit_longest
 from sysid.model import Model
+from sysid.planning.refits import LEAD, extend, grow
+from sysid.planning.screen import screen
 from sysid.records import Record, check_records
 from sysid.sensor import Sensor
 

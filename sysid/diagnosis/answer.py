@@ -22,8 +22,8 @@ class Step:
     alike          effects that this log cannot tell from it, itself first
     rivals         those of them that are something else to other logs
     parameters     its numbers {name: {value, sd, unit}} at the end of the loop
-    error_before   held-out error over 1 s before and after, in units of the sensor noise; effects that only pay together
-                   share one step of the error
+    error_before   held-out error over 1 s before and after, in units of the sensor noise; effects that pay only
+                   together share one step of the error
     p_value        of the likelihood ratio when it was added, without what its rarity costs
     """
 
@@ -108,7 +108,7 @@ class MissingTorque:
 
     @property
     def explained(self) -> float:
-        """1 - after^2 / before^2, the share of the missing torque that the steps explain; 0 where nothing was missing."""
+        """1 - after^2 / before^2: the share that the steps explain, 0 where nothing was missing."""
         return max(0.0, 1.0 - (self.after / self.before) ** 2) if self.before > 0.0 else 0.0
 
     def to_dict(self) -> dict[str, Any]:
@@ -120,7 +120,7 @@ class MissingTorque:
 class Diagnosis:
     """What the model lacks.
 
-    verdict           "adequate": nothing that matters was missing; "missing": the steps explain everything that matters;
+    verdict           "adequate": nothing that matters was missing; "missing": the steps explain all that matters;
                       "partly": the steps are sure and pay, and something that matters remains; "unknown": something
                       matters and nothing known pays; "cannot tell": a step's class does not separate on this log
     base              the model as it came, refitted

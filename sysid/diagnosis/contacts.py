@@ -36,7 +36,9 @@ def contacts(fit: Fit, torque: Array, push: Push = Push()) -> tuple[Touched, ...
     found = touched(names, chain.number, chain.t, fit.motion.x, known, sd, chain.dt)
     inside = np.zeros(len(chain), dtype=bool)
     for stretch in found:
-        inside |= (chain.number == names.index(stretch.name)) & (chain.t >= stretch.t_begin) & (chain.t <= stretch.t_end)
+        inside |= (
+            (chain.number == names.index(stretch.name)) & (chain.t >= stretch.t_begin) & (chain.t <= stretch.t_end)
+        )
     energy = float(np.nansum(known**2))
     held = float(np.nansum(known[inside] ** 2))
     return found if held > push.most * energy > 0.0 and np.mean(inside) < push.little else ()

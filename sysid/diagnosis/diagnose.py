@@ -15,9 +15,9 @@ from sysid.diagnosis.channels import relied_on
 from sysid.diagnosis.choosing import DEFAULT, Choosing
 from sysid.diagnosis.contacts import contacts
 from sysid.diagnosis.dependence import dependence
+from sysid.diagnosis.missing_torque import missing_torque
 from sysid.diagnosis.prediction import moved
 from sysid.diagnosis.scores import alikeness, price
-from sysid.diagnosis.missing_torque import missing_torque
 from sysid.diagnosis.search import Addition, Search, needs_no_disturbance, reduced
 from sysid.effects import CATALOGUE, effect
 from sysid.errors import InvalidInput
@@ -273,7 +273,9 @@ class _Report:
         chosen = [a.name for a in self.search.additions if a.name in first]
         order = [*chosen, *(n for n in order if n not in chosen)]
         merit = {n: s.lm - price(n, each, s.shapes) for n, s in first.items()}
-        order += sorted((n for n, s in first.items() if s.visible and n not in order), key=merit.__getitem__, reverse=True)
+        order += sorted(
+            (n for n, s in first.items() if s.visible and n not in order), key=merit.__getitem__, reverse=True
+        )
         return tuple(
             Ranked(
                 name,
@@ -303,7 +305,7 @@ class _Report:
         )
 
     def _remaining(self, end: Fit, error: HeldOutError, torque: MissingTorque) -> Remaining | None:
-        """What matters and is not explained: predictions are off beyond the noise, and the log needs a random torque."""
+        """What matters and is not explained: predictions err beyond the noise, and a random torque is needed."""
         choosing = self.search.choosing
         _, ratio = moved(end.model, end.model, end, choosing.window)
         excess = math.sqrt(max(ratio**2 - 1.0, 0.0)) if math.isfinite(ratio) else math.inf
@@ -318,7 +320,9 @@ class _Report:
         if not self.touched:
             return found.depends_on, found.where
         depends_on = (*(q for q in found.depends_on if q != "time"), "time")
-        return depends_on, "; ".join([f"in {'; '.join(map(str, self.touched))}", *([found.where] if found.where else [])])
+        return depends_on, "; ".join(
+            [f"in {'; '.join(map(str, self.touched))}", *([found.where] if found.where else [])]
+        )
 
     def _not_identifiable(self, end: Fit) -> tuple[tuple[str, ...], ...]:
         """Parameters that no log of this kind separates, and effects that the free parameters absorb."""
@@ -346,4 +350,3 @@ class _Report:
             if not p.never:
                 found[name] = {"parameter": p.name, "size": POWER * s.sd[0], "unit": p.unit}
         return found
-

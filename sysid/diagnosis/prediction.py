@@ -41,7 +41,7 @@ def windows_of(fit: Fit, seconds: float) -> tuple[Window, ...]:
 def left_out(fit: Fit, seconds: float, blocks: int) -> PredictionErrors:
     """The errors of each window, by parameters that a Gauss-Newton step takes back from the block it lies in.
 
-        p_(-b) = p - (N - N_b)^-1 g_b,    N = Z'Z,  g = Z'e,  of block b
+    p_(-b) = p - (N - N_b)^-1 g_b,    N = Z'Z,  g = Z'e,  of block b
     """
     windows = windows_of(fit, seconds)
     groups = np.array_split(np.arange(len(windows)), min(blocks, len(windows)))
@@ -93,4 +93,3 @@ def _without(fit: Fit, windows: list[Window]) -> Model:
     step[free] = np.linalg.solve(N, rest.T @ e[~rows]) / size[size > 0.0]
     numbers = np.clip(p + step, low, high).tolist()
     return fit.model.with_parameters(dict(zip(fit.names, numbers, strict=True)))
-

@@ -107,6 +107,6 @@ def alikeness(a: Score, b: Score) -> float:
 
 
 def price(name: str, each: float, shapes: int = 1) -> float:
-    """Decrease of the deviance that an effect has to bring: for its numbers, its rarity, and the shapes that were tried."""
+    """Decrease of the deviance that an effect has to bring: for its numbers, its rarity and the shapes tried."""
     kind = CATALOGUE[name]
     return each * len(kind().parameters) + 2.0 * kind.rarity + 2.0 * math.log(shapes)

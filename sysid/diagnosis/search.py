@@ -20,7 +20,7 @@ from sysid.estimation.prediction_error import DEFAULT as THOROUGH
 from sysid.estimation.prediction_error import QUICK, Fit, Prior, Settings, fit, with_likeliest_memory
 from sysid.identify.rough import rough
 from sysid.model import Model
-from sysid.records import Array, Record
+from sysid.records import Record
 from sysid.sensor import Sensor
 
 FRICTION = ("viscous", "coulomb")
@@ -108,8 +108,11 @@ class Search:
         if hidden:
             single += [n for n in ("coulomb", "viscous", "tilt", "delay") if n in promise and n not in single]
         tried: list[Trial] = []
-        for name in self._representatives(single):
-            self._try(now, (name,), tried)
+        for name in single:
+            self._try_class(now, name, tried)
+        for simpler in dict.fromkeys(own for t in tried for own in CATALOGUE[t.effects[0]].refines):
+            if all(n in promise for n in simpler) and all(set(simpler) != set(t.effects) for t in tried):
+                self._try(now, simpler, tried)
         return sorted(tried, key=lambda t: t.merit, reverse=True)
 
     def _composites(self, now: Fit, trials: Sequence[Trial]) -> list[Trial]:
@@ -121,25 +124,26 @@ class Search:
                 self._try(now, new, tried)
         return sorted(tried, key=lambda t: t.merit, reverse=True)
 
-    def _representatives(self, names: Sequence[str]) -> list[str]:
-        """One name of each class that the log cannot tell apart, the preferred one."""
-        kept: list[str] = []
-        for name in names:
-            own = self.last[name]
-            alike = [n for n in PREFERRED if n in self.last and self._same(self.last[n], own)]
-            chosen = alike[0] if alike else name
-            if all(not self._same(self.last[chosen], self.last[k]) for k in kept):
-                kept.append(chosen)
-        return kept
+    def _try_class(self, now: Fit, name: str, tried: list[Trial]) -> None:
+        """Fit the preferred of the effects that the log cannot tell from one, or where its bounds hold it, that one."""
+        own = self.last[name]
+        alike = [n for n in PREFERRED if n in self.last and n != name and self._same(self.last[n], own)]
+        for chosen in (*alike, name):
+            same = [t for t in tried if len(t.effects) == 1 and self._same(self.last[t.effects[0]], self.last[chosen])]
+            if any(not at_bound(t.fit, t.effects[0]) for t in same):
+                return
+            if all(t.effects != (chosen,) for t in same):
+                self._try(now, (chosen,), tried)
 
     def _same(self, a: Score, b: Score) -> bool:
         return a.name == b.name or alikeness(a, b) > self.choosing.same
 
-    def _try(self, now: Fit, names: tuple[str, ...], tried: list[Trial]) -> None:
+    def _try(self, now: Fit, names: tuple[str, ...], tried: list[Trial], begin: Sequence[Effect] | None = None) -> None:
         """Fit with these effects; a model in which two exclude each other is no candidate."""
         self.tell(f"fitting {' and '.join(names)}")
         try:
-            found = extended(now, [self._start(now, n, alone=len(names) == 1) for n in names], QUICK)
+            start = begin or [self._start(now, n, alone=len(names) == 1) for n in names]
+            found = extended(now, start, QUICK)
         except InvalidInput:
             return
         owed = sum(price(n, self.choosing.price, self.last[n].shapes if n in self.last else 1) for n in names)
@@ -163,8 +167,7 @@ class Search:
         ranked = [t for t in trials if t.merit > 0.0]
         if not ranked:
             return None
-        near = [t for t in ranked if len(t.effects) == 1 and t.effects[0] in PREFERRED and self._alike(t, ranked[0])]
-        near.sort(key=lambda t: PREFERRED.index(t.effects[0]))
+        near = self._preferred(now, ranked[0])
         before = left_out(now, self.choosing.window, self.choosing.blocks)
         for trial in (*near, *ranked):
             if self._predicts(before, trial.fit) and matters(now.model, trial.fit, self.choosing):
@@ -177,11 +180,22 @@ class Search:
         gain, sd = left_out(after, self.choosing.window, self.choosing.blocks).gain(before)
         return math.isfinite(gain) and gain > -sd
 
-    def _alike(self, a: Trial, b: Trial) -> bool:
-        if len(a.effects) != 1 or len(b.effects) != 1:
-            return False
-        one, other = (self.last[t.effects[0]] for t in (a, b))
-        return abs(a.merit - b.merit) < 3.0 * self.choosing.close and alikeness(one, other) > self.choosing.alike
+    def _preferred(self, now: Fit, best: Trial) -> list[Trial]:
+        """The commoner effects that explain the log as well as the best one, begun where that ended."""
+        if len(best.effects) != 1:
+            return []
+        name = best.effects[0]
+        fitted = next(e for e in best.fit.model.effects if e.name == name).parameters
+        found: list[Trial] = []
+        for other in PREFERRED:
+            if other == name or other not in self.last or other not in CATALOGUE[name].confused:
+                continue
+            own = effect(other)
+            numbers = {k: float(fitted[k].value) for k in own.parameters if k in fitted}
+            if len(numbers) == len(own.parameters):
+                bounded = {k: float(np.clip(v, *own.parameters[k].bounds)) for k, v in numbers.items()}
+                self._try(now, (other,), found, [effect(other, **bounded)])
+        return [t for t in found if t.fit.deviance < best.fit.deviance + 3.0 * self.choosing.close]
 
     def _added(self, now: Fit, chosen: Trial, trials: Sequence[Trial]) -> Fit:
         from scipy.stats import chi2
@@ -189,7 +203,7 @@ class Search:
         for name in chosen.effects:
             own = self.last[name]
             same = tuple(n for n, s in self.last.items() if n != name and s.visible and self._same(s, own))
-            close = ()
+            close: tuple[str, ...] = ()
             if len(chosen.effects) == 1:
                 close = tuple(
                     t.effects[0]
@@ -219,6 +233,12 @@ class Search:
                     now, dropped = without, True
                     break
         return now
+
+
+def at_bound(found: Fit, name: str) -> bool:
+    """Whether one of the effect's numbers ended at a bound that is not its neutral value."""
+    own = next(e for e in found.model.effects if e.name == name)
+    return any(float(p.value) in p.bounds and float(p.value) != p.neutral for p in own.parameters.values())
 
 
 def matters(before: Model, after: Fit, choosing: Choosing) -> bool:

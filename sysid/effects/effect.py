@@ -47,6 +47,7 @@ class Effect(Parametric):
     excludes   names of effects that cannot stand in a model beside it
     of_log     whether it belongs to the log (how rows were stamped) and not to the machine
     rarity     -log of its odds before any log was seen, against friction, which is in every joint
+    refines    simpler effects, alone or together, that explain most of what it explains: it has to beat each
     """
 
     formula: ClassVar[str] = ""
@@ -54,6 +55,7 @@ class Effect(Parametric):
     excludes: ClassVar[tuple[str, ...]] = ()
     of_log: ClassVar[bool] = False
     rarity: ClassVar[float] = 2.0
+    refines: ClassVar[tuple[tuple[str, ...], ...]] = ()
 
     def __init_subclass__(cls, **keywords: Any) -> None:
         super().__init_subclass__(**keywords)

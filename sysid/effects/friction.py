@@ -57,6 +57,7 @@ class Stribeck(DryFriction):
     """
 
     rarity: ClassVar[float] = 2.0
+    refines: ClassVar[tuple[tuple[str, ...], ...]] = (("coulomb",),)
     formula: ClassVar[str] = "tau = -(tau_c + excess exp(-(theta_dot/v_s)^2)) sign(theta_dot)"
     confused: ClassVar[tuple[str, ...]] = ("coulomb",)
     tau_c: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
@@ -90,6 +91,7 @@ class AsymmetricViscous(JointEffect):
     """tau = -b_plus theta_dot for theta_dot > 0, -b_minus theta_dot below: friction of a worm or a check valve."""
 
     rarity: ClassVar[float] = 3.0
+    refines: ClassVar[tuple[tuple[str, ...], ...]] = (("viscous",), ("viscous", "tilt"), ("viscous", "torque_bias"))
     formula: ClassVar[str] = "tau = -b_plus max(theta_dot, 0) - b_minus min(theta_dot, 0)"
     confused: ClassVar[tuple[str, ...]] = ("viscous", "asymmetric_coulomb")
     friction: ClassVar[bool] = True
@@ -109,6 +111,7 @@ class AsymmetricCoulomb(DryFriction):
     """
 
     rarity: ClassVar[float] = 3.0
+    refines: ClassVar[tuple[tuple[str, ...], ...]] = (("coulomb",), ("coulomb", "tilt"), ("coulomb", "torque_bias"))
     formula: ClassVar[str] = "tau = -tau_plus (theta_dot > 0), +tau_minus (theta_dot < 0)"
     confused: ClassVar[tuple[str, ...]] = ("coulomb", "torque_bias", "asymmetric_viscous")
     tau_plus: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)

@@ -20,6 +20,7 @@ class LoadFriction(DryFriction):
     """
 
     rarity: ClassVar[float] = 2.0
+    refines: ClassVar[tuple[tuple[str, ...], ...]] = (("coulomb",),)
     formula: ClassVar[str] = "tau = -mu |load| sign(theta_dot), at rest up to mu |load|"
     confused: ClassVar[tuple[str, ...]] = ("viscous", "coulomb", "back_emf")
     mu: Value = parameter(0.0, unit="1", bounds=(0.0, 1.0), neutral=0.0)

@@ -16,6 +16,7 @@ from sysid.model import Model
 from sysid.records import Array, Record, check_records
 from sysid.sensor import Sensor
 
+
 class Chain:
     """The M instants of records, one record after the other.
 
@@ -32,8 +33,8 @@ class Chain:
         self.follows = np.append(self.number[1:] == self.number[:-1], False)
         inside = np.arange(len(self.number)) - self.first[self.number]
         self.t, self.clock = (
-            np.array([start(r) for r in self.records])[self.number] + self.dt * inside
-            for start in (lambda r: float(r.t[0]), lambda r: float(r.clock[0]))
+            np.array([float(begin[0]) for begin in begins])[self.number] + self.dt * inside
+            for begins in ([r.t for r in self.records], [r.clock for r in self.records])
         )
         self.y, self.weight = np.zeros((len(inside), 2)), np.zeros((len(inside), 2))
         for record, begin in zip(self.records, self.first.tolist(), strict=False):
@@ -116,6 +117,8 @@ class LinearisedModel:
         self.ahead = (0, 0)
         H, r = self._readings()
         self.system = LinearSystem(A, gap, H, r, chain.weight[:, 0], chain.follows, chain.dt)
+        # the first readings of a sensor that remembers show what was before the record
+        self.unused = chain.readings - int(np.count_nonzero(np.any(H != 0.0, axis=2)))
 
     def _ends(self, model: Model, drives: Array, shift: Array | None = None) -> Array:
         """Where the steps end (..., M, 2) from the motion, or from `shift` (..., M, 3) beside it.
@@ -164,7 +167,9 @@ class LinearisedModel:
     ) -> tuple[Array, Array]:
         """Ends (V, M, 2) and readings (V, M, 2) of variants of a model that differ in numbers (V, P) alone."""
         columns = {n: column[:, None] for n, column in zip(names, rows.T, strict=True)}
-        inputs = any(e.parameters.keys() and any(n.startswith(f"{e.name}.") for n in names) for e in model.input_effects)
+        inputs = any(
+            e.parameters.keys() and any(n.startswith(f"{e.name}.") for n in names) for e in model.input_effects
+        )
         drives = np.stack([self.chain.drives(m) for m in models]) if inputs else self.drives
         ends = np.broadcast_to(self._ends(model.with_parameters(columns), drives), (len(rows), len(self.chain), 2))
         if not model.output_effects:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache, cached_property
+from typing import Any
 
 import casadi
 import numpy as np
@@ -76,20 +77,20 @@ class LinearSystem:
         own_state = not (np.any(self.H[:, 0, 1]) or np.any(self.H[:, 1, 0]))
         steps = _steps(own_state, bool(np.any(read[:, 0])), bool(np.any(read[:, 1])), disturbances.sigma_o > 0.0)
         buffer, run = steps.buffer()
-        buffer.set_arg(2, memoryview(scale))
+        buffer.set_arg(2, _view(scale))
         for begin in range(0, len(columns), BLOCK):
             state = np.ascontiguousarray(states[begin])
-            buffer.set_arg(0, memoryview(state))
-            buffer.set_arg(1, memoryview(columns[begin : begin + BLOCK]))
-            buffer.set_res(0, memoryview(states[begin + 1 : begin + 1 + BLOCK]))
-            buffer.set_res(1, memoryview(own[begin : begin + BLOCK]))
+            buffer.set_arg(0, _view(state))
+            buffer.set_arg(1, _view(columns[begin : begin + BLOCK]))
+            buffer.set_res(0, _view(states[begin + 1 : begin + 1 + BLOCK]))
+            buffer.set_res(1, _view(own[begin : begin + BLOCK]))
             run()
         return states[:M], own[:M]
 
 
 @cache
 def _steps(own_state: bool, theta: bool, theta_dot: bool, coloured: bool) -> casadi.Function:
-    """(predicted P and m, columns, scale) -> predicted P and m after each; gains, variances and errors of both readings.
+    """(predicted P and m, columns, scale) -> the same after each instant; gains, variances and errors of its readings.
 
     Half of the time goes with what is known to be zero: whether each channel shows its own state alone, whether it was
     read at all, and whether there is an o.
@@ -137,6 +138,10 @@ def _steps(own_state: bool, theta: bool, theta_dot: bool, coloured: bool) -> cas
     inputs = [casadi.MX.sym("state", _L + _N), casadi.MX.sym("block", 16, BLOCK), casadi.MX.sym("scale", 6)]
     _, states, owns = ends.mapaccum(count).call([*inputs[:2], casadi.repmat(inputs[2], 1, count)])
     return casadi.Function("steps", inputs, [states, owns])
+
+
+def _view(values: Array) -> Any:
+    return memoryview(values)  # type: ignore[arg-type]  # NumPy arrays are buffers
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,8 +218,7 @@ class Filter:
         return np.asarray(m).reshape(M, _N, C)
 
     def smooth(self, G: Array | None = None, R: Array | None = None) -> Array:
-        """The mean of z (M, 4) given all readings; after the model's own predictions have changed by G (M, 2), R (M, 2).
-        """
+        """The mean of z (M, 4) given all readings, after the model's predictions changed by G (M, 2), R (M, 2)."""
         W, WH, _, band = self._parts
         M, e, mean = len(self.own), self.innovations, self.states[:, _L:]
         if G is not None and R is not None:

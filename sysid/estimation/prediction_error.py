@@ -26,8 +26,8 @@ class Settings:
     negligible   change of the deviance (-2 log likelihood) that no statistic would notice
     sizes        whether the sizes of the disturbances are found, or stay
     angle_error  whether the size of the angle's coloured error is found too, or stays
-    vague        sd of a number of the plant about the one that a fit begins with, as a share of it: where a random torque
-                 explains all, the readings say nothing of an inertia, and it would run away
+    vague        sd of a number of the plant about the one that a fit begins with, as a share of it: where a random
+                 torque explains all, the readings say nothing of an inertia, and it would run away
     stride       largest relative change of a parameter in a step
     smallest     sizes of the disturbances below this share of the motion's acceleration, of the sensor's sd, are none
     """
@@ -49,13 +49,15 @@ QUICK = Settings(iterations=12, settled=0.15, negligible=0.5, angle_error=False)
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """What is vaguely known of the parameters: independent normals about `mean` (P,), of `precision` (P,) = 1 / sd^2."""
+    """What is vaguely known of the parameters: normals about `mean` (P,), of `precision` (P,) = 1 / sd^2."""
 
     mean: Array
     precision: Array
 
     @classmethod
-    def of(cls, model: Model, names: Sequence[str], vague: float, known: Prior | None, known_names: Sequence[str]) -> Prior:
+    def of(
+        cls, model: Model, names: Sequence[str], vague: float, known: Prior | None, known_names: Sequence[str]
+    ) -> Prior:
         """The numbers of the plant as they are, vaguely; those that are `known` already as they are known."""
         own = dict(zip(known_names, zip(known.mean, known.precision, strict=True), strict=True)) if known else {}
         mean, precision = _values(model, names), np.zeros(len(names))
@@ -120,8 +122,9 @@ class Fit:
 
     @property
     def deviance(self) -> float:
-        """-2 log likelihood, up to a constant that depends on the sensor alone."""
-        return self.filter.deviance + self.prior.deviance(self.values)
+        """-2 log likelihood, up to a constant that depends on the sensor alone; a reading that the model cannot use
+        counts as one that it explains to the noise."""
+        return self.filter.deviance + self.linearised.unused + self.prior.deviance(self.values)
 
     @property
     def values(self) -> Array:

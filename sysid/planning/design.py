@@ -11,10 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.planning.directions import Directions
 from sysid.effects import Effect, OutputEffect
 from sysid.identify.gauss_newton import Fit, Solution, without
 from sysid.model import Model
+from sysid.planning.directions import Directions
 from sysid.planning.signals import Limits, Signal, draw, rest_angle, vary, within
 from sysid.records import Array, Record
 from sysid.response import Linearisation, Response

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sysid.planning.screen import Score
 from sysid.effects import Effect
 from sysid.identify.gauss_newton import COLOURED, Fit, fit_longest, fit_windows
+from sysid.planning.screen import Score
 from sysid.records import Array
 
 LEAD = 0.3

@@ -10,14 +10,14 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid.diagnosis.candidates import Alternative, candidates
-from sysid.planning.refits import LEAD, at_horizon, grow
-from sysid.planning.screen import screen
 from sysid.effects import Effect, effect
 from sysid.errors import InvalidInput
 from sysid.identify.gauss_newton import Fit, fit_longest, fit_windows
 from sysid.model import Model
 from sysid.parameters import Extent
 from sysid.planning.design import Hypothesis, Normal, foresee
+from sysid.planning.refits import LEAD, at_horizon, grow
+from sysid.planning.screen import screen
 from sysid.planning.signals import Limits, Signal
 from sysid.records import Record
 from sysid.sensor import Sensor

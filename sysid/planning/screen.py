@@ -10,8 +10,8 @@ from scipy.linalg import eigh
 from scipy.stats import chi2, f
 
 from sysid.diagnosis.candidates import Alternative, candidates, extent_of
-from sysid.planning.directions import Directions
 from sysid.identify.gauss_newton import Fit
+from sysid.planning.directions import Directions
 from sysid.records import Array
 from sysid.response import Index, stretches
 
