@@ -7,14 +7,15 @@ from dataclasses import dataclass
 from typing import Any
 
 from sysid.comparison.held_out import HeldOutError, held_out_error
+from sysid.diagnosis.channels import relied_on
+from sysid.diagnosis.scores import scores
+from sysid.diagnosis.search import extended, first_fit
 from sysid.effects import effect
 from sysid.errors import InvalidInput
 from sysid.estimate import Estimate
+from sysid.estimation.chain import Chain
 from sysid.fit import free
-from sysid.identify.gauss_newton import fit_longest
 from sysid.model import Model
-from sysid.planning.refits import LEAD, extend, grow
-from sysid.planning.screen import screen
 from sysid.records import Record, check_records
 from sysid.sensor import Sensor
 
@@ -79,13 +80,13 @@ def add(
     if name in {e.name for e in model.effects}:
         raise InvalidInput(f"the model has {name} already: expected an effect that it lacks")
     model.with_effect(effect(name))  # raises where it is unknown or excluded
-    sensor = sensor or sensor_noise(records).sensor
     training, held_out = split(check_records(model, records), hold_out)
-    base = fit_longest(model, names, training, sensor, lead=LEAD)
-    score = screen(base, (name,))[0][name]
-    if not score.visible:
+    sensor = relied_on(model, training, sensor or sensor_noise(records).sensor)
+    base = first_fit(Chain(model, training, sensor), model, names)
+    score = scores(base, (name,)).get(name)
+    if score is None or not score.visible:
         raise InvalidInput(f"{name} changes nothing that this log shows: expected an effect that moves its readings")
-    better = grow(extend(base, score))
+    better = extended(base, [score.best.at(score.sizes)])
     return Added(
         effect=name,
         base=base.estimate(),

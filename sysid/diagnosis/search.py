@@ -202,7 +202,9 @@ class Search:
 
         for name in chosen.effects:
             own = self.last[name]
-            same = tuple(n for n, s in self.last.items() if n != name and s.visible and self._same(s, own))
+            held = {t.effects[0] for t in trials if len(t.effects) == 1 and at_bound(t.fit, t.effects[0])} - {name}
+            visible = [n for n, s in self.last.items() if n not in (name, *held) and s.visible]
+            same = tuple(n for n in visible if self._same(self.last[n], own))
             close: tuple[str, ...] = ()
             if len(chosen.effects) == 1:
                 close = tuple(

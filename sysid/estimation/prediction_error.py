@@ -210,8 +210,9 @@ def fit(
             break
         before = here.deviance
         z = here.smooth(G @ step, R @ step)
-        # a filter knows less than a smoother: its sd is wide enough where a joint sticks
-        motion = Motion(motion.x + z[:, :2], z[:, 2], here.sd[:, :3])
+        # a filter knows less than a smoother: its sd is wide enough where a joint sticks; slopes that go on changing
+        # with it would never let friction's numbers settle
+        motion = Motion(motion.x + z[:, :2], z[:, 2], here.sd[:, :3] if k < settings.iterations // 4 else motion.spread)
         model = model.with_parameters(dict(zip(names, (now + step).tolist(), strict=True)))
     return Fit(chain, linearised.model, names, linearised, here, Z, prior, converged)
 
