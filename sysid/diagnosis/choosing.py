@@ -18,10 +18,15 @@ class Choosing:
     trials         candidates that a round fits, at most: single effects first, then composites
     same           alikeness from which two effects are one to this log
     alike          alikeness from which it takes 100 times the evidence to tell two effects that it takes to find one
+    twin           difference of the deviance below which effects that much alike are one to this log, too: far from
+                   the fit their sensitivities differ a little, and what they explain does not
     close          difference of the deviance below which two effects explain a log equally well, where they are also
     rival          that much alike
     enough         excess of the error of 1 s predictions over the noise, as a multiple of the noise, from which
                    something that matters is still missing
+    most           share of the missing torque that a function of one quantity has to explain, where what remains
+                   depends on that quantity still: it may be a part of anything
+    recurrences    how often a ripple or a periodic torque has to come back within a record
     blocks         stretches of the log that are left out in turn when a candidate is validated
     """
 
@@ -33,9 +38,12 @@ class Choosing:
     trials: int = 9
     same: float = 1.0 - 1e-5
     alike: float = 0.995
+    twin: float = 0.1
     close: float = 3.0
     rival: float = 0.8
     enough: float = 0.3
+    most: float = 2.0 / 3.0
+    recurrences: float = 2.0
     blocks: int = 8
 
 

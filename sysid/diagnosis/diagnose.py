@@ -146,6 +146,7 @@ class _Report:
         self.errors[()] = (base, self._error(base))
         self.errors[self._names(self.additions)] = (end, self._error(end))
         self._confirm()
+        self._unmask()
 
     def _error(self, fit: Fit) -> HeldOutError:
         return held_out_error(fit.model, self.held_out, self.sensor, self.search.choosing.window)
@@ -177,6 +178,24 @@ class _Report:
             end = self._with(best)
             self.additions = best
             self.errors = {(): self.errors[()], self._names(best): end}
+
+    def _unmask(self) -> None:
+        """Take back what is a part of something unknown: what remains depends on the quantity that it is a function of,
+        and it explains less than most of that."""
+        for addition in list(self.additions):
+            imitates = CATALOGUE[addition.name].imitates
+            end, error = self._with(self.additions)
+            if not imitates or not math.isfinite(error.ratio):
+                continue
+            torque = self._torque(end)
+            remaining = self._remaining(end, error, torque)
+            if remaining is None or imitates not in remaining.depends_on:
+                continue
+            fewer = [a for a in self.additions if a is not addition]
+            without = self._torque(self._with(fewer)[0]).after
+            if torque.after**2 > (1.0 - self.search.choosing.most) * without**2:
+                self.unconfirmed.append(addition.name)
+                self.additions = fewer
 
     def diagnosis(self, began: float) -> Diagnosis:
         """The answer; `began` is when the question was asked."""

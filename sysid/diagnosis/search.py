@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.diagnosis.candidates import extent_of
 from sysid.diagnosis.choosing import COMPOSITES, DEFAULT, PREFERRED, Choosing
@@ -16,6 +17,7 @@ from sysid.effects import CATALOGUE, Effect, effect
 from sysid.errors import InvalidInput
 from sysid.estimation.chain import Chain
 from sysid.estimation.disturbances import Disturbances
+from sysid.estimation.kalman import Filter
 from sysid.estimation.prediction_error import DEFAULT as THOROUGH
 from sysid.estimation.prediction_error import QUICK, Fit, Prior, Settings, fit, with_likeliest_memory
 from sysid.identify.rough import rough
@@ -170,11 +172,23 @@ class Search:
         near = self._preferred(now, ranked[0])
         before = left_out(now, self.choosing.window, self.choosing.blocks)
         for trial in (*near, *ranked):
+            if not self._recurs(trial):
+                continue
             if self._predicts(before, trial.fit) and matters(now.model, trial.fit, self.choosing):
                 return trial
             if len(trial.effects) == 1 and trial.effects[0] not in self.negligible:
                 self.negligible.append(trial.effects[0])
         return None
+
+    def _recurs(self, trial: Trial) -> bool:
+        """Whether a pattern comes back as often as it takes to believe in one, in some record."""
+        chain = trial.fit.chain
+        rows = [slice(a, b) for a, b in zip(chain.first[:-1].tolist(), chain.first[1:].tolist(), strict=True)]
+        return all(
+            max(e.recurrences(chain.smoothed[own, 0], chain.clock[own]) for own in rows) >= self.choosing.recurrences
+            for e in trial.fit.model.effects
+            if e.name in trial.effects
+        )
 
     def _predicts(self, before: PredictionErrors, after: Fit) -> bool:
         gain, sd = left_out(after, self.choosing.window, self.choosing.blocks).gain(before)
@@ -204,7 +218,8 @@ class Search:
             own = self.last[name]
             held = {t.effects[0] for t in trials if len(t.effects) == 1 and at_bound(t.fit, t.effects[0])} - {name}
             visible = [n for n, s in self.last.items() if n not in (name, *held) and s.visible]
-            same = tuple(n for n in visible if self._same(self.last[n], own))
+            twins = self._twins(chosen, trials) if len(chosen.effects) == 1 else ()
+            same = tuple(n for n in visible if n in twins or self._same(self.last[n], own))
             close: tuple[str, ...] = ()
             if len(chosen.effects) == 1:
                 close = tuple(
@@ -220,6 +235,17 @@ class Search:
             p = float(chi2.sf(max(now.deviance - chosen.fit.deviance, 0.0), numbers))
             self.additions.append(Addition(name, same, close, p, chosen.fit))
         return fit(now.chain, chosen.fit.model, chosen.fit.names, chosen.fit)
+
+    def _twins(self, chosen: Trial, trials: Sequence[Trial]) -> tuple[str, ...]:
+        """The effects with which the log is as likely, to a difference that no log of this kind would change."""
+        own = self.last[chosen.effects[0]]
+        return tuple(
+            t.effects[0]
+            for t in trials
+            if len(t.effects) == 1
+            and abs(t.fit.deviance - chosen.fit.deviance) < self.choosing.twin
+            and alikeness(self.last[t.effects[0]], own) > self.choosing.alike
+        )
 
     def _pruned(self, now: Fit) -> Fit:
         """Without the additions that no longer pay, or no longer matter."""
@@ -287,10 +313,23 @@ def replace_model(near: Fit, model: Model, names: tuple[str, ...]) -> Fit:
 
 
 def needs_no_disturbance(found: Fit) -> bool:
-    """Whether the log needs no disturbance: without any its deviance is as good, but for what two numbers gain."""
+    """Whether the log needs no disturbance: without any its deviance is as good, but for what two numbers gain.
+
+    Either way the readings may be as noisy as they are found to be: white errors larger than was told are the noise.
+    """
     none = Disturbances(0.0, found.disturbances.T, 0.0, found.disturbances.T_o)
-    bare = found.linearised.system.filter(none)
-    return bare.deviance - found.deviance < 6.0
+    read = found.chain.weight > 0.0
+    bare, with_them = (_whatever_the_noise(f, read) for f in (found.linearised.system.filter(none), found.filter))
+    return bare - with_them < 6.0
+
+
+def _whatever_the_noise(filter: Filter, read: NDArray[np.bool_]) -> float:
+    """-2 log likelihood, all variances of a channel times the number that makes it smallest."""
+    deviance = float(np.sum(filter.log_variances[read]))
+    for channel in range(2):
+        e = filter.innovations[read[:, channel], channel]
+        deviance += len(e) * (1.0 + math.log(max(float(np.mean(e**2)), 1e-300))) if len(e) else 0.0
+    return deviance
 
 
 def extended(now: Fit, effects: Sequence[Effect], settings: Settings = THOROUGH) -> Fit:

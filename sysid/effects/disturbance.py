@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from sysid import ops
-from sysid.effects.effect import Joint, JointEffect
+from sysid.effects.effect import Array, Joint, JointEffect
 from sysid.ops import Value
 from sysid.parameters import Extent, parameter
 
@@ -50,6 +50,10 @@ class Periodic(JointEffect):
     a: Value = parameter(0.0, unit="N m", bounds=(-math.inf, math.inf), neutral=0.0)
     b: Value = parameter(0.0, unit="N m", bounds=(-math.inf, math.inf), neutral=0.0)
     f: Value = parameter(1.0, unit="Hz", bounds=(1e-3, 100.0), probe=_frequencies)
+
+    def recurrences(self, theta: Array, t: Array) -> float:
+        """Periods in the record."""
+        return float(self.f * np.ptp(t))
 
     def torque(self, joint: Joint) -> Value:
         """a sin(2 pi f t) + b cos(2 pi f t) [N m]."""

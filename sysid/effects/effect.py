@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from abc import abstractmethod
 from collections.abc import Sequence
@@ -47,6 +48,7 @@ class Effect(Parametric):
     excludes   names of effects that cannot stand in a model beside it
     of_log     whether it belongs to the log (how rows were stamped) and not to the machine
     rarity     -log of its odds before any log was seen, against friction, which is in every joint
+    imitates   the quantity ("theta", ...) of which alone it is a function, so that it explains a part of any other
     refines    simpler effects, alone or together, that explain most of what it explains: it has to beat each
     """
 
@@ -55,6 +57,7 @@ class Effect(Parametric):
     excludes: ClassVar[tuple[str, ...]] = ()
     of_log: ClassVar[bool] = False
     rarity: ClassVar[float] = 2.0
+    imitates: ClassVar[str] = ""
     refines: ClassVar[tuple[tuple[str, ...], ...]] = ()
 
     def __init_subclass__(cls, **keywords: Any) -> None:
@@ -63,6 +66,10 @@ class Effect(Parametric):
             cls.name = re.sub(r"(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
 
     name: ClassVar[str] = "effect"
+
+    def recurrences(self, theta: Array, t: Array) -> float:
+        """How often its pattern comes back along a motion theta (N,) [rad] at t (N,) [s]; inf: it is no pattern."""
+        return math.inf
 
     def at_neutral(self) -> Any:
         """The same effect with its parameters at the values at which it changes nothing."""

@@ -6,8 +6,10 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+
 from sysid import ops
-from sysid.effects.effect import DryFriction, Joint, JointEffect
+from sysid.effects.effect import Array, DryFriction, Joint, JointEffect
 from sysid.ops import Value
 from sysid.parameters import Extent, parameter
 
@@ -39,6 +41,7 @@ class Tilt(JointEffect):
     """
 
     rarity: ClassVar[float] = 1.0
+    imitates: ClassVar[str] = "theta"
     formula: ClassVar[str] = "tau = gravity_torque(theta + alpha) - gravity_torque(theta)"
     confused: ClassVar[tuple[str, ...]] = ("angle_offset", "torque_bias")
     alpha: Value = parameter(0.0, unit="rad", bounds=(-0.5, 0.5), neutral=0.0)
@@ -56,6 +59,7 @@ class Spring(JointEffect):
     """
 
     rarity: ClassVar[float] = 2.0
+    imitates: ClassVar[str] = "theta"
     formula: ClassVar[str] = "tau = -k (theta - pi)"
     confused: ClassVar[tuple[str, ...]] = ("torque_bias", "ripple")
     k: Value = parameter(0.0, unit="N m/rad", bounds=(-math.inf, math.inf), neutral=0.0)
@@ -73,11 +77,16 @@ class Ripple(JointEffect):
     """
 
     rarity: ClassVar[float] = 3.0
+    imitates: ClassVar[str] = "theta"
     formula: ClassVar[str] = "tau = a sin(order theta) + b cos(order theta)"
     confused: ClassVar[tuple[str, ...]] = ("spring", "periodic")
     a: Value = parameter(0.0, unit="N m", bounds=(-math.inf, math.inf), neutral=0.0)
     b: Value = parameter(0.0, unit="N m", bounds=(-math.inf, math.inf), neutral=0.0)
     order: Value = parameter(6.0, unit="1", bounds=(2.0, 60.0), probe=tuple(float(n) for n in range(2, 25)))
+
+    def recurrences(self, theta: Array, t: Array) -> float:
+        """Waves along the motion."""
+        return float(self.order * np.ptp(theta)) / (2.0 * math.pi)
 
     def torque(self, joint: Joint) -> Value:
         """a sin(order theta) + b cos(order theta) [N m]."""

@@ -15,6 +15,7 @@ from sysid.identify.start import smooth_states
 from sysid.model import Model
 from sysid.records import Array, Record, check_records
 from sysid.sensor import Sensor
+from sysid.windows import UNKNOWN
 
 
 class Chain:
@@ -52,6 +53,9 @@ class Chain:
             at = reading.index[known]
             total[at, channel] += reading.value[known] / reading.sd**2
             precision[at, channel] += 1.0 / reading.sd**2
+        # what the drive did before is not known, nor is what a model with a memory predicts for a while
+        blind = min(math.ceil(UNKNOWN / self.dt), len(record) // 2) if record.sudden and record.clock[0] > 0.0 else 0
+        precision[:blind] = 0.0
         rows = slice(begin, begin + len(record) + 1)
         self.y[rows] = total / np.where(precision > 0.0, precision, 1.0)
         self.weight[rows] = np.sqrt(precision)
