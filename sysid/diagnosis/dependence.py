@@ -112,7 +112,7 @@ def _angles(theta: Array, turns: bool) -> Array:
     span = float(np.ptp(theta))
     if span < 0.05:
         return np.zeros((len(theta), 0))
-    count = int(np.clip(round(min(span, 2.0 * math.pi) / 0.3), 6, 20))
+    count = int(np.clip(round(min(span, 2.0 * math.pi) / 0.15), 6, 40))
     if not turns or span < 2.0 * math.pi:
         return _splines(theta, count)
     width = 2.0 * math.pi / count
