@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sysid.errors import InvalidInput
 from sysid.files import save_text
+from sysid.parameters import Extent
 
 if TYPE_CHECKING:
     from sysid.model import Model
@@ -227,3 +228,12 @@ def write_csv(record: Record, path: str | Path) -> None:
     for k in range(len(record) + 1):
         writer.writerow([repr(float(v[k])) if k < len(v) else "" for v in columns.values()])
     save_text(path, text.getvalue())
+
+
+def extent_of(records: Sequence[Record]) -> Extent:
+    """What probes may depend on."""
+    return Extent(
+        dt=records[0].dt,
+        duration=max(len(r) * r.dt for r in records),
+        u_max=max(float(np.max(np.abs(r.u))) for r in records),
+    )
