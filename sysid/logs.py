@@ -35,6 +35,8 @@ LOOKS_LIKE = {
 }
 MOST = 1_000_000
 MOST_RAW = 20_000_000
+FAST = 1e-4
+"""Share of a motion's power that may lie at frequencies that a thinned log no longer shows well."""
 FEW = 0.1
 """The share of rows without a number that may be left out."""
 
@@ -63,12 +65,44 @@ class Log(Sequence[Record]):
     def __iter__(self) -> Iterator[Record]:
         return iter(self.records)
 
+    def thinned(self) -> Log:
+        """The log at a rate that its motion needs, where its own is at least twice that: see `needed_rate`.
+
+        A fast rate repeats what a slower one has said: the sensor's errors are rounding and vibration by then, and
+        every estimate takes time in proportion.
+        """
+        every = math.floor(1.0 / (needed_rate(self.records) * self.dt) + 0.02)
+        if every < 2 or any(r.theta_dot_after is not None for r in self.records):
+            return self
+        records = tuple(r.thinned(every) for r in self.records)
+        note = f"thinned from {1.0 / self.dt:.4g} Hz: the motion has nothing faster to show (--dt keeps another rate)"
+        return Log(records, (*self.notes, note), records[0].dt)
+
     def __str__(self) -> str:
         n = sum(len(r) for r in self.records)
         channels = " and ".join(c for c in ("theta", "theta_dot") if getattr(self.records[0], c) is not None)
         many = "s" * (len(self) != 1)
         what = f"{len(self)} rollout{many}, {n} samples ({n * self.dt:.4g} s) at {1.0 / self.dt:.4g} Hz of {channels}"
         return "; ".join((what, *self.notes))
+
+
+def needed_rate(records: Sequence[Record]) -> float:
+    """The sample rate [Hz] that a motion needs: 20 samples a period of the fastest part of it, and 100 Hz.
+
+    Of the power of its angle all but a ten-thousandth lies below that part's frequency; of its speed, where no angle
+    was read.
+    """
+    fastest = 0.0
+    for r in records:
+        y = r.theta if r.theta is not None and len(r.theta) > 1 else r.theta_dot
+        if y is None or len(y) < 8:
+            continue
+        t = np.linspace(0.0, 1.0, len(y))
+        y = y - y[0] - (y[-1] - y[0]) * t  # the ends meet: no jump of the period adds frequencies of its own
+        above = (np.abs(np.fft.rfft(y)) ** 2)[::-1].cumsum()[::-1]
+        slow = int(np.searchsorted(-above, -FAST * above[0]))
+        fastest = max(fastest, slow / (len(y) * r.dt)) if above[0] > 0.0 else fastest
+    return max(100.0, 20.0 * fastest)
 
 
 def read(
