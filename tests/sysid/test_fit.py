@@ -188,6 +188,17 @@ def test_a_pendulum_at_rest_determines_nothing(torque: float) -> None:
     assert estimate.sd["m"] > 1.0
 
 
+@pytest.mark.parametrize("dt", [0.005, 0.001])
+def test_speeds_alone_are_enough_at_any_rate(dt: float) -> None:
+    truth = Model(RodPendulum(m=1.0, l=0.9), (Coulomb(tau_c=0.1),), dt=dt)
+    rng, sensor = np.random.default_rng(0), Sensor(None, 0.05)
+    u = steps(rng, round(6.0 / dt), dt, 1.5, 0.3)
+    records = simulate(truth, u, math.pi + 0.3, 0.0).measure(sensor, rng)
+    estimate = fit(Model(RodPendulum(), (Coulomb(),), dt=dt), records, sensor)
+    assert estimate.success
+    assert_found(estimate, truth, estimate.names)
+
+
 @pytest.mark.parametrize("n", [1, 2, 5])
 def test_a_log_of_few_samples_is_fitted_without_a_claim(n: int, clean: list[Record]) -> None:
     estimate = fit(rod(), [clean[0].head(n)], SENSOR)
