@@ -16,12 +16,12 @@ from sysid.diagnosis.choosing import DEFAULT, Choosing
 from sysid.diagnosis.contacts import contacts
 from sysid.diagnosis.dependence import dependence
 from sysid.diagnosis.missing_torque import missing_torque
-from sysid.diagnosis.prediction import moved
 from sysid.diagnosis.scores import alikeness, price
 from sysid.diagnosis.search import Addition, Search, reduced
 from sysid.effects import CATALOGUE, effect
 from sysid.errors import InvalidInput
 from sysid.estimate import Estimate
+from sysid.estimation.prediction import moved
 from sysid.estimation.prediction_error import Fit
 from sysid.fit import free
 from sysid.model import Model
