@@ -42,6 +42,7 @@ class Experiment:
     theta, theta_dot (n, N+1)  [rad], [rad/s] the predicted motion; a rollout starts at rest at theta[:, 0]
     reach        [rad] its farthest way from rest, speed [rad/s] its fastest
     contests     the evidence pair by pair; before and after are the least of it
+    unit         of theta: m for a linear axis
     payload      (mass [kg], distance from the axis [m]) that hangs on the joint in the second half of the rollouts
     """
 
@@ -59,6 +60,7 @@ class Experiment:
     widest: str | None = None
     payload: tuple[float, float] | None = None
     contests: tuple[Contest, ...] = ()
+    unit: str = "rad"
 
     @property
     def start(self) -> Array:
@@ -140,7 +142,7 @@ class Experiment:
         lines = [self.description]
         if self.u.size:
             lines.append(
-                f"  predicted motion: up to {self.reach:.3g} rad from rest and {self.speed:.3g} rad/s; "
+                f"  predicted motion: up to {self.reach:.3g} {self.unit} from rest and {self.speed:.3g} {self.unit}/s; "
                 f"{len(self.u)} x {self.u.shape[1] * self.dt:.3g} s"
             )
         if self.repeats is not None and self.repeats > 1:
