@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sysid.effects import Effect, OutputEffect
 from sysid.estimation.chain import Chain, LinearisedModel, Motion
 from sysid.estimation.disturbances import Disturbances
-from sysid.estimation.prediction_error import Fit, Settings, fit
+from sysid.estimation.prediction_error import Fit, Settings, fit, with_likeliest_memory
 from sysid.model import Model
 from sysid.planning.evidence import Normal, Sensitivities
 from sysid.planning.signals import Limits, Signal, draw, rest_angle, vary, within
@@ -28,6 +28,9 @@ NONE = Disturbances(0.0)
 
 KNOWN = Settings(sizes=False, vague=math.inf)
 """For a fit beside disturbances that are known, which knows nothing of the parameters."""
+
+ROUGHLY = Settings(iterations=12, settled=0.15, negligible=0.5)
+"""For what an experiment is planned with: numbers to a share of their sd, disturbances to a few per cent."""
 
 MISTOLD = 1.3
 """Times the noise that was told, from which a fit has to be made anew."""
@@ -109,9 +112,9 @@ class Conditions:
             bare = fit(own.chain, own.model, own.names, own, NONE, KNOWN)
             louder = self._with_noise_of(bare)
             chain = Chain(own.model, own.chain.records, louder.sensor)
-            if fit(chain, own.model, own.names, bare, own.disturbances).undisturbed:
+            if fit(chain, own.model, own.names, bare, own.disturbances, ROUGHLY).undisturbed:
                 return louder
-        return replace(self, disturbances=ranked[0].disturbances)
+        return replace(self, disturbances=with_likeliest_memory(ranked[0]))
 
     def _with_noise_of(self, found: Fit) -> Conditions:
         """With the noise of what a fit leaves without disturbances."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
@@ -13,11 +14,12 @@ from sysid.errors import InvalidInput
 from sysid.estimate import Estimate
 from sysid.estimation.chain import Chain
 from sysid.estimation.first_fit import first_fit
-from sysid.estimation.prediction_error import fit, with_likeliest_memory
+from sysid.estimation.prediction_error import fit
 from sysid.fit import free
 from sysid.model import Model
 from sysid.planning.contest import Match, separable, twins
 from sysid.planning.design import (
+    ROUGHLY,
     UNDETERMINED,
     Conditions,
     Hypothesis,
@@ -50,8 +52,7 @@ def next_experiment(
         evidence(i against j) = min_p |W (y_i - y_j(p))|^2
 
     with y_i what effect i, of its fitted size, would show, and W the factor that whitens it: a random torque that the
-    log shows will act on the next rollouts too. For a small effect it is lambda_i (1 - rho_ij^2); the smallest over
-    the pairs is made large. Without rivals, the largest 1.96 sd_p / |p| of the Cramer-Rao bound is made small.
+    log shows will act again. Without rivals, the largest 1.96 sd_p / |p| of the Cramer-Rao bound is made small.
 
     Parameters
     ----------
@@ -79,18 +80,18 @@ def next_experiment(
         For unknown names, and where sizes, limits or noise cannot be known.
     """
     estimate = model if isinstance(model, Estimate) else None
-    model = model.model if isinstance(model, Estimate) else model
+    model, names = (model, free(model)) if isinstance(model, Model) else (model.model, model.names)
     records = (records,) if isinstance(records, Record) else tuple(records)
-    sensor = sensor or (estimate.sensor if estimate is not None else None) or _noise(records)
+    sensor = sensor or (estimate.sensor if estimate else None) or _noise(records)
     conditions = Conditions(_limits(limits, model, records), sensor)
     rng = np.random.default_rng(0) if rng is None else rng
-    names = estimate.names if estimate is not None else free(model)
     with np.errstate(over="ignore", invalid="ignore"):  # a motion may run away
         if not rivals:
             return _narrowing(*_known(model, names, estimate, records, conditions), rng)
         if never(names_of(rivals)):
             return needed_experiment(model, names_of(rivals), conditions, rng)
-        return _telling(rivals_of(model, names, rivals, records, conditions), names_of(rivals), rng)
+        first = first_fit if estimate is None else partial(fit, settings=ROUGHLY)  # an estimate's numbers are near
+        return _telling(rivals_of(model, names, rivals, records, conditions, first), names_of(rivals), rng)
 
 
 def _noise(records: Sequence[Record]) -> Sensor:
@@ -113,10 +114,7 @@ def _known(
         return model, names, estimate, conditions if estimate is None else _noisier(conditions, estimate)
     chain = Chain(model, records, conditions.sensor)
     if estimate is not None:
-        found = fit(chain, model, ())
-        if not found.undisturbed:
-            found = fit(chain, model, (), found, with_likeliest_memory(found))
-        return model, names, estimate, conditions.after([found])
+        return model, names, estimate, conditions.after([fit(chain, model, (), settings=ROUGHLY)])
     found = first_fit(chain, model, names)
     return found.model, names, found.estimate(), conditions.after([found])
 

@@ -78,11 +78,31 @@ def needed_experiment(
 ) -> Experiment:
     """What tells apart effects or parameters that no torque does.
 
-    names   effects ("back_emf", "torque_gain") and parameters ("m", "rotor_inertia.J_r") of one class
-    after   the evidence that the best torque within the limits would bring, where that is known
+    Back-EMF against friction: the driver off. What shows as an inertia or a gravity torque: a payload, a scale,
+    a ruler.
 
-    Back-EMF against friction: the driver off. m, l, g, J, G, torque gain and rotor inertia: a known payload, a scale, a
-    ruler. The others have a sentence, of kind "none". Raises InvalidInput where no name is given.
+    Parameters
+    ----------
+    model : Model or Estimate
+        The machine as far as it is known.
+    names : sequence of str
+        Effects ("back_emf", "torque_gain") and parameters ("m", "rotor_inertia.J_r") of one class.
+    conditions : Conditions
+        What the rig may do, the noise of its readings, and what else acts on it.
+    rng : numpy.random.Generator, optional
+        By default seeded with 0.
+    after : float, optional
+        The evidence that the best torque within the limits would bring, where that is known.
+
+    Returns
+    -------
+    Experiment
+        With the least labour that tells them apart; of kind "none" where a sentence is all there is.
+
+    Raises
+    ------
+    InvalidInput
+        Where no name is given, and where no signal keeps to the limits.
     """
     names = tuple(dict.fromkeys(n.split(".")[0] for n in ((names,) if isinstance(names, str) else names)))
     if not names:

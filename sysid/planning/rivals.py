@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 from sysid.diagnosis.candidates import Alternative, candidates
@@ -14,10 +14,10 @@ from sysid.effects import Effect, effect
 from sysid.errors import InvalidInput
 from sysid.estimation.chain import Chain
 from sysid.estimation.first_fit import first_fit
-from sysid.estimation.prediction_error import DEFAULT, Fit, fit
+from sysid.estimation.prediction_error import Fit, Settings, fit
 from sysid.model import Model
 from sysid.parameters import Extent
-from sysid.planning.design import KNOWN, Conditions, Hypothesis, foresee
+from sysid.planning.design import KNOWN, ROUGHLY, Conditions, Hypothesis, foresee
 from sysid.planning.evidence import Sensitivities
 from sysid.planning.signals import Signal
 from sysid.records import Record
@@ -27,6 +27,9 @@ NOTHING = "nothing"
 
 INERTIAL = ("m", "l", "g", "J", "G", "torque_gain", "rotor_inertia")
 """What shows in the motion as J / c and G / c only, with c the torque gain."""
+
+First = Callable[[Chain, Model, Sequence[str]], Fit]
+"""How a log is fitted before any rival is."""
 
 _TRUE = 0.25
 """A rival may be the truth where it explains at least that share of what the best one explains."""
@@ -71,12 +74,46 @@ def rivals_of(
     rivals: Sequence[str | Effect],
     records: Sequence[Record],
     conditions: Conditions,
+    first: First = first_fit,
 ) -> Rivals:
     """Every rival fitted to the log, or where there is none, to what the one of known size does under a multisine.
 
     Where no size can be known (no log, no numbers; or the log does not show the rival), that of the rival's probe.
     Raises InvalidInput for names that are unknown, come twice or cannot stand in this model.
     """
+    asked = _asked(model, free, rivals)
+    limits = conditions.limits
+    possible = candidates(asked.base.model, Extent(model.dt, limits.duration, limits.u_max), asked.names)
+    for name in asked.names:
+        if name not in possible:
+            raise InvalidInput(f"{name} cannot stand beside the model's own effects: it cannot be a rival")
+    probes = {n: _probed(a[len(a) // 2]) for n, a in possible.items()}
+    if records:
+        fits = _fitted(asked, records, conditions, first)
+        truths = fits.likely
+    elif asked.known:
+        truth = asked.base.model.with_effect(next(iter(asked.known.values())))
+        known = partial(fit, disturbances=conditions.disturbances, settings=KNOWN)
+        fits = _with_rivals(asked, _reference(truth, conditions), conditions, known, KNOWN)
+        truths = [n for n in asked.names if n in asked.known]
+    else:
+        return _listed(Fits(asked.base, {}, conditions), probes, asked.names)
+    probes = {n: probe for n, probe in probes.items() if n not in fits.with_rival}
+    if probes and set(probes) <= set(INERTIAL):
+        return Rivals((), (), fits.base, conditions, absorbed=tuple(probes))
+    return _listed(fits, probes, truths or asked.names, bool(records))
+
+
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """The model with none of the rivals, their names, and those of which the size is known."""
+
+    base: Hypothesis
+    names: tuple[str, ...]
+    known: dict[str, Effect]
+
+
+def _asked(model: Model, free: Sequence[str], rivals: Sequence[str | Effect]) -> Asked:
     names = names_of(rivals)
     known = {e.name: e for e in model.effects if e.name in names}
     known |= {r.name: r for r in rivals if isinstance(r, Effect)}
@@ -87,23 +124,7 @@ def rivals_of(
     base_names = tuple(n for n in free if not n.startswith(own))
     if not base_names:
         raise InvalidInput("nothing is free beside the rivals: name at least one parameter of the plant")
-    limits = conditions.limits
-    possible = candidates(base, Extent(base.dt, limits.duration, limits.u_max), names)
-    for name in names:
-        if name not in possible:
-            raise InvalidInput(f"{name} cannot stand beside the model's own effects: it cannot be a rival")
-    probes = {n: _probed(a[len(a) // 2]) for n, a in possible.items()}
-    log = tuple(records)
-    if not log and known:
-        log = _reference(base.with_effect(next(iter(known.values()))), conditions)
-    if not log:
-        return _listed(Fits(base, base_names, {}, conditions), probes, names)
-    fits = _fitted(Chain(base, log, conditions.sensor), base, base_names, names, known, conditions, not records)
-    probes = {n: probe for n, probe in probes.items() if n not in fits.with_rival}
-    if probes and set(probes) <= set(INERTIAL):
-        return Rivals((), (), fits.nothing, conditions, absorbed=tuple(probes))
-    truths = [n for n in names if n in known and not records] or fits.likely
-    return _listed(fits, probes, truths or names, bool(records))
+    return Asked(Hypothesis(NOTHING, base, base_names), names, known)
 
 
 def _probed(alternative: Alternative) -> Effect:
@@ -117,28 +138,22 @@ def _reference(model: Model, conditions: Conditions) -> tuple[Record, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Fits:
-    """The model with none of the rivals, its free parameters, and one fit with each rival that the log shows.
+    """The model with none of the rivals, at its fitted numbers, and one fit with each rival that the log shows.
 
     conditions   those of the next log
-    base         the fit with none; None where there is no log
+    deviance     of the fit with none; None where there is no log
     """
 
-    model: Model
-    names: tuple[str, ...]
+    base: Hypothesis
     with_rival: dict[str, Fit]
     conditions: Conditions
-    base: Fit | None = None
-
-    @property
-    def nothing(self) -> Hypothesis:
-        """That no rival is there."""
-        return Hypothesis(NOTHING, self.model, self.names)
+    deviance: float | None = None
 
     @property
     def likely(self) -> list[str]:
         """The rivals that explain a good part of what the best one explains."""
-        assert self.base is not None
-        gains = {n: self.base.deviance - own.deviance for n, own in self.with_rival.items()}
+        assert self.deviance is not None
+        gains = {n: self.deviance - own.deviance for n, own in self.with_rival.items()}
         return [n for n, gain in gains.items() if gain > 0.0 and gain >= _TRUE * max(gains.values())]
 
     def evidence(self, truth: str, rival: str) -> float:
@@ -149,7 +164,7 @@ class Fits:
             found, conditions = self.with_rival[truth], self.conditions
             chain = Chain(found.model, found.chain.records, conditions.sensor)
             self._sensitivities[truth] = Sensitivities.beside(
-                chain, found.model, truth, found.motion, self.names, conditions.disturbances
+                chain, found.model, truth, found.motion, self.base.names, conditions.disturbances
             )
         own, other = (self._effect(name) for name in (truth, rival))
         assert own is not None
@@ -164,43 +179,40 @@ class Fits:
         return None if found is None else next(e for e in found.model.effects if e.name == name)
 
 
-def _fitted(
-    chain: Chain,
-    base: Model,
-    base_names: tuple[str, ...],
-    names: tuple[str, ...],
-    known: dict[str, Effect],
-    conditions: Conditions,
-    foreseen: bool,
+def _fitted(asked: Asked, records: Sequence[Record], conditions: Conditions, first: First) -> Fits:
+    """The fits to a log; made anew where they show that its noise was told wrong."""
+    found = _with_rivals(asked, records, conditions, first, ROUGHLY)
+    if found.conditions.much_louder(conditions):
+        return _with_rivals(asked, records, found.conditions, first, ROUGHLY)
+    return found
+
+
+def _with_rivals(
+    asked: Asked, records: Sequence[Record], conditions: Conditions, first: First, settings: Settings
 ) -> Fits:
-    """The fit with none, and one with each rival that the log shows, or the rollouts that were `foreseen`."""
-    if foreseen:
-        fitted, settings = fit(chain, base, base_names, None, conditions.disturbances, KNOWN), KNOWN
-    else:
-        fitted, settings = first_fit(chain, base, base_names), DEFAULT
-    searched = tuple(n for n in names if n not in known)
-    found = scores(fitted, searched) if searched else {}
-    begun = known | {n: s.best.at(s.sizes) for n, s in found.items() if s.visible}
-    fits = {name: extended(fitted, [e], settings) for name, e in begun.items()}
-    after = conditions if foreseen else conditions.after([fitted, *fits.values()])
-    if after.much_louder(conditions):
-        chain = Chain(base, chain.records, after.sensor)
-        return _fitted(chain, base, base_names, names, known, after, foreseen)
-    return Fits(fitted.model, base_names, fits, after, fitted)
+    """The fit with none, and one with each rival that the readings show."""
+    names = asked.base.names
+    base = first(Chain(asked.base.model, records, conditions.sensor), asked.base.model, names)
+    searched = [n for n in asked.names if n not in asked.known]
+    found = scores(base, searched) if searched else {}
+    begun = asked.known | {n: s.best.at(s.sizes) for n, s in found.items() if s.visible}
+    fits = {name: extended(base, [e], settings) for name, e in begun.items()}
+    after = conditions.after([base, *fits.values()]) if settings.sizes else conditions
+    return Fits(Hypothesis(NOTHING, base.model, names), fits, after, base.deviance)
 
 
 def _listed(fits: Fits, probes: dict[str, Effect], truths: Sequence[str], logged: bool = False) -> Rivals:
     """The hypotheses and their pairs; a single one stands against the model without it."""
     hypotheses = [Hypothesis(name, own.model, own.names) for name, own in fits.with_rival.items()]
     for name, e in probes.items():
-        own_names = (*fits.names, *(f"{name}.{k}" for k in e.parameters))
-        hypotheses.append(Hypothesis(name, fits.model.with_effect(e), own_names))
+        own_names = (*fits.base.names, *(f"{name}.{k}" for k in e.parameters))
+        hypotheses.append(Hypothesis(name, fits.base.model.with_effect(e), own_names))
     if len(hypotheses) == 1:
-        hypotheses.append(fits.nothing)
+        hypotheses.append(fits.base)
     pairs = [
         Pair(i, j, fits.evidence(truth.name, rival.name) if logged else None)
         for i, truth in enumerate(hypotheses)
         for j, rival in enumerate(hypotheses)
         if i != j and truth.name in truths
     ]
-    return Rivals(tuple(hypotheses), tuple(pairs), fits.nothing, fits.conditions)
+    return Rivals(tuple(hypotheses), tuple(pairs), fits.base, fits.conditions)
