@@ -61,12 +61,6 @@ class Hypothesis:
     names: tuple[str, ...]
 
     @property
-    def p(self) -> Array:
-        """The free parameters' numbers (P,)."""
-        known = self.model.parameters
-        return np.array([float(known[n].value) for n in self.names])
-
-    @property
     def effect(self) -> Effect | None:
         """The effect it stands for; None where it stands for no effect."""
         return next((e for e in self.model.effects if e.name == self.name), None)

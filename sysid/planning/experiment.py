@@ -120,7 +120,10 @@ def _known(
 
 
 def _noisier(conditions: Conditions, estimate: Estimate) -> Conditions:
-    """With the noise of an estimate's residuals, where that is more than the sensor's."""
+    """With the noise of an estimate's residuals, where that is more than the sensor's.
+
+    How long its random torque lasts, an estimate does not tell: that takes the records.
+    """
     told = {c: getattr(conditions.sensor, c) for c in estimate.noise}
     return conditions.louder({c: max(1.0, sd / told[c]) for c, sd in estimate.noise.items() if told[c] is not None})
 

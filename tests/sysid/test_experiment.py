@@ -172,6 +172,19 @@ def test_a_random_torque_makes_an_experiment_tell_less() -> None:
     np.testing.assert_allclose(shaken.together().sd()[0], np.sqrt(np.diag(found.covariance)), rtol=0.05)
 
 
+def test_what_acts_beside_the_model_will_act_again() -> None:
+    """A rod that rubs, fitted without friction: the next log is promised to tell about as much as it does."""
+    rubbing = log(rod().with_effect(Coulomb(tau_c=0.02)), slow_sines(), 1.5 * slow_sines())
+    estimate = fit(rod(), rubbing, SENSOR, NAMES)
+    honest, naive = (next_experiment(estimate, limits=LIMITS, records=own) for own in (rubbing, ()))
+    assert honest.after is not None
+    assert naive.after is not None
+    assert honest.after > 2.0 * naive.after
+    again = fit(rod(), played(honest, rod().with_effect(Coulomb(tau_c=0.02)), 3), SENSOR, NAMES)
+    assert honest.widest is not None
+    assert 0.3 < 1.96 * again.sd[honest.widest] / honest.after < 3.0, "friction is not an Ornstein-Uhlenbeck process"
+
+
 def test_a_motion_that_runs_away_spoils_no_other() -> None:
     """Every rollout is told by itself, whatever stands beside it."""
     driven = Hypothesis("model", rod().with_effect(Viscous(b=-1.0, bounds={"b": (-9.0, 9.0)})), NAMES)
