@@ -392,7 +392,7 @@ def split(
     """(training, held out): the last quarter of the rollouts, at least one, is never fitted to.
 
     hold_out   a share in (0, 1), or a number of rollouts (1, 2, ...)
-    shortest   what is held out lasts that long at least [s]: a window to score and its lead-in
+    shortest   what is held out lasts that long at least [s], and a stretch of it half as long: a window to score
 
     Of fewer than four rollouts (a single long log, say), or where the last ones are too short, a quarter of the time
     is held out instead, in one to three stretches spread evenly over all of it: the end of a log is often another kind
@@ -416,7 +416,7 @@ def split(
     if whole or (len(records) >= 4 and sum(seconds[-count:]) >= max(shortest, 0.5 * share * total)):
         return tuple(records[:-count]), tuple(records[-count:])
     held = min(max(share * total, shortest), max(share, 0.5) * total)
-    count = int(np.clip(held / (2.0 * shortest), 1, MOST_STRETCHES))
+    count = int(np.clip(held / (0.5 * shortest), 1, MOST_STRETCHES))
     middles = total * (np.arange(count) + 0.5) / count
     pieces = [
         p

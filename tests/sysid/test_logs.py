@@ -369,7 +369,7 @@ def test_what_is_held_out_of_one_rollout_is_spread_over_it():
     """Neither its beginning nor its end, which may be another kind of motion."""
     (record,) = rollouts(1, 24.0)
     training, out = split([record])
-    assert len(out) == 1 + (0.25 * 24.0 >= 8.0)
+    assert len(out) == 3
     assert training[0].t[0] == record.t[0] and training[-1].t[-1] == record.t[-1]
     (longer,) = rollouts(1, 60.0)
     held = [0.5 * (r.t[0] + r.t[-1]) for r in split([longer])[1]]
