@@ -73,7 +73,7 @@ def _(command: Fit) -> None:
 
 @_run.register
 def _(command: Compare) -> None:
-    from sysid.comparison.compare import compare
+    from sysid.diagnosis.compare import compare
 
     _load(command.start.effects)
     task = Task.of(command, command.json, command.html, command.figure)

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from sysid.comparison.held_out import HeldOutError, finite
+from sysid.diagnosis.contacts import Touched
 from sysid.estimate import Estimate
 from sysid.model import Model
 from sysid.sensor import Sensor
-from sysid.smoothing.touched import Touched
 
 SCHEMA = "gapfinder/diagnosis/1"
 VERDICTS = ("adequate", "missing", "partly", "unknown", "cannot tell")
@@ -132,8 +132,8 @@ class Diagnosis:
     touched           stretches of the log that no state of the joint explains, such as a hand's push
     torque            how large the missing torque was, and how large what remains is
     negligible        effects that are there, by their likelihood, and too small to matter
-    unconfirmed       effects that the fitted part of the log asked for and that are not believed: the held-out part does
-                      not confirm them, or they are a part of something unknown that depends on the same quantity
+    unconfirmed       effects that the fitted part of the log asked for and that are not believed: the held-out part
+                      does not confirm them, or they are a part of something unknown that depends on the same quantity
     tolerance         share by which an effect has to lower the error of predictions, to matter
     held_out          names of the rollouts that no fit has seen; errors are theirs, in units of the sensor noise
     """
@@ -273,7 +273,9 @@ class Diagnosis:
         if self.negligible:
             lines.append(f"  there, by their likelihood, and too small to matter: {', '.join(self.negligible)}")
         if self.unconfirmed:
-            lines.append(f"  left out, since the held-out data or what remains speak against it: {', '.join(self.unconfirmed)}")
+            lines.append(
+                f"  left out, since the held-out data or what remains speak against it: {', '.join(self.unconfirmed)}"
+            )
         lines.append(
             f"  what matters: an effect that lowers the error of 1 s predictions by {self.tolerance:.0%}; "
             "+- is one standard deviation"
