@@ -161,7 +161,12 @@ class Comparison:
         return comparison(self)
 
 
-def compare(model: Model | Estimate, records: Sequence[Record], sensor: Sensor | None = None) -> Comparison:
+def compare(
+    model: Model | Estimate,
+    records: Sequence[Record],
+    sensor: Sensor | None = None,
+    parameters: Sequence[str] | None = None,
+) -> Comparison:
     """How far is a model off on records, where does it fail, and what would explain that?
 
     No parameter is touched: only the states of the windows are refitted, and the random torque that must act beyond the
@@ -170,11 +175,14 @@ def compare(model: Model | Estimate, records: Sequence[Record], sensor: Sensor |
     Parameters
     ----------
     model : Model or Estimate
-        The model as it is. What the free parameters of an estimate would absorb is no evidence for a missing effect.
+        The model as it is.
     records : sequence of Record
         At least one rollout, best one that no fit has seen.
     sensor : Sensor, optional
         Noise of the readings; by default the estimate's, else found from the records without any model.
+    parameters : sequence of str, optional
+        Names of parameters that a fit has found; by default the estimate's. What they would absorb is no evidence for
+        a missing effect.
 
     Returns
     -------
@@ -187,9 +195,9 @@ def compare(model: Model | Estimate, records: Sequence[Record], sensor: Sensor |
     InvalidInput
         For records that do not fit the model or lack a channel that the sensor measures.
     """
-    names: tuple[str, ...] = ()
+    names = tuple(parameters or (model.names if isinstance(model, Estimate) else ()))
     if isinstance(model, Estimate):
-        sensor, names, model = sensor or model.sensor, model.names, model.model
+        sensor, model = sensor or model.sensor, model.model
     records = check_records(model, records)
     if sensor is None:
         from sysid.noise import sensor_noise

@@ -336,9 +336,8 @@ class _Means:
         """Median posterior sd of d without what is faster than a hand, from a few places."""
         chain = self.found.chain
         at = np.linspace(0, len(chain) - 1, places + 2).astype(int)[1:-1]
-        shares = np.stack(
-            [slow((np.arange(len(chain)) == k).astype(float), chain.number, chain.dt) for k in at], axis=1
-        )
+        once = (np.arange(len(chain))[:, None] == at).astype(float)
+        shares = np.nan_to_num(np.stack([slow(v, chain.number, chain.dt) for v in once.T], axis=1))
         sd = self.filter.posterior_sd_of_sums(shares)[np.sum(shares, axis=0) > 0.99]
         return self.found.inertia * float(np.median(sd)) if len(sd) else math.inf
 
