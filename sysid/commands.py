@@ -190,8 +190,10 @@ class Task:
         model, names, added = _begun(command.start)
         given = command.start.model is not None
         log = _read(command.log, model.plant)
-        print(log)
+        thin = log.thinned() if command.log.dt is None else log
+        print(thin)
         sensor = _sensor(command.log, log, model.plant)
+        log = thin
         training, held_out = split(log, command.log.hold_out)
         model = _sampled(model, log.dt, given)
         names = _shown(model, names, log)

@@ -29,6 +29,7 @@ class Estimate:
     method       the identifier's name
     sensor       the sensor whose noise was assumed, where the identifier keeps it
     horizon      length [s] of the windows that were fitted, each with a start of its own; inf: whole rollouts
+    random_torque  sd of the random torque beside the model that the log asks for, in the plant's unit; 0: none
     """
 
     model: Model
@@ -42,6 +43,7 @@ class Estimate:
     method: str
     sensor: Sensor | None = None
     horizon: float = math.inf
+    random_torque: float = 0.0
 
     @property
     def values(self) -> dict[str, float]:
@@ -113,6 +115,7 @@ class Estimate:
             "success": self.success,
             "status": self.status,
             "cost": _finite(self.cost),
+            "random_torque": self.random_torque,
             "n_readings": self.n_readings,
             "at_bound": list(self.at_bound),
             "ambiguous": list(self.ambiguous),
@@ -132,6 +135,9 @@ class Estimate:
         lines.append("  (+- is one standard deviation)")
         noise = ", ".join(f"{k} {v:.3g} {units[k]}" for k, v in self.noise.items())
         lines.append(f"  sd of the readings about the fit: {noise}  ({self.n_readings} readings)")
+        if self.random_torque:
+            size = f"{self.random_torque:.3g} {self.model.plant.unit('N m')}"
+            lines.append(f"  beside the model a random torque of {size} (one standard deviation) acts: diagnose it")
         lines.extend(f"  {sentence}" for sentence in self.ambiguous)
         return "\n".join(lines)
 

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 
-import numpy as np
-
-from sysid.diagnosis.candidates import extent_of
+from sysid.diagnosis.candidates import alternatives
+from sysid.diagnosis.scores import score
+from sysid.diagnosis.search import extended
 from sysid.errors import InvalidInput
 from sysid.estimate import Estimate
-from sysid.identify.gauss_newton import Fit, fit_longest
+from sysid.estimation.chain import Chain
+from sysid.estimation.first_fit import first_fit
+from sysid.estimation.prediction_error import Fit
+from sysid.estimation.prediction_error import fit as prediction_error
 from sysid.identify.identifier import free_parameters
-from sysid.identify.start import parameter_starts
 from sysid.model import Model
-from sysid.parameters import NEVER
-from sysid.records import Array, Record, check_records
+from sysid.records import Record, check_records, extent_of
 from sysid.sensor import Sensor
 
 
@@ -24,43 +24,36 @@ def free(model: Model) -> tuple[str, ...]:
     return tuple(name for name in model.parameters if name != "g")
 
 
-def lead_of(model: Model) -> float:
-    """Seconds before a window that fill the memory of the model's sensors."""
-    memory = [e for e in model.output_effects if e.rest(0.0, 0.0, model.dt)]
-    return max((float(getattr(e, "longest", 0.3)) for e in memory), default=0.0)
-
-
-def fitted(
-    model: Model, names: Sequence[str], records: Sequence[Record], sensor: Sensor, near: Fit | None = None
-) -> Fit:
-    """The fit at the longest horizon that the model follows, begun at its own numbers."""
-    records = check_records(model, records)
-    p = _begins(model, names, records)
-    return fit_longest(model, names, records, sensor, p, near, lead=lead_of(model))
-
-
-def _begins(model: Model, names: Sequence[str], records: Sequence[Record]) -> list[Array]:
-    """The model's own numbers (P,); a limit that stands at "never" has no slope there, and begins at its probes."""
-    parameters, extent = free_parameters(model, names), extent_of(records)
-    own = next(parameter_starts(parameters)).tolist()
-    tried = [
-        p.probes(extent) if p.never and abs(float(p.value)) >= NEVER else (number,)
-        for p, number in zip(parameters, own, strict=True)
-    ]
-    return [np.array(numbers) for numbers in itertools.product(*tried)]
-
-
 def fit(
     model: Model, records: Sequence[Record], sensor: Sensor | None = None, parameters: Sequence[str] | None = None
 ) -> Estimate:
-    """Fit a model to records by output error: whole rollouts where the model can follow them, else shorter windows.
+    """Fit a model to records by the prediction-error method, beside a random torque where the log asks for one.
 
-        min_{p, x_0}  sum_windows sum_k |(y_k - yhat_k(x_0, p)) / sd|^2    within the bounds of p
+        min_p  sum_k log det S_k + |e_k|^2,    e_k innovations whitened by their predicted covariance S_k
 
-    parameters   the names that are free; by default all but gravity
-    sensor       the noise of the readings; by default found from the records without any model
+    Where the model explains the log, this is output error over whole rollouts; where it lacks something, the random
+    torque takes that up, and intervals are as wide as what is missing makes them.
 
-    Raises InvalidInput for unusable records or unknown names.
+    Parameters
+    ----------
+    model : Model
+        Where the fit begins; its numbers may be off by any factor.
+    records : sequence of Record
+        At least one rollout.
+    sensor : Sensor, optional
+        Noise of the readings; by default found from the records without any model.
+    parameters : sequence of str, optional
+        The names that are free; by default all but gravity.
+
+    Returns
+    -------
+    Estimate
+        The fitted model with its covariance; `random_torque` says how much acts beside it.
+
+    Raises
+    ------
+    InvalidInput
+        For unusable records and unknown names.
     """
     records = check_records(model, records)
     if sensor is None:
@@ -70,4 +63,26 @@ def fit(
     names = free(model) if parameters is None else tuple(parameters)
     if not names:
         raise InvalidInput("nothing is left to fit: every parameter is fixed")
-    return fitted(model, names, records, sensor).estimate()
+    free_parameters(model, names)  # raises for names that the model lacks
+    return _from_neutral(Chain(model, records, sensor), model, names).estimate()
+
+
+def _from_neutral(chain: Chain, model: Model, names: tuple[str, ...]) -> Fit:
+    """The fit of a model some of whose effects change nothing yet: each begins at the size that its score promises.
+
+    At neutral a friction or a delay may have no slope to follow, and a limit at "never" has none at all.
+    """
+    idle = [e for e in model.effects if e.idle and {f"{e.name}.{k}" for k in e.parameters} <= set(names)]
+    if not idle:
+        return first_fit(chain, model, names)
+    extent, plain = extent_of(chain.records), model
+    for effect in idle:
+        plain = plain.without_effect(effect.name)
+    now = first_fit(chain, plain, [n for n in names if n in plain.parameters])
+    for effect in idle:
+        found = score(now, alternatives(type(effect), extent))
+        begun = found.best.at(found.sizes) if found else effect
+        own = effect.with_parameters({k: float(p.value) for k, p in begun.parameters.items()})
+        now = extended(now, [own])
+    numbers = {n: float(now.model.parameters[n].value) for n in names}
+    return prediction_error(chain, model.with_parameters(numbers), names, now)

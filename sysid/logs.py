@@ -35,6 +35,9 @@ LOOKS_LIKE = {
 }
 MOST = 1_000_000
 MOST_RAW = 20_000_000
+FAST = 1e-4
+"""Share of a motion's power that may lie at frequencies that a thinned log no longer shows well."""
+MOST_STRETCHES = 3
 FEW = 0.1
 """The share of rows without a number that may be left out."""
 
@@ -63,12 +66,44 @@ class Log(Sequence[Record]):
     def __iter__(self) -> Iterator[Record]:
         return iter(self.records)
 
+    def thinned(self) -> Log:
+        """The log at a rate that its motion needs, where its own is at least twice that: see `needed_rate`.
+
+        A fast rate repeats what a slower one has said: the sensor's errors are rounding and vibration by then, and
+        every estimate takes time in proportion.
+        """
+        every = math.floor(1.0 / (needed_rate(self.records) * self.dt) + 0.02)
+        if every < 2 or any(r.theta_dot_after is not None for r in self.records):
+            return self
+        records = tuple(r.thinned(every) for r in self.records)
+        note = f"thinned from {1.0 / self.dt:.4g} Hz: the motion has nothing faster to show (--dt keeps another rate)"
+        return Log(records, (*self.notes, note), records[0].dt)
+
     def __str__(self) -> str:
         n = sum(len(r) for r in self.records)
         channels = " and ".join(c for c in ("theta", "theta_dot") if getattr(self.records[0], c) is not None)
         many = "s" * (len(self) != 1)
         what = f"{len(self)} rollout{many}, {n} samples ({n * self.dt:.4g} s) at {1.0 / self.dt:.4g} Hz of {channels}"
         return "; ".join((what, *self.notes))
+
+
+def needed_rate(records: Sequence[Record]) -> float:
+    """The sample rate [Hz] that a motion needs: 20 samples a period of the fastest part of it, and 100 Hz.
+
+    Of the power of its angle all but a ten-thousandth lies below that part's frequency; of its speed, where no angle
+    was read.
+    """
+    fastest = 0.0
+    for r in records:
+        y = r.theta if r.theta is not None and len(r.theta) > 1 else r.theta_dot
+        if y is None or len(y) < 8:
+            continue
+        t = np.linspace(0.0, 1.0, len(y))
+        y = y - y[0] - (y[-1] - y[0]) * t  # the ends meet: no jump of the period adds frequencies of its own
+        above = (np.abs(np.fft.rfft(y)) ** 2)[::-1].cumsum()[::-1]
+        slow = int(np.searchsorted(-above, -FAST * above[0]))
+        fastest = max(fastest, slow / (len(y) * r.dt)) if above[0] > 0.0 else fastest
+    return max(100.0, 20.0 * fastest)
 
 
 def read(
@@ -359,11 +394,11 @@ def split(
     hold_out   a share in (0, 1), or a number of rollouts (1, 2, ...)
     shortest   what is held out lasts that long at least [s]: a window to score and its lead-in
 
-    Of fewer than four rollouts (a single long log, say), or where the last ones are too short, the last quarter of
-    the time is held out instead: a rollout is cut in two there. The two parts share no interval and both stay as long
-    as they are, because a fit loses information with every free initial state; `cut` makes blocks of them. The part
-    behind a cut knows the commands before it (delay, lag); where sensors remember, whoever scores it leaves a lead-in
-    unscored.
+    Of fewer than four rollouts (a single long log, say), or where the last ones are too short, a quarter of the time
+    is held out instead, in one to three stretches spread evenly over all of it: the end of a log is often another kind
+    of motion. The parts share no interval, and are few, because a fit loses information with every free initial state.
+    A part behind a cut knows the commands before it (delay, lag); where sensors remember, whoever scores it leaves a
+    lead-in unscored.
 
     Raises InvalidInput where nothing would be left on one side.
     """
@@ -381,20 +416,35 @@ def split(
     if whole or (len(records) >= 4 and sum(seconds[-count:]) >= max(shortest, 0.5 * share * total)):
         return tuple(records[:-count]), tuple(records[-count:])
     held = min(max(share * total, shortest), max(share, 0.5) * total)
-    training, out = [], []
-    for record, end in zip(records, np.cumsum(seconds), strict=True):
-        keep = round((total - held - (end - len(record) * record.dt)) / record.dt)
-        keep = 0 if keep * record.dt < 0.5 else len(record) if (len(record) - keep) * record.dt < 0.5 else keep
-        if keep >= len(record):
-            training.append(record)
-        elif keep <= 0:
-            out.append(record)
-        else:
-            training.append(record.part(0, keep, f"{record.name}, first part"))
-            out.append(record.part(keep, len(record), f"{record.name}, held-out part"))
+    count = int(np.clip(held / (2.0 * shortest), 1, MOST_STRETCHES))
+    middles = total * (np.arange(count) + 0.5) / count
+    pieces = [
+        p
+        for r, begin in zip(records, np.cumsum([0.0, *seconds]), strict=False)
+        for p in _pieces(r, float(begin), middles, 0.5 * held / count)
+    ]
+    training, out = (tuple(p for p, held_out in pieces if held_out is side) for side in (False, True))
     if not training or not out:
         raise InvalidInput(f"{total:.2g} s of log are too short to hold a part out: expected some seconds")
-    return tuple(training), tuple(out)
+    return training, out
+
+
+def _pieces(record: Record, begin: float, middles: Array, half: float) -> Iterator[tuple[Record, bool]]:
+    """A record that begins at `begin` [s] of all time, cut where stretches of half-length `half` [s] about `middles`
+    begin and end, and whether each piece is inside one; what is shorter than half a second stays with what it is by."""
+    middle = begin + record.dt * (np.arange(len(record)) + 0.5)
+    inside = np.any(np.abs(middle[:, None] - middles) < half, axis=1)
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(inside)) + 1, [len(record)]])
+    for first, last in pairwise(edges.tolist()):
+        if (last - first) * record.dt < 0.5:
+            inside[first:last] = inside[first - 1] if first else inside[min(last, len(record) - 1)]
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(inside)) + 1, [len(record)]])
+    if len(edges) == 2:
+        yield record, bool(inside[0])
+        return
+    for k, (first, last) in enumerate(pairwise(edges.tolist()), start=1):
+        what = "held-out part" if inside[first] else "part"
+        yield record.part(first, last, f"{record.name}, {what} {k}"), bool(inside[first])
 
 
 def leave_out(

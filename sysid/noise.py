@@ -82,6 +82,12 @@ class Noise:
         return self.sentence()
 
 
+NEGLIGIBLE = 1e-4
+"""Share of a channel's spread below which noise is none, and that is taken for it: no model is righter than that."""
+MOTION = 100.0
+"""What is that much larger over a stretch than from sample to sample is no error but the motion."""
+
+
 def sensor_noise(records: Sequence[Record]) -> Noise:
     """The standard deviation of the error of each channel's readings.
 
@@ -184,7 +190,7 @@ def _channel(
     power = 2 if channel == "theta" else 1
     spread = math.sqrt(float(np.mean(np.concatenate([(y - y.mean()) ** 2 for y, _ in series]))))
     step = quantum([y for y, _ in series])
-    floor = max(step / math.sqrt(12.0), 1e-6 * spread)
+    floor = max(step / math.sqrt(12.0), NEGLIGIBLE * spread)
     lags = _lags([len(u) for _, u in series], dt)
 
     def spread_after(kernel: Array) -> tuple[float, int]:
@@ -197,7 +203,7 @@ def _channel(
         )
     error = 1.3 / math.sqrt(2.0 * n)
     correlated = _by_windows(spread_after)
-    if correlated and abs(correlated - sd) > 0.1 * sd:
+    if abs(correlated - sd) > 0.1 * sd and 0.0 < correlated < MOTION * sd:
         notes.append(
             f"neighbouring errors of {channel} are correlated (sd {sd:.2g} from sample to sample, {correlated:.2g} in "
             "all): it was filtered, or made from differences, before it was logged"

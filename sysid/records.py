@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sysid.errors import InvalidInput
 from sysid.files import save_text
+from sysid.parameters import Extent
 
 if TYPE_CHECKING:
     from sysid.model import Model
@@ -83,7 +84,9 @@ class Record:
         if not self.clock[0] >= 0.0:
             raise InvalidInput(f"{self.name} begins at {self.t[0]:g} s, before its rollout does ({self.origin} s)")
         if self.theta is not None:
-            unwrapped = np.unwrap(self.theta)
+            # what covers more than a turn was never wrapped
+            wrapped = bool(np.ptp(self.theta) < 2.0 * math.pi + 1e-6)
+            unwrapped = np.unwrap(self.theta) if wrapped else self.theta.copy()
             unwrapped.setflags(write=False)
             object.__setattr__(self, "theta", unwrapped)
 
@@ -138,6 +141,27 @@ class Record:
         before = self.commands[: len(self.past) + first][-kept:]
         origin = float(self.t[0]) if self.origin is None else self.origin
         return replace(self, **parts, name=name or self.name, origin=origin, before=before)
+
+    def thinned(self, every: int) -> Record:
+        """The readings of every `every`-th instant, under the means of the commands between them; what is left of the
+        record's end is dropped. A record whose speeds were read twice stays as it is."""
+        n = len(self) // every
+        if every == 1 or n < 1 or self.theta_dot_after is not None:
+            return self
+
+        def instants(series: Array | None) -> Array | None:
+            return series if series is None or len(series) == 1 else series[: n * every + 1 : every]
+
+        past = self.past[len(self.past) % every :].reshape(-1, every).mean(axis=1)
+        return replace(
+            self,
+            t=self.t[: n * every + 1 : every],
+            u=self.u[: n * every].reshape(n, every).mean(axis=1),
+            theta=instants(self.theta),
+            theta_dot=instants(self.theta_dot),
+            before=None if self.before is None else past,
+            origin=float(self.t[0]) if self.origin is None else self.origin,
+        )
 
     @property
     def clock(self) -> Array:
@@ -227,3 +251,12 @@ def write_csv(record: Record, path: str | Path) -> None:
     for k in range(len(record) + 1):
         writer.writerow([repr(float(v[k])) if k < len(v) else "" for v in columns.values()])
     save_text(path, text.getvalue())
+
+
+def extent_of(records: Sequence[Record]) -> Extent:
+    """What probes may depend on."""
+    return Extent(
+        dt=records[0].dt,
+        duration=max(len(r) * r.dt for r in records),
+        u_max=max(float(np.max(np.abs(r.u))) for r in records),
+    )

@@ -9,11 +9,12 @@ from typing import Any
 from sysid.comparison.held_out import HeldOutError, held_out_error
 from sysid.diagnosis.channels import relied_on
 from sysid.diagnosis.scores import scores
-from sysid.diagnosis.search import extended, first_fit
+from sysid.diagnosis.search import extended
 from sysid.effects import effect
 from sysid.errors import InvalidInput
 from sysid.estimate import Estimate
 from sysid.estimation.chain import Chain
+from sysid.estimation.first_fit import first_fit
 from sysid.fit import free
 from sysid.model import Model
 from sysid.records import Record, check_records

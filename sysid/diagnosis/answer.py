@@ -133,7 +133,7 @@ class Diagnosis:
     torque            how large the missing torque was, and how large what remains is
     negligible        effects that are there, by their likelihood, and too small to matter
     unconfirmed       effects that the fitted part of the log asked for and that are not believed: the held-out part
-                      does not confirm them, or they are a part of something unknown that depends on the same quantity
+                      does not confirm them, or they are a part of something unknown over the same quantity
     tolerance         share by which an effect has to lower the error of predictions, to matter
     held_out          names of the rollouts that no fit has seen; errors are theirs, in units of the sensor noise
     """

@@ -11,7 +11,6 @@ import numpy as np
 from sysid.effects import CATALOGUE, Effect
 from sysid.model import Model
 from sysid.parameters import Extent, Parameter
-from sysid.records import Record
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,15 +51,6 @@ class Alternative:
             values[k] = float(np.clip(neutral + a, low + inside, high - inside))
         effect: Effect = self.neutral.with_parameters(values)
         return effect
-
-
-def extent_of(records: Sequence[Record]) -> Extent:
-    """What probes may depend on."""
-    return Extent(
-        dt=records[0].dt,
-        duration=max(len(r) * r.dt for r in records),
-        u_max=max(float(np.max(np.abs(r.u))) for r in records),
-    )
 
 
 def alternatives(kind: type[Effect], extent: Extent) -> tuple[Alternative, ...]:

@@ -124,16 +124,15 @@ class _Chosen:
 
 def _best(found: Fit, free: Sequence[str]) -> tuple[Effect, tuple[str, ...]] | None:
     """The effect that pays most, and those that the log cannot tell from it."""
-    Z = found.filter.whiten(*found.linearised.changes(free))
-    basis = np.linalg.qr(Z)[0] if len(free) else Z
-    tested = scores(replace(found, names=tuple(free), Z=Z))
+    found = replace(found, names=tuple(free), Z=found.filter.whiten(*found.linearised.changes(free)))
+    tested = scores(found)
     merits = {n: s.lm - price(n, EACH, s.shapes) for n, s in tested.items() if s.visible}
     likely = sorted((n for n in merits if merits[n] > 0.0), key=lambda n: -merits[n])[:TRIED]
     trials = {n: (tested[n].best.at(tested[n].sizes), price(n, EACH, tested[n].shapes)) for n in likely}
     if "plant" not in {e.name for e in found.model.effects}:
         slightly = PlantNumbers(share_of_inertia=0.01, share_of_gravity=0.01, J=found.inertia)
         trials["plant"] = slightly, 2.0 * EACH + 2.0 * slightly.rarity
-    settled = {n: _settled(found, basis, effect) for n, (effect, _) in trials.items()}
+    settled = {n: _settled(found, effect) for n, (effect, _) in trials.items()}
     paid = {n: gain - trials[n][1] for n, (_, gain) in settled.items() if gain > trials[n][1]}
     if not paid:
         return None
@@ -147,7 +146,7 @@ def _alike(tested: dict[str, Score], name: str) -> tuple[str, ...]:
     return tuple(n for n, s in tested.items() if n != name and s.lm > 0.0 and alikeness(s, tested[name]) > ALIKE)
 
 
-def _settled(found: Fit, basis: Array, effect: Effect) -> tuple[Effect, float]:
+def _settled(found: Fit, effect: Effect) -> tuple[Effect, float]:
     """The effect at the size at which it explains most of the innovations, and the decrease of the deviance then.
 
     From a score alone the size of a delay is that of its slope at no delay.
@@ -155,7 +154,7 @@ def _settled(found: Fit, basis: Array, effect: Effect) -> tuple[Effect, float]:
     e, gain = found.e, 0.0
     for _ in range(4):
         z = _caused(found, effect)
-        z = z - basis @ (basis.T @ z)
+        z = z - found.basis @ (found.basis.T @ z)
         whole = np.sum(z, axis=1)
         gain = float(2.0 * whole @ e - whole @ whole)
         factors = np.asarray(np.linalg.lstsq(z, e, rcond=1e-6)[0], dtype=float)

@@ -18,7 +18,7 @@ from sysid.diagnosis.dependence import dependence
 from sysid.diagnosis.prediction import moved
 from sysid.diagnosis.residual_torque import missing_torque
 from sysid.diagnosis.scores import alikeness, price
-from sysid.diagnosis.search import Addition, Search, needs_no_disturbance, reduced
+from sysid.diagnosis.search import Addition, Search, reduced
 from sysid.effects import CATALOGUE, effect
 from sysid.errors import InvalidInput
 from sysid.estimate import Estimate
@@ -108,7 +108,7 @@ def diagnose(
     for restarts_left in reversed(range(RESTARTS + 1)):
         search = Search(training, sensor, chosen, choosing, tell)
         base, end = search.run(model, names)
-        perhaps = restarts_left and not needs_no_disturbance(end)
+        perhaps = restarts_left and not end.undisturbed
         found = contacts(end, missing_torque(end, base)) if perhaps else ()
         rest = leave_out(training, [(t.name, t.t_begin, t.t_end) for t in found])
         if not found or sum(map(len, rest)) < 0.6 * sum(map(len, training)):
@@ -327,7 +327,7 @@ class _Report:
         choosing = self.search.choosing
         _, ratio = moved(end.model, end.model, end, choosing.window)
         excess = math.sqrt(max(ratio**2 - 1.0, 0.0)) if math.isfinite(ratio) else math.inf
-        if not self.touched and (needs_no_disturbance(end) or excess < choosing.enough):
+        if not self.touched and (end.undisturbed or excess < choosing.enough):
             return None
         depends_on, where = self._depends_on(end)
         share = max(0.0, 1.0 - 1.0 / max(error.ratio, 1e-9) ** 2)

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from sysid.comparison.held_out import finite
 from sysid.diagnosis.contacts import Touched, contacts, slow
 from sysid.diagnosis.dependence import Dependence, coordinates, dependence
-from sysid.diagnosis.search import needs_no_disturbance
 from sysid.errors import InvalidInput
 from sysid.estimation.chain import Chain, level
 from sysid.estimation.disturbances import Disturbances
@@ -260,7 +259,7 @@ def followed(chain: Chain, model: Model) -> Fit:
 def torque_of(found: Fit) -> ResidualTorque:
     """The answer that a fit holds."""
     chain, inertia = found.chain, found.inertia
-    present = not needs_no_disturbance(found)
+    present = not found.undisturbed
     filter = found.filter if present else found.linearised.system.filter(_largest(found))
     z, inside = filter.smooth(), chain.follows
     d, sd = inertia * z[:, 2], inertia * filter.posterior_sd()[:, 2]

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.diagnosis.candidates import Alternative, candidates, extent_of
+from sysid.diagnosis.candidates import Alternative, candidates
 from sysid.effects import CATALOGUE
 from sysid.estimation.prediction_error import Fit
-from sysid.records import Array
+from sysid.records import Array, extent_of
 
 VISIBLE = 1e-3
 """|z_perp| / |z| below which an effect is absorbed by the parameters that are free already."""
@@ -48,13 +48,13 @@ class Score:
 
 def scores(fit: Fit, names: Iterable[str] | None = None) -> dict[str, Score]:
     """Score tests of all effects that the fitted model may lack, or of those named."""
-    basis = np.linalg.qr(fit.Z)[0] if fit.Z.shape[1] else fit.Z
     found = candidates(fit.model, extent_of(fit.chain.records), names)
-    tested = (_score(fit, basis, alternatives) for alternatives in found.values())
+    tested = (score(fit, alternatives) for alternatives in found.values())
     return {score.name: score for score in tested if score is not None}
 
 
-def _score(fit: Fit, basis: Array, alternatives: tuple[Alternative, ...]) -> Score | None:
+def score(fit: Fit, alternatives: Sequence[Alternative]) -> Score | None:
+    """The score test of an effect by its best alternative; None where the model runs away with it."""
     effects = [probe for alternative in alternatives for probe in alternative.probes]
     sizes = [size for alternative in alternatives for size in alternative.sizes]
     owners = [k for k, alternative in enumerate(alternatives) for _ in alternative.probes]
@@ -65,7 +65,7 @@ def _score(fit: Fit, basis: Array, alternatives: tuple[Alternative, ...]) -> Sco
     Z = fit.filter.whiten(G, R)
     length = np.linalg.norm(Z, axis=0)
     for _ in range(2):
-        Z = Z - basis @ (basis.T @ Z)
+        Z = Z - fit.basis @ (fit.basis.T @ Z)
     best: Score | None = None
     for k, alternative in enumerate(alternatives):
         own = np.array([i for i, owner in enumerate(owners) if owner == k], dtype=int)

@@ -7,26 +7,19 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sysid.diagnosis.candidates import extent_of
 from sysid.diagnosis.choosing import COMPOSITES, DEFAULT, PREFERRED, Choosing
 from sysid.diagnosis.prediction import PredictionErrors, left_out, moved
 from sysid.diagnosis.scores import Score, alikeness, price, scores
 from sysid.effects import CATALOGUE, Effect, effect
 from sysid.errors import InvalidInput
 from sysid.estimation.chain import Chain
-from sysid.estimation.disturbances import Disturbances
-from sysid.estimation.kalman import Filter
+from sysid.estimation.first_fit import first_fit
 from sysid.estimation.prediction_error import DEFAULT as THOROUGH
-from sysid.estimation.prediction_error import QUICK, Fit, Prior, Settings, fit, with_likeliest_memory
-from sysid.identify.rough import rough
+from sysid.estimation.prediction_error import QUICK, Fit, Settings, fit
 from sysid.model import Model
-from sysid.records import Record
+from sysid.records import Record, extent_of
 from sysid.sensor import Sensor
-
-FRICTION = ("viscous", "coulomb")
-"""What a first fit knows beside the plant, so that friction does not bend inertia and gravity."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +80,7 @@ class Search:
             self.first = self.first or self.last
             trials = self._trials(now)
             chosen = self._chosen(now, trials)
-            if chosen is None and not needs_no_disturbance(now):
+            if chosen is None and not now.undisturbed:
                 trials = [*trials, *self._composites(now, trials)]
                 chosen = self._chosen(now, trials)
             self.trials = self.trials or trials
@@ -102,7 +95,7 @@ class Search:
 
     def _trials(self, now: Fit) -> list[Trial]:
         """The candidates that promise most, fitted, best first; common effects always, where d may hide them."""
-        hidden = now.disturbances.s * now.inertia > 0.0 and not needs_no_disturbance(now)
+        hidden = now.disturbances.s * now.inertia > 0.0 and not now.undisturbed
         promise = {n: s.lm - price(n, self.choosing.price, s.shapes) for n, s in self.last.items() if s.visible}
         names = sorted(promise, key=lambda n: promise[n], reverse=True)
         best = max(promise.values(), default=0.0)
@@ -279,57 +272,6 @@ def matters(before: Model, after: Fit, choosing: Choosing) -> bool:
     excess = math.sqrt(max(error**2 - 1.0, 0.0))
     share = math.sqrt(1.0 - (1.0 - choosing.tolerance) ** 2)
     return math.isfinite(size) and size > max(choosing.noise_share, share * excess)
-
-
-def first_fit(chain: Chain, model: Model, names: Sequence[str]) -> Fit:
-    """The model as it came, fitted from far off: by a regression, and beside friction that it may lack."""
-    begun = rough(model, names, chain.records, chain.sensor)
-    u = extent_of(chain.records).u_max
-    start = {"viscous.b": 0.02, "coulomb.tau_c": 0.05}
-    richer, more = begun, dict[str, float]()
-    for name, number in zip(FRICTION, start, strict=True):
-        if name not in {e.name for e in begun.effects}:
-            richer = richer.with_effect(CATALOGUE[name]())
-            more[number] = start[number] * (u or float(begun.inertia()))
-    helped = fit(chain, richer.with_parameters(more), (*names, *more))
-    likely = helped.disturbances
-    if not needs_no_disturbance(helped):
-        likely = with_likeliest_memory(helped)
-        helped = fit(chain, helped.model, helped.names, helped, likely)
-        likely = helped.disturbances
-    numbers = {n: float(helped.model.parameters[n].value) for n in names}
-    plain = model.with_parameters(numbers)
-    near = replace_model(helped, plain, tuple(names))
-    loose = replace(likely, s=2.0 * likely.s)
-    base = fit(chain, plain, names, near, loose)
-    return base
-
-
-def replace_model(near: Fit, model: Model, names: tuple[str, ...]) -> Fit:
-    """A fit that others may begin at, of a model with fewer numbers."""
-    at = [near.names.index(n) for n in names]
-    prior = Prior(near.prior.mean[at], near.prior.precision[at])
-    return replace(near, model=model, names=names, prior=prior)
-
-
-def needs_no_disturbance(found: Fit) -> bool:
-    """Whether the log needs no disturbance: without any its deviance is as good, but for what two numbers gain.
-
-    Either way the readings may be as noisy as they are found to be: white errors larger than was told are the noise.
-    """
-    none = Disturbances(0.0, found.disturbances.T, 0.0, found.disturbances.T_o)
-    read = found.chain.weight > 0.0
-    bare, with_them = (_whatever_the_noise(f, read) for f in (found.linearised.system.filter(none), found.filter))
-    return bare - with_them < 6.0
-
-
-def _whatever_the_noise(filter: Filter, read: NDArray[np.bool_]) -> float:
-    """-2 log likelihood, all variances of a channel times the number that makes it smallest."""
-    deviance = float(np.sum(filter.log_variances[read]))
-    for channel in range(2):
-        e = filter.innovations[read[:, channel], channel]
-        deviance += len(e) * (1.0 + math.log(max(float(np.mean(e**2)), 1e-300))) if len(e) else 0.0
-    return deviance
 
 
 def extended(now: Fit, effects: Sequence[Effect], settings: Settings = THOROUGH) -> Fit:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.ops import Value
-from sysid.parameters import Parametric
+from sysid.parameters import NEVER, Parametric
 from sysid.plants import Plant
 
 Memory = tuple[Value, ...]
@@ -72,6 +72,14 @@ class Effect(Parametric):
     def recurrences(self, theta: Array, t: Array) -> float:
         """How often its pattern comes back along a motion theta (N,) [rad] at t (N,) [s]; inf: it is no pattern."""
         return math.inf
+
+    @property
+    def idle(self) -> bool:
+        """Whether it changes nothing, since all its numbers that have a neutral value are at it."""
+        sized = [p for p in self.parameters.values() if p.neutral is not None]
+        return bool(sized) and all(
+            float(p.value) == p.neutral or (p.never and abs(float(p.value)) >= NEVER) for p in sized
+        )
 
     def at_neutral(self) -> Any:
         """The same effect with its parameters at the values at which it changes nothing."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.estimate import Estimate
 from sysid.estimation.chain import Chain, LinearisedModel, Motion, begin, level
@@ -29,6 +30,8 @@ class Settings:
     vague        sd of a number of the plant about the one that a fit begins with, as a share of it: where a random
                  torque explains all, the readings say nothing of an inertia, and it would run away
     stride       largest relative change of a parameter in a step
+    widest       how far about the motion the model's slopes are taken, at most: in rad, and as shares of the sizes of
+                 speed and acceleration; wider slopes are those of another machine
     smallest     sizes of the disturbances below this share of the motion's acceleration, of the sensor's sd, are none
     """
 
@@ -36,6 +39,7 @@ class Settings:
     settled: float = 0.02
     negligible: float = 0.05
     stride: float = 0.7
+    widest: tuple[float, float, float] = (0.05, 0.1, 0.5)
     smallest: float = 1e-5
     sizes: bool = True
     angle_error: bool = True
@@ -43,6 +47,8 @@ class Settings:
 
 
 DEFAULT = Settings()
+NUMBERS_GAIN = 6.0
+"""Decrease of the deviance that two idle numbers bring in one of 20 logs."""
 QUICK = Settings(iterations=12, settled=0.15, negligible=0.5, angle_error=False)
 """For a candidate that is only compared with others."""
 
@@ -131,6 +137,11 @@ class Fit:
         """The fitted numbers (P,)."""
         return _values(self.model, self.names)
 
+    @cached_property
+    def basis(self) -> Array:
+        """Orthonormal columns (2 M, P) of what the free parameters can do to the innovations."""
+        return np.linalg.qr(self.Z)[0] if len(self.names) else self.Z
+
     @property
     def inertia(self) -> float:
         """What d is multiplied with to be a torque [kg m^2]."""
@@ -138,8 +149,19 @@ class Fit:
 
     @cached_property
     def covariance(self) -> Array:
-        """(P, P) of the parameters; infinite where some direction is not determined."""
-        return inverse(self.Z.T @ self.Z + np.diag(self.prior.precision))
+        """(P, P) of the parameters, by the readings alone; infinite where these do not determine some direction."""
+        return inverse(self.Z.T @ self.Z)
+
+    @cached_property
+    def undisturbed(self) -> bool:
+        """Whether the log needs no disturbance: without any its deviance is as good, but for what two numbers gain.
+
+        Either way the readings may be as noisy as they turn out: white errors larger than was told are the noise.
+        """
+        none = replace(self.disturbances, s=0.0, sigma_o=0.0)
+        read = self.chain.weight > 0.0
+        bare, here = (_whatever_the_noise(f, read) for f in (self.linearised.system.filter(none), self.filter))
+        return bare - here < NUMBERS_GAIN
 
     def estimate(self, method: str = "prediction error") -> Estimate:
         """The answer of an identifier."""
@@ -151,6 +173,8 @@ class Fit:
                 noise[channel] = float(np.sqrt(np.mean((e[read, k] / chain.weight[read, k]) ** 2)))
         known = bool(np.all(np.isfinite(self.covariance)))
         status = "converged" if self.converged else "stopped before it converged: begin nearer, or free fewer numbers"
+        if not self.undisturbed:
+            status = f"{status}; the model lacks something: a random torque acts beside it"
         if not known:
             status = f"{status}; yet the records do not determine {', '.join(self.names)}"
         return Estimate(
@@ -164,6 +188,7 @@ class Fit:
             n_readings=chain.readings,
             method=method,
             sensor=chain.sensor,
+            random_torque=0.0 if self.undisturbed else self.disturbances.s * self.inertia,
         )
 
 
@@ -186,6 +211,7 @@ def fit(
         disturbances = near.disturbances if near else Disturbances(0.3 * size, sigma_o=_angle_sd(chain))
     motion = near.motion if near else begin(chain, disturbances.s)
     prior = Prior.of(model, names, settings.vague, near.prior if near else None, near.names if near else ())
+    widest = np.array(settings.widest) * [1.0, float(np.std(chain.smoothed[:, 1])), size]
     floor = np.log([settings.smallest * size, settings.smallest * max(_angle_sd(chain), 1e-12)])
     low, high = (np.array([model.parameters[n].bounds[side] for n in names]) for side in (0, 1))
     before, converged, restless = math.inf, False, settings.sizes
@@ -212,7 +238,8 @@ def fit(
         z = here.smooth(G @ step, R @ step)
         # a filter knows less than a smoother: its sd is wide enough where a joint sticks; slopes that go on changing
         # with it would never let friction's numbers settle
-        motion = Motion(motion.x + z[:, :2], z[:, 2], here.sd[:, :3] if k < settings.iterations // 4 else motion.spread)
+        spread = np.minimum(here.sd[:, :3], widest) if k < settings.iterations // 4 else motion.spread
+        motion = Motion(motion.x + z[:, :2], z[:, 2], spread)
         model = model.with_parameters(dict(zip(names, (now + step).tolist(), strict=True)))
     return Fit(chain, linearised.model, names, linearised, here, Z, prior, converged)
 
@@ -310,8 +337,9 @@ def inverse(information: Array) -> Array:
 
 
 def _angle_sd(chain: Chain) -> float:
+    """The sd of the angle's readings, 0 where hardly any instant has one: a start that is known is no reading."""
     weight = chain.weight[:, 0]
-    return float(1.0 / np.max(weight)) if np.any(weight > 0.0) else 0.0
+    return float(1.0 / np.max(weight)) if np.mean(weight > 0.0) > 0.5 else 0.0
 
 
 def _values(model: Model, names: Sequence[str]) -> Array:
@@ -323,6 +351,11 @@ def _scale(model: Model, name: str) -> float:
     return model.parameters[name].scale
 
 
-def without_disturbances(fitted: Fit) -> Disturbances:
-    """The same correlation times, sizes 0: output error."""
-    return replace(fitted.disturbances, s=0.0, sigma_o=0.0)
+def _whatever_the_noise(filter: Filter, read: NDArray[np.bool_]) -> float:
+    """-2 log likelihood, all variances of a channel times the number from 1 on that makes it smallest."""
+    deviance = float(np.sum(filter.log_variances[read]))
+    for channel in range(2):
+        e = filter.innovations[read[:, channel], channel]
+        size = float(np.mean(e**2)) if len(e) else 0.0
+        deviance += len(e) * (1.0 + math.log(size) if size > 1.0 else size)
+    return deviance

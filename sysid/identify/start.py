@@ -60,8 +60,10 @@ def smooth_states(record: Record, sensor: Sensor, jerk: float = 60.0) -> Array:
     rows.append(_Rows([k, k + 1, k + 2, k + 3], [1.0, dt, 0.5 * dt * dt, -1.0], np.zeros(n), exact * dt))
     rows.append(_Rows([k + 1, k + 2, k + 4], [1.0, dt, -1.0], np.zeros(n), exact))
     rows.append(_Rows([k + 2, k + 5], [1.0, -1.0], np.zeros(n), jerk * math.sqrt(dt)))
-    # without any reading of the angle the start angle is arbitrary; hanging is the likeliest
-    rows.append(_Rows([np.array([0])], [1.0], np.array([math.pi]), 1e3))
+    # without any reading of the angle the start angle is arbitrary; hanging is the likeliest. A pin that is much weaker
+    # than the equations of motion would drown in their rounding
+    pinned = 1e3 if record.theta is not None and sensor.theta is not None else 1.0
+    rows.append(_Rows([np.array([0])], [1.0], np.array([math.pi]), pinned))
     count = np.cumsum([0, *(len(r.target) for r in rows)])
     at = np.concatenate(
         [np.tile(np.arange(len(r.target)) + c, len(r.columns)) for r, c in zip(rows, count[:-1], strict=True)]

@@ -9,10 +9,10 @@ import numpy as np
 from scipy.linalg import eigh
 from scipy.stats import chi2, f
 
-from sysid.diagnosis.candidates import Alternative, candidates, extent_of
+from sysid.diagnosis.candidates import Alternative, candidates
 from sysid.identify.gauss_newton import Fit
 from sysid.planning.directions import Directions
-from sysid.records import Array
+from sysid.records import Array, extent_of
 from sysid.response import Index, stretches
 
 _VISIBLE = 1e-3

@@ -77,15 +77,15 @@ def alarms(model: Model, records: Sequence) -> tuple[bool, bool]:
     """Whether the score tests about the right model find an effect that pays, and whether a random torque is needed."""
     from sysid.diagnosis.choosing import DEFAULT
     from sysid.diagnosis.scores import price, scores
-    from sysid.diagnosis.search import first_fit, needs_no_disturbance
     from sysid.estimation.chain import Chain
+    from sysid.estimation.first_fit import first_fit
     from sysid.fit import free
     from sysid.noise import sensor_noise
 
     found = first_fit(Chain(model, records, sensor_noise(records).sensor), model, free(model))
     tested = scores(found)
     pays = any(s.lm > price(n, DEFAULT.price, s.shapes) for n, s in tested.items() if s.visible)
-    return pays, not needs_no_disturbance(found)
+    return pays, not found.undisturbed
 
 
 def report(trials: Sequence[Trial]) -> list[str]:

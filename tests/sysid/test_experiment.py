@@ -27,7 +27,7 @@ from sysid import (
     Viscous,
     simulate,
 )
-from sysid.diagnosis.candidates import alternatives, extent_of
+from sysid.diagnosis.candidates import alternatives
 from sysid.effects import CATALOGUE, Effect
 from sysid.fit import fit
 from sysid.identify.gauss_newton import fit_longest, fit_windows
@@ -39,6 +39,7 @@ from sysid.planning.protocol import Experiment
 from sysid.planning.refits import extend
 from sysid.planning.screen import screen
 from sysid.planning.signals import KINDS, Limits, draw
+from sysid.records import extent_of
 
 SENSOR = Sensor(0.003, 0.05)
 LIMITS = Limits(2.0, theta_max=2.0)

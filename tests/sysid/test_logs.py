@@ -357,11 +357,23 @@ def test_the_last_rollouts_are_held_out(n, hold_out, held):
 def test_few_rollouts_are_cut_and_nothing_is_lost_or_used_twice(n, seconds, share):
     records = rollouts(n, seconds)
     training, out = split(records, share if share == 0.4 else None)
-    joined = {c: np.concatenate([getattr(r, c) for r in (*training, *out)]) for c in ("u", "theta")}
-    np.testing.assert_array_equal(joined["u"], np.concatenate([r.u for r in records]))
+    for record in records:
+        parts = sorted((r for r in (*training, *out) if r.name.startswith(record.name)), key=lambda r: r.t[0])
+        np.testing.assert_array_equal(np.concatenate([r.u for r in parts]), record.u)
     seconds_out = sum(len(r) * r.dt for r in out)
     assert seconds_out == pytest.approx(share * n * seconds, abs=0.5)
-    assert training[-1].t[-1] == out[0].t[0] or out[0].t[0] == 0.0
+    assert len(out) <= 4
+
+
+def test_what_is_held_out_of_one_rollout_is_spread_over_it():
+    """Neither its beginning nor its end, which may be another kind of motion."""
+    (record,) = rollouts(1, 24.0)
+    training, out = split([record])
+    assert len(out) == 1 + (0.25 * 24.0 >= 8.0)
+    assert training[0].t[0] == record.t[0] and training[-1].t[-1] == record.t[-1]
+    (longer,) = rollouts(1, 60.0)
+    held = [0.5 * (r.t[0] + r.t[-1]) for r in split([longer])[1]]
+    np.testing.assert_allclose(held, [10.0, 30.0, 50.0], atol=0.1)
 
 
 def test_blocks_cover_a_record_and_share_one_instant():
@@ -384,3 +396,23 @@ def test_blocks_cover_a_record_and_share_one_instant():
 def test_a_split_that_leaves_nothing_is_refused(seconds, n, hold_out, message):
     with pytest.raises(InvalidInput, match=re.escape(message)):
         split(rollouts(n, seconds), hold_out)
+
+
+# ---- thinning --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("rate", "left"), [(50, 50), (150, 150), (500, 100), (1000, 100)])
+def test_a_fast_log_of_a_slow_motion_is_thinned_to_100_hz(rate, left, tmp_path):
+    t = np.arange(4 * rate + 1) / rate
+    path = write(tmp_path / "log.csv", {"t": t, "theta": 3.0 + np.sin(6.0 * t), "torque": np.cos(6.0 * t)})
+    log = read(path).thinned()
+    assert 1.0 / log.dt == pytest.approx(left)
+    assert log.records[0].dt == pytest.approx(log.dt)
+    assert any("thinned from" in note for note in log.notes) == (rate != left)
+
+
+def test_a_fast_motion_keeps_its_rate(tmp_path):
+    """Twenty samples a period: 12 Hz needs 240."""
+    t = np.arange(4001) / 1000.0
+    path = write(tmp_path / "log.csv", {"t": t, "theta": 3.0 + 0.3 * np.sin(2.0 * np.pi * 12.0 * t)})
+    assert 240.0 <= 1.0 / read(path).thinned().dt < 480.0

@@ -24,7 +24,7 @@ from sysid import (
 )
 from sysid.estimation.chain import Chain
 from sysid.estimation.disturbances import Disturbances
-from sysid.estimation.prediction_error import Fit, Settings, bounded_step, fit, inverse, without_disturbances
+from sysid.estimation.prediction_error import Fit, Settings, bounded_step, fit, inverse
 from sysid.excitation import multisine
 
 DT = 0.02
@@ -76,18 +76,16 @@ def test_a_log_without_a_random_torque_is_fitted_as_by_output_error() -> None:
         chain = Chain(AFAR, records, SENSOR)
         found = fit(chain, AFAR, NAMES)
         whole = fit(chain, AFAR, NAMES, disturbances=NONE, settings=HELD)
-        other = sysid.fit(AFAR, records, SENSOR, NAMES)
+        other = sysid.LeastSquares(NAMES, SENSOR).fit(AFAR, records)
         sd = np.array(list(other.sd.values()))
         assert found.converged
         assert found.disturbances.s < 0.01 and found.disturbances.sigma_o < 0.5 * 0.003
         assert np.max(np.abs(found.values - list(other.values.values())) / sd) < 0.4
         assert np.max(np.abs(whole.values - list(other.values.values())) / sd) < 0.02
-        # that sd is scaled by the size of the residuals, this one takes the sensor at its word
-        residual = math.sqrt(other.cost / (other.n_readings - len(NAMES) - 2 * len(records)))
-        np.testing.assert_allclose(residual * sd_of(whole), sd, rtol=0.002)
+        np.testing.assert_allclose(sd_of(whole), sd, rtol=0.02)
         np.testing.assert_allclose(sd_of(found), sd, rtol=0.35)
         assert found.deviance <= whole.deviance + 0.05
-        again = fit(chain, found.model, NAMES, near=found, disturbances=without_disturbances(found), settings=HELD)
+        again = fit(chain, found.model, NAMES, near=found, disturbances=NONE, settings=HELD)
         assert np.max(np.abs(again.values - whole.values) / sd) < 0.05
 
 
@@ -211,7 +209,7 @@ def test_what_the_readings_do_not_determine_stays_where_it_was_thought() -> None
     np.testing.assert_allclose((np.array([J, G]) - other.values) / sd_of(other), 0.0, atol=0.2)
     start = np.array([1.0, 1.0, 9.81])
     assert np.all(np.abs(found.values - start) < start)
-    assert np.all(sd_of(found) < 1.5 * start) and np.max(sd_of(found) / start) > 0.3
+    assert np.all(np.isinf(sd_of(found)))
 
 
 def test_a_log_that_says_nothing_moves_nothing() -> None:

@@ -61,6 +61,26 @@ def test_whole_turns_are_taken_out():
     np.testing.assert_allclose(record.theta, turning, atol=1e-12)
 
 
+def test_what_covers_more_than_a_turn_was_never_wrapped():
+    """A motor that makes more than half a turn between two samples keeps its angles."""
+    theta = 4.0 * np.arange(50.0)
+    assert np.array_equal(Record(0.02 * np.arange(50), np.zeros(49), theta).theta, theta)
+
+
+@pytest.mark.parametrize("every", [1, 2, 3, 7])
+def test_a_thinned_record_is_the_same_motion_under_the_same_impulse(every):
+    rng = np.random.default_rng(0)
+    record = Record(0.01 * np.arange(101), rng.standard_normal(100), 0.3 * rng.random(101), rng.random(101))
+    for own in (record, record.part(20, 100)):
+        thin = own.thinned(every)
+        n = len(own) // every
+        assert len(thin) == n and thin.dt == pytest.approx(every * record.dt)
+        assert np.array_equal(thin.theta, own.theta[: n * every + 1 : every])
+        assert np.sum(thin.u) * thin.dt == pytest.approx(np.sum(own.u[: n * every]) * own.dt)
+        assert np.sum(thin.past) * every == pytest.approx(np.sum(own.past[len(own.past) % every :]))
+        assert thin.clock[0] == own.clock[0]
+
+
 def test_the_head_is_a_record_of_the_first_intervals():
     (record,) = paper_rollouts(paper_model(), 1, np.random.default_rng(0), length=20)
     head = record.head(7)

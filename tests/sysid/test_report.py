@@ -181,9 +181,9 @@ def test_a_log_of_one_channel(tmp_path, sensor):
 def test_one_long_log_is_cut_as_it_was_diagnosed(tmp_path):
     records = logs(n=1, seconds=12.0)
     answer = diagnosis(records)
-    assert answer.held_out == ("rollout 0, held-out part",)
-    assert page_of(answer, records).settings["held out"] == "rollout 0, held-out part"
-    with pytest.raises(InvalidInput, match="held out rollout 0, held-out part"):
+    assert answer.held_out == ("rollout 0, held-out part 2",)
+    assert page_of(answer, records).settings["held out"] == "rollout 0, held-out part 2"
+    with pytest.raises(InvalidInput, match="held out rollout 0, held-out part 2"):
         page_of(answer, logs(n=4))
 
 

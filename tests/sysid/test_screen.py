@@ -39,13 +39,14 @@ from sysid import (
     effect,
     simulate,
 )
-from sysid.diagnosis.candidates import alternatives, extent_of
+from sysid.diagnosis.candidates import alternatives
 from sysid.excitation import steps
 from sysid.holm import holm
 from sysid.identify.gauss_newton import Fit, fit_longest, fit_windows, without
 from sysid.planning.directions import Directions
 from sysid.planning.refits import LEAD, extend
 from sysid.planning.screen import Score, alikeness, screen
+from sysid.records import extent_of
 from sysid.response import Response
 
 DT = 0.02

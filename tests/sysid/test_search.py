@@ -15,8 +15,9 @@ from sysid import CATALOGUE, Coulomb, Diagnosis, Effect, Joint, JointEffect, Rec
 from sysid import parameter as number
 from sysid.diagnosis.choosing import DEFAULT
 from sysid.diagnosis.scores import Score, alikeness, price, scores
-from sysid.diagnosis.search import Addition, Search, extended, first_fit, matters, reduced
+from sysid.diagnosis.search import Addition, Search, extended, matters, reduced
 from sysid.estimation.chain import Chain
+from sysid.estimation.first_fit import first_fit
 from sysid.estimation.prediction_error import Fit
 from sysid.ops import Value
 from tests.sysid.planted import SENSOR, logs, rod, shaken, truth
