@@ -203,6 +203,10 @@ def compare(
         from sysid.noise import sensor_noise
 
         sensor = sensor_noise(records).sensor
+    return _compared(model, records, sensor, names)
+
+
+def _compared(model: Model, records: Sequence[Record], sensor: Sensor, names: Sequence[str]) -> Comparison:
     lead = lead_of(model)
     fit = refit_windows(model, records, sensor, cut(records, 1.0, lead))
     near = refit_windows(model, records, sensor, cut(records, 0.5, lead), fit)
