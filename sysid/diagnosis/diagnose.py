@@ -15,13 +15,13 @@ from sysid.diagnosis.channels import relied_on
 from sysid.diagnosis.choosing import DEFAULT, Choosing
 from sysid.diagnosis.contacts import Touched, contacts
 from sysid.diagnosis.dependence import dependence
-from sysid.diagnosis.prediction import moved
 from sysid.diagnosis.residual_torque import missing_torque
 from sysid.diagnosis.scores import alikeness, price
 from sysid.diagnosis.search import Addition, Search, reduced
 from sysid.effects import CATALOGUE, effect
 from sysid.errors import InvalidInput
 from sysid.estimate import Estimate
+from sysid.estimation.prediction import moved
 from sysid.estimation.prediction_error import Fit
 from sysid.fit import free
 from sysid.model import Model

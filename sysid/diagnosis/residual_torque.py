@@ -17,7 +17,7 @@ from sysid.errors import InvalidInput
 from sysid.estimation.chain import Chain, level
 from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.kalman import Filter
-from sysid.estimation.prediction_error import QUICK, Fit, Settings, fit, likelier, with_likeliest_memory
+from sysid.estimation.prediction_error import QUICK, Fit, Settings, fit, likelier
 from sysid.model import Model
 from sysid.records import Array, Record
 from sysid.sensor import Sensor
@@ -28,6 +28,7 @@ MEMORIES = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 """Correlation times [s] of which the likeliest is taken."""
 SETTINGS = Settings(angle_error=False)
 """Whatever the readings show is taken for a motion, none of it for an error that neighbouring readings share."""
+_FLOOR = np.array([-40.0, -40.0])
 _BINS = 24
 _CELLS = (10, 8)
 
@@ -252,8 +253,18 @@ def followed(chain: Chain, model: Model) -> Fit:
         begun = fit(chain, model, (), disturbances=Disturbances(0.3 * level(chain), MEMORY), settings=SETTINGS)
     if not math.isfinite(begun.deviance):
         raise InvalidInput("the model runs away from these records within a sample: no torque can be told beside it")
-    likely = with_likeliest_memory(begun, MEMORIES, (begun.disturbances.T_o,))
-    return fit(chain, model, (), begun, likely, SETTINGS)
+    return fit(chain, model, (), begun, likeliest(begun), SETTINGS)
+
+
+def likeliest(begun: Fit, times: Sequence[float] = MEMORIES) -> Disturbances:
+    """The random torque of that size and correlation time (one of `times`) under which the log is likeliest."""
+    deviances = dict[Disturbances, float]()
+    for T in times:
+        trial = begun.disturbances.with_memory(T)
+        for _ in range(3):
+            trial = likelier(begun.linearised, trial, _FLOOR, angle_error=False)
+        deviances[trial] = begun.linearised.system.filter(trial).deviance
+    return min(deviances, key=lambda own: deviances[own])
 
 
 def torque_of(found: Fit) -> ResidualTorque:
@@ -290,7 +301,7 @@ def missing_torque(found: Fit, base: Fit) -> Array:
     """
     prior = Disturbances(max(base.disturbances.s, 1e-3 * float(np.std(base.chain.smoothed[:, 1]))), MEMORY)
     for _ in range(6):
-        prior = likelier(base.linearised, prior, np.array([-40.0, -40.0]), angle_error=False)
+        prior = likelier(base.linearised, prior, _FLOOR, angle_error=False)
     held = replace(QUICK, sizes=False)
     smoothed = fit(found.chain, found.model, (), replace(found, names=(), prior=found.prior.of_nothing()), prior, held)
     return slow(found.inertia * smoothed.motion.d, found.chain.number, found.chain.dt)

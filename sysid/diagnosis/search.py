@@ -9,12 +9,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sysid.diagnosis.choosing import COMPOSITES, DEFAULT, PREFERRED, Choosing
-from sysid.diagnosis.prediction import PredictionErrors, left_out, moved
 from sysid.diagnosis.scores import Score, alikeness, price, scores
 from sysid.effects import CATALOGUE, Effect, effect
 from sysid.errors import InvalidInput
 from sysid.estimation.chain import Chain
 from sysid.estimation.first_fit import first_fit
+from sysid.estimation.prediction import PredictionErrors, left_out, moved
 from sysid.estimation.prediction_error import DEFAULT as THOROUGH
 from sysid.estimation.prediction_error import QUICK, Fit, Settings, fit
 from sysid.model import Model

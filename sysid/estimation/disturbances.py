@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,9 +33,9 @@ class Disturbances:
         """The same with s and sigma_o times exp(step) (2,)."""
         return Disturbances(self.s * math.exp(step[0]), self.T, self.sigma_o * math.exp(step[1]), self.T_o)
 
-    def with_memory(self, T: float, T_o: float) -> Disturbances:
-        """The same sizes with other correlation times [s]."""
-        return Disturbances(self.s, T, self.sigma_o, T_o)
+    def with_memory(self, T: float) -> Disturbances:
+        """The same with d of another correlation time [s], which changes as much from sample to sample."""
+        return replace(self, s=self.s * math.sqrt(T / self.T), T=T)
 
     def discrete(self, dt: float) -> tuple[Array, Array, Array]:
         """Factors (2,), variances of the increments (2,) and stationary variances (2,) of d and o over dt [s]."""

@@ -7,14 +7,20 @@ from dataclasses import replace
 
 from sysid.effects import CATALOGUE
 from sysid.estimation.chain import Chain
-from sysid.estimation.prediction_error import Fit, Prior, fit, with_likeliest_memory
+from sysid.estimation.prediction import left_out
+from sysid.estimation.prediction_error import Fit, Prior, fit, with_likeliest_angle_error
 from sysid.identify.rough import rough
 from sysid.model import Model
 from sysid.records import extent_of
 
-FRICTION = {"viscous": ("b", 0.02), "coulomb": ("tau_c", 0.05)}
-"""What a first fit knows beside the plant, so that friction does not bend inertia and gravity: each number begins at
-that share of the largest drive torque."""
+COMMON = {"viscous": ("b", 0.02), "coulomb": ("tau_c", 0.05), "torque_bias": ("tau_0", 0.0)}
+"""What a first fit knows beside the plant, so that friction and an offset do not bend inertia and gravity: each number
+begins at that share of the largest drive torque."""
+
+MEMORIES = (0.01, 0.1, 1.0)
+"""Correlation times [s] of the random torque that are tried: about white, and up to the length of a prediction."""
+WINDOW, BLOCKS = 1.0, 8
+"""Horizon [s] of the predictions that choose among them, and how many stretches of the log are left out in turn."""
 
 
 def first_fit(chain: Chain, model: Model, names: Sequence[str]) -> Fit:
@@ -22,19 +28,35 @@ def first_fit(chain: Chain, model: Model, names: Sequence[str]) -> Fit:
     names, extent = tuple(names), extent_of(chain.records)
     begun = rough(model, names, chain.records, chain.sensor)
     more = dict[str, float]()
-    for name, (key, share) in FRICTION.items():
+    for name, (key, share) in COMMON.items():
         if name not in {e.name for e in begun.effects}:
             begun = begun.with_effect(CATALOGUE[name]())
             more[f"{name}.{key}"] = share * (extent.u_max or float(begun.inertia()))
     helped = fit(chain, begun.with_parameters(more), (*names, *more))
-    likely = helped.disturbances
     if not helped.undisturbed:
-        likely = with_likeliest_memory(helped)
-        helped = fit(chain, helped.model, helped.names, helped, likely)
-        likely = helped.disturbances
+        helped = _with_best_memory(helped)
+    likely = helped.disturbances
     plain = model.with_parameters({n: float(helped.model.parameters[n].value) for n in names})
     loose = replace(likely, s=2.0 * likely.s)
     return fit(chain, plain, names, _narrowed(helped, plain, names), loose)
+
+
+def _with_best_memory(found: Fit) -> Fit:
+    """The fit under a random torque of the correlation time that is likeliest, or of one that predicts better.
+
+    No Gaussian process is what a machine lacks. Where it lacks what is slow and now and then a jolt (a gear that
+    reverses), the likeliest is a slow torque, and numbers that suit the jolts. Predictions over a second tell which
+    numbers are the machine's: they have to be better by more than their standard error.
+    """
+    likely = with_likeliest_angle_error(found)
+    fits = [fit(found.chain, found.model, found.names, found, likely.with_memory(T)) for T in MEMORIES]
+    best = min(fits, key=lambda own: own.deviance)
+    errors = {id(own): left_out(own, WINDOW, BLOCKS) for own in fits}
+    for own in sorted(fits, key=lambda own: errors[id(own)].ratio):
+        gain, sd = errors[id(own)].gain(errors[id(best)])
+        if gain > sd:
+            return own
+    return best
 
 
 def _narrowed(near: Fit, model: Model, names: tuple[str, ...]) -> Fit:

@@ -228,7 +228,7 @@ def fit(
         rows, rest = prior.rows(now)
         below = np.concatenate([Z, rows]), np.concatenate([here.innovations.ravel(), rest])
         step = bounded_step(*below, low - now, high - now)
-        longest = settings.stride * np.array([_scale(model, n) for n in names])
+        longest = settings.stride * np.array([_reach(model, n) for n in names])
         step = step * min([1.0, *(longest / np.maximum(np.abs(step), 1e-300))])
         moved = float(np.linalg.norm(Z @ step)) if len(step) else 0.0
         if k >= 2 and not restless and moved < settings.settled and abs(here.deviance - before) < settings.negligible:
@@ -285,21 +285,15 @@ def _logs(disturbances: Disturbances) -> Array:
     return np.log(np.maximum([disturbances.s, disturbances.sigma_o], 1e-300))
 
 
-def with_likeliest_memory(
-    fitted: Fit, times: Sequence[float] = (0.01, 0.1, 1.0), angle_times: Sequence[float] = (0.03, 0.3, 1.0)
-) -> Disturbances:
-    """The disturbances of those correlation times T, T_o [s] under which the log is likeliest: first T_o, then T."""
+def with_likeliest_angle_error(fitted: Fit, times: Sequence[float] = (0.03, 0.3, 1.0)) -> Disturbances:
+    """The disturbances of that correlation time T_o [s] of the angle's error under which the log is likeliest."""
     floor, deviances = np.array([-40.0, -40.0]), dict[Disturbances, float]()
-
-    def tried(T: float, T_o: float) -> Disturbances:
-        trial = fitted.disturbances.with_memory(T, T_o)
+    for T_o in times:
+        trial = replace(fitted.disturbances, T_o=T_o)
         for _ in range(3):
             trial = likelier(fitted.linearised, trial, floor)
         deviances[trial] = fitted.linearised.system.filter(trial).deviance
-        return trial
-
-    found = min([tried(times[-1], T_o) for T_o in angle_times], key=lambda own: deviances[own])
-    return min([found, *(tried(T, found.T_o) for T in times[:-1])], key=lambda own: deviances[own])
+    return min(deviances, key=lambda own: deviances[own])
 
 
 def bounded_step(Z: Array, e: Array, low: Array, high: Array) -> Array:
@@ -347,8 +341,11 @@ def _values(model: Model, names: Sequence[str]) -> Array:
     return np.array([float(parameters[n].value) for n in names])
 
 
-def _scale(model: Model, name: str) -> float:
-    return model.parameters[name].scale
+def _reach(model: Model, name: str) -> float:
+    """Over which size of a change a number's effect may be nowhere near linear; inf for one without bounds above,
+    such as a friction, to which the motion is."""
+    p = model.parameters[name]
+    return p.scale if name in model.plant.parameters or math.isfinite(p.bounds[1]) else math.inf
 
 
 def _whatever_the_noise(filter: Filter, read: NDArray[np.bool_]) -> float:
