@@ -253,13 +253,13 @@ def followed(chain: Chain, model: Model) -> Fit:
         begun = fit(chain, model, (), disturbances=Disturbances(0.3 * level(chain), MEMORY), settings=SETTINGS)
     if not math.isfinite(begun.deviance):
         raise InvalidInput("the model runs away from these records within a sample: no torque can be told beside it")
-    return fit(chain, model, (), begun, likeliest(begun), SETTINGS)
+    return fit(chain, model, (), begun, _likeliest(begun), SETTINGS)
 
 
-def likeliest(begun: Fit, times: Sequence[float] = MEMORIES) -> Disturbances:
-    """The random torque of that size and correlation time (one of `times`) under which the log is likeliest."""
+def _likeliest(begun: Fit) -> Disturbances:
+    """The random torque of that size and correlation time under which the log is likeliest."""
     deviances = dict[Disturbances, float]()
-    for T in times:
+    for T in MEMORIES:
         trial = begun.disturbances.with_memory(T)
         for _ in range(3):
             trial = likelier(begun.linearised, trial, _FLOOR, angle_error=False)

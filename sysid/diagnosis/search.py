@@ -184,8 +184,10 @@ class Search:
         )
 
     def _predicts(self, before: PredictionErrors, after: Fit) -> bool:
+        """Whether left-out stretches are predicted no worse, and better by more than the standard error where the model
+        still lacks something: likelihood alone believes too much there."""
         gain, sd = left_out(after, self.choosing.window, self.choosing.blocks).gain(before)
-        return math.isfinite(gain) and gain > -sd
+        return math.isfinite(gain) and gain > (-sd if after.undisturbed else sd)
 
     def _preferred(self, now: Fit, best: Trial) -> list[Trial]:
         """The commoner effects that explain the log as well as the best one, begun where that ended."""

@@ -34,14 +34,14 @@ def first_fit(chain: Chain, model: Model, names: Sequence[str]) -> Fit:
             more[f"{name}.{key}"] = share * (extent.u_max or float(begun.inertia()))
     helped = fit(chain, begun.with_parameters(more), (*names, *more))
     if not helped.undisturbed:
-        helped = _with_best_memory(helped)
+        helped = with_best_memory(helped)
     likely = helped.disturbances
     plain = model.with_parameters({n: float(helped.model.parameters[n].value) for n in names})
     loose = replace(likely, s=2.0 * likely.s)
     return fit(chain, plain, names, _narrowed(helped, plain, names), loose)
 
 
-def _with_best_memory(found: Fit) -> Fit:
+def with_best_memory(found: Fit) -> Fit:
     """The fit under a random torque of the correlation time that is likeliest, or of one that predicts better.
 
     No Gaussian process is what a machine lacks. Where it lacks what is slow and now and then a jolt (a gear that

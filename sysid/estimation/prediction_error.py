@@ -47,6 +47,8 @@ class Settings:
 
 
 DEFAULT = Settings()
+STRETCH = 1.0
+"""Seconds over which what a model lacks hangs together."""
 NUMBERS_GAIN = 6.0
 """Decrease of the deviance that two idle numbers bring in one of 20 logs."""
 QUICK = Settings(iterations=12, settled=0.15, negligible=0.5, angle_error=False)
@@ -149,8 +151,30 @@ class Fit:
 
     @cached_property
     def covariance(self) -> Array:
-        """(P, P) of the parameters, by the readings alone; infinite where these do not determine some direction."""
-        return inverse(self.Z.T @ self.Z)
+        """(P, P) of the parameters, by the readings alone; infinite where these do not determine some direction.
+
+        Beside a random torque the sd of each is at least what the scatter of the likelihood's slope g = Z'e over
+        stretches of a second makes it: no Gaussian process is what a model lacks.
+
+            sd_i^2 = (N^-1 sum_b g_b g_b' N^-1)_ii,    N = Z'Z
+        """
+        covariance = inverse(self.Z.T @ self.Z)
+        if self.undisturbed or not np.all(np.isfinite(covariance)):
+            return covariance
+        wider = np.sqrt(np.maximum(np.diag(self._scattered(covariance)) / np.diag(covariance), 1.0))
+        widened: Array = covariance * np.outer(wider, wider)
+        return widened
+
+    def _scattered(self, covariance: Array) -> Array:
+        """Covariance (P, P) by the scatter of the likelihood's slope over stretches of `STRETCH` (Huber, White)."""
+        chain = self.chain
+        stretch = np.floor(chain.t / STRETCH).astype(np.intp) + 10_000_000 * chain.number
+        _, number = np.unique(stretch, return_inverse=True)
+        slope = (self.Z * self.e[:, None]).reshape(len(chain), 2, -1).sum(axis=1)
+        total = np.zeros((int(number[-1]) + 1, slope.shape[1]))
+        np.add.at(total, number, slope)
+        scattered: Array = covariance @ (total.T @ total) @ covariance
+        return scattered
 
     @cached_property
     def undisturbed(self) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -12,14 +12,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.effects import Effect, OutputEffect
-from sysid.identify.gauss_newton import Fit, Solution, without
+from sysid.estimation.chain import Chain, LinearisedModel, Motion
+from sysid.estimation.disturbances import Disturbances
+from sysid.estimation.prediction_error import Fit, Settings, fit, with_likeliest_memory
 from sysid.model import Model
-from sysid.planning.directions import Directions
+from sysid.planning.evidence import Normal, Sensitivities
 from sysid.planning.signals import Limits, Signal, draw, rest_angle, vary, within
 from sysid.records import Array, Record
-from sysid.response import Linearisation, Response
+from sysid.response import CHANNELS, Response
 from sysid.sensor import Sensor
 from sysid.windows import cut
+
+NONE = Disturbances(0.0)
+"""Nothing acts beside the model, and readings err by white noise alone."""
+
+KNOWN = Settings(sizes=False, vague=math.inf)
+"""For a fit beside disturbances that are known, which knows nothing of the parameters."""
+
+ROUGHLY = Settings(iterations=12, settled=0.15, negligible=0.5)
+"""For what an experiment is planned with: numbers to a share of their sd, disturbances to a few per cent."""
+
+MISTOLD = 1.3
+"""Times the noise that was told, from which a fit has to be made anew."""
+
+FARTHEST = 1e4
+"""[rad], [rad/s] beyond which a motion has run away."""
 
 LARGEST_GROWTH = 300.0
 """Of an initial error within a rollout; beyond it a fit would have to find its way through a chaotic motion."""
@@ -44,12 +61,6 @@ class Hypothesis:
     names: tuple[str, ...]
 
     @property
-    def p(self) -> Array:
-        """The free parameters' numbers (P,)."""
-        known = self.model.parameters
-        return np.array([float(known[n].value) for n in self.names])
-
-    @property
     def effect(self) -> Effect | None:
         """The effect it stands for; None where it stands for no effect."""
         return next((e for e in self.model.effects if e.name == self.name), None)
@@ -68,146 +79,130 @@ class Hypothesis:
         return self.bare.model if isinstance(self.effect, OutputEffect) else self.model
 
 
-class Normal(NamedTuple):
-    """Normal equations of K logs: c (K,) = r'r, g (K, P) = S'r, F (K, P, P) = S'S, every rollout's start eliminated.
+@dataclass(frozen=True)
+class Conditions:
+    """Under what an experiment is played: what the rig may do, the noise of its readings, and what else acts on it."""
 
-    Those of several rollouts played together are their sums.
-    """
+    limits: Limits
+    sensor: Sensor
+    disturbances: Disturbances = NONE
 
-    c: Array
-    g: Array
-    F: Array
+    def louder(self, share: Mapping[str, float]) -> Conditions:
+        """The same with so many times the noise of each channel."""
+        sensor, angle = self.sensor, share.get("theta", 1.0)
+        times = {"theta": angle, "theta_dot": share.get("theta_dot", 1.0), "theta_0": angle}
+        sd = {name: getattr(sensor, name) for name in times}
+        return replace(self, sensor=Sensor(**{n: None if v is None else times[n] * v for n, v in sd.items()}))
 
-    @classmethod
-    def of(cls, S_x: Array, S: Array, r: Array) -> Normal:
-        """Of readings r (K, R) about a model with derivatives S_x (K, R, 2), S (K, R, P), whitened; one log a row."""
-        both = without(np.linalg.qr(S_x)[0], np.concatenate([r[..., None], S], axis=-1))
-        r, S = both[..., 0], both[..., 1:]
-        S_t = np.swapaxes(S, -1, -2)
-        return cls(np.sum(r * r, axis=-1), (S_t @ r[..., None])[..., 0], S_t @ S)
+    def after(self, fits: Sequence[Fit]) -> Conditions:
+        """The same with what the likeliest of some fits leaves unexplained, which will be there in the next log too.
 
-    def together(self) -> Normal:
-        """All logs as one (K = 1)."""
-        return Normal(*(np.sum(a, axis=0, keepdims=True) for a in self))
-
-    def plus(self, one: Normal) -> Normal:
-        """Each log with another one beside it."""
-        return Normal(*(a + b for a, b in zip(self, one, strict=True)))
-
-    def at(self, k: int) -> Normal:
-        """The k-th log alone."""
-        return Normal(*(a[k : k + 1] for a in self))
-
-    def unexplained(self) -> Array:
-        """c - g' F^-1 g (K,): what is left of r'r once the rival has taken the best numbers, to first order.
-
-        For a small effect of size a it is a^2 |z_perp|^2 (1 - rho^2). Source: T-optimality, Atkinson and Fedorov,
-        Biometrika 1975.
+        That is a random torque and an angle error; or where louder white noise does as well for one of them, that.
         """
-        size = np.sqrt(np.maximum(np.diagonal(self.F, axis1=-2, axis2=-1), 1e-300))
-        F = self.F / (size[..., :, None] * size[..., None, :])
-        g = (self.g / size)[..., None]
-        taken = np.swapaxes(g, -1, -2) @ np.linalg.pinv(F, rcond=1e-10, hermitian=True) @ g
-        left: Array = np.maximum(self.c - taken[..., 0, 0], 0.0)
-        return left
+        ranked = sorted(fits, key=lambda own: own.deviance)
+        if ranked[0].undisturbed:
+            return self._with_noise_of(ranked[0])
+        for own in ranked:
+            bare = fit(own.chain, own.model, own.names, own, NONE, KNOWN)
+            louder = self._with_noise_of(bare)
+            chain = Chain(own.model, own.chain.records, louder.sensor)
+            if fit(chain, own.model, own.names, bare, own.disturbances, ROUGHLY).undisturbed:
+                return louder
+        return replace(self, disturbances=with_likeliest_memory(ranked[0]))
 
-    def sd(self) -> Array:
-        """Standard deviations (K, P) of the parameters; inf where the log does not determine one."""
-        size = np.sqrt(np.maximum(np.diagonal(self.F, axis1=-2, axis2=-1), 1e-300))
-        value, vector = np.linalg.eigh(self.F / (size[..., :, None] * size[..., None, :]))
-        lost = value < 1e-9
-        variance = np.sum(vector**2 / np.where(lost, np.inf, value)[..., None, :], axis=-1)
-        unknown = np.any((np.abs(vector) > 0.01) & lost[..., None, :], axis=-1)
-        sd: Array = np.where(unknown, np.inf, np.sqrt(variance)) / size
-        return sd
+    def _with_noise_of(self, found: Fit) -> Conditions:
+        """With the noise of what a fit leaves without disturbances."""
+        e, read = found.linearised.system.filter(NONE).innovations, found.chain.weight > 0.0
+        at = {c: e[read[:, k], k] for k, c in enumerate(CHANNELS) if np.any(read[:, k])}
+        return self.louder({channel: max(1.0, float(np.sqrt(np.mean(own**2)))) for channel, own in at.items()})
+
+    def much_louder(self, other: Conditions) -> bool:
+        """Whether a channel's noise is so much more than in others that fits under those mislead."""
+        pairs = ((getattr(self.sensor, c), getattr(other.sensor, c)) for c in CHANNELS)
+        return any(own is not None and own > MISTOLD * told for own, told in pairs)
 
 
 class Pool:
-    """Signals, each one rollout, as every hypothesis foresees them."""
+    """Signals, each one rollout and one record of a chain, as every hypothesis foresees them."""
 
-    def __init__(
-        self, hypotheses: Sequence[Hypothesis], signals: Sequence[Signal], limits: Limits, sensor: Sensor
-    ) -> None:
-        self.hypotheses, self.signals = tuple(hypotheses), tuple(signals)
-        model = hypotheses[0].model
-        n, rest = round(limits.duration / model.dt), rest_angle(model)
-        t, blank = np.asarray(model.dt * np.arange(n + 1), dtype=float), np.zeros(n + 1)
+    def __init__(self, hypotheses: Sequence[Hypothesis], signals: Sequence[Signal], conditions: Conditions) -> None:
+        self.hypotheses, self.signals, self.conditions = tuple(hypotheses), tuple(signals), conditions
+        self.model, sensor = hypotheses[0].model, conditions.sensor
+        n = round(conditions.limits.duration / self.model.dt)
+        t, blank = np.asarray(self.model.dt * np.arange(n + 1), dtype=float), np.zeros(n + 1)
         angle = None if sensor.theta is None and sensor.theta_0 is None else blank if sensor.theta else blank[:1]
         speed = None if sensor.theta_dot is None else blank
-        self.sensor = sensor
-        self.records = [Record(t, s.torque(n, model.dt), angle, speed) for s in signals]
-        self.starts = np.array([[rest + s.release, 0.0] for s in signals])
-        self.responses = [self._response(h.motion, h.bare.names) for h in hypotheses]
-        self._lins: dict[int, Linearisation] = {}
-        self._directions: dict[int, Directions] = {}
+        self.rest = rest_angle(self.model)
+        self.records = [Record(t, s.torque(n, self.model.dt), angle, speed) for s in signals]
+        self._sensitivities: dict[int, Sensitivities] = {}
 
-    def _response(self, model: Model, names: Sequence[str]) -> Response:
-        return Response(model, names, self.records, self.sensor, cut(self.records))
-
-    def lin(self, h: int) -> Linearisation:
-        """Of a hypothesis at its own numbers, those of its effect held; the residuals mean nothing."""
-        if h not in self._lins:
-            self._lins[h] = self.responses[h].linearise(self.hypotheses[h].bare.p, self.starts)
-        return self._lins[h]
+    @cached_property
+    def responses(self) -> list[Response]:
+        """The hypotheses as simulators of all rollouts at once."""
+        sensor, windows = self.conditions.sensor, cut(self.records)
+        return [Response(h.motion, (), self.records, sensor, windows) for h in self.hypotheses]
 
     @cached_property
     def states(self) -> Array:
-        """The motions (H, K, N+1, 2) that the hypotheses foresee."""
-        motions = []
-        for i, (response, h) in enumerate(zip(self.responses, self.hypotheses, strict=True)):
-            p = h.bare.p
-            known = self._lins.get(i)
-            motions.append(response.states(p, self.starts, response.drives(p)) if known is None else known.states)
-        return np.array(motions)
+        """The motions (H, K, N+1, 2) that the hypotheses foresee, each from rest or from where it is released."""
+        p, starts = np.zeros(0), np.array([[self.rest + s.release, 0.0] for s in self.signals])
+        return np.array([response.states(p, starts, response.drives(p)) for response in self.responses])
 
-    def stays(self, limits: Limits) -> NDArray[np.bool_]:
-        """Whether all motions keep to the limits (K,)."""
-        far, fast = np.max(np.abs(self.states - [rest_angle(self.hypotheses[0].model), 0.0]), axis=(0, 2)).T
-        slack = 1.0 + 1e-6
-        stays: NDArray[np.bool_] = np.isfinite(far + fast)
-        for motion, limit in ((far, limits.theta_max), (fast, limits.theta_dot_max)):
-            stays &= motion <= (math.inf if limit is None else slack * limit)
-        return stays
+    def stays(self) -> NDArray[np.bool_]:
+        """Whether all motions keep to the limits (K,), or where there are none, within reason."""
+        limits, slack = self.conditions.limits, 1.0 + 1e-6
+        far, fast = np.max(np.abs(self.states - [self.rest, 0.0]), axis=(0, 2)).T
+        own: NDArray[np.bool_] = far <= slack * (limits.theta_max or FARTHEST)
+        own &= fast <= slack * (limits.theta_dot_max or FARTHEST)
+        return own
+
+    @cached_property
+    def chain(self) -> Chain:
+        """All rollouts, one record after the other."""
+        return Chain(self.model, self.records, self.conditions.sensor)
+
+    def sensitivities(self, h: int) -> Sensitivities:
+        """Those of a hypothesis beside its effect, along the motion that it foresees."""
+        if h not in self._sensitivities:
+            own, D = self.hypotheses[h], self.conditions.disturbances
+            x = np.where(np.abs(self.states[h]) <= FARTHEST, self.states[h], [self.rest, 0.0]).reshape(-1, 2)
+            motion = Motion(x, np.zeros(len(x)), np.zeros((len(x), 3)))
+            if own.effect is None:
+                found = Sensitivities(LinearisedModel(self.chain, own.model, motion), own.names, D)
+            else:
+                found = Sensitivities.beside(self.chain, own.model, own.name, motion, own.bare.names, D)
+            self._sensitivities[h] = found
+        return self._sensitivities[h]
 
     def calm(self) -> NDArray[np.bool_]:
         """Whether no motion that was linearised is so sensitive that a fit would lose its way (K,)."""
-        weight = self.responses[0].weight.reshape(len(self.signals), -1)
-        sd = np.divide(1.0, weight, out=np.zeros_like(weight), where=weight > 0.0)
-        growth = [np.max(np.abs(lin.S_x) * sd[..., None], axis=(1, 2)) for lin in self._lins.values()]
+        growth = [_growth(own.linearised.system.A, len(self.signals)) for own in self._sensitivities.values()]
         calm: NDArray[np.bool_] = np.max(growth, axis=0) <= LARGEST_GROWTH
         return calm
 
     def unlike(self, truth: int, rival: int) -> Normal:
-        """What effect `truth` does to the readings, for the rival's effect and numbers to imitate.
+        """What effect `truth` does to the readings, for the rival's effect and numbers to imitate."""
+        own = self.hypotheses[truth].effect
+        assert own is not None
+        return self.sensitivities(truth).unlike(own, self.hypotheses[rival].effect, len(self.signals))
 
-        Both are put as changes of one step along the motion of the truth, and carried on from there to first order.
-        """
-        own = self.hypotheses[truth]
-        assert own.effect is not None
-        directions = self._about(truth)
-        S = directions.lin.S_p
-        other = self.hypotheses[rival].effect
-        if other is not None:
-            moves = [directions.response_to(e) for e in (other, *_varied(other))]
-            S = np.concatenate([S, np.stack([moves[0], *(m - moves[0] for m in moves[1:])], axis=-1)], axis=-1)
-        return Normal.of(directions.lin.S_x, S, directions.response_to(own.effect))
-
-    def _about(self, truth: int) -> Directions:
-        """Directions along the motion of a hypothesis, of its model without the effect."""
-        if truth not in self._directions:
-            bare = self.hypotheses[truth].bare
-            response = self._response(bare.model, bare.names)
-            lin = replace(self.lin(truth), drives=response.drives(bare.p))
-            solution = Solution(bare.p, self.starts, lin, True)
-            self._directions[truth] = Directions(Fit(response, solution, math.inf, bare.model))
-        return self._directions[truth]
+    def precision(self) -> Normal:
+        """What the rollouts tell of the free parameters, each played in all hypotheses."""
+        normals = [self.sensitivities(h).precision(len(self.signals)) for h in range(len(self.hypotheses))]
+        total = normals[0]
+        for other in normals[1:]:
+            total = total.plus(other)
+        return total
 
 
-def _varied(effect: Effect) -> Iterator[Effect]:
-    """The effect with each of its parameters a little off."""
-    for name, p in effect.parameters.items():
-        value, step = float(p.value), 1e-3 * p.scale
-        yield effect.with_parameters({name: value + step if value + step <= p.bounds[1] else value - step})
+def _growth(A: Array, logs: int) -> Array:
+    """The largest factor (K,) by which an error of the first state grows along each log; A (M, 2, 3)."""
+    steps = np.swapaxes(A[:, :, :2].reshape(logs, -1, 2, 2), 0, 1)
+    grown, largest = np.tile(np.eye(2), (logs, 1, 1)), np.ones(logs)
+    for step in steps[:-1]:
+        grown = step @ grown
+        largest = np.maximum(largest, np.max(np.abs(grown), axis=(1, 2)))
+    return largest
 
 
 class Foreseen(NamedTuple):
@@ -219,9 +214,9 @@ class Foreseen(NamedTuple):
     records: list[Record]
 
 
-def foresee(model: Model, signals: Sequence[Signal], limits: Limits, sensor: Sensor) -> Foreseen:
+def foresee(model: Model, signals: Sequence[Signal], conditions: Conditions) -> Foreseen:
     """What a model does under the signals, from rest or from where it is released."""
-    pool = Pool([Hypothesis("", model, ())], signals, limits, sensor)
+    pool = Pool([Hypothesis("", model, ())], signals, conditions)
     states, blank = pool.states[0], pool.records
     seen = pool.responses[0].readings(np.zeros(0), states)
     records = []
@@ -231,15 +226,15 @@ def foresee(model: Model, signals: Sequence[Signal], limits: Limits, sensor: Sen
     return Foreseen(np.array([r.u for r in blank]), states[..., 0], states[..., 1], records)
 
 
-def tamed(hypotheses: Sequence[Hypothesis], signals: Sequence[Signal], limits: Limits, sensor: Sensor) -> list[Signal]:
+def tamed(hypotheses: Sequence[Hypothesis], signals: Sequence[Signal], conditions: Conditions) -> list[Signal]:
     """The signals, each made smaller until torque and predicted motion keep to the limits."""
-    dt = hypotheses[0].model.dt
+    limits, dt = conditions.limits, hypotheses[0].model.dt
     found = [within(s, limits, round(limits.duration / dt), dt) for s in signals]
     if limits.theta_max is None and limits.theta_dot_max is None:
         return found
     waiting = list(range(len(found)))
     for _ in range(16):
-        stays = Pool(hypotheses, [found[i] for i in waiting], limits, sensor).stays(limits)
+        stays = Pool(hypotheses, [found[i] for i in waiting], conditions).stays()
         waiting = [i for i, fine in zip(waiting, stays, strict=True) if not fine]
         if not waiting:
             break
@@ -280,13 +275,7 @@ def precision(scale: Array) -> Goal:
     """
 
     def parts(pool: Pool) -> Parts:
-        """The normal equations of all hypotheses' rollouts together."""
-        lins = [pool.lin(h) for h in range(len(pool.hypotheses))]
-        normals = [Normal.of(lin.S_x, lin.S_p, lin.e) for lin in lins]
-        total = normals[0]
-        for other in normals[1:]:
-            total = total.plus(other)
-        return [total]
+        return [pool.precision()]
 
     def value(normals: Parts) -> Array:
         widest: Array = np.max(normals[0].sd() / scale, axis=-1)
@@ -309,24 +298,24 @@ class Choice(NamedTuple):
 
 
 def search(
-    goal: Goal, hypotheses: Sequence[Hypothesis], limits: Limits, sensor: Sensor, rng: np.random.Generator
+    goal: Goal, hypotheses: Sequence[Hypothesis], conditions: Conditions, rng: np.random.Generator
 ) -> list[Choice]:
     """A few good choices, each begun with a signal of another kind, best first; empty where nothing is allowed.
 
     Random signals of all kinds, then variations of the best; further rollouts are added one by one, always the one
     that helps most.
     """
-    model = hypotheses[0].model
+    model, limits = hypotheses[0].model, conditions.limits
     n = round(limits.duration / model.dt)
     width = int(np.clip(_SAMPLES // (n * len(hypotheses)), 12, 96))
     swings = rest_angle(model) != 0.0
     signals = draw(rng, limits, model.dt, width, swings)
     best: list[Signal] = []
     for _ in range(_ROUNDS):
-        fresh = tamed(hypotheses, signals, limits, sensor)
-        pool = Pool(hypotheses, [*best, *fresh], limits, sensor)
+        fresh = tamed(hypotheses, signals, conditions)
+        pool = Pool(hypotheses, [*best, *fresh], conditions)
         parts = goal.parts(pool)
-        value = np.where(pool.calm() & pool.stays(limits), goal.value(parts), -np.inf)
+        value = np.where(pool.calm() & pool.stays(), goal.value(parts), -np.inf)
         order = [int(k) for k in np.argsort(-value, kind="stable") if value[k] > -np.inf]
         if not order:
             signals = [s.smaller(0.3) for s in draw(rng, limits, model.dt, width, swings)]

@@ -5,17 +5,23 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
 from sysid.effects import Effect
 from sysid.errors import InvalidInput
 from sysid.estimate import Estimate
-from sysid.fit import fit, free
+from sysid.estimation.chain import Chain
+from sysid.estimation.first_fit import first_fit
+from sysid.estimation.prediction_error import fit
+from sysid.fit import free
 from sysid.model import Model
 from sysid.planning.contest import Match, separable, twins
 from sysid.planning.design import (
+    ROUGHLY,
     UNDETERMINED,
+    Conditions,
     Hypothesis,
     Pool,
     foresee,
@@ -24,10 +30,11 @@ from sysid.planning.design import (
     separation,
     yardsticks,
 )
-from sysid.planning.needed import needed_experiment, never
-from sysid.planning.protocol import HOPELESS, Experiment
+from sysid.planning.needed import needed_experiment, never, no_experiment
+from sysid.planning.protocol import DECISIVE, HOPELESS, Experiment
 from sysid.planning.rivals import Pair, Rivals, names_of, rivals_of
 from sysid.planning.signals import Limits, Signal, rest_angle
+from sysid.plants import Plant
 from sysid.records import Record
 from sysid.sensor import Sensor
 
@@ -42,38 +49,49 @@ def next_experiment(
 ) -> Experiment:
     """The torque signal, within the limits, that best tells rivals apart, or that best narrows the widest interval.
 
-        evidence(i against j) = min_p |y_i - y_j(p)|^2 / sd^2    with y_i what effect i, of its fitted size, would show
+        evidence(i against j) = min_p |W (y_i - y_j(p))|^2
 
-    which for a small effect is lambda_i (1 - rho_ij^2); the smallest over the pairs is made large. Without rivals, the
-    largest 1.96 sd_p / |p| of the Cramer-Rao bound is made small.
+    with y_i what effect i, of its fitted size, would show, and W the factor that whitens it: a random torque that the
+    log shows will act again. Without rivals, the largest 1.96 sd_p / |p| of the Cramer-Rao bound is made small.
 
-    model     a model or an estimate; it may hold one of the rivals
-    rivals    effects that the log confuses: names, or effects with the sizes that they may have
-    limits    by default those of the log's own torque, length and reach
-    sensor    noise of the readings; by default the estimate's, else found from the records
-    records   the log at hand: sizes of the rivals come from it, and what it holds itself is said
-    rng       by default seeded with 0: the same question gets the same answer
+    Parameters
+    ----------
+    model : Model or Estimate
+        It may hold one of the rivals.
+    rivals : sequence of str or Effect, optional
+        The effects that the log confuses: names, or effects with the sizes that they may have.
+    limits : Limits, optional
+        What the rig may do; by default what it did in the log: its torque, length and reach.
+    sensor : Sensor, optional
+        Noise of the readings; by default the estimate's, else found from the records.
+    records : sequence of Record, optional
+        The log at hand: sizes of the rivals and the random torque come from it, and what it tells itself is said.
+    rng : numpy.random.Generator, optional
+        By default seeded with 0: the same question gets the same answer.
 
-    Raises InvalidInput for unknown names and where sizes, limits or noise cannot be known.
+    Returns
+    -------
+    Experiment
+        What to play, and what it will be worth; of kind "none" where nothing that is played tells more than the log.
+
+    Raises
+    ------
+    InvalidInput
+        For unknown names, and where sizes, limits or noise cannot be known.
     """
     estimate = model if isinstance(model, Estimate) else None
-    model = model.model if isinstance(model, Estimate) else model
+    model, names = (model, free(model)) if isinstance(model, Model) else (model.model, model.names)
     records = (records,) if isinstance(records, Record) else tuple(records)
-    sensor = sensor or (estimate.sensor if estimate is not None else None) or _noise(records)
-    limits = _limits(limits, model, records)
+    sensor = sensor or (estimate.sensor if estimate else None) or _noise(records)
+    conditions = Conditions(_limits(limits, model, records), sensor)
     rng = np.random.default_rng(0) if rng is None else rng
-    names = estimate.names if estimate is not None else free(model)
-    with np.errstate(over="ignore", invalid="ignore"):  # a fit may try numbers with which the motion runs away
-        if rivals:
-            if never(names_of(rivals)):
-                return needed_experiment(model, names_of(rivals), limits, sensor, rng)
-            found = rivals_of(model, names, rivals, records, sensor, limits)
-            return _telling(found, names_of(rivals), limits, _louder(sensor, found.excess), rng)
-        if estimate is None and records:
-            estimate = fit(model, records, sensor, names)
-        if estimate is not None:
-            model, sensor = estimate.model, _louder(sensor, _excess(estimate, sensor))
-        return _narrowing(model, names, estimate, limits, sensor, rng)
+    with np.errstate(over="ignore", invalid="ignore"):  # a motion may run away
+        if not rivals:
+            return _narrowing(*_known(model, names, estimate, records, conditions), rng)
+        if never(names_of(rivals)):
+            return needed_experiment(model, names_of(rivals), conditions, rng)
+        first = first_fit if estimate is None else partial(fit, settings=ROUGHLY)  # an estimate's numbers are near
+        return _telling(rivals_of(model, names, rivals, records, conditions, first), names_of(rivals), rng)
 
 
 def _noise(records: Sequence[Record]) -> Sensor:
@@ -84,16 +102,30 @@ def _noise(records: Sequence[Record]) -> Sensor:
     return sensor_noise(records).sensor
 
 
-def _louder(sensor: Sensor, share: float) -> Sensor:
-    """The sensor with so many times the noise: what no model explains will be there in the next log, too."""
-    sd = {f.name: getattr(sensor, f.name) for f in dataclasses.fields(sensor)}
-    return Sensor(**{name: None if value is None else share * value for name, value in sd.items()})
+def _known(
+    model: Model,
+    names: tuple[str, ...],
+    estimate: Estimate | None,
+    records: Sequence[Record],
+    conditions: Conditions,
+) -> tuple[Model, tuple[str, ...], Estimate | None, Conditions]:
+    """The model with its free parameters, the estimate of them, and under what conditions the next log will be made."""
+    if not records:
+        return model, names, estimate, conditions if estimate is None else _noisier(conditions, estimate)
+    chain = Chain(model, records, conditions.sensor)
+    if estimate is not None:
+        return model, names, estimate, conditions.after([fit(chain, model, (), settings=ROUGHLY)])
+    found = first_fit(chain, model, names)
+    return found.model, names, found.estimate(), conditions.after([found])
 
 
-def _excess(estimate: Estimate, sensor: Sensor) -> float:
-    """RMS of the estimate's residuals over the channels, in units of the sensor's noise; 1 at least."""
-    ratios = [sd / noise for c, sd in estimate.noise.items() if (noise := getattr(sensor, c, None)) is not None]
-    return max(1.0, math.sqrt(sum(r * r for r in ratios) / len(ratios))) if ratios else 1.0
+def _noisier(conditions: Conditions, estimate: Estimate) -> Conditions:
+    """With the noise of an estimate's residuals, where that is more than the sensor's.
+
+    How long its random torque lasts, an estimate does not tell: that takes the records.
+    """
+    told = {c: getattr(conditions.sensor, c) for c in estimate.noise}
+    return conditions.louder({c: max(1.0, sd / told[c]) for c, sd in estimate.noise.items() if told[c] is not None})
 
 
 def _limits(limits: Limits | None, model: Model, records: Sequence[Record]) -> Limits:
@@ -101,9 +133,10 @@ def _limits(limits: Limits | None, model: Model, records: Sequence[Record]) -> L
         if not records:
             raise InvalidInput("no limits are known: give Limits(u_max=...), or records to take them from")
         limits = limits_of(records, model)
+    unit = model.plant.unit("N m")
     if limits.u_max > model.u_max * (1.0 + 1e-9):
         raise InvalidInput(
-            f"limits: u_max = {limits.u_max:g} N m is beyond the model's own limit of {model.u_max:g} N m"
+            f"limits: u_max = {limits.u_max:g} {unit} is beyond the model's own limit of {model.u_max:g} {unit}"
         )
     n = round(limits.duration / (limits.dt or model.dt))
     if n < 8:
@@ -132,35 +165,34 @@ def _at(h: Hypothesis, dt: float | None) -> Hypothesis:
     return h if dt is None else dataclasses.replace(h, model=dataclasses.replace(h.model, dt=dt))
 
 
-def _impossible(limits: Limits) -> InvalidInput:
-    reach = "" if limits.theta_max is None else f", {limits.theta_max:g} rad from rest"
-    speed = "" if limits.theta_dot_max is None else f", {limits.theta_dot_max:g} rad/s"
-    return InvalidInput(f"no signal keeps to the limits ({limits.u_max:g} N m{reach}{speed}): widen them")
+def _impossible(limits: Limits, plant: Plant) -> InvalidInput:
+    bounds = {"N m": limits.u_max, "rad": limits.theta_max, "rad/s": limits.theta_dot_max}
+    told = ", ".join(f"{value:g} {plant.unit(unit)}" for unit, value in bounds.items() if value is not None)
+    return InvalidInput(f"no signal keeps to the limits (at most {told}): widen them")
 
 
 # telling rivals apart ----------------------------------------------------------------------------------------
 
 
-def _telling(
-    found: Rivals, names: tuple[str, ...], limits: Limits, sensor: Sensor, rng: np.random.Generator
-) -> Experiment:
+def _telling(found: Rivals, names: tuple[str, ...], rng: np.random.Generator) -> Experiment:
+    conditions, dt = found.conditions, found.conditions.limits.dt
     if found.absorbed:
-        return needed_experiment(found.base.model, found.absorbed, limits, sensor, rng)
-    hypotheses = tuple(_at(h, limits.dt) for h in (*found.hypotheses, found.base))
-    apart = separable(hypotheses, found.pairs, limits, sensor, rng)
+        return needed_experiment(found.base.model, found.absorbed, conditions, rng)
+    hypotheses = tuple(_at(h, dt) for h in (*found.hypotheses, found.base))
+    apart = separable(hypotheses, found.pairs, conditions, rng)
     if not apart:
-        return needed_experiment(hypotheses[0].model, names, limits, sensor, rng)
+        return needed_experiment(hypotheses[0].model, names, conditions, rng)
     same = twins(found.pairs, apart)
     pairs = tuple(p for p in apart if p.truth not in same and p.rival not in same)
     notes = [f"no torque tells {hypotheses[j].name} from {hypotheses[i].name}" for j, i in same.items()]
-    best = _best(hypotheses, pairs, limits, sensor, rng)
+    best = _best(hypotheses, pairs, conditions, rng)
     hopeless = {(c.truth, c.rival) for c in best.contests() if c.after < HOPELESS}
     others = tuple(p for p in pairs if (hypotheses[p.truth].name, hypotheses[p.rival].name) not in hopeless)
     if not others:
         after = min(c.after for c in best.contests())
-        return needed_experiment(hypotheses[0].model, names, limits, sensor, rng, after)
+        return needed_experiment(hypotheses[0].model, names, conditions, rng, after)
     if hopeless:  # they must not choose the signal for the others
-        best = _best(hypotheses, others, limits, sensor, rng)
+        best = _best(hypotheses, others, conditions, rng)
         for truth in dict.fromkeys(t for t, _ in sorted(hopeless)):
             rivals = " and ".join(r for t, r in sorted(hopeless) if t == truth)
             notes.append(f"{truth} of the size found is not told from {rivals}")
@@ -168,16 +200,12 @@ def _telling(
 
 
 def _best(
-    hypotheses: tuple[Hypothesis, ...],
-    pairs: tuple[Pair, ...],
-    limits: Limits,
-    sensor: Sensor,
-    rng: np.random.Generator,
+    hypotheses: tuple[Hypothesis, ...], pairs: tuple[Pair, ...], conditions: Conditions, rng: np.random.Generator
 ) -> Match:
-    choices = search(separation([(p.truth, p.rival) for p in pairs]), hypotheses[:-1], limits, sensor, rng)
+    choices = search(separation([(p.truth, p.rival) for p in pairs]), hypotheses[:-1], conditions, rng)
     if not choices:
-        raise _impossible(limits)
-    return max((Match(hypotheses, pairs, c.signals, limits, sensor) for c in choices), key=lambda m: m.worth)
+        raise _impossible(conditions.limits, hypotheses[0].model.plant)
+    return max((Match(hypotheses, pairs, c.signals, conditions) for c in choices), key=lambda m: m.worth)
 
 
 def _told(match: Match, notes: Sequence[str]) -> Experiment:
@@ -186,15 +214,27 @@ def _told(match: Match, notes: Sequence[str]) -> Experiment:
     before = min((c.before for c in contests if c.before is not None), default=None)
     asked = tuple(h for h in match.hypotheses if any(h.name in (c.truth, c.rival) for c in contests))
     shown = tuple(h.name for h in asked)
-    told = {frozenset((c.truth, c.rival)) for c in contests}
-    whom = f"{', '.join(shown)} apart"
-    if len(shown) == 2 or len(told) < len(shown) * (len(shown) - 1) // 2:
-        whom = " and ".join(" from ".join(h for h in shown if h in pair) for pair in sorted(told, key=sorted))
+    whom = _whom(shown, {frozenset((c.truth, c.rival)) for c in contests})
+    if before is not None and after <= before:
+        advice = "fit both" if before >= DECISIVE else "widen the limits"
+        sentence = (
+            f"the log at hand tells {whom} with {before:.3g} units of evidence, and no torque within these limits "
+            f"brings more than {after:.3g}: {advice}"
+        )
+        none = no_experiment(shown, f"{'; '.join((sentence, *notes))}.", before=before)
+        return dataclasses.replace(none, contests=contests)
     sentence = f"it tells {whom} with {after:.3g} units of evidence"
     sentence += "" if before is None else f" where this log had {before:.2g}"
     sentence = "; ".join((sentence, *notes))
-    answer = _answer(match.signals, sentence, shown, "evidence", before, after, asked, match.limits, match.sensor)
+    answer = _answer(match.signals, sentence, shown, "evidence", before, after, asked, match.conditions)
     return dataclasses.replace(answer, contests=contests)
+
+
+def _whom(shown: tuple[str, ...], told: set[frozenset[str]]) -> str:
+    """Who is told from whom: all of them apart, or pair by pair."""
+    if len(shown) == 2 or len(told) < len(shown) * (len(shown) - 1) // 2:
+        return " and ".join(" from ".join(h for h in shown if h in pair) for pair in sorted(told, key=sorted))
+    return f"{', '.join(shown)} apart"
 
 
 # narrowing intervals -----------------------------------------------------------------------------------------
@@ -204,31 +244,32 @@ def _narrowing(
     model: Model,
     names: tuple[str, ...],
     estimate: Estimate | None,
-    limits: Limits,
-    sensor: Sensor,
+    conditions: Conditions,
     rng: np.random.Generator,
 ) -> Experiment:
     scale = yardsticks(model, names)
-    hypotheses = [_at(Hypothesis("model", model, names), limits.dt)]
-    choices = search(precision(scale), hypotheses, limits, sensor, rng)
+    hypotheses = [_at(Hypothesis("model", model, names), conditions.limits.dt)]
+    choices = search(precision(scale), hypotheses, conditions, rng)
     if not choices:
-        raise _impossible(limits)
-    pool = Pool(hypotheses, choices[0].signals, limits, sensor)
-    sd = precision(scale).parts(pool)[0].together().sd()[0]
+        raise _impossible(conditions.limits, model.plant)
+    sd = Pool(hypotheses, choices[0].signals, conditions).precision().together().sd()[0]
     if np.max(sd / scale) >= UNDETERMINED:
         lost = tuple(n for n, s in zip(names, sd, strict=True) if not math.isfinite(s))
-        return needed_experiment(model, lost, limits, sensor, rng)
-    had = np.array([estimate.sd[n] for n in names]) if estimate is not None else np.full(len(names), np.inf)
-    k = (
-        int(np.argmax(np.where(np.isfinite(had), had, np.inf) / scale))
-        if estimate is not None
-        else int(np.argmax(sd / scale))
-    )
-    before = 1.96 * float(had[k]) if math.isfinite(had[k]) else None
+        return needed_experiment(model, lost, conditions, rng)
+    had = sd if estimate is None else np.array([estimate.sd[n] for n in names])
+    k = int(np.argmax(had / scale))
+    before = 1.96 * float(had[k]) if estimate is not None and math.isfinite(had[k]) else None
     after, unit = 1.96 * float(sd[k]), model.parameters[names[k]].unit
+    if before is not None and after >= before:
+        sentence = (
+            f"the log at hand has the widest 95 % interval, that of {names[k]}, at +-{before:.2g} {unit}, and no "
+            f"torque within these limits makes it narrower than +-{after:.2g} {unit}: widen them."
+        )
+        return dataclasses.replace(no_experiment(names, sentence, "interval", before), widest=names[k])
     told = f"it narrows the widest 95 % interval, that of {names[k]}, to +-{after:.2g} {unit}"
     told += "" if before is None else f" where this log had +-{before:.2g}"
-    return _answer(choices[0].signals, told, names, "interval", before, after, hypotheses, limits, sensor, names[k])
+    answer = _answer(choices[0].signals, told, names, "interval", before, after, hypotheses, conditions)
+    return dataclasses.replace(answer, widest=names[k])
 
 
 def _answer(
@@ -239,15 +280,14 @@ def _answer(
     before: float | None,
     after: float,
     hypotheses: Sequence[Hypothesis],
-    limits: Limits,
-    sensor: Sensor,
-    widest: str | None = None,
+    conditions: Conditions,
 ) -> Experiment:
-    runs = [foresee(h.model, signals, limits, sensor) for h in hypotheses]
+    runs = [foresee(h.model, signals, conditions) for h in hypotheses]
+    model, seconds = hypotheses[0].model, conditions.limits.duration
     kinds = {s.kind for s in signals}
-    orders = "; ".join(dict.fromkeys(s.sentence for s in signals))
-    many = f"{len(signals)} rollouts of {limits.duration:g} s: " if len(signals) > 1 else ""
-    length = "" if many else f", for {limits.duration:g} s"
+    orders = "; ".join(dict.fromkeys(s.sentence(model.plant) for s in signals))
+    many = f"{len(signals)} rollouts of {seconds:g} s: " if len(signals) > 1 else ""
+    length = "" if many else f", for {seconds:g} s"
     return Experiment(
         kind=kinds.pop() if len(kinds) == 1 else "mixed",
         description=f"{many}{orders}{length}: {told}.",
@@ -256,9 +296,9 @@ def _answer(
         before=before,
         after=after,
         u=runs[0].u,
-        dt=hypotheses[0].model.dt,
+        dt=model.dt,
         theta=runs[0].theta,
         theta_dot=runs[0].theta_dot,
-        reach=max(float(np.max(np.abs(r.theta - rest_angle(hypotheses[0].model)))) for r in runs),
-        widest=widest,
+        reach=max(float(np.max(np.abs(r.theta - rest_angle(model)))) for r in runs),
+        unit=model.plant.unit("rad"),
     )

@@ -15,12 +15,11 @@ from sysid.estimate import Estimate
 from sysid.fit import free
 from sysid.model import Model
 from sysid.ops import Value
-from sysid.planning.design import Hypothesis, Pool, foresee, precision, search, tamed, yardsticks
+from sysid.planning.design import Conditions, Hypothesis, Pool, foresee, precision, search, tamed, yardsticks
 from sysid.planning.protocol import Experiment
 from sysid.planning.rivals import INERTIAL
-from sysid.planning.signals import Limits, Signal, rest_angle
+from sysid.planning.signals import Signal, rest_angle
 from sysid.records import Array
-from sysid.sensor import Sensor
 
 GRAVITY = 9.81
 """[m/s^2] where the plant has none of its own."""
@@ -73,18 +72,37 @@ def never(names: Sequence[str]) -> bool:
 def needed_experiment(
     model: Model | Estimate,
     names: Sequence[str],
-    limits: Limits,
-    sensor: Sensor,
+    conditions: Conditions,
     rng: np.random.Generator | None = None,
     after: float | None = None,
 ) -> Experiment:
     """What tells apart effects or parameters that no torque does.
 
-    names   effects ("back_emf", "torque_gain") and parameters ("m", "rotor_inertia.J_r") of one class
-    after   the evidence that the best torque within the limits would bring, where that is known
+    Back-EMF against friction: the driver off. What shows as an inertia or a gravity torque: a payload, a scale,
+    a ruler.
 
-    Back-EMF against friction: the driver off. m, l, g, J, G, torque gain and rotor inertia: a known payload, a scale, a
-    ruler. The others have a sentence, of kind "none". Raises InvalidInput where no name is given.
+    Parameters
+    ----------
+    model : Model or Estimate
+        The machine as far as it is known.
+    names : sequence of str
+        Effects ("back_emf", "torque_gain") and parameters ("m", "rotor_inertia.J_r") of one class.
+    conditions : Conditions
+        What the rig may do, the noise of its readings, and what else acts on it.
+    rng : numpy.random.Generator, optional
+        By default seeded with 0.
+    after : float, optional
+        The evidence that the best torque within the limits would bring, where that is known.
+
+    Returns
+    -------
+    Experiment
+        With the least labour that tells them apart; of kind "none" where a sentence is all there is.
+
+    Raises
+    ------
+    InvalidInput
+        Where no name is given, and where no signal keeps to the limits.
     """
     names = tuple(dict.fromkeys(n.split(".")[0] for n in ((names,) if isinstance(names, str) else names)))
     if not names:
@@ -93,31 +111,32 @@ def needed_experiment(
     model = model.model if isinstance(model, Estimate) else model
     rng = np.random.default_rng(0) if rng is None else rng
     if "back_emf" in names:
-        return _driver_off(model, fitted, names, limits, sensor)
+        return _driver_off(model, fitted, names, conditions)
     if set(names) <= set(INERTIAL):
-        return _weighed(model, fitted, names, limits, sensor, rng)
+        return _weighed(model, fitted, names, conditions, rng)
     for pair, answer in _ANSWERS.items():
         if set(pair) <= set(names):
-            return _nothing(names, f"no torque tells {' from '.join(pair)}: {answer}.")
+            return no_experiment(names, f"no torque tells {' from '.join(pair)}: {answer}.")
     apart = f"{names[0]} from {' and '.join(names[1:]) or 'the rest of the model'}"
     if after is not None:
-        return _nothing(
+        return no_experiment(
             names, f"no torque within these limits tells {apart} ({after:.2g} units of evidence): widen them."
         )
-    return _nothing(names, f"no torque tells {apart}: another sensor is needed.")
+    return no_experiment(names, f"no torque tells {apart}: another sensor is needed.")
 
 
-def _nothing(names: tuple[str, ...], sentence: str) -> Experiment:
+def no_experiment(
+    names: tuple[str, ...], sentence: str, measure: str = "evidence", before: float | None = None
+) -> Experiment:
+    """The answer that nothing is to be played, and why."""
     unplayed, unmoved = np.zeros((0, 0)), np.zeros((0, 1))
-    return Experiment("none", sentence, names, "evidence", None, None, unplayed, 0.0, unmoved, unmoved, 0.0)
+    return Experiment("none", sentence, names, measure, before, None, unplayed, 0.0, unmoved, unmoved, 0.0)
 
 
 # the driver off ----------------------------------------------------------------------------------------------
 
 
-def _driver_off(
-    model: Model, fitted: tuple[str, ...], names: tuple[str, ...], limits: Limits, sensor: Sensor
-) -> Experiment:
+def _driver_off(model: Model, fitted: tuple[str, ...], names: tuple[str, ...], conditions: Conditions) -> Experiment:
     """A free swing without the motor: what brakes it then is friction, and the rest was back-EMF."""
     others = [n for n in names if n != "back_emf"] or ["viscous"]
     braking = sum(
@@ -128,22 +147,23 @@ def _driver_off(
         bare = bare.without_effect(e.name) if e.name in (*names, "viscous") else bare
     told = f"what brakes it then is {' or '.join(others)}, and what is missing beside a driven log is back_emf"
     if rest_angle(model) == 0.0:
-        return _nothing(names, f"switch the driver off, push the joint and let it coast: {told}.")
+        return no_experiment(names, f"switch the driver off, push the joint and let it coast: {told}.")
+    limits = conditions.limits
     release = limits.release or min(1.0, limits.theta_max or 1.0)
     free_swing = Signal("free swing", 0.0, 1.0, 1.0, 1.0, 1.0, release, 0)
-    swing = tamed([Hypothesis("", model, fitted)], [free_swing], limits, sensor)
+    swing = tamed([Hypothesis("", model, fitted)], [free_swing], conditions)
     after = None
-    run = foresee(model, swing, limits, sensor)
+    run = foresee(model, swing, conditions)
     if braking > 0.0:
         # a swing without torque shows b / J and G / J: the inertia is known from the log of the driven joint
         own = tuple(n for n in fitted if "." not in n and n not in ("m", "J"))
         truth = Hypothesis("viscous", bare.with_effect(Viscous(b=braking)), (*own, "viscous.b"))
-        pool = Pool([truth, Hypothesis("nothing", bare, own)], swing, limits, sensor)
+        pool = Pool([truth, Hypothesis("nothing", bare, own)], swing, conditions)
         after = limits.rollouts * float(pool.unlike(0, 1).unexplained()[0])
     worth = "" if after is None else f", with {after:.3g} units of evidence if all of it is friction"
     return Experiment(
         kind="driver off",
-        description=f"switch the driver off, {swing[0].sentence} for {limits.duration:g} s"
+        description=f"switch the driver off, {swing[0].sentence(model.plant)} for {limits.duration:g} s"
         f"{f', {limits.rollouts} times' if limits.rollouts > 1 else ''}: {told}{worth}.",
         separates=names,
         measure="evidence",
@@ -164,8 +184,7 @@ def _weighed(
     model: Model,
     fitted: tuple[str, ...],
     names: tuple[str, ...],
-    limits: Limits,
-    sensor: Sensor,
+    conditions: Conditions,
     rng: np.random.Generator,
 ) -> Experiment:
     """The least labour that makes every parameter of the class show: a payload, the scale, both, a ruler too."""
@@ -175,7 +194,7 @@ def _weighed(
     own = {e.name: f"{e.name}.{next(iter(e.parameters))}" for e in model.effects if e.name in INERTIAL}
     plant = tuple(n for n in model.plant.parameters if n in fitted or n in names)
     unknown = (*plant, *own.values())
-    payload = limits.payload or _payload(model)
+    payload = conditions.limits.payload or _payload(model)
     if not model.plant.turns:
         payload = payload[0], 1.0  # a carriage carries it, wherever it sits
     shown = _shown(model, unknown, None), _shown(model, unknown, payload)
@@ -187,9 +206,11 @@ def _weighed(
             if (loaded or known) and _rank(shown[loaded][:, left]) == len(left):
                 rest = tuple(unknown[i] for i in left)
                 if not loaded:
-                    return _nothing(unknown, _by_hand(known, unknown))
-                return _with_payload(model, fitted, unknown, known, rest, payload, limits, sensor, rng)
-    return _nothing(unknown, f"no torque and no payload tells {' from '.join(unknown)}: measure one of them by itself.")
+                    return no_experiment(unknown, _by_hand(known, unknown))
+                return _with_payload(model, fitted, unknown, known, rest, payload, conditions, rng)
+    return no_experiment(
+        unknown, f"no torque and no payload tells {' from '.join(unknown)}: measure one of them by itself."
+    )
 
 
 def _by_hand(known: tuple[str, ...], unknown: tuple[str, ...]) -> str:
@@ -198,7 +219,7 @@ def _by_hand(known: tuple[str, ...], unknown: tuple[str, ...]) -> str:
 
 
 def _measuring(known: tuple[str, ...]) -> str:
-    orders = {"m": "weigh the swinging part (m)", "l": "measure its length (l)", "g": "look up gravity (g)"}
+    orders = {"m": "weigh the moving part (m)", "l": "measure its length (l)", "g": "look up gravity (g)"}
     return " and ".join(orders[k] for k in known)
 
 
@@ -246,8 +267,7 @@ def _with_payload(
     known: tuple[str, ...],
     rest: tuple[str, ...],
     payload: tuple[float, float],
-    limits: Limits,
-    sensor: Sensor,
+    conditions: Conditions,
     rng: np.random.Generator,
 ) -> Experiment:
     weighs = rest_angle(model) != 0.0
@@ -255,23 +275,22 @@ def _with_payload(
     names = (*rest, *(n for n in fitted if n not in unknown))
     setups = [Hypothesis("plain", model, names), Hypothesis("loaded", loaded, names)]
     scale = yardsticks(model, names)
-    choices = search(precision(scale), setups, limits, sensor, rng)
+    choices = search(precision(scale), setups, conditions, rng)
     if not choices:
         raise InvalidInput(f"no signal keeps to the limits with {payload[0]:g} kg hung on: widen them")
     signals = choices[0].signals
-    pool = Pool(setups, signals, limits, sensor)
-    sd = precision(scale).parts(pool)[0].together().sd()[0][: len(rest)]
+    sd = Pool(setups, signals, conditions).precision().together().sd()[0][: len(rest)]
     k = int(np.argmax(sd / scale[: len(rest)]))
     after, unit = 1.96 * float(sd[k]), model.parameters[rest[k]].unit
-    runs = [foresee(h.model, signals, limits, sensor) for h in setups]
+    runs = [foresee(h.model, signals, conditions) for h in setups]
     first = f"{_measuring(known)}, and " if known else ""
-    orders = "; ".join(dict.fromkeys(s.sentence for s in signals))
+    orders = "; ".join(dict.fromkeys(s.sentence(model.plant) for s in signals))
     theta = np.concatenate([r.theta for r in runs])
     place = f"hung on {payload[1]:g} m from the axis" if model.plant.turns else "on it"
     return Experiment(
         kind="payload",
-        description=f"{first}{orders}, for {limits.duration:g} s, once as it is and once with {payload[0]:g} kg "
-        f"{place}: that tells {', '.join(rest)} apart, {rest[k]} to +-{after:.2g} {unit}.",
+        description=f"{first}{orders}, for {conditions.limits.duration:g} s, once as it is and once with "
+        f"{payload[0]:g} kg {place}: that tells {', '.join(rest)} apart, {rest[k]} to +-{after:.2g} {unit}.",
         separates=unknown,
         measure="interval",
         before=None,
@@ -283,4 +302,5 @@ def _with_payload(
         reach=float(np.max(np.abs(theta - rest_angle(model)))),
         widest=rest[k],
         payload=payload,
+        unit=model.plant.unit("rad"),
     )

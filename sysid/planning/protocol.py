@@ -31,17 +31,19 @@ class Experiment:
     """What to do next on the rig, and what it will be worth.
 
     kind         "steps", "bang-bang", "chirp", "multisine", "free swing" or, for several of them, "mixed"; "payload",
-                 "driver off"; "none": nothing that is played helps
+                 "driver off"; "none": nothing that is played helps, or nothing tells more than the log at hand
     description  one sentence
     separates    the effects or the parameters that it tells apart
     measure      "evidence": expected decrease of -2 log likelihood, right effect against the best rival (16 decide);
                  "interval": half width of the widest 95 % interval, that of parameter `widest`
     before       that number on the log at hand (None: no log was given, or it was infinite)
-    after        the same expected of a log of this experiment alone (None: not known)
+    after        the same expected of a log of this experiment alone, beside the random torque that the log at hand
+                 shows (None: not known, or there is nothing to play)
     u (n, N)     [N m] torque of each rollout, held over dt [s]
     theta, theta_dot (n, N+1)  [rad], [rad/s] the predicted motion; a rollout starts at rest at theta[:, 0]
     reach        [rad] its farthest way from rest, speed [rad/s] its fastest
     contests     the evidence pair by pair; before and after are the least of it
+    unit         of theta: m for a linear axis
     payload      (mass [kg], distance from the axis [m]) that hangs on the joint in the second half of the rollouts
     """
 
@@ -59,6 +61,7 @@ class Experiment:
     widest: str | None = None
     payload: tuple[float, float] | None = None
     contests: tuple[Contest, ...] = ()
+    unit: str = "rad"
 
     @property
     def start(self) -> Array:
@@ -140,7 +143,7 @@ class Experiment:
         lines = [self.description]
         if self.u.size:
             lines.append(
-                f"  predicted motion: up to {self.reach:.3g} rad from rest and {self.speed:.3g} rad/s; "
+                f"  predicted motion: up to {self.reach:.3g} {self.unit} from rest and {self.speed:.3g} {self.unit}/s; "
                 f"{len(self.u)} x {self.u.shape[1] * self.dt:.3g} s"
             )
         if self.repeats is not None and self.repeats > 1:

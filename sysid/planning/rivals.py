@@ -2,31 +2,34 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import NamedTuple
 
-import numpy as np
-
 from sysid.diagnosis.candidates import Alternative, candidates
+from sysid.diagnosis.scores import scores
+from sysid.diagnosis.search import extended
 from sysid.effects import Effect, effect
 from sysid.errors import InvalidInput
-from sysid.identify.gauss_newton import Fit, fit_longest, fit_windows
+from sysid.estimation.chain import Chain
+from sysid.estimation.first_fit import first_fit
+from sysid.estimation.prediction_error import Fit, Settings, fit
 from sysid.model import Model
 from sysid.parameters import Extent
-from sysid.planning.design import Hypothesis, Normal, foresee
-from sysid.planning.refits import LEAD, at_horizon, grow
-from sysid.planning.screen import screen
-from sysid.planning.signals import Limits, Signal
+from sysid.planning.design import KNOWN, ROUGHLY, Conditions, Hypothesis, foresee
+from sysid.planning.evidence import Sensitivities
+from sysid.planning.signals import Signal
 from sysid.records import Record
-from sysid.sensor import Sensor
 
 NOTHING = "nothing"
 """Name of the hypothesis that no rival is there."""
 
 INERTIAL = ("m", "l", "g", "J", "G", "torque_gain", "rotor_inertia")
 """What shows in the motion as J / c and G / c only, with c the torque gain."""
+
+First = Callable[[Chain, Model, Sequence[str]], Fit]
+"""How a log is fitted before any rival is."""
 
 _TRUE = 0.25
 """A rival may be the truth where it explains at least that share of what the best one explains."""
@@ -45,14 +48,14 @@ class Pair(NamedTuple):
 class Rivals:
     """Hypotheses that a log confuses, the pairs that must be told apart, and the model with none of them.
 
-    excess     sd of what the best of them leaves of the log, in units of the sensor's noise; 1 at least
+    conditions those of the next log: with what the best of them leaves of this one
     absorbed   rivals that the free parameters imitate whatever is played: nothing else is known then
     """
 
     hypotheses: tuple[Hypothesis, ...]
     pairs: tuple[Pair, ...]
     base: Hypothesis
-    excess: float = 1.0
+    conditions: Conditions
     absorbed: tuple[str, ...] = ()
 
 
@@ -70,14 +73,47 @@ def rivals_of(
     free: Sequence[str],
     rivals: Sequence[str | Effect],
     records: Sequence[Record],
-    sensor: Sensor,
-    limits: Limits,
+    conditions: Conditions,
+    first: First = first_fit,
 ) -> Rivals:
     """Every rival fitted to the log, or where there is none, to what the one of known size does under a multisine.
 
     Where no size can be known (no log, no numbers; or the log does not show the rival), that of the rival's probe.
     Raises InvalidInput for names that are unknown, come twice or cannot stand in this model.
     """
+    asked = _asked(model, free, rivals)
+    limits = conditions.limits
+    possible = candidates(asked.base.model, Extent(model.dt, limits.duration, limits.u_max), asked.names)
+    for name in asked.names:
+        if name not in possible:
+            raise InvalidInput(f"{name} cannot stand beside the model's own effects: it cannot be a rival")
+    probes = {n: _probed(a[len(a) // 2]) for n, a in possible.items()}
+    if records:
+        fits = _fitted(asked, records, conditions, first)
+        truths = fits.likely
+    elif asked.known:
+        truth = asked.base.model.with_effect(next(iter(asked.known.values())))
+        known = partial(fit, disturbances=conditions.disturbances, settings=KNOWN)
+        fits = _with_rivals(asked, _reference(truth, conditions), conditions, known, KNOWN)
+        truths = [n for n in asked.names if n in asked.known]
+    else:
+        return _listed(Fits(asked.base, {}, conditions), probes, asked.names)
+    probes = {n: probe for n, probe in probes.items() if n not in fits.with_rival}
+    if probes and set(probes) <= set(INERTIAL):
+        return Rivals((), (), fits.base, conditions, absorbed=tuple(probes))
+    return _listed(fits, probes, truths or asked.names, bool(records))
+
+
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """The model with none of the rivals, their names, and those of which the size is known."""
+
+    base: Hypothesis
+    names: tuple[str, ...]
+    known: dict[str, Effect]
+
+
+def _asked(model: Model, free: Sequence[str], rivals: Sequence[str | Effect]) -> Asked:
     names = names_of(rivals)
     known = {e.name: e for e in model.effects if e.name in names}
     known |= {r.name: r for r in rivals if isinstance(r, Effect)}
@@ -88,97 +124,95 @@ def rivals_of(
     base_names = tuple(n for n in free if not n.startswith(own))
     if not base_names:
         raise InvalidInput("nothing is free beside the rivals: name at least one parameter of the plant")
-    extent = Extent(base.dt, limits.duration, limits.u_max)
-    possible = candidates(base, extent, names)
-    for name in names:
-        if name not in possible:
-            raise InvalidInput(f"{name} cannot stand beside the model's own effects: it cannot be a rival")
-    log = tuple(records)
-    if not log and known:
-        log = _reference(base.with_effect(next(iter(known.values()))), sensor, limits)
-    if not log:
-        probes = {n: _probed(a[len(a) // 2]) for n, a in possible.items()}
-        return _listed(base, base_names, probes, {}, list(names), None)
-    fit, fits, unseen = _fitted(base, base_names, names, known, log, sensor)
-    if unseen and set(unseen) <= set(INERTIAL):
-        return Rivals((), (), Hypothesis(NOTHING, fit.model, base_names), absorbed=unseen)
-    probes = {n: _probed(possible[n][len(possible[n]) // 2]) for n in unseen}
-    gains = {n: fit.solution.lin.cost - f.solution.lin.cost for n, f in fits.items()}
-    truths = [n for n in names if n in known and not records] or [
-        n for n, gain in gains.items() if gain > 0.0 and gain >= _TRUE * max(gains.values())
-    ]
-    return _listed(fit.model, base_names, probes, fits, truths or list(names), fit if records else None)
+    return Asked(Hypothesis(NOTHING, base, base_names), names, known)
 
 
 def _probed(alternative: Alternative) -> Effect:
     return alternative.at(alternative.sizes)
 
 
-def _reference(model: Model, sensor: Sensor, limits: Limits) -> tuple[Record, ...]:
-    signal = Signal("multisine", 0.5 * limits.u_max, 0.3, 0.1, min(2.0, 0.1 / model.dt), 1.0, 0.0, 0)
-    return tuple(foresee(model, [signal], limits, sensor).records)
+def _reference(model: Model, conditions: Conditions) -> tuple[Record, ...]:
+    signal = Signal("multisine", 0.5 * conditions.limits.u_max, 0.3, 0.1, min(2.0, 0.1 / model.dt), 1.0, 0.0, 0)
+    return tuple(foresee(model, [signal], conditions).records)
 
 
-def _fitted(
-    base: Model,
-    base_names: tuple[str, ...],
-    names: tuple[str, ...],
-    known: dict[str, Effect],
-    log: Sequence[Record],
-    sensor: Sensor,
-) -> tuple[Fit, dict[str, Fit], tuple[str, ...]]:
-    """The fit with none, one with each rival, all on the same windows, and the rivals that the log does not show."""
-    fit = fit_longest(base, base_names, log, sensor, lead=LEAD)
-    searched = tuple(n for n in names if n not in known)
-    scores = screen(fit, searched)[0] if searched else {}
-    begun = {n: s.best.at(s.sizes) for n, s in scores.items() if s.visible and s.best is not None}
-    fits = {name: _with(fit, e) for name, e in (known | begun).items()}
-    unseen = tuple(n for n in names if n not in fits)
-    if fits and math.isfinite(fit.horizon):
-        longest = grow(min(fits.values(), key=lambda f: f.solution.lin.cost)).horizon
-        fits = {name: at_horizon(f, longest) for name, f in fits.items()}
-        fit = at_horizon(fit, longest)
-    return fit, fits, unseen
+@dataclass(frozen=True, eq=False)
+class Fits:
+    """The model with none of the rivals, at its fitted numbers, and one fit with each rival that the log shows.
+
+    conditions   those of the next log
+    deviance     of the fit with none; None where there is no log
+    """
+
+    base: Hypothesis
+    with_rival: dict[str, Fit]
+    conditions: Conditions
+    deviance: float | None = None
+
+    @property
+    def likely(self) -> list[str]:
+        """The rivals that explain a good part of what the best one explains."""
+        assert self.deviance is not None
+        gains = {n: self.deviance - own.deviance for n, own in self.with_rival.items()}
+        return [n for n, gain in gains.items() if gain > 0.0 and gain >= _TRUE * max(gains.values())]
+
+    def evidence(self, truth: str, rival: str) -> float:
+        """What the rival, at its best numbers on the log at hand, leaves of the truth's changes, to first order."""
+        if truth not in self.with_rival:
+            return 0.0
+        if truth not in self._sensitivities:
+            found, conditions = self.with_rival[truth], self.conditions
+            chain = Chain(found.model, found.chain.records, conditions.sensor)
+            self._sensitivities[truth] = Sensitivities.beside(
+                chain, found.model, truth, found.motion, self.base.names, conditions.disturbances
+            )
+        own, other = (self._effect(name) for name in (truth, rival))
+        assert own is not None
+        return float(self._sensitivities[truth].unlike(own, other).unexplained()[0])
+
+    @cached_property
+    def _sensitivities(self) -> dict[str, Sensitivities]:
+        return {}
+
+    def _effect(self, name: str) -> Effect | None:
+        found = self.with_rival.get(name)
+        return None if found is None else next(e for e in found.model.effects if e.name == name)
 
 
-def _with(fit: Fit, added: Effect) -> Fit:
-    own = {f"{added.name}.{k}": float(p.value) for k, p in added.parameters.items()}
-    p = np.concatenate([fit.solution.p, list(own.values())])
-    names = (*fit.names, *own)
-    r = fit.response
-    return fit_windows(fit.model.with_effect(added), names, r.records, r.sensor, fit.horizon, p, fit, LEAD)
+def _fitted(asked: Asked, records: Sequence[Record], conditions: Conditions, first: First) -> Fits:
+    """The fits to a log; made anew where they show that its noise was told wrong."""
+    found = _with_rivals(asked, records, conditions, first, ROUGHLY)
+    if found.conditions.much_louder(conditions):
+        return _with_rivals(asked, records, found.conditions, first, ROUGHLY)
+    return found
 
 
-def _listed(
-    base: Model,
-    base_names: tuple[str, ...],
-    probes: dict[str, Effect],
-    fits: dict[str, Fit],
-    truths: Sequence[str],
-    logged: Fit | None,
-) -> Rivals:
+def _with_rivals(
+    asked: Asked, records: Sequence[Record], conditions: Conditions, first: First, settings: Settings
+) -> Fits:
+    """The fit with none, and one with each rival that the readings show."""
+    names = asked.base.names
+    base = first(Chain(asked.base.model, records, conditions.sensor), asked.base.model, names)
+    searched = [n for n in asked.names if n not in asked.known]
+    found = scores(base, searched) if searched else {}
+    begun = asked.known | {n: s.best.at(s.sizes) for n, s in found.items() if s.visible}
+    fits = {name: extended(base, [e], settings) for name, e in begun.items()}
+    after = conditions.after([base, *fits.values()]) if settings.sizes else conditions
+    return Fits(Hypothesis(NOTHING, base.model, names), fits, after, base.deviance)
+
+
+def _listed(fits: Fits, probes: dict[str, Effect], truths: Sequence[str], logged: bool = False) -> Rivals:
     """The hypotheses and their pairs; a single one stands against the model without it."""
-    nothing = Hypothesis(NOTHING, base, base_names)
-    hypotheses = [Hypothesis(name, fit.model, fit.names) for name, fit in fits.items()]
+    hypotheses = [Hypothesis(name, own.model, own.names) for name, own in fits.with_rival.items()]
     for name, e in probes.items():
-        hypotheses.append(Hypothesis(name, base.with_effect(e), (*base_names, *(f"{name}.{k}" for k in e.parameters))))
+        own_names = (*fits.base.names, *(f"{name}.{k}" for k in e.parameters))
+        hypotheses.append(Hypothesis(name, fits.base.model.with_effect(e), own_names))
     if len(hypotheses) == 1:
-        hypotheses.append(nothing)
-    pairs, variance = [], 1.0
-    if logged is not None:
-        variance = max(1.0, min((f.variance for f in fits.values()), default=logged.variance))
-    for i, truth in enumerate(hypotheses):
-        for j, rival in enumerate(hypotheses):
-            if i == j or truth.name not in truths:
-                continue
-            before = None
-            if logged is not None:
-                before = _evidence(fits.get(truth.name, logged), fits.get(rival.name, logged)) / variance
-            pairs.append(Pair(i, j, before))
-    return Rivals(tuple(hypotheses), tuple(pairs), nothing, math.sqrt(variance))
-
-
-def _evidence(truth: Fit, rival: Fit) -> float:
-    """What the rival, at its best numbers on the same readings, leaves of the truth's."""
-    own, other = truth.solution.lin, rival.solution.lin
-    return float(Normal.of(other.S_x, other.S_p, other.e - own.e).together().unexplained()[0])
+        hypotheses.append(fits.base)
+    pairs = [
+        Pair(i, j, fits.evidence(truth.name, rival.name) if logged else None)
+        for i, truth in enumerate(hypotheses)
+        for j, rival in enumerate(hypotheses)
+        if i != j and truth.name in truths
+    ]
+    return Rivals(tuple(hypotheses), tuple(pairs), fits.base, fits.conditions)

@@ -11,6 +11,7 @@ import numpy as np
 from sysid import excitation
 from sysid.errors import InvalidInput
 from sysid.model import Model
+from sysid.plants import Plant
 from sysid.records import Array
 
 KINDS = ("steps", "bang-bang", "chirp", "multisine", "free swing")
@@ -105,16 +106,15 @@ class Signal:
         """The same at a share of the torque, and released as much nearer to rest."""
         return dataclasses.replace(self, amplitude=share * self.amplitude, release=share * self.release)
 
-    @property
-    def sentence(self) -> str:
-        """What to do, as an order."""
-        peak = f"{self.amplitude:.3g} N m"
+    def sentence(self, plant: Plant) -> str:
+        """What to do, as an order, in the plant's units."""
+        peak = f"{self.amplitude:.3g} {plant.unit('N m')}"
         told = {
             "steps": f"play held steps of {self.hold:.2g} s, up to +-{peak}",
             "bang-bang": f"switch between +-{peak} at multiples of {self.hold:.2g} s",
             "chirp": f"play a chirp of {peak} from {self.low:.2g} to {self.high:.2g} Hz",
             "multisine": f"play a multisine of up to {peak} and {self.high:.2g} Hz",
-            "free swing": f"let it go {abs(self.release):.2g} rad from rest and swing freely",
+            "free swing": f"let it go {abs(self.release):.2g} {plant.unit('rad')} from rest and swing freely",
         }[self.kind]
         return told + (f", torque off after {self.until:.0%} of the time" if self.until < 1.0 else "")
 

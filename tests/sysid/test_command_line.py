@@ -230,15 +230,15 @@ def test_a_window_and_another_rate(hidden, tmp_path, capsys):
 
 
 def test_the_next_experiment_is_what_a_rig_can_play(hidden, tmp_path, capsys):
-    out = tmp_path / "play.csv"
-    limits = ["--u-max", "2", "--duration", "2", "--rollouts", "1"]
-    assert (
-        main(["experiment", *hidden, "--plant", "point", "--between", "coulomb,viscous", *limits, "-o", str(out)]) == 0
-    )
+    out, rivals = tmp_path / "play.csv", ["--plant", "point", "--between", "coulomb,viscous", "--u-max", "2"]
+    short = [hidden[0], "--to", "2", *rivals, "--duration", "4", "--rollouts", "1", "-o", str(out)]
+    assert main(["experiment", *short]) == 0
     assert "tells coulomb from viscous" in capsys.readouterr().out
     t, torque = np.loadtxt(out, delimiter=",", skiprows=1, unpack=True)
-    np.testing.assert_allclose(t, DT * np.arange(100), atol=1e-9)
+    np.testing.assert_allclose(t, DT * np.arange(200), atol=1e-9)
     assert 0.0 < np.max(np.abs(torque)) <= 2.0
+    assert main(["experiment", *hidden, *rivals, "--duration", "1", "--rollouts", "1"]) == 0
+    assert "the log at hand tells coulomb from viscous" in capsys.readouterr().out
 
 
 def test_a_report_is_written(hidden, tmp_path):
@@ -358,7 +358,7 @@ OPTIONS = {
     "folder as output": (["fit", "LOG", "-o", "."], "is a folder"),
     "picture of no kind": (["compare", "LOG", "--plant", "point", "--figure", "x.abc"], "x.abc"),
     "experiment to nowhere": (
-        ["experiment", "LOG", "--plant", "point", "--duration", "1", "-o", "/proc/x.csv"],
+        ["experiment", "LOG", "--plant", "point", "--duration", "6", "-o", "/proc/x.csv"],
         "x.csv",
     ),
     "experiment with nothing": (["experiment", "LOG", "--plant", "point", "--between", "coulomb,frixion"], "'frixion'"),

@@ -27,22 +27,22 @@ from sysid import (
     Viscous,
     simulate,
 )
-from sysid.diagnosis.candidates import alternatives
+from sysid.diagnosis.scores import scores
+from sysid.diagnosis.search import extended
 from sysid.effects import CATALOGUE, Effect
+from sysid.estimation import prediction_error
+from sysid.estimation.chain import Chain
+from sysid.estimation.disturbances import Disturbances
 from sysid.fit import fit
-from sysid.identify.gauss_newton import fit_longest, fit_windows
-from sysid.planning.design import Hypothesis, Pool, foresee
-from sysid.planning.directions import Directions
+from sysid.planning.design import KNOWN, NONE, Conditions, Hypothesis, Pool, foresee
 from sysid.planning.experiment import limits_of, next_experiment
 from sysid.planning.needed import Payload, needed_experiment
 from sysid.planning.protocol import Experiment
-from sysid.planning.refits import extend
-from sysid.planning.screen import screen
-from sysid.planning.signals import KINDS, Limits, draw
-from sysid.records import extent_of
+from sysid.planning.signals import KINDS, Limits, Signal, draw
 
 SENSOR = Sensor(0.003, 0.05)
 LIMITS = Limits(2.0, theta_max=2.0)
+CONDITIONS = Conditions(LIMITS, SENSOR)
 NAMES = ("m", "l")
 
 
@@ -73,6 +73,11 @@ def played(e: Experiment, truth: Model, seed: int) -> list[Record]:
     return simulate(truth, e.u, e.start, 0.0).measure(SENSOR, np.random.default_rng(seed))
 
 
+def output_error(records: list[Record]) -> prediction_error.Fit:
+    """The bare rod, fitted as if nothing acted beside it."""
+    return prediction_error.fit(Chain(rod(), records, SENSOR), rod(), NAMES, None, NONE, KNOWN)
+
+
 CONFUSED = {
     "viscous or Coulomb, the torque in phase with the speed": (Coulomb(tau_c=0.006), "viscous", in_phase()),
     "Coulomb or viscous, the torque in phase with the speed": (Viscous(b=0.008), "coulomb", in_phase()),
@@ -97,10 +102,10 @@ def test_what_a_poor_log_confuses_comes_apart_with_the_evidence_promised(
     for answer, most in ((sized, promised), (e, None)):
         found = []
         for seed in range(4):
-            base = fit_longest(rod(), NAMES, played(answer, truth, 100 + seed), SENSOR)
-            scores, _ = screen(base, (effect.name, rival))
-            cost = {name: 2.0 * extend(base, s).solution.lin.cost for name, s in scores.items()}
-            found.append(cost[rival] - cost[effect.name])
+            base = output_error(played(answer, truth, 100 + seed))
+            told = scores(base, (effect.name, rival))
+            left = {name: extended(base, [s.best.at(s.sizes)], KNOWN).e for name, s in told.items()}
+            found.append(left[rival] @ left[rival] - left[effect.name] @ left[effect.name])
         assert min(found) > 9.0, "another effect is named first"
         if most is not None:  # a non-central chi-square: mean = the promise, variance 4 times that
             assert abs(np.mean(found) - most) < 3.0 * 2.0 * math.sqrt(most / len(found)) + 0.15 * most
@@ -123,23 +128,100 @@ def test_the_widest_interval_shrinks_as_promised(theta_max: float) -> None:
     assert 1.96 * np.sqrt(np.mean(off**2)) < 1.7 * e.after  # 99.9 % of six draws
 
 
-def test_first_order_evidence_is_that_of_the_screen() -> None:
-    """lambda (1 - rho^2), with z_perp as the screen takes it, once the truth's own motion is the nominal one."""
+def test_first_order_evidence_is_that_of_the_scores() -> None:
+    """lambda (1 - rho^2), with z_perp as the scores take it, once the truth's own motion is the nominal one."""
     small = 1e-5
     truth = Hypothesis("viscous", rod().with_effect(Viscous(b=small)), (*NAMES, "viscous.b"))
     rival = Hypothesis("drag", rod().with_effect(CATALOGUE["drag"](c=small)), (*NAMES, "drag.c"))
     signals = draw(np.random.default_rng(3), LIMITS, 0.02, 1, swings=False)
-    ours = Pool([truth, rival], signals, LIMITS, SENSOR).unlike(0, 1).unexplained()[0]
+    ours = Pool([truth, rival], signals, CONDITIONS).unlike(0, 1).unexplained()[0]
 
-    records = foresee(rod(), signals, LIMITS, SENSOR).records
-    base = fit_windows(rod(), NAMES, records, SENSOR, math.inf)
-    directions, extent = Directions(base), extent_of(records)
-    z = {}
-    for name in ("viscous", "drag"):
-        ((_, column, _),) = directions.each(alternatives(CATALOGUE[name], extent))
-        z[name] = column[:, 0]
+    told = scores(output_error(foresee(rod(), signals, CONDITIONS).records), ("viscous", "drag"))
+    z = {name: s.z[:, 0] for name, s in told.items()}
     rho = z["viscous"] @ z["drag"] / math.sqrt((z["viscous"] @ z["viscous"]) * (z["drag"] @ z["drag"]))
     assert ours == pytest.approx(small**2 * z["viscous"] @ z["viscous"] * (1.0 - rho**2), rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("truth", "rival"),
+    [(Viscous(b=0.03), "drag"), (Coulomb(tau_c=0.005), "viscous"), (Delay(T=0.03), "lag"), (Lag(T=0.03), "delay")],
+    ids=lambda own: getattr(own, "name", own),
+)
+def test_first_order_evidence_is_what_a_refit_leaves(truth: Effect, rival: str) -> None:
+    """With the rival at its best numbers, also where the effect is large: the two motions differ little."""
+    own = Hypothesis(truth.name, rod().with_effect(truth), (*NAMES, f"{truth.name}.{next(iter(truth.parameters))}"))
+    signals = [Signal("multisine", 0.8, 0.3, 0.1, 1.0, 1.0, 0.0, seed) for seed in range(2)]
+    base = output_error(foresee(own.model, signals, CONDITIONS).records)
+    score = scores(base, (rival,))[rival]
+    best = extended(base, [score.best.at(score.sizes)], KNOWN)
+    pool = Pool([own, Hypothesis(rival, best.model, best.names)], signals, CONDITIONS)
+    assert pool.unlike(0, 1).together().unexplained()[0] == pytest.approx(best.e @ best.e, rel=0.1)
+
+
+def test_a_random_torque_makes_an_experiment_tell_less() -> None:
+    """As much less as it takes away: the information is that of a fit beside such a torque."""
+    signals = draw(np.random.default_rng(5), LIMITS, 0.02, 3, swings=False)
+    disturbances = Disturbances(0.3, 0.5, 0.002, 0.1)
+    hypothesis = Hypothesis("model", rod(), NAMES)
+    calm, shaken = (
+        Pool([hypothesis], signals, Conditions(LIMITS, SENSOR, own)).precision() for own in (NONE, disturbances)
+    )
+    assert np.all(shaken.sd() > 2.0 * calm.sd())
+    chain = Chain(rod(), foresee(rod(), signals, CONDITIONS).records, SENSOR)
+    found = prediction_error.fit(chain, rod(), NAMES, None, disturbances, KNOWN)
+    np.testing.assert_allclose(shaken.together().sd()[0], np.sqrt(np.diag(found.covariance)), rtol=0.05)
+
+
+def test_what_acts_beside_the_model_will_act_again() -> None:
+    """A rod that rubs, fitted without friction: the next log is promised to tell about as much as it does."""
+    rubbing = log(rod().with_effect(Coulomb(tau_c=0.02)), slow_sines(), 1.5 * slow_sines())
+    estimate = fit(rod(), rubbing, SENSOR, NAMES)
+    honest, naive = (next_experiment(estimate, limits=LIMITS, records=own) for own in (rubbing, ()))
+    assert honest.after is not None
+    assert naive.after is not None
+    assert honest.after > 2.0 * naive.after
+    again = fit(rod(), played(honest, rod().with_effect(Coulomb(tau_c=0.02)), 3), SENSOR, NAMES)
+    assert honest.widest is not None
+    assert 0.3 < 1.96 * again.sd[honest.widest] / honest.after < 3.0, "friction is not an Ornstein-Uhlenbeck process"
+
+
+def test_a_motion_that_runs_away_spoils_no_other() -> None:
+    """Every rollout is told by itself, whatever stands beside it."""
+    driven = Hypothesis("model", rod().with_effect(Viscous(b=-1.0, bounds={"b": (-9.0, 9.0)})), NAMES)
+    signals = [
+        Signal("multisine", 1.0, 0.3, 0.1, 1.0, 1.0, 0.0, 1),
+        Signal("free swing", 0.0, 1.0, 1.0, 1.0, 1.0, 0.0, 1),
+    ]
+    with np.errstate(all="ignore"):
+        both, alone = (Pool([driven], own, Conditions(Limits(2.0), SENSOR)) for own in (signals, signals[1:]))
+        np.testing.assert_allclose(both.precision().F[1], alone.precision().F[0], rtol=1e-6)
+        assert both.stays().tolist() == [False, True]
+
+
+def test_a_log_that_tells_more_is_not_followed_by_a_poorer_one() -> None:
+    """A long log under a large torque, and a rig that may do next to nothing: it is said, and nothing is advised."""
+    truth, poor = rod().with_effect(Coulomb(tau_c=0.02)), Limits(0.2, 2.0)
+    rich = log(truth, in_phase(), 2.0 * slow_sines()[:200], 1.5 * slow_sines()[:200])
+    told = next_experiment(rod(), ("coulomb", "viscous"), poor, SENSOR, rich)
+    assert (told.kind, told.after, told.u.size) == ("none", None, 0)
+    assert told.before is not None
+    assert told.before > max(16.0, min(c.after for c in told.contests))
+    assert "the log at hand tells coulomb from viscous" in told.description
+    known = next_experiment(rod(), (), poor, SENSOR, log(rod(), 2.0 * slow_sines()))
+    assert (known.kind, known.measure, known.u.size) == ("none", "interval", 0)
+    assert known.widest in known.description
+
+
+def test_a_linear_axis_is_told_what_to_do_in_its_own_units() -> None:
+    axis = Model(LinearAxis(m=0.4), dt=0.02)
+    e = next_experiment(axis, (Viscous(b=0.3), "coulomb"), Limits(2.0, 3.0, theta_max=1.5), SENSOR)
+    assert " N" in e.description
+    for text in (e.description, str(e)):
+        assert "N m" not in text
+        assert "rad" not in text
+    assert " m from rest" in str(e)
+    with pytest.raises(InvalidInput, match="1e-09 N, 1e-30 m"):
+        next_experiment(axis, limits=Limits(1e-9, 3.0, theta_max=1e-30), sensor=SENSOR)
 
 
 def test_a_special_case_is_not_asked_to_beat_the_general_one() -> None:
@@ -201,7 +283,7 @@ def test_what_no_model_explains_counts_as_noise() -> None:
     rivals = ("coulomb", "viscous")
     right, wrong = (next_experiment(rod(), rivals, LIMITS, sensor, records) for sensor in (SENSOR, quiet))
     assert right.before is not None
-    assert wrong.before == pytest.approx(right.before, rel=0.15)
+    assert wrong.before == pytest.approx(right.before, rel=0.25)
     estimate = fit(rod(), log(rod(), 2.0 * slow_sines()), quiet, NAMES)
     e = next_experiment(estimate, limits=LIMITS)
     again = fit(rod(), played(e, rod(), 0), SENSOR, NAMES)
@@ -296,7 +378,7 @@ def test_a_payload_shows_the_torque_gain(weight: tuple[float, float] | None) -> 
 
 def test_the_least_labour_is_asked_for() -> None:
     def asked(model: Model, *names: str) -> Experiment:
-        return needed_experiment(model, names, Limits(1.0, 3.0, theta_max=1.5), SENSOR)
+        return needed_experiment(model, names, Conditions(Limits(1.0, 3.0, theta_max=1.5), SENSOR))
 
     weighed = asked(rod(), "rotor_inertia")
     assert weighed.kind == "none"

@@ -1,0 +1,129 @@
+"""Evidence: what readings along a motion tell of effects and parameters, whether they were made or are only planned."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from sysid.effects import Effect
+from sysid.estimation.chain import Chain, LinearisedModel, Motion
+from sysid.estimation.disturbances import Disturbances
+from sysid.model import Model
+from sysid.records import Array
+
+
+class Normal(NamedTuple):
+    """Normal equations of K logs: c (K,) = r'r, g (K, P) = S'r, F (K, P, P) = S'S, of whitened r and S.
+
+    Those of several rollouts played together are their sums.
+    """
+
+    c: Array
+    g: Array
+    F: Array
+
+    @classmethod
+    def of(cls, S: Array, r: Array) -> Normal:
+        """Of whitened sensitivities S (K, R, P) and changes r (K, R) of the readings, one log a row."""
+        S_t = np.swapaxes(S, -1, -2)
+        return cls(np.sum(r * r, axis=-1), (S_t @ r[..., None])[..., 0], S_t @ S)
+
+    def together(self) -> Normal:
+        """All logs as one (K = 1)."""
+        return Normal(*(np.sum(a, axis=0, keepdims=True) for a in self))
+
+    def plus(self, one: Normal) -> Normal:
+        """Each log with another one beside it."""
+        return Normal(*(a + b for a, b in zip(self, one, strict=True)))
+
+    def at(self, k: int) -> Normal:
+        """The k-th log alone."""
+        return Normal(*(a[k : k + 1] for a in self))
+
+    def unexplained(self) -> Array:
+        """c - g' F^-1 g (K,): what is left of r'r once the rival has taken the best numbers, to first order.
+
+        For a small effect of size a it is a^2 |z_perp|^2 (1 - rho^2). Source: T-optimality, Atkinson and Fedorov,
+        Biometrika 1975.
+        """
+        size = np.sqrt(np.maximum(np.diagonal(self.F, axis1=-2, axis2=-1), 1e-300))
+        F = self.F / (size[..., :, None] * size[..., None, :])
+        g = (self.g / size)[..., None]
+        taken = np.swapaxes(g, -1, -2) @ np.linalg.pinv(F, rcond=1e-10, hermitian=True) @ g
+        left: Array = np.maximum(self.c - taken[..., 0, 0], 0.0)
+        return left
+
+    def sd(self) -> Array:
+        """Standard deviations (K, P) of the parameters; inf where the log does not determine one."""
+        size = np.sqrt(np.maximum(np.diagonal(self.F, axis1=-2, axis2=-1), 1e-300))
+        value, vector = np.linalg.eigh(self.F / (size[..., :, None] * size[..., None, :]))
+        lost = value < 1e-9
+        variance = np.sum(vector**2 / np.where(lost, np.inf, value)[..., None, :], axis=-1)
+        unknown = np.any((np.abs(vector) > 0.01) & lost[..., None, :], axis=-1)
+        sd: Array = np.where(unknown, np.inf, np.sqrt(variance)) / size
+        return sd
+
+
+class Sensitivities:
+    """What the innovations of a filter along a motion owe to the parameters `names`, and to effects.
+
+    The filter carries on what changes as the model does that made the motion; effects are compared with the model
+    `without` the one in question. The states where the records begin are not known: the filter's first state is vague.
+    """
+
+    def __init__(
+        self,
+        linearised: LinearisedModel,
+        names: Sequence[str],
+        disturbances: Disturbances,
+        without: LinearisedModel | None = None,
+    ) -> None:
+        self.linearised, self.names, self.without = linearised, tuple(names), without or linearised
+        self.filter = linearised.system.filter(disturbances)
+
+    @classmethod
+    def beside(
+        cls, chain: Chain, model: Model, effect: str, motion: Motion, names: Sequence[str], disturbances: Disturbances
+    ) -> Sensitivities:
+        """About an effect of a model: what it does is what the model without it does not do along the motion.
+
+        What a sensor makes of the motion is carried on as if it were not there, which is of second order.
+        """
+        bare = LinearisedModel(chain, model.without_effect(effect), motion)
+        whole = bare if effect in {e.name for e in model.output_effects} else LinearisedModel(chain, model, motion)
+        return cls(whole, names, disturbances, bare)
+
+    @cached_property
+    def Z(self) -> Array:
+        """Whitened sensitivities (2 M, P) of the parameters."""
+        return self.filter.whiten(*self.linearised.changes(self.names))
+
+    def of(self, effects: Sequence[Effect]) -> Array:
+        """Whitened changes (2 M, C) that effects of one kind make, each of its own size."""
+        return self.filter.whiten(*self.without.effect_changes(effects, [1.0] * len(effects)))
+
+    def unlike(self, truth: Effect, rival: Effect | None, logs: int = 1) -> Normal:
+        """What an effect does beyond a rival of its own numbers, for changes of those and of the parameters to imitate.
+
+        The chain is taken as that many logs of equal length.
+        """
+        r, S = self.of((truth,)), self.Z
+        if rival is not None:
+            moves = self.of((rival, *_varied(rival)))
+            r, S = r - moves[:, :1], np.concatenate([S, moves[:, 1:] - moves[:, :1]], axis=1)
+        return Normal.of(S.reshape(logs, -1, S.shape[1]), r.reshape(logs, -1))
+
+    def precision(self, logs: int = 1) -> Normal:
+        """The normal equations of the parameters alone."""
+        S = self.Z.reshape(logs, -1, len(self.names))
+        return Normal.of(S, np.zeros(S.shape[:2]))
+
+
+def _varied(effect: Effect) -> Iterator[Effect]:
+    """The effect with each of its parameters a little off."""
+    for name, p in effect.parameters.items():
+        value, step = float(p.value), 1e-3 * p.scale
+        yield effect.with_parameters({name: value + step if value + step <= p.bounds[1] else value - step})
