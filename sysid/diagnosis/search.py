@@ -165,13 +165,23 @@ class Search:
         near = self._preferred(now, ranked[0])
         before = left_out(now, self.choosing.window, self.choosing.blocks)
         for trial in (*near, *ranked):
-            if not self._recurs(trial):
+            if not self._recurs(trial) or not self._beats_its_simpler_forms(trial, trials):
                 continue
             if self._predicts(before, trial.fit) and matters(now.model, trial.fit, self.choosing):
                 return trial
             if len(trial.effects) == 1 and trial.effects[0] not in self.negligible:
                 self.negligible.append(trial.effects[0])
         return None
+
+    def _beats_its_simpler_forms(self, trial: Trial, trials: Sequence[Trial]) -> bool:
+        """Whether a refinement predicts left-out stretches better than what it refines, and by what matters."""
+        simpler = {frozenset(own) for name in trial.effects for own in CATALOGUE[name].refines}
+        for other in trials:
+            if frozenset(other.effects) in simpler and other.merit > 0.0:
+                left = left_out(other.fit, self.choosing.window, self.choosing.blocks)
+                if not (self._predicts(left, trial.fit) and matters(other.fit.model, trial.fit, self.choosing)):
+                    return False
+        return True
 
     def _recurs(self, trial: Trial) -> bool:
         """Whether a pattern comes back as often as it takes to believe in one, in some record."""

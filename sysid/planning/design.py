@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sysid.effects import Effect, OutputEffect
 from sysid.estimation.chain import Chain, LinearisedModel, Motion
 from sysid.estimation.disturbances import Disturbances
-from sysid.estimation.prediction_error import Fit, Settings, fit, with_likeliest_memory
+from sysid.estimation.prediction_error import Fit, Settings, fit, with_likeliest_angle_error
 from sysid.model import Model
 from sysid.planning.evidence import Normal, Sensitivities
 from sysid.planning.signals import Limits, Signal, draw, rest_angle, vary, within
@@ -108,7 +108,7 @@ class Conditions:
             chain = Chain(own.model, own.chain.records, louder.sensor)
             if fit(chain, own.model, own.names, bare, own.disturbances, ROUGHLY).undisturbed:
                 return louder
-        return replace(self, disturbances=with_likeliest_memory(ranked[0]))
+        return replace(self, disturbances=with_likeliest_angle_error(ranked[0]))
 
     def _with_noise_of(self, found: Fit) -> Conditions:
         """With the noise of what a fit leaves without disturbances."""
