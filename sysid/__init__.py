@@ -18,10 +18,11 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # what type checkers and editors see
-    from sysid.comparison.compare import Comparison, compare
     from sysid.diagnosis.add import Added, add
     from sysid.diagnosis.answer import Diagnosis
+    from sysid.diagnosis.compare import Comparison, compare
     from sysid.diagnosis.diagnose import diagnose
+    from sysid.diagnosis.residual_torque import ResidualTorque, residual_torque
     from sysid.effects import (  # type: ignore[no-redef]
         CATALOGUE,
         AngleOffset,
@@ -76,7 +77,6 @@ if TYPE_CHECKING:  # what type checkers and editors see
     from sysid.sensitivity import fisher_information
     from sysid.sensor import Sensor
     from sysid.simulate import Trajectory, simulate
-    from sysid.smoothing.residual_torque import ResidualTorque, residual_torque
     from sysid.user_effects import load_effects
 
 _HOME = {
@@ -84,9 +84,9 @@ _HOME = {
     for module, names in {
         "diagnosis.add": "Added add",
         "diagnosis.answer": "Diagnosis",
-        "comparison.compare": "Comparison compare",
+        "diagnosis.compare": "Comparison compare",
         "diagnosis.diagnose": "diagnose",
-        "smoothing.residual_torque": "ResidualTorque residual_torque",
+        "diagnosis.residual_torque": "ResidualTorque residual_torque",
         "effects": (
             "AngleOffset AsymmetricCoulomb AsymmetricViscous BackEmf Backlash CATALOGUE Coulomb DeadZone Delay "
             "Drag Drift DryFriction Effect InputEffect Joint JointEffect Lag LoadFriction OutputEffect Periodic "

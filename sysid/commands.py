@@ -73,12 +73,12 @@ def _(command: Fit) -> None:
 
 @_run.register
 def _(command: Compare) -> None:
-    from sysid.comparison.compare import compare
+    from sysid.diagnosis.compare import compare
 
     _load(command.start.effects)
     task = Task.of(command, command.json, command.html, command.figure)
     model = task.model if task.known or not task.names else task.fitted().model
-    comparison = compare(model, task.held_out, task.sensor)
+    comparison = compare(model, task.held_out, task.sensor, task.names)
     print(comparison)
     task.doubt(comparison.one_second.theta)
     task.write_json(command.json, comparison.to_dict())

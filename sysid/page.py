@@ -13,13 +13,10 @@ from sysid.logs import Log
 from sysid.records import Record
 from sysid.response import CHANNELS
 from sysid.sensor import Sensor
-from sysid.typography import ARROW, TIMES, listed, multiple, number
+from sysid.typography import ARROW, TIMES, listed, multiple, number, word
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-UNITS = {"theta": "rad", "theta_dot": "rad/s"}
-WORDS = {"theta": "angle", "theta_dot": "speed"}
 
 
 class Picture(NamedTuple):
@@ -83,8 +80,9 @@ def picture(figure: Figure, caption: str, wide: bool = True) -> Picture:
 def horizons(errors: Sequence[Mapping[str, HeldOutError]]) -> Table:
     """Errors over windows of every length by the length's name, of one model or of two."""
     heads, columns = ["error over"], list[list[str]]()
+    units = next(iter(errors[0].values())).units
     for channel in next(iter(errors[0].values())).ratios:
-        heads += [f"{WORDS[channel]} [{UNITS[channel]}]", f"{TIMES} noise"]
+        heads += [f"{word(channel, units)} [{units[channel]}]", f"{TIMES} noise"]
         columns.append([_to([f"{getattr(own[label], channel):.2g}" for own in errors]) for label in errors[0]])
         columns.append([_to([multiple(own[label].ratios[channel]) for own in errors]) for label in errors[0]])
     rows = [[label, *(c[k] for c in columns)] for k, label in enumerate(errors[0])]
@@ -93,19 +91,22 @@ def horizons(errors: Sequence[Mapping[str, HeldOutError]]) -> Table:
 
 def physical(errors: Sequence[HeldOutError]) -> str:
     """The error of each channel in its unit, of one model or of two."""
-    return "; ".join(f"{WORDS[c]} {_to([f'{getattr(e, c):.2g}' for e in errors])} {UNITS[c]}" for c in errors[0].ratios)
+    units = errors[0].units
+    return "; ".join(
+        f"{word(c, units)} {_to([f'{getattr(e, c):.2g}' for e in errors])} {units[c]}" for c in errors[0].ratios
+    )
 
 
 def _to(values: Sequence[str]) -> str:
     return number(f" {ARROW} ".join(values))
 
 
-def settings(sensor: Sensor, records: Sequence[Record]) -> dict[str, str]:
-    """The version, the log and the noise."""
-    return dict(_settings(sensor, records))
+def settings(sensor: Sensor, records: Sequence[Record], units: Mapping[str, str]) -> dict[str, str]:
+    """The version, the log and the noise in these units."""
+    return dict(_settings(sensor, records, units))
 
 
-def _settings(sensor: Sensor, records: Sequence[Record]) -> Iterator[tuple[str, str]]:
+def _settings(sensor: Sensor, records: Sequence[Record], units: Mapping[str, str]) -> Iterator[tuple[str, str]]:
     from importlib import metadata
 
     dt, n = records[0].dt, sum(len(r) for r in records)
@@ -114,7 +115,7 @@ def _settings(sensor: Sensor, records: Sequence[Record]) -> Iterator[tuple[str, 
     yield "rollouts", listed([r.name for r in records])
     if isinstance(records, Log) and records.notes:
         yield "on reading", "; ".join(records.notes)
-    noise = [f"{WORDS[c]} {sd:.3g} {UNITS[c]}" for c in CHANNELS if (sd := getattr(sensor, c)) is not None]
+    noise = [f"{word(c, units)} {sd:.3g} {units[c]}" for c in CHANNELS if (sd := getattr(sensor, c)) is not None]
     yield "sensor noise", ", ".join(noise)
     try:
         yield "gapfinder", metadata.version("gapfinder")

@@ -1,16 +1,15 @@
 """Figures of a comparison, and the style of all figures: each draws on given Axes, or returns a Figure.
 
-errors        by horizon                           curve        torque missing over one quantity
-residual_map  torque missing over the states       past_torque  what the residuals know of it
-whiteness     what the residuals know of themselves
-worst         the worst windows                    comparison   all of it on one page
+errors     by horizon                          over        residual torque over one quantity
+state_map  residual torque over the states     whiteness   what the innovations know of themselves
+worst      the worst windows                   comparison  all of it on one page
 """
 
 from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import matplotlib
@@ -20,12 +19,11 @@ from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure, FigureBase
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
-from sysid.records import Array
-from sysid.typography import chance, multiple
+from sysid.typography import chance, multiple, word
 
 if TYPE_CHECKING:
-    from sysid.comparison.compare import Comparison, Trace
-    from sysid.comparison.residual_map import Curve, ResidualMap
+    from sysid.diagnosis.compare import Comparison, Trace
+    from sysid.diagnosis.residual_torque import Binned, ResidualTorque, TorqueMap
 
 STYLE: Any = {
     "font.size": 9.0,
@@ -46,23 +44,22 @@ STYLE: Any = {
 BLUE, ORANGE, GREEN, SKY, GREY = "#0072B2", "#D55E00", "#009E73", "#56B4E9", "0.55"
 COLOUR = {"theta": BLUE, "theta_dot": ORANGE}
 MARK = {"theta": "o", "theta_dot": "s"}
-LABEL = {
-    "theta": r"angle $\theta$ [rad]",
-    "theta_dot": r"speed $\dot\theta$ [rad/s]",
-    "torque": "commanded torque u [N m]",
-    "time": "time [s]",
-}
-SHORT = {"theta": r"$\theta$", "theta_dot": r"$\dot\theta$"}
-UNIT = {"theta": "rad", "theta_dot": "rad/s"}
+SYMBOL = {"rad": {"theta": r"$\theta$", "theta_dot": r"$\dot\theta$"}, "m": {"theta": "$x$", "theta_dot": r"$\dot x$"}}
 SIGMA_99 = 2.5758
 
 
 # compare ---------------------------------------------------------------------------------------------------------
 
 
+def label(name: str, units: Mapping[str, str]) -> str:
+    """What an axis of "theta", "theta_dot", "torque" or "time" is called where these are the plant's units."""
+    symbol = SYMBOL[units["theta"]].get(name, "")
+    return f"{word(name, units)} {symbol} [{units[name]}]".replace("  ", " ")
+
+
 def comparison(answer: Comparison) -> Figure:
     """All of a comparison on one page."""
-    names, channels = list(answer.curves), list(answer.one_second.ratios)
+    channels, torque = list(answer.one_second.ratios), answer.torque
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(14.0, 6.6 + 2.1 * len(channels)), layout="constrained")
         figure.suptitle(
@@ -70,25 +67,26 @@ def comparison(answer: Comparison) -> Figure:
         )
         parts: Any = figure.subfigures(3, 1, height_ratios=[3.1, 2.6, 2.1 * len(channels)])
         top, middle, bottom = parts
-        first = top.subplots(1, 4, width_ratios=[1.25, 1.25, 1.0, 1.0])
-        for draw, axes in zip((errors, residual_map, past_torque, whiteness), first, strict=True):
-            draw(answer, axes)
-        for name, axes in zip(names, middle.subplots(1, max(1, len(names)), squeeze=False)[0], strict=False):
-            curve(answer.curves[name], axes)
+        first = top.subplots(1, 1 if torque is None else 3, squeeze=False)[0]
+        errors(answer, first[0])
+        if torque is not None:
+            state_map(torque, first[1])
+            whiteness(answer, first[2])
+            for name, axes in zip(torque.binned, middle.subplots(1, len(torque.binned)), strict=True):
+                over(torque, name, axes)
         _windows(answer, bottom)
     return figure
 
 
 def comparison_figures(answer: Comparison) -> dict[str, Figure]:
     """Each figure of a comparison by itself, by name."""
-    drawn: dict[str, Callable[[Axes], None]] = {
-        "errors": lambda axes: errors(answer, axes),
-        "map": lambda axes: residual_map(answer, axes),
-        "past torque": lambda axes: past_torque(answer, axes),
-        "whiteness": lambda axes: whiteness(answer, axes),
-    }
-    for name, found in answer.curves.items():
-        drawn[f"over {name}"] = lambda axes, found=found: curve(found, axes)  # type: ignore[misc]
+    drawn: dict[str, Callable[[Axes], None]] = {"errors": lambda axes: errors(answer, axes)}
+    torque = answer.torque
+    if torque is not None:
+        drawn["map"] = lambda axes: state_map(torque, axes)
+        drawn["whiteness"] = lambda axes: whiteness(answer, axes)
+        for name in torque.binned:
+            drawn[f"over {name}"] = lambda axes, name=name: over(torque, name, axes)  # type: ignore[misc]
     figures = {name: alone(draw) for name, draw in drawn.items()}
     figures["worst windows"] = worst(answer)
     return figures
@@ -106,11 +104,11 @@ def errors(answer: Comparison, axes: Axes) -> None:
     """The error over windows of every length, in units of the sensor noise, with its physical size."""
     for row, channel in enumerate(answer.one_second.ratios):
         ratio = [e.ratios[channel] for e in answer.errors.values()]
-        axes.plot(ratio, marker=MARK[channel], color=COLOUR[channel], label=LABEL[channel])
+        axes.plot(ratio, marker=MARK[channel], color=COLOUR[channel], label=label(channel, answer.units))
         for k, error in enumerate(answer.errors.values()):
             if math.isfinite(ratio[k]):
                 axes.annotate(
-                    f"{getattr(error, channel):.2g} {UNIT[channel]}",
+                    f"{getattr(error, channel):.2g} {answer.units[channel]}",
                     (k, ratio[k]),
                     (0, (7, -13)[row]),
                     textcoords="offset points",
@@ -127,60 +125,66 @@ def errors(answer: Comparison, axes: Axes) -> None:
     axes.legend(loc="upper left", fontsize=8.0)
 
 
-def residual_map(answer: Comparison, axes: Axes) -> None:
-    """The torque that the readings need beyond the model, over the states; a dot marks what noise does not explain."""
-    norm = scale(answer.map)
-    image = cells(answer.map, axes, norm or TwoSlopeNorm(0.0, -1.0, 1.0))
-    axes.set_ylabel(LABEL["theta_dot"])
-    axes.set_title("Torque missing in the model" + ("" if norm else ": none"))
+def state_map(torque: ResidualTorque, axes: Axes) -> None:
+    """The residual torque over the states; a dot marks what the readings say for sure."""
+    norm = scale(torque.map)
+    image = cells(torque.map, axes, norm or TwoSlopeNorm(0.0, -1.0, 1.0), torque.units)
+    axes.set_ylabel(label("theta_dot", torque.units))
+    axes.set_title(f"{word('torque', torque.units).capitalize()} beyond the model")
     bar = axes.figure.colorbar(image, ax=axes, pad=0.02, aspect=25, extend="both")
-    bar.set_label("[N m];  dot: beyond 99 %")
+    bar.set_label(f"[{torque.units['torque']}];  dot: beyond 99 %")
     bar.outline.set_visible(False)
     if norm is None:
         bar.set_ticks([0.0])
 
 
-def scale(*found: ResidualMap) -> TwoSlopeNorm | None:
+def scale(*found: TorqueMap) -> TwoSlopeNorm | None:
     """One scale about zero for all maps; None where they are flat."""
     seen = np.concatenate([np.abs(m.torque[np.isfinite(m.torque)]) for m in found])
     return TwoSlopeNorm(0.0, -reach, reach) if np.any(seen) and (reach := float(np.quantile(seen, 0.95))) else None
 
 
-def cells(found: ResidualMap, axes: Axes, norm: TwoSlopeNorm) -> Any:
+def cells(found: TorqueMap, axes: Axes, norm: TwoSlopeNorm, units: Mapping[str, str]) -> Any:
     """The cells of a map and its dots."""
     axes.set_facecolor("0.93")
     image = axes.pcolormesh(found.theta, found.theta_dot, found.torque.T, cmap="PuOr", norm=norm, rasterized=True)
     i, j = np.nonzero(found.significant)
     middle = [0.5 * (edges[1:] + edges[:-1]) for edges in (found.theta, found.theta_dot)]
     axes.plot(middle[0][i], middle[1][j], ".", color="0.1", markersize=3.0)
-    axes.set_xlabel(LABEL["theta"] + ", 0 upright")
+    axes.set_xlabel(label("theta", units) + (", 0 upright" if units["theta"] == "rad" else ""))
     return image
 
 
-def curve(found: Curve, axes: Axes) -> None:
-    """The torque that the readings need beyond the model over one quantity, with its 99 % band."""
+def over(torque: ResidualTorque, name: str, axes: Axes) -> None:
+    """The residual torque over one quantity with its 99 % band; over time, rollout after rollout."""
     axes.axhline(0.0, color="0.3", linewidth=0.8)
-    if found.record:
-        _over_time(found, axes)
+    if name == "time":
+        _over_time(torque, axes)
     else:
-        sides = (found.at < 0.0, found.at > 0.0) if found.name == "theta_dot" else (np.ones(len(found.at), dtype=bool),)
-        for part in sides:
-            _band(axes, found.at[part], found.torque[part], SIGMA_99 * found.sd[part])
-        axes.set_xlabel(LABEL[found.name])
+        mean(axes, torque.over(name), BLUE, SIGMA_99)
+        axes.set_xlabel(label(name, torque.units))
         axes.xaxis.set_major_locator(MaxNLocator(5))
-    axes.set_ylabel("torque missing, 99 % [N m]")
-    axes.set_title(f"over {found.name}  ({chance(found.p_value)})")
+    axes.set_ylabel(f"{word('torque', torque.units)} beyond, 99 % [{torque.units['torque']}]")
+    share = torque.dependence.shares.get(name, 0.0)
+    axes.set_title(f"over {word(name, torque.units)}" + (f": tells {share:.0%}" if torque.present and share else ""))
 
 
-def _over_time(found: Curve, axes: Axes) -> None:
+def mean(axes: Axes, found: Binned, colour: str, wide: float) -> None:
+    """The mean in each bin that rests on more than a few intervals, with a band of `wide` sd."""
+    seen = np.isfinite(found.mean) & (found.count >= 0.002 * found.count.sum())
+    middle, half = 0.5 * (found.edges[1:] + found.edges[:-1])[seen], wide * found.sd[seen]
+    axes.fill_between(middle, found.mean[seen] - half, found.mean[seen] + half, color=colour, alpha=0.25, linewidth=0.0)
+    axes.plot(middle, found.mean[seen], ".-", color=colour, markersize=5.0, linewidth=1.4)
+
+
+def _over_time(torque: ResidualTorque, axes: Axes) -> None:
     """Rollout after rollout."""
-    names = list(dict.fromkeys(found.record))
-    begin, gap = 0.0, 0.03 * (float(np.ptp(found.at)) or 1.0)
-    middles = []
-    for k, name in enumerate(names):
-        own = np.array([r == name for r in found.record])
-        t = found.at[own] - found.at[own][0] + begin
-        _band(axes, t, found.torque[own], SIGMA_99 * found.sd[own])
+    names, begin, middles = [r.name for r in torque.records], 0.0, []
+    gap = 0.03 * max(float(r.t[-1] - r.t[0]) for r in torque.records)
+    for k, record in enumerate(torque.records):
+        t, half = record.t[:-1] - record.t[0] + begin, SIGMA_99 * record.sd
+        axes.fill_between(t, record.d - half, record.d + half, color=BLUE, alpha=0.25, linewidth=0.0, rasterized=True)
+        axes.plot(t, record.d, color=BLUE, linewidth=1.0, rasterized=True)
         if k:
             axes.axvline(begin - 0.5 * gap, color="0.85", linewidth=0.8)
         middles.append(0.5 * (t[0] + t[-1]))
@@ -191,23 +195,8 @@ def _over_time(found: Curve, axes: Axes) -> None:
     axes.set_xlabel("time, rollout after rollout" + ("" if len(names) <= 4 else " [s]"))
 
 
-def past_torque(answer: Comparison, axes: Axes) -> None:
-    """Correlation of the residual with the commands of earlier (and later) samples."""
-    past = answer.past
-    axes.axhspan(-past.band, past.band, color="0.88", label="99 % band")
-    axes.axhline(0.0, color="0.3", linewidth=0.8)
-    axes.vlines(past.lags, 0.0, past.correlation, color=BLUE, linewidth=1.5)
-    axes.plot(past.lags, past.correlation, "o", color=BLUE, markersize=4.0)
-    axes.set_xlabel("lag [samples]; negative: coming torque")
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    _at_least(axes, 3.0 * past.band)
-    axes.set_title(f"Residual and torque  ({chance(past.p_value)})")
-    axes.set_ylabel("correlation")
-    axes.legend(loc="best", fontsize=8.0)
-
-
 def whiteness(answer: Comparison, axes: Axes) -> None:
-    """Autocorrelation of what is left, by channel."""
+    """Autocorrelation of the filter's innovations, by channel."""
     axes.axhline(0.0, color="0.3", linewidth=0.8)
     for k, (channel, found) in enumerate(answer.whiteness.items()):
         if k == 0:
@@ -218,14 +207,15 @@ def whiteness(answer: Comparison, axes: Axes) -> None:
             marker=MARK[channel],
             markersize=3.5,
             color=COLOUR[channel],
-            label=f"{SHORT[channel]}  {chance(found.p_value)}",
+            label=f"{SYMBOL[answer.units['theta']][channel]}  {chance(found.p_value)}",
         )
-    _at_least(axes, 3.0 * max(float(np.max(found.band)) for found in answer.whiteness.values()))
+    _at_least(axes, 3.0 * max((float(np.max(found.band)) for found in answer.whiteness.values()), default=0.1))
     axes.set_xlabel("lag [samples]")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_ylabel("autocorrelation")
-    axes.set_title("Are the residuals white?")
-    axes.legend(loc="upper right", fontsize=8.0)
+    axes.set_title("Are the innovations white?")
+    if answer.whiteness:
+        axes.legend(loc="upper right", fontsize=8.0)
 
 
 def worst(answer: Comparison) -> Figure:
@@ -242,32 +232,27 @@ def _windows(answer: Comparison, figure: FigureBase) -> None:
     for i, trace in enumerate(answer.worst):
         for row, channel in enumerate(channels):
             axes = panels[row][i]
-            window(trace, axes, channel)
+            window(trace, axes, channel, answer.units)
             if row + 1 < len(channels):
                 axes.set_xlabel("")
             if row or i:
                 axes.get_legend().remove()
 
 
-def window(trace: Trace, axes: Axes, channel: str) -> None:
+def window(trace: Trace, axes: Axes, channel: str, units: Mapping[str, str]) -> None:
     """One channel of one window: readings as dots, the model as a line."""
     if channel not in trace.readings:
         axes.set_axis_off()
         return
     axes.plot(trace.t, trace.readings[channel], ".", color="0.45", markersize=4.0, label="readings")
     axes.plot(trace.t, trace.model[channel], color=COLOUR[channel], linewidth=1.6, label="model")
-    axes.set_xlabel(LABEL["time"])
-    axes.set_ylabel(LABEL[channel])
+    axes.set_xlabel(label("time", units))
+    axes.set_ylabel(label(channel, units))
     axes.set_title(f"{short(trace.error.record)}: {multiple(trace.error.ratio)} x the noise", fontweight="normal")
     axes.legend(fontsize=8.0)
 
 
 # parts -----------------------------------------------------------------------------------------------------------
-
-
-def _band(axes: Axes, x: Array, y: Array, half: Array, marker: str = ".") -> None:
-    axes.fill_between(x, y - half, y + half, color=SKY, alpha=0.35, linewidth=0.0)
-    axes.plot(x, y, marker=marker, markersize=4.0, color=BLUE, linewidth=1.3)
 
 
 def _noise_scale(axes: Axes, values: Sequence[float]) -> None:

@@ -4,23 +4,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import singledispatch
+from functools import partial, singledispatch
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sysid import typography as set_as
-from sysid.comparison.compare import Comparison, compare
 from sysid.diagnosis.answer import Diagnosis, Step
+from sysid.diagnosis.compare import Comparison, compare
+from sysid.diagnosis.contacts import Touched
+from sysid.diagnosis.residual_torque import ResidualTorque, residual_torque
 from sysid.effects import CATALOGUE
 from sysid.errors import InvalidInput
 from sysid.logs import split
 from sysid.model import Model
 from sysid.page import Page, Picture, Section, Table, horizons, physical, picture, settings
+from sysid.plants import Plant
 from sysid.records import Record, told_apart
 from sysid.sensor import Sensor
-from sysid.smoothing.residual_torque import ResidualTorque, residual_torque
-from sysid.smoothing.touched import Touched
 from sysid.typography import sentence
 
 if TYPE_CHECKING:
@@ -104,9 +105,9 @@ def _(answer: Diagnosis, records: Sequence[Record], hold_out: float | None = Non
         lists={
             "What this motion cannot tell apart": [", ".join(group) for group in answer.not_identifiable],
             "What the fit says of itself": [sentence(s) for s in (answer.estimate.status, *answer.estimate.ambiguous)],
-            "The next experiment": _experiment(answer.next_experiment),
+            "The next experiment": _experiment(answer.next_experiment, answer.model.plant),
         },
-        settings=settings(answer.sensor, records)
+        settings=settings(answer.sensor, records, answer.model.plant.quantities)
         | {
             "held out": set_as.listed(answer.held_out),
             "model": _described(answer.model),
@@ -223,28 +224,32 @@ def _torque(
     found, before = torques[-1], torques[0] if len(torques) > 1 else None
     left, unknown = answer.remaining, answer.remaining is not None
     depends_on = left.depends_on if left else ()
-    says = [str(found).split(". no state of the joint")[0] + "."]
+    says, what = [str(found).split(". No state of the joint")[0] + "."], set_as.word("torque", found.units)
     if not of_sensor:
-        says = [says[0].replace("the sensor noise", "the readings' scatter about the fit (the joint vibrates)")]
+        says.append("The noise of the readings is taken as their scatter about the fit: the joint vibrates.")
     if left is not None:
         on = " and ".join(depends_on) or "nothing that was tried"
         where = f", {_briefly(left.where, answer)}" if left.where else ""
         says.insert(0, f"{left.share:.0%} of the squared error is unexplained; it depends on {on}{where}.")
     caption = (
-        "Torque that must act beyond the model for the log to have come about, with its 95 % band; of many stretches "
-        "those where it is largest."
+        f"{what.capitalize()} that must act beyond the model for the log to have come about, with its 95 % band; "
+        "of many stretches those where it is largest."
         + (" Blue: beyond the mended model; orange: beyond the model as it came." if before else "")
         + (" Yellow: what no state of the joint explains, a hand perhaps." if touched else "")
         + ("" if whole else f" Of the first {MOST:,} samples.")
     )
     pictures = [picture(figures.course(found, before, touched, 8 if unknown else 4), caption)]
     for name in sorted(found.binned, key=lambda n: n not in depends_on):
-        share = found.explained.get(name, 0.0)
+        share = found.dependence.shares.get(name, 0.0)
         mark = name in depends_on and share > 0.05
-        predicts = f": its mean tells {share:.0%} of it on other rollouts." if found.present and share > 0.05 else "."
-        caption = sentence(f"over {name}{predicts}{' Yellow: where it lives.' if mark else ''}")
+        predicts = (
+            f": functions of it tell {share:.0%} of it on other stretches." if found.present and share > 0.05 else "."
+        )
+        caption = sentence(
+            f"over {set_as.word(name, found.units)}{predicts}{' Yellow: where it lives.' if mark else ''}"
+        )
         pictures.append(picture(figures.over(found, name, before, mark), caption, wide=False))
-    title = "The torque that no known effect explains" if unknown else "Torque beyond the model"
+    title = f"The {what} that no known effect explains" if unknown else f"{what.capitalize()} beyond the model"
     return Section(title, tuple(map(sentence, says)), tuple(pictures))
 
 
@@ -256,12 +261,12 @@ def _maps(compared: Sequence[Comparison]) -> Section:
         f"{title}: {c.sentence[:1].lower()}{c.sentence[1:]}" if title else c.sentence
         for title, c in zip(titles, compared, strict=True)
     ]
-    caption = (
-        "Torque that the held-out readings need beyond the model, by state; a dot: beyond 99 % of what noise does."
-    )
+    torques = [c.torque for c in compared if c.torque is not None]
     pictures: tuple[Picture, ...] = ()
-    if any(c.map.significant.any() for c in compared):
-        pictures = (picture(figures.maps([c.map for c in compared], titles), caption, wide=len(compared) > 1),)
+    if len(torques) == len(compared) and any(t.map.significant.any() for t in torques):
+        what = set_as.word("torque", torques[0].units).capitalize()
+        caption = f"{what} that the held-out readings need beyond the model, by state; a dot: beyond 99 % of chance."
+        pictures = (picture(figures.maps(torques, titles), caption, wide=len(compared) > 1),)
     return Section("Where the model fails", tuple(map(sentence, says)), pictures)
 
 
@@ -318,10 +323,11 @@ def _ruled_out(answer: Diagnosis) -> Iterator[Table]:
         yield Table("Ruled out above", ("effect", "size", "unit", "of"), rows, note, words=(0, 2, 3))
 
 
-def _experiment(found: Mapping[str, Any] | None) -> list[str]:
+def _experiment(found: Mapping[str, Any] | None, plant: Plant) -> list[str]:
     """What to do next, in sentences."""
     if not found:
         return []
+    units = plant.quantities
     says = [str(found.get("description") or found.get("kind") or "")]
     before, after = found.get("before"), found.get("after")
     if after is not None:
@@ -333,8 +339,8 @@ def _experiment(found: Mapping[str, Any] | None) -> list[str]:
         peak = found.get("u_peak")
         says.append(
             f"{found['rollouts']} rollouts, {found.get('seconds', 0.0):.3g} s in all"
-            + (f", torque up to {peak:.3g} N m" if peak is not None else "")
-            + (f", from rest at {starts} rad" if starts else "")
+            + (f", {set_as.word('torque', units)} up to {peak:.3g} {units['torque']}" if peak is not None else "")
+            + (f", from rest at {starts} {units['theta']}" if starts else "")
         )
     return [sentence(f"{s.rstrip('.')}.") for s in says if s]
 
@@ -353,10 +359,10 @@ def _(answer: Comparison, records: Sequence[Record], hold_out: float | None = No
         sections=tuple(_compared(answer)),
         tables=[horizons((answer.errors,))],
         lists={
-            "What explains it together, the strongest first": [sentence(f"{c.words}.") for c in answer.causes],
+            "What promises to explain it, the strongest first": [sentence(f"{c.words}.") for c in answer.causes],
             "What a perfect model would not show": [sentence(f"{s}.") for s in answer.surprises],
         },
-        settings=settings(answer.sensor, records) | {"compared with": set_as.listed(answer.records)},
+        settings=settings(answer.sensor, records, answer.units) | {"compared with": set_as.listed(answer.records)},
     )
 
 
@@ -371,12 +377,27 @@ def _compared(answer: Comparison) -> Iterator[Section]:
     words = "Error over windows of every length, the state refitted in each."
     yield Section("How far off", (), (panel(plotting.errors, answer, words, wide=True),))
     times = [f"{t.error.begin:.1f} to {t.error.end:.1f} s" for t in answer.worst]
-    worst = [picture(figures.window(t), time, wide=False) for t, time in zip(answer.worst, times, strict=True)]
+    worst = [
+        picture(figures.window(t, answer.units), time, wide=False) for t, time in zip(answer.worst, times, strict=True)
+    ]
     yield Section("The worst windows", (), tuple(worst), small=True)
-    says = ("Torque that the readings need beyond the model, with its 99 % band; on the map a dot: beyond 99 %.",)
-    states = picture(figures.maps([answer.map], [""]), "By state.", wide=False)
-    curves = [panel(plotting.curve, c, sentence(f"over {n}."), bool(c.record)) for n, c in answer.curves.items()]
+    if (torque := answer.torque) is None:
+        return
+    says = (
+        f"{set_as.word('torque', torque.units).capitalize()} that must act beyond the model, with its 99 % band; "
+        "on the map a dot: beyond 99 %.",
+    )
+    states = picture(figures.maps([torque], [""]), "By state.", wide=False)
+    curves = [
+        panel(partial(_over, name), torque, sentence(f"over {set_as.word(name, torque.units)}."), name == "time")
+        for name in torque.binned
+    ]
     yield Section("Where it fails", says, (states, *curves))
-    past = panel(plotting.past_torque, answer, "A delay or a lag shows as a correlation with past torque.")
-    white = panel(plotting.whiteness, answer, "Those of a perfect model are white.")
-    yield Section("What the residuals know", (), (past, white))
+    white = panel(plotting.whiteness, answer, "Those of a right model, beside a random torque, are white.")
+    yield Section("What the innovations know", (), (white,))
+
+
+def _over(name: str, torque: ResidualTorque, axes: Axes) -> None:
+    from sysid import plotting
+
+    plotting.over(torque, name, axes)

@@ -2,7 +2,7 @@
 
 fall       the held-out error step by step          rollout    readings, and the model before and after
 ranking    what the first round found, by class     course     residual torque over time, stretch by stretch
-over       residual torque over one quantity        maps       torque missing over the states, before and after
+over       residual torque over one quantity        maps       residual torque over the states, before and after
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import matplotlib
@@ -21,18 +21,17 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from sysid import plotting
-from sysid.comparison.compare import Trace
 from sysid.comparison.held_out import Refit, error_of, lead_of, refit_windows
-from sysid.comparison.residual_map import ResidualMap
 from sysid.diagnosis.answer import Diagnosis, Step
+from sysid.diagnosis.compare import Trace
+from sysid.diagnosis.contacts import Touched
+from sysid.diagnosis.residual_torque import Followed, ResidualTorque
 from sysid.model import Model
-from sysid.plotting import BLUE, GREEN, GREY, LABEL, ORANGE, STYLE, cells, scale, short
+from sysid.plotting import BLUE, GREEN, GREY, ORANGE, STYLE, cells, label, mean, scale, short
 from sysid.records import Array, Record
 from sysid.response import CHANNELS
 from sysid.sensor import Sensor
-from sysid.smoothing.residual_torque import Followed, ResidualTorque
-from sysid.smoothing.touched import Touched
-from sysid.typography import chance, multiple
+from sysid.typography import chance, multiple, word
 from sysid.windows import cut
 
 WIDE, NARROW = 5.0, 4.2
@@ -135,8 +134,8 @@ def _bars(axes: Axes, rows: Sequence[Any], labels: Sequence[str], added: set[str
         end = max(r.score, 0.0) + 0.015 * reach
         axes.text(end, k, error + chance(r.p_value), va="center", fontsize=8.0, color="0.3")
     axes.set_yticks(range(len(rows)), labels)
-    for r, label in zip(rows, axes.get_yticklabels(), strict=True):
-        label.set_fontweight("bold" if r.effect in added else "normal")
+    for r, text in zip(rows, axes.get_yticklabels(), strict=True):
+        text.set_fontweight("bold" if r.effect in added else "normal")
     axes.set_ylim(len(rows) - 0.4, -0.6)
     axes.set_xlim(0.0, 1.6 * reach)
     axes.xaxis.set_major_locator(MaxNLocator(4))
@@ -148,13 +147,15 @@ def _bars(axes: Axes, rows: Sequence[Any], labels: Sequence[str], added: set[str
 
 
 class Course(NamedTuple):
-    """A stretch of a rollout: its name, instants t (n,) [s], and by channel readings and a model's answers (n,)."""
+    """A stretch of a rollout: its name, instants t (n,) [s], and by channel readings and a model's answers (n,), in the
+    plant's units."""
 
     record: str
     t: Array
     readings: dict[str, Array]
     model: dict[str, Array]
     ratio: float
+    units: Mapping[str, str]
 
 
 def courses(
@@ -193,7 +194,7 @@ def _course(fit: Refit, windows: Sequence[int], ratio: float) -> Course:
             model[c].append(np.append((y - left)[at], np.nan))
     name = response.records[response.windows[windows[0]].record].name
     joined = [{c: np.concatenate(v) for c, v in found.items()} for found in (readings, model)]
-    return Course(name, np.concatenate(times), joined[0], joined[1], ratio)
+    return Course(name, np.concatenate(times), joined[0], joined[1], ratio, response.model.plant.quantities)
 
 
 def rollout(paths: Sequence[Course], sensor: Sensor, names: Sequence[str], touched: Sequence[Touched] = ()) -> Figure:
@@ -220,13 +221,13 @@ def course_in(axes: Axes, paths: Sequence[Course], channel: str, names: Sequence
     t, y = paths[0].t, paths[0].readings[channel]
     axes.plot(t, y, ".", color="0.45", markersize=3.5, label="readings", rasterized=len(t) > MANY)
     for path, name, (colour, line, width) in zip(paths, names, _lines(len(paths)), strict=True):
-        label = f"{name}: {multiple(path.ratio)}"
-        axes.plot(t, path.model[channel], line, color=colour, linewidth=width, label=label)
+        said = f"{name}: {multiple(path.ratio)}"
+        axes.plot(t, path.model[channel], line, color=colour, linewidth=width, label=said)
     low, high = float(np.nanmin(y)), float(np.nanmax(y))
     room = 0.35 * max(high - low, 1e-9)
     seen = [v for p in paths for v in p.model[channel] if math.isfinite(v)]
     axes.set_ylim(max(low - room, min([low, *seen]) - 0.1 * room), min(high + room, max([high, *seen]) + 0.1 * room))
-    axes.set_ylabel(LABEL[channel])
+    axes.set_ylabel(label(channel, paths[0].units))
 
 
 def residual_in(axes: Axes, paths: Sequence[Course], channel: str, sd: float) -> None:
@@ -254,14 +255,14 @@ def shade(axes: Axes, touched: Sequence[Touched], record: str) -> None:
             axes.axvspan(t.t_begin, t.t_end, color=YELLOW, alpha=0.35, linewidth=0.0, zorder=0)
 
 
-def window(trace: Trace) -> Figure:
+def window(trace: Trace, units: Mapping[str, str]) -> Figure:
     """One window of a comparison, by channel."""
     channels = list(trace.readings)
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(3.2, 0.6 + 1.5 * len(channels)), layout="constrained")
         panels = figure.subplots(len(channels), 1, sharex=True, squeeze=False)[:, 0]
         for channel, axes in zip(channels, panels, strict=True):
-            plotting.window(trace, axes, channel)
+            plotting.window(trace, axes, channel, units)
             axes.set_title("")
             axes.label_outer()
         panels[0].set_title(f"{short(trace.error.record)}: {multiple(trace.error.ratio)} x noise", fontweight="normal")
@@ -305,8 +306,8 @@ def course(
                       color="0.3", bbox=BEHIND)  # fmt: skip
             if axes is not panels[-1] and len({s.first for s in rows}) == 1:
                 axes.set_xticklabels([])
-        panels[-1].set_xlabel(LABEL["time"])
-        figure.supylabel("torque beyond the model [N m]", fontsize=9.0)
+        panels[-1].set_xlabel(label("time", found.units))
+        figure.supylabel(f"{word('torque', found.units)} beyond the model [{found.units['torque']}]", fontsize=9.0)
     return figure
 
 
@@ -344,36 +345,33 @@ def over_in(
     """The same on given axes."""
     axes.axhline(0.0, color="0.3", linewidth=0.8)
     for answer, colour in ((before, ORANGE), (found, BLUE)):
-        if answer is None:
-            continue
-        own = answer.over(name)
-        seen = np.isfinite(own.mean) & (own.count >= 0.002 * own.count.sum())
-        middle, mean, half = 0.5 * (own.edges[1:] + own.edges[:-1])[seen], own.mean[seen], 1.96 * own.sd[seen]
-        axes.fill_between(middle, mean - half, mean + half, color=colour, alpha=0.25, linewidth=0.0)
-        axes.plot(middle, mean, ".-", color=colour, markersize=5.0, linewidth=1.4)
+        if answer is not None:
+            mean(axes, answer.over(name), colour, 1.96)
     if mark and found.present:
         low, high = found.over(name).peak
         axes.axvspan(low, high, color=YELLOW, alpha=0.25, linewidth=0.0, zorder=0)
-    axes.set_xlabel(LABEL[name] + (", 0 upright" if name == "theta" else ""))
-    axes.set_ylabel("mean torque beyond\nthe model [N m]")
+    turns = found.units["theta"] == "rad"
+    axes.set_xlabel(label(name, found.units) + (", 0 upright" if name == "theta" and turns else ""))
+    axes.set_ylabel(f"mean {word('torque', found.units)} beyond\nthe model [{found.units['torque']}]")
     axes.yaxis.set_major_locator(MaxNLocator(5))
 
 
 # ---- the map of the states -------------------------------------------------------------------------------------------
 
 
-def maps(found: Sequence[ResidualMap], titles: Sequence[str]) -> Figure:
-    """The torque missing over angle and speed, all on one scale; a dot: beyond what noise explains."""
-    norm = scale(*found) or TwoSlopeNorm(0.0, -1.0, 1.0)
+def maps(found: Sequence[ResidualTorque], titles: Sequence[str]) -> Figure:
+    """The mean residual torque over angle and speed, all on one scale; a dot: beyond what noise explains."""
+    norm = scale(*(own.map for own in found)) or TwoSlopeNorm(0.0, -1.0, 1.0)
+    units = found[0].units
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(WIDE if len(found) > 1 else NARROW, 3.0), layout="constrained")
         panels = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
         for axes, own, title in zip(panels, found, titles, strict=True):
-            image = cells(own, axes, norm)
+            image = cells(own.map, axes, norm, units)
             axes.set_title(title, fontweight="normal")
-        panels[0].set_ylabel(LABEL["theta_dot"])
+        panels[0].set_ylabel(label("theta_dot", units))
         bar = figure.colorbar(image, ax=list(panels), pad=0.02, aspect=25, extend="both")
-        bar.set_label("torque missing [N m]")
+        bar.set_label(f"{word('torque', units)} beyond the model [{units['torque']}]")
         bar.outline.set_visible(False)
         bar.locator = MaxNLocator(5)
         bar.update_ticks()

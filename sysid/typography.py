@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from sysid.comparison import held_out
 
@@ -36,6 +36,13 @@ def multiple(ratio: float) -> str:
 def chance(p_value: float) -> str:
     """How probable it is by chance."""
     return f"p = {p_value:.2g}" if p_value >= 1e-4 else "p < 0.0001"
+
+
+def word(name: str, units: Mapping[str, str]) -> str:
+    """What "theta", "theta_dot", "torque" or "time" is called where these are the plant's units."""
+    turning = {"theta": "angle", "theta_dot": "speed", "torque": "torque", "time": "time"}
+    sliding = {"theta": "position", "torque": "force"}
+    return sliding.get(name, turning[name]) if units["theta"] == "m" else turning[name]
 
 
 def unit(name: str) -> str:

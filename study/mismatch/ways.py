@@ -206,7 +206,7 @@ class Spending:
         residual = residual_torque(model, self.records, self.sensor)
         if not residual.present:
             return drawn, {"s": 0.0}
-        return Shaken(drawn, residual.torque.s, residual.torque.T), {"s": residual.torque.s, "T": residual.torque.T}
+        return Shaken(drawn, residual.s, residual.T), {"s": residual.s, "T": residual.T}
 
 
 def center(estimate: Estimate, w: float = 0.0) -> Band:

@@ -1,1 +1,1 @@
-"""How far a model is off, and where: errors on data that no fit has seen, maps, correlations, and words."""
+"""How far a model is off: errors on data that no fit has seen."""

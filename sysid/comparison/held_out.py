@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -50,8 +50,8 @@ class HeldOutError:
         ratios[c] = sqrt(sum e_c^2 / sum (1 - h_c)),   e whitened, h the leverage of the refitted state
 
     over the readings of channel c, so that a perfect model gets 1.0 in expectation at any sample rate; `ratio` over
-    all readings. theta [rad] and theta_dot [rad/s] are ratios times sensor noise (None: not measured). `windows` are in
-    the log's order.
+    all readings. theta [rad] and theta_dot [rad/s] are ratios times sensor noise (None: not measured), in
+    the plant's `units`. `windows` are in the log's order.
     """
 
     window: float
@@ -61,6 +61,7 @@ class HeldOutError:
     ratio: float
     n_readings: int
     windows: tuple[WindowError, ...]
+    units: Mapping[str, str]
 
     @property
     def n_windows(self) -> int:
@@ -86,9 +87,8 @@ class HeldOutError:
         }
 
     def __str__(self) -> str:
-        units = {"theta": "rad", "theta_dot": "rad/s"}
         values = {"theta": self.theta, "theta_dot": self.theta_dot}
-        parts = [f"{c} {values[c]:.3g} {units[c]} ({r:.2f} x noise)" for c, r in self.ratios.items()]
+        parts = [f"{c} {values[c]:.3g} {self.units[c]} ({r:.2f} x noise)" for c, r in self.ratios.items()]
         span = "whole rollouts" if math.isinf(self.window) else f"{self.n_windows} windows of {self.window:g} s"
         return f"{self.ratio:.2f} x the sensor noise over {span}: {', '.join(parts)}"
 
@@ -207,6 +207,7 @@ def error_of(fit: Refit, window: float) -> HeldOutError:
         windows=tuple(
             _named(response, w, _root(s, f)) for w, s, f in zip(response.windows, squares, free, strict=True)
         ),
+        units=response.model.plant.quantities,
     )
 
 

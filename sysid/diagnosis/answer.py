@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from sysid.comparison.held_out import HeldOutError, finite
+from sysid.diagnosis.contacts import Touched
 from sysid.estimate import Estimate
 from sysid.model import Model
 from sysid.sensor import Sensor
-from sysid.smoothing.touched import Touched
 
 SCHEMA = "gapfinder/diagnosis/1"
 VERDICTS = ("adequate", "missing", "partly", "unknown", "cannot tell")

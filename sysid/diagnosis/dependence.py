@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -28,11 +29,13 @@ class Dependence:
     depends_on  some of "theta", "theta_dot", "torque", "time", "history"
     share       of its mean square that smooth functions of these predict, taken from other stretches of the log
     where       the stretch of the quantity over which most of it acts, in words
+    shares      such a share for each of QUANTITIES by itself, 0 where it predicts nothing
     """
 
     depends_on: tuple[str, ...]
     share: float
     where: str
+    shares: Mapping[str, float] = field(default_factory=dict)
 
 
 def dependence(fit: Fit, torque: Array) -> Dependence:
@@ -45,12 +48,12 @@ def dependence(fit: Fit, torque: Array) -> Dependence:
     chosen, best = "time", 0.0
     if np.count_nonzero(known) < 30:
         return Dependence(("time",), 0.0, "")
-    for name in QUANTITIES:
-        share = _predicted(fit, torque, known, _torques(fit, name))
+    shares = {name: max(0.0, _predicted(fit, torque, known, _torques(fit, name))) for name in QUANTITIES}
+    for name, share in shares.items():
         if share > max(ENOUGH, best + BETTER):
             chosen, best = name, share
     on = tuple(chosen.split("+"))
-    return Dependence(on, best, _where(fit, on[0], np.where(known, torque, 0.0)))
+    return Dependence(on, best, _where(fit, on[0], np.where(known, torque, 0.0)), shares)
 
 
 def _predicted(fit: Fit, torque: Array, known: Array, basis: Array) -> float:
@@ -76,6 +79,13 @@ def _middle(fit: Fit) -> tuple[Array, Array, Array]:
     x = fit.motion.x
     middle = np.where(fit.chain.follows[:, None], 0.5 * (x + np.roll(x, -1, axis=0)), x)
     return middle[:, 0], middle[:, 1], fit.linearised.drives.mean(axis=1)
+
+
+def coordinates(fit: Fit) -> dict[str, Array]:
+    """What a torque is drawn over: theta (its place), theta_dot, the drive torque, the time of each interval (M,)."""
+    theta, theta_dot, drive = _middle(fit)
+    middle = fit.chain.t + 0.5 * fit.chain.dt
+    return {"theta": fit.model.plant.place(theta), "theta_dot": theta_dot, "torque": drive, "time": middle}
 
 
 def _torques(fit: Fit, name: str) -> Array:
@@ -132,18 +142,15 @@ def _history(fit: Fit, lags: tuple[int, ...] = (-1, 1, 2, 4, 8, 16)) -> Array:
 
 def _where(fit: Fit, on: str, torque: Array, bins: int = 24) -> str:
     """The stretch of a quantity over which most of a torque acts."""
+    units = fit.model.plant.quantities
+    newton = units["torque"]
     if on == "history":
         return "on what happened up to 16 samples before"
     if on == "time":
         k = int(np.argmax(np.abs(torque)))
         name = fit.chain.records[int(fit.chain.number[k])].name
-        return f"strongest in {name} at {fit.chain.t[k]:.2f} s ({torque[k]:+.2g} N m)"
-    theta, theta_dot, drive = _middle(fit)
-    x, unit = {
-        "theta": (fit.model.plant.place(theta), "rad"),
-        "theta_dot": (theta_dot, "rad/s"),
-        "torque": (drive, "N m"),
-    }[on]
+        return f"strongest in {name} at {fit.chain.t[k]:.2f} s ({torque[k]:+.2g} {newton})"
+    x = coordinates(fit)[on]
     edges = np.linspace(float(np.min(x)), float(np.max(x)), bins + 1)
     place = np.clip(np.digitize(x, edges) - 1, 0, bins - 1)
     count = np.bincount(place, minlength=bins)
@@ -158,4 +165,4 @@ def _where(fit: Fit, on: str, torque: Array, bins: int = 24) -> str:
         low -= 1
     while high < bins - 1 and size[high + 1] > 0.5 * size[peak]:
         high += 1
-    return f"strongest for {on} from {edges[low]:.2f} to {edges[high + 1]:.2f} {unit} ({mean[peak]:+.2g} N m)"
+    return f"strongest for {on} from {edges[low]:.2f} to {edges[high + 1]:.2f} {units[on]} ({mean[peak]:+.2g} {newton})"

@@ -13,9 +13,9 @@ from sysid.comparison.held_out import HeldOutError, held_out_error
 from sysid.diagnosis.answer import Diagnosis, MissingTorque, Ranked, Remaining, Step
 from sysid.diagnosis.channels import relied_on
 from sysid.diagnosis.choosing import DEFAULT, Choosing
-from sysid.diagnosis.contacts import contacts
+from sysid.diagnosis.contacts import Touched, contacts
 from sysid.diagnosis.dependence import dependence
-from sysid.diagnosis.missing_torque import missing_torque
+from sysid.diagnosis.residual_torque import missing_torque
 from sysid.diagnosis.scores import alikeness, price
 from sysid.diagnosis.search import Addition, Search, reduced
 from sysid.effects import CATALOGUE, effect
@@ -27,7 +27,6 @@ from sysid.fit import free
 from sysid.model import Model
 from sysid.records import Record, check_records, told_apart
 from sysid.sensor import Sensor
-from sysid.smoothing.touched import Touched
 
 RESTARTS = 2
 """What a hand touched is left out and the search begun anew, at most so often."""

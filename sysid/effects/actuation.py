@@ -26,6 +26,7 @@ class Delay(DeadTime, InputEffect):
     Raises InvalidInput for a `longest` that is not a positive time.
     """
 
+    words: ClassVar[str] = "a delay of the torque"
     rarity: ClassVar[float] = 0.5
     formula: ClassVar[str] = "drive(t) = u(t - T)"
     confused: ClassVar[tuple[str, ...]] = ("lag", "stamp", "sensor_delay")
@@ -57,6 +58,7 @@ class Lag(InputEffect):
         z' = s + (z - s) exp(-h/T),   mean of z over the substep = s + (z - s) (T/h) (1 - exp(-h/T))
     """
 
+    words: ClassVar[str] = "a lag of the torque"
     rarity: ClassVar[float] = 1.5
     formula: ClassVar[str] = "T z_dot = u - z, drive = z"
     confused: ClassVar[tuple[str, ...]] = ("delay", "stamp", "sensor_delay")
@@ -98,6 +100,7 @@ class TorqueGain(InputEffect):
     With m and l (or J and G) free it does not show in the motion: weigh the pendulum, or hang a known payload on it.
     """
 
+    words: ClassVar[str] = "a factor on the torque"
     rarity: ClassVar[float] = 2.0
     formula: ClassVar[str] = "drive = c u"
     confused: ClassVar[tuple[str, ...]] = ("rotor_inertia", "coulomb", "saturation", "dead_zone")
@@ -112,6 +115,7 @@ class TorqueGain(InputEffect):
 class DeadZone(InputEffect):
     """drive = sign(u) max(|u| - d, 0): commands below d [N m] do nothing, those above lose d."""
 
+    words: ClassVar[str] = "a dead zone of the torque"
     rarity: ClassVar[float] = 2.0
     formula: ClassVar[str] = "drive = sign(u) max(|u| - d, 0)"
     confused: ClassVar[tuple[str, ...]] = ("coulomb", "torque_gain")
@@ -130,6 +134,7 @@ def _limits(extent: Extent) -> tuple[float, ...]:
 class Saturation(InputEffect):
     """drive = clip(u, -limit, limit): the driver gives no more than limit [N m]; 10^6 stands for never."""
 
+    words: ClassVar[str] = "a limit of the torque"
     rarity: ClassVar[float] = 1.5
     formula: ClassVar[str] = "drive = clip(u, -limit, limit)"
     confused: ClassVar[tuple[str, ...]] = ("torque_gain",)
@@ -147,6 +152,7 @@ class BackEmf(JointEffect):
     Exactly viscous friction while the driver is on: only a log with the driver off tells them apart.
     """
 
+    words: ClassVar[str] = "back-EMF"
     rarity: ClassVar[float] = 2.0
     formula: ClassVar[str] = "tau = -k theta_dot, while the driver is on"
     confused: ClassVar[tuple[str, ...]] = ("viscous", "drag", "load_friction")
@@ -167,6 +173,7 @@ class Stamp(InputEffect):
     torque one row ahead and delays it by (1 + s) dt.
     """
 
+    words: ClassVar[str] = "a stamp of the torques"
     rarity: ClassVar[float] = 1.0
     formula: ClassVar[str] = "drive(t) = u(t - s dt), of the log and not of the machine"
     confused: ClassVar[tuple[str, ...]] = ("delay", "lag", "sensor_delay")

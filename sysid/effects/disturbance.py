@@ -22,6 +22,7 @@ PERIODIC = 0.8
 class TorqueBias(JointEffect):
     """tau = tau_0 [N m]: a constant torque (a torque sensor's or amplifier's offset, a preloaded cable)."""
 
+    words: ClassVar[str] = "a constant torque"
     rarity: ClassVar[float] = 1.0
     formula: ClassVar[str] = "tau = tau_0"
     confused: ClassVar[tuple[str, ...]] = ("spring", "tilt", "drift", "asymmetric_coulomb", "angle_offset")
@@ -46,6 +47,7 @@ class Periodic(JointEffect):
     a, b [N m]; f [Hz]; t [s] from the start of each record.
     """
 
+    words: ClassVar[str] = "a periodic torque"
     rarity: ClassVar[float] = 4.0
     formula: ClassVar[str] = "tau = a sin(2 pi f t) + b cos(2 pi f t)"
     confused: ClassVar[tuple[str, ...]] = ("ripple", "drift")
@@ -69,6 +71,7 @@ class Periodic(JointEffect):
 class Drift(JointEffect):
     """tau = r t: a torque that grows while the record runs (warming, a leak); r [N m/s], t [s] from its start."""
 
+    words: ClassVar[str] = "a torque that drifts"
     rarity: ClassVar[float] = 3.0
     formula: ClassVar[str] = "tau = r t"
     confused: ClassVar[tuple[str, ...]] = ("torque_bias", "periodic")

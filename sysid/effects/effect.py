@@ -43,6 +43,7 @@ class Reading(NamedTuple):
 class Effect(Parametric):
     """A physical effect that a model may or may not have: at the input, at the joint, or at the output.
 
+    words      what it is, for a sentence
     formula    its equation in the fields' letters, one line
     confused   names of effects that many logs cannot tell from it
     excludes   names of effects that cannot stand in a model beside it
@@ -52,6 +53,7 @@ class Effect(Parametric):
     refines    simpler effects, alone or together, that explain most of what it explains: it has to beat each
     """
 
+    words: ClassVar[str] = ""
     formula: ClassVar[str] = ""
     confused: ClassVar[tuple[str, ...]] = ()
     excludes: ClassVar[tuple[str, ...]] = ()

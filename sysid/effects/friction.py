@@ -16,6 +16,7 @@ from sysid.parameters import parameter
 class Viscous(JointEffect):
     """tau = -b theta_dot: oil, grease, slow air; b [N m s/rad]."""
 
+    words: ClassVar[str] = "viscous friction"
     rarity: ClassVar[float] = 0.0
     formula: ClassVar[str] = "tau = -b theta_dot"
     confused: ClassVar[tuple[str, ...]] = ("back_emf", "drag", "asymmetric_viscous", "load_friction", "coulomb")
@@ -31,6 +32,7 @@ class Viscous(JointEffect):
 class Coulomb(DryFriction):
     """tau = -tau_c sign(theta_dot); at rest it holds up to tau_c [N m]: seals, brushes, preloaded bearings."""
 
+    words: ClassVar[str] = "dry friction"
     rarity: ClassVar[float] = 0.0
     formula: ClassVar[str] = "tau = -tau_c sign(theta_dot), at rest up to tau_c"
     confused: ClassVar[tuple[str, ...]] = (
@@ -56,6 +58,7 @@ class Stribeck(DryFriction):
     Coulomb friction. (Armstrong-Helouvry, Dupont, Canudas de Wit: Automatica 30 (1994) 1083, with exponent 2.)
     """
 
+    words: ClassVar[str] = "dry friction that is larger at slow speed"
     rarity: ClassVar[float] = 2.0
     refines: ClassVar[tuple[tuple[str, ...], ...]] = (("coulomb",),)
     formula: ClassVar[str] = "tau = -(tau_c + excess exp(-(theta_dot/v_s)^2)) sign(theta_dot)"
@@ -75,6 +78,7 @@ class Stribeck(DryFriction):
 class Drag(JointEffect):
     """tau = -c |theta_dot| theta_dot: air drag at high Reynolds number; c [N m s^2/rad^2]."""
 
+    words: ClassVar[str] = "air drag"
     rarity: ClassVar[float] = 1.5
     formula: ClassVar[str] = "tau = -c |theta_dot| theta_dot"
     confused: ClassVar[tuple[str, ...]] = ("viscous", "back_emf")
@@ -90,6 +94,7 @@ class Drag(JointEffect):
 class AsymmetricViscous(JointEffect):
     """tau = -b_plus theta_dot for theta_dot > 0, -b_minus theta_dot below: friction of a worm or a check valve."""
 
+    words: ClassVar[str] = "viscous friction that depends on the direction"
     rarity: ClassVar[float] = 3.0
     refines: ClassVar[tuple[tuple[str, ...], ...]] = (("viscous",), ("viscous", "tilt"), ("viscous", "torque_bias"))
     formula: ClassVar[str] = "tau = -b_plus max(theta_dot, 0) - b_minus min(theta_dot, 0)"
@@ -110,6 +115,7 @@ class AsymmetricCoulomb(DryFriction):
     Where the joint never stands, Coulomb friction of the mean and a torque bias of half the difference move alike.
     """
 
+    words: ClassVar[str] = "dry friction that depends on the direction"
     rarity: ClassVar[float] = 3.0
     refines: ClassVar[tuple[tuple[str, ...], ...]] = (("coulomb",), ("coulomb", "tilt"), ("coulomb", "torque_bias"))
     formula: ClassVar[str] = "tau = -tau_plus (theta_dot > 0), +tau_minus (theta_dot < 0)"

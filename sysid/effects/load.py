@@ -21,6 +21,7 @@ class LoadFriction(DryFriction):
     load [N m] is gravity, drive and every effect that is not friction; mu [1] is its share that friction takes.
     """
 
+    words: ClassVar[str] = "dry friction that grows with the load"
     rarity: ClassVar[float] = 2.0
     refines: ClassVar[tuple[tuple[str, ...], ...]] = (("coulomb",),)
     formula: ClassVar[str] = "tau = -mu |load| sign(theta_dot), at rest up to mu |load|"
@@ -40,6 +41,7 @@ class Tilt(JointEffect):
     For a fixed axis it cannot be told from an encoder that reads alpha too little. Without gravity it does nothing.
     """
 
+    words: ClassVar[str] = "a base that leans"
     rarity: ClassVar[float] = 1.0
     imitates: ClassVar[str] = "theta"
     formula: ClassVar[str] = "tau = gravity_torque(theta + alpha) - gravity_torque(theta)"
@@ -58,6 +60,7 @@ class Spring(JointEffect):
     theta is unwrapped, so each turn winds it further. A rest angle elsewhere shows as a torque bias beside it.
     """
 
+    words: ClassVar[str] = "a spring"
     rarity: ClassVar[float] = 2.0
     imitates: ClassVar[str] = "theta"
     formula: ClassVar[str] = "tau = -k (theta - pi)"
@@ -76,6 +79,7 @@ class Ripple(JointEffect):
     `order` [1] counts the waves in a turn. Order 1 is left out: that is gravity.
     """
 
+    words: ClassVar[str] = "a ripple over the angle"
     rarity: ClassVar[float] = 3.0
     imitates: ClassVar[str] = "theta"
     formula: ClassVar[str] = "tau = a sin(order theta) + b cos(order theta)"
@@ -105,6 +109,7 @@ class RotorInertia(JointEffect):
     With m and l (or J) free it does not show in the motion: weigh the pendulum, or hang a known payload on it.
     """
 
+    words: ClassVar[str] = "a rotor's inertia"
     rarity: ClassVar[float] = 2.0
     formula: ClassVar[str] = "(J + J_r) theta_ddot = ..."
     confused: ClassVar[tuple[str, ...]] = ("torque_gain",)

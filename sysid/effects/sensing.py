@@ -19,6 +19,7 @@ from sysid.records import Array
 class AngleOffset(OutputEffect):
     """reading theta + offset [rad]: the encoder's zero is off."""
 
+    words: ClassVar[str] = "an offset of the angle readings"
     rarity: ClassVar[float] = 1.0
     formula: ClassVar[str] = "reading = theta + offset"
     confused: ClassVar[tuple[str, ...]] = ("tilt", "torque_bias")
@@ -33,6 +34,7 @@ class AngleOffset(OutputEffect):
 class VelocityBias(OutputEffect):
     """reading theta_dot + bias [rad/s]: the offset of a gyroscope or a tachometer."""
 
+    words: ClassVar[str] = "an offset of the speed readings"
     rarity: ClassVar[float] = 2.0
     formula: ClassVar[str] = "reading = theta_dot + bias"
     confused: ClassVar[tuple[str, ...]] = ()
@@ -47,6 +49,7 @@ class VelocityBias(OutputEffect):
 class VelocityGain(OutputEffect):
     """reading c theta_dot: the scale of a gyroscope or a tachometer is off by the factor c [1]."""
 
+    words: ClassVar[str] = "a factor on the speed readings"
     rarity: ClassVar[float] = 2.0
     formula: ClassVar[str] = "reading = c theta_dot"
     confused: ClassVar[tuple[str, ...]] = ()
@@ -70,6 +73,7 @@ class SensorDelay(DeadTime, OutputEffect):
     Raises InvalidInput for a `longest` that is not a positive time.
     """
 
+    words: ClassVar[str] = "a delay of the readings"
     rarity: ClassVar[float] = 2.0
     formula: ClassVar[str] = "reading(t) = state(t - T)"
     confused: ClassVar[tuple[str, ...]] = ("delay", "lag", "stamp", "backlash")
@@ -120,6 +124,7 @@ class Backlash(OutputEffect):
     in the gap. A log begins in the middle of the gap, y = theta.
     """
 
+    words: ClassVar[str] = "backlash at the encoder"
     rarity: ClassVar[float] = 2.0
     formula: ClassVar[str] = "y = min(max(y, theta - width/2), theta + width/2)"
     confused: ClassVar[tuple[str, ...]] = ("sensor_delay",)

@@ -242,17 +242,38 @@ class Filter:
         """Predicted sd (M, 4) of z."""
         return np.sqrt(np.maximum(self.states[:, [0, 4, 7, 9]], 0.0))
 
-    def posterior_sd(self) -> Array:
-        """sd (M, 4) of z given all readings: P - P N P, N' = (W H)'(W H) + Phi' N Phi, backwards."""
+    @cached_property
+    def _behind(self) -> tuple[Array, Array]:
+        """Phi (M, 4, 4) and N (M, 4, 4), what the readings from an instant on tell of z:
+        N = (W H)'(W H) + Phi' N' Phi, backwards."""
         _, WH, _, band = self._parts
-        M = len(WH)
-        information, N, variance = np.swapaxes(WH, 1, 2) @ WH, np.zeros((_N, _N)), np.empty((M, _N))
-        Phi = np.empty((M, _N, _N))
+        information = np.swapaxes(WH, 1, 2) @ WH
+        Phi = np.empty((len(WH), _N, _N))
         for i in range(_N):
             for j in range(_N):
                 Phi[:, i, j] = -band[_N + i - j, j::_N]
-        P = self.covariance
-        for k in range(M - 1, -1, -1):
-            N = information[k] + Phi[k].T @ N @ Phi[k]
-            variance[k] = np.diag(P[k] - P[k] @ N @ P[k])
+        N = np.empty_like(information)
+        after = np.zeros((_N, _N))
+        for k in range(len(WH) - 1, -1, -1):
+            N[k] = after = information[k] + Phi[k].T @ after @ Phi[k]
+        return Phi, N
+
+    def posterior_sd(self) -> Array:
+        """sd (M, 4) of z given all readings: P - P N P."""
+        P, (_, N) = self.covariance, self._behind
+        variance = np.diagonal(P - P @ N @ P, axis1=1, axis2=2)
+        return np.sqrt(np.maximum(variance, 0.0))
+
+    def posterior_sd_of_sums(self, shares: Array) -> Array:
+        """sd (C,) of sum_k shares_k d_k, shares (M, C), given all readings.
+
+        For j < k:  cov(z_k, z_j) = (I - P_k N_k) Phi_(k-1) ... Phi_j P_j
+        """
+        P, (Phi, N) = self.covariance, self._behind
+        left = np.eye(_N)[2] - (P @ N)[:, 2]
+        carried, variance = np.zeros((_N, shares.shape[1])), np.zeros(shares.shape[1])
+        for k, share in enumerate(shares):
+            own = P[k, :, 2, None] * share
+            variance += share * (left[k] @ (own + 2.0 * carried))
+            carried = Phi[k] @ (carried + own)
         return np.sqrt(np.maximum(variance, 0.0))

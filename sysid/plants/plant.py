@@ -44,6 +44,12 @@ class Plant(Parametric):
             unit = re.sub(rf"\b{re.escape(turning)}\b", ours, unit)
         return unit
 
+    @property
+    def quantities(self) -> dict[str, str]:
+        """The units of "theta", "theta_dot", "torque" and "time" for this plant."""
+        turning = {"theta": "rad", "theta_dot": "rad/s", "torque": "N m", "time": "s"}
+        return {name: self.unit(unit) for name, unit in turning.items()}
+
     def place(self, theta: NDArray[np.float64]) -> NDArray[np.float64]:
         """Where theta [rad] is: modulo a turn where the plant turns."""
         return np.mod(theta, 2.0 * math.pi) if self.turns else theta

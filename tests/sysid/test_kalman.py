@@ -96,6 +96,20 @@ def test_filtering_and_smoothing_are_conditioning(disturbances: Disturbances, re
     np.testing.assert_allclose(found.posterior_sd(), sd, rtol=1e-6, atol=2e-6)
 
 
+@pytest.mark.parametrize("disturbances", [BOTH, replace(BOTH, sigma_o=0.0)], ids=["d and o", "no o"])
+def test_the_sd_of_a_sum_of_d_is_that_of_conditioning(disturbances: Disturbances) -> None:
+    """Sums within a record, over both, and of one instant alone."""
+    given = system(1, (37, 24), "mixed channels")
+    dense, shares = Dense.of(given, disturbances), np.random.default_rng(3).standard_normal((61, 3))
+    shares[37:, 1], shares[:, 2] = 0.0, np.arange(61) == 20
+    S = dense.H @ dense.covariance @ dense.H.T + np.eye(len(dense.H))
+    left = dense.covariance - dense.covariance @ dense.H.T @ np.linalg.solve(S, dense.H @ dense.covariance)
+    d = left[2::4, 2::4]
+    found = given.filter(disturbances)
+    np.testing.assert_allclose(found.posterior_sd_of_sums(shares), np.sqrt(np.diag(shares.T @ d @ shares)), rtol=1e-5)
+    assert found.posterior_sd_of_sums(shares)[2] == pytest.approx(found.posterior_sd()[20, 2], rel=1e-9)
+
+
 @pytest.mark.parametrize("disturbances", DISTURBANCES.values(), ids=DISTURBANCES.keys())
 def test_what_is_predicted_is_conditioned_on_what_came_before(disturbances: Disturbances) -> None:
     given = system(2, (20, 15), "mixed channels")

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from sysid import Model, Record, RodPendulum, Sensor, Viscous, plotting, simulate
-from sysid.comparison.compare import Comparison, compare
+from sysid import LinearAxis, Model, Record, RodPendulum, Sensor, Viscous, plotting, simulate
+from sysid.diagnosis.compare import Comparison, compare
 from sysid.excitation import steps
 
 SENSOR = Sensor(0.003, 0.05)
@@ -57,8 +57,7 @@ def test_a_comparison_of_one_channel_of_a_perfect_model(sensor: Sensor) -> None:
 def test_each_figure_alone_has_units(answer: Comparison) -> None:
     figures = plotting.comparison_figures(answer)
     assert set(figures) == {
-        "errors", "map", "past torque", "whiteness", "worst windows",
-        "over theta", "over theta_dot", "over torque", "over time",
+        "errors", "map", "whiteness", "worst windows", "over theta", "over theta_dot", "over torque", "over time",
     }  # fmt: skip
     for figure in figures.values():
         rendered(figure)
@@ -67,11 +66,36 @@ def test_each_figure_alone_has_units(answer: Comparison) -> None:
 
 
 def test_the_curve_that_is_drawn_is_the_answer(answer: Comparison) -> None:
-    figure = plotting.alone(lambda axes: plotting.curve(answer.curves["theta"], axes))
-    drawn = [line.get_ydata() for line in figure.axes[0].lines]
-    assert any(
-        len(y) == len(answer.curves["theta"].at) and np.allclose(y, answer.curves["theta"].torque) for y in drawn
-    )
+    torque = answer.torque
+    assert torque is not None
+    over = torque.over("theta")
+    figure = plotting.alone(lambda axes: plotting.over(torque, "theta", axes))
+    drawn = figure.axes[0].lines[1].get_ydata()
+    assert len(drawn) > 5 and np.all(np.isin(drawn, over.mean))
+    figure = plotting.alone(lambda axes: plotting.over(torque, "time", axes))
+    np.testing.assert_array_equal(figure.axes[0].lines[1].get_ydata(), torque.records[0].d)
+
+
+@pytest.mark.filterwarnings("error")
+def test_an_axis_is_drawn_in_metres_and_newtons() -> None:
+    axis, rng = Model(LinearAxis(m=1.0), dt=0.02), np.random.default_rng(0)
+    u = np.array([steps(rng, 250, 0.02, 1.5, 0.3) for _ in range(2)])
+    rough = axis.with_effect(Viscous(b=0.3))
+    records = simulate(rough, u, np.zeros(2), np.zeros(2)).measure(Sensor(0.001, 0.01), rng)
+    found = compare(axis, records, Sensor(0.001, 0.01))
+    for name, figure in plotting.comparison_figures(found).items():
+        rendered(figure)
+        assert "rad" not in words(figure) and "N m" not in words(figure), name
+    said = words(found.plot())
+    for label in ("position $x$ [m]", r"speed $\dot x$ [m/s]", "force [N]", "Force beyond the model"):
+        assert label in said, label
+
+
+def test_a_model_that_runs_away_is_drawn() -> None:
+    lost = ROD.with_effect(Viscous(b=500.0))
+    found = compare(lost, logs(ROD, n=1), SENSOR)
+    assert found.torque is None
+    rendered(found.plot())
 
 
 @pytest.mark.filterwarnings("error")

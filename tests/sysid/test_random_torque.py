@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from sysid import RK4, Effect, GeneralJoint, Model, Record, Sensor, effect, simulate
-from sysid.diagnosis.contacts import contacts
+from sysid.diagnosis.contacts import contacts, slow
 from sysid.diagnosis.dependence import dependence
-from sysid.diagnosis.missing_torque import missing_torque
+from sysid.diagnosis.residual_torque import missing_torque
 from sysid.effects import Joint, JointEffect
 from sysid.estimation.chain import Chain
 from sysid.estimation.disturbances import Disturbances
@@ -20,7 +20,6 @@ from sysid.estimation.first_fit import with_best_memory
 from sysid.estimation.prediction_error import Fit, Settings, fit
 from sysid.excitation import multisine
 from sysid.ops import Value
-from sysid.smoothing.touched import slow
 
 DT = 0.02
 SENSOR = Sensor(theta=0.003, theta_dot=0.05)

@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from sysid import Coulomb, InvalidInput, Model, Record, RodPendulum, Sensor, compare, fit, simulate
+from sysid import Coulomb, InvalidInput, LinearAxis, Model, Record, RodPendulum, Sensor, compare, fit, simulate
 from sysid import report_figures as figures
 from sysid import typography as set_as
 from sysid.comparison.held_out import held_out_error
@@ -158,6 +158,18 @@ def test_a_comparison_has_a_page_of_its_own(records, pages):
     assert set_as.sentence(answer.sentence) in said
     for error in answer.errors.values():
         assert set_as.multiple(error.ratios["theta"]) in said
+
+
+def test_the_page_of_an_axis_is_in_metres_and_newtons(tmp_path):
+    axis, sensor, rng = Model(LinearAxis(m=1.0), dt=0.02), Sensor(0.001, 0.01), np.random.default_rng(0)
+    u = np.array([steps(rng, 150, 0.02, 1.5, 0.3) for _ in range(2)])
+    run = simulate(axis.with_effect(Coulomb(tau_c=0.2)), u, np.zeros(2), np.zeros(2))
+    records = run.measure(sensor, rng)
+    write_report(compare(axis, records, sensor), records, tmp_path / "axis.html")
+    page = (tmp_path / "axis.html").read_text(encoding="utf-8")
+    said = text(page) + " ".join(re.findall(r'alt="([^"]*)"', page))
+    assert "dry friction of about 0.2 N" in said and "position 0.001 m, speed 0.01 m/s" in said
+    assert not re.search(r"\brad\b|N m\b", said)
 
 
 def test_names_are_text_and_neither_markup_nor_formula(tmp_path):

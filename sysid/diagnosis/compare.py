@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.comparison.causes import Cause, causes
 from sysid.comparison.held_out import (
     HeldOutError,
     Refit,
@@ -20,11 +19,13 @@ from sysid.comparison.held_out import (
     multiple,
     refit_windows,
 )
-from sysid.comparison.past_torque import PastTorque, lags_of, past_torque
-from sysid.comparison.residual_map import Curve, ResidualMap, curve_of, map_of, shapes
-from sysid.comparison.residuals import Residuals
-from sysid.comparison.whiteness import Whiteness, whiteness
+from sysid.diagnosis.causes import Cause, causes
+from sysid.diagnosis.residual_torque import ResidualTorque, followed, torque_of
+from sysid.diagnosis.whiteness import Whiteness, whiteness
+from sysid.errors import InvalidInput
 from sysid.estimate import Estimate
+from sysid.estimation.chain import Chain
+from sysid.estimation.prediction_error import Fit
 from sysid.model import Model
 from sysid.records import Array, Record, check_records
 from sysid.response import CHANNELS
@@ -33,8 +34,6 @@ from sysid.windows import cut
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-UNITS = {"theta": "rad", "theta_dot": "rad/s"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,29 +51,26 @@ class Comparison:
     """A model against records. Errors are those of windows whose state is refitted, leverage out (see HeldOutError).
 
     one_step, half_second, one_second, whole   the error over windows of that length
-    curves      the torque that the readings need beyond the model, over theta, theta_dot, torque and time, each alone
-    map         the same over theta and theta_dot together
-    past        correlation of the residual with past torque
-    whiteness   autocorrelation of the innovations, by channel
-    causes      the quantities that together explain the error, the strongest first
+    torque      the torque that must act beyond the model, its means over theta, theta_dot, torque, time and over the
+                states, and what it depends on; None where the model runs away within a sample
+    whiteness   autocorrelation of the filter's innovations beside that torque, by channel
+    causes      the known effects that promise to explain the error, the strongest first
     worst       the three worst windows of 1 s
-    apart       a window whose error is beyond all others' (a hand, perhaps), which curves, map and causes leave out
     records     their names; sensor: the noise that errors are multiples of
+    units       the units of "theta", "theta_dot", "torque" and "time" for the model's plant
     """
 
     one_step: HeldOutError
     half_second: HeldOutError
     one_second: HeldOutError
     whole: HeldOutError
-    curves: dict[str, Curve]
-    map: ResidualMap
-    past: PastTorque
+    torque: ResidualTorque | None
     whiteness: dict[str, Whiteness]
     causes: tuple[Cause, ...]
     worst: tuple[Trace, ...]
-    apart: WindowError | None
     records: tuple[str, ...]
     sensor: Sensor
+    units: dict[str, str]
 
     @property
     def errors(self) -> dict[str, HeldOutError]:
@@ -94,72 +90,65 @@ class Comparison:
     @property
     def off(self) -> bool:
         """Whether the error over 1 s is beyond the noise: by 5 %, and by more than 99 of 100 perfect models show."""
-        error = self.one_second
-        degrees = max(1, error.n_readings - 2 * error.n_windows)
-        return not error.ratio**2 < 1.0 + max(2.33 * math.sqrt(2.0 / degrees), 1.05**2 - 1.0)
+        return is_off(self.one_second)
 
     @property
     def surprises(self) -> tuple[str, ...]:
-        """What the residuals of a perfect model would show in one of 100 logs: colour, correlation with the torque."""
-        p = {f"the residuals of {c} are not white": w.p_value for c, w in self.whiteness.items()}
-        p["the residuals are correlated with the torque"] = self.past.p_value
-        return tuple(f"{words} (p = {value:.2g})" for words, value in p.items() if value * len(p) < 0.01)
+        """Innovations that are not white, as those of a right model are in 99 of 100 logs."""
+        p = {c: w.p_value for c, w in self.whiteness.items()}
+        return tuple(f"The innovations of {c} are not white (p = {v:.2g})" for c, v in p.items() if v * len(p) < 0.01)
 
     @property
     def adequate(self) -> bool:
         """Whether these records show nothing that the model lacks."""
-        return not (self.off or self.causes or self.surprises)
+        needed = self.torque is None or self.torque.present
+        return not (self.off or self.causes or self.surprises or needed)
 
     @property
     def sentence(self) -> str:
         """Where the model fails, or that it does not."""
-        size = f"{multiple(self.ratio)} times the sensor noise over 1 s"
-        if self.apart is not None:
-            others = [w.ratio**2 for w in self.one_second.windows if w is not self.apart]
-            rest = multiple(math.sqrt(sum(others) / len(others)))
-            size += f" ({rest} without {place(self.apart)}, which is like no other)"
-        if self.adequate:
-            return f"The model's error is {size}: nothing is missing that these records show."
         if not math.isfinite(self.ratio):
             return "The model runs away from these records within 1 s: nothing can be said about where it fails."
-        if self.causes:
-            words = "; ".join(c.words for c in self.causes)
-            left = 1.0 - sum(c.share for c in self.causes)
-            rest = f"; {left:.0%} of the squared error depends on something else" if left > 0.3 and self.off else ""
-            return f"The model's error is {size}: {words}{rest}."
-        if self.off and self.apart is None:
-            where, looked = self.worst[0].error, ", ".join(self.curves)
-            return f"The model's error is {size}, and depends on none of {looked}; it is worst in {place(where)}."
-        return f"The model's error is {size}{', but ' * bool(self.surprises)}{' and '.join(self.surprises)}."
+        size = f"The model's error is {multiple(self.ratio)} times the sensor noise over 1 s"
+        if self.adequate:
+            return f"{size}: nothing is missing that these records show."
+        found = [c.words for c in self.causes]
+        left = 1.0 - sum(c.share for c in self.causes)
+        if found and self.off and left > 0.3:
+            found.append(f"{left:.0%} of the squared error is something else")
+        said = f"{size}: {'; '.join(found)}" if found else size
+        torque = self.torque is not None and self.torque.present
+        if not found and self.off and not torque:
+            said += f"; it is worst in {place(self.worst[0].error)}"
+        surprises = () if found or torque else self.surprises
+        return ". ".join([said, *([str(self.torque)] if torque else []), *surprises]) + "."
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, ready for JSON."""
         return {
             "records": list(self.records),
             "noise": {c: getattr(self.sensor, c) for c in CHANNELS},
+            "units": self.units,
             "errors": {name.replace(" ", "_"): e.to_dict() for name, e in self.errors.items()},
             "sentence": self.sentence,
             "adequate": self.adequate,
-            "apart": None if self.apart is None else self.apart.to_dict(),
             "causes": [c.to_dict() for c in self.causes],
-            "curves": {name: c.to_dict() for name, c in self.curves.items()},
-            "map": self.map.to_dict(),
-            "past_torque": self.past.to_dict(),
+            "torque": None if self.torque is None else self.torque.to_dict(series=False),
             "whiteness": {c: w.to_dict() for c, w in self.whiteness.items()},
         }
 
     def __str__(self) -> str:
-        shown = [c for c in CHANNELS if c in self.one_second.ratios]
-        noise = ", ".join(f"{c} {getattr(self.sensor, c):.3g} {UNITS[c]}" for c in shown)
+        shown, units = [c for c in CHANNELS if c in self.one_second.ratios], self.units
+        noise = ", ".join(f"{c} {getattr(self.sensor, c):.3g} {units[c]}" for c in shown)
         lines = [f"{len(self.records)} rollout{'s' * (len(self.records) != 1)}, sensor noise {noise}"]
-        head = "".join(f"{f'{c} [{UNITS[c]}]':>20}{'x noise':>9}" for c in shown)
+        head = "".join(f"{f'{c} [{units[c]}]':>20}{'x noise':>9}" for c in shown)
         lines.append(f"  {'error over':<14}{head}{'all':>9}")
         for name, error in self.errors.items():
             row = "".join(f"{getattr(error, c):>20.3g}{multiple(error.ratios[c]):>9}" for c in shown)
             lines.append(f"  {name:<14}{row}{multiple(error.ratio):>9}")
         white = ", ".join(f"{c} {'yes' if w.white else 'no'} (p = {w.p_value:.2g})" for c, w in self.whiteness.items())
-        free = f"{'yes' if self.past.independent else 'no'} (p = {self.past.p_value:.2g})"
-        lines.append(f"  residuals white: {white}; independent of the torque: {free}")
+        if white:
+            lines.append(f"  innovations white: {white}")
         lines.append(
             "  worst windows: " + "; ".join(f"{place(w.error)} ({multiple(w.error.ratio)})" for w in self.worst)
         )
@@ -172,44 +161,101 @@ class Comparison:
         return comparison(self)
 
 
-def compare(model: Model | Estimate, records: Sequence[Record], sensor: Sensor | None = None) -> Comparison:
-    """How far a model is off on records, and where: no parameter is touched, only the windows' states are refitted.
+def compare(
+    model: Model | Estimate,
+    records: Sequence[Record],
+    sensor: Sensor | None = None,
+    parameters: Sequence[str] | None = None,
+) -> Comparison:
+    """How far is a model off on records, where does it fail, and what would explain that?
 
-    sensor: the noise of the readings; by default an estimate's own, else found from the records without any model.
-    Raises InvalidInput for records that do not fit the model or lack a channel that the sensor measures.
+    No parameter is touched: only the states of the windows are refitted, and the random torque that must act beyond the
+    model is found by the filter and smoother that also fit models.
+
+    Parameters
+    ----------
+    model : Model or Estimate
+        The model as it is.
+    records : sequence of Record
+        At least one rollout, best one that no fit has seen.
+    sensor : Sensor, optional
+        Noise of the readings; by default the estimate's, else found from the records without any model.
+    parameters : sequence of str, optional
+        Names of parameters that a fit has found; by default the estimate's. What they would absorb is no evidence for
+        a missing effect.
+
+    Returns
+    -------
+    Comparison
+        The errors over one step, 0.5 s, 1 s and whole rollouts, the residual torque and the known effects that promise
+        to explain it.
+
+    Raises
+    ------
+    InvalidInput
+        For records that do not fit the model or lack a channel that the sensor measures.
     """
+    names = tuple(parameters or (model.names if isinstance(model, Estimate) else ()))
     if isinstance(model, Estimate):
-        sensor, model = sensor or getattr(model, "sensor", None), model.model
+        sensor, model = sensor or model.sensor, model.model
     records = check_records(model, records)
     if sensor is None:
         from sysid.noise import sensor_noise
 
         sensor = sensor_noise(records).sensor
+    return _compared(model, records, sensor, names)
+
+
+def _compared(model: Model, records: Sequence[Record], sensor: Sensor, names: Sequence[str]) -> Comparison:
     lead = lead_of(model)
     fit = refit_windows(model, records, sensor, cut(records, 1.0, lead))
     near = refit_windows(model, records, sensor, cut(records, 0.5, lead), fit)
-    one_second = error_of(fit, 1.0)
-    apart = _apart(one_second)
-    residuals = Residuals(fit, near, () if apart is None else (one_second.windows.index(apart),))
-    found = shapes(residuals)
-    seen = {name: residuals.seen(shape.values) for name, shape in found.items()}
-    lags = lags_of(model.dt)
-    late = residuals.seen(np.stack([residuals.command(int(lag)) for lag in lags], axis=-1))
+    one_second, found = error_of(fit, 1.0), _followed(model, records, sensor)
+    torque = None if found is None else torque_of(found)
     return Comparison(
         one_step=held_out_error(model, records, sensor, shortest(sensor) * model.dt, near),
         half_second=error_of(near, 0.5),
         one_second=one_second,
         whole=held_out_error(model, records, sensor, math.inf, fit),
-        curves={name: curve_of(residuals, name, shape, seen[name]) for name, shape in found.items()},
-        map=map_of(residuals),
-        past=past_torque(residuals, late, lags),
-        whiteness=whiteness(fit),
-        causes=causes(residuals, found, seen, late, lags),
+        torque=torque,
+        whiteness={} if found is None else whiteness(found),
+        causes=_causes(found, torque, names, one_second),
         worst=_worst(fit, one_second),
-        apart=apart,
         records=tuple(r.name for r in records),
         sensor=sensor,
+        units=model.plant.quantities,
     )
+
+
+def is_off(error: HeldOutError) -> bool:
+    """Whether an error is beyond the noise: by 5 %, and by more than 99 of 100 perfect models show."""
+    degrees = max(1, error.n_readings - 2 * error.n_windows)
+    return not error.ratio**2 < 1.0 + max(2.33 * math.sqrt(2.0 / degrees), 1.05**2 - 1.0)
+
+
+def _followed(model: Model, records: Sequence[Record], sensor: Sensor) -> Fit | None:
+    """The fit beside a random torque; None of a model that runs away within a sample."""
+    try:
+        return followed(Chain(model, records, sensor), model)
+    except InvalidInput:
+        return None
+
+
+def _causes(
+    found: Fit | None, torque: ResidualTorque | None, names: Sequence[str], error: HeldOutError
+) -> tuple[Cause, ...]:
+    """What explains the error, outside of what a hand touched."""
+    from sysid.logs import leave_out
+
+    if found is None or torque is None or not (torque.present or is_off(error)) or not math.isfinite(error.ratio):
+        return ()
+    if torque.touched:
+        rest = leave_out(found.chain.records, [(t.name, t.t_begin, t.t_end) for t in torque.touched])
+        if not rest:
+            return ()
+        found = followed(Chain(found.model, rest, found.chain.sensor), found.model)
+        error = held_out_error(found.model, rest, found.chain.sensor)
+    return causes(found, names, error)
 
 
 def shortest(sensor: Sensor) -> int:
@@ -220,14 +266,6 @@ def shortest(sensor: Sensor) -> int:
 def place(window: WindowError) -> str:
     """Where a window is."""
     return f"{window.record} at {window.begin:.1f}-{window.end:.1f} s"
-
-
-def _apart(error: HeldOutError) -> WindowError | None:
-    """The worst window, where its error is above 4 and above four times that of any but its neighbours."""
-    first = error.worst[0]
-    at = error.windows.index(first)
-    others = [w.ratio for i, w in enumerate(error.windows) if abs(i - at) > 1]
-    return first if len(others) >= 3 and first.ratio > 4.0 * max(1.0, *others) else None
 
 
 def _worst(fit: Refit, error: HeldOutError) -> tuple[Trace, ...]:

@@ -1,0 +1,382 @@
+"""Residual torque: what must act on the joint beyond a model for a log to have come about."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.comparison.held_out import finite
+from sysid.diagnosis.contacts import Touched, contacts, slow
+from sysid.diagnosis.dependence import Dependence, coordinates, dependence
+from sysid.errors import InvalidInput
+from sysid.estimation.chain import Chain, level
+from sysid.estimation.disturbances import Disturbances
+from sysid.estimation.kalman import Filter
+from sysid.estimation.prediction_error import QUICK, Fit, Settings, fit, likelier
+from sysid.model import Model
+from sysid.records import Array, Record
+from sysid.sensor import Sensor
+
+MEMORY = 0.1
+"""Correlation time [s] under which models are compared, and of a torque that nobody sees."""
+MEMORIES = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
+"""Correlation times [s] of which the likeliest is taken."""
+SETTINGS = Settings(angle_error=False)
+"""Whatever the readings show is taken for a motion, none of it for an error that neighbouring readings share."""
+_FLOOR = np.array([-40.0, -40.0])
+_BINS = 24
+_CELLS = (10, 8)
+
+
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """One record of N intervals as the smoother follows it.
+
+    t, theta, theta_dot (N+1,)  [s], [rad], [rad/s]   the motion
+    d, sd (N,)                  [N m]                 the torque held from t[k] to t[k+1] beyond the model, and its sd
+    """
+
+    name: str
+    t: Array
+    theta: Array
+    theta_dot: Array
+    d: Array
+    sd: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Binned:
+    """The mean of d in each of B bins of a coordinate, with the posterior sd of that mean; nan in empty bins.
+
+    edges (B+1,) in `unit`; mean, sd, count (B,).
+    """
+
+    name: str
+    unit: str
+    edges: Array
+    mean: Array
+    sd: Array
+    count: NDArray[np.intp]
+
+    @property
+    def peak(self) -> tuple[float, float]:
+        """Edges of the stretch of half the largest |mean| or more; beyond 2 pi where a peak of theta spans 0."""
+        mean, B = np.nan_to_num(self.mean), len(self.mean)
+        mean = np.where(np.abs(mean) > 2.0 * np.nan_to_num(self.sd), mean, 0.0)
+        at = int(np.argmax(np.abs(mean)))
+        alike = mean * np.sign(mean[at]) >= 0.5 * abs(mean[at])
+        round_about = self.name == "theta" and math.isclose(self.edges[-1] - self.edges[0], 2.0 * math.pi)
+        low, high = at, at
+        while alike[(low - 1) % B] and (round_about or low > 0) and high - low < B - 1:
+            low -= 1
+        while alike[(high + 1) % B] and (round_about or high < B - 1) and high - low < B - 1:
+            high += 1
+        width = self.edges[1] - self.edges[0]
+        return float(self.edges[at] + (low - at) * width), float(self.edges[at] + (high + 1 - at) * width)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, ready for JSON; a bin without samples holds None."""
+        numbers = {k: [finite(v) for v in getattr(self, k).tolist()] for k in ("edges", "mean", "sd")}
+        return {"name": self.name, "unit": self.unit, **numbers, "count": self.count.tolist()}
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueMap:
+    """The mean of d (I, J) in cells of theta (its place) and theta_dot, with the posterior sd of that mean.
+
+    theta (I+1,) and theta_dot (J+1,) are the cells' edges; count (I, J) intervals; nan in empty cells.
+    """
+
+    theta: Array
+    theta_dot: Array
+    torque: Array
+    sd: Array
+    count: NDArray[np.intp]
+
+    @property
+    def significant(self) -> NDArray[np.bool_]:
+        """(I, J): cells in which the torque is beyond 2.6 of its sd."""
+        return np.asarray(np.nan_to_num(np.abs(self.torque)) > 2.5758 * np.nan_to_num(self.sd, nan=np.inf))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, ready for JSON; an empty cell holds None."""
+        cells = {k: [[finite(v) for v in row] for row in getattr(self, k).tolist()] for k in ("torque", "sd")}
+        edges = {"theta": self.theta.tolist(), "theta_dot": self.theta_dot.tolist()}
+        return {**edges, **cells, "count": self.count.tolist()}
+
+
+@dataclass(frozen=True, eq=False)
+class ResidualTorque:
+    """What acts beyond the model: d(t), smoothed from the log, with its posterior band.
+
+    records     one a record: the torque d and the motion, each with its instants
+    s, T        sd [N m] and correlation time [s] of d that make the log likeliest; where no torque is needed, s is the
+                largest that the log does not rule out, one-sided at 95 %
+    present     whether the log needs such a torque
+    drive       RMS of the drive torque [N m]
+    binned      the mean of d over each of theta (its place), theta_dot, torque, time
+    map         the mean of d over theta and theta_dot together
+    dependence  the quantity that predicts d on other stretches of the log
+    touched     stretches that no torque of the joint's state explains while the others fit: a hand, perhaps
+    units       the units of "theta", "theta_dot", "torque" and "time" for the model's plant
+    converged   whether the smoothed motion came to rest
+    """
+
+    records: tuple[Followed, ...]
+    s: float
+    T: float
+    present: bool
+    drive: float
+    binned: dict[str, Binned]
+    map: TorqueMap
+    dependence: Dependence
+    touched: tuple[Touched, ...]
+    units: dict[str, str]
+    converged: bool
+
+    @property
+    def rms(self) -> float:
+        """RMS of d over the log [N m]."""
+        return float(np.sqrt(np.mean(np.concatenate([r.d for r in self.records]) ** 2)))
+
+    @property
+    def band(self) -> float:
+        """RMS of the posterior sd of d [N m]."""
+        return float(np.sqrt(np.mean(np.concatenate([r.sd for r in self.records]) ** 2)))
+
+    @property
+    def share(self) -> float:
+        """RMS of d as a share of the drive's; infinite for a free swing."""
+        return self.rms / self.drive if self.drive > 0.0 else math.inf
+
+    @property
+    def restless(self) -> bool:
+        """Whether d has no memory beyond a few samples and nothing predicts it: a vibration, perhaps."""
+        first = self.records[0]
+        return self.depends_on == ("time",) and 4.0 * float(first.t[1] - first.t[0]) > self.T
+
+    @property
+    def depends_on(self) -> tuple[str, ...]:
+        """What d depends on: some of "theta", "theta_dot", "torque", "time", "history"; () where there is none."""
+        return self.dependence.depends_on if self.present else ()
+
+    def over(self, name: str) -> Binned:
+        """The mean of d over "theta" (its place), "theta_dot", "torque" or "time"; raises InvalidInput for others."""
+        if name not in self.binned:
+            raise InvalidInput(
+                f"a residual torque is not drawn over {name!r}: expected one of {', '.join(self.binned)}"
+            )
+        return self.binned[name]
+
+    def to_dict(self, series: bool = True) -> dict[str, Any]:
+        """Plain data, ready for JSON; `series`: with d over time."""
+        found = {
+            "present": self.present,
+            "unit": self.units["torque"],
+            "rms": self.rms,
+            "share": finite(self.share),
+            "band": self.band,
+            "s": self.s,
+            "T": self.T,
+            "depends_on": list(self.depends_on),
+            "predicts": dict(self.dependence.shares),
+            "where": self.dependence.where if self.present else "",
+            "touched": [vars(t) for t in self.touched],
+            "over": {name: b.to_dict() for name, b in self.binned.items()},
+            "map": self.map.to_dict(),
+        }
+        if series:
+            found["records"] = [
+                {k: v if isinstance(v, str) else v.tolist() for k, v in vars(r).items()} for r in self.records
+            ]
+        return found
+
+    def __str__(self) -> str:
+        what = "torque" if self.units["theta"] == "rad" else "force"
+        if not self.present:
+            return f"No {what} beyond the model is visible; one of {self.s:.2g} {self.units['torque']} rms would be"
+        share = f" ({self.share:.0%} of the drive's)" if math.isfinite(self.share) else ""
+        where = f", {self.dependence.where}" if self.dependence.where else ""
+        sentences = [
+            f"A {what} of {self.rms:.2g} {self.units['torque']} rms{share} acts beyond the model; "
+            f"it depends on {' and '.join(self.depends_on)}{where}"
+        ]
+        if self.restless:
+            sentences.append("It changes from sample to sample: a vibration, or readings that contradict each other")
+        if self.touched:
+            sentences.append("No state of the joint explains " + "; ".join(map(str, self.touched)))
+        return ". ".join(sentences)
+
+
+def residual_torque(model: Model, records: Sequence[Record], sensor: Sensor) -> ResidualTorque:
+    """The torque d(t) beyond a model, constant over an interval, that makes the model follow the records.
+
+        x_(k+1) = F(x_k, drive_k + d_k),   y_k = h(x_k) + noise of the sensor's sd
+
+    d is a stationary Gaussian process whose size and correlation time make the log likeliest. The cost is linear in the
+    samples.
+
+    Parameters
+    ----------
+    model : Model
+        No number of it is touched.
+    records : sequence of Record
+        At least one rollout.
+    sensor : Sensor
+        Noise of the readings. Where they hold vibrations that no rigid joint has, the sd of the readings about a fit
+        of the model is the better one.
+
+    Returns
+    -------
+    ResidualTorque
+        The torque over time with its sd, its means over what it may depend on, and what it depends on.
+
+    Raises
+    ------
+    InvalidInput
+        For records that do not fit the model or lack a channel, and for a model that runs away within one sample.
+    """
+    return torque_of(followed(Chain(model, records, sensor), model))
+
+
+def followed(chain: Chain, model: Model) -> Fit:
+    """The fit in which only the size and the correlation time of the random torque are found.
+
+    Raises InvalidInput for a model that runs away within one sample.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        begun = fit(chain, model, (), disturbances=Disturbances(0.3 * level(chain), MEMORY), settings=SETTINGS)
+    if not math.isfinite(begun.deviance):
+        raise InvalidInput("the model runs away from these records within a sample: no torque can be told beside it")
+    return fit(chain, model, (), begun, _likeliest(begun), SETTINGS)
+
+
+def _likeliest(begun: Fit) -> Disturbances:
+    """The random torque of that size and correlation time under which the log is likeliest."""
+    deviances = dict[Disturbances, float]()
+    for T in MEMORIES:
+        trial = begun.disturbances.with_memory(T)
+        for _ in range(3):
+            trial = likelier(begun.linearised, trial, _FLOOR, angle_error=False)
+        deviances[trial] = begun.linearised.system.filter(trial).deviance
+    return min(deviances, key=lambda own: deviances[own])
+
+
+def torque_of(found: Fit) -> ResidualTorque:
+    """The answer that a fit holds."""
+    chain, inertia = found.chain, found.inertia
+    present = not found.undisturbed
+    filter = found.filter if present else found.linearised.system.filter(_largest(found))
+    z, inside = filter.smooth(), chain.follows
+    d, sd = inertia * z[:, 2], inertia * filter.posterior_sd()[:, 2]
+    x, averaged, at = found.motion.x + z[:, :2], slow(d, chain.number, chain.dt), coordinates(found)
+    means = _Means(found, filter, d)
+    return ResidualTorque(
+        records=tuple(
+            Followed(r.name, r.t, x[a:b, 0], x[a:b, 1], d[a : b - 1], sd[a : b - 1])
+            for r, a, b in zip(chain.records, chain.first[:-1].tolist(), chain.first[1:].tolist(), strict=True)
+        ),
+        s=inertia * filter.disturbances.s,
+        T=filter.disturbances.T,
+        present=present,
+        drive=float(np.sqrt(np.mean(found.linearised.drives[inside] ** 2))),
+        binned={name: means.over(name, values) for name, values in at.items()},
+        map=means.map(at["theta"], at["theta_dot"]),
+        dependence=dependence(found, averaged),
+        touched=contacts(found, averaged, 4.0 * means.sd_of_slow()) if present else (),
+        units=found.model.plant.quantities,
+        converged=found.converged,
+    )
+
+
+def missing_torque(found: Fit, base: Fit) -> Array:
+    """The torque (M,) [N m] that the log needs beside a fitted model, averaged over 0.4 s; nan at a record's ends.
+
+    The prior is what `base` needs, so that several models compare.
+    """
+    prior = Disturbances(max(base.disturbances.s, 1e-3 * float(np.std(base.chain.smoothed[:, 1]))), MEMORY)
+    for _ in range(6):
+        prior = likelier(base.linearised, prior, _FLOOR, angle_error=False)
+    held = replace(QUICK, sizes=False)
+    smoothed = fit(found.chain, found.model, (), replace(found, names=(), prior=found.prior.of_nothing()), prior, held)
+    return slow(found.inertia * smoothed.motion.d, found.chain.number, found.chain.dt)
+
+
+def _largest(found: Fit) -> Disturbances:
+    """The largest random torque that the log does not rule out: the deviance is 1.645^2 above that without any."""
+    from scipy.optimize import brentq
+
+    system = found.linearised.system
+
+    def excess(log_s: float) -> float:
+        return system.filter(Disturbances(math.exp(log_s), MEMORY)).deviance - none - 1.645**2
+
+    none = system.filter(Disturbances(0.0)).deviance
+    low = high = math.log(1e-6 * level(found.chain))
+    while excess(high) < 0.0 and high < low + 60.0:
+        low, high = high, high + 1.0
+    return Disturbances(
+        math.exp(brentq(excess, low, high, xtol=0.05) if excess(low) < 0.0 < excess(high) else high), MEMORY
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Means:
+    """Means of d [N m] over groups of intervals, with their posterior sd."""
+
+    found: Fit
+    filter: Filter
+    d: Array
+
+    def of(self, group: NDArray[np.intp], groups: int) -> tuple[Array, Array, NDArray[np.intp]]:
+        """mean, sd and count (groups,) over the intervals of each; nan where there is none."""
+        inside = self.found.chain.follows
+        count = np.bincount(group[inside], minlength=groups)
+        shares = (group[:, None] == np.arange(groups)) * inside[:, None] / np.maximum(count, 1)
+        mean = np.where(count > 0, self.d @ shares, math.nan)
+        sd = np.where(count > 0, self.found.inertia * self.filter.posterior_sd_of_sums(shares), math.nan)
+        return mean, sd, count
+
+    def sd_of_slow(self, places: int = 24) -> float:
+        """Median posterior sd of d without what is faster than a hand, from a few places."""
+        chain = self.found.chain
+        at = np.linspace(0, len(chain) - 1, places + 2).astype(int)[1:-1]
+        once = (np.arange(len(chain))[:, None] == at).astype(float)
+        shares = np.nan_to_num(np.stack([slow(v, chain.number, chain.dt) for v in once.T], axis=1))
+        sd = self.filter.posterior_sd_of_sums(shares)[np.sum(shares, axis=0) > 0.99]
+        return self.found.inertia * float(np.median(sd)) if len(sd) else math.inf
+
+    def over(self, name: str, values: Array) -> Binned:
+        """Over one quantity (M,)."""
+        plant = self.found.model.plant
+        edges = _edges(name, values[self.found.chain.follows], plant.turns)
+        return Binned(name, plant.quantities[name], edges, *self.of(_bin(values, edges), _BINS))
+
+    def map(self, theta: Array, theta_dot: Array) -> TorqueMap:
+        """Over the states."""
+        inside = self.found.chain.follows
+        cut = [np.linspace(*_spread(v[inside]), n + 1) for v, n in zip((theta, theta_dot), _CELLS, strict=True)]
+        cell = _bin(theta, cut[0]) * _CELLS[1] + _bin(theta_dot, cut[1])
+        mean, sd, count = self.of(cell, math.prod(_CELLS))
+        return TorqueMap(cut[0], cut[1], mean.reshape(_CELLS), sd.reshape(_CELLS), count.reshape(_CELLS))
+
+
+def _edges(name: str, values: Array, turns: bool) -> Array:
+    low, high = (0.0, 2.0 * math.pi) if name == "theta" and turns else (float(values.min()), float(values.max()))
+    return np.linspace(low, high if high > low else low + 1e-9, _BINS + 1)
+
+
+def _spread(values: Array) -> tuple[float, float]:
+    """Where all but the rarest values lie."""
+    low, high = np.quantile(values, [0.002, 0.998])
+    return float(low), max(float(high), float(low) + 1e-6)
+
+
+def _bin(values: Array, edges: Array) -> NDArray[np.intp]:
+    """The bin (M,) of each value, the outer ones for what is beyond."""
+    return np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)

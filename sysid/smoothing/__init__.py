@@ -1,1 +1,0 @@
-"""The torque that a smoother needs beyond a model to follow a log, and what a hand touched."""
