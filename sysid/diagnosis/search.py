@@ -13,7 +13,7 @@ from sysid.diagnosis.scores import Score, alikeness, price, scores
 from sysid.effects import CATALOGUE, Effect, effect
 from sysid.errors import InvalidInput
 from sysid.estimation.chain import Chain
-from sysid.estimation.first_fit import first_fit
+from sysid.estimation.first_fit import with_common, without_common
 from sysid.estimation.prediction import PredictionErrors, left_out, moved
 from sysid.estimation.prediction_error import DEFAULT as THOROUGH
 from sysid.estimation.prediction_error import QUICK, Fit, Settings, fit
@@ -72,13 +72,16 @@ class Search:
         """The fit of the model as it came, and the one at the end of the loop."""
         self.tell("fitting the model as it came")
         chain = Chain(model, self.records, self.sensor)
-        base = first_fit(chain, model, names)
+        helped = with_common(chain, model, names)
+        base = without_common(helped, model, names)
         now = base
         for k in range(self.choosing.steps):
             self.tell(f"testing {len(CATALOGUE)} effects" if not k else "testing what else is missing")
             self.last = scores(now, self.effects)
             self.first = self.first or self.last
             trials = self._trials(now)
+            if not k:
+                trials = sorted([*trials, *self._common(now, helped)], key=lambda t: t.merit, reverse=True)
             chosen = self._chosen(now, trials)
             if chosen is None and not now.undisturbed:
                 trials = [*trials, *self._composites(now, trials)]
@@ -109,6 +112,22 @@ class Search:
             if all(n in promise for n in simpler) and all(set(simpler) != set(t.effects) for t in tried):
                 self._try(now, simpler, tried)
         return sorted(tried, key=lambda t: t.merit, reverse=True)
+
+    def _common(self, now: Fit, helped: Fit) -> list[Trial]:
+        """Friction and offset as the first fit found them: a machine that they rule shows nothing without them."""
+        names = tuple(e.name for e in helped.model.effects if e.name not in {own.name for own in now.model.effects})
+        if now.undisturbed or any(n not in self.last or not self.last[n].visible for n in names):
+            return []
+        found, tried = helped, list[Trial]()
+        for name in reversed(names):
+            tried.append(Trial(names, found, now.deviance - found.deviance - sum(self._price(n) for n in names)))
+            if len(names) < 3:
+                break
+            names, found = tuple(n for n in names if n != name), reduced(found, name)
+        return tried
+
+    def _price(self, name: str) -> float:
+        return price(name, self.choosing.price, self.last[name].shapes if name in self.last else 1)
 
     def _composites(self, now: Fit, trials: Sequence[Trial]) -> list[Trial]:
         """Effects that come together, where none pays alone."""
@@ -141,8 +160,7 @@ class Search:
             found = extended(now, start, QUICK)
         except InvalidInput:
             return
-        owed = sum(price(n, self.choosing.price, self.last[n].shapes if n in self.last else 1) for n in names)
-        tried.append(Trial(names, found, now.deviance - found.deviance - owed))
+        tried.append(Trial(names, found, now.deviance - found.deviance - sum(map(self._price, names))))
 
     def _start(self, now: Fit, name: str, alone: bool) -> Effect:
         """The effect at the size that its score promises, or where it is one of several, a small one."""
@@ -194,10 +212,10 @@ class Search:
         )
 
     def _predicts(self, before: PredictionErrors, after: Fit) -> bool:
-        """Whether left-out stretches are predicted no worse, and better by more than the standard error where the model
-        still lacks something: likelihood alone believes too much there."""
+        """Whether left-out stretches are predicted no worse, and better where the model still lacks something:
+        likelihood alone believes too much there."""
         gain, sd = left_out(after, self.choosing.window, self.choosing.blocks).gain(before)
-        return math.isfinite(gain) and gain > (-sd if after.undisturbed else sd)
+        return math.isfinite(gain) and gain > (-sd if after.undisturbed else 0.0)
 
     def _preferred(self, now: Fit, best: Trial) -> list[Trial]:
         """The commoner effects that explain the log as well as the best one, begun where that ended."""

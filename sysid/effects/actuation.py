@@ -116,7 +116,8 @@ class DeadZone(InputEffect):
     """drive = sign(u) max(|u| - d, 0): commands below d [N m] do nothing, those above lose d."""
 
     words: ClassVar[str] = "a dead zone of the torque"
-    rarity: ClassVar[float] = 2.0
+    rarity: ClassVar[float] = 3.0
+    refines: ClassVar[tuple[tuple[str, ...], ...]] = (("coulomb",), ("coulomb", "tilt"), ("coulomb", "torque_bias"))
     formula: ClassVar[str] = "drive = sign(u) max(|u| - d, 0)"
     confused: ClassVar[tuple[str, ...]] = ("coulomb", "torque_gain")
     d: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)

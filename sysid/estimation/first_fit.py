@@ -25,6 +25,11 @@ WINDOW, BLOCKS = 1.0, 8
 
 def first_fit(chain: Chain, model: Model, names: Sequence[str]) -> Fit:
     """The model fitted from far off: by a regression, beside friction that it may lack, and then by itself."""
+    return without_common(with_common(chain, model, names), model, names)
+
+
+def with_common(chain: Chain, model: Model, names: Sequence[str]) -> Fit:
+    """The fit from far off of the model beside the friction and the offset that it may lack."""
     names, extent = tuple(names), extent_of(chain.records)
     begun = rough(model, names, chain.records, chain.sensor)
     more = dict[str, float]()
@@ -32,13 +37,15 @@ def first_fit(chain: Chain, model: Model, names: Sequence[str]) -> Fit:
         if name not in {e.name for e in begun.effects}:
             begun = begun.with_effect(CATALOGUE[name]())
             more[f"{name}.{key}"] = share * (extent.u_max or float(begun.inertia()))
-    helped = fit(chain, begun.with_parameters(more), (*names, *more))
-    if not helped.undisturbed:
-        helped = with_best_memory(helped)
-    likely = helped.disturbances
-    plain = model.with_parameters({n: float(helped.model.parameters[n].value) for n in names})
-    loose = replace(likely, s=2.0 * likely.s)
-    return fit(chain, plain, names, _narrowed(helped, plain, names), loose)
+    found = fit(chain, begun.with_parameters(more), (*names, *more))
+    return found if found.undisturbed else with_best_memory(found)
+
+
+def without_common(near: Fit, model: Model, names: Sequence[str]) -> Fit:
+    """The fit of the model by itself, begun at the numbers that it has beside friction and offset."""
+    plain = model.with_parameters({n: float(near.model.parameters[n].value) for n in names})
+    likely = near.disturbances
+    return fit(near.chain, plain, names, _narrowed(near, plain, tuple(names)), replace(likely, s=2.0 * likely.s))
 
 
 def with_best_memory(found: Fit) -> Fit:

@@ -13,6 +13,9 @@ from sysid.model import Model
 from sysid.records import Array
 from sysid.windows import Window, cut
 
+SHORTEST = 0.3
+"""Horizon [s] below which a prediction says little more than the sensor."""
+
 
 @dataclass(frozen=True, eq=False)
 class PredictionErrors:
@@ -27,10 +30,16 @@ class PredictionErrors:
         return math.sqrt(float(np.sum(self.squares)) / max(float(np.sum(self.free)), 1e-9))
 
     def gain(self, other: PredictionErrors) -> tuple[float, float]:
-        """By how much the mean square is below that of another model on the same windows, and its standard error."""
-        apart = (other.squares - self.squares) / max(float(np.sum(self.free)), 1e-9)
-        total = float(np.sum(apart))
-        return total, float(np.std(apart, ddof=1)) * math.sqrt(len(apart)) if len(apart) > 1 else math.inf
+        """Mean of log(other's square / own) over the windows, and its standard error: no window outweighs all others.
+
+        What the noise alone would make of a window is added to both. Negative, too, where the sum of squares is larger.
+        """
+        noise = np.maximum(self.free, 1.0)
+        apart = np.log((other.squares + noise) / (self.squares + noise))
+        mean = float(np.mean(apart))
+        if np.sum(self.squares) > np.sum(other.squares):
+            mean = min(mean, -abs(math.log(float(np.sum(self.squares)) / max(float(np.sum(other.squares)), 1e-300))))
+        return mean, float(np.std(apart, ddof=1)) / math.sqrt(len(apart)) if len(apart) > 1 else math.inf
 
 
 def windows_of(fit: Fit, seconds: float) -> tuple[Window, ...]:
@@ -42,8 +51,11 @@ def left_out(fit: Fit, seconds: float, blocks: int) -> PredictionErrors:
     """The errors of each window, by parameters that a Gauss-Newton step takes back from the block it lies in.
 
     p_(-b) = p - (N - N_b)^-1 g_b,    N = Z'Z,  g = Z'e,  of block b
+
+    Of a short log the windows are shorter than `seconds`: a few of them would prove nothing.
     """
-    windows = windows_of(fit, seconds)
+    total = sum(len(r) for r in fit.chain.records) * fit.chain.dt
+    windows = windows_of(fit, float(np.clip(total / blocks, SHORTEST, seconds)))
     groups = np.array_split(np.arange(len(windows)), min(blocks, len(windows)))
     found = []
     for group in groups:

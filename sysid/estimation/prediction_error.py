@@ -238,6 +238,7 @@ def fit(
     widest = np.array(settings.widest) * [1.0, float(np.std(chain.smoothed[:, 1])), size]
     floor = np.log([settings.smallest * size, settings.smallest * max(_angle_sd(chain), 1e-12)])
     low, high = (np.array([model.parameters[n].bounds[side] for n in names]) for side in (0, 1))
+    reach = np.array([_reach(model, n, size) for n, size in zip(names, prior.mean, strict=True)])
     before, converged, restless = math.inf, False, settings.sizes
     for k in range(settings.iterations):
         linearised = LinearisedModel(chain, model, motion)
@@ -252,9 +253,9 @@ def fit(
         rows, rest = prior.rows(now)
         below = np.concatenate([Z, rows]), np.concatenate([here.innovations.ravel(), rest])
         step = bounded_step(*below, low - now, high - now)
-        longest = settings.stride * np.array([_reach(model, n) for n in names])
-        step = step * min([1.0, *(longest / np.maximum(np.abs(step), 1e-300))])
         moved = float(np.linalg.norm(Z @ step)) if len(step) else 0.0
+        longest = settings.stride * np.maximum(reach, np.abs(now))
+        step = step * min([1.0, *(longest / np.maximum(np.abs(step), 1e-300))])
         if k >= 2 and not restless and moved < settings.settled and abs(here.deviance - before) < settings.negligible:
             converged = True
             break
@@ -365,11 +366,13 @@ def _values(model: Model, names: Sequence[str]) -> Array:
     return np.array([float(parameters[n].value) for n in names])
 
 
-def _reach(model: Model, name: str) -> float:
-    """Over which size of a change a number's effect may be nowhere near linear; inf for one without bounds above,
-    such as a friction, to which the motion is."""
+def _reach(model: Model, name: str, typical: float) -> float:
+    """Over which change of a number its effect may be nowhere near linear; inf for one without bounds above, such as a
+    friction, in which the motion is linear enough."""
     p = model.parameters[name]
-    return p.scale if name in model.plant.parameters or math.isfinite(p.bounds[1]) else math.inf
+    if name not in model.plant.parameters and math.isinf(p.bounds[1]):
+        return math.inf
+    return max(abs(typical), 0.0 if name in model.plant.parameters else 0.1 * min(p.bounds[1] - p.bounds[0], 1.0))
 
 
 def _whatever_the_noise(filter: Filter, read: NDArray[np.bool_]) -> float:
