@@ -28,7 +28,6 @@ class Estimate:
     n_readings   the readings that were used
     method       the identifier's name
     sensor       the sensor whose noise was assumed, where the identifier keeps it
-    horizon      length [s] of the windows that were fitted, each with a start of its own; inf: whole rollouts
     random_torque  sd of the random torque beside the model that the log asks for, in the plant's unit; 0: none
     """
 
@@ -42,7 +41,6 @@ class Estimate:
     n_readings: int
     method: str
     sensor: Sensor | None = None
-    horizon: float = math.inf
     random_torque: float = 0.0
 
     @property

@@ -6,11 +6,11 @@
      "integrator": {"name": "RK4", "settings": {"substeps": 2}},
      "dt": 0.02, "u_max": null,
      "free": ["m", "l", "delay.T"],
-     "estimate": null, or {"covariance": [[...]], "noise": {...}, "sensor": {...}, "horizon": null, ...}}
+     "estimate": null, or {"covariance": [[...]], "noise": {...}, "sensor": {...}, "random_torque": 0.0, ...}}
 
 A parameter has "bounds": [low, high] where they are not the declared ones. `free` are the names that a fit may move, in
-the order of the covariance's rows. null stands for infinity: no torque limit, no bound on that side, whole rollouts as
-horizon, a variance that is not known. Numbers come back exactly.
+the order of the covariance's rows. null stands for infinity: no torque limit, no bound on that side,
+a variance that is not known. Numbers come back exactly.
 """
 
 from __future__ import annotations
@@ -135,7 +135,7 @@ def _estimate(estimate: Estimate) -> dict[str, Any]:
         "covariance": [[_number(c) for c in row] for row in estimate.covariance.tolist()],
         "noise": estimate.noise,
         "sensor": None if sensor is None else dataclasses.asdict(sensor),
-        "horizon": _number(estimate.horizon),
+        "random_torque": estimate.random_torque,
         "success": estimate.success,
         "status": estimate.status,
         "cost": _number(estimate.cost),
@@ -222,7 +222,7 @@ def _about(model: Model, names: tuple[str, ...], saved: Mapping[str, Any]) -> Es
         n_readings=_count(saved, "n_readings"),
         method=str(_entry(saved, "method")),
         sensor=None if _entry(saved, "sensor") is None else _sensor(_dict(saved, "sensor")),
-        horizon=_float(saved, "horizon", math.inf),
+        random_torque=_float(saved, "random_torque") if "random_torque" in saved else 0.0,
     )
 
 

@@ -87,8 +87,6 @@ def _(answer: Diagnosis, records: Sequence[Record], hold_out: float | None = Non
         "maps": _maps(compared),
     }
     order = ("fall", "torque", "rollout", "ranking", "maps") if answer.remaining is not None else tuple(sections)
-    horizon = answer.estimate.horizon
-    over = "whole rollouts" if math.isinf(horizon) else f"windows of {horizon:g} s"
     return Page(
         title=f"sysid: {answer.verdict}",
         badge=answer.verdict,
@@ -111,7 +109,7 @@ def _(answer: Diagnosis, records: Sequence[Record], hold_out: float | None = Non
         | {
             "held out": set_as.listed(answer.held_out),
             "model": _described(answer.model),
-            "fitted": f"{answer.estimate.n_readings:,} readings, over {over}",
+            "fitted": f"{answer.estimate.n_readings:,} readings",
             "diagnosed in": f"{answer.seconds:.1f} s",
         },
         warnings=tuple(_hands(answer, touched)),
@@ -192,7 +190,7 @@ def _rollout(
 ) -> Section:
     from sysid import report_figures as figures
 
-    ahead = answer.estimate.horizon
+    ahead = math.inf if answer.remaining is None else 2.0
     paths = figures.courses(models, held_out, answer.sensor, ahead)
     far = "from its refitted first state alone" if math.isinf(ahead) else f"{max(ahead, 1.0):g} s at a time"
     names = ("as it came", "mended") if len(models) > 1 else ("model",)

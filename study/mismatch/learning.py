@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from study.mismatch.learned import CommandFilter, LearnedTorque, untrained
 from sysid import InvalidInput, Model, Record, Sensor, State
 from sysid.comparison.held_out import held_out_error
-from sysid.identify.gauss_newton import reduce, start_step
-from sysid.response import Linearisation, Response, propagate
+from sysid.response import Linearisation, Response, propagate, reduce, start_step
 from sysid.windows import cut
 
 Array = NDArray[np.float64]

@@ -120,7 +120,7 @@ class Search:
             return []
         found, tried = helped, list[Trial]()
         for name in reversed(names):
-            tried.append(Trial(names, found, now.deviance - found.deviance - sum(self._price(n) for n in names)))
+            tried.append(Trial(names, found, gain(found, now, names) - sum(map(self._price, names))))
             if len(names) < 3:
                 break
             names, found = tuple(n for n in names if n != name), reduced(found, name)
@@ -160,7 +160,7 @@ class Search:
             found = extended(now, start, QUICK)
         except InvalidInput:
             return
-        tried.append(Trial(names, found, now.deviance - found.deviance - sum(map(self._price, names))))
+        tried.append(Trial(names, found, gain(found, now, names) - sum(map(self._price, names))))
 
     def _start(self, now: Fit, name: str, alone: bool) -> Effect:
         """The effect at the size that its score promises, or where it is one of several, a small one."""
@@ -205,11 +205,12 @@ class Search:
         """Whether a pattern comes back as often as it takes to believe in one, in some record."""
         chain = trial.fit.chain
         rows = [slice(a, b) for a, b in zip(chain.first[:-1].tolist(), chain.first[1:].tolist(), strict=True)]
-        return all(
-            max(e.recurrences(chain.smoothed[own, 0], chain.clock[own]) for own in rows) >= self.choosing.recurrences
-            for e in trial.fit.model.effects
-            if e.name in trial.effects
-        )
+        for e in trial.fit.model.effects:
+            if e.name in trial.effects:
+                found = [e.recurrences(chain.smoothed[own, 0], chain.clock[own]) for own in rows]
+                if max(found) < self.choosing.recurrences or min(found) == -math.inf:
+                    return False
+        return True
 
     def _predicts(self, before: PredictionErrors, after: Fit) -> bool:
         """Whether left-out stretches are predicted no worse, and better where the model still lacks something:
@@ -278,12 +279,30 @@ class Search:
             for addition in list(self.additions):
                 self.tell(f"trying without {addition.name}")
                 without = reduced(now, addition.name)
-                loses = without.deviance - now.deviance - price(addition.name, self.choosing.price)
-                if loses < 0.0 or not matters(without.model, now, self.choosing):
+                loses = gain(now, without, (addition.name,)) - price(addition.name, self.choosing.price)
+                if loses < 0.0 or is_nothing(now, addition.name) or not matters(without.model, now, self.choosing):
                     self.additions.remove(addition)
                     now, dropped = without, True
                     break
         return now
+
+
+def is_nothing(found: Fit, name: str) -> bool:
+    """Whether none of the effect's sizes is a standard deviation from where it changes nothing."""
+    sd = dict(zip(found.names, np.sqrt(np.diag(found.covariance)).tolist(), strict=True))
+    own = next(e for e in found.model.effects if e.name == name).parameters
+    sized = {k: p for k, p in own.items() if p.neutral is not None and not p.never}
+    return bool(sized) and all(
+        abs(float(p.value) - float(p.neutral or 0.0)) <= sd[f"{name}.{k}"] < math.inf for k, p in sized.items()
+    )
+
+
+def gain(found: Fit, other: Fit, effects: Sequence[str]) -> float:
+    """Decrease of the deviance that these effects bring, over what chance multiplies it with where the random torque is
+    no Gaussian process: the excess variance of the effects' numbers (Huber's correction of the likelihood ratio)."""
+    own = [i for i, name in enumerate(found.names) if name.partition(".")[0] in effects]
+    excess = float(np.mean(found.wider[own] ** 2)) if own else 1.0
+    return (other.deviance - found.deviance) / excess
 
 
 def at_bound(found: Fit, name: str) -> bool:

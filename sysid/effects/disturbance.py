@@ -56,10 +56,10 @@ class Periodic(JointEffect):
     f: Value = parameter(1.0, unit="Hz", bounds=(1e-3, 100.0), probe=_frequencies)
 
     def recurrences(self, theta: Array, t: Array) -> float:
-        """Periods in the record; none where the motion comes back with them: then it is as well a function of that."""
+        """Periods in the record; -inf where the motion comes back with them: then it is as well a function of that."""
         waves = float(self.f) * _period(theta, t)
         returns = waves > 0.5 and abs(waves - round(waves)) < 0.1
-        return 0.0 if returns else float(self.f * np.ptp(t))
+        return -math.inf if returns else float(self.f * np.ptp(t))
 
     def torque(self, joint: Joint) -> Value:
         """a sin(2 pi f t) + b cos(2 pi f t) [N m]."""
@@ -83,9 +83,9 @@ class Drift(JointEffect):
 
 
 def _period(theta: Array, t: Array) -> float:
-    """After how long [s] a motion comes back, 0 where it does not within half of the record."""
+    """After how long [s] a motion comes back, 0 where it does not within three quarters of the record."""
     moved = theta - np.mean(theta)
-    n, half = len(moved), len(moved) // 2
+    n, half = len(moved), 3 * len(moved) // 4
     power = np.abs(np.fft.rfft(moved, 2 * n)) ** 2
     alike = np.fft.irfft(power)[:half] / np.arange(n, n - half, -1) * n
     below = np.flatnonzero(alike < 0.0)

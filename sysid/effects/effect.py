@@ -70,7 +70,8 @@ class Effect(Parametric):
     name: ClassVar[str] = "effect"
 
     def recurrences(self, theta: Array, t: Array) -> float:
-        """How often its pattern comes back along a motion theta (N,) [rad] at t (N,) [s]; inf: it is no pattern."""
+        """How often its pattern comes back along a motion theta (N,) [rad] at t (N,) [s]; inf: it is no pattern,
+        -inf: it may as well be a function of the motion, which comes back with it."""
         return math.inf
 
     @property

@@ -159,11 +159,16 @@ class Fit:
             sd_i^2 = (N^-1 sum_b g_b g_b' N^-1)_ii,    N = Z'Z
         """
         covariance = inverse(self.Z.T @ self.Z)
-        if self.undisturbed or not np.all(np.isfinite(covariance)):
-            return covariance
-        wider = np.sqrt(np.maximum(np.diag(self._scattered(covariance)) / np.diag(covariance), 1.0))
-        widened: Array = covariance * np.outer(wider, wider)
+        widened: Array = covariance * np.outer(self.wider, self.wider)
         return widened
+
+    @cached_property
+    def wider(self) -> Array:
+        """(P,) by how much that scatter makes the sd larger than the likelihood's curvature does, at least 1."""
+        covariance = inverse(self.Z.T @ self.Z)
+        if self.undisturbed or not np.all(np.isfinite(covariance)):
+            return np.ones(len(self.names))
+        return np.sqrt(np.maximum(np.diag(self._scattered(covariance)) / np.diag(covariance), 1.0))
 
     def _scattered(self, covariance: Array) -> Array:
         """Covariance (P, P) by the scatter of the likelihood's slope over stretches of `STRETCH` (Huber, White)."""

@@ -165,7 +165,7 @@ def test_a_carriage_is_where_it_is() -> None:
     found = diagnose(Model(carriage, dt=DT), run.measure(sensor, rng), sensor, effects=("viscous",))
     assert found.verdict == "partly" and found.remaining is not None
     assert [s.effect for s in found.steps] == ["viscous"]
-    begin, end = map(float, re.findall(r"theta from (\S+) to (\S+) rad", found.remaining.where)[0])
+    begin, end = map(float, re.findall(r"from (\S+) to (\S+) m ", found.remaining.where)[0])
     assert -0.5 < begin < end < -0.1
 
 

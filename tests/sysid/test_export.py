@@ -60,7 +60,7 @@ def test_an_estimate_comes_back_exactly(names, tmp_path):
     back = sysid.load(tmp_path / "model.json")
     assert_same_model(back.model, estimate.model)
     assert back.free == back.estimate.names == names
-    for field in ("noise", "success", "status", "cost", "n_readings", "method", "sensor", "horizon"):
+    for field in ("noise", "success", "status", "cost", "n_readings", "method", "sensor", "random_torque"):
         assert getattr(back.estimate, field) == getattr(estimate, field), field
     np.testing.assert_array_equal(back.estimate.covariance, estimate.covariance)
     assert str(back.estimate) == str(estimate)
@@ -75,7 +75,6 @@ def test_what_is_not_determined_stays_so(tmp_path):
     sysid.save(estimate, tmp_path / "model.json")
     back = sysid.load(tmp_path / "model.json").estimate
     np.testing.assert_array_equal(back.covariance, estimate.covariance)
-    assert back.horizon == math.inf
     assert math.isnan(back.cost)
     assert back.sensor is None
     assert not back.success
