@@ -8,7 +8,7 @@ from dataclasses import replace
 from sysid.effects import CATALOGUE
 from sysid.estimation.chain import Chain
 from sysid.estimation.prediction import left_out
-from sysid.estimation.prediction_error import Fit, Prior, fit, with_likeliest_angle_error
+from sysid.estimation.prediction_error import Fit, fit, with_likeliest_angle_error
 from sysid.identify.rough import rough
 from sysid.model import Model
 from sysid.records import extent_of
@@ -69,5 +69,4 @@ def with_best_memory(found: Fit) -> Fit:
 def _narrowed(near: Fit, model: Model, names: tuple[str, ...]) -> Fit:
     """A fit that others may begin at, of a model with fewer numbers."""
     at = [near.names.index(n) for n in names]
-    prior = Prior(near.prior.mean[at], near.prior.precision[at])
-    return replace(near, model=model, names=names, prior=prior)
+    return replace(near, model=model, names=names, prior=near.prior.at(at))

@@ -57,10 +57,12 @@ QUICK = Settings(iterations=12, settled=0.15, negligible=0.5, angle_error=False)
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """What is vaguely known of the parameters: normals about `mean` (P,), of `precision` (P,) = 1 / sd^2."""
+    """What is vaguely known of the parameters: normals about `mean` (P,), of `precision` (P,) = 1 / sd^2; of those that
+    are `positive` (P,) of their logarithm about that of the mean, so that no inertia vanishes."""
 
     mean: Array
     precision: Array
+    positive: NDArray[np.bool_]
 
     @classmethod
     def of(
@@ -69,25 +71,33 @@ class Prior:
         """The numbers of the plant as they are, vaguely; those that are `known` already as they are known."""
         own = dict(zip(known_names, zip(known.mean, known.precision, strict=True), strict=True)) if known else {}
         mean, precision = _values(model, names), np.zeros(len(names))
+        positive = np.array([model.parameters[n].bounds[0] > 0.0 for n in names], dtype=bool)
         for i, name in enumerate(names):
             if name in own:
                 mean[i], precision[i] = own[name]
             elif name in model.plant.parameters and mean[i] != 0.0:
-                precision[i] = (vague * mean[i]) ** -2.0
-        return cls(mean, precision)
+                precision[i] = (vague * (1.0 if positive[i] else mean[i])) ** -2.0
+        return cls(mean, precision, positive)
+
+    def at(self, rows: Sequence[int]) -> Prior:
+        """That of some of the parameters."""
+        own = list(rows)
+        return Prior(self.mean[own], self.precision[own], self.positive[own])
 
     def of_nothing(self) -> Prior:
         """That of no parameters."""
-        return Prior(np.zeros(0), np.zeros(0))
+        return self.at(())
 
     def deviance(self, values: Array) -> float:
         """-2 log density at values (P,), up to a constant."""
-        return float(np.sum(self.precision * (values - self.mean) ** 2))
+        return float(np.sum(self.rows(values)[1] ** 2))
 
     def rows(self, values: Array) -> tuple[Array, Array]:
         """Sensitivities (P, P) and residuals (P,) that stand below those of the readings."""
         weight = np.sqrt(self.precision)
-        return np.diag(weight), weight * (self.mean - values)
+        slope = np.where(self.positive, 1.0 / np.maximum(values, 1e-300), 1.0)
+        off = np.where(self.positive, np.log(np.maximum(self.mean, 1e-300) * slope), self.mean - values)
+        return np.diag(weight * slope), weight * off
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,6 +255,7 @@ def fit(
     low, high = (np.array([model.parameters[n].bounds[side] for n in names]) for side in (0, 1))
     reach = np.array([_reach(model, n, size) for n, size in zip(names, prior.mean, strict=True)])
     before, converged, restless = math.inf, False, settings.sizes
+    last: Fit | None = None
     for k in range(settings.iterations):
         linearised = LinearisedModel(chain, model, motion)
         if k > 0 and settings.sizes and (restless or k % 4 == 3):
@@ -252,6 +263,8 @@ def fit(
             restless = bool(np.max(np.abs(_logs(likely) - _logs(disturbances))) > 0.05)
             disturbances = likely
         here = linearised.system.filter(disturbances)
+        if last is not None and not math.isfinite(here.deviance):
+            return last
         G, R = linearised.changes(names)
         Z = here.whiten(G, R)
         now = _values(model, names)
@@ -264,13 +277,13 @@ def fit(
         if k >= 2 and not restless and moved < settings.settled and abs(here.deviance - before) < settings.negligible:
             converged = True
             break
-        before = here.deviance
+        before, last = here.deviance, Fit(chain, linearised.model, names, linearised, here, Z, prior, False)
         z = here.smooth(G @ step, R @ step)
         # a filter knows less than a smoother: its sd is wide enough where a joint sticks; slopes that go on changing
         # with it would never let friction's numbers settle
         spread = np.minimum(here.sd[:, :3], widest) if k < settings.iterations // 4 else motion.spread
         motion = Motion(motion.x + z[:, :2], z[:, 2], spread)
-        model = model.with_parameters(dict(zip(names, (now + step).tolist(), strict=True)))
+        model = model.with_parameters(dict(zip(names, np.clip(now + step, low, high).tolist(), strict=True)))
     return Fit(chain, linearised.model, names, linearised, here, Z, prior, converged)
 
 

@@ -79,7 +79,9 @@ def _ratios(records: Sequence[Record], sensor: Sensor) -> dict[str, float]:
     fit, _, rank, _ = np.linalg.lstsq(S, b, rcond=1e-6)
     variance = float(np.sum((b - S @ fit) ** 2)) / max(len(b) - int(rank), 1)
     sd = np.sqrt(variance * np.maximum(np.diag(np.linalg.pinv(S.T @ S, rcond=1e-12)), 0.0))
-    return {name: float(fit[k] / size[k]) for name, k in (("1/J", 1), ("G/J", 0)) if fit[k] > 3.0 * sd[k] > 0.0}
+    least = 1e-6 * float(np.linalg.norm(b))  # what moves the joint by less is rounding
+    shown = {"1/J": 1, "G/J": 0}
+    return {name: float(fit[k] / size[k]) for name, k in shown.items() if fit[k] > max(3.0 * sd[k], least)}
 
 
 def _sums(column: Array, span: int) -> Array:
