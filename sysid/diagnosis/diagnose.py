@@ -114,7 +114,7 @@ def diagnose(
         if not found or sum(map(len, rest)) < 0.6 * sum(map(len, training)):
             break
         touched, training = (*touched, *found), rest
-    return _Report(search, base, end, held_out, sensor, touched).diagnosis(began)
+    return _Report(search, base, held_out, sensor, touched).diagnosis(began)
 
 
 def _known(effects: Iterable[str]) -> tuple[str, ...]:
@@ -134,16 +134,13 @@ class _Report:
         self,
         search: Search,
         base: Fit,
-        end: Fit,
         held_out: Sequence[Record],
         sensor: Sensor,
         touched: tuple[Touched, ...],
     ) -> None:
         self.search, self.base, self.held_out, self.sensor, self.touched = search, base, held_out, sensor, touched
-        self.errors: dict[tuple[str, ...], tuple[Fit, HeldOutError]] = {}
-        self.additions, self.unconfirmed = list(search.additions), list[str]()
-        self.errors[()] = (base, self._error(base))
-        self.errors[self._names(self.additions)] = (end, self._error(end))
+        self.errors: dict[tuple[str, ...], tuple[Fit, HeldOutError]] = {(): (base, self._error(base))}
+        self.additions, self.unconfirmed = list[Addition](), list[str]()
         self._confirm()
         self._unmask()
 
@@ -166,17 +163,25 @@ class _Report:
         return self.errors[names]
 
     def _confirm(self) -> None:
-        """Take back what raises the error on the held-out data: one addition after the other, the worst first."""
+        """The stage of the search at which the error on the held-out data is smallest, less each addition without which
+        it is smaller still."""
+        best = self.errors[()][1].ratio
+        for additions, fit in self.search.stages:
+            error = self._error(fit)
+            if error.ratio < best * (1.0 - INVISIBLE) or not math.isfinite(best):
+                best, self.additions = error.ratio, list(additions)
+                self.errors = {(): self.errors[()], self._names(additions): (fit, error)}
         while self.additions:
-            error = self._with(self.additions)[1].ratio
+            error = self._with(self.additions)[1]
             fewer = [[a for a in self.additions if a is not left] for left in self.additions]
-            best = min([*fewer, []], key=lambda own: self._with(own)[1].ratio)
-            if self._with(best)[1].ratio > error * (1.0 - INVISIBLE) and math.isfinite(error):
+            own = min(fewer, key=lambda own: self._with(own)[1].ratio)
+            if self._with(own)[1].ratio > error.ratio * (1.0 - INVISIBLE) and math.isfinite(error.ratio):
                 break
-            self.unconfirmed += [a.name for a in self.additions if a not in best]
-            end = self._with(best)
-            self.additions = best
-            self.errors = {(): self.errors[()], self._names(best): end}
+            self.errors = {(): self.errors[()], self._names(own): self._with(own)}
+            self.additions = own
+        kept = self._names(self.additions)
+        tried = dict.fromkeys(a.name for additions, _ in self.search.stages for a in additions)
+        self.unconfirmed = [name for name in tried if name not in kept]
 
     def _unmask(self) -> None:
         """Take back what is a part of something unknown: what remains depends on the quantity that it is a function of,

@@ -54,6 +54,7 @@ class Search:
     """Forward over effects and composites of them, backward after every addition.
 
     effects   which of the catalogue may be used (None: all)
+    stages    the additions, and the fit with them, at the end of each round
     tell      is told what is being tried
     """
 
@@ -67,6 +68,7 @@ class Search:
     first: dict[str, Score] = field(default_factory=dict)
     last: dict[str, Score] = field(default_factory=dict)
     negligible: list[str] = field(default_factory=list)
+    stages: list[tuple[tuple[Addition, ...], Fit]] = field(default_factory=list)
 
     def run(self, model: Model, names: Sequence[str]) -> tuple[Fit, Fit]:
         """The fit of the model as it came, and the one at the end of the loop."""
@@ -90,6 +92,7 @@ class Search:
             if chosen is None:
                 break
             now = self._pruned(self._added(now, chosen, trials))
+            self.stages.append((tuple(self.additions), now))
         else:
             self.last = scores(now, self.effects)
         return base, now

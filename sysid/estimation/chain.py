@@ -79,13 +79,16 @@ class Chain:
         return drives
 
     def read(self, model: Model, x: Array) -> Array:
-        """What perfect sensors show (M, 2) along states x (M, 2)."""
+        """What perfect sensors show (..., M, 2) along states x (..., M, 2)."""
         if not model.output_effects:
             return x
-        rows = (slice(a, b) for a, b in zip(self.first[:-1].tolist(), self.first[1:].tolist(), strict=True))
-        return np.concatenate(
-            [np.stack(model.read_record(x[own, 0], x[own, 1], self.clock[own]), axis=1) for own in rows]
-        )
+        seen = np.empty_like(x)
+        lengths = np.diff(self.first)
+        for length in np.unique(lengths).tolist():  # a sensor that remembers goes step by step, through all at once
+            rows = self.first[:-1][lengths == length][:, None] + np.arange(length)
+            clock = np.broadcast_to(self.clock[rows], x[..., rows, 0].shape)
+            seen[..., rows, :] = np.stack(model.read_record(x[..., rows, 0], x[..., rows, 1], clock), axis=-1)
+        return seen
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,9 +179,21 @@ class LinearisedModel:
         )
         drives = np.stack([self.chain.drives(m) for m in models]) if inputs else self.drives
         ends = np.broadcast_to(self._ends(model.with_parameters(columns), drives), (len(rows), len(self.chain), 2))
-        if not model.output_effects:
+        shown = {f"{e.name}.{k}" for e in model.output_effects for k in e.parameters} & set(names)
+        if not shown:
             return ends, np.broadcast_to(self.seen, ends.shape)
-        return ends, np.stack([self.chain.read(m, self.motion.x) for m in models])
+        # where the sensors' numbers are the model's, so are the readings
+        known = self.model.parameters
+        kept = [
+            column == float(known[n].value) if n in known else np.zeros(len(rows), dtype=bool)
+            for n, column in zip(names, rows.T, strict=True)
+            if n in shown
+        ]
+        own = [
+            self.seen if k else self.chain.read(m, self.motion.x)
+            for m, k in zip(models, np.all(kept, axis=0), strict=True)
+        ]
+        return ends, np.stack(own)
 
     def _as_changes(self, ends: Array, seen: Array) -> tuple[Array, Array]:
         G = np.moveaxis(ends, 0, -1) * self.chain.follows[:, None, None]
@@ -197,8 +212,9 @@ class LinearisedModel:
             return np.eye(2) * chain.weight[:, :, None], residual
         h, t = 1e-6, chain.t - chain.t[0]
         one, zero = np.ones_like(t), np.zeros_like(t)
-        shifts = (np.column_stack(v) for v in ((one, zero), (t, one), (0.5 * t * t, t)))
-        moved = [(chain.read(model, x + h * v) - chain.read(model, x - h * v)) / (2.0 * h) for v in shifts]
+        shifts = np.stack([np.column_stack(v) for v in ((one, zero), (t, one), (0.5 * t * t, t))])
+        shown = chain.read(model, np.concatenate([x + h * shifts, x - h * shifts]))
+        moved = (shown[:3] - shown[3:]) / (2.0 * h)
         H = np.stack([moved[0], moved[1] - moved[0] * t[:, None]], axis=2)
         late = np.median(np.column_stack([-H[:, 0, 1], t - moved[2][:, 1]]), axis=0)
         self.ahead = (max(0, round(float(late[0]) / chain.dt)), max(0, round(float(late[1]) / chain.dt)))
