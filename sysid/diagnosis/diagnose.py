@@ -163,13 +163,13 @@ class _Report:
         return self.errors[names]
 
     def _confirm(self) -> None:
-        """The stage of the search at which the error on the held-out data is smallest, less each addition without which
-        it is smaller still."""
+        """The last stage of the search that does not raise the error on the held-out data, less each addition without
+        which that is smaller."""
         best = self.errors[()][1].ratio
         for additions, fit in self.search.stages:
             error = self._error(fit)
-            if error.ratio < best * (1.0 - INVISIBLE) or not math.isfinite(best):
-                best, self.additions = error.ratio, list(additions)
+            if error.ratio <= best * (1.0 + INVISIBLE) or not math.isfinite(best):
+                best, self.additions = min(best, error.ratio), list(additions)
                 self.errors = {(): self.errors[()], self._names(additions): (fit, error)}
         while self.additions:
             error = self._with(self.additions)[1]
