@@ -39,10 +39,12 @@ class Push:
 
     most    share of the missing torque's energy that all stretches hold together, at least
     little  share of the time that they take, at most
+    enough  seconds of log from which it can be told what is rare
     """
 
     most: float = 0.6
     little: float = 0.15
+    enough: float = 8.0
 
 
 def contacts(fit: Fit, torque: Array, least: float = 0.0, push: Push = Push()) -> tuple[Touched, ...]:
@@ -53,6 +55,8 @@ def contacts(fit: Fit, torque: Array, least: float = 0.0, push: Push = Push()) -
     none. What is below `least` [N m] is none either.
     """
     chain = fit.chain
+    if len(chain) * chain.dt < push.enough:
+        return ()
     known = np.where(chain.follows, torque, np.nan)
     found = _extremes(fit, known, least)
     inside = np.zeros(len(chain), dtype=bool)

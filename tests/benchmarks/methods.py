@@ -19,6 +19,7 @@ class Answer:
     ranking      effects, best first (six of them); the first is what it would name if it had to name one
     alike        effects that the method says it cannot tell from the first, the first among them
     named        effects that it says are missing, with those it cannot tell from each
+    small        effects that it says are there and too small to matter
     depends_on   of what is left unexplained: some of theta, theta_dot, torque, time, history
     error_after  held-out error at the end, in units of the noise; None where the method has none
     """
@@ -29,6 +30,7 @@ class Answer:
     named: tuple[tuple[str, ...], ...] = ()
     depends_on: tuple[str, ...] = ()
     error_after: float | None = None
+    small: tuple[str, ...] = ()
     seconds: float = 0.0
     failure: str = ""
 
@@ -52,6 +54,7 @@ def ours(records: Sequence[Record], told: Told) -> Answer:
         named=tuple(tuple(s.alike) for s in found.steps),
         depends_on=tuple(found.remaining.depends_on) if found.remaining is not None else (),
         error_after=found.error.ratio,
+        small=found.negligible,
     )
 
 
