@@ -272,7 +272,8 @@ def fit(
         below = np.concatenate([Z, rows]), np.concatenate([here.innovations.ravel(), rest])
         step = bounded_step(*below, low - now, high - now)
         moved = float(np.linalg.norm(Z @ step)) if len(step) else 0.0
-        longest = settings.stride * np.maximum(reach, np.abs(now))
+        # a positive number on its way down would be at its bound in two steps of its typical size
+        longest = settings.stride * np.where(prior.positive & (step < 0.0), now, np.maximum(reach, np.abs(now)))
         step = step * min([1.0, *(longest / np.maximum(np.abs(step), 1e-300))])
         if k >= 2 and not restless and moved < settings.settled and abs(here.deviance - before) < settings.negligible:
             converged = True
