@@ -127,6 +127,12 @@ def _known(effects: Iterable[str]) -> tuple[str, ...]:
     return names
 
 
+def _at_bounds(fit: Fit) -> set[str]:
+    """The free numbers that ended at a bound, where that is not the one at which an effect changes nothing."""
+    own = {n: fit.model.parameters[n] for n in fit.names}
+    return {n for n, p in own.items() if float(p.value) in p.bounds and float(p.value) != p.neutral}
+
+
 class _Report:
     """Puts the way of a search into numbers; errors are held-out."""
 
@@ -180,7 +186,7 @@ class _Report:
 
     def _unmask(self) -> None:
         """Take back what is a part of something unknown: what remains depends on the quantity that it is a function of,
-        and it explains less than most of that."""
+        and it explains less than most of that, or only with a number driven to its bound."""
         for addition in list(self.additions):
             imitates = CATALOGUE[addition.name].imitates
             end, error = self._with(self.additions)
@@ -192,7 +198,8 @@ class _Report:
                 continue
             fewer = [a for a in self.additions if a is not addition]
             without = self._torque(self._with(fewer)[0]).after
-            if torque.after**2 > (1.0 - self.search.choosing.most) * without**2:
+            bent = _at_bounds(end) - _at_bounds(self.base)
+            if bent or torque.after**2 > (1.0 - self.search.choosing.most) * without**2:
                 self.unconfirmed.append(addition.name)
                 self.additions = fewer
 

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from sysid import Coulomb, GeneralJoint, Model, Record, Sensor, Viscous, diagnose, simulate
+from sysid.diagnosis.scores import scores
+from sysid.diagnosis.search import Search
 from sysid.estimation.chain import Chain
-from sysid.estimation.first_fit import BLOCKS, WINDOW, first_fit, with_best_memory, with_common
+from sysid.estimation.first_fit import BLOCKS, WINDOW, first_fit, with_best_memory, with_common, without_common
 from sysid.estimation.prediction import left_out
 from sysid.estimation.prediction_error import fit, with_likeliest_angle_error
 
@@ -78,3 +80,15 @@ def test_a_first_fit_ends_in_the_plain_model_with_numbers_that_friction_has_not_
     plain = first_fit(chain, start, ("J", "G"))
     assert not plain.model.effects and plain.names == ("J", "G")
     assert plain.deviance > helped.deviance + 100.0
+
+
+def test_friction_and_offset_as_the_first_fit_found_them_are_candidates() -> None:
+    """With their numbers, all together and without the least telling."""
+    start, records = Model(GeneralJoint(), dt=DT), driven((0.2, 0.4), 7.0, 0.15)
+    chain, search = Chain(start, records, SENSOR), Search(records, SENSOR)
+    helped = with_common(chain, start, ("J", "G"))
+    plain = without_common(helped, start, ("J", "G"))
+    search.last = scores(plain, ("viscous", "coulomb", "torque_bias"))
+    trials = search._common(plain, helped)
+    assert [t.effects for t in trials] == [("viscous", "coulomb", "torque_bias"), ("viscous", "coulomb")]
+    assert trials[0].fit is helped and all(t.merit > 100.0 for t in trials)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from sysid import RK4, Effect, GeneralJoint, Model, Record, Sensor, effect, simulate
+from sysid import RK4, Effect, GeneralJoint, Model, Record, Sensor, diagnose, effect, simulate
 from sysid.diagnosis.contacts import contacts, slow
 from sysid.diagnosis.dependence import dependence
 from sysid.diagnosis.residual_torque import missing_torque
@@ -211,3 +211,14 @@ def test_an_untouched_log_has_no_push() -> None:
     for seed, (s, T) in enumerate(((0.0, 0.1), (0.3, 0.03), (0.3, 0.1), (0.3, 0.3), (0.3, 1.0))):
         assert contacts(*missing(logs(DAMPED, 2, 700, s, T, seed))) == (), (s, T)
     assert contacts(*missing(logs(DAMPED.with_effect(Unknown(curve=magnet)), 2, 700, 0.05, 0.1))) == ()
+
+
+@pytest.mark.parametrize(("seconds", "seed"), [(5.0, 0), (5.0, 2), (10.0, 0)])
+def test_a_magnet_is_no_ripple_tilt_or_spring(seconds: float, seed: int) -> None:
+    """Each explains a part of any torque over the angle, together even most, with a number at its bound."""
+    narrow = Unknown(curve=lambda joint: 2.0 * magnet(joint))
+    records = logs(DAMPED.with_effect(narrow), 4, round(seconds / DT), 0.05, 0.1, seed)
+    found = diagnose(DAMPED, records, SENSOR, hold_out=1, effects=("ripple", "tilt", "spring"))
+    assert found.verdict == "unknown" and not found.steps
+    assert found.unconfirmed, "they were added first"
+    assert found.remaining is not None and found.remaining.depends_on == ("theta",)
