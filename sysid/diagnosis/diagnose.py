@@ -90,7 +90,7 @@ def diagnose(
     Chemical Engineering 28 (2004) 1431. Brynjarsdottir, O'Hagan, Inverse Problems 30 (2014) 114007, show what leaving
     the random torque out does to intervals.
     """
-    from sysid.logs import leave_out, split
+    from sysid.logs import split
 
     began = time.perf_counter()
     records = told_apart(check_records(model.model if isinstance(model, Estimate) else model, records))
@@ -104,17 +104,29 @@ def diagnose(
         sensor = sensor_noise(records).sensor
     training, held_out = split(records, hold_out)
     sensor = relied_on(model, training, sensor)
+    search, base, end, touched = _searched(
+        lambda left: Search(left, sensor, chosen, choosing, tell), training, model, names
+    )
+    return _Report(search, base, end, held_out, sensor, touched).diagnosis(began)
+
+
+def _searched(
+    search_in: Callable[[Sequence[Record]], Search], records: Sequence[Record], model: Model, names: tuple[str, ...]
+) -> tuple[Search, Fit, Fit, tuple[Touched, ...]]:
+    """The search through what no hand touched, its fits before and after, and what was touched."""
+    from sysid.logs import leave_out
+
     touched: tuple[Touched, ...] = ()
     for restarts_left in reversed(range(RESTARTS + 1)):
-        search = Search(training, sensor, chosen, choosing, tell)
+        search = search_in(records)
         base, end = search.run(model, names)
         perhaps = restarts_left and not end.undisturbed
         found = contacts(end, missing_torque(end, base)) if perhaps else ()
-        rest = leave_out(training, [(t.name, t.t_begin, t.t_end) for t in found])
-        if not found or sum(map(len, rest)) < 0.6 * sum(map(len, training)):
+        rest = leave_out(records, [(t.name, t.t_begin, t.t_end) for t in found])
+        if not found or sum(map(len, rest)) < 0.6 * sum(map(len, records)):
             break
-        touched, training = (*touched, *found), rest
-    return _Report(search, base, end, held_out, sensor, touched).diagnosis(began)
+        touched, records = (*touched, *found), rest
+    return search, base, end, touched
 
 
 def _known(effects: Iterable[str]) -> tuple[str, ...]:
