@@ -90,7 +90,7 @@ def diagnose(
     Chemical Engineering 28 (2004) 1431. Brynjarsdottir, O'Hagan, Inverse Problems 30 (2014) 114007, show what leaving
     the random torque out does to intervals.
     """
-    from sysid.logs import leave_out, split
+    from sysid.logs import split
 
     began = time.perf_counter()
     records = told_apart(check_records(model.model if isinstance(model, Estimate) else model, records))
@@ -104,17 +104,27 @@ def diagnose(
         sensor = sensor_noise(records).sensor
     training, held_out = split(records, hold_out)
     sensor = relied_on(model, training, sensor)
+    search, base, touched = _searched(lambda left: Search(left, sensor, chosen, choosing, tell), training, model, names)
+    return _Report(search, base, held_out, sensor, touched).diagnosis(began)
+
+
+def _searched(
+    search_in: Callable[[Sequence[Record]], Search], records: Sequence[Record], model: Model, names: tuple[str, ...]
+) -> tuple[Search, Fit, tuple[Touched, ...]]:
+    """The search through what no hand touched, the fit that it began at, and what was touched."""
+    from sysid.logs import leave_out
+
     touched: tuple[Touched, ...] = ()
     for restarts_left in reversed(range(RESTARTS + 1)):
-        search = Search(training, sensor, chosen, choosing, tell)
+        search = search_in(records)
         base, end = search.run(model, names)
         perhaps = restarts_left and not end.undisturbed
         found = contacts(end, missing_torque(end, base)) if perhaps else ()
-        rest = leave_out(training, [(t.name, t.t_begin, t.t_end) for t in found])
-        if not found or sum(map(len, rest)) < 0.6 * sum(map(len, training)):
+        rest = leave_out(records, [(t.name, t.t_begin, t.t_end) for t in found])
+        if not found or sum(map(len, rest)) < 0.6 * sum(map(len, records)):
             break
-        touched, training = (*touched, *found), rest
-    return _Report(search, base, held_out, sensor, touched).diagnosis(began)
+        touched, records = (*touched, *found), rest
+    return search, base, touched
 
 
 def _known(effects: Iterable[str]) -> tuple[str, ...]:
@@ -125,6 +135,12 @@ def _known(effects: Iterable[str]) -> tuple[str, ...]:
     if not names:
         raise InvalidInput("no effects were named: leave them out to try the whole catalogue")
     return names
+
+
+def _at_bounds(fit: Fit) -> set[str]:
+    """The free numbers that ended at a bound, where that is not the one at which an effect changes nothing."""
+    own = {n: fit.model.parameters[n] for n in fit.names}
+    return {n for n, p in own.items() if float(p.value) in p.bounds and float(p.value) != p.neutral}
 
 
 class _Report:
@@ -185,7 +201,7 @@ class _Report:
 
     def _unmask(self) -> None:
         """Take back what is a part of something unknown: what remains depends on the quantity that it is a function of,
-        and it explains less than most of that."""
+        and it explains less than most of that, or only with a number driven to its bound."""
         for addition in list(self.additions):
             imitates = CATALOGUE[addition.name].imitates
             end, error = self._with(self.additions)
@@ -197,7 +213,8 @@ class _Report:
                 continue
             fewer = [a for a in self.additions if a is not addition]
             without = self._torque(self._with(fewer)[0]).after
-            if torque.after**2 > (1.0 - self.search.choosing.most) * without**2:
+            bent = _at_bounds(end) - _at_bounds(self.base)
+            if bent or torque.after**2 > (1.0 - self.search.choosing.most) * without**2:
                 self.unconfirmed.append(addition.name)
                 self.additions = fewer
 

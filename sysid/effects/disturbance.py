@@ -16,6 +16,8 @@ from sysid.parameters import Extent, parameter
 _MOST_FREQUENCIES = 200
 PERIODIC = 0.8
 """Autocorrelation from which a motion comes back."""
+ALMOST = 0.97
+"""Share of the largest autocorrelation from which an earlier peak counts as the period, and that one as a multiple."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,13 +85,24 @@ class Drift(JointEffect):
 
 
 def _period(theta: Array, t: Array) -> float:
-    """After how long [s] a motion comes back, 0 where it does not within three quarters of the record."""
-    moved = theta - np.mean(theta)
-    n, half = len(moved), 3 * len(moved) // 4
-    power = np.abs(np.fft.rfft(moved, 2 * n)) ** 2
-    alike = np.fft.irfft(power)[:half] / np.arange(n, n - half, -1) * n
+    """After how long [s] a motion comes back, 0 where it does not within three quarters of the record.
+
+    c_k = sum_i x_i x_(i+k) / sqrt(sum_i x_i^2 sum_i x_(i+k)^2), 1 where it comes back exactly; the first peak counts,
+    as it comes back after every multiple of its period, too.
+    """
+    x = theta - np.mean(theta)
+    n, lags = len(x), 3 * len(x) // 4
+    products = np.fft.irfft(np.abs(np.fft.rfft(x, 2 * n)) ** 2)[:lags]
+    head = np.cumsum(x**2)[::-1][:lags]
+    tail = np.cumsum(x[::-1] ** 2)[::-1][:lags]
+    alike = products / np.sqrt(np.maximum(head * tail, 1e-300))
     below = np.flatnonzero(alike < 0.0)
-    if not len(below) or alike[0] <= 0.0:
+    if not len(below):
         return 0.0
-    peak = int(below[0] + np.argmax(alike[below[0] :]))
-    return float(t[peak] - t[0]) if alike[peak] > PERIODIC * alike[0] else 0.0
+    later = alike[below[0] :]
+    if np.max(later) < PERIODIC:
+        return 0.0
+    near = int(np.argmax(later > max(PERIODIC, ALMOST * float(np.max(later)))))
+    far = near + int(np.argmax(np.append(later[near:] < 0.0, True)))
+    peak = int(below[0]) + near + int(np.argmax(later[near:far]))
+    return float(t[peak] - t[0])

@@ -245,46 +245,92 @@ def fit(
                    a regression, which finds its way from far off
     """
     names = tuple(names)
-    size = level(chain)
     if disturbances is None:
-        disturbances = near.disturbances if near else Disturbances(0.3 * size, sigma_o=_angle_sd(chain))
+        disturbances = near.disturbances if near else Disturbances(0.3 * level(chain), sigma_o=_angle_sd(chain))
     motion = near.motion if near else begin(chain, disturbances.s)
     prior = Prior.of(model, names, settings.vague, near.prior if near else None, near.names if near else ())
-    widest = np.array(settings.widest) * [1.0, float(np.std(chain.smoothed[:, 1])), size]
-    floor = np.log([settings.smallest * size, settings.smallest * max(_angle_sd(chain), 1e-12)])
-    low, high = (np.array([model.parameters[n].bounds[side] for n in names]) for side in (0, 1))
-    reach = np.array([_reach(model, n, size) for n, size in zip(names, prior.mean, strict=True)])
+    limits = _Limits.of(chain, model, names, prior, settings)
     before, converged, restless = math.inf, False, settings.sizes
     last: Fit | None = None
     for k in range(settings.iterations):
         linearised = LinearisedModel(chain, model, motion)
         if k > 0 and settings.sizes and (restless or k % 4 == 3):
-            likely = likelier(linearised, disturbances, floor, settings.angle_error)
+            likely = likelier(linearised, disturbances, limits.floor, settings.angle_error)
             restless = bool(np.max(np.abs(_logs(likely) - _logs(disturbances))) > 0.05)
             disturbances = likely
         here = linearised.system.filter(disturbances)
         if last is not None and not math.isfinite(here.deviance):
             return last
         G, R = linearised.changes(names)
-        Z = here.whiten(G, R)
-        now = _values(model, names)
-        rows, rest = prior.rows(now)
-        below = np.concatenate([Z, rows]), np.concatenate([here.innovations.ravel(), rest])
-        step = bounded_step(*below, low - now, high - now)
+        Z, now = here.whiten(G, R), _values(model, names)
+        step = _step(here, Z, prior, now, limits)
         moved = float(np.linalg.norm(Z @ step)) if len(step) else 0.0
-        longest = settings.stride * np.maximum(reach, np.abs(now))
-        step = step * min([1.0, *(longest / np.maximum(np.abs(step), 1e-300))])
+        step = limits.shortened(step, now, settings.stride)
         if k >= 2 and not restless and moved < settings.settled and abs(here.deviance - before) < settings.negligible:
             converged = True
             break
         before, last = here.deviance, Fit(chain, linearised.model, names, linearised, here, Z, prior, False)
-        z = here.smooth(G @ step, R @ step)
-        # a filter knows less than a smoother: its sd is wide enough where a joint sticks; slopes that go on changing
-        # with it would never let friction's numbers settle
-        spread = np.minimum(here.sd[:, :3], widest) if k < settings.iterations // 4 else motion.spread
-        motion = Motion(motion.x + z[:, :2], z[:, 2], spread)
-        model = model.with_parameters(dict(zip(names, np.clip(now + step, low, high).tolist(), strict=True)))
+        # slopes that go on changing with the filter's sd would never let friction's numbers settle
+        spread = limits.spread(here) if k < settings.iterations // 4 else motion.spread
+        motion = _moved(motion, here.smooth(G @ step, R @ step), spread)
+        model = model.with_parameters(dict(zip(names, limits.within(now + step).tolist(), strict=True)))
     return Fit(chain, linearised.model, names, linearised, here, Z, prior, converged)
+
+
+@dataclass(frozen=True, eq=False)
+class _Limits:
+    """How far the solver may go.
+
+    low, high (P,)   bounds of the numbers; positive (P,): which of them may not be 0
+    reach (P,)       change of each over which its effect may be nowhere near linear
+    widest (3,)      how far about the motion slopes are taken [rad], [rad/s], [rad/s^2]
+    floor (2,)       logarithms of the disturbances' sizes below which there are none
+    """
+
+    low: Array
+    high: Array
+    positive: NDArray[np.bool_]
+    reach: Array
+    widest: Array
+    floor: Array
+
+    @classmethod
+    def of(cls, chain: Chain, model: Model, names: Sequence[str], prior: Prior, settings: Settings) -> _Limits:
+        """Those of a model on a chain, beside what is known of its numbers."""
+        size = level(chain)
+        low, high = (np.array([model.parameters[n].bounds[side] for n in names]) for side in (0, 1))
+        reach = np.array([_reach(model, n, typical) for n, typical in zip(names, prior.mean, strict=True)])
+        widest = np.array(settings.widest) * [1.0, float(np.std(chain.smoothed[:, 1])), size]
+        floor = np.log([settings.smallest * size, settings.smallest * max(_angle_sd(chain), 1e-12)])
+        return cls(low, high, prior.positive, reach, widest, floor)
+
+    def within(self, values: Array) -> Array:
+        """Numbers (P,) within their bounds."""
+        return np.clip(values, self.low, self.high)
+
+    def shortened(self, step: Array, now: Array, stride: float) -> Array:
+        """The step (P,) from `now`, all of it shortened so that no number goes further than is near linear."""
+        # a positive number on its way down would be at its bound in two steps of its typical size
+        longest = stride * np.where(self.positive & (step < 0.0), now, np.maximum(self.reach, np.abs(now)))
+        shorter: Array = step * min([1.0, *(longest / np.maximum(np.abs(step), 1e-300))])
+        return shorter
+
+    def spread(self, filter: Filter) -> Array:
+        """How far off the motion (M, 3) may be: a filter knows less than a smoother, and its sd is wide enough where a
+        joint sticks."""
+        return np.minimum(filter.sd[:, :3], self.widest)
+
+
+def _step(filter: Filter, Z: Array, prior: Prior, now: Array, limits: _Limits) -> Array:
+    """The Gauss-Newton step (P,) of the numbers, by the innovations and by what is known beside them."""
+    rows, rest = prior.rows(now)
+    below = np.concatenate([Z, rows]), np.concatenate([filter.innovations.ravel(), rest])
+    return bounded_step(*below, limits.low - now, limits.high - now)
+
+
+def _moved(motion: Motion, z: Array, spread: Array) -> Motion:
+    """The motion by the smoothed deviation z (M, 4) from it."""
+    return Motion(motion.x + z[:, :2], z[:, 2], spread)
 
 
 def likelier(

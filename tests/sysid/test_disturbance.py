@@ -37,3 +37,31 @@ def test_frequencies_to_try_reach_from_two_periods_to_the_highest_that_the_log_s
     f = np.array(Periodic().parameters["f"].probes(Extent(dt, duration, 1.0)))
     assert f[0] == pytest.approx(2.0 / duration) and f[-1] == pytest.approx(highest)
     assert np.all(np.diff(f) > 0.0) and len(f) <= 200
+
+
+def swing(f, seconds=30.0):
+    """A sine motion of f [Hz], and its instants."""
+    t = np.arange(0.0, seconds, 0.02)
+    return math.pi + 0.8 * np.sin(2.0 * math.pi * f * t), t
+
+
+@pytest.mark.parametrize("seconds", [20.0, 30.0, 41.0, 60.0])
+@pytest.mark.parametrize("f", [0.1, 0.2, 0.3, 1.0])
+def test_a_torque_that_comes_back_with_the_motion_may_be_a_function_of_it(f, seconds):
+    """However many whole periods the record has: a motion that comes back after 10 s does so after 20 s, too."""
+    assert Periodic(f=f).recurrences(*swing(0.1, seconds)) == -math.inf
+
+
+@pytest.mark.parametrize("f", [0.14, 0.25, 0.35, 1.07])
+def test_a_torque_that_does_not_come_back_with_the_motion_counts_its_periods(f):
+    theta, t = swing(0.1)
+    assert Periodic(f=f).recurrences(theta, t) == pytest.approx(f * np.ptp(t))
+
+
+def test_beside_a_motion_that_never_comes_back_every_frequency_counts():
+    t = np.arange(0.0, 30.0, 0.02)
+    chirp = math.pi + np.sin(2.0 * math.pi * (0.05 * t + 0.015 * t**2))
+    drifting = np.cumsum(np.cumsum(np.random.default_rng(0).standard_normal(len(t))))
+    for motion in (chirp, drifting, np.full_like(t, math.pi)):
+        for f in (0.1, 0.3, 1.0):
+            assert Periodic(f=f).recurrences(motion, t) == pytest.approx(f * np.ptp(t))

@@ -55,3 +55,14 @@ def test_a_rotor_adds_inertia_and_no_weight(J_r):
     joint = GeneralJoint(J=rod.inertia() + J_r, G=rod.gravity_torque(0.5 * math.pi))
     with_rotor = simulate(Model(rod, (RotorInertia(J_r=J_r),), dt=0.02), U, 2.0, 0.0)
     np.testing.assert_allclose(with_rotor.theta, simulate(Model(joint, dt=0.02), U, 2.0, 0.0).theta, rtol=1e-10)
+
+
+def test_a_ripple_comes_back_with_every_wave_that_the_motion_meets():
+    """However often the same waves are met, and in whatever time."""
+    t = np.linspace(0.0, 10.0, 500)
+    for turns in (0.25, 1.0, 3.0):
+        once = 1.0 + 2.0 * math.pi * turns * t / 10.0
+        again = 1.0 + math.pi * turns * (1.0 - np.cos(4.0 * t))
+        assert Ripple(order=6.0).recurrences(once, t) == pytest.approx(6.0 * turns)
+        assert Ripple(order=6.0).recurrences(again, 3.0 * t) == pytest.approx(6.0 * turns, rel=1e-3)
+    assert Tilt().recurrences(once, t) == Spring().recurrences(once, t) == math.inf, "neither is a pattern"

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from sysid import RK4, Effect, GeneralJoint, Model, Record, Sensor, effect, simulate
+from sysid import RK4, Effect, GeneralJoint, Model, Record, Sensor, diagnose, effect, simulate
 from sysid.diagnosis.contacts import contacts, slow
 from sysid.diagnosis.dependence import dependence
 from sysid.diagnosis.residual_torque import missing_torque
@@ -17,7 +17,7 @@ from sysid.effects import Joint, JointEffect
 from sysid.estimation.chain import Chain
 from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.first_fit import with_best_memory
-from sysid.estimation.prediction_error import Fit, Settings, fit
+from sysid.estimation.prediction_error import Fit, Settings, fit, inverse
 from sysid.excitation import multisine
 from sysid.ops import Value
 
@@ -78,6 +78,27 @@ def test_output_error_is_sure_of_wrong_numbers_under_a_random_torque() -> None:
         z = np.array([(f.values - truth) / np.sqrt(np.diag(f.covariance)) for f in found])
         squares.append(float(np.mean(z**2)))
     assert squares[0] < 2.0 and squares[1] > 10.0
+
+
+def test_intervals_are_as_wide_as_the_likelihood_says_where_nothing_is_missing() -> None:
+    for record in logs(DAMPED, 3, 300, 0.0, 0.1):
+        found = fit(Chain(DAMPED, [record], SENSOR), DAMPED, DAMPED_NAMES, settings=QUIET)
+        np.testing.assert_array_equal(found.wider, 1.0)
+        np.testing.assert_array_equal(found.covariance, inverse(found.Z.T @ found.Z))
+
+
+def test_intervals_cover_under_a_torque_of_a_longer_memory_than_was_thought() -> None:
+    """What a model lacks is no Gaussian process of the memory that a fit gives it: intervals are wider for it."""
+    truth, z, wider = np.array([0.3, 2.0, 0.07]), [], []
+    for record in logs(DAMPED, 20, 500, 0.6, 3.0, seed=5):
+        white = Disturbances(6.0, 0.01)
+        found = fit(Chain(DAMPED, [record], SENSOR), DAMPED, DAMPED_NAMES, disturbances=white, settings=QUIET)
+        z.append((found.values - truth) / np.sqrt(np.diag(found.covariance)))
+        wider.append(found.wider)
+    assert np.min(wider) >= 1.0
+    assert np.all(np.mean(wider, axis=0)[1:] > 1.3), "gravity and friction are what a slow torque imitates"
+    assert np.mean(np.abs(z) < 1.96) > 0.9
+    assert np.mean(np.abs(np.array(z) * wider) < 1.96) < 0.85, "without it they would not cover"
 
 
 @pytest.mark.parametrize("T", [0.01, 0.1, 1.0])
@@ -190,3 +211,14 @@ def test_an_untouched_log_has_no_push() -> None:
     for seed, (s, T) in enumerate(((0.0, 0.1), (0.3, 0.03), (0.3, 0.1), (0.3, 0.3), (0.3, 1.0))):
         assert contacts(*missing(logs(DAMPED, 2, 700, s, T, seed))) == (), (s, T)
     assert contacts(*missing(logs(DAMPED.with_effect(Unknown(curve=magnet)), 2, 700, 0.05, 0.1))) == ()
+
+
+@pytest.mark.parametrize(("seconds", "seed"), [(5.0, 0), (5.0, 2), (10.0, 0)])
+def test_a_magnet_is_no_ripple_tilt_or_spring(seconds: float, seed: int) -> None:
+    """Each explains a part of any torque over the angle, together even most, with a number at its bound."""
+    narrow = Unknown(curve=lambda joint: 2.0 * magnet(joint))
+    records = logs(DAMPED.with_effect(narrow), 4, round(seconds / DT), 0.05, 0.1, seed)
+    found = diagnose(DAMPED, records, SENSOR, hold_out=1, effects=("ripple", "tilt", "spring"))
+    assert found.verdict == "unknown" and not found.steps
+    assert found.unconfirmed, "they were added first"
+    assert found.remaining is not None and found.remaining.depends_on == ("theta",)

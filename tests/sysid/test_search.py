@@ -6,16 +6,31 @@ import dataclasses
 import math
 from dataclasses import dataclass
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from scipy.stats import binom
 
-from sysid import CATALOGUE, Coulomb, Diagnosis, Effect, Joint, JointEffect, Record, Tilt, Viscous, diagnose, ops
+from sysid import (
+    CATALOGUE,
+    Coulomb,
+    Diagnosis,
+    Effect,
+    Joint,
+    JointEffect,
+    Periodic,
+    Record,
+    Ripple,
+    Tilt,
+    Viscous,
+    diagnose,
+    ops,
+)
 from sysid import parameter as number
 from sysid.diagnosis.choosing import DEFAULT
 from sysid.diagnosis.scores import Score, alikeness, price, scores
-from sysid.diagnosis.search import Addition, Search, extended, matters, reduced
+from sysid.diagnosis.search import Addition, Search, Trial, extended, is_nothing, matters, reduced
 from sysid.estimation.chain import Chain
 from sysid.estimation.first_fit import first_fit
 from sysid.estimation.prediction_error import Fit
@@ -173,6 +188,49 @@ def test_what_has_become_idle_goes() -> None:
     assert [a.name for a in search.additions] == ["coulomb"]
     assert {e.name for e in end.model.effects} == {"coulomb"}
     assert end.deviance == pytest.approx(mended().deviance, abs=0.5)
+
+
+def sized(found: Fit, *sd: float) -> Fit:
+    """The same fit with a ripple whose sizes are that many standard deviations."""
+    rippled = extended(found, [Ripple(a=1e-4, b=1e-4, order=6.0)])
+    of = dict(zip(rippled.names, np.sqrt(np.diag(rippled.covariance)).tolist(), strict=True))
+    numbers = {f"ripple.{k}": n * of[f"ripple.{k}"] for k, n in zip("ab", sd, strict=True)}
+    return dataclasses.replace(rippled, model=rippled.model.with_parameters(numbers))
+
+
+def test_what_is_no_standard_deviation_from_nothing_is_nothing() -> None:
+    """All sizes have to be; its shape is no size."""
+    assert is_nothing(sized(mended(), 0.9, -0.9), "ripple")
+    assert not is_nothing(sized(mended(), 1.1, 0.0), "ripple")
+    assert not is_nothing(sized(mended(), 0.0, -1.1), "ripple")
+    assert not is_nothing(mended(), "coulomb")
+
+
+def test_what_is_nothing_goes_whatever_the_likelihood_says() -> None:
+    both = sized(mended(), 0.5, 0.5)
+    assert is_nothing(both, "ripple")
+    search = Search(
+        rubbing(), SENSOR, choosing=dataclasses.replace(DEFAULT, price=-1e3, tolerance=0.0, noise_share=0.0)
+    )
+    search.additions = [Addition(n, (), (), 1e-9, both) for n in ("coulomb", "ripple")]
+    search._pruned(both)
+    assert [a.name for a in search.additions] == ["coulomb"]
+
+
+def test_a_pattern_has_to_come_back() -> None:
+    """Twice within some record, and never as often as the motion does."""
+    search, chain = Search(rubbing(), SENSOR), base().chain
+    span = max(float(np.ptp(chain.smoothed[a:b, 0])) for a, b in pairwise(chain.first.tolist()))
+    duration = float(np.ptp(chain.clock))
+
+    def recurs(own: Effect) -> bool:
+        found = dataclasses.replace(base(), model=base().model.with_effect(own))
+        return search._recurs(Trial((own.name,), found, 1.0))
+
+    waves = 2.0 * math.pi / span
+    assert recurs(Ripple(a=0.1, order=max(2.0, 2.2 * waves))) and not recurs(Ripple(a=0.1, order=1.8 * waves))
+    assert recurs(Periodic(a=0.1, f=2.2 / duration)) and not recurs(Periodic(a=0.1, f=1.8 / duration))
+    assert recurs(Tilt(alpha=0.1)) and recurs(Coulomb(tau_c=0.1))
 
 
 def test_what_stays_pays() -> None:

@@ -1,0 +1,94 @@
+"""First fits from far off: of machines that friction rules, under torques that are no Gaussian process."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from sysid import Coulomb, GeneralJoint, Model, Record, Sensor, Viscous, diagnose, simulate
+from sysid.diagnosis.scores import scores
+from sysid.diagnosis.search import Search
+from sysid.estimation.chain import Chain
+from sysid.estimation.first_fit import BLOCKS, WINDOW, first_fit, with_best_memory, with_common, without_common
+from sysid.estimation.prediction import left_out
+from sysid.estimation.prediction_error import fit, with_likeliest_angle_error
+
+DT = 0.02
+SENSOR = Sensor(theta=0.0005, theta_dot=0.01)
+ROBOT = Model(GeneralJoint(J=0.5, G=3.0), (Viscous(b=3.0), Coulomb(tau_c=2.5)), dt=DT)
+NAMES = ("J", "G", "viscous.b", "coulomb.tau_c")
+TRUTH = np.array([0.5, 3.0, 3.0, 2.5])
+
+
+def driven(
+    frequencies: tuple[float, ...], seconds: float, rms: float, jolt: float = 0.0, seed: int = 0
+) -> list[Record]:
+    """The joint of a robot, a sine motion of 1 rad/s by each of these frequencies [Hz], friction fed forward.
+
+    Its gear adds a random torque, rms [N m] and T = 0.05 s, and at each reversal a jolt [N m] along the motion.
+    """
+    rng, N = np.random.default_rng(seed), round(seconds / DT)
+    w = 2.0 * math.pi * np.array(frequencies)[:, None]
+    phase = w * DT * np.arange(N)
+    theta, theta_dot, theta_ddot = math.pi + np.sin(phase) / w, np.cos(phase), -w * np.sin(phase)
+    J, G, b, tau_c = TRUTH
+    u = J * theta_ddot - G * np.sin(theta) + b * theta_dot + tau_c * np.tanh(theta_dot / 0.1)
+    kept, gear = math.exp(-DT / 0.05), rms * rng.standard_normal(u.shape)
+    for k in range(1, N):
+        gear[:, k] = kept * gear[:, k - 1] + math.sqrt(1.0 - kept**2) * gear[:, k]
+    gear += jolt * np.sign(theta_dot) * (np.abs(theta_dot) < 0.06)
+    run = simulate(ROBOT, u + gear, np.full(len(w), math.pi), np.ones(len(w)))
+    return [dataclasses.replace(r, u=own) for r, own in zip(run.measure(SENSOR, rng), u, strict=True)]
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_friction_far_above_gravity_and_inertia_is_found_from_a_default_joint(seed: int) -> None:
+    """Neither inertia nor gravity means anything before both frictions are known."""
+    records = driven((0.2, 0.4, 0.3), 7.0, 0.15, seed=seed)
+    found = diagnose(Model(GeneralJoint(), dt=DT), records, SENSOR, hold_out=1)
+    assert {s.effect for s in found.steps} == {"viscous", "coulomb"}
+    for name, value in zip(NAMES, TRUTH, strict=True):
+        assert found.estimate.values[name] == pytest.approx(value, rel=0.15)
+    assert found.error.ratio < 0.2 * found.base_error.ratio
+
+
+def test_the_memory_that_predicts_is_preferred_to_the_likeliest() -> None:
+    """A gear that jolts at each reversal: under the likeliest memory the numbers suit the jolts."""
+    records = driven((0.2, 0.3), 10.0, 0.15, jolt=2.5)
+    chain = Chain(ROBOT, records, SENSOR)
+    began = fit(chain, ROBOT, NAMES)
+    chosen = with_best_memory(began)
+    likely = with_likeliest_angle_error(began)
+    others = [fit(chain, began.model, NAMES, began, likely.with_memory(T)) for T in (0.01, 0.1)]
+    likeliest = min(others, key=lambda own: own.deviance)
+    assert chosen.disturbances.T != likeliest.disturbances.T, "the log does not tell likelihood from prediction"
+    gain, sd = left_out(chosen, WINDOW, BLOCKS).gain(left_out(likeliest, WINDOW, BLOCKS))
+    assert gain > sd
+    assert np.linalg.norm(chosen.values / TRUTH - 1.0) < np.linalg.norm(likeliest.values / TRUTH - 1.0)
+
+
+def test_a_first_fit_ends_in_the_plain_model_with_numbers_that_friction_has_not_bent() -> None:
+    start = Model(GeneralJoint(), dt=DT)
+    chain = Chain(start, driven((0.2, 0.4), 7.0, 0.0), SENSOR)
+    helped = with_common(chain, start, ("J", "G"))
+    assert {e.name for e in helped.model.effects} == {"viscous", "coulomb", "torque_bias"}
+    found = [float(helped.model.parameters[n].value) for n in NAMES]
+    np.testing.assert_allclose(found, TRUTH, rtol=0.02)
+    plain = first_fit(chain, start, ("J", "G"))
+    assert not plain.model.effects and plain.names == ("J", "G")
+    assert plain.deviance > helped.deviance + 100.0
+
+
+def test_friction_and_offset_as_the_first_fit_found_them_are_candidates() -> None:
+    """With their numbers, all together and without the least telling."""
+    start, records = Model(GeneralJoint(), dt=DT), driven((0.2, 0.4), 7.0, 0.15)
+    chain, search = Chain(start, records, SENSOR), Search(records, SENSOR)
+    helped = with_common(chain, start, ("J", "G"))
+    plain = without_common(helped, start, ("J", "G"))
+    search.last = scores(plain, ("viscous", "coulomb", "torque_bias"))
+    trials = search._common(plain, helped)
+    assert [t.effects for t in trials] == [("viscous", "coulomb", "torque_bias"), ("viscous", "coulomb")]
+    assert trials[0].fit is helped and all(t.merit > 100.0 for t in trials)

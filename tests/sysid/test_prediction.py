@@ -1,0 +1,119 @@
+"""Predictions: a better model is told from a worse one by how many windows it predicts better, not by a single one."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from sysid import RK4, GeneralJoint, Model, Record, Sensor, effect, simulate
+from sysid.estimation.chain import Chain
+from sysid.estimation.disturbances import Disturbances
+from sysid.estimation.prediction import SHORTEST, PredictionErrors, _without, left_out, windows_of
+from sysid.estimation.prediction_error import Fit, Settings, fit
+from sysid.excitation import multisine
+
+DT = 0.02
+SENSOR = Sensor(theta=0.003, theta_dot=0.05)
+JOINT = Model(GeneralJoint(J=0.3, G=2.0), (effect("viscous", b=0.07),), RK4(substeps=2), DT)
+NAMES = ("J", "G", "viscous.b")
+
+
+def errors(*squares: float) -> PredictionErrors:
+    """Windows of ten readings with these multiples of what the noise makes of them."""
+    return PredictionErrors(10.0 * np.array(squares), np.full(len(squares), 10.0))
+
+
+@cache
+def record(seconds: float) -> Record:
+    rng = np.random.default_rng(0)
+    run = simulate(JOINT, multisine(rng, round(seconds / DT), DT, 1.5, 2.0), math.pi + 0.5, 0.0)
+    return run.measure(SENSOR, rng)[0]
+
+
+def fitted(seconds: float) -> Fit:
+    chain = Chain(JOINT, [record(seconds)], SENSOR)
+    return fit(chain, JOINT, NAMES, disturbances=Disturbances(0.0), settings=Settings(sizes=False))
+
+
+# comparing -----------------------------------------------------------------------------------------------------
+
+
+def test_what_predicts_every_window_better_gains_and_the_other_loses() -> None:
+    better, worse = errors(*np.linspace(1.0, 2.0, 20)), errors(*np.linspace(3.0, 7.0, 20))
+    gain, sd = better.gain(worse)
+    loss, other_sd = worse.gain(better)
+    assert gain > 2.0 * sd > 0.0 and loss < -2.0 * other_sd < 0.0
+    assert better.gain(better) == (0.0, 0.0)
+
+
+def test_of_two_never_both_gain() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        a, b = (errors(*np.exp(rng.normal(0.0, 3.0, 8))) for _ in range(2))
+        assert a.gain(b)[0] + b.gain(a)[0] <= 1e-12
+
+
+def test_equal_sums_gain_what_the_other_loses() -> None:
+    a, b = errors(1.0, 2.0, 3.0, 8.0), errors(8.0, 3.0, 2.0, 1.0)
+    assert a.gain(b)[0] == pytest.approx(-b.gain(a)[0], abs=1e-12)
+    a, b = errors(1.0, 1.0, 1.0, 9.0), errors(3.0, 3.0, 3.0, 3.0)
+    assert a.gain(b)[0] == pytest.approx(-b.gain(a)[0]) and a.gain(b)[0] > 0.0
+
+
+@pytest.mark.parametrize("size", [1e4, 1e8])
+def test_a_window_that_runs_away_does_not_outweigh_the_others(size: float) -> None:
+    """What is worse in 29 windows of 30 is not better for the one in which the other runs away."""
+    worse, wild = errors(*[8.0] * 30), errors(*[1.0] * 29, size)
+    gain, sd = worse.gain(wild)
+    assert worse.ratio < wild.ratio, "by the sum of squares it would be"
+    assert gain < sd
+
+
+def test_what_runs_away_is_not_called_better() -> None:
+    """Even where it is better in all other windows: its numbers are those of no machine."""
+    tame, wild = errors(*[8.0] * 30), errors(*[1.0] * 29, 1e8)
+    assert wild.gain(tame)[0] < 0.0
+
+
+def test_a_difference_below_the_noise_is_hardly_a_gain() -> None:
+    """A window that is predicted to a hundredth of its noise is no hundred times better."""
+    gain, _ = errors(*[0.01] * 5).gain(errors(*[1.0] * 5))
+    assert 0.0 < gain < math.log(2.0)
+
+
+def test_a_single_window_proves_nothing() -> None:
+    gain, sd = errors(1.0).gain(errors(9.0))
+    assert gain > 0.0 and math.isinf(sd)
+
+
+# leaving out ---------------------------------------------------------------------------------------------------
+
+
+def test_a_perfect_model_predicts_what_was_left_out_to_the_noise() -> None:
+    assert left_out(fitted(12.0), 1.0, 8).ratio == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.parametrize(("seconds", "windows"), [(12.0, 12), (8.0, 8), (4.0, 8), (1.2, 4)])
+def test_windows_of_a_short_log_are_shorter(seconds: float, windows: int) -> None:
+    """So that there are as many as blocks, down to the shortest that says anything."""
+    found = left_out(fitted(seconds), 1.0, 8)
+    assert len(found.squares) == len(found.free) == windows
+    assert all(w.count * DT >= SHORTEST - 1e-9 for w in windows_of(fitted(seconds), seconds / windows))
+
+
+def test_what_is_left_out_did_not_choose_its_numbers() -> None:
+    """One Gauss-Newton step gives the numbers that a fit of the other record alone would have given."""
+    settings, none = Settings(sizes=False), Disturbances(0.0)
+    both = [record(4.0), replace(record(6.0), name="other")]
+    whole = fit(Chain(JOINT, both, SENSOR), JOINT, NAMES, disturbances=none, settings=settings)
+    rest = fit(Chain(JOINT, both[:1], SENSOR), JOINT, NAMES, disturbances=none, settings=settings)
+    other = [w for w in windows_of(whole, 1.0) if w.record == 1]
+    without = _without(whole, other).parameters
+    sd = np.sqrt(np.diag(rest.covariance))
+    found = np.array([float(without[n].value) for n in NAMES])
+    assert np.max(np.abs(whole.values - rest.values) / sd) > 0.3, "the records agree too well to tell"
+    assert np.max(np.abs(found - rest.values) / sd) < 0.1
