@@ -43,16 +43,12 @@ class Linearisation:
     S_x (K, R, 2)     derivative of the model's whitened readings with respect to the window's start
     S_p (K, R, P)     and to the parameters
     states (K, L+1, 2)
-    A (K, L, 2, 2)    one-step derivatives of the state
-    drives (N + 1, S) drive torques of the whole log
     """
 
     e: Array
     S_x: Array
     S_p: Array
     states: Array
-    A: Array
-    drives: Array
 
 
 class Response:
@@ -261,7 +257,7 @@ class Response:
         own = np.concatenate([np.zeros((2, len(p))), np.eye(len(p))])
         S = self.reading_slopes(p, states, Z, own) * self.weight[..., None]
         S = S.reshape(len(self.windows), -1, S.shape[-1])
-        return Linearisation(e, S[..., :2], S[..., 2:], states, A, drives)
+        return Linearisation(e, S[..., :2], S[..., 2:], states)
 
 
 def evaluate(function: casadi.Function, *inputs: Array) -> Array:
