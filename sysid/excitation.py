@@ -12,11 +12,6 @@ from sysid.records import Array, Record
 from sysid.simulate import simulate
 
 
-def uniform_noise(rng: np.random.Generator, n: int, u_max: float) -> Array:
-    """n torques, independent and uniform in [-u_max, u_max] [N m]."""
-    return rng.uniform(-u_max, u_max, n)
-
-
 def multisine(rng: np.random.Generator, n: int, dt: float, u_max: float, f_max: float, tones: int = 12) -> Array:
     """n torques [N m]: a sum of `tones` sines up to f_max [Hz], random phases, scaled to a peak of u_max."""
     t = dt * np.arange(n)

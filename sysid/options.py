@@ -12,7 +12,6 @@ from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction, arg
 Files = Annotated[Positional[tuple[Path, ...]], arg(metavar="LOG", help_behavior_hint="")]
 File = Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="")]
 Number = Annotated[float | None, arg(metavar="S", help_behavior_hint="")]
-Text = Annotated[str, arg(metavar="NAME=...", help_behavior_hint="")]
 AS_LOG = "(default: the log's)"
 Switch = FlagCreatePairsOff[Annotated[bool, arg(help_behavior_hint="")]]
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import matplotlib
@@ -75,28 +75,6 @@ def comparison(answer: Comparison) -> Figure:
             for name, axes in zip(torque.binned, middle.subplots(1, len(torque.binned)), strict=True):
                 over(torque, name, axes)
         _windows(answer, bottom)
-    return figure
-
-
-def comparison_figures(answer: Comparison) -> dict[str, Figure]:
-    """Each figure of a comparison by itself, by name."""
-    drawn: dict[str, Callable[[Axes], None]] = {"errors": lambda axes: errors(answer, axes)}
-    torque = answer.torque
-    if torque is not None:
-        drawn["map"] = lambda axes: state_map(torque, axes)
-        drawn["whiteness"] = lambda axes: whiteness(answer, axes)
-        for name in torque.binned:
-            drawn[f"over {name}"] = lambda axes, name=name: over(torque, name, axes)  # type: ignore[misc]
-    figures = {name: alone(draw) for name, draw in drawn.items()}
-    figures["worst windows"] = worst(answer)
-    return figures
-
-
-def alone(draw: Callable[[Axes], None], size: tuple[float, float] = (5.6, 3.6)) -> Figure:
-    """A figure of one panel, size [in]."""
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=size, layout="constrained")
-        draw(figure.add_subplot())
     return figure
 
 
@@ -216,14 +194,6 @@ def whiteness(answer: Comparison, axes: Axes) -> None:
     axes.set_title("Are the innovations white?")
     if answer.whiteness:
         axes.legend(loc="upper right", fontsize=8.0)
-
-
-def worst(answer: Comparison) -> Figure:
-    """The three worst windows: readings against the model."""
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(4.0 * len(answer.worst), 2.5 * len(answer.one_second.ratios)), layout="constrained")
-        _windows(answer, figure)
-    return figure
 
 
 def _windows(answer: Comparison, figure: FigureBase) -> None:

@@ -23,7 +23,6 @@ from sysid.sensor import Sensor
 from sysid.windows import Window
 
 Index = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 CHANNELS = ("theta", "theta_dot")
 
 
@@ -44,23 +43,12 @@ class Linearisation:
     S_x (K, R, 2)     derivative of the model's whitened readings with respect to the window's start
     S_p (K, R, P)     and to the parameters
     states (K, L+1, 2)
-    A (K, L, 2, 2)    one-step derivatives of the state
-    drives (N + 1, S) drive torques of the whole log
-    growth            the largest factor by which an initial error grows within a window
     """
 
     e: Array
     S_x: Array
     S_p: Array
     states: Array
-    A: Array
-    drives: Array
-    growth: float
-
-    @property
-    def cost(self) -> float:
-        """Half the sum of squared whitened residuals."""
-        return 0.5 * float(np.sum(self.e**2))
 
 
 class Response:
@@ -98,32 +86,12 @@ class Response:
         self.n_readings = np.count_nonzero(self.weight, axis=(0, 2))
 
     @cached_property
-    def scored(self) -> Mask:
-        """(K, L) whether the instant at an interval's end was read and is scored."""
-        return np.asarray(self.weight.max(axis=1)[:, 1:] > 0.0)
-
-    @cached_property
     def starts(self) -> Array:
         """States (K, 2) to begin a fit with: smoothed readings at the windows' first instants."""
         from sysid.identify.start import smooth_states
 
         smooth = [smooth_states(r, self.sensor) for r in self.records]
         return np.array([smooth[w.record][w.begin] for w in self.windows])
-
-    def clusters(self, seconds: float = 1.0, at_least: int = 30) -> Index:
-        """Number of the stretch of a record (K R,) that a reading lies in: `seconds` long, or shorter if few.
-
-        Sums over stretches vary by as much as coloured residuals let them (cluster-robust variances).
-        """
-        dt = self.model.dt
-        total = sum(len(r) for r in self.records) * dt
-        length = max(4.0 * dt, min(seconds, total / at_least))
-        ids = np.zeros(self.weight.shape, dtype=np.intp)
-        for i, w in enumerate(self.windows):
-            stretch = np.floor((w.begin + np.arange(self.length + 1)) * dt / length).astype(np.intp)
-            ids[i] = w.record * 10_000_000 + stretch
-        _, numbers = np.unique(ids.ravel(), return_inverse=True)
-        return np.asarray(numbers.ravel())
 
     # input path ----------------------------------------------------------------------------------------------
 
@@ -289,8 +257,7 @@ class Response:
         own = np.concatenate([np.zeros((2, len(p))), np.eye(len(p))])
         S = self.reading_slopes(p, states, Z, own) * self.weight[..., None]
         S = S.reshape(len(self.windows), -1, S.shape[-1])
-        growth = float(np.max(np.abs(Z[..., :2])))
-        return Linearisation(e, S[..., :2], S[..., 2:], states, A, drives, growth)
+        return Linearisation(e, S[..., :2], S[..., 2:], states)
 
 
 def evaluate(function: casadi.Function, *inputs: Array) -> Array:
@@ -308,14 +275,6 @@ def evaluate(function: casadi.Function, *inputs: Array) -> Array:
     buffer.set_res(0, out.data)
     run()
     return out
-
-
-def stretches(values: Array, clusters: Index) -> Array:
-    """Sums (G, Q) of values (rows, Q) over clusters (rows,)."""
-    order = np.argsort(clusters, kind="stable")
-    edges = np.flatnonzero(np.diff(clusters[order], prepend=-1))
-    sums: Array = np.add.reduceat(values[order], edges, axis=0)
-    return sums
 
 
 def propagate(A: Array, G: Array, initial: bool = True) -> Array:

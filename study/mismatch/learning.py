@@ -140,8 +140,7 @@ class Windows:
         A, G = self._slopes(p, states)
         Z = propagate(A, G)
         S = (np.swapaxes(Z, 1, 2) * self.response.weight[..., None]).reshape(*e.shape, Z.shape[-1])
-        growth = float(np.max(np.abs(Z[..., :2])))
-        return Linearisation(e, S[..., :2], S[..., 2:], states, A, self.commands, growth)
+        return Linearisation(e, S[..., :2], S[..., 2:], states)
 
     def _states(self, model: Model, starts: Array) -> Array:
         K, L, _ = self.commands.shape

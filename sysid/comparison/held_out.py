@@ -281,8 +281,8 @@ def _chosen(better: NDArray[np.bool_], new: Linearisation, old: Linearisation) -
     def pick(a: Array, b: Array) -> Array:
         return np.where(better.reshape(-1, *[1] * (a.ndim - 1)), a, b)
 
-    parts = {f: pick(getattr(new, f), getattr(old, f)) for f in ("e", "S_x", "S_p", "states", "A")}
-    return Linearisation(**parts, drives=new.drives, growth=new.growth)
+    parts = {f: pick(getattr(new, f), getattr(old, f)) for f in ("e", "S_x", "S_p", "states")}
+    return Linearisation(**parts)
 
 
 def multiple(ratio: float) -> str:

@@ -12,7 +12,6 @@ from sysid.model import Model
 from sysid.sensor import Sensor
 
 SCHEMA = "gapfinder/diagnosis/1"
-VERDICTS = ("adequate", "missing", "partly", "unknown", "cannot tell")
 
 
 @dataclass(frozen=True, eq=False)

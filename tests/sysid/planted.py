@@ -34,6 +34,7 @@ from sysid.excitation import steps
 DT = 0.02
 SENSOR = Sensor(0.003, 0.05)
 FEW = ("viscous", "coulomb", "tilt", "delay")
+VERDICTS = ("adequate", "missing", "partly", "unknown", "cannot tell")
 DEPENDENCES = {"theta", "theta_dot", "torque", "time", "history"}
 
 

@@ -25,7 +25,7 @@ from sysid import (
     Viscous,
     simulate,
 )
-from sysid.excitation import uniform_noise
+from tests.sysid.signals import uniform_noise
 
 ROD = RodPendulum(m=1.3, l=0.9)
 

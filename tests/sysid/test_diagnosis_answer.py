@@ -8,12 +8,13 @@ import json
 import pytest
 
 from sysid import CATALOGUE, diagnose
-from sysid.diagnosis.answer import SCHEMA, VERDICTS
+from sysid.diagnosis.answer import SCHEMA
 from sysid.logs import split
 from tests.sysid.planted import (
     DEPENDENCES,
     EVERY,
     SENSOR,
+    VERDICTS,
     logs,
     of,
     records_of,

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from sysid import paper_model, paper_rollouts
-from sysid.excitation import chirp, multisine, steps, uniform_noise
+from sysid.excitation import chirp, multisine, steps
 
 N, DT, U = 4000, 0.01, 1.5
 SIGNALS = {
-    "uniform noise": lambda rng: uniform_noise(rng, N, U),
     "multisine": lambda rng: multisine(rng, N, DT, U, 5.0),
     "chirp": lambda rng: chirp(N, DT, U, 0.1, 5.0),
     "steps": lambda rng: steps(rng, N, DT, U, 0.5),

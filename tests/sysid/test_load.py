@@ -18,7 +18,7 @@ from sysid import (
     Tilt,
     simulate,
 )
-from sysid.excitation import uniform_noise
+from tests.sysid.signals import uniform_noise
 
 U = uniform_noise(np.random.default_rng(0), 200, 2.0)
 

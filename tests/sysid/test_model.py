@@ -19,7 +19,7 @@ from sysid import (
     paper_model,
     simulate,
 )
-from sysid.excitation import uniform_noise
+from tests.sysid.signals import uniform_noise
 
 
 def test_back_ends_agree_for_every_plant_without_effects(plant, integrator, agree):

@@ -27,10 +27,11 @@ from sysid import (
     paper_rollouts,
     simulate,
 )
-from sysid.excitation import multisine, steps, uniform_noise
+from sysid.excitation import multisine, steps
 from sysid.logs import read
 from sysid.noise import sensor_noise
 from sysid.quantum import quantum
+from tests.sysid.signals import uniform_noise
 
 REAL = Path(__file__).parents[3] / "shared" / "data" / "logs"
 USUAL, LOUD = Sensor(theta=0.003, theta_dot=0.05), Sensor(theta=0.02, theta_dot=0.4)

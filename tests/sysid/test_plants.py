@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sysid import CATALOGUE, RK4, GeneralJoint, LinearAxis, Model, PointMassPendulum, RodPendulum, paper_model, simulate
-from sysid.excitation import uniform_noise
+from tests.sysid.signals import uniform_noise
 
 
 @pytest.mark.parametrize(("m", "l"), [(1.0, 1.0), (2.0, 1.5), (0.4, 0.7)])

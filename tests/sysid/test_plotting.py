@@ -44,7 +44,10 @@ def words(figure: Figure) -> str:
 def test_a_comparison_on_one_page(answer: Comparison) -> None:
     figure = answer.plot()
     assert len(rendered(figure)) > 20_000
-    assert answer.sentence.split(":")[0] in words(figure)
+    said = words(figure)
+    assert answer.sentence.split(":")[0] in said
+    for unit in ("[rad]", "[rad/s]", "[N m]"):
+        assert unit in said
 
 
 @pytest.mark.filterwarnings("error")
@@ -53,27 +56,16 @@ def test_a_comparison_of_one_channel_of_a_perfect_model(sensor: Sensor) -> None:
     rendered(compare(ROD, logs(ROD, sensor, n=1), sensor).plot())
 
 
-@pytest.mark.filterwarnings("error")
-def test_each_figure_alone_has_units(answer: Comparison) -> None:
-    figures = plotting.comparison_figures(answer)
-    assert set(figures) == {
-        "errors", "map", "whiteness", "worst windows", "over theta", "over theta_dot", "over torque", "over time",
-    }  # fmt: skip
-    for figure in figures.values():
-        rendered(figure)
-    for name, unit in {"errors": "rad/s", "map": "[N m]", "over theta": "[rad]", "over theta_dot": "[rad/s]"}.items():
-        assert unit in words(figures[name]), name
-
-
 def test_the_curve_that_is_drawn_is_the_answer(answer: Comparison) -> None:
     torque = answer.torque
     assert torque is not None
     over = torque.over("theta")
-    figure = plotting.alone(lambda axes: plotting.over(torque, "theta", axes))
-    drawn = figure.axes[0].lines[1].get_ydata()
+    by_angle, in_time = Figure().subplots(1, 2)
+    plotting.over(torque, "theta", by_angle)
+    drawn = by_angle.lines[1].get_ydata()
     assert len(drawn) > 5 and np.all(np.isin(drawn, over.mean))
-    figure = plotting.alone(lambda axes: plotting.over(torque, "time", axes))
-    np.testing.assert_array_equal(figure.axes[0].lines[1].get_ydata(), torque.records[0].d)
+    plotting.over(torque, "time", in_time)
+    np.testing.assert_array_equal(in_time.lines[1].get_ydata(), torque.records[0].d)
 
 
 @pytest.mark.filterwarnings("error")
@@ -83,10 +75,8 @@ def test_an_axis_is_drawn_in_metres_and_newtons() -> None:
     rough = axis.with_effect(Viscous(b=0.3))
     records = simulate(rough, u, np.zeros(2), np.zeros(2)).measure(Sensor(0.001, 0.01), rng)
     found = compare(axis, records, Sensor(0.001, 0.01))
-    for name, figure in plotting.comparison_figures(found).items():
-        rendered(figure)
-        assert "rad" not in words(figure) and "N m" not in words(figure), name
     said = words(found.plot())
+    assert "rad" not in said and "N m" not in said
     for label in ("position $x$ [m]", r"speed $\dot x$ [m/s]", "force [N]", "Force beyond the model"):
         assert label in said, label
 
@@ -102,6 +92,4 @@ def test_a_model_that_runs_away_is_drawn() -> None:
 def test_a_name_is_no_formula() -> None:
     name = r"$\frac$ & a name that is longer than any panel is wide"
     answer = compare(ROD, [replace(r, name=name) for r in logs(ROD, n=1)], SENSOR)
-    for figure in plotting.comparison_figures(answer).values():
-        rendered(figure)
     rendered(answer.plot())

@@ -18,10 +18,11 @@ from sysid import Coulomb, InvalidInput, LinearAxis, Model, Record, RodPendulum,
 from sysid import report_figures as figures
 from sysid import typography as set_as
 from sysid.comparison.held_out import held_out_error
-from sysid.diagnosis.answer import VERDICTS, Diagnosis, Ranked, Remaining, Step
+from sysid.diagnosis.answer import Diagnosis, Ranked, Remaining, Step
 from sysid.excitation import steps
 from sysid.logs import split
 from sysid.report import page_of, write_report
+from tests.sysid.planted import VERDICTS
 
 SENSOR = Sensor(0.003, 0.05)
 ROD = Model(RodPendulum(m=1.0, l=0.9), dt=0.02)

@@ -28,7 +28,7 @@ from sysid import (
     simulate,
 )
 from sysid.excitation import multisine
-from sysid.response import CHANNELS, Response, evaluate, propagate, stretches
+from sysid.response import CHANNELS, Response, evaluate, propagate
 from sysid.windows import cut
 
 DT = 0.02
@@ -248,45 +248,6 @@ def test_propagation_of_no_parameter_is_the_transition() -> None:
     np.testing.assert_allclose(Z[:, -1], A[:, 4] @ A[:, 3] @ A[:, 2] @ A[:, 1] @ A[:, 0])
 
 
-def test_growth_is_that_of_an_initial_error() -> None:
-    """About the upright rod an error grows as cosh(sqrt(3 g / (2 l)) t), its speed by that root more."""
-    model = Model(RodPendulum(m=1.0, l=0.9, g=9.81), dt=DT)
-    record = Record(DT * np.arange(101), np.zeros(100), np.zeros(101), np.zeros(101))
-    lin = Response(model, ("m",), [record], BOTH, cut([record])).linearise(np.ones(1), np.zeros((1, 2)))
-    rate = math.sqrt(1.5 * 9.81 / 0.9)
-    assert lin.growth == pytest.approx(rate * math.sinh(2.0 * rate), rel=1e-4)
-
-
-def test_stretches_add_up_and_clusters_cover_the_log() -> None:
-    records = logs(rod(), (100, 151))
-    response = Response(rod(), ("m",), records, BOTH, cut(records, 1.0))
-    for at_least in (4, 30):
-        clusters = response.clusters(1.0, at_least)
-        assert clusters.shape == (response.weight.size,)
-        scored = response.weight.ravel() > 0.0
-        assert len(np.unique(clusters[scored])) >= min(at_least, int(5.02 / (4.0 * DT)) - 2)
-        values = np.random.default_rng(0).standard_normal((len(clusters), 2))
-        sums = stretches(values, clusters)
-        expected = [values[clusters == c].sum(axis=0) for c in np.unique(clusters)]
-        np.testing.assert_allclose(sums, expected)
-        owner = np.repeat([w.record for w in response.windows], response.weight[0].size)
-        assert all(len(np.unique(owner[clusters == c])) == 1 for c in np.unique(clusters)), (
-            "stretches end with a record"
-        )
-
-
-def test_a_clusters_readings_are_near_in_time_however_the_log_is_cut() -> None:
-    records = logs(rod(), (150,))
-    spans = []
-    for length in (0.5, math.inf):
-        response = Response(rod(), ("m",), records, BOTH, cut(records, length))
-        scored = response.weight > 0.0
-        time = np.broadcast_to(response.time[:, None], scored.shape)[scored]
-        clusters = response.clusters()[scored.ravel()]
-        spans.append(sorted((time[clusters == c].min(), time[clusters == c].max()) for c in np.unique(clusters)))
-    np.testing.assert_allclose(spans[0], spans[1])
-
-
 def test_a_mapped_function_gives_what_casadi_gives_with_rows_for_columns() -> None:
     rng = np.random.default_rng(0)
     x, y, none = casadi.SX.sym("x", 2), casadi.SX.sym("y", 3), casadi.SX.sym("none", 0)
@@ -303,7 +264,7 @@ def test_a_motion_that_is_known_changes_nothing() -> None:
     p = np.array([0.9, 0.05])
     alone = response.linearise(p, response.starts)
     given = response.linearise(p, response.starts, response.motion(p, response.starts))
-    for name in ("e", "S_x", "S_p", "states", "A", "drives"):
+    for name in ("e", "S_x", "S_p", "states"):
         np.testing.assert_array_equal(getattr(alone, name), getattr(given, name))
 
 

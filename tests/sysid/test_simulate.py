@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sysid import InvalidInput, Sensor, paper_model, simulate
-from sysid.excitation import uniform_noise
+from tests.sysid.signals import uniform_noise
 
 MODEL = paper_model(2.0, 1.5)
 
