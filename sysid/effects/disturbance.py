@@ -26,6 +26,7 @@ class TorqueBias(JointEffect):
 
     words: ClassVar[str] = "a constant torque"
     rarity: ClassVar[float] = 1.0
+    imitates: ClassVar[str] = "theta"
     formula: ClassVar[str] = "tau = tau_0"
     confused: ClassVar[tuple[str, ...]] = ("spring", "tilt", "drift", "asymmetric_coulomb", "angle_offset")
     tau_0: Value = parameter(0.0, unit="N m", bounds=(-math.inf, math.inf), neutral=0.0)

@@ -21,6 +21,7 @@ class AngleOffset(OutputEffect):
 
     words: ClassVar[str] = "an offset of the angle readings"
     rarity: ClassVar[float] = 1.0
+    imitates: ClassVar[str] = "theta"
     formula: ClassVar[str] = "reading = theta + offset"
     confused: ClassVar[tuple[str, ...]] = ("tilt", "torque_bias")
     offset: Value = parameter(0.0, unit="rad", bounds=(-1.0, 1.0), neutral=0.0)
