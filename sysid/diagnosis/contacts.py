@@ -105,15 +105,13 @@ def slow(d: Array, record: NDArray[np.intp], dt: float) -> Array:
 
     nan where the window would reach beyond the record.
     """
-    from scipy.signal import fftconvolve
-
     half = max(1, round(HAND / dt))
     window = np.hanning(2 * half + 1)
     smooth = np.full_like(d, np.nan)
     for i in range(int(record[-1]) + 1):
         own = np.flatnonzero(record == i)
         if len(own) > 2 * half:
-            smooth[own[half:-half]] = fftconvolve(d[own], window / window.sum(), "valid")
+            smooth[own[half:-half]] = np.convolve(d[own], window / window.sum(), "valid")
     return smooth
 
 

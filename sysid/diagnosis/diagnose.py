@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
+from scipy.special import chdtrc
 
 from sysid.comparison.held_out import HeldOutError, held_out_error
 from sysid.diagnosis.answer import Diagnosis, MissingTorque, Ranked, Remaining, Step
@@ -328,10 +329,8 @@ class _Report:
         )
 
     def _p_value(self, name: str) -> float:
-        from scipy.stats import chi2
-
         score = self.search.first[name]
-        return min(1.0, float(chi2.sf(score.lm, max(len(score.sizes), 1))) * len(self.search.first))
+        return min(1.0, float(chdtrc(max(len(score.sizes), 1), score.lm)) * len(self.search.first))
 
     def _same(self, name: str) -> tuple[str, ...]:
         first, own = self.search.first, self.search.first[name]

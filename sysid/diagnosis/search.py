@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.special import chdtrc
 
 from sysid.diagnosis.choosing import COMPOSITES, DEFAULT, PREFERRED, Choosing
 from sysid.diagnosis.scores import Score, alikeness, price, scores
@@ -239,8 +240,6 @@ class Search:
         return [t for t in found if t.fit.deviance < best.fit.deviance + 3.0 * self.choosing.close]
 
     def _added(self, now: Fit, chosen: Trial, trials: Sequence[Trial]) -> Fit:
-        from scipy.stats import chi2
-
         for name in chosen.effects:
             own = self.last[name]
             held = {t.effects[0] for t in trials if len(t.effects) == 1 and at_bound(t.fit, t.effects[0])} - {name}
@@ -259,7 +258,7 @@ class Search:
                     and alikeness(self.last[t.effects[0]], own) > self.choosing.rival
                 )
             numbers = len(chosen.fit.names) - len(now.names)
-            p = float(chi2.sf(max(now.deviance - chosen.fit.deviance, 0.0), numbers))
+            p = float(chdtrc(numbers, max(now.deviance - chosen.fit.deviance, 0.0)))
             self.additions.append(Addition(name, same, close, p, chosen.fit))
         return fit(now.chain, chosen.fit.model, chosen.fit.names, chosen.fit)
 
