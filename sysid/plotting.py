@@ -168,7 +168,10 @@ def _over_time(torque: ResidualTorque, axes: Axes) -> None:
         middles.append(0.5 * (t[0] + t[-1]))
         begin = float(t[-1]) + gap
     if len(names) <= 4:
-        axes.set_xticks(middles, [short(n, 60 // len(names)) for n in names])
+        room = 30 // len(names)
+        begins = [f"from {r.t[0]:.3g} s" for r in torque.records]  # tells the parts of one rollout apart
+        long = max(map(len, names)) > room and len(set(begins)) == len(names)
+        axes.set_xticks(middles, begins if long else [short(n, room) for n in names])
         axes.tick_params(axis="x", length=0)
     axes.set_xlabel("time, rollout after rollout" + ("" if len(names) <= 4 else " [s]"))
 
