@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from sysid.comparison.held_out import HeldOutError, finite, held_out_error
+from sysid.diagnosis.choosing import DEFAULT
 from sysid.diagnosis.residual_torque import followed
 from sysid.diagnosis.scores import Score, alikeness, price, scores
 from sysid.effects import CATALOGUE, Effect, Joint, JointEffect
@@ -24,8 +25,6 @@ EACH = 9.0
 """Decrease of the deviance that each number of a cause has to promise: noise does so in 3 of 1000 logs."""
 LEAST = 0.05
 """Share of the squared error beyond the noise that a second cause must explain."""
-ALIKE = 0.995
-"""Alikeness from which it takes 100 times the evidence to tell two effects that it takes to find one."""
 MOST = 3
 """Causes at a time."""
 TRIED = 4
@@ -143,7 +142,9 @@ def _best(found: Fit, free: Sequence[str]) -> tuple[Effect, tuple[str, ...]] | N
 def _alike(tested: dict[str, Score], name: str) -> tuple[str, ...]:
     if name not in tested:
         return ()
-    return tuple(n for n, s in tested.items() if n != name and s.lm > 0.0 and alikeness(s, tested[name]) > ALIKE)
+    return tuple(
+        n for n, s in tested.items() if n != name and s.lm > 0.0 and alikeness(s, tested[name]) > DEFAULT.alike
+    )
 
 
 def _settled(found: Fit, effect: Effect) -> tuple[Effect, float]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from sysid.estimation.prediction import BLOCKS, WINDOW
+
 
 @dataclass(frozen=True)
 class Choosing:
@@ -33,7 +35,7 @@ class Choosing:
     price: float = 3.0
     tolerance: float = 0.02
     noise_share: float = 0.07
-    window: float = 1.0
+    window: float = WINDOW
     steps: int = 6
     trials: int = 9
     same: float = 1.0 - 1e-5
@@ -44,7 +46,7 @@ class Choosing:
     enough: float = 0.3
     most: float = 2.0 / 3.0
     recurrences: float = 2.0
-    blocks: int = 8
+    blocks: int = BLOCKS
 
 
 DEFAULT = Choosing()

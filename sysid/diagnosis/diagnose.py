@@ -138,12 +138,6 @@ def _known(effects: Iterable[str]) -> tuple[str, ...]:
     return names
 
 
-def _at_bounds(fit: Fit) -> set[str]:
-    """The free numbers that ended at a bound, where that is not the one at which an effect changes nothing."""
-    own = {n: fit.model.parameters[n] for n in fit.names}
-    return {n for n, p in own.items() if float(p.value) in p.bounds and float(p.value) != p.neutral}
-
-
 class _Report:
     """Puts the way of a search into numbers; errors are held-out."""
 
@@ -214,7 +208,7 @@ class _Report:
                 continue
             fewer = [a for a in self.additions if a is not addition]
             without = self._torque(self._with(fewer)[0]).after
-            bent = _at_bounds(end) - _at_bounds(self.base)
+            bent = end.at_bounds - self.base.at_bounds
             if bent or torque.after**2 > (1.0 - self.search.choosing.most) * without**2:
                 self.unconfirmed.append(addition.name)
                 self.additions = fewer

@@ -17,7 +17,7 @@ from sysid.errors import InvalidInput
 from sysid.estimation.chain import Chain, level
 from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.kalman import Filter
-from sysid.estimation.prediction_error import QUICK, Fit, Settings, fit, likelier
+from sysid.estimation.prediction_error import QUICK, Fit, Settings, fit, likelier, likeliest
 from sysid.model import Model
 from sysid.records import Array, Record
 from sysid.sensor import Sensor
@@ -253,18 +253,8 @@ def followed(chain: Chain, model: Model) -> Fit:
         begun = fit(chain, model, (), disturbances=Disturbances(0.3 * level(chain), MEMORY), settings=SETTINGS)
     if not math.isfinite(begun.deviance):
         raise InvalidInput("the model runs away from these records within a sample: no torque can be told beside it")
-    return fit(chain, model, (), begun, _likeliest(begun), SETTINGS)
-
-
-def _likeliest(begun: Fit) -> Disturbances:
-    """The random torque of that size and correlation time under which the log is likeliest."""
-    deviances = dict[Disturbances, float]()
-    for T in MEMORIES:
-        trial = begun.disturbances.with_memory(T)
-        for _ in range(3):
-            trial = likelier(begun.linearised, trial, _FLOOR, angle_error=False)
-        deviances[trial] = begun.linearised.system.filter(trial).deviance
-    return min(deviances, key=lambda own: deviances[own])
+    trials = (begun.disturbances.with_memory(T) for T in MEMORIES)
+    return fit(chain, model, (), begun, likeliest(begun.linearised, trials, angle_error=False), SETTINGS)
 
 
 def torque_of(found: Fit) -> ResidualTorque:

@@ -70,6 +70,7 @@ class Search:
     last: dict[str, Score] = field(default_factory=dict)
     negligible: list[str] = field(default_factory=list)
     stages: list[tuple[tuple[Addition, ...], Fit]] = field(default_factory=list)
+    left: dict[Fit, PredictionErrors] = field(default_factory=dict)
 
     def run(self, model: Model, names: Sequence[str]) -> tuple[Fit, Fit]:
         """The fit of the model as it came, and the one at the end of the loop."""
@@ -81,14 +82,16 @@ class Search:
         for k in range(self.choosing.steps):
             self.tell(f"testing {len(CATALOGUE)} effects" if not k else "testing what else is missing")
             self.last = scores(now, self.effects)
+            self.left.clear()
             self.first = self.first or self.last
             trials = self._trials(now)
             if not k:
                 trials = sorted([*trials, *self._common(now, helped)], key=lambda t: t.merit, reverse=True)
             chosen = self._chosen(now, trials)
             if chosen is None and not now.undisturbed:
-                trials = [*trials, *self._composites(now, trials)]
-                chosen = self._chosen(now, trials)
+                composites = self._composites(now, trials)
+                trials = [*trials, *composites]
+                chosen = self._chosen(now, trials, composites)
             self.trials = self.trials or trials
             if chosen is None:
                 break
@@ -179,17 +182,15 @@ class Search:
 
     # choosing ------------------------------------------------------------------------------------------------
 
-    def _chosen(self, now: Fit, trials: Sequence[Trial]) -> Trial | None:
-        """The best that pays, does not predict worse where it was not fitted, and matters."""
-        ranked = [t for t in trials if t.merit > 0.0]
+    def _chosen(self, now: Fit, trials: Sequence[Trial], among: Sequence[Trial] | None = None) -> Trial | None:
+        """The best of the trials, or `among` them, that pays, predicts left-out stretches no worse, and matters."""
+        ranked = [t for t in (trials if among is None else among) if t.merit > 0.0]
         if not ranked:
             return None
-        near = self._preferred(now, ranked[0])
-        before = left_out(now, self.choosing.window, self.choosing.blocks)
-        for trial in (*near, *ranked):
+        for trial in (*self._preferred(now, ranked[0]), *ranked):
             if not self._recurs(trial) or not self._beats_its_simpler_forms(trial, trials):
                 continue
-            if self._predicts(before, trial.fit) and matters(now.model, trial.fit, self.choosing):
+            if self._predicts(now, trial.fit) and matters(now.model, trial.fit, self.choosing):
                 return trial
             if len(trial.effects) == 1 and trial.effects[0] not in self.negligible:
                 self.negligible.append(trial.effects[0])
@@ -198,12 +199,11 @@ class Search:
     def _beats_its_simpler_forms(self, trial: Trial, trials: Sequence[Trial]) -> bool:
         """Whether a refinement predicts left-out stretches better than what it refines, and by what matters."""
         simpler = {frozenset(own) for name in trial.effects for own in CATALOGUE[name].refines}
-        for other in trials:
-            if frozenset(other.effects) in simpler and other.merit > 0.0:
-                left = left_out(other.fit, self.choosing.window, self.choosing.blocks)
-                if not (self._predicts(left, trial.fit) and matters(other.fit.model, trial.fit, self.choosing)):
-                    return False
-        return True
+        return all(
+            self._predicts(other.fit, trial.fit) and matters(other.fit.model, trial.fit, self.choosing)
+            for other in trials
+            if frozenset(other.effects) in simpler and other.merit > 0.0
+        )
 
     def _recurs(self, trial: Trial) -> bool:
         """Whether a pattern comes back as often as it takes to believe in one, in some record."""
@@ -216,11 +216,17 @@ class Search:
                     return False
         return True
 
-    def _predicts(self, before: PredictionErrors, after: Fit) -> bool:
+    def _predicts(self, before: Fit, after: Fit) -> bool:
         """Whether left-out stretches are predicted no worse, and better where the model still lacks something:
         likelihood alone believes too much there."""
-        gain, sd = left_out(after, self.choosing.window, self.choosing.blocks).gain(before)
+        gain, sd = self._left_out(after).gain(self._left_out(before))
         return math.isfinite(gain) and gain > (-sd if after.undisturbed else 0.0)
+
+    def _left_out(self, own: Fit) -> PredictionErrors:
+        """The errors on left-out stretches; those of a round are asked for several times."""
+        if own not in self.left:
+            self.left[own] = left_out(own, self.choosing.window, self.choosing.blocks)
+        return self.left[own]
 
     def _preferred(self, now: Fit, best: Trial) -> list[Trial]:
         """The commoner effects that explain the log as well as the best one, begun where that ended."""
@@ -309,8 +315,7 @@ def gain(found: Fit, other: Fit, effects: Sequence[str]) -> float:
 
 def at_bound(found: Fit, name: str) -> bool:
     """Whether one of the effect's numbers ended at a bound that is not its neutral value."""
-    own = next(e for e in found.model.effects if e.name == name)
-    return any(float(p.value) in p.bounds and float(p.value) != p.neutral for p in own.parameters.values())
+    return any(n.startswith(f"{name}.") for n in found.at_bounds)
 
 
 def matters(before: Model, after: Fit, choosing: Choosing) -> bool:

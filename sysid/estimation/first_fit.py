@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from sysid.effects import CATALOGUE
 from sysid.estimation.chain import Chain
-from sysid.estimation.prediction import left_out
+from sysid.estimation.prediction import BLOCKS, WINDOW, left_out
 from sysid.estimation.prediction_error import Fit, fit, with_likeliest_angle_error
 from sysid.identify.rough import rough
 from sysid.model import Model
@@ -19,8 +19,6 @@ begins at that share of the largest drive torque."""
 
 MEMORIES = (0.01, 0.1, 1.0)
 """Correlation times [s] of the random torque that are tried: about white, and up to the length of a prediction."""
-WINDOW, BLOCKS = 1.0, 8
-"""Horizon [s] of the predictions that choose among them, and how many stretches of the log are left out in turn."""
 
 
 def first_fit(chain: Chain, model: Model, names: Sequence[str]) -> Fit:

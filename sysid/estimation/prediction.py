@@ -13,6 +13,8 @@ from sysid.model import Model
 from sysid.records import Array
 from sysid.windows import Window, cut
 
+WINDOW, BLOCKS = 1.0, 8
+"""Horizon [s] of a prediction, and how many stretches of a log are left out in turn."""
 SHORTEST = 0.3
 """Horizon [s] below which a prediction says little more than the sensor."""
 
@@ -67,8 +69,9 @@ def left_out(fit: Fit, seconds: float, blocks: int) -> PredictionErrors:
 def moved(before: Model, after: Model, fit: Fit, seconds: float) -> tuple[float, float]:
     """RMS difference of two models' predictions, and the RMS error of the second, in units of the sensor noise."""
     records, sensor = fit.chain.records, fit.chain.sensor
-    a = refit_windows(before, records, sensor, cut(records, seconds, max(lead_of(before), lead_of(after))))
-    b = refit_windows(after, records, sensor, cut(records, seconds, max(lead_of(before), lead_of(after))), a)
+    windows = cut(records, seconds, max(lead_of(before), lead_of(after)))
+    a = refit_windows(before, records, sensor, windows)
+    b = refit_windows(after, records, sensor, windows, a)
     scored = a.scored > 0.0
     with np.errstate(over="ignore", invalid="ignore"):
         apart = np.where(scored, a.lin.e - b.lin.e, 0.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -153,6 +153,12 @@ class Fit:
     def basis(self) -> Array:
         """Orthonormal columns (2 M, P) of what the free parameters can do to the innovations."""
         return np.linalg.qr(self.Z)[0] if len(self.names) else self.Z
+
+    @property
+    def at_bounds(self) -> set[str]:
+        """The free numbers that ended at a bound, where that is not the one at which an effect changes nothing."""
+        own = {n: self.model.parameters[n] for n in self.names}
+        return {n for n, p in own.items() if float(p.value) in p.bounds and float(p.value) != p.neutral}
 
     @property
     def inertia(self) -> float:
@@ -374,15 +380,20 @@ def _logs(disturbances: Disturbances) -> Array:
     return np.log(np.maximum([disturbances.s, disturbances.sigma_o], 1e-300))
 
 
+def likeliest(linearised: LinearisedModel, begins: Iterable[Disturbances], angle_error: bool = True) -> Disturbances:
+    """The likeliest of disturbances about the same motion, each first moved to likelier sizes."""
+    floor, deviances = np.array([-40.0, -40.0]), dict[Disturbances, float]()
+    for begun in begins:
+        trial = begun
+        for _ in range(3):
+            trial = likelier(linearised, trial, floor, angle_error)
+        deviances[trial] = linearised.system.filter(trial).deviance
+    return min(deviances, key=lambda own: deviances[own])
+
+
 def with_likeliest_angle_error(fitted: Fit, times: Sequence[float] = (0.03, 0.3, 1.0)) -> Disturbances:
     """The disturbances of that correlation time T_o [s] of the angle's error under which the log is likeliest."""
-    floor, deviances = np.array([-40.0, -40.0]), dict[Disturbances, float]()
-    for T_o in times:
-        trial = replace(fitted.disturbances, T_o=T_o)
-        for _ in range(3):
-            trial = likelier(fitted.linearised, trial, floor)
-        deviances[trial] = fitted.linearised.system.filter(trial).deviance
-    return min(deviances, key=lambda own: deviances[own])
+    return likeliest(fitted.linearised, (replace(fitted.disturbances, T_o=T_o) for T_o in times))
 
 
 def bounded_step(Z: Array, e: Array, low: Array, high: Array) -> Array:
