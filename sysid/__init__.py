@@ -68,7 +68,7 @@ if TYPE_CHECKING:  # what type checkers and editors see
     from sysid.fit import fit
     from sysid.identify import GridSearch, Identifier, LeastSquares, UnscentedKalman
     from sysid.integrators import RK4, Integrator, SemiImplicitEuler
-    from sysid.logs import Log, read, split
+    from sysid.logs import Log, read
     from sysid.model import Model, State, paper_model
     from sysid.noise import sensor_noise
     from sysid.parameters import Extent, Parameter, parameter
@@ -77,6 +77,7 @@ if TYPE_CHECKING:  # what type checkers and editors see
     from sysid.sensitivity import fisher_information
     from sysid.sensor import Sensor
     from sysid.simulate import Trajectory, simulate
+    from sysid.splitting import split
     from sysid.user_effects import load_effects
 
 _HOME = {
@@ -100,7 +101,7 @@ _HOME = {
         "fit": "fit",
         "identify": "GridSearch Identifier LeastSquares UnscentedKalman",
         "integrators": "Integrator RK4 SemiImplicitEuler",
-        "logs": "Log read split",
+        "logs": "Log read",
         "model": "Model State paper_model",
         "noise": "sensor_noise",
         "parameters": "Extent Parameter parameter",
@@ -109,6 +110,7 @@ _HOME = {
         "sensitivity": "fisher_information",
         "sensor": "Sensor",
         "simulate": "Trajectory simulate",
+        "splitting": "split",
         "user_effects": "load_effects",
     }.items()
     for name in names.split()

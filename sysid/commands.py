@@ -20,12 +20,13 @@ from sysid.files import save_text
 from sysid.fit import fit, free
 from sysid.integrators import RK4
 from sysid.log_settings import settled
-from sysid.logs import Log, read, split
+from sysid.logs import Log, read
 from sysid.model import Model
 from sysid.options import Add, Compare, Diagnose, Effects, Experiment, Fit, LogOptions, ModelOptions
 from sysid.plants import GeneralJoint, LinearAxis, Plant, PointMassPendulum, RodPendulum
 from sysid.records import Record
 from sysid.sensor import Sensor
+from sysid.splitting import split
 
 if TYPE_CHECKING:
     from sysid.planning.signals import Limits

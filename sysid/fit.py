@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from sysid.diagnosis.candidates import alternatives
-from sysid.diagnosis.scores import score
-from sysid.diagnosis.search import extended
 from sysid.errors import InvalidInput
 from sysid.estimate import Estimate
+from sysid.estimation.candidates import alternatives
 from sysid.estimation.chain import Chain
 from sysid.estimation.first_fit import first_fit
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.prediction_error import fit as prediction_error
+from sysid.estimation.refits import extended
+from sysid.estimation.scores import score
 from sysid.identify.identifier import free_parameters
 from sysid.model import Model
 from sysid.records import Record, check_records, extent_of

@@ -16,12 +16,12 @@ from sysid.diagnosis.contacts import Touched
 from sysid.diagnosis.residual_torque import ResidualTorque, residual_torque
 from sysid.effects import CATALOGUE
 from sysid.errors import InvalidInput
-from sysid.logs import split
 from sysid.model import Model
 from sysid.page import Page, Picture, Section, Table, horizons, physical, picture, settings
 from sysid.plants import Plant
 from sysid.records import Record, told_apart
 from sysid.sensor import Sensor
+from sysid.splitting import split
 from sysid.typography import sentence
 
 if TYPE_CHECKING:

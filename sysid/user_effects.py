@@ -13,9 +13,9 @@ from types import TracebackType
 import casadi
 import numpy as np
 
-from sysid.diagnosis.candidates import Alternative, alternatives
 from sysid.effects import CATALOGUE, Effect
 from sysid.errors import InvalidInput
+from sysid.estimation.candidates import Alternative, alternatives
 from sysid.model import Model
 from sysid.ops import Value
 from sysid.parameters import Extent

@@ -8,13 +8,13 @@ from typing import Any
 
 from sysid.comparison.held_out import HeldOutError, held_out_error
 from sysid.diagnosis.channels import relied_on
-from sysid.diagnosis.scores import scores
-from sysid.diagnosis.search import extended
 from sysid.effects import effect
 from sysid.errors import InvalidInput
 from sysid.estimate import Estimate
 from sysid.estimation.chain import Chain
 from sysid.estimation.first_fit import first_fit
+from sysid.estimation.refits import extended
+from sysid.estimation.scores import scores
 from sysid.fit import free
 from sysid.model import Model
 from sysid.records import Record, check_records
@@ -72,8 +72,8 @@ def add(
 
     Raises InvalidInput for an effect that is unknown, already there, excluded by another or without any influence here.
     """
-    from sysid.logs import split
     from sysid.noise import sensor_noise
+    from sysid.splitting import split
 
     names = model.names if isinstance(model, Estimate) else free(model)
     if isinstance(model, Estimate):

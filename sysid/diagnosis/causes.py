@@ -12,10 +12,10 @@ import numpy as np
 from sysid.comparison.held_out import HeldOutError, finite, held_out_error
 from sysid.diagnosis.choosing import DEFAULT
 from sysid.diagnosis.residual_torque import followed
-from sysid.diagnosis.scores import Score, alikeness, price, scores
 from sysid.effects import CATALOGUE, Effect, Joint, JointEffect
 from sysid.errors import InvalidInput
 from sysid.estimation.prediction_error import Fit, bounded_step, inverse
+from sysid.estimation.scores import Score, alikeness, price, scores
 from sysid.ops import Value
 from sysid.parameters import Parameter, parameter
 from sysid.plants import Plant

@@ -245,7 +245,7 @@ def _causes(
     found: Fit | None, torque: ResidualTorque | None, names: Sequence[str], error: HeldOutError
 ) -> tuple[Cause, ...]:
     """What explains the error, outside of what a hand touched."""
-    from sysid.logs import leave_out
+    from sysid.splitting import leave_out
 
     if found is None or torque is None or not (torque.present or is_off(error)) or not math.isfinite(error.ratio):
         return ()

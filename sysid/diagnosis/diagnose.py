@@ -17,13 +17,14 @@ from sysid.diagnosis.choosing import DEFAULT, Choosing
 from sysid.diagnosis.contacts import Touched, contacts
 from sysid.diagnosis.dependence import dependence
 from sysid.diagnosis.residual_torque import missing_torque
-from sysid.diagnosis.scores import alikeness, price
-from sysid.diagnosis.search import Addition, Search, reduced
+from sysid.diagnosis.search import Addition, Search
 from sysid.effects import CATALOGUE, effect
 from sysid.errors import InvalidInput
 from sysid.estimate import Estimate
 from sysid.estimation.prediction import moved
 from sysid.estimation.prediction_error import Fit
+from sysid.estimation.refits import reduced
+from sysid.estimation.scores import alikeness, price
 from sysid.fit import free
 from sysid.model import Model
 from sysid.records import Record, check_records, told_apart
@@ -91,7 +92,7 @@ def diagnose(
     Chemical Engineering 28 (2004) 1431. Brynjarsdottir, O'Hagan, Inverse Problems 30 (2014) 114007, show what leaving
     the random torque out does to intervals.
     """
-    from sysid.logs import split
+    from sysid.splitting import split
 
     began = time.perf_counter()
     records = told_apart(check_records(model.model if isinstance(model, Estimate) else model, records))
@@ -113,7 +114,7 @@ def _searched(
     search_in: Callable[[Sequence[Record]], Search], records: Sequence[Record], model: Model, names: tuple[str, ...]
 ) -> tuple[Search, Fit, tuple[Touched, ...]]:
     """The search through what no hand touched, the fit that it began at, and what was touched."""
-    from sysid.logs import leave_out
+    from sysid.splitting import leave_out
 
     touched: tuple[Touched, ...] = ()
     for restarts_left in reversed(range(RESTARTS + 1)):

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.special import chdtrc
 
 from sysid.diagnosis.choosing import COMPOSITES, DEFAULT, PREFERRED, Choosing
-from sysid.diagnosis.scores import Score, alikeness, price, scores
 from sysid.effects import CATALOGUE, Effect, effect
 from sysid.errors import InvalidInput
 from sysid.estimation.chain import Chain
 from sysid.estimation.first_fit import with_common, without_common
 from sysid.estimation.prediction import PredictionErrors, left_out, moved
-from sysid.estimation.prediction_error import DEFAULT as THOROUGH
-from sysid.estimation.prediction_error import QUICK, Fit, Settings, fit
+from sysid.estimation.prediction_error import QUICK, Fit, fit
+from sysid.estimation.refits import extended, reduced
+from sysid.estimation.scores import Score, alikeness, price, scores
 from sysid.model import Model
 from sysid.records import Record, extent_of
 from sysid.sensor import Sensor
@@ -328,19 +328,3 @@ def matters(before: Model, after: Fit, choosing: Choosing) -> bool:
     excess = math.sqrt(max(error**2 - 1.0, 0.0))
     share = math.sqrt(1.0 - (1.0 - choosing.tolerance) ** 2)
     return math.isfinite(size) and size > max(choosing.noise_share, share * excess)
-
-
-def extended(now: Fit, effects: Sequence[Effect], settings: Settings = THOROUGH) -> Fit:
-    """The fit with more effects, begun where it ended."""
-    model, names = now.model, list(now.names)
-    for own in effects:
-        model = model.with_effect(own)
-        names += [f"{own.name}.{k}" for k in own.parameters]
-    return fit(now.chain, model, names, now, settings=settings)
-
-
-def reduced(now: Fit, name: str) -> Fit:
-    """The fit without an effect, begun where it ended."""
-    own = {f"{name}.{k}" for k in CATALOGUE[name]().parameters}
-    loose = replace(now.disturbances, s=1.5 * now.disturbances.s)
-    return fit(now.chain, now.model.without_effect(name), [n for n in now.names if n not in own], now, loose)

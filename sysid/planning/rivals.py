@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import NamedTuple
 
-from sysid.diagnosis.candidates import Alternative, candidates
-from sysid.diagnosis.scores import scores
-from sysid.diagnosis.search import extended
 from sysid.effects import Effect, effect
 from sysid.errors import InvalidInput
+from sysid.estimation.candidates import Alternative, candidates
 from sysid.estimation.chain import Chain
 from sysid.estimation.first_fit import first_fit
 from sysid.estimation.prediction_error import Fit, Settings, fit
+from sysid.estimation.refits import extended
+from sysid.estimation.scores import scores
 from sysid.model import Model
 from sysid.parameters import Extent
 from sysid.planning.design import KNOWN, ROUGHLY, Conditions, Hypothesis, foresee

@@ -76,9 +76,9 @@ def information(world: World, name: str) -> Array:
 def alarms(model: Model, records: Sequence) -> tuple[bool, bool]:
     """Whether the score tests about the right model find an effect that pays, and whether a random torque is needed."""
     from sysid.diagnosis.choosing import DEFAULT
-    from sysid.diagnosis.scores import price, scores
     from sysid.estimation.chain import Chain
     from sysid.estimation.first_fit import first_fit
+    from sysid.estimation.scores import price, scores
     from sysid.fit import free
     from sysid.noise import sensor_noise
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sysid import CATALOGUE, Delay, Effect, Joint, JointEffect, Model, Record, RodPendulum, Stamp, Viscous, simulate
-from sysid.diagnosis.candidates import Alternative, alternatives, candidates
+from sysid.estimation.candidates import Alternative, alternatives, candidates
 from sysid.excitation import multisine
 from sysid.parameters import NEVER, Extent, parameter
 from sysid.records import extent_of

@@ -34,8 +34,8 @@ from sysid import (
 )
 from sysid.comparison.held_out import held_out_error
 from sysid.excitation import steps
-from sysid.logs import split
 from sysid.ops import Value
+from sysid.splitting import split
 from tests.sysid.planted import (
     DT,
     FEW,

@@ -9,7 +9,7 @@ import pytest
 
 from sysid import CATALOGUE, diagnose
 from sysid.diagnosis.answer import SCHEMA
-from sysid.logs import split
+from sysid.splitting import split
 from tests.sysid.planted import (
     DEPENDENCES,
     EVERY,

@@ -27,12 +27,12 @@ from sysid import (
     Viscous,
     simulate,
 )
-from sysid.diagnosis.scores import scores
-from sysid.diagnosis.search import extended
 from sysid.effects import CATALOGUE, Effect
 from sysid.estimation import prediction_error
 from sysid.estimation.chain import Chain
 from sysid.estimation.disturbances import Disturbances
+from sysid.estimation.refits import extended
+from sysid.estimation.scores import scores
 from sysid.fit import fit
 from sysid.planning.design import KNOWN, NONE, Conditions, Hypothesis, Pool, foresee
 from sysid.planning.experiment import limits_of, next_experiment

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from sysid import Coulomb, GeneralJoint, Model, Record, Sensor, Viscous, diagnose, simulate
-from sysid.diagnosis.scores import scores
 from sysid.diagnosis.search import Search
 from sysid.estimation.chain import Chain
 from sysid.estimation.first_fit import BLOCKS, WINDOW, first_fit, with_best_memory, with_common, without_common
 from sysid.estimation.prediction import left_out
 from sysid.estimation.prediction_error import fit, with_likeliest_angle_error
+from sysid.estimation.scores import scores
 
 DT = 0.02
 SENSOR = Sensor(theta=0.0005, theta_dot=0.01)

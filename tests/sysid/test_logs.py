@@ -17,8 +17,9 @@ from sysid import (
     paper_rollouts,
     write_csv,
 )
-from sysid.logs import cut, read, split
+from sysid.logs import read
 from sysid.plausibility import check_excitation
+from sysid.splitting import cut, split
 from tests.sysid.written import MODEL, SENSOR, rollouts, same, table, write
 
 REAL = Path(__file__).parents[3] / "shared" / "data" / "logs"

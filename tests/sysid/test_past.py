@@ -29,7 +29,8 @@ from sysid import (
 )
 from sysid.comparison.held_out import held_out_error
 from sysid.excitation import steps
-from sysid.logs import read, split
+from sysid.logs import read
+from sysid.splitting import split
 
 DT = 0.02
 SENSOR = Sensor(0.003, 0.05)

@@ -20,8 +20,8 @@ from sysid import typography as set_as
 from sysid.comparison.held_out import held_out_error
 from sysid.diagnosis.answer import Diagnosis, Ranked, Remaining, Step
 from sysid.excitation import steps
-from sysid.logs import split
 from sysid.report import page_of, write_report
+from sysid.splitting import split
 from tests.sysid.planted import VERDICTS
 
 SENSOR = Sensor(0.003, 0.05)

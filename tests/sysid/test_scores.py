@@ -38,12 +38,12 @@ from sysid import (
     effect,
     simulate,
 )
-from sysid.diagnosis.candidates import alternatives
-from sysid.diagnosis.scores import Score, alikeness, scores
-from sysid.diagnosis.search import extended
+from sysid.estimation.candidates import alternatives
 from sysid.estimation.chain import Chain, LinearisedModel
 from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.prediction_error import Fit, Settings, fit
+from sysid.estimation.refits import extended
+from sysid.estimation.scores import Score, alikeness, scores
 from sysid.excitation import steps
 from sysid.parameters import Extent
 from tests.sysid.planted import shaken

@@ -29,11 +29,12 @@ from sysid import (
 )
 from sysid import parameter as number
 from sysid.diagnosis.choosing import DEFAULT
-from sysid.diagnosis.scores import Score, alikeness, price, scores
-from sysid.diagnosis.search import Addition, Search, Trial, extended, is_nothing, matters, reduced
+from sysid.diagnosis.search import Addition, Search, Trial, is_nothing, matters
 from sysid.estimation.chain import Chain
 from sysid.estimation.first_fit import first_fit
 from sysid.estimation.prediction_error import Fit
+from sysid.estimation.refits import extended, reduced
+from sysid.estimation.scores import Score, alikeness, price, scores
 from sysid.ops import Value
 from tests.sysid.planted import SENSOR, logs, rod, shaken, truth
 

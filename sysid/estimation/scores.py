@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.diagnosis.candidates import Alternative, candidates
 from sysid.effects import CATALOGUE
+from sysid.estimation.candidates import Alternative, candidates
 from sysid.estimation.prediction_error import Fit
 from sysid.records import Array, extent_of
 

@@ -1,0 +1,26 @@
+"""Refits: a fit with more effects, or without one, begun where it ended."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from sysid.effects import Effect
+from sysid.estimation.prediction_error import DEFAULT as THOROUGH
+from sysid.estimation.prediction_error import Fit, Settings, fit
+
+
+def extended(now: Fit, effects: Sequence[Effect], settings: Settings = THOROUGH) -> Fit:
+    """The fit with more effects, begun where it ended."""
+    model, names = now.model, list(now.names)
+    for own in effects:
+        model = model.with_effect(own)
+        names += [f"{own.name}.{k}" for k in own.parameters]
+    return fit(now.chain, model, names, now, settings=settings)
+
+
+def reduced(now: Fit, name: str) -> Fit:
+    """The fit without an effect, begun where it ended."""
+    own = {n for n in now.names if n.startswith(f"{name}.")}
+    loose = replace(now.disturbances, s=1.5 * now.disturbances.s)
+    return fit(now.chain, now.model.without_effect(name), [n for n in now.names if n not in own], now, loose)

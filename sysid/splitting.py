@@ -1,0 +1,108 @@
+"""Splitting: which parts of a log are held out, left out, or cut into blocks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from sysid.errors import InvalidInput
+from sysid.records import Array, Record
+
+MOST_STRETCHES = 3
+"""Stretches that are held out of a single rollout, at most."""
+
+
+def cut(records: Sequence[Record], seconds: float = 3.0) -> tuple[Record, ...]:
+    """Each record in blocks of equal length, as near to `seconds` as it divides; neighbours share one instant."""
+    blocks = []
+    for record in records:
+        count = max(round(len(record) * record.dt / seconds), 1)
+        edges = np.round(np.linspace(0, len(record), count + 1)).astype(int)
+        for k, (first, last) in enumerate(pairwise(edges), start=1):
+            if last > first:
+                blocks.append(record.part(int(first), int(last), f"{record.name} block {k}" if count > 1 else ""))
+    return tuple(blocks)
+
+
+def split(
+    records: Sequence[Record], hold_out: float | None = None, shortest: float = 2.0
+) -> tuple[tuple[Record, ...], tuple[Record, ...]]:
+    """(training, held out): the last quarter of the rollouts, at least one, is never fitted to.
+
+    hold_out   a share in (0, 1), or a number of rollouts (1, 2, ...)
+    shortest   what is held out lasts that long at least [s], and a stretch of it half as long: a window to score
+
+    Of fewer than four rollouts (a single long log, say), or where the last ones are too short, a quarter of the time
+    is held out instead, in one to three stretches spread evenly over all of it: the end of a log is often another kind
+    of motion. The parts share no interval, and are few, because a fit loses information with every free initial state.
+    A part behind a cut knows the commands before it (delay, lag); where sensors remember, whoever scores it leaves a
+    lead-in unscored.
+
+    Raises InvalidInput where nothing would be left on one side.
+    """
+    share = 0.25 if hold_out is None else float(hold_out)
+    whole = hold_out is not None and share >= 1.0
+    if not 0.0 < share < math.inf or (whole and share != int(share)):
+        raise InvalidInput(f"hold_out = {hold_out}: expected a share between 0 and 1, or a number of rollouts")
+    if whole and share >= len(records):
+        raise InvalidInput(
+            f"hold_out = {int(share)} of {len(records)} rollouts leaves none to fit: expected fewer, or a share"
+        )
+    seconds = [len(r) * r.dt for r in records]
+    total = sum(seconds)
+    count = int(share) if whole else max(int(share * len(records) + 1e-9), 1)
+    if whole or (len(records) >= 4 and sum(seconds[-count:]) >= max(shortest, 0.5 * share * total)):
+        return tuple(records[:-count]), tuple(records[-count:])
+    held = min(max(share * total, shortest), max(share, 0.5) * total)
+    count = int(np.clip(held / (0.5 * shortest), 1, MOST_STRETCHES))
+    middles = total * (np.arange(count) + 0.5) / count
+    pieces = [
+        p
+        for r, begin in zip(records, np.cumsum([0.0, *seconds]), strict=False)
+        for p in _pieces(r, float(begin), middles, 0.5 * held / count)
+    ]
+    training, out = (tuple(p for p, held_out in pieces if held_out is side) for side in (False, True))
+    if not training or not out:
+        raise InvalidInput(f"{total:.2g} s of log are too short to hold a part out: expected some seconds")
+    return training, out
+
+
+def _pieces(record: Record, begin: float, middles: Array, half: float) -> Iterator[tuple[Record, bool]]:
+    """A record that begins at `begin` [s] of all time, cut where stretches of half-length `half` [s] about `middles`
+    begin and end, and whether each piece is inside one; what is shorter than half a second stays with what it is by."""
+    middle = begin + record.dt * (np.arange(len(record)) + 0.5)
+    inside = np.any(np.abs(middle[:, None] - middles) < half, axis=1)
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(inside)) + 1, [len(record)]])
+    for first, last in pairwise(edges.tolist()):
+        if (last - first) * record.dt < 0.5:
+            inside[first:last] = inside[first - 1] if first else inside[min(last, len(record) - 1)]
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(inside)) + 1, [len(record)]])
+    if len(edges) == 2:
+        yield record, bool(inside[0])
+        return
+    for k, (first, last) in enumerate(pairwise(edges.tolist()), start=1):
+        what = "held-out part" if inside[first] else "part"
+        yield record.part(first, last, f"{record.name}, {what} {k}"), bool(inside[first])
+
+
+def leave_out(
+    records: Sequence[Record], stretches: Iterable[tuple[str, float, float]], margin: float = 0.2, shortest: float = 1.0
+) -> tuple[Record, ...]:
+    """The records without stretches (record's name, begin [s], end [s]) and a `margin` [s] about them.
+
+    What lies between becomes rollouts of their own; pieces below `shortest` [s] are dropped.
+    """
+    stretches, kept = tuple(stretches), list[Record]()
+    for record in records:
+        n, acts = len(record), np.ones(len(record), dtype=bool)
+        for name, begin, end in stretches:
+            if name == record.name:
+                acts &= (record.t[1:] < begin - margin) | (record.t[:-1] > end + margin)
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], acts, [False]])))
+        for first, last in zip(edges[::2], edges[1::2], strict=True):
+            if last - first == n or (last - first) * record.dt >= shortest:
+                kept.append(record.part(int(first), int(last)))
+    return tuple(kept)
