@@ -1,1 +1,0 @@
-"""How far a model is off: errors on data that no fit has seen."""
