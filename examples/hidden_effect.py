@@ -35,14 +35,14 @@ def swings(seed: int) -> list[Record]:
     import numpy as np
 
     import sysid
-    from sysid.excitation import steps
+    from sysid.planning.excitation import steps
 
     rng = np.random.default_rng(seed)
     effects = (sysid.Coulomb(HIDDEN["coulomb.tau_c"]), sysid.Delay(HIDDEN["delay.T"]))
     truth = sysid.Model(sysid.RodPendulum(m=1.04, l=0.97, g=9.81), effects, sysid.RK4(substeps=20), dt=DT)
     u = np.stack([steps(rng, SAMPLES, DT, 2.0, 0.4) for _ in range(ROLLOUTS)])
     theta = math.pi + rng.uniform(-0.8, 0.8, ROLLOUTS)
-    return sysid.simulate(truth, u, theta, np.zeros(ROLLOUTS)).measure(sysid.Sensor(0.003, 0.05), rng)
+    return sysid.Sensor(0.003, 0.05).measure(sysid.simulate(truth, u, theta, np.zeros(ROLLOUTS)), rng)
 
 
 def walk(files: Sequence[Path]) -> tuple[Log, Diagnosis]:
@@ -73,8 +73,8 @@ def draw(diagnosis: Diagnosis, log: Log, path: Path) -> None:
     from matplotlib.figure import Figure
 
     import sysid
-    from sysid.plotting import STYLE
-    from sysid.report_figures import course_in, courses, fall_in, residual_in
+    from sysid.report.plotting import STYLE
+    from sysid.report.report_figures import course_in, courses, fall_in, residual_in
 
     held_out = sysid.split(log)[1]
     paths = courses((diagnosis.base.model, diagnosis.model), held_out, diagnosis.sensor)
@@ -117,7 +117,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error(f"cannot write {options.log}: expected a folder that can be written")
 
     import sysid
-    from sysid.report import write_report
+    from sysid.report.report import write_report
 
     options.log.mkdir(parents=True, exist_ok=True)
     files = [options.log / f"swing{k}.csv" for k in range(1, ROLLOUTS + 1)]

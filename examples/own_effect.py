@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 import sysid
-from sysid import ops
-from sysid.excitation import multisine
+from sysid.physics import ops
+from sysid.planning.excitation import multisine
 
 
 @sysid.register
@@ -39,7 +39,7 @@ def log(seed: int = 1) -> list[sysid.Record]:
     rng = np.random.default_rng(seed)
     truth = sysid.Model(sysid.PointMassPendulum(m=1.0, l=0.5), (Magnet(k=0.3, place=2.1),), sysid.RK4(10), dt=0.02)
     u = np.stack([multisine(rng, 300, truth.dt, 3.0, 1.5) for _ in range(4)])
-    return sysid.simulate(truth, u, np.full(4, math.pi), np.zeros(4)).measure(sysid.Sensor(0.003, 0.05), rng)
+    return sysid.Sensor(0.003, 0.05).measure(sysid.simulate(truth, u, np.full(4, math.pi), np.zeros(4)), rng)
 
 
 def main() -> None:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from policies.options import COMMANDS
-from sysid.command_line import answer
+from sysid.cli.command_line import answer
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

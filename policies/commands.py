@@ -20,7 +20,7 @@ from policies.options import Evaluate, Export, Train
 from policies.policy_file import DESCRIPTION, WEIGHTS, SavedPolicy, load_policy, save_policy
 from policies.randomization import Band, Fixed, Posterior, Randomization, Ranges
 from sysid import InvalidInput, Model, Parameter, SavedModel, load
-from sysid.files import save_text
+from sysid.data.files import save_text
 
 EPISODES = 200
 """Start states from which `train` states the expected return."""

@@ -17,7 +17,7 @@ import numpy as np
 from policies import task
 from policies.network_policy import NetworkPolicy
 from sysid import InvalidInput
-from sysid.files import write_whole
+from sysid.data.files import write_whole
 
 if TYPE_CHECKING:
     from onnx import ModelProto

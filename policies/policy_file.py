@@ -36,8 +36,8 @@ from numpy.typing import NDArray
 from policies import task
 from policies.network_policy import NetworkPolicy
 from sysid import InvalidInput, Model
-from sysid.export import from_dict, to_dict
-from sysid.files import write_whole
+from sysid.data.files import write_whole
+from sysid.estimation.saved_model import from_dict, to_dict
 
 SCHEMA = "gapfinder/policy/1"
 DESCRIPTION, WEIGHTS = "policy.json", "policy.safetensors"

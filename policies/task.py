@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid import ops
+from sysid.physics import ops
 
 if TYPE_CHECKING:
     from sysid import Reading, State

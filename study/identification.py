@@ -16,7 +16,7 @@ import numpy as np
 from study.config import Pair, Point
 from study.executors.executor import Brief, Link
 from sysid import GridSearch, Identifier, InvalidInput, LeastSquares, Model, Sensor, UnscentedKalman, paper_model
-from sysid.excitation import paper_rollouts
+from sysid.planning.excitation import paper_rollouts
 
 Theta = Pair
 """(m [kg], l [m])."""

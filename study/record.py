@@ -9,7 +9,7 @@ from typing import Any
 
 from study.storage.database import Settings
 from study.versions import all_versions
-from sysid.files import write_whole
+from sysid.data.files import write_whole
 
 
 def write_record(

@@ -17,6 +17,7 @@ from study.answer import Answer, answers
 from study.cells import Run
 from study.config import Point, Preset
 from study.figures.answers import save_all
+from study.holm import holm
 from study.page import embedded, template, unbroken
 from study.progress import duration
 from study.publication import paper
@@ -28,8 +29,7 @@ from study.references import LQR, OPTIMAL, SWING_UP, fresh_optimum
 from study.statistics import Contrast, paired_t
 from study.storage.store import Store
 from study.versions import all_versions
-from sysid.files import write_whole
-from sysid.holm import holm
+from sysid.data.files import write_whole
 
 LABELS = {OPTIMAL: "optimal (dynamic programming)", LQR: "LQR alone", SWING_UP: "energy swing-up, then LQR"}
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from sysid import InvalidInput
-from sysid.files import write_whole
+from sysid.data.files import write_whole
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance

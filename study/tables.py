@@ -10,7 +10,7 @@ from pathlib import Path
 
 from study.answer import Answer
 from study.record import write_record
-from sysid.files import write_whole
+from sysid.data.files import write_whole
 
 RUN_COLUMNS = (
     "n", "w", "seed", "id_error", "eval_return_mean", "eval_return_std",

@@ -23,7 +23,7 @@ from study.config import Cell, device_type
 from study.executors.executor import Link, Stopped
 from study.storage.policy_files import FOLDER, write_policies
 from sysid import InvalidInput
-from sysid.files import partial
+from sysid.data.files import partial
 
 if TYPE_CHECKING:
     from policies import Population, SACSettings

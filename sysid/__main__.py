@@ -11,8 +11,8 @@ import warnings
 from collections.abc import Sequence
 from typing import Any
 
-from sysid.command_line import answer
-from sysid.options import COMMANDS
+from sysid.cli.command_line import answer
+from sysid.cli.options import COMMANDS
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -22,7 +22,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(command: Any) -> None:
-    from sysid.commands import run
+    from sysid.cli.commands import run
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # a fit may try numbers with which the motion runs away

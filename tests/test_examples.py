@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import sysid
-from sysid.excitation import multisine
+from sysid.planning.excitation import multisine
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
@@ -123,7 +123,7 @@ def test_real_log(tmp_path):
     truth = sysid.Model(sysid.GeneralJoint(J=0.15, G=3.0), (sysid.Coulomb(0.15),), dt=0.01)
     rng = np.random.default_rng(3)
     u = multisine(rng, 1200, truth.dt, 3.0, 2.0)
-    (record,) = sysid.simulate(truth, u, 3.0, 0.0).measure(sysid.Sensor(0.002, 0.05), rng)
+    (record,) = sysid.Sensor(0.002, 0.05).measure(sysid.simulate(truth, u, 3.0, 0.0), rng)
     table = np.column_stack([record.t, record.theta - np.pi, record.theta_dot, np.append(record.u, 0.0)])
     header = "time_s,angle_rad,velocity_rad_s,torque_meas_Nm"
     np.savetxt(tmp_path / "rig.csv", table, "%.8g", ",", header=header, comments="")

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from sysid import Delay, InvalidInput, Model, ops
-from sysid.ops import Value
+from sysid.physics.ops import Value
 
 Step = Callable[[Value, Value, Value], tuple[Value, Value]]
 """(theta, theta_dot) after dt from theta [rad], theta_dot [rad/s] and the torque u [N m] held over dt."""

@@ -26,7 +26,7 @@ from policies import task
 from policies.control.design import check_numbers, is_periodic, is_steady
 from policies.control.table import Axis, corners
 from sysid import InvalidInput, Model, State
-from sysid.ops import Value
+from sysid.physics.ops import Value
 
 LARGEST = 200_000_000
 """Entries of all matrices beyond which a table is refused, 8 bytes each; twice as many of its own, 4 bytes each."""

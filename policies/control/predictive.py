@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from policies.control.design import without_dead_time
 from policies.control.optimal import Grid, Optimal, solve
 from sysid import Delay, Lag, Model, State
-from sysid.effects import InputEffect
+from sysid.physics.effects import InputEffect
 
 Array = NDArray[np.float64]
 

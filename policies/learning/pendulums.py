@@ -20,9 +20,9 @@ from policies import task
 from policies.randomization import Randomization, Shaken
 from policies.streams import Purpose, generator
 from sysid import InvalidInput, Joint, JointEffect, Model, Reading, State
-from sysid.effects.effect import Memory
-from sysid.ops import Value
-from sysid.parameters import parameter
+from sysid.physics.effects.effect import Memory
+from sysid.physics.ops import Value
+from sysid.physics.parameters import parameter
 
 
 @dataclass(frozen=True, eq=False)

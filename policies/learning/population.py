@@ -30,7 +30,7 @@ from policies.network_policy import NetworkPolicy
 from policies.randomization import Randomization
 from policies.streams import Purpose
 from sysid import InvalidInput, Model
-from sysid.files import partial
+from sysid.data.files import partial
 
 CHECKPOINT_VERSION = 2
 

@@ -11,8 +11,8 @@ import matplotlib
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from sysid import plotting
-from sysid.files import write_whole
+from sysid.data.files import write_whole
+from sysid.report.report import plotting
 
 STYLE: Any = plotting.STYLE | {
     "font.family": "DejaVu Sans",

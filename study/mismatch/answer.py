@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from study.holm import holm
 from study.mismatch.designs import OPTIMUM, PLAIN, model_key
 from study.mismatch.named import names
 from study.mismatch.plan import CONTRASTS, FREE, WAYS, HiddenPlant, Plan, Trial
@@ -18,7 +19,6 @@ from study.mismatch.results import Designed, Fitted, Trained
 from study.mismatch.trainings import agents_of
 from study.statistics import Contrast, paired_t, sem, student
 from sysid import InvalidInput
-from sysid.holm import holm
 
 Array = NDArray[np.float64]
 

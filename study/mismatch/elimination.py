@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.response import Linearisation
+from sysid.estimation.response import Linearisation
 
 Array = NDArray[np.float64]
 

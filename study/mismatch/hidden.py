@@ -46,4 +46,4 @@ def rollouts(plan: Plan, plant: HiddenPlant, seed: int) -> list[Record]:
     model = hidden_machine(plant)
     u = rng.uniform(-model.u_max, model.u_max, (n, plan.length))
     theta, theta_dot = rng.uniform(-np.pi, np.pi, n), rng.uniform(-1.0, 1.0, n)
-    return simulate(model, u, theta, theta_dot).measure(sensor(plan), rng)
+    return sensor(plan).measure(simulate(model, u, theta, theta_dot), rng)

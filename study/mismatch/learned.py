@@ -14,8 +14,8 @@ import casadi
 import numpy as np
 
 from sysid import Effect, InputEffect, InvalidInput, Joint, JointEffect, ops
-from sysid.effects.effect import Memory
-from sysid.ops import Value
+from sysid.physics.effects.effect import Memory
+from sysid.physics.ops import Value
 
 TAPS = 5
 """The command itself and the last four: as many as an agent sees."""

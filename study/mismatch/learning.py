@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from study.mismatch.elimination import reduce, start_step
 from study.mismatch.learned import CommandFilter, LearnedTorque, untrained
 from sysid import InvalidInput, Model, Record, Sensor, State
-from sysid.comparison.held_out import held_out_error
-from sysid.response import Linearisation, Response, propagate
-from sysid.windows import cut
+from sysid.estimation.held_out import held_out_error
+from sysid.estimation.response import Linearisation, Response, propagate
+from sysid.estimation.windows import cut
 
 Array = NDArray[np.float64]
 

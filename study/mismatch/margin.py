@@ -32,7 +32,7 @@ from study.mismatch.costs import EPISODES, SEED, SHIPPED
 from study.mismatch.machine import DESIGN_SUBSTEPS, machine
 from study.mismatch.sizes import SIZES, Size
 from sysid import InvalidInput
-from sysid.files import write_whole
+from sysid.data.files import write_whole
 
 Array = NDArray[np.float64]
 

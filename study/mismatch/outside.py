@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from sysid import Effect, InputEffect, Joint, JointEffect, ops
-from sysid.effects.effect import Memory
-from sysid.ops import Value
-from sysid.parameters import parameter
+from sysid.physics.effects.effect import Memory
+from sysid.physics.ops import Value
+from sysid.physics.parameters import parameter
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from policies.randomization import Randomization, from_json
 from study.mismatch.learned import CommandFilter, LearnedTorque, stacked
 from study.mismatch.outside import OUTSIDE
 from sysid import InvalidInput, Model
-from sysid.export import from_dict, to_dict
+from sysid.estimation.saved_model import from_dict, to_dict
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ from study.mismatch.results import Results
 from study.mismatch.words import sentences
 from study.record import write_record
 from study.versions import all_versions
-from sysid.files import write_whole
+from sysid.data.files import write_whole
 
 
 @dataclass(frozen=True)

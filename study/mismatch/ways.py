@@ -34,7 +34,7 @@ from sysid import (
     fit,
     residual_torque,
 )
-from sysid.comparison.held_out import held_out_error
+from sysid.estimation.held_out import held_out_error
 
 AT_ONCE = (
     "viscous", "coulomb", "drag", "load_friction", "tilt", "spring", "torque_bias", "delay", "lag", "dead_zone",

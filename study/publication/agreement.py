@@ -19,12 +19,12 @@ from functools import cached_property
 
 import numpy as np
 
+from study.holm import holm
 from study.numerals import number, signed
 from study.publication import paper
 from study.publication.paper import BASELINE, CELLS, PublishedContrast, Spot
 from study.publication.published import Outcomes, Summary
 from study.statistics import Contrast, paired_bootstrap, paired_t, student, welch
-from sysid.holm import holm
 
 MARGIN = 20.0
 """Returns closer than this count as the same: a twentieth of what the paper's 50 rollouts were worth (434)."""

@@ -21,7 +21,7 @@ import numpy as np
 
 from study.config import Cell
 from sysid import InvalidInput
-from sysid.files import write_whole
+from sysid.data.files import write_whole
 
 if TYPE_CHECKING:
     from policies.network_policy import NetworkPolicy

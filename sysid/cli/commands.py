@@ -13,20 +13,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.effects import CATALOGUE
+from sysid.cli.log_settings import settled
+from sysid.cli.options import Add, Compare, Diagnose, Effects, Experiment, Fit, LogOptions, ModelOptions
+from sysid.data.files import save_text
+from sysid.data.logs import Log, read
+from sysid.data.record import Record
+from sysid.data.sensor import Sensor
+from sysid.data.splitting import split
 from sysid.errors import InvalidInput
-from sysid.estimate import Estimate
-from sysid.files import save_text
-from sysid.fit import fit, free
-from sysid.integrators import RK4
-from sysid.log_settings import settled
-from sysid.logs import Log, read
-from sysid.model import Model
-from sysid.options import Add, Compare, Diagnose, Effects, Experiment, Fit, LogOptions, ModelOptions
-from sysid.plants import GeneralJoint, LinearAxis, Plant, PointMassPendulum, RodPendulum
-from sysid.records import Record
-from sysid.sensor import Sensor
-from sysid.splitting import split
+from sysid.estimation.estimate import Estimate
+from sysid.estimation.fit import fit, free
+from sysid.physics.effects import CATALOGUE
+from sysid.physics.integrators import RK4
+from sysid.physics.model import Model
+from sysid.physics.plants import GeneralJoint, LinearAxis, Plant, PointMassPendulum, RodPendulum
 
 if TYPE_CHECKING:
     from sysid.planning.signals import Limits
@@ -59,7 +59,7 @@ def _run(command: Any) -> None:
 
 @_run.register
 def _(command: Fit) -> None:
-    from sysid.comparison.held_out import held_out_error
+    from sysid.estimation.held_out import held_out_error
 
     _load(command.start.effects)
     task = Task.of(command, command.out, command.json)
@@ -125,7 +125,7 @@ def _progress(doing: str) -> None:
 @_run.register
 def _(command: Add) -> None:
     from sysid.diagnosis.add import add
-    from sysid.effects import effect
+    from sysid.physics.effects import effect
 
     _load(command.start.effects)
     effect(command.effect)  # raises, and says which names are near
@@ -199,7 +199,7 @@ class Task:
         model = _sampled(model, log.dt, given)
         names = _shown(model, names, log)
         if not given:
-            from sysid.identify.rough import rough
+            from sysid.estimation.initial_guess import rough
 
             model = rough(model, names, training, sensor)
         return cls(log, sensor, training, held_out, model, names, given and not added)
@@ -225,7 +225,7 @@ class Task:
     def write_model(self, path: Path | None, estimate: Estimate) -> None:
         """model.json."""
         if path is not None:
-            from sysid.export import save
+            from sysid.estimation.saved_model import save
 
             save(estimate, path)
             print(f"wrote {path}")
@@ -238,7 +238,7 @@ class Task:
     def write_report(self, path: Path | None, answer: Any, hold_out: float | None) -> None:
         """The page that opens offline."""
         if path is not None:
-            from sysid.report import write_report
+            from sysid.report.report import write_report
 
             write_report(answer, self.log, path, hold_out)
             print(f"wrote {path}")
@@ -263,7 +263,7 @@ def _check_outputs(inputs: list[Path | None], outputs: tuple[Path | None, ...]) 
 
 def _load(effects: Path | None) -> None:
     if effects is not None:
-        from sysid.user_effects import load_effects
+        from sysid.physics.user_effects import load_effects
 
         print(f"effects of {effects.name}: {', '.join(load_effects(effects))}")
 
@@ -288,8 +288,8 @@ def _read(options: LogOptions, plant: Plant) -> Log:
 
 def _sensor(options: LogOptions, log: Log, plant: Plant) -> Sensor:
     """The noise that the user gave; what was not given is found. Raises InvalidInput where nothing moves."""
-    from sysid.noise import sensor_noise
-    from sysid.plausibility import check_excitation
+    from sysid.data.checks import check_excitation
+    from sysid.data.noise import sensor_noise
 
     measured = [c for c in ("theta", "theta_dot") if all(getattr(r, c) is not None for r in log)]
     if all(np.ptp(getattr(r, c)) == 0.0 for r in log for c in measured):
@@ -330,7 +330,7 @@ def _begun(options: ModelOptions) -> tuple[Model, tuple[str, ...], tuple[str, ..
         model = Model(PLANTS[options.plant or "rod"])
         names = free(model)
     else:
-        from sysid.export import load
+        from sysid.estimation.saved_model import load
 
         saved = load(options.model)
         model, names = saved.model, saved.free
@@ -360,7 +360,7 @@ def _check_plant(options: ModelOptions, plant: Plant) -> None:
 
 def _with_effects(model: Model, text: str) -> tuple[Model, tuple[str, ...]]:
     """The model with the effects of "coulomb,viscous.b=0.1", and the names of their parameters that have no number."""
-    from sysid.effects import effect
+    from sysid.physics.effects import effect
 
     numbers: dict[str, dict[str, float]] = {}
     for part in (part.strip() for part in text.split(",") if part.strip()):
@@ -444,8 +444,10 @@ def _write(path: Path, text: str) -> None:
 
 
 def _draw(comparison: Any, path: Path) -> None:
+    from sysid.report.plotting import plot_comparison
+
     try:
-        comparison.plot().savefig(path)
+        plot_comparison(comparison).savefig(path)
     except (OSError, ValueError) as error:
         raise InvalidInput(f"cannot write {path}: {error}") from None
     print(f"wrote {path}")

@@ -14,8 +14,8 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from sysid.cli.options import LogOptions, ModelOptions
 from sysid.errors import InvalidInput
-from sysid.options import LogOptions, ModelOptions
 
 FILE = "log.toml"
 NONE = "none"

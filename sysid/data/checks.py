@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.record import Record
+from sysid.data.sensor import Sensor
 from sysid.errors import InvalidInput
-from sysid.records import Record
-from sysid.sensor import Sensor
 
 if TYPE_CHECKING:
-    from sysid.plants import Plant
+    from sysid.physics.plants import Plant
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.records import Record
+from sysid.data.record import Record
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.quantum import quantum
+from sysid.data.quantisation import quantum
 
 Array = NDArray[np.float64]
 

@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING, Literal, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid import log_files, plausibility, sampling
+from sysid.data import checks, log_files, resampling
+from sysid.data.log_files import Table
+from sysid.data.record import COLUMNS, Record, in_step
+from sysid.data.resampling import Rows
+from sysid.data.time_unit import FEWEST, PER_SECOND, WORDS, TimeUnit, check_unit, found_unit, named_unit
 from sysid.errors import InvalidInput
-from sysid.log_files import Table
-from sysid.records import COLUMNS, Record, in_step
-from sysid.sampling import Rows
-from sysid.time_unit import FEWEST, PER_SECOND, WORDS, TimeUnit, check_unit, found_unit, named_unit
 
 if TYPE_CHECKING:
-    from sysid.plants import Plant
+    from sysid.physics.plants import Plant
 
 Array = NDArray[np.float64]
 File = str | PathLike[str]
@@ -155,17 +155,17 @@ def read(
             exact.append(_exact(path, title, _converted(table, zero, flip_torque, degrees)))
             continue
         table = _complete(path, table, chosen, notes)
-        plausibility.check_time(path.name, table, chosen)
+        checks.check_time(path.name, table, chosen)
         for name, part in _rollouts(title, table):
             whole = np.all([np.isfinite(column) for column in part.values()], axis=0)
-            notes += plausibility.check_columns(name, {key: column[whole] for key, column in part.items()})
+            notes += checks.check_columns(name, {key: column[whole] for key, column in part.items()})
             rollouts.append(_rows(name, _converted(part, zero, flip_torque, degrees)))
-    records, step, more = sampling.evenly(rollouts, dt) if rollouts else ((), exact[0].dt, ())
+    records, step, more = resampling.evenly(rollouts, dt) if rollouts else ((), exact[0].dt, ())
     records = (*exact, *records)
     for record in records:
         if not in_step(record, step):
             raise InvalidInput(f"{record.name} is sampled every {record.dt:.7g} s, others every {step:.7g} s")
-    return Log(records, (*notes, *more, *plausibility.doubts(records, plant)), step)
+    return Log(records, (*notes, *more, *checks.doubts(records, plant)), step)
 
 
 def _files(paths: Sequence[File | Iterable[File]]) -> list[Path]:

@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.computed_speed import COMPUTED, is_difference, unexplained
+from sysid.data.computed_speed import COMPUTED, is_difference, unexplained
+from sysid.data.quantisation import quantum
+from sysid.data.record import Record
+from sysid.data.sensor import UNITS, Sensor
 from sysid.errors import InvalidInput
-from sysid.quantum import quantum
-from sysid.records import Record
-from sysid.sensor import UNITS, Sensor
 
 if TYPE_CHECKING:
-    from sysid.plants import Plant
+    from sysid.physics.plants import Plant
 
 Array = NDArray[np.float64]
 

@@ -9,19 +9,17 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sysid.data.files import save_text
 from sysid.errors import InvalidInput
-from sysid.files import save_text
-from sysid.parameters import Extent
+from sysid.physics.model import Model
+from sysid.physics.ops import Array
+from sysid.physics.parameters import Extent
 
-if TYPE_CHECKING:
-    from sysid.model import Model
-
-Array = NDArray[np.float64]
 COLUMNS = ("t", "u", "theta", "theta_dot", "theta_dot_after")
 
 PAST = 10.0

@@ -11,10 +11,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid import held_readings
+from sysid.data import held_readings
+from sysid.data.quantisation import quantum
+from sysid.data.record import Record
 from sysid.errors import InvalidInput
-from sysid.quantum import quantum
-from sysid.records import Record
 
 Array = NDArray[np.float64]
 

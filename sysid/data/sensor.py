@@ -8,8 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.record import Record
 from sysid.errors import InvalidInput
-from sysid.records import Array, Record
+from sysid.physics.ops import Array
+from sysid.physics.simulate import Trajectory
 
 UNITS = {"theta": "rad", "theta_dot": "rad/s"}
 """The units of the channels of what turns; `Plant.unit` has those of another plant."""
@@ -44,6 +46,23 @@ class Sensor:
                 raise InvalidInput(f"sensor sd of {name} is {sd}: expected a positive number, or None (not measured)")
         if self.theta is None and self.theta_dot is None:
             raise InvalidInput("the sensor measures nothing: give the sd of theta, of theta_dot or of both")
+
+    def measure(self, trajectory: Trajectory, rng: np.random.Generator) -> list[Record]:
+        """Records of what this sensor reads, one a rollout, with independent Gaussian errors."""
+        read = (trajectory.u, trajectory.theta_read, trajectory.theta_dot_read)
+        u, theta, theta_dot = (a.reshape(-1, a.shape[-1]) for a in read)
+        n = u.shape[-1]
+        records = []
+        for i in range(len(u)):
+            angle = speed = None
+            if self.theta is not None:
+                angle = theta[i] + self.theta * rng.standard_normal(n + 1)
+            elif self.theta_0 is not None:
+                angle = theta[i, :1] + self.theta_0 * rng.standard_normal(1)
+            if self.theta_dot is not None:
+                speed = theta_dot[i] + self.theta_dot * rng.standard_normal(n + 1)
+            records.append(Record(trajectory.t, u[i], angle, speed, name=f"rollout {i}"))
+        return records
 
     def readings(self, record: Record) -> list[Readings]:
         """All readings that this sensor vouches for; raises InvalidInput where the record lacks them."""

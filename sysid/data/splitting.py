@@ -8,8 +8,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from sysid.data.record import Record
 from sysid.errors import InvalidInput
-from sysid.records import Array, Record
+from sysid.physics.ops import Array
 
 MOST_STRETCHES = 3
 """Stretches that are held out of a single rollout, at most."""

@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.checks import rate_mismatch
 from sysid.errors import InvalidInput
-from sysid.plausibility import rate_mismatch
 
 Array = NDArray[np.float64]
 TimeUnit = Literal["s", "ms", "us"]

@@ -6,19 +6,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sysid.comparison.held_out import HeldOutError, held_out_error
+from sysid.data.record import Record, check_records
+from sysid.data.sensor import Sensor
 from sysid.diagnosis.channels import relied_on
-from sysid.effects import effect
 from sysid.errors import InvalidInput
-from sysid.estimate import Estimate
 from sysid.estimation.chain import Chain
+from sysid.estimation.estimate import Estimate
 from sysid.estimation.first_fit import first_fit
+from sysid.estimation.fit import free
+from sysid.estimation.held_out import HeldOutError, held_out_error
 from sysid.estimation.refits import extended
 from sysid.estimation.scores import scores
-from sysid.fit import free
-from sysid.model import Model
-from sysid.records import Record, check_records
-from sysid.sensor import Sensor
+from sysid.physics.effects import effect
+from sysid.physics.model import Model
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +72,8 @@ def add(
 
     Raises InvalidInput for an effect that is unknown, already there, excluded by another or without any influence here.
     """
-    from sysid.noise import sensor_noise
-    from sysid.splitting import split
+    from sysid.data.noise import sensor_noise
+    from sysid.data.splitting import split
 
     names = model.names if isinstance(model, Estimate) else free(model)
     if isinstance(model, Estimate):

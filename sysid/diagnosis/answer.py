@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from sysid.comparison.held_out import HeldOutError, finite
+from sysid.data.sensor import Sensor
 from sysid.diagnosis.contacts import Touched
-from sysid.estimate import Estimate
-from sysid.model import Model
-from sysid.sensor import Sensor
+from sysid.estimation.estimate import Estimate
+from sysid.estimation.held_out import HeldOutError, finite
+from sysid.physics.model import Model
 
 SCHEMA = "gapfinder/diagnosis/1"
 

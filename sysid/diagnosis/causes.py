@@ -9,17 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from sysid.comparison.held_out import HeldOutError, finite, held_out_error
 from sysid.diagnosis.choosing import DEFAULT
 from sysid.diagnosis.residual_torque import followed
-from sysid.effects import CATALOGUE, Effect, Joint, JointEffect
 from sysid.errors import InvalidInput
+from sysid.estimation.held_out import HeldOutError, finite, held_out_error
 from sysid.estimation.prediction_error import Fit, bounded_step, inverse
 from sysid.estimation.scores import Score, alikeness, price, scores
-from sysid.ops import Value
-from sysid.parameters import Parameter, parameter
-from sysid.plants import Plant
-from sysid.records import Array
+from sysid.physics.effects import CATALOGUE, Effect, Joint, JointEffect
+from sysid.physics.ops import Array, Value
+from sysid.physics.parameters import Parameter, parameter
+from sysid.physics.plants import Plant
 
 EACH = 9.0
 """Decrease of the deviance that each number of a cause has to promise: noise does so in 3 of 1000 logs."""

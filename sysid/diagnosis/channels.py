@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid.model import Model
-from sysid.records import Record
-from sysid.sensor import Sensor
+from sysid.data.record import Record
+from sysid.data.sensor import Sensor
+from sysid.physics.model import Model
 
 SPAN = 0.1
 """Time [s] over which a speed is compared with what the angle's readings say of it."""

@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.comparison.held_out import (
+from sysid.data.record import Record, check_records
+from sysid.data.sensor import Sensor
+from sysid.diagnosis.causes import Cause, causes
+from sysid.diagnosis.residual_torque import ResidualTorque, followed, torque_of
+from sysid.diagnosis.whiteness import Whiteness, whiteness
+from sysid.errors import InvalidInput
+from sysid.estimation.chain import Chain
+from sysid.estimation.estimate import Estimate
+from sysid.estimation.held_out import (
     HeldOutError,
     Refit,
     WindowError,
@@ -19,21 +27,14 @@ from sysid.comparison.held_out import (
     multiple,
     refit_windows,
 )
-from sysid.diagnosis.causes import Cause, causes
-from sysid.diagnosis.residual_torque import ResidualTorque, followed, torque_of
-from sysid.diagnosis.whiteness import Whiteness, whiteness
-from sysid.errors import InvalidInput
-from sysid.estimate import Estimate
-from sysid.estimation.chain import Chain
 from sysid.estimation.prediction_error import Fit
-from sysid.model import Model
-from sysid.records import Array, Record, check_records
-from sysid.response import CHANNELS
-from sysid.sensor import Sensor
-from sysid.windows import cut
+from sysid.estimation.response import CHANNELS
+from sysid.estimation.windows import cut
+from sysid.physics.model import Model
+from sysid.physics.ops import Array
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,12 +155,6 @@ class Comparison:
         )
         return "\n".join([*lines, self.sentence])
 
-    def plot(self) -> Figure:
-        """All of it in one figure."""
-        from sysid.plotting import comparison
-
-        return comparison(self)
-
 
 def compare(
     model: Model | Estimate,
@@ -200,7 +195,7 @@ def compare(
         sensor, model = sensor or model.sensor, model.model
     records = check_records(model, records)
     if sensor is None:
-        from sysid.noise import sensor_noise
+        from sysid.data.noise import sensor_noise
 
         sensor = sensor_noise(records).sensor
     return _compared(model, records, sensor, names)
@@ -245,7 +240,7 @@ def _causes(
     found: Fit | None, torque: ResidualTorque | None, names: Sequence[str], error: HeldOutError
 ) -> tuple[Cause, ...]:
     """What explains the error, outside of what a hand touched."""
-    from sysid.splitting import leave_out
+    from sysid.data.splitting import leave_out
 
     if found is None or torque is None or not (torque.present or is_off(error)) or not math.isfinite(error.ratio):
         return ()

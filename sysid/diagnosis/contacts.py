@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.estimation.prediction_error import Fit
-from sysid.records import Array
+from sysid.physics.ops import Array
 
 EXTREME = 6.0
 """Multiples of the median of what is not expected beyond which it is extreme: four sd of a Gaussian."""

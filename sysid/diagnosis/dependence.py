@@ -10,7 +10,7 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from sysid.estimation.prediction_error import Fit
-from sysid.records import Array
+from sysid.physics.ops import Array
 
 QUANTITIES = ("theta", "theta_dot", "torque", "history", "theta+theta_dot")
 """What a torque may depend on, the simpler first."""

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc
 
-from sysid.comparison.held_out import HeldOutError, held_out_error
+from sysid.data.record import Record, check_records, told_apart
+from sysid.data.sensor import Sensor
 from sysid.diagnosis.answer import Diagnosis, MissingTorque, Ranked, Remaining, Step
 from sysid.diagnosis.channels import relied_on
 from sysid.diagnosis.choosing import DEFAULT, Choosing
@@ -18,17 +19,16 @@ from sysid.diagnosis.contacts import Touched, contacts
 from sysid.diagnosis.dependence import dependence
 from sysid.diagnosis.residual_torque import missing_torque
 from sysid.diagnosis.search import Addition, Search
-from sysid.effects import CATALOGUE, effect
 from sysid.errors import InvalidInput
-from sysid.estimate import Estimate
+from sysid.estimation.estimate import Estimate
+from sysid.estimation.fit import free
+from sysid.estimation.held_out import HeldOutError, held_out_error
 from sysid.estimation.prediction import moved
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import reduced
 from sysid.estimation.scores import alikeness, price
-from sysid.fit import free
-from sysid.model import Model
-from sysid.records import Record, check_records, told_apart
-from sysid.sensor import Sensor
+from sysid.physics.effects import CATALOGUE, effect
+from sysid.physics.model import Model
 
 RESTARTS = 2
 """What a hand touched is left out and the search begun anew, at most so often."""
@@ -92,7 +92,7 @@ def diagnose(
     Chemical Engineering 28 (2004) 1431. Brynjarsdottir, O'Hagan, Inverse Problems 30 (2014) 114007, show what leaving
     the random torque out does to intervals.
     """
-    from sysid.splitting import split
+    from sysid.data.splitting import split
 
     began = time.perf_counter()
     records = told_apart(check_records(model.model if isinstance(model, Estimate) else model, records))
@@ -101,7 +101,7 @@ def diagnose(
         sensor, model = sensor or model.sensor, model.model
     chosen = None if effects is None else _known(effects)
     if sensor is None:
-        from sysid.noise import sensor_noise
+        from sysid.data.noise import sensor_noise
 
         sensor = sensor_noise(records).sensor
     training, held_out = split(records, hold_out)
@@ -114,7 +114,7 @@ def _searched(
     search_in: Callable[[Sequence[Record]], Search], records: Sequence[Record], model: Model, names: tuple[str, ...]
 ) -> tuple[Search, Fit, tuple[Touched, ...]]:
     """The search through what no hand touched, the fit that it began at, and what was touched."""
-    from sysid.splitting import leave_out
+    from sysid.data.splitting import leave_out
 
     touched: tuple[Touched, ...] = ()
     for restarts_left in reversed(range(RESTARTS + 1)):

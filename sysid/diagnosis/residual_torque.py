@@ -10,17 +10,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.comparison.held_out import finite
+from sysid.data.record import Record
+from sysid.data.sensor import Sensor
 from sysid.diagnosis.contacts import Touched, contacts, slow
 from sysid.diagnosis.dependence import Dependence, coordinates, dependence
 from sysid.errors import InvalidInput
 from sysid.estimation.chain import Chain, level
 from sysid.estimation.disturbances import Disturbances
+from sysid.estimation.held_out import finite
 from sysid.estimation.kalman import Filter
 from sysid.estimation.prediction_error import QUICK, Fit, Settings, fit, likelier, likeliest
-from sysid.model import Model
-from sysid.records import Array, Record
-from sysid.sensor import Sensor
+from sysid.physics.model import Model
+from sysid.physics.ops import Array
 
 MEMORY = 0.1
 """Correlation time [s] under which models are compared, and of a torque that nobody sees."""

@@ -9,8 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.special import chdtrc
 
+from sysid.data.record import Record, extent_of
+from sysid.data.sensor import Sensor
 from sysid.diagnosis.choosing import COMPOSITES, DEFAULT, PREFERRED, Choosing
-from sysid.effects import CATALOGUE, Effect, effect
 from sysid.errors import InvalidInput
 from sysid.estimation.chain import Chain
 from sysid.estimation.first_fit import with_common, without_common
@@ -18,9 +19,8 @@ from sysid.estimation.prediction import PredictionErrors, left_out, moved
 from sysid.estimation.prediction_error import QUICK, Fit, fit
 from sysid.estimation.refits import extended, reduced
 from sysid.estimation.scores import Score, alikeness, price, scores
-from sysid.model import Model
-from sysid.records import Record, extent_of
-from sysid.sensor import Sensor
+from sysid.physics.effects import CATALOGUE, Effect, effect
+from sysid.physics.model import Model
 
 
 @dataclass(frozen=True, eq=False)

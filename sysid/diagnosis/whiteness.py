@@ -10,8 +10,8 @@ import numpy as np
 from scipy.special import chdtrc
 
 from sysid.estimation.prediction_error import Fit
-from sysid.records import Array
-from sysid.response import CHANNELS
+from sysid.estimation.response import CHANNELS
+from sysid.physics.ops import Array
 
 _UNKNOWN = 1e4
 """Variance of a prediction, in units of the noise's, above which the readings before say nothing of a reading."""

@@ -1,1 +1,1 @@
-"""Estimation of a model that is pushed by a random torque: one linearised problem, one filter, one solver."""
+"""Estimation: from records to a fitted model with its uncertainty, by one solver of one linearised problem."""

@@ -9,13 +9,14 @@ from functools import cached_property
 
 import numpy as np
 
-from sysid.effects import Effect
+from sysid.data.record import Record, check_records
+from sysid.data.sensor import Sensor
 from sysid.estimation.kalman import LinearSystem
-from sysid.identify.start import smooth_states
-from sysid.model import Model
-from sysid.records import Array, Record, check_records
-from sysid.sensor import Sensor
-from sysid.windows import UNKNOWN
+from sysid.estimation.smoothed_start import smooth_states
+from sysid.estimation.windows import UNKNOWN
+from sysid.physics.effects import Effect
+from sysid.physics.model import Model
+from sysid.physics.ops import Array
 
 
 class Chain:

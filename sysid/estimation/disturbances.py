@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sysid.records import Array
+from sysid.physics.ops import Array
 
 
 @dataclass(frozen=True)

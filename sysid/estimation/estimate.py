@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from sysid.model import Model
-from sysid.records import Array
-from sysid.sensor import UNITS, Sensor
+from sysid.data.sensor import UNITS, Sensor
+from sysid.physics.model import Model
+from sysid.physics.ops import Array
 
 
 @dataclass(frozen=True, eq=False)

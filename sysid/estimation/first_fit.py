@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from sysid.effects import CATALOGUE
+from sysid.data.record import extent_of
 from sysid.estimation.chain import Chain
+from sysid.estimation.initial_guess import rough
 from sysid.estimation.prediction import BLOCKS, WINDOW, left_out
 from sysid.estimation.prediction_error import Fit, fit, with_likeliest_angle_error
-from sysid.identify.rough import rough
-from sysid.model import Model
-from sysid.records import extent_of
+from sysid.physics.effects import CATALOGUE
+from sysid.physics.model import Model
 
 COMMON = {"viscous": ("b", 0.02), "coulomb": ("tau_c", 0.05), "torque_bias": ("tau_0", 0.0)}
 """What a first fit knows beside the plant, so that friction and an offset do not bend inertia and gravity: each number

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from sysid.data.record import Record, check_records, extent_of
+from sysid.data.sensor import Sensor
 from sysid.errors import InvalidInput
-from sysid.estimate import Estimate
-from sysid.estimation.candidates import alternatives
 from sysid.estimation.chain import Chain
+from sysid.estimation.estimate import Estimate
 from sysid.estimation.first_fit import first_fit
+from sysid.estimation.identifiers.identifier import free_parameters
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.prediction_error import fit as prediction_error
 from sysid.estimation.refits import extended
 from sysid.estimation.scores import score
-from sysid.identify.identifier import free_parameters
-from sysid.model import Model
-from sysid.records import Record, check_records, extent_of
-from sysid.sensor import Sensor
+from sysid.physics.candidates import alternatives
+from sysid.physics.model import Model
 
 
 def free(model: Model) -> tuple[str, ...]:
@@ -57,7 +57,7 @@ def fit(
     """
     records = check_records(model, records)
     if sensor is None:
-        from sysid.noise import sensor_noise
+        from sysid.data.noise import sensor_noise
 
         sensor = sensor_noise(records).sensor
     names = free(model) if parameters is None else tuple(parameters)

@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.model import Model
-from sysid.records import Array, Record, check_records
-from sysid.response import CHANNELS, Linearisation, Response
-from sysid.sensor import Sensor
-from sysid.windows import Window, cut
+from sysid.data.record import Record, check_records
+from sysid.data.sensor import Sensor
+from sysid.estimation.response import CHANNELS, Linearisation, Response
+from sysid.estimation.windows import Window, cut
+from sysid.physics.model import Model
+from sysid.physics.ops import Array
 
 LEAD = 1.0
 """Unscored seconds before each window of a model whose sensors remember."""

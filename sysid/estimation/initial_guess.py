@@ -7,10 +7,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sysid.identify.start import smooth_states
-from sysid.model import Model
-from sysid.records import Array, Record
-from sysid.sensor import Sensor
+from sysid.data.record import Record
+from sysid.data.sensor import Sensor
+from sysid.estimation.smoothed_start import smooth_states
+from sysid.physics.model import Model
+from sysid.physics.ops import Array
 
 SPAN = 0.2
 """Seconds over which the equation of motion is integrated: the noise of an acceleration would drown it."""

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dtbtrs
 
 from sysid.estimation.disturbances import Disturbances
-from sysid.records import Array
+from sysid.physics.ops import Array
 
 BLOCK = 256
 """Instants that one CasADi call runs through; a longer log takes several."""

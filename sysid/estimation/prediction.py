@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.comparison.held_out import Refit, lead_of, refit_windows
+from sysid.estimation.held_out import Refit, lead_of, refit_windows
 from sysid.estimation.prediction_error import Fit
-from sysid.model import Model
-from sysid.records import Array
-from sysid.windows import Window, cut
+from sysid.estimation.windows import Window, cut
+from sysid.physics.model import Model
+from sysid.physics.ops import Array
 
 WINDOW, BLOCKS = 1.0, 8
 """Horizon [s] of a prediction, and how many stretches of a log are left out in turn."""

@@ -10,12 +10,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.estimate import Estimate
 from sysid.estimation.chain import Chain, LinearisedModel, Motion, begin, level
 from sysid.estimation.disturbances import Disturbances
+from sysid.estimation.estimate import Estimate
 from sysid.estimation.kalman import Filter
-from sysid.model import Model
-from sysid.records import Array
+from sysid.physics.model import Model
+from sysid.physics.ops import Array
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from sysid.effects import Effect
 from sysid.estimation.prediction_error import DEFAULT as THOROUGH
 from sysid.estimation.prediction_error import Fit, Settings, fit
+from sysid.physics.effects import Effect
 
 
 def extended(now: Fit, effects: Sequence[Effect], settings: Settings = THOROUGH) -> Fit:

@@ -17,10 +17,11 @@ import casadi
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.model import Model
-from sysid.records import Array, Record, check_records
-from sysid.sensor import Sensor
-from sysid.windows import Window
+from sysid.data.record import Record, check_records
+from sysid.data.sensor import Sensor
+from sysid.estimation.windows import Window
+from sysid.physics.model import Model
+from sysid.physics.ops import Array
 
 Index = NDArray[np.intp]
 CHANNELS = ("theta", "theta_dot")
@@ -88,7 +89,7 @@ class Response:
     @cached_property
     def starts(self) -> Array:
         """States (K, 2) to begin a fit with: smoothed readings at the windows' first instants."""
-        from sysid.identify.start import smooth_states
+        from sysid.estimation.smoothed_start import smooth_states
 
         smooth = [smooth_states(r, self.sensor) for r in self.records]
         return np.array([smooth[w.record][w.begin] for w in self.windows])

@@ -26,16 +26,16 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from sysid.effects import CATALOGUE, Effect, effect
+from sysid.data.files import save_text
+from sysid.data.sensor import Sensor
 from sysid.errors import InvalidInput
-from sysid.estimate import Estimate
-from sysid.files import save_text
-from sysid.fit import free
-from sysid.integrators import RK4, Integrator, SemiImplicitEuler
-from sysid.model import Model
-from sysid.parameters import Parametric
-from sysid.plants import GeneralJoint, LinearAxis, Plant, PointMassPendulum, RodPendulum
-from sysid.sensor import Sensor
+from sysid.estimation.estimate import Estimate
+from sysid.estimation.fit import free
+from sysid.physics.effects import CATALOGUE, Effect, effect
+from sysid.physics.integrators import RK4, Integrator, SemiImplicitEuler
+from sysid.physics.model import Model
+from sysid.physics.parameters import Parametric
+from sysid.physics.plants import GeneralJoint, LinearAxis, Plant, PointMassPendulum, RodPendulum
 
 SCHEMA = "gapfinder/model/1"
 PLANTS: dict[str, type[Plant]] = {

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.effects import CATALOGUE
-from sysid.estimation.candidates import Alternative, candidates
+from sysid.data.record import extent_of
 from sysid.estimation.prediction_error import Fit
-from sysid.records import Array, extent_of
+from sysid.physics.candidates import Alternative, candidates
+from sysid.physics.effects import CATALOGUE
+from sysid.physics.ops import Array
 
 VISIBLE = 1e-3
 """|z_perp| / |z| below which an effect is absorbed by the parameters that are free already."""

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.linalg import spsolve
 
-from sysid.parameters import Parameter
-from sysid.records import Array, Record
-from sysid.sensor import Sensor
+from sysid.data.record import Record
+from sysid.data.sensor import Sensor
+from sysid.physics.ops import Array
+from sysid.physics.parameters import Parameter
 
 
 def parameter_starts(parameters: Sequence[Parameter]) -> Iterator[Array]:

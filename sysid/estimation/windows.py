@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from sysid.records import Record
+from sysid.data.record import Record
 
 UNKNOWN = 0.5
 """Seconds at the start of a record that are not scored where the commands before it are not known."""

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.effects import CATALOGUE, Effect
-from sysid.model import Model
-from sysid.parameters import Extent, Parameter
+from sysid.physics.effects import CATALOGUE, Effect
+from sysid.physics.model import Model
+from sysid.physics.parameters import Extent, Parameter
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,9 +8,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from sysid import ops
 from sysid.errors import InvalidInput
-from sysid.ops import Value
+from sysid.physics import ops
+from sysid.physics.ops import Value
 
 Acceleration = Callable[[Value, Value, Value, Value], Value]
 """theta_ddot(theta, theta_dot, t, drive) [rad/s^2]."""

@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sysid.effects.effect import (
+from sysid.errors import InvalidInput
+from sysid.physics.effects.effect import (
     Array,
     DryFriction,
     Effect,
@@ -22,11 +23,10 @@ from sysid.effects.effect import (
     OutputEffect,
     Reading,
 )
-from sysid.errors import InvalidInput
-from sysid.integrators import RK4, Integrator, SemiImplicitEuler
-from sysid.ops import Value
-from sysid.parameters import Parameter
-from sysid.plants import Plant, RodPendulum
+from sysid.physics.integrators import RK4, Integrator, SemiImplicitEuler
+from sysid.physics.ops import Value
+from sysid.physics.parameters import Parameter
+from sysid.physics.plants import Plant, RodPendulum
 
 Drives = tuple[Value, ...]
 

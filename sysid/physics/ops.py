@@ -16,7 +16,9 @@ from typing import Any, TypeAlias
 
 import casadi
 import numpy as np
+from numpy.typing import NDArray
 
+Array = NDArray[np.float64]
 Value: TypeAlias = Any
 """A float, an ndarray, a CasADi SX/MX/DM or a torch tensor."""
 

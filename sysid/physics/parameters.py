@@ -10,9 +10,9 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from sysid import ops
 from sysid.errors import InvalidInput
-from sysid.ops import Value
+from sysid.physics import ops
+from sysid.physics.ops import Value
 
 _KEY = "parameter"
 

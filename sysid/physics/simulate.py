@@ -1,4 +1,4 @@
-"""Simulation: rollouts of a model, one or thousands at once, and what a sensor would read of them."""
+"""Simulation: rollouts of a model, one or thousands at once."""
 
 from __future__ import annotations
 
@@ -8,10 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sysid.errors import InvalidInput
-from sysid.model import Model
-from sysid.ops import Value
-from sysid.records import Array, Record
-from sysid.sensor import Sensor
+from sysid.physics.model import Model
+from sysid.physics.ops import Array, Value
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,22 +26,6 @@ class Trajectory:
     theta_dot: Array
     theta_read: Array
     theta_dot_read: Array
-
-    def measure(self, sensor: Sensor, rng: np.random.Generator) -> list[Record]:
-        """Records, one a rollout, with independent Gaussian errors; a channel without sd is left out."""
-        n = self.u.shape[-1]
-        u, theta, theta_dot = (a.reshape(-1, a.shape[-1]) for a in (self.u, self.theta_read, self.theta_dot_read))
-        records = []
-        for i in range(len(u)):
-            angle = speed = None
-            if sensor.theta is not None:
-                angle = theta[i] + sensor.theta * rng.standard_normal(n + 1)
-            elif sensor.theta_0 is not None:
-                angle = theta[i, :1] + sensor.theta_0 * rng.standard_normal(1)
-            if sensor.theta_dot is not None:
-                speed = theta_dot[i] + sensor.theta_dot * rng.standard_normal(n + 1)
-            records.append(Record(self.t, u[i], angle, speed, name=f"rollout {i}"))
-        return records
 
 
 def simulate(model: Model, u: ArrayLike, theta: ArrayLike, theta_dot: ArrayLike) -> Trajectory:

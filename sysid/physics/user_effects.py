@@ -13,14 +13,13 @@ from types import TracebackType
 import casadi
 import numpy as np
 
-from sysid.effects import CATALOGUE, Effect
 from sysid.errors import InvalidInput
-from sysid.estimation.candidates import Alternative, alternatives
-from sysid.model import Model
-from sysid.ops import Value
-from sysid.parameters import Extent
-from sysid.plants import PointMassPendulum
-from sysid.records import Array
+from sysid.physics.candidates import Alternative, alternatives
+from sysid.physics.effects import CATALOGUE, Effect
+from sysid.physics.model import Model
+from sysid.physics.ops import Array, Value
+from sysid.physics.parameters import Extent
+from sysid.physics.plants import PointMassPendulum
 
 EXTENT = Extent(dt=0.02, duration=5.0, u_max=1.0)
 THETA = np.array([0.3, 1.7, math.pi, 3.1, 5.9])

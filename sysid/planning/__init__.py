@@ -1,1 +1,1 @@
-"""What to play next: the torque that tells effects apart, or that narrows the widest interval."""
+"""Planning: the next experiment, which tells effects apart or narrows the widest interval."""

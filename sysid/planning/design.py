@@ -11,17 +11,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.effects import Effect, OutputEffect
+from sysid.data.record import Record
+from sysid.data.sensor import Sensor
 from sysid.estimation.chain import Chain, LinearisedModel, Motion
 from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.prediction_error import Fit, Settings, fit, with_likeliest_angle_error
-from sysid.model import Model
+from sysid.estimation.response import CHANNELS, Response
+from sysid.estimation.windows import cut
+from sysid.physics.effects import Effect, OutputEffect
+from sysid.physics.model import Model
+from sysid.physics.ops import Array
 from sysid.planning.evidence import Normal, Sensitivities
 from sysid.planning.signals import Limits, Signal, draw, rest_angle, vary, within
-from sysid.records import Array, Record
-from sysid.response import CHANNELS, Response
-from sysid.sensor import Sensor
-from sysid.windows import cut
 
 NONE = Disturbances(0.0)
 """Nothing acts beside the model, and readings err by white noise alone."""

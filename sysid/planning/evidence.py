@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sysid.effects import Effect
 from sysid.estimation.chain import Chain, LinearisedModel, Motion
 from sysid.estimation.disturbances import Disturbances
-from sysid.model import Model
-from sysid.records import Array
+from sysid.physics.effects import Effect
+from sysid.physics.model import Model
+from sysid.physics.ops import Array
 
 
 class Normal(NamedTuple):

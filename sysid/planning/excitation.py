@@ -6,10 +6,11 @@ import math
 
 import numpy as np
 
+from sysid.data.record import Record
 from sysid.errors import InvalidInput
-from sysid.model import Model
-from sysid.records import Array, Record
-from sysid.simulate import simulate
+from sysid.physics.model import Model
+from sysid.physics.ops import Array
+from sysid.physics.simulate import simulate
 
 
 def multisine(rng: np.random.Generator, n: int, dt: float, u_max: float, f_max: float, tones: int = 12) -> Array:

@@ -9,14 +9,17 @@ from functools import partial
 
 import numpy as np
 
-from sysid.effects import Effect
+from sysid.data.record import Record
+from sysid.data.sensor import Sensor
 from sysid.errors import InvalidInput
-from sysid.estimate import Estimate
 from sysid.estimation.chain import Chain
+from sysid.estimation.estimate import Estimate
 from sysid.estimation.first_fit import first_fit
+from sysid.estimation.fit import free
 from sysid.estimation.prediction_error import fit
-from sysid.fit import free
-from sysid.model import Model
+from sysid.physics.effects import Effect
+from sysid.physics.model import Model
+from sysid.physics.plants import Plant
 from sysid.planning.contest import Match, separable, twins
 from sysid.planning.design import (
     ROUGHLY,
@@ -34,9 +37,6 @@ from sysid.planning.needed import needed_experiment, never, no_experiment
 from sysid.planning.protocol import DECISIVE, HOPELESS, Experiment
 from sysid.planning.rivals import Pair, Rivals, names_of, rivals_of
 from sysid.planning.signals import Limits, Signal, rest_angle
-from sysid.plants import Plant
-from sysid.records import Record
-from sysid.sensor import Sensor
 
 
 def next_experiment(
@@ -97,7 +97,7 @@ def next_experiment(
 def _noise(records: Sequence[Record]) -> Sensor:
     if not records:
         raise InvalidInput("the noise of the readings is not known: give the sensor, or records to find it from")
-    from sysid.noise import sensor_noise
+    from sysid.data.noise import sensor_noise
 
     return sensor_noise(records).sensor
 

@@ -8,18 +8,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid import ops
-from sysid.effects import BackEmf, Joint, JointEffect, RotorInertia, TorqueGain, Viscous
 from sysid.errors import InvalidInput
-from sysid.estimate import Estimate
-from sysid.fit import free
-from sysid.model import Model
-from sysid.ops import Value
+from sysid.estimation.estimate import Estimate
+from sysid.estimation.fit import free
+from sysid.physics import ops
+from sysid.physics.effects import BackEmf, Joint, JointEffect, RotorInertia, TorqueGain, Viscous
+from sysid.physics.model import Model
+from sysid.physics.ops import Array, Value
 from sysid.planning.design import Conditions, Hypothesis, Pool, foresee, precision, search, tamed, yardsticks
 from sysid.planning.protocol import Experiment
 from sysid.planning.rivals import INERTIAL
 from sysid.planning.signals import Signal, rest_angle
-from sysid.records import Array
 
 GRAVITY = 9.81
 """[m/s^2] where the plant has none of its own."""

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from sysid.comparison.held_out import finite
+from sysid.data.files import save_text
 from sysid.errors import InvalidInput
-from sysid.files import save_text
+from sysid.estimation.held_out import finite
+from sysid.physics.ops import Array
 from sysid.planning.contest import Contest
-from sysid.records import Array
 
 SCHEMA = "gapfinder/experiment/1"
 

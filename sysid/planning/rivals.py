@@ -7,20 +7,20 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import NamedTuple
 
-from sysid.effects import Effect, effect
+from sysid.data.record import Record
 from sysid.errors import InvalidInput
-from sysid.estimation.candidates import Alternative, candidates
 from sysid.estimation.chain import Chain
 from sysid.estimation.first_fit import first_fit
 from sysid.estimation.prediction_error import Fit, Settings, fit
 from sysid.estimation.refits import extended
 from sysid.estimation.scores import scores
-from sysid.model import Model
-from sysid.parameters import Extent
+from sysid.physics.candidates import Alternative, candidates
+from sysid.physics.effects import Effect, effect
+from sysid.physics.model import Model
+from sysid.physics.parameters import Extent
 from sysid.planning.design import KNOWN, ROUGHLY, Conditions, Hypothesis, foresee
 from sysid.planning.evidence import Sensitivities
 from sysid.planning.signals import Signal
-from sysid.records import Record
 
 NOTHING = "nothing"
 """Name of the hypothesis that no rival is there."""

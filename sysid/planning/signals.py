@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid import excitation
 from sysid.errors import InvalidInput
-from sysid.model import Model
-from sysid.plants import Plant
-from sysid.records import Array
+from sysid.physics.model import Model
+from sysid.physics.ops import Array
+from sysid.physics.plants import Plant
+from sysid.planning import excitation
 
 KINDS = ("steps", "bang-bang", "chirp", "multisine", "free swing")
 _FREE_SWINGS = 8

@@ -8,12 +8,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
-from sysid.comparison.held_out import HeldOutError
-from sysid.logs import Log
-from sysid.records import Record
-from sysid.response import CHANNELS
-from sysid.sensor import Sensor
-from sysid.typography import ARROW, TIMES, listed, multiple, number, word
+from sysid.data.logs import Log
+from sysid.data.record import Record
+from sysid.data.sensor import Sensor
+from sysid.estimation.held_out import HeldOutError
+from sysid.estimation.response import CHANNELS
+from sysid.report.formatting import ARROW, TIMES, listed, multiple, number, word
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

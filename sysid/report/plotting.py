@@ -19,7 +19,7 @@ from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure, FigureBase
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
-from sysid.typography import chance, multiple, word
+from sysid.report.formatting import chance, multiple, word
 
 if TYPE_CHECKING:
     from sysid.diagnosis.compare import Comparison, Trace
@@ -57,7 +57,7 @@ def label(name: str, units: Mapping[str, str]) -> str:
     return f"{word(name, units)} {symbol} [{units[name]}]".replace("  ", " ")
 
 
-def comparison(answer: Comparison) -> Figure:
+def plot_comparison(answer: Comparison) -> Figure:
     """All of a comparison on one page."""
     channels, torque = list(answer.one_second.ratios), answer.torque
     with matplotlib.rc_context(STYLE):

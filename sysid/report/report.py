@@ -9,20 +9,20 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sysid import typography as set_as
+from sysid.data.record import Record, told_apart
+from sysid.data.sensor import Sensor
+from sysid.data.splitting import split
 from sysid.diagnosis.answer import Diagnosis, Step
 from sysid.diagnosis.compare import Comparison, compare
 from sysid.diagnosis.contacts import Touched
 from sysid.diagnosis.residual_torque import ResidualTorque, residual_torque
-from sysid.effects import CATALOGUE
 from sysid.errors import InvalidInput
-from sysid.model import Model
-from sysid.page import Page, Picture, Section, Table, horizons, physical, picture, settings
-from sysid.plants import Plant
-from sysid.records import Record, told_apart
-from sysid.sensor import Sensor
-from sysid.splitting import split
-from sysid.typography import sentence
+from sysid.physics.effects import CATALOGUE
+from sysid.physics.model import Model
+from sysid.physics.plants import Plant
+from sysid.report import formatting as set_as
+from sysid.report.formatting import sentence
+from sysid.report.page import Page, Picture, Section, Table, horizons, physical, picture, settings
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -47,7 +47,7 @@ def write_report(
     import jinja2
 
     environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("sysid"), autoescape=True, trim_blocks=True, lstrip_blocks=True
+        loader=jinja2.PackageLoader("sysid.report"), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
     html = environment.get_template("report.html.j2").render(page=page_of(answer, records, hold_out))
     try:
@@ -174,7 +174,7 @@ def _described(model: Model) -> str:
 
 
 def _fall(answer: Diagnosis) -> Section:
-    from sysid import report_figures as figures
+    from sysid.report import report_figures as figures
 
     caption = (
         "Error over windows of 1 s of rollouts that no fit has seen, each window's state refitted, in units of the "
@@ -188,7 +188,7 @@ def _fall(answer: Diagnosis) -> Section:
 def _rollout(
     answer: Diagnosis, models: Sequence[Model], held_out: Sequence[Record], touched: Sequence[Touched]
 ) -> Section:
-    from sysid import report_figures as figures
+    from sysid.report import report_figures as figures
 
     ahead = math.inf if answer.remaining is None else 2.0
     paths = figures.courses(models, held_out, answer.sensor, ahead)
@@ -203,7 +203,7 @@ def _rollout(
 
 
 def _ranking(answer: Diagnosis) -> Section:
-    from sysid import report_figures as figures
+    from sysid.report import report_figures as figures
 
     caption = (
         "The first round: every effect of the catalogue, by what it would explain. Effects in one row move the "
@@ -217,7 +217,7 @@ def _ranking(answer: Diagnosis) -> Section:
 def _torque(
     answer: Diagnosis, torques: Sequence[ResidualTorque], touched: Sequence[Touched], whole: bool, of_sensor: bool
 ) -> Section:
-    from sysid import report_figures as figures
+    from sysid.report import report_figures as figures
 
     found, before = torques[-1], torques[0] if len(torques) > 1 else None
     left, unknown = answer.remaining, answer.remaining is not None
@@ -252,7 +252,7 @@ def _torque(
 
 
 def _maps(compared: Sequence[Comparison]) -> Section:
-    from sysid import report_figures as figures
+    from sysid.report import report_figures as figures
 
     titles = ("as it came", "mended") if len(compared) > 1 else ("",)
     says = [
@@ -290,7 +290,7 @@ def _parameters(answer: Diagnosis, mended: bool) -> Table:
 
 
 def _steps(answer: Diagnosis) -> Iterator[Table]:
-    from sysid.report_figures import in_order
+    from sysid.report.report_figures import in_order
 
     if steps := in_order(answer):
         heads = ("effect", "error before", "after", "p", "not told from", "formula")
@@ -365,8 +365,8 @@ def _(answer: Comparison, records: Sequence[Record], hold_out: float | None = No
 
 
 def _compared(answer: Comparison) -> Iterator[Section]:
-    from sysid import plotting
-    from sysid import report_figures as figures
+    from sysid.report import plotting
+    from sysid.report import report_figures as figures
 
     def panel(draw: Callable[[Any, Axes], None], found: Any, caption: str, wide: bool = False) -> Picture:
         figure = figures.drawn(figures.WIDE if wide else figures.NARROW, 2.9, lambda axes: draw(found, axes))
@@ -396,6 +396,6 @@ def _compared(answer: Comparison) -> Iterator[Section]:
 
 
 def _over(name: str, torque: ResidualTorque, axes: Axes) -> None:
-    from sysid import plotting
+    from sysid.report import plotting
 
     plotting.over(torque, name, axes)

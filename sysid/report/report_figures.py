@@ -20,19 +20,20 @@ from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
-from sysid import plotting
-from sysid.comparison.held_out import Refit, error_of, lead_of, refit_windows
+from sysid.data.record import Record
+from sysid.data.sensor import Sensor
 from sysid.diagnosis.answer import Diagnosis, Step
 from sysid.diagnosis.compare import Trace
 from sysid.diagnosis.contacts import Touched
 from sysid.diagnosis.residual_torque import Followed, ResidualTorque
-from sysid.model import Model
-from sysid.plotting import BLUE, GREEN, GREY, ORANGE, STYLE, cells, label, mean, scale, short
-from sysid.records import Array, Record
-from sysid.response import CHANNELS
-from sysid.sensor import Sensor
-from sysid.typography import chance, multiple, word
-from sysid.windows import cut
+from sysid.estimation.held_out import Refit, error_of, lead_of, refit_windows
+from sysid.estimation.response import CHANNELS
+from sysid.estimation.windows import cut
+from sysid.physics.model import Model
+from sysid.physics.ops import Array
+from sysid.report import plotting
+from sysid.report.formatting import chance, multiple, word
+from sysid.report.plotting import BLUE, GREEN, GREY, ORANGE, STYLE, cells, label, mean, scale, short
 
 WIDE, NARROW = 5.0, 4.2
 """Widths [in]: of a column, and of half of one."""

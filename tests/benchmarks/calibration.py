@@ -75,12 +75,12 @@ def information(world: World, name: str) -> Array:
 
 def alarms(model: Model, records: Sequence) -> tuple[bool, bool]:
     """Whether the score tests about the right model find an effect that pays, and whether a random torque is needed."""
+    from sysid.data.noise import sensor_noise
     from sysid.diagnosis.choosing import DEFAULT
     from sysid.estimation.chain import Chain
     from sysid.estimation.first_fit import first_fit
+    from sysid.estimation.fit import free
     from sysid.estimation.scores import price, scores
-    from sysid.fit import free
-    from sysid.noise import sensor_noise
 
     found = first_fit(Chain(model, records, sensor_noise(records).sensor), model, free(model))
     tested = scores(found)

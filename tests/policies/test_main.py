@@ -34,7 +34,7 @@ def models(tmp_path_factory):
     rng = np.random.default_rng(0)
     start = np.pi + rng.normal(0.0, 0.3, 2)
     u = 15.0 * np.sin(np.arange(80) * 0.05 * np.array([[3.0], [5.0]]))
-    records = sysid.simulate(truth, u, start, np.zeros(2)).measure(Sensor(0.003, 0.05), rng)
+    records = Sensor(0.003, 0.05).measure(sysid.simulate(truth, u, start, np.zeros(2)), rng)
     sysid.save(sysid.fit(truth, records, Sensor(0.003, 0.05)), folder / "fitted.json")
     sysid.save(paper_model(2.0, 1.5), folder / "paper.json")
     sysid.save(paper_model(1.0, 1.0), folder / "light.json")

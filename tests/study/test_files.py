@@ -7,12 +7,12 @@ import sys
 
 import pytest
 
-from sysid.files import partial, write_whole
+from sysid.data.files import partial, write_whole
 
 FULL = """
 import resource, signal, sys
 from pathlib import Path
-from sysid.files import write_whole
+from sysid.data.files import write_whole
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
 try:

@@ -99,7 +99,7 @@ def test_a_late_command_is_learned_and_a_plant_that_lacks_nothing_is_left_nearly
 
 
 def held(model, records):
-    from sysid.comparison.held_out import held_out_error
+    from sysid.estimation.held_out import held_out_error
 
     return held_out_error(model, records, SENSOR, 1.0).ratio
 

@@ -16,7 +16,7 @@ from study.mismatch.recipe import Recipe, recipe_of
 from study.mismatch.results import Fitted
 from study.mismatch.trainings import agents_of, populations
 from study.mismatch.ways import AT_ONCE, Spending, recipes
-from sysid.comparison.held_out import held_out_error
+from sysid.estimation.held_out import held_out_error
 
 SMOKE = PLANS["mismatch-smoke"]
 

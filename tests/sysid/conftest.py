@@ -21,7 +21,7 @@ from sysid import (
     SemiImplicitEuler,
     simulate,
 )
-from sysid.excitation import multisine
+from sysid.planning.excitation import multisine
 
 PENDULUMS = {
     "rod": RodPendulum(m=1.3, l=0.9, g=9.7),

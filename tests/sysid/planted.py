@@ -29,7 +29,7 @@ from sysid import (
     diagnose,
     simulate,
 )
-from sysid.excitation import steps
+from sysid.planning.excitation import steps
 
 DT = 0.02
 SENSOR = Sensor(0.003, 0.05)
@@ -49,7 +49,7 @@ def truth(*effects: Effect) -> Model:
 def logs(model: Model, seed: int = 0, n: int = 5, seconds: float = 5.0) -> list[Record]:
     rng = np.random.default_rng(seed)
     u = np.array([steps(rng, round(seconds / DT), DT, 1.5, 0.3) for _ in range(n)])
-    return simulate(model, u, math.pi + rng.uniform(-0.8, 0.8, n), np.zeros(n)).measure(SENSOR, rng)
+    return SENSOR.measure(simulate(model, u, math.pi + rng.uniform(-0.8, 0.8, n), np.zeros(n)), rng)
 
 
 def shaken(model: Model, rms: float, seed: int = 0, u: np.ndarray | None = None, T: float = 0.5) -> list[Record]:
@@ -64,7 +64,7 @@ def shaken(model: Model, rms: float, seed: int = 0, u: np.ndarray | None = None,
     factor, d = math.exp(-DT / T), rms * rng.standard_normal(u.shape)
     for k in range(1, u.shape[1]):
         d[:, k] = factor * d[:, k - 1] + math.sqrt(1.0 - factor**2) * d[:, k]
-    made = simulate(model, u + d, theta, np.zeros(len(u))).measure(SENSOR, rng)
+    made = SENSOR.measure(simulate(model, u + d, theta, np.zeros(len(u))), rng)
     return [dataclasses.replace(r, u=own) for r, own in zip(made, u, strict=True)]
 
 
@@ -73,7 +73,7 @@ def pushed(records: list[Record], i: int) -> list[Record]:
     push = np.zeros(len(records[i]))
     push[75:105] = 1.2
     run = simulate(truth(), records[i].u + push, records[i].theta[0], 0.0)  # type: ignore[index]
-    (made,) = run.measure(SENSOR, np.random.default_rng(9))
+    (made,) = SENSOR.measure(run, np.random.default_rng(9))
     return [*records[:i], Record(made.t, records[i].u, made.theta, made.theta_dot, name="pushed"), *records[i + 1 :]]
 
 

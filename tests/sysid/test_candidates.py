@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from sysid import CATALOGUE, Delay, Effect, Joint, JointEffect, Model, Record, RodPendulum, Stamp, Viscous, simulate
-from sysid.estimation.candidates import Alternative, alternatives, candidates
-from sysid.excitation import multisine
-from sysid.parameters import NEVER, Extent, parameter
-from sysid.records import extent_of
+from sysid.data.record import extent_of
+from sysid.physics.candidates import Alternative, alternatives, candidates
+from sysid.physics.parameters import NEVER, Extent, parameter
+from sysid.planning.excitation import multisine
 
 DT = 0.02
 EXTENT = Extent(DT, 6.0, 2.0)
@@ -125,7 +125,7 @@ def test_an_effect_of_a_users_own_is_tried_like_ours(catalogue: dict[str, type[E
         formula: ClassVar[str] = "tau = k sin(theta - at)"
 
         def torque(self, joint: Joint) -> float:
-            from sysid import ops
+            from sysid.physics import ops
 
             return self.k * ops.sin(joint.theta - self.at)
 

@@ -12,7 +12,7 @@ import pytest
 from sysid import RK4, Effect, GeneralJoint, Model, Record, Sensor, effect, simulate
 from sysid.estimation.chain import Chain, LinearisedModel, Motion, begin, level
 from sysid.estimation.disturbances import Disturbances
-from sysid.excitation import multisine
+from sysid.planning.excitation import multisine
 
 DT = 0.02
 SENSOR = Sensor(theta=0.003, theta_dot=0.05)
@@ -280,7 +280,7 @@ def test_the_start_of_a_fit_follows_the_readings_without_a_model() -> None:
     """Smoothed readings move as the joint did, and their level is the rms of its acceleration."""
     rng, n = np.random.default_rng(4), 300
     run = simulate(JOINT, multisine(rng, n, DT, 2.0, 2.0), math.pi, 0.0)
-    chain = Chain(JOINT, run.measure(SENSOR, rng), SENSOR)
+    chain = Chain(JOINT, SENSOR.measure(run, rng), SENSOR)
     motion = begin(chain, 2.0)
     assert np.sqrt(np.mean((motion.x[:, 0] - run.theta) ** 2)) < 0.003
     assert np.sqrt(np.mean((motion.x[:, 1] - run.theta_dot) ** 2)) < 0.05

@@ -10,7 +10,7 @@ import pytest
 
 from sysid import RK4, GeneralJoint, Model, Record, Sensor, effect, simulate
 from sysid.diagnosis.channels import relied_on
-from sysid.excitation import multisine
+from sysid.planning.excitation import multisine
 
 DT = 0.01
 JOINT = Model(GeneralJoint(J=0.3, G=2.0), (effect("viscous", b=0.07),), RK4(substeps=2), DT)
@@ -24,7 +24,7 @@ def logs(sensor: Sensor, dt: float = DT, seed: int = 0, fast: float = 2.0) -> li
     model, n = replace(JOINT, dt=dt), round(6.0 / dt)
     rng = np.random.default_rng(seed)
     u = np.array([multisine(rng, n, dt, 2.0, fast) for _ in range(2)])
-    return simulate(model, u, math.pi, np.zeros(2)).measure(sensor, rng)
+    return sensor.measure(simulate(model, u, math.pi, np.zeros(2)), rng)
 
 
 def late(record: Record, T: float) -> Record:

@@ -12,8 +12,8 @@ import pytest
 
 import sysid
 from sysid.__main__ import main
-from sysid.excitation import multisine
-from sysid.options import COMMANDS
+from sysid.cli.options import COMMANDS
+from sysid.planning.excitation import multisine
 
 ROOT = Path(__file__).parents[2]
 DT = 0.02
@@ -28,7 +28,7 @@ def swings(plant, *effects, count=6, seconds=6.0, torque=1.2, sensor=SENSOR, see
     pace = math.sqrt(float(plant.gravity_torque(0.5 * math.pi)) / float(plant.inertia())) / (2.0 * math.pi) or 1.0
     u = np.stack([multisine(rng, round(seconds / DT), DT, size, min(2.0 * pace, 5.0)) for _ in range(count)])
     start = math.pi + rng.normal(0.0, 0.3, count)
-    return sysid.simulate(model, u, start, np.zeros(count)).measure(sensor, rng)
+    return sensor.measure(sysid.simulate(model, u, start, np.zeros(count)), rng)
 
 
 def written(records, folder, torque=True):

@@ -36,7 +36,7 @@ from sysid import (
     simulate,
 )
 from sysid.diagnosis.compare import Comparison, compare
-from sysid.excitation import multisine, steps
+from sysid.planning.excitation import multisine, steps
 
 BOTH = Sensor(0.003, 0.05)
 ROD = Model(RodPendulum(m=1.0, l=0.9), dt=0.02)
@@ -53,7 +53,7 @@ def logs(
         "multisine": lambda: multisine(rng, N, model.dt, 1.5, 2.5),
     }
     u = np.array([shapes[signal]() for _ in range(n)])
-    return simulate(model, u, math.pi + rng.uniform(-0.8, 0.8, n), np.zeros(n)).measure(sensor, rng)
+    return sensor.measure(simulate(model, u, math.pi + rng.uniform(-0.8, 0.8, n), np.zeros(n)), rng)
 
 
 def comparison(*effects: Effect, signal: str = "steps", seed: int = 0) -> Comparison:
@@ -231,7 +231,7 @@ def test_the_curves_are_the_missing_torque(seed: int) -> None:
 
 def pushed(model: Model, push: np.ndarray, name: str) -> list[Record]:
     records = logs(model)
-    moved = simulate(model, records[2].u + push, records[2].theta[0], 0.0).measure(BOTH, np.random.default_rng(1))[0]
+    moved = BOTH.measure(simulate(model, records[2].u + push, records[2].theta[0], 0.0), np.random.default_rng(1))[0]
     records[2] = Record(moved.t, records[2].u, moved.theta, moved.theta_dot, name=name)
     return records
 
@@ -275,7 +275,7 @@ def test_an_axis_is_told_in_metres_and_newtons() -> None:
     axis, sensor, rng = Model(LinearAxis(m=1.0), dt=0.02), Sensor(0.001, 0.01), np.random.default_rng(0)
     u = np.array([steps(rng, 300, 0.02, 1.5, 0.3) for _ in range(3)])
     rough = axis.with_effect(Coulomb(tau_c=0.2))
-    c = compare(axis, simulate(rough, u, np.zeros(3), np.zeros(3)).measure(sensor, rng), sensor)
+    c = compare(axis, sensor.measure(simulate(rough, u, np.zeros(3), np.zeros(3)), rng), sensor)
     assert [cause.effect for cause in c.causes] == ["coulomb"]
     said = f"{c} {json.dumps(c.to_dict())} {c.one_second} {c.torque}"
     assert "dry friction of about 0.2 N" in said and "A force of 0." in said and "m/s" in said
@@ -321,7 +321,7 @@ def test_the_noise_is_found_where_it_is_not_given() -> None:
 
 def test_a_free_swing_and_one_short_rollout() -> None:
     """No torque to depend on; fewer readings than one window."""
-    swing = simulate(ROD.with_effect(Viscous(b=0.1)), np.zeros(200), 2.0, 0.0).measure(BOTH, np.random.default_rng(0))
+    swing = BOTH.measure(simulate(ROD.with_effect(Viscous(b=0.1)), np.zeros(200), 2.0, 0.0), np.random.default_rng(0))
     c = compare(ROD, swing, BOTH)
     assert c.causes[0].effect == "viscous"
     assert c.torque is not None and math.isinf(c.torque.share)

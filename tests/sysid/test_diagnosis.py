@@ -32,10 +32,10 @@ from sysid import (
     parameter,
     simulate,
 )
-from sysid.comparison.held_out import held_out_error
-from sysid.excitation import steps
-from sysid.ops import Value
-from sysid.splitting import split
+from sysid.data.splitting import split
+from sysid.estimation.held_out import held_out_error
+from sysid.physics.ops import Value
+from sysid.planning.excitation import steps
 from tests.sysid.planted import (
     DT,
     FEW,
@@ -99,7 +99,7 @@ def test_what_acts_in_one_record_most_is_named_too(other: Effect) -> None:
     rng = np.random.default_rng(0)
     u = np.array([steps(rng, 250, DT, amplitude, 0.3) for amplitude in (4.5, 1.5, 1.5, 1.5, 1.5)])
     starts = math.pi + rng.uniform(-0.8, 0.8, len(u)), np.zeros(len(u))
-    records = simulate(truth(Saturation(limit=1.0), other), u, *starts).measure(SENSOR, rng)
+    records = SENSOR.measure(simulate(truth(Saturation(limit=1.0), other), u, *starts), rng)
     found = diagnose(rod(), records, SENSOR)
     assert found.verdict == "missing"
     assert [s.effect for s in found.steps] == ["saturation", other.name]
@@ -116,7 +116,7 @@ def test_a_machine_of_any_size_is_the_same_machine(size: float) -> None:
         rng = np.random.default_rng(4)
         u = size * np.array([steps(rng, 250, DT, 2.0, 0.4) for _ in range(4)])
         plant = Model(joint, (Coulomb(tau_c=0.1 * size),), dt=DT)
-        records = simulate(plant, u, math.pi + rng.uniform(-0.8, 0.8, 4), np.zeros(4)).measure(SENSOR, rng)
+        records = SENSOR.measure(simulate(plant, u, math.pi + rng.uniform(-0.8, 0.8, 4), np.zeros(4)), rng)
         return diagnose(Model(joint, dt=DT), records, SENSOR)
 
     one, other = asked(1.0), asked(size)
@@ -162,7 +162,7 @@ def test_a_carriage_is_where_it_is() -> None:
     carriage = LinearAxis(m=2.0)
     run = simulate(Model(carriage, (Viscous(b=1.0), Detent(f=0.8)), dt=DT), u, np.full(4, -0.3), np.zeros(4))
     sensor = Sensor(0.001, 0.01)
-    found = diagnose(Model(carriage, dt=DT), run.measure(sensor, rng), sensor, effects=("viscous",))
+    found = diagnose(Model(carriage, dt=DT), sensor.measure(run, rng), sensor, effects=("viscous",))
     assert found.verdict == "partly" and found.remaining is not None
     assert [s.effect for s in found.steps] == ["viscous"]
     begin, end = map(float, re.findall(r"from (\S+) to (\S+) m ", found.remaining.where)[0])
@@ -183,7 +183,7 @@ def test_what_hardly_moves_is_diagnosed_too() -> None:
     rng, sensor, model = np.random.default_rng(0), Sensor(theta=0.003, theta_dot=0.05), Model(RodPendulum(), dt=0.02)
     runs = [simulate(model, steps(rng, 200, model.dt, 0.01, 0.5), math.pi, 0.0) for _ in range(3)]
     assert max(float(np.ptp(run.theta)) for run in runs) < 0.03
-    records = [record for run in runs for record in run.measure(sensor, rng)]
+    records = [record for run in runs for record in sensor.measure(run, rng)]
     assert diagnose(model, records, sensor).verdict == "adequate"
 
 

@@ -8,8 +8,8 @@ import json
 import pytest
 
 from sysid import CATALOGUE, diagnose
+from sysid.data.splitting import split
 from sysid.diagnosis.answer import SCHEMA
-from sysid.splitting import split
 from tests.sysid.planted import (
     DEPENDENCES,
     EVERY,

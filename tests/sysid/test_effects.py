@@ -25,7 +25,7 @@ from sysid import (
     register,
     simulate,
 )
-from sysid.excitation import multisine
+from sysid.planning.excitation import multisine
 from tests.sysid.signals import uniform_noise
 
 ROD = RodPendulum(m=1.3, l=0.9)

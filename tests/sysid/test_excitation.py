@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sysid import paper_model, paper_rollouts
-from sysid.excitation import chirp, multisine, steps
+from sysid.planning.excitation import chirp, multisine, steps
 
 N, DT, U = 4000, 0.01, 1.5
 SIGNALS = {

@@ -27,13 +27,13 @@ from sysid import (
     Viscous,
     simulate,
 )
-from sysid.effects import CATALOGUE, Effect
 from sysid.estimation import prediction_error
 from sysid.estimation.chain import Chain
 from sysid.estimation.disturbances import Disturbances
+from sysid.estimation.fit import fit
 from sysid.estimation.refits import extended
 from sysid.estimation.scores import scores
-from sysid.fit import fit
+from sysid.physics.effects import CATALOGUE, Effect
 from sysid.planning.design import KNOWN, NONE, Conditions, Hypothesis, Pool, foresee
 from sysid.planning.experiment import limits_of, next_experiment
 from sysid.planning.needed import Payload, needed_experiment
@@ -52,7 +52,7 @@ def rod() -> Model:
 
 def log(model: Model, *commands: np.ndarray, seed: int = 1) -> list[Record]:
     """Rollouts from rest, with noise."""
-    return simulate(model, np.array(commands), math.pi, 0.0).measure(SENSOR, np.random.default_rng(seed))
+    return SENSOR.measure(simulate(model, np.array(commands), math.pi, 0.0), np.random.default_rng(seed))
 
 
 def time(seconds: float = 8.0) -> np.ndarray:
@@ -70,7 +70,7 @@ def slow_sines() -> np.ndarray:
 
 def played(e: Experiment, truth: Model, seed: int) -> list[Record]:
     """What a rig would log."""
-    return simulate(truth, e.u, e.start, 0.0).measure(SENSOR, np.random.default_rng(seed))
+    return SENSOR.measure(simulate(truth, e.u, e.start, 0.0), np.random.default_rng(seed))
 
 
 def output_error(records: list[Record]) -> prediction_error.Fit:
@@ -370,7 +370,7 @@ def test_a_payload_shows_the_torque_gain(weight: tuple[float, float] | None) -> 
     loaded = truth.with_effect(Payload(mass=mass, distance=distance))
     found = []
     for seed, model in enumerate((truth, loaded)):
-        records = simulate(model, e.u[:1], e.start[:1], 0.0).measure(SENSOR, np.random.default_rng(seed))
+        records = SENSOR.measure(simulate(model, e.u[:1], e.start[:1], 0.0), np.random.default_rng(seed))
         found.append(fit(Model(GeneralJoint(J=0.3, G=4.0), dt=0.02), records, SENSOR))
     step = found[1].values["J"] - found[0].values["J"]
     assert mass * distance**2 / step == pytest.approx(1.1, abs=0.02)  # (J + m r^2) / c - J / c

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import sysid
-from sysid.export import SCHEMA, from_dict, to_dict
+from sysid.estimation.saved_model import SCHEMA, from_dict, to_dict
 
 
 def same(a, b):
@@ -49,7 +49,7 @@ def records():
     truth = sysid.Model(sysid.RodPendulum(m=1.2, l=0.9), (sysid.Viscous(0.05),), dt=0.02)
     rng = np.random.default_rng(0)
     u = rng.uniform(-2.0, 2.0, (2, 150))
-    return sysid.simulate(truth, u, [3.0, 3.3], [0.0, 0.0]).measure(sysid.Sensor(0.003, 0.05), rng)
+    return sysid.Sensor(0.003, 0.05).measure(sysid.simulate(truth, u, [3.0, 3.3], [0.0, 0.0]), rng)
 
 
 @pytest.mark.parametrize("names", [("m", "l"), ("viscous.b", "m")])

@@ -41,7 +41,7 @@ def driven(
         gear[:, k] = kept * gear[:, k - 1] + math.sqrt(1.0 - kept**2) * gear[:, k]
     gear += jolt * np.sign(theta_dot) * (np.abs(theta_dot) < 0.06)
     run = simulate(ROBOT, u + gear, np.full(len(w), math.pi), np.ones(len(w)))
-    return [dataclasses.replace(r, u=own) for r, own in zip(run.measure(SENSOR, rng), u, strict=True)]
+    return [dataclasses.replace(r, u=own) for r, own in zip(SENSOR.measure(run, rng), u, strict=True)]
 
 
 @pytest.mark.parametrize("seed", [0, 1])

@@ -30,9 +30,9 @@ from sysid import (
     paper_model,
     simulate,
 )
-from sysid.excitation import paper_rollouts, steps
-from sysid.fit import free
-from sysid.simulate import Trajectory
+from sysid.estimation.fit import free
+from sysid.physics.simulate import Trajectory
+from sysid.planning.excitation import paper_rollouts, steps
 
 DT = 0.02
 SENSOR = Sensor(0.003, 0.05)
@@ -49,7 +49,7 @@ def run(model: Model, seed: int = 0, n: int = 3, seconds: float = 4.0) -> Trajec
 
 
 def logs(model: Model, seed: int = 0, sensor: Sensor = SENSOR) -> list[Record]:
-    return run(model, seed).measure(sensor, np.random.default_rng(seed))
+    return sensor.measure(run(model, seed), np.random.default_rng(seed))
 
 
 def exact(model: Model) -> list[Record]:
@@ -193,7 +193,7 @@ def test_speeds_alone_are_enough_at_any_rate(dt: float) -> None:
     truth = Model(RodPendulum(m=1.0, l=0.9), (Coulomb(tau_c=0.1),), dt=dt)
     rng, sensor = np.random.default_rng(0), Sensor(None, 0.05)
     u = steps(rng, round(6.0 / dt), dt, 1.5, 0.3)
-    records = simulate(truth, u, math.pi + 0.3, 0.0).measure(sensor, rng)
+    records = sensor.measure(simulate(truth, u, math.pi + 0.3, 0.0), rng)
     estimate = fit(Model(RodPendulum(), (Coulomb(),), dt=dt), records, sensor)
     assert estimate.success
     assert_found(estimate, truth, estimate.names)

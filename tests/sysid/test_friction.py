@@ -22,7 +22,7 @@ from sysid import (
     Viscous,
     simulate,
 )
-from sysid.excitation import multisine
+from sysid.planning.excitation import multisine
 
 ROD = RodPendulum(m=1.3, l=0.9)
 WET = [Viscous(b=0.1), Drag(c=0.05), BackEmf(k=0.1), AsymmetricViscous(b_plus=0.12, b_minus=0.05)]

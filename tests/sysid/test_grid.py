@@ -20,7 +20,7 @@ from sysid import (
     paper_rollouts,
     simulate,
 )
-from sysid.excitation import multisine
+from sysid.planning.excitation import multisine
 
 PUBLISHED = Path(__file__).parents[2].parent / "shared" / "data" / "paper"
 RUNS = {  # file: hidden truth (m, l) and the sd of the speed readings
@@ -98,7 +98,7 @@ def test_ties_go_to_the_first_cell_the_first_parameter_slowest():
 def test_blocks_of_samples_do_not_change_the_answer(monkeypatch):
     records = paper_rollouts(paper_model(2.0, 1.5), 3, np.random.default_rng(4))
     whole = GridSearch().fit(paper_model(), records)
-    monkeypatch.setattr("sysid.identify.grid._BLOCK", 60_000)
+    monkeypatch.setattr("sysid.estimation.identifiers.grid._BLOCK", 60_000)
     assert GridSearch().fit(paper_model(), records).values == whole.values
 
 

@@ -21,10 +21,10 @@ from sysid import (
     Viscous,
     simulate,
 )
-from sysid.comparison.held_out import held_out_error, lead_of, refit
-from sysid.excitation import steps
-from sysid.response import Response
-from sysid.windows import cut
+from sysid.estimation.held_out import held_out_error, lead_of, refit
+from sysid.estimation.response import Response
+from sysid.estimation.windows import cut
+from sysid.planning.excitation import steps
 
 BOTH = Sensor(0.003, 0.05)
 
@@ -33,7 +33,7 @@ def logs(model: Model, sensor: Sensor, seed: int = 0, n: int = 8, seconds: float
     """n rollouts under steps of torque, begun near hanging."""
     rng = np.random.default_rng(seed)
     u = np.array([steps(rng, round(seconds / model.dt), model.dt, 1.5, 0.3) for _ in range(n)])
-    return simulate(model, u, math.pi + rng.uniform(-0.8, 0.8, n), np.zeros(n)).measure(sensor, rng)
+    return sensor.measure(simulate(model, u, math.pi + rng.uniform(-0.8, 0.8, n), np.zeros(n)), rng)
 
 
 def rod(dt: float = 0.02) -> Model:
@@ -104,7 +104,7 @@ def test_an_error_in_one_rollout_is_found_there() -> None:
     records = logs(rod(), BOTH)
     push = np.zeros(300)
     push[120:135] = 1.0
-    hand = simulate(rod(), records[3].u + push, records[3].theta[0], 0.0).measure(BOTH, np.random.default_rng(7))[0]
+    hand = BOTH.measure(simulate(rod(), records[3].u + push, records[3].theta[0], 0.0), np.random.default_rng(7))[0]
     records[3] = Record(hand.t, records[3].u, hand.theta, hand.theta_dot, name="pushed")
     worst = held_out_error(rod(), records, BOTH).worst[0]
     assert worst.record == "pushed"
@@ -140,7 +140,7 @@ def test_a_sensor_that_remembers_and_changes_nothing_changes_no_error(sensing: S
         np.random.default_rng(3),
     )
     start = rng.uniform(-math.pi, math.pi, 5), rng.uniform(-1.0, 1.0, 5)
-    records = simulate(model, rng.uniform(-2.0, 2.0, (5, 200)), *start).measure(sensor, rng)
+    records = sensor.measure(simulate(model, rng.uniform(-2.0, 2.0, (5, 200)), *start), rng)
     plain = held_out_error(model, records, sensor)
     assert held_out_error(model.with_effect(sensing), records, sensor).ratio == pytest.approx(plain.ratio, abs=0.01)
     assert abs(plain.ratio - 1.0) < 0.05

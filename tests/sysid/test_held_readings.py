@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from sysid import RK4
-from sysid.fit import fit
-from sysid.held_readings import fresh, holding
-from sysid.logs import read
+from sysid.data.held_readings import fresh, holding
+from sysid.data.logs import read
+from sysid.estimation.fit import fit
 from tests.sysid.written import MODEL, SENSOR, rollouts, table, write
 
 FAST = replace(MODEL, dt=0.002, integrator=RK4(substeps=1))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sysid.holm import holm
+from study.holm import holm
 
 
 def test_by_hand():

@@ -56,3 +56,28 @@ def test_importing_sysid_is_quick():
 
 def test_every_public_name_exists():
     assert fresh("import sysid; print([n for n in sysid.__all__ if not hasattr(sysid, n)])") == "[]"
+
+
+FLOORS = ("errors", "physics", "data", "estimation", "planning", "diagnosis", "report", "cli")
+
+
+def modules(node: ast.AST) -> list[str]:
+    """The modules of an import, with what it takes from them."""
+    if isinstance(node, ast.Import):
+        return [alias.name for alias in node.names]
+    if isinstance(node, ast.ImportFrom) and node.level == 0:
+        return [f"{node.module}.{alias.name}" for alias in node.names]
+    return []
+
+
+@pytest.mark.parametrize("room", FLOORS)
+def test_a_room_imports_from_those_above_it_only(room):
+    """Floor by floor, imports inside functions and those for types included."""
+    above = FLOORS[: FLOORS.index(room) + 1]
+    files = [ROOT / "sysid" / f"{room}.py"] if room == "errors" else sorted((ROOT / "sysid" / room).rglob("*.py"))
+    assert files
+    for path in files:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            for name in modules(node):
+                parts = name.split(".")
+                assert parts[0] != "sysid" or parts[1] in above, f"{path.relative_to(ROOT)} imports {name}"

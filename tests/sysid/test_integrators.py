@@ -24,8 +24,8 @@ from sysid import (
     Viscous,
     simulate,
 )
-from sysid.excitation import multisine
-from sysid.integrators import stick_slip
+from sysid.physics.integrators import stick_slip
+from sysid.planning.excitation import multisine
 
 ORDERS = [(SemiImplicitEuler, 1), (RK4, 4)]
 DT, N = 0.1, 20

@@ -23,7 +23,7 @@ from sysid import (
     paper_rollouts,
     simulate,
 )
-from sysid.excitation import multisine, steps
+from sysid.planning.excitation import multisine, steps
 
 PAPER = Sensor(theta=None, theta_dot=1.0, theta_0=0.001)
 ENCODER = Sensor(theta=0.01, theta_dot=1.0)
@@ -43,7 +43,7 @@ def lab(model, sensor, n=4, length=300, seed=0):
         [(multisine(rng, length, model.dt, 1.0, 2.5), steps(rng, length, model.dt, 1.0, 0.4))[i % 2] for i in range(n)]
     )
     run = simulate(model, u, np.pi + 0.1 * rng.standard_normal(n), 0.1 * rng.standard_normal(n))
-    return run.measure(sensor, rng)
+    return sensor.measure(run, rng)
 
 
 @pytest.mark.parametrize(
@@ -132,7 +132,7 @@ def test_a_long_record_that_is_sensitive_to_its_start_keeps_honest_intervals():
     truth = Model(GeneralJoint(J=0.12, G=1.3), (Viscous(b=0.02),), dt=0.02)
     cold, names = Model(GeneralJoint(), (Viscous(),), dt=0.02), ("J", "G", "viscous.b")
     rng = np.random.default_rng(2)
-    record = simulate(truth, multisine(rng, 2000, 0.02, 1.5, 2.0), np.pi, 0.0).measure(sensor, rng)[0]
+    record = sensor.measure(simulate(truth, multisine(rng, 2000, 0.02, 1.5, 2.0), np.pi, 0.0), rng)[0]
     before = None
     for n in (500, 1000, 2000):
         estimate = LeastSquares(names, sensor).fit(cold, [record.head(n)])
@@ -147,7 +147,7 @@ def test_numbers_far_from_one_are_found_from_the_models_own():
     sensor = Sensor(theta=0.003, theta_dot=0.05)
     truth = Model(GeneralJoint(J=1e-4, G=0.01), (Viscous(b=1e-5),), dt=0.01)
     rng = np.random.default_rng(0)
-    record = simulate(truth, 0.005 * steps(rng, 300, 0.01, 1.0, 0.3), np.pi, 0.0).measure(sensor, rng)[0]
+    record = sensor.measure(simulate(truth, 0.005 * steps(rng, 300, 0.01, 1.0, 0.3), np.pi, 0.0), rng)[0]
     cold = truth.with_parameters({"J": 1.5e-4, "G": 0.008, "viscous.b": 2e-5})
     estimate = LeastSquares(("J", "G", "viscous.b"), sensor).fit(cold, [record])
     assert "explained" in estimate.status

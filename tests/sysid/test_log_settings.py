@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from sysid import InvalidInput
-from sysid.log_settings import KEYS, settings, settled
-from sysid.options import LogOptions, ModelOptions
+from sysid.cli.log_settings import KEYS, settings, settled
+from sysid.cli.options import LogOptions, ModelOptions
 
 FULL = """
 columns = {t = "sec", theta = "deg"}

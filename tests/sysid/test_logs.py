@@ -17,9 +17,9 @@ from sysid import (
     paper_rollouts,
     write_csv,
 )
-from sysid.logs import read
-from sysid.plausibility import check_excitation
-from sysid.splitting import cut, split
+from sysid.data.checks import check_excitation
+from sysid.data.logs import read
+from sysid.data.splitting import cut, split
 from tests.sysid.written import MODEL, SENSOR, rollouts, same, table, write
 
 REAL = Path(__file__).parents[3] / "shared" / "data" / "logs"
@@ -261,8 +261,8 @@ def test_logs_of_different_rates_are_refused_until_a_rate_is_given(tmp_path):
 
 
 def test_too_many_rows_are_refused_before_they_are_read(tmp_path, monkeypatch):
-    monkeypatch.setattr("sysid.logs.MOST", 5_000)
-    monkeypatch.setattr("sysid.log_files.CHUNK", 1 << 16)
+    monkeypatch.setattr("sysid.data.logs.MOST", 5_000)
+    monkeypatch.setattr("sysid.data.log_files.CHUNK", 1 << 16)
     t = 0.001 * np.arange(40_000)
     path = write(tmp_path / "log.csv", {"t": t, "theta": np.sin(t)})
     with pytest.raises(

@@ -27,10 +27,10 @@ from sysid import (
     paper_rollouts,
     simulate,
 )
-from sysid.excitation import multisine, steps
-from sysid.logs import read
-from sysid.noise import sensor_noise
-from sysid.quantum import quantum
+from sysid.data.logs import read
+from sysid.data.noise import sensor_noise
+from sysid.data.quantisation import quantum
+from sysid.planning.excitation import multisine, steps
 from tests.sysid.signals import uniform_noise
 
 REAL = Path(__file__).parents[3] / "shared" / "data" / "logs"
@@ -65,7 +65,7 @@ def ratios(run, sensor, seeds=4):
     """Found over put in, (seeds, 2)."""
     found = []
     for seed in range(seeds):
-        records = run.measure(sensor, np.random.default_rng(seed))
+        records = sensor.measure(run, np.random.default_rng(seed))
         errors = [
             np.std([y - t for y, t in zip((getattr(r, c) for r in records), true, strict=True)])
             for c, true in (("theta", run.theta_read), ("theta_dot", run.theta_dot_read))
@@ -98,7 +98,7 @@ def test_noise_is_found_at_20_hz(case):
 
 @pytest.mark.parametrize(("hidden", "within"), [("nothing", 0.02), ("coulomb", 0.02), ("backlash", 0.05)])
 def test_a_long_log_tells_more(hidden, within):
-    noise = sensor_noise(truth("random", HIDDEN[hidden], seconds=25.0).measure(USUAL, np.random.default_rng(5)))
+    noise = sensor_noise(USUAL.measure(truth("random", HIDDEN[hidden], seconds=25.0), np.random.default_rng(5)))
     assert max(noise.error.values()) < 0.015
     assert noise.sensor.theta == pytest.approx(0.003, rel=within)
     assert noise.sensor.theta_dot == pytest.approx(0.05, rel=within)
@@ -106,7 +106,7 @@ def test_a_long_log_tells_more(hidden, within):
 
 def test_the_stated_error_is_the_scatter_over_seeds():
     run = truth("multisine", n=4)
-    found = [sensor_noise(run.measure(USUAL, np.random.default_rng(seed))) for seed in range(30)]
+    found = [sensor_noise(USUAL.measure(run, np.random.default_rng(seed))) for seed in range(30)]
     spread = np.std([noise.sensor.theta for noise in found], ddof=1) / 0.003
     assert 0.6 < spread / np.mean([noise.error["theta"] for noise in found]) < 1.45
 
@@ -221,7 +221,7 @@ def test_a_clean_channel_gets_a_small_floor_and_a_note():
 
 
 def test_scale_and_order_of_the_records_do_not_matter():
-    records = truth("steps", HIDDEN["coulomb"]).measure(USUAL, np.random.default_rng(0))
+    records = USUAL.measure(truth("steps", HIDDEN["coulomb"]), np.random.default_rng(0))
     one = sensor_noise(records).sensor
     back = sensor_noise(records[::-1]).sensor
     larger = sensor_noise([Record(r.t, 5.0 * r.u, None, 100.0 * r.theta_dot) for r in records]).sensor
@@ -232,7 +232,7 @@ def test_what_cannot_be_told_is_refused():
     t, flat = 0.02 * np.arange(201), np.full(201, 3.1)
     with pytest.raises(InvalidInput, match=re.escape("theta never changes (it stays at 3.1): it measures nothing")):
         sensor_noise([Record(t, np.zeros(200), flat)])
-    short = truth("steps", seconds=0.4, n=1).measure(USUAL, np.random.default_rng(0))
+    short = USUAL.measure(truth("steps", seconds=0.4, n=1), np.random.default_rng(0))
     with pytest.raises(InvalidInput, match="21 readings of theta are too few to find its noise: give its sd"):
         sensor_noise(short)
     one = Record(t, np.zeros(200), flat + t)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from sysid import ops
+from sysid.physics import ops
 
 X = [-2.3, -0.4, 0.7, 3.1]
 UNARY = [ops.sin, ops.cos, ops.tanh, ops.exp, ops.abs, ops.floor, ops.wrap, lambda x: ops.sqrt(ops.abs(x))]

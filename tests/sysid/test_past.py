@@ -27,10 +27,10 @@ from sysid import (
     fit,
     simulate,
 )
-from sysid.comparison.held_out import held_out_error
-from sysid.excitation import steps
-from sysid.logs import read
-from sysid.splitting import split
+from sysid.data.logs import read
+from sysid.data.splitting import split
+from sysid.estimation.held_out import held_out_error
+from sysid.planning.excitation import steps
 
 DT = 0.02
 SENSOR = Sensor(0.003, 0.05)
@@ -43,7 +43,7 @@ def rod(*effects: Effect) -> Model:
 def log(*effects: Effect, n: int = 1, seconds: float = 12.0, seed: int = 1) -> list[Record]:
     rng = np.random.default_rng(seed)
     u = np.stack([steps(rng, round(seconds / DT), DT, 2.0, 0.4) for _ in range(n)])
-    return simulate(rod(*effects), u, math.pi + rng.uniform(-0.8, 0.8, n), np.zeros(n)).measure(SENSOR, rng)
+    return SENSOR.measure(simulate(rod(*effects), u, math.pi + rng.uniform(-0.8, 0.8, n), np.zeros(n)), rng)
 
 
 def test_a_part_of_a_part_is_a_part() -> None:

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from sysid import LinearAxis, Model, Record, RodPendulum, Sensor, Viscous, plotting, simulate
+from sysid import LinearAxis, Model, Record, RodPendulum, Sensor, Viscous, plot_comparison, simulate
 from sysid.diagnosis.compare import Comparison, compare
-from sysid.excitation import steps
+from sysid.planning.excitation import steps
+from sysid.report import plotting
 
 SENSOR = Sensor(0.003, 0.05)
 ROD = Model(RodPendulum(m=1.0, l=0.9), dt=0.02)
@@ -21,7 +22,7 @@ ROD = Model(RodPendulum(m=1.0, l=0.9), dt=0.02)
 def logs(model: Model, sensor: Sensor = SENSOR, n: int = 2) -> list[Record]:
     rng = np.random.default_rng(0)
     u = np.array([steps(rng, 250, model.dt, 1.5, 0.3) for _ in range(n)])
-    return simulate(model, u, math.pi + rng.uniform(-0.8, 0.8, n), np.zeros(n)).measure(sensor, rng)
+    return sensor.measure(simulate(model, u, math.pi + rng.uniform(-0.8, 0.8, n), np.zeros(n)), rng)
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +43,7 @@ def words(figure: Figure) -> str:
 
 @pytest.mark.filterwarnings("error")
 def test_a_comparison_on_one_page(answer: Comparison) -> None:
-    figure = answer.plot()
+    figure = plot_comparison(answer)
     assert len(rendered(figure)) > 20_000
     said = words(figure)
     assert answer.sentence.split(":")[0] in said
@@ -53,7 +54,7 @@ def test_a_comparison_on_one_page(answer: Comparison) -> None:
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("sensor", [Sensor(0.003), Sensor(None, 0.05)], ids=["angle", "speed"])
 def test_a_comparison_of_one_channel_of_a_perfect_model(sensor: Sensor) -> None:
-    rendered(compare(ROD, logs(ROD, sensor, n=1), sensor).plot())
+    rendered(plot_comparison(compare(ROD, logs(ROD, sensor, n=1), sensor)))
 
 
 def test_the_curve_that_is_drawn_is_the_answer(answer: Comparison) -> None:
@@ -73,9 +74,9 @@ def test_an_axis_is_drawn_in_metres_and_newtons() -> None:
     axis, rng = Model(LinearAxis(m=1.0), dt=0.02), np.random.default_rng(0)
     u = np.array([steps(rng, 250, 0.02, 1.5, 0.3) for _ in range(2)])
     rough = axis.with_effect(Viscous(b=0.3))
-    records = simulate(rough, u, np.zeros(2), np.zeros(2)).measure(Sensor(0.001, 0.01), rng)
+    records = Sensor(0.001, 0.01).measure(simulate(rough, u, np.zeros(2), np.zeros(2)), rng)
     found = compare(axis, records, Sensor(0.001, 0.01))
-    said = words(found.plot())
+    said = words(plot_comparison(found))
     assert "rad" not in said and "N m" not in said
     for label in ("position $x$ [m]", r"speed $\dot x$ [m/s]", "force [N]", "Force beyond the model"):
         assert label in said, label
@@ -85,11 +86,11 @@ def test_a_model_that_runs_away_is_drawn() -> None:
     lost = ROD.with_effect(Viscous(b=500.0))
     found = compare(lost, logs(ROD, n=1), SENSOR)
     assert found.torque is None
-    rendered(found.plot())
+    rendered(plot_comparison(found))
 
 
 @pytest.mark.filterwarnings("error")
 def test_a_name_is_no_formula() -> None:
     name = r"$\frac$ & a name that is longer than any panel is wide"
     answer = compare(ROD, [replace(r, name=name) for r in logs(ROD, n=1)], SENSOR)
-    rendered(answer.plot())
+    rendered(plot_comparison(answer))

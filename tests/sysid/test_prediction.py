@@ -14,7 +14,7 @@ from sysid.estimation.chain import Chain
 from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.prediction import SHORTEST, PredictionErrors, _without, left_out, windows_of
 from sysid.estimation.prediction_error import Fit, Settings, fit
-from sysid.excitation import multisine
+from sysid.planning.excitation import multisine
 
 DT = 0.02
 SENSOR = Sensor(theta=0.003, theta_dot=0.05)
@@ -31,7 +31,7 @@ def errors(*squares: float) -> PredictionErrors:
 def record(seconds: float) -> Record:
     rng = np.random.default_rng(0)
     run = simulate(JOINT, multisine(rng, round(seconds / DT), DT, 1.5, 2.0), math.pi + 0.5, 0.0)
-    return run.measure(SENSOR, rng)[0]
+    return SENSOR.measure(run, rng)[0]
 
 
 def fitted(seconds: float) -> Fit:

@@ -26,7 +26,7 @@ from sysid import (
 from sysid.estimation.chain import Chain
 from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.prediction_error import Fit, Prior, Settings, bounded_step, fit, inverse
-from sysid.excitation import multisine, paper_rollouts
+from sysid.planning.excitation import multisine, paper_rollouts
 
 DT = 0.02
 SENSOR = Sensor(theta=0.003, theta_dot=0.05)
@@ -49,7 +49,7 @@ def logs(count: int, seed: int = 0, s: float = 0.0, model: Model = JOINT) -> tup
     run = simulate(
         model, u + float(model.inertia()) * d, math.pi + rng.uniform(-1.0, 1.0, 2 * count), np.zeros(2 * count)
     )
-    made = [replace(r, u=own) for r, own in zip(run.measure(SENSOR, rng), u, strict=True)]
+    made = [replace(r, u=own) for r, own in zip(SENSOR.measure(run, rng), u, strict=True)]
     starts = np.stack([run.theta[:, 0], run.theta_dot[:, 0]], axis=1).reshape(count, 2, 2)
     return [made[2 * i : 2 * i + 2] for i in range(count)], starts
 
@@ -140,7 +140,7 @@ def test_a_motion_that_is_fitted_is_the_one_that_was_made() -> None:
     """Where no random torque acts the motion of the fit is the rollout itself: closer than its readings by far."""
     rng = np.random.default_rng(5)
     run = simulate(JOINT, multisine(rng, 300, DT, 1.5, 2.0), math.pi, 1.0)
-    found = fit(Chain(AFAR, run.measure(SENSOR, rng), SENSOR), AFAR, NAMES, disturbances=NONE, settings=HELD)
+    found = fit(Chain(AFAR, SENSOR.measure(run, rng), SENSOR), AFAR, NAMES, disturbances=NONE, settings=HELD)
     assert np.max(np.abs(found.motion.x[:, 0] - run.theta)) < 0.003
     assert np.max(np.abs(found.motion.x[:, 1] - run.theta_dot)) < 0.01
     assert np.max(np.abs(found.linearised.system.gap)) < 1e-4, "steps of the model end where the next one begins"

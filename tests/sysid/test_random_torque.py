@@ -13,13 +13,13 @@ from sysid import RK4, Effect, GeneralJoint, Model, Record, Sensor, diagnose, ef
 from sysid.diagnosis.contacts import contacts, slow
 from sysid.diagnosis.dependence import dependence
 from sysid.diagnosis.residual_torque import missing_torque
-from sysid.effects import Joint, JointEffect
 from sysid.estimation.chain import Chain
 from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.first_fit import with_best_memory
 from sysid.estimation.prediction_error import Fit, Settings, fit, inverse
-from sysid.excitation import multisine
-from sysid.ops import Value
+from sysid.physics.effects import Joint, JointEffect
+from sysid.physics.ops import Value
+from sysid.planning.excitation import multisine
 
 DT = 0.02
 SENSOR = Sensor(theta=0.003, theta_dot=0.05)
@@ -47,7 +47,7 @@ def logs(
     if push is not None:
         torque[push[0], round(4.0 / DT) : round(4.5 / DT)] += push[1]
     run = simulate(model, u + torque, math.pi + rng.uniform(-1.0, 1.0, count), np.zeros(count))
-    return [replace(r, u=own) for r, own in zip(run.measure(SENSOR, rng), u, strict=True)]
+    return [replace(r, u=own) for r, own in zip(SENSOR.measure(run, rng), u, strict=True)]
 
 
 @pytest.mark.parametrize(("s", "T"), [(0.5, 0.3), (1.5, 0.1)])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sysid import InvalidInput, Record, paper_model, paper_rollouts
-from sysid.records import COLUMNS, check_records
+from sysid.data.record import COLUMNS, check_records
 
 T = 0.05 * np.arange(5)
 U = np.array([0.5, -1.0, 2.0, 0.0])

@@ -15,13 +15,13 @@ import numpy as np
 import pytest
 
 from sysid import Coulomb, InvalidInput, LinearAxis, Model, Record, RodPendulum, Sensor, compare, fit, simulate
-from sysid import report_figures as figures
-from sysid import typography as set_as
-from sysid.comparison.held_out import held_out_error
+from sysid.data.splitting import split
 from sysid.diagnosis.answer import Diagnosis, Ranked, Remaining, Step
-from sysid.excitation import steps
-from sysid.report import page_of, write_report
-from sysid.splitting import split
+from sysid.estimation.held_out import held_out_error
+from sysid.planning.excitation import steps
+from sysid.report.report import formatting as set_as
+from sysid.report.report import page_of, write_report
+from sysid.report.report import report_figures as figures
 from tests.sysid.planted import VERDICTS
 
 SENSOR = Sensor(0.003, 0.05)
@@ -33,7 +33,7 @@ VOID = {"meta", "img", "br"}
 def logs(model: Model = STICKY, n: int = 4, seconds: float = 3.0, sensor: Sensor = SENSOR) -> list[Record]:
     rng = np.random.default_rng(0)
     u = np.array([steps(rng, round(seconds / model.dt), model.dt, 1.5, 0.3) for _ in range(n)])
-    return simulate(model, u, math.pi + rng.uniform(-0.8, 0.8, n), np.zeros(n)).measure(sensor, rng)
+    return sensor.measure(simulate(model, u, math.pi + rng.uniform(-0.8, 0.8, n), np.zeros(n)), rng)
 
 
 def diagnosis(records: list[Record], verdict: str = "missing", sensor: Sensor = SENSOR) -> Diagnosis:
@@ -165,7 +165,7 @@ def test_the_page_of_an_axis_is_in_metres_and_newtons(tmp_path):
     axis, sensor, rng = Model(LinearAxis(m=1.0), dt=0.02), Sensor(0.001, 0.01), np.random.default_rng(0)
     u = np.array([steps(rng, 150, 0.02, 1.5, 0.3) for _ in range(2)])
     run = simulate(axis.with_effect(Coulomb(tau_c=0.2)), u, np.zeros(2), np.zeros(2))
-    records = run.measure(sensor, rng)
+    records = sensor.measure(run, rng)
     write_report(compare(axis, records, sensor), records, tmp_path / "axis.html")
     page = (tmp_path / "axis.html").read_text(encoding="utf-8")
     said = text(page) + " ".join(re.findall(r'alt="([^"]*)"', page))
@@ -206,7 +206,7 @@ def test_what_a_hand_touched_is_shown(tmp_path):
     push = np.zeros_like(u)
     push[1, 100:130] = 3.0 * np.hanning(30)
     start = math.pi + rng.uniform(-0.8, 0.8, 4)
-    touched = simulate(STICKY, u + push, start, np.zeros(4)).measure(SENSOR, rng)
+    touched = SENSOR.measure(simulate(STICKY, u + push, start, np.zeros(4)), rng)
     records = [replace(r, u=own) for r, own in zip(touched, u, strict=True)]
     answer = diagnosis(records)
     warnings = page_of(answer, records).warnings
@@ -233,7 +233,7 @@ def test_a_page_that_cannot_be_written_is_said_to_be(records, tmp_path):
 
 
 def test_the_template_is_part_of_the_package():
-    assert importlib.resources.files("sysid").joinpath("templates/report.html.j2").is_file()
+    assert importlib.resources.files("sysid.report").joinpath("templates/report.html.j2").is_file()
 
 
 # ---- pictures --------------------------------------------------------------------------------------------------------

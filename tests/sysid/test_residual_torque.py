@@ -14,9 +14,9 @@ import pytest
 
 from sysid import RK4, GeneralJoint, InvalidInput, Model, Record, RodPendulum, Sensor, effect, simulate
 from sysid.diagnosis.residual_torque import ResidualTorque, residual_torque
-from sysid.effects import Effect, Joint, JointEffect
-from sysid.excitation import multisine
-from sysid.ops import Value
+from sysid.physics.effects import Effect, Joint, JointEffect
+from sysid.physics.ops import Value
+from sysid.planning.excitation import multisine
 
 LOGS = Path(__file__).resolve().parents[3] / "shared" / "data" / "logs"
 BOTH, ANGLE = Sensor(theta=0.003, theta_dot=0.05), Sensor(theta=0.003)
@@ -65,11 +65,11 @@ def made(
     u = np.array([multisine(rng, n, DT, largest, 2.0) for _ in range(rollouts)])
     run = simulate(truth, u, math.pi + rng.uniform(-1.0, 1.0, rollouts), np.zeros(rollouts))
     if curve is None:
-        return run.measure(sensor, rng), np.zeros((rollouts, n))
+        return sensor.measure(run, rng), np.zeros((rollouts, n))
     ends = curve(Joint(run.theta, run.theta_dot, run.t, 0.0, 0.0, truth.plant))
     middle = [0.5 * (v[..., 1:] + v[..., :-1]) for v in (run.theta, run.theta_dot, run.t)]
     inner = curve(Joint(*middle, 0.0, 0.0, truth.plant))
-    return run.measure(sensor, rng), (ends[:, :-1] + 4.0 * inner + ends[:, 1:]) / 6.0
+    return sensor.measure(run, rng), (ends[:, :-1] + 4.0 * inner + ends[:, 1:]) / 6.0
 
 
 def torques(answer: ResidualTorque) -> tuple[np.ndarray, np.ndarray]:
@@ -121,7 +121,7 @@ def test_the_band_holds_the_truth_as_often_as_it_says() -> None:
             d = rho * d + s * math.sqrt(1.0 - rho**2) * rng.standard_normal(4)
         u = np.array([multisine(rng, 400, DT, 2.5, 2.0) for _ in range(4)])
         run = simulate(replace(MODEL, integrator=RK4(substeps=8)), u + D, math.pi, np.zeros(4))
-        records = [replace(r, u=own) for r, own in zip(run.measure(BOTH, rng), u, strict=True)]
+        records = [replace(r, u=own) for r, own in zip(BOTH.measure(run, rng), u, strict=True)]
         answer = residual_torque(MODEL, records, BOTH)
         own, sd = torques(answer)
         inside.append(np.mean(np.abs(own - D) < 2.0 * sd))
@@ -242,7 +242,7 @@ def test_hands_on_a_real_pendulum(name: str, quiet: float, pushes: tuple[float, 
     path = LOGS / f"{name}.csv"
     if not path.exists():
         pytest.skip("the real logs are not here: expected ../shared/data/logs beside the project")
-    from sysid.logs import read
+    from sysid.data.logs import read
 
     columns = "t=time_s,theta=angle_rad,theta_dot=velocity_rad_s,torque=torque_meas_Nm"
     records = read(path, columns=columns, zero="hanging").records

@@ -27,9 +27,9 @@ from sysid import (
     Viscous,
     simulate,
 )
-from sysid.excitation import multisine
-from sysid.response import CHANNELS, Response, evaluate, propagate
-from sysid.windows import cut
+from sysid.estimation.response import CHANNELS, Response, evaluate, propagate
+from sysid.estimation.windows import cut
+from sysid.planning.excitation import multisine
 
 DT = 0.02
 BOTH = Sensor(0.003, 0.05)
@@ -46,7 +46,7 @@ def logs(model: Model, lengths: tuple[int, ...] = (61, 48), seed: int = 3, senso
     for i, n in enumerate(lengths):
         u = multisine(rng, n, model.dt, 2.0, 3.0)
         run = simulate(model, u, math.pi + 0.4 * (-1) ** i, 0.3)
-        found += run.measure(sensor, rng)
+        found += sensor.measure(run, rng)
     return found
 
 

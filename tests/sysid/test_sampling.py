@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from sysid import RK4, Sensor
-from sysid.excitation import multisine
-from sysid.fit import fit
-from sysid.logs import read
+from sysid.data.logs import read
+from sysid.estimation.fit import fit
+from sysid.planning.excitation import multisine
 from tests.sysid.written import MODEL, SENSOR, rollouts, table, write
 
 

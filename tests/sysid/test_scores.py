@@ -38,14 +38,14 @@ from sysid import (
     effect,
     simulate,
 )
-from sysid.estimation.candidates import alternatives
 from sysid.estimation.chain import Chain, LinearisedModel
 from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.prediction_error import Fit, Settings, fit
 from sysid.estimation.refits import extended
 from sysid.estimation.scores import Score, alikeness, scores
-from sysid.excitation import steps
-from sysid.parameters import Extent
+from sysid.physics.candidates import alternatives
+from sysid.physics.parameters import Extent
+from sysid.planning.excitation import steps
 from tests.sysid.planted import shaken
 
 DT = 0.02
@@ -65,7 +65,7 @@ def logs(model: Model, seed: int = 0, n: int = 3, seconds: float = 4.0, noise: b
     u = np.array([steps(rng, round(seconds / DT), DT, 1.5, 0.3) for _ in range(n)])
     run = simulate(model, u, math.pi + rng.uniform(-0.8, 0.8, n), np.zeros(n))
     if noise:
-        return run.measure(SENSOR, rng)
+        return SENSOR.measure(run, rng)
     return [Record(run.t, *row) for row in zip(run.u, run.theta_read, run.theta_dot_read, strict=True)]
 
 
@@ -247,7 +247,7 @@ def test_a_driver_that_gives_more_is_no_limit() -> None:
     records = logs(rod())
     for i, r in enumerate(records):
         more = np.sign(r.u) * (np.abs(r.u) + 0.3 * np.maximum(np.abs(r.u) - 1.0, 0.0))
-        made = simulate(rod(), more, r.theta[0], 0.0).measure(SENSOR, np.random.default_rng(i))[0]  # type: ignore[index]
+        made = SENSOR.measure(simulate(rod(), more, r.theta[0], 0.0), np.random.default_rng(i))[0]  # type: ignore[index]
         records[i] = Record(r.t, r.u, made.theta, made.theta_dot)
     assert scores(null(records), ("saturation",))["saturation"].lm == 0.0
     assert scores(null(logs(rod(Saturation(limit=1.2)))), ("saturation",))["saturation"].lm > 30.0

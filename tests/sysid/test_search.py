@@ -35,7 +35,7 @@ from sysid.estimation.first_fit import first_fit
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import extended, reduced
 from sysid.estimation.scores import Score, alikeness, price, scores
-from sysid.ops import Value
+from sysid.physics.ops import Value
 from tests.sysid.planted import SENSOR, logs, rod, shaken, truth
 
 PLANT = ("m", "l")

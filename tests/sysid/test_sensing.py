@@ -20,8 +20,8 @@ from sysid import (
     VelocityGain,
     simulate,
 )
-from sysid.effects import Reading
-from sysid.excitation import multisine
+from sysid.physics.effects import Reading
+from sysid.planning.excitation import multisine
 
 ROD = RodPendulum(m=1.3, l=0.9)
 U = multisine(np.random.default_rng(0), 400, 0.02, 2.0, 3.0)
@@ -134,12 +134,12 @@ def test_mechanics_come_before_timing_and_electronics():
 
 def test_readings_are_measured_and_not_the_states():
     run = simulate(Model(ROD, (AngleOffset(offset=0.5),), dt=0.02), np.zeros(4000), math.pi, 0.0)
-    (record,) = run.measure(Sensor(theta=0.01), np.random.default_rng(0))
+    (record,) = Sensor(theta=0.01).measure(run, np.random.default_rng(0))
     assert np.mean(record.theta) == pytest.approx(math.pi + 0.5, abs=4.5 * 0.01 / math.sqrt(4000))
 
 
 def test_what_compares_states_refuses_a_sensor_in_between():
     model = Model(ROD, (SensorDelay(),), RK4(), dt=0.02)
-    (record,) = simulate(model, U, 2.0, 0.3).measure(Sensor(0.01, 0.1), np.random.default_rng(0))
+    (record,) = Sensor(0.01, 0.1).measure(simulate(model, U, 2.0, 0.3), np.random.default_rng(0))
     with pytest.raises(InvalidInput, match="LeastSquares compares readings with the state, but sensor_delay stands"):
         LeastSquares(("m",), Sensor(0.01, 0.1)).fit(model, [record])

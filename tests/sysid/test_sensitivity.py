@@ -21,8 +21,8 @@ from sysid import (
     paper_rollouts,
     simulate,
 )
-from sysid.excitation import steps
-from sysid.sensitivity import Segments
+from sysid.estimation.identifiers.sensitivity import Segments
+from sysid.planning.excitation import steps
 
 SENSOR = Sensor(theta=0.01, theta_dot=0.1)
 RICH = Model(
@@ -42,7 +42,7 @@ MODELS = {
 def records(model, n=2, length=53, sensor=SENSOR):
     rng = np.random.default_rng(3)
     u = np.stack([steps(rng, length, model.dt, 1.0, 0.3) for _ in range(n)])
-    return simulate(model, u, np.pi + 0.3 * rng.standard_normal(n), rng.standard_normal(n)).measure(sensor, rng)
+    return sensor.measure(simulate(model, u, np.pi + 0.3 * rng.standard_normal(n), rng.standard_normal(n)), rng)
 
 
 def numbers(model, names):

@@ -25,7 +25,7 @@ def test_a_trajectory_is_its_steps():
 def test_readings_have_the_stated_sd_and_no_bias(sensor):
     n, rollouts = 400, 60
     run = simulate(MODEL, uniform_noise(np.random.default_rng(1), n * rollouts, 2.0).reshape(rollouts, n), 2.0, 0.0)
-    records = run.measure(sensor, np.random.default_rng(2))
+    records = sensor.measure(run, np.random.default_rng(2))
     errors = {"theta": [], "theta_dot": []}
     for i, record in enumerate(records):
         for reading in sensor.readings(record):
@@ -43,7 +43,7 @@ def test_readings_have_the_stated_sd_and_no_bias(sensor):
 
 def test_reading_errors_are_independent_between_instants_rollouts_and_channels():
     run = simulate(MODEL, np.zeros((40, 500)), math.pi, 0.0)
-    records = run.measure(Sensor(1.0, 1.0), np.random.default_rng(3))
+    records = Sensor(1.0, 1.0).measure(run, np.random.default_rng(3))
     e = np.stack([np.concatenate([r.theta_dot - run.theta_dot[0], r.theta - run.theta[0]]) for r in records])
     e = e[:, :501]
     assert abs(np.mean(e[:, 1:] * e[:, :-1])) < 4.5 / math.sqrt(e.size)
@@ -52,7 +52,7 @@ def test_reading_errors_are_independent_between_instants_rollouts_and_channels()
 
 def test_same_seed_same_numbers():
     run = simulate(MODEL, np.zeros((3, 20)), 1.0, 0.0)
-    one, same, other = (run.measure(Sensor(0.01, 1.0), np.random.default_rng(s)) for s in (7, 7, 8))
+    one, same, other = (Sensor(0.01, 1.0).measure(run, np.random.default_rng(s)) for s in (7, 7, 8))
     for a, b, c in zip(one, same, other, strict=True):
         np.testing.assert_array_equal(a.theta, b.theta)
         np.testing.assert_array_equal(a.theta_dot, b.theta_dot)
@@ -61,8 +61,8 @@ def test_same_seed_same_numbers():
 
 def test_a_channel_that_is_not_measured_is_left_out():
     run = simulate(MODEL, np.zeros(20), 1.0, 0.0)
-    (angle,) = run.measure(Sensor(theta=0.01), np.random.default_rng(0))
-    (speed,) = run.measure(Sensor(theta_dot=1.0), np.random.default_rng(0))
+    (angle,) = Sensor(theta=0.01).measure(run, np.random.default_rng(0))
+    (speed,) = Sensor(theta_dot=1.0).measure(run, np.random.default_rng(0))
     assert angle.theta_dot is None and speed.theta is None
 
 

@@ -22,9 +22,9 @@ from sysid import (
     paper_rollouts,
     simulate,
 )
-from sysid.excitation import multisine
-from sysid.identify.coordinates import Coordinates
-from sysid.identify.unscented import Residual, square_root
+from sysid.estimation.identifiers.coordinates import Coordinates
+from sysid.estimation.identifiers.unscented import Residual, square_root
+from sysid.planning.excitation import multisine
 
 PAPER = Sensor(theta_dot=1.0, theta_0=0.001)
 ENCODER = Sensor(theta=0.01, theta_dot=1.0)
@@ -43,7 +43,7 @@ def measured(model, sensor, n, seed, amplitude=2.0, length=150):
     """n rollouts of a model under multisines from random starts."""
     rng = np.random.default_rng(seed)
     u = np.stack([multisine(rng, length, model.dt, amplitude, 2.0) for _ in range(n)])
-    return simulate(model, u, rng.uniform(-3.0, 3.0, n), rng.uniform(-1.0, 1.0, n)).measure(sensor, rng)
+    return sensor.measure(simulate(model, u, rng.uniform(-3.0, 3.0, n), rng.uniform(-1.0, 1.0, n)), rng)
 
 
 def distance(estimate, truth):
@@ -106,7 +106,7 @@ def test_a_swing_through_the_cut_is_followed():
     model = paper_model(**TRUTH)
     spinning = simulate(model, np.full(150, 2.0), 0.0, 6.0)
     assert np.ptp(spinning.theta) > 6.0 * math.pi
-    estimate = UnscentedKalman().fit(paper_model(), spinning.measure(ENCODER, np.random.default_rng(0)))
+    estimate = UnscentedKalman().fit(paper_model(), ENCODER.measure(spinning, np.random.default_rng(0)))
     assert estimate.success and distance(estimate, TRUTH) < 13.8
 
 

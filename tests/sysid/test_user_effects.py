@@ -16,7 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import sysid
-from sysid import ops
+from sysid.physics import ops
 
 
 @sysid.register
@@ -46,7 +46,7 @@ def test_it_joins_the_catalogue_and_is_fitted(write, catalogue):
     truth = sysid.Model(sysid.PointMassPendulum(m=1.0, l=0.5), (sysid.effect("wave", k=0.4),), dt=0.02)
     rng = np.random.default_rng(2)
     u = rng.uniform(-2.0, 2.0, (4, 300)).repeat(2, axis=1)[:, :300]
-    log = sysid.simulate(truth, u, np.full(4, 3.0), np.zeros(4)).measure(sysid.Sensor(0.003, 0.05), rng)
+    log = sysid.Sensor(0.003, 0.05).measure(sysid.simulate(truth, u, np.full(4, 3.0), np.zeros(4)), rng)
     added = sysid.add(sysid.Model(sysid.PointMassPendulum(m=1.1, l=0.55), dt=0.02), "wave", log)
     assert abs(added.estimate.values["wave.k"] - 0.4) < 4.0 * added.estimate.sd["wave.k"] < 0.1
     assert added.after.ratio < 1.1 < added.before.ratio

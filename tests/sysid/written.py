@@ -5,8 +5,8 @@ import math
 import numpy as np
 
 from sysid import RK4, Model, RodPendulum, Sensor, Viscous, simulate
-from sysid.excitation import multisine
-from sysid.records import COLUMNS
+from sysid.data.record import COLUMNS
+from sysid.planning.excitation import multisine
 
 MODEL = Model(RodPendulum(m=1.0, l=1.0), (Viscous(b=0.05),), RK4(substeps=4), dt=0.02)
 SENSOR = Sensor(theta=0.003, theta_dot=0.05)
@@ -15,7 +15,7 @@ SENSOR = Sensor(theta=0.003, theta_dot=0.05)
 def rollouts(n=1, seconds=6.0, seed=0, sensor=SENSOR, model=MODEL):
     rng = np.random.default_rng(seed)
     u = np.stack([multisine(rng, round(seconds / model.dt), model.dt, 3.0, 3.0) for _ in range(n)])
-    return simulate(model, u, math.pi + rng.uniform(-1.5, 1.5, n), np.zeros(n)).measure(sensor, rng)
+    return sensor.measure(simulate(model, u, math.pi + rng.uniform(-1.5, 1.5, n), np.zeros(n)), rng)
 
 
 def table(record):

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import expit, logit
 
-from sysid.parameters import Parameter
-from sysid.records import Array
+from sysid.physics.ops import Array
+from sysid.physics.parameters import Parameter
 
 
 class Coordinates:

@@ -8,12 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sysid.data.record import Record, check_direct, check_records
+from sysid.data.sensor import Sensor
 from sysid.errors import InvalidInput
-from sysid.estimate import Estimate
-from sysid.identify.identifier import free_parameters
-from sysid.model import Drives, Model
-from sysid.records import Array, Record, check_direct, check_records
-from sysid.sensor import Sensor
+from sysid.estimation.estimate import Estimate
+from sysid.estimation.identifiers.identifier import free_parameters
+from sysid.physics.model import Drives, Model
+from sysid.physics.ops import Array
 
 _BLOCK = 1_500_000
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
+from sysid.data.record import Record
 from sysid.errors import InvalidInput
-from sysid.estimate import Estimate
-from sysid.model import Model
-from sysid.parameters import Parameter
-from sysid.records import Record
+from sysid.estimation.estimate import Estimate
+from sysid.physics.model import Model
+from sysid.physics.parameters import Parameter
 
 
 class Identifier(Protocol):

@@ -9,15 +9,16 @@ from itertools import islice
 
 import numpy as np
 
+from sysid.data.record import Record, check_records
+from sysid.data.sensor import Sensor
 from sysid.errors import InvalidInput
-from sysid.estimate import Estimate
-from sysid.identify.identifier import free_parameters
-from sysid.identify.multiple_shooting import MultipleShooting, Solution
-from sysid.identify.start import parameter_starts, smooth_states
-from sysid.model import Model
-from sysid.records import Array, Record, check_records
-from sysid.sensitivity import LONGEST_SEGMENT, Segments
-from sysid.sensor import Sensor
+from sysid.estimation.estimate import Estimate
+from sysid.estimation.identifiers.identifier import free_parameters
+from sysid.estimation.identifiers.multiple_shooting import MultipleShooting, Solution
+from sysid.estimation.identifiers.sensitivity import LONGEST_SEGMENT, Segments
+from sysid.estimation.smoothed_start import parameter_starts, smooth_states
+from sysid.physics.model import Model
+from sysid.physics.ops import Array
 
 
 @dataclass(frozen=True)

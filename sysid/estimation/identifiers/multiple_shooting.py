@@ -10,9 +10,9 @@ import casadi
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.parameters import Parameter
-from sysid.records import Array
-from sysid.sensitivity import Segments
+from sysid.estimation.identifiers.sensitivity import Segments
+from sysid.physics.ops import Array
+from sysid.physics.parameters import Parameter
 
 Index = NDArray[np.signedinteger[Any]]
 

@@ -14,10 +14,11 @@ from dataclasses import dataclass
 import casadi
 import numpy as np
 
+from sysid.data.record import Record, check_direct, check_records
+from sysid.data.sensor import Sensor
 from sysid.errors import InvalidInput
-from sysid.model import Model
-from sysid.records import Array, Record, check_direct, check_records
-from sysid.sensor import Sensor
+from sysid.physics.model import Model
+from sysid.physics.ops import Array
 
 _LARGEST_GROWTH = 1e5
 

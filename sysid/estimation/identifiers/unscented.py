@@ -12,15 +12,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid import ops
+from sysid.data.record import Record, check_direct, check_records
+from sysid.data.sensor import Sensor
 from sysid.errors import InvalidInput
-from sysid.estimate import Estimate
-from sysid.identify.coordinates import Coordinates
-from sysid.identify.identifier import free_parameters
-from sysid.identify.start import parameter_starts
-from sysid.model import Model
-from sysid.records import Array, Record, check_direct, check_records
-from sysid.sensor import Sensor
+from sysid.estimation.estimate import Estimate
+from sysid.estimation.identifiers.coordinates import Coordinates
+from sysid.estimation.identifiers.identifier import free_parameters
+from sysid.estimation.smoothed_start import parameter_starts
+from sysid.physics import ops
+from sysid.physics.model import Model
+from sysid.physics.ops import Array
 
 Index = NDArray[np.intp]
 CHANNELS = ("theta", "theta_dot")

@@ -9,11 +9,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from sysid import ops
-from sysid.effects.dead_time import DeadTime, delayed, delayed_record, doubling
-from sysid.effects.effect import Array, InputEffect, Joint, JointEffect, Memory
-from sysid.ops import Value
-from sysid.parameters import Extent, parameter
+from sysid.physics import ops
+from sysid.physics.effects.dead_time import DeadTime, delayed, delayed_record, doubling
+from sysid.physics.effects.effect import Array, InputEffect, Joint, JointEffect, Memory
+from sysid.physics.ops import Value
+from sysid.physics.parameters import Extent, parameter
 
 _TINY = 1e-15
 _LONGEST_LAG = 1.0

@@ -6,13 +6,13 @@ from dataclasses import fields
 from difflib import get_close_matches
 from typing import Any, TypeVar
 
-from sysid.effects.actuation import BackEmf, DeadZone, Delay, Lag, Saturation, Stamp, TorqueGain
-from sysid.effects.disturbance import Drift, Periodic, TorqueBias
-from sysid.effects.effect import Effect
-from sysid.effects.friction import AsymmetricCoulomb, AsymmetricViscous, Coulomb, Drag, Stribeck, Viscous
-from sysid.effects.load import LoadFriction, Ripple, RotorInertia, Spring, Tilt
-from sysid.effects.sensing import AngleOffset, Backlash, SensorDelay, VelocityBias, VelocityGain
 from sysid.errors import InvalidInput
+from sysid.physics.effects.actuation import BackEmf, DeadZone, Delay, Lag, Saturation, Stamp, TorqueGain
+from sysid.physics.effects.disturbance import Drift, Periodic, TorqueBias
+from sysid.physics.effects.effect import Effect
+from sysid.physics.effects.friction import AsymmetricCoulomb, AsymmetricViscous, Coulomb, Drag, Stribeck, Viscous
+from sysid.physics.effects.load import LoadFriction, Ripple, RotorInertia, Spring, Tilt
+from sysid.physics.effects.sensing import AngleOffset, Backlash, SensorDelay, VelocityBias, VelocityGain
 
 _FRICTION = (Viscous, Coulomb, Stribeck, Drag, AsymmetricViscous, AsymmetricCoulomb)
 _LOAD = (LoadFriction, Tilt, Spring, Ripple, RotorInertia)

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sysid import ops
-from sysid.effects.effect import Array, Effect, Memory
 from sysid.errors import InvalidInput
-from sysid.ops import Value
-from sysid.parameters import Extent, Parameter, parameter
+from sysid.physics import ops
+from sysid.physics.effects.effect import Array, Effect, Memory
+from sysid.physics.ops import Value
+from sysid.physics.parameters import Extent, Parameter, parameter
 
 
 def doubling(extent: Extent, longest: float) -> tuple[float, ...]:

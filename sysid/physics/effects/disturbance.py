@@ -8,10 +8,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from sysid import ops
-from sysid.effects.effect import Array, Joint, JointEffect
-from sysid.ops import Value
-from sysid.parameters import Extent, parameter
+from sysid.physics import ops
+from sysid.physics.effects.effect import Array, Joint, JointEffect
+from sysid.physics.ops import Value
+from sysid.physics.parameters import Extent, parameter
 
 _MOST_FREQUENCIES = 200
 PERIODIC = 0.8

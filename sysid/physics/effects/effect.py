@@ -12,9 +12,9 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.ops import Value
-from sysid.parameters import NEVER, Parametric
-from sysid.plants import Plant
+from sysid.physics.ops import Value
+from sysid.physics.parameters import NEVER, Parametric
+from sysid.physics.plants import Plant
 
 Memory = tuple[Value, ...]
 Array = NDArray[np.float64]

@@ -6,10 +6,10 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from sysid import ops
-from sysid.effects.effect import DryFriction, Joint, JointEffect
-from sysid.ops import Value
-from sysid.parameters import parameter
+from sysid.physics import ops
+from sysid.physics.effects.effect import DryFriction, Joint, JointEffect
+from sysid.physics.ops import Value
+from sysid.physics.parameters import parameter
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,12 +7,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from sysid import ops
-from sysid.effects.dead_time import DeadTime
-from sysid.effects.effect import Memory, OutputEffect, Reading
-from sysid.ops import Value
-from sysid.parameters import parameter
-from sysid.records import Array
+from sysid.physics import ops
+from sysid.physics.effects.dead_time import DeadTime
+from sysid.physics.effects.effect import Memory, OutputEffect, Reading
+from sysid.physics.ops import Array, Value
+from sysid.physics.parameters import parameter
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,8 +1,8 @@
 """What swings or slides: plants that give an inertia and a gravity torque."""
 
-from sysid.plants.axis import LinearAxis
-from sysid.plants.joint import GeneralJoint
-from sysid.plants.pendulum import PointMassPendulum, RodPendulum
-from sysid.plants.plant import Plant
+from sysid.physics.plants.axis import LinearAxis
+from sysid.physics.plants.joint import GeneralJoint
+from sysid.physics.plants.pendulum import PointMassPendulum, RodPendulum
+from sysid.physics.plants.plant import Plant
 
 __all__ = ["GeneralJoint", "LinearAxis", "Plant", "PointMassPendulum", "RodPendulum"]

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-from sysid.ops import Value
-from sysid.parameters import parameter
-from sysid.plants.plant import Plant
+from sysid.physics.ops import Value
+from sysid.physics.parameters import parameter
+from sysid.physics.plants.plant import Plant
 
 
 @dataclass(frozen=True, eq=False)

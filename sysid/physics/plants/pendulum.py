@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sysid import ops
-from sysid.ops import Value
-from sysid.parameters import parameter
-from sysid.plants.plant import Plant
+from sysid.physics import ops
+from sysid.physics.ops import Value
+from sysid.physics.parameters import parameter
+from sysid.physics.plants.plant import Plant
 
 
 @dataclass(frozen=True, eq=False)

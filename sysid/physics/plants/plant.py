@@ -12,8 +12,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.ops import Value
-from sysid.parameters import Parametric
+from sysid.physics.ops import Value
+from sysid.physics.parameters import Parametric
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,1 @@
+"""Command line: the options of each command, and what each command does."""

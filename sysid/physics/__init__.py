@@ -1,0 +1,1 @@
+"""Physics: plants, the effects that can be added to them, integrators, and the model that is made of them."""

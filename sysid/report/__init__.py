@@ -1,0 +1,1 @@
+"""Report: the figures and the HTML page of an answer."""
