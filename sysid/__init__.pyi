@@ -16,6 +16,7 @@ from .estimation.fit import fit
 from .estimation.identifiers import GridSearch, Identifier, LeastSquares, UnscentedKalman
 from .estimation.identifiers.sensitivity import fisher_information
 from .estimation.saved_model import SavedModel, load, load_model, save
+from .physics import ops
 from .physics.effects import (
     CATALOGUE,
     AngleOffset,
@@ -134,6 +135,7 @@ __all__ = [
     "load",
     "load_effects",
     "load_model",
+    "ops",
     "paper_model",
     "paper_rollouts",
     "parameter",

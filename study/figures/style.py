@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from sysid.data.files import write_whole
-from sysid.report.report import plotting
+from sysid.report import plotting
 
 STYLE: Any = plotting.STYLE | {
     "font.family": "DejaVu Sans",

@@ -19,9 +19,9 @@ from sysid.data.splitting import split
 from sysid.diagnosis.answer import Diagnosis, Ranked, Remaining, Step
 from sysid.estimation.held_out import held_out_error
 from sysid.planning.excitation import steps
-from sysid.report.report import formatting as set_as
+from sysid.report import formatting as set_as
+from sysid.report import report_figures as figures
 from sysid.report.report import page_of, write_report
-from sysid.report.report import report_figures as figures
 from tests.sysid.planted import VERDICTS
 
 SENSOR = Sensor(0.003, 0.05)
