@@ -16,14 +16,14 @@ import numpy as np
 from sysid.cli.log_settings import settled
 from sysid.cli.options import Add, Compare, Diagnose, Effects, Experiment, Fit, LogOptions, ModelOptions
 from sysid.data.files import save_text
-from sysid.data.logs import Log, read
+from sysid.data.logs import Command, Log, read
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
 from sysid.data.splitting import split
 from sysid.errors import InvalidInput
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.fit import fit, free
-from sysid.physics.effects import CATALOGUE
+from sysid.physics.effects import ACTUATORS, CATALOGUE, Actuator, DCMotor, PositionServo, TorqueConstant
 from sysid.physics.integrators import RK4
 from sysid.physics.model import Model
 from sysid.physics.plants import GeneralJoint, LinearAxis, Plant, PointMassPendulum, RodPendulum
@@ -38,6 +38,13 @@ PLANTS: dict[str, Plant] = {
     "joint": GeneralJoint(bounds={"J": (1e-9, 1e6), "G": (0.0, 1e6)}),
     "axis": LinearAxis(bounds={"m": (1e-6, 1e6)}),
 }
+INPUTS: dict[Command, type[Actuator] | None] = {
+    "torque": None,
+    "current": TorqueConstant,
+    "voltage": DCMotor,
+    "position": PositionServo,
+}
+"""What turns each kind of command into torque."""
 SUBSTEP = 0.01
 """Longest step [s] of the integrator."""
 
@@ -156,7 +163,7 @@ def _(command: Experiment) -> None:
 @_run.register
 def _(command: Effects) -> None:
     _load(command.effects)
-    for name, kind in CATALOGUE.items():
+    for name, kind in {**CATALOGUE, **ACTUATORS}.items():
         print(name)
         print(f"    {kind.formula or (kind.__doc__ or '').strip().splitlines()[0]}")
         parameters = ", ".join(f"{p.name} [{p.unit}]" for p in kind().parameters.values())
@@ -188,9 +195,9 @@ class Task:
     def of(cls, command: Fit | Compare | Diagnose | Add | Experiment, *outputs: Path | None) -> Task:
         """Read everything, and say what was read. Raises InvalidInput before anything expensive."""
         _check_outputs([*command.log.files, command.log.settings, command.start.model, command.start.effects], outputs)
-        model, names, added = _begun(command.start)
+        model, names, added = _begun(command.start, command.log.input)
         given = command.start.model is not None
-        log = _read(command.log, model.plant)
+        log = _read(command.log, model)
         thin = log.thinned() if command.log.dt is None else log
         print(thin)
         sensor = _sensor(command.log, log, model.plant)
@@ -268,7 +275,7 @@ def _load(effects: Path | None) -> None:
         print(f"effects of {effects.name}: {', '.join(load_effects(effects))}")
 
 
-def _read(options: LogOptions, plant: Plant) -> Log:
+def _read(options: LogOptions, model: Model) -> Log:
     return read(
         *options.files,
         columns=options.columns or None,
@@ -279,8 +286,14 @@ def _read(options: LogOptions, plant: Plant) -> Log:
         end=options.end,
         dt=options.dt,
         time_unit=options.time_unit,
-        plant=plant,
+        plant=model.plant,
+        command=_command(model),
     )
+
+
+def _command(model: Model) -> Command:
+    """What the model's command is."""
+    return next(name for name, kind in INPUTS.items() if kind is (type(model.actuator) if model.actuator else None))
 
 
 # ---- noise -----------------------------------------------------------------------------------------------------------
@@ -324,8 +337,11 @@ def _numbers(option: str, pairs: tuple[str, ...] | list[str]) -> dict[str, float
 # ---- the model to begin with -----------------------------------------------------------------------------------------
 
 
-def _begun(options: ModelOptions) -> tuple[Model, tuple[str, ...], tuple[str, ...]]:
-    """The model of the file or the plain plant, what the user knows put in; its free names; those of --with."""
+def _begun(options: ModelOptions, command: Command | None) -> tuple[Model, tuple[str, ...], tuple[str, ...]]:
+    """The model of the file or the plain plant, what the user knows put in; its free names; those of --with.
+
+    Where the command is no torque, an actuator is in the model.
+    """
     if options.model is None:
         model = Model(PLANTS[options.plant or "rod"])
         names = free(model)
@@ -341,13 +357,18 @@ def _begun(options: ModelOptions) -> tuple[Model, tuple[str, ...], tuple[str, ..
             raise InvalidInput(f"--gravity: a {type(model.plant).__name__} has none, but {', '.join(model.parameters)}")
         known["g"] = options.gravity
     model, added = _with_effects(model, options.effects_from_start)
+    model, more = _with_actuator(model, command)
+    names += more
     for name in known:
         owner, dot, _ = name.partition(".")
         if dot and owner in CATALOGUE and name not in model.parameters and owner not in {e.name for e in model.effects}:
             raise InvalidInput(f"--set {name}: the model has no {owner} yet; --with {name}={known[name]:g} puts it in")
     model = model.with_parameters(known)
     added = tuple(n for n in added if n not in known)
-    return model, (*(n for n in names if n not in known), *added), added
+    names = (*(n for n in names if n not in known), *added)
+    if options.model is None:
+        names += _scale(model, names, (*known, *options.effects_from_start.split(",")))
+    return model, names, added
 
 
 def _check_plant(options: ModelOptions, plant: Plant) -> None:
@@ -382,6 +403,38 @@ def _with_effects(model: Model, text: str) -> tuple[Model, tuple[str, ...]]:
     return model, tuple(free_ones)
 
 
+def _with_actuator(model: Model, command: Command | None) -> tuple[Model, tuple[str, ...]]:
+    """The model with what turns that kind of command into torque, and the names that a fit may move of it."""
+    own, wanted = model.actuator, INPUTS[command or "torque"]
+    if command is None or (type(own) if own else None) is wanted:
+        return model, ()
+    if own is not None or wanted is None:
+        has = f"a {own.name}, driven by a {own.command}" if own else "no actuator: its command is a torque"
+        raise InvalidInput(f"--input {command}, but the model has {has}")
+    actuator = wanted()
+    return model.with_effect(actuator), tuple(
+        f"{actuator.name}.{k}" for k, p in actuator.parameters.items() if not p.known
+    )
+
+
+def _scale(model: Model, names: tuple[str, ...], known: tuple[str, ...]) -> tuple[str, ...]:
+    """The actuator's constant where the plant's own numbers are known and it is not; else a word on what that means."""
+    actuator = model.actuator
+    if actuator is None:
+        return ()
+    scale = f"{actuator.name}.{actuator.scale}"
+    if scale in names or any(k.partition("=")[0].strip() == scale for k in known):
+        return ()
+    if not any(n in names for n in model.plant.parameters):
+        return (scale,)
+    p = model.parameters[scale]
+    print(
+        f"motion alone cannot show {scale}: it stays at {p.value:g} {p.unit}, and every torque, friction and inertia "
+        f"is relative to it; give it with --set {scale}=..., or what the plant weighs"
+    )
+    return ()
+
+
 def _sampled(model: Model, dt: float, given: bool) -> Model:
     """The model at the log's sample interval; its integrator's steps stay as fine, and no longer than SUBSTEP.
 
@@ -397,7 +450,7 @@ def _sampled(model: Model, dt: float, given: bool) -> Model:
 
 def _shown(model: Model, names: tuple[str, ...], log: Log) -> tuple[str, ...]:
     """The names without the one that sets the scale of all torques, where no torque is known."""
-    if any(np.any(record.u != 0.0) for record in log):
+    if any(np.any(record.u != 0.0) for record in log) or isinstance(model.actuator, PositionServo):
         return names
     scale = next((n for n in ("m", "J") if n in names), None)
     if scale is None:

@@ -53,6 +53,7 @@ KEYS = {
     "columns": _Key("columns", _pairs, 't = "time_s", theta = "angle", ... in a table, or "t=time_s,theta=angle"'),
     "zero": _Key("zero", _choice("upright", "hanging"), "upright or hanging"),
     "flip_torque": _Key("flip_torque", _switch, "true or false"),
+    "input": _Key("input", _choice("torque", "current", "voltage", "position"), "torque, current, voltage or position"),
     "degrees": _Key("degrees", _switch, "true or false"),
     "from": _Key("begin", _number, "a number of seconds"),
     "to": _Key("end", _number, "a number of seconds"),

@@ -45,6 +45,13 @@ class LogOptions:
     end: Annotated[Number, arg(name="to")] = None
     """Leave out what comes after this time [s] of the log."""
 
+    input: Annotated[
+        Literal["torque", "current", "voltage", "position"] | None,
+        arg(metavar="{torque,current,voltage,position}", help_behavior_hint="(default: torque)"),
+    ] = None
+    """What column torque holds: a torque; a current [A]; a voltage [V] or a duty cycle; or the position that a servo
+    was told, in the units of the angle."""
+
     dt: Number = None
     """Sample interval [s] to resample to; by default the log's own."""
 

@@ -87,7 +87,7 @@ def rate_mismatch(t: Array, angle: Array, speed: Array) -> float:
     return float(np.median(np.abs(change - integral)[fast])) / max(float(np.median(np.abs(integral)[fast])), 1e-300)
 
 
-def doubts(records: Sequence[Record], plant: Plant | None = None) -> tuple[str, ...]:
+def doubts(records: Sequence[Record], plant: Plant | None = None, command: str = "torque") -> tuple[str, ...]:
     """Notes on what looks unlikely: an angle in degrees, a torque that never changes, a zero or a sign turned round.
 
     Of a `plant` that does not turn, none on angles, and forces in its units.
@@ -97,15 +97,19 @@ def doubts(records: Sequence[Record], plant: Plant | None = None) -> tuple[str, 
     largest = max(float(np.max(np.abs(r.theta))) if r.theta is not None else 0.0 for r in records)
     if turns and largest > 40.0:
         found.append(f"theta reaches {largest:.3g} rad ({largest / (2 * math.pi):.1f} turns): or is it in degrees?")
+    if command == "position":  # a servo pulls at rest as well, and against the angle
+        return tuple(found)
+    if command == "torque" and not turns:
+        command = "force"
     first = float(records[0].u[0])
     if all(np.all(r.u == first) for r in records):
-        free = "a free swing: the torque is 0" if turns else "a free motion: the force is 0"
-        acts = f"the {'torque' if turns else 'force'} never changes ({first:g} {newton})"
+        free = f"a free {'swing' if turns else 'motion'}: the {command} is 0"
+        acts = f"the {command} never changes ({first:g}{f' {newton}' if command in ('torque', 'force') else ''})"
         found.append(free if first == 0.0 else acts)
-    return (*found, *(_turned(records) if turns else ()))
+    return (*found, *(_turned(records, command) if turns else ()))
 
 
-def _turned(records: Sequence[Record]) -> tuple[str, ...]:
+def _turned(records: Sequence[Record], command: str = "torque") -> tuple[str, ...]:
     """Whether gravity or torque act against our convention, by least squares over 0.1 s:
 
     theta_ddot = a sin(theta) + c u - b theta_dot + d,   a > 0 and c > 0 are expected
@@ -131,7 +135,7 @@ def _turned(records: Sequence[Record]) -> tuple[str, ...]:
     if fit[0] < 0.0 and share[0] > 0.3:
         found.append("the pendulum is pulled towards theta = 0: does 0 mean hanging in this log?")
     if fit[1] < 0.0 and share[1] > 0.3:
-        found.append("a positive torque lowers theta: is its sign turned round?")
+        found.append(f"a positive {command} lowers theta: is its sign turned round?")
     return tuple(found)
 
 

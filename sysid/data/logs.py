@@ -6,9 +6,10 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, overload
+from typing import TYPE_CHECKING, Literal, get_args, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,12 +26,14 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 File = str | PathLike[str]
+Command = Literal["torque", "current", "voltage", "position"]
+"""What a machine was told: see `sysid.physics.effects.actuators`."""
 NAMES = ("t", "theta", "theta_dot", "torque", "rollout")
 LOOKS_LIKE = {
     "t": r"t$|^t_|time|stamp|sec|^[mu]s$|millis|micros",
     "theta": r"theta$|angle|pos|^q\d*$|phi",
     "theta_dot": r"theta_?dot|vel|speed|omega|^q?d(ot)?_?q|rate",
-    "torque": r"tor|tau|^u$|effort|command|current",
+    "torque": r"tor|tau|^u$|effort|command|current|volt|duty|pwm|goal|ref|des",
 }
 MOST = 1_000_000
 MOST_RAW = 20_000_000
@@ -115,6 +118,7 @@ def read(
     dt: float | None = None,
     time_unit: TimeUnit | None = None,
     plant: Plant | None = None,
+    command: Command = "torque",
 ) -> Log:
     """Read logs, one or several rollouts a file, into records: theta = 0 upright, SI, evenly sampled.
 
@@ -123,12 +127,14 @@ def read(
                  theta_dot [rad/s] (one of the two is enough), torque [N m] (held from its row's time to the next; none:
                  a free swing) and rollout; "theta_dot=" leaves a column out; other columns are ignored
     zero         what the file's angle 0 means; "hanging" adds pi
-    flip_torque  the file's positive torque lowers its angle
+    flip_torque  the file's positive torque (current, voltage) lowers its angle
     degrees      the file has degrees and degrees/s
     begin, end   the window [s] of the file's t that is read
     dt           the sample interval [s] wanted, where the logs' own is not
     time_unit    what the file's t counts: "s", "ms" or "us"; by default what the column's name or the speed shows
     plant        what the log is of: of a LinearAxis, theta [m], theta_dot [m/s] and torque [N] are expected
+    command      what column "torque" holds: "torque", "current" [A], "voltage" [V] (or a duty cycle), or the "position"
+                 that a servo was told, which is converted as the angle is
 
     Rows without a number are left out where they are few, their torque kept where it is known; sysid.sampling says what
     becomes of uneven stamps and gaps.
@@ -136,8 +142,11 @@ def read(
     """
     if zero not in ("upright", "hanging"):
         raise InvalidInput(f"zero = {zero!r}: expected 'upright' or 'hanging'")
+    if command not in get_args(Command):
+        raise InvalidInput(f"command = {command!r}: expected one of {', '.join(get_args(Command))}")
     check_unit(time_unit)
     files = _files(paths)
+    converted = partial(_converted, zero=zero, flip_torque=flip_torque, degrees=degrees, command=command)
     wanted = _wanted(columns)
     window = _window(begin, end, dt)
     rollouts: list[Rows] = []
@@ -152,20 +161,20 @@ def read(
         if _is_exact(table):
             if dt is not None:
                 raise InvalidInput(f"{path.name} has readings before and after each step: expected none, or no dt")
-            exact.append(_exact(path, title, _converted(table, zero, flip_torque, degrees)))
+            exact.append(_exact(path, title, converted(table)))
             continue
         table = _complete(path, table, chosen, notes)
         checks.check_time(path.name, table, chosen)
         for name, part in _rollouts(title, table):
             whole = np.all([np.isfinite(column) for column in part.values()], axis=0)
             notes += checks.check_columns(name, {key: column[whole] for key, column in part.items()})
-            rollouts.append(_rows(name, _converted(part, zero, flip_torque, degrees)))
+            rollouts.append(_rows(name, converted(part)))
     records, step, more = resampling.evenly(rollouts, dt) if rollouts else ((), exact[0].dt, ())
     records = (*exact, *records)
     for record in records:
         if not in_step(record, step):
             raise InvalidInput(f"{record.name} is sampled every {record.dt:.7g} s, others every {step:.7g} s")
-    return Log(records, (*notes, *more, *checks.doubts(records, plant)), step)
+    return Log(records, (*notes, *more, *checks.doubts(records, plant, command)), step)
 
 
 def _files(paths: Sequence[File | Iterable[File]]) -> list[Path]:
@@ -198,7 +207,7 @@ def _wanted(columns: str | Mapping[str, str] | None) -> dict[str, str]:
     if columns is None:
         return {}
     pairs = columns.items() if isinstance(columns, Mapping) else _pairs(columns)
-    wanted = {"torque" if ours == "u" else ours: theirs for ours, theirs in pairs}
+    wanted = {"torque" if ours in ("u", "command") else ours: theirs for ours, theirs in pairs}
     for ours in wanted:
         if ours not in NAMES:
             raise InvalidInput(
@@ -222,8 +231,9 @@ def _chosen(path: Path, found: Sequence[str], wanted: Mapping[str, str]) -> dict
         if theirs and theirs not in found:
             raise InvalidInput(f"{path.name} has no column {theirs!r} for {ours}: found {listed}")
     own = {name: name for name in (*NAMES, "theta_dot_after") if name in found}
-    if "torque" not in own and "u" in found:
-        own["torque"] = "u"
+    for other in ("u", "command"):
+        if "torque" not in own and other in found:
+            own["torque"] = other
     chosen = {ours: theirs for ours, theirs in (own | dict(wanted)).items() if theirs}
     if "t" in chosen and ("theta" in chosen or "theta_dot" in chosen):
         return chosen
@@ -313,14 +323,21 @@ def _complete(path: Path, table: Table, titles: Mapping[str, str], notes: list[s
     return {name: column[~lost] for name, column in table.items()}
 
 
-def _converted(table: Table, zero: str, flip_torque: bool, degrees: bool) -> Table:
-    """The table in our conventions: radians, 0 upright, a positive torque raises theta."""
+def _converted(table: Table, zero: str, flip_torque: bool, degrees: bool, command: Command) -> Table:
+    """The table in our conventions: radians, 0 upright, a positive torque raises theta.
+
+    Raises InvalidInput for a position command whose sign is to be turned round: it has the angle's.
+    """
     converted = dict(table)
-    for name in ("theta", "theta_dot", "theta_dot_after"):
+    angles = ("theta", "torque") if command == "position" else ("theta",)
+    if command == "position" and flip_torque:
+        raise InvalidInput("flip_torque with command = 'position': a position command has the sign of the angle")
+    for name in (*angles, "theta_dot", "theta_dot_after"):
         if degrees and name in converted:
             converted[name] = np.deg2rad(converted[name])
-    if zero == "hanging" and "theta" in converted:
-        converted["theta"] = converted["theta"] + math.pi
+    for name in angles:
+        if zero == "hanging" and name in converted:
+            converted[name] = converted[name] + math.pi
     if flip_torque and "torque" in converted:
         converted["torque"] = -converted["torque"]
     return converted

@@ -208,10 +208,10 @@ def check_records(model: Model, records: Sequence[Record]) -> tuple[Record, ...]
             )
         largest = float(np.max(np.abs(record.u)))
         if largest > model.u_max * (1.0 + 1e-9):
-            unit = model.plant.unit("N m")
+            command = "torque" if model.actuator is None else model.actuator.command
             raise InvalidInput(
-                f"{record.name} has a torque of {largest:g} {unit}, beyond the model's limit "
-                f"|u| <= {model.u_max:g} {unit}"
+                f"{record.name} has a {command} of {largest:g} {model.command_unit}, beyond the model's limit "
+                f"|u| <= {model.u_max:g} {model.command_unit}"
             )
     return given
 

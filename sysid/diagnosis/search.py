@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.special import chdtrc
 
-from sysid.data.record import Record, extent_of
+from sysid.data.record import Record
 from sysid.data.sensor import Sensor
 from sysid.diagnosis.choosing import COMPOSITES, DEFAULT, PREFERRED, Choosing
 from sysid.errors import InvalidInput
@@ -172,7 +172,7 @@ class Search:
     def _start(self, now: Fit, name: str, alone: bool) -> Effect:
         """The effect at the size that its score promises, or where it is one of several, a small one."""
         score = self.last[name]
-        u = extent_of(now.chain.records).u_max
+        u = now.chain.extent(now.model).u_max
         if alone and score.lm > 0.0:
             return score.best.at(score.sizes)
         numbers = {"viscous": 0.02, "coulomb": 0.05, "drag": 0.005}

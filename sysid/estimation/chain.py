@@ -9,14 +9,15 @@ from functools import cached_property
 
 import numpy as np
 
-from sysid.data.record import Record, check_records
+from sysid.data.record import Record, check_records, extent_of
 from sysid.data.sensor import Sensor
 from sysid.estimation.kalman import LinearSystem
 from sysid.estimation.smoothed_start import smooth_states
 from sysid.estimation.windows import UNKNOWN
-from sysid.physics.effects import Effect
+from sysid.physics.effects import Effect, InputEffect
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
+from sysid.physics.parameters import Extent
 
 
 class Chain:
@@ -70,6 +71,16 @@ class Chain:
     def smoothed(self) -> Array:
         """States (M, 2) without any model of the machine: the smoothest motion that follows the readings."""
         return np.concatenate([smooth_states(r, self.sensor) for r in self.records])
+
+    def extent(self, model: Model, kind: type[Effect] | None = None) -> Extent:
+        """What the probes of an effect may depend on: u_max is the largest torque, of an input effect the largest
+        command."""
+        commands = extent_of(self.records)
+        if model.actuator is None or (kind is not None and issubclass(kind, InputEffect)):
+            return commands
+        theta, theta_dot = self.smoothed.T
+        torque = model.torque(theta, theta_dot, self.drives(model)[:, 0])
+        return commands._replace(u_max=float(np.max(np.abs(torque[self.follows]))))
 
     def drives(self, model: Model) -> Array:
         """Drive torques (M, S) [N m] of the intervals after the instants."""
@@ -136,9 +147,9 @@ class LinearisedModel:
         theta, theta_dot, d = self.motion.x[:, 0], self.motion.x[:, 1], self.motion.d
         if shift is not None:
             theta, theta_dot, d = theta + shift[..., 0], theta_dot + shift[..., 1], d + shift[..., 2]
-        torque = model.inertia() * d
-        own = tuple(drives[..., j] + torque for j in range(drives.shape[-1]))
-        return np.stack(np.broadcast_arrays(*model.move(theta, theta_dot, own, self.chain.clock)), axis=-1)
+        own = tuple(drives[..., j] for j in range(drives.shape[-1]))
+        ends = model.move(theta, theta_dot, own, self.chain.clock, push=model.inertia() * d)
+        return np.stack(np.broadcast_arrays(*ends), axis=-1)
 
     def changes(self, names: Sequence[str]) -> tuple[Array, Array]:
         """What moves with the parameters: G (M, 2, P) of the ends of the steps, R (M, 2, P) of the readings in the

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from sysid.data.record import extent_of
 from sysid.estimation.chain import Chain
 from sysid.estimation.initial_guess import rough
 from sysid.estimation.prediction import BLOCKS, WINDOW, left_out
@@ -28,13 +27,14 @@ def first_fit(chain: Chain, model: Model, names: Sequence[str]) -> Fit:
 
 def with_common(chain: Chain, model: Model, names: Sequence[str]) -> Fit:
     """The fit from far off of the model beside the friction and the offset that it may lack."""
-    names, extent = tuple(names), extent_of(chain.records)
+    names = tuple(names)
     begun = rough(model, names, chain.records, chain.sensor)
+    largest = chain.extent(begun).u_max or float(begun.inertia())
     more = dict[str, float]()
     for name, (key, share) in COMMON.items():
         if name not in {e.name for e in begun.effects}:
             begun = begun.with_effect(CATALOGUE[name]())
-            more[f"{name}.{key}"] = share * (extent.u_max or float(begun.inertia()))
+            more[f"{name}.{key}"] = share * largest
     found = fit(chain, begun.with_parameters(more), (*names, *more))
     return found if found.undisturbed else with_best_memory(found)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from sysid.data.record import Record, check_records, extent_of
+from sysid.data.record import Record, check_records
 from sysid.data.sensor import Sensor
 from sysid.errors import InvalidInput
 from sysid.estimation.chain import Chain
@@ -20,8 +20,8 @@ from sysid.physics.model import Model
 
 
 def free(model: Model) -> tuple[str, ...]:
-    """What a fit leaves free where nothing is said: every parameter but gravity."""
-    return tuple(name for name in model.parameters if name != "g")
+    """What a fit leaves free where nothing is said: every parameter but those that are known, such as gravity."""
+    return tuple(name for name, p in model.parameters.items() if not p.known)
 
 
 def fit(
@@ -75,12 +75,12 @@ def _from_neutral(chain: Chain, model: Model, names: tuple[str, ...]) -> Fit:
     idle = [e for e in model.effects if e.idle and {f"{e.name}.{k}" for k in e.parameters} <= set(names)]
     if not idle:
         return first_fit(chain, model, names)
-    extent, plain = extent_of(chain.records), model
+    plain = model
     for effect in idle:
         plain = plain.without_effect(effect.name)
     now = first_fit(chain, plain, [n for n in names if n in plain.parameters])
     for effect in idle:
-        found = score(now, alternatives(type(effect), extent))
+        found = score(now, alternatives(type(effect), chain.extent(plain, type(effect))))
         begun = found.best.at(found.sizes) if found else effect
         own = effect.with_parameters({k: float(p.value) for k, p in begun.parameters.items()})
         now = extended(now, [own])

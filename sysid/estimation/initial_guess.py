@@ -22,12 +22,12 @@ MOST = 20_000
 def rough(model: Model, names: Sequence[str], records: Sequence[Record], sensor: Sensor) -> Model:
     """The model with those of the plant's parameters that are in `names` moved near the log.
 
-        theta_dot(t + T) - theta_dot(t) = integral of  G/J sin(theta) + u/J - b theta_dot - c sign(theta_dot) + d
+        theta_dot(t + T) - theta_dot(t) = integral of  G/J sin(theta) + tau/J - b theta_dot - c sign(theta_dot) + d
 
     by least squares over smoothed states, T = 0.2 s; then the numbers nearest to the old ones with that 1/J and G/J.
     What the log does not show (no torque, no gravity) stays as it was. Good to a few ten per cent.
     """
-    shown = _ratios(records, sensor)
+    shown = _ratios(model, records, sensor)
     moved = [name for name in names if name in model.plant.parameters]
     own = {name: float(model.plant.parameters[name].value) for name in moved}
     if not shown or not all(value > 0.0 for value in own.values()):
@@ -55,7 +55,7 @@ def _inside(model: Model, names: Sequence[str], scale: Array) -> list[float]:
     ]
 
 
-def _ratios(records: Sequence[Record], sensor: Sensor) -> dict[str, float]:
+def _ratios(model: Model, records: Sequence[Record], sensor: Sensor) -> dict[str, float]:
     """1/J [1/(kg m^2)] and G/J [1/s^2], where they are positive and three standard errors from 0."""
     rows, targets, seen = [], [], 0
     for record in records:
@@ -68,7 +68,8 @@ def _ratios(records: Sequence[Record], sensor: Sensor) -> dict[str, float]:
             continue
         theta, theta_dot = smooth_states(part, sensor).T
         middle = 0.5 * (theta_dot[1:] + theta_dot[:-1])
-        columns = (np.sin(0.5 * (theta[1:] + theta[:-1])), part.u, -middle, -np.sign(middle), np.ones(len(part)))
+        torque = model.torque(0.5 * (theta[1:] + theta[:-1]), middle, part.u)
+        columns = (np.sin(0.5 * (theta[1:] + theta[:-1])), torque, -middle, -np.sign(middle), np.ones(len(part)))
         rows.append(np.column_stack([part.dt * _sums(c, span) for c in columns])[::span])
         targets.append((theta_dot[span:] - theta_dot[:-span])[::span])
     if not rows:

@@ -31,7 +31,7 @@ from sysid.data.sensor import Sensor
 from sysid.errors import InvalidInput
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.fit import free
-from sysid.physics.effects import CATALOGUE, Effect, effect
+from sysid.physics.effects import Effect, kind_of
 from sysid.physics.integrators import RK4, Integrator, SemiImplicitEuler
 from sysid.physics.model import Model
 from sysid.physics.parameters import Parametric
@@ -172,10 +172,7 @@ def from_dict(data: Any) -> SavedModel:
 
 
 def _kind(saved: Any) -> type[Effect]:
-    name = str(_entry(saved, "name"))
-    if name not in CATALOGUE:
-        effect(name)  # raises, and says which names are near
-    return CATALOGUE[name]
+    return kind_of(str(_entry(saved, "name")))
 
 
 def _part(kind: type[Part], saved: Mapping[str, Any]) -> Part:

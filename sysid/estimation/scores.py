@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-from sysid.data.record import extent_of
 from sysid.estimation.prediction_error import Fit
 from sysid.physics.candidates import Alternative, candidates
 from sysid.physics.effects import CATALOGUE
@@ -49,7 +49,7 @@ class Score:
 
 def scores(fit: Fit, names: Iterable[str] | None = None) -> dict[str, Score]:
     """Score tests of all effects that the fitted model may lack, or of those named."""
-    found = candidates(fit.model, extent_of(fit.chain.records), names)
+    found = candidates(fit.model, partial(fit.chain.extent, fit.model), names)
     tested = (score(fit, alternatives) for alternatives in found.values())
     return {score.name: score for score in tested if score is not None}
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,8 +77,13 @@ def _side(magnitudes: Sequence[Parameter]) -> int:
     return int(magnitudes[0].neutral == low) - int(magnitudes[0].neutral == high)
 
 
-def candidates(model: Model, extent: Extent, names: Iterable[str] | None = None) -> dict[str, tuple[Alternative, ...]]:
-    """The effects that the model may lack: those of the catalogue (or `names`) that it neither has nor excludes."""
+def candidates(
+    model: Model, extent: Callable[[type[Effect]], Extent], names: Iterable[str] | None = None
+) -> dict[str, tuple[Alternative, ...]]:
+    """The effects that the model may lack: those of the catalogue (or `names`) that it neither has nor excludes.
+
+    `extent` says what the probes of a kind of effect may depend on.
+    """
     present = {e.name for e in model.effects}
     excluded = {name for e in model.effects for name in e.excludes}
     found = {}
@@ -86,5 +91,5 @@ def candidates(model: Model, extent: Extent, names: Iterable[str] | None = None)
         kind = CATALOGUE[name]
         if name in present or name in excluded or present & set(kind.excludes):
             continue
-        found[name] = alternatives(kind, extent)
+        found[name] = alternatives(kind, extent(kind))
     return found

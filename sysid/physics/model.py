@@ -6,13 +6,14 @@ import dataclasses
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
 
 from sysid.errors import InvalidInput
 from sysid.physics.effects.effect import (
+    Actuator,
     Array,
     DryFriction,
     Effect,
@@ -43,10 +44,13 @@ class State(NamedTuple):
 class Model:
     """A plant with effects, stepped by an integrator over control intervals of dt [s]; |u| <= u_max [N m].
 
-        (J + sum J_e) theta_ddot = gravity_torque(theta) + drive(u) + sum torque_e - dry friction
+        (J + sum J_e) theta_ddot = gravity_torque(theta) + actuator(drive(u)) + sum torque_e - dry friction + push
+
+    The command u is a torque where no effect is an actuator; push is a torque from outside.
 
     Parameters are named as in the plant ("m", "l") and, for effects, "effect.field" ("viscous.b").
-    Raises InvalidInput for dt or u_max that are not positive, an effect given twice, or two that exclude each other.
+    Raises InvalidInput for dt or u_max that are not positive, an effect given twice, two that exclude each other, or
+    two actuators.
     """
 
     plant: Plant
@@ -63,7 +67,7 @@ class Model:
         given = (self.effects,) if isinstance(self.effects, Effect) else tuple(self.effects)
         object.__setattr__(self, "effects", given)
         for e in self.effects:
-            if not isinstance(e, InputEffect | JointEffect | DryFriction | OutputEffect):
+            if not isinstance(e, InputEffect | Actuator | JointEffect | DryFriction | OutputEffect):
                 raise InvalidInput(f"effects holds {e!r}: expected effects, such as effect('viscous')")
         if not math.isfinite(self.dt):
             raise InvalidInput(f"dt = {self.dt}: expected a positive number of seconds")
@@ -78,11 +82,24 @@ class Model:
             for other in e.excludes:
                 if other in names:
                     raise InvalidInput(f"effects {e.name!r} and {other!r} contain each other: expected one of them")
+        actuators = [e.name for e in self.effects if isinstance(e, Actuator)]
+        if len(actuators) > 1:
+            raise InvalidInput(f"the model has actuators {' and '.join(actuators)}: expected one of them")
 
     @cached_property
     def input_effects(self) -> tuple[InputEffect, ...]:
         """Those between command and drive torque, in the order in which they act."""
         return tuple(sorted((e for e in self.effects if isinstance(e, InputEffect)), key=lambda e: e.stage))
+
+    @cached_property
+    def actuator(self) -> Actuator | None:
+        """What turns the command into torque; None: the command is the torque."""
+        return next((e for e in self.effects if isinstance(e, Actuator)), None)
+
+    @property
+    def command_unit(self) -> str:
+        """The unit of the command."""
+        return self.plant.unit("N m" if self.actuator is None else self.actuator.unit)
 
     @cached_property
     def joint_effects(self) -> tuple[JointEffect, ...]:
@@ -111,7 +128,9 @@ class Model:
         for e in self.effects:
             for key, p in e.parameters.items():
                 name = f"{e.name}.{key}"
-                named[name] = dataclasses.replace(p, name=name, unit=self.plant.unit(p.unit))
+                of_command = isinstance(e, InputEffect) and p.unit == "N m"
+                unit = self.command_unit if of_command else self.plant.unit(p.unit)
+                named[name] = dataclasses.replace(p, name=name, unit=unit)
         return named
 
     def check_names(self, names: Iterable[str]) -> None:
@@ -143,9 +162,12 @@ class Model:
         return dataclasses.replace(self, effects=tuple(e for e in self.effects if e.name != name))
 
     def rest(self, like: Value = 0.0) -> tuple[Memory, ...]:
-        """The memory after a long time without command, in the shape and back end of `like`."""
-        zero = like * 0.0
-        return tuple(tuple(zero + v for v in e.rest(self.dt)) for e in self.input_effects)
+        """The memory after a long time without command, in the shape and back end of `like`.
+
+        A servo has held the angle `like` by then.
+        """
+        held = like if self.actuator is not None and self.actuator.at_angle else like * 0.0
+        return tuple(tuple(held + v for v in e.rest(self.dt)) for e in self.input_effects)
 
     def initial_state(self, theta: Value, theta_dot: Value) -> State:
         """The state at theta [rad], theta_dot [rad/s] after a long time without command."""
@@ -169,8 +191,9 @@ class Model:
         """The drive torques of each interval of a whole record u (N,) [N m], from rest.
 
         The scan runs over N + ahead commands, the last one repeated, and what comes of the first `ahead` is dropped.
+        A servo has held its first command before.
         """
-        memory = self.rest(like)
+        memory = self.rest(like * 0.0 + u[0])
         for k, command in enumerate((*u, *(u[-1],) * self.ahead)):
             drives, memory = self.drive(command, memory)
             if k >= self.ahead:
@@ -179,15 +202,22 @@ class Model:
     def drive_record(self, u: Array) -> Array:
         """What `drives` yields, (..., N, S), of records (..., N) all at once: for plain numbers, many times faster."""
         fed = np.concatenate([u, np.repeat(u[..., -1:], self.ahead, axis=-1)], axis=-1)
-        signal = np.repeat(fed[..., None], self.integrator.substeps, axis=-1)
+        # what remembers begins at rest: beside a servo's first command
+        held = u[..., :1, None] if self.actuator is not None and self.actuator.at_angle else 0.0
+        signal = np.repeat(fed[..., None], self.integrator.substeps, axis=-1) - held
         for e in self.input_effects:
             signal = e.whole(signal, self.dt)
-        return signal[..., self.ahead :, :]
+        return signal[..., self.ahead :, :] + held
 
-    def joint(self, theta: Value, theta_dot: Value, t: Value, drive: Value) -> Joint:
+    def torque(self, theta: Value, theta_dot: Value, drive: Value) -> Value:
+        """The actuator's torque [N m] under a command that has passed the input effects."""
+        return drive if self.actuator is None else self.actuator.torque(drive, theta, theta_dot)
+
+    def joint(self, theta: Value, theta_dot: Value, t: Value, drive: Value, push: Value = 0.0) -> Joint:
         """What acts at the joint, the load complete, as frictions see it."""
-        load = self.plant.gravity_torque(theta) + drive
-        joint = Joint(theta, theta_dot, t, drive, 0.0, self.plant)
+        torque = self.torque(theta, theta_dot, drive)
+        load = self.plant.gravity_torque(theta) + torque + push
+        joint = Joint(theta, theta_dot, t, torque, 0.0, self.plant)
         for e in self.joint_effects:
             if not e.friction:
                 load = load + e.torque(joint)
@@ -200,18 +230,20 @@ class Model:
             J = J + e.inertia()
         return J
 
-    def acceleration(self, theta: Value, theta_dot: Value, t: Value, drive: Value) -> Value:
+    def acceleration(self, theta: Value, theta_dot: Value, t: Value, drive: Value, push: Value = 0.0) -> Value:
         """theta_ddot [rad/s^2] under a drive torque [N m], dry friction apart."""
-        joint = self.joint(theta, theta_dot, t, drive)
+        joint = self.joint(theta, theta_dot, t, drive, push)
         torque = joint.load
         for e in self.joint_effects:
             if e.friction:
                 torque = torque + e.torque(joint)
         return torque / self.inertia()
 
-    def deceleration(self, theta: Value, theta_dot: Value, t: Value, drive: Value) -> tuple[Value, Value]:
+    def deceleration(
+        self, theta: Value, theta_dot: Value, t: Value, drive: Value, push: Value = 0.0
+    ) -> tuple[Value, Value]:
         """What dry friction can take from positive and from negative speed [rad/s^2]."""
-        joint, J = self.joint(theta, theta_dot, t, drive), self.inertia()
+        joint, J = self.joint(theta, theta_dot, t, drive, push), self.inertia()
         plus: Value = 0.0
         minus: Value = 0.0
         for e in self.dry_frictions:
@@ -219,10 +251,14 @@ class Model:
             plus, minus = plus + against_positive, minus + against_negative
         return plus / J, minus / J
 
-    def move(self, theta: Value, theta_dot: Value, drives: Drives, t: Value = 0.0) -> tuple[Value, Value]:
-        """(theta, theta_dot) after dt under known drive torques: the plant without its input path."""
-        dry = self.deceleration if self.dry_frictions else None
-        return self.integrator.advance(self.acceleration, theta, theta_dot, t, drives, self.dt, dry)
+    def move(
+        self, theta: Value, theta_dot: Value, drives: Drives, t: Value = 0.0, push: Value = 0.0
+    ) -> tuple[Value, Value]:
+        """(theta, theta_dot) after dt under known drive torques and a constant push [N m]: the plant without its input
+        path."""
+        accelerated, slowed = partial(self.acceleration, push=push), partial(self.deceleration, push=push)
+        dry = slowed if self.dry_frictions else None
+        return self.integrator.advance(accelerated, theta, theta_dot, t, drives, self.dt, dry)
 
     def sensing(self, theta: Value, theta_dot: Value) -> tuple[Memory, ...]:
         """The memory of each output effect for a joint that has come to this state at constant speed."""

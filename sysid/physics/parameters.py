@@ -36,7 +36,8 @@ class Parameter:
     """One number of a model: `value` in `unit`, allowed within `bounds` (inclusive).
 
     `neutral` is the value at which the effect that owns it changes nothing (None: there is no such value, it is a
-    shape). `probe` are values to try it at: numbers, or a function of the Extent of a log that gives them.
+    shape). `probe` are values to try it at: numbers, or a function of the Extent of a log that gives them. A `known`
+    one is looked up rather than fitted, as gravity is: a fit leaves it alone unless it is asked for.
     """
 
     name: str
@@ -45,6 +46,7 @@ class Parameter:
     bounds: tuple[float, float]
     neutral: float | None = None
     probe: Probe = None
+    known: bool = False
 
     def probes(self, extent: Extent) -> tuple[float, ...]:
         """Values to try this parameter at on a log of that extent.
@@ -93,9 +95,10 @@ def parameter(
     bounds: tuple[float, float] = (-math.inf, math.inf),
     neutral: float | None = None,
     probe: Probe = None,
+    known: bool = False,
 ) -> Any:
     """A dataclass field that is a parameter of the model, with unit [SI], bounds, neutral value and probes."""
-    declared = {"unit": unit, "bounds": bounds, "neutral": neutral, "probe": probe}
+    declared = {"unit": unit, "bounds": bounds, "neutral": neutral, "probe": probe, "known": known}
     return dataclasses.field(default=default, metadata={_KEY: declared})
 
 

@@ -83,7 +83,8 @@ def rivals_of(
     """
     asked = _asked(model, free, rivals)
     limits = conditions.limits
-    possible = candidates(asked.base.model, Extent(model.dt, limits.duration, limits.u_max), asked.names)
+    extent = Extent(model.dt, limits.duration, limits.u_max)
+    possible = candidates(asked.base.model, lambda kind: extent, asked.names)
     for name in asked.names:
         if name not in possible:
             raise InvalidInput(f"{name} cannot stand beside the model's own effects: it cannot be a rival")

@@ -110,11 +110,11 @@ def test_no_probe_is_faster_than_the_log() -> None:
 
 def test_candidates_are_what_the_model_neither_has_nor_excludes() -> None:
     everything = set(CATALOGUE)
-    assert set(candidates(rod(), EXTENT)) == everything
-    assert set(candidates(rod(Viscous()), EXTENT)) == everything - {"viscous"}
-    assert set(candidates(rod(Delay()), EXTENT)) == everything - {"delay", "stamp"}
-    assert set(candidates(rod(Stamp()), EXTENT)) == everything - {"delay", "stamp"}
-    assert set(candidates(rod(Viscous()), EXTENT, ("viscous", "drag"))) == {"drag"}
+    assert set(candidates(rod(), lambda kind: EXTENT)) == everything
+    assert set(candidates(rod(Viscous()), lambda kind: EXTENT)) == everything - {"viscous"}
+    assert set(candidates(rod(Delay()), lambda kind: EXTENT)) == everything - {"delay", "stamp"}
+    assert set(candidates(rod(Stamp()), lambda kind: EXTENT)) == everything - {"delay", "stamp"}
+    assert set(candidates(rod(Viscous()), lambda kind: EXTENT, ("viscous", "drag"))) == {"drag"}
 
 
 def test_an_effect_of_a_users_own_is_tried_like_ours(catalogue: dict[str, type[Effect]]) -> None:
@@ -130,7 +130,7 @@ def test_an_effect_of_a_users_own_is_tried_like_ours(catalogue: dict[str, type[E
             return self.k * ops.sin(joint.theta - self.at)
 
     catalogue["pull"] = Pull
-    tried = candidates(rod(), EXTENT)["pull"]
+    tried = candidates(rod(), lambda kind: EXTENT)["pull"]
     assert [a.neutral.at for a in tried] == [0.5, 1.0]  # type: ignore[attr-defined]
     assert all(a.magnitudes == ("k",) and a.sizes == (-0.02,) and a.side == -1 for a in tried)
 

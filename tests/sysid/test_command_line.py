@@ -395,3 +395,33 @@ def test_a_clock_in_milliseconds_is_told_or_asked_for(hidden, tmp_path, capsys):
     assert main(["fit", str(both), "--plant", "point", "--from", "1", "--to", "4"]) == 0
     said = capsys.readouterr().out
     assert "150 samples (3 s)" in said and "t is in milliseconds, in which theta_dot is the rate of theta" in said
+
+
+def test_a_servo_told_by_its_commands(tmp_path, capsys):
+    """The log has angles and goals in degrees from hanging; the answer's numbers are relative to the servo's gain."""
+    rng = np.random.default_rng(1)
+    truth = sysid.Model(
+        sysid.GeneralJoint(J=0.04, G=1.0), (sysid.PositionServo(k_p=6.0, k_d=0.3), sysid.Coulomb(0.2)), dt=DT
+    )
+    goals = math.pi + np.stack([multisine(rng, 400, DT, 1.2, 1.5) for _ in range(3)])
+    records = sysid.Sensor(theta=0.001).measure(sysid.simulate(truth, goals, np.full(3, math.pi), np.zeros(3)), rng)
+    for k, r in enumerate(records):
+        table = np.column_stack([r.t, np.rad2deg(r.theta - math.pi), np.rad2deg(np.append(r.u, r.u[-1]) - math.pi)])
+        np.savetxt(tmp_path / f"servo{k}.csv", table, "%.8g", ",", header="t,theta,goal", comments="")
+    (tmp_path / "log.toml").write_text(
+        'input = "position"\nplant = "joint"\ndegrees = true\nzero = "hanging"\ncolumns = "command=goal"\n'
+    )
+    files = [str(f) for f in sorted(tmp_path.glob("*.csv"))]
+    answer = tmp_path / "answer.json"
+    assert main(["diagnose", *files, "--json", str(answer)]) == 0
+    said = capsys.readouterr().out
+    assert "motion alone cannot show position_servo.k_p: it stays at 1 N m/rad" in said
+    found = json.loads(answer.read_text())
+    assert [s["effect"] for s in found["steps"]] == ["coulomb"], said
+    assert found["parameters"]["coulomb.tau_c"]["value"] == pytest.approx(0.2 / 6.0, rel=0.03)
+    assert main(["fit", *files, "--set", "position_servo.k_p=6"]) == 0
+    assert "motion alone" not in capsys.readouterr().out
+    assert main(["fit", *files, "--set", "J=0.04", "--set", "G=1", "--with", "coulomb"]) == 0
+    assert "position_servo.k_p = 5.9" in capsys.readouterr().out.replace("6.0", "5.9")
+    assert main(["fit", *files, "--flip-torque"]) == 2
+    assert "a position command has the sign of the angle" in capsys.readouterr().err

@@ -198,7 +198,7 @@ def test_effects_come_and_go():
             lambda: effect("viscosity"),
             r"unknown effect 'viscosity': did you mean viscous\? Expected one of .*coulomb, .*delay",
         ),
-        (lambda: effect("xyz"), r"unknown effect 'xyz': expected one of viscous, coulomb, .*backlash$"),
+        (lambda: effect("xyz"), r"unknown effect 'xyz': expected one of viscous, coulomb, .*position_servo$"),
         (lambda: Model(RodPendulum(), (Delay(), Stamp())), r"'delay' and 'stamp' contain each other: expected one"),
         (lambda: effect("viscous", c=1.0), r"'viscous' has no parameter 'c': it has b"),
     ],

@@ -8,8 +8,9 @@ from typing import Any, TypeVar
 
 from sysid.errors import InvalidInput
 from sysid.physics.effects.actuation import BackEmf, DeadZone, Delay, Lag, Saturation, Stamp, TorqueGain
+from sysid.physics.effects.actuators import DCMotor, PositionServo, TorqueConstant
 from sysid.physics.effects.disturbance import Drift, Periodic, TorqueBias
-from sysid.physics.effects.effect import Effect
+from sysid.physics.effects.effect import Actuator, Effect
 from sysid.physics.effects.friction import AsymmetricCoulomb, AsymmetricViscous, Coulomb, Drag, Stribeck, Viscous
 from sysid.physics.effects.load import LoadFriction, Ripple, RotorInertia, Spring, Tilt
 from sysid.physics.effects.sensing import AngleOffset, Backlash, SensorDelay, VelocityBias, VelocityGain
@@ -23,6 +24,9 @@ _SENSING = (AngleOffset, VelocityBias, VelocityGain, SensorDelay, Backlash)
 CATALOGUE: dict[str, type[Effect]] = {
     kind.name: kind for kind in (*_FRICTION, *_LOAD, *_DISTURBANCE, *_ACTUATION, *_SENSING)
 }
+
+ACTUATORS: dict[str, type[Actuator]] = {kind.name: kind for kind in (TorqueConstant, DCMotor, PositionServo)}
+"""What stands in a model whose command is no torque. None is ever missing: the log's columns say what was commanded."""
 
 EffectType = TypeVar("EffectType", bound=type[Effect])
 
@@ -39,16 +43,22 @@ def register(kind: EffectType) -> EffectType:
     return kind
 
 
+def kind_of(name: str) -> type[Effect]:
+    """The class of the effect or actuator of that name; raises InvalidInput where it is unknown, near names first."""
+    known: dict[str, type[Effect]] = {**CATALOGUE, **ACTUATORS}
+    if name not in known:
+        near = get_close_matches(name, known, n=3, cutoff=0.5)
+        perhaps = f"did you mean {' or '.join(near)}? E" if near else "e"
+        raise InvalidInput(f"unknown effect {name!r}: {perhaps}xpected one of {', '.join(known)}")
+    return known[name]
+
+
 def effect(name: str, **parameters: Any) -> Effect:
     """The effect of that name, at its neutral value where no other is given: effect("viscous", b=0.1).
 
     Raises InvalidInput for an unknown name (the near ones come first) and for an unknown parameter.
     """
-    if name not in CATALOGUE:
-        near = get_close_matches(name, CATALOGUE, n=3, cutoff=0.5)
-        perhaps = f"did you mean {' or '.join(near)}? E" if near else "e"
-        raise InvalidInput(f"unknown effect {name!r}: {perhaps}xpected one of {', '.join(CATALOGUE)}")
-    kind = CATALOGUE[name]
+    kind = kind_of(name)
     known = [f.name for f in fields(kind)]
     for key in parameters:
         if key not in known:

@@ -122,6 +122,29 @@ class InputEffect(Effect):
 
 
 @dataclass(frozen=True, eq=False)
+class Actuator(Effect):
+    """Turns the command into the torque at the joint, where a log holds another command than a torque.
+
+    A model has one at most; without one its command is the torque. It stands behind the input effects, which act on
+    the command in its own unit.
+
+    command      what the command is, for a sentence
+    unit         the command's unit, in those of what turns
+    scale        the parameter that sets the scale of all torques: motion alone cannot show it
+    at_angle     whether the command is an angle of the joint: it is read as angles are, and rests at the joint's own
+    """
+
+    command: ClassVar[str] = "torque"
+    unit: ClassVar[str] = "N m"
+    scale: ClassVar[str] = ""
+    at_angle: ClassVar[bool] = False
+
+    @abstractmethod
+    def torque(self, u: Value, theta: Value, theta_dot: Value) -> Value:
+        """Torque on the joint [N m] under the command u, at theta [rad] and theta_dot [rad/s]."""
+
+
+@dataclass(frozen=True, eq=False)
 class JointEffect(Effect):
     """Adds a torque, and where it has one an inertia, at the joint. Those with `friction` are summed last."""
 

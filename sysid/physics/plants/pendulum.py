@@ -22,7 +22,7 @@ class RodPendulum(Plant):
 
     m: Value = parameter(1.0, unit="kg", bounds=(0.3, 3.0))
     l: Value = parameter(1.0, unit="m", bounds=(0.3, 3.0))  # noqa: E741 - the field's letter for length
-    g: Value = parameter(10.0, unit="m/s^2", bounds=(0.0, 30.0))
+    g: Value = parameter(10.0, unit="m/s^2", bounds=(0.0, 30.0), known=True)
 
     def inertia(self) -> Value:
         """J = m l^2 / 3 [kg m^2]."""
@@ -42,7 +42,7 @@ class PointMassPendulum(Plant):
 
     m: Value = parameter(1.0, unit="kg", bounds=(0.01, 100.0))
     l: Value = parameter(1.0, unit="m", bounds=(0.01, 10.0))  # noqa: E741
-    g: Value = parameter(9.81, unit="m/s^2", bounds=(0.0, 30.0))
+    g: Value = parameter(9.81, unit="m/s^2", bounds=(0.0, 30.0), known=True)
 
     def inertia(self) -> Value:
         """J = m l^2 [kg m^2]."""

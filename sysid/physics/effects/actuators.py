@@ -1,0 +1,75 @@
+"""Actuators: what turns a current, a voltage or a position command into the torque at the joint."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from sysid.physics import ops
+from sysid.physics.effects.effect import Actuator
+from sysid.physics.ops import Value
+from sysid.physics.parameters import parameter
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueConstant(Actuator):
+    """tau = k_t u: the torque of a current u [A], with k_t [N m/A] behind the gear."""
+
+    words: ClassVar[str] = "a motor driven by a current"
+    formula: ClassVar[str] = "tau = k_t u"
+    command: ClassVar[str] = "current"
+    unit: ClassVar[str] = "A"
+    scale: ClassVar[str] = "k_t"
+    k_t: Value = parameter(1.0, unit="N m/A", bounds=(1e-6, 1e6), known=True)
+
+    def torque(self, u: Value, theta: Value, theta_dot: Value) -> Value:
+        """k_t u [N m]."""
+        return self.k_t * u
+
+
+@dataclass(frozen=True, eq=False)
+class DCMotor(Actuator):
+    """tau = k (u - k_e theta_dot): a DC motor at a voltage u [V], or at a duty cycle times the supply.
+
+    k [N m/V] is the torque constant over the winding's resistance, k_e [V s/rad] the back-EMF constant, both behind the
+    gear. Back-EMF moves the joint as viscous friction k k_e does: a log tells the two apart only where k_e is known.
+    The winding's inductance is left out; a lag of the torque stands for it.
+    """
+
+    name: ClassVar[str] = "dc_motor"
+    words: ClassVar[str] = "a DC motor driven by a voltage"
+    formula: ClassVar[str] = "tau = k (u - k_e theta_dot)"
+    excludes: ClassVar[tuple[str, ...]] = ("back_emf",)
+    command: ClassVar[str] = "voltage"
+    unit: ClassVar[str] = "V"
+    scale: ClassVar[str] = "k"
+    k: Value = parameter(1.0, unit="N m/V", bounds=(1e-6, 1e6), known=True)
+    k_e: Value = parameter(0.0, unit="V s/rad", bounds=(0.0, 1e4))
+
+    def torque(self, u: Value, theta: Value, theta_dot: Value) -> Value:
+        """k (u - k_e theta_dot) [N m]."""
+        return self.k * (u - self.k_e * theta_dot)
+
+
+@dataclass(frozen=True, eq=False)
+class PositionServo(Actuator):
+    """tau = clip(k_p (u - theta) - k_d theta_dot, -limit, limit): a servo that holds the angle u [rad].
+
+    The servo closes its loop inside the drive, faster than the log was written: its torque follows the joint within a
+    sample. 10^6 stands for no limit. Gains [N m/rad], [N m s/rad] are those at the joint.
+    """
+
+    words: ClassVar[str] = "a servo driven by a position command"
+    formula: ClassVar[str] = "tau = clip(k_p (u - theta) - k_d theta_dot, -limit, limit)"
+    excludes: ClassVar[tuple[str, ...]] = ("torque_gain", "dead_zone", "saturation")
+    command: ClassVar[str] = "position command"
+    unit: ClassVar[str] = "rad"
+    scale: ClassVar[str] = "k_p"
+    at_angle: ClassVar[bool] = True
+    k_p: Value = parameter(1.0, unit="N m/rad", bounds=(1e-6, 1e6), known=True)
+    k_d: Value = parameter(0.0, unit="N m s/rad", bounds=(0.0, 1e6))
+    limit: Value = parameter(1e6, unit="N m", bounds=(1e-6, 1e6), known=True)
+
+    def torque(self, u: Value, theta: Value, theta_dot: Value) -> Value:
+        """clip(k_p (u - theta) - k_d theta_dot, -limit, limit) [N m]."""
+        return ops.clip(self.k_p * (u - theta) - self.k_d * theta_dot, -self.limit, self.limit)

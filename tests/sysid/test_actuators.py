@@ -1,0 +1,166 @@
+"""A command that is no torque: a current, a voltage, the position that a servo was told."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from sysid import (
+    BackEmf,
+    Coulomb,
+    DCMotor,
+    Delay,
+    Effect,
+    GeneralJoint,
+    InvalidInput,
+    Lag,
+    Model,
+    PositionServo,
+    Record,
+    Saturation,
+    Sensor,
+    TorqueConstant,
+    Viscous,
+    diagnose,
+    fit,
+    load,
+    read,
+    save,
+    simulate,
+)
+from sysid.estimation.chain import Chain
+from sysid.estimation.first_fit import first_fit
+from sysid.estimation.scores import scores
+from sysid.planning.excitation import multisine
+
+SENSOR = Sensor(0.001, 0.02)
+ACTUATORS = (TorqueConstant(k_t=0.6), DCMotor(k=0.4, k_e=0.5), PositionServo(k_p=8.0, k_d=0.4, limit=2.5))
+
+
+def joint(*effects: Effect) -> Model:
+    return Model(GeneralJoint(J=0.05, G=1.2), effects, dt=0.01)
+
+
+def swings(truth: Model, n: int = 3, seconds: float = 6.0, about: float = 0.0, seed: int = 0) -> list[Record]:
+    """Rollouts under multisines of amplitude 1.5 about `about`, which begin at rest where the pendulum hangs."""
+    rng = np.random.default_rng(seed)
+    u = about + np.stack([multisine(rng, round(seconds / truth.dt), truth.dt, 1.5, 2.0) for _ in range(n)])
+    return SENSOR.measure(simulate(truth, u, np.full(n, math.pi), np.zeros(n)), rng)
+
+
+@pytest.mark.parametrize("actuator", ACTUATORS, ids=lambda a: a.name)
+def test_numpy_casadi_and_torch_agree(actuator: Effect, agree: Callable[..., None]) -> None:
+    agree(joint(actuator, Viscous(b=0.02), Delay(T=0.013)))
+
+
+def test_a_voltage_is_a_torque_beside_back_emf() -> None:
+    u = np.sin(np.arange(400) / 20.0)
+    volts = simulate(joint(DCMotor(k=0.4, k_e=0.5)), u, math.pi, 0.0)
+    torque = simulate(joint(BackEmf(k=0.2)), 0.4 * u, math.pi, 0.0)
+    np.testing.assert_allclose(volts.theta, torque.theta, rtol=0.0, atol=1e-12)
+
+
+def test_a_servo_comes_to_rest_where_gravity_holds_its_torque() -> None:
+    model = joint(PositionServo(k_p=8.0, k_d=0.4))
+    end = simulate(model, np.full(1000, 2.0), math.pi, 0.0).theta[-1]
+    assert 1.2 * math.sin(end) + 8.0 * (2.0 - end) == pytest.approx(0.0, abs=1e-6)
+    limited = simulate(
+        joint(PositionServo(k_p=8.0, k_d=0.4, limit=0.3), Viscous(b=0.1)), np.full(2000, 2.0), math.pi, 0.0
+    )
+    assert 1.2 * math.sin(limited.theta[-1]) == pytest.approx(0.3, abs=1e-6), "no more than its limit"
+
+
+@pytest.mark.parametrize("lagging", [Delay(T=0.035), Lag(T=0.03)], ids=lambda e: e.name)
+def test_a_servo_held_its_first_command_before_the_log(lagging: Effect) -> None:
+    model = joint(PositionServo(k_p=8.0, k_d=0.4), lagging)
+    u = np.array([3.0, 3.0, 2.5, 2.0, 2.0, 2.4, 2.4, 2.4, 2.4, 2.4])
+    np.testing.assert_allclose(model.drive_record(u), list(model.drives(u.tolist())), rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(model.drive_record(u)[:2], 3.0, rtol=0.0, atol=1e-12)
+    resting = model.initial_state(3.0, 0.0)
+    assert model.drive(3.0, resting.memory)[0] == pytest.approx((3.0, 3.0), abs=1e-12)
+
+
+def test_a_push_acts_behind_the_actuator() -> None:
+    """It is a torque [N m] also where the command is an angle, and beyond the servo's limit."""
+    servo = joint(PositionServo(k_p=8.0, k_d=0.4, limit=0.3))
+    own = servo.acceleration(math.pi, 0.0, 0.0, 1.0)
+    assert servo.acceleration(math.pi, 0.0, 0.0, 1.0, push=0.5) - own == pytest.approx(0.5 / 0.05)
+
+
+@pytest.mark.parametrize(
+    ("actuator", "truth", "about"),
+    [
+        (TorqueConstant(), {"J": 0.05 / 0.6, "G": 2.0, "viscous.b": 0.05}, 0.0),
+        (DCMotor(), {"J": 0.05 / 0.4, "G": 3.0, "dc_motor.k_e": 0.5 + 0.03 / 0.4}, 0.0),
+        (PositionServo(), {"J": 0.05 / 8.0, "G": 0.15, "position_servo.k_d": (0.4 + 0.03) / 8.0}, math.pi),
+    ],
+    ids=lambda a: getattr(a, "name", ""),
+)
+def test_numbers_come_relative_to_the_constant_that_motion_cannot_show(
+    actuator: Effect, truth: dict[str, float], about: float
+) -> None:
+    """Viscous friction beside back-EMF or a servo's damping does not show either: theirs hold its part."""
+    hidden = next(a for a in ACTUATORS if a.name == actuator.name)
+    if isinstance(hidden, PositionServo):
+        hidden = PositionServo(k_p=8.0, k_d=0.4)
+    free = (Viscous(),) if isinstance(actuator, TorqueConstant) else ()
+    found = fit(joint(actuator, *free), swings(joint(hidden, Viscous(b=0.03)), about=about), SENSOR)
+    assert set(found.names) == set(truth)
+    for name, value in truth.items():
+        assert abs(found.values[name] - value) < 4.0 * found.sd[name] < 0.2 * value, name
+
+
+def test_back_emf_hides_viscous_friction() -> None:
+    records = swings(joint(DCMotor(k=0.4, k_e=0.5)))
+    model = joint(DCMotor(k=0.4))
+    found = scores(first_fit(Chain(model, records, SENSOR), model, ("J", "G", "dc_motor.k_e")), ("viscous", "coulomb"))
+    assert found["viscous"].absorbed and found["coulomb"].visible
+
+
+def test_dry_friction_and_a_late_command_are_found_behind_a_servo() -> None:
+    servo = PositionServo(k_p=8.0, k_d=0.4)
+    records = swings(joint(servo, Coulomb(tau_c=0.15), Delay(T=0.04)), n=4, about=math.pi)
+    found = diagnose(joint(PositionServo(k_p=8.0)), records, SENSOR)
+    assert {s.effect for s in found.steps} == {"coulomb", "delay"}, str(found)
+    estimate = found.best.estimate
+    for name, value in {"coulomb.tau_c": 0.15, "delay.T": 0.04, "position_servo.k_d": 0.4}.items():
+        assert abs(estimate.values[name] - value) < 4.0 * estimate.sd[name], name
+
+
+def test_a_model_has_one_actuator_and_no_effect_that_contains_it() -> None:
+    with pytest.raises(InvalidInput, match="actuators torque_constant and dc_motor: expected one of them"):
+        joint(TorqueConstant(), DCMotor())
+    with pytest.raises(InvalidInput, match="contain each other"):
+        joint(PositionServo(), Saturation(limit=1.0))
+    with pytest.raises(InvalidInput, match=r"a voltage of 3 V, beyond the model's limit"):
+        fit(
+            Model(GeneralJoint(), (DCMotor(),), dt=0.1, u_max=2.0),
+            [Record([0.0, 0.1, 0.2], [3.0, 1.0], [0.0, 0.1, 0.3])],
+        )
+
+
+def test_an_input_effect_is_told_in_the_unit_of_the_command() -> None:
+    assert joint(DCMotor(), Saturation(limit=5.0)).parameters["saturation.limit"].unit == "V"
+    assert joint(TorqueConstant(), Coulomb()).parameters["coulomb.tau_c"].unit == "N m"
+
+
+def test_a_saved_model_keeps_its_actuator(tmp_path) -> None:
+    model = joint(PositionServo(k_p=8.0, k_d=0.4, limit=2.5), Delay(T=0.02))
+    save(model, tmp_path / "model.json")
+    back = load(tmp_path / "model.json")
+    assert {n: p.value for n, p in back.model.parameters.items()} == {n: p.value for n, p in model.parameters.items()}
+    assert back.model.actuator is not None and back.free == ("J", "G", "position_servo.k_d", "delay.T")
+
+
+def test_a_position_command_is_read_as_the_angle_is(tmp_path) -> None:
+    rows = "\n".join(f"{0.1 * k},{k},{10 * k}" for k in range(12))
+    (tmp_path / "servo.csv").write_text(f"t,theta,goal\n{rows}\n")
+    log = read(tmp_path / "servo.csv", columns="command=goal", zero="hanging", degrees=True, command="position")
+    np.testing.assert_allclose(log[0].u, math.pi + np.deg2rad(10.0 * np.arange(11)))
+    with pytest.raises(InvalidInput, match="a position command has the sign of the angle"):
+        read(tmp_path / "servo.csv", columns="command=goal", flip_torque=True, command="position")
+    with pytest.raises(InvalidInput, match="expected one of torque, current, voltage, position"):
+        read(tmp_path / "servo.csv", columns="command=goal", command="duty")  # type: ignore[arg-type]
