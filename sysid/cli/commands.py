@@ -452,8 +452,8 @@ def _shown(model: Model, names: tuple[str, ...], log: Log) -> tuple[str, ...]:
     """The names without the one that sets the scale of all torques, where no torque is known."""
     if any(np.any(record.u != 0.0) for record in log) or isinstance(model.actuator, PositionServo):
         return names
-    scale = next((n for n in ("m", "J") if n in names), None)
-    if scale is None:
+    scale = model.plant.scale
+    if scale not in names:
         return names
     p = model.parameters[scale]
     torque = "torque" if model.plant.turns else "force"

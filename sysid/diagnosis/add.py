@@ -36,9 +36,9 @@ class Added:
         """What it is worth."""
         sd, parameters = self.estimate.sd, self.estimate.model.parameters
         numbers = ", ".join(
-            f"{name.split('.')[-1]} = {value:.4g} +- {sd[name]:.2g} {parameters[name].unit}"
+            f"{parameters[name].field} = {value:.4g} +- {sd[name]:.2g} {parameters[name].unit}"
             for name, value in self.estimate.values.items()
-            if name.startswith(f"{self.effect}.")
+            if parameters[name].owner == self.effect
         )
         return (
             f"{self.effect} ({numbers}): the error on held-out data goes from {self.before.ratio:.3g} "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -201,18 +201,22 @@ def _told(found: Fit, names: Sequence[str], chosen: Sequence[_Chosen]) -> tuple[
         for n, v, s in zip(free, now + step, sd, strict=True)
     }
     sized = [(c, {n: numbers[n] for n in c.names}) for c in chosen]
-    return tuple(Cause(c.effect.name, c.alike, n, c.share, _words(c, n, found.model.plant)) for c, n in sized)
+    return tuple(
+        Cause(c.effect.name, c.alike, n, c.share, _words(c, n, parameters, found.model.plant)) for c, n in sized
+    )
 
 
 # words -----------------------------------------------------------------------------------------------------------
 
 
-def _words(chosen: _Chosen, numbers: dict[str, dict[str, Any]], plant: Plant) -> str:
+def _words(
+    chosen: _Chosen, numbers: dict[str, dict[str, Any]], parameters: Mapping[str, Parameter], plant: Plant
+) -> str:
     effect = chosen.effect
     if isinstance(effect, PlantNumbers):
         return _plant(list(numbers.values()), plant)
     shapes = [f"{p.name} = {_size(float(p.value), p.unit)}" for p in effect.parameters.values() if p.neutral is None]
-    sizes = {n.split(".")[-1]: _size(v["value"], v["unit"]) for n, v in numbers.items()}
+    sizes = {parameters[n].field: _size(v["value"], v["unit"]) for n, v in numbers.items()}
     what = effect.words or effect.name.replace("_", " ")
     if len(sizes) == 1:
         said = f"{what} of about {next(iter(sizes.values()))}" + (f" ({', '.join(shapes)})" if shapes else "")

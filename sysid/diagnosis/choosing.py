@@ -30,6 +30,9 @@ class Choosing:
                    depends on that quantity still: it may be a part of anything
     recurrences    how often a ripple or a periodic torque has to come back within a record
     blocks         stretches of the log that are left out in turn when a candidate is validated
+    always         effects that are fitted in every round of a log with a random torque, which may hide them
+    composites     effects that come together and of which none may pay alone; what does not pay beside the others is
+                   dropped again
     """
 
     price: float = 3.0
@@ -47,23 +50,19 @@ class Choosing:
     most: float = 2.0 / 3.0
     recurrences: float = 2.0
     blocks: int = BLOCKS
+    always: tuple[str, ...] = ("coulomb", "viscous", "tilt", "delay")
+    composites: tuple[tuple[str, ...], ...] = (
+        ("viscous", "coulomb"),
+        ("coulomb", "tilt"),
+        ("viscous", "tilt"),
+        ("coulomb", "delay"),
+        ("viscous", "coulomb", "tilt"),
+        ("viscous", "coulomb", "torque_bias"),
+        ("viscous", "coulomb", "drag"),
+        ("coulomb", "drag"),
+        ("lag", "dead_zone"),
+        ("saturation", "spring"),
+    )
 
 
 DEFAULT = Choosing()
-
-COMPOSITES: tuple[tuple[str, ...], ...] = (
-    ("viscous", "coulomb"),
-    ("coulomb", "tilt"),
-    ("viscous", "tilt"),
-    ("coulomb", "delay"),
-    ("viscous", "coulomb", "tilt"),
-    ("viscous", "coulomb", "torque_bias"),
-    ("viscous", "coulomb", "drag"),
-    ("coulomb", "drag"),
-    ("lag", "dead_zone"),
-    ("saturation", "spring"),
-)
-"""Effects that come together and of which none may pay alone; what does not pay beside the others is dropped again."""
-
-PREFERRED = ("stamp", "tilt", "viscous", "delay")
-"""Where effects are the same to a log, these stand for their class: the log's own convention before any machine's."""

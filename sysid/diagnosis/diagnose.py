@@ -275,14 +275,9 @@ class _Report:
         for k, addition in enumerate(additions):
             last = next((j for j in range(k + 1, len(errors)) if errors[j] <= errors[first]), len(errors) - 1)
             numbers = {
-                f"{addition.name}.{key}": {
-                    "value": float(p.value),
-                    "sd": sd[f"{addition.name}.{key}"],
-                    "unit": estimate.model.parameters[f"{addition.name}.{key}"].unit,
-                }
-                for e in estimate.model.effects
-                if e.name == addition.name
-                for key, p in e.parameters.items()
+                name: {"value": float(p.value), "sd": sd[name], "unit": p.unit}
+                for name, p in estimate.model.parameters.items()
+                if p.owner == addition.name
             }
             alike = (addition.name, *addition.same, *addition.close)
             fit = self._with(additions[: k + 1])[0]

@@ -11,7 +11,7 @@ from scipy.special import chdtrc
 
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
-from sysid.diagnosis.choosing import COMPOSITES, DEFAULT, PREFERRED, Choosing
+from sysid.diagnosis.choosing import DEFAULT, Choosing
 from sysid.errors import InvalidInput
 from sysid.estimation.chain import Chain
 from sysid.estimation.first_fit import with_common, without_common
@@ -19,7 +19,7 @@ from sysid.estimation.prediction import PredictionErrors, left_out, moved
 from sysid.estimation.prediction_error import QUICK, Fit, fit
 from sysid.estimation.refits import extended, reduced
 from sysid.estimation.scores import Score, alikeness, price, scores
-from sysid.physics.effects import CATALOGUE, Effect, effect
+from sysid.physics.effects import CATALOGUE, Effect, effect, preferred
 from sysid.physics.model import Model
 
 
@@ -111,7 +111,7 @@ class Search:
         best = max(promise.values(), default=0.0)
         single = [n for n in names if promise[n] > max(0.0, 0.2 * best)][: self.choosing.trials // 2 + 1]
         if hidden:
-            single += [n for n in ("coulomb", "viscous", "tilt", "delay") if n in promise and n not in single]
+            single += [n for n in self.choosing.always if n in promise and n not in single]
         tried: list[Trial] = []
         for name in single:
             self._try_class(now, name, tried)
@@ -139,7 +139,7 @@ class Search:
     def _composites(self, now: Fit, trials: Sequence[Trial]) -> list[Trial]:
         """Effects that come together, where none pays alone."""
         tried: list[Trial] = []
-        for composite in COMPOSITES:
+        for composite in self.choosing.composites:
             new = tuple(n for n in composite if n in self.last and self.last[n].visible)
             if len(new) > 1 and all(set(new) != set(t.effects) for t in tried):
                 self._try(now, new, tried)
@@ -148,7 +148,7 @@ class Search:
     def _try_class(self, now: Fit, name: str, tried: list[Trial]) -> None:
         """Fit the preferred of the effects that the log cannot tell from one, or where its bounds hold it, that one."""
         own = self.last[name]
-        alike = [n for n in PREFERRED if n in self.last and n != name and self._same(self.last[n], own)]
+        alike = [n for n in preferred() if n in self.last and n != name and self._same(self.last[n], own)]
         for chosen in (*alike, name):
             same = [t for t in tried if len(t.effects) == 1 and self._same(self.last[t.effects[0]], self.last[chosen])]
             if any(not at_bound(t.fit, t.effects[0]) for t in same):
@@ -175,10 +175,10 @@ class Search:
         u = now.chain.extent(now.model).u_max
         if alone and score.lm > 0.0:
             return score.best.at(score.sizes)
-        numbers = {"viscous": 0.02, "coulomb": 0.05, "drag": 0.005}
-        own = next(iter(score.best.neutral.parameters))
-        size = numbers[name] * (u or now.inertia) if name in numbers else None
-        return effect(name, **{own: size}) if size is not None else score.best.at(tuple(0.1 * s for s in score.sizes))
+        shares = CATALOGUE[name].begins
+        if any(shares.values()):
+            return effect(name, **{k: share * (u or now.inertia) for k, share in shares.items()})
+        return score.best.at(tuple(0.1 * s for s in score.sizes))
 
     # choosing ------------------------------------------------------------------------------------------------
 
@@ -235,7 +235,7 @@ class Search:
         name = best.effects[0]
         fitted = next(e for e in best.fit.model.effects if e.name == name).parameters
         found: list[Trial] = []
-        for other in PREFERRED:
+        for other in preferred():
             if other == name or other not in self.last or other not in CATALOGUE[name].confused:
                 continue
             own = effect(other)
@@ -298,24 +298,25 @@ class Search:
 def is_nothing(found: Fit, name: str) -> bool:
     """Whether none of the effect's sizes is a standard deviation from where it changes nothing."""
     sd = dict(zip(found.names, np.sqrt(np.diag(found.covariance)).tolist(), strict=True))
-    own = next(e for e in found.model.effects if e.name == name).parameters
-    sized = {k: p for k, p in own.items() if p.neutral is not None and not p.never}
+    own = {n: found.model.parameters[n] for n in found.model.names_of(name)}
+    sized = {n: p for n, p in own.items() if p.neutral is not None and not p.never}
     return bool(sized) and all(
-        abs(float(p.value) - float(p.neutral or 0.0)) <= sd[f"{name}.{k}"] < math.inf for k, p in sized.items()
+        abs(float(p.value) - float(p.neutral or 0.0)) <= sd[n] < math.inf for n, p in sized.items()
     )
 
 
 def gain(found: Fit, other: Fit, effects: Sequence[str]) -> float:
     """Decrease of the deviance that these effects bring, over what chance multiplies it with where the random torque is
     no Gaussian process: the excess variance of the effects' numbers (Huber's correction of the likelihood ratio)."""
-    own = [i for i, name in enumerate(found.names) if name.partition(".")[0] in effects]
+    parameters = found.model.parameters
+    own = [i for i, name in enumerate(found.names) if parameters[name].owner in effects]
     excess = float(np.mean(found.wider[own] ** 2)) if own else 1.0
     return (other.deviance - found.deviance) / excess
 
 
 def at_bound(found: Fit, name: str) -> bool:
     """Whether one of the effect's numbers ended at a bound that is not its neutral value."""
-    return any(n.startswith(f"{name}.") for n in found.at_bounds)
+    return not set(found.model.names_of(name)).isdisjoint(found.at_bounds)
 
 
 def matters(before: Model, after: Fit, choosing: Choosing) -> bool:

@@ -175,7 +175,7 @@ class LinearisedModel:
     def effect_changes(self, effects: Sequence[Effect], sizes: Sequence[float]) -> tuple[Array, Array]:
         """What moves, as in `changes` and a column each, with effects of one kind, per their sizes from neutral."""
         model = self.model.with_effect(effects[0])
-        keys = [f"{effects[0].name}.{k}" for k in effects[0].parameters]
+        keys = model.names_of(effects[0].name)
         rows = np.array([[float(p.value) for p in e.parameters.values()] for e in effects])
         ends, seen = self._variants([self.model.with_effect(e) for e in effects], model, rows, keys)
         size = np.asarray(sizes)[:, None, None]
@@ -186,12 +186,10 @@ class LinearisedModel:
     ) -> tuple[Array, Array]:
         """Ends (V, M, 2) and readings (V, M, 2) of variants of a model that differ in numbers (V, P) alone."""
         columns = {n: column[:, None] for n, column in zip(names, rows.T, strict=True)}
-        inputs = any(
-            e.parameters.keys() and any(n.startswith(f"{e.name}.") for n in names) for e in model.input_effects
-        )
+        inputs = any(not set(names).isdisjoint(model.names_of(e.name)) for e in model.input_effects)
         drives = np.stack([self.chain.drives(m) for m in models]) if inputs else self.drives
         ends = np.broadcast_to(self._ends(model.with_parameters(columns), drives), (len(rows), len(self.chain), 2))
-        shown = {f"{e.name}.{k}" for e in model.output_effects for k in e.parameters} & set(names)
+        shown = {n for e in model.output_effects for n in model.names_of(e.name)} & set(names)
         if not shown:
             return ends, np.broadcast_to(self.seen, ends.shape)
         # where the sensors' numbers are the model's, so are the readings

@@ -9,12 +9,11 @@ from sysid.estimation.chain import Chain
 from sysid.estimation.initial_guess import rough
 from sysid.estimation.prediction import BLOCKS, WINDOW, left_out
 from sysid.estimation.prediction_error import Fit, fit, with_likeliest_angle_error
-from sysid.physics.effects import CATALOGUE
+from sysid.physics.effects import CATALOGUE, Effect
 from sysid.physics.model import Model
 
-COMMON = {"viscous": ("b", 0.02), "coulomb": ("tau_c", 0.05), "torque_bias": ("tau_0", 0.0)}
-"""What a first fit knows beside the plant, so that friction and an offset do not bend inertia and gravity: each number
-begins at that share of the largest drive torque."""
+COMMON = ("viscous", "coulomb", "torque_bias")
+"""What a first fit knows beside the plant, so that friction and an offset do not bend inertia and gravity."""
 
 MEMORIES = (0.01, 0.1, 1.0)
 """Correlation times [s] of the random torque that are tried: about white, and up to the length of a prediction."""
@@ -30,12 +29,12 @@ def with_common(chain: Chain, model: Model, names: Sequence[str]) -> Fit:
     names = tuple(names)
     begun = rough(model, names, chain.records, chain.sensor)
     largest = chain.extent(begun).u_max or float(begun.inertia())
-    more = dict[str, float]()
-    for name, (key, share) in COMMON.items():
-        if name not in {e.name for e in begun.effects}:
-            begun = begun.with_effect(CATALOGUE[name]())
-            more[f"{name}.{key}"] = share * largest
-    found = fit(chain, begun.with_parameters(more), (*names, *more))
+    more: tuple[str, ...] = ()
+    for kind in (CATALOGUE[name] for name in COMMON if name not in {e.name for e in model.effects}):
+        own: Effect = kind().with_parameters({key: share * largest for key, share in kind.begins.items()})
+        begun = begun.with_effect(own)
+        more += begun.names_of(own.name)
+    found = fit(chain, begun, (*names, *more))
     return found if found.undisturbed else with_best_memory(found)
 
 

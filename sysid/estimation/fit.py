@@ -72,7 +72,7 @@ def _from_neutral(chain: Chain, model: Model, names: tuple[str, ...]) -> Fit:
 
     At neutral a friction or a delay may have no slope to follow, and a limit at "never" has none at all.
     """
-    idle = [e for e in model.effects if e.idle and {f"{e.name}.{k}" for k in e.parameters} <= set(names)]
+    idle = [e for e in model.effects if e.idle and set(model.names_of(e.name)) <= set(names)]
     if not idle:
         return first_fit(chain, model, names)
     plain = model

@@ -15,12 +15,11 @@ def extended(now: Fit, effects: Sequence[Effect], settings: Settings = THOROUGH)
     model, names = now.model, list(now.names)
     for own in effects:
         model = model.with_effect(own)
-        names += [f"{own.name}.{k}" for k in own.parameters]
+        names += model.names_of(own.name)
     return fit(now.chain, model, names, now, settings=settings)
 
 
 def reduced(now: Fit, name: str) -> Fit:
     """The fit without an effect, begun where it ended."""
-    own = {n for n in now.names if n.startswith(f"{name}.")}
-    loose = replace(now.disturbances, s=1.5 * now.disturbances.s)
-    return fit(now.chain, now.model.without_effect(name), [n for n in now.names if n not in own], now, loose)
+    model, loose = now.model.without_effect(name), replace(now.disturbances, s=1.5 * now.disturbances.s)
+    return fit(now.chain, model, [n for n in now.names if n in model.parameters], now, loose)

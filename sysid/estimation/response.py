@@ -62,7 +62,7 @@ class Response:
         self.records = check_records(model, records)
         self.windows = tuple(windows)
         self.length = max(w.count for w in self.windows)
-        inputs = {f"{e.name}.{k}" for e in model.input_effects for k in e.parameters}
+        inputs = {n for e in model.input_effects for n in model.names_of(e.name)}
         self.shaping = tuple(i for i, n in enumerate(self.names) if n in inputs)
         self._gather()
 
@@ -218,7 +218,7 @@ class Response:
         direction = np.moveaxis(Z / size, -1, 0)
         seen = np.empty((len(own), *np.swapaxes(states, 1, 2).shape))
         # readings depend on the parameters of the sensors alone, and the states do not depend on those
-        sensing = {f"{e.name}.{k}" for e in self.model.output_effects for k in e.parameters}
+        sensing = {n for e in self.model.output_effects for n in self.model.names_of(e.name)}
         still = ~np.any(own * np.array([n in sensing for n in self.names], dtype=float), axis=1)
         if np.any(still):
             up, down = (self.readings(p, states + s * direction[still]) for s in (h, -h))

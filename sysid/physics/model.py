@@ -130,8 +130,12 @@ class Model:
                 name = f"{e.name}.{key}"
                 of_command = isinstance(e, InputEffect) and p.unit == "N m"
                 unit = self.command_unit if of_command else self.plant.unit(p.unit)
-                named[name] = dataclasses.replace(p, name=name, unit=unit)
+                named[name] = dataclasses.replace(p, name=name, unit=unit, owner=e.name)
         return named
+
+    def names_of(self, owner: str) -> tuple[str, ...]:
+        """The full names of an effect's parameters; "" has those of the plant."""
+        return tuple(name for name, p in self.parameters.items() if p.owner == owner)
 
     def check_names(self, names: Iterable[str]) -> None:
         """Raise InvalidInput for a name that is no parameter of this model."""
@@ -143,12 +147,12 @@ class Model:
     def with_parameters(self, values: Mapping[str, Value]) -> Model:
         """The same model holding other numbers: floats, arrays, CasADi symbols or torch tensors."""
         self.check_names(values)
-        plant_values = {k: v for k, v in values.items() if "." not in k}
-        effects = tuple(
-            e.with_parameters({k: values[f"{e.name}.{k}"] for k in e.parameters if f"{e.name}.{k}" in values})
-            for e in self.effects
-        )
-        return dataclasses.replace(self, plant=self.plant.with_parameters(plant_values), effects=effects)
+        own: dict[str, dict[str, Value]] = {}
+        for name, p in self.parameters.items():
+            if name in values:
+                own.setdefault(p.owner, {})[p.field] = values[name]
+        effects = tuple(e.with_parameters(own.get(e.name, {})) for e in self.effects)
+        return dataclasses.replace(self, plant=self.plant.with_parameters(own.get("", {})), effects=effects)
 
     def with_effect(self, effect: Effect) -> Model:
         """The same model with one more effect."""

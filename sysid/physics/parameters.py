@@ -35,6 +35,8 @@ Probe: TypeAlias = float | Sequence[float] | Callable[[Extent], Sequence[float]]
 class Parameter:
     """One number of a model: `value` in `unit`, allowed within `bounds` (inclusive).
 
+    In a model its `name` is that of its `owner`, the effect ("" for the plant), and of the `field` that holds it:
+    "coulomb.tau_c".
     `neutral` is the value at which the effect that owns it changes nothing (None: there is no such value, it is a
     shape). `probe` are values to try it at: numbers, or a function of the Extent of a log that gives them. A `known`
     one is looked up rather than fitted, as gravity is: a fit leaves it alone unless it is asked for.
@@ -47,6 +49,8 @@ class Parameter:
     neutral: float | None = None
     probe: Probe = None
     known: bool = False
+    owner: str = ""
+    field: str = ""
 
     def probes(self, extent: Extent) -> tuple[float, ...]:
         """Values to try this parameter at on a log of that extent.
@@ -124,7 +128,9 @@ class Parametric:
     def parameters(self) -> dict[str, Parameter]:
         """The parameters by field name, in the order in which they are declared."""
         return {
-            f.name: Parameter(f.name, getattr(self, f.name), **(f.metadata[_KEY] | self._own_bounds(f.name)))
+            f.name: Parameter(
+                f.name, getattr(self, f.name), field=f.name, **(f.metadata[_KEY] | self._own_bounds(f.name))
+            )
             for f in dataclasses.fields(self)
             if _KEY in f.metadata
         }

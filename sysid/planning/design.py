@@ -71,8 +71,8 @@ class Hypothesis:
         """The same numbers without the effect."""
         if self.effect is None:
             return self
-        names = tuple(n for n in self.names if not n.startswith(f"{self.name}."))
-        return Hypothesis("", self.model.without_effect(self.name), names)
+        bare = self.model.without_effect(self.name)
+        return Hypothesis("", bare, tuple(n for n in self.names if n in bare.parameters))
 
     @property
     def motion(self) -> Model:

@@ -17,7 +17,7 @@ from sysid.physics.model import Model
 from sysid.physics.ops import Array, Value
 from sysid.planning.design import Conditions, Hypothesis, Pool, foresee, precision, search, tamed, yardsticks
 from sysid.planning.protocol import Experiment
-from sysid.planning.rivals import INERTIAL
+from sysid.planning.rivals import inertial
 from sysid.planning.signals import Signal, rest_angle
 
 GRAVITY = 9.81
@@ -103,15 +103,17 @@ def needed_experiment(
     InvalidInput
         Where no name is given, and where no signal keeps to the limits.
     """
-    names = tuple(dict.fromkeys(n.split(".")[0] for n in ((names,) if isinstance(names, str) else names)))
-    if not names:
-        raise InvalidInput("nothing was named that is to be told apart: expected effects or parameters")
     fitted = model.names if isinstance(model, Estimate) else free(model)
     model = model.model if isinstance(model, Estimate) else model
+    given = (names,) if isinstance(names, str) else names
+    owners = {name: p.owner or name for name, p in model.parameters.items()}
+    names = tuple(dict.fromkeys(owners.get(n, n) for n in given))
+    if not names:
+        raise InvalidInput("nothing was named that is to be told apart: expected effects or parameters")
     rng = np.random.default_rng(0) if rng is None else rng
     if "back_emf" in names:
         return _driver_off(model, fitted, names, conditions)
-    if set(names) <= set(INERTIAL):
+    if inertial(model, names):
         return _weighed(model, fitted, names, conditions, rng)
     for pair, answer in _ANSWERS.items():
         if set(pair) <= set(names):
@@ -155,7 +157,7 @@ def _driver_off(model: Model, fitted: tuple[str, ...], names: tuple[str, ...], c
     run = foresee(model, swing, conditions)
     if braking > 0.0:
         # a swing without torque shows b / J and G / J: the inertia is known from the log of the driven joint
-        own = tuple(n for n in fitted if "." not in n and n not in ("m", "J"))
+        own = tuple(n for n in fitted if n in model.names_of("") and n != model.plant.scale)
         truth = Hypothesis("viscous", bare.with_effect(Viscous(b=braking)), (*own, "viscous.b"))
         pool = Pool([truth, Hypothesis("nothing", bare, own)], swing, conditions)
         after = limits.rollouts * float(pool.unlike(0, 1).unexplained()[0])
@@ -190,7 +192,7 @@ def _weighed(
     for kind in (TorqueGain, RotorInertia):
         if kind.name in names and kind.name not in {e.name for e in model.effects}:
             model = model.with_effect(kind())
-    own = {e.name: f"{e.name}.{next(iter(e.parameters))}" for e in model.effects if e.name in INERTIAL}
+    own = {e.name: model.names_of(e.name)[0] for e in model.effects if e.inertial}
     plant = tuple(n for n in model.plant.parameters if n in fitted or n in names)
     unknown = (*plant, *own.values())
     payload = conditions.limits.payload or _payload(model)

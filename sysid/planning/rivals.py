@@ -15,7 +15,7 @@ from sysid.estimation.prediction_error import Fit, Settings, fit
 from sysid.estimation.refits import extended
 from sysid.estimation.scores import scores
 from sysid.physics.candidates import Alternative, candidates
-from sysid.physics.effects import Effect, effect
+from sysid.physics.effects import CATALOGUE, Effect, effect
 from sysid.physics.model import Model
 from sysid.physics.parameters import Extent
 from sysid.planning.design import KNOWN, ROUGHLY, Conditions, Hypothesis, foresee
@@ -24,9 +24,6 @@ from sysid.planning.signals import Signal
 
 NOTHING = "nothing"
 """Name of the hypothesis that no rival is there."""
-
-INERTIAL = ("m", "l", "g", "J", "G", "torque_gain", "rotor_inertia")
-"""What shows in the motion as J / c and G / c only, with c the torque gain."""
 
 First = Callable[[Chain, Model, Sequence[str]], Fit]
 """How a log is fitted before any rival is."""
@@ -57,6 +54,12 @@ class Rivals:
     base: Hypothesis
     conditions: Conditions
     absorbed: tuple[str, ...] = ()
+
+
+def inertial(model: Model, names: Sequence[str]) -> bool:
+    """Whether all of these effects and parameters show in the motion as J / c and G / c only, c the torque gain."""
+    own = model.names_of("")
+    return all(n in own or (n in CATALOGUE and CATALOGUE[n].inertial) for n in names)
 
 
 def names_of(rivals: Sequence[str | Effect]) -> tuple[str, ...]:
@@ -100,7 +103,7 @@ def rivals_of(
     else:
         return _listed(Fits(asked.base, {}, conditions), probes, asked.names)
     probes = {n: probe for n, probe in probes.items() if n not in fits.with_rival}
-    if probes and set(probes) <= set(INERTIAL):
+    if probes and inertial(model, tuple(probes)):
         return Rivals((), (), fits.base, conditions, absorbed=tuple(probes))
     return _listed(fits, probes, truths or asked.names, bool(records))
 
@@ -121,8 +124,7 @@ def _asked(model: Model, free: Sequence[str], rivals: Sequence[str | Effect]) ->
     base = model
     for e in model.effects:
         base = base.without_effect(e.name) if e.name in names else base
-    own = tuple(f"{name}." for name in names)
-    base_names = tuple(n for n in free if not n.startswith(own))
+    base_names = tuple(n for n in free if n in base.parameters)
     if not base_names:
         raise InvalidInput("nothing is free beside the rivals: name at least one parameter of the plant")
     return Asked(Hypothesis(NOTHING, base, base_names), names, known)

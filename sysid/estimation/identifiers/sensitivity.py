@@ -69,7 +69,7 @@ class Segments:
         self.counts = [math.ceil(len(r) / self.length) for r in self.records]
         self.first = np.concatenate([[0], np.cumsum(self.counts)[:-1]]).astype(int)
         self.size = int(sum(self.counts))
-        inputs = {f"{e.name}.{k}" for e in model.input_effects for k in e.parameters}
+        inputs = {n for e in model.input_effects for n in model.names_of(e.name)}
         self.shaping = tuple(i for i, n in enumerate(self.names) if n in inputs)
         self.n_readings = np.zeros(2, dtype=int)
         self.scatter = np.zeros(2)

@@ -2,7 +2,7 @@
 
 from sysid.physics.effects.actuation import BackEmf, DeadZone, Delay, Lag, Saturation, Stamp, TorqueGain
 from sysid.physics.effects.actuators import DCMotor, PositionServo, TorqueConstant
-from sysid.physics.effects.catalogue import ACTUATORS, CATALOGUE, effect, kind_of, register
+from sysid.physics.effects.catalogue import ACTUATORS, CATALOGUE, effect, kind_of, preferred, register
 from sysid.physics.effects.disturbance import Drift, Periodic, TorqueBias
 from sysid.physics.effects.effect import (
     Actuator,
@@ -60,5 +60,6 @@ __all__ = [
     "Viscous",
     "effect",
     "kind_of",
+    "preferred",
     "register",
 ]

@@ -27,6 +27,7 @@ class Delay(DeadTime, InputEffect):
     """
 
     words: ClassVar[str] = "a delay of the torque"
+    precedence: ClassVar[int] = 1
     rarity: ClassVar[float] = 0.5
     formula: ClassVar[str] = "drive(t) = u(t - T)"
     confused: ClassVar[tuple[str, ...]] = ("lag", "stamp", "sensor_delay")
@@ -103,6 +104,7 @@ class TorqueGain(InputEffect):
     """
 
     words: ClassVar[str] = "a factor on the torque"
+    inertial: ClassVar[bool] = True
     rarity: ClassVar[float] = 2.0
     formula: ClassVar[str] = "drive = c u"
     confused: ClassVar[tuple[str, ...]] = ("rotor_inertia", "coulomb", "saturation", "dead_zone")
@@ -177,6 +179,7 @@ class Stamp(InputEffect):
     """
 
     words: ClassVar[str] = "a stamp of the torques"
+    precedence: ClassVar[int] = 4
     rarity: ClassVar[float] = 1.0
     formula: ClassVar[str] = "drive(t) = u(t - s dt), of the log and not of the machine"
     confused: ClassVar[tuple[str, ...]] = ("delay", "lag", "sensor_delay")

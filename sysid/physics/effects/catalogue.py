@@ -43,6 +43,12 @@ def register(kind: EffectType) -> EffectType:
     return kind
 
 
+def preferred() -> tuple[str, ...]:
+    """The effects that stand for those that a log cannot tell from them, the highest precedence first."""
+    ranked = sorted(CATALOGUE.values(), key=lambda kind: kind.precedence, reverse=True)
+    return tuple(kind.name for kind in ranked if kind.precedence > 0)
+
+
 def kind_of(name: str) -> type[Effect]:
     """The class of the effect or actuator of that name; raises InvalidInput where it is unknown, near names first."""
     known: dict[str, type[Effect]] = {**CATALOGUE, **ACTUATORS}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -25,6 +26,7 @@ class TorqueBias(JointEffect):
     """tau = tau_0 [N m]: a constant torque (a torque sensor's or amplifier's offset, a preloaded cable)."""
 
     words: ClassVar[str] = "a constant torque"
+    begins: ClassVar[Mapping[str, float]] = {"tau_0": 0.0}
     rarity: ClassVar[float] = 1.0
     imitates: ClassVar[str] = "theta"
     formula: ClassVar[str] = "tau = tau_0"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
@@ -51,6 +51,10 @@ class Effect(Parametric):
     rarity     -log of its odds before any log was seen, against friction, which is in every joint
     imitates   the quantity ("theta", ...) of which alone it is a function, so that it explains a part of any other
     refines    simpler effects, alone or together, that explain most of what it explains: it has to beat each
+    precedence where a log cannot tell effects apart, the one of the highest stands for them: the log's own convention
+               before any machine's; 0: it stands for itself
+    begins     its numbers where a fit begins without knowing them, as shares of the largest torque
+    inertial   whether it shows in the motion as another inertia does: a payload tells it, no torque does
     """
 
     words: ClassVar[str] = ""
@@ -61,6 +65,9 @@ class Effect(Parametric):
     rarity: ClassVar[float] = 2.0
     imitates: ClassVar[str] = ""
     refines: ClassVar[tuple[tuple[str, ...], ...]] = ()
+    precedence: ClassVar[int] = 0
+    begins: ClassVar[Mapping[str, float]] = {}
+    inertial: ClassVar[bool] = False
 
     def __init_subclass__(cls, **keywords: Any) -> None:
         super().__init_subclass__(**keywords)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -17,6 +18,8 @@ class Viscous(JointEffect):
     """tau = -b theta_dot: oil, grease, slow air; b [N m s/rad]."""
 
     words: ClassVar[str] = "viscous friction"
+    precedence: ClassVar[int] = 2
+    begins: ClassVar[Mapping[str, float]] = {"b": 0.02}
     rarity: ClassVar[float] = 0.0
     formula: ClassVar[str] = "tau = -b theta_dot"
     confused: ClassVar[tuple[str, ...]] = ("back_emf", "drag", "asymmetric_viscous", "load_friction", "coulomb")
@@ -33,6 +36,7 @@ class Coulomb(DryFriction):
     """tau = -tau_c sign(theta_dot); at rest it holds up to tau_c [N m]: seals, brushes, preloaded bearings."""
 
     words: ClassVar[str] = "dry friction"
+    begins: ClassVar[Mapping[str, float]] = {"tau_c": 0.05}
     rarity: ClassVar[float] = 0.0
     formula: ClassVar[str] = "tau = -tau_c sign(theta_dot), at rest up to tau_c"
     confused: ClassVar[tuple[str, ...]] = (
@@ -79,6 +83,7 @@ class Drag(JointEffect):
     """tau = -c |theta_dot| theta_dot: air drag at high Reynolds number; c [N m s^2/rad^2]."""
 
     words: ClassVar[str] = "air drag"
+    begins: ClassVar[Mapping[str, float]] = {"c": 0.005}
     rarity: ClassVar[float] = 1.5
     formula: ClassVar[str] = "tau = -c |theta_dot| theta_dot"
     confused: ClassVar[tuple[str, ...]] = ("viscous", "back_emf")

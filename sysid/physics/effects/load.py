@@ -42,6 +42,7 @@ class Tilt(JointEffect):
     """
 
     words: ClassVar[str] = "a base that leans"
+    precedence: ClassVar[int] = 3
     rarity: ClassVar[float] = 1.0
     imitates: ClassVar[str] = "theta"
     formula: ClassVar[str] = "tau = gravity_torque(theta + alpha) - gravity_torque(theta)"
@@ -110,6 +111,7 @@ class RotorInertia(JointEffect):
     """
 
     words: ClassVar[str] = "a rotor's inertia"
+    inertial: ClassVar[bool] = True
     rarity: ClassVar[float] = 2.0
     formula: ClassVar[str] = "(J + J_r) theta_ddot = ..."
     confused: ClassVar[tuple[str, ...]] = ("torque_gain",)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from sysid.physics import ops
 from sysid.physics.ops import Value
@@ -20,6 +21,7 @@ class GeneralJoint(Plant):
     combinations show in the motion. G = 0 is a flywheel.
     """
 
+    scale: ClassVar[str] = "J"
     J: Value = parameter(0.1, unit="kg m^2", bounds=(1e-6, 1e3))
     G: Value = parameter(1.0, unit="N m", bounds=(0.0, 1e4))
 
