@@ -72,12 +72,10 @@ def draw(diagnosis: Diagnosis, log: Log, path: Path) -> None:
     import matplotlib
     from matplotlib.figure import Figure
 
-    import sysid
     from sysid.report.plotting import STYLE
-    from sysid.report.report_figures import course_in, courses, fall_in, residual_in
+    from sysid.report.report_figures import course_in, fall_in, residual_in
 
-    held_out = sysid.split(log)[1]
-    paths = courses((diagnosis.base.model, diagnosis.model), held_out, diagnosis.sensor)
+    paths = diagnosis.predictions
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(10.0, 4.0), layout="constrained")
         left, right = figure.subfigures(1, 2, width_ratios=[1.0, 1.25])
@@ -128,7 +126,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print(f"\nlog: {options.log}\nfigure: {options.figure}")
     if options.html is not None:
         options.html.parent.mkdir(parents=True, exist_ok=True)
-        write_report(diagnosis, log, options.html)
+        write_report(diagnosis, options.html)
         print(f"report: {options.html}")
     if options.json is not None:
         options.json.parent.mkdir(parents=True, exist_ok=True)

@@ -92,7 +92,7 @@ def _(command: Compare) -> None:
     task.write_json(command.json, comparison.to_dict())
     if command.figure is not None:
         _draw(comparison, command.figure)
-    task.write_report(command.html, comparison, command.log.hold_out)
+    task.write_report(command.html, comparison)
 
 
 @_run.register
@@ -120,7 +120,7 @@ def _(command: Diagnose) -> None:
     task.doubt(diagnosis.error.theta)
     task.write_json(command.json, diagnosis.to_dict())
     task.write_model(command.out, diagnosis.best.estimate)
-    task.write_report(command.html, diagnosis, command.log.hold_out)
+    task.write_report(command.html, diagnosis)
 
 
 def _progress(doing: str) -> None:
@@ -242,12 +242,12 @@ class Task:
         if path is not None:
             _write(path, json.dumps(data, indent=1, allow_nan=False) + "\n")
 
-    def write_report(self, path: Path | None, answer: Any, hold_out: float | None) -> None:
+    def write_report(self, path: Path | None, answer: Any) -> None:
         """The page that opens offline."""
         if path is not None:
             from sysid.report.report import write_report
 
-            write_report(answer, self.log, path, hold_out)
+            write_report(answer, path)
             print(f"wrote {path}")
 
 

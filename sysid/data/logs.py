@@ -88,6 +88,11 @@ class Log(Sequence[Record]):
         return "; ".join((what, *self.notes))
 
 
+def notes_of(records: Sequence[Record]) -> tuple[str, ...]:
+    """What was noted when records were read; nothing of records that come from elsewhere."""
+    return records.notes if isinstance(records, Log) else ()
+
+
 def needed_rate(records: Sequence[Record]) -> float:
     """The sample rate [Hz] that a motion needs: 20 samples a period of the fastest part of it, and 100 Hz.
 

@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
+from sysid.data.record import Record
 from sysid.data.sensor import Sensor
+from sysid.diagnosis.compare import Comparison, compare
 from sysid.diagnosis.contacts import Touched
+from sysid.diagnosis.residual_torque import ResidualTorque, residual_torque
+from sysid.diagnosis.typical import Prediction, typical
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.held_out import HeldOutError, finite
 from sysid.physics.model import Model
 
 SCHEMA = "gapfinder/diagnosis/1"
+SHOWN = 12_000
+"""Samples of a log whose residual torque is looked at once more."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +143,8 @@ class Diagnosis:
     unconfirmed       effects that the fitted part of the log asked for and that are not believed: the held-out part
                       does not confirm them, or they are a part of something unknown over the same quantity
     tolerance         share by which an effect has to lower the error of predictions, to matter
-    held_out          names of the rollouts that no fit has seen; errors are theirs, in units of the sensor noise
+    records           the log, all of it, and what was noted when it was read; unseen: the part that no fit has seen,
+                      whose errors are given, in units of the sensor noise
     """
 
     verdict: str
@@ -148,7 +158,8 @@ class Diagnosis:
     not_identifiable: tuple[tuple[str, ...], ...]
     ruled_out: dict[str, dict[str, Any]]
     sensor: Sensor
-    held_out: tuple[str, ...]
+    records: tuple[Record, ...]
+    unseen: tuple[Record, ...]
     estimate: Estimate
     touched: tuple[Touched, ...]
     next_experiment: dict[str, Any] | None
@@ -157,6 +168,63 @@ class Diagnosis:
     negligible: tuple[str, ...] = ()
     unconfirmed: tuple[str, ...] = ()
     tolerance: float = 0.02
+    notes: tuple[str, ...] = ()
+
+    @property
+    def held_out(self) -> tuple[str, ...]:
+        """The names of the rollouts, or parts of them, that no fit has seen."""
+        return tuple(r.name for r in self.unseen)
+
+    @property
+    def mended(self) -> bool:
+        """Whether something was added."""
+        return bool(self.steps or self.conventions)
+
+    @property
+    def models(self) -> tuple[Model, ...]:
+        """The model as it came, refitted, and where it was mended, the mended one."""
+        return (self.base.model, self.model) if self.mended else (self.model,)
+
+    @cached_property
+    def comparisons(self) -> tuple[Comparison, ...]:
+        """How far off each of the models is on the data that no fit has seen."""
+        return tuple(compare(model, self.unseen, self.sensor) for model in self.models)
+
+    @cached_property
+    def residual_torques(self) -> tuple[ResidualTorque, ...]:
+        """The torque that must act beyond each of the models, over the first SHOWN samples of the log.
+
+        Where the joint vibrates, the noise is taken as the scatter of the readings about the fit: it would drown all
+        else.
+        """
+        if not self.vibrates:
+            before = (residual_torque(m, self._shown, self.sensor) for m in self.models[:-1])
+            return (*before, self._beyond_the_model)
+        return tuple(residual_torque(m, self._shown, Sensor(**self.estimate.noise)) for m in self.models)
+
+    @property
+    def vibrates(self) -> bool:
+        """Whether the readings shake as no rigid joint does."""
+        return self._beyond_the_model.restless
+
+    @cached_property
+    def _beyond_the_model(self) -> ResidualTorque:
+        return residual_torque(self.model, self._shown, self.sensor)
+
+    @cached_property
+    def _shown(self) -> tuple[Record, ...]:
+        return _head(self.records, SHOWN)
+
+    @cached_property
+    def predictions(self) -> tuple[Prediction, ...]:
+        """A typical stretch of the data that no fit has seen, predicted by each of the models: from its first state,
+        or where the model still lacks something, 2 s at a time."""
+        return typical(self.models, self.unseen, self.sensor, self.ahead)
+
+    @property
+    def ahead(self) -> float:
+        """How far ahead [s] `predictions` look."""
+        return math.inf if self.remaining is None else 2.0
 
     @property
     def best(self) -> Diagnosis:
@@ -254,8 +322,9 @@ class Diagnosis:
 
     @staticmethod
     def _named(step: Step) -> str:
+        parameters = step.estimate.model.parameters
         numbers = ", ".join(
-            f"{name.split('.')[-1]} = {v['value']:.4g} +- {v['sd']:.2g} {v['unit']}".removesuffix(" 1")
+            f"{parameters[name].field} = {v['value']:.4g} +- {v['sd']:.2g} {v['unit']}".removesuffix(" 1")
             for name, v in step.parameters.items()
         )
         return f"{step.effect} ({numbers})"
@@ -280,3 +349,13 @@ class Diagnosis:
             "+- is one standard deviation"
         )
         return "\n".join(lines)
+
+
+def _head(records: Sequence[Record], most: int) -> tuple[Record, ...]:
+    """The first samples of a log."""
+    shown = []
+    for record in records:
+        if most > 0:
+            shown.append(record.head(most))
+            most -= len(record)
+    return tuple(shown)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from sysid.data.logs import notes_of
 from sysid.data.record import Record, check_records
 from sysid.data.sensor import Sensor
 from sysid.diagnosis.causes import Cause, causes
@@ -33,9 +34,6 @@ from sysid.estimation.windows import cut
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
-if TYPE_CHECKING:
-    pass
-
 
 @dataclass(frozen=True, eq=False)
 class Trace:
@@ -57,7 +55,8 @@ class Comparison:
     whiteness   autocorrelation of the filter's innovations beside that torque, by channel
     causes      the known effects that promise to explain the error, the strongest first
     worst       the three worst windows of 1 s
-    records     their names; sensor: the noise that errors are multiples of
+    records     what it was compared with, and what was noted when that was read
+    sensor      the noise that errors are multiples of
     units       the units of "theta", "theta_dot", "torque" and "time" for the model's plant
     """
 
@@ -69,9 +68,15 @@ class Comparison:
     whiteness: dict[str, Whiteness]
     causes: tuple[Cause, ...]
     worst: tuple[Trace, ...]
-    records: tuple[str, ...]
+    records: tuple[Record, ...]
     sensor: Sensor
     units: dict[str, str]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the records."""
+        return tuple(r.name for r in self.records)
 
     @property
     def errors(self) -> dict[str, HeldOutError]:
@@ -127,7 +132,7 @@ class Comparison:
     def to_dict(self) -> dict[str, Any]:
         """Plain data, ready for JSON."""
         return {
-            "records": list(self.records),
+            "records": list(self.names),
             "noise": {c: getattr(self.sensor, c) for c in CHANNELS},
             "units": self.units,
             "errors": {name.replace(" ", "_"): e.to_dict() for name, e in self.errors.items()},
@@ -193,15 +198,18 @@ def compare(
     names = tuple(parameters or (model.names if isinstance(model, Estimate) else ()))
     if isinstance(model, Estimate):
         sensor, model = sensor or model.sensor, model.model
+    notes = notes_of(records)
     records = check_records(model, records)
     if sensor is None:
         from sysid.data.noise import sensor_noise
 
         sensor = sensor_noise(records).sensor
-    return _compared(model, records, sensor, names)
+    return _compared(model, records, sensor, names, notes)
 
 
-def _compared(model: Model, records: Sequence[Record], sensor: Sensor, names: Sequence[str]) -> Comparison:
+def _compared(
+    model: Model, records: Sequence[Record], sensor: Sensor, names: Sequence[str], notes: tuple[str, ...]
+) -> Comparison:
     lead = lead_of(model)
     fit = refit_windows(model, records, sensor, cut(records, 1.0, lead))
     near = refit_windows(model, records, sensor, cut(records, 0.5, lead), fit)
@@ -216,7 +224,8 @@ def _compared(model: Model, records: Sequence[Record], sensor: Sensor, names: Se
         whiteness={} if found is None else whiteness(found),
         causes=_causes(found, torque, names, one_second),
         worst=_worst(fit, one_second),
-        records=tuple(r.name for r in records),
+        records=tuple(records),
+        notes=notes,
         sensor=sensor,
         units=model.plant.quantities,
     )

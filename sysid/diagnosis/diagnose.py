@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc
 
+from sysid.data.logs import notes_of
 from sysid.data.record import Record, check_records, told_apart
 from sysid.data.sensor import Sensor
 from sysid.diagnosis.answer import Diagnosis, MissingTorque, Ranked, Remaining, Step
@@ -95,6 +96,7 @@ def diagnose(
     from sysid.data.splitting import split
 
     began = time.perf_counter()
+    notes = notes_of(records)
     records = told_apart(check_records(model.model if isinstance(model, Estimate) else model, records))
     names = tuple(parameters or (model.names if isinstance(model, Estimate) else free(model)))
     if isinstance(model, Estimate):
@@ -107,7 +109,7 @@ def diagnose(
     training, held_out = split(records, hold_out)
     sensor = relied_on(model, training, sensor)
     search, base, touched = _searched(lambda left: Search(left, sensor, chosen, choosing, tell), training, model, names)
-    return _Report(search, base, held_out, sensor, touched).diagnosis(began)
+    return _Report(search, base, records, held_out, sensor, touched, notes).diagnosis(began)
 
 
 def _searched(
@@ -146,10 +148,13 @@ class _Report:
         self,
         search: Search,
         base: Fit,
+        records: tuple[Record, ...],
         held_out: Sequence[Record],
         sensor: Sensor,
         touched: tuple[Touched, ...],
+        notes: tuple[str, ...],
     ) -> None:
+        self.records, self.notes = records, notes
         self.search, self.base, self.held_out, self.sensor, self.touched = search, base, held_out, sensor, touched
         self.errors: dict[tuple[str, ...], tuple[Fit, HeldOutError]] = {(): (base, self._error(base))}
         self.additions, self.unconfirmed = list[Addition](), list[str]()
@@ -238,7 +243,9 @@ class _Report:
             not_identifiable=self._not_identifiable(end),
             ruled_out=self._ruled_out(),
             sensor=self.sensor,
-            held_out=tuple(r.name for r in self.held_out),
+            records=self.records,
+            unseen=tuple(self.held_out),
+            notes=self.notes,
             estimate=end.estimate(),
             touched=self.touched,
             next_experiment=self._experiment(verdict, machine, end),

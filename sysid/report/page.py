@@ -8,7 +8,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
-from sysid.data.logs import Log
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
 from sysid.estimation.held_out import HeldOutError
@@ -101,20 +100,24 @@ def _to(values: Sequence[str]) -> str:
     return number(f" {ARROW} ".join(values))
 
 
-def settings(sensor: Sensor, records: Sequence[Record], units: Mapping[str, str]) -> dict[str, str]:
+def settings(
+    sensor: Sensor, records: Sequence[Record], units: Mapping[str, str], notes: Sequence[str]
+) -> dict[str, str]:
     """The version, the log and the noise in these units."""
-    return dict(_settings(sensor, records, units))
+    return dict(_settings(sensor, records, units, notes))
 
 
-def _settings(sensor: Sensor, records: Sequence[Record], units: Mapping[str, str]) -> Iterator[tuple[str, str]]:
+def _settings(
+    sensor: Sensor, records: Sequence[Record], units: Mapping[str, str], notes: Sequence[str]
+) -> Iterator[tuple[str, str]]:
     from importlib import metadata
 
     dt, n = records[0].dt, sum(len(r) for r in records)
     many = "s" * (len(records) != 1)
     yield "log", f"{len(records)} rollout{many}, {n:,} samples ({n * dt:.4g} s) at {1.0 / dt:.4g} Hz"
     yield "rollouts", listed([r.name for r in records])
-    if isinstance(records, Log) and records.notes:
-        yield "on reading", "; ".join(records.notes)
+    if notes:
+        yield "on reading", "; ".join(notes)
     noise = [f"{word(c, units)} {sd:.3g} {units[c]}" for c in CHANNELS if (sd := getattr(sensor, c)) is not None]
     yield "sensor noise", ", ".join(noise)
     try:

@@ -9,13 +9,10 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sysid.data.record import Record, told_apart
-from sysid.data.sensor import Sensor
-from sysid.data.splitting import split
-from sysid.diagnosis.answer import Diagnosis, Step
-from sysid.diagnosis.compare import Comparison, compare
+from sysid.diagnosis.answer import SHOWN, Diagnosis, Step
+from sysid.diagnosis.compare import Comparison
 from sysid.diagnosis.contacts import Touched
-from sysid.diagnosis.residual_torque import ResidualTorque, residual_torque
+from sysid.diagnosis.residual_torque import ResidualTorque
 from sysid.errors import InvalidInput
 from sysid.physics.effects import CATALOGUE
 from sysid.physics.model import Model
@@ -27,29 +24,21 @@ from sysid.report.page import Page, Picture, Section, Table, horizons, physical,
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-MOST = 12_000
-"""Samples of a log whose residual torque is drawn."""
-
 
 def write_report(
     answer: Diagnosis | Comparison,
-    records: Sequence[Record],
     path: str | PathLike[str],
-    hold_out: float | None = None,
 ) -> None:
     """Write an answer as one self-contained HTML page: no script, no network, figures inside, light and dark.
 
-    records    the log that the answer is about, all of it
-    hold_out   as it was given to `diagnose`
-
-    Raises InvalidInput where the records are not those of the answer, and where the file cannot be written.
+    Raises InvalidInput for what has no page, and where the file cannot be written.
     """
     import jinja2
 
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("sysid.report"), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
-    html = environment.get_template("report.html.j2").render(page=page_of(answer, records, hold_out))
+    html = environment.get_template("report.html.j2").render(page=page_of(answer))
     try:
         Path(path).write_text(html, encoding="utf-8")
     except OSError as error:
@@ -57,7 +46,7 @@ def write_report(
 
 
 @singledispatch
-def page_of(answer: Any, records: Sequence[Record], hold_out: float | None = None) -> Page:
+def page_of(answer: Any) -> Page:
     """What the page of an answer says. Raises InvalidInput for what has no page."""
     raise InvalidInput(f"no report of a {type(answer).__name__}: expected a Diagnosis or a Comparison")
 
@@ -66,25 +55,16 @@ def page_of(answer: Any, records: Sequence[Record], hold_out: float | None = Non
 
 
 @page_of.register
-def _(answer: Diagnosis, records: Sequence[Record], hold_out: float | None = None) -> Page:
-    held_out, shown = _held_out(answer, records, hold_out), _head(records, MOST)
-    mended = bool(answer.steps or answer.conventions)
-    models = (answer.base.model, answer.model) if mended else (answer.model,)
+def _(answer: Diagnosis) -> Page:
+    mended = answer.mended
     errors = (answer.base_error, answer.error) if mended else (answer.error,)
-    compared = tuple(compare(m, held_out, answer.sensor) for m in models)
-    sensor, found = answer.sensor, residual_torque(answer.model, shown, answer.sensor)
-    if found.restless:  # a vibration that no rigid joint makes is the readings', and would drown all else
-        sensor = Sensor(**answer.estimate.noise)
-        found = residual_torque(answer.model, shown, sensor)
-    torques = (*(residual_torque(m, shown, sensor) for m in models[:-1]), found)
-    touched = _touched(answer, found)
-    whole = len(shown) == len(records) and len(shown[-1]) == len(records[-1])
+    touched = _touched(answer)
     sections = {
         "fall": _fall(answer),
-        "rollout": _rollout(answer, models, held_out, touched),
+        "rollout": _rollout(answer, touched),
         "ranking": _ranking(answer),
-        "torque": _torque(answer, torques, touched, whole, sensor is answer.sensor),
-        "maps": _maps(compared),
+        "torque": _torque(answer, touched),
+        "maps": _maps(answer.comparisons),
     }
     order = ("fall", "torque", "rollout", "ranking", "maps") if answer.remaining is not None else tuple(sections)
     return Page(
@@ -97,7 +77,7 @@ def _(answer: Diagnosis, records: Sequence[Record], hold_out: float | None = Non
         tables=[
             _parameters(answer, mended),
             *_steps(answer),
-            horizons([c.errors for c in compared]),
+            horizons([c.errors for c in answer.comparisons]),
             *_ruled_out(answer),
         ],
         lists={
@@ -105,7 +85,7 @@ def _(answer: Diagnosis, records: Sequence[Record], hold_out: float | None = Non
             "What the fit says of itself": [sentence(s) for s in (answer.estimate.status, *answer.estimate.ambiguous)],
             "The next experiment": _experiment(answer.next_experiment, answer.model.plant),
         },
-        settings=settings(answer.sensor, records, answer.model.plant.quantities)
+        settings=settings(answer.sensor, answer.records, answer.model.plant.quantities, answer.notes)
         | {
             "held out": set_as.listed(answer.held_out),
             "model": _described(answer.model),
@@ -122,19 +102,6 @@ def _hands(answer: Diagnosis, touched: Sequence[Touched]) -> Iterator[str]:
             yield sentence(f"A hand? No state of the joint explains {'; '.join(map(str, found))}.{use}")
 
 
-def _held_out(answer: Diagnosis, records: Sequence[Record], hold_out: float | None) -> tuple[Record, ...]:
-    """The records that no fit has seen. Raises InvalidInput where they are not among these."""
-    records = told_apart(records)
-    candidates = (split(records, hold_out)[1], tuple(r for r in records if r.name in answer.held_out))
-    for held_out in candidates:
-        if tuple(r.name for r in held_out) == answer.held_out:
-            return held_out
-    raise InvalidInput(
-        f"the diagnosis held out {set_as.listed(answer.held_out)}, which is not what these records give: "
-        "expected the records and the hold_out of the diagnosis"
-    )
-
-
 def _briefly(text: str, answer: Diagnosis) -> str:
     """The same without the list of touched stretches, which stands by itself."""
     n = len(answer.touched)
@@ -145,27 +112,17 @@ def _briefly(text: str, answer: Diagnosis) -> str:
     )
 
 
-def _touched(answer: Diagnosis, found: ResidualTorque) -> tuple[Touched, ...]:
+def _touched(answer: Diagnosis) -> tuple[Touched, ...]:
     """What the diagnosis left out, and what else no state of the joint explains."""
     new = [
         t
-        for t in found.touched
+        for t in answer.residual_torques[-1].touched
         if not any(
             (a.name == t.name or a.name.startswith(f"{t.name}, ")) and a.t_begin < t.t_end and t.t_begin < a.t_end
             for a in answer.touched
         )
     ]
     return (*answer.touched, *new)
-
-
-def _head(records: Sequence[Record], most: int) -> tuple[Record, ...]:
-    """The first samples of a log."""
-    shown = []
-    for record in records:
-        if most > 0:
-            shown.append(record.head(most))
-            most -= len(record)
-    return tuple(shown)
 
 
 def _described(model: Model) -> str:
@@ -185,20 +142,17 @@ def _fall(answer: Diagnosis) -> Section:
     return Section(title, (), (picture(figures.fall(answer), caption),))
 
 
-def _rollout(
-    answer: Diagnosis, models: Sequence[Model], held_out: Sequence[Record], touched: Sequence[Touched]
-) -> Section:
+def _rollout(answer: Diagnosis, touched: Sequence[Touched]) -> Section:
     from sysid.report import report_figures as figures
 
-    ahead = math.inf if answer.remaining is None else 2.0
-    paths = figures.courses(models, held_out, answer.sensor, ahead)
-    far = "from its refitted first state alone" if math.isinf(ahead) else f"{max(ahead, 1.0):g} s at a time"
-    names = ("as it came", "mended") if len(models) > 1 else ("model",)
+    ahead = answer.ahead
+    far = "from its refitted first state alone" if math.isinf(ahead) else f"{ahead:g} s at a time"
+    names = ("as it came", "mended") if answer.mended else ("model",)
     caption = (
         f"A typical stretch of what was held out, predicted {far}. Numbers: error over this stretch in units of the "
         "sensor noise; green band: 2 sd of that noise."
     )
-    drawn = figures.rollout(paths, answer.sensor, names, touched)
+    drawn = figures.rollout(answer.predictions, answer.sensor, names, touched)
     return Section("A rollout that no fit has seen", (), (picture(drawn, caption),))
 
 
@@ -214,16 +168,15 @@ def _ranking(answer: Diagnosis) -> Section:
     return Section("Which effect explains the error?", (), tuple(picture(figure, caption) for figure in drawn))
 
 
-def _torque(
-    answer: Diagnosis, torques: Sequence[ResidualTorque], touched: Sequence[Touched], whole: bool, of_sensor: bool
-) -> Section:
+def _torque(answer: Diagnosis, touched: Sequence[Touched]) -> Section:
     from sysid.report import report_figures as figures
 
-    found, before = torques[-1], torques[0] if len(torques) > 1 else None
+    found, before = answer.residual_torques[-1], answer.residual_torques[0] if answer.mended else None
+    whole = sum(map(len, answer.records)) <= SHOWN
     left, unknown = answer.remaining, answer.remaining is not None
     depends_on = left.depends_on if left else ()
     says, what = [str(found).split(". No state of the joint")[0] + "."], set_as.word("torque", found.units)
-    if not of_sensor:
+    if answer.vibrates:
         says.append("The noise of the readings is taken as their scatter about the fit: the joint vibrates.")
     if left is not None:
         on = " and ".join(depends_on) or "nothing that was tried"
@@ -234,7 +187,7 @@ def _torque(
         "of many stretches those where it is largest."
         + (" Blue: beyond the mended model; orange: beyond the model as it came." if before else "")
         + (" Yellow: what no state of the joint explains, a hand perhaps." if touched else "")
-        + ("" if whole else f" Of the first {MOST:,} samples.")
+        + ("" if whole else f" Of the first {SHOWN:,} samples.")
     )
     pictures = [picture(figures.course(found, before, touched, 8 if unknown else 4), caption)]
     for name in sorted(found.binned, key=lambda n: n not in depends_on):
@@ -347,7 +300,7 @@ def _experiment(found: Mapping[str, Any] | None, plant: Plant) -> list[str]:
 
 
 @page_of.register
-def _(answer: Comparison, records: Sequence[Record], hold_out: float | None = None) -> Page:
+def _(answer: Comparison) -> Page:
     return Page(
         title="sysid: how far off, and where",
         badge="adequate" if answer.adequate else "off",
@@ -360,7 +313,7 @@ def _(answer: Comparison, records: Sequence[Record], hold_out: float | None = No
             "What promises to explain it, the strongest first": [sentence(f"{c.words}.") for c in answer.causes],
             "What a perfect model would not show": [sentence(f"{s}.") for s in answer.surprises],
         },
-        settings=settings(answer.sensor, records, answer.units) | {"compared with": set_as.listed(answer.records)},
+        settings=settings(answer.sensor, answer.records, answer.units, answer.notes),
     )
 
 

@@ -20,25 +20,18 @@ from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
-from sysid.data.record import Record
 from sysid.data.sensor import Sensor
 from sysid.diagnosis.answer import Diagnosis, Step
 from sysid.diagnosis.compare import Trace
 from sysid.diagnosis.contacts import Touched
 from sysid.diagnosis.residual_torque import Followed, ResidualTorque
-from sysid.estimation.held_out import Refit, error_of, lead_of, refit_windows
-from sysid.estimation.response import CHANNELS
-from sysid.estimation.windows import cut
-from sysid.physics.model import Model
-from sysid.physics.ops import Array
+from sysid.diagnosis.typical import SPAN, Prediction
 from sysid.report import plotting
 from sysid.report.formatting import chance, multiple, word
 from sysid.report.plotting import BLUE, GREEN, GREY, ORANGE, STYLE, cells, label, mean, scale, short
 
 WIDE, NARROW = 5.0, 4.2
 """Widths [in]: of a column, and of half of one."""
-SPAN = 10.0
-"""Longest stretch [s] of a rollout, or of residual torque, in one panel."""
 MANY = 1500
 """Points from which a picture in pixels is smaller than one of lines."""
 YELLOW = "#E69F00"
@@ -147,58 +140,9 @@ def _bars(axes: Axes, rows: Sequence[Any], labels: Sequence[str], added: set[str
 # ---- a rollout -------------------------------------------------------------------------------------------------------
 
 
-class Course(NamedTuple):
-    """A stretch of a rollout: its name, instants t (n,) [s], and by channel readings and a model's answers (n,), in the
-    plant's units."""
-
-    record: str
-    t: Array
-    readings: dict[str, Array]
-    model: dict[str, Array]
-    ratio: float
-    units: Mapping[str, str]
-
-
-def courses(
-    models: Sequence[Model], records: Sequence[Record], sensor: Sensor, ahead: float = math.inf
-) -> tuple[Course, ...]:
-    """Models on one stretch of at most 10 s: that which comes nearest to the median of the first model's errors.
-
-    They predict it from its first state, or `ahead` [s] at a time.
-    """
-    ahead = min(max(ahead, 1.0), SPAN)
-    fits = [refit_windows(m, records, sensor, cut(records, ahead, lead_of(m))) for m in models]
-    errors = [np.array([w.ratio for w in error_of(f, ahead).windows]) for f in fits]
-    owner = np.array([w.record for w in fits[0].response.windows])
-    most = max(1, round(SPAN / ahead))
-    groups = [g[k : k + most] for g in (np.flatnonzero(owner == r) for r in set(owner)) for k in range(0, len(g), most)]
-    mean = [[float(np.sqrt(np.mean(e[g] ** 2))) for g in groups] for e in errors]
-    i = int(np.argsort(np.nan_to_num(mean[0], nan=np.inf))[len(groups) // 2])
-    return tuple(_course(f, groups[i].tolist(), m[i]) for f, m in zip(fits, mean, strict=True))
-
-
-def _course(fit: Refit, windows: Sequence[int], ratio: float) -> Course:
-    """Windows one after the other; between them a nan, so that no line leads over."""
-    response, times = fit.response, list[Array]()
-    e, read = fit.lin.e.reshape(response.y.shape), response.weight > 0.0
-    seen = [c for row, c in enumerate(CHANNELS) if read[:, row].any()]
-    readings: dict[str, list[Array]] = {c: [] for c in seen}
-    model: dict[str, list[Array]] = {c: [] for c in seen}
-    for k in windows:
-        at = read[k].any(axis=0)
-        times.append(np.append(response.time[k, at], np.nan))
-        for c in seen:
-            row = CHANNELS.index(c)
-            left = np.divide(e[k, row], response.weight[k, row], out=np.full(len(at), np.nan), where=read[k, row])
-            y = np.where(read[k, row], response.y[k, row], np.nan)
-            readings[c].append(np.append(y[at], np.nan))
-            model[c].append(np.append((y - left)[at], np.nan))
-    name = response.records[response.windows[windows[0]].record].name
-    joined = [{c: np.concatenate(v) for c, v in found.items()} for found in (readings, model)]
-    return Course(name, np.concatenate(times), joined[0], joined[1], ratio, response.model.plant.quantities)
-
-
-def rollout(paths: Sequence[Course], sensor: Sensor, names: Sequence[str], touched: Sequence[Touched] = ()) -> Figure:
+def rollout(
+    paths: Sequence[Prediction], sensor: Sensor, names: Sequence[str], touched: Sequence[Touched] = ()
+) -> Figure:
     """Readings against models, and under each channel what they leave, with the noise."""
     channels = list(paths[0].readings)
     with matplotlib.rc_context(STYLE):
@@ -217,7 +161,7 @@ def rollout(paths: Sequence[Course], sensor: Sensor, names: Sequence[str], touch
     return figure
 
 
-def course_in(axes: Axes, paths: Sequence[Course], channel: str, names: Sequence[str]) -> None:
+def course_in(axes: Axes, paths: Sequence[Prediction], channel: str, names: Sequence[str]) -> None:
     """One channel: readings as dots, models as lines; the frame follows the readings."""
     t, y = paths[0].t, paths[0].readings[channel]
     axes.plot(t, y, ".", color="0.45", markersize=3.5, label="readings", rasterized=len(t) > MANY)
@@ -231,7 +175,7 @@ def course_in(axes: Axes, paths: Sequence[Course], channel: str, names: Sequence
     axes.set_ylabel(label(channel, paths[0].units))
 
 
-def residual_in(axes: Axes, paths: Sequence[Course], channel: str, sd: float) -> None:
+def residual_in(axes: Axes, paths: Sequence[Prediction], channel: str, sd: float) -> None:
     """Readings less model, over the band of the noise."""
     axes.axhspan(-2.0 * sd, 2.0 * sd, color=GREEN, alpha=0.22, linewidth=0.0)
     size = 5.0 * sd
