@@ -45,9 +45,16 @@ FEW = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Log(Sequence[Record]):
-    """What was read: the records, as a sequence of them, and notes on what was done on the way, one sentence each.
+    """What was read: a sequence of records.
 
-    dt [s] is the sample interval of all records.
+    Attributes
+    ----------
+    records : tuple of Record
+        One a rollout, or a piece of one behind a gap.
+    notes : tuple of str
+        What was done on the way, a sentence each.
+    dt : float
+        The sample interval of all records [s].
     """
 
     records: tuple[Record, ...]
@@ -125,25 +132,46 @@ def read(
     plant: Plant | None = None,
     command: Command = "torque",
 ) -> Log:
-    """Read logs, one or several rollouts a file, into records: theta = 0 upright, SI, evenly sampled.
+    """Read logs, one or several rollouts a file, into records: theta = 0 upright, SI units, evenly sampled.
 
-    paths        CSV, .npz or .mat files
-    columns      "t=time_s,theta=angle_rad,..." or the same as a mapping: the file's names for t [s], theta [rad],
-                 theta_dot [rad/s] (one of the two is enough), torque [N m] (held from its row's time to the next; none:
-                 a free swing) and rollout; "theta_dot=" leaves a column out; other columns are ignored
-    zero         what the file's angle 0 means; "hanging" adds pi
-    flip_torque  the file's positive torque (current, voltage) lowers its angle
-    degrees      the file has degrees and degrees/s
-    begin, end   the window [s] of the file's t that is read
-    dt           the sample interval [s] wanted, where the logs' own is not
-    time_unit    what the file's t counts: "s", "ms" or "us"; by default what the column's name or the speed shows
-    plant        what the log is of: of a LinearAxis, theta [m], theta_dot [m/s] and torque [N] are expected
-    command      what column "torque" holds: "torque", "current" [A], "voltage" [V] (or a duty cycle), or the "position"
-                 that a servo was told, which is converted as the angle is
+    Rows without a number are left out where they are few, their command kept where it is known; `sysid.data.resampling`
+    says what becomes of uneven stamps and gaps.
 
-    Rows without a number are left out where they are few, their torque kept where it is known; sysid.sampling says what
-    becomes of uneven stamps and gaps.
-    Raises InvalidInput, in one sentence, for anything that cannot be a log of a pendulum.
+    Parameters
+    ----------
+    *paths : path, or iterable of paths
+        CSV, .npz or .mat files.
+    columns : str or mapping, optional
+        "t=time_s,theta=angle_rad,...", or the same as a mapping: the file's names for t [s], theta [rad], theta_dot
+        [rad/s] (one of the two is enough), torque [N m] (held from its row's time to the next; none: a free swing) and
+        rollout. "theta_dot=" leaves a column out; other columns are ignored.
+    zero : {"upright", "hanging"}
+        What the file's angle 0 means; "hanging" adds pi.
+    flip_torque : bool
+        The file's positive torque (current, voltage) lowers its angle.
+    degrees : bool
+        The file has degrees and degrees/s.
+    begin, end : float, optional
+        The window [s] of the file's t that is read.
+    dt : float, optional
+        The sample interval [s] wanted, where the logs' own is not.
+    time_unit : {"s", "ms", "us"}, optional
+        What the file's t counts; by default what the column's name or the speed shows.
+    plant : Plant, optional
+        What the log is of: of a LinearAxis, theta [m], theta_dot [m/s] and torque [N] are expected.
+    command : {"torque", "current", "voltage", "position"}
+        What column "torque" (or "command") holds: a torque, a current [A], a voltage [V] or duty cycle, or the position
+        that a servo was told, which is converted as the angle is. The model needs the actuator that goes with it.
+
+    Returns
+    -------
+    Log
+        A sequence of records, with notes on what was done on the way.
+
+    Raises
+    ------
+    InvalidInput
+        In one sentence, for anything that cannot be a log of a joint.
     """
     if zero not in ("upright", "hanging"):
         raise InvalidInput(f"zero = {zero!r}: expected 'upright' or 'hanging'")

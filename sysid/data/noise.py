@@ -89,19 +89,36 @@ MOTION = 100.0
 
 
 def sensor_noise(records: Sequence[Record]) -> Noise:
-    """The standard deviation of the error of each channel's readings.
+    """The standard deviation of the error of each channel's readings, found without any model of the machine.
 
     Motion is smooth, noise is not: with white noise, var(D^m y) = C(2m, m) sigma^2 for the m-th difference D^m of the
     readings, of which the motion leaves little (an order is high enough where a higher one says the same). A torque
     that steps from sample to sample moves the speed too: D^m y is first regressed on the same differences of the held
-    torque, up to 0.3 s later, through a piecewise linear map (dead zone, saturation). Kinks of stick-slip, backlash
-    and impacts are left out with the residuals that they touch. Readings rounded to steps of q have at least
-    q / sqrt(12). What windows of 5 to 61 readings leave beside their own cubics shows whether neighbouring errors are
-    correlated (by a filter, by a difference of angles), and then what they are in all. A speed whose errors are those
-    of the angle was computed from it, tells nothing new, and is left out (`sysid.computed_speed`).
+    torque, up to 0.3 s later, through a piecewise linear map (dead zone, saturation). Kinks of stick-slip, backlash and
+    impacts are left out with the residuals that they touch. Readings rounded to steps of q have at least q / sqrt(12).
+    What windows of 5 to 61 readings leave beside their own cubics shows whether neighbouring errors are correlated (by
+    a filter, by a difference of angles), and then what they are in all. A speed whose errors are those of the angle was
+    computed from it, tells nothing new, and is left out (`sysid.data.computed_speed`).
 
-    Source of the differences: von Neumann et al., Ann. Math. Statist. 12 (1941) 153; of the cubic: Savitzky and Golay,
-    Anal. Chem. 36 (1964) 1627. Raises InvalidInput where a channel never changes or the records are too short.
+    Parameters
+    ----------
+    records : sequence of Record
+        At least one rollout.
+
+    Returns
+    -------
+    Noise
+        The sensor, how well each sd is known, the steps of rounding, and notes.
+
+    Raises
+    ------
+    InvalidInput
+        Where a channel never changes or the records are too short.
+
+    Notes
+    -----
+    The differences are von Neumann's (Ann. Math. Statist. 12 (1941) 153), the cubics Savitzky and Golay's (Anal. Chem.
+    36 (1964) 1627).
     """
     found: dict[str, _Found] = {}
     steps: dict[str, float] = {}

@@ -28,22 +28,35 @@ PAST = 10.0
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """One rollout of N control intervals.
+    """One rollout of N control intervals, checked when it is made.
 
-    t (N+1,)                [s]      instants, evenly spaced, increasing
-    u (N,)                  [N m]    the command held from t[k] to t[k+1]
-    theta (N+1,) or None    [rad]    angle readings, 0 upright; jumps of whole turns are taken out (unwrapped);
-                                     (1,) where only the start angle is known
-    theta_dot               [rad/s]  speed readings, (N+1,); (N,) where theta_dot_after is given
-    theta_dot_after (N,)    [rad/s]  a second speed reading, of instant k+1, independent of theta_dot[k+1]:
-                                     the paper's protocol reads before and after each step
+    A piece of a longer rollout (`part`, or what follows a gap) also carries what came before it.
 
-    A piece of a longer rollout (`part`, what follows a gap) also carries where that began:
+    Attributes
+    ----------
+    t : array (N+1,)
+        Instants [s], evenly spaced, increasing.
+    u : array (N,)
+        The command held from t[k] to t[k+1], a torque [N m] where the model has no actuator.
+    theta : array (N+1,), (1,) or None
+        Angle readings [rad], 0 upright; jumps of whole turns are taken out (unwrapped); (1,) where only the start angle
+        is known.
+    theta_dot : array (N+1,), (N,) or None
+        Speed readings [rad/s]; (N,) where theta_dot_after is given.
+    theta_dot_after : array (N,) or None
+        A second speed reading, of instant k+1, independent of theta_dot[k+1]: the paper's protocol reads before and
+        after each step.
+    name : str
+        What answers call it.
+    origin : float or None
+        The instant [s] from which effects that depend on time count; by default t[0].
+    before : array (M,) or None
+        The commands of the M intervals before t[0], which drives remember; by default none.
 
-    origin                  [s]      the instant from which effects that depend on time count; by default t[0]
-    before (M,)             [N m]    the commands of the M intervals before t[0], which drives remember; by default none
-
-    Raises InvalidInput for empty, ragged or non-finite data and for time that does not increase evenly.
+    Raises
+    ------
+    InvalidInput
+        For empty, ragged or non-finite data and for time that does not increase evenly.
     """
 
     t: Array
@@ -240,7 +253,17 @@ def check_direct(model: Model, method: str) -> None:
 def write_csv(record: Record, path: str | Path) -> None:
     """Write a record as CSV that `read` brings back exactly, one row an instant; cells without a value stay empty.
 
-    Raises InvalidInput for a file that cannot be written.
+    Parameters
+    ----------
+    record : Record
+        What is written.
+    path : path
+        The file.
+
+    Raises
+    ------
+    InvalidInput
+        For a file that cannot be written.
     """
     columns = {c: getattr(record, c) for c in COLUMNS if getattr(record, c) is not None}
     text = io.StringIO()

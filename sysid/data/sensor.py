@@ -29,10 +29,21 @@ class Readings:
 
 @dataclass(frozen=True)
 class Sensor:
-    """Standard deviation of each measured channel: theta [rad], theta_dot [rad/s]; None: not measured.
+    """The noise of the sensors: the standard deviation of each channel's readings; None where it is not measured.
 
-    theta_0 [rad] is for a rollout whose start angle is known to that sd while later angles are not measured.
-    Raises InvalidInput where a sd is not positive or no channel is left.
+    Attributes
+    ----------
+    theta : float or None
+        Of the angle [rad].
+    theta_dot : float or None
+        Of the speed [rad/s].
+    theta_0 : float or None
+        Of the start angle [rad], for a rollout whose start is known while later angles are not measured.
+
+    Raises
+    ------
+    InvalidInput
+        Where a sd is not positive or no channel is left.
     """
 
     theta: float | None = None

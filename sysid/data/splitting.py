@@ -31,18 +31,32 @@ def cut(records: Sequence[Record], seconds: float = 3.0) -> tuple[Record, ...]:
 def split(
     records: Sequence[Record], hold_out: float | None = None, shortest: float = 2.0
 ) -> tuple[tuple[Record, ...], tuple[Record, ...]]:
-    """(training, held out): the last quarter of the rollouts, at least one, is never fitted to.
+    """Split a log into what is fitted and what is held out: by default the last quarter of its rollouts, at least one.
 
-    hold_out   a share in (0, 1), or a number of rollouts (1, 2, ...)
-    shortest   what is held out lasts that long at least [s], and a stretch of it half as long: a window to score
-
-    Of fewer than four rollouts (a single long log, say), or where the last ones are too short, a quarter of the time
-    is held out instead, in one to three stretches spread evenly over all of it: the end of a log is often another kind
-    of motion. The parts share no interval, and are few, because a fit loses information with every free initial state.
-    A part behind a cut knows the commands before it (delay, lag); where sensors remember, whoever scores it leaves a
+    Of fewer than four rollouts (a single long log, say), or where the last ones are too short, a quarter of the time is
+    held out instead, in one to three stretches spread evenly over all of it: the end of a log is often another kind of
+    motion. The parts share no interval, and are few, because a fit loses information with every free initial state. A
+    part behind a cut knows the commands before it (delay, lag); where sensors remember, whoever scores it leaves a
     lead-in unscored.
 
-    Raises InvalidInput where nothing would be left on one side.
+    Parameters
+    ----------
+    records : sequence of Record
+        At least one rollout.
+    hold_out : float, optional
+        A share in (0, 1), or a number of rollouts (1, 2, ...).
+    shortest : float
+        What is held out lasts at least that long [s], and a stretch of it half as long: a window to score.
+
+    Returns
+    -------
+    training, held_out : tuple of Record
+        No interval is in both.
+
+    Raises
+    ------
+    InvalidInput
+        Where nothing would be left on one side.
     """
     share = 0.25 if hold_out is None else float(hold_out)
     whole = hold_out is not None and share >= 1.0

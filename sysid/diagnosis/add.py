@@ -65,12 +65,30 @@ def add(
     sensor: Sensor | None = None,
     hold_out: float | None = None,
 ) -> Added:
-    """Refit a model without and with one more effect of the catalogue, begun at the size that a screen expects.
+    """Refit a model without and with one more effect, begun at the size that its score promises.
 
-    model     a model, or an estimate: its free parameters are refitted, the others keep their numbers
-    hold_out  as in `diagnose`: that part of the records only reports
+    Parameters
+    ----------
+    model : Model or Estimate
+        The model as it is. Of an estimate the free parameters are refitted; the others keep their numbers.
+    name : str
+        The effect's name in the catalogue.
+    records : sequence of Record
+        At least one rollout.
+    sensor : Sensor, optional
+        Noise of the readings; by default the estimate's, else found from the records without any model.
+    hold_out : float, optional
+        As in `diagnose`: that part of the records is not fitted to; the errors are those on it.
 
-    Raises InvalidInput for an effect that is unknown, already there, excluded by another or without any influence here.
+    Returns
+    -------
+    Added
+        The refitted model with the effect, and the held-out errors before and after.
+
+    Raises
+    ------
+    InvalidInput
+        For an effect that is unknown, already there, excluded by another, or without any influence on these records.
     """
     from sysid.data.noise import sensor_noise
     from sysid.data.splitting import split

@@ -16,19 +16,33 @@ from sysid.physics.ops import Array
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """What an identifier found.
+    """What an identifier found: a fitted model with honest numbers.
 
-    model        the same model holding the fitted numbers
-    names        the fitted parameters
-    covariance   (P, P) of the fitted parameters, in their units
-    noise        sd of the readings about the fit (UKF: about its predictions), by channel, in the plant's units
-    success      whether the numbers can be used
-    status       a sentence: how it ended and, where it ended badly, what to try
-    cost         the sum of squares that was minimised, in units of the sensor's variance (nan: none)
-    n_readings   the readings that were used
-    method       the identifier's name
-    sensor       the sensor whose noise was assumed, where the identifier keeps it
-    random_torque  sd of the random torque beside the model that the log asks for, in the plant's unit; 0: none
+    Attributes
+    ----------
+    model : Model
+        The same model holding the fitted numbers.
+    names : tuple of str
+        The P fitted parameters.
+    covariance : array (P, P)
+        Of the fitted parameters, in their units.
+    noise : dict
+        The sd of the readings about the fit (of the unscented filter: about its predictions), by channel, in the
+        plant's units.
+    success : bool
+        Whether the numbers can be used.
+    status : str
+        A sentence: how the fit ended and, where it ended badly, what to try.
+    cost : float
+        The sum of squares that was minimised, in units of the sensor's variance; nan where there is none.
+    n_readings : int
+        The readings that were used.
+    method : str
+        The identifier's name.
+    sensor : Sensor or None
+        The sensor whose noise was assumed, where the identifier keeps it.
+    random_torque : float
+        The sd of the random torque beside the model that the log asks for, in the plant's unit; 0: none.
     """
 
     model: Model

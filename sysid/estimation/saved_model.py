@@ -48,7 +48,17 @@ Part = TypeVar("Part")
 
 @dataclass(frozen=True, eq=False)
 class SavedModel:
-    """What a model.json holds: the model, the names that a fit may move, and the estimate (None: never fitted)."""
+    """What a model.json holds.
+
+    Attributes
+    ----------
+    model : Model
+        The model with its numbers.
+    free : tuple of str
+        The names that a fit may move.
+    estimate : Estimate or None
+        Where the numbers come from; None where the model was never fitted.
+    """
 
     model: Model
     free: tuple[str, ...]
@@ -58,7 +68,17 @@ class SavedModel:
 def save(answer: Model | Estimate, path: str | PathLike[str]) -> None:
     """Write a model, or an estimate with its model, as model.json.
 
-    Raises InvalidInput where the file cannot be written, and for a plant or an integrator that is not ours.
+    Parameters
+    ----------
+    answer : Model or Estimate
+        What is written.
+    path : path
+        The file.
+
+    Raises
+    ------
+    InvalidInput
+        Where the file cannot be written, and for a plant or an integrator that is not one of sysid's.
     """
     save_text(Path(path), json.dumps(to_dict(answer), indent=1, allow_nan=False) + "\n")
 
@@ -66,7 +86,20 @@ def save(answer: Model | Estimate, path: str | PathLike[str]) -> None:
 def load(path: str | PathLike[str]) -> SavedModel:
     """Read a model.json; a user's own effects must have been loaded (`load_effects`) before.
 
-    Raises InvalidInput, in one sentence, for anything that is not a model of this version.
+    Parameters
+    ----------
+    path : path
+        A file that `save` wrote.
+
+    Returns
+    -------
+    SavedModel
+        The model, its free parameters, and the estimate where it was fitted. Numbers come back exactly.
+
+    Raises
+    ------
+    InvalidInput
+        In one sentence, for anything that is not a model of this version.
     """
     path = Path(path)
     try:
@@ -82,7 +115,23 @@ def load(path: str | PathLike[str]) -> SavedModel:
 
 
 def load_model(path: str | PathLike[str]) -> Model:
-    """The model of a model.json."""
+    """The model of a model.json.
+
+    Parameters
+    ----------
+    path : path
+        A file that `save` wrote.
+
+    Returns
+    -------
+    Model
+        What `load` calls its model.
+
+    Raises
+    ------
+    InvalidInput
+        As `load` does.
+    """
     return load(path).model
 
 

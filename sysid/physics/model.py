@@ -299,8 +299,17 @@ class Model:
 def paper_model(m: float = 1.0, l: float = 1.0) -> Model:  # noqa: E741
     """The paper's pendulum (Sec. II-A): Gymnasium's equations with m and l exposed.
 
-    g = 10 m/s^2, dt = 0.05 s, |u| <= 2 N m, |theta_dot| <= 8 rad/s. The defaults are the paper's prior;
-    the hidden truth is m = 2.0, l = 1.5.
+    g = 10 m/s^2, dt = 0.05 s, |u| <= 2 N m, |theta_dot| <= 8 rad/s.
+
+    Parameters
+    ----------
+    m, l : float
+        Mass [kg] and length [m]. The defaults are the paper's prior; the hidden truth is m = 2.0, l = 1.5.
+
+    Returns
+    -------
+    Model
+        A rod pendulum under semi-implicit Euler steps.
     """
     return Model(
         plant=RodPendulum(m=m, l=l, g=10.0),

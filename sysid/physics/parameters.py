@@ -101,7 +101,28 @@ def parameter(
     probe: Probe = None,
     known: bool = False,
 ) -> Any:
-    """A dataclass field that is a parameter of the model, with unit [SI], bounds, neutral value and probes."""
+    """Declare a dataclass field as a parameter of the model.
+
+    Parameters
+    ----------
+    default : float
+        Its value where none is given.
+    unit : str
+        SI, in the units of what turns: "N m", "rad/s"; a linear axis translates them.
+    bounds : (float, float)
+        The values that are allowed, ends included.
+    neutral : float, optional
+        The value at which the effect that owns it changes nothing; without one it is a shape.
+    probe : float, sequence or function of an Extent, optional
+        Values to try it at before anything is fitted.
+    known : bool
+        Whether it is looked up rather than fitted, as gravity is.
+
+    Returns
+    -------
+    Any
+        A field of a dataclass.
+    """
     declared = {"unit": unit, "bounds": bounds, "neutral": neutral, "probe": probe, "known": known}
     return dataclasses.field(default=default, metadata={_KEY: declared})
 

@@ -14,10 +14,18 @@ from sysid.physics.ops import Array, Value
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """Noise-free rollouts: t (N+1,) [s], u (..., N) [N m], theta and theta_dot (..., N+1) [rad], [rad/s].
+    """Rollouts without noise.
 
-    theta_read and theta_dot_read (..., N+1) are what perfect sensors would show: the states themselves, where the
-    model has no output effect.
+    Attributes
+    ----------
+    t : array (N+1,)
+        Instants [s].
+    u : array (..., N)
+        The commands [N m].
+    theta, theta_dot : array (..., N+1)
+        The states [rad], [rad/s].
+    theta_read, theta_dot_read : array (..., N+1)
+        What perfect sensors would show [rad], [rad/s]: the states themselves, where the model has no output effect.
     """
 
     t: Array
@@ -29,10 +37,27 @@ class Trajectory:
 
 
 def simulate(model: Model, u: ArrayLike, theta: ArrayLike, theta_dot: ArrayLike) -> Trajectory:
-    """Roll a model out from theta [rad], theta_dot [rad/s] (...,) under the commands u (..., N) [N m].
+    """Roll a model out under commands; one call runs one rollout or thousands.
 
-    Leading shapes broadcast, also against array-valued parameters: one call runs one rollout or thousands.
-    Raises InvalidInput for an empty u, for numbers that are not finite and for |u| beyond the model's limit.
+    Parameters
+    ----------
+    model : Model
+        Its parameters may be arrays: leading shapes broadcast against them, too.
+    u : array (..., N)
+        Commands, each held over the model's dt, in the unit of its actuator, a torque [N m] without one.
+    theta, theta_dot : array (...)
+        The start states [rad], [rad/s].
+
+    Returns
+    -------
+    Trajectory
+        N + 1 instants of each rollout, without noise; `Sensor.measure` reads them.
+
+    Raises
+    ------
+    InvalidInput
+        For an empty u, for numbers that are not finite, for |u| beyond the model's limit and for shapes that do not
+        broadcast.
     """
     try:
         u, theta, theta_dot = (np.asarray(a, dtype=float) for a in (u, theta, theta_dot))

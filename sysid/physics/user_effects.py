@@ -28,11 +28,25 @@ U = (0.6, -0.9, 0.2)
 
 
 def load_effects(path: str | PathLike[str]) -> tuple[str, ...]:
-    """Run a Python file of the user's; what it registers with @sysid.register joins the catalogue. Returns the names.
+    """Run a Python file of the user's; what it registers with @sysid.register joins the catalogue.
 
-    Every effect is tried at its neutral value and at its probes, on arrays and on CasADi's symbols. Raises
-    InvalidInput, in one sentence, where the file cannot be run, registers nothing, or holds an effect that raises,
-    gives no finite number, differs between the two, changes the motion at its neutral value or has no neutral value.
+    Every effect is tried at its neutral value and at its probes, on arrays and on CasADi's symbols.
+
+    Parameters
+    ----------
+    path : path
+        A Python file. It is executed: load only what you trust.
+
+    Returns
+    -------
+    tuple of str
+        The names of its effects.
+
+    Raises
+    ------
+    InvalidInput
+        In one sentence, where the file cannot be run, registers nothing, or holds an effect that raises, gives no
+        finite number, differs between the two, changes the motion at its neutral value or has no neutral value.
     """
     path = Path(path)
     if not path.is_file():

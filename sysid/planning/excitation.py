@@ -40,13 +40,35 @@ def steps(rng: np.random.Generator, n: int, dt: float, u_max: float, hold: float
 def paper_rollouts(
     model: Model, n: int, rng: np.random.Generator, sigma: float = 1.0, length: int = 200
 ) -> list[Record]:
-    """The paper's measurement (Sec. II-B): n rollouts of `length` steps, speed noise sigma [rad/s].
+    """The paper's measurement (Sec. II-B): rollouts under random torques, the speed read before and after each step.
 
-    The order of draws is the published runs' own, so the same seed gives the same data: for each rollout
-    the start state is uniform(-[pi, 1], [pi, 1]) from a generator seeded with rng.integers(0, 2**31 - 1);
-    then for each step the torque, uniform, the noise of the speed before it and of the speed after it.
-    Readings go through float32, as Gymnasium's observation does; the angle is arctan2 of its sine and
-    cosine, without noise.
+    The order of draws is the published runs' own, so the same seed gives the same data: for each rollout the start
+    state is uniform(-[pi, 1], [pi, 1]) from a generator seeded with rng.integers(0, 2**31 - 1); then for each step the
+    torque, uniform, the noise of the speed before it and of the speed after it. Readings go through float32, as
+    Gymnasium's observation does; the angle is arctan2 of its sine and cosine, without noise.
+
+    Parameters
+    ----------
+    model : Model
+        The machine; it needs a torque limit.
+    n : int
+        How many rollouts, 0 or more.
+    rng : numpy.random.Generator
+        Where all draws come from.
+    sigma : float
+        Noise of the speed [rad/s].
+    length : int
+        Steps of a rollout.
+
+    Returns
+    -------
+    list of Record
+        One a rollout.
+
+    Raises
+    ------
+    InvalidInput
+        For n < 0, length < 1, sigma < 0 and a model without a torque limit.
     """
     if n < 0 or length < 1 or not sigma >= 0.0 or not math.isfinite(model.u_max):
         raise InvalidInput(

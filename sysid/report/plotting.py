@@ -58,7 +58,18 @@ def label(name: str, units: Mapping[str, str]) -> str:
 
 
 def plot_comparison(answer: Comparison) -> Figure:
-    """All of a comparison on one page."""
+    """Draw all of a comparison on one page.
+
+    Parameters
+    ----------
+    answer : Comparison
+        What `compare` found.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Errors by horizon, the torque beyond the model over everything, whiteness, and the worst windows.
+    """
     channels, torque = list(answer.one_second.ratios), answer.torque
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(14.0, 6.6 + 2.1 * len(channels)), layout="constrained")

@@ -278,9 +278,32 @@ def _unit(i: int, n: int) -> casadi.DM:
 def fisher_information(
     model: Model, names: Sequence[str], records: Sequence[Record], sensor: Sensor, starts: Array
 ) -> Array:
-    """Information (P, P) that the readings carry about parameters `names` at the model's own numbers.
+    """The information that readings carry about parameters, at the model's own numbers.
 
-    starts (R, 2): the initial states [rad, rad/s], which count as unknown. Its inverse is the Cramer-Rao bound.
+    Its inverse is the Cramer-Rao bound of every unbiased estimate; the initial states count as unknown.
+
+    Parameters
+    ----------
+    model : Model
+        The model with its numbers.
+    names : sequence of str
+        The P parameters.
+    records : sequence of Record
+        The R rollouts: their commands and which channels are read when.
+    sensor : Sensor
+        Noise of the readings.
+    starts : array (R, 2)
+        The initial states, theta [rad] and theta_dot [rad/s].
+
+    Returns
+    -------
+    array (P, P)
+        In inverse squares of the parameters' units.
+
+    Raises
+    ------
+    InvalidInput
+        For an unknown parameter, and for starts of another shape.
     """
     model.check_names(names)
     segments = Segments(model, names, records, sensor, length=max(1, min(LONGEST_SEGMENT, round(1.0 / model.dt))))

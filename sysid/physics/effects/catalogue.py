@@ -32,9 +32,22 @@ EffectType = TypeVar("EffectType", bound=type[Effect])
 
 
 def register(kind: EffectType) -> EffectType:
-    """Class decorator: a user's effect joins the catalogue under its name (the class name in snake_case).
+    """Class decorator: a user's effect joins the catalogue under its name, the class name in snake_case.
 
-    Raises InvalidInput where the name is taken by another class.
+    Parameters
+    ----------
+    kind : type of Effect
+        The class; see `Effect` for what it declares.
+
+    Returns
+    -------
+    type of Effect
+        The same class.
+
+    Raises
+    ------
+    InvalidInput
+        Where the name is taken by another class.
     """
     known = CATALOGUE.get(kind.name)
     if known is not None and known is not kind:
@@ -60,9 +73,24 @@ def kind_of(name: str) -> type[Effect]:
 
 
 def effect(name: str, **parameters: Any) -> Effect:
-    """The effect of that name, at its neutral value where no other is given: effect("viscous", b=0.1).
+    """The effect or actuator of that name, at its neutral value where no other is given: effect("viscous", b=0.1).
 
-    Raises InvalidInput for an unknown name (the near ones come first) and for an unknown parameter.
+    Parameters
+    ----------
+    name : str
+        A name of the catalogue; `sysid effects` lists them.
+    **parameters : float
+        Numbers by field.
+
+    Returns
+    -------
+    Effect
+        To be put into a model by `Model.with_effect`.
+
+    Raises
+    ------
+    InvalidInput
+        For an unknown name, the near ones first, and for an unknown parameter.
     """
     kind = kind_of(name)
     known = [f.name for f in fields(kind)]
