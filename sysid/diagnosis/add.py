@@ -23,7 +23,17 @@ from sysid.physics.model import Model
 
 @dataclass(frozen=True, eq=False)
 class Added:
-    """An effect that joined a model: both fits, and the held-out error before and after."""
+    """An effect that joined a model.
+
+    Attributes
+    ----------
+    effect : str
+        Its name.
+    base, estimate : Estimate
+        The fit without and with it.
+    before, after : HeldOutError
+        Their errors on what no fit has seen.
+    """
 
     effect: str
     base: Estimate

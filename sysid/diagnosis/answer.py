@@ -126,25 +126,51 @@ class MissingTorque:
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """What the model lacks.
+    """What the model lacks, with the evidence, and the mended model.
 
-    verdict           "adequate": nothing that matters was missing; "missing": the steps explain all that matters;
-                      "partly": the steps are sure and pay, and something that matters remains; "unknown": something
-                      matters and nothing known pays; "cannot tell": a step's class does not separate on this log
-    base              the model as it came, refitted
-    steps             effects that were added, in order; those of the log itself (torque stamps) in `conventions`
-    ranking           the candidates of the first round, best first
-    remaining         what is left, where something is
-    not_identifiable  groups of parameters and effects that this motion cannot separate
-    ruled_out         {effect: size}: an effect above that size would have been found
-    touched           stretches of the log that no state of the joint explains, such as a hand's push
-    torque            how large the missing torque was, and how large what remains is
-    negligible        effects that are there, by their likelihood, and too small to matter
-    unconfirmed       effects that the fitted part of the log asked for and that are not believed: the held-out part
-                      does not confirm them, or they are a part of something unknown over the same quantity
-    tolerance         share by which an effect has to lower the error of predictions, to matter
-    records           the log, all of it, and what was noted when it was read; unseen: the part that no fit has seen,
-                      whose errors are given, in units of the sensor noise
+    Attributes
+    ----------
+    verdict : str
+        "adequate": nothing that matters was missing; "missing": the steps explain all that matters; "partly": the steps
+        are sure and pay, and something that matters remains; "unknown": something matters and nothing known pays;
+        "cannot tell": a step's class does not separate on this log.
+    base : Estimate
+        The model as it came, refitted.
+    base_error, error : HeldOutError
+        Of the model as it came and of the mended one, over 1 s of what no fit has seen.
+    steps, conventions : tuple of Step
+        Effects that were added, in order; those of the log itself (torque stamps) are conventions.
+    ranking : tuple of Ranked
+        The candidates of the first round, best first.
+    remaining : Remaining or None
+        What is left, where something is.
+    not_identifiable : tuple of tuple of str
+        Groups of parameters and effects that this motion cannot separate.
+    ruled_out : dict
+        {effect: size}: an effect above that size would have been found.
+    sensor : Sensor
+        The noise that errors are multiples of.
+    records, unseen : tuple of Record
+        The log, all of it, and the part that no fit has seen.
+    estimate : Estimate
+        The mended model's fit.
+    touched : tuple of Touched
+        Stretches of the log that no state of the joint explains, such as a hand's push.
+    next_experiment : dict or None
+        What to play next, where effects do not separate.
+    seconds : float
+        How long it took.
+    torque : MissingTorque
+        How large the missing torque was, and how large what remains is.
+    negligible : tuple of str
+        Effects that are there, by their likelihood, and too small to matter.
+    unconfirmed : tuple of str
+        Effects that the fitted part of the log asked for and that are not believed: the held-out part does not confirm
+        them, or they are a part of something unknown over the same quantity.
+    tolerance : float
+        The share by which an effect has to lower the error of predictions, to matter.
+    notes : tuple of str
+        What was noted when the log was read.
     """
 
     verdict: str

@@ -49,15 +49,27 @@ class Trace:
 class Comparison:
     """A model against records. Errors are those of windows whose state is refitted, leverage out (see HeldOutError).
 
-    one_step, half_second, one_second, whole   the error over windows of that length
-    torque      the torque that must act beyond the model, its means over theta, theta_dot, torque, time and over the
-                states, and what it depends on; None where the model runs away within a sample
-    whiteness   autocorrelation of the filter's innovations beside that torque, by channel
-    causes      the known effects that promise to explain the error, the strongest first
-    worst       the three worst windows of 1 s
-    records     what it was compared with, and what was noted when that was read
-    sensor      the noise that errors are multiples of
-    units       the units of "theta", "theta_dot", "torque" and "time" for the model's plant
+    Attributes
+    ----------
+    one_step, half_second, one_second, whole : HeldOutError
+        The error over windows of that length.
+    torque : ResidualTorque or None
+        The torque that must act beyond the model, its means over theta, theta_dot, torque, time and over the states,
+        and what it depends on; None where the model runs away within a sample.
+    whiteness : dict
+        The autocorrelation of the filter's innovations beside that torque, by channel.
+    causes : tuple of Cause
+        The known effects that promise to explain the error, the strongest first.
+    worst : tuple of Trace
+        The three worst windows of 1 s.
+    records : tuple of Record
+        What the model was compared with.
+    sensor : Sensor
+        The noise that errors are multiples of.
+    units : dict
+        The units of "theta", "theta_dot", "torque" and "time" for the model's plant.
+    notes : tuple of str
+        What was noted when the records were read.
     """
 
     one_step: HeldOutError

@@ -113,19 +113,31 @@ class TorqueMap:
 
 @dataclass(frozen=True, eq=False)
 class ResidualTorque:
-    """What acts beyond the model: d(t), smoothed from the log, with its posterior band.
+    """The torque d(t) that acts beyond a model, smoothed from the log, with its posterior band.
 
-    records     one a record: the torque d and the motion, each with its instants
-    s, T        sd [N m] and correlation time [s] of d that make the log likeliest; where no torque is needed, s is the
-                largest that the log does not rule out, one-sided at 95 %
-    present     whether the log needs such a torque
-    drive       RMS of the drive torque [N m]
-    binned      the mean of d over each of theta (its place), theta_dot, torque, time
-    map         the mean of d over theta and theta_dot together
-    dependence  the quantity that predicts d on other stretches of the log
-    touched     stretches that no torque of the joint's state explains while the others fit: a hand, perhaps
-    units       the units of "theta", "theta_dot", "torque" and "time" for the model's plant
-    converged   whether the smoothed motion came to rest
+    Attributes
+    ----------
+    records : tuple of Followed
+        One a record: d and the motion, each with its instants.
+    s, T : float
+        The sd [N m] and correlation time [s] of d that make the log likeliest; where no torque is needed, s is the
+        largest that the log does not rule out, one-sided at 95 %.
+    present : bool
+        Whether the log needs such a torque.
+    drive : float
+        RMS of the drive torque [N m].
+    binned : dict
+        The mean of d over each of theta (its place), theta_dot, torque, time.
+    map : TorqueMap
+        The mean of d over theta and theta_dot together.
+    dependence : Dependence
+        The quantity that predicts d on other stretches of the log.
+    touched : tuple of Touched
+        Stretches that no torque of the joint's state explains while the others fit: a hand, perhaps.
+    units : dict
+        The units of "theta", "theta_dot", "torque" and "time" for the model's plant.
+    converged : bool
+        Whether the smoothed motion came to rest.
     """
 
     records: tuple[Followed, ...]

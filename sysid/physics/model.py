@@ -42,15 +42,30 @@ class State(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A plant with effects, stepped by an integrator over control intervals of dt [s]; |u| <= u_max [N m].
+    """A plant with effects, stepped by an integrator: the one description that is simulated, fitted and trained on.
 
         (J + sum J_e) theta_ddot = gravity_torque(theta) + actuator(drive(u)) + sum torque_e - dry friction + push
 
-    The command u is a torque where no effect is an actuator; push is a torque from outside.
+    The command u is a torque where no effect is an actuator; push is a torque from outside. Parameters are named as in
+    the plant ("m", "l") and, for effects, "effect.field" ("viscous.b").
 
-    Parameters are named as in the plant ("m", "l") and, for effects, "effect.field" ("viscous.b").
-    Raises InvalidInput for dt or u_max that are not positive, an effect given twice, two that exclude each other, or
-    two actuators.
+    Parameters
+    ----------
+    plant : Plant
+        What swings or slides.
+    effects : tuple of Effect
+        What acts on it beside gravity and the drive, on the way of the command, and on that of the readings.
+    integrator : Integrator
+        How a control interval is stepped.
+    dt : float
+        The control interval [s].
+    u_max : float
+        The largest command, in its own unit [N m].
+
+    Raises
+    ------
+    InvalidInput
+        For dt or u_max that are not positive, an effect given twice, two that exclude each other, or two actuators.
     """
 
     plant: Plant
