@@ -10,6 +10,7 @@ from typing import Any
 import tyro
 
 from sysid.errors import InvalidInput
+from sysid.version import version
 
 
 def answer(
@@ -23,11 +24,15 @@ def answer(
 
     run loads what is heavy, when it is called: numpy's library has its threads set by then.
     """
+    given = sys.argv[1:] if arguments is None else list(arguments)
+    if given == ["--version"]:
+        print(version())
+        return 0
     command = tyro.extras.subcommand_cli_from_dict(
         dict(commands),
         prog=prog,
         description=about,
-        args=arguments,
+        args=given,
         config=(tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes),
     )
     # small matrices: threads would only wait for each other

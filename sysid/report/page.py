@@ -13,6 +13,7 @@ from sysid.data.sensor import Sensor
 from sysid.estimation.held_out import HeldOutError
 from sysid.estimation.response import CHANNELS
 from sysid.report.formatting import ARROW, TIMES, listed, multiple, number, word
+from sysid.version import version
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -110,8 +111,6 @@ def settings(
 def _settings(
     sensor: Sensor, records: Sequence[Record], units: Mapping[str, str], notes: Sequence[str]
 ) -> Iterator[tuple[str, str]]:
-    from importlib import metadata
-
     dt, n = records[0].dt, sum(len(r) for r in records)
     many = "s" * (len(records) != 1)
     yield "log", f"{len(records)} rollout{many}, {n:,} samples ({n * dt:.4g} s) at {1.0 / dt:.4g} Hz"
@@ -120,7 +119,4 @@ def _settings(
         yield "on reading", "; ".join(notes)
     noise = [f"{word(c, units)} {sd:.3g} {units[c]}" for c in CHANNELS if (sd := getattr(sensor, c)) is not None]
     yield "sensor noise", ", ".join(noise)
-    try:
-        yield "gapfinder", metadata.version("gapfinder")
-    except metadata.PackageNotFoundError:
-        yield "gapfinder", "not installed"
+    yield "written by", version()

@@ -425,3 +425,8 @@ def test_a_servo_told_by_its_commands(tmp_path, capsys):
     assert "position_servo.k_p = 5.9" in capsys.readouterr().out.replace("6.0", "5.9")
     assert main(["fit", *files, "--flip-torque"]) == 2
     assert "a position command has the sign of the angle" in capsys.readouterr().err
+
+
+def test_the_version_is_said(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out.startswith("gapfinder ")
