@@ -193,7 +193,7 @@ class FilteredSpeed(OutputEffect):
     """
 
     words: ClassVar[str] = "a filter of the speed readings"
-    rarity: ClassVar[float] = 2.0
+    rarity: ClassVar[float] = 2.5
     formula: ClassVar[str] = "T w_dot = theta_dot - w, reading = w"
     confused: ClassVar[tuple[str, ...]] = ("sensor_delay", "delay", "lag")
     stage: ClassVar[int] = 1
