@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from policies import task
 from policies.randomization import Randomization
 from policies.streams import Purpose, generator
-from sysid import RK4, Delay, InvalidInput, Lag, LinearAxis, Model, SensorDelay, State
+from sysid import RK4, Delay, FilteredSpeed, InvalidInput, Lag, LinearAxis, Model, SensorDelay, State
 
 Array = NDArray[np.float64]
 
@@ -77,9 +77,9 @@ def held(model: Model, dt: float) -> Model:
 
 
 def reach(model: Model) -> int:
-    """How many past commands decide what comes: what delays and lags of the input remember, and delays of sensors."""
+    """How many past commands decide what comes: what delays and lags of the input and the sensors remember."""
     late = [float(e.T) for e in model.effects if isinstance(e, Delay | SensorDelay)]
-    lagged = [LAG_MEMORY * float(e.T) for e in model.effects if isinstance(e, Lag)]
+    lagged = [LAG_MEMORY * float(e.T) for e in model.effects if isinstance(e, Lag | FilteredSpeed)]
     return math.ceil(sum(late + lagged) / model.dt - 1e-6)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
+from sysid.errors import InvalidInput
 from sysid.physics.model import Model
 
 SPAN = 0.1
@@ -18,6 +19,10 @@ LITTLE = 3.0
 """A speed whose mean over SPAN errs this many times as much as the angle's slope tells a tenth of what that tells."""
 INCONSISTENT = 3.0
 """Mean square of what a speed's integral misses of the angle's change, in units of what their noises explain."""
+CORRELATED = 1.15
+"""A speed whose errors are that much larger in all than from sample to sample was filtered with them."""
+FAR = 15.0
+"""A filtered speed that is off by that many sd (RMS) leads a search astray that does not know of the filter yet."""
 
 
 def relied_on(model: Model, records: Sequence[Record], sensor: Sensor) -> Sensor:
@@ -25,20 +30,31 @@ def relied_on(model: Model, records: Sequence[Record], sensor: Sensor) -> Sensor
 
     A drive's speed is often filtered and late, and no white noise describes its error: over spans of 0.1 s its integral
     is compared with the change of the angle, which needs no model. What is worth a tenth is not worth that risk. Where
-    the model has an effect of the speed's sensor, the speed stays.
+    the model has an effect of the speed's sensor, the speed stays; also where it is that of a first-order filter and
+    its error is white (it was rounded, or sent, behind the filter): that is an effect that a model can have.
     """
     if sensor.theta is None or sensor.theta_dot is None or model.output_effects:
         return sensor
     count = max(SPAN / records[0].dt, 1.0)
     slope = sensor.theta * math.sqrt(12.0 / count) / SPAN
     mean = sensor.theta_dot / math.sqrt(count)
-    if mean > LITTLE * slope or _excess(records, sensor) > INCONSISTENT:
+    if mean > LITTLE * slope:
         return replace(sensor, theta_dot=None)
-    return sensor
+    if _missed(records, sensor)[0] < INCONSISTENT:
+        return sensor
+    excess, off = _missed(records, sensor, filtered=True)
+    described = excess < INCONSISTENT and off < FAR and _white(records)
+    return sensor if described else replace(sensor, theta_dot=None)
 
 
-def _excess(records: Sequence[Record], sensor: Sensor) -> float:
-    """How much more the speed's integral misses than both noises explain; offset and scale of the speed are no miss."""
+def _missed(records: Sequence[Record], sensor: Sensor, filtered: bool = False) -> tuple[float, float]:
+    """How much more the speed's integral misses than both noises explain; offset and scale of the speed are no miss.
+
+    Nor is, where it may be `filtered`, what a first-order filter w of time constant T leaves out, which is off by
+    T w_dot: by how many sd (RMS) comes second.
+
+        T w_dot = theta_dot - w,    int w dt = theta(t_1) - theta(t_0) - T (w(t_1) - w(t_0))
+    """
     targets, regressors, expected = [], [], 0.0
     for r in records:
         m = max(2, round(SPAN / r.dt))
@@ -49,10 +65,24 @@ def _excess(records: Sequence[Record], sensor: Sensor) -> float:
         k = np.arange(0, len(r) - m, m)
         change = r.theta[k + m] - r.theta[k]
         targets.append(change - (integral[k + m] - integral[k]))
-        regressors.append(np.column_stack([np.ones(len(k)), change]))
+        regressors.append(np.column_stack([np.ones(len(k)), change, filtered * (v[k + m] - v[k])]))
         expected = 2.0 * float(sensor.theta or 0.0) ** 2 + r.dt**2 * m * float(sensor.theta_dot or 0.0) ** 2
     if not targets:
-        return 0.0
+        return 0.0, 0.0
     A, b = np.concatenate(regressors), np.concatenate(targets)
-    rest = b - A @ np.linalg.lstsq(A, b, rcond=None)[0]
-    return float(rest @ rest) / max(len(b) - 2, 1) / expected
+    found = np.linalg.lstsq(A, b, rcond=None)[0]
+    rest = b - A @ found
+    off = abs(found[2]) * float(np.sqrt(np.mean(A[:, 2] ** 2))) / SPAN / float(sensor.theta_dot or math.inf)
+    return float(rest @ rest) / max(len(b) - 2 - filtered, 1) / expected, off
+
+
+def _white(records: Sequence[Record]) -> bool:
+    """Whether the speed's errors are as large from sample to sample (in their sixth differences) as they are in all."""
+    from sysid.data.noise import sensor_noise
+
+    try:
+        in_all = sensor_noise([replace(r, theta=None) for r in records]).sensor.theta_dot or math.inf
+    except InvalidInput:  # too few readings
+        return False
+    sixth = np.concatenate([np.diff(r.theta_dot, 6) for r in records if r.theta_dot is not None])
+    return in_all < CORRELATED * float(np.median(np.abs(sixth))) / 0.6745 / math.sqrt(math.comb(12, 6))

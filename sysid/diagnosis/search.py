@@ -15,6 +15,7 @@ from sysid.diagnosis.choosing import DEFAULT, Choosing
 from sysid.errors import InvalidInput
 from sysid.estimation.chain import Chain
 from sysid.estimation.first_fit import with_common, without_common
+from sysid.estimation.held_out import lead_of
 from sysid.estimation.prediction import PredictionErrors, left_out, moved
 from sysid.estimation.prediction_error import QUICK, Fit, fit
 from sysid.estimation.refits import extended, reduced
@@ -70,7 +71,7 @@ class Search:
     last: dict[str, Score] = field(default_factory=dict)
     negligible: list[str] = field(default_factory=list)
     stages: list[tuple[tuple[Addition, ...], Fit]] = field(default_factory=list)
-    left: dict[Fit, PredictionErrors] = field(default_factory=dict)
+    left: dict[tuple[Fit, float], PredictionErrors] = field(default_factory=dict)
 
     def run(self, model: Model, names: Sequence[str]) -> tuple[Fit, Fit]:
         """The fit of the model as it came, and the one at the end of the loop."""
@@ -219,14 +220,15 @@ class Search:
     def _predicts(self, before: Fit, after: Fit) -> bool:
         """Whether left-out stretches are predicted no worse, and better where the model still lacks something:
         likelihood alone believes too much there."""
-        gain, sd = self._left_out(after).gain(self._left_out(before))
+        lead = max(lead_of(before.model), lead_of(after.model))
+        gain, sd = self._left_out(after, lead).gain(self._left_out(before, lead))
         return math.isfinite(gain) and gain > (-sd if after.undisturbed else 0.0)
 
-    def _left_out(self, own: Fit) -> PredictionErrors:
+    def _left_out(self, own: Fit, lead: float) -> PredictionErrors:
         """The errors on left-out stretches; those of a round are asked for several times."""
-        if own not in self.left:
-            self.left[own] = left_out(own, self.choosing.window, self.choosing.blocks)
-        return self.left[own]
+        if (own, lead) not in self.left:
+            self.left[own, lead] = left_out(own, self.choosing.window, self.choosing.blocks, lead)
+        return self.left[own, lead]
 
     def _preferred(self, now: Fit, best: Trial) -> list[Trial]:
         """The commoner effects that explain the log as well as the best one, begun where that ended."""

@@ -44,20 +44,21 @@ class PredictionErrors:
         return mean, float(np.std(apart, ddof=1)) / math.sqrt(len(apart)) if len(apart) > 1 else math.inf
 
 
-def windows_of(fit: Fit, seconds: float) -> tuple[Window, ...]:
-    """The windows over which predictions are judged."""
-    return cut(fit.chain.records, seconds, lead_of(fit.model))
+def windows_of(fit: Fit, seconds: float, lead: float = 0.0) -> tuple[Window, ...]:
+    """The windows over which predictions are judged, with what memories need before them, and at least a `lead` [s]."""
+    return cut(fit.chain.records, seconds, max(lead, lead_of(fit.model)))
 
 
-def left_out(fit: Fit, seconds: float, blocks: int) -> PredictionErrors:
+def left_out(fit: Fit, seconds: float, blocks: int, lead: float = 0.0) -> PredictionErrors:
     """The errors of each window, by parameters that a Gauss-Newton step takes back from the block it lies in.
 
     p_(-b) = p - (N - N_b)^-1 g_b,    N = Z'Z,  g = Z'e,  of block b
 
-    Of a short log the windows are shorter than `seconds`: a few of them would prove nothing.
+    Of a short log the windows are shorter than `seconds`: a few of them would prove nothing. Errors of two models are
+    compared over the same windows: with the longer `lead` [s] of both (`lead_of`).
     """
     total = sum(len(r) for r in fit.chain.records) * fit.chain.dt
-    windows = windows_of(fit, float(np.clip(total / blocks, SHORTEST, seconds)))
+    windows = windows_of(fit, float(np.clip(total / blocks, SHORTEST, seconds)), lead)
     groups = np.array_split(np.arange(len(windows)), min(blocks, len(windows)))
     found = []
     for group in groups:

@@ -13,6 +13,7 @@ from sysid import (
     RK4,
     Coulomb,
     Delay,
+    FilteredSpeed,
     GeneralJoint,
     InputEffect,
     InvalidInput,
@@ -148,4 +149,6 @@ def test_history_reaches_as_far_back_as_delays_and_lags():
 
     assert reached() == reached(Viscous(0.1)) == 0
     assert reached(Delay(T=0.1)) == 2 and reached(Delay(T=0.12)) == 3
-    assert reached(Lag(T=0.05)) == 2 and reached(Delay(T=0.1), SensorDelay(T=0.05)) == 3
+    assert (
+        reached(Lag(T=0.05)) == reached(FilteredSpeed(T=0.05)) == 2 and reached(Delay(T=0.1), SensorDelay(T=0.05)) == 3
+    )

@@ -38,7 +38,9 @@ EFFECTS = {
         sysid.Drag(c=0.03),
         sysid.AsymmetricViscous(b_plus=0.06, b_minus=0.02),
         sysid.AsymmetricCoulomb(tau_plus=0.09, tau_minus=0.04),
+        sysid.WarmingFriction(tau_c=0.05, excess=0.08, T=1.5),
         sysid.LoadFriction(mu=0.05),
+        sysid.DirectionalLoadFriction(mu_drive=0.08, mu_back=0.03),
         sysid.Tilt(alpha=0.08),
         sysid.Spring(k=0.3),
         sysid.Ripple(a=0.1, b=0.07, order=5.0),
@@ -51,13 +53,16 @@ EFFECTS = {
         sysid.TorqueGain(c=0.9),
         sysid.DeadZone(d=0.13),
         sysid.Saturation(limit=1.1),
+        sysid.TorqueSpeedLimit(limit=1.3, k=0.2),
         sysid.BackEmf(k=0.05),
         sysid.Stamp(s=-0.37),
         sysid.AngleOffset(offset=0.03),
         sysid.VelocityBias(bias=0.04),
         sysid.VelocityGain(c=1.06),
         sysid.SensorDelay(T=0.027, longest=0.04),
+        sysid.FilteredSpeed(T=0.031),
         sysid.Backlash(width=0.09),
+        sysid.Eccentricity(a=0.04, b=-0.03),
     )
 }
 INTEGRATORS = {

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
+from scipy.stats import chi2
 
 from sysid import (
     Coulomb,
@@ -27,6 +29,7 @@ from sysid import (
     VelocityGain,
     Viscous,
     diagnose,
+    fit,
     simulate,
 )
 from sysid.planning.excitation import steps
@@ -46,10 +49,33 @@ def truth(*effects: Effect) -> Model:
     return Model(RodPendulum(m=1.0, l=0.9), effects, dt=DT)
 
 
-def logs(model: Model, seed: int = 0, n: int = 5, seconds: float = 5.0) -> list[Record]:
+def logs(
+    model: Model, seed: int = 0, n: int = 5, seconds: float = 5.0, spin: float = 0.0, sensor: Sensor = SENSOR
+) -> list[Record]:
+    """Rollouts that begin near hanging, with speed `spin` [rad/s] in turns forwards and backwards."""
     rng = np.random.default_rng(seed)
     u = np.array([steps(rng, round(seconds / DT), DT, 1.5, 0.3) for _ in range(n)])
-    return SENSOR.measure(simulate(model, u, math.pi + rng.uniform(-0.8, 0.8, n), np.zeros(n)), rng)
+    return sensor.measure(simulate(model, u, math.pi + rng.uniform(-0.8, 0.8, n), spin * (-1.0) ** np.arange(n)), rng)
+
+
+def assert_recovered(effect: Effect, records: Sequence[Record]) -> None:
+    """A fit from neutral, and from the wrong rod, ends at the truth within its stated error."""
+    estimate, model = fit(rod(effect.at_neutral()), records, SENSOR), truth(effect)
+    assert estimate.success
+    error = np.array([estimate.values[n] - float(model.parameters[n].value) for n in estimate.names])
+    assert error @ np.linalg.solve(estimate.covariance, error) < chi2.ppf(0.999, len(error))
+
+
+def assert_named(effect: Effect, records: Sequence[Record]) -> Diagnosis:
+    """A diagnosis of the plain rod names the effect and nothing else, at its size."""
+    found = diagnose(rod(), records, SENSOR)
+    assert found.verdict == "missing"
+    assert [s.effect for s in found.steps] == [effect.name]
+    for key, p in effect.parameters.items():
+        said = found.steps[0].parameters[f"{effect.name}.{key}"]
+        assert abs(said["value"] - float(p.value)) < 4.5 * said["sd"]
+    assert found.error.ratio < 1.1
+    return found
 
 
 def shaken(model: Model, rms: float, seed: int = 0, u: np.ndarray | None = None, T: float = 0.5) -> list[Record]:

@@ -14,6 +14,7 @@ from sysid import (
     Delay,
     GeneralJoint,
     InvalidInput,
+    Joint,
     Lag,
     Model,
     RodPendulum,
@@ -22,9 +23,11 @@ from sysid import (
     SensorDelay,
     Stamp,
     TorqueGain,
+    TorqueSpeedLimit,
     Viscous,
     simulate,
 )
+from tests.sysid.planted import assert_named, assert_recovered, logs, truth
 from tests.sysid.signals import uniform_noise
 
 ROD = RodPendulum(m=1.3, l=0.9)
@@ -140,3 +143,49 @@ def test_a_dead_time_beyond_its_memory_is_refused(kind):
         kind(T=0.11, longest=0.1)
     with pytest.raises(InvalidInput, match=r"delay longest = 0.0: expected a positive time"):
         kind(longest=0.0)
+
+
+CURVE = TorqueSpeedLimit(limit=1.5, k=0.3)
+
+
+@pytest.mark.parametrize(
+    ("drive", "theta_dot", "given"),
+    [
+        (1.0, 1.0, 1.0),
+        (2.0, 0.0, 1.5),
+        (2.0, 2.0, 0.9),
+        (-2.0, -2.0, -0.9),
+        (2.0, -2.0, 1.5),
+        (-2.0, 2.0, -1.5),
+        (2.0, 7.0, 0.0),
+        (-2.0, -7.0, 0.0),
+    ],
+)
+def test_a_motor_gives_what_its_curve_leaves(drive, theta_dot, given):
+    """1.5 N m at rest, 0.3 less for each rad/s along the drive, nothing beyond the no-load speed of 5 rad/s."""
+    assert drive + CURVE.torque(Joint(0.3, theta_dot, 0.0, drive, 0.0, ROD)) == pytest.approx(given)
+
+
+def test_a_motor_runs_up_to_its_no_load_speed():
+    """v = (limit / k) (1 - exp(-k t / J)) from rest, whatever more is asked for."""
+    joint = GeneralJoint(J=0.2, G=0.0, bounds={"G": (-1.0, 1.0)})
+    run = simulate(Model(joint, (CURVE,), RK4(substeps=4), 0.02), np.full(200, 9.0), math.pi, 0.0)
+    np.testing.assert_allclose(run.theta_dot, 5.0 * -np.expm1(-0.3 * run.t / 0.2), atol=1e-6)
+
+
+def test_a_curve_that_does_not_fall_is_a_saturation():
+    u = uniform_noise(np.random.default_rng(7), 100, 2.0)
+    flat, clipped = (
+        simulate(Model(ROD, (e,), dt=0.02), u, 2.0, 0.0) for e in (TorqueSpeedLimit(limit=1.1, k=0.0), Saturation(1.1))
+    )
+    np.testing.assert_allclose(flat.theta, clipped.theta, rtol=1e-12)
+
+
+def test_a_torque_that_falls_with_speed_is_found_and_named():
+    records = logs(truth(CURVE))
+    assert_recovered(CURVE, records)
+    assert_named(CURVE, records)
+
+
+def test_a_torque_that_is_cut_at_any_speed_is_a_saturation():
+    assert_named(Saturation(limit=1.0), logs(truth(Saturation(limit=1.0))))

@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sysid import RK4, GeneralJoint, Model, Record, Sensor, effect, simulate
+from sysid import RK4, FilteredSpeed, GeneralJoint, Model, Record, Sensor, effect, simulate
 from sysid.diagnosis.channels import relied_on
+from sysid.physics.simulate import Trajectory
 from sysid.planning.excitation import multisine
 
 DT = 0.01
@@ -25,6 +26,12 @@ def logs(sensor: Sensor, dt: float = DT, seed: int = 0, fast: float = 2.0) -> li
     rng = np.random.default_rng(seed)
     u = np.array([multisine(rng, n, dt, 2.0, fast) for _ in range(2)])
     return sensor.measure(simulate(model, u, math.pi, np.zeros(2)), rng)
+
+
+def smoothed(T: float, seed: int) -> Trajectory:
+    """Two rollouts of which the speed is filtered before it is measured."""
+    u = np.array([multisine(np.random.default_rng([seed, k]), 600, DT, 2.0, 2.0) for k in range(2)])
+    return simulate(JOINT.with_effect(FilteredSpeed(T=T)), u, math.pi, np.zeros(2))
 
 
 def late(record: Record, T: float) -> Record:
@@ -56,6 +63,22 @@ def test_a_filtered_late_speed_is_dropped_however_smooth_it_is(T: float) -> None
         records = [late(r, T) for r in logs(Sensor(theta=ANGLE, theta_dot=SIMILAR), seed=seed)]
         sensor = Sensor(theta=ANGLE, theta_dot=0.5 * SIMILAR)
         assert relied_on(JOINT, records, sensor) == Sensor(theta=ANGLE)
+
+
+@pytest.mark.parametrize("T", [0.005, 0.02, 0.05])
+def test_a_speed_that_was_filtered_before_its_error_is_kept(T: float) -> None:
+    """Its error is white and its filter an effect that a model can have."""
+    sensor = Sensor(theta=ANGLE, theta_dot=SIMILAR)
+    for seed in range(3):
+        run = smoothed(T, seed)
+        assert relied_on(JOINT, sensor.measure(run, np.random.default_rng(seed)), sensor) is sensor
+
+
+def test_a_filtered_speed_that_leads_a_search_astray_is_dropped() -> None:
+    """It is off by many times its error."""
+    sensor = Sensor(theta=ANGLE, theta_dot=0.2 * SIMILAR)
+    records = sensor.measure(smoothed(0.1, 0), np.random.default_rng(0))
+    assert relied_on(JOINT, records, sensor) == Sensor(theta=ANGLE)
 
 
 def test_a_hopelessly_noisy_speed_is_dropped() -> None:

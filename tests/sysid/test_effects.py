@@ -31,10 +31,11 @@ from tests.sysid.signals import uniform_noise
 ROD = RodPendulum(m=1.3, l=0.9)
 NAMES = (
     *("viscous", "coulomb", "stribeck", "drag", "asymmetric_viscous", "asymmetric_coulomb"),
-    *("load_friction", "tilt", "spring", "ripple", "rotor_inertia"),
+    "warming_friction",
+    *("load_friction", "directional_load_friction", "tilt", "spring", "ripple", "rotor_inertia"),
     *("torque_bias", "periodic", "drift"),
-    *("delay", "lag", "torque_gain", "dead_zone", "saturation", "back_emf", "stamp"),
-    *("angle_offset", "velocity_bias", "velocity_gain", "sensor_delay", "backlash"),
+    *("delay", "lag", "torque_gain", "dead_zone", "saturation", "torque_speed_limit", "back_emf", "stamp"),
+    *("angle_offset", "velocity_bias", "velocity_gain", "sensor_delay", "filtered_speed", "backlash", "eccentricity"),
 )
 EXTENTS = [Extent(0.02, 8.0, 2.0), Extent(0.001, 0.5, 0.01), Extent(0.05, 600.0, 30.0), Extent(0.5, 2.0, 0.0)]
 
@@ -124,7 +125,7 @@ def slopes_in_casadi(model, names, u):
 
 def test_the_slope_at_neutral_is_that_of_a_small_probe(effect):
     """The score of an effect that a model lacks is taken there, where many of them have a kink."""
-    if effect.name in ("saturation", "stamp", "backlash"):
+    if effect.name in ("saturation", "torque_speed_limit", "stamp", "backlash"):
         pytest.skip("neutral at infinity; a kink both ways; a speed that jumps")
     neutral = effect.at_neutral()
     model = Model(ROD, (neutral,), RK4(substeps=2), 0.02)

@@ -11,6 +11,7 @@ from sysid import (
     AsymmetricViscous,
     BackEmf,
     Coulomb,
+    DirectionalLoadFriction,
     Drag,
     Joint,
     LinearAxis,
@@ -20,13 +21,20 @@ from sysid import (
     Stribeck,
     TorqueBias,
     Viscous,
+    WarmingFriction,
     simulate,
 )
 from sysid.planning.excitation import multisine
+from tests.sysid.planted import assert_named, assert_recovered, logs, truth
 
 ROD = RodPendulum(m=1.3, l=0.9)
 WET = [Viscous(b=0.1), Drag(c=0.05), BackEmf(k=0.1), AsymmetricViscous(b_plus=0.12, b_minus=0.05)]
-DRY = [Coulomb(tau_c=0.2), Stribeck(tau_c=0.1, excess=0.1), AsymmetricCoulomb(tau_plus=0.2, tau_minus=0.1)]
+DRY = [
+    Coulomb(tau_c=0.2),
+    Stribeck(tau_c=0.1, excess=0.1),
+    AsymmetricCoulomb(tau_plus=0.2, tau_minus=0.1),
+    WarmingFriction(tau_c=0.1, excess=0.1, T=2.0),
+]
 ALL = [*WET, *DRY, LoadFriction(mu=0.1)]
 
 
@@ -78,7 +86,9 @@ def test_stribeck_friction_falls_from_the_static_to_the_sliding_limit():
     [
         (Coulomb(tau_c=0.1), Stribeck(tau_c=0.1)),
         (Coulomb(tau_c=0.1), AsymmetricCoulomb(tau_plus=0.1, tau_minus=0.1)),
+        (Coulomb(tau_c=0.1), WarmingFriction(tau_c=0.1)),
         (Viscous(b=0.1), AsymmetricViscous(b_plus=0.1, b_minus=0.1)),
+        (LoadFriction(mu=0.1), DirectionalLoadFriction(mu_drive=0.1, mu_back=0.1)),
     ],
     ids=lambda e: e.name,
 )
@@ -108,3 +118,30 @@ def test_load_friction_is_a_share_of_the_load():
     model = Model(LinearAxis(m=2.0), (LoadFriction(mu=0.25),), dt=0.02)
     run = simulate(model, np.full(50, 3.0), 0.0, 0.0)
     np.testing.assert_allclose(run.theta_dot, 0.75 * 3.0 / 2.0 * run.t, rtol=1e-12)
+
+
+def test_warming_friction_falls_with_the_time_of_the_record():
+    friction = WarmingFriction(tau_c=0.1, excess=0.3, T=20.0)
+    limits = [friction.limits(seen(1.0)._replace(t=t))[0] for t in (0.0, 20.0, 40.0, 1e4)]
+    assert limits == pytest.approx([0.4, 0.1 + 0.3 / math.e, 0.1 + 0.3 / math.e**2, 0.1])
+
+
+def test_a_carriage_on_warming_friction_slows_as_its_integral_says():
+    """Sliding, without force:  v = v_0 - (tau_c t + excess T (1 - exp(-t/T))) / m."""
+    friction = WarmingFriction(tau_c=0.1, excess=0.3, T=0.7)
+    run = simulate(Model(LinearAxis(m=0.5), (friction,), RK4(substeps=4), 0.01), np.zeros(200), 0.0, 3.0)
+    expected = 3.0 - (0.1 * run.t - 0.3 * 0.7 * np.expm1(-run.t / 0.7)) / 0.5
+    np.testing.assert_allclose(run.theta_dot, expected, atol=1e-5)
+
+
+WARMING = WarmingFriction(tau_c=0.04, excess=0.15, T=3.0)
+
+
+def test_friction_that_falls_while_the_record_runs_is_found_and_named():
+    records = logs(truth(WARMING), n=4, seconds=10.0)
+    assert_recovered(WARMING, records)
+    assert_named(WARMING, records)
+
+
+def test_friction_that_stays_is_no_warming():
+    assert_named(Coulomb(tau_c=0.1), logs(truth(Coulomb(tau_c=0.1)), n=4, seconds=10.0))

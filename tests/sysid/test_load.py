@@ -8,8 +8,11 @@ import pytest
 from sysid import (
     RK4,
     AngleOffset,
+    DirectionalLoadFriction,
     GeneralJoint,
+    Joint,
     LinearAxis,
+    LoadFriction,
     Model,
     Ripple,
     RodPendulum,
@@ -18,6 +21,7 @@ from sysid import (
     Tilt,
     simulate,
 )
+from tests.sysid.planted import assert_named, assert_recovered, logs, truth
 from tests.sysid.signals import uniform_noise
 
 U = uniform_noise(np.random.default_rng(0), 200, 2.0)
@@ -66,3 +70,35 @@ def test_a_ripple_comes_back_with_every_wave_that_the_motion_meets():
         assert Ripple(order=6.0).recurrences(once, t) == pytest.approx(6.0 * turns)
         assert Ripple(order=6.0).recurrences(again, 3.0 * t) == pytest.approx(6.0 * turns, rel=1e-3)
     assert Tilt().recurrences(once, t) == Spring().recurrences(once, t) == math.inf, "neither is a pattern"
+
+
+DIRECTIONAL = DirectionalLoadFriction(mu_drive=0.05, mu_back=0.25)
+
+
+@pytest.mark.parametrize(
+    ("drive", "plus", "minus"), [(2.0, 0.05, 0.25), (-2.0, 0.25, 0.05), (0.0, 0.25, 0.25)], ids=["up", "down", "off"]
+)
+def test_who_drives_decides_what_friction_takes_of_the_load(drive, plus, minus):
+    joint = Joint(0.3, 0.0, 0.0, drive, -1.5, RodPendulum())
+    assert DIRECTIONAL.limits(joint) == pytest.approx((1.5 * plus, 1.5 * minus))
+
+
+def test_a_worm_gear_carries_a_weight_up_and_cannot_be_driven_back():
+    """Up under 3 N m against 1 with mu_drive; let go, it stays where mu_back is 1."""
+    weight = GeneralJoint(J=0.5, G=1.0)
+    gear = Model(weight, (DirectionalLoadFriction(mu_drive=0.25, mu_back=1.0),), dt=0.02)
+    up = simulate(gear, np.full(5, -3.0), 0.5 * math.pi, 0.0)
+    assert up.theta_dot[1] == pytest.approx(-0.75 * (3.0 - 1.0) / 0.5 * 0.02, rel=1e-3)
+    still = simulate(gear, np.zeros(100), 0.5 * math.pi, 0.0)
+    assert np.all(still.theta_dot == 0.0)
+    assert simulate(Model(weight, dt=0.02), np.zeros(100), 0.5 * math.pi, 0.0).theta_dot[-1] > 0.5
+
+
+def test_load_friction_that_knows_who_drives_is_found_and_named():
+    records = logs(truth(DIRECTIONAL))
+    assert_recovered(DIRECTIONAL, records)
+    assert_named(DIRECTIONAL, records)
+
+
+def test_load_friction_that_is_alike_both_ways_keeps_its_name():
+    assert_named(LoadFriction(mu=0.12), logs(truth(LoadFriction(mu=0.12))))

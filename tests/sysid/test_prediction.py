@@ -9,9 +9,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from sysid import RK4, GeneralJoint, Model, Record, Sensor, effect, simulate
+from sysid import RK4, Effect, FilteredSpeed, GeneralJoint, Model, Record, Sensor, SensorDelay, effect, simulate, split
 from sysid.estimation.chain import Chain
 from sysid.estimation.disturbances import Disturbances
+from sysid.estimation.held_out import lead_of
 from sysid.estimation.prediction import SHORTEST, PredictionErrors, _without, left_out, windows_of
 from sysid.estimation.prediction_error import Fit, Settings, fit
 from sysid.planning.excitation import multisine
@@ -117,3 +118,18 @@ def test_what_is_left_out_did_not_choose_its_numbers() -> None:
     found = np.array([float(without[n].value) for n in NAMES])
     assert np.max(np.abs(whole.values - rest.values) / sd) > 0.3, "the records agree too well to tell"
     assert np.max(np.abs(found - rest.values) / sd) < 0.1
+
+
+@pytest.mark.parametrize("sensing", [SensorDelay(), FilteredSpeed()], ids=lambda e: e.name)
+def test_models_with_and_without_memory_are_judged_by_the_same_windows(sensing: Effect) -> None:
+    """Of a rollout that was cut a memory needs the first instants: there are fewer windows, for both of them."""
+    training, _ = split([record(8.0)])
+    assert any(r.clock[0] > 0.0 for r in training)
+    plain = fit(Chain(JOINT, training, SENSOR), JOINT, NAMES)
+    model = JOINT.with_effect(sensing)
+    other = fit(Chain(model, training, SENSOR), model, (*NAMES, f"{sensing.name}.T"))
+    lead = max(lead_of(plain.model), lead_of(other.model))
+    a, b = (left_out(own, SHORTEST, 8, lead) for own in (plain, other))
+    assert len(a.squares) == len(b.squares) != len(left_out(plain, SHORTEST, 8).squares)
+    gain, sd = b.gain(a)
+    assert abs(gain) < 4.5 * sd

@@ -9,6 +9,8 @@ from sysid import (
     RK4,
     AngleOffset,
     Backlash,
+    Eccentricity,
+    FilteredSpeed,
     InvalidInput,
     LeastSquares,
     LinearAxis,
@@ -18,10 +20,12 @@ from sysid import (
     SensorDelay,
     VelocityBias,
     VelocityGain,
+    diagnose,
     simulate,
 )
 from sysid.physics.effects import Reading
 from sysid.planning.excitation import multisine
+from tests.sysid.planted import SENSOR, assert_named, assert_recovered, logs, rod, truth
 
 ROD = RodPendulum(m=1.3, l=0.9)
 U = multisine(np.random.default_rng(0), 400, 0.02, 2.0, 3.0)
@@ -143,3 +147,90 @@ def test_what_compares_states_refuses_a_sensor_in_between():
     (record,) = Sensor(0.01, 0.1).measure(simulate(model, U, 2.0, 0.3), np.random.default_rng(0))
     with pytest.raises(InvalidInput, match="LeastSquares compares readings with the state, but sensor_delay stands"):
         LeastSquares(("m",), Sensor(0.01, 0.1)).fit(model, [record])
+
+
+# a disc beside its centre --------------------------------------------------------------------------------------
+
+ECCENTRIC = Eccentricity(a=0.03, b=-0.02)
+
+
+def test_an_eccentric_disc_reads_a_wave_a_turn_and_its_derivative():
+    t = 0.01 * np.arange(400)
+    theta, theta_dot = watch(ECCENTRIC, 3.0 * t, np.full(400, 3.0), 0.01)
+    np.testing.assert_allclose(theta, 3.0 * t + 0.03 * np.sin(3.0 * t) - 0.02 * np.cos(3.0 * t), atol=1e-14)
+    np.testing.assert_allclose(np.diff(theta), 0.01 * 0.5 * (theta_dot[1:] + theta_dot[:-1]), atol=1e-6)
+    turn = np.array([Reading(0.7, 1.0), Reading(0.7 + 2.0 * np.pi, 1.0)])
+    first, second = (ECCENTRIC.read(Reading(*row), (), 0.0, 0.01)[0] for row in turn)
+    assert second.theta - first.theta == pytest.approx(2.0 * np.pi) and second.theta_dot == pytest.approx(
+        first.theta_dot
+    )
+
+
+def test_an_eccentric_disc_comes_back_with_every_turn():
+    t = np.linspace(0.0, 10.0, 500)
+    assert ECCENTRIC.recurrences(4.0 * np.pi * t / 10.0, t) == pytest.approx(2.0)
+    assert ECCENTRIC.recurrences(np.pi + 0.5 * np.sin(40.0 * t), t) == pytest.approx(1.0 / (2.0 * np.pi), rel=1e-3)
+
+
+def test_an_eccentric_disc_is_found_and_named_where_the_joint_turns():
+    records = logs(truth(ECCENTRIC), spin=9.0)
+    assert_recovered(ECCENTRIC, records)
+    assert_named(ECCENTRIC, records)
+
+
+def test_where_the_joint_does_not_turn_nobody_speaks_of_an_eccentric_disc():
+    found = diagnose(rod(), logs(truth(ECCENTRIC)), SENSOR)
+    assert "eccentricity" not in {s.effect for s in found.steps}
+
+
+# a speed that the drive smooths ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("T", [0.0, 1e-12, 0.004, 0.03, 0.7])
+def test_a_filtered_ramp_is_late_by_its_time_constant(T):
+    """Of theta_dot = c t the filter shows  c (t - T (1 - exp(-t/T)))."""
+    t = 0.02 * np.arange(100)
+    theta, w = watch(FilteredSpeed(T=T), 1.5 * t**2, 3.0 * t, 0.02)
+    np.testing.assert_array_equal(theta, 1.5 * t**2)
+    np.testing.assert_allclose(w, 3.0 * (t + T * np.expm1(-t / max(T, 1e-300))), atol=1e-12)
+
+
+def test_a_filtered_step_of_the_speed_follows_exponentially():
+    speed = np.repeat([0.0, 2.0], 50)
+    _, w = watch(FilteredSpeed(T=0.05), np.zeros(100), speed, 0.02)
+    after = 0.02 * np.arange(50)
+    np.testing.assert_allclose(2.0 - w[50:], (2.0 - w[50]) * np.exp(-after / 0.05), atol=1e-12)
+
+
+def test_a_whole_record_is_filtered_as_instant_by_instant():
+    rng, effect = np.random.default_rng(0), FilteredSpeed(T=0.037)
+    theta, theta_dot = rng.standard_normal((2, 3, 50))
+    whole = effect.whole(Reading(theta, theta_dot), np.zeros((3, 50)), 0.02)
+    for row in range(3):
+        np.testing.assert_allclose(whole.theta_dot[row], watch(effect, theta[row], theta_dot[row], 0.02)[1], atol=1e-12)
+    np.testing.assert_array_equal(whole.theta, theta)
+
+
+FILTERED = FilteredSpeed(T=0.03)
+
+
+def test_a_filter_of_the_speed_is_found_and_is_no_delay_of_the_sensor():
+    records = logs(truth(FILTERED))
+    assert_recovered(FILTERED, records)
+    found = assert_named(FILTERED, records)
+    assert found.sensor.theta_dot == SENSOR.theta_dot, "its speed was left out"
+    assert "sensor_delay" not in found.steps[0].alike
+
+
+def test_a_delay_of_both_readings_is_no_filter():
+    assert_named(SensorDelay(T=0.03), logs(truth(SensorDelay(T=0.03))))
+
+
+@pytest.mark.parametrize("effect", [FILTERED, SensorDelay(T=0.03)], ids=lambda e: e.name)
+def test_a_speed_alone_tells_how_late_it_is(effect):
+    """By filters and delays together; which of them it is takes more than this log."""
+    sensor = Sensor(theta_dot=0.05)
+    found = diagnose(rod(), logs(truth(effect), sensor=sensor), sensor)
+    late = {"filtered_speed", "sensor_delay", "delay", "lag"}
+    assert found.steps and {s.effect for s in found.steps} <= late
+    assert sum(p["value"] for s in found.steps for p in s.parameters.values()) == pytest.approx(0.03, abs=0.004)

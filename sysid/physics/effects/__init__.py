@@ -1,6 +1,15 @@
 """What may be missing from a model: one file a family, and the catalogue of them all."""
 
-from sysid.physics.effects.actuation import BackEmf, DeadZone, Delay, Lag, Saturation, Stamp, TorqueGain
+from sysid.physics.effects.actuation import (
+    BackEmf,
+    DeadZone,
+    Delay,
+    Lag,
+    Saturation,
+    Stamp,
+    TorqueGain,
+    TorqueSpeedLimit,
+)
 from sysid.physics.effects.actuators import DCMotor, PositionServo, TorqueConstant
 from sysid.physics.effects.catalogue import ACTUATORS, CATALOGUE, effect, kind_of, preferred, register
 from sysid.physics.effects.disturbance import Drift, Periodic, TorqueBias
@@ -14,9 +23,25 @@ from sysid.physics.effects.effect import (
     OutputEffect,
     Reading,
 )
-from sysid.physics.effects.friction import AsymmetricCoulomb, AsymmetricViscous, Coulomb, Drag, Stribeck, Viscous
-from sysid.physics.effects.load import LoadFriction, Ripple, RotorInertia, Spring, Tilt
-from sysid.physics.effects.sensing import AngleOffset, Backlash, SensorDelay, VelocityBias, VelocityGain
+from sysid.physics.effects.friction import (
+    AsymmetricCoulomb,
+    AsymmetricViscous,
+    Coulomb,
+    Drag,
+    Stribeck,
+    Viscous,
+    WarmingFriction,
+)
+from sysid.physics.effects.load import DirectionalLoadFriction, LoadFriction, Ripple, RotorInertia, Spring, Tilt
+from sysid.physics.effects.sensing import (
+    AngleOffset,
+    Backlash,
+    Eccentricity,
+    FilteredSpeed,
+    SensorDelay,
+    VelocityBias,
+    VelocityGain,
+)
 
 __all__ = [
     "ACTUATORS",
@@ -31,10 +56,13 @@ __all__ = [
     "DCMotor",
     "DeadZone",
     "Delay",
+    "DirectionalLoadFriction",
     "Drag",
     "Drift",
     "DryFriction",
+    "Eccentricity",
     "Effect",
+    "FilteredSpeed",
     "InputEffect",
     "Joint",
     "JointEffect",
@@ -55,9 +83,11 @@ __all__ = [
     "TorqueBias",
     "TorqueConstant",
     "TorqueGain",
+    "TorqueSpeedLimit",
     "VelocityBias",
     "VelocityGain",
     "Viscous",
+    "WarmingFriction",
     "effect",
     "kind_of",
     "preferred",

@@ -30,7 +30,7 @@ class Delay(DeadTime, InputEffect):
     precedence: ClassVar[int] = 1
     rarity: ClassVar[float] = 0.5
     formula: ClassVar[str] = "drive(t) = u(t - T)"
-    confused: ClassVar[tuple[str, ...]] = ("lag", "stamp", "sensor_delay")
+    confused: ClassVar[tuple[str, ...]] = ("lag", "stamp", "sensor_delay", "filtered_speed")
     excludes: ClassVar[tuple[str, ...]] = ("stamp",)
     stage: ClassVar[int] = 1
 
@@ -62,7 +62,7 @@ class Lag(InputEffect):
     words: ClassVar[str] = "a lag of the torque"
     rarity: ClassVar[float] = 1.5
     formula: ClassVar[str] = "T z_dot = u - z, drive = z"
-    confused: ClassVar[tuple[str, ...]] = ("delay", "stamp", "sensor_delay")
+    confused: ClassVar[tuple[str, ...]] = ("delay", "stamp", "sensor_delay", "filtered_speed")
     stage: ClassVar[int] = 2
     T: Value = parameter(0.0, unit="s", bounds=(0.0, 10.0), neutral=0.0, probe=_time_constants)
 
@@ -142,7 +142,7 @@ class Saturation(InputEffect):
     words: ClassVar[str] = "a limit of the torque"
     rarity: ClassVar[float] = 1.5
     formula: ClassVar[str] = "drive = clip(u, -limit, limit)"
-    confused: ClassVar[tuple[str, ...]] = ("torque_gain",)
+    confused: ClassVar[tuple[str, ...]] = ("torque_gain", "torque_speed_limit")
     limit: Value = parameter(1e6, unit="N m", bounds=(1e-6, 1e6), neutral=1e6, probe=_limits)
 
     def advance(self, signal: Sequence[Value], memory: Memory, dt: float) -> tuple[tuple[Value, ...], Memory]:
@@ -160,13 +160,48 @@ class BackEmf(JointEffect):
     words: ClassVar[str] = "back-EMF"
     rarity: ClassVar[float] = 2.0
     formula: ClassVar[str] = "tau = -k theta_dot, while the driver is on"
-    confused: ClassVar[tuple[str, ...]] = ("viscous", "drag", "load_friction")
+    confused: ClassVar[tuple[str, ...]] = ("viscous", "drag", "load_friction", "torque_speed_limit")
     friction: ClassVar[bool] = True
     k: Value = parameter(0.0, unit="N m s/rad", bounds=(0.0, math.inf), neutral=0.0)
 
     def torque(self, joint: Joint) -> Value:
         """-k theta_dot [N m]."""
         return -self.k * joint.theta_dot
+
+
+def _stall_torques(extent: Extent) -> tuple[float, ...]:
+    return tuple(share * (extent.u_max or 1.0) for share in (1.2, 0.9, 0.6))
+
+
+def _slopes(extent: Extent) -> tuple[float, ...]:
+    """No-load speeds of 4, 8 and 16 rad/s for a stall torque of the log's largest."""
+    return tuple((extent.u_max or 1.0) / speed for speed in (4.0, 8.0, 16.0))
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueSpeedLimit(JointEffect):
+    """drive <= limit - k theta_dot where it drives the motion, and |drive| <= limit: a motor's torque-speed curve.
+
+        tau = clip(drive, -clip(limit + k theta_dot, 0, limit), clip(limit - k theta_dot, 0, limit)) - drive
+
+    A driver of limited voltage gives its stall torque `limit` [N m] at rest and nothing at the no-load speed limit / k;
+    k [N m s/rad] is the slope of the curve, and what back-EMF takes. Against the motion it gives up to `limit`. With
+    k = 0 it is a saturation; a limit of 10^6 stands for never. (The same curve is DCMotor in Isaac Lab's actuators.)
+    """
+
+    words: ClassVar[str] = "a limit of the torque that falls with speed"
+    rarity: ClassVar[float] = 2.5
+    refines: ClassVar[tuple[tuple[str, ...], ...]] = (("saturation",),)
+    formula: ClassVar[str] = "drive = clip(u, -min(limit, limit + k theta_dot), min(limit, limit - k theta_dot))"
+    confused: ClassVar[tuple[str, ...]] = ("saturation", "back_emf")
+    limit: Value = parameter(1e6, unit="N m", bounds=(1e-6, 1e6), neutral=1e6, probe=_stall_torques)
+    k: Value = parameter(0.1, unit="N m s/rad", bounds=(0.0, 1e3), probe=_slopes)
+
+    def torque(self, joint: Joint) -> Value:
+        """What the limit takes from the drive [N m]."""
+        highest = ops.clip(self.limit - self.k * joint.theta_dot, 0.0, self.limit)
+        lowest = -ops.clip(self.limit + self.k * joint.theta_dot, 0.0, self.limit)
+        return ops.clip(joint.drive, lowest, highest) - joint.drive
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,19 +7,44 @@ from difflib import get_close_matches
 from typing import Any, TypeVar
 
 from sysid.errors import InvalidInput
-from sysid.physics.effects.actuation import BackEmf, DeadZone, Delay, Lag, Saturation, Stamp, TorqueGain
+from sysid.physics.effects.actuation import (
+    BackEmf,
+    DeadZone,
+    Delay,
+    Lag,
+    Saturation,
+    Stamp,
+    TorqueGain,
+    TorqueSpeedLimit,
+)
 from sysid.physics.effects.actuators import DCMotor, PositionServo, TorqueConstant
 from sysid.physics.effects.disturbance import Drift, Periodic, TorqueBias
 from sysid.physics.effects.effect import Actuator, Effect
-from sysid.physics.effects.friction import AsymmetricCoulomb, AsymmetricViscous, Coulomb, Drag, Stribeck, Viscous
-from sysid.physics.effects.load import LoadFriction, Ripple, RotorInertia, Spring, Tilt
-from sysid.physics.effects.sensing import AngleOffset, Backlash, SensorDelay, VelocityBias, VelocityGain
+from sysid.physics.effects.friction import (
+    AsymmetricCoulomb,
+    AsymmetricViscous,
+    Coulomb,
+    Drag,
+    Stribeck,
+    Viscous,
+    WarmingFriction,
+)
+from sysid.physics.effects.load import DirectionalLoadFriction, LoadFriction, Ripple, RotorInertia, Spring, Tilt
+from sysid.physics.effects.sensing import (
+    AngleOffset,
+    Backlash,
+    Eccentricity,
+    FilteredSpeed,
+    SensorDelay,
+    VelocityBias,
+    VelocityGain,
+)
 
-_FRICTION = (Viscous, Coulomb, Stribeck, Drag, AsymmetricViscous, AsymmetricCoulomb)
-_LOAD = (LoadFriction, Tilt, Spring, Ripple, RotorInertia)
+_FRICTION = (Viscous, Coulomb, Stribeck, Drag, AsymmetricViscous, AsymmetricCoulomb, WarmingFriction)
+_LOAD = (LoadFriction, DirectionalLoadFriction, Tilt, Spring, Ripple, RotorInertia)
 _DISTURBANCE = (TorqueBias, Periodic, Drift)
-_ACTUATION = (Delay, Lag, TorqueGain, DeadZone, Saturation, BackEmf, Stamp)
-_SENSING = (AngleOffset, VelocityBias, VelocityGain, SensorDelay, Backlash)
+_ACTUATION = (Delay, Lag, TorqueGain, DeadZone, Saturation, TorqueSpeedLimit, BackEmf, Stamp)
+_SENSING = (AngleOffset, VelocityBias, VelocityGain, SensorDelay, FilteredSpeed, Backlash, Eccentricity)
 
 CATALOGUE: dict[str, type[Effect]] = {
     kind.name: kind for kind in (*_FRICTION, *_LOAD, *_DISTURBANCE, *_ACTUATION, *_SENSING)

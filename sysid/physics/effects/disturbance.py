@@ -79,7 +79,7 @@ class Drift(JointEffect):
     words: ClassVar[str] = "a torque that drifts"
     rarity: ClassVar[float] = 3.0
     formula: ClassVar[str] = "tau = r t"
-    confused: ClassVar[tuple[str, ...]] = ("torque_bias", "periodic")
+    confused: ClassVar[tuple[str, ...]] = ("torque_bias", "periodic", "warming_friction")
     r: Value = parameter(0.0, unit="N m/s", bounds=(-math.inf, math.inf), neutral=0.0)
 
     def torque(self, joint: Joint) -> Value:

@@ -10,7 +10,7 @@ from typing import ClassVar
 from sysid.physics import ops
 from sysid.physics.effects.effect import DryFriction, Joint, JointEffect
 from sysid.physics.ops import Value
-from sysid.physics.parameters import parameter
+from sysid.physics.parameters import Extent, parameter
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,9 @@ class Coulomb(DryFriction):
         "viscous",
         "stribeck",
         "asymmetric_coulomb",
+        "warming_friction",
         "load_friction",
+        "directional_load_friction",
         "torque_gain",
         "dead_zone",
     )
@@ -131,3 +133,30 @@ class AsymmetricCoulomb(DryFriction):
     def limits(self, joint: Joint) -> tuple[Value, Value]:
         """tau_plus against positive, tau_minus against negative motion [N m]."""
         return self.tau_plus, self.tau_minus
+
+
+def _warming_times(extent: Extent) -> tuple[float, ...]:
+    return tuple(max(share * extent.duration, 0.1) for share in (0.25, 1.0))
+
+
+@dataclass(frozen=True, eq=False)
+class WarmingFriction(DryFriction):
+    """tau = -(tau_c + excess exp(-t/T)) sign(theta_dot): grease that warms up; at rest it holds up to as much [N m].
+
+    Friction falls by `excess` to tau_c with the time constant T [s] of the machine's heat; t [s] from the start of each
+    record, before which the machine has rested. With excess = 0 it is Coulomb friction.
+    """
+
+    words: ClassVar[str] = "dry friction that falls as the machine warms up"
+    rarity: ClassVar[float] = 3.5
+    refines: ClassVar[tuple[tuple[str, ...], ...]] = (("coulomb",), ("coulomb", "drift"))
+    formula: ClassVar[str] = "tau = -(tau_c + excess exp(-t/T)) sign(theta_dot)"
+    confused: ClassVar[tuple[str, ...]] = ("coulomb", "drift")
+    tau_c: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
+    excess: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
+    T: Value = parameter(60.0, unit="s", bounds=(0.1, 1e4), probe=_warming_times)
+
+    def limits(self, joint: Joint) -> tuple[Value, Value]:
+        """tau_c + excess exp(-t/T) both ways [N m]."""
+        limit = self.tau_c + self.excess * ops.exp(-joint.t / self.T)
+        return limit, limit

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
 from sysid.physics import ops
-from sysid.physics.effects.dead_time import DeadTime
+from sysid.physics.effects.dead_time import DeadTime, doubling
 from sysid.physics.effects.effect import Memory, OutputEffect, Reading
 from sysid.physics.ops import Array, Value
-from sysid.physics.parameters import parameter
+from sysid.physics.parameters import Extent, parameter
+
+_TINY = 1e-15
+_LONGEST_FILTER = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,7 +26,7 @@ class AngleOffset(OutputEffect):
     rarity: ClassVar[float] = 1.0
     imitates: ClassVar[str] = "theta"
     formula: ClassVar[str] = "reading = theta + offset"
-    confused: ClassVar[tuple[str, ...]] = ("tilt", "torque_bias")
+    confused: ClassVar[tuple[str, ...]] = ("tilt", "torque_bias", "eccentricity")
     offset: Value = parameter(0.0, unit="rad", bounds=(-1.0, 1.0), neutral=0.0)
 
     def read(self, reading: Reading, memory: Memory, t: Value, dt: float) -> tuple[Reading, Memory]:
@@ -76,7 +80,7 @@ class SensorDelay(DeadTime, OutputEffect):
     words: ClassVar[str] = "a delay of the readings"
     rarity: ClassVar[float] = 2.0
     formula: ClassVar[str] = "reading(t) = state(t - T)"
-    confused: ClassVar[tuple[str, ...]] = ("delay", "lag", "stamp", "backlash")
+    confused: ClassVar[tuple[str, ...]] = ("delay", "lag", "stamp", "backlash", "filtered_speed")
     stage: ClassVar[int] = 1
     longest: float = 0.2
 
@@ -142,3 +146,80 @@ class Backlash(OutputEffect):
         touching = ops.abs(behind) >= half
         y = reading.theta + ops.where(behind > 0.0, ops.minimum(behind, half), ops.maximum(behind, -half))
         return Reading(y, ops.where(touching, reading.theta_dot, 0.0 * reading.theta_dot)), (y,)
+
+
+@dataclass(frozen=True, eq=False)
+class Eccentricity(OutputEffect):
+    """reading = theta + a sin(theta) + b cos(theta) [rad]: the encoder's disc turns about a point beside its centre.
+
+    The speed, from the same disc, is that reading's derivative: (1 + a cos(theta) - b sin(theta)) theta_dot.
+    A disc of radius R whose centre is e beside the axis reads wrong by up to e / R. Within less than a turn it looks
+    like an offset and a scale, so that it has to come back over turns to be believed.
+    """
+
+    words: ClassVar[str] = "an encoder's disc beside its centre"
+    rarity: ClassVar[float] = 3.0
+    imitates: ClassVar[str] = "theta"
+    formula: ClassVar[str] = "reading = theta + a sin(theta) + b cos(theta)"
+    confused: ClassVar[tuple[str, ...]] = ("angle_offset", "tilt", "ripple")
+    stage: ClassVar[int] = 0
+    a: Value = parameter(0.0, unit="rad", bounds=(-0.3, 0.3), neutral=0.0)
+    b: Value = parameter(0.0, unit="rad", bounds=(-0.3, 0.3), neutral=0.0)
+
+    def recurrences(self, theta: Array, t: Array) -> float:
+        """Turns along the motion."""
+        return float(np.ptp(theta)) / (2.0 * math.pi)
+
+    def read(self, reading: Reading, memory: Memory, t: Value, dt: float) -> tuple[Reading, Memory]:
+        """theta + a sin(theta) + b cos(theta) and its derivative."""
+        theta, theta_dot = reading
+        sin, cos = ops.sin(theta), ops.cos(theta)
+        return Reading(theta + self.a * sin + self.b * cos, (1.0 + self.a * cos - self.b * sin) * theta_dot), memory
+
+
+def _filter_times(extent: Extent) -> tuple[float, ...]:
+    return doubling(extent, _LONGEST_FILTER)
+
+
+@dataclass(frozen=True, eq=False)
+class FilteredSpeed(OutputEffect):
+    """T w_dot = theta_dot - w, reading w [rad/s]: a drive that smooths the speed in its firmware; the angle as it is.
+
+    Exact for a speed that is linear over an interval, from theta_dot_0 to theta_dot_1, and safe at T -> 0:
+
+        w' = theta_dot_1 + (w - theta_dot_0) exp(-dt/T) - (theta_dot_1 - theta_dot_0) (T/dt) (1 - exp(-dt/T))
+
+    A log begins at w = theta_dot. A delay of both readings is late by T at the angle, too.
+    """
+
+    words: ClassVar[str] = "a filter of the speed readings"
+    rarity: ClassVar[float] = 2.5
+    formula: ClassVar[str] = "T w_dot = theta_dot - w, reading = w"
+    confused: ClassVar[tuple[str, ...]] = ("sensor_delay", "delay", "lag")
+    stage: ClassVar[int] = 1
+    T: Value = parameter(0.0, unit="s", bounds=(0.0, 1.0), neutral=0.0, probe=_filter_times)
+
+    def rest(self, theta: Value, theta_dot: Value, dt: float) -> Memory:
+        """(theta_dot, w) at the instant before this one, w = theta_dot."""
+        return theta_dot, theta_dot
+
+    def read(self, reading: Reading, memory: Memory, t: Value, dt: float) -> tuple[Reading, Memory]:
+        """w, and (theta_dot, w) for the next instant."""
+        (before, w), now = memory, reading.theta_dot
+        T = self.T + _TINY
+        decay = ops.exp(-dt / T)
+        w = now + (w - before) * decay - (now - before) * (T / dt) * (1.0 - decay)
+        return reading._replace(theta_dot=w), (now, w)
+
+    def whole(self, reading: Reading, t: Array, dt: float) -> Reading:
+        """The readings (..., N+1) of a whole record: w is a first-order filter of the speed."""
+        from scipy.linalg import solve_banded  # scipy.signal's filter would take half a second to load
+
+        now, T = reading.theta_dot, self.T + _TINY
+        decay = ops.exp(-dt / T)
+        change = np.diff(now, prepend=now[..., :1])
+        entering = now - decay * (now - change) - change * (T / dt) * (1.0 - decay)
+        entering[..., 0] = now[..., 0]
+        band = np.stack([np.ones(now.shape[-1]), np.full(now.shape[-1], -decay)])
+        w = solve_banded((1, 0), band, entering.reshape(-1, now.shape[-1]).T).T.reshape(now.shape)
+        return reading._replace(theta_dot=w)
