@@ -294,7 +294,38 @@ class Search:
                     self.additions.remove(addition)
                     now, dropped = without, True
                     break
+        return self._simplified(now) if len(self.additions) > 1 else now
+
+    def _simplified(self, now: Fit) -> Fit:
+        """With the simpler form of each refinement that no longer beats it, now that others stand beside both."""
+        for addition in list(self.additions):
+            present = {e.name for e in now.model.effects}
+            for simpler in CATALOGUE[addition.name].refines:
+                new = tuple(n for n in simpler if n not in present and n in self.last)
+                if not new or len(new) + len(present & set(simpler)) < len(simpler):
+                    continue
+                self.tell(f"trying {' and '.join(new)} in place of {addition.name}")
+                without = reduced(now, addition.name)
+                other = extended(without, [self._in_place_of(addition.name, n, now) for n in new], QUICK)
+                saved = price(addition.name, self.choosing.price) - sum(price(n, self.choosing.price) for n in new)
+                if (
+                    gain(now, other, (addition.name,)) > saved
+                    and self._predicts(other, now)
+                    and matters(other.model, now, self.choosing)
+                ):
+                    continue
+                at = self.additions.index(addition)
+                self.additions[at : at + 1] = [Addition(n, (), (), addition.p_value, other) for n in new]
+                now = fit(now.chain, other.model, other.names, other)
+                break
         return now
+
+    def _in_place_of(self, refined: str, simple: str, now: Fit) -> Effect:
+        """A simple effect begun at the numbers that it shares with what refines it, else as a small one."""
+        own = next(e for e in now.model.effects if e.name == refined).parameters
+        if set(effect(simple).parameters) <= set(own):
+            return effect(simple, **{k: float(own[k].value) for k in effect(simple).parameters})
+        return self._start(now, simple, alone=False)
 
 
 def is_nothing(found: Fit, name: str) -> bool:
