@@ -2,6 +2,7 @@
 
     python examples/hidden_effect.py                      about 20 s; draws results/hidden_effect.png
     python examples/hidden_effect.py --html report.html   also the report that `sysid diagnose --html` writes
+    python examples/hidden_effect.py --only-log           only writes the log, for commands of your own
 
 A rod is swung by random steps of torque. Its joint has dry friction of 0.15 N m and its drive is 2.5 samples late; the
 model knows neither. The truth is integrated in steps of 1 ms, the model's in steps of 10 ms. What happens then is what
@@ -103,6 +104,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--figure", type=Path, default=Path("results/hidden_effect.png"), metavar="FILE", help="default: %(default)s"
     )
+    parser.add_argument("--only-log", action="store_true", help="write the log, and ask nothing of it")
     parser.add_argument("--html", type=Path, metavar="FILE", help="also write the report, which opens offline")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the diagnosis as JSON")
     options = parser.parse_args(arguments)
@@ -123,6 +125,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     files = [options.log / f"swing{k}.csv" for k in range(1, ROLLOUTS + 1)]
     for record, file in zip(swings(options.seed), files, strict=True):
         sysid.write_csv(record, file)
+    if options.only_log:
+        print(f"log: {options.log}/swing1.csv to swing{ROLLOUTS}.csv")
+        return 0
     log, diagnosis = walk(files)
     draw(diagnosis, log, options.figure)
     print(f"\nlog: {options.log}\nfigure: {options.figure}")
