@@ -11,10 +11,11 @@ author = "The gapfinder authors"
 project_copyright = author
 release = version = "0.1.0"
 
-extensions = ["sphinx.ext.autodoc", "sphinx.ext.mathjax", "numpydoc", "myst_parser", "docstrings", "printed"]
+extensions = ["sphinx.ext.autodoc", "numpydoc", "myst_parser", "docstrings", "mathml", "printed"]
 exclude_patterns = ["_ext"]
 nitpicky = False
 
+html_math_renderer = "mathml"
 html_theme = "furo"
 html_title = "gapfinder"
 html_copy_source = False

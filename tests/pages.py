@@ -27,8 +27,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = (
     ROOT / "README.md",
-    *sorted((ROOT / "docs" / "tutorials").glob("*.md")),
-    *sorted((ROOT / "docs" / "howto").glob("*.md")),
+    *(page for part in ("tutorials", "howto", "explanation") for page in sorted((ROOT / "docs" / part).glob("*.md"))),
 )
 RUN = ("sh", "python")
 FENCE = re.compile(r"(?P<mark>(?:^<!--.*?-->\n)*)^```(?P<kind>\w*)\n(?P<text>.*?)^```$", re.M | re.S)
