@@ -51,9 +51,10 @@ def walk(files: Sequence[Path]) -> tuple[Log, Diagnosis]:
     import sysid
 
     say("read", log := sysid.read(files))
+    say("noise", noise := sysid.sensor_noise(log))
     training, held_out = sysid.split(log)
     model = sysid.Model(sysid.RodPendulum(g=9.81), integrator=sysid.RK4(substeps=2), dt=log.dt)
-    say("fit", estimate := sysid.fit(model, training))
+    say("fit", estimate := sysid.fit(model, training, noise.sensor))
     say("compare", sysid.compare(estimate, held_out))
     say("diagnose", diagnosis := sysid.diagnose(estimate, log))
     say("better", better := diagnosis.best.estimate)

@@ -14,12 +14,14 @@ for any lines, and numbers may differ by a tenth. A comment before a block says 
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import re
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,7 +35,7 @@ RUN = ("sh", "python")
 FENCE = re.compile(r"(?P<mark>(?:^<!--.*?-->\n)*)^```(?P<kind>\w*)\n(?P<text>.*?)^```$", re.M | re.S)
 MARK = re.compile(r"<!-- *(?P<name>file|slow|not run|fails)(?:: *(?P<value>.*?))? *-->")
 NUMBER = re.compile(r"[-+−]?\d[\d,]*(?:\.\d+)?(?:e[-+]?\d+)?")
-LONGEST = 900.0
+LONGEST = 600.0
 """Seconds that a block may take."""
 SAME = 0.1
 """Share by which a printed number may differ: other processors round otherwise."""
@@ -136,12 +138,20 @@ def wrong(page: str, folder: Path, slow: bool = False) -> Iterator[Wrong]:
                     here = Path(where.read_text(encoding="utf-8").strip())
                 yield from judged(block, done.stdout, done.returncode != 0)
             elif block.kind == "python":
+                late = threading.Timer(LONGEST, worker.kill)
+                late.start()
                 worker.stdin.write(json.dumps({"folder": str(here), "text": block.text}) + "\n")
                 worker.stdin.flush()
-                told = json.loads(worker.stdout.readline())
+                answer = worker.stdout.readline()
+                late.cancel()
+                if not answer:
+                    yield Wrong(block, "", f"the interpreter ended, or it took more than {LONGEST:g} s")
+                    return
+                told = json.loads(answer)
                 yield from judged(block, told["out"], told["failed"])
     finally:
-        worker.stdin.close()
+        with contextlib.suppress(BrokenPipeError):
+            worker.stdin.close()
         worker.wait(60)
 
 
@@ -172,7 +182,9 @@ def agrees(shown: str, printed: str) -> bool:
         return False
     at, end = len(first), len(found) - len(last)
     for group in middle:
-        at = next((i + len(group) for i in range(at, end - len(group) + 1) if _same(group, found[i : i + len(group)])), -1)
+        at = next(
+            (i + len(group) for i in range(at, end - len(group) + 1) if _same(group, found[i : i + len(group)])), -1
+        )
         if at < 0:
             return False
     return True
