@@ -34,7 +34,7 @@ PAGES = (
 RUN = ("sh", "python")
 FENCE = re.compile(r"(?P<mark>(?:^<!--.*?-->\n)*)^```(?P<kind>\w*)\n(?P<text>.*?)^```$", re.M | re.S)
 MARK = re.compile(r"<!-- *(?P<name>file|slow|not run|fails)(?:: *(?P<value>.*?))? *-->")
-NUMBER = re.compile(r"[-+−]?\d[\d,]*(?:\.\d+)?(?:e[-+]?\d+)?")
+NUMBER = re.compile(r"[-+\u2212]?\d[\d,]*(?:\.\d+)?(?:e[-+]?\d+)?")
 LONGEST = 600.0
 """Seconds that a block may take."""
 SAME = 0.1
@@ -182,11 +182,11 @@ def agrees(shown: str, printed: str) -> bool:
         return False
     at, end = len(first), len(found) - len(last)
     for group in middle:
-        at = next(
-            (i + len(group) for i in range(at, end - len(group) + 1) if _same(group, found[i : i + len(group)])), -1
-        )
-        if at < 0:
+        places = (i for i in range(at, end - len(group) + 1) if _same(group, found[i : i + len(group)]))
+        place = next(places, None)
+        if place is None:
             return False
+        at = place + len(group)
     return True
 
 
@@ -205,7 +205,7 @@ def _same_line(wanted: str, found: str) -> bool:
 
 
 def _near(a: str, b: str) -> bool:
-    x, y = (float(n.replace(",", "").replace("−", "-")) for n in (a, b))
+    x, y = (float(n.replace(",", "").replace("\u2212", "-")) for n in (a, b))
     _, _, decimals = a.partition(".")
     last = 10.0 ** -len(decimals) if "e" not in a else 0.0  # a rounding apart
     return abs(x - y) <= max(SAME * max(abs(x), abs(y)), 2.0 * last) or max(abs(x), abs(y)) < 1e-6
