@@ -108,7 +108,7 @@ def wrong(page: str, folder: Path, slow: bool = False) -> Iterator[Wrong]:
         "OMP_NUM_THREADS": "1",
         "MPLBACKEND": "agg",
         "NO_COLOR": "1",
-        "COLUMNS": "100",
+        "COLUMNS": "80",
     }
     here = folder
     worker = subprocess.Popen(
