@@ -206,8 +206,8 @@ def _same_line(wanted: str, found: str) -> bool:
 
 def _near(a: str, b: str) -> bool:
     x, y = (float(n.replace(",", "").replace("\u2212", "-")) for n in (a, b))
-    _, _, decimals = a.partition(".")
-    last = 10.0 ** -len(decimals) if "e" not in a else 0.0  # a rounding apart
+    _, point, decimals = a.partition(".")
+    last = 10.0 ** -len(decimals) if point and "e" not in a else 0.0  # two roundings apart
     return abs(x - y) <= max(SAME * max(abs(x), abs(y)), 2.0 * last) or max(abs(x), abs(y)) < 1e-6
 
 
