@@ -2,6 +2,7 @@
 
     python examples/hidden_effect.py                      about 20 s; draws results/hidden_effect.png
     python examples/hidden_effect.py --html report.html   also the report that `sysid diagnose --html` writes
+    python examples/hidden_effect.py --only-log           only writes the log, for commands of your own
 
 A rod is swung by random steps of torque. Its joint has dry friction of 0.15 N m and its drive is 2.5 samples late; the
 model knows neither. The truth is integrated in steps of 1 ms, the model's in steps of 10 ms. What happens then is what
@@ -50,9 +51,10 @@ def walk(files: Sequence[Path]) -> tuple[Log, Diagnosis]:
     import sysid
 
     say("read", log := sysid.read(files))
+    say("noise", noise := sysid.sensor_noise(log))
     training, held_out = sysid.split(log)
     model = sysid.Model(sysid.RodPendulum(g=9.81), integrator=sysid.RK4(substeps=2), dt=log.dt)
-    say("fit", estimate := sysid.fit(model, training))
+    say("fit", estimate := sysid.fit(model, training, noise.sensor))
     say("compare", sysid.compare(estimate, held_out))
     say("diagnose", diagnosis := sysid.diagnose(estimate, log))
     say("better", better := diagnosis.best.estimate)
@@ -101,6 +103,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--figure", type=Path, default=Path("results/hidden_effect.png"), metavar="FILE", help="default: %(default)s"
     )
+    parser.add_argument("--only-log", action="store_true", help="write the log, and ask nothing of it")
     parser.add_argument("--html", type=Path, metavar="FILE", help="also write the report, which opens offline")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the diagnosis as JSON")
     options = parser.parse_args(arguments)
@@ -121,6 +124,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     files = [options.log / f"swing{k}.csv" for k in range(1, ROLLOUTS + 1)]
     for record, file in zip(swings(options.seed), files, strict=True):
         sysid.write_csv(record, file)
+    if options.only_log:
+        print(f"log: {options.log}/swing1.csv to swing{ROLLOUTS}.csv")
+        return 0
     log, diagnosis = walk(files)
     draw(diagnosis, log, options.figure)
     print(f"\nlog: {options.log}\nfigure: {options.figure}")

@@ -110,6 +110,26 @@ def test_compare_sweeps_refuses_sweeps_without_a_common_cell():
     assert "share no cell" in done.stderr
 
 
+def test_hidden_effect_writes_only_the_log(tmp_path):
+    done = run("hidden_effect.py", "--only-log", "--log", str(tmp_path / "log"), "--figure", str(tmp_path / "no.png"))
+    assert done.returncode == 0, done.stderr
+    assert len(list((tmp_path / "log").glob("swing*.csv"))) == 8
+    assert not (tmp_path / "no.png").exists()
+
+
+def test_tour_runs():
+    """The notebook from beginning to end; what it finds, it asserts itself. Stored without outputs."""
+    nbclient = pytest.importorskip("nbclient", reason="nbclient is not installed: pip install -e '.[dev]'")
+    pytest.importorskip("ipykernel", reason="ipykernel is not installed: pip install -e '.[dev]'")
+    import nbformat
+
+    notebook = nbformat.read(EXAMPLES / "tour.ipynb", as_version=4)
+    cells = [cell for cell in notebook.cells if cell.cell_type == "code"]
+    assert not any(cell.outputs or cell.execution_count for cell in cells)
+    nbclient.NotebookClient(notebook, timeout=300, kernel_name="python3").execute(cwd=str(EXAMPLES))
+    assert "times the noise of the sensors" in cells[-1].outputs[0].text
+
+
 def test_own_effect():
     done = run("own_effect.py")
     assert done.returncode == 0, done.stderr

@@ -1,0 +1,128 @@
+"""The documentation is true: its blocks run and print what the pages show, and it builds without a warning."""
+
+import importlib.util
+import re
+import subprocess
+import sys
+
+import pytest
+
+import sysid
+from tests.pages import PAGES, ROOT, agrees, blocks, wrong
+
+DOCS = ROOT / "docs"
+SLOW = [p for p in PAGES if any("slow" in b.marks for b in blocks(p.read_text(encoding="utf-8")))]
+
+
+def named(path):
+    return str(path.relative_to(ROOT))
+
+
+def said(found):
+    return "\n\n".join(f"line {w.block.line}: {w.what}:\n{w.block.text}\n--- printed:\n{w.printed}" for w in found)
+
+
+@pytest.mark.parametrize("path", PAGES, ids=named)
+def test_blocks_run_and_print_what_the_page_shows(path, tmp_path):
+    found = list(wrong(path.read_text(encoding="utf-8"), tmp_path))
+    assert not found, said(found)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", SLOW, ids=named)
+def test_slow_blocks_too(path, tmp_path, request):
+    if "slow" not in request.config.option.markexpr:
+        pytest.skip("this page has blocks that take minutes: python -m pytest tests/test_docs.py -m slow")
+    found = list(wrong(path.read_text(encoding="utf-8"), tmp_path, slow=True))
+    assert not found, said(found)
+
+
+PAGE = """
+```sh
+mkdir here && cd here
+```
+
+<!-- file: numbers.txt -->
+```text
+1 2 3
+```
+
+```python
+total = sum(map(int, open("numbers.txt").read().split()))
+print("the sum is", total)
+```
+```text
+the sum is 6
+```
+
+```sh
+cat numbers.txt
+```
+"""
+
+
+def test_a_page_that_is_right_is_not_wrong(tmp_path):
+    assert not list(wrong(PAGE, tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "what"),
+    [
+        ("the sum is 6", "the sum is 8", "it printed something else"),
+        ("the sum is 6", "the total is 6", "it printed something else"),
+        ("cat numbers.txt", "cat absent.txt", "it failed"),
+        ('print("the sum', 'absent("the sum', "it failed"),
+    ],
+)
+def test_a_page_that_is_wrong_is_found(tmp_path, before, after, what):
+    assert [w.what for w in wrong(PAGE.replace(before, after, 1 if what == "it failed" else -1), tmp_path)] == [what]
+
+
+def test_what_agrees():
+    assert agrees("m = 1.04 kg\n", "m  = 1.041 kg")
+    assert not agrees("m = 1.04 kg", "m = 1.4 kg")
+    assert agrees("a\n...\nc", "a\nb 1\nb 2\nc")
+    assert not agrees("a\n...\nc", "a\nb")
+    assert agrees("p = 7e-250", "p = 2e-249")
+    assert not agrees("nothing", "")
+
+
+def test_every_public_name_is_in_the_reference_once():
+    text = "".join((DOCS / "reference" / page).read_text(encoding="utf-8") for page in ("sysid.md", "effects.md"))
+    found = re.findall(r"^\.\. (?:autoclass|autofunction|data):: sysid\.(\w+)$", text, re.M)
+    assert sorted([*found, "ops"]) == sorted(sysid.__all__)
+
+
+@pytest.mark.parametrize("path", [*PAGES, *sorted(DOCS.rglob("*.md"))], ids=named)
+def test_links_within_the_repository_lead_somewhere(path):
+    text = re.sub(r"^```.*?^```$", "", path.read_text(encoding="utf-8"), flags=re.M | re.S)
+    for target in re.findall(r"\]\(([^)\s]+)\)", text):
+        if "://" not in target and not target.startswith("#"):
+            file, _, anchor = target.partition("#")
+            there = (path.parent / file).resolve()
+            assert there.exists(), f"{target}: no such file"
+            if anchor and there.suffix == ".md":
+                headings = re.findall(r"^#+ (.*)$", there.read_text(encoding="utf-8"), re.M)
+                slugs = {re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in headings}
+                assert anchor in slugs, f"{target}: no such heading"
+
+
+def test_the_build_gives_no_warning(tmp_path):
+    for module in ("sphinx", "furo", "myst_parser", "numpydoc"):
+        if importlib.util.find_spec(module) is None:
+            pytest.skip(f"{module} is not installed: pip install -e '.[docs]'")
+    command = ["-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", "-d", str(tmp_path / "trees")]
+    done = subprocess.run(
+        [sys.executable, *command, str(DOCS), str(tmp_path / "html")],
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "html" / "index.html").is_file()
+
+
+def test_readme_is_short():
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 150
