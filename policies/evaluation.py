@@ -20,8 +20,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from policies import task
-from policies.streams import Purpose, generator
+from policies.environments import task
+from policies.environments.random_streams import Purpose, generator
 from sysid import InvalidInput, Model, State
 
 Array = NDArray[np.float64]
@@ -109,7 +109,7 @@ def evaluate(policy: Policy, model: Model, theta: Array, theta_dot: Array, horiz
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class Episodes:
     """What E episodes did: at the instants t (N,) [s] the machine's own state theta (N, E) [rad], unwrapped, and
     theta_dot (N, E) [rad/s], and the command u (N, E) [N m] that was held from there on."""
 
@@ -119,11 +119,11 @@ class Motion:
     u: Array
 
 
-def rollout(policy: Policy, model: Model, theta: Array, theta_dot: Array, horizon: int | None = None) -> Motion:
-    """The motion that `evaluate` sums the rewards of. Raises InvalidInput as it does."""
+def rollout(policy: Policy, model: Model, theta: Array, theta_dot: Array, horizon: int | None = None) -> Episodes:
+    """The episodes that `evaluate` sums the rewards of. Raises InvalidInput as it does."""
     seen = list(_steps(policy, model, *_start(theta, theta_dot), horizon))
     states = np.array([(state.theta, state.theta_dot) for state, _ in seen])
-    return Motion(model.dt * np.arange(len(seen)), states[:, 0], states[:, 1], np.array([u for _, u in seen]))
+    return Episodes(model.dt * np.arange(len(seen)), states[:, 0], states[:, 1], np.array([u for _, u in seen]))
 
 
 def _start(theta: Array, theta_dot: Array) -> tuple[Array, Array]:
@@ -162,3 +162,34 @@ def _command(answer: Array | float, shape: tuple[int, ...], u_max: float, t: flo
     if not np.isfinite(u).all():
         raise InvalidInput(f"the policy answered with a torque that is not finite at t = {t:g} s")
     return np.clip(np.broadcast_to(u, shape), -u_max, u_max)
+
+
+@dataclass(frozen=True, eq=False)
+class PolicyBatch:
+    """Policies side by side, each on its own share of the episodes: a fine simulation costs nearly the same for one
+    policy as for all of them."""
+
+    policies: tuple[Policy, ...]
+
+    @property
+    def history(self) -> int:
+        """As many past commands as any of them asks for."""
+        return max(getattr(policy, "history", 0) for policy in self.policies)
+
+    def __call__(self, state: State, t: float, past: Array | None = None) -> Array:
+        shares = np.split(np.arange(len(state.theta)), len(self.policies))
+        commands = []
+        for policy, own in zip(self.policies, shares, strict=True):
+            seen, known = State(state.theta[own], state.theta_dot[own]), getattr(policy, "history", 0)
+            commands.append(policy(seen, t, past[own, :known]) if known and past is not None else policy(seen, t))
+        return np.concatenate(commands)
+
+
+def batch_returns(policies: Sequence[Policy], model: Model, theta: Array, theta_dot: Array) -> Array:
+    """Returns (P, E) of policies from start states (E,), the same for all, or (P, E), of each its own.
+
+    Raises InvalidInput as `evaluate` does.
+    """
+    shape = (len(policies), np.shape(theta)[-1])
+    starts = (np.broadcast_to(values, shape).ravel() for values in (theta, theta_dot))
+    return evaluate(PolicyBatch(tuple(policies)), model, *starts).returns.reshape(shape)

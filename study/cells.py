@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from policies import evaluate
+from policies.evaluation import Evaluation, evaluate, fresh_start_states
+from policies.evaluation import start_states as paper_start_states
 from study.config import Cell, Point, Preset
 from study.identification import Theta, hidden_plant
 from study.training import Training, sac_settings
@@ -64,24 +65,24 @@ class Run:
     @property
     def mean(self) -> float:
         """Mean return."""
-        return self.summary.mean if self.summary else evaluate.Evaluation(np.array(self.returns)).mean
+        return self.summary.mean if self.summary else Evaluation(np.array(self.returns)).mean
 
     @property
     def std(self) -> float:
         """Standard deviation over the episodes (divided by E)."""
-        return self.summary.std if self.summary else evaluate.Evaluation(np.array(self.returns)).std
+        return self.summary.std if self.summary else Evaluation(np.array(self.returns)).std
 
     @property
     def fresh_mean(self) -> float:
         """Mean return from start states that no other seed shares; nan where it is not known."""
         if self.summary:
             return self.summary.fresh_mean
-        return evaluate.Evaluation(np.array(self.fresh_returns)).mean if self.fresh_returns else math.nan
+        return Evaluation(np.array(self.fresh_returns)).mean if self.fresh_returns else math.nan
 
 
 def start_states(preset: Preset, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """The paper's evaluation start states theta (E,) [rad], theta_dot (E,) [rad/s] of a seed."""
-    return evaluate.start_states(seed, preset.episodes)
+    return paper_start_states(seed, preset.episodes)
 
 
 @dataclass(frozen=True)
@@ -131,8 +132,8 @@ class PopulationTask(Training):
         for a, (cell, policy) in enumerate(zip(self.cells, population.policies(), strict=True)):
             point, theta = self.preset.point(cell.point), self.estimates[a]
             plant = hidden_plant(point.truth)
-            answer = evaluate.evaluate(policy, plant, *start_states(self.preset, cell.seed))
-            fresh = evaluate.evaluate(policy, plant, *evaluate.fresh_start_states(cell.seed, self.preset.episodes))
+            answer = evaluate(policy, plant, *start_states(self.preset, cell.seed))
+            fresh = evaluate(policy, plant, *fresh_start_states(cell.seed, self.preset.episodes))
             settings = {
                 "preset": self.preset.name,
                 "device": self.device,

@@ -18,7 +18,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from policies.evaluate import Policy, evaluate, fresh_start_states
+from policies.evaluation import Policy, evaluate, fresh_start_states
 from study.cells import start_states
 from study.config import Preset
 from study.executors.executor import Brief, Link
@@ -105,7 +105,7 @@ class ReferenceTask(Brief):
             from policies.control.swing_up import design_swing_up
 
             return design_swing_up(model)
-        from policies.control.optimal import Grid, solve
+        from policies.control.dynamic_programming import Grid, solve
 
         return solve(model, Grid(self.preset.grid, self.preset.grid + 1))
 

@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from policies import task
+from policies.cli.options import Evaluate, Export, Train
 from policies.control.references import Reference, references
-from policies.evaluate import Evaluation, evaluate, fresh_start_states
-from policies.machine import check_machine, check_stable, machine_of, reach
-from policies.options import Evaluate, Export, Train
-from policies.policy_file import DESCRIPTION, WEIGHTS, SavedPolicy, load_policy, save_policy
-from policies.randomization import Band, Fixed, Posterior, Randomization, Ranges
+from policies.environments import task
+from policies.environments.machine import check_machine, check_stable, machine_of, past_commands_needed
+from policies.environments.randomization import Band, Fixed, Posterior, Randomization, Ranges
+from policies.evaluation import Evaluation, evaluate, fresh_start_states
+from policies.storage.policy_file import DESCRIPTION, WEIGHTS, SavedPolicy, load_policy, save_policy
 from sysid import InvalidInput, Model, Parameter, SavedModel, load
 from sysid.data.files import save_text
 
@@ -26,7 +26,7 @@ EPISODES = 200
 """Start states from which `train` states the expected return."""
 
 NARROW = 20.0
-"""Bounds whose ends differ by no more than this factor say what is plausible."""
+"""Bounds whose ends differ by no more than this factor say what is plausible_range."""
 
 LONGEST_HISTORY = 100
 """Past commands that a policy may observe."""
@@ -34,7 +34,7 @@ LONGEST_HISTORY = 100
 
 @singledispatch
 def run(command: Any) -> None:
-    """Run a command of policies.options. Raises InvalidInput for bad input."""
+    """Run a command of policies.cli.options. Raises InvalidInput for bad input."""
     raise InvalidInput(f"unknown command {command!r}")
 
 
@@ -45,7 +45,7 @@ def _(command: Train) -> None:
     _check_onnx(command)
     _load_effects(command.effects)
     if command.onnx is not None:
-        from policies.onnx_file import require_onnx
+        from policies.storage.onnx_file import require_onnx
 
         require_onnx()
     saved = load(command.model)
@@ -54,8 +54,8 @@ def _(command: Train) -> None:
     check_machine(machine, randomization)
     history = history_for(machine, randomization) if command.history is None else command.history
 
-    from policies.learning.processor import tune_cpu
-    from policies.learning.training import settings_for, train
+    from policies.training.cpu_settings import tune_cpu
+    from policies.training.program import settings_for, train
 
     settings = settings_for(machine, command.hidden, command.steps)
     _introduce(command, saved.model, machine, randomization, history)
@@ -123,7 +123,7 @@ def _(command: Evaluate) -> None:
 
 @run.register
 def _(command: Export) -> None:
-    from policies.onnx_file import require_onnx
+    from policies.storage.onnx_file import require_onnx
 
     inputs = [command.effects, command.policy / DESCRIPTION, command.policy / WEIGHTS]
     _check_outputs(inputs, command.force, command.out)
@@ -172,7 +172,7 @@ def _randomization(command: Train, saved: SavedModel, machine: Model) -> Randomi
     if kind == "band":
         return Band({name: float(parameters[name].value) for name in names}, _number("--randomize", width, "band:0.3"))
     if command.randomize == "prior":
-        return Ranges({name: plausible(parameters[name]) for name in names} | _ranges(command.range, parameters))
+        return Ranges({name: plausible_range(parameters[name]) for name in names} | _ranges(command.range, parameters))
     if command.randomize == "posterior":
         return _posterior(saved, names, command.model.name)
     raise InvalidInput(f"--randomize {command.randomize}: expected none, band:W as in band:0.3, posterior or prior")
@@ -184,7 +184,7 @@ def _posterior(saved: SavedModel, names: Sequence[str], file: str) -> Posterior:
     return Posterior.of(saved.estimate, names)
 
 
-def plausible(p: Parameter) -> tuple[float, float]:
+def plausible_range(p: Parameter) -> tuple[float, float]:
     """What a parameter may be where nobody measured: its bounds, where their ends are within a factor of 20; else half
     to twice a plant's number (or a limit's), and from nothing to twice an effect's."""
     low, high = p.bounds
@@ -220,7 +220,7 @@ def _number(option: str, text: str, example: str) -> float:
 def history_for(machine: Model, randomization: Randomization) -> int:
     """As many past commands as the delays and lags reach back, in the longest of some draws."""
     rng = np.random.default_rng(0)
-    wanted = max(reach(machine.with_parameters(randomization.sample(rng, machine))) for _ in range(20))
+    wanted = max(past_commands_needed(machine.with_parameters(randomization.sample(rng, machine))) for _ in range(20))
     if wanted > LONGEST_HISTORY:
         print(f"delays and lags reach back {wanted} commands: the policy observes the last {LONGEST_HISTORY}")
     return min(LONGEST_HISTORY, wanted)
@@ -341,7 +341,7 @@ def _write(path: Path, text: str) -> None:
 
 
 def _write_onnx(saved: SavedPolicy, path: Path) -> None:
-    from policies.onnx_file import write_onnx
+    from policies.storage.onnx_file import write_onnx
 
     difference = write_onnx(saved.policy, saved.model.dt, path)
     print(f"wrote {path}: differs from the policy by at most {difference:.1g} of its largest torque")

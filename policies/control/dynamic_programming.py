@@ -22,9 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from policies import task
-from policies.control.design import check_numbers, is_periodic, is_steady
-from policies.control.table import Axis, corners
+from policies.control.design_model import check_numbers, is_periodic, is_steady
+from policies.control.interpolation import Axis, corners
+from policies.environments import task
 from sysid import InvalidInput, Model, State
 from sysid.physics.ops import Value
 

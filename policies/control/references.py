@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from policies import task
-from policies.control.optimal import Grid
-from policies.evaluate import Evaluation, Policy, evaluate
+from policies.control.dynamic_programming import Grid
+from policies.environments import task
+from policies.evaluation import Evaluation, Policy, evaluate
 from sysid import DeadZone, Effect, InvalidInput, Model
 
 Array = NDArray[np.float64]
@@ -78,7 +78,7 @@ def _reference(
 
 
 def _optimal(model: Model) -> Policy:
-    from policies.control.design import table_shape
+    from policies.control.design_model import table_shape
     from policies.control.predictive import design_predictive
 
     turns, third_axis = table_shape(model)

@@ -1,7 +1,7 @@
 """A pendulum an agent, all moved at once, on plain tensors: what a population trains on.
 
 The parameters of the model are tensors (A,), one number an agent, so one `model.advance` moves all pendulums. Agent a's
-episode e (start state, then parameters, then random torques where it is shaken) is drawn from a generator made from
+episode e (start state, then parameters, then random torques where it has them) is drawn from a generator made from
 (seeds[a], e) alone.
 """
 
@@ -16,9 +16,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from policies import task
-from policies.randomization import Randomization, Shaken
-from policies.streams import Purpose, generator
+from policies.environments import task
+from policies.environments.random_streams import Purpose, generator
+from policies.environments.randomization import RandomForce, Randomization
 from sysid import InvalidInput, Joint, JointEffect, Model, Reading, State
 from sysid.physics.effects.effect import Memory
 from sysid.physics.ops import Value
@@ -27,7 +27,7 @@ from sysid.physics.parameters import parameter
 
 @dataclass(frozen=True, eq=False)
 class RandomTorque(JointEffect):
-    """tau [N m], whatever the joint does: where `Shaken` acts. No effect of a machine, so not in the catalogue."""
+    """tau [N m], whatever the joint does: where `RandomForce` acts. No effect of a machine, so not in the catalogue."""
 
     formula: ClassVar[str] = "tau = d_k"
     tau: Value = parameter(0.0, unit="N m", neutral=0.0)
@@ -37,12 +37,12 @@ class RandomTorque(JointEffect):
         return self.tau
 
 
-class Pendulums:
+class BatchedPendulums:
     """A pendulums, which see observations (A, O) float32 and take actions (A, 1) in [-1, 1], u / u_max.
 
     Observed is what the model's sensors show, and the last `history` actions: O = 3 + history. The reward is of the
     state. An episode ends after `horizon` steps (by default 10 s) by truncation; nothing terminates it. What changes
-    is written to in place, so that a step can be replayed as a graph. Where an agent is shaken, `model` has a
+    is written to in place, so that a step can be replayed as a graph. Where an agent has a random force, `model` has a
     random torque beyond base_model, zero for agents that are not; past the horizon the last one stays. Raises
     InvalidInput if there are not as many seeds as randomizations, or the model has no u_max.
     """
@@ -72,7 +72,7 @@ class Pendulums:
         self.horizon = task.horizon(model.dt) if horizon is None else horizon
         self.seeds = tuple(seeds)
         self.agents = len(self.seeds)
-        self.shaken = any(isinstance(r, Shaken) for r in randomizations)
+        self.has_random_force = any(isinstance(r, RandomForce) for r in randomizations)
         self.forget()
 
     def forget(self) -> None:
@@ -83,7 +83,7 @@ class Pendulums:
         ones = torch.ones(self.agents, dtype=torch.float64, device=self.device)
         self.parameters_now = {name: ones.clone() for name in drawn}
         self.model = self.base_model.with_parameters(self.parameters_now)
-        if self.shaken:
+        if self.has_random_force:
             self._torques = ones.new_zeros(self.agents, self.horizon)
             self._torque = 0.0 * ones
             self.model = self.model.with_effect(RandomTorque(self._torque))
@@ -109,13 +109,13 @@ class Pendulums:
             own = self.randomizations[a]
             for name, value in own.sample(rng, self.base_model).items():
                 drawn[name][a] = value
-            if isinstance(own, Shaken):
+            if isinstance(own, RandomForce):
                 torques[a] = own.torques(rng, self.horizon, self.base_model.dt)
             self.episodes[a] += 1
         there = {name: torch.from_numpy(numbers).to(self.device) for name, numbers in drawn.items()}
         for name, values in self.parameters_now.items():
             values.copy_(torch.where(mask, there[name], values))
-        if self.shaken:
+        if self.has_random_force:
             self._torques.copy_(torch.where(mask[:, None], torch.from_numpy(torques).to(self.device), self._torques))
         fresh = self.model.initial_state(there["theta"], there["theta_dot"])
         shown = self._sensors(*self._read(fresh, self.model.sensing(fresh.theta, fresh.theta_dot), 0.0))
@@ -130,7 +130,7 @@ class Pendulums:
         u = share * self.base_model.u_max
         reward = task.reward(self.state, u, dt).to(torch.float32)
         t = self.steps.to(torch.float64) * dt
-        if self.shaken:
+        if self.has_random_force:
             k = self.steps.clamp(max=self.horizon - 1).unsqueeze(1)
             self._torque.copy_(self._torques.gather(1, k).squeeze(1))
         after = self.model.advance(self.state, u, t)
@@ -160,7 +160,7 @@ class Pendulums:
             "parameters": {name: values.clone() for name, values in self.parameters_now.items()},
             "episodes": list(self.episodes),
             "steps": self.steps.clone(),
-            **({"torques": self._torques.clone()} if self.shaken else {}),
+            **({"torques": self._torques.clone()} if self.has_random_force else {}),
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
@@ -171,7 +171,7 @@ class Pendulums:
             values.copy_(snapshot["parameters"][name])
         self.episodes = list(snapshot["episodes"])
         self.steps.copy_(snapshot["steps"])
-        if self.shaken:
+        if self.has_random_force:
             self._torques.copy_(snapshot["torques"])
 
 

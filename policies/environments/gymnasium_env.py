@@ -15,8 +15,8 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from policies import task
-from policies.randomization import Randomization, Shaken
+from policies.environments import task
+from policies.environments.randomization import RandomForce, Randomization
 from sysid import InvalidInput, Model, paper_model
 
 Observation = NDArray[np.float32]
@@ -38,8 +38,8 @@ class PendulumEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     ) -> None:
         self.model = self._drawn = paper_model() if model is None else model
         self.randomization, self.history = randomization, history
-        if isinstance(randomization, Shaken):
-            raise InvalidInput("random torques (Shaken) act in Pendulums alone: expected another randomization")
+        if isinstance(randomization, RandomForce):
+            raise InvalidInput("a RandomForce acts in BatchedPendulums alone: expected another randomization")
         if not np.isfinite(self.model.u_max):
             raise InvalidInput(f"the model has u_max = {self.model.u_max}: expected a finite torque limit [N m]")
         speed = getattr(self.model.integrator, "theta_dot_max", np.inf)

@@ -13,9 +13,9 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from policies import task
-from policies.randomization import Randomization
-from policies.streams import Purpose, generator
+from policies.environments import task
+from policies.environments.random_streams import Purpose, generator
+from policies.environments.randomization import Randomization
 from sysid import RK4, Delay, InvalidInput, Lag, LinearAxis, Model, SensorDelay, State
 
 Array = NDArray[np.float64]
@@ -56,10 +56,10 @@ def machine_of(model: Model, u_max: float | None = None, dt: float | None = None
         raise InvalidInput("the model has no torque limit: give one with --u-max [N m]")
     if dt is None:
         dt = max(1, round(task.INTERVAL / model.dt)) * model.dt
-    return dataclasses.replace(held(machine, dt), u_max=limit)
+    return dataclasses.replace(with_command_interval(machine, dt), u_max=limit)
 
 
-def held(model: Model, dt: float) -> Model:
+def with_command_interval(model: Model, dt: float) -> Model:
     """The same model with commands held for dt [s]; its integrator's steps stay as they are, or get finer.
 
     Raises InvalidInput where steps of a fixed size, which are part of an Euler model's numbers, do not make up dt.
@@ -76,7 +76,7 @@ def held(model: Model, dt: float) -> Model:
     return dataclasses.replace(model, dt=dt, integrator=dataclasses.replace(model.integrator, substeps=substeps))
 
 
-def reach(model: Model) -> int:
+def past_commands_needed(model: Model) -> int:
     """How many past commands decide what comes: what delays and lags of the input remember, and delays of sensors."""
     late = [float(e.T) for e in model.effects if isinstance(e, Delay | SensorDelay)]
     lagged = [LAG_MEMORY * float(e.T) for e in model.effects if isinstance(e, Lag)]

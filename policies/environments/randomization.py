@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from itertools import accumulate
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,9 @@ from sysid import Estimate, InvalidInput, Model
 class Randomization(ABC):
     """Draws the parameters of an episode; a frozen dataclass of plain numbers, so that it can be stored as JSON."""
 
+    stored_as: ClassVar[str] = ""
+    """The kind in stored data, where that is not the class's name: names of classes may change, files stay."""
+
     @abstractmethod
     def sample(self, rng: np.random.Generator, model: Model) -> dict[str, float]:
         """The parameters of one episode, within the bounds that the model's parameters carry.
@@ -28,7 +31,18 @@ class Randomization(ABC):
 
     def to_json(self) -> dict[str, Any]:
         """Plain data: the kind and its numbers."""
-        return {"kind": type(self).__name__, **asdict(self)}  # type: ignore[call-overload]
+        return {"kind": self.kind(), **asdict(self)}  # type: ignore[call-overload]
+
+    @classmethod
+    def kind(cls) -> str:
+        """What stored data call this randomization."""
+        return cls.stored_as or cls.__name__
+
+
+def _within_bounds(model: Model, drawn: Mapping[str, float]) -> dict[str, float]:
+    """What was drawn, clipped to the bounds that the model's parameters carry."""
+    parameters = model.parameters
+    return {name: float(np.clip(p, *parameters[name].bounds)) for name, p in drawn.items()}
 
 
 @dataclass(frozen=True)
@@ -62,10 +76,8 @@ class Band(Randomization):
 
     def sample(self, rng: np.random.Generator, model: Model) -> dict[str, float]:
         model.check_names(self.center)
-        parameters = model.parameters
         ends = {name: sorted((c * (1.0 - self.w), c * (1.0 + self.w))) for name, c in self.center.items()}
-        drawn = {name: rng.uniform(low, high) for name, (low, high) in ends.items()}
-        return {name: float(np.clip(p, *parameters[name].bounds)) for name, p in drawn.items()}
+        return _within_bounds(model, {name: rng.uniform(low, high) for name, (low, high) in ends.items()})
 
 
 @dataclass(frozen=True)
@@ -102,9 +114,7 @@ class Ranges(Randomization):
 
     def sample(self, rng: np.random.Generator, model: Model) -> dict[str, float]:
         model.check_names(self.ranges)
-        parameters = model.parameters
-        drawn = {name: rng.uniform(low, high) for name, (low, high) in self.ranges.items()}
-        return {name: float(np.clip(p, *parameters[name].bounds)) for name, p in drawn.items()}
+        return _within_bounds(model, {name: rng.uniform(low, high) for name, (low, high) in self.ranges.items()})
 
 
 @dataclass(frozen=True)
@@ -158,22 +168,19 @@ class Posterior(Randomization):
     def sample(self, rng: np.random.Generator, model: Model) -> dict[str, float]:
         """The parameters of one episode, clipped to their bounds."""
         model.check_names(self.names)
-        parameters = model.parameters
         drawn = np.array(self.values) + self._root @ rng.standard_normal(len(self.names))
-        return {
-            name: float(np.clip(p, *parameters[name].bounds))
-            for name, p in zip(self.names, drawn.tolist(), strict=True)
-        }
+        return _within_bounds(model, dict(zip(self.names, drawn.tolist(), strict=True)))
 
 
 @dataclass(frozen=True)
-class OneOf(Randomization):
+class Mixture(Randomization):
     """One of the alternatives, each as likely as another: for a log that cannot tell which effect is missing.
 
     Each alternative is a full set of the same parameters; an effect that it does not mean stands at its neutral value:
     ({"coulomb.tau_c": 1.5, "delay.T": 0.0}, {"coulomb.tau_c": 0.0, "delay.T": 0.13}). Clipped to the bounds.
     """
 
+    stored_as: ClassVar[str] = "OneOf"
     alternatives: tuple[Mapping[str, float], ...]
 
     def __post_init__(self) -> None:
@@ -193,20 +200,19 @@ class OneOf(Randomization):
     def sample(self, rng: np.random.Generator, model: Model) -> dict[str, float]:
         """The parameters of one episode, clipped to their bounds."""
         model.check_names(self.alternatives[0])
-        parameters = model.parameters
-        chosen = self.alternatives[rng.integers(len(self.alternatives))]
-        return {name: float(np.clip(p, *parameters[name].bounds)) for name, p in chosen.items()}
+        return _within_bounds(model, self.alternatives[rng.integers(len(self.alternatives))])
 
 
 @dataclass(frozen=True)
-class OneAtATime(Randomization):
+class SingleEffect(Randomization):
     """Each of `always` from its range, and of `kinds` none or one, each as likely, from its own; the rest is `neutral`.
 
     For who does not know which effect is missing: a machine rarely lacks sixteen at once.
-    OneAtATime({"m": (0.3, 3.0)}, ({"coulomb.tau_c": (0.0, 1.5)}, {"delay.T": (0.0, 0.3)}), {"coulomb.tau_c": 0.0,
+    SingleEffect({"m": (0.3, 3.0)}, ({"coulomb.tau_c": (0.0, 1.5)}, {"delay.T": (0.0, 0.3)}), {"coulomb.tau_c": 0.0,
     "delay.T": 0.0}). Clipped to the bounds. Raises InvalidInput where a kind names what `neutral` has not.
     """
 
+    stored_as: ClassVar[str] = "OneAtATime"
     always: Mapping[str, tuple[float, float]]
     kinds: tuple[Mapping[str, tuple[float, float]], ...]
     neutral: Mapping[str, float]
@@ -227,23 +233,24 @@ class OneAtATime(Randomization):
 
 
 @dataclass(frozen=True)
-class Shaken(Randomization):
-    """Draws what `inner` draws, and shakes the joint by a random torque d all through the episode.
+class RandomForce(Randomization):
+    """Draws what `inner` draws, and puts a random torque d on the joint all through the episode.
 
         d_0 ~ N(0, s^2)   d_(k+1) = a d_k + s sqrt(1 - a^2) z_k   a = exp(-dt / T)   z ~ N(0, 1)
 
     held over each interval dt: Ornstein-Uhlenbeck, of sd s [N m] and memory T [s]; T = 0: each step anew. Random force
     injection (E. Valassakis, Z. Ding, E. Johns: Crossing the Gap, IROS 2020), with the memory that a residual torque
-    shows. Raises InvalidInput for s or T below zero or not finite, and for an inner one that is shaken itself.
+    shows. Raises InvalidInput for s or T below zero or not finite, and for an inner one that has a random force itself.
     """
 
+    stored_as: ClassVar[str] = "Shaken"
     inner: Randomization
     s: float
     T: float
 
     def __post_init__(self) -> None:
-        if not isinstance(self.inner, Randomization) or isinstance(self.inner, Shaken):
-            raise InvalidInput(f"inner is {self.inner!r}: expected a randomization that is not shaken, such as Fixed()")
+        if not isinstance(self.inner, Randomization) or isinstance(self.inner, RandomForce):
+            raise InvalidInput(f"inner is {self.inner!r}: expected one without a random force, such as Fixed()")
         for name, unit in (("s", "N m"), ("T", "s")):
             value = getattr(self, name)
             if not 0.0 <= value < math.inf:
@@ -263,13 +270,14 @@ class Shaken(Randomization):
 
     def to_json(self) -> dict[str, Any]:
         """Plain data: the kind, the inner one's own and the numbers."""
-        return {"kind": type(self).__name__, "inner": self.inner.to_json(), "s": self.s, "T": self.T}
+        return {"kind": self.kind(), "inner": self.inner.to_json(), "s": self.s, "T": self.T}
 
 
 def from_json(data: Mapping[str, Any]) -> Randomization:
     """The randomization that `to_json` wrote; raises InvalidInput for other data."""
     numbers = {name: value for name, value in data.items() if name != "kind"}
-    kinds = {kind.__name__: kind for kind in (Fixed, Band, PriorRange, Ranges, Posterior, OneOf, OneAtATime, Shaken)}
+    every = (Fixed, Band, PriorRange, Ranges, Posterior, Mixture, SingleEffect, RandomForce)
+    kinds = {randomization.kind(): randomization for randomization in every}
     if data.get("kind") not in kinds:
         raise InvalidInput(f"a randomization of kind {data.get('kind')!r}: expected one of {', '.join(kinds)}")
     if "inner" in numbers:

@@ -10,13 +10,13 @@ from tensordict import TensorDict, TensorDictBase
 from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
-from policies.learning.pendulums import Pendulums
-from policies.randomization import Randomization
+from policies.environments.batched_pendulums import BatchedPendulums
+from policies.environments.randomization import Randomization
 from sysid import Model
 
 
-class BatchedPendulum(EnvBase):
-    """`Pendulums` with TorchRL's interface; batch_size (A,), arguments and errors are the same.
+class TorchRLPendulums(EnvBase):
+    """`BatchedPendulums` with TorchRL's interface; batch_size (A,), arguments and errors are the same.
 
     observation (A, O) float32, action (A, 1) in [-1, 1]. A time limit truncates and never terminates.
     """
@@ -30,7 +30,7 @@ class BatchedPendulum(EnvBase):
         device: str = "cpu",
         history: int = 0,
     ) -> None:
-        pendulums = Pendulums(model, randomizations, seeds, horizon, device, history)
+        pendulums = BatchedPendulums(model, randomizations, seeds, horizon, device, history)
         super().__init__(device=pendulums.device, batch_size=torch.Size([pendulums.agents]))
         self.pendulums = pendulums
         self._make_specs()

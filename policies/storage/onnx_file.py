@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from policies import task
+from policies.environments import task
 from policies.network_policy import NetworkPolicy
 from sysid import InvalidInput
 from sysid.data.files import write_whole

@@ -33,7 +33,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from policies import task
+from policies.environments import task
 from policies.network_policy import NetworkPolicy
 from sysid import InvalidInput, Model
 from sysid.data.files import write_whole

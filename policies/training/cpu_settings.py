@@ -21,7 +21,7 @@ M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
 
 
 @dataclass(frozen=True)
-class CpuTuning:
+class CpuSettings:
     """What `tune_cpu` could set: the number of threads, matrix products by oneDNN, memory kept by malloc."""
 
     threads: int
@@ -29,10 +29,10 @@ class CpuTuning:
     malloc_keeps_memory: bool
 
 
-def tune_cpu(threads: int = 1) -> CpuTuning:
+def tune_cpu(threads: int = 1) -> CpuSettings:
     """Set the threads of torch [one a process; run one process a core], its products, and malloc."""
     torch.set_num_threads(threads)
-    return CpuTuning(torch.get_num_threads(), _use_onednn_matmul(), _keep_memory())
+    return CpuSettings(torch.get_num_threads(), _use_onednn_matmul(), _keep_memory())
 
 
 def _use_onednn_matmul() -> bool:

@@ -10,7 +10,7 @@ WARM = 3
 """Calls before the capture, in which libraries set up what they need."""
 
 
-class Replayed:
+class CudaGraph:
     """Call `work()`, which reads and writes the same tensors every time; on a CUDA device, replay what it launched.
 
     On other devices it is called as it is. The work may neither wait for the device nor bring numbers to it.

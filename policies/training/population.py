@@ -21,14 +21,14 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from policies.learning.feed import LENGTH, Feed
-from policies.learning.pendulums import Pendulums
-from policies.learning.replay import Replay
-from policies.learning.replayed import Replayed
-from policies.learning.sac import SAC, SACSettings
+from policies.environments.batched_pendulums import BatchedPendulums
+from policies.environments.random_streams import Purpose
+from policies.environments.randomization import Randomization
 from policies.network_policy import NetworkPolicy
-from policies.randomization import Randomization
-from policies.streams import Purpose
+from policies.training.cuda_graph import CudaGraph
+from policies.training.random_blocks import LENGTH, RandomBlocks
+from policies.training.replay import Replay
+from policies.training.sac import SAC, SACSettings
 from sysid import InvalidInput, Model
 from sysid.data.files import partial
 
@@ -53,18 +53,18 @@ class Population:
     ) -> None:
         self.settings = settings = SACSettings() if settings is None else settings
         self.seeds, self.device = tuple(int(s) for s in seeds), torch.device(device)
-        self.env = Pendulums(model, randomizations, self.seeds, device=device, history=history)
+        self.env = BatchedPendulums(model, randomizations, self.seeds, device=device, history=history)
         self.agents = agents = len(self.seeds)
         self.sac = SAC(self.seeds, settings, 3 + history, device=device)
         self.replay = Replay(agents, min(settings.capacity, settings.steps), 3 + history, 1, device)
         self.steps_done, self._block = 0, -1
-        self._feeds = feeds = _feeds(self.seeds, settings.batch, device)
-        self._exploration, self._uniform, self._normal = feeds
+        self._blocks = blocks = _random_blocks(self.seeds, settings.batch, device)
+        self._exploration, self._uniform, self._normal = blocks
         self._k = torch.zeros(1, dtype=torch.long, device=self.device)
         self._observation = self.env.restart()
         self._return = torch.zeros(agents, dtype=torch.float64, device=self.device)
         self._curve: list[tuple[int, torch.Tensor]] = []
-        self._learning_step = Replayed(self._learn, self.device)
+        self._learning_step = CudaGraph(self._learn, self.device)
 
     @property
     def curves(self) -> list[list[tuple[int, float]]]:
@@ -93,8 +93,8 @@ class Population:
 
     def _load(self, block: int, k: int) -> None:
         """Take up the random numbers of a block, from its step k on."""
-        for feed in self._feeds:
-            feed.load(block)
+        for numbers in self._blocks:
+            numbers.load(block)
         self._block = block
         self._k.fill_(k)
 
@@ -189,7 +189,7 @@ class Population:
         }
 
 
-def _feeds(seeds: Sequence[int], batch: int, device: str) -> tuple[Feed, Feed, Feed]:
+def _random_blocks(seeds: Sequence[int], batch: int, device: str) -> tuple[RandomBlocks, RandomBlocks, RandomBlocks]:
     """Exploration (A, 2), draws from the memory (A, B) and the noise of the losses (A, 2, B, 1), for every step."""
 
     def uniform(rng: np.random.Generator, length: int) -> NDArray:
@@ -199,9 +199,9 @@ def _feeds(seeds: Sequence[int], batch: int, device: str) -> tuple[Feed, Feed, F
         return rng.standard_normal((length, 2, batch, 1), dtype=np.float32)
 
     return (
-        Feed(seeds, Purpose.EXPLORATION, _exploration, device),
-        Feed(seeds, Purpose.REPLAY, uniform, device),
-        Feed(seeds, Purpose.LOSS, normal, device),
+        RandomBlocks(seeds, Purpose.EXPLORATION, _exploration, device),
+        RandomBlocks(seeds, Purpose.REPLAY, uniform, device),
+        RandomBlocks(seeds, Purpose.LOSS, normal, device),
     )
 
 

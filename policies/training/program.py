@@ -13,12 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from policies import task
-from policies.evaluate import evaluate, fresh_start_states
-from policies.learning.population import Population
-from policies.learning.sac import SACSettings
+from policies.environments import task
+from policies.environments.randomization import Randomization
+from policies.evaluation import evaluate, fresh_start_states
 from policies.network_policy import NetworkPolicy
-from policies.randomization import Randomization
+from policies.training.population import Population
+from policies.training.sac import SACSettings
 from sysid import InvalidInput, Model
 
 CHOICE = 100

@@ -14,13 +14,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from policies.streams import Purpose, generator
+from policies.environments.random_streams import Purpose, generator
 
 LENGTH = 100
 """Steps in a block. It is part of the results: each block has generators of its own."""
 
 
-class Feed:
+class RandomBlocks:
     """Numbers of A agents for every step: `load(block)`, then `at(k)` (A, ...) for the block's step k.
 
     `draw(rng, length)` returns one agent's numbers (length, ...) for a block.

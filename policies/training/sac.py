@@ -11,8 +11,8 @@ Of agent a, with its two critics Q_i, their slow copies Q'_i, its policy pi and 
     a = tanh x,   x = loc + exp(log_std) noise,   d log pi / dx = 2 a,   d log pi / d log_std = -1 + 2 a (x - loc)
 
 Means run over the B transitions of the agent's own batch. The losses are those of TorchRL's SACLoss, which a test holds
-this module to (`policies.learning.definition`); no graph is recorded for them, no gradient is computed that no step
-needs, and everything that a step fills lies ready in memory.
+this module to (`torchrl_reference`); no graph is recorded for them, no gradient is computed that no step needs, and
+everything that a step fills lies ready in memory.
 Sources: Haarnoja et al., "Soft Actor-Critic Algorithms and Applications" (2018); Stable-Baselines3, sac.py.
 """
 
@@ -28,9 +28,9 @@ from torch import Tensor
 from torch.nn.functional import softplus
 from torch.optim.adam import adam
 
-from policies.learning.replay import Batch
-from policies.learning.stack import Stack, activations, backward, forward
-from policies.streams import Purpose, generator
+from policies.environments.random_streams import Purpose, generator
+from policies.training.networks import Stack, activations, backward, forward
+from policies.training.replay import Batch
 from sysid import InvalidInput
 
 LOG_STD_BOUNDS = (-20.0, 2.0)

@@ -1,4 +1,4 @@
-"""Networks of A agents at once as TorchRL wants them, for `policies.learning.definition`.
+"""Networks of A agents at once as TorchRL wants them, for `policies.training.torchrl_reference`.
 
 Every layer's weights are stacked along a leading agent axis:
 
@@ -20,7 +20,7 @@ from torch import Tensor, nn
 from torch.distributions import Distribution, constraints
 from torchrl.modules import ProbabilisticActor
 
-from policies.learning.sac import LOG_STD_BOUNDS
+from policies.training.sac import LOG_STD_BOUNDS
 
 Layers = Sequence[tuple[Tensor, Tensor]]
 

@@ -1,9 +1,9 @@
-"""The losses of `policies.learning.sac` by TorchRL's SACLoss and autograd: what its written-out gradients are held to.
+"""The losses of `policies.training.sac` by TorchRL's SACLoss and autograd: what its written-out gradients are held to.
 
-    definition = Definition(sac)                  # starts from the weights and temperatures of sac
+    definition = TorchRLReference(sac)                  # starts from the weights and temperatures of sac
     definition.update(batch, noise, next_noise)   # takes the steps that sac.update takes, from SACLoss
 
-Training uses `policies.learning.sac`, which computes the same numbers in two thirds of the time.
+Training uses `policies.training.sac`, which computes the same numbers in two thirds of the time.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from tensordict import TensorDict
 from torch import Tensor, nn
 from torchrl.objectives import SACLoss, SoftUpdate, ValueEstimators
 
-from policies.learning.networks import Layers, both_critics, layers_of, make_actor, make_critic
-from policies.learning.replay import Batch
-from policies.learning.sac import SAC, SACSettings
-from policies.learning.stack import Stack
+from policies.training.networks import Stack
+from policies.training.replay import Batch
+from policies.training.sac import SAC, SACSettings
+from policies.training.torchrl_networks import Layers, both_critics, layers_of, make_actor, make_critic
 
 
 def make_loss(agents: int, observation_size: int, action_size: int, settings: SACSettings) -> SACLoss:
@@ -49,7 +49,7 @@ def make_loss(agents: int, observation_size: int, action_size: int, settings: SA
     return loss
 
 
-class Definition:
+class TorchRLReference:
     """The learners of A agents as SACLoss defines them, from the state of a fresh SAC."""
 
     def __init__(self, sac: SAC) -> None:

@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from policies import task
-from policies.evaluate import Motion, Policy, rollout
+from policies.environments import task
+from policies.evaluation import Episodes, Policy, rollout
 from study.figures.style import ACCENT, COLOURS
 from study.numerals import MINUS, number
 from sysid import Model, State, ops
@@ -44,7 +44,7 @@ def trajectories(
     return figure
 
 
-def _angles(axes: Axes, motion: Motion) -> None:
+def _angles(axes: Axes, motion: Episodes) -> None:
     axes.axhline(0.0, color=ACCENT, linewidth=1.1, zorder=1)
     for k, colour in enumerate(_colours(motion)):
         degrees = np.degrees(ops.wrap(motion.theta[:, k]))
@@ -54,7 +54,7 @@ def _angles(axes: Axes, motion: Motion) -> None:
     axes.set_yticks([-180, -90, 0, 90, 180], ["hanging", f"{MINUS}90", "upright", "90", "hanging"])
 
 
-def _torques(axes: Axes, motion: Motion, u_max: float) -> None:
+def _torques(axes: Axes, motion: Episodes, u_max: float) -> None:
     """Of the first episode, and the others faint behind it."""
     for k, colour in enumerate(_colours(motion)):
         axes.step(motion.t, motion.u[:, k], where="post", color=colour, linewidth=0.8 if k else 1.4,
@@ -63,12 +63,12 @@ def _torques(axes: Axes, motion: Motion, u_max: float) -> None:
     axes.set_yticks([-u_max, 0.0, u_max], [number(-u_max), "0", number(u_max)])
 
 
-def _colours(motion: Motion) -> list[tuple[float, ...]]:
+def _colours(motion: Episodes) -> list[tuple[float, ...]]:
     episodes = motion.theta.shape[1]
     return [COLOURS(0.05 + 0.75 * k / max(1, episodes - 1)) for k in range(episodes)]
 
 
-def _return(motion: Motion, model: Model) -> float:
+def _return(motion: Episodes, model: Model) -> float:
     """The mean of these episodes."""
     rewards = task.reward(State(motion.theta, motion.theta_dot), motion.u, model.dt)
     return float(np.mean(np.sum(rewards, axis=0)))

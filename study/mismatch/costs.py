@@ -11,9 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from policies.abreast import returns
-from policies.control.optimal import Grid, Optimal, solve
-from policies.evaluate import fresh_start_states, start_states
+from policies.control.dynamic_programming import Grid, Optimal, solve
+from policies.evaluation import batch_returns, fresh_start_states, start_states
 from study import rows as table
 from study.mismatch.cases import CASES, Case
 from study.mismatch.machine import BLUNT, DESIGN_SUBSTEPS, design, machine
@@ -74,17 +73,17 @@ class Bench:
         groups = [fresh_start_states(SEED, episodes), *(start_states(seed) for seed in PAPER_SEEDS)]
         self.starts = tuple(np.concatenate(columns) for columns in zip(*groups, strict=True))
         self.fresh = np.arange(len(self.starts[0])) < episodes
-        (self.plain,) = returns(self.ignorant[:1], machine(substeps=substeps), *self.starts)
+        (self.plain,) = batch_returns(self.ignorant[:1], machine(substeps=substeps), *self.starts)
 
     def measure(self, case: Case, size: float) -> Row:
         """The row of a size."""
         effect = case.at(size)
         model = machine(effect, self.substeps)
         if isinstance(effect, OutputEffect):
-            ignorant, sharp = returns(self.ignorant, model, *self.starts)
+            ignorant, sharp = batch_returns(self.ignorant, model, *self.starts)
             aware = self.plain
         else:
-            ignorant, sharp, aware = returns((*self.ignorant, design(model, self.grid)), model, *self.starts)
+            ignorant, sharp, aware = batch_returns((*self.ignorant, design(model, self.grid)), model, *self.starts)
         loss, paper = (aware - ignorant)[self.fresh], (aware - ignorant)[~self.fresh]
         reached = float(np.mean(aware[self.fresh]))
         plain = float(np.mean(self.plain[self.fresh]))

@@ -20,9 +20,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from policies.abreast import returns
-from policies.control.optimal import Grid
-from policies.evaluate import Policy, fresh_start_states
+from policies.control.dynamic_programming import Grid
+from policies.evaluation import Policy, batch_returns, fresh_start_states
 from study.executors.executor import Brief, Link
 from study.mismatch.hidden import hidden_machine, oracle
 from study.mismatch.machine import DESIGN_SUBSTEPS, design, machine
@@ -72,7 +71,7 @@ class DesignTask(Brief):
         pairs = [(seed, key) for seed, key in pairs if key in made]
         starts = [fresh_start_states(seed, self.plan.episodes) for seed, _ in pairs]
         plant = hidden_machine(self.plan.plant(self.plant))
-        reached = returns([made[key] for _, key in pairs], plant, *map(np.array, zip(*starts, strict=True)))
+        reached = batch_returns([made[key] for _, key in pairs], plant, *map(np.array, zip(*starts, strict=True)))
         seconds = (time.perf_counter() - begin) / len(pairs)
         return [
             Designed(self.plant, key, seed, tuple(row), seconds)

@@ -88,7 +88,7 @@ def read_agents(folder: Path, keys: Iterable[str]) -> dict[str, NetworkPolicy]:
 
 
 def _trajectories(answer: Answer, pair: Pair, policies: Mapping[str, NetworkPolicy], path: Path) -> Path:
-    from policies.evaluate import fresh_start_states
+    from policies.evaluation import fresh_start_states
     from study.figures.style import save
     from study.figures.trajectories import trajectories
     from study.mismatch.hidden import hidden_machine

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 
-from policies.control.design import table_shape
-from policies.control.optimal import Grid
+from policies.control.design_model import table_shape
+from policies.control.dynamic_programming import Grid
 from policies.control.predictive import design_predictive
-from policies.evaluate import Policy
+from policies.evaluation import Policy
 from study.mismatch.cases import U_MAX
 from sysid import RK4, Effect, InvalidInput, Model, RodPendulum
 

@@ -21,12 +21,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from policies.abreast import returns
-from policies.control.optimal import Grid, solve
-from policies.evaluate import Policy, fresh_start_states
-from policies.learning.population import Population
-from policies.learning.sac import SACSettings
-from policies.randomization import Band
+from policies.control.dynamic_programming import Grid, solve
+from policies.environments.randomization import Band
+from policies.evaluation import Policy, batch_returns, fresh_start_states
+from policies.training.population import Population
+from policies.training.sac import SACSettings
 from study.mismatch.cases import CASES
 from study.mismatch.costs import EPISODES, SEED, SHIPPED
 from study.mismatch.machine import DESIGN_SUBSTEPS, machine
@@ -71,13 +70,13 @@ class Margin:
 def compare(tables: Sequence[Policy], agents: Sequence[Policy], angles: Sequence[int], episodes: int) -> Margin:
     """The ratios at every effect's dearest chosen size, from start states that nothing else uses."""
     starts, policies = fresh_start_states(SEED, episodes, block=1), (*tables, *agents)
-    plain = returns(policies, machine(), *starts).mean(axis=1)
+    plain = batch_returns(policies, machine(), *starts).mean(axis=1)
     dearest = {name: _dearest(name) for name in CASES}
     ratios = []
     for name, size in dearest.items():
         effect = CASES[name].at(size.size)
         model = machine(effect, STICKING if machine(effect).dry_frictions else None)
-        ratios.append(returns(policies, model, *starts).mean(axis=1) / plain)
+        ratios.append(batch_returns(policies, model, *starts).mean(axis=1) / plain)
     split = len(tables)
     sizes = tuple(size.size for size in dearest.values())
     return Margin(tuple(angles), tuple(dearest), sizes, np.array(ratios)[:, :split], np.array(ratios)[:, split:])

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from policies.randomization import Randomization, from_json
+from policies.environments.randomization import Randomization, from_json
 from study.mismatch.learned import CommandFilter, LearnedTorque, stacked
 from study.mismatch.outside import OUTSIDE
 from sysid import InvalidInput, Model

@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 
 from policies import Population
-from policies.abreast import returns
-from policies.evaluate import fresh_start_states
+from policies.evaluation import batch_returns, fresh_start_states
 from study.config import device_type
 from study.mismatch.hidden import hidden_machine
 from study.mismatch.plan import SHARED, Plan, Trial
@@ -125,7 +124,8 @@ class TrainingTask(Training):
                 continue
             starts = [fresh_start_states(self.agents[a].seed, self.plan.episodes) for a in there]
             own, machine = [policies[a] for a in there], hidden_machine(plant)
-            for a, row in zip(there, returns(own, machine, *map(np.array, zip(*starts, strict=True))), strict=True):
+            rows = batch_returns(own, machine, *map(np.array, zip(*starts, strict=True)))
+            for a, row in zip(there, rows, strict=True):
                 reached[a][plant.name] = tuple(row.tolist())
         return [
             Trained(agent.key, own, tuple((int(step), float(value)) for step, value in curve), found, seconds)

@@ -16,7 +16,15 @@ from typing import Any
 
 import numpy as np
 
-from policies.randomization import Band, Fixed, OneAtATime, OneOf, Posterior, Randomization, Shaken
+from policies.environments.randomization import (
+    Band,
+    Fixed,
+    Mixture,
+    Posterior,
+    RandomForce,
+    Randomization,
+    SingleEffect,
+)
 from study.mismatch.cases import CASES
 from study.mismatch.hidden import PRIOR, oracle, rollouts, sensor
 from study.mismatch.plan import FREE, HiddenPlant, Plan
@@ -72,7 +80,7 @@ def _without_rollouts(way: str, plant: HiddenPlant) -> Recipe:
     model = dataclasses.replace(PRIOR, effects=tuple(effect(name) for name in AT_ONCE))
     neutral = {f"{name}.{key}": value for name in AT_ONCE for key, value in CASES[name].numbers(0.0).items()}
     kinds = tuple(plausible(model, name) for name in AT_ONCE)
-    return Recipe(model, OneAtATime({"m": PLAUSIBLE, "l": PLAUSIBLE}, kinds, neutral))
+    return Recipe(model, SingleEffect({"m": PLAUSIBLE, "l": PLAUSIBLE}, kinds, neutral))
 
 
 def plausible(model: Model, name: str) -> dict[str, tuple[float, float]]:
@@ -146,11 +154,11 @@ class Spending:
 
     def _posterior(self) -> Recipe:
         named = self._mended()
-        if isinstance(named.drawn, OneOf):
+        if isinstance(named.drawn, Mixture):
             return named
         posterior: Randomization = posterior_of(self.mended)
-        if isinstance(named.drawn, Shaken):
-            posterior = Shaken(posterior, named.drawn.s, named.drawn.T)
+        if isinstance(named.drawn, RandomForce):
+            posterior = RandomForce(posterior, named.drawn.s, named.drawn.T)
         return dataclasses.replace(named, drawn=posterior)
 
     def _class(self) -> tuple[Model, Randomization]:
@@ -172,7 +180,7 @@ class Spending:
         }
         names = [name for name in machine.parameters if any(name in f.names for f in fits)]
         alternatives = [{name: f.values.get(name, neutral.get(name, math.nan)) for name in names} for f in fits]
-        return machine, OneOf(tuple(alternatives))
+        return machine, Mixture(tuple(alternatives))
 
     def _grid(self) -> Recipe:
         found = GridSearch(("m", "l")).fit(PRIOR, self.records)
@@ -206,7 +214,7 @@ class Spending:
         residual = residual_torque(model, self.records, self.sensor)
         if not residual.present:
             return drawn, {"s": 0.0}
-        return Shaken(drawn, residual.s, residual.T), {"s": residual.s, "T": residual.T}
+        return RandomForce(drawn, residual.s, residual.T), {"s": residual.s, "T": residual.T}
 
 
 def center(estimate: Estimate, w: float = 0.0) -> Band:

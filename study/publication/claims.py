@@ -225,7 +225,7 @@ def _changed(ours: Outcomes, spots: Sequence[Spot]) -> str:
 
 def distinct_starts(seeds: Sequence[int] = SEEDS, episodes: int = 20) -> tuple[int, int]:
     """(distinct start states, evaluations) of these seeds."""
-    from policies.evaluate import start_states
+    from policies.evaluation import start_states
 
     drawn = [state for seed in seeds for state in np.stack(start_states(seed, episodes), axis=1).tolist()]
     return len(set(map(tuple, drawn))), len(drawn)

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import torch
 
-from policies import task
-from policies.learning.pendulums import Pendulums
-from policies.pendulum_env import PendulumEnv
-from policies.randomization import Band, OneOf, PriorRange, Shaken
-from policies.streams import Purpose, generator
+from policies.environments import task
+from policies.environments.batched_pendulums import BatchedPendulums
+from policies.environments.gymnasium_env import PendulumEnv
+from policies.environments.random_streams import Purpose, generator
+from policies.environments.randomization import Band, Mixture, PriorRange, RandomForce
 from sysid import (
     CATALOGUE,
     AngleOffset,
@@ -27,7 +27,7 @@ BANDS = [Band({"m": 2.0, "l": 1.5}, 0.2), Band({"m": 1.0, "l": 1.0}, 0.0), Prior
 
 
 def make(randomizations=BANDS, seeds=(4, 5, 6), **options):
-    return Pendulums(paper_model(), randomizations, seeds, **options)
+    return BatchedPendulums(paper_model(), randomizations, seeds, **options)
 
 
 SENSING = (Backlash(width=0.1), SensorDelay(T=0.06), AngleOffset(offset=0.05))
@@ -42,7 +42,7 @@ def actions(steps, agents, seed=0):
 @pytest.mark.parametrize("effects", [(), (Viscous(b=0.05), Delay(T=0.07)), SENSING])
 def test_every_agent_is_the_single_pendulum_with_its_own_parameters(effects, history):
     model = Model(RodPendulum(), effects, dt=0.04, u_max=2.0)
-    env = Pendulums(model, BANDS, (4, 5, 6), history=history)
+    env = BatchedPendulums(model, BANDS, (4, 5, 6), history=history)
     begun = env.restart()
     singles = []
     for a in range(3):
@@ -69,7 +69,7 @@ def test_a_new_episode_draws_new_parameters_and_a_new_start():
 
 
 def test_past_commands_are_observed_the_latest_first_and_forgotten_at_the_start():
-    env = Pendulums(paper_model(), BANDS, (4, 5, 6), history=2)
+    env = BatchedPendulums(paper_model(), BANDS, (4, 5, 6), history=2)
     assert (env.restart()[:, 3:] == 0.0).all()
     moves = actions(4, 3)
     moves[3] *= 1.5  # beyond the limit: what was given is the limit
@@ -80,7 +80,7 @@ def test_past_commands_are_observed_the_latest_first_and_forgotten_at_the_start(
 
 
 def test_sensors_that_show_something_else_do_not_change_the_motion_or_the_reward():
-    plain, shown = (Pendulums(Model(RodPendulum(), e, u_max=2.0), BANDS, (4, 5, 6)) for e in ((), SENSING))
+    plain, shown = (BatchedPendulums(Model(RodPendulum(), e, u_max=2.0), BANDS, (4, 5, 6)) for e in ((), SENSING))
     plain.restart(), shown.restart()
     for action in actions(20, 3):
         (seen, reward, _), (other, same, _) = plain.advance(action), shown.advance(action)
@@ -91,7 +91,7 @@ def test_sensors_that_show_something_else_do_not_change_the_motion_or_the_reward
 def test_the_horizon_is_ten_seconds_and_the_return_the_same_integral_at_every_interval():
     costs = []
     for dt, steps in ((0.05, 200), (0.02, 500), (0.0125, 800)):
-        env = Pendulums(Model(RodPendulum(2.0, 1.5), dt=dt, u_max=2.0), [Band({"m": 2.0})], [3])
+        env = BatchedPendulums(Model(RodPendulum(2.0, 1.5), dt=dt, u_max=2.0), [Band({"m": 2.0})], [3])
         assert env.horizon == steps
         env.restart()
         costs.append(sum(float(env.advance(torch.zeros(1, 1))[1]) for _ in range(steps)))
@@ -115,7 +115,7 @@ def test_agents_that_share_a_seed_share_the_start_states_whatever_the_width():
 
 def test_a_snapshot_goes_on_where_it_was_taken():
     model = Model(RodPendulum(), (Delay(T=0.07), *SENSING), u_max=2.0)
-    one, other = (Pendulums(model, BANDS, (4, 5, 6), horizon=5, history=2) for _ in range(2))
+    one, other = (BatchedPendulums(model, BANDS, (4, 5, 6), horizon=5, history=2) for _ in range(2))
     one.restart()
     moves = actions(12, 3)
     for action in moves[:4]:
@@ -133,10 +133,10 @@ def test_bad_input_is_named():
     with pytest.raises(InvalidInput, match="expected the same"):
         make([Band({"m": 1.0}), Band({"l": 1.0})], (1, 2))
     with pytest.raises(InvalidInput, match="u_max"):
-        Pendulums(Model(RodPendulum()), [PriorRange()], [0])
+        BatchedPendulums(Model(RodPendulum()), [PriorRange()], [0])
 
 
-MIXED = [Shaken(BANDS[0], 0.9, 0.1), BANDS[1], Shaken(BANDS[2], 0.4, 0.0)]
+MIXED = [RandomForce(BANDS[0], 0.9, 0.1), BANDS[1], RandomForce(BANDS[2], 0.4, 0.0)]
 
 
 def torques_of(randomization, seed, episode, model, steps):
@@ -146,9 +146,9 @@ def torques_of(randomization, seed, episode, model, steps):
     return randomization.torques(rng, steps, model.dt)
 
 
-def test_a_shaken_pendulum_moves_as_one_under_the_torque_u_plus_d():
+def test_a_pendulum_with_random_force_moves_as_one_under_the_torque_u_plus_d():
     model = Model(RodPendulum(), (Viscous(b=0.05),), dt=0.05, u_max=2.0)
-    env = Pendulums(model, MIXED, (4, 5, 6))
+    env = BatchedPendulums(model, MIXED, (4, 5, 6))
     for episode in range(2):
         env.restart()
         states = [model.initial_state(float(env.state.theta[a]), float(env.state.theta_dot[a])) for a in range(3)]
@@ -168,17 +168,17 @@ def test_a_shaken_pendulum_moves_as_one_under_the_torque_u_plus_d():
 def test_shaking_goes_past_what_is_between_command_and_torque():
     """Behind a delay of two intervals the first commands do nothing, random torques act at once."""
     model = Model(RodPendulum(), (Delay(T=0.1),), dt=0.05, u_max=2.0)
-    still, shaken = (Pendulums(model, [r], [3]) for r in (BANDS[1], Shaken(BANDS[1], 1.0, 0.1)))
-    assert torch.equal(still.restart(), shaken.restart())
-    for env in (still, shaken):
+    still, forced = (BatchedPendulums(model, [r], [3]) for r in (BANDS[1], RandomForce(BANDS[1], 1.0, 0.1)))
+    assert torch.equal(still.restart(), forced.restart())
+    for env in (still, forced):
         env.advance(torch.ones(1, 1))
-    d = torques_of(Shaken(BANDS[1], 1.0, 0.1), 3, 0, model, 200)[0]
+    d = torques_of(RandomForce(BANDS[1], 1.0, 0.1), 3, 0, model, 200)[0]
     inertia = float(model.with_parameters({"m": 1.0, "l": 1.0}).inertia())
-    gained = float(shaken.state.theta_dot - still.state.theta_dot)
+    gained = float(forced.state.theta_dot - still.state.theta_dot)
     assert gained == pytest.approx(0.05 * d / inertia, rel=0.05)
 
 
-def test_an_agent_is_shaken_or_not_whatever_its_neighbours_are():
+def test_an_agent_has_a_random_force_or_not_whatever_its_neighbours_are():
     together = make(MIXED)
     alone = [make([r], (seed,)) for r, seed in zip(MIXED, (4, 5, 6), strict=True)]
     for _ in range(2):
@@ -193,8 +193,8 @@ def test_an_agent_is_shaken_or_not_whatever_its_neighbours_are():
                 torch.testing.assert_close(worth[0], reward[a], rtol=1e-6, atol=1e-6)
 
 
-def test_where_nobody_is_shaken_nothing_is_there_and_no_torque_changes_nothing():
-    plain, still = make(), make([Shaken(r, 0.0, 0.1) for r in BANDS])
+def test_where_nobody_has_a_random_force_nothing_is_there_and_no_torque_changes_nothing():
+    plain, still = make(), make([RandomForce(r, 0.0, 0.1) for r in BANDS])
     assert plain.model.effects == () and "torques" not in plain.snapshot()
     assert [e.name for e in still.model.effects] == ["random_torque"] and "random_torque" not in CATALOGUE
     assert still.base_model.effects == ()
@@ -206,13 +206,13 @@ def test_where_nobody_is_shaken_nothing_is_there_and_no_torque_changes_nothing()
 
 
 def test_shaking_leaves_every_start_and_every_parameter_as_they_were():
-    plain, shaken = make(), make([Shaken(r, 1.0, 0.1) for r in BANDS])
+    plain, forced = make(), make([RandomForce(r, 1.0, 0.1) for r in BANDS])
     for _ in range(3):
-        assert torch.equal(plain.restart(), shaken.restart())
+        assert torch.equal(plain.restart(), forced.restart())
         for name, values in plain.parameters_now.items():
-            assert torch.equal(values, shaken.parameters_now[name])
+            assert torch.equal(values, forced.parameters_now[name])
         for action in actions(5, 3):
-            ours, theirs = plain.advance(action)[0], shaken.advance(action)[0]
+            ours, theirs = plain.advance(action)[0], forced.advance(action)[0]
         assert (ours != theirs).any(1).all()
 
 
@@ -242,7 +242,7 @@ def test_a_restart_of_some_leaves_the_random_torques_of_the_others():
 
 def test_agents_may_draw_the_same_parameters_in_any_order():
     one, other = Band({"m": 1.2, "l": 0.9}), Band({"l": 0.9, "m": 1.2})
-    env = Pendulums(paper_model(), [one, other], [3, 3])
+    env = BatchedPendulums(paper_model(), [one, other], [3, 3])
     env.restart()
     assert {name: float(values[1]) for name, values in env.parameters_now.items()} == {"m": 1.2, "l": 0.9}
 
@@ -250,10 +250,10 @@ def test_agents_may_draw_the_same_parameters_in_any_order():
 def test_an_effect_that_an_alternative_does_not_mean_is_not_there():
     base = {"m": 1.0, "l": 1.0}
     unsure = Model(RodPendulum(), (Coulomb(), Delay()), dt=0.05, u_max=2.0)
-    either = OneOf(({**base, "coulomb.tau_c": 1.0, "delay.T": 0.0}, {**base, "coulomb.tau_c": 0.0, "delay.T": 0.13}))
-    env = Pendulums(unsure, [either], [7])
-    rubs = Pendulums(Model(RodPendulum(), (Coulomb(tau_c=1.0),), dt=0.05, u_max=2.0), BANDS[1:2], [7])
-    late = Pendulums(Model(RodPendulum(), (Delay(T=0.13),), dt=0.05, u_max=2.0), BANDS[1:2], [7])
+    either = Mixture(({**base, "coulomb.tau_c": 1.0, "delay.T": 0.0}, {**base, "coulomb.tau_c": 0.0, "delay.T": 0.13}))
+    env = BatchedPendulums(unsure, [either], [7])
+    rubs = BatchedPendulums(Model(RodPendulum(), (Coulomb(tau_c=1.0),), dt=0.05, u_max=2.0), BANDS[1:2], [7])
+    late = BatchedPendulums(Model(RodPendulum(), (Delay(T=0.13),), dt=0.05, u_max=2.0), BANDS[1:2], [7])
     met = set()
     for _ in range(6):
         begun = [e.restart() for e in (env, rubs, late)]

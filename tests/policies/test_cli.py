@@ -12,13 +12,13 @@ import pytest
 
 import sysid
 from policies.__main__ import main
-from policies.commands import LONGEST_HISTORY, history_for, plausible
+from policies.cli.commands import LONGEST_HISTORY, history_for, plausible_range
 from policies.control import references
-from policies.control.optimal import Grid
-from policies.evaluate import evaluate, fresh_start_states
-from policies.machine import reach
-from policies.policy_file import DESCRIPTION, WEIGHTS, load_policy
-from policies.randomization import Fixed
+from policies.control.dynamic_programming import Grid
+from policies.environments.machine import past_commands_needed
+from policies.environments.randomization import Fixed
+from policies.evaluation import evaluate, fresh_start_states
+from policies.storage.policy_file import DESCRIPTION, WEIGHTS, load_policy
 from sysid import Coulomb, Delay, Lag, Model, RodPendulum, Sensor, Spring, Stamp, paper_model
 
 ROOT = Path(__file__).parents[2]
@@ -134,7 +134,7 @@ def test_another_interval_holds_the_commands_and_history_can_be_asked_for(models
 def test_a_long_delay_is_observed_whole():
     """A delay of 0.3 s at 100 Hz is 30 commands; what is longer than the longest history is said."""
     delayed = Model(RodPendulum(), (Delay(T=0.3),), dt=0.01, u_max=2.0)
-    assert history_for(delayed, Fixed()) == reach(delayed) == 30
+    assert history_for(delayed, Fixed()) == past_commands_needed(delayed) == 30
 
 
 def test_a_history_that_is_cut_is_said(capsys):
@@ -183,11 +183,11 @@ def test_the_ways_to_randomize(models, tmp_path, run):
 
 def test_what_is_plausible_where_nobody_measured():
     parameters = Model(RodPendulum(2.0, 1.5), (Delay(T=0.2), sysid.TorqueGain(0.8), sysid.Saturation(1.5))).parameters
-    assert plausible(parameters["m"]) == (0.3, 3.0)  # its bounds
-    assert plausible(parameters["g"]) == (5.0, 20.0)
-    assert plausible(parameters["delay.T"]) == (0.0, 0.3)  # as far as its memory reaches
-    assert plausible(parameters["torque_gain.c"]) == pytest.approx((0.6, 1.0))
-    assert plausible(parameters["saturation.limit"]) == (0.75, 3.0)
+    assert plausible_range(parameters["m"]) == (0.3, 3.0)  # its bounds
+    assert plausible_range(parameters["g"]) == (5.0, 20.0)
+    assert plausible_range(parameters["delay.T"]) == (0.0, 0.3)  # as far as its memory reaches
+    assert plausible_range(parameters["torque_gain.c"]) == pytest.approx((0.6, 1.0))
+    assert plausible_range(parameters["saturation.limit"]) == (0.75, 3.0)
 
 
 @pytest.mark.parametrize(
@@ -273,7 +273,7 @@ def test_a_policy_is_replaced_only_when_asked(models, policy, tmp_path, run):
 
 
 def test_a_training_that_is_stopped_writes_nothing(models, tmp_path, run, monkeypatch):
-    from policies.learning.population import Population
+    from policies.training.population import Population
 
     def stopped(self, steps):
         raise KeyboardInterrupt
@@ -335,5 +335,5 @@ def test_as_a_module(models, policy):
 def test_plausible_ranges_stay_within_the_bounds():
     for kind in sysid.CATALOGUE.values():
         for p in Model(RodPendulum(2.9, 0.31), (kind(),)).parameters.values():
-            low, high = plausible(p)
+            low, high = plausible_range(p)
             assert p.bounds[0] <= low <= high <= p.bounds[1]

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from policies.learning.processor import ACCURACY, matmul_error, tune_cpu
+from policies.training.cpu_settings import ACCURACY, matmul_error, tune_cpu
 
 
 @pytest.fixture
@@ -26,7 +26,7 @@ def test_products_stay_float32():
 @pytest.mark.usefixtures("restored")
 def test_a_processor_that_would_round_to_bfloat16_is_left_alone(monkeypatch):
     before = torch.backends.mkldnn.matmul.fp32_precision
-    monkeypatch.setattr("policies.learning.processor.matmul_error", lambda: 4e-3)
+    monkeypatch.setattr("policies.training.cpu_settings.matmul_error", lambda: 4e-3)
     assert not tune_cpu(threads=1).onednn_matmul
     assert torch.backends.mkldnn.matmul.fp32_precision == before
 

@@ -5,26 +5,26 @@ import torch
 from torch.fx.experimental.proxy_tensor import make_fx
 from torch.utils._python_dispatch import TorchDispatchMode
 
-from policies.learning.population import Population
-from policies.learning.replayed import Replayed
-from policies.learning.sac import SACSettings
-from policies.randomization import Band, PriorRange, Shaken
+from policies.environments.randomization import Band, PriorRange, RandomForce
+from policies.training.cuda_graph import CudaGraph
+from policies.training.population import Population
+from policies.training.sac import SACSettings
 from sysid import Delay, Lag, Model, RodPendulum, SensorDelay, paper_model
 
 SHORT = SACSettings(hidden=(16, 16), batch=32, random_steps=20, steps=450, capacity=40)
 BANDS = [Band({"m": 2.0, "l": 1.5}, 0.2), PriorRange()]
-SHAKEN = [Shaken(BANDS[0], 0.5, 0.1), BANDS[1]]
+RANDOM_FORCES = [RandomForce(BANDS[0], 0.5, 0.1), BANDS[1]]
 MODELS = {
     "paper": paper_model(),
     "memory": Model(RodPendulum(), (Delay(T=0.12), Lag(T=0.1)), dt=0.05, u_max=2.0),
-    "shaken": paper_model(),
+    "forced": paper_model(),
     "history": Model(RodPendulum(), (Delay(T=0.12), SensorDelay(T=0.07)), dt=0.05, u_max=2.0),
 }
 
 
 def make(name="paper"):
     population = Population(
-        MODELS[name], SHAKEN if name == "shaken" else BANDS, (0, 1), SHORT, history=3 if name == "history" else 0
+        MODELS[name], RANDOM_FORCES if name == "forced" else BANDS, (0, 1), SHORT, history=3 if name == "history" else 0
     )
     population.train(30)
     return population
@@ -72,14 +72,14 @@ def test_a_recorded_step_repeats_what_the_step_does(name):
 
 def test_work_on_a_cpu_is_called_as_it_is():
     calls = []
-    replayed = Replayed(lambda: calls.append(1), torch.device("cpu"))
+    replayed = CudaGraph(lambda: calls.append(1), torch.device("cpu"))
     for _ in range(6):
         replayed()
     assert len(calls) == 6
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
-@pytest.mark.parametrize("randomizations", [BANDS, SHAKEN])
+@pytest.mark.parametrize("randomizations", [BANDS, RANDOM_FORCES])
 def test_a_graph_on_a_gpu_does_what_the_steps_do(randomizations):
     here, there = (Population(paper_model(), randomizations, (0, 1), SHORT, device=d) for d in ("cpu", "cuda"))
     here.train(60), there.train(60)

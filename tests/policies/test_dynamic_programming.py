@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy.interpolate import RegularGridInterpolator
 
-from policies import task
+from policies.control.dynamic_programming import Grid, solve
 from policies.control.lqr import design_lqr
-from policies.control.optimal import Grid, solve
 from policies.control.swing_up import design_swing_up
-from policies.evaluate import evaluate, start_states
+from policies.environments import task
+from policies.evaluation import evaluate, start_states
 from sysid import RK4, Delay, InvalidInput, Spring, State, TorqueBias, Viscous, paper_model
 
 HIDDEN = paper_model(m=2.0, l=1.5)

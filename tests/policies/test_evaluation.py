@@ -6,8 +6,8 @@ import gymnasium
 import numpy as np
 import pytest
 
-from policies import task
-from policies.evaluate import Evaluation, evaluate, fresh_start_states, rollout, start_states
+from policies.environments import task
+from policies.evaluation import Evaluation, evaluate, fresh_start_states, rollout, start_states
 from sysid import AngleOffset, Delay, InvalidInput, Model, RodPendulum, State, VelocityGain, paper_model
 
 

@@ -6,8 +6,8 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import policies
-from policies.pendulum_env import PendulumEnv
-from policies.randomization import Band, Fixed, PriorRange, Shaken
+from policies.environments.gymnasium_env import PendulumEnv
+from policies.environments.randomization import Band, Fixed, PriorRange, RandomForce
 from sysid import Delay, InvalidInput, Model, PointMassPendulum, Viscous, paper_model
 
 
@@ -55,8 +55,8 @@ def test_any_model_can_be_trained_on_and_the_start_state_can_be_fixed():
 
 
 def test_random_torques_are_refused_as_it_does_not_apply_them():
-    with pytest.raises(InvalidInput, match="Shaken"):
-        PendulumEnv(randomization=Shaken(Fixed(), 0.5, 0.1))
+    with pytest.raises(InvalidInput, match="RandomForce"):
+        PendulumEnv(randomization=RandomForce(Fixed(), 0.5, 0.1))
 
 
 def test_a_model_without_torque_limit_is_refused():

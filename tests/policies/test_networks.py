@@ -5,7 +5,7 @@ import pytest
 import torch
 from torch import nn
 
-from policies.learning.stack import Stack, activations, backward, forward
+from policies.training.networks import Stack, activations, backward, forward
 
 CPU = torch.device("cpu")
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from policies.evaluate import evaluate, fresh_start_states
-from policies.learning.population import Population
-from policies.learning.sac import SACSettings
-from policies.learning.training import CHOICE, settings_for, train
-from policies.randomization import Band, Fixed
+from policies.environments.randomization import Band, Fixed
+from policies.evaluation import evaluate, fresh_start_states
+from policies.training.population import Population
+from policies.training.program import CHOICE, settings_for, train
+from policies.training.sac import SACSettings
 from sysid import Delay, Model, RodPendulum, paper_model
 
 SHORT = SACSettings(hidden=(16, 16), batch=32, random_steps=50, steps=430)

@@ -3,32 +3,35 @@
 import numpy as np
 import torch
 
-from policies.learning.feed import Feed
-from policies.streams import Purpose
+from policies.environments.random_streams import Purpose
+from policies.training.random_blocks import RandomBlocks
 
 
 def draw(rng, length):
     return rng.random((length, 3))
 
 
-def numbers(feed, steps):
+def numbers(blocks, steps):
     drawn = []
     for step in steps:
-        block, k = divmod(step, feed.length)
-        feed.load(block)
-        drawn.append(feed.at(torch.tensor([k])).numpy())
+        block, k = divmod(step, blocks.length)
+        blocks.load(block)
+        drawn.append(blocks.at(torch.tensor([k])).numpy())
     return np.array(drawn)
 
 
 def test_numbers_do_not_depend_on_the_order_of_asking():
-    forward, backward = Feed((1, 2), Purpose.LOSS, draw, length=10), Feed((1, 2), Purpose.LOSS, draw, length=10)
+    forward, backward = (
+        RandomBlocks((1, 2), Purpose.LOSS, draw, length=10),
+        RandomBlocks((1, 2), Purpose.LOSS, draw, length=10),
+    )
     ascending = numbers(forward, range(35))
     np.testing.assert_array_equal(ascending, numbers(backward, reversed(range(35)))[::-1])
     assert len(np.unique(ascending)) == ascending.size
 
 
 def test_neighbours_change_nothing_and_a_shared_seed_shares_its_numbers():
-    together, alone = Feed((1, 2, 3, 2), Purpose.LOSS, draw), Feed((2,), Purpose.LOSS, draw)
+    together, alone = RandomBlocks((1, 2, 3, 2), Purpose.LOSS, draw), RandomBlocks((2,), Purpose.LOSS, draw)
     of_all, of_one = numbers(together, [123])[0], numbers(alone, [123])[0]
     np.testing.assert_array_equal(of_all[1], of_one[0])
     np.testing.assert_array_equal(of_all[3], of_one[0])

@@ -1,6 +1,6 @@
 """A stream is a function of seed, purpose and block."""
 
-from policies.streams import Purpose, generator
+from policies.environments.random_streams import Purpose, generator
 
 
 def test_seeds_purposes_and_blocks_have_streams_of_their_own():

@@ -4,8 +4,8 @@ import numpy as np
 import torch
 from torchrl.envs.utils import check_env_specs
 
-from policies.learning.batched_env import BatchedPendulum
-from policies.randomization import Band, PriorRange
+from policies.environments.randomization import Band, PriorRange
+from policies.environments.torchrl_env import TorchRLPendulums
 from sysid import AngleOffset, Backlash, Delay, Model, RodPendulum, SensorDelay, paper_model
 
 BANDS = [Band({"m": 2.0, "l": 1.5}, 0.2), Band({"m": 1.0, "l": 1.0}, 0.0), PriorRange()]
@@ -13,7 +13,7 @@ SENSING = (Backlash(width=0.1), SensorDelay(T=0.06), AngleOffset(offset=0.05))
 
 
 def make(**options):
-    return BatchedPendulum(paper_model(), BANDS, (4, 5, 6), **options)
+    return TorchRLPendulums(paper_model(), BANDS, (4, 5, 6), **options)
 
 
 def actions(steps, agents, seed=0):
@@ -23,7 +23,7 @@ def actions(steps, agents, seed=0):
 
 def test_torchrl_accepts_it():
     check_env_specs(make())
-    check_env_specs(BatchedPendulum(Model(RodPendulum(), SENSING, u_max=2.0), BANDS, (4, 5, 6), history=2))
+    check_env_specs(TorchRLPendulums(Model(RodPendulum(), SENSING, u_max=2.0), BANDS, (4, 5, 6), history=2))
 
 
 def test_a_time_limit_truncates_and_never_terminates():
@@ -36,7 +36,7 @@ def test_a_time_limit_truncates_and_never_terminates():
 
 
 def test_a_partial_reset_leaves_the_other_agents_alone():
-    env = BatchedPendulum(Model(RodPendulum(), (Delay(T=0.07), *SENSING), u_max=2.0), BANDS, (4, 5, 6), history=2)
+    env = TorchRLPendulums(Model(RodPendulum(), (Delay(T=0.07), *SENSING), u_max=2.0), BANDS, (4, 5, 6), history=2)
     td = env.reset()
     for action in actions(3, 3):
         td = env.step(td.set("action", action))["next"]

@@ -6,8 +6,8 @@ import torch
 from torch import nn
 from torchrl.modules import TanhNormal
 
-from policies.learning.networks import SquashedNormal, head, mlp
-from policies.learning.stack import linear_init
+from policies.training.networks import linear_init
+from policies.training.torchrl_networks import SquashedNormal, head, mlp
 
 SIZES = (3, 16, 16, 2)
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from policies.evaluate import start_states
+from policies.evaluation import start_states
 from study.numerals import MINUS
 from study.publication import claims
 from study.publication.paper import CELLS, DIFFERENCES, QUOTES, Spot

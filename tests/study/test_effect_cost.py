@@ -8,9 +8,8 @@ import sys
 import numpy as np
 import pytest
 
-from policies.abreast import Abreast, returns
-from policies.control.optimal import Grid
-from policies.evaluate import evaluate
+from policies.control.dynamic_programming import Grid
+from policies.evaluation import PolicyBatch, batch_returns, evaluate
 from study.mismatch import effect_cost
 from study.mismatch.cases import CASES, Case
 from study.mismatch.costs import FIGURE, SHIPPED, TABLE, Bench, Row, read, write
@@ -81,8 +80,8 @@ def test_a_delay_of_four_samples_is_dear_and_knowing_it_brings_most_back(bench):
 def test_policies_abreast_do_as_each_does_alone(bench):
     model, (theta, theta_dot) = machine(CASES["delay"].at(0.1)), (x[:6] for x in bench.starts)
     policies = (bench.ignorant[0], design(model, COARSE))
-    assert Abreast(policies).history == 2
-    together = returns(policies, model, theta, theta_dot)
+    assert PolicyBatch(policies).history == 2
+    together = batch_returns(policies, model, theta, theta_dot)
     for policy, own in zip(policies, together, strict=True):
         np.testing.assert_allclose(own, evaluate(policy, model, theta, theta_dot).returns, rtol=1e-12)
 

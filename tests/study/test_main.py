@@ -127,7 +127,7 @@ def test_every_run_keeps_what_its_number_depends_on(undisturbed):
 
 
 def test_quick_has_the_start_states_of_the_paper():
-    from policies.evaluate import evaluate, start_states
+    from policies.evaluation import evaluate, start_states
     from study.cells import start_states as study_starts
     from study.identification import hidden_plant
 

@@ -5,7 +5,7 @@ import csv
 import numpy as np
 import pytest
 
-from policies.control.optimal import Grid, solve
+from policies.control.dynamic_programming import Grid, solve
 from study.mismatch import margin
 from study.mismatch.cases import CASES
 from study.mismatch.costs import SHARP, SHIPPED

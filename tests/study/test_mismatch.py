@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from policies.evaluate import evaluate, fresh_start_states
-from policies.randomization import Band
+from policies.environments.randomization import Band
+from policies.evaluation import evaluate, fresh_start_states
 from study.config import PRESETS
 from study.mismatch.hidden import hidden_machine, oracle, rollouts
 from study.mismatch.machine import design, machine

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from policies.randomization import Fixed
+from policies.environments.randomization import Fixed
 from study import rows as table
 from study.mismatch.answer import Verdict, answer
 from study.mismatch.designs import OPTIMUM, PLAIN, model_key

@@ -11,7 +11,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.image import imread
 
-from policies.evaluate import evaluate, fresh_start_states
+from policies.evaluation import evaluate, fresh_start_states
 from study.figures.mismatch import PARTS, ladder, returns
 from study.figures.naming import naming
 from study.figures.style import STYLE, save

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from policies.learning.population import NetworkPolicy
+from policies.training.population import NetworkPolicy
 from study.config import Cell
 from study.storage.policy_files import read_policies, write_policies
 from sysid import InvalidInput, paper_model

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from policies.evaluate import evaluate, fresh_start_states, start_states
+from policies.evaluation import evaluate, fresh_start_states, start_states
 from study.cells import PopulationTask
 from study.config import Point, Preset
 from study.identification import hidden_plant, identify
