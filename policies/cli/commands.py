@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from policies.cli.options import Evaluate, Export, Train
-from policies.control.references import Reference, references
+from policies.control.references import ReferenceReturn, references
 from policies.environments import task
 from policies.environments.machine import check_machine, check_stable, machine_of, past_commands_needed
 from policies.environments.randomization import Band, Fixed, Posterior, Randomization, Ranges
@@ -290,7 +290,7 @@ def _show(name: str, evaluation: Evaluation, note: str = "") -> None:
     print(f"  {name:<30} {evaluation.mean:9.1f}  [{low:.1f}, {high:.1f}]{'  ' + note if note else ''}")
 
 
-def _show_references(found: Sequence[Reference]) -> None:
+def _show_references(found: Sequence[ReferenceReturn]) -> None:
     for reference in found:
         if reference.evaluation is None:
             print(f"  {reference.name:<30}   unknown: {reference.note}")

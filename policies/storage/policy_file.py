@@ -23,7 +23,7 @@ import hashlib
 import json
 import math
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from os import PathLike
@@ -71,7 +71,7 @@ def save_policy(policy: NetworkPolicy, model: Model, folder: str | PathLike[str]
         "u_max": policy.u_max,
         "weights": {"file": WEIGHTS, "sha256": hashlib.sha256(weights).hexdigest()},
         "model": to_dict(model),
-        "about": {**about, "versions": versions()},
+        "about": {**about, "versions": package_versions()},
     }
     folder = Path(folder)
     try:
@@ -155,12 +155,15 @@ def _layers(weights: bytes, inputs: int) -> tuple[tuple[NDArray[np.float32], NDA
     return layers
 
 
-def versions() -> dict[str, str]:
-    """What the numbers of a training depend on."""
+def package_versions(packages: Sequence[str] = ("gapfinder", "numpy", "torch")) -> dict[str, str]:
+    """What numbers depend on: Python, the processor's architecture, and of each package its version."""
     found = {"python": platform.python_version(), "machine": platform.machine()}
-    for package in ("gapfinder", "numpy", "torch"):
-        try:
-            found[package] = metadata.version(package)
-        except metadata.PackageNotFoundError:
-            found[package] = "not installed"
-    return found
+    return found | {package: package_version(package) for package in packages}
+
+
+def package_version(package: str) -> str:
+    """Its installed version, or "not installed"."""
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "not installed"

@@ -3,6 +3,6 @@
 program        from a model to a policy: the best of several agents
 population     agents trained together, their checkpoints
 sac            their learners, over networks (all in one tensor), replay, random_blocks (random numbers) and cuda_graph
-torchrl_reference   the same losses by TorchRL, over torchrl_networks
+torchrl_reference   the same losses by TorchRL
 cpu_settings   settings of a CPU
 """

@@ -29,7 +29,7 @@ Listener = Callable[[int, Sequence[float], float], None]
 
 
 @dataclass(frozen=True, eq=False)
-class Training:
+class TrainedPolicy:
     """What a training gave.
 
     policy   of the agent that is best on the model
@@ -61,7 +61,7 @@ def train(
     seeds: Sequence[int],
     history: int = 0,
     listener: Listener = lambda steps, returns, seconds: None,
-) -> Training:
+) -> TrainedPolicy:
     """Train an agent a seed; `listener` hears ten times (steps done, mean return of each agent since, seconds).
 
     Nothing is drawn from the start states on which a policy is judged later: the choice among the agents has its own.
@@ -81,7 +81,7 @@ def train(
     starts = fresh_start_states(seeds[0], CHOICE, block=1)
     chosen = tuple(evaluate(policy, model, *starts).mean for policy in policies)
     best = int(np.argmax(chosen))
-    return Training(
+    return TrainedPolicy(
         policy=policies[best],
         model=model,
         randomization=randomization,

@@ -7,7 +7,7 @@ from torch import nn
 from torchrl.modules import TanhNormal
 
 from policies.training.networks import linear_init
-from policies.training.torchrl_networks import SquashedNormal, head, mlp
+from policies.training.torchrl_reference import SquashedNormal, head, mlp
 
 SIZES = (3, 16, 16, 2)
 
