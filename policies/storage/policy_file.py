@@ -23,7 +23,7 @@ import hashlib
 import json
 import math
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import metadata
 from os import PathLike
@@ -155,15 +155,12 @@ def _layers(weights: bytes, inputs: int) -> tuple[tuple[NDArray[np.float32], NDA
     return layers
 
 
-def package_versions(packages: Sequence[str] = ("gapfinder", "numpy", "torch")) -> dict[str, str]:
-    """What numbers depend on: Python, the processor's architecture, and of each package its version."""
+def package_versions() -> dict[str, str]:
+    """What the numbers of a training depend on."""
     found = {"python": platform.python_version(), "machine": platform.machine()}
-    return found | {package: package_version(package) for package in packages}
-
-
-def package_version(package: str) -> str:
-    """Its installed version, or "not installed"."""
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return "not installed"
+    for package in ("gapfinder", "numpy", "torch"):
+        try:
+            found[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            found[package] = "not installed"
+    return found

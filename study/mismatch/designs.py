@@ -22,12 +22,12 @@ import numpy as np
 
 from policies.control.dynamic_programming import Grid
 from policies.evaluation import Policy, batch_returns, fresh_start_states
-from study.executors.executor import Brief, Link
-from study.mismatch.hidden import hidden_machine, oracle
-from study.mismatch.machine import DESIGN_SUBSTEPS, design, machine
+from study.mismatch.ground_truth import hidden_machine, oracle
+from study.mismatch.mismatch_results import Designed
 from study.mismatch.plan import Plan
-from study.mismatch.recipe import Recipe, recipe_of
-from study.mismatch.results import Designed
+from study.mismatch.rod import DESIGN_SUBSTEPS, design, machine
+from study.mismatch.training_setup import Recipe, recipe_of
+from study.pipeline.executor import Brief, Link
 from sysid import InvalidInput, Model
 
 OPTIMUM, PLAIN = "optimum", "plain"

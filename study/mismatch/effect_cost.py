@@ -26,9 +26,9 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from study.mismatch.cases import CASES, Case
-from study.mismatch.costs import FIGURE, SHIPPED, SMALL, TABLE, Bench, Row, read, write
-from study.mismatch.sizes import Size, Sizes
+from study.mismatch.chosen_sizes import Size, Sizes
+from study.mismatch.loss import FIGURE, SHIPPED, SMALL, TABLE, Bench, Row, read, write
+from study.mismatch.magnitudes import CASES, Case
 from sysid import InvalidInput
 
 TARGETS = (1.5, 10.0, 30.0)
@@ -101,8 +101,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         options.out.mkdir(parents=True, exist_ok=True)
         rows = _measured(options.out / TABLE, options.effects)
-        from study.figures.effect_cost import draw
-        from study.figures.style import save
+        from study.figure_style import save
+        from study.mismatch.figures.effect_cost import draw
 
         save(lambda: draw(rows), options.out / FIGURE)
     except (InvalidInput, OSError) as error:

@@ -10,14 +10,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from study.holm import holm
 from study.mismatch.designs import OPTIMUM, PLAIN, model_key
-from study.mismatch.named import names
+from study.mismatch.mismatch_results import Designed, Fitted, Trained
+from study.mismatch.naming_results import names
 from study.mismatch.plan import CONTRASTS, FREE, WAYS, HiddenPlant, Plan, Trial
-from study.mismatch.recipe import Recipe, recipe_of
-from study.mismatch.results import Designed, Fitted, Trained
+from study.mismatch.training_setup import Recipe, recipe_of
 from study.mismatch.trainings import agents_of
-from study.statistics import Contrast, paired_t, sem, student
+from study.statistics import Contrast, holm, paired_t, sem, student
 from sysid import InvalidInput
 
 Array = NDArray[np.float64]

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from study.mismatch.cases import U_MAX
-from study.mismatch.machine import DESIGN_SUBSTEPS, machine
-from study.mismatch.outside import OUTSIDE
+from study.mismatch.magnitudes import U_MAX
+from study.mismatch.out_of_catalogue import OUTSIDE
 from study.mismatch.plan import HiddenPlant, Plan
+from study.mismatch.rod import DESIGN_SUBSTEPS, machine
 from sysid import RK4, Effect, InvalidInput, Model, Record, RodPendulum, Sensor, effect, simulate
 
 PRIOR = Model(RodPendulum(m=1.0, l=1.0, g=10.0), integrator=RK4(substeps=DESIGN_SUBSTEPS), dt=0.05, u_max=U_MAX)

@@ -45,7 +45,7 @@ def in_catalogue(plant: HiddenPlant) -> bool:
 
 
 def _unit(plant: HiddenPlant) -> str:
-    from study.mismatch.hidden import effect_of
+    from study.mismatch.ground_truth import effect_of
 
     effect, name = effect_of(plant), plant.numbers[0][0]
     unit = "" if effect is None else effect.parameters[name].unit

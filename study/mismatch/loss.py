@@ -13,9 +13,9 @@ import numpy as np
 
 from policies.control.dynamic_programming import Grid, Optimal, solve
 from policies.evaluation import batch_returns, fresh_start_states, start_states
-from study import rows as table
-from study.mismatch.cases import CASES, Case
-from study.mismatch.machine import BLUNT, DESIGN_SUBSTEPS, design, machine
+from study.mismatch.magnitudes import CASES, Case
+from study.mismatch.rod import BLUNT, DESIGN_SUBSTEPS, design, machine
+from study.pipeline import csv_table as table
 from study.statistics import sem
 from sysid import InvalidInput, OutputEffect
 

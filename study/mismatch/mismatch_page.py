@@ -6,13 +6,13 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from study.mismatch.answer import Answer
-from study.mismatch.named import Named, tabled
+from study.formatting import bracketed, number
+from study.mismatch.findings import Answer
+from study.mismatch.labels import capital, plant_title
+from study.mismatch.naming_results import Named, tabled
 from study.mismatch.plan import WAYS
-from study.mismatch.titles import capital, plant_title
-from study.numerals import bracketed, number
-from study.page import embedded, template
-from study.progress import duration
+from study.pipeline.html_page import embedded, template
+from study.pipeline.progress import duration
 from study.statistics import Contrast
 
 CAPTIONS = {

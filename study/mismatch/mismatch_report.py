@@ -8,16 +8,17 @@ from pathlib import Path
 from rich.console import Console
 from rich.markup import escape
 
-from study import rows
-from study.mismatch import named, naming
-from study.mismatch.answer import Answer, answer
-from study.mismatch.figures import draw
-from study.mismatch.page import page
+from study.mismatch import naming
+from study.mismatch import naming_results as named
+from study.mismatch.figures.drawing import draw
+from study.mismatch.findings import Answer, answer
+from study.mismatch.mismatch_page import page
+from study.mismatch.mismatch_results import MismatchResults
 from study.mismatch.plan import CONTRASTS, Plan
-from study.mismatch.results import Results
-from study.mismatch.words import sentences
-from study.record import write_record
-from study.versions import all_versions
+from study.mismatch.sentences import sentences
+from study.pipeline import csv_table as rows
+from study.pipeline.record import write_record
+from study.pipeline.versions import all_versions
 from sysid.data.files import write_whole
 
 
@@ -68,7 +69,7 @@ class TrialRow:
     mean: float
 
 
-def publish(plan: Plan, results: Results, console: Console) -> Answer:
+def publish_mismatch(plan: Plan, results: MismatchResults, console: Console) -> Answer:
     """Write tables, figures and page into the results' folder and say the answers; returns them.
 
     The naming study is told too where its table lies in the folder.

@@ -15,8 +15,9 @@ from pathlib import Path
 from typing import Any
 
 from study.mismatch.plan import FORMAT
-from study.storage.database import Database, Settings, identity
-from study.storage.policy_files import FOLDER
+from study.pipeline.database import Database, identity
+from study.pipeline.policy_files import FOLDER
+from study.pipeline.settings import StudySettings
 
 FIGURES = ("returns", "ladder", "trajectories")
 OUTPUTS = (
@@ -72,7 +73,7 @@ class Designed:
     seconds: float
 
 
-class Results(Database):
+class MismatchResults(Database):
     """The open results folder of a plan; a context manager that holds the folder's lock.
 
     What is added takes the place of what stood there under the same key, all of it or nothing.
@@ -81,13 +82,13 @@ class Results(Database):
     adding raises OSError where the file is full, locked or read-only.
     """
 
-    def __init__(self, folder: Path, plan: Settings, device: str = "cpu") -> None:
+    def __init__(self, folder: Path, plan: StudySettings, device: str = "cpu") -> None:
         self.device = device
         super().__init__(folder, SCHEMA, identity(plan, f"mismatch {FORMAT}", device), OUTPUTS)
 
     def add_fits(self, fits: Sequence[Fitted]) -> None:
         """Keep what ways made of rollouts."""
-        self._add("fits", [(f.plant, f.way, f.n, f.seed, json.dumps(f.payload), f.seconds) for f in fits])
+        self.put("fits", [(f.plant, f.way, f.n, f.seed, json.dumps(f.payload), f.seconds) for f in fits])
 
     def fits(self) -> list[Fitted]:
         """What ways made of rollouts, sorted by plant, way, n, seed."""
@@ -103,7 +104,7 @@ class Results(Database):
         rows = [
             (t.key, json.dumps(t.returns), json.dumps(t.curve), json.dumps(t.versions), t.seconds) for t in trainings
         ]
-        self._add("trainings", rows, population)
+        self.put("trainings", rows, () if population is None else (population,))
 
     def trainings(self) -> list[Trained]:
         """The trained agents, sorted by key."""
@@ -120,7 +121,7 @@ class Results(Database):
 
     def add_designs(self, designs: Sequence[Designed]) -> None:
         """Keep what near-optimal policies returned."""
-        self._add("designs", [(d.plant, d.model, d.seed, json.dumps(d.returns), d.seconds) for d in designs])
+        self.put("designs", [(d.plant, d.model, d.seed, json.dumps(d.returns), d.seconds) for d in designs])
 
     def designs(self) -> list[Designed]:
         """What near-optimal policies returned, sorted by plant, model, seed."""
@@ -130,19 +131,3 @@ class Results(Database):
                 "SELECT * FROM designs ORDER BY plant, model, seed"
             )
         ]
-
-    def note_training(self, population: str, seconds: float) -> None:
-        """Keep the seconds that a population's checkpoint holds."""
-        self._add("progress", [(population, seconds)])
-
-    def training_seconds(self, population: str) -> float:
-        """The seconds that a population's checkpoint holds; 0 without one."""
-        row = self.db.execute("SELECT seconds FROM progress WHERE population = ?", (population,)).fetchone()
-        return float(row[0]) if row else 0.0
-
-    def _add(self, table: str, rows: Sequence[tuple[Any, ...]], finished: str | None = None) -> None:
-        with self.transaction() as db:
-            for row in rows:
-                db.execute(f"INSERT OR REPLACE INTO {table} VALUES ({', '.join('?' * len(row))})", row)
-            if finished is not None:
-                db.execute("DELETE FROM progress WHERE population = ?", (finished,))

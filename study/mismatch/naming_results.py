@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from study import rows as table
+from study.mismatch.labels import capital, plant_title
 from study.mismatch.plan import PLANS, HiddenPlant
-from study.mismatch.titles import capital, plant_title
+from study.pipeline import csv_table as table
 from study.statistics import wilson
 from sysid import CATALOGUE, InvalidInput
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from study.mismatch.elimination import reduce, start_step
-from study.mismatch.learned import CommandFilter, LearnedTorque, untrained
+from study.mismatch.residual_network import CommandFilter, LearnedTorque, untrained
 from sysid import InvalidInput, Model, Record, Sensor, State
 from sysid.estimation.held_out import held_out_error
 from sysid.estimation.response import Linearisation, Response, propagate

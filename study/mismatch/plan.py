@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
-from study.config import Fingerprinted
+from study.pipeline.settings import Fingerprinted
 
 FORMAT = 1
 """Version of the results folder: raised whenever stored numbers change their meaning."""

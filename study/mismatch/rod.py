@@ -8,7 +8,7 @@ from policies.control.design_model import table_shape
 from policies.control.dynamic_programming import Grid
 from policies.control.predictive import design_predictive
 from policies.evaluation import Policy
-from study.mismatch.cases import U_MAX
+from study.mismatch.magnitudes import U_MAX
 from sysid import RK4, Effect, InvalidInput, Model, RodPendulum
 
 BLUNT = Grid(theta=120, theta_dot=121)

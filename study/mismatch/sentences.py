@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 
-from study.mismatch.answer import Answer, Compared, Spot, Verdict
-from study.mismatch.named import Named, errors, rates
+from study.formatting import number, percent
+from study.mismatch.findings import Answer, Compared, Spot, Verdict
+from study.mismatch.labels import in_catalogue, is_outside, plant_title
+from study.mismatch.naming_results import Named, errors, rates
 from study.mismatch.plan import HiddenPlant
-from study.mismatch.titles import in_catalogue, is_outside, plant_title
-from study.numerals import number, percent
 
 Said = Callable[[Verdict], bool]
 

@@ -25,10 +25,10 @@ from policies.environments.randomization import (
     Randomization,
     SingleEffect,
 )
-from study.mismatch.cases import CASES
-from study.mismatch.hidden import PRIOR, oracle, rollouts, sensor
+from study.mismatch.ground_truth import PRIOR, oracle, rollouts, sensor
+from study.mismatch.magnitudes import CASES
 from study.mismatch.plan import FREE, HiddenPlant, Plan
-from study.mismatch.recipe import Recipe
+from study.mismatch.training_setup import Recipe
 from sysid import (
     Diagnosis,
     Estimate,
@@ -200,7 +200,7 @@ class Spending:
         )
 
     def _learned(self) -> Recipe:
-        from study.mismatch.learning import learn
+        from study.mismatch.network_fit import learn
 
         learned = learn(self.fitted.model, self.records, self.sensor, np.random.default_rng([self.seed, 1]))
         return Recipe(learned.model, center(self.fitted), about={"errors": [learned.before, learned.after]})

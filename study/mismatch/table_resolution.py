@@ -1,6 +1,6 @@
 """Which table of dynamic programming stands for a trained agent? The one that other machines hurt as much.
 
-    python -m study.mismatch.margin        trains 8 agents on the plain machine, some minutes; writes margin.csv
+    python -m study.mismatch.table_resolution     trains 8 agents on the plain machine, some minutes; writes margin.csv
 
     ratio(policy, effect) = J(policy, machine with the effect) / J(policy, plain machine)
 
@@ -26,10 +26,10 @@ from policies.environments.randomization import Band
 from policies.evaluation import Policy, batch_returns, fresh_start_states
 from policies.training.population import Population
 from policies.training.sac import SACSettings
-from study.mismatch.cases import CASES
-from study.mismatch.costs import EPISODES, SEED, SHIPPED
-from study.mismatch.machine import DESIGN_SUBSTEPS, machine
-from study.mismatch.sizes import SIZES, Size
+from study.mismatch.chosen_sizes import SIZES, Size
+from study.mismatch.loss import EPISODES, SEED, SHIPPED
+from study.mismatch.magnitudes import CASES
+from study.mismatch.rod import DESIGN_SUBSTEPS, machine
 from sysid import InvalidInput
 from sysid.data.files import write_whole
 
@@ -109,7 +109,9 @@ def write(path: Path, margin: Margin) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code: 0 done, 2 bad input."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0], prog="python -m study.mismatch.margin")
+    parser = argparse.ArgumentParser(
+        description=__doc__.splitlines()[0], prog="python -m study.mismatch.table_resolution"
+    )
     parser.add_argument("--out", type=Path, default=SHIPPED, metavar="DIR", help="folder of the table")
     options = parser.parse_args(arguments)
     try:

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from policies.environments.randomization import Randomization, from_json
-from study.mismatch.learned import CommandFilter, LearnedTorque, stacked
-from study.mismatch.outside import OUTSIDE
+from study.mismatch.out_of_catalogue import OUTSIDE
+from study.mismatch.residual_network import CommandFilter, LearnedTorque, stacked
 from sysid import InvalidInput, Model
 from sysid.estimation.saved_model import from_dict, to_dict
 

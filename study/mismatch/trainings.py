@@ -16,13 +16,13 @@ import numpy as np
 
 from policies import Population
 from policies.evaluation import batch_returns, fresh_start_states
-from study.config import device_type
-from study.mismatch.hidden import hidden_machine
+from study.mismatch.ground_truth import hidden_machine
+from study.mismatch.mismatch_results import Fitted, Trained
 from study.mismatch.plan import SHARED, Plan, Trial
-from study.mismatch.recipe import Recipe, recipe_of, together
-from study.mismatch.results import Fitted, Trained
-from study.training import Training, sac_settings
-from study.versions import versions
+from study.mismatch.training_setup import Recipe, recipe_of, together
+from study.pipeline.population_task import PopulationTask, sac_settings
+from study.pipeline.settings import device_type
+from study.pipeline.versions import versions
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ def drawn_names(recipe: Recipe) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True)
-class TrainingTask(Training):
+class MismatchPopulation(PopulationTask):
     """Agents of one structure."""
 
     plan: Plan

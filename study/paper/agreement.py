@@ -19,12 +19,11 @@ from functools import cached_property
 
 import numpy as np
 
-from study.holm import holm
-from study.numerals import number, signed
-from study.publication import paper
-from study.publication.paper import BASELINE, CELLS, PublishedContrast, Spot
-from study.publication.published import Outcomes, Summary
-from study.statistics import Contrast, paired_bootstrap, paired_t, student, welch
+from study.formatting import number, signed
+from study.paper import published_numbers as paper
+from study.paper.published_numbers import BASELINE, CELLS, PublishedContrast, Spot
+from study.paper.published_runs import CellSummary, Outcomes
+from study.statistics import Contrast, holm, paired_bootstrap, paired_t, student, welch
 
 MARGIN = 20.0
 """Returns closer than this count as the same: a twentieth of what the paper's 50 rollouts were worth (434)."""
@@ -47,8 +46,8 @@ class CellAgreement:
     """A cell here and there. `basis` says how the difference was taken; `verdict` is same, differs or open."""
 
     spot: Spot
-    ours: Summary
-    theirs: Summary
+    ours: CellSummary
+    theirs: CellSummary
     difference: Contrast
     verdict: str
     basis: str
@@ -124,7 +123,7 @@ class Agreement:
 
     def _cell(self, spot: Spot) -> CellAgreement:
         published, ours = CELLS[spot], self.ours.summary(spot)
-        theirs = Summary(published.mean, published.sem, published.median, published.seeds)
+        theirs = CellSummary(published.mean, published.sem, published.median, published.seeds)
         seeds, obstacle = self._pairs(spot)
         if obstacle:
             sides = (ours.mean, ours.sem, ours.seeds), (theirs.mean, theirs.sem, theirs.seeds)

@@ -1,6 +1,6 @@
 """What the paper claims beside its table, each answered in a sentence with its numbers.
 
-rate, bias, floor   from identification alone, on many seeds (`study.publication.scatter`); nothing is trained for them
+rate, bias, floor   from identification alone, on many seeds (`identification_scatter`); nothing is trained for them
 plateau, monotone   from the cells, there and here                  starts   from the evaluation's start states
 undertraining       from the learning curves of the widest band, and from twice the training where it was run
 """
@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from study.numerals import MINUS, bracketed, number, percent, signed
-from study.publication.paper import CELLS, DIFFERENCES, QUOTES, SEEDS, Spot
-from study.publication.published import Outcomes
-from study.publication.scatter import Scatter
+from study.formatting import MINUS, bracketed, number, percent, signed
+from study.paper.identification_scatter import Scatter
+from study.paper.published_numbers import CELLS, DIFFERENCES, QUOTES, SEEDS, Spot
+from study.paper.published_runs import Outcomes
 from study.statistics import Contrast, paired_t, sem, student
 
 HOLDS, IN_PART, FAILS, OPEN = "holds", "in part", "does not hold", "open"

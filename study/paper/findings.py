@@ -12,11 +12,11 @@ from functools import cache, cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from study.cells import Run
-from study.config import Point, Preset
-from study.identification import Theta
-from study.numerals import bracketed, number
-from study.references import CONTROLLERS, OPTIMAL, Reference
+from study.formatting import bracketed, number
+from study.paper.identification import Theta
+from study.paper.presets import Point, Preset
+from study.paper.reference_controllers import CONTROLLERS, OPTIMAL, Reference
+from study.paper.runs import Run
 from study.statistics import Contrast, bootstrap_coverage, paired_bootstrap, sem
 from sysid import InvalidInput
 
@@ -177,7 +177,7 @@ class Answer:
             change = self.contrast((n, wide), (n, narrow))
             parts.append(f"{change} at n = {n}{_doubt(change)}")
         return (
-            f"Training over a band of ±{100 * wide:.0f} % instead of "
+            f"PopulationTask over a band of ±{100 * wide:.0f} % instead of "
             f"{'at the estimate' if narrow == 0 else f'±{100 * narrow:.0f} %'} changed the return by {_list(parts)}."
         )
 

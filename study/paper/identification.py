@@ -13,13 +13,10 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from study.config import Pair, Point
-from study.executors.executor import Brief, Link
+from study.paper.presets import Point, Theta
+from study.pipeline.executor import Brief, Link
 from sysid import GridSearch, Identifier, InvalidInput, LeastSquares, Model, Sensor, UnscentedKalman, paper_model
 from sysid.planning.excitation import paper_rollouts
-
-Theta = Pair
-"""(m [kg], l [m])."""
 
 FIRST_ANGLE = 0.001
 """sd [rad] of the first angle of a rollout, as least squares and the Kalman filter are told."""

@@ -68,7 +68,7 @@ class OneStepGrid:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class NoiseFreeRollouts:
     """What n rollouts under the paper's random torque go through, without noise, and unit noise for both readings."""
 
     before: Array
@@ -78,14 +78,14 @@ class Motion:
     noise: Array
 
     def samples(self, sigma: float, *, clean_inputs: bool = False) -> Samples:
-        """The same motion read with noise sigma [rad/s]; with clean inputs all of its variance is on the later one."""
+        """The same rollouts read with noise sigma [rad/s]; clean inputs: all of its variance is on the later one."""
         first, second = sigma * self.noise
         if clean_inputs:
             return Samples(self.before, self.after + second - first, self.sine, self.u)
         return Samples(self.before + first, self.after + second, self.sine, self.u)
 
 
-def motion(truth: tuple[float, float], n: int, rng: np.random.Generator) -> Motion:
+def noise_free_rollouts(truth: tuple[float, float], n: int, rng: np.random.Generator) -> NoiseFreeRollouts:
     """n rollouts of the plant at truth (m, l) from the paper's start states and torques."""
     model = paper_model(*truth)
     u = rng.uniform(-model.u_max, model.u_max, (n, LENGTH))
@@ -94,7 +94,7 @@ def motion(truth: tuple[float, float], n: int, rng: np.random.Generator) -> Moti
     speed = run.theta_dot
     sine = np.sin(run.theta[:, :LENGTH])
     noise = rng.standard_normal((2, n * LENGTH))
-    return Motion(speed[:, :-1].ravel(), speed[:, 1:].ravel(), sine.ravel(), u.ravel(), noise)
+    return NoiseFreeRollouts(speed[:, :-1].ravel(), speed[:, 1:].ravel(), sine.ravel(), u.ravel(), noise)
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,11 +154,11 @@ def scatter(
     sigmas: Sequence[float] = (0.5, 1.0, 2.0),
     truth: tuple[float, float] = (2.0, 1.5),
 ) -> Scatter:
-    """Search on `seeds` independent measurements; budgets and noise levels of a seed share its motion."""
+    """Search on `seeds` independent measurements; budgets and noise levels of a seed share its noise_free_rollouts."""
     grid, ends = OneStepGrid(), [n * LENGTH for n in budgets]
     found = np.empty((2, len(sigmas), len(budgets), seeds, 2))
     for seed, child in enumerate(rng.spawn(seeds)):
-        moved = motion(truth, max(budgets), child)
+        moved = noise_free_rollouts(truth, max(budgets), child)
         for k, sigma in enumerate(sigmas):
             for c in (False, True):
                 found[int(c), k, :, seed] = grid.search(moved.samples(sigma, clean_inputs=c), ends)

@@ -15,11 +15,11 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from study.cells import Run, Summary
-from study.config import FORMAT, Cell, Point, Preset
-from study.identification import Theta
-from study.storage.store import read_run
-from study.training import sac_settings
+from study.paper.identification import Theta
+from study.paper.presets import FORMAT, Cell, Point, Preset
+from study.paper.runs import Run, RunSummary
+from study.paper.sweep_results import read_run
+from study.pipeline.population_task import sac_settings
 from sysid import InvalidInput
 
 TOLERANCE = 1e-6
@@ -34,7 +34,7 @@ Estimates = Mapping[tuple[str, int, int], Theta]
 """theta_hat by (point, n, seed)."""
 
 
-def read_runs(file: Path, preset: Preset, estimates: Estimates) -> list[Run]:
+def import_runs(file: Path, preset: Preset, estimates: Estimates) -> list[Run]:
     """The runs in the file, each marked as imported from it, with the estimates that this code found.
 
     Raises InvalidInput for a file that cannot be read, and for the first row that does not belong to the preset.
@@ -139,5 +139,5 @@ def _row(place: str, row: dict[str, str], preset: Preset) -> Run:
         settings={},
         versions={},
         seconds=seconds,
-        summary=Summary(mean, std, fresh),
+        summary=RunSummary(mean, std, fresh),
     )

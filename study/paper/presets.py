@@ -7,16 +7,16 @@ This module loads nothing heavy, so that `python -m study.main --help` answers a
 
 from __future__ import annotations
 
-import dataclasses
-import hashlib
-import json
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
+
+from study.pipeline.settings import Fingerprinted, device_type
 
 FORMAT = 2
 """Version of the results folder: raised whenever stored numbers or tables change their meaning."""
 
-Pair = tuple[float, float]
+Theta = tuple[float, float]
+"""(m [kg], l [m])."""
 
 
 class Cell(NamedTuple):
@@ -45,8 +45,8 @@ class Point:
     budgets: tuple[int, ...]
     widths: tuple[float, ...]
     seeds: tuple[int, ...]
-    truth: Pair = (2.0, 1.5)
-    prior: Pair = (1.0, 1.0)
+    truth: Theta = (2.0, 1.5)
+    prior: Theta = (1.0, 1.0)
     sigma: float = 1.0
     identifier: str = "grid"
     randomization: str = "band"
@@ -55,23 +55,6 @@ class Point:
     def cells(self) -> tuple[Cell, ...]:
         """Its runs. Widths vary slowest: the column w = 0 of all seeds is finished first."""
         return tuple(Cell(self.name, n, w, seed) for w in self.widths for seed in self.seeds for n in self.budgets)
-
-
-class Fingerprinted:
-    """Frozen plain data that results are tied to."""
-
-    layout: ClassVar[int]
-    """FORMAT of the results folder."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data, ready for JSON."""
-        return json.loads(json.dumps(dataclasses.asdict(self)))
-
-    @property
-    def fingerprint(self) -> str:
-        """Sixteen hexadecimal digits that change with any setting and with the layout."""
-        text = json.dumps({"format": self.layout, **self.to_dict()}, sort_keys=True)
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 @dataclass(frozen=True)
@@ -123,11 +106,6 @@ class Preset(Fingerprinted):
     def seeds(self) -> tuple[int, ...]:
         """Every seed that some point uses."""
         return tuple(sorted({seed for point in self.points for seed in point.seeds}))
-
-
-def device_type(device: str) -> str:
-    """ "cuda" of "cuda:1": what the partition into populations depends on."""
-    return device.partition(":")[0]
 
 
 FIVE, TEN = tuple(range(5)), tuple(range(10))

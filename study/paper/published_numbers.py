@@ -3,7 +3,7 @@
 Rizvi and Tomar, "How Should a Simulation-to-Reality Transfer Budget Be Spent?", First Workshop on Sim2Real and
 Classical Control, IROS 2026 (submitted). Where the text prints a number it stands here as printed. Means, errors and
 medians of cells, and errors of contrasts, are aggregates of the authors' per-run files (results/*.csv at URL), which
-are not shipped here; `study.publication.published` reads them.
+are not shipped here; `study.paper.published_runs` reads them.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class Spot(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Point:
+class PublishedPoint:
     """An operating point: its name in print, the hidden plant (m [kg], l [m]), the speed noise [rad/s], its file."""
 
     label: str
@@ -36,14 +36,14 @@ class Point:
 
 
 POINTS = {
-    "main": Point("Main (2.0, 1.5), 1.0 rad/s", (2.0, 1.5), 1.0, "summary.csv"),
-    "small_gap": Point("Small gap (1.5, 1.2)", (1.5, 1.2), 1.0, "exp_gap_1.5_1.2.csv"),
-    "large_gap": Point("Large gap (2.5, 2.0)", (2.5, 2.0), 1.0, "exp_gap_2.5_2.0.csv"),
-    "low_noise": Point("Low noise, 0.5 rad/s", (2.0, 1.5), 0.5, "exp_noise_0.5.csv"),
-    "high_noise": Point("High noise, 2.0 rad/s", (2.0, 1.5), 2.0, "exp_noise_2.0.csv"),
-    "prior_range": Point("Prior range [0.3, 3.0]²", (2.0, 1.5), 1.0, "exp_priorDR.csv"),
+    "main": PublishedPoint("Main (2.0, 1.5), 1.0 rad/s", (2.0, 1.5), 1.0, "summary.csv"),
+    "small_gap": PublishedPoint("Small gap (1.5, 1.2)", (1.5, 1.2), 1.0, "exp_gap_1.5_1.2.csv"),
+    "large_gap": PublishedPoint("Large gap (2.5, 2.0)", (2.5, 2.0), 1.0, "exp_gap_2.5_2.0.csv"),
+    "low_noise": PublishedPoint("Low noise, 0.5 rad/s", (2.0, 1.5), 0.5, "exp_noise_0.5.csv"),
+    "high_noise": PublishedPoint("High noise, 2.0 rad/s", (2.0, 1.5), 2.0, "exp_noise_2.0.csv"),
+    "prior_range": PublishedPoint("Prior range [0.3, 3.0]²", (2.0, 1.5), 1.0, "exp_priorDR.csv"),
 }
-"""The operating points by the names of study.config, in the order of Table I, then the baseline of Sec. III-A."""
+"""The operating points by the names of the presets, in the order of Table I, then the baseline of Sec. III-A."""
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from study.publication.paper import POINTS, URL, Spot
+from study.paper.published_numbers import POINTS, URL, Spot
 from study.statistics import sem
 from sysid import InvalidInput
 
@@ -39,7 +39,7 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class Summary:
+class CellSummary:
     """Return of a cell over its seeds."""
 
     mean: float
@@ -81,10 +81,10 @@ class Outcomes:
         chosen = [runs[seed] for seed in (sorted(runs) if seeds is None else seeds)]
         return np.array([run.fresh if fresh else run.mean for run in chosen])
 
-    def summary(self, spot: Spot, *, fresh: bool = False) -> Summary:
+    def summary(self, spot: Spot, *, fresh: bool = False) -> CellSummary:
         """Mean, its standard error, median and number of seeds of a cell."""
         values = self.returns(spot, fresh=fresh)
-        return Summary(float(np.mean(values)), sem(values), float(np.median(values)), len(values))
+        return CellSummary(float(np.mean(values)), sem(values), float(np.median(values)), len(values))
 
     def id_errors(self, point: str, n: int) -> NDArray[np.float64]:
         """||theta_hat - truth|| (S,) of a budget, from its narrowest width: all widths share the estimate."""

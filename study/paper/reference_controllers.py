@@ -18,12 +18,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from policies.evaluation import Policy, evaluate, fresh_start_states
-from study.cells import start_states
-from study.config import Preset
-from study.executors.executor import Brief, Link
-from study.identification import Theta, hidden_plant
-from study.versions import versions
+from policies.evaluation import Policy, evaluate, fresh_start_states, start_states
+from study.paper.identification import Theta, hidden_plant
+from study.paper.presets import Preset
+from study.pipeline.executor import Brief, Link
+from study.pipeline.versions import versions
 from sysid import paper_model
 
 OPTIMAL, LQR, SWING_UP = "optimal", "lqr", "swing_up_lqr"
@@ -76,7 +75,7 @@ class ReferenceTask(Brief):
         begin = time.monotonic()
         policy = self.design()
         seeds = sorted({*self.preset.seeds, *self.preset.reference_seeds})
-        starts = [start_states(self.preset, seed) for seed in seeds]
+        starts = [start_states(seed, self.preset.episodes) for seed in seeds]
         theta, theta_dot = (np.concatenate(column) for column in zip(*starts, strict=True))
         returns = {
             (truth, seed): tuple(row)

@@ -13,20 +13,20 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from study.answer import Answer
-from study.config import PRESETS, Preset
-from study.figures import claims as claim_figures
-from study.figures import publication as side_by_side
-from study.figures.style import save
-from study.figures.sweeps import heatmaps, paretos
-from study.publication import claims
-from study.publication.agreement import Agreement
-from study.publication.claims import Claim
-from study.publication.knee import budget_curves, paragraph
-from study.publication.paper import CELLS, EPISODES, POINTS, ROBUSTNESS, SEEDS, URL, Spot
-from study.publication.published import Outcome, Outcomes, outcomes, read_runs
-from study.publication.scatter import Scatter
-from study.references import OPTIMAL
+from study.figure_style import save
+from study.paper import claims
+from study.paper.agreement import Agreement
+from study.paper.claims import Claim
+from study.paper.figures import identification as claim_figures
+from study.paper.figures import side_by_side
+from study.paper.figures.sweeps import heatmaps, paretos
+from study.paper.findings import Answer
+from study.paper.identification_scatter import Scatter
+from study.paper.presets import PRESETS, Preset
+from study.paper.published_numbers import CELLS, EPISODES, POINTS, ROBUSTNESS, SEEDS, URL, Spot
+from study.paper.published_runs import Outcome, Outcomes, outcomes, read_runs
+from study.paper.reference_controllers import OPTIMAL
+from study.paper.saturation_budget import budget_curves, paragraph
 from study.statistics import Contrast, paired_bootstrap
 from sysid import InvalidInput
 
@@ -48,7 +48,7 @@ LONGER_AT = Spot("main", 50, 0.5)
 
 
 @dataclass(frozen=True, eq=False)
-class Publication:
+class Reproduction:
     """What the section says. agreement is None where nothing published was repeated; short: the paper's best cell, the
     optimum from the same start states, percent between them."""
 
@@ -67,13 +67,13 @@ class Publication:
         )
 
 
-def hold(
+def reproduce(
     found: Sequence[Answer],
     folder: Path,
     theirs: Outcomes | None = None,
     scatter: Scatter | None = None,
     fresh_optimum: Callable[[Sequence[int]], float] | None = None,
-) -> Publication:
+) -> Reproduction:
     """Compare and draw. theirs: the authors' runs, where they are given; scatter: where identification was studied;
     fresh_optimum: of such seeds, at the main plant, from start states that no two seeds share."""
     preset = found[0].preset
@@ -99,7 +99,7 @@ def hold(
     if curves:
         drawings["identifiers"] = lambda: claim_figures.identifiers(curves, wider, allowed)
     files = {name: save(draw, folder / f"{name}.png") for name, draw in drawings.items()}
-    return Publication(
+    return Reproduction(
         agreement,
         _claims(found, own if swept else None, scatter, _longer(preset, own, siblings), fresh_optimum),
         paragraph(curves, wider, allowed),

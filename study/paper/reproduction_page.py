@@ -7,32 +7,32 @@ from typing import Any
 
 from markupsafe import Markup, escape
 
-from study.config import Preset
-from study.numerals import number
-from study.page import embedded, template
-from study.publication import paper
-from study.publication.agreement import DIFFERS, MARGIN, Agreement, CellAgreement, ContrastAgreement
-from study.publication.held import FIGURES, Publication
-from study.publication.paper import CELLS, Spot
-from study.publication.published import Summary
+from study.formatting import number
+from study.paper import published_numbers as paper
+from study.paper.agreement import DIFFERS, MARGIN, Agreement, CellAgreement, ContrastAgreement
+from study.paper.presets import Preset
+from study.paper.published_numbers import CELLS, Spot
+from study.paper.published_runs import CellSummary
+from study.paper.reproduction import FIGURES, Reproduction
+from study.pipeline.html_page import embedded, template
 from study.statistics import Contrast
 
 
-def section(held: Publication, preset: Preset) -> Markup:
+def section(reproduction: Reproduction, preset: Preset) -> Markup:
     """The finished section."""
-    page = template("publication.html.j2", {"bold": _bold, "summary": _summary})
-    return Markup(page.render(_content(held, preset)))
+    page = template("reproduction.html.j2", {"bold": _bold, "summary": _summary})
+    return Markup(page.render(_content(reproduction, preset)))
 
 
-def _content(held: Publication, preset: Preset) -> dict[str, Any]:
-    agreement = held.agreement
+def _content(reproduction: Reproduction, preset: Preset) -> dict[str, Any]:
+    agreement = reproduction.agreement
     return {
-        "held": held,
+        "reproduction": reproduction,
         "preset": preset,
         "paper": paper,
         "points": paper.POINTS,
         "margin": MARGIN,
-        "pictures": [(name, embedded(file), FIGURES[name]) for name, file in held.figures.items()],
+        "pictures": [(name, embedded(file), FIGURES[name]) for name, file in reproduction.figures.items()],
         "apart": _apart(agreement) if agreement else [],
         "published": _published,
         "fresh": lambda spot: _fresh(agreement, spot) if agreement else "",
@@ -86,7 +86,7 @@ def _named(spot: Spot) -> str:
 def _published(c: CellAgreement) -> str:
     """The published side of a cell, as printed where the text has a number."""
     printed = CELLS[c.spot].printed
-    return _summary(Summary(c.theirs.mean if printed is None else printed, *list(vars(c.theirs).values())[1:]))
+    return _summary(CellSummary(c.theirs.mean if printed is None else printed, *list(vars(c.theirs).values())[1:]))
 
 
 def _fresh(agreement: Agreement, spot: Spot) -> str:
@@ -94,7 +94,7 @@ def _fresh(agreement: Agreement, spot: Spot) -> str:
     return "" if math.isnan(summary.mean) else _summary(summary)
 
 
-def _summary(summary: Summary) -> str:
+def _summary(summary: CellSummary) -> str:
     error = "" if math.isnan(summary.sem) else f" ± {summary.sem:.0f}"
     return f"{number(summary.mean)}{error} ({number(summary.median)})"
 

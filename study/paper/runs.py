@@ -16,12 +16,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from policies.evaluation import Evaluation, evaluate, fresh_start_states
-from policies.evaluation import start_states as paper_start_states
-from study.config import Cell, Point, Preset
-from study.identification import Theta, hidden_plant
-from study.training import Training, sac_settings
-from study.versions import versions
+from policies.evaluation import Evaluation, evaluate, fresh_start_states, start_states
+from study.paper.identification import Theta, hidden_plant
+from study.paper.presets import Cell, Point, Preset
+from study.pipeline.population_task import PopulationTask, sac_settings
+from study.pipeline.versions import versions
 from sysid import InvalidInput, paper_model
 
 if TYPE_CHECKING:
@@ -29,7 +28,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Summary:
+class RunSummary:
     """What a table keeps of a run's episodes: mean and sd (divided by E) of the returns; fresh_mean may be nan."""
 
     mean: float
@@ -60,7 +59,7 @@ class Run:
     seconds: float
     fresh_returns: tuple[float, ...] = ()
     imported: str = ""
-    summary: Summary | None = None
+    summary: RunSummary | None = None
 
     @property
     def mean(self) -> float:
@@ -80,13 +79,8 @@ class Run:
         return Evaluation(np.array(self.fresh_returns)).mean if self.fresh_returns else math.nan
 
 
-def start_states(preset: Preset, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """The paper's evaluation start states theta (E,) [rad], theta_dot (E,) [rad/s] of a seed."""
-    return paper_start_states(seed, preset.episodes)
-
-
 @dataclass(frozen=True)
-class PopulationTask(Training):
+class SweepPopulation(PopulationTask):
     """The cells of one population.
 
     index of count: which population it is; cells: the runs it makes, with their estimates theta_hat
@@ -132,7 +126,7 @@ class PopulationTask(Training):
         for a, (cell, policy) in enumerate(zip(self.cells, population.policies(), strict=True)):
             point, theta = self.preset.point(cell.point), self.estimates[a]
             plant = hidden_plant(point.truth)
-            answer = evaluate(policy, plant, *start_states(self.preset, cell.seed))
+            answer = evaluate(policy, plant, *start_states(cell.seed, self.preset.episodes))
             fresh = evaluate(policy, plant, *fresh_start_states(cell.seed, self.preset.episodes))
             settings = {
                 "preset": self.preset.name,
@@ -169,16 +163,3 @@ def _randomization(point: Point, cell: Cell, theta: Theta) -> Any:
         raise InvalidInput(f"randomization {point.randomization!r}: expected one of band, prior_range")
     m, l = theta  # noqa: E741
     return Band({"m": m, "l": l}, w=cell.w)
-
-
-def check_device(device: str) -> None:
-    """Raise InvalidInput for a device that torch does not have here."""
-    if device == "cpu":
-        return
-    import torch
-
-    try:
-        torch.zeros(1, device=device).item()
-    except (RuntimeError, AssertionError) as error:
-        reason = str(error).splitlines()[0]
-        raise InvalidInput(f"device {device!r} cannot be used: {reason}; 'cpu' always can") from None

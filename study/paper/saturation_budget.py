@@ -16,10 +16,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from study.numerals import number, percent
-from study.publication.paper import Spot
-from study.publication.published import Outcomes
-from study.references import OPTIMAL
+from study.formatting import number, percent
+from study.paper.published_numbers import Spot
+from study.paper.published_runs import Outcomes
+from study.paper.reference_controllers import OPTIMAL
 from study.statistics import Contrast, paired_t
 
 PRIOR, GRID = "prior", "grid"

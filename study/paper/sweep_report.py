@@ -12,23 +12,22 @@ import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
-from study import tables
-from study.answer import Answer, answers
-from study.cells import Run
-from study.config import Point, Preset
-from study.figures.answers import save_all
-from study.holm import holm
-from study.page import embedded, template, unbroken
-from study.progress import duration
-from study.publication import paper
-from study.publication.held import Publication, hold
-from study.publication.page import section
-from study.publication.published import Outcomes
-from study.publication.scatter import scatter
-from study.references import LQR, OPTIMAL, SWING_UP, fresh_optimum
-from study.statistics import Contrast, paired_t
-from study.storage.store import Store
-from study.versions import all_versions
+from study.paper import published_numbers as paper
+from study.paper import tables
+from study.paper.figures.operating_point import save_all
+from study.paper.findings import Answer, answers
+from study.paper.identification_scatter import scatter
+from study.paper.presets import Point, Preset
+from study.paper.published_runs import Outcomes
+from study.paper.reference_controllers import LQR, OPTIMAL, SWING_UP, fresh_optimum
+from study.paper.reproduction import Reproduction, reproduce
+from study.paper.reproduction_page import section
+from study.paper.runs import Run
+from study.paper.sweep_results import SweepResults
+from study.pipeline.html_page import embedded, template, unbroken
+from study.pipeline.progress import duration
+from study.pipeline.versions import all_versions
+from study.statistics import Contrast, holm, paired_t
 from sysid.data.files import write_whole
 
 LABELS = {OPTIMAL: "optimal (dynamic programming)", LQR: "LQR alone", SWING_UP: "energy swing-up, then LQR"}
@@ -43,21 +42,23 @@ CAPTIONS = {
 }
 
 
-def publish(preset: Preset, store: Store, console: Console, theirs: Outcomes | None = None) -> list[Answer]:
+def publish_sweep(
+    preset: Preset, results: SweepResults, console: Console, theirs: Outcomes | None = None
+) -> list[Answer]:
     """Write tables, figures and report into the folder and say the answers on the console, point by point.
 
     theirs: the authors' runs, which ours are paired with.
     """
-    folder = store.folder
+    folder = results.folder
     with console.status("drawing"):
-        found = answers(preset, store.runs(), store.references())
+        found = answers(preset, results.runs(), results.references())
         tables.write_runs(found, folder / "runs.csv")
         tables.write_references(found, folder / "references.csv")
-        tables.write_study(found, store.device, folder / "study.json")
+        tables.write_study(found, results.device, folder / "study.json")
         drawn = [save_all(answer, folder) for answer in found]
         identified = scatter(np.random.default_rng(0)) if preset.episodes == paper.EPISODES else None
-        held = hold(found, folder, theirs, identified, _fresh_optimum(preset))
-        write_report(found, drawn, folder / "report.html", held)
+        reproduction = reproduce(found, folder, theirs, identified, _fresh_optimum(preset))
+        write_report(found, drawn, folder / "report.html", reproduction)
     for answer in found:
         console.print()
         if len(found) > 1:
@@ -65,10 +66,10 @@ def publish(preset: Preset, store: Store, console: Console, theirs: Outcomes | N
         for question, text in answer.sentences():
             console.print(f"[bold]{question}[/]\n{escape(text)}\n", soft_wrap=False)
         console.print(f"[dim]{escape(answer.caveat())}[/]\n")
-    for question, text in held.sentences():
+    for question, text in reproduction.sentences():
         console.print(f"[bold]{question}[/]\n{escape(text)}\n", soft_wrap=False)
     console.print(f"report   {folder / 'report.html'}", soft_wrap=True)
-    files = [str(path) for files in [*drawn, held.figures] for path in files.values()]
+    files = [str(path) for files in [*drawn, reproduction.figures] for path in files.values()]
     console.print(f"figures  {', '.join(files)}", soft_wrap=True)
     return found
 
@@ -91,10 +92,12 @@ def title(point: Point) -> str:
     )
 
 
-def write_report(found: Sequence[Answer], drawn: Sequence[Mapping[str, Path]], path: Path, held: Publication) -> None:
+def write_report(
+    found: Sequence[Answer], drawn: Sequence[Mapping[str, Path]], path: Path, reproduction: Reproduction
+) -> None:
     """Write the self-contained report: a section a point, with the figures of these files (one mapping a point), and
     one that holds all of them against the publication."""
-    content = _content(found, drawn) | {"publication": section(held, found[0].preset)}
+    content = _content(found, drawn) | {"publication": section(reproduction, found[0].preset)}
     write_whole(path, template("report.html.j2").render(content))
 
 

@@ -1,4 +1,4 @@
-"""The results of a study: one SQLite file, tied to one preset, device and version, as study/storage/database.py says.
+"""The results of a study: one SQLite file, tied to one preset, device and version, as study/pipeline/database.py says.
 
 estimates     theta_hat of every (point, n, seed)
 runs          every finished (point, n, w, seed): settings, theta_hat, returns, learning curve, versions, seconds
@@ -13,15 +13,21 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from study.cells import Run, Summary
-from study.config import FORMAT, Cell, Preset
-from study.identification import Estimated, Theta
-from study.references import Reference
-from study.storage.database import Database, identity
-from study.storage.policy_files import FOLDER
+from study.paper.identification import Estimated, Theta
+from study.paper.presets import FORMAT, Cell, Preset
+from study.paper.reference_controllers import Reference
+from study.paper.runs import Run, RunSummary
+from study.pipeline.database import Database, identity
+from study.pipeline.policy_files import FOLDER
 
 FIGURES = ("heatmap", "pareto", "gap", "curves")
-HELD = ("published_heatmap", "published_pareto", "published_contrasts", "published_claims", "identifiers")
+REPRODUCTION_FIGURES = (
+    "published_heatmap",
+    "published_pareto",
+    "published_contrasts",
+    "published_claims",
+    "identifiers",
+)
 """Figures of a point, and those of the whole preset beside the publication."""
 
 SCHEMA = """
@@ -41,8 +47,8 @@ CREATE TABLE training (population INTEGER PRIMARY KEY, seconds REAL);
 def outputs(preset: Preset) -> tuple[str, ...]:
     """What a study writes beside its database; never over files of somebody else."""
     drawn = tuple(figure_name(preset, point.name, name) for point in preset.points for name in FIGURES)
-    held = (f"{name}.png" for name in HELD)
-    return ("runs.csv", "references.csv", "study.json", *drawn, *held, "report.html", FOLDER)
+    reproduction = (f"{name}.png" for name in REPRODUCTION_FIGURES)
+    return ("runs.csv", "references.csv", "study.json", *drawn, *reproduction, "report.html", FOLDER)
 
 
 def figure_name(preset: Preset, point: str, name: str) -> str:
@@ -50,11 +56,13 @@ def figure_name(preset: Preset, point: str, name: str) -> str:
     return f"{name}.png" if len(preset.points) == 1 else f"{name}_{point}.png"
 
 
-class Store(Database):
+class SweepResults(Database):
     """The open results folder of a preset; a context manager that holds the folder's lock.
 
     Raises InvalidInput where the folder cannot be used, also where it holds foreign files of the names in `outputs`.
     """
+
+    progress = "training"
 
     def __init__(self, folder: Path, preset: Preset, device: str = "cpu") -> None:
         self.preset, self.device = preset, device
@@ -63,8 +71,7 @@ class Store(Database):
     def add_estimates(self, estimates: Sequence[Estimated]) -> None:
         """Keep what identification found, in place of an earlier answer."""
         rows = [(e.point, e.n, e.seed, *e.theta, e.seconds) for e in estimates]
-        with self.transaction() as db:
-            db.executemany("INSERT OR REPLACE INTO estimates VALUES (?, ?, ?, ?, ?, ?)", rows)
+        self.put("estimates", rows)
 
     def estimates(self) -> dict[tuple[str, int, int], Theta]:
         """theta_hat by (point, n, seed)."""
@@ -75,16 +82,13 @@ class Store(Database):
         """Keep the runs of a finished population, all or none, but for those that were imported before."""
         imported = "SELECT 1 FROM runs WHERE point = ? AND n = ? AND w = ? AND seed = ? AND imported <> ''"
         rows = [write_run(run) for run in runs if not self.db.execute(imported, run.cell).fetchone()]
-        with self.transaction() as db:
-            db.executemany(f"INSERT INTO runs VALUES ({', '.join('?' * 16)})", rows)
-            db.executemany("DELETE FROM training WHERE population = ?", {(r.population,) for r in runs})
+        self.put("runs", rows, {run.population for run in runs}, new=True)
 
     def add_imported(self, runs: Sequence[Run]) -> int:
         """Take up runs from elsewhere where there are none yet, all or none of them; returns how many."""
         finished = self.finished()
         rows = [write_run(run) for run in runs if run.cell not in finished]
-        with self.transaction() as db:
-            db.executemany(f"INSERT INTO runs VALUES ({', '.join('?' * 16)})", rows)
+        self.put("runs", rows, new=True)
         return len(rows)
 
     def finished(self) -> set[Cell]:
@@ -101,8 +105,7 @@ class Store(Database):
             (r.controller, *r.theta, *r.truth, r.seed, json.dumps(r.returns), json.dumps(r.versions), r.seconds)
             for r in references
         ]
-        with self.transaction() as db:
-            db.executemany("INSERT INTO controllers VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)", rows)
+        self.put("controllers", rows, new=True)
 
     def references(self) -> list[Reference]:
         """What reference controllers returned, sorted."""
@@ -112,16 +115,6 @@ class Store(Database):
                 "SELECT * FROM controllers ORDER BY controller, m, l, truth_m, truth_l, seed"
             )
         ]
-
-    def note_training(self, population: int, seconds: float) -> None:
-        """Keep the seconds that a population's checkpoint holds."""
-        with self.transaction() as db:
-            db.execute("INSERT OR REPLACE INTO training VALUES (?, ?)", (population, seconds))
-
-    def training_seconds(self, population: int) -> float:
-        """The seconds that a population's checkpoint holds; 0 without one."""
-        row = self.db.execute("SELECT seconds FROM training WHERE population = ?", (population,)).fetchone()
-        return float(row[0]) if row else 0.0
 
 
 def write_run(run: Run) -> tuple[Any, ...]:
@@ -150,5 +143,5 @@ def read_run(row: Sequence[Any]) -> Run:
         seconds=seconds,
         fresh_returns=tuple(json.loads(fresh)),
         imported=source,
-        summary=None if summary is None else Summary(*summary),
+        summary=None if summary is None else RunSummary(*summary),
     )

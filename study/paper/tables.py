@@ -8,8 +8,8 @@ import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from study.answer import Answer
-from study.record import write_record
+from study.paper.findings import Answer
+from study.pipeline.record import write_record
 from sysid.data.files import write_whole
 
 RUN_COLUMNS = (

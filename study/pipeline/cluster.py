@@ -19,8 +19,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from study.executors.executor import PATIENCE, SECOND, Heard, Supervised, Task, WorkerFailed, outcome
-from study.versions import versions
+from study.pipeline.executor import PATIENCE, SECOND, Heard, Supervised, Task, WorkerFailed, outcome
+from study.pipeline.versions import versions
 from sysid import InvalidInput
 
 STORE_BYTES = 100 * 2**20
@@ -29,7 +29,7 @@ STORE_BYTES = 100 * 2**20
 
 @dataclass(frozen=True)
 class Cluster:
-    """Runs tasks on a Ray cluster (a `study.executors.executor.Executor`).
+    """Runs tasks on a Ray cluster (a `study.pipeline.executor.Executor`).
 
     address: HOST:PORT of a running cluster, "auto" for the one that this machine belongs to; None starts one here, of
     so many `workers`. Raises InvalidInput where Ray is not installed or no cluster answers.

@@ -2,8 +2,8 @@
 
 A study says which tables it needs, and builds on this:
 
-    class Store(Database): ...      study/storage/store.py
-    class Results(Database): ...    study/mismatch/results.py
+    class SweepResults(Database): ...       study/paper/sweep_results.py
+    class MismatchResults(Database): ...    study/mismatch/mismatch_results.py
 
 Beside a study's tables stands `meta`: preset, fingerprint, settings, format, device, version of gapfinder.
 """
@@ -15,34 +15,19 @@ import errno
 import json
 import os
 import sqlite3
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Protocol, Self
+from typing import Any, ClassVar, Self
 
-from study.config import device_type
-from study.versions import version
+from study.pipeline.settings import StudySettings, device_type
+from study.pipeline.versions import version
 from sysid import InvalidInput
 
 META = "CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);"
 
 
-class Settings(Protocol):
-    """Everything that the numbers of a study depend on, under a name: a preset, a plan."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def fingerprint(self) -> str:
-        """Text that changes with any setting."""
-        ...
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data, ready for JSON."""
-        ...
-
-
-def identity(settings: Settings, layout: str, device: str) -> dict[str, str]:
+def identity(settings: StudySettings, layout: str, device: str) -> dict[str, str]:
     """What a results folder is tied to; layout: which tables it has, and in which version."""
     return {
         "preset": settings.name,
@@ -63,6 +48,9 @@ class Database:
     Raises InvalidInput where the folder cannot be used: no folder, not writable, of another preset, device or version,
     in use by another study, or holding foreign files of the names in `outputs`. Nothing is written before these checks.
     """
+
+    progress: ClassVar[str] = "progress"
+    """The table (population, seconds) of the work that checkpoints of unfinished populations hold."""
 
     def __init__(self, folder: Path, schema: str, identity: Mapping[str, str], outputs: Collection[str] = ()) -> None:
         self.folder, self.path = folder, folder / "results.sqlite"
@@ -151,6 +139,27 @@ class Database:
         except BaseException:
             self._undo()
             raise
+
+    def put(
+        self, table: str, rows: Sequence[tuple[Any, ...]], finished: Iterable[int | str] = (), new: bool = False
+    ) -> None:
+        """Keep rows in place of those with the same keys, and forget the progress of finished populations; all or
+        nothing. new: there must be none with these keys. Raises OSError as `transaction` does."""
+        verb = "INSERT" if new else "INSERT OR REPLACE"
+        with self.transaction() as db:
+            for row in rows:
+                db.execute(f"{verb} INTO {table} VALUES ({', '.join('?' * len(row))})", row)
+            for population in finished:
+                db.execute(f"DELETE FROM {self.progress} WHERE population = ?", (population,))
+
+    def note_training(self, population: int | str, seconds: float) -> None:
+        """Keep the seconds that a population's checkpoint holds."""
+        self.put(self.progress, [(population, seconds)])
+
+    def training_seconds(self, population: int | str) -> float:
+        """The seconds that a population's checkpoint holds; 0 without one."""
+        row = self.db.execute(f"SELECT seconds FROM {self.progress} WHERE population = ?", (population,)).fetchone()
+        return float(row[0]) if row else 0.0
 
     def _undo(self) -> None:
         if self.db.in_transaction:  # SQLite itself has rolled back where the disk is full

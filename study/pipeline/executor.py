@@ -1,7 +1,7 @@
 """What runs the tasks of a study: one interface, behind it processes of this machine or a Ray cluster.
 
-    Processes(workers=8).execute(tasks, heard)                     study/executors/processes.py
-    Cluster(address="10.0.0.1:6379").execute(tasks, heard)         study/executors/cluster.py
+    Processes(workers=8).execute(tasks, heard)                     study/pipeline/processes.py
+    Cluster(address="10.0.0.1:6379").execute(tasks, heard)         study/pipeline/cluster.py
 
 A task whose worker dies is started again and goes on from its checkpoint. Only one that dies again and again without a
 new checkpoint, or raises an error, ends the study, and the others save before that.

@@ -15,11 +15,10 @@ import json
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from study.config import Cell
 from sysid import InvalidInput
 from sysid.data.files import write_whole
 
@@ -30,7 +29,7 @@ FOLDER = "policies"
 """Where they lie in a results folder."""
 
 
-def write_policies(path: Path, cells: Sequence[Cell | str], policies: Sequence[NetworkPolicy]) -> None:
+def write_policies(path: Path, cells: Sequence[tuple[Any, ...] | str], policies: Sequence[NetworkPolicy]) -> None:
     """Keep the policy of every cell; whole or not at all. Raises OSError."""
     arrays = {
         "cells": np.array([json.dumps(cell) for cell in cells]),
@@ -46,14 +45,14 @@ def write_policies(path: Path, cells: Sequence[Cell | str], policies: Sequence[N
     write_whole(path, content.getvalue())
 
 
-def read_policies(path: Path) -> dict[Cell | str, NetworkPolicy]:
+def read_policies(path: Path) -> dict[tuple[Any, ...] | str, NetworkPolicy]:
     """The policies in such a file by cell, or by name; raises InvalidInput for another file."""
     from policies.network_policy import NetworkPolicy
 
     try:
         with np.load(path, allow_pickle=False) as stored:
             named = [json.loads(text) for text in stored["cells"].tolist()]
-            cells = [name if isinstance(name, str) else Cell(*name) for name in named]
+            cells = [name if isinstance(name, str) else tuple(name) for name in named]
             u_max = stored["u_max"].tolist()
             history = stored["history"].tolist() if "history" in stored.files else [0] * len(cells)
             layers = [(stored[f"w{i}"], stored[f"b{i}"]) for i in range(sum(name[0] == "w" for name in stored.files))]

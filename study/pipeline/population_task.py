@@ -2,8 +2,8 @@
 
 A study says which population, and what becomes of it:
 
-    class PopulationTask(Training): ...    study/cells.py
-    class TrainingTask(Training): ...      study/mismatch/trainings.py
+    class SweepPopulation(PopulationTask): ...    study/paper/runs.py
+    class MismatchPopulation(PopulationTask): ...      study/mismatch/trainings.py
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, TypeVar
 
-from study.config import Cell, device_type
-from study.executors.executor import Link, Stopped
-from study.storage.policy_files import FOLDER, write_policies
+from study.pipeline.executor import Link, Stopped
+from study.pipeline.policy_files import FOLDER, write_policies
+from study.pipeline.settings import device_type
 from sysid import InvalidInput
 from sysid.data.files import partial
 
@@ -29,10 +29,10 @@ if TYPE_CHECKING:
     from policies import Population, SACSettings
 
 CHUNK = 20
-"""Training steps between two looks at the clock and at the driver."""
+"""PopulationTask steps between two looks at the clock and at the driver."""
 
 
-class TrainingSettings(Protocol):
+class PopulationSettings(Protocol):
     """How the agents of a study are trained; `policies.SACSettings` says what each number is."""
 
     @property
@@ -46,7 +46,7 @@ class TrainingSettings(Protocol):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Training(ABC):
+class PopulationTask(ABC):
     """A task that trains one population; it goes on from its checkpoint where that file exists.
 
     folder: where checkpoint and trained policies lie, on a disk that all workers share; seconds_before: what the
@@ -72,12 +72,12 @@ class Training(ABC):
 
     @property
     @abstractmethod
-    def settings(self) -> TrainingSettings:
+    def settings(self) -> PopulationSettings:
         """The preset or plan that the agents belong to."""
 
     @property
     @abstractmethod
-    def keys(self) -> Sequence[Cell | str]:
+    def keys(self) -> Sequence[tuple[Any, ...] | str]:
         """What each agent's policy is stored under."""
 
     @abstractmethod
@@ -149,7 +149,7 @@ class Training(ABC):
         return self.seconds_before + time.monotonic() - begin
 
 
-def sac_settings(settings: TrainingSettings) -> SACSettings:
+def sac_settings(settings: PopulationSettings) -> SACSettings:
     """Of the agents of a preset or plan; what these do not name is the paper's."""
     from policies import SACSettings
 
@@ -158,10 +158,12 @@ def sac_settings(settings: TrainingSettings) -> SACSettings:
     )
 
 
-T = TypeVar("T", bound=Training)
+T = TypeVar("T", bound=PopulationTask)
 
 
-def left(tasks: Iterable[T], finished: AbstractSet[Cell | str], seconds_before: Callable[[T], float]) -> Iterator[T]:
+def left(
+    tasks: Iterable[T], finished: AbstractSet[tuple[Any, ...] | str], seconds_before: Callable[[T], float]
+) -> Iterator[T]:
     """The tasks whose agents are not all finished, from their checkpoints where they have one, and what that cost;
     the checkpoints of the others are removed."""
     for task in tasks:

@@ -21,14 +21,14 @@ from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 from typing import Any
 
-from study.executors.executor import PATIENCE, SECOND, Heard, Supervised, Task, outcome
+from study.pipeline.executor import PATIENCE, SECOND, Heard, Supervised, Task, outcome
 
 ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")}
 
 
 @dataclass(frozen=True)
 class Processes:
-    """Runs so many tasks at a time, each in a process of its own (a `study.executors.executor.Executor`)."""
+    """Runs so many tasks at a time, each in a process of its own (a `study.pipeline.executor.Executor`)."""
 
     workers: int
 
@@ -123,7 +123,7 @@ def _interrupts_blocked() -> Iterator[None]:
 
 @dataclass
 class _Pipe:
-    """The worker's end of the line (a `study.executors.executor.Link`)."""
+    """The worker's end of the line (a `study.pipeline.executor.Link`)."""
 
     connection: Connection
     said: float = -math.inf

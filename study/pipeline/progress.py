@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
 if TYPE_CHECKING:
-    from study.executors.executor import Task
+    from study.pipeline.executor import Task
 
 DRAW_SECONDS = 0.2
 """Least time between two looks at all tasks, of which there may be thousands."""

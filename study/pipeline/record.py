@@ -7,14 +7,14 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from study.storage.database import Settings
-from study.versions import all_versions
+from study.pipeline.settings import StudySettings
+from study.pipeline.versions import all_versions
 from sysid.data.files import write_whole
 
 
 def write_record(
     path: Path,
-    settings: Settings,
+    settings: StudySettings,
     device: str,
     about: Mapping[str, Any],
     hours: float,

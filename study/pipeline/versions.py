@@ -47,7 +47,7 @@ def wrong_sysid() -> str | None:
     """A sentence where `import sysid` finds another package than the one that came with this study."""
     import sysid
 
-    ours = Path(__file__).resolve().parents[1]
+    ours = Path(__file__).resolve().parents[2]
     place = Path(sysid.__file__ or ".").resolve().parents[1]
     if place == ours and hasattr(sysid, "paper_model"):
         return None

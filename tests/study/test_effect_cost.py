@@ -11,11 +11,11 @@ import pytest
 from policies.control.dynamic_programming import Grid
 from policies.evaluation import PolicyBatch, batch_returns, evaluate
 from study.mismatch import effect_cost
-from study.mismatch.cases import CASES, Case
-from study.mismatch.costs import FIGURE, SHIPPED, TABLE, Bench, Row, read, write
+from study.mismatch.chosen_sizes import SIZES
 from study.mismatch.effect_cost import TARGETS, choose, explore, main
-from study.mismatch.machine import design, machine
-from study.mismatch.sizes import SIZES
+from study.mismatch.loss import FIGURE, SHIPPED, TABLE, Bench, Row, read, write
+from study.mismatch.magnitudes import CASES, Case
+from study.mismatch.rod import design, machine
 from sysid import CATALOGUE, InvalidInput, State, effect
 
 COARSE = Grid(theta=60, theta_dot=61, u=7)
@@ -174,8 +174,6 @@ def test_the_shipped_table_is_whole():
 
 
 def test_the_sizes_load_nothing_heavy():
-    code = (
-        "import sys, study.mismatch.sizes; print([m for m in ('numpy', 'scipy', 'torch', 'sysid') if m in sys.modules])"
-    )
+    code = "import sys, study.mismatch.chosen_sizes; print({'numpy', 'scipy', 'torch', 'sysid'} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
+    assert done.stdout.strip() == "set()"

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from study.numerals import MINUS, bracketed, number, percent, signed
+from study.formatting import MINUS, bracketed, number, percent, signed
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from study.holm import holm
+from study.statistics import holm
 
 
 def test_by_hand():

@@ -7,15 +7,15 @@ import pytest
 
 from policies.environments.randomization import Band
 from policies.evaluation import evaluate, fresh_start_states
-from study.config import PRESETS
-from study.mismatch.hidden import hidden_machine, oracle, rollouts
-from study.mismatch.machine import design, machine
+from study.mismatch.ground_truth import hidden_machine, oracle, rollouts
+from study.mismatch.mismatch_results import Fitted
 from study.mismatch.naming import FIRST, MOST, steps_of
 from study.mismatch.plan import ALL_PLANTS, DELAY_LARGE, MAGNET, PLANS, WAYS, Trial
-from study.mismatch.recipe import Recipe, recipe_of
-from study.mismatch.results import Fitted
+from study.mismatch.rod import design, machine
+from study.mismatch.strategies import AT_ONCE, Spending, recipes
+from study.mismatch.training_setup import Recipe, recipe_of
 from study.mismatch.trainings import agents_of, populations
-from study.mismatch.ways import AT_ONCE, Spending, recipes
+from study.paper.presets import PRESETS
 from sysid.estimation.held_out import held_out_error
 
 SMOKE = PLANS["mismatch-smoke"]

@@ -12,19 +12,19 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.image import imread
 
 from policies.evaluation import evaluate, fresh_start_states
-from study.figures.mismatch import PARTS, ladder, returns
-from study.figures.naming import naming
-from study.figures.style import STYLE, save
-from study.figures.trajectories import trajectories
-from study.mismatch.answer import Answer, Compared, Outcome, Split, Spot, Verdict
-from study.mismatch.figures import read_agents, telling
-from study.mismatch.named import Named, is_right
-from study.mismatch.page import CAPTIONS, page
+from study.figure_style import STYLE, save
+from study.formatting import MINUS
+from study.mismatch.figures.drawing import read_agents, telling
+from study.mismatch.figures.experiment import PARTS, ladder, returns
+from study.mismatch.figures.naming import naming
+from study.mismatch.figures.trajectories import trajectories
+from study.mismatch.findings import Answer, Compared, Outcome, Split, Spot, Verdict
+from study.mismatch.labels import plant_title
+from study.mismatch.mismatch_page import CAPTIONS, page
+from study.mismatch.naming_results import Named, is_right
 from study.mismatch.plan import CONTRASTS, FREE, PLANS, WAYS
-from study.mismatch.titles import plant_title
-from study.numerals import MINUS
+from study.pipeline.policy_files import FOLDER, write_policies
 from study.statistics import paired_t
-from study.storage.policy_files import FOLDER, write_policies
 from sysid import paper_model
 
 OPTIMUM, SEED_STEP = -360.0, 3.0

@@ -9,19 +9,20 @@ import pytest
 from rich.console import Console
 
 from policies.environments.randomization import Fixed
-from study import rows as table
-from study.mismatch.answer import Verdict, answer
 from study.mismatch.designs import OPTIMUM, PLAIN, model_key
-from study.mismatch.experiment import run
-from study.mismatch.hidden import PRIOR, oracle
-from study.mismatch.named import TABLE, Named
-from study.mismatch.named import write as write_named
+from study.mismatch.experiment import MismatchExperiment
+from study.mismatch.findings import Verdict, answer
+from study.mismatch.ground_truth import PRIOR, oracle
+from study.mismatch.mismatch_report import ContrastRow, OutcomeRow, TrialRow
+from study.mismatch.mismatch_results import Designed, Fitted, MismatchResults, Trained
+from study.mismatch.naming_results import TABLE, Named
+from study.mismatch.naming_results import write as write_named
 from study.mismatch.plan import CONTRASTS, FREE, PLANS
-from study.mismatch.recipe import Recipe
-from study.mismatch.report import ContrastRow, OutcomeRow, TrialRow, publish
-from study.mismatch.results import Designed, Fitted, Results, Trained
+from study.mismatch.sentences import sentences
+from study.mismatch.training_setup import Recipe
 from study.mismatch.trainings import agents_of
-from study.mismatch.words import sentences
+from study.pipeline import csv_table as table
+from study.pipeline.experiment import run
 from study.statistics import paired_t
 from sysid import InvalidInput
 from tests.study.inline import Inline
@@ -142,11 +143,12 @@ def test_a_run_from_nothing_to_the_page(tmp_path):
     plan = dataclasses.replace(smoke, plants=smoke.plants[:1], ways=("z", "b", "c"), seeds=(1000, 1001), described=2)
     out = io.StringIO()
     write_named(tmp_path / TABLE, [Named("delay_large", 2, 1, "missing", ("delay",), True, 0.2, 0.01)])
-    with Results(tmp_path, plan) as results:
-        run(plan, results, Inline(), Console(file=out), 1e9)
-        publish(plan, results, Console(file=out))
+    with MismatchResults(tmp_path, plan) as results:
+        experiment = MismatchExperiment(plan, results, 1e9)
+        run(experiment, Inline(), Console(file=out))
+        experiment.publish(Console(file=out))
         again = Inline()
-        run(plan, results, again, Console(file=out), 1e9)
+        run(experiment, again, Console(file=out))
         trained = {agent.key: agent.returns for agent in results.trainings()}
         keys, _ = agents_of(plan, results.fits())
     assert again.tasks == []

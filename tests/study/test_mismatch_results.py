@@ -5,9 +5,9 @@ import sqlite3
 
 import pytest
 
-from study.config import SMOKE
-from study.mismatch.results import Designed, Fitted, Results, Trained
-from study.storage.store import Store
+from study.mismatch.mismatch_results import Designed, Fitted, MismatchResults, Trained
+from study.paper.presets import SMOKE
+from study.paper.sweep_results import SweepResults
 from sysid import InvalidInput
 
 MODEL = {"effects": [{"name": "delay", "T": 0.126}], "sd": [0.1, 1e-17], "unit": None}
@@ -15,9 +15,9 @@ FITTED = Fitted("delay_medium", "c", 5, 1, {"model": MODEL, "verdict": "delay"},
 TRAINED = Trained("0f3a", {"plain": (-1.25, -2.5), "magnet": (-0.1,)}, ((200, -3.5), (400, -2.0)), {"torch": "2"}, 9.0)
 DESIGNED = Designed("magnet", "0f3a", 1, (-1.0, -2.0), 3.0)
 ALL = {
-    "fits": (Results.add_fits, Results.fits, FITTED),
-    "trainings": (Results.add_trainings, Results.trainings, TRAINED),
-    "designs": (Results.add_designs, Results.designs, DESIGNED),
+    "fits": (MismatchResults.add_fits, MismatchResults.fits, FITTED),
+    "trainings": (MismatchResults.add_trainings, MismatchResults.trainings, TRAINED),
+    "designs": (MismatchResults.add_designs, MismatchResults.designs, DESIGNED),
 }
 
 
@@ -35,17 +35,17 @@ def sibling(answer):
 
 def test_what_went_in_comes_out_again_sorted(table, tmp_path):
     add, answers, answer = table
-    with Results(tmp_path, SMOKE) as results:
+    with MismatchResults(tmp_path, SMOKE) as results:
         assert answers(results) == []
         add(results, [answer, sibling(answer)])
-    with Results(tmp_path, SMOKE) as results:
+    with MismatchResults(tmp_path, SMOKE) as results:
         assert answers(results) == [sibling(answer), answer]
 
 
 def test_a_second_answer_takes_the_place_of_the_first(table, tmp_path):
     add, answers, answer = table
     second = dataclasses.replace(answer, seconds=0.5)
-    with Results(tmp_path, SMOKE) as results:
+    with MismatchResults(tmp_path, SMOKE) as results:
         add(results, [answer, sibling(answer)])
         add(results, [second])
         assert answers(results) == [sibling(answer), second]
@@ -54,7 +54,7 @@ def test_a_second_answer_takes_the_place_of_the_first(table, tmp_path):
 def test_answers_are_kept_all_or_none(table, tmp_path):
     add, answers, answer = table
     broken = dataclasses.replace(sibling(answer), seconds=object())
-    with Results(tmp_path, SMOKE) as results:
+    with MismatchResults(tmp_path, SMOKE) as results:
         with pytest.raises(sqlite3.Error):
             add(results, [answer, broken])
         assert answers(results) == []
@@ -63,13 +63,13 @@ def test_answers_are_kept_all_or_none(table, tmp_path):
 @pytest.mark.parametrize("field", ["plant", "way", "n", "seed"])
 def test_every_rollout_of_every_way_has_its_own_fit(field, tmp_path):
     other = dataclasses.replace(FITTED, **{field: 0 if field in ("n", "seed") else "a"})
-    with Results(tmp_path, SMOKE) as results:
+    with MismatchResults(tmp_path, SMOKE) as results:
         results.add_fits([FITTED, other])
         assert results.fits() == [other, FITTED]
 
 
 def test_a_finished_population_has_no_progress_left(tmp_path):
-    with Results(tmp_path, SMOKE) as results:
+    with MismatchResults(tmp_path, SMOKE) as results:
         assert results.training_seconds("first") == 0.0
         results.note_training("first", 12.5)
         results.note_training("first", 25.0)
@@ -81,9 +81,9 @@ def test_a_finished_population_has_no_progress_left(tmp_path):
 
 
 def test_the_folder_of_another_kind_is_refused(tmp_path):
-    Results(tmp_path / "mismatch", SMOKE).close()
+    MismatchResults(tmp_path / "mismatch", SMOKE).close()
     with pytest.raises(InvalidInput, match="format 'mismatch 1', expected '2'"):
-        Store(tmp_path / "mismatch", SMOKE)
-    Store(tmp_path / "study", SMOKE).close()
+        SweepResults(tmp_path / "mismatch", SMOKE)
+    SweepResults(tmp_path / "study", SMOKE).close()
     with pytest.raises(InvalidInput, match="format '2', expected 'mismatch 1'"):
-        Results(tmp_path / "study", SMOKE)
+        MismatchResults(tmp_path / "study", SMOKE)

@@ -2,13 +2,14 @@
 
 import dataclasses
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from study.mismatch import naming
-from study.mismatch.named import TABLE, Named, errors, is_right, rates, read, tabled, write
-from study.mismatch.naming import BUDGETS, FIGURE, FIRST, MOST, main, measure, tasks
+from study.mismatch.naming import BUDGETS, FIGURE, FIRST, MOST, NamingExperiment, main, measure
+from study.mismatch.naming_results import TABLE, Named, errors, is_right, rates, read, tabled, write
 from study.mismatch.plan import COULOMB, DELAY_LARGE, MAGNET, PLAIN, PLANS
 from sysid import InvalidInput
 
@@ -100,8 +101,14 @@ def test_seeds_vary_slowest_and_only_what_is_missing_is_measured():
     assert list(tasks(PLAN, everything, BUDGETS, 3)) == []
 
 
+def tasks(plan, known, budgets, seeds):
+    experiment = NamingExperiment(plan, Path("nowhere.csv"), budgets, seeds)
+    experiment.rows = list(known)
+    return experiment.left()
+
+
 def test_seeds_are_used_for_nothing_else():
-    from study.mismatch.margin import SEEDS
+    from study.mismatch.table_resolution import SEEDS
 
     assert max(SEEDS) < FIRST and min(PLAN.seeds) >= FIRST + MOST
 
@@ -125,12 +132,12 @@ def test_a_run_goes_on_from_its_table(tmp_path, monkeypatch, capsys):
             done.append(task)
             heard(task, "done", [row(n, task.seed, plant=PLAN.plant(task.plant)) for n in task.budgets])
 
-    monkeypatch.setattr("study.executors.processes.Processes.execute", execute)
+    monkeypatch.setattr("study.pipeline.processes.Processes.execute", execute)
     command = ["--out", str(tmp_path), "--seeds", "1", "--budgets", "1", "2"]
     with pytest.raises(KeyboardInterrupt):
         main(command)
     assert len(read(tmp_path / TABLE)) == 6
-    monkeypatch.setattr("study.executors.processes.Processes.execute", _go_on(done))
+    monkeypatch.setattr("study.pipeline.processes.Processes.execute", _go_on(done))
     assert main(command) == 0
     assert [task.plant for task in done] == [plant.name for plant in PLAN.plants]
     assert (tmp_path / FIGURE).read_bytes().startswith(b"\x89PNG")

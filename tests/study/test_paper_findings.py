@@ -4,8 +4,8 @@ import dataclasses
 
 import pytest
 
-from study.answer import Answer
-from study.numerals import MINUS
+from study.formatting import MINUS
+from study.paper.findings import Answer
 from sysid import InvalidInput
 
 

@@ -4,7 +4,7 @@ import dataclasses
 
 import pytest
 
-from study.config import PAPER, PRESETS, QUICK, Cell
+from study.paper.presets import PAPER, PRESETS, QUICK, Cell
 
 
 def grid(preset, name="main"):

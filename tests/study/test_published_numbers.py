@@ -5,8 +5,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from study.publication.paper import BASELINE, CELLS, DIFFERENCES, ID_ERRORS, POINTS, PRINTED, QUOTES, ROBUSTNESS, Spot
-from study.publication.published import read_published
+from study.paper.published_numbers import (
+    BASELINE,
+    CELLS,
+    DIFFERENCES,
+    ID_ERRORS,
+    POINTS,
+    PRINTED,
+    QUOTES,
+    ROBUSTNESS,
+    Spot,
+)
+from study.paper.published_runs import read_published
 from study.statistics import paired_bootstrap, paired_t, sem
 
 AUTHORS = Path(__file__).resolve().parents[3] / "shared" / "data" / "paper"

@@ -5,9 +5,9 @@ import math
 import pytest
 
 from study.main import main
-from study.publication.paper import POINTS, Spot
-from study.publication.published import COLUMNS, Outcome, Outcomes, outcomes, read_published, read_runs
-from study.tables import write_runs
+from study.paper.published_numbers import POINTS, Spot
+from study.paper.published_runs import COLUMNS, Outcome, Outcomes, outcomes, read_published, read_runs
+from study.paper.tables import write_runs
 from sysid import InvalidInput
 
 HEADER = ",".join(COLUMNS)

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from study.config import PRESETS
-from study.publication.held import FIGURES, hold
-from study.publication.page import section
-from study.publication.paper import CELLS, Spot
-from study.publication.published import Outcome, outcomes
-from study.publication.scatter import scatter
-from study.storage.store import HELD
-from study.tables import write_runs
+from study.paper.identification_scatter import scatter
+from study.paper.presets import PRESETS
+from study.paper.published_numbers import CELLS, Spot
+from study.paper.published_runs import Outcome, outcomes
+from study.paper.reproduction import FIGURES, reproduce
+from study.paper.reproduction_page import section
+from study.paper.sweep_results import REPRODUCTION_FIGURES
+from study.paper.tables import write_runs
 
 
 @pytest.fixture(scope="module")
@@ -37,39 +37,39 @@ def words(page):
 
 
 def test_every_part_is_there(answer, theirs, small_scatter, tmp_path):
-    held = hold([answer], tmp_path, theirs, small_scatter)
-    assert set(held.figures) == set(FIGURES) - {"identifiers"}
-    for path in held.figures.values():
+    reproduction = reproduce([answer], tmp_path, theirs, small_scatter)
+    assert set(reproduction.figures) == set(FIGURES) - {"identifiers"}
+    for path in reproduction.figures.values():
         assert np.ptp(imread(path)[..., :3]) > 0.5
-    text = words(section(held, answer.preset))
+    text = words(section(reproduction, answer.preset))
     for part in ("Where this run and the paper disagree", "Cell by cell", "Every published contrast",
                  "The robustness table", "What it claims beside its table", "paired over 3 seeds"):  # fmt: skip
         assert part in text
     assert "nan" not in text
-    assert len(held.claims) == 7
+    assert len(reproduction.claims) == 7
 
 
 def test_without_the_authors_files_it_says_how_to_give_them(answer, tmp_path):
-    held = hold([answer], tmp_path)
-    assert any("--published DIR" in note for note in held.notes)
-    assert all(cell.basis.startswith("unpaired") for cell in held.agreement.cells)
+    reproduction = reproduce([answer], tmp_path)
+    assert any("--published DIR" in note for note in reproduction.notes)
+    assert all(cell.basis.startswith("unpaired") for cell in reproduction.agreement.cells)
 
 
 def test_siblings_take_part_and_missing_ones_are_named(answer, tmp_path):
     paper = dataclasses.replace(answer, preset=dataclasses.replace(PRESETS["paper-small"], points=answer.preset.points))
     (tmp_path / "paper-small").mkdir()
-    alone = hold([paper], tmp_path / "paper-small")
+    alone = reproduce([paper], tmp_path / "paper-small")
     assert any("--preset robustness-small" in note for note in alone.notes)
     assert any("--preset longer-small" in note for note in alone.notes)
     rows = [(spot, 0, Outcome(CELLS[spot].mean, 0.1, (1.0, 1.0))) for spot in CELLS if spot.point == "small_gap"]
     store(tmp_path / "robustness-small", rows)
     store(tmp_path / "longer-small", [(Spot("main", 50, 0.5), s, Outcome(-300.0, 0.1, (2.0, 1.5))) for s in range(3)])
-    held = hold([paper], tmp_path / "paper-small")
-    assert not any("not beside these" in note for note in held.notes)
-    assert [entry is not None for _, entry in held.agreement.robustness] == [True, True, False, False, False]
-    assert "With 150,000 steps" in next(c.answer for c in held.claims if c.name == "undertraining")
-    assert Spot("main", 50, 0.5) in held.agreement.ours
-    assert held.agreement.ours.summary(Spot("main", 50, 0.5)).mean != -300.0
+    reproduction = reproduce([paper], tmp_path / "paper-small")
+    assert not any("not beside these" in note for note in reproduction.notes)
+    assert [entry is not None for _, entry in reproduction.agreement.robustness] == [True, True, False, False, False]
+    assert "With 150,000 steps" in next(c.answer for c in reproduction.claims if c.name == "undertraining")
+    assert Spot("main", 50, 0.5) in reproduction.agreement.ours
+    assert reproduction.agreement.ours.summary(Spot("main", 50, 0.5)).mean != -300.0
 
 
 def store(folder, rows):
@@ -88,8 +88,8 @@ def test_a_sibling_that_cannot_be_read_is_left_out_and_said(answer, tmp_path):
     for name in ("robustness-small", "paper-small"):
         (tmp_path / name).mkdir()
     (tmp_path / "robustness-small" / "runs.csv").write_text("nonsense\n")
-    held = hold([paper], tmp_path / "paper-small")
-    assert any("left out" in note and "no column" in note for note in held.notes)
+    reproduction = reproduce([paper], tmp_path / "paper-small")
+    assert any("left out" in note and "no column" in note for note in reproduction.notes)
 
 
 def test_longer_training_is_not_taken_for_the_published_sweep(answer, tmp_path):
@@ -99,16 +99,16 @@ def test_longer_training_is_not_taken_for_the_published_sweep(answer, tmp_path):
     for name in ("longer-small", "paper-small"):
         (tmp_path / name).mkdir()
     write_runs([answer], tmp_path / "paper-small" / "runs.csv")
-    held = hold([longer], tmp_path / "longer-small")
-    assert held.agreement is None
-    assert "changes by +0 [+0, +0]" in next(c.answer for c in held.claims if c.name == "undertraining")
+    reproduction = reproduce([longer], tmp_path / "longer-small")
+    assert reproduction.agreement is None
+    assert "changes by +0 [+0, +0]" in next(c.answer for c in reproduction.claims if c.name == "undertraining")
 
 
 def test_small_presets_have_the_section_too(small_answer, tmp_path):
-    text = words(section(hold([small_answer], tmp_path), small_answer.preset))
+    text = words(section(reproduce([small_answer], tmp_path), small_answer.preset))
     assert "Held against the publication" in text
     assert "±nan" not in text
 
 
 def test_the_store_knows_every_figure_that_may_be_written():
-    assert set(HELD) == set(FIGURES)
+    assert set(REPRODUCTION_FIGURES) == set(FIGURES)

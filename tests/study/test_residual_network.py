@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from study.mismatch.hidden import PRIOR, rollouts, sensor
-from study.mismatch.learned import CommandFilter, LearnedTorque, stacked, untrained
-from study.mismatch.learning import Weights, Windows, learn
+from study.mismatch.ground_truth import PRIOR, rollouts, sensor
+from study.mismatch.network_fit import Weights, Windows, learn
 from study.mismatch.plan import DELAY_LARGE, PLAIN, PLANS
+from study.mismatch.residual_network import CommandFilter, LearnedTorque, stacked, untrained
 from sysid import InvalidInput, RodPendulum, Viscous, effect, fit, simulate
 
 PLAN = PLANS["mismatch-smoke"]

@@ -7,9 +7,9 @@ import os
 import pytest
 import torch
 
-from study.cells import PopulationTask
-from study.config import SMOKE
-from study.executors.executor import Stopped
+from study.paper.presets import SMOKE
+from study.paper.runs import SweepPopulation
+from study.pipeline.executor import Stopped
 
 TINY = dataclasses.replace(SMOKE, steps=300, random_steps=100, batch=8, episodes=2)
 (CELLS, _) = TINY.populations()
@@ -33,7 +33,7 @@ class Link:
 
 
 def task(folder):
-    return PopulationTask(TINY, 0, 2, CELLS, ((1.0, 1.0), (2.0, 1.4)), folder=folder)
+    return SweepPopulation(TINY, 0, 2, CELLS, ((1.0, 1.0), (2.0, 1.4)), folder=folder)
 
 
 def numbers(runs):

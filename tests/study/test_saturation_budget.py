@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from study.numerals import MINUS
-from study.publication.knee import IDENTIFIERS, budget_curves, paragraph
-from study.publication.paper import Spot
-from study.publication.published import Outcome, outcomes
+from study.formatting import MINUS
+from study.paper.published_numbers import Spot
+from study.paper.published_runs import Outcome, outcomes
+from study.paper.saturation_budget import IDENTIFIERS, budget_curves, paragraph
 
 REFERENCES = {"optimal": -330.0, "swing_up_lqr": -335.0, "lqr": -960.0}
 BUDGETS = (1, 2, 5, 10, 25, 50)

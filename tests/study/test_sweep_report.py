@@ -10,12 +10,12 @@ import pytest
 from matplotlib.image import imread
 from matplotlib.patches import Rectangle
 
-from study import tables
-from study.figures import answers as figures
-from study.figures.style import STYLE
-from study.numerals import MINUS
-from study.publication.held import hold
-from study.report import write_report
+from study.figure_style import STYLE
+from study.formatting import MINUS
+from study.paper import tables
+from study.paper.figures import operating_point as figures
+from study.paper.reproduction import reproduce
+from study.paper.sweep_report import write_report
 
 VOID = {"meta", "img", "br"}
 
@@ -23,7 +23,7 @@ VOID = {"meta", "img", "br"}
 @pytest.fixture(scope="module")
 def page(answer, tmp_path_factory):
     folder = tmp_path_factory.mktemp("report")
-    write_report([answer], [figures.save_all(answer, folder)], folder / "report.html", hold([answer], folder))
+    write_report([answer], [figures.save_all(answer, folder)], folder / "report.html", reproduce([answer], folder))
     return (folder / "report.html").read_text(encoding="utf-8")
 
 
@@ -62,7 +62,7 @@ def test_settings_versions_and_the_papers_numbers_are_there(page):
 
 def test_small_presets_have_a_report_too(small_answer, tmp_path):
     drawn = figures.save_all(small_answer, tmp_path)
-    held = hold([small_answer], tmp_path)
+    held = reproduce([small_answer], tmp_path)
     write_report([small_answer], [drawn], tmp_path / "report.html", held)
     assert {"gap", "curves"} <= set(drawn)
     assert ("pareto" in drawn) == (len(small_answer.point.budgets) > 1)

@@ -4,11 +4,11 @@ import sqlite3
 
 import pytest
 
-from study.cells import Run
-from study.config import QUICK, SMOKE, Cell
-from study.identification import Estimated
-from study.references import Reference
-from study.storage.store import Store
+from study.paper.identification import Estimated
+from study.paper.presets import QUICK, SMOKE, Cell
+from study.paper.reference_controllers import Reference
+from study.paper.runs import Run
+from study.paper.sweep_results import SweepResults
 from sysid import InvalidInput
 
 CURVE, SETTINGS = ((200, -3.5),), {"sac": {"steps": 1}}
@@ -18,14 +18,14 @@ ESTIMATED = Estimated("main", 5, 1, (1.785, 1.65), 0.5)
 
 
 def test_what_went_in_comes_out_again(tmp_path):
-    with Store(tmp_path, SMOKE) as store:
+    with SweepResults(tmp_path, SMOKE) as store:
         store.note_training(0, 12.5)
         assert store.training_seconds(0) == 12.5
         store.add_runs([RUN])
         store.add_references([REFERENCE])
         store.add_estimates([ESTIMATED])
         assert store.training_seconds(0) == 0.0
-    with Store(tmp_path, SMOKE) as store:
+    with SweepResults(tmp_path, SMOKE) as store:
         assert store.runs() == [RUN]
         assert store.references() == [REFERENCE]
         assert store.estimates() == {("main", 5, 1): (1.785, 1.65)}
@@ -33,13 +33,13 @@ def test_what_went_in_comes_out_again(tmp_path):
 
 
 def test_a_population_is_kept_whole_or_not_at_all(tmp_path):
-    with Store(tmp_path, SMOKE) as store:
+    with SweepResults(tmp_path, SMOKE) as store:
         with pytest.raises(sqlite3.IntegrityError):
             store.add_runs([RUN, RUN])
         assert store.runs() == []
 
 
 def test_a_folder_of_another_preset_is_refused(tmp_path):
-    Store(tmp_path, SMOKE).close()
+    SweepResults(tmp_path, SMOKE).close()
     with pytest.raises(InvalidInput, match="preset 'smoke', expected 'quick'"):
-        Store(tmp_path, QUICK)
+        SweepResults(tmp_path, QUICK)

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from policies.control.dynamic_programming import Grid, solve
-from study.mismatch import margin
-from study.mismatch.cases import CASES
-from study.mismatch.costs import SHARP, SHIPPED
-from study.mismatch.machine import BLUNT, machine
-from study.mismatch.margin import ANGLES, TABLE, compare, train, write
-from study.mismatch.sizes import SIZES
+from study.mismatch import table_resolution as margin
+from study.mismatch.chosen_sizes import SIZES
+from study.mismatch.loss import SHARP, SHIPPED
+from study.mismatch.magnitudes import CASES
+from study.mismatch.rod import BLUNT, machine
+from study.mismatch.table_resolution import ANGLES, TABLE, compare, train, write
 
 
 @pytest.fixture

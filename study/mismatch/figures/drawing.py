@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from study.mismatch.answer import Answer, Spot
+from study.mismatch.findings import Answer, Spot
+from study.mismatch.labels import RUNGS, capital, plant_title
+from study.mismatch.mismatch_results import FIGURES, Fitted
 from study.mismatch.plan import FREE, Trial
-from study.mismatch.results import FIGURES, Fitted
-from study.mismatch.titles import RUNGS, capital, plant_title
 
 if TYPE_CHECKING:
     from policies.network_policy import NetworkPolicy
@@ -49,8 +49,8 @@ def telling(answer: Answer) -> Pair | None:
 def draw(answer: Answer, fits: Sequence[Fitted], folder: Path) -> dict[str, Path]:
     """Draw the figures into the results folder; returns the files by the names of FILES. The trajectories need the
     folder's policies, and are left out where these are gone."""
-    from study.figures.mismatch import ladder, returns
-    from study.figures.style import save
+    from study.figure_style import save
+    from study.mismatch.figures.experiment import ladder, returns
 
     files = {
         "returns": save(lambda: returns(answer), folder / FILES["returns"]),
@@ -75,7 +75,7 @@ def _policies(answer: Answer, pair: Pair, fits: Sequence[Fitted], folder: Path) 
 
 def read_agents(folder: Path, keys: Iterable[str]) -> dict[str, NetworkPolicy]:
     """Those of the agents with these keys whose policies lie in the results folder."""
-    from study.storage.policy_files import FOLDER, read_policies
+    from study.pipeline.policy_files import FOLDER, read_policies
 
     found: dict[str, NetworkPolicy] = {}
     left = set(keys)
@@ -89,9 +89,9 @@ def read_agents(folder: Path, keys: Iterable[str]) -> dict[str, NetworkPolicy]:
 
 def _trajectories(answer: Answer, pair: Pair, policies: Mapping[str, NetworkPolicy], path: Path) -> Path:
     from policies.evaluation import fresh_start_states
-    from study.figures.style import save
-    from study.figures.trajectories import trajectories
-    from study.mismatch.hidden import hidden_machine
+    from study.figure_style import save
+    from study.mismatch.figures.trajectories import trajectories
+    from study.mismatch.ground_truth import hidden_machine
 
     plant = answer.plan.plant(pair.plant)
     starts = fresh_start_states(pair.seed, answer.plan.episodes)

@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from study.figures.style import ACCENT
-from study.mismatch.cases import CASES
-from study.mismatch.costs import SMALL, Row
-from study.mismatch.sizes import SIZES
+from study.figure_style import ACCENT
+from study.mismatch.chosen_sizes import SIZES
+from study.mismatch.loss import SMALL, Row
+from study.mismatch.magnitudes import CASES
 
 COLUMNS, TOP = 5, 60.0
 """Panels abreast, and the loss [%] above which lines leave them."""

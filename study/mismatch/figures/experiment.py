@@ -13,11 +13,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from study.figures.style import ACCENT
-from study.mismatch.answer import Answer, Outcome, Split, Spot
+from study.figure_style import ACCENT
+from study.formatting import number
+from study.mismatch.findings import Answer, Outcome, Split, Spot
+from study.mismatch.labels import RUNGS, capital, is_outside, plant_noun, plant_size, plant_title
 from study.mismatch.plan import FREE, SHARED, WAYS, HiddenPlant
-from study.mismatch.titles import RUNGS, capital, is_outside, plant_noun, plant_size, plant_title
-from study.numerals import number
 from study.statistics import Contrast
 
 INKS = {"nothing": "0.45", "plain": "#0072B2", "mended": "#D55E00", "oracle": "0.1"}

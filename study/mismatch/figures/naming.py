@@ -10,9 +10,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, NullLocator
 
-from study.mismatch.named import Named, errors, rates
+from study.mismatch.labels import capital, is_outside, plant_noun, plant_size
+from study.mismatch.naming_results import Named, errors, rates
 from study.mismatch.plan import PLANS, HiddenPlant
-from study.mismatch.titles import capital, is_outside, plant_noun, plant_size
 
 RIGHT, COMPANY, PLAIN = "#D55E00", "0.6", "#0072B2"
 

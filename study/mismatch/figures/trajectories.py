@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from policies.environments import task
 from policies.evaluation import Episodes, Policy, rollout
-from study.figures.style import ACCENT, COLOURS
-from study.numerals import MINUS, number
+from study.figure_style import ACCENT, COLOURS
+from study.formatting import MINUS, number
 from sysid import Model, State, ops
 
 Array = NDArray[np.float64]

@@ -9,12 +9,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullLocator
 
-from study.figures.references import reference_lines
-from study.figures.style import ACCENT, COLOURS
-from study.publication.claims import CELL, nearest_cell
-from study.publication.knee import IDENTIFIERS, BudgetCurve
-from study.publication.paper import ID_ERRORS
-from study.publication.scatter import Scatter
+from study.figure_style import ACCENT, COLOURS
+from study.paper.claims import CELL, nearest_cell
+from study.paper.figures.reference_lines import reference_lines
+from study.paper.identification_scatter import Scatter
+from study.paper.published_numbers import ID_ERRORS
+from study.paper.saturation_budget import IDENTIFIERS, BudgetCurve
 
 POINTS = {0.5: "low_noise", 1.0: "main", 2.0: "high_noise"}
 """Whose published errors belong to a noise level."""

@@ -14,16 +14,16 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from study.answer import Answer
-from study.figures import sweeps
-from study.figures.references import reference_lines
-from study.figures.style import save, width_colours
-from study.publication.published import Summary
+from study.figure_style import save, width_colours
+from study.paper.figures import sweeps
+from study.paper.figures.reference_lines import reference_lines
+from study.paper.findings import Answer
+from study.paper.published_runs import CellSummary
+from study.paper.sweep_results import figure_name
 from study.statistics import sem
-from study.storage.store import figure_name
 
 SMOOTH = 10
-"""Training episodes averaged into a point of a learning curve."""
+"""PopulationTask episodes averaged into a point of a learning curve."""
 
 
 def heatmap(answer: Answer) -> Figure:
@@ -38,7 +38,7 @@ def pareto(answer: Answer) -> Figure:
 
 def _sweep(answer: Answer) -> sweeps.Sweep:
     return {
-        key: Summary(answer.mean(key), answer.sem(key), float(np.median(answer.returns(key))), len(runs))
+        key: CellSummary(answer.mean(key), answer.sem(key), float(np.median(answer.returns(key))), len(runs))
         for key, runs in answer.cells.items()
     }
 
@@ -78,7 +78,7 @@ def _reach(error: float) -> float:
 
 
 def curves(answer: Answer) -> Figure:
-    """Training returns, in the simulators an agent trains on, averaged over seeds and a few episodes."""
+    """PopulationTask returns, in the simulators an agent trains on, averaged over seeds and a few episodes."""
     budgets, widths = answer.point.budgets, answer.point.widths
     figure = Figure(figsize=(1.2 + 2.0 * len(budgets), 2.9), layout="constrained")
     panels: list[Axes] = list(figure.subplots(1, len(budgets), sharey=True, squeeze=False)[0])

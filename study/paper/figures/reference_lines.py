@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 
 from matplotlib.axes import Axes
 
-from study.figures.style import ACCENT
-from study.numerals import number
-from study.references import LQR, OPTIMAL, SWING_UP
+from study.figure_style import ACCENT
+from study.formatting import number
+from study.paper.reference_controllers import LQR, OPTIMAL, SWING_UP
 
 NAMES = {OPTIMAL: "optimal", SWING_UP: "swing-up + LQR", LQR: "LQR alone"}
 LOOKS = {OPTIMAL: ("-", 6), SWING_UP: ("-.", -6), LQR: (":", 0)}

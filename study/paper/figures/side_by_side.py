@@ -9,12 +9,12 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from study.figures.style import ACCENT
-from study.figures.sweeps import OURS, Sweep
-from study.numerals import number
-from study.publication.agreement import Agreement, ContrastAgreement
-from study.publication.paper import CELLS
-from study.publication.published import Summary
+from study.figure_style import ACCENT
+from study.formatting import number
+from study.paper.agreement import Agreement, ContrastAgreement
+from study.paper.figures.sweeps import OURS, Sweep
+from study.paper.published_numbers import CELLS
+from study.paper.published_runs import CellSummary
 from study.statistics import Contrast
 
 THEIRS = "0.45"
@@ -24,7 +24,9 @@ THEIRS = "0.45"
 def published_sweep(point: str = "main") -> Sweep:
     """The paper's cells of an operating point."""
     return {
-        (c.spot.n, c.spot.w): Summary(c.mean, c.sem, c.median, c.seeds) for c in CELLS.values() if c.spot.point == point
+        (c.spot.n, c.spot.w): CellSummary(c.mean, c.sem, c.median, c.seeds)
+        for c in CELLS.values()
+        if c.spot.point == point
     }
 
 

@@ -16,15 +16,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from study.figures.references import NAMES, reference_lines
-from study.figures.style import ACCENT, COLOURS, PAPER_WHITE
-from study.numerals import number
-from study.publication.published import Summary
-from study.references import LQR, OPTIMAL, SWING_UP
+from study.figure_style import ACCENT, COLOURS, PAPER_WHITE
+from study.formatting import number
+from study.paper.figures.reference_lines import NAMES, reference_lines
+from study.paper.published_runs import CellSummary
+from study.paper.reference_controllers import LQR, OPTIMAL, SWING_UP
 
 OURS = COLOURS(0.35)
 
-Sweep = Mapping[tuple[int, float], Summary]
+Sweep = Mapping[tuple[int, float], CellSummary]
 """Return by (n, w)."""
 
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from study.numerals import number, signed
+from study.formatting import number, signed
 from study.statistics import Contrast
 
 if TYPE_CHECKING:
