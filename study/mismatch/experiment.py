@@ -10,9 +10,9 @@ from rich.console import Console
 
 from study.mismatch.designs import OPTIMUM, DesignTask, model_key
 from study.mismatch.mismatch_results import Fitted, MismatchResults
-from study.mismatch.plan import WAYS, Plan, Trial
-from study.mismatch.strategies import recipes
-from study.mismatch.training_setup import recipe_of
+from study.mismatch.plan import STRATEGIES, Plan, Trial
+from study.mismatch.strategies import training_setups
+from study.mismatch.training_setup import training_setup_of
 from study.mismatch.trainings import MismatchPopulation, agents_of, populations
 from study.pipeline.executor import Brief, Link, Task
 from study.pipeline.experiment import Experiment, Stage
@@ -24,12 +24,12 @@ TOGETHER = 5
 
 @dataclass(frozen=True)
 class FitTask(Brief):
-    """What every way makes of the rollouts that a seed draws on a hidden plant."""
+    """What every strategy makes of the rollouts that a seed draws on a hidden plant."""
 
     plan: Plan
     plant: str
     seed: int
-    ways: tuple[str, ...]
+    strategies: tuple[str, ...]
     activity: ClassVar[str] = "identification"
 
     @property
@@ -39,20 +39,19 @@ class FitTask(Brief):
     @property
     def work(self) -> float:
         """About how many seconds it takes on one core; only the time left is computed from it."""
-        return 0.3 * len(self.ways) * sum(self.plan.budgets)
+        return 0.3 * len(self.strategies) * sum(self.plan.budgets)
 
     def run(self, link: Link) -> list[Fitted]:
-        """One answer a way and budget."""
-        made = recipes(self.plan, self.plan.plant(self.plant), self.seed, self.ways)
+        """One answer a strategy and budget."""
+        made = training_setups(self.plan, self.plan.plant(self.plant), self.seed, self.strategies)
         return [
-            Fitted(self.plant, way, n, self.seed, recipe.to_json(), seconds)
-            for (way, n), (recipe, seconds) in made.items()
+            Fitted(self.plant, strategy, n, self.seed, setup.to_json(), seconds)
+            for (strategy, n), (setup, seconds) in made.items()
         ]
 
 
 class MismatchExperiment(Experiment):
-    """A plan with its results: first every way makes something of the rollouts, then what came out is trained on and
-    designed on."""
+    """A plan with its results: every strategy makes something of the rollouts, which is trained on and designed on."""
 
     def __init__(self, plan: Plan, results: MismatchResults, checkpoint_seconds: float = 60.0) -> None:
         self.plan, self.results, self.checkpoint_seconds = plan, results, checkpoint_seconds
@@ -90,12 +89,12 @@ class MismatchExperiment(Experiment):
         publish_mismatch(self.plan, self.results, console)
 
     def _unfitted(self) -> Iterator[FitTask]:
-        plan, known = self.plan, {Trial(f.plant, f.way, f.n, f.seed) for f in self.results.fits()}
+        plan, known = self.plan, {Trial(f.plant, f.strategy, f.n, f.seed) for f in self.results.fits()}
         for seed in plan.seeds:
             for plant in plan.plants:
                 trials = [t for t in plan.trials if t.plant == plant.name and t.seed == seed and t not in known]
                 if trials:
-                    yield FitTask(plan, plant.name, seed, tuple(dict.fromkeys(t.way for t in trials)))
+                    yield FitTask(plan, plant.name, seed, tuple(dict.fromkeys(t.strategy for t in trials)))
 
     def _untrained(self) -> Iterator[MismatchPopulation]:
         plan, results = self.plan, self.results
@@ -112,8 +111,8 @@ class MismatchExperiment(Experiment):
         models: dict[str, dict[str, Any]] = {}
         wanted: dict[tuple[str, int], dict[str, None]] = {}
         for f in self.results.fits():
-            if WAYS[f.way].center == f.way:
-                key = model_key(recipe_of(f.payload))
+            if STRATEGIES[f.strategy].center == f.strategy:
+                key = model_key(training_setup_of(f.payload))
                 models[key] = f.payload
                 wanted.setdefault((f.plant, f.seed), {})[key] = None
         for plant in plan.plants:

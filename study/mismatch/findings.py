@@ -1,4 +1,4 @@
-"""What the experiment found: returns of every way at every plant and budget, contrasts, and where a gap comes from."""
+"""What the experiment found: returns of every strategy at every plant and budget, contrasts, and parts of a gap."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from study.mismatch.designs import OPTIMUM, PLAIN, model_key
 from study.mismatch.mismatch_results import Designed, Fitted, Trained
 from study.mismatch.naming_results import names
-from study.mismatch.plan import CONTRASTS, FREE, WAYS, HiddenPlant, Plan, Trial
-from study.mismatch.training_setup import Recipe, recipe_of
+from study.mismatch.plan import CONTRASTS, FREE, STRATEGIES, HiddenPlant, Plan, StrategyKey, Trial
+from study.mismatch.training_setup import TrainingSetup, training_setup_of
 from study.mismatch.trainings import agents_of
 from study.statistics import Contrast, holm, paired_t, sem, student
 from sysid import InvalidInput
@@ -22,17 +22,17 @@ from sysid import InvalidInput
 Array = NDArray[np.float64]
 
 
-class Spot(NamedTuple):
-    """A way at a plant and a budget (0 for ways without rollouts)."""
+class Condition(NamedTuple):
+    """A strategy at a plant and a budget (0 for strategies without rollouts)."""
 
     plant: str
-    way: str
+    strategy: str
     n: int
 
     @classmethod
-    def of(cls, plant: str, way: str, n: int) -> Spot:
-        """With n rollouts where the way spends any."""
-        return cls(plant, way, 0 if way in FREE else n)
+    def of(cls, plant: str, strategy: str, n: int) -> Condition:
+        """With n rollouts where the strategy spends any."""
+        return cls(plant, strategy, 0 if strategy in FREE else n)
 
 
 class Verdict(NamedTuple):
@@ -69,11 +69,11 @@ class Split:
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
-    """A way at a spot: returns (S,) of the seeds, each the mean over its start states, the optima (S,) from the same
+class StrategyOutcome:
+    """What a condition came to: returns (S,) of the seeds, each a mean over its start states, optima (S,) from the same
     start states, and the parts of the gap; None where no table stands for what was trained on."""
 
-    spot: Spot
+    condition: Condition
     seeds: tuple[int, ...]
     returns: Array
     optima: Array
@@ -115,17 +115,17 @@ class Compared:
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class MismatchFindings:
     """The experiment's answer.
 
-    outcomes   by spot; optima: mean return of the near-optimal policy by plant
+    outcomes   by condition; optima: mean return of the near-optimal policy by plant
     compared   the pre-registered contrasts, in the plan's order
     verdicts   of the diagnoses by (plant, n): how often each
     hours      what workers spent
     """
 
     plan: Plan
-    outcomes: dict[Spot, Outcome]
+    outcomes: dict[Condition, StrategyOutcome]
     optima: dict[str, float]
     compared: tuple[Compared, ...]
     verdicts: dict[tuple[str, int], Counter[Verdict]]
@@ -136,8 +136,8 @@ class Answer:
         return next((c for c in self.compared if (c.plant, c.a, c.b, c.n) == (plant, a, b, n)), None)
 
     def difference(self, plant: str, a: str, b: str, n: int) -> Contrast | None:
-        """J(a) - J(b) over the seeds that both have, planned or not; None where a way is not in the plan."""
-        one, other = self.outcomes.get(Spot(plant, a, n)), self.outcomes.get(Spot(plant, b, n))
+        """J(a) - J(b) over the seeds that both have, planned or not; None where a strategy is not in the plan."""
+        one, other = self.outcomes.get(Condition(plant, a, n)), self.outcomes.get(Condition(plant, b, n))
         if one is None or other is None:
             return None
         shared = sorted(set(one.seeds) & set(other.seeds))
@@ -147,27 +147,31 @@ class Answer:
         """The mean of some of the plan's contrasts: paired over seeds, each seed's differences averaged first. It was
         not pre-registered."""
         a, b = rows[0].a, rows[0].b
-        sides = ([self.outcomes[Spot.of(row.plant, way, row.n)].returns for row in rows] for way in (a, b))
+        sides = (
+            [self.outcomes[Condition.of(row.plant, strategy, row.n)].returns for row in rows] for strategy in (a, b)
+        )
         return paired_t(*(np.mean(side, axis=0) for side in sides))
 
 
-def answer(plan: Plan, fits: Sequence[Fitted], trained: Sequence[Trained], designs: Sequence[Designed]) -> Answer:
+def findings_of(
+    plan: Plan, fits: Sequence[Fitted], trained: Sequence[Trained], designs: Sequence[Designed]
+) -> MismatchFindings:
     """The answer from the results; raises InvalidInput where some are missing."""
     _check(plan, fits, trained, designs)
     keys, _ = agents_of(plan, fits)
     agents = {agent.key: agent for agent in trained}
-    models = {Trial(f.plant, f.way, f.n, f.seed): recipe_of(f.payload) for f in fits}
+    models = {Trial(f.plant, f.strategy, f.n, f.seed): training_setup_of(f.payload) for f in fits}
     designed = {(d.plant, d.model, d.seed): float(np.mean(d.returns)) for d in designs}
-    trials: dict[Spot, list[Trial]] = {}
+    trials: dict[Condition, list[Trial]] = {}
     for trial in plan.trials:
-        trials.setdefault(Spot(*trial[:3]), []).append(trial)
+        trials.setdefault(Condition(*trial[:3]), []).append(trial)
     outcomes = {}
-    for spot, own in trials.items():
+    for condition, own in trials.items():
         returns = np.array([float(np.mean(agents[keys[t]].returns[t.plant])) for t in own])
-        split = _split(plan.plant(spot.plant), own, returns, models, designed)
-        optima = np.array([designed[spot.plant, OPTIMUM, t.seed] for t in own])
-        outcomes[spot] = Outcome(spot, tuple(t.seed for t in own), returns, optima, split)
-    return Answer(
+        split = _split(plan.plant(condition.plant), own, returns, models, designed)
+        optima = np.array([designed[condition.plant, OPTIMUM, t.seed] for t in own])
+        outcomes[condition] = StrategyOutcome(condition, tuple(t.seed for t in own), returns, optima, split)
+    return MismatchFindings(
         plan=plan,
         outcomes=outcomes,
         optima={p.name: float(np.mean([designed[p.name, OPTIMUM, s] for s in plan.seeds])) for p in plan.plants},
@@ -179,7 +183,7 @@ def answer(plan: Plan, fits: Sequence[Fitted], trained: Sequence[Trained], desig
 
 def _check(plan: Plan, fits: Sequence[Fitted], trained: Sequence[Trained], designs: Sequence[Designed]) -> None:
     """Raise InvalidInput unless every trial was fitted, trained and held against the optimum."""
-    unfitted = set(plan.trials) - {Trial(f.plant, f.way, f.n, f.seed) for f in fits}
+    unfitted = set(plan.trials) - {Trial(f.plant, f.strategy, f.n, f.seed) for f in fits}
     if unfitted:
         raise InvalidInput(f"{len(unfitted)} of {len(plan.trials)} trials have no fit: expected a finished experiment")
     untrained = {agent.key for agent in agents_of(plan, fits)[1]} - {agent.key for agent in trained}
@@ -195,37 +199,37 @@ def _split(
     plant: HiddenPlant,
     trials: Sequence[Trial],
     returns: Array,
-    recipes: Mapping[Trial, Recipe],
+    training_setups: Mapping[Trial, TrainingSetup],
     designed: Mapping[tuple[str, str, int], float],
 ) -> Split | None:
     """The mean parts over the seeds for whose models a table stands; None where none does."""
-    way = trials[0].way
+    strategy = trials[0].strategy
     rows = []
     for trial, reached in zip(trials, returns, strict=True):
         seed, optimum = trial.seed, designed[plant.name, OPTIMUM, trial.seed]
-        if way == "h":
+        if strategy == StrategyKey.ORACLE:
             rows.append((0.0, 0.0, optimum - reached))
             continue
-        if not WAYS[way].center:
+        if not STRATEGIES[strategy].center:
             return None
-        recipe = recipes[trial._replace(way=WAYS[way].center)]
-        fitted = designed.get((plant.name, model_key(recipe), seed))
+        setup = training_setups[trial._replace(strategy=STRATEGIES[strategy].center)]
+        fitted = designed.get((plant.name, model_key(setup), seed))
         if fitted is None:
             continue
-        lacks = plant.effect is not None and not names(plant, [e.name for e in recipe.model.effects])
+        lacks = plant.effect is not None and not names(plant, [e.name for e in setup.model.effects])
         allowed = designed[plant.name, PLAIN, seed] if lacks else optimum
         rows.append((optimum - allowed, allowed - fitted, fitted - reached))
     return Split(*np.mean(rows, axis=0).tolist(), len(rows)) if rows else None
 
 
-def _compared(plan: Plan, outcomes: Mapping[Spot, Outcome]) -> list[Compared]:
+def _compared(plan: Plan, outcomes: Mapping[Condition, StrategyOutcome]) -> list[Compared]:
     found = []
     for plant in plan.plants:
         for a, b in CONTRASTS:
-            if a not in plan.ways or b not in plan.ways:
+            if a not in plan.strategies or b not in plan.strategies:
                 continue
             for n in (0,) if a in FREE and b in FREE else plan.budgets:
-                one, other = (outcomes[Spot.of(plant.name, way, n)] for way in (a, b))
+                one, other = (outcomes[Condition.of(plant.name, strategy, n)] for strategy in (a, b))
                 difference = one.returns - other.returns
                 contrast = paired_t(one.returns, other.returns)
                 found.append((plant.name, n, a, b, contrast, float(np.median(difference))))
@@ -236,7 +240,7 @@ def _compared(plan: Plan, outcomes: Mapping[Spot, Outcome]) -> list[Compared]:
 def _verdicts(fits: Sequence[Fitted]) -> dict[tuple[str, int], Counter[Verdict]]:
     found: dict[tuple[str, int], Counter[Verdict]] = {}
     for f in fits:
-        if f.way == "c":
+        if f.strategy == StrategyKey.MENDED:
             verdict = Verdict(f.payload["verdict"], tuple(f.payload["steps"]), f.payload["about"].get("believed", True))
             found.setdefault((f.plant, f.n), Counter())[verdict] += 1
     return found

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from study.mismatch.magnitudes import U_MAX
-from study.mismatch.out_of_catalogue import OUTSIDE
+from study.mismatch.out_of_catalogue import OUT_OF_CATALOGUE
 from study.mismatch.plan import HiddenPlant, Plan
 from study.mismatch.rod import DESIGN_SUBSTEPS, machine
 from sysid import RK4, Effect, InvalidInput, Model, Record, RodPendulum, Sensor, effect, simulate
@@ -19,10 +19,14 @@ def effect_of(plant: HiddenPlant) -> Effect | None:
     if plant.effect is None:
         return None
     numbers = dict(plant.numbers)
-    return OUTSIDE[plant.effect](**numbers) if plant.effect in OUTSIDE else effect(plant.effect, **numbers)
+    return (
+        OUT_OF_CATALOGUE[plant.effect](**numbers)
+        if plant.effect in OUT_OF_CATALOGUE
+        else effect(plant.effect, **numbers)
+    )
 
 
-def hidden_machine(plant: HiddenPlant) -> Model:
+def ground_truth(plant: HiddenPlant) -> Model:
     """The plant as a real machine moves: in steps of 5 ms, and of 0.2 ms where something makes it stick."""
     return machine(effect_of(plant))
 
@@ -43,7 +47,7 @@ def rollouts(plan: Plan, plant: HiddenPlant, seed: int) -> list[Record]:
     n, rng = max(plan.budgets), np.random.default_rng(seed)
     if n < 1:
         raise InvalidInput(f"budgets {plan.budgets}: expected at least one rollout")
-    model = hidden_machine(plant)
+    model = ground_truth(plant)
     u = rng.uniform(-model.u_max, model.u_max, (n, plan.length))
     theta, theta_dot = rng.uniform(-np.pi, np.pi, n), rng.uniform(-1.0, 1.0, n)
     return sensor(plan).measure(simulate(model, u, theta, theta_dot), rng)

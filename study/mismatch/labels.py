@@ -1,10 +1,12 @@
-"""Hidden plants and ways in words, the same in figures, tables and sentences."""
+"""Hidden plants and strategies in words, the same in figures, tables and sentences."""
 
 from __future__ import annotations
 
-from study.mismatch.plan import HiddenPlant
+from study.mismatch.plan import HiddenPlant, StrategyKey
 
-RUNGS = {"z": "prior", "b": "fitted", "c": "mended", "h": "oracle"}
+RUNGS = {
+    StrategyKey.PRIOR: "prior", StrategyKey.FITTED: "fitted", StrategyKey.MENDED: "mended", StrategyKey.ORACLE: "oracle"
+}  # fmt: skip
 """The ladder, from knowing nothing to knowing everything."""
 
 _NOUNS = {"coulomb": "Coulomb friction", "slew_limit": "slew limit"}
@@ -32,7 +34,7 @@ def capital(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def is_outside(plant: HiddenPlant) -> bool:
+def is_out_of_catalogue(plant: HiddenPlant) -> bool:
     """Whether the plant has an effect that the catalogue lacks."""
     from sysid import CATALOGUE
 
@@ -41,7 +43,7 @@ def is_outside(plant: HiddenPlant) -> bool:
 
 def in_catalogue(plant: HiddenPlant) -> bool:
     """Whether the plant has an effect of the catalogue."""
-    return plant.effect is not None and not is_outside(plant)
+    return plant.effect is not None and not is_out_of_catalogue(plant)
 
 
 def _unit(plant: HiddenPlant) -> str:

@@ -13,14 +13,14 @@ import numpy as np
 
 from policies.control.dynamic_programming import Grid, Optimal, solve
 from policies.evaluation import batch_returns, fresh_start_states, start_states
-from study.mismatch.magnitudes import CASES, Case
+from study.mismatch.magnitudes import MAGNITUDES, Magnitude
 from study.mismatch.rod import BLUNT, DESIGN_SUBSTEPS, design, machine
-from study.pipeline import csv_table as table
+from study.pipeline.csv_table import read_table, write_table
 from study.statistics import sem
 from sysid import InvalidInput, OutputEffect
 
-SHIPPED = Path(__file__).parents[1] / "results" / "effect_cost"
-TABLE, FIGURE = "effect_cost.csv", "effect_cost.png"
+EFFECT_COST_FOLDER = Path(__file__).parents[1] / "results" / "effect_cost"
+LOSS_TABLE, LOSS_FIGURE = "effect_cost.csv", "effect_cost.png"
 
 SHARP = Grid()
 """The table of the second ignorant designer, who plans to the edge; the aware one's is blunt."""
@@ -33,7 +33,7 @@ SMALL = 2.0
 
 
 @dataclass(frozen=True)
-class Row:
+class LossRow:
     """Returns on the machine with one effect of one size, and what not knowing it costs; sem: of the paired mean.
 
     percent of |J_aware|, percent_plain of the plain machine's optimum; sharp: loss of the ignorant with the fine table;
@@ -58,7 +58,7 @@ class Row:
 
 
 class Bench:
-    """The plain machine's designers, and what they are worth there; measures one case at one size at a time.
+    """The plain machine's designers, and what they are worth there; measures one magnitude at one size at a time.
 
     substeps   of the machine, where others are wanted than `machine` takes
     """
@@ -75,9 +75,9 @@ class Bench:
         self.fresh = np.arange(len(self.starts[0])) < episodes
         (self.plain,) = batch_returns(self.ignorant[:1], machine(substeps=substeps), *self.starts)
 
-    def measure(self, case: Case, size: float) -> Row:
+    def measure(self, magnitude: Magnitude, size: float) -> LossRow:
         """The row of a size."""
-        effect = case.at(size)
+        effect = magnitude.at(size)
         model = machine(effect, self.substeps)
         if isinstance(effect, OutputEffect):
             ignorant, sharp = batch_returns(self.ignorant, model, *self.starts)
@@ -87,10 +87,10 @@ class Bench:
         loss, paper = (aware - ignorant)[self.fresh], (aware - ignorant)[~self.fresh]
         reached = float(np.mean(aware[self.fresh]))
         plain = float(np.mean(self.plain[self.fresh]))
-        return Row(
-            effect=case.effect,
+        return LossRow(
+            effect=magnitude.effect,
             size=size,
-            unit=case.unit,
+            unit=magnitude.unit,
             plain=plain,
             ignorant=float(np.mean(ignorant[self.fresh])),
             aware=reached,
@@ -106,16 +106,16 @@ class Bench:
         )
 
 
-def read(path: Path) -> list[Row]:
+def read_losses(path: Path) -> list[LossRow]:
     """The rows of a table; none where there is no file. Raises InvalidInput for a file of another kind."""
-    rows = table.read(Row, path, "effects and losses")
+    rows = read_table(LossRow, path, "effects and losses")
     for row in rows:
-        if row.effect not in CASES:
-            raise InvalidInput(f"{path} has a row of effect {row.effect!r}: expected one of {', '.join(CASES)}")
+        if row.effect not in MAGNITUDES:
+            raise InvalidInput(f"{path} has a row of effect {row.effect!r}: expected one of {', '.join(MAGNITUDES)}")
     return rows
 
 
-def write(path: Path, rows: Iterable[Row]) -> None:
+def write_losses(path: Path, rows: Iterable[LossRow]) -> None:
     """The rows as a CSV file, in the catalogue's order; whole or not at all."""
-    order = {name: i for i, name in enumerate(CASES)}
-    table.write(Row, path, sorted(rows, key=lambda row: (order[row.effect], row.size)))
+    order = {name: i for i, name in enumerate(MAGNITUDES)}
+    write_table(LossRow, path, sorted(rows, key=lambda row: (order[row.effect], row.size)))

@@ -1,4 +1,4 @@
-"""The page of the mismatch experiment: one HTML file that opens without a network, the answer in words first."""
+"""The page of the mismatch experiment: one HTML file that opens without a network, the findings in words first."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from study.formatting import bracketed, number
-from study.mismatch.findings import Answer
+from study.mismatch.findings import MismatchFindings
 from study.mismatch.labels import capital, plant_title
-from study.mismatch.naming_results import Named, tabled
-from study.mismatch.plan import WAYS
+from study.mismatch.naming_results import NamingResult, naming_table
+from study.mismatch.plan import STRATEGIES
 from study.pipeline.html_page import embedded, template
 from study.pipeline.progress import duration
 from study.statistics import Contrast
 
 CAPTIONS = {
-    "returns": "Every way at every hidden plant: mean return with its 95 % interval over seeds, hollow for few "
+    "returns": "Every strategy at every hidden plant: mean return with its 95 % interval over seeds, hollow for few "
     "rollouts, filled for many. All panels have one scale, each about its own optimum; a number at the left edge is a "
     "mean left of the panel.",
     "ladder": "Left: from knowing nothing to knowing everything, at the largest budget. Right: what the gap to the "
@@ -31,44 +31,44 @@ CAPTIONS = {
 
 
 def page(
-    answer: Answer,
+    findings: MismatchFindings,
     sentences: Sequence[tuple[str, str]],
     figures: Mapping[str, Path],
     versions: Mapping[str, str],
-    rows: Sequence[Named] = (),
+    rows: Sequence[NamingResult] = (),
 ) -> str:
     """The finished page.
 
     figures   PNG files by their names in CAPTIONS; those that are missing are left out
     rows      of the naming study, where they are there
     """
-    plan = answer.plan
+    plan = findings.plan
     settings = plan.to_dict()
-    for shown in ("plants", "ways"):
+    for shown in ("plants", "strategies"):
         del settings[shown]
     content = {
-        "answer": answer,
+        "findings": findings,
         "plan": plan,
         "sentences": sentences,
         "images": [(embedded(figures[name]), text) for name, text in CAPTIONS.items() if name in figures],
-        "ways": WAYS,
+        "strategies": STRATEGIES,
         "titles": {plant.name: capital(plant_title(plant)) for plant in plan.plants},
-        "verdicts": _verdicts(answer),
-        "named": tabled(rows) if rows else None,
-        "worker_time": duration(3600.0 * answer.hours),
+        "verdicts": _verdicts(findings),
+        "named": naming_table(rows) if rows else None,
+        "worker_time": duration(3600.0 * findings.hours),
         "settings": settings,
         "versions": versions,
     }
     return template("mismatch.html.j2", {"interval": _interval}).render(content)
 
 
-def _verdicts(answer: Answer) -> list[tuple[str, int, str]]:
+def _verdicts(findings: MismatchFindings) -> list[tuple[str, int, str]]:
     """(plant, n, what was said and how often), in the plan's order."""
     return [
         (capital(plant_title(plant)), n, ", ".join(f"{text} ({count})" for text, count in found.most_common()))
-        for plant in answer.plan.plants
-        for n in answer.plan.budgets
-        if (found := answer.verdicts.get((plant.name, n)))
+        for plant in findings.plan.plants
+        for n in findings.plan.budgets
+        if (found := findings.verdicts.get((plant.name, n)))
     ]
 
 

@@ -9,14 +9,14 @@ from rich.console import Console
 from rich.markup import escape
 
 from study.mismatch import naming
-from study.mismatch import naming_results as named
-from study.mismatch.figures.drawing import draw
-from study.mismatch.findings import Answer, answer
+from study.mismatch.figures.drawing import draw_figures
+from study.mismatch.findings import MismatchFindings, findings_of
 from study.mismatch.mismatch_page import page
 from study.mismatch.mismatch_results import MismatchResults
+from study.mismatch.naming_results import NAMING_TABLE, read_naming
 from study.mismatch.plan import CONTRASTS, Plan
 from study.mismatch.sentences import sentences
-from study.pipeline import csv_table as rows
+from study.pipeline.csv_table import write_table
 from study.pipeline.record import write_record
 from study.pipeline.versions import all_versions
 from sysid.data.files import write_whole
@@ -24,7 +24,7 @@ from sysid.data.files import write_whole
 
 @dataclass(frozen=True)
 class OutcomeRow:
-    """A way at a plant and a budget: returns over seeds, with Student's interval, the gap to the optimum from the
+    """A strategy at a plant and a budget: returns over seeds, with Student's interval, the gap to the optimum from the
     same start states, and its parts over as many seeds as there are tables for."""
 
     plant: str
@@ -69,24 +69,24 @@ class TrialRow:
     mean: float
 
 
-def publish_mismatch(plan: Plan, results: MismatchResults, console: Console) -> Answer:
+def publish_mismatch(plan: Plan, results: MismatchResults, console: Console) -> MismatchFindings:
     """Write tables, figures and page into the results' folder and say the answers; returns them.
 
     The naming study is told too where its table lies in the folder.
     """
     folder, trained, fits = results.folder, results.trainings(), results.fits()
-    rows_named = named.read(folder / named.TABLE)
+    naming_rows = read_naming(folder / NAMING_TABLE)
     with console.status("drawing"):
-        found = answer(plan, fits, trained, results.designs())
-        said = sentences(found, rows_named)
+        found = findings_of(plan, fits, trained, results.designs())
+        said = sentences(found, naming_rows)
         made_with = [agent.versions for agent in trained]
         write_tables(found, folder)
         about = {"trials": len(plan.trials), "agents": len(trained), "contrasts": [f"{a} - {b}" for a, b in CONTRASTS]}
         write_record(folder / "study.json", plan, results.device, about, found.hours, made_with)
-        figures = draw(found, fits, folder)
-        if rows_named:
-            figures["naming"] = naming.draw(rows_named, folder)
-        write_whole(folder / "report.html", page(found, said, figures, all_versions(made_with), rows_named))
+        figures = draw_figures(found, fits, folder)
+        if naming_rows:
+            figures["naming"] = naming.draw_naming(naming_rows, folder)
+        write_whole(folder / "report.html", page(found, said, figures, all_versions(made_with), naming_rows))
     for question, text in said:
         console.print(f"[bold]{question}[/]\n{escape(text)}\n")
     console.print(f"report   {folder / 'report.html'}", soft_wrap=True)
@@ -94,16 +94,16 @@ def publish_mismatch(plan: Plan, results: MismatchResults, console: Console) -> 
     return found
 
 
-def write_tables(found: Answer, folder: Path) -> None:
+def write_tables(found: MismatchFindings, folder: Path) -> None:
     """trials.csv, outcomes.csv, contrasts.csv."""
     trials, outcomes = [], []
-    for spot, own in found.outcomes.items():
-        trials += [TrialRow(*spot, seed, float(mean)) for seed, mean in zip(own.seeds, own.returns, strict=True)]
+    for condition, own in found.outcomes.items():
+        trials += [TrialRow(*condition, seed, float(mean)) for seed, mean in zip(own.seeds, own.returns, strict=True)]
         mean, split = own.mean, own.split
         parts = (split.structure, split.identification, split.training) if split else (float("nan"),) * 3
         stands = split.seeds if split else 0
         outcomes.append(
-            OutcomeRow(*spot, len(own.seeds), mean.mean, mean.low, mean.high, own.median, own.gap, *parts, stands)
+            OutcomeRow(*condition, len(own.seeds), mean.mean, mean.low, mean.high, own.median, own.gap, *parts, stands)
         )
     contrasts = [
         ContrastRow(
@@ -111,6 +111,6 @@ def write_tables(found: Answer, folder: Path) -> None:
         )
         for c in found.compared
     ]
-    rows.write(TrialRow, folder / "trials.csv", trials)
-    rows.write(OutcomeRow, folder / "outcomes.csv", outcomes)
-    rows.write(ContrastRow, folder / "contrasts.csv", contrasts)
+    write_table(TrialRow, folder / "trials.csv", trials)
+    write_table(OutcomeRow, folder / "outcomes.csv", outcomes)
+    write_table(ContrastRow, folder / "contrasts.csv", contrasts)

@@ -1,6 +1,6 @@
 """The results of the mismatch experiment: one SQLite file, tied to one plan, device and version.
 
-fits        what a way made of n rollouts of a hidden plant, by (plant, way, n, seed)
+fits        what a strategy (in the column `way`) made of n rollouts of a hidden plant, by (plant, strategy, n, seed)
 trainings   returns on the hidden plants of an agent, by the key of what it was trained on; its weights lie in files
 designs     returns on a hidden plant of a near-optimal policy, by the key of the model that it was designed on
 progress    seconds spent on each unfinished population, as of its last checkpoint
@@ -37,14 +37,14 @@ CREATE TABLE progress (population TEXT PRIMARY KEY, seconds REAL);
 
 @dataclass(frozen=True)
 class Fitted:
-    """What a way made of the n rollouts that a seed draws on a hidden plant.
+    """What a strategy made of the n rollouts that a seed draws on a hidden plant.
 
     payload: the model, the randomization, the verdict, the steps that led there ... as plain data of JSON: its
     containers are lists and dicts of text keys.
     """
 
     plant: str
-    way: str
+    strategy: str
     n: int
     seed: int
     payload: dict[str, Any]
@@ -87,14 +87,14 @@ class MismatchResults(Database):
         super().__init__(folder, SCHEMA, identity(plan, f"mismatch {FORMAT}", device), OUTPUTS)
 
     def add_fits(self, fits: Sequence[Fitted]) -> None:
-        """Keep what ways made of rollouts."""
-        self.put("fits", [(f.plant, f.way, f.n, f.seed, json.dumps(f.payload), f.seconds) for f in fits])
+        """Keep what strategies made of rollouts."""
+        self.put("fits", [(f.plant, f.strategy, f.n, f.seed, json.dumps(f.payload), f.seconds) for f in fits])
 
     def fits(self) -> list[Fitted]:
-        """What ways made of rollouts, sorted by plant, way, n, seed."""
+        """What strategies made of rollouts, sorted by plant, strategy, n, seed."""
         return [
-            Fitted(plant, way, n, seed, json.loads(payload), seconds)
-            for plant, way, n, seed, payload, seconds in self.db.execute(
+            Fitted(plant, strategy, n, seed, json.loads(payload), seconds)
+            for plant, strategy, n, seed, payload, seconds in self.db.execute(
                 "SELECT * FROM fits ORDER BY plant, way, n, seed"
             )
         ]

@@ -16,11 +16,11 @@ import numpy as np
 
 from study.mismatch.labels import capital, plant_title
 from study.mismatch.plan import PLANS, HiddenPlant
-from study.pipeline import csv_table as table
+from study.pipeline.csv_table import read_table, write_table
 from study.statistics import wilson
 from sysid import CATALOGUE, InvalidInput
 
-TABLE = "naming.csv"
+NAMING_TABLE = "naming.csv"
 
 CONTAINS = {"coulomb": ("stribeck", "asymmetric_coulomb")}
 """Larger effects that are the effect at some of their numbers: to name one of them is right, too."""
@@ -30,7 +30,7 @@ REFUSED = "refused"
 
 
 @dataclass(frozen=True)
-class Named:
+class NamingResult:
     """What n rollouts of a hidden plant led to.
 
     steps         what was added, in order; with "/" between the effects that the log cannot tell apart
@@ -85,10 +85,10 @@ def names(plant: HiddenPlant, steps: Sequence[str]) -> bool:
     return any(wanted & set(step.split("/")) for step in steps)
 
 
-def rates(rows: Iterable[Named]) -> dict[tuple[str, int], Rate]:
-    """The rates by (plant, n)."""
+def naming_rates(rows: Iterable[NamingResult]) -> dict[tuple[str, int], Rate]:
+    """The naming_rates by (plant, n)."""
     plants = {plant.name: plant for plant in PLANS["mismatch"].plants}
-    groups: dict[tuple[str, int], list[Named]] = {}
+    groups: dict[tuple[str, int], list[NamingResult]] = {}
     for row in rows:
         groups.setdefault((row.plant, row.n), []).append(row)
     found = {}
@@ -98,7 +98,7 @@ def rates(rows: Iterable[Named]) -> dict[tuple[str, int], Rate]:
     return found
 
 
-def errors(rows: Iterable[Named], plant: str, n: int) -> tuple[float, float]:
+def naming_errors(rows: Iterable[NamingResult], plant: str, n: int) -> tuple[float, float]:
     """Root mean squares over seeds of the errors of m and l, fitted and mended; nan where there is no row."""
     own = [(r.error_fitted, r.error_mended) for r in rows if (r.plant, r.n) == (plant, n) and r.verdict != REFUSED]
     fitted, mended = np.sqrt(np.mean(np.square(own), axis=0)) if own else (math.nan, math.nan)
@@ -106,7 +106,7 @@ def errors(rows: Iterable[Named], plant: str, n: int) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
-class Tabled:
+class NamingTable:
     """The rates as text: "93 [86, 97] (2.1, 0.4)" is the rate with its interval, and the errors of m and l without and
     with what was named, all in percent.
 
@@ -119,33 +119,36 @@ class Tabled:
     lines: tuple[tuple[str, tuple[str, ...]], ...]
 
 
-def tabled(rows: Sequence[Named]) -> Tabled:
+def naming_table(rows: Sequence[NamingResult]) -> NamingTable:
     """What was found, in the plan's order of plants."""
-    found, budgets = rates(rows), tuple(sorted({row.n for row in rows}))
+    found, budgets = naming_rates(rows), tuple(sorted({row.n for row in rows}))
 
     def cell(plant: str, n: int) -> str:
         if (plant, n) not in found:
             return ""
         low, high = found[plant, n].interval
-        fitted, mended = (f"{100.0 * error:.2g}" for error in errors(rows, plant, n))
+        fitted, mended = (f"{100.0 * error:.2g}" for error in naming_errors(rows, plant, n))
         return f"{100 * found[plant, n].share:.0f} [{100 * low:.0f}, {100 * high:.0f}] ({fitted}, {mended})"
 
     known = [plant for plant in PLANS["mismatch"].plants if any(name == plant.name for name, _ in found)]
     lines = tuple((capital(plant_title(p)), tuple(cell(p.name, n) for n in budgets)) for p in known)
     seeds = sorted({rate.seeds for rate in found.values()})
-    return Tabled(budgets, " to ".join(str(s) for s in dict.fromkeys((seeds[0], seeds[-1]))), lines)
+    return NamingTable(budgets, " to ".join(str(s) for s in dict.fromkeys((seeds[0], seeds[-1]))), lines)
 
 
-def read(path: Path) -> list[Named]:
+def read_naming(path: Path) -> list[NamingResult]:
     """The rows of a table; none where there is no file. Raises InvalidInput for a file of another kind."""
-    rows, known = table.read(Named, path, "effects that were named"), [plant.name for plant in PLANS["mismatch"].plants]
+    rows, known = (
+        read_table(NamingResult, path, "effects that were named"),
+        [plant.name for plant in PLANS["mismatch"].plants],
+    )
     for row in rows:
         if row.plant not in known:
             raise InvalidInput(f"{path} has a row of plant {row.plant!r}: expected one of {', '.join(known)}")
     return rows
 
 
-def write(path: Path, rows: Iterable[Named]) -> None:
+def write_naming(path: Path, rows: Iterable[NamingResult]) -> None:
     """The rows as a CSV file, in the plan's order of plants; whole or not at all."""
     order = {plant.name: i for i, plant in enumerate(PLANS["mismatch"].plants)}
-    table.write(Named, path, sorted(rows, key=lambda row: (order[row.plant], row.n, row.seed)))
+    write_table(NamingResult, path, sorted(rows, key=lambda row: (order[row.plant], row.n, row.seed)))

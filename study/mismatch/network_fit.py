@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from study.mismatch.elimination import reduce, start_step
-from study.mismatch.residual_network import CommandFilter, LearnedTorque, untrained
+from study.mismatch.residual_network import CommandFilter, ResidualNetwork, untrained
 from sysid import InvalidInput, Model, Record, Sensor, State
 from sysid.estimation.held_out import held_out_error
 from sysid.estimation.response import Linearisation, Response, propagate
@@ -44,7 +44,7 @@ PATIENCE = 2
 
 
 @dataclass(frozen=True, eq=False)
-class Learned:
+class NetworkFit:
     """A model with a command filter and a learned torque, or the one that came where neither helped.
 
     before, after   error on the held-out rollouts, in units of the sensor's noise, before these were learned from, too
@@ -57,7 +57,7 @@ class Learned:
     decay: float | None
 
 
-def learn(model: Model, records: Sequence[Record], sensor: Sensor, rng: np.random.Generator) -> Learned:
+def fit_network(model: Model, records: Sequence[Record], sensor: Sensor, rng: np.random.Generator) -> NetworkFit:
     """Learn what the records show beyond a model whose own numbers stay.
 
     Raises InvalidInput for fewer than two records, or those that do not fit the model.
@@ -77,9 +77,9 @@ def learn(model: Model, records: Sequence[Record], sensor: Sensor, rng: np.rando
         elif failed == PATIENCE:
             break
     if not chosen:
-        return Learned(model, before, before, None)
+        return NetworkFit(model, before, before, None)
     *_, p = _path(weights, records, sensor, DECAYS[:chosen])
-    return Learned(weights.model(p), before, least, DECAYS[chosen - 1])
+    return NetworkFit(weights.model(p), before, least, DECAYS[chosen - 1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +115,7 @@ class Weights:
             at += size
         taps, *numbers = parts
         layers = tuple(zip(numbers[::2], numbers[1::2], strict=True))
-        learned = CommandFilter(taps=taps), LearnedTorque(layers=layers, drive_max=self.base.u_max)
+        learned = CommandFilter(taps=taps), ResidualNetwork(layers=layers, drive_max=self.base.u_max)
         return replace(self.base, effects=(*self.base.effects, *learned))
 
 

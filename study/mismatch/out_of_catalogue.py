@@ -57,4 +57,4 @@ class SlewLimit(InputEffect):
         return tuple(limited), (z,)
 
 
-OUTSIDE: dict[str, type[Effect]] = {kind.name: kind for kind in (Magnet, SlewLimit)}
+OUT_OF_CATALOGUE: dict[str, type[Effect]] = {kind.name: kind for kind in (Magnet, SlewLimit)}

@@ -56,7 +56,7 @@ class CommandFilter(InputEffect):
 
 
 @dataclass(frozen=True, eq=False)
-class LearnedTorque(JointEffect):
+class ResidualNetwork(JointEffect):
     """tau = net(cos theta, sin theta, theta_dot / 5, drive / drive_max) [N m], a network of tanh layers.
 
     layers   W and b of each layer; with no layer there is no torque
@@ -111,9 +111,9 @@ def stacked(effects: Sequence[Sequence[Effect]], device: str = "cpu") -> tuple[E
     import torch
 
     for own in effects:
-        if tuple(type(e) for e in own) != (CommandFilter, LearnedTorque):
+        if tuple(type(e) for e in own) != (CommandFilter, ResidualNetwork):
             came = ", ".join(e.name for e in own) or "none"
-            raise InvalidInput(f"an agent has the effects {came}: expected command_filter, learned_torque")
+            raise InvalidInput(f"an agent has the effects {came}: expected command_filter, residual_network")
 
     def together(numbers: Sequence[Any]) -> Value:
         return torch.from_numpy(np.stack([np.asarray(n, dtype=float) for n in numbers])).to(device)

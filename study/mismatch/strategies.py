@@ -1,6 +1,6 @@
-"""The ways to spend n rollouts: each makes of them what an agent then trains on. Nobody is in the loop.
+"""The strategies to spend n rollouts: each makes of them what an agent then trains on. Nobody is in the loop.
 
-    recipes(plan, plant, seed) -> {(way, n): Recipe}
+    training_setups(plan, plant, seed) -> {(strategy, n): TrainingSetup}
 
 All fits but the grid's are by output error with the sensor's noise known, from the same records.
 """
@@ -26,9 +26,9 @@ from policies.environments.randomization import (
     SingleEffect,
 )
 from study.mismatch.ground_truth import PRIOR, oracle, rollouts, sensor
-from study.mismatch.magnitudes import CASES
-from study.mismatch.plan import FREE, HiddenPlant, Plan
-from study.mismatch.training_setup import Recipe
+from study.mismatch.magnitudes import MAGNITUDES
+from study.mismatch.plan import FREE, HiddenPlant, Plan, StrategyKey
+from study.mismatch.training_setup import TrainingSetup
 from sysid import (
     Diagnosis,
     Estimate,
@@ -55,39 +55,39 @@ PLAUSIBLE = (0.3, 3.0)
 """m [kg] and l [m] where nobody measured (paper, Sec. III)."""
 
 
-def recipes(
-    plan: Plan, plant: HiddenPlant, seed: int, ways: Sequence[str]
-) -> dict[tuple[str, int], tuple[Recipe, float]]:
-    """What each way makes of each budget, and the seconds that it took."""
-    found: dict[tuple[str, int], tuple[Recipe, float]] = {}
-    free, spent = [w for w in ways if w in FREE], [w for w in ways if w not in FREE]
-    for way in free:
-        found[way, 0] = _without_rollouts(way, plant), 0.0
+def training_setups(
+    plan: Plan, plant: HiddenPlant, seed: int, strategies: Sequence[str]
+) -> dict[tuple[str, int], tuple[TrainingSetup, float]]:
+    """What each strategy makes of each budget, and the seconds that it took."""
+    found: dict[tuple[str, int], tuple[TrainingSetup, float]] = {}
+    free, spent = [w for w in strategies if w in FREE], [w for w in strategies if w not in FREE]
+    for strategy in free:
+        found[strategy, 0] = _without_rollouts(strategy, plant), 0.0
     records = rollouts(plan, plant, seed) if spent else []
     for n in plan.budgets if spent else ():
-        spending = Spending(plan, records[:n], seed)
-        for way in spent:
+        budget = Budget(plan, records[:n], seed)
+        for strategy in spent:
             begin = time.perf_counter()
-            found[way, n] = spending.recipe(way), time.perf_counter() - begin
+            found[strategy, n] = budget.setup(strategy), time.perf_counter() - begin
     return found
 
 
-def _without_rollouts(way: str, plant: HiddenPlant) -> Recipe:
-    if way == "h":
-        return Recipe(oracle(plant), Fixed())
-    if way == "z":
-        return Recipe(PRIOR, Fixed())
+def _without_rollouts(strategy: str, plant: HiddenPlant) -> TrainingSetup:
+    if strategy == StrategyKey.ORACLE:
+        return TrainingSetup(oracle(plant), Fixed())
+    if strategy == StrategyKey.PRIOR:
+        return TrainingSetup(PRIOR, Fixed())
     model = dataclasses.replace(PRIOR, effects=tuple(effect(name) for name in AT_ONCE))
-    neutral = {f"{name}.{key}": value for name in AT_ONCE for key, value in CASES[name].numbers(0.0).items()}
-    kinds = tuple(plausible(model, name) for name in AT_ONCE)
-    return Recipe(model, SingleEffect({"m": PLAUSIBLE, "l": PLAUSIBLE}, kinds, neutral))
+    neutral = {f"{name}.{key}": value for name in AT_ONCE for key, value in MAGNITUDES[name].numbers(0.0).items()}
+    kinds = tuple(plausible_ranges(model, name) for name in AT_ONCE)
+    return TrainingSetup(model, SingleEffect({"m": PLAUSIBLE, "l": PLAUSIBLE}, kinds, neutral))
 
 
-def plausible(model: Model, name: str) -> dict[str, tuple[float, float]]:
+def plausible_ranges(model: Model, name: str) -> dict[str, tuple[float, float]]:
     """The range of each of an effect's numbers: from nothing to the largest plausible, and as far to the other side
     where the model allows it and that is something else."""
     found, parameters = {}, model.parameters
-    nothing, most = CASES[name].numbers(0.0), CASES[name].numbers(CASES[name].largest)
+    nothing, most = MAGNITUDES[name].numbers(0.0), MAGNITUDES[name].numbers(MAGNITUDES[name].largest)
     for key, end in most.items():
         p, other = parameters[f"{name}.{key}"], 2.0 * nothing[key] - end
         signed = p.bounds[0] <= other <= p.bounds[1] and nothing[key] == p.neutral
@@ -95,27 +95,27 @@ def plausible(model: Model, name: str) -> dict[str, tuple[float, float]]:
     return found
 
 
-class Spending:
-    """n rollouts (Records) and what can be made of them; what several ways need is made once."""
+class Budget:
+    """n rollouts (Records) and what can be made of them; what several strategies need is made once."""
 
     def __init__(self, plan: Plan, records: Sequence[Record], seed: int) -> None:
         self.plan, self.records, self.seed, self.sensor = plan, records, seed, sensor(plan)
 
-    def recipe(self, way: str) -> Recipe:
-        """What the way trains on; raises InvalidInput for an unknown way."""
+    def setup(self, strategy: str) -> TrainingSetup:
+        """What the strategy trains on; raises InvalidInput for an unknown strategy."""
         made = {
-            "a": self._grid,
-            "b": lambda: Recipe(self.fitted.model, center(self.fitted)),
-            "b+": lambda: Recipe(self.fitted.model, center(self.fitted, self.plan.band)),
-            "c": self._mended,
-            "d": self._at_once,
-            "f": self._posterior,
-            "g": self._random_torques,
-            "i": self._learned,
+            StrategyKey.GRID: self._grid,
+            StrategyKey.FITTED: lambda: TrainingSetup(self.fitted.model, center(self.fitted)),
+            StrategyKey.BAND: lambda: TrainingSetup(self.fitted.model, center(self.fitted, self.plan.band)),
+            StrategyKey.MENDED: self._mended,
+            StrategyKey.ALL_EFFECTS: self._at_once,
+            StrategyKey.POSTERIOR: self._posterior,
+            StrategyKey.RANDOM_FORCE: self._random_torques,
+            StrategyKey.NETWORK: self._learned,
         }
-        if way not in made:
-            raise InvalidInput(f"way {way!r}: expected one of {', '.join(made)}")
-        return made[way]()
+        if strategy not in made:
+            raise InvalidInput(f"strategy {strategy!r}: expected one of {', '.join(made)}")
+        return made[strategy]()
 
     @cached_property
     def fitted(self) -> Estimate:
@@ -142,7 +142,7 @@ class Spending:
             return self.fitted
         return fit(found.estimate.model, self.records, self.sensor, found.estimate.names)
 
-    def _mended(self) -> Recipe:
+    def _mended(self) -> TrainingSetup:
         found, model = self.diagnosis, self.mended.model.machine
         drawn, about = center(self.mended), {"errors": [found.base_error.ratio, found.error.ratio]}
         if not self.believed:
@@ -150,9 +150,9 @@ class Spending:
             about |= {"believed": False, **shaking}
         elif found.verdict == "cannot tell":
             model, drawn = self._class()
-        return Recipe(model, drawn, found.verdict, tuple(s.effect for s in found.steps), about)
+        return TrainingSetup(model, drawn, found.verdict, tuple(s.effect for s in found.steps), about)
 
-    def _posterior(self) -> Recipe:
+    def _posterior(self) -> TrainingSetup:
         named = self._mended()
         if isinstance(named.drawn, Mixture):
             return named
@@ -182,11 +182,11 @@ class Spending:
         alternatives = [{name: f.values.get(name, neutral.get(name, math.nan)) for name in names} for f in fits]
         return machine, Mixture(tuple(alternatives))
 
-    def _grid(self) -> Recipe:
+    def _grid(self) -> TrainingSetup:
         found = GridSearch(("m", "l")).fit(PRIOR, self.records)
-        return Recipe(found.model, center(found))
+        return TrainingSetup(found.model, center(found))
 
-    def _at_once(self) -> Recipe:
+    def _at_once(self) -> TrainingSetup:
         """From the fit without effects, first without and then with a limit of the drive, whichever is nearer: the fit
         has no slope from "never" to a limit, and a limit that it begins with hides the rest."""
         free = [effect(name) for name in AT_ONCE if name != "saturation"]
@@ -195,19 +195,19 @@ class Spending:
         errors = [held_out_error(found.model, self.records, self.sensor).ratio for found in (first, second)]
         found = (first, second)[int(np.argmin(errors))]
         numbers = {"saturation.limit": PRIOR.u_max, **center(found).center}  # a limit that no command reaches
-        return Recipe(
+        return TrainingSetup(
             second.model.with_parameters(numbers), Band(numbers), about={"fit_errors": errors, "success": found.success}
         )
 
-    def _learned(self) -> Recipe:
-        from study.mismatch.network_fit import learn
+    def _learned(self) -> TrainingSetup:
+        from study.mismatch.network_fit import fit_network
 
-        learned = learn(self.fitted.model, self.records, self.sensor, np.random.default_rng([self.seed, 1]))
-        return Recipe(learned.model, center(self.fitted), about={"errors": [learned.before, learned.after]})
+        learned = fit_network(self.fitted.model, self.records, self.sensor, np.random.default_rng([self.seed, 1]))
+        return TrainingSetup(learned.model, center(self.fitted), about={"errors": [learned.before, learned.after]})
 
-    def _random_torques(self) -> Recipe:
+    def _random_torques(self) -> TrainingSetup:
         drawn, about = self._shaken(center(self.fitted), self.fitted.model)
-        return Recipe(self.fitted.model, drawn, about=about)
+        return TrainingSetup(self.fitted.model, drawn, about=about)
 
     def _shaken(self, drawn: Randomization, model: Model) -> tuple[Randomization, dict[str, Any]]:
         """Random torques of the size and memory that the log asks for beyond the model."""

@@ -27,15 +27,15 @@ from policies.evaluation import Policy, batch_returns, fresh_start_states
 from policies.training.population import Population
 from policies.training.sac import SACSettings
 from study.mismatch.chosen_sizes import SIZES, Size
-from study.mismatch.loss import EPISODES, SEED, SHIPPED
-from study.mismatch.magnitudes import CASES
+from study.mismatch.loss import EFFECT_COST_FOLDER, EPISODES, SEED
+from study.mismatch.magnitudes import MAGNITUDES
 from study.mismatch.rod import DESIGN_SUBSTEPS, machine
 from sysid import InvalidInput
 from sysid.data.files import write_whole
 
 Array = NDArray[np.float64]
 
-TABLE = "margin.csv"
+RESOLUTION_TABLE = "margin.csv"
 ANGLES = (90, 120, 150, 180, 240, 450)
 """Angles of the tables; speeds are one more."""
 
@@ -47,7 +47,7 @@ SEEDS = tuple(range(100, 108))
 
 
 @dataclass(frozen=True, eq=False)
-class Margin:
+class TableResolution:
     """Ratios of returns: tables (effects, tables), agents (effects, agents)."""
 
     angles: tuple[int, ...]
@@ -67,19 +67,23 @@ class Margin:
         return "distance to the agents, by angles: " + ", ".join(f"{n} {d:.3f}" for n, d in pairs)
 
 
-def compare(tables: Sequence[Policy], agents: Sequence[Policy], angles: Sequence[int], episodes: int) -> Margin:
+def compare_tables(
+    tables: Sequence[Policy], agents: Sequence[Policy], angles: Sequence[int], episodes: int
+) -> TableResolution:
     """The ratios at every effect's dearest chosen size, from start states that nothing else uses."""
     starts, policies = fresh_start_states(SEED, episodes, block=1), (*tables, *agents)
     plain = batch_returns(policies, machine(), *starts).mean(axis=1)
-    dearest = {name: _dearest(name) for name in CASES}
+    dearest = {name: _dearest(name) for name in MAGNITUDES}
     ratios = []
     for name, size in dearest.items():
-        effect = CASES[name].at(size.size)
+        effect = MAGNITUDES[name].at(size.size)
         model = machine(effect, STICKING if machine(effect).dry_frictions else None)
         ratios.append(batch_returns(policies, model, *starts).mean(axis=1) / plain)
     split = len(tables)
     sizes = tuple(size.size for size in dearest.values())
-    return Margin(tuple(angles), tuple(dearest), sizes, np.array(ratios)[:, :split], np.array(ratios)[:, split:])
+    return TableResolution(
+        tuple(angles), tuple(dearest), sizes, np.array(ratios)[:, :split], np.array(ratios)[:, split:]
+    )
 
 
 def _dearest(name: str) -> Size:
@@ -87,7 +91,7 @@ def _dearest(name: str) -> Size:
     return sizes.large or sizes.medium or sizes.largest
 
 
-def train(steps: int = 30_000, seeds: Sequence[int] = SEEDS, hidden: tuple[int, ...] = (64, 64)) -> list[Policy]:
+def train_agents(steps: int = 30_000, seeds: Sequence[int] = SEEDS, hidden: tuple[int, ...] = (64, 64)) -> list[Policy]:
     """Agents that know the plain machine and nothing else."""
     plain = Band({"m": 2.0, "l": 1.5})
     settings = SACSettings(hidden=hidden, steps=steps, random_steps=min(1000, steps // 10))
@@ -96,12 +100,14 @@ def train(steps: int = 30_000, seeds: Sequence[int] = SEEDS, hidden: tuple[int, 
     return list(population.policies())
 
 
-def write(path: Path, margin: Margin) -> None:
+def write_resolution(path: Path, resolution: TableResolution) -> None:
     """A row an effect: the tables' ratios, the agents' mean and standard deviation."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["effect", "size", *(f"table_{n}" for n in margin.angles), "agents", "agents_sd"])
-    for name, size, tables, agents in zip(margin.effects, margin.sizes, margin.tables, margin.agents, strict=True):
+    writer.writerow(["effect", "size", *(f"table_{n}" for n in resolution.angles), "agents", "agents_sd"])
+    for name, size, tables, agents in zip(
+        resolution.effects, resolution.sizes, resolution.tables, resolution.agents, strict=True
+    ):
         numbers = (*tables, np.mean(agents), np.std(agents, ddof=1))
         writer.writerow([name, size, *(f"{number:.4g}" for number in numbers)])
     write_whole(path, text.getvalue())
@@ -112,17 +118,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         description=__doc__.splitlines()[0], prog="python -m study.mismatch.table_resolution"
     )
-    parser.add_argument("--out", type=Path, default=SHIPPED, metavar="DIR", help="folder of the table")
+    parser.add_argument("--out", type=Path, default=EFFECT_COST_FOLDER, metavar="DIR", help="folder of the table")
     options = parser.parse_args(arguments)
     try:
         options.out.mkdir(parents=True, exist_ok=True)
         tables = [solve(machine(substeps=DESIGN_SUBSTEPS), Grid(theta=n, theta_dot=n + 1)) for n in ANGLES]
-        margin = compare(tables, train(), ANGLES, EPISODES)
-        write(options.out / TABLE, margin)
+        resolution = compare_tables(tables, train_agents(), ANGLES, EPISODES)
+        write_resolution(options.out / RESOLUTION_TABLE, resolution)
     except (InvalidInput, OSError) as error:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         return 2
-    print(margin)
+    print(resolution)
     return 0
 
 

@@ -1,4 +1,4 @@
-"""Recipe: what a way made of its rollouts, as plain data: the model to train on and what is drawn in training."""
+"""What a strategy made of its rollouts, as plain data: the model to train on and what is drawn in training."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 
 from policies.environments.randomization import Randomization, from_json
-from study.mismatch.out_of_catalogue import OUTSIDE
-from study.mismatch.residual_network import CommandFilter, LearnedTorque, stacked
+from study.mismatch.out_of_catalogue import OUT_OF_CATALOGUE
+from study.mismatch.residual_network import CommandFilter, ResidualNetwork, stacked
 from sysid import InvalidInput, Model
 from sysid.estimation.saved_model import from_dict, to_dict
 
 
 @dataclass(frozen=True, eq=False)
-class Recipe:
+class TrainingSetup:
     """What an agent trains on.
 
     model    the machine at the centre of what is drawn; drawn: the parameters of every episode
@@ -34,7 +34,7 @@ class Recipe:
     about: dict[str, Any] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
-        """Plain data, from which `recipe_of` makes the same recipe."""
+        """Plain data, from which `training_setup_of` makes the same setup."""
         model, learned = _without_learned(self.model)
         model, outside = _without_outside(model)
         return {
@@ -55,25 +55,27 @@ class Recipe:
         return hashlib.sha256(json.dumps(trained_on, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def recipe_of(data: dict[str, Any]) -> Recipe:
-    """The recipe in plain data; raises InvalidInput for other data."""
+def training_setup_of(data: dict[str, Any]) -> TrainingSetup:
+    """The setup in plain data; raises InvalidInput for other data."""
     try:
         model = from_dict(data["model"]).model
         for name, numbers in data["outside"].items():
-            model = model.with_effect(OUTSIDE[name](**numbers))
+            model = model.with_effect(OUT_OF_CATALOGUE[name](**numbers))
         if data["learned"] is not None:
             model = _with_learned(model, data["learned"])
-        return Recipe(model, from_json(data["drawn"]), data["verdict"], tuple(data["steps"]), data["about"])
+        return TrainingSetup(model, from_json(data["drawn"]), data["verdict"], tuple(data["steps"]), data["about"])
     except (KeyError, TypeError) as error:
-        raise InvalidInput(f"no recipe ({error!r}): expected what Recipe.to_json gives") from None
+        raise InvalidInput(f"no training setup ({error!r}): expected what TrainingSetup.to_json gives") from None
 
 
 def _without_outside(model: Model) -> tuple[Model, dict[str, dict[str, float]]]:
     """The model without the effects that the catalogue lacks, and those as numbers."""
     numbers = {
-        e.name: {name: float(p.value) for name, p in e.parameters.items()} for e in model.effects if e.name in OUTSIDE
+        e.name: {name: float(p.value) for name, p in e.parameters.items()}
+        for e in model.effects
+        if e.name in OUT_OF_CATALOGUE
     }
-    kept = tuple(e for e in model.effects if e.name not in OUTSIDE)
+    kept = tuple(e for e in model.effects if e.name not in OUT_OF_CATALOGUE)
     return dataclasses.replace(model, effects=kept), numbers
 
 
@@ -89,19 +91,19 @@ def _without_learned(model: Model) -> tuple[Model, dict[str, Any] | None]:
 def _with_learned(model: Model, numbers: dict[str, Any]) -> Model:
     layers = tuple((np.array(W), np.array(b)) for W, b in numbers["layers"])
     return model.with_effect(CommandFilter(np.array(numbers["taps"]))).with_effect(
-        LearnedTorque(layers, drive_max=model.u_max)
+        ResidualNetwork(layers, drive_max=model.u_max)
     )
 
 
 def apart(model: Model) -> tuple[Model, tuple[Any, ...]]:
     """The model without the two learned effects, and these; () where it has none."""
-    learned = tuple(e for kind in (CommandFilter, LearnedTorque) for e in model.effects if isinstance(e, kind))
+    learned = tuple(e for kind in (CommandFilter, ResidualNetwork) for e in model.effects if isinstance(e, kind))
     return dataclasses.replace(model, effects=tuple(e for e in model.effects if e not in learned)), learned
 
 
-def together(recipes: Sequence[Recipe], device: str = "cpu") -> Model:
-    """One model that carries the agents of recipes of one structure: the first's, with what each has learned."""
-    parts = [apart(recipe.model) for recipe in recipes]
+def together(setups: Sequence[TrainingSetup], device: str = "cpu") -> Model:
+    """One model that carries the agents of setups of one structure: the first's, with what each has learned."""
+    parts = [apart(setup.model) for setup in setups]
     model = parts[0][0]
     if parts[0][1]:
         model = dataclasses.replace(model, effects=(*model.effects, *stacked([own for _, own in parts], device)))

@@ -38,7 +38,7 @@ class Gap:
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class PointFindings:
     """What the finished runs of an operating point say; of `runs` and `references` it keeps those of its point.
 
     Raises InvalidInput where runs or references are missing.
@@ -206,9 +206,9 @@ class Answer:
         )
 
 
-def answers(preset: Preset, runs: Sequence[Run], references: Sequence[Reference]) -> list[Answer]:
+def findings_by_point(preset: Preset, runs: Sequence[Run], references: Sequence[Reference]) -> list[PointFindings]:
     """The answer of every operating point, in the preset's order."""
-    return [Answer(preset, point, runs, references) for point in preset.points]
+    return [PointFindings(preset, point, runs, references) for point in preset.points]
 
 
 @cache

@@ -20,7 +20,7 @@ from study.paper.claims import Claim
 from study.paper.figures import identification as claim_figures
 from study.paper.figures import side_by_side
 from study.paper.figures.sweeps import heatmaps, paretos
-from study.paper.findings import Answer
+from study.paper.findings import PointFindings
 from study.paper.identification_scatter import Scatter
 from study.paper.presets import PRESETS, Preset
 from study.paper.published_numbers import CELLS, EPISODES, POINTS, ROBUSTNESS, SEEDS, URL, Spot
@@ -68,7 +68,7 @@ class Reproduction:
 
 
 def reproduce(
-    found: Sequence[Answer],
+    found: Sequence[PointFindings],
     folder: Path,
     theirs: Outcomes | None = None,
     scatter: Scatter | None = None,
@@ -109,7 +109,7 @@ def reproduce(
     )
 
 
-def _rows(found: Iterable[Answer]) -> Iterable[tuple[Spot, int, Outcome]]:
+def _rows(found: Iterable[PointFindings]) -> Iterable[tuple[Spot, int, Outcome]]:
     for answer in found:
         for run in answer.runs:
             spot = Spot(run.cell.point, run.cell.n, run.cell.w)
@@ -136,12 +136,12 @@ def _siblings(preset: Preset, folder: Path) -> tuple[dict[str, Outcomes], list[s
     return found, said
 
 
-def _on_main(found: Sequence[Answer]) -> list[Answer]:
+def _on_main(found: Sequence[PointFindings]) -> list[PointFindings]:
     """Those at the paper's main plant."""
     return [answer for answer in found if answer.point.truth == POINTS["main"].truth]
 
 
-def _sweeps(agreement: Agreement, main: Answer | None) -> dict[str, Callable[[], Figure]]:
+def _sweeps(agreement: Agreement, main: PointFindings | None) -> dict[str, Callable[[], Figure]]:
     """The published sweep and ours beside what controllers reach on its plant (`main`) with the published seeds."""
     theirs, ours = side_by_side.published_sweep(), side_by_side.sweep(agreement)
     drawings: dict[str, Callable[[], Figure]] = {}
@@ -174,7 +174,7 @@ def _longer(preset: Preset, own: Outcomes, siblings: Mapping[str, Outcomes]) -> 
 
 
 def _claims(
-    found: Sequence[Answer],
+    found: Sequence[PointFindings],
     ours: Outcomes | None,
     scatter: Scatter | None,
     longer: tuple[Contrast, int] | None,
@@ -199,7 +199,7 @@ def _claims(
     return said
 
 
-def _short(found: Sequence[Answer]) -> tuple[float, float, float] | None:
+def _short(found: Sequence[PointFindings]) -> tuple[float, float, float] | None:
     main = next(iter(_on_main(found)), None)
     if main is None or (main.preset.episodes, main.preset.reference_seeds) != (EPISODES, SEEDS):
         return None

@@ -1,7 +1,7 @@
 """How many rollouts a good identifier needs: where the budget curve of each bends, and what a rollout is then worth.
 
     closed(n) = (J(n) - J(0)) / (J_known - J(0)),   J the mean return at width w
-    knee      = the least n from which on closed >= 95 %, give or take a standard error of J(n)
+    saturation budget = the least n from which on closed >= 95 %, give or take a standard error of J(n)
 
 J_known is the best return that an identifier ends at: what agents so trained reach on a plant that is known. The
 optimum would be no measure, for no number of rollouts closes what training leaves open. All identifiers see the same
@@ -32,8 +32,8 @@ ENOUGH = 0.95
 class BudgetCurve:
     """What n rollouts came to with one identifier at width w; the first budget is 0, the prior.
 
-    known: J_known; knee: None where the gap stays open; first: worth of the first rollouts; after: of all beyond the
-    knee.
+    known: J_known; saturation: the saturation budget, None where the gap stays open
+    first: worth of the first rollouts; after: of all beyond the saturation budget
     """
 
     identifier: str
@@ -44,14 +44,14 @@ class BudgetCurve:
     errors: tuple[float, ...]
     known: float
     closed: tuple[float, ...]
-    knee: int | None
+    saturation: int | None
     first: Contrast
     after: Contrast | None
 
     @property
     def worth(self) -> float:
-        """Mean worth of a rollout on the way to the knee, or to the last budget."""
-        end = self.budgets.index(self.knee if self.knee is not None else self.budgets[-1])
+        """Mean worth of a rollout on the way to saturation, or to the last budget."""
+        end = self.budgets.index(self.saturation if self.saturation is not None else self.budgets[-1])
         return (self.returns[end] - self.returns[0]) / max(self.budgets[end], 1)
 
 
@@ -81,7 +81,7 @@ def _curve(runs: Outcomes, name: str, spots: Sequence[Spot], known: float) -> Bu
         errors=tuple(float(np.mean(runs.id_errors(spot.point, spot.n))) for spot in spots),
         known=known,
         closed=tuple(closed),
-        knee=spots[bent].n if bent < len(spots) else None,
+        saturation=spots[bent].n if bent < len(spots) else None,
         first=_gain(runs, spots[1], start),
         after=_gain(runs, spots[-1], spots[bent]) if bent < len(spots) - 1 else None,
     )
@@ -95,7 +95,7 @@ def _gain(runs: Outcomes, a: Spot, b: Spot) -> Contrast:
 def paragraph(
     curves: Mapping[str, BudgetCurve], wider: Mapping[str, BudgetCurve], references: Mapping[str, float]
 ) -> str:
-    """Where the knee of the budget curve moves with a better identifier, and what a rollout is then worth; wider: the
+    """Where the saturation budget moves with a better identifier, and what a rollout is then worth; wider: the
     curves at another width."""
     if not curves:
         return ""
@@ -115,15 +115,15 @@ def _sentence(curve: BudgetCurve) -> str:
     n, last = curve.budgets[1], curve.budgets[-1]
     first = "the first rollout is" if n == 1 else f"the first {n} rollouts are"
     text = f"With {IDENTIFIERS[curve.identifier]} {first} worth {curve.first}"
-    if curve.knee is None:
+    if curve.saturation is None:
         return f"{text}; n = {last} closes {percent(curve.closed[-1])} of that gap."
     text += (
-        f"; {percent(ENOUGH)} of that gap are closed, give or take a standard error, from n = {curve.knee} on, at "
-        f"{number(curve.worth)} a rollout"
+        f"; {percent(ENOUGH)} of that gap are closed, give or take a standard error, from n = {curve.saturation} on, "
+        f"at {number(curve.worth)} a rollout"
     )
     if curve.after is None:
         return f"{text}."
-    return f"{text}, and the other {last - curve.knee} are together worth {curve.after}."
+    return f"{text}, and the other {last - curve.saturation} are together worth {curve.after}."
 
 
 def _closer(grid: BudgetCurve, other: BudgetCurve) -> str:
@@ -139,25 +139,25 @@ def _closer(grid: BudgetCurve, other: BudgetCurve) -> str:
 def _conclusion(curves: Mapping[str, BudgetCurve]) -> str:
     if GRID not in curves or "least_squares" not in curves:
         return ""
-    grid, good = curves[GRID].knee, curves["least_squares"]
+    grid, good = curves[GRID].saturation, curves["least_squares"]
     text = (
         "The difference is the sensing, not the data: the grid compares readings one step apart, where the noise of a "
         "speed is far larger than what a torque changes in it, while the others follow a rollout as a whole."
     )
-    if good.knee is None or grid is None:
+    if good.saturation is None or grid is None:
         return text
-    text += f" So the knee moves from n = {grid} to n = {good.knee}"
+    text += f" So the saturation budget moves from n = {grid} to n = {good.saturation}"
     if good.after is None or good.after.significant:
         return f"{text}."
     return f"{text}, and past it another rollout is worth nothing that these seeds could show."
 
 
 def _wider(curves: Mapping[str, BudgetCurve]) -> str:
-    """The knees at another width."""
+    """The saturation budgets at another width."""
     if not curves:
         return ""
-    knees = [
-        f"n = {curve.knee} with {IDENTIFIERS[name]}" if curve.knee else f"none with {IDENTIFIERS[name]}"
+    budgets = [
+        f"n = {curve.saturation} with {IDENTIFIERS[name]}" if curve.saturation else f"none with {IDENTIFIERS[name]}"
         for name, curve in curves.items()
     ]
-    return f"In a band of w = {next(iter(curves.values())).w:g} the knee is at {', '.join(knees)}."
+    return f"In a band of w = {next(iter(curves.values())).w:g} the saturation budget is {', '.join(budgets)}."

@@ -15,7 +15,7 @@ from rich.markup import escape
 from study.paper import published_numbers as paper
 from study.paper import tables
 from study.paper.figures.operating_point import save_all
-from study.paper.findings import Answer, answers
+from study.paper.findings import PointFindings, findings_by_point
 from study.paper.identification_scatter import scatter
 from study.paper.presets import Point, Preset
 from study.paper.published_runs import Outcomes
@@ -44,14 +44,14 @@ CAPTIONS = {
 
 def publish_sweep(
     preset: Preset, results: SweepResults, console: Console, theirs: Outcomes | None = None
-) -> list[Answer]:
+) -> list[PointFindings]:
     """Write tables, figures and report into the folder and say the answers on the console, point by point.
 
     theirs: the authors' runs, which ours are paired with.
     """
     folder = results.folder
     with console.status("drawing"):
-        found = answers(preset, results.runs(), results.references())
+        found = findings_by_point(preset, results.runs(), results.references())
         tables.write_runs(found, folder / "runs.csv")
         tables.write_references(found, folder / "references.csv")
         tables.write_study(found, results.device, folder / "study.json")
@@ -93,7 +93,7 @@ def title(point: Point) -> str:
 
 
 def write_report(
-    found: Sequence[Answer], drawn: Sequence[Mapping[str, Path]], path: Path, reproduction: Reproduction
+    found: Sequence[PointFindings], drawn: Sequence[Mapping[str, Path]], path: Path, reproduction: Reproduction
 ) -> None:
     """Write the self-contained report: a section a point, with the figures of these files (one mapping a point), and
     one that holds all of them against the publication."""
@@ -101,7 +101,7 @@ def write_report(
     write_whole(path, template("report.html.j2").render(content))
 
 
-def _content(found: Sequence[Answer], drawn: Sequence[Mapping[str, Path]]) -> dict[str, Any]:
+def _content(found: Sequence[PointFindings], drawn: Sequence[Mapping[str, Path]]) -> dict[str, Any]:
     preset = found[0].preset
     runs = [run for answer in found for run in answer.runs]
     references = {(r.controller, r.theta, r.truth, r.seed): r for answer in found for r in answer.references}
@@ -118,7 +118,7 @@ def _content(found: Sequence[Answer], drawn: Sequence[Mapping[str, Path]]) -> di
     }
 
 
-def _part(answer: Answer, drawn: Mapping[str, Path]) -> dict[str, Any]:
+def _part(answer: PointFindings, drawn: Mapping[str, Path]) -> dict[str, Any]:
     """What the section of an operating point shows."""
     seeds = answer.point.seeds
     return {
@@ -140,13 +140,13 @@ def _origin(run: Run) -> str:
     return run.imported + (", a table, which does not say how they were trained" if run.summary else "")
 
 
-def _budgets(answer: Answer) -> list[tuple[int, float, float | None]]:
+def _budgets(answer: PointFindings) -> list[tuple[int, float, float | None]]:
     """(n, our mean identification error, the paper's of the same operating point)."""
     printed = paper.ID_ERRORS.get(answer.point.name, {})
     return [(n, answer.id_error(n), printed.get(n)) for n in answer.point.budgets]
 
 
-def _cell_row(answer: Answer, key: tuple[int, float]) -> dict[str, Any]:
+def _cell_row(answer: PointFindings, key: tuple[int, float]) -> dict[str, Any]:
     gap = answer.gap(key)
     return {
         "n": key[0],
@@ -162,7 +162,7 @@ def _cell_row(answer: Answer, key: tuple[int, float]) -> dict[str, Any]:
     }
 
 
-def _contrasts(answer: Answer) -> list[tuple[str, Contrast, Contrast, float]]:
+def _contrasts(answer: PointFindings) -> list[tuple[str, Contrast, Contrast, float]]:
     """Every step of the budget at the least width, and every width against the least: the paired bootstrap, Student's t
     and its p after Holm's correction over the table."""
     budgets, widths = answer.point.budgets, answer.point.widths

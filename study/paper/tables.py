@@ -8,7 +8,7 @@ import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from study.paper.findings import Answer
+from study.paper.findings import PointFindings
 from study.pipeline.record import write_record
 from sysid.data.files import write_whole
 
@@ -21,7 +21,7 @@ RUN_COLUMNS = (
 REFERENCE_COLUMNS = ("m", "l", "controller", "return_mean", "return_sem")
 
 
-def write_runs(answers: Sequence[Answer], path: Path) -> None:
+def write_runs(found: Sequence[PointFindings], path: Path) -> None:
     """One row a run, sorted by n, w, seed, point by point.
 
     eval_return_std is over the run's episodes and divided by their number E (ddof = 0), which is what NumPy's std does
@@ -31,29 +31,29 @@ def write_runs(answers: Sequence[Answer], path: Path) -> None:
     rows = [
         (r.cell.n, r.cell.w, r.cell.seed, r.id_error, r.mean, r.std, *r.theta_hat, r.seconds, r.cell.point,
          "" if math.isnan(r.fresh_mean) else r.fresh_mean)
-        for answer in answers
-        for r in sorted(answer.runs, key=lambda r: r.cell)
+        for point_findings in found
+        for r in sorted(point_findings.runs, key=lambda r: r.cell)
     ]  # fmt: skip
     _write(path, RUN_COLUMNS, rows)
 
 
-def write_references(answers: Sequence[Answer], path: Path) -> None:
+def write_references(found: Sequence[PointFindings], path: Path) -> None:
     """One row a controller, designed at a hidden plant's own (m, l).
 
     Mean and SEM are over the start states of the preset's reference seeds, the paper's ten, so that these numbers do
     not change with the preset; gaps in the report are paired over the study's own seeds.
     """
     rows = [
-        (*answer.point.truth, controller, mean, error)
-        for answer in {answer.point.truth: answer for answer in answers}.values()
-        for controller, mean, error in answer.controllers()
+        (*point_findings.point.truth, controller, mean, error)
+        for point_findings in {point_findings.point.truth: point_findings for point_findings in found}.values()
+        for controller, mean, error in point_findings.controllers()
     ]
     _write(path, REFERENCE_COLUMNS, rows)
 
 
-def write_study(answers: Sequence[Answer], device: str, path: Path) -> None:
+def write_study(found: Sequence[PointFindings], device: str, path: Path) -> None:
     """What the runs depend on: preset, settings, device, versions, and the hours that workers spent on them."""
-    preset, runs = answers[0].preset, [run for answer in answers for run in answer.runs]
+    preset, runs = found[0].preset, [run for point_findings in found for run in point_findings.runs]
     about = {"runs": len(runs), "imported": sum(bool(run.imported) for run in runs)}
     hours = sum(run.seconds for run in runs) / 3600.0
     write_record(path, preset, device, about, hours, [run.versions for run in runs])

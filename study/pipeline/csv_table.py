@@ -31,7 +31,7 @@ _PARSE: dict[str, Callable[[str], Any]] = {
 }
 
 
-def read(kind: type[R], path: Path, about: str) -> list[R]:
+def read_table(kind: type[R], path: Path, about: str) -> list[R]:
     """The rows of a table; none where there is no file. Raises InvalidInput for a file that is not `about` that."""
     if not path.exists():
         return []
@@ -43,7 +43,7 @@ def read(kind: type[R], path: Path, about: str) -> list[R]:
         raise InvalidInput(f"{path} is not a table of {about}: expected one that this command wrote") from None
 
 
-def write(kind: type[R], path: Path, rows: Iterable[R]) -> None:
+def write_table(kind: type[R], path: Path, rows: Iterable[R]) -> None:
     """The rows as a CSV file; whole or not at all."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")

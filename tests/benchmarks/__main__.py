@@ -13,7 +13,7 @@ from pathlib import Path
 
 from tests.benchmarks.cases import COLUMNS
 from tests.benchmarks.methods import METHODS
-from tests.benchmarks.runner import SweepResults, run
+from tests.benchmarks.runner import Store, run
 from tests.benchmarks.score import RULES, cell, columns, table
 
 
@@ -35,7 +35,7 @@ def main(arguments: list[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     cases = [c for name in given.columns for seed in given.seeds for c in COLUMNS[name](seed)]
     cases = [c for c in cases if given.only in c.key and zlib.crc32(c.key.encode()) % given.every == 0]
-    store, began = SweepResults(given.out), time.perf_counter()
+    store, began = Store(given.out), time.perf_counter()
     if not given.table:
         for case, done, of in run(cases, given.methods, store, given.workers, given.again):
             print(f"\r{done}/{of}  {time.perf_counter() - began:.0f} s  {case.key:80s}", end="", file=sys.stderr)

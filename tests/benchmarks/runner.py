@@ -53,7 +53,7 @@ def solve(case: Case, methods: Sequence[str], known: Row | None) -> tuple[Row, d
     return prepared, {m: asdict(ask(m, log, told)) for m in methods}
 
 
-class SweepResults:
+class Store:
     """One JSON line a case in a file a method, and one file of what can be decided."""
 
     def __init__(self, folder: Path) -> None:
@@ -91,7 +91,7 @@ def restored(row: Row) -> Answer:
 
 
 def run(
-    cases: Sequence[Case], methods: Sequence[str], store: SweepResults, workers: int, again: bool = False
+    cases: Sequence[Case], methods: Sequence[str], store: Store, workers: int, again: bool = False
 ) -> Iterator[tuple[Case, int, int]]:
     """Answer what is not in the store yet, or all again; yields each case as it is done, how many are done, and of how
     many."""

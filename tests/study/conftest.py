@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from study.paper.findings import Answer
+from study.paper.findings import PointFindings
 from study.paper.presets import QUICK
 from study.paper.reference_controllers import LQR, OPTIMAL, SWING_UP, Reference
 from study.paper.runs import Run
@@ -45,7 +45,7 @@ def study(point=QUICK.points[0], start_effect=20.0):
         for (controller, theta), mean in returns.items()
         for seed in starts
     ]
-    return Answer(preset, point, runs, references)
+    return PointFindings(preset, point, runs, references)
 
 
 @pytest.fixture(scope="session")

@@ -60,7 +60,7 @@ def test_answers_are_kept_all_or_none(table, tmp_path):
         assert answers(results) == []
 
 
-@pytest.mark.parametrize("field", ["plant", "way", "n", "seed"])
+@pytest.mark.parametrize("field", ["plant", "strategy", "n", "seed"])
 def test_every_rollout_of_every_way_has_its_own_fit(field, tmp_path):
     other = dataclasses.replace(FITTED, **{field: 0 if field in ("n", "seed") else "a"})
     with MismatchResults(tmp_path, SMOKE) as results:

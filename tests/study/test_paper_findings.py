@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 
 from study.formatting import MINUS
-from study.paper.findings import Answer
+from study.paper.findings import PointFindings
 from sysid import InvalidInput
 
 
@@ -65,7 +65,7 @@ def test_one_seed_shows_no_difference(answer):
 
 def test_missing_runs_and_references_are_refused(answer):
     with pytest.raises(InvalidInput, match="1 of 18 runs"):
-        Answer(answer.preset, answer.point, answer.runs[1:], answer.references)
+        PointFindings(answer.preset, answer.point, answer.runs[1:], answer.references)
     with pytest.raises(InvalidInput, match=r"missing for theta = \(2.0, 1.5\)"):
-        Answer(answer.preset, answer.point, answer.runs, [r for r in answer.references if r.theta != (2.0, 1.5)])
+        PointFindings(answer.preset, answer.point, answer.runs, [r for r in answer.references if r.theta != (2.0, 1.5)])
     assert dataclasses.replace(answer).best == answer.best

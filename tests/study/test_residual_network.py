@@ -7,9 +7,9 @@ import pytest
 import torch
 
 from study.mismatch.ground_truth import PRIOR, rollouts, sensor
-from study.mismatch.network_fit import Weights, Windows, learn
+from study.mismatch.network_fit import Weights, Windows, fit_network
 from study.mismatch.plan import DELAY_LARGE, PLAIN, PLANS
-from study.mismatch.residual_network import CommandFilter, LearnedTorque, stacked, untrained
+from study.mismatch.residual_network import CommandFilter, ResidualNetwork, stacked, untrained
 from sysid import InvalidInput, RodPendulum, Viscous, effect, fit, simulate
 
 PLAN = PLANS["mismatch-smoke"]
@@ -21,7 +21,7 @@ def some_effects(seed):
     """A filter and a torque with nothing at zero."""
     rng = np.random.default_rng(seed)
     layers = tuple((W + 0.1 * rng.standard_normal(W.shape), b + 0.1) for W, b in untrained(rng))
-    return CommandFilter(taps=rng.uniform(-0.5, 1.0, 5)), LearnedTorque(layers=layers, drive_max=2.0)
+    return CommandFilter(taps=rng.uniform(-0.5, 1.0, 5)), ResidualNetwork(layers=layers, drive_max=2.0)
 
 
 def moved(model, steps=40):
@@ -32,7 +32,7 @@ def moved(model, steps=40):
 
 
 def test_untrained_effects_change_nothing():
-    torque = LearnedTorque(layers=untrained(np.random.default_rng(0)), drive_max=2.0)
+    torque = ResidualNetwork(layers=untrained(np.random.default_rng(0)), drive_max=2.0)
     extended = replace(TRUE, effects=(CommandFilter(), torque))
     np.testing.assert_allclose(moved(extended), moved(TRUE), atol=1e-12)
 
@@ -44,7 +44,7 @@ def test_a_filter_of_one_late_tap_is_a_delay_of_whole_samples():
 
 
 def test_a_filter_runs_over_several_records_at_once():
-    """It has no way of its own to do so: an effect of a user's has none, either."""
+    """It has no strategy of its own to do so: an effect of a user's has none, either."""
     u = np.random.default_rng(6).uniform(-2.0, 2.0, (3, 20))
     model = replace(TRUE, effects=(CommandFilter(taps=np.array([0.2, 0.5, 0.3])),))
     np.testing.assert_allclose(model.drive_record(u), [list(model.drives(own.tolist())) for own in u], atol=1e-12)
@@ -66,7 +66,7 @@ def test_stacked_pendulums_move_as_each_alone():
 
 
 def test_stacking_anything_else_is_refused():
-    with pytest.raises(InvalidInput, match="has the effects viscous: expected command_filter, learned_torque"):
+    with pytest.raises(InvalidInput, match="has the effects viscous: expected command_filter, residual_network"):
         stacked([(Viscous(b=0.1),)])
 
 
@@ -77,10 +77,10 @@ def test_derivatives_are_finite_differences():
     p = weights.first + 0.05 * rng.standard_normal(weights.first.shape)
     starts = windows.response.starts
     lin = windows.linearise(p, starts)
-    way, turn = rng.standard_normal(p.shape), rng.standard_normal(starts.shape)
+    strategy, turn = rng.standard_normal(p.shape), rng.standard_normal(starts.shape)
     h = 1e-6
-    up, down = (windows.residual(p + s * h * way, starts + s * h * turn)[0] for s in (1.0, -1.0))
-    exact = -(lin.S_p @ way + (lin.S_x @ turn[..., None])[..., 0])
+    up, down = (windows.residual(p + s * h * strategy, starts + s * h * turn)[0] for s in (1.0, -1.0))
+    exact = -(lin.S_p @ strategy + (lin.S_x @ turn[..., None])[..., 0])
     np.testing.assert_allclose((up - down) / (2.0 * h), exact, rtol=1e-5, atol=1e-4 * np.abs(exact).max())
 
 
@@ -90,7 +90,7 @@ def test_a_late_command_is_learned_and_a_plant_that_lacks_nothing_is_left_nearly
     for plant, gap in ((DELAY_LARGE, 0.05), (PLAIN, -1.0)):
         records = rollouts(plan, plant, 1)
         base = fit(PRIOR, records[:8], SENSOR, ("m", "l")).model
-        learned = learn(base, records[:8], SENSOR, np.random.default_rng(0))
+        learned = fit_network(base, records[:8], SENSOR, np.random.default_rng(0))
         assert learned.after <= learned.before
         before, after = (held(model, records[8:]) for model in (base, learned.model))
         assert after < 1.03
@@ -106,4 +106,4 @@ def held(model, records):
 
 def test_one_rollout_is_too_few():
     with pytest.raises(InvalidInput, match="1 records to learn from: expected at least two"):
-        learn(PRIOR, rollouts(PLAN, PLAIN, 1)[:1], SENSOR, np.random.default_rng(0))
+        fit_network(PRIOR, rollouts(PLAN, PLAIN, 1)[:1], SENSOR, np.random.default_rng(0))

@@ -1,4 +1,4 @@
-"""The budget curve of an identifier: its knee and what a rollout is worth are those that were put in."""
+"""The budget curve of an identifier: its saturation budget and what a rollout is worth are those that were put in."""
 
 from dataclasses import replace
 
@@ -37,9 +37,13 @@ def noisy(returns):
     return outcomes(rows)
 
 
-def test_the_knee_is_where_the_gap_stays_closed():
+def test_the_saturation_budget_is_where_the_gap_stays_closed():
     curves = budget_curves(runs())
-    assert {name: curve.knee for name, curve in curves.items()} == {"grid": 10, "least_squares": 1, "unscented": None}
+    assert {name: curve.saturation for name, curve in curves.items()} == {
+        "grid": 10,
+        "least_squares": 1,
+        "unscented": None,
+    }
     assert curves["grid"].worth == pytest.approx(42.5)
     assert curves["least_squares"].first.mean == pytest.approx(430.0)
     assert curves["grid"].after.mean == pytest.approx(5.0)
@@ -54,30 +58,30 @@ def test_the_paragraph_says_so():
     assert "95 % of that gap are closed, give or take a standard error, from n = 10 on, at 42 a rollout" in text
     assert "n = 50 closes 81 % of that gap" in text
     assert "40 to 40 times closer" in text
-    assert "the knee moves from n = 10 to n = 1" in text
+    assert "the saturation budget moves from n = 10 to n = 1" in text
 
 
-def test_a_failed_seed_moves_no_knee():
+def test_a_failed_seed_moves_no_saturation_budget():
     """One of five agents with 50 rollouts that did not learn: the mean leaves the plateau by a standard error."""
     rows = runs()
     failed = rows.table[Spot("grid", 50, 0.0)]
     rows.table[Spot("grid", 50, 0.0)] = {**failed, 4: replace(failed[4], mean=-740.0)}
     assert rows.summary(Spot("grid", 50, 0.0)).mean < -400.0
-    assert budget_curves(rows)["grid"].knee == 10
+    assert budget_curves(rows)["grid"].saturation == 10
 
 
-def test_knees_of_another_width_are_told_beside():
+def test_saturation_budgets_of_another_width_are_told_beside():
     curves = budget_curves(runs())
     text = paragraph(curves, {name: replace(curve, w=0.2) for name, curve in curves.items()}, REFERENCES)
     assert text.endswith(
-        "In a band of w = 0.2 the knee is at n = 10 with grid search, n = 1 with least squares, none with the Kalman "
-        "filter."
+        "In a band of w = 0.2 the saturation budget is n = 10 with grid search, n = 1 with least squares, none with "
+        "the Kalman filter."
     )
 
 
-def test_a_knee_that_returns_is_none_yet():
+def test_a_saturation_that_ends_again_is_none_yet():
     dipping = {"grid": (-340.0, -600.0, -340.0, -340.0, -340.0, -340.0)}
-    assert budget_curves(altered(dipping))["grid"].knee == 5
+    assert budget_curves(altered(dipping))["grid"].saturation == 5
 
 
 def altered(changes):

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from study.mismatch.findings import Answer, Spot
+from study.mismatch.findings import Condition, MismatchFindings
 from study.mismatch.labels import RUNGS, capital, plant_title
 from study.mismatch.mismatch_results import FIGURES, Fitted
-from study.mismatch.plan import FREE, Trial
+from study.mismatch.plan import FREE, StrategyKey, Trial
 
 if TYPE_CHECKING:
     from policies.network_policy import NetworkPolicy
@@ -22,55 +22,60 @@ EPISODES = 4
 FILES = {name: f"{name}.png" for name in FIGURES}
 
 
-class Pair(NamedTuple):
-    """Two agents on a hidden plant: of the ways b and c, after n rollouts, of one seed."""
+class AgentPair(NamedTuple):
+    """Two agents on a hidden plant: of the strategies b and c, after n rollouts, of one seed."""
 
     plant: str
     n: int
     seed: int
 
-    def trial(self, way: str) -> Trial:
+    def trial(self, strategy: str) -> Trial:
         """The agent's."""
-        return Trial(self.plant, way, 0 if way in FREE else self.n, self.seed)
+        return Trial(self.plant, strategy, 0 if strategy in FREE else self.n, self.seed)
 
 
-def telling(answer: Answer) -> Pair | None:
+def telling(findings: MismatchFindings) -> AgentPair | None:
     """Where mending gained most in the mean, the seed whose gain is nearest to the median gain: neither the best nor
     the worst. None where the plan has no such contrast."""
-    rows = [row for row in answer.compared if (row.a, row.b) == ("c", "b")]
+    rows = [row for row in findings.compared if (row.a, row.b) == (StrategyKey.MENDED, StrategyKey.FITTED)]
     if not rows:
         return None
     most = max(rows, key=lambda row: row.contrast.mean)
-    mended, fitted = (answer.outcomes[Spot(most.plant, way, most.n)] for way in ("c", "b"))
+    mended, fitted = (
+        findings.outcomes[Condition(most.plant, strategy, most.n)]
+        for strategy in (StrategyKey.MENDED, StrategyKey.FITTED)
+    )
     k = int(np.argmin(np.abs(mended.returns - fitted.returns - most.median)))
-    return Pair(most.plant, most.n, mended.seeds[k])
+    return AgentPair(most.plant, most.n, mended.seeds[k])
 
 
-def draw(answer: Answer, fits: Sequence[Fitted], folder: Path) -> dict[str, Path]:
+def draw_figures(findings: MismatchFindings, fits: Sequence[Fitted], folder: Path) -> dict[str, Path]:
     """Draw the figures into the results folder; returns the files by the names of FILES. The trajectories need the
     folder's policies, and are left out where these are gone."""
     from study.figure_style import save
-    from study.mismatch.figures.experiment import ladder, returns
+    from study.mismatch.figures.experiment import ladder, strategy_returns
 
     files = {
-        "returns": save(lambda: returns(answer), folder / FILES["returns"]),
-        "ladder": save(lambda: ladder(answer), folder / FILES["ladder"]),
+        "returns": save(lambda: strategy_returns(findings), folder / FILES["returns"]),
+        "ladder": save(lambda: ladder(findings), folder / FILES["ladder"]),
     }
-    pair = telling(answer)
-    policies = {} if pair is None else _policies(answer, pair, fits, folder)
+    pair = telling(findings)
+    policies = {} if pair is None else _policies(findings, pair, fits, folder)
     if pair is not None and policies:
-        files["trajectories"] = _trajectories(answer, pair, policies, folder / FILES["trajectories"])
+        files["trajectories"] = _trajectories(findings, pair, policies, folder / FILES["trajectories"])
     return files
 
 
-def _policies(answer: Answer, pair: Pair, fits: Sequence[Fitted], folder: Path) -> dict[str, NetworkPolicy]:
-    """The pair's policies by way; {} unless both are there."""
+def _policies(
+    findings: MismatchFindings, pair: AgentPair, fits: Sequence[Fitted], folder: Path
+) -> dict[str, NetworkPolicy]:
+    """The pair's policies by strategy; {} unless both are there."""
     from study.mismatch.trainings import agents_of
 
-    keys, _ = agents_of(answer.plan, fits)
-    wanted = {way: keys[pair.trial(way)] for way in ("b", "c")}
+    keys, _ = agents_of(findings.plan, fits)
+    wanted = {strategy: keys[pair.trial(strategy)] for strategy in (StrategyKey.FITTED, StrategyKey.MENDED)}
     found = read_agents(folder, wanted.values())
-    return {way: found[key] for way, key in wanted.items()} if set(wanted.values()) <= set(found) else {}
+    return {strategy: found[key] for strategy, key in wanted.items()} if set(wanted.values()) <= set(found) else {}
 
 
 def read_agents(folder: Path, keys: Iterable[str]) -> dict[str, NetworkPolicy]:
@@ -87,15 +92,17 @@ def read_agents(folder: Path, keys: Iterable[str]) -> dict[str, NetworkPolicy]:
     return found
 
 
-def _trajectories(answer: Answer, pair: Pair, policies: Mapping[str, NetworkPolicy], path: Path) -> Path:
+def _trajectories(
+    findings: MismatchFindings, pair: AgentPair, policies: Mapping[str, NetworkPolicy], path: Path
+) -> Path:
     from policies.evaluation import fresh_start_states
     from study.figure_style import save
     from study.mismatch.figures.trajectories import trajectories
-    from study.mismatch.ground_truth import hidden_machine
+    from study.mismatch.ground_truth import ground_truth
 
-    plant = answer.plan.plant(pair.plant)
-    starts = fresh_start_states(pair.seed, answer.plan.episodes)
+    plant = findings.plan.plant(pair.plant)
+    starts = fresh_start_states(pair.seed, findings.plan.episodes)
     title = f"{capital(plant_title(plant))}, {pair.n} rollouts, seed {pair.seed}"
-    labels = {way: f"{RUNGS[way]} ({way})" for way in policies}
+    labels = {strategy: f"{RUNGS[strategy]} ({strategy})" for strategy in policies}
     shown = (starts[0][:EPISODES], starts[1][:EPISODES])
-    return save(lambda: trajectories(title, hidden_machine(plant), policies, shown, labels), path)
+    return save(lambda: trajectories(title, ground_truth(plant), policies, shown, labels), path)

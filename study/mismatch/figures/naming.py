@@ -10,14 +10,14 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, NullLocator
 
-from study.mismatch.labels import capital, is_outside, plant_noun, plant_size
-from study.mismatch.naming_results import Named, errors, rates
+from study.mismatch.labels import capital, is_out_of_catalogue, plant_noun, plant_size
+from study.mismatch.naming_results import NamingResult, naming_errors, naming_rates
 from study.mismatch.plan import PLANS, HiddenPlant
 
 RIGHT, COMPANY, PLAIN = "#D55E00", "0.6", "#0072B2"
 
 
-def naming(rows: Sequence[Named]) -> Figure:
+def naming(rows: Sequence[NamingResult]) -> Figure:
     """Above: how often the right answer is given over n, with Wilson's 95 % band; dashed: the effect and something
     else. Below: root mean square relative error of m and l, without (blue) and with what was named."""
     plants = [p for p in PLANS["mismatch"].plants if any(row.plant == p.name for row in rows)]
@@ -49,8 +49,8 @@ def naming(rows: Sequence[Named]) -> Figure:
     return figure
 
 
-def _rates(axes: Axes, plant: HiddenPlant, rows: Sequence[Named]) -> None:
-    found = {n: rate for (name, n), rate in sorted(rates(rows).items()) if name == plant.name}
+def _rates(axes: Axes, plant: HiddenPlant, rows: Sequence[NamingResult]) -> None:
+    found = {n: rate for (name, n), rate in sorted(naming_rates(rows).items()) if name == plant.name}
     low, high = zip(*(rate.interval for rate in found.values()), strict=True)
     axes.fill_between(list(found), [100.0 * x for x in low], [100.0 * x for x in high], color=RIGHT, alpha=0.18,
                       linewidth=0.0)  # fmt: skip
@@ -66,13 +66,13 @@ def _rates(axes: Axes, plant: HiddenPlant, rows: Sequence[Named]) -> None:
 
 def _about(plant: HiddenPlant) -> str:
     """The size, and the right answer where it is no effect's name."""
-    wanted = "adequate" if plant.effect is None else "unknown" if is_outside(plant) else ""
+    wanted = "adequate" if plant.effect is None else "unknown" if is_out_of_catalogue(plant) else ""
     return "\n".join(line for line in (plant_size(plant), wanted and f"right: “{wanted}”") if line)
 
 
-def _errors(axes: Axes, plant: HiddenPlant, rows: Sequence[Named]) -> None:
+def _errors(axes: Axes, plant: HiddenPlant, rows: Sequence[NamingResult]) -> None:
     budgets = sorted({row.n for row in rows if row.plant == plant.name})
-    fitted, mended = zip(*(errors(rows, plant.name, n) for n in budgets), strict=True)
+    fitted, mended = zip(*(naming_errors(rows, plant.name, n) for n in budgets), strict=True)
     axes.plot(budgets, [100.0 * e for e in fitted], color=PLAIN, marker="s", markersize=8, markerfacecolor="none")
     axes.plot(budgets, [100.0 * e for e in mended], color=RIGHT, marker="o", markersize=4)
     axes.grid(axis="y", color="0.92", linewidth=0.8)
