@@ -22,7 +22,7 @@ from sysid.data.files import write_whole
 if TYPE_CHECKING:
     from onnx import ModelProto
 
-TOLERANCE = 1e-5
+ONNX_TOLERANCE = 1e-5
 """Largest difference from the original that still counts as the same policy, relative to u_max."""
 OPSET = 13
 
@@ -45,7 +45,7 @@ def write_onnx(policy: NetworkPolicy, dt: float, path: str | PathLike[str]) -> f
     require_onnx()
     model = graph(policy, dt)
     difference = largest_difference(policy, model)
-    if not difference <= TOLERANCE:
+    if not difference <= ONNX_TOLERANCE:
         raise InvalidInput(f"the ONNX graph differs from the policy by {difference:.2g} u_max: nothing was written")
     try:
         write_whole(Path(path), model.SerializeToString())

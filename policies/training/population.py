@@ -26,7 +26,7 @@ from policies.environments.random_streams import Purpose
 from policies.environments.randomization import Randomization
 from policies.network_policy import NetworkPolicy
 from policies.training.cuda_graph import CudaGraph
-from policies.training.random_blocks import LENGTH, RandomBlocks
+from policies.training.random_blocks import BLOCK_LENGTH, RandomBlocks
 from policies.training.replay import Replay
 from policies.training.sac import SAC, SACSettings
 from sysid import InvalidInput, Model
@@ -78,7 +78,7 @@ class Population:
             self._step()
 
     def _step(self) -> None:
-        block, k = divmod(self.steps_done, LENGTH)
+        block, k = divmod(self.steps_done, BLOCK_LENGTH)
         if block != self._block:
             self._load(block, k)
         if self.steps_done >= self.settings.random_steps:

@@ -24,7 +24,7 @@ from sysid import InvalidInput, Model
 CHOICE = 100
 """Start states on which the best of several agents is chosen."""
 
-Curve = tuple[tuple[int, float], ...]
+TrainingCurve = tuple[tuple[int, float], ...]
 Listener = Callable[[int, Sequence[float], float], None]
 
 
@@ -44,7 +44,7 @@ class TrainedPolicy:
     seeds: tuple[int, ...]
     best: int
     chosen: tuple[float, ...]
-    curves: tuple[Curve, ...]
+    curves: tuple[TrainingCurve, ...]
     seconds: float
 
 

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from policies.environments.random_streams import Purpose, generator
 
-LENGTH = 100
+BLOCK_LENGTH = 100
 """Steps in a block. It is part of the results: each block has generators of its own."""
 
 
@@ -32,7 +32,7 @@ class RandomBlocks:
         purpose: Purpose,
         draw: Callable[[np.random.Generator, int], NDArray],
         device: str | torch.device = "cpu",
-        length: int = LENGTH,
+        length: int = BLOCK_LENGTH,
     ) -> None:
         self.purpose, self.draw, self.length = purpose, draw, length
         self.seeds = tuple(dict.fromkeys(seeds))

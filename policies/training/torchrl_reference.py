@@ -29,10 +29,10 @@ from policies.training.networks import Stack
 from policies.training.replay import Batch
 from policies.training.sac import LOG_STD_BOUNDS, SAC, SACSettings
 
-Layers = Sequence[tuple[Tensor, Tensor]]
+AgentLayers = Sequence[tuple[Tensor, Tensor]]
 
 
-def mlp(x: Tensor, layers: Layers) -> Tensor:
+def mlp(x: Tensor, layers: AgentLayers) -> Tensor:
     """Linear layers (W, b) with ReLU between them; x (A, B, in) -> (A, B, out)."""
     *hidden, (weight, bias) = layers
     for w, b in hidden:
@@ -40,7 +40,7 @@ def mlp(x: Tensor, layers: Layers) -> Tensor:
     return torch.baddbmm(bias, x, weight)
 
 
-def layers_of(params: TensorDictBase) -> Layers:
+def layers_of(params: TensorDictBase) -> AgentLayers:
     """The (W, b) of each layer among the parameters of a StackedMLP."""
     leaves = {key[-1] if isinstance(key, tuple) else key: leaf for key, leaf in params.items(True, True)}
     return [(leaves[f"w{i}"], leaves[f"b{i}"]) for i in range(len(leaves) // 2)]
@@ -237,5 +237,5 @@ def in_order(stack: Stack, agents: int) -> list[Tensor]:
     return [leaf.unflatten(0, (agents, 2)).transpose(0, 1) for leaf in leaves]
 
 
-def _leaves(layers: Layers) -> list[Tensor]:
+def _leaves(layers: AgentLayers) -> list[Tensor]:
     return [leaf for layer in layers for leaf in layer]

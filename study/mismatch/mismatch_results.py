@@ -14,18 +14,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from study.mismatch.plan import FORMAT
+from study.mismatch.plan import MISMATCH_FORMAT
 from study.pipeline.database import Database, identity
 from study.pipeline.policy_files import FOLDER
 from study.pipeline.settings import StudySettings
 
-FIGURES = ("returns", "ladder", "trajectories")
+MISMATCH_FIGURES = ("returns", "ladder", "trajectories")
 OUTPUTS = (
-    "study.json", "trials.csv", "outcomes.csv", "contrasts.csv", "report.html", FOLDER, *(f"{f}.png" for f in FIGURES)
+    "study.json", "trials.csv", "outcomes.csv", "contrasts.csv", "report.html", FOLDER,
+    *(f"{name}.png" for name in MISMATCH_FIGURES),
 )  # fmt: skip
 """What the experiment writes beside its database; never over files of somebody else."""
 
-SCHEMA = """
+MISMATCH_SCHEMA = """
 CREATE TABLE fits (
     plant TEXT, way TEXT, n INTEGER, seed INTEGER, payload TEXT, seconds REAL, PRIMARY KEY (plant, way, n, seed));
 CREATE TABLE trainings (key TEXT PRIMARY KEY, returns TEXT, curve TEXT, versions TEXT, seconds REAL);
@@ -84,7 +85,7 @@ class MismatchResults(Database):
 
     def __init__(self, folder: Path, plan: StudySettings, device: str = "cpu") -> None:
         self.device = device
-        super().__init__(folder, SCHEMA, identity(plan, f"mismatch {FORMAT}", device), OUTPUTS)
+        super().__init__(folder, MISMATCH_SCHEMA, identity(plan, f"mismatch {MISMATCH_FORMAT}", device), OUTPUTS)
 
     def add_fits(self, fits: Sequence[Fitted]) -> None:
         """Keep what strategies made of rollouts."""

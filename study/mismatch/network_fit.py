@@ -39,7 +39,7 @@ ROUNDS = 6
 NEGLIGIBLE = 0.5
 """A decrease of the objective that ends a decay's rounds."""
 
-PATIENCE = 2
+FAILED_DECAYS = 2
 """Decays that may fail to lower the held-out error before the search ends."""
 
 
@@ -74,7 +74,7 @@ def fit_network(model: Model, records: Sequence[Record], sensor: Sensor, rng: np
         failed = 0 if after < least else failed + 1
         if after < least:
             chosen, least = k, after
-        elif failed == PATIENCE:
+        elif failed == FAILED_DECAYS:
             break
     if not chosen:
         return NetworkFit(model, before, before, None)

@@ -15,7 +15,7 @@ from typing import Any, ClassVar, NamedTuple
 
 from study.pipeline.settings import Fingerprinted
 
-FORMAT = 1
+MISMATCH_FORMAT = 1
 """Version of the results folder: raised whenever stored numbers change their meaning."""
 
 
@@ -144,7 +144,7 @@ class Plan(Fingerprinted):
     agents: int = 25
     episodes: int = 20
     grid: int = 120
-    layout: ClassVar[int] = FORMAT
+    layout: ClassVar[int] = MISMATCH_FORMAT
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, ready for JSON; the strategies under the name that stored results have for them."""

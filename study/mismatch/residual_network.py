@@ -20,7 +20,7 @@ from sysid.physics.ops import Value
 TAPS = 5
 """The command itself and the last four: as many as an agent sees."""
 
-SPEED = 5.0
+TYPICAL_SPEED = 5.0
 """Typical speed [rad/s] that a network's input is measured in."""
 
 HIDDEN = (16, 16)
@@ -69,7 +69,7 @@ class ResidualNetwork(JointEffect):
     def torque(self, joint: Joint) -> Value:
         """What the network says [N m]."""
         theta, theta_dot, drive = joint.theta, joint.theta_dot, joint.drive
-        inputs = (ops.cos(theta), ops.sin(theta), theta_dot / SPEED, drive / self.drive_max)
+        inputs = (ops.cos(theta), ops.sin(theta), theta_dot / TYPICAL_SPEED, drive / self.drive_max)
         return network(inputs, self.layers) if self.layers else 0.0 * theta
 
 

@@ -19,7 +19,7 @@ from sysid import GridSearch, paper_model, simulate
 
 Array = NDArray[np.float64]
 
-LENGTH = 200
+ROLLOUT_LENGTH = 200
 """Steps of a rollout (Sec. II-C)."""
 CANDIDATES, LEAST, WORK = 1500, 250, 4_000_000
 """Cells of the unclipped form that are rated again with the clip: fewer where many samples tell cells apart."""
@@ -88,12 +88,12 @@ class NoiseFreeRollouts:
 def noise_free_rollouts(truth: tuple[float, float], n: int, rng: np.random.Generator) -> NoiseFreeRollouts:
     """n rollouts of the plant at truth (m, l) from the paper's start states and torques."""
     model = paper_model(*truth)
-    u = rng.uniform(-model.u_max, model.u_max, (n, LENGTH))
+    u = rng.uniform(-model.u_max, model.u_max, (n, ROLLOUT_LENGTH))
     theta, theta_dot = rng.uniform(-np.pi, np.pi, n), rng.uniform(-1.0, 1.0, n)
     run = simulate(model, u, theta, theta_dot)
     speed = run.theta_dot
-    sine = np.sin(run.theta[:, :LENGTH])
-    noise = rng.standard_normal((2, n * LENGTH))
+    sine = np.sin(run.theta[:, :ROLLOUT_LENGTH])
+    noise = rng.standard_normal((2, n * ROLLOUT_LENGTH))
     return NoiseFreeRollouts(speed[:, :-1].ravel(), speed[:, 1:].ravel(), sine.ravel(), u.ravel(), noise)
 
 
@@ -155,7 +155,7 @@ def scatter(
     truth: tuple[float, float] = (2.0, 1.5),
 ) -> Scatter:
     """Search on `seeds` independent measurements; budgets and noise levels of a seed share its noise_free_rollouts."""
-    grid, ends = OneStepGrid(), [n * LENGTH for n in budgets]
+    grid, ends = OneStepGrid(), [n * ROLLOUT_LENGTH for n in budgets]
     found = np.empty((2, len(sigmas), len(budgets), seeds, 2))
     for seed, child in enumerate(rng.spawn(seeds)):
         moved = noise_free_rollouts(truth, max(budgets), child)

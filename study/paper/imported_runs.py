@@ -25,7 +25,7 @@ from sysid import InvalidInput
 TOLERANCE = 1e-6
 """Largest difference of m [kg] and of l [m] between an estimate and the imported one."""
 
-COLUMNS = (
+IMPORT_COLUMNS = (
     "n", "w", "seed", "eval_return_mean", "eval_return_std", "theta_hat_mass", "theta_hat_length", "wall_time_s",
 )  # fmt: skip
 """What a table must have; `point` only where the preset has several, `eval_return_fresh` is taken where it is there."""
@@ -115,9 +115,11 @@ def _table(file: Path, preset: Preset) -> Iterator[tuple[str, Run]]:
         raise InvalidInput(f"--import {file}: not a text in UTF-8 ({error})") from None
     reader = csv.DictReader(text.splitlines())
     several = ("point",) if len(preset.points) > 1 else ()
-    missing = [name for name in (*several, *COLUMNS) if name not in (reader.fieldnames or ())]
+    missing = [name for name in (*several, *IMPORT_COLUMNS) if name not in (reader.fieldnames or ())]
     if missing:
-        raise InvalidInput(f"--import {file}: no column {missing[0]!r}; expected {', '.join((*several, *COLUMNS))}")
+        raise InvalidInput(
+            f"--import {file}: no column {missing[0]!r}; expected {', '.join((*several, *IMPORT_COLUMNS))}"
+        )
     for row in reader:
         yield f"line {reader.line_num}", _row(f"{file}, line {reader.line_num}", row, preset)
 
@@ -125,7 +127,7 @@ def _table(file: Path, preset: Preset) -> Iterator[tuple[str, Run]]:
 def _row(place: str, row: dict[str, str], preset: Preset) -> Run:
     try:
         n, seed = int(row["n"]), int(row["seed"])
-        w, mean, std, m, length, seconds = (float(row[name]) for name in ("w", *COLUMNS[3:]))
+        w, mean, std, m, length, seconds = (float(row[name]) for name in ("w", *IMPORT_COLUMNS[3:]))
         fresh = float(row.get("eval_return_fresh") or math.nan)
     except (TypeError, ValueError) as error:
         raise InvalidInput(f"{place}: not the numbers of a run ({error})") from None

@@ -112,7 +112,7 @@ FIVE, TEN = tuple(range(5)), tuple(range(10))
 BUDGETS, WIDTHS = (0, 5, 10, 25, 50), (0.0, 0.1, 0.2, 0.3, 0.5)
 """The paper's."""
 
-ROBUSTNESS = (
+ROBUSTNESS_POINTS = (
     Point("small_gap", (0, 10, 50), (0.0, 0.2, 0.5), FIVE, truth=(1.5, 1.2)),
     Point("large_gap", (0, 10, 50), (0.0, 0.2, 0.5), FIVE, truth=(2.5, 2.0)),
     Point("low_noise", BUDGETS, (0.0, 0.5), FIVE, sigma=0.5),
@@ -136,8 +136,8 @@ _ALL = (
     Preset("paper", (Point("main", BUDGETS, WIDTHS, TEN),), LARGE, 75_000, 5, grid=600),
     Preset("paper-w0", (Point("main", BUDGETS, (0.0,), TEN),), LARGE, 75_000, 5, grid=600),
     Preset("paper-small", (Point("main", BUDGETS, WIDTHS, TEN),), SMALL, 75_000, 25),
-    Preset("robustness", ROBUSTNESS, LARGE, 75_000, 5, companion="paper"),
-    Preset("robustness-small", ROBUSTNESS, SMALL, 75_000, 25, companion="paper-small"),
+    Preset("robustness", ROBUSTNESS_POINTS, LARGE, 75_000, 5, companion="paper"),
+    Preset("robustness-small", ROBUSTNESS_POINTS, SMALL, 75_000, 25, companion="paper-small"),
     Preset("identifiers", IDENTIFIERS, SMALL, 30_000, 25),
     Preset("longer", (Point("main", (50,), (0.5,), TEN),), LARGE, 150_000, 2, companion="paper"),
     Preset("longer-small", (Point("main", (50,), (0.5,), TEN),), SMALL, 150_000, 5, companion="paper-small"),

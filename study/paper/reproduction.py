@@ -30,7 +30,7 @@ from study.paper.saturation_budget import budget_curves, paragraph
 from study.statistics import Contrast, paired_bootstrap
 from sysid import InvalidInput
 
-FIGURES = {
+REPRODUCTION_CAPTIONS = {
     "published_heatmap": "The published sweep and this one on one colour scale, which ends at the optimum of the "
     "hidden plant. The best cell of each is outlined.",
     "published_pareto": "The best width at every budget, there and here (the published curve again in grey), between "

@@ -13,7 +13,7 @@ from study.paper.agreement import DIFFERS, MARGIN, Agreement, CellAgreement, Con
 from study.paper.presets import Preset
 from study.paper.published_numbers import CELLS, Spot
 from study.paper.published_runs import CellSummary
-from study.paper.reproduction import FIGURES, Reproduction
+from study.paper.reproduction import REPRODUCTION_CAPTIONS, Reproduction
 from study.pipeline.html_page import embedded, template
 from study.statistics import Contrast
 
@@ -32,7 +32,9 @@ def _content(reproduction: Reproduction, preset: Preset) -> dict[str, Any]:
         "paper": paper,
         "points": paper.POINTS,
         "margin": MARGIN,
-        "pictures": [(name, embedded(file), FIGURES[name]) for name, file in reproduction.figures.items()],
+        "pictures": [
+            (name, embedded(file), REPRODUCTION_CAPTIONS[name]) for name, file in reproduction.figures.items()
+        ],
         "apart": _apart(agreement) if agreement else [],
         "published": _published,
         "fresh": lambda spot: _fresh(agreement, spot) if agreement else "",

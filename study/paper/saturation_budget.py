@@ -23,7 +23,7 @@ from study.paper.reference_controllers import OPTIMAL
 from study.statistics import Contrast, paired_t
 
 PRIOR, GRID = "prior", "grid"
-IDENTIFIERS = {"grid": "grid search", "least_squares": "least squares", "unscented": "the Kalman filter"}
+LABELS = {"grid": "grid search", "least_squares": "least squares", "unscented": "the Kalman filter"}
 ENOUGH = 0.95
 """The share of the gap between no data and a known plant at which a budget curve has bent."""
 
@@ -58,7 +58,7 @@ class BudgetCurve:
 def budget_curves(runs: Outcomes, w: float = 0.0) -> dict[str, BudgetCurve]:
     """The curves of all identifiers that were run at this width, by name; empty where the prior was not."""
     start = Spot(PRIOR, 0, w)
-    names = [name for name in IDENTIFIERS if name in runs.points]
+    names = [name for name in LABELS if name in runs.points]
     spots = {name: [start, *(s for n in runs.budgets(name) if (s := Spot(name, n, w)) in runs)] for name in names}
     if start not in runs or not names:
         return {}
@@ -114,7 +114,7 @@ def paragraph(
 def _sentence(curve: BudgetCurve) -> str:
     n, last = curve.budgets[1], curve.budgets[-1]
     first = "the first rollout is" if n == 1 else f"the first {n} rollouts are"
-    text = f"With {IDENTIFIERS[curve.identifier]} {first} worth {curve.first}"
+    text = f"With {LABELS[curve.identifier]} {first} worth {curve.first}"
     if curve.saturation is None:
         return f"{text}; n = {last} closes {percent(curve.closed[-1])} of that gap."
     text += (
@@ -131,7 +131,7 @@ def _closer(grid: BudgetCurve, other: BudgetCurve) -> str:
     mine = dict(zip(other.budgets, other.errors, strict=True))
     ratios = [error / mine[n] for n, error in pairs if n in mine and mine[n] > 0.0]
     return (
-        f"From the same rollouts {IDENTIFIERS[other.identifier]} finds m and l {min(ratios):.0f} to {max(ratios):.0f} "
+        f"From the same rollouts {LABELS[other.identifier]} finds m and l {min(ratios):.0f} to {max(ratios):.0f} "
         "times closer than the grid."
     )
 
@@ -157,7 +157,7 @@ def _wider(curves: Mapping[str, BudgetCurve]) -> str:
     if not curves:
         return ""
     budgets = [
-        f"n = {curve.saturation} with {IDENTIFIERS[name]}" if curve.saturation else f"none with {IDENTIFIERS[name]}"
+        f"n = {curve.saturation} with {LABELS[name]}" if curve.saturation else f"none with {LABELS[name]}"
         for name, curve in curves.items()
     ]
     return f"In a band of w = {next(iter(curves.values())).w:g} the saturation budget is {', '.join(budgets)}."

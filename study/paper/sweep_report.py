@@ -30,9 +30,9 @@ from study.pipeline.versions import all_versions
 from study.statistics import Contrast, holm, paired_t
 from sysid.data.files import write_whole
 
-LABELS = {OPTIMAL: "optimal (dynamic programming)", LQR: "LQR alone", SWING_UP: "energy swing-up, then LQR"}
+CONTROLLER_LABELS = {OPTIMAL: "optimal (dynamic programming)", LQR: "LQR alone", SWING_UP: "energy swing-up, then LQR"}
 
-CAPTIONS = {
+POINT_CAPTIONS = {
     "heatmap": "Mean return on the hidden plant ± standard error over seeds. The best cell is outlined; the brightest "
     "colour is the optimum.",
     "pareto": "The best width at every budget, between training without data and training on the most data.",
@@ -125,12 +125,12 @@ def _part(answer: PointFindings, drawn: Mapping[str, Path]) -> dict[str, Any]:
         "answer": answer,
         "point": answer.point,
         "sentences": [(question, unbroken(text)) for question, text in answer.sentences()],
-        "images": [(name, embedded(file), CAPTIONS[name]) for name, file in drawn.items()],
+        "images": [(name, embedded(file), POINT_CAPTIONS[name]) for name, file in drawn.items()],
         "budget_rows": _budgets(answer),
         "cell_rows": [_cell_row(answer, key) for key in answer.cells],
         "contrasts": _contrasts(answer),
         "controllers": [
-            (LABELS[c], mean, sem, here)
+            (CONTROLLER_LABELS[c], mean, sem, here)
             for (c, mean, sem), (_, here, _) in zip(answer.controllers(), answer.controllers(seeds), strict=True)
         ],
     }

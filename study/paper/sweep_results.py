@@ -20,7 +20,7 @@ from study.paper.runs import Run, RunSummary
 from study.pipeline.database import Database, identity
 from study.pipeline.policy_files import FOLDER
 
-FIGURES = ("heatmap", "pareto", "gap", "curves")
+POINT_FIGURES = ("heatmap", "pareto", "gap", "curves")
 REPRODUCTION_FIGURES = (
     "published_heatmap",
     "published_pareto",
@@ -30,7 +30,7 @@ REPRODUCTION_FIGURES = (
 )
 """Figures of a point, and those of the whole preset beside the publication."""
 
-SCHEMA = """
+SWEEP_SCHEMA = """
 CREATE TABLE estimates (
     point TEXT, n INTEGER, seed INTEGER, m REAL, l REAL, seconds REAL, PRIMARY KEY (point, n, seed));
 CREATE TABLE runs (
@@ -46,7 +46,7 @@ CREATE TABLE training (population INTEGER PRIMARY KEY, seconds REAL);
 
 def outputs(preset: Preset) -> tuple[str, ...]:
     """What a study writes beside its database; never over files of somebody else."""
-    drawn = tuple(figure_name(preset, point.name, name) for point in preset.points for name in FIGURES)
+    drawn = tuple(figure_name(preset, point.name, name) for point in preset.points for name in POINT_FIGURES)
     reproduction = (f"{name}.png" for name in REPRODUCTION_FIGURES)
     return ("runs.csv", "references.csv", "study.json", *drawn, *reproduction, "report.html", FOLDER)
 
@@ -66,7 +66,7 @@ class SweepResults(Database):
 
     def __init__(self, folder: Path, preset: Preset, device: str = "cpu") -> None:
         self.preset, self.device = preset, device
-        super().__init__(folder, SCHEMA, identity(preset, str(FORMAT), device), outputs(preset))
+        super().__init__(folder, SWEEP_SCHEMA, identity(preset, str(FORMAT), device), outputs(preset))
 
     def add_estimates(self, estimates: Sequence[Estimated]) -> None:
         """Keep what identification found, in place of an earlier answer."""

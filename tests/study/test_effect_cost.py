@@ -57,7 +57,7 @@ def test_at_size_zero_it_is_the_plain_machine_and_at_its_largest_another(name):
         state, sensing, seen = model.initial_state(*start), model.sensing(*start), []
         for k, command in enumerate(u):
             state = model.advance(state, command, k * model.dt)
-            reading, sensing = model.read_losses(state.theta, state.theta_dot, sensing, (k + 1) * model.dt)
+            reading, sensing = model.read(state.theta, state.theta_dot, sensing, (k + 1) * model.dt)
             seen.append([*state[:2], *reading])
         return np.array(seen)
 

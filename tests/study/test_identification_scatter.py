@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from study.paper.identification_scatter import LENGTH, OneStepGrid, Samples, noise_free_rollouts, scatter
+from study.paper.identification_scatter import ROLLOUT_LENGTH as LENGTH
+from study.paper.identification_scatter import OneStepGrid, Samples, noise_free_rollouts, scatter
 from sysid import GridSearch, paper_model, paper_rollouts
 
 

@@ -11,7 +11,7 @@ from study.paper.identification_scatter import scatter
 from study.paper.presets import PRESETS
 from study.paper.published_numbers import CELLS, Spot
 from study.paper.published_runs import Outcome, outcomes
-from study.paper.reproduction import FIGURES, reproduce
+from study.paper.reproduction import REPRODUCTION_CAPTIONS, reproduce
 from study.paper.reproduction_page import section
 from study.paper.sweep_results import REPRODUCTION_FIGURES
 from study.paper.tables import write_runs
@@ -38,7 +38,7 @@ def words(page):
 
 def test_every_part_is_there(answer, theirs, small_scatter, tmp_path):
     reproduction = reproduce([answer], tmp_path, theirs, small_scatter)
-    assert set(reproduction.figures) == set(FIGURES) - {"identifiers"}
+    assert set(reproduction.figures) == set(REPRODUCTION_CAPTIONS) - {"identifiers"}
     for path in reproduction.figures.values():
         assert np.ptp(imread(path)[..., :3]) > 0.5
     text = words(section(reproduction, answer.preset))
@@ -111,4 +111,4 @@ def test_small_presets_have_the_section_too(small_answer, tmp_path):
 
 
 def test_the_store_knows_every_figure_that_may_be_written():
-    assert set(REPRODUCTION_FIGURES) == set(FIGURES)
+    assert set(REPRODUCTION_FIGURES) == set(REPRODUCTION_CAPTIONS)

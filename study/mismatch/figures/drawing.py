@@ -10,16 +10,16 @@ import numpy as np
 
 from study.mismatch.findings import Condition, MismatchFindings
 from study.mismatch.labels import RUNGS, capital, plant_title
-from study.mismatch.mismatch_results import FIGURES, Fitted
+from study.mismatch.mismatch_results import MISMATCH_FIGURES, Fitted
 from study.mismatch.plan import FREE, StrategyKey, Trial
 
 if TYPE_CHECKING:
     from policies.network_policy import NetworkPolicy
 
-EPISODES = 4
+SHOWN_EPISODES = 4
 """Start states whose trajectories are shown: the first ones of the evaluation."""
 
-FILES = {name: f"{name}.png" for name in FIGURES}
+FILES = {name: f"{name}.png" for name in MISMATCH_FIGURES}
 
 
 class AgentPair(NamedTuple):
@@ -104,5 +104,5 @@ def _trajectories(
     starts = fresh_start_states(pair.seed, findings.plan.episodes)
     title = f"{capital(plant_title(plant))}, {pair.n} rollouts, seed {pair.seed}"
     labels = {strategy: f"{RUNGS[strategy]} ({strategy})" for strategy in policies}
-    shown = (starts[0][:EPISODES], starts[1][:EPISODES])
+    shown = (starts[0][:SHOWN_EPISODES], starts[1][:SHOWN_EPISODES])
     return save(lambda: trajectories(title, ground_truth(plant), policies, shown, labels), path)

@@ -14,11 +14,11 @@ from study.paper.claims import CELL, nearest_cell
 from study.paper.figures.reference_lines import reference_lines
 from study.paper.identification_scatter import Scatter
 from study.paper.published_numbers import ID_ERRORS
-from study.paper.saturation_budget import IDENTIFIERS, BudgetCurve
+from study.paper.saturation_budget import LABELS, BudgetCurve
 
-POINTS = {0.5: "low_noise", 1.0: "main", 2.0: "high_noise"}
+POINT_OF_NOISE = {0.5: "low_noise", 1.0: "main", 2.0: "high_noise"}
 """Whose published errors belong to a noise level."""
-LOOKS = {"grid": ("0.4", "s"), "least_squares": (COLOURS(0.3), "o"), "unscented": (COLOURS(0.68), "^")}
+IDENTIFIER_LOOKS = {"grid": ("0.4", "s"), "least_squares": (COLOURS(0.3), "o"), "unscented": (COLOURS(0.68), "^")}
 """Colour and marker of an identifier."""
 
 
@@ -37,7 +37,7 @@ def identification(found: Scatter) -> Figure:
                       markersize=4, linewidth=1.7, capsize=2, zorder=3)  # fmt: skip
         left.annotate(f"σ = {sigma:g}", (budgets[-1], mean[-1]), (6, 0), textcoords="offset points", va="center",  # noqa: RUF001
                       color=colour, fontsize=9.0)  # fmt: skip
-        printed = {n: e for n, e in ID_ERRORS.get(POINTS.get(sigma, ""), {}).items() if n}
+        printed = {n: e for n, e in ID_ERRORS.get(POINT_OF_NOISE.get(sigma, ""), {}).items() if n}
         left.plot(list(printed), list(printed.values()), color=colour, marker="x", markersize=7, linestyle="none",
                   markeredgewidth=1.8, label="published" if k == 0 else None, zorder=4)  # fmt: skip
     guide = found.errors(1.0).mean(axis=1)[-1] * np.sqrt(budgets[-1] / budgets)
@@ -81,18 +81,18 @@ def identifiers(
     left, right = figure.subplots(1, 2, width_ratios=(1.2, 1.0))
     for group, faint in ((wider, True), (curves, False)):
         for name, curve in group.items():
-            colour, marker = LOOKS[name]
+            colour, marker = IDENTIFIER_LOOKS[name]
             if faint:
                 left.plot(_spread(curve.budgets), curve.returns, color=colour, linewidth=1.2, linestyle="--", alpha=0.7)
                 continue
             left.errorbar(_spread(curve.budgets), curve.returns, curve.sems, color=colour, marker=marker, markersize=6,
-                          linewidth=1.9, capsize=3, label=IDENTIFIERS[name].removeprefix("the "), zorder=3)  # fmt: skip
+                          linewidth=1.9, capsize=3, label=LABELS[name].removeprefix("the "), zorder=3)  # fmt: skip
     if wider:
         left.plot([], [], color="0.5", linestyle="--", linewidth=1.2, label=f"w = {next(iter(wider.values())).w:g}")
     lows = [value for group in (curves, wider) for curve in group.values() for value in curve.returns]
     reference_lines([left], references, min(lows))
     for name, curve in curves.items():
-        colour, marker = LOOKS[name]
+        colour, marker = IDENTIFIER_LOOKS[name]
         right.plot(curve.budgets[1:], curve.errors[1:], color=colour, marker=marker, markersize=6, linewidth=1.9)
     budgets = max((curve.budgets for curve in curves.values()), key=len)
     left.set_xticks(_spread(budgets), [str(n) for n in budgets])

@@ -110,7 +110,7 @@ def curves(findings: PointFindings) -> Figure:
     return figure
 
 
-FIGURES: dict[str, Callable[[PointFindings], Figure]] = {
+DRAWINGS: dict[str, Callable[[PointFindings], Figure]] = {
     "heatmap": heatmap,
     "pareto": pareto,
     "gap": gap,
@@ -126,7 +126,7 @@ def drawn_of(findings: PointFindings) -> list[str]:
         "pareto": len(point.budgets) == 1,
         "curves": not any(run.curve for run in findings.runs),
     }
-    return [name for name in FIGURES if not idle.get(name)]
+    return [name for name in DRAWINGS if not idle.get(name)]
 
 
 def save_all(findings: PointFindings, folder: Path) -> dict[str, Path]:
@@ -134,5 +134,5 @@ def save_all(findings: PointFindings, folder: Path) -> dict[str, Path]:
     names = drawn_of(findings)
     files = {name: folder / figure_name(findings.preset, findings.point.name, name) for name in names}
     for name, path in files.items():
-        save(lambda name=name: FIGURES[name](findings), path)
+        save(lambda name=name: DRAWINGS[name](findings), path)
     return files
