@@ -13,9 +13,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from pickle import UnpicklingError
 from typing import Any
-from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 import torch
@@ -25,12 +23,12 @@ from policies.environments.batched_pendulums import BatchedPendulums
 from policies.environments.random_streams import Purpose
 from policies.environments.randomization import Randomization
 from policies.network_policy import NetworkPolicy
+from policies.training.checkpoint import read_checkpoint, write_checkpoint
 from policies.training.cuda_graph import CudaGraph
 from policies.training.random_blocks import BLOCK_LENGTH, RandomBlocks
 from policies.training.replay import Replay
 from policies.training.sac import SAC, SACSettings
 from sysid import InvalidInput, Model
-from sysid.data.files import partial
 
 CHECKPOINT_VERSION = 2
 
@@ -127,13 +125,7 @@ class Population:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a checkpoint, whole or not at all: the file is replaced only when the new one is on the disk."""
-        path = Path(path)
-        growing = partial(path)
-        with growing.open("wb") as file:
-            torch.save({**self._identity(), **self._progress()}, file)
-            file.flush()
-            os.fsync(file.fileno())
-        growing.replace(path)
+        write_checkpoint(Path(path), {**self._identity(), **self._progress()})
 
     def resume(self, path: str | os.PathLike[str]) -> None:
         """Go on from a checkpoint of this very population: the same numbers follow as without the interruption.
@@ -141,9 +133,7 @@ class Population:
         Raises InvalidInput for a file that is no checkpoint, or one of another population or version; nothing has
         changed then.
         """
-        stored = _stored(Path(path))
-        if not isinstance(stored, dict):
-            raise InvalidInput(f"{path} is not a checkpoint: it holds a {type(stored).__name__}")
+        stored = read_checkpoint(Path(path))
         stored.setdefault("history", 0)  # what was written before there was one
         for name, expected in self._identity().items():
             if stored.get(name) != expected:
@@ -209,15 +199,3 @@ def _exploration(rng: np.random.Generator, length: int) -> NDArray[np.float32]:
     """(length, 2): a uniform action in [-1, 1] and the normal noise of the policy's action, for each step."""
     uniform = rng.uniform(-1.0, 1.0, length)
     return np.stack((uniform, rng.standard_normal(length)), 1).astype(np.float32)
-
-
-def _stored(path: Path) -> Any:
-    """What a checkpoint holds. torch.load does not look at the checksums that torch.save writes: zipfile does."""
-    try:
-        with ZipFile(path) as archive:
-            damaged = archive.testzip()
-        if damaged is None:
-            return torch.load(path, map_location="cpu", weights_only=True)
-    except (RuntimeError, OSError, EOFError, ValueError, KeyError, UnpicklingError, BadZipFile) as error:
-        raise InvalidInput(f"{path} is not a checkpoint: expected a file that Population.save wrote") from error
-    raise InvalidInput(f"{path} is damaged ({damaged}): expected a checkpoint as Population.save wrote it")

@@ -5,8 +5,6 @@ python -m study.mismatch.choose_sizes      from study/results/effect_cost; to be
 
 from __future__ import annotations
 
-import csv
-import io
 import sys
 from collections.abc import Sequence
 from dataclasses import fields
@@ -15,7 +13,7 @@ from study.mismatch.chosen_sizes import CHOSEN, Size, Sizes, size_of
 from study.mismatch.effect_cost import STEPS, TARGETS, rounded
 from study.mismatch.loss import EFFECT_COST_FOLDER, LOSS_TABLE, SMALL, LossRow, read_losses
 from study.mismatch.magnitudes import MAGNITUDES
-from sysid.data.files import write_whole
+from study.pipeline.csv_table import write_csv
 
 
 def choose(rows: Sequence[LossRow]) -> Sizes:
@@ -45,16 +43,10 @@ def _size(row: LossRow) -> Size:
 def main() -> int:
     """Write the table."""
     rows = read_losses(EFFECT_COST_FOLDER / LOSS_TABLE)
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["effect", "level", "size", "loss", "percent", "sharp"])
-    for effect in MAGNITUDES:
-        sizes = choose([row for row in rows if row.effect == effect])
-        for level in (field.name for field in fields(Sizes)):
-            size = getattr(sizes, level)
-            if size is not None:
-                writer.writerow([effect, level, size.size, size.loss, size.percent, size.sharp])
-    write_whole(CHOSEN, text.getvalue())
+    chosen = {effect: choose([row for row in rows if row.effect == effect]) for effect in MAGNITUDES}
+    levels = [(effect, f.name, getattr(sizes, f.name)) for effect, sizes in chosen.items() for f in fields(sizes)]
+    costs = ([effect, level, s.size, s.loss, s.percent, s.sharp] for effect, level, s in levels if s is not None)
+    write_csv(CHOSEN, ["effect", "level", "size", "loss", "percent", "sharp"], costs)
     return 0
 
 

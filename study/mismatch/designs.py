@@ -12,8 +12,6 @@ band is drawn.
 
 from __future__ import annotations
 
-import hashlib
-import json
 import time
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -28,6 +26,7 @@ from study.mismatch.plan import Plan
 from study.mismatch.rod import DESIGN_SUBSTEPS, design, machine
 from study.mismatch.training_setup import TrainingSetup, training_setup_of
 from study.pipeline.executor import Brief, Link
+from study.pipeline.settings import digest
 from sysid import InvalidInput, Model
 
 OPTIMUM, PLAIN = "optimum", "plain"
@@ -36,8 +35,7 @@ OPTIMUM, PLAIN = "optimum", "plain"
 def model_key(setup: TrainingSetup) -> str:
     """Sixteen hexadecimal digits of the model at the centre."""
     data = setup.to_json()
-    text = json.dumps([data["model"], data["outside"]], sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
+    return digest([data["model"], data["outside"]])
 
 
 @dataclass(frozen=True)

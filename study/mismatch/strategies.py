@@ -110,8 +110,8 @@ class Budget:
             StrategyKey.MENDED: self._mended,
             StrategyKey.ALL_EFFECTS: self._at_once,
             StrategyKey.POSTERIOR: self._posterior,
-            StrategyKey.RANDOM_FORCE: self._random_torques,
-            StrategyKey.NETWORK: self._learned,
+            StrategyKey.RANDOM_FORCE: self._random_force,
+            StrategyKey.NETWORK: self._network,
         }
         if strategy not in made:
             raise InvalidInput(f"strategy {strategy!r}: expected one of {', '.join(made)}")
@@ -146,8 +146,8 @@ class Budget:
         found, model = self.diagnosis, self.mended.model.machine
         drawn, about = center(self.mended), {"errors": [found.base_error.ratio, found.error.ratio]}
         if not self.believed:
-            drawn, shaking = self._shaken(drawn, self.mended.model)
-            about |= {"believed": False, **shaking}
+            drawn, force = self._with_random_force(drawn, self.mended.model)
+            about |= {"believed": False, **force}
         elif found.verdict == "cannot tell":
             model, drawn = self._class()
         return TrainingSetup(model, drawn, found.verdict, tuple(s.effect for s in found.steps), about)
@@ -199,17 +199,17 @@ class Budget:
             second.model.with_parameters(numbers), Band(numbers), about={"fit_errors": errors, "success": found.success}
         )
 
-    def _learned(self) -> TrainingSetup:
+    def _network(self) -> TrainingSetup:
         from study.mismatch.network_fit import fit_network
 
         learned = fit_network(self.fitted.model, self.records, self.sensor, np.random.default_rng([self.seed, 1]))
         return TrainingSetup(learned.model, center(self.fitted), about={"errors": [learned.before, learned.after]})
 
-    def _random_torques(self) -> TrainingSetup:
-        drawn, about = self._shaken(center(self.fitted), self.fitted.model)
+    def _random_force(self) -> TrainingSetup:
+        drawn, about = self._with_random_force(center(self.fitted), self.fitted.model)
         return TrainingSetup(self.fitted.model, drawn, about=about)
 
-    def _shaken(self, drawn: Randomization, model: Model) -> tuple[Randomization, dict[str, Any]]:
+    def _with_random_force(self, drawn: Randomization, model: Model) -> tuple[Randomization, dict[str, Any]]:
         """Random torques of the size and memory that the log asks for beyond the model."""
         residual = residual_torque(model, self.records, self.sensor)
         if not residual.present:

@@ -11,8 +11,6 @@ chosen size, a table's ratio is compared with the mean of the agents': it stands
 from __future__ import annotations
 
 import argparse
-import csv
-import io
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -30,8 +28,8 @@ from study.mismatch.chosen_sizes import SIZES, Size
 from study.mismatch.loss import EFFECT_COST_FOLDER, EPISODES, SEED
 from study.mismatch.magnitudes import MAGNITUDES
 from study.mismatch.rod import DESIGN_SUBSTEPS, machine
+from study.pipeline.csv_table import write_csv
 from sysid import InvalidInput
-from sysid.data.files import write_whole
 
 Array = NDArray[np.float64]
 
@@ -102,15 +100,11 @@ def train_agents(steps: int = 30_000, seeds: Sequence[int] = SEEDS, hidden: tupl
 
 def write_resolution(path: Path, resolution: TableResolution) -> None:
     """A row an effect: the tables' ratios, the agents' mean and standard deviation."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["effect", "size", *(f"table_{n}" for n in resolution.angles), "agents", "agents_sd"])
-    for name, size, tables, agents in zip(
-        resolution.effects, resolution.sizes, resolution.tables, resolution.agents, strict=True
-    ):
-        numbers = (*tables, np.mean(agents), np.std(agents, ddof=1))
-        writer.writerow([name, size, *(f"{number:.4g}" for number in numbers)])
-    write_whole(path, text.getvalue())
+    agents = np.column_stack((resolution.agents.mean(axis=1), resolution.agents.std(axis=1, ddof=1)))
+    numbers = np.hstack((resolution.tables, agents)).tolist()
+    columns = ["effect", "size", *(f"table_{n}" for n in resolution.angles), "agents", "agents_sd"]
+    named = zip(resolution.effects, resolution.sizes, numbers, strict=True)
+    write_csv(path, columns, ([name, size, *(f"{number:.4g}" for number in own)] for name, size, own in named))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -14,6 +12,7 @@ import numpy as np
 from policies.environments.randomization import Randomization, from_json
 from study.mismatch.out_of_catalogue import OUT_OF_CATALOGUE
 from study.mismatch.residual_network import CommandFilter, ResidualNetwork, stacked
+from study.pipeline.settings import digest
 from sysid import InvalidInput, Model
 from sysid.estimation.saved_model import from_dict, to_dict
 
@@ -51,8 +50,7 @@ class TrainingSetup:
     def key(self) -> str:
         """Sixteen hexadecimal digits that change with whatever an agent's training depends on."""
         data = self.to_json()
-        trained_on = {name: data[name] for name in ("model", "outside", "learned", "drawn")}
-        return hashlib.sha256(json.dumps(trained_on, sort_keys=True).encode()).hexdigest()[:16]
+        return digest({name: data[name] for name in ("model", "outside", "learned", "drawn")})
 
 
 def training_setup_of(data: dict[str, Any]) -> TrainingSetup:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from study.paper.findings import PointFindings
+from study.pipeline.csv_table import write_csv
 from study.pipeline.record import write_record
-from sysid.data.files import write_whole
 
 RUN_COLUMNS = (
     "n", "w", "seed", "id_error", "eval_return_mean", "eval_return_std",
@@ -34,7 +32,7 @@ def write_runs(found: Sequence[PointFindings], path: Path) -> None:
         for point_findings in found
         for r in sorted(point_findings.runs, key=lambda r: r.cell)
     ]  # fmt: skip
-    _write(path, RUN_COLUMNS, rows)
+    write_csv(path, RUN_COLUMNS, rows)
 
 
 def write_references(found: Sequence[PointFindings], path: Path) -> None:
@@ -48,7 +46,7 @@ def write_references(found: Sequence[PointFindings], path: Path) -> None:
         for point_findings in {point_findings.point.truth: point_findings for point_findings in found}.values()
         for controller, mean, error in point_findings.controllers()
     ]
-    _write(path, REFERENCE_COLUMNS, rows)
+    write_csv(path, REFERENCE_COLUMNS, rows)
 
 
 def write_study(found: Sequence[PointFindings], device: str, path: Path) -> None:
@@ -57,11 +55,3 @@ def write_study(found: Sequence[PointFindings], device: str, path: Path) -> None
     about = {"runs": len(runs), "imported": sum(bool(run.imported) for run in runs)}
     hours = sum(run.seconds for run in runs) / 3600.0
     write_record(path, preset, device, about, hours, [run.versions for run in runs])
-
-
-def _write(path: Path, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(rows)
-    write_whole(path, text.getvalue())

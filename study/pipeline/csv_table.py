@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import io
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -45,12 +45,16 @@ def read_table(kind: type[R], path: Path, about: str) -> list[R]:
 
 def write_table(kind: type[R], path: Path, rows: Iterable[R]) -> None:
     """The rows as a CSV file; whole or not at all."""
+    names = [f.name for f in dataclasses.fields(kind)]
+    write_csv(path, names, ([_text(getattr(row, name)) for name in names] for row in rows))
+
+
+def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """Rows of plain values as a CSV file; whole or not at all."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    names = [f.name for f in dataclasses.fields(kind)]
-    writer.writerow(names)
-    for row in rows:
-        writer.writerow([_text(getattr(row, name)) for name in names])
+    writer.writerow(columns)
+    writer.writerows(rows)
     write_whole(path, text.getvalue())
 
 

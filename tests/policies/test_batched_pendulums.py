@@ -165,7 +165,7 @@ def test_a_pendulum_with_random_force_moves_as_one_under_the_torque_u_plus_d():
                 np.testing.assert_allclose(env.state.theta_dot.numpy(), [s.theta_dot for s in states], atol=1e-9)
 
 
-def test_shaking_goes_past_what_is_between_command_and_torque():
+def test_a_random_force_goes_past_what_is_between_command_and_torque():
     """Behind a delay of two intervals the first commands do nothing, random torques act at once."""
     model = Model(RodPendulum(), (Delay(T=0.1),), dt=0.05, u_max=2.0)
     still, forced = (BatchedPendulums(model, [r], [3]) for r in (BANDS[1], RandomForce(BANDS[1], 1.0, 0.1)))
@@ -205,7 +205,7 @@ def test_where_nobody_has_a_random_force_nothing_is_there_and_no_torque_changes_
                 assert torch.equal(ours, theirs)
 
 
-def test_shaking_leaves_every_start_and_every_parameter_as_they_were():
+def test_a_random_force_leaves_every_start_and_every_parameter_as_they_were():
     plain, forced = make(), make([RandomForce(r, 1.0, 0.1) for r in BANDS])
     for _ in range(3):
         assert torch.equal(plain.restart(), forced.restart())

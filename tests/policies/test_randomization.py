@@ -229,7 +229,7 @@ def test_random_torques_of_a_finer_interval_are_the_same_process():
     assert np.corrcoef(fine[:-1], fine[1:])[0, 1] == pytest.approx(np.exp(-0.5), abs=0.03)
 
 
-def test_shaking_draws_the_same_parameters_as_the_randomization_inside():
+def test_a_random_force_draws_the_same_parameters_as_the_randomization_inside():
     inner = Band({"m": 2.0, "l": 1.5}, 0.3)
     ours, theirs = np.random.default_rng(3), np.random.default_rng(3)
     assert RandomForce(inner, 0.7, 0.1).sample(ours, MODEL) == inner.sample(theirs, MODEL)
@@ -237,7 +237,7 @@ def test_shaking_draws_the_same_parameters_as_the_randomization_inside():
 
 
 @pytest.mark.parametrize("number", [-0.1, np.inf, np.nan])
-def test_shaking_that_means_nothing_is_refused(number):
+def test_a_random_force_that_means_nothing_is_refused(number):
     with pytest.raises(InvalidInput, match="s = "):
         RandomForce(Fixed(), number, 0.1)
     with pytest.raises(InvalidInput, match="T = "):

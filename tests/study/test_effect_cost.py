@@ -87,7 +87,7 @@ def test_a_delay_of_four_samples_is_dear_and_knowing_it_brings_most_back(bench):
     assert found.aware > found.plain - 0.1 * abs(found.plain)
 
 
-def test_policies_abreast_do_as_each_does_alone(bench):
+def test_a_batch_of_policies_does_as_each_does_alone(bench):
     model, (theta, theta_dot) = machine(MAGNITUDES["delay"].at(0.1)), (x[:6] for x in bench.starts)
     policies = (bench.ignorant[0], design(model, COARSE))
     assert PolicyBatch(policies).history == 2

@@ -52,13 +52,13 @@ def test_a_delay_of_three_samples_is_named_alone(seed):
 
 
 def test_a_band_is_about_the_same_fit_and_random_torques_leave_it(budget):
-    fitted, band, shaken = (budget.setup(strategy) for strategy in ("b", "b+", "g"))
-    assert fitted.drawn.center == band.drawn.center == shaken.drawn.inner.center
+    fitted, band, forced = (budget.setup(strategy) for strategy in ("b", "b+", "g"))
+    assert fitted.drawn.center == band.drawn.center == forced.drawn.inner.center
     assert (fitted.drawn.w, band.drawn.w) == (0.0, 0.3)
-    assert shaken.drawn.s > 0.0
+    assert forced.drawn.s > 0.0
 
 
-def test_recipes_are_plain_data(budget):
+def test_setups_are_plain_data(budget):
     free = training_setups(SMOKE, MAGNET, 0, ("z", "e", "h"))
     for setup in (*(budget.setup(strategy) for strategy in ("a", "b", "c", "f", "g")), *(r for r, _ in free.values())):
         again = training_setup_of(json.loads(json.dumps(setup.to_json())))
@@ -79,7 +79,7 @@ def fits(plan, setup):
     return [Fitted(t.plant, t.strategy, t.n, t.seed, setup(t).to_json(), 0.0) for t in plan.trials]
 
 
-def test_equal_recipes_share_an_agent_and_structures_train_together():
+def test_equal_setups_share_an_agent_and_structures_train_together():
     plain, late = oracle(ALL_PLANTS[0]), oracle(DELAY_LARGE)
 
     def setup(trial):

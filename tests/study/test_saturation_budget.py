@@ -8,7 +8,7 @@ import pytest
 from study.formatting import MINUS
 from study.paper.published_numbers import Spot
 from study.paper.published_runs import Outcome, outcomes
-from study.paper.saturation_budget import IDENTIFIERS, budget_curves, paragraph
+from study.paper.saturation_budget import LABELS, budget_curves, paragraph
 
 REFERENCES = {"optimal": -330.0, "swing_up_lqr": -335.0, "lqr": -960.0}
 BUDGETS = (1, 2, 5, 10, 25, 50)
@@ -53,7 +53,7 @@ def test_the_saturation_budget_is_where_the_gap_stays_closed():
 
 def test_the_paragraph_says_so():
     text = paragraph(budget_curves(runs()), {}, REFERENCES)
-    assert all(name in text for name in IDENTIFIERS.values())
+    assert all(name in text for name in LABELS.values())
     assert f"return {MINUS}770, on a plant that is known {MINUS}340, and the optimum is {MINUS}330." in text
     assert "95 % of that gap are closed, give or take a standard error, from n = 10 on, at 42 a rollout" in text
     assert "n = 50 closes 81 % of that gap" in text
