@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from study.mismatch.plan import HiddenPlant, StrategyKey
 
-RUNGS = {
+RUNGS: dict[str, str] = {
     StrategyKey.PRIOR: "prior", StrategyKey.FITTED: "fitted", StrategyKey.MENDED: "mended", StrategyKey.ORACLE: "oracle"
 }  # fmt: skip
 """The ladder, from knowing nothing to knowing everything."""

@@ -44,7 +44,7 @@ def page(
     """
     plan = findings.plan
     settings = plan.to_dict()
-    for shown in ("plants", "strategies"):
+    for shown in ("plants", "ways"):
         del settings[shown]
     content = {
         "findings": findings,

@@ -72,7 +72,7 @@ _STRATEGIES = (
     Strategy(StrategyKey.ORACLE, "oracle", "the plant itself", "the hidden plant itself: an oracle"),
 )  # fmt: skip
 
-STRATEGIES = {strategy.key: strategy for strategy in _STRATEGIES}
+STRATEGIES: dict[str, Strategy] = {strategy.key: strategy for strategy in _STRATEGIES}
 """Every strategy, in the order in which they are shown."""
 
 FREE = tuple(key for key, strategy in STRATEGIES.items() if strategy.group in ("nothing", "oracle"))

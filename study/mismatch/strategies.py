@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -103,7 +103,7 @@ class Budget:
 
     def setup(self, strategy: str) -> TrainingSetup:
         """What the strategy trains on; raises InvalidInput for an unknown strategy."""
-        made = {
+        made: dict[str, Callable[[], TrainingSetup]] = {
             StrategyKey.GRID: self._grid,
             StrategyKey.FITTED: lambda: TrainingSetup(self.fitted.model, center(self.fitted)),
             StrategyKey.BAND: lambda: TrainingSetup(self.fitted.model, center(self.fitted, self.plan.band)),

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from study.formatting import bracketed, number
-from study.paper.identification import Theta
-from study.paper.presets import Point, Preset
+from study.paper.presets import Point, Preset, Theta
 from study.paper.reference_controllers import CONTROLLERS, OPTIMAL, Reference
 from study.paper.runs import Run
 from study.statistics import Contrast, bootstrap_coverage, paired_bootstrap, sem

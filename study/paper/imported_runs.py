@@ -15,8 +15,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from study.paper.identification import Theta
-from study.paper.presets import FORMAT, Cell, Point, Preset
+from study.paper.presets import FORMAT, Cell, Point, Preset, Theta
 from study.paper.runs import Run, RunSummary
 from study.paper.sweep_results import read_run
 from study.pipeline.population_task import sac_settings

@@ -19,8 +19,8 @@ from typing import ClassVar
 import numpy as np
 
 from policies.evaluation import Policy, evaluate, fresh_start_states, start_states
-from study.paper.identification import Theta, hidden_plant
-from study.paper.presets import Preset
+from study.paper.identification import hidden_plant
+from study.paper.presets import Preset, Theta
 from study.pipeline.executor import Brief, Link
 from study.pipeline.versions import versions
 from sysid import paper_model

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from policies.evaluation import Evaluation, evaluate, fresh_start_states, start_states
-from study.paper.identification import Theta, hidden_plant
-from study.paper.presets import Cell, Point, Preset
+from study.paper.identification import hidden_plant
+from study.paper.presets import Cell, Point, Preset, Theta
 from study.pipeline.population_task import PopulationTask, sac_settings
 from study.pipeline.versions import versions
 from sysid import InvalidInput, paper_model

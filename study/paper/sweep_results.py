@@ -13,8 +13,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from study.paper.identification import Estimated, Theta
-from study.paper.presets import FORMAT, Cell, Preset
+from study.paper.identification import Estimated
+from study.paper.presets import FORMAT, Cell, Preset, Theta
 from study.paper.reference_controllers import Reference
 from study.paper.runs import Run, RunSummary
 from study.pipeline.database import Database, identity
