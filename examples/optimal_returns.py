@@ -19,8 +19,8 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 
 from policies import design_lqr, design_swing_up, start_states
-from policies.control.optimal import Grid, solve
-from policies.evaluate import evaluate
+from policies.control.dynamic_programming import Grid, solve
+from policies.evaluation import evaluate
 from sysid import InvalidInput, paper_model
 
 SYSTEMS = ((2.0, 1.5), (1.5, 1.2), (2.5, 2.0), (1.0, 1.0))

@@ -20,12 +20,12 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 
-from study.figures.claims import identification
-from study.figures.style import save
-from study.publication import claims
-from study.publication.agreement import Agreement
-from study.publication.published import Outcomes
-from study.publication.scatter import scatter
+from study.figure_style import save
+from study.paper import claims
+from study.paper.agreement import Agreement
+from study.paper.figures.identification import identification
+from study.paper.identification_scatter import scatter
+from study.paper.published_runs import Outcomes
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

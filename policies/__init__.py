@@ -1,8 +1,13 @@
 """Controllers for the pendulum: environments, training and references, over the models of sysid.
 
+environments   a model as gymnasium.Env, as a batch of pendulums and as TorchRL's environment; task and randomization
+training       soft actor-critic for a population of agents, and the program that trains one policy
+control        LQR, energy swing-up and dynamic programming
+evaluation     what a policy is worth on a model
+storage        a policy as a file, and as ONNX         cli   the command line
+
 The names load their modules on first use, so that `import policies` stays cheap and does not load torch. Importing
-registers "gapfinder/Pendulum-v0" with gymnasium. The function `evaluate` lives in the module of that name:
-`from policies.evaluate import evaluate`.
+registers "gapfinder/Pendulum-v0" with gymnasium.
 """
 
 from __future__ import annotations
@@ -12,45 +17,48 @@ from typing import Any
 
 import gymnasium
 
-from policies.task import HORIZON
+from policies.environments.task import HORIZON
 
 ENV_ID = "gapfinder/Pendulum-v0"
 
 _HOME = {
-    "BatchedPendulum": "learning.batched_env",
-    "Evaluation": "evaluate",
-    "Policy": "evaluate",
-    "start_states": "evaluate",
+    "BatchedPendulums": "environments.batched_pendulums",
+    "PendulumEnv": "environments.gymnasium_env",
+    "TorchRLPendulums": "environments.torchrl_env",
+    "Band": "environments.randomization",
+    "Fixed": "environments.randomization",
+    "Mixture": "environments.randomization",
+    "Posterior": "environments.randomization",
+    "PriorRange": "environments.randomization",
+    "RandomForce": "environments.randomization",
+    "Randomization": "environments.randomization",
+    "Ranges": "environments.randomization",
+    "SingleEffect": "environments.randomization",
+    "Evaluation": "evaluation",
+    "Policy": "evaluation",
+    "evaluate": "evaluation",
+    "fresh_start_states": "evaluation",
+    "start_states": "evaluation",
+    "NetworkPolicy": "network_policy",
     "LQR": "control.lqr",
     "design_lqr": "control.lqr",
-    "Optimal": "control.optimal",
-    "PendulumEnv": "pendulum_env",
-    "Pendulums": "learning.pendulums",
-    "NetworkPolicy": "network_policy",
-    "Population": "learning.population",
-    "CpuTuning": "learning.processor",
-    "tune_cpu": "learning.processor",
-    "Band": "randomization",
-    "Fixed": "randomization",
-    "OneOf": "randomization",
-    "Posterior": "randomization",
-    "PriorRange": "randomization",
-    "Randomization": "randomization",
-    "Ranges": "randomization",
-    "Shaken": "randomization",
-    "SavedPolicy": "policy_file",
-    "load_policy": "policy_file",
-    "save_policy": "policy_file",
-    "SAC": "learning.sac",
-    "SACSettings": "learning.sac",
+    "Optimal": "control.dynamic_programming",
     "SwingUp": "control.swing_up",
     "design_swing_up": "control.swing_up",
+    "CpuSettings": "training.cpu_settings",
+    "tune_cpu": "training.cpu_settings",
+    "Population": "training.population",
+    "SAC": "training.sac",
+    "SACSettings": "training.sac",
+    "SavedPolicy": "storage.policy_file",
+    "load_policy": "storage.policy_file",
+    "save_policy": "storage.policy_file",
 }
 
 __all__ = ["ENV_ID", "HORIZON", *_HOME]  # noqa: PLE0604
 
 if ENV_ID not in gymnasium.registry:
-    gymnasium.register(ENV_ID, entry_point="policies.pendulum_env:PendulumEnv", max_episode_steps=HORIZON)
+    gymnasium.register(ENV_ID, entry_point="policies.environments.gymnasium_env:PendulumEnv", max_episode_steps=HORIZON)
 
 
 def __getattr__(name: str) -> Any:

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
-from policies.options import COMMANDS
+from policies.cli.options import COMMANDS
 from sysid.cli.command_line import answer
 
 
@@ -21,7 +21,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(command: Any) -> None:
-    from policies.commands import run
+    from policies.cli.commands import run
 
     run(command)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from policies import task
+from policies.environments import task
 from sysid import InvalidInput, State
 
 
@@ -16,7 +16,7 @@ class NetworkPolicy:
     """The deterministic policy of one trained agent: u = u_max tanh(loc(observation)), in float32 NumPy.
 
     layers: (W (in, out), b (out,)) of the actor, ReLU between them; history: how many past commands it observes.
-    A callable for `policies.evaluate.evaluate`, which hands it its past commands.
+    A callable for `policies.evaluation.evaluate`, which hands it its past commands.
     """
 
     layers: tuple[tuple[NDArray[np.float32], NDArray[np.float32]], ...]

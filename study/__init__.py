@@ -1,1 +1,8 @@
-"""The main job: what the next real rollout is worth, and what a wider training band costs (`python -m study.main`)."""
+"""The main job: what the next real rollout is worth, and what a wider training band costs (`python -m study.main`).
+
+pipeline     plan -> tasks -> results -> report, for any experiment: executors, storage, progress, pages
+paper        the paper's sweep over budgets and widths: protocol, presets, published numbers, reproduction
+mismatch     does breadth pay when the simulator lacks an effect: plan, strategies, findings, page
+statistics, formatting, figure_style      what both use
+main         the command line
+"""

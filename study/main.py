@@ -6,6 +6,7 @@ python -m study.main --preset paper-small   the paper's grid with small networks
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 import os
@@ -13,20 +14,19 @@ import shlex
 import signal
 import sqlite3
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from study.config import PRESETS
 from study.mismatch.plan import PLANS
+from study.paper.presets import PRESETS
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
-    from study.executors.executor import Executor
+    from study.pipeline.executor import Executor
+    from study.pipeline.experiment import Experiment
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _study(options: Options) -> int:
-    from study import versions
+    from study.pipeline import versions
 
     problem = versions.wrong_sysid()
     foreign = versions.foreign_sysid()
@@ -104,7 +104,8 @@ def _study(options: Options) -> int:
 
     from rich.console import Console
 
-    from study.executors.executor import WorkerFailed
+    from study.pipeline.executor import WorkerFailed
+    from study.pipeline.experiment import run
     from sysid import InvalidInput
 
     console = Console(highlight=False)
@@ -112,10 +113,9 @@ def _study(options: Options) -> int:
         executor = _executor(options)
         if not 0.0 <= options.checkpoint_seconds < math.inf:
             raise InvalidInput(f"--checkpoint-seconds {options.checkpoint_seconds}: expected a number of seconds >= 0")
-        if options.preset in PLANS:
-            _experiment(options, executor, console)
-        else:
-            _sweep(options, executor, console)
+        with _experiment(options) as experiment:
+            run(experiment, executor, console)
+            experiment.publish(console)
     except InvalidInput as error:
         return _fail(str(error), 2)
     except (WorkerFailed, OSError, sqlite3.Error) as error:
@@ -123,42 +123,42 @@ def _study(options: Options) -> int:
     return 0
 
 
-def _sweep(options: Options, executor: Executor, console: Console) -> None:
-    from study.publication.published import read_published
-    from study.report import publish
-    from study.runner import run
-    from study.storage.store import Store
+@contextlib.contextmanager
+def _experiment(options: Options) -> Iterator[Experiment]:
+    """The preset's experiment, over the open folder of its results."""
+    folder, device, seconds = (
+        options.out or Path("results") / options.preset,
+        options.device,
+        options.checkpoint_seconds,
+    )
+    if options.preset in PLANS:
+        from study.mismatch.experiment import MismatchExperiment
+        from study.mismatch.mismatch_results import MismatchResults
+        from sysid import InvalidInput
 
-    preset = PRESETS[options.preset]
-    theirs = read_published(options.published) if options.published else None
-    with Store(_folder(options), preset, options.device) as store:
-        run(preset, store, executor, console, options.checkpoint_seconds, options.import_)
-        publish(preset, store, console, theirs)
+        for name, given in (("--import", options.import_), ("--published", options.published)):
+            if given is not None:
+                raise InvalidInput(
+                    f"{name} {given}: expected a preset of the paper's kind with it, not {options.preset}"
+                )
+        plan = PLANS[options.preset]
+        with MismatchResults(folder, plan, device) as kept:
+            yield MismatchExperiment(plan, kept, seconds)
+    else:
+        from study.paper.published_runs import read_published
+        from study.paper.sweep import Sweep
+        from study.paper.sweep_results import SweepResults
 
-
-def _experiment(options: Options, executor: Executor, console: Console) -> None:
-    from study.mismatch.experiment import run
-    from study.mismatch.report import publish
-    from study.mismatch.results import Results
-    from sysid import InvalidInput
-
-    for name, given in (("--import", options.import_), ("--published", options.published)):
-        if given is not None:
-            raise InvalidInput(f"{name} {given}: expected a preset of the paper's kind with it, not {options.preset}")
-    plan = PLANS[options.preset]
-    with Results(_folder(options), plan, options.device) as results:
-        run(plan, results, executor, console, options.checkpoint_seconds)
-        publish(plan, results, console)
-
-
-def _folder(options: Options) -> Path:
-    return options.out or Path("results") / options.preset
+        preset = PRESETS[options.preset]
+        theirs = read_published(options.published) if options.published else None
+        with SweepResults(folder, preset, device) as results:
+            yield Sweep(preset, results, seconds, options.import_, theirs)
 
 
 def _executor(options: Options) -> Executor:
-    from study.cells import check_device
-    from study.executors.cluster import Cluster
-    from study.executors.processes import Processes
+    from study.pipeline.cluster import Cluster
+    from study.pipeline.processes import Processes
+    from study.pipeline.settings import check_device
     from sysid import InvalidInput
 
     if options.executor not in ("processes", "ray"):

@@ -4,6 +4,7 @@
     bootstrap   the 2.5 % and 97.5 % quantiles of mean(d*), d* drawn from d with replacement, 20,000 times
     paired t    mean(d) +- t sem(d),   t the 97.5 % quantile of Student's t with S - 1 degrees of freedom
     Welch       mean(a) - mean(b) +- t sqrt(sem(a)^2 + sem(b)^2), for cells that share nothing
+    Holm        p-values of a family, raised for how many were looked at
     Wilson      (q + z^2/2S +- z sqrt(q (1 - q)/S + (z/2S)^2)) / (1 + z^2/S) for a share q of S, z the 97.5 % quantile
 
 A seed fixes the measurement, the training streams and the start states of a run, so pairing removes what these share.
@@ -14,13 +15,15 @@ Sources: paper, Sec. II-C; Efron & Tibshirani, "An Introduction to the Bootstrap
 from __future__ import annotations
 
 import math
+from collections.abc import Hashable, Mapping
 from dataclasses import asdict, dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri, stdtr, stdtrit
 
-from study.numerals import bracketed, signed
+from study.formatting import bracketed, signed
 from sysid import InvalidInput
 
 Array = NDArray[np.float64]
@@ -137,3 +140,20 @@ def sem(values: ArrayLike) -> float:
     """Standard error of the mean, sd / sqrt(S) with the sample sd (divided by S - 1); nan for a single value."""
     values = np.asarray(values, dtype=float)
     return float(np.std(values, ddof=1)) / math.sqrt(len(values)) if len(values) > 1 else math.nan
+
+
+Hypothesis = TypeVar("Hypothesis", bound=Hashable)
+
+
+def holm(p_values: Mapping[Hypothesis, float]) -> dict[Hypothesis, float]:
+    """A family's p-values, each raised so that what stays below alpha may be believed of all of them at once.
+
+        p_(k), k-th smallest of K, times K - k + 1, made monotone
+
+    Holm, "A Simple Sequentially Rejective Multiple Test Procedure", Scand. J. Statist. 6 (1979) 65.
+    """
+    adjusted, floor = {}, 0.0
+    for rank, key in enumerate(sorted(p_values, key=lambda key: p_values[key])):
+        floor = max(floor, min(1.0, (len(p_values) - rank) * p_values[key]))
+        adjusted[key] = floor
+    return adjusted

@@ -12,8 +12,8 @@ import casadi
 import numpy as np
 from numpy.typing import NDArray
 
-from policies import task
-from policies.control.design import step_of
+from policies.control.design_model import step_of
+from policies.environments import task
 from sysid import InvalidInput, Model, State, ops
 
 Array = NDArray[np.float64]

@@ -20,8 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from policies.control.design import without_dead_time
-from policies.control.optimal import Grid, Optimal, solve
+from policies.control.design_model import without_dead_time
+from policies.control.dynamic_programming import Grid, Optimal, solve
 from sysid import Delay, Lag, Model, State
 from sysid.physics.effects import InputEffect
 

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from policies import task
-from policies.control.optimal import Grid
-from policies.evaluate import Evaluation, Policy, evaluate
+from policies.control.dynamic_programming import Grid
+from policies.environments import task
+from policies.evaluation import Evaluation, Policy, evaluate
 from sysid import DeadZone, Effect, InvalidInput, Model
 
 Array = NDArray[np.float64]
@@ -32,7 +32,7 @@ SPEED = 8.0
 
 
 @dataclass(frozen=True, eq=False)
-class Reference:
+class ReferenceReturn:
     """A controller's returns on a model; None where it cannot be had. The note says why, or what it does not know."""
 
     name: str
@@ -40,7 +40,7 @@ class Reference:
     note: str = ""
 
 
-def references(model: Model, theta: Array, theta_dot: Array) -> tuple[Reference, ...]:
+def references(model: Model, theta: Array, theta_dot: Array) -> tuple[ReferenceReturn, ...]:
     """Optimum, swing-up + LQR and LQR on the model, from the same start states.
 
     The optimum knows the state. The other two act on what the sensors show, and are designed without what has no linear
@@ -70,15 +70,15 @@ def _reference(
     theta: Array,
     theta_dot: Array,
     note: str = "",
-) -> Reference:
+) -> ReferenceReturn:
     try:
-        return Reference(name, evaluate(design(on), plant, theta, theta_dot), note)
+        return ReferenceReturn(name, evaluate(design(on), plant, theta, theta_dot), note)
     except InvalidInput as error:
-        return Reference(name, None, " ".join(str(error).split()))
+        return ReferenceReturn(name, None, " ".join(str(error).split()))
 
 
 def _optimal(model: Model) -> Policy:
-    from policies.control.design import table_shape
+    from policies.control.design_model import table_shape
     from policies.control.predictive import design_predictive
 
     turns, third_axis = table_shape(model)

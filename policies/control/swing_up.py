@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from policies.control.design import Step, step_of
+from policies.control.design_model import Step, step_of
 from policies.control.lqr import LQR, design_lqr
 from sysid import InvalidInput, Model, State, ops
 

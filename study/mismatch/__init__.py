@@ -1,19 +1,22 @@
 """Does breadth pay when the simulator lacks an effect?
 
 What an effect costs, before any training:
-    cases         the effects, each over its size; machine: what they act on
-    costs         the loss of one case at one size by dynamic programming; effect_cost: all of them, and sizes chosen
-    sizes         those that were chosen, fixed before any policy was trained
-    margin        which table of dynamic programming stands for a trained agent
+    magnitudes       the effects, each over its size; rod: the machine that they act on
+    loss             of one effect at one size by dynamic programming; effect_cost: of all of them
+    chosen_sizes     fixed before any policy was trained, by choose_sizes
+    table_resolution which table of dynamic programming stands for a trained agent
 
 The experiment:
-    plan          plants, ways, seeds and contrasts; hidden: the plants as machines, and their rollouts; outside:
-                  effects that the catalogue lacks
-    ways          what each way makes of n rollouts: a recipe; learning, learned: the residual torque of way i
-    trainings     agents of recipes that train together; designs: dynamic programs in their place
-    experiment    runs all that is missing; results: what is kept
-    answer        returns, contrasts, parts of a gap; words, page, figures, titles, report: how it is told
+    plan             plants, strategies, seeds and contrasts
+    ground_truth     the hidden plants as machines, and their rollouts
+    out_of_catalogue effects that the catalogue lacks
+    strategies       what each strategy makes of its budget of rollouts: a training_setup
+    residual_network a learned torque, fitted by network_fit over elimination
+    trainings        agents of setups that train together; designs: dynamic programs in their place
+    experiment       all of it as tasks; mismatch_results: what is kept
+    findings         returns, contrasts, parts of a gap; sentences, labels, figures, mismatch_page, mismatch_report: how
+                     they are told
 
 How many rollouts naming takes:
-    naming        measures it; named: its rows, and what is right
+    naming           measures it; naming_results: its rows, and what is right
 """

@@ -12,40 +12,37 @@ band is drawn.
 
 from __future__ import annotations
 
-import hashlib
-import json
 import time
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
-from policies.abreast import returns
-from policies.control.optimal import Grid
-from policies.evaluate import Policy, fresh_start_states
-from study.executors.executor import Brief, Link
-from study.mismatch.hidden import hidden_machine, oracle
-from study.mismatch.machine import DESIGN_SUBSTEPS, design, machine
+from policies.control.dynamic_programming import Grid
+from policies.evaluation import Policy, batch_returns, fresh_start_states
+from study.mismatch.ground_truth import ground_truth, oracle
+from study.mismatch.mismatch_results import Designed
 from study.mismatch.plan import Plan
-from study.mismatch.recipe import Recipe, recipe_of
-from study.mismatch.results import Designed
+from study.mismatch.rod import DESIGN_SUBSTEPS, design, machine
+from study.mismatch.training_setup import TrainingSetup, training_setup_of
+from study.pipeline.executor import Brief, Link
+from study.pipeline.settings import digest
 from sysid import InvalidInput, Model
 
 OPTIMUM, PLAIN = "optimum", "plain"
 
 
-def model_key(recipe: Recipe) -> str:
+def model_key(setup: TrainingSetup) -> str:
     """Sixteen hexadecimal digits of the model at the centre."""
-    data = recipe.to_json()
-    text = json.dumps([data["model"], data["outside"]], sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
+    data = setup.to_json()
+    return digest([data["model"], data["outside"]])
 
 
 @dataclass(frozen=True)
 class DesignTask(Brief):
     """Design on the models of some seeds, each once, and run on a hidden plant from the start states of their seeds.
 
-    models   by key, as Recipe.to_json; wanted: (seed, key) of what is run, beside the optimum and the plain machine's
+    models   by key, as TrainingSetup.to_json; wanted: (seed, key) of what is run beside optimum and plain
     """
 
     plan: Plan
@@ -71,8 +68,8 @@ class DesignTask(Brief):
         pairs = [(seed, key) for seed in self.seeds for key in (OPTIMUM, PLAIN)] + list(self.wanted)
         pairs = [(seed, key) for seed, key in pairs if key in made]
         starts = [fresh_start_states(seed, self.plan.episodes) for seed, _ in pairs]
-        plant = hidden_machine(self.plan.plant(self.plant))
-        reached = returns([made[key] for _, key in pairs], plant, *map(np.array, zip(*starts, strict=True)))
+        plant = ground_truth(self.plan.plant(self.plant))
+        reached = batch_returns([made[key] for _, key in pairs], plant, *map(np.array, zip(*starts, strict=True)))
         seconds = (time.perf_counter() - begin) / len(pairs)
         return [
             Designed(self.plant, key, seed, tuple(row), seconds)
@@ -82,7 +79,7 @@ class DesignTask(Brief):
     def _designs(self, link: Link) -> dict[str, Policy]:
         models: list[tuple[str, Model]] = [(OPTIMUM, oracle(self.plan.plant(self.plant)))]
         models.append((PLAIN, machine(substeps=DESIGN_SUBSTEPS)))
-        models += [(key, recipe_of(data).model) for key, data in self.models]
+        models += [(key, training_setup_of(data).model) for key, data in self.models]
         grid, made = Grid(theta=self.plan.grid, theta_dot=self.plan.grid + 1), dict[str, Policy]()
         for k, (key, model) in enumerate(models):
             try:

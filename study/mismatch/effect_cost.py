@@ -26,9 +26,16 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from study.mismatch.cases import CASES, Case
-from study.mismatch.costs import FIGURE, SHIPPED, SMALL, TABLE, Bench, Row, read, write
-from study.mismatch.sizes import Size, Sizes
+from study.mismatch.loss import (
+    EFFECT_COST_FOLDER,
+    LOSS_FIGURE,
+    LOSS_TABLE,
+    Bench,
+    LossRow,
+    read_losses,
+    write_losses,
+)
+from study.mismatch.magnitudes import MAGNITUDES, Magnitude
 from sysid import InvalidInput
 
 TARGETS = (1.5, 10.0, 30.0)
@@ -38,19 +45,19 @@ STEPS = tuple(i / 8.0 for i in range(9))
 """Shares of the largest plausible size that are measured in any case."""
 
 
-def explore(case: Case, measure: Callable[[Case, float], Row]) -> list[Row]:
+def explore(magnitude: Magnitude, measure: Callable[[Magnitude, float], LossRow]) -> list[LossRow]:
     """Rows over the plausible sizes, then nearer and nearer to those at which the loss passes each target."""
-    rows = {size: measure(case, size) for size in (_rounded(share * case.largest) for share in STEPS)}
+    rows = {size: measure(magnitude, size) for size in (rounded(share * magnitude.largest) for share in STEPS)}
     for target in TARGETS:
         for _ in range(6):
             size = _between(sorted(rows.values(), key=lambda row: row.size), target)
             if size is None or size in rows:
                 break
-            rows[size] = measure(case, size)
+            rows[size] = measure(magnitude, size)
     return sorted(rows.values(), key=lambda row: row.size)
 
 
-def _between(rows: Sequence[Row], target: float) -> float | None:
+def _between(rows: Sequence[LossRow], target: float) -> float | None:
     """About where a line between the rows around the first passage meets the target; None where one is near enough, or
     where none is beyond."""
     beyond = next((i for i, row in enumerate(rows) if row.percent > target), 0)
@@ -60,78 +67,54 @@ def _between(rows: Sequence[Row], target: float) -> float | None:
     if min(abs(row.percent - target) for row in (low, high)) < max(0.45, 0.1 * target):
         return None
     share = (target - low.percent) / (high.percent - low.percent)
-    return _rounded(low.size + min(max(share, 0.3), 0.7) * (high.size - low.size))
+    return rounded(low.size + min(max(share, 0.3), 0.7) * (high.size - low.size))
 
 
-def _rounded(size: float) -> float:
+def rounded(size: float) -> float:
+    """To three digits."""
     return float(f"{size:.3g}")
-
-
-def choose(rows: Sequence[Row]) -> Sizes:
-    """From one effect's rows: small is the last eighth of what is plausible before losses reach 2 % (else the least
-    size measured); medium and large are nearest to 10 % and 30 % up to the first passage, if within a third of it."""
-    rows = sorted(rows, key=lambda row: row.size)
-    case = CASES[rows[0].effect]
-    first = next((i for i, row in enumerate(rows) if row.percent >= SMALL), len(rows))
-    eighths = {_rounded(share * case.largest) for share in STEPS[1:]}
-    small = next((row for row in reversed(rows[:first]) if row.size in eighths), rows[1])
-    medium, large = (_passage(rows, target) for target in TARGETS[1:])
-    return Sizes(_size(small), medium and _size(medium), large and _size(large), _size(rows[-1]))
-
-
-def _passage(rows: Sequence[Row], target: float) -> Row | None:
-    """The row nearest to the target, of those up to the first beyond it."""
-    beyond = next((i for i, row in enumerate(rows) if row.percent > target), len(rows) - 1)
-    nearest = min(rows[: beyond + 1], key=lambda row: abs(row.percent - target))
-    return nearest if abs(nearest.percent - target) < target / 3.0 else None
-
-
-def _size(row: Row) -> Size:
-    numbers = tuple((name, float(f"{value:.6g}")) for name, value in CASES[row.effect].numbers(row.size).items())
-    rounded = (round(value, 2) + 0.0 for value in (row.loss, row.percent, row.sharp))
-    return Size(row.size, row.unit, numbers, *rounded)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code: 0 done, 2 bad input."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0], prog="python -m study.mismatch.effect_cost")
-    parser.add_argument("--out", type=Path, default=SHIPPED, metavar="DIR", help="folder of table and figure")
-    parser.add_argument("--effects", nargs="+", default=list(CASES), choices=list(CASES), metavar="NAME")
+    parser.add_argument("--out", type=Path, default=EFFECT_COST_FOLDER, metavar="DIR", help="table and figure")
+    parser.add_argument("--effects", nargs="+", default=list(MAGNITUDES), choices=list(MAGNITUDES), metavar="NAME")
     options = parser.parse_args(arguments)
     try:
         options.out.mkdir(parents=True, exist_ok=True)
-        rows = _measured(options.out / TABLE, options.effects)
-        from study.figures.effect_cost import draw
-        from study.figures.style import save
+        rows = _measured(options.out / LOSS_TABLE, options.effects)
+        from study.figure_style import save
+        from study.mismatch.figures.effect_cost import draw_effect_cost
 
-        save(lambda: draw(rows), options.out / FIGURE)
+        save(lambda: draw_effect_cost(rows), options.out / LOSS_FIGURE)
     except (InvalidInput, OSError) as error:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         return 2
     return 0
 
 
-def _measured(path: Path, effects: Sequence[str]) -> list[Row]:
+def _measured(path: Path, effects: Sequence[str]) -> list[LossRow]:
     """The rows of the table, after those that it lacks were measured."""
-    known = {(row.effect, row.size): row for row in read(path)}
+    known = {(row.effect, row.size): row for row in read_losses(path)}
     bench: list[Bench] = []
 
-    def measure(case: Case, size: float) -> Row:
+    def measure(magnitude: Magnitude, size: float) -> LossRow:
         """The row of an effect's size, kept in the file as soon as it is known."""
-        if (case.effect, size) not in known:
+        if (magnitude.effect, size) not in known:
             if not bench:
                 bench.append(Bench())
-            row = known[case.effect, size] = bench[0].measure(case, size)
-            write(path, known.values())
+            row = known[magnitude.effect, size] = bench[0].measure(magnitude, size)
+            write_losses(path, known.values())
             print(
                 f"{row.effect} {size:g} {row.unit}: aware {row.aware:.1f}, ignorant {row.ignorant:.1f}, "
                 f"loss {row.loss:.1f} +- {row.sem:.1f} ({row.percent:.1f} %)",
                 flush=True,
             )
-        return known[case.effect, size]
+        return known[magnitude.effect, size]
 
     for name in effects:
-        explore(CASES[name], measure)
+        explore(MAGNITUDES[name], measure)
     return list(known.values())
 
 

@@ -1,27 +1,22 @@
-"""Runs the mismatch experiment to its end, from wherever an earlier attempt left it.
-
-First every way makes something of the rollouts, then what came out is trained on and designed on. Every finished task
-goes into the results at once; nothing a number depends on is decided here.
-"""
+"""The mismatch experiment as tasks: rollouts and fits, agents and designs on what came out, and the report."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, ClassVar
 
 from rich.console import Console
 
-from study.executors.executor import Brief, Executor, Link, Task
 from study.mismatch.designs import OPTIMUM, DesignTask, model_key
-from study.mismatch.plan import WAYS, Plan, Trial
-from study.mismatch.recipe import recipe_of
-from study.mismatch.results import Fitted, Results
-from study.mismatch.trainings import TrainingTask, agents_of, populations
-from study.mismatch.ways import recipes
-from study.runner import announce, execute
-from study.training import left
+from study.mismatch.mismatch_results import Fitted, MismatchResults
+from study.mismatch.plan import STRATEGIES, Plan, Trial
+from study.mismatch.strategies import training_setups
+from study.mismatch.training_setup import training_setup_of
+from study.mismatch.trainings import MismatchPopulation, agents_of, populations
+from study.pipeline.executor import Brief, Link, Task
+from study.pipeline.experiment import Experiment, Stage
+from study.pipeline.population_task import left
 
 TOGETHER = 5
 """Seeds whose models are designed on in one task: what they share, the optimum above all, is designed once."""
@@ -29,12 +24,12 @@ TOGETHER = 5
 
 @dataclass(frozen=True)
 class FitTask(Brief):
-    """What every way makes of the rollouts that a seed draws on a hidden plant."""
+    """What every strategy makes of the rollouts that a seed draws on a hidden plant."""
 
     plan: Plan
     plant: str
     seed: int
-    ways: tuple[str, ...]
+    strategies: tuple[str, ...]
     activity: ClassVar[str] = "identification"
 
     @property
@@ -44,79 +39,85 @@ class FitTask(Brief):
     @property
     def work(self) -> float:
         """About how many seconds it takes on one core; only the time left is computed from it."""
-        return 0.3 * len(self.ways) * sum(self.plan.budgets)
+        return 0.3 * len(self.strategies) * sum(self.plan.budgets)
 
     def run(self, link: Link) -> list[Fitted]:
-        """One answer a way and budget."""
-        made = recipes(self.plan, self.plan.plant(self.plant), self.seed, self.ways)
+        """One answer a strategy and budget."""
+        made = training_setups(self.plan, self.plan.plant(self.plant), self.seed, self.strategies)
         return [
-            Fitted(self.plant, way, n, self.seed, recipe.to_json(), seconds)
-            for (way, n), (recipe, seconds) in made.items()
+            Fitted(self.plant, strategy, n, self.seed, setup.to_json(), seconds)
+            for (strategy, n), (setup, seconds) in made.items()
         ]
 
 
-def run(plan: Plan, results: Results, executor: Executor, console: Console, checkpoint_seconds: float = 60.0) -> None:
-    """Finish every trial that the results lack. Raises WorkerFailed where a task fails; what is finished stays."""
-    keep, note = partial(_keep, results=results), partial(_note, results=results)
-    fits = list(_unfitted(plan, results))
-    if fits:
-        about = f"[bold]{plan.name}[/]: {len(plan.trials)} trials; {len(fits)} sets of rollouts to make something of"
-        announce(console, fits, executor.workers, about)
-    execute(fits, executor, console, keep, note)
-    tasks = [*_untrained(plan, results, checkpoint_seconds), *_undesigned(plan, results)]
-    if tasks:
-        training = [task for task in tasks if isinstance(task, TrainingTask)]
-        about = (
-            f"[bold]{plan.name}[/]: {sum(len(task.agents) for task in training)} agents to train in {len(training)} "
-            f"populations, {len(tasks) - len(training)} sets of designs"
+class MismatchExperiment(Experiment):
+    """A plan with its results: every strategy makes something of the rollouts, which is trained on and designed on."""
+
+    def __init__(self, plan: Plan, results: MismatchResults, checkpoint_seconds: float = 60.0) -> None:
+        self.plan, self.results, self.checkpoint_seconds = plan, results, checkpoint_seconds
+
+    def stages(self, console: Console) -> Iterator[Stage]:
+        """Fits; then training and designs."""
+        name = f"[bold]{self.plan.name}[/]"
+        fits = list(self._unfitted())
+        yield Stage(fits, f"{name}: {len(self.plan.trials)} trials; {len(fits)} sets of rollouts to make something of")
+        training, designs = list(self._untrained()), list(self._undesigned())
+        agents = sum(len(task.agents) for task in training)
+        yield Stage(
+            [*training, *designs],
+            f"{name}: {agents} agents to train in {len(training)} populations, {len(designs)} sets of designs",
         )
-        announce(console, tasks, executor.workers, about)
-    execute(tasks, executor, console, keep, note)
 
+    def keep(self, task: Task, answer: Any) -> None:
+        """Fits, trained agents or designs into the results."""
+        if isinstance(task, FitTask):
+            self.results.add_fits(answer)
+        elif isinstance(task, MismatchPopulation):
+            self.results.add_trainings(answer, task.name)
+            task.discard()
+        else:
+            self.results.add_designs(answer)
 
-def _keep(task: Task, payload: Any, results: Results) -> None:
-    if isinstance(task, FitTask):
-        results.add_fits(payload)
-    elif isinstance(task, TrainingTask):
-        results.add_trainings(payload, task.name)
-        task.discard()
-    else:
-        results.add_designs(payload)
+    def note(self, task: Task, seconds: float) -> None:
+        """Keep the seconds that a population's checkpoint holds."""
+        self.results.note_training(task.name, seconds)
 
+    def publish(self, console: Console) -> None:
+        """Tables, figures and page."""
+        from study.mismatch.mismatch_report import publish_mismatch
 
-def _note(task: Task, seconds: float, results: Results) -> None:
-    results.note_training(task.name, seconds)
+        publish_mismatch(self.plan, self.results, console)
 
+    def _unfitted(self) -> Iterator[FitTask]:
+        plan, known = self.plan, {Trial(f.plant, f.strategy, f.n, f.seed) for f in self.results.fits()}
+        for seed in plan.seeds:
+            for plant in plan.plants:
+                trials = [t for t in plan.trials if t.plant == plant.name and t.seed == seed and t not in known]
+                if trials:
+                    yield FitTask(plan, plant.name, seed, tuple(dict.fromkeys(t.strategy for t in trials)))
 
-def _unfitted(plan: Plan, results: Results) -> Iterator[FitTask]:
-    known = {Trial(f.plant, f.way, f.n, f.seed) for f in results.fits()}
-    for seed in plan.seeds:
+    def _untrained(self) -> Iterator[MismatchPopulation]:
+        plan, results = self.plan, self.results
+        about = {
+            "folder": results.folder.resolve(), "checkpoint_seconds": self.checkpoint_seconds, "device": results.device
+        }  # fmt: skip
+        _, agents = agents_of(plan, results.fits())
+        tasks = [MismatchPopulation(plan, together, **about) for together in populations(plan, agents, results.device)]
+        finished = {agent.key for agent in results.trainings()}
+        return left(tasks, finished, lambda task: results.training_seconds(task.name))
+
+    def _undesigned(self) -> Iterator[DesignTask]:
+        plan, known = self.plan, {(d.plant, d.seed) for d in self.results.designs() if d.model == OPTIMUM}
+        models: dict[str, dict[str, Any]] = {}
+        wanted: dict[tuple[str, int], dict[str, None]] = {}
+        for f in self.results.fits():
+            if STRATEGIES[f.strategy].center == f.strategy:
+                key = model_key(training_setup_of(f.payload))
+                models[key] = f.payload
+                wanted.setdefault((f.plant, f.seed), {})[key] = None
         for plant in plan.plants:
-            trials = [t for t in plan.trials if t.plant == plant.name and t.seed == seed and t not in known]
-            if trials:
-                yield FitTask(plan, plant.name, seed, tuple(dict.fromkeys(t.way for t in trials)))
-
-
-def _untrained(plan: Plan, results: Results, checkpoint_seconds: float) -> Iterator[TrainingTask]:
-    about = {"folder": results.folder.resolve(), "checkpoint_seconds": checkpoint_seconds, "device": results.device}
-    _, agents = agents_of(plan, results.fits())
-    tasks = [TrainingTask(plan, together, **about) for together in populations(plan, agents, results.device)]
-    finished = {agent.key for agent in results.trainings()}
-    return left(tasks, finished, lambda task: results.training_seconds(task.name))
-
-
-def _undesigned(plan: Plan, results: Results) -> Iterator[DesignTask]:
-    known = {(d.plant, d.seed) for d in results.designs() if d.model == OPTIMUM}
-    models: dict[str, dict[str, Any]] = {}
-    wanted: dict[tuple[str, int], dict[str, None]] = {}
-    for f in results.fits():
-        if WAYS[f.way].center == f.way:
-            key = model_key(recipe_of(f.payload))
-            models[key] = f.payload
-            wanted.setdefault((f.plant, f.seed), {})[key] = None
-    for plant in plan.plants:
-        left = [seed for seed in plan.seeds if (plant.name, seed) not in known]
-        for seeds in (tuple(left[i : i + TOGETHER]) for i in range(0, len(left), TOGETHER)):
-            pairs = tuple((seed, key) for seed in seeds for key in wanted.get((plant.name, seed), {}))
-            own = tuple((key, models[key]) for key in dict.fromkeys(key for _, key in pairs))
-            yield DesignTask(plan, plant.name, seeds, own, pairs)
+            left = [seed for seed in plan.seeds if (plant.name, seed) not in known]
+            for seeds in (tuple(left[i : i + TOGETHER]) for i in range(0, len(left), TOGETHER)):
+                pairs = tuple((seed, key) for seed in seeds for key in wanted.get((plant.name, seed), {}))
+                own = tuple((key, models[key]) for key in dict.fromkeys(key for _, key in pairs))
+                yield DesignTask(plan, plant.name, seeds, own, pairs)

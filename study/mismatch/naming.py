@@ -5,10 +5,10 @@
 
     error = sqrt(((m_hat - m)^2 / m^2 + (l_hat - l)^2 / l^2) / 2)
 
-On every hidden plant of the plan, what a way of the experiment does with its rollouts is done with 1 to 50 of them:
-least squares for m and l alone, and the diagnosis with its refit. What is right says `named`. The seeds are used for
-nothing else. A table belongs to the version that made it; in the folder of the experiment's results it is told in its
-report.
+On every hidden plant of the plan, what a strategy does with its rollouts is done with 1 to 50 of them:
+least squares for m and l alone, and the diagnosis with its refit. What is right says `naming_results`. The seeds are
+used for nothing else. A table belongs to the version that made it; in the folder of the experiment's results it is told
+in its report.
 """
 
 from __future__ import annotations
@@ -16,23 +16,33 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from study.executors.executor import Brief
-from study.mismatch.named import REFUSED, TABLE, Named, is_right, read, tabled, write
+from study.mismatch.naming_results import (
+    NAMING_TABLE,
+    REFUSED,
+    NamingResult,
+    is_right,
+    naming_table,
+    read_naming,
+    write_naming,
+)
 from study.mismatch.plan import PLANS, HiddenPlant, Plan
+from study.pipeline.executor import Brief
+from study.pipeline.experiment import Experiment, Stage
 from sysid import InvalidInput
 
 if TYPE_CHECKING:
-    from study.executors.executor import Link, Task
-    from study.mismatch.ways import Spending
+    from rich.console import Console
+
+    from study.mismatch.strategies import Budget
+    from study.pipeline.executor import Link, Task
     from sysid import Diagnosis, Estimate
 
-SHIPPED = Path(__file__).parents[1] / "results" / "mismatch"
+NAMING_FOLDER = Path(__file__).parents[1] / "results" / "mismatch"
 FIGURE = "naming.png"
 
 BUDGETS = (1, 2, 3, 5, 10, 20, 50)
@@ -40,15 +50,15 @@ FIRST, MOST = 2000, 100
 """The first seed, and how many there are at most: others begin where these end."""
 
 
-def measure(plant: HiddenPlant, n: int, seed: int, spending: Spending) -> Named:
+def measure(plant: HiddenPlant, n: int, seed: int, budget: Budget) -> NamingResult:
     """What the diagnosis of these rollouts says, and how far m and l are off with and without it."""
     try:
-        found, fitted, mended = spending.diagnosis, spending.fitted, spending.mended
+        found, fitted, mended = budget.diagnosis, budget.fitted, budget.mended
     except InvalidInput:
-        return Named(plant.name, n, seed, REFUSED, (), False, math.nan, math.nan)
+        return NamingResult(plant.name, n, seed, REFUSED, (), False, math.nan, math.nan)
     steps = steps_of(found)
     right = is_right(plant, found.verdict, steps)
-    return Named(plant.name, n, seed, found.verdict, steps, right, _error(fitted), _error(mended))
+    return NamingResult(plant.name, n, seed, found.verdict, steps, right, _error(fitted), _error(mended))
 
 
 def steps_of(found: Diagnosis) -> tuple[str, ...]:
@@ -57,9 +67,9 @@ def steps_of(found: Diagnosis) -> tuple[str, ...]:
 
 
 def _error(estimate: Estimate) -> float:
-    from study.mismatch.hidden import hidden_machine
+    from study.mismatch.ground_truth import ground_truth
 
-    truth = hidden_machine(HiddenPlant("plain")).parameters
+    truth = ground_truth(HiddenPlant("plain")).parameters
     return math.sqrt(sum((estimate.values[k] / float(truth[k].value) - 1.0) ** 2 for k in ("m", "l")) / 2.0)
 
 
@@ -82,34 +92,65 @@ class NamingTask(Brief):
         """About how many seconds it takes on one core; only the time left is computed from it."""
         return 3.0 + sum(0.7 + 0.5 * n for n in self.budgets)
 
-    def run(self, link: Link) -> list[Named]:
+    def run(self, link: Link) -> list[NamingResult]:
         """One row a budget; smaller budgets are the first rollouts of larger ones."""
-        from study.mismatch.hidden import rollouts
-        from study.mismatch.ways import Spending
+        from study.mismatch.ground_truth import rollouts
+        from study.mismatch.strategies import Budget
 
         plant = self.plan.plant(self.plant)
         records = rollouts(self.plan, plant, self.seed)
         found = []
         for n in self.budgets:
-            found.append(measure(plant, n, self.seed, Spending(self.plan, records[:n], self.seed)))
+            found.append(measure(plant, n, self.seed, Budget(self.plan, records[:n], self.seed)))
             link.progress(len(found) / len(self.budgets))
         return found
 
 
-def tasks(plan: Plan, known: Iterable[Named], budgets: Sequence[int], seeds: int) -> Iterator[NamingTask]:
-    """What is not known yet; seeds vary slowest, so that what is there after a while is balanced."""
-    done = {(row.plant, row.n, row.seed) for row in known}
-    for seed in range(FIRST, FIRST + seeds):
-        for plant in plan.plants:
-            left = tuple(n for n in budgets if (plant.name, n, seed) not in done)
-            if left:
-                yield NamingTask(plan, plant.name, seed, left)
+class NamingExperiment(Experiment):
+    """The rows of a table that are measured up to so many seeds, each kept as soon as it is known."""
+
+    def __init__(self, plan: Plan, path: Path, budgets: Sequence[int], seeds: int) -> None:
+        self.plan, self.path, self.budgets, self.seeds = plan, path, budgets, seeds
+        self.rows = read_naming(path)
+
+    def stages(self, console: Console) -> Iterator[Stage]:
+        """What the table lacks."""
+        left = list(self.left())
+        yield Stage(left, f"{sum(len(task.budgets) for task in left)} diagnoses")
+
+    def left(self) -> Iterator[NamingTask]:
+        """What is not known yet; seeds vary slowest, so that what is there after a while is balanced."""
+        done = {(row.plant, row.n, row.seed) for row in self.rows}
+        for seed in range(FIRST, FIRST + self.seeds):
+            for plant in self.plan.plants:
+                left = tuple(n for n in self.budgets if (plant.name, n, seed) not in done)
+                if left:
+                    yield NamingTask(self.plan, plant.name, seed, left)
+
+    def keep(self, task: Task, answer: Any) -> None:
+        """Rows into the table."""
+        self.rows.extend(answer)
+        write_naming(self.path, self.rows)
+
+    def publish(self, console: Console) -> None:
+        """Print the table and where the figure is."""
+        from rich.table import Table
+
+        told, figure = naming_table(self.rows), draw_naming(self.rows, self.path.parent)
+        title = f"right [%] of {told.seeds} seeds (errors of m and l without and with what was named [%])"
+        shown = Table(title=title, title_justify="left")
+        for head in ("hidden plant", *(f"n = {n}" for n in told.budgets)):
+            shown.add_column(head, no_wrap=True)
+        for plant, cells in told.lines:
+            shown.add_row(plant, *(cell.replace(" (", "\n(") for cell in cells))
+        console.print(shown)
+        console.print(f"figure: {figure}", soft_wrap=True)
 
 
-def draw(rows: Sequence[Named], folder: Path) -> Path:
-    """Draw the rates and errors into a folder; returns the file."""
-    from study.figures.naming import naming
-    from study.figures.style import save
+def draw_naming(rows: Sequence[NamingResult], folder: Path) -> Path:
+    """Draw the naming_rates and errors into a folder; returns the file."""
+    from study.figure_style import save
+    from study.mismatch.figures.naming import naming
 
     return save(lambda: naming(rows), folder / FIGURE)
 
@@ -117,7 +158,7 @@ def draw(rows: Sequence[Named], folder: Path) -> Path:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code: 0 done, 1 a task failed, 2 bad input."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0], prog="python -m study.mismatch.naming")
-    parser.add_argument("--out", type=Path, default=SHIPPED, metavar="DIR", help="folder of table and figure")
+    parser.add_argument("--out", type=Path, default=NAMING_FOLDER, metavar="DIR", help="folder of table and figure")
     parser.add_argument(
         "--seeds",
         type=int,
@@ -128,58 +169,32 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--workers", type=int, default=2, metavar="N", help="processes (default 2)")
     options = parser.parse_args(arguments)
 
-    from study.executors.executor import WorkerFailed
+    from rich.console import Console
 
+    from study.pipeline.executor import WorkerFailed
+    from study.pipeline.experiment import run
+    from study.pipeline.processes import Processes
+
+    seeds, workers = options.seeds, options.workers
     try:
-        rows = read(options.out / TABLE)
-        if options.seeds is not None:
-            _measure(rows, options.out / TABLE, sorted(set(options.budgets)), options.seeds, options.workers)
-        if not rows:
-            raise InvalidInput(f"{options.out} has no {TABLE}: measure one with --seeds {MOST}")
-        _tell(rows, draw(rows, options.out))
+        experiment = NamingExperiment(
+            PLANS["mismatch"], options.out / NAMING_TABLE, sorted(set(options.budgets)), seeds or 0
+        )
+        if seeds is not None:
+            if not 1 <= seeds <= MOST or workers < 1:
+                raise InvalidInput(
+                    f"--seeds {seeds}, --workers {workers}: expected 1 to {MOST} seeds and at least 1 worker"
+                )
+            options.out.mkdir(parents=True, exist_ok=True)
+            run(experiment, Processes(workers), Console(highlight=False))
+        if not experiment.rows:
+            raise InvalidInput(f"{options.out} has no {NAMING_TABLE}: measure one with --seeds {MOST}")
+        # a cell that is cut says nothing: the table is as wide as it must be
+        experiment.publish(Console(highlight=False, width=400))
     except (InvalidInput, OSError, WorkerFailed) as error:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         return 1 if isinstance(error, WorkerFailed) else 2
     return 0
-
-
-def _tell(rows: Sequence[Named], figure: Path) -> None:
-    """Print the table and where the figure is."""
-    from rich.console import Console
-    from rich.table import Table
-
-    told = tabled(rows)
-    title = f"right [%] of {told.seeds} seeds (errors of m and l without and with what was named [%])"
-    shown = Table(title=title, title_justify="left")
-    for head in ("hidden plant", *(f"n = {n}" for n in told.budgets)):
-        shown.add_column(head, no_wrap=True)
-    for plant, cells in told.lines:
-        shown.add_row(plant, *(cell.replace(" (", "\n(") for cell in cells))
-    # a cell that is cut says nothing: the table is as wide as it must be
-    console = Console(highlight=False, width=400)
-    console.print(shown)
-    console.print(f"figure: {figure}", soft_wrap=True)
-
-
-def _measure(rows: list[Named], path: Path, budgets: Sequence[int], seeds: int, workers: int) -> None:
-    """Add the rows that the table lacks, each kept as soon as it is known."""
-    from rich.console import Console
-
-    from study.executors.processes import Processes
-    from study.runner import announce, execute
-
-    if not 1 <= seeds <= MOST or workers < 1:
-        raise InvalidInput(f"--seeds {seeds}, --workers {workers}: expected 1 to {MOST} seeds and at least 1 worker")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    left, console = list(tasks(PLANS["mismatch"], rows, budgets, seeds)), Console(highlight=False)
-    if left:
-        announce(console, left, workers, f"{sum(len(task.budgets) for task in left)} diagnoses")
-    execute(left, Processes(workers), console, partial(_keep, path=path, rows=rows), lambda task, seconds: None)
-
-
-def _keep(task: Task, found: Any, path: Path, rows: list[Named]) -> None:
-    rows.extend(found)
-    write(path, rows)
 
 
 if __name__ == "__main__":

@@ -1,73 +1,102 @@
-"""The mismatch experiment as it was fixed before any of its agents was trained: plants, ways, seeds and contrasts.
+"""The mismatch experiment as it was fixed before any of its agents was trained: plants, strategies, seeds,
+contrasts.
 
-    hidden plant -> n rollouts -> a way to spend them -> agent trained on what came out -> return on the hidden plant
+    hidden plant -> n rollouts -> a strategy -> agent trained on what came out -> return on the hidden plant
 
-Sizes of the hidden effects are those that dynamic programming chose (`sizes`, `effect_cost`): nothing here was tried on
-a trained agent. Seeds are used for nothing else. This module loads nothing heavy.
+Sizes of the hidden effects are those that dynamic programming chose (`chosen_sizes`, `effect_cost`): nothing here was
+tried on a trained agent. Seeds are used for nothing else. This module loads nothing heavy.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from enum import StrEnum
+from typing import Any, ClassVar, NamedTuple
 
-from study.config import Fingerprinted
+from study.pipeline.settings import Fingerprinted
 
-FORMAT = 1
+MISMATCH_FORMAT = 1
 """Version of the results folder: raised whenever stored numbers change their meaning."""
 
 
+class StrategyKey(StrEnum):
+    """The strategies by name; the letters are what stored tables have in their column `way`."""
+
+    PRIOR = "z"
+    BREADTH = "e"
+    GRID = "a"
+    FITTED = "b"
+    BAND = "b+"
+    RANDOM_FORCE = "g"
+    NETWORK = "i"
+    ALL_EFFECTS = "d"
+    MENDED = "c"
+    POSTERIOR = "f"
+    ORACLE = "h"
+
+
 @dataclass(frozen=True)
-class Way:
-    """A way to spend rollouts.
+class Strategy:
+    """A strategy to spend rollouts.
 
     short, words   it in up to five words, and in full
-    group          what ways that belong together share: "nothing" measured, "plain" or "mended" model, "oracle"
-    center         the way whose model is the centre of what it trains on; "" where no table can be made for that
+    group          what strategies that belong together share: "nothing" measured, "plain" or "mended" model, "oracle"
+    center         the strategy whose model is the centre of what it trains on; "" where no table can be made for that
     """
 
-    key: str
+    key: StrategyKey
     group: str
     short: str
     words: str
     center: str = ""
 
 
-_WAYS = (
-    Way("z", "nothing", "prior", "no rollouts: trained at the prior", "z"),
-    Way("e", "nothing", "breadth over m, l and effects",
+_STRATEGIES = (
+    Strategy(StrategyKey.PRIOR, "nothing", "prior", "no rollouts: trained at the prior", StrategyKey.PRIOR),
+    Strategy(StrategyKey.BREADTH, "nothing", "breadth over m, l and effects",
         "no rollouts: breadth over m, l and one effect of any kind within its plausible range"),
-    Way("a", "plain", "grid, m and l", "the paper's grid search for m and l", "a"),
-    Way("b", "plain", "least squares, m and l", "least squares for m and l", "b"),
-    Way("b+", "plain", "least squares, band w = 0.3", "least squares for m and l, band w = 0.3", "b"),
-    Way("g", "plain", "least squares, random torques", "least squares for m and l, random torques in training", "b"),
-    Way("i", "plain", "least squares, learned torque",
+    Strategy(StrategyKey.GRID, "plain", "grid, m and l", "the paper's grid search for m and l", StrategyKey.GRID),
+    Strategy(StrategyKey.FITTED, "plain", "least squares, m and l", "least squares for m and l", StrategyKey.FITTED),
+    Strategy(StrategyKey.BAND, "plain", "least squares, band w = 0.3", "least squares for m and l, band w = 0.3",
+        StrategyKey.FITTED),
+    Strategy(StrategyKey.RANDOM_FORCE, "plain", "least squares, random torques",
+        "least squares for m and l, random torques in training", StrategyKey.FITTED),
+    Strategy(StrategyKey.NETWORK, "plain", "least squares, learned torque",
         "least squares for m and l, a learned command filter and residual torque"),
-    Way("d", "mended", "all effects at once", "least squares for m, l and all effects at once"),
-    Way("c", "mended", "diagnosed and mended",
-        "diagnosed: the missing effect named, added, refitted; where it is unknown, as g", "c"),
-    Way("f", "mended", "diagnosed, posterior", "diagnosed, parameters drawn from the fit's covariance", "c"),
-    Way("h", "oracle", "the plant itself", "the hidden plant itself: an oracle"),
+    Strategy(StrategyKey.ALL_EFFECTS, "mended", "all effects at once",
+        "least squares for m, l and all effects at once"),
+    Strategy(StrategyKey.MENDED, "mended", "diagnosed and mended",
+        "diagnosed: the missing effect named, added, refitted; where it is unknown, as g", StrategyKey.MENDED),
+    Strategy(StrategyKey.POSTERIOR, "mended", "diagnosed, posterior",
+        "diagnosed, parameters drawn from the fit's covariance", StrategyKey.MENDED),
+    Strategy(StrategyKey.ORACLE, "oracle", "the plant itself", "the hidden plant itself: an oracle"),
 )  # fmt: skip
 
-WAYS = {way.key: way for way in _WAYS}
-"""Every way, in the order in which they are shown."""
+STRATEGIES: dict[str, Strategy] = {strategy.key: strategy for strategy in _STRATEGIES}
+"""Every strategy, in the order in which they are shown."""
 
-FREE = tuple(key for key, way in WAYS.items() if way.group in ("nothing", "oracle"))
+FREE = tuple(key for key, strategy in STRATEGIES.items() if strategy.group in ("nothing", "oracle"))
 """Ways that spend no rollouts."""
 
-SHARED = tuple(key for key, way in WAYS.items() if way.group == "nothing")
+SHARED = tuple(key for key, strategy in STRATEGIES.items() if strategy.group == "nothing")
 """Ways that know nothing of the plant: their agents are the same on all plants."""
 
-CONTRASTS = (("c", "b"), ("b+", "b"), ("c", "d"), ("c", "i"), ("e", "z"), ("h", "c"))
+CONTRASTS = (
+    (StrategyKey.MENDED, StrategyKey.FITTED),
+    (StrategyKey.BAND, StrategyKey.FITTED),
+    (StrategyKey.MENDED, StrategyKey.ALL_EFFECTS),
+    (StrategyKey.MENDED, StrategyKey.NETWORK),
+    (StrategyKey.BREADTH, StrategyKey.PRIOR),
+    (StrategyKey.ORACLE, StrategyKey.MENDED),
+)
 """Pre-registered differences of return, at every plant and budget; their p-values are one family for Holm."""
 
 
 class Trial(NamedTuple):
-    """One number: on a hidden plant, a way spends n rollouts; everything random comes from seed."""
+    """One number: on a hidden plant, a strategy spends n rollouts; everything random comes from seed."""
 
     plant: str
-    way: str
+    strategy: str
     n: int
     seed: int
 
@@ -91,7 +120,7 @@ class HiddenPlant:
 class Plan(Fingerprinted):
     """Everything that the experiment's numbers depend on.
 
-    contrasted  seeds of every way that a contrast names; described: of the others, the first ones
+    contrasted  seeds of every strategy that a contrast names; described: of the others, the first ones
     history     past commands that every agent observes
     sd          of the angle [rad] and of the speed [rad/s] as read
     agents      trained together in one process on a CPU, at most
@@ -100,7 +129,7 @@ class Plan(Fingerprinted):
 
     name: str
     plants: tuple[HiddenPlant, ...]
-    ways: tuple[str, ...]
+    strategies: tuple[str, ...]
     budgets: tuple[int, ...]
     seeds: tuple[int, ...]
     described: int
@@ -115,23 +144,27 @@ class Plan(Fingerprinted):
     agents: int = 25
     episodes: int = 20
     grid: int = 120
-    layout: ClassVar[int] = FORMAT
+    layout: ClassVar[int] = MISMATCH_FORMAT
 
-    def seeds_of(self, way: str) -> tuple[int, ...]:
-        """All seeds where a contrast names the way, else the first ones."""
-        contrasted = any(way in pair for pair in CONTRASTS)
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, ready for JSON; the strategies under the name that stored results have for them."""
+        return {"ways" if name == "strategies" else name: value for name, value in super().to_dict().items()}
+
+    def seeds_of(self, strategy: str) -> tuple[int, ...]:
+        """All seeds where a contrast names the strategy, else the first ones."""
+        contrasted = any(strategy in pair for pair in CONTRASTS)
         return self.seeds if contrasted else self.seeds[: self.described]
 
     @property
     def trials(self) -> tuple[Trial, ...]:
         """Every number of the experiment. Seeds vary slowest, so that what is there after a while is balanced."""
         return tuple(
-            Trial(plant.name, way, n, seed)
+            Trial(plant.name, strategy, n, seed)
             for seed in self.seeds
             for plant in self.plants
-            for way in self.ways
-            if seed in self.seeds_of(way)
-            for n in ((0,) if way in FREE else self.budgets)
+            for strategy in self.strategies
+            if seed in self.seeds_of(strategy)
+            for n in ((0,) if strategy in FREE else self.budgets)
         )
 
     def plant(self, name: str) -> HiddenPlant:
@@ -149,12 +182,19 @@ SLEW = HiddenPlant("slew", "slew_limit", (("rate", 8.5),), 28.4)
 ALL_PLANTS = (PLAIN, COULOMB, DELAY_MEDIUM, DELAY_LARGE, MAGNET, SLEW)
 
 _ALL = (
-    Plan("mismatch", ALL_PLANTS, tuple(WAYS), (5, 50), tuple(range(3000, 3020)), described=5),
-    Plan("mismatch-quick", (DELAY_LARGE, MAGNET), ("z", "b", "b+", "c", "h"), (5,), (1000, 1001, 1002), described=3),
+    Plan("mismatch", ALL_PLANTS, tuple(STRATEGIES), (5, 50), tuple(range(3000, 3020)), described=5),
+    Plan(
+        "mismatch-quick",
+        (DELAY_LARGE, MAGNET),
+        tuple(StrategyKey[k] for k in ("PRIOR", "FITTED", "BAND", "MENDED", "ORACLE")),
+        (5,),
+        (1000, 1001, 1002),
+        described=3,
+    ),
     Plan(
         "mismatch-smoke",
         (DELAY_LARGE, MAGNET),
-        tuple(WAYS),
+        tuple(STRATEGIES),
         (2,),
         (1000, 1001),
         described=1,

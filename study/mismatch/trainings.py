@@ -1,6 +1,6 @@
-"""What the experiment trains: every different recipe and seed once, side by side where the models have one structure.
+"""What the experiment trains: every different setup and seed once, side by side where the models have one structure.
 
-Agents train together whose machines differ in numbers alone. Which do is a function of the recipes, never of workers
+Agents train together whose machines differ in numbers alone. Which do is a function of the setups, never of workers
 or of what is left.
 """
 
@@ -15,41 +15,40 @@ from typing import Any
 import numpy as np
 
 from policies import Population
-from policies.abreast import returns
-from policies.evaluate import fresh_start_states
-from study.config import device_type
-from study.mismatch.hidden import hidden_machine
+from policies.evaluation import batch_returns, fresh_start_states
+from study.mismatch.ground_truth import ground_truth
+from study.mismatch.mismatch_results import Fitted, Trained
 from study.mismatch.plan import SHARED, Plan, Trial
-from study.mismatch.recipe import Recipe, recipe_of, together
-from study.mismatch.results import Fitted, Trained
-from study.training import Training, sac_settings
-from study.versions import versions
+from study.mismatch.training_setup import TrainingSetup, together, training_setup_of
+from study.pipeline.population_task import PopulationTask, sac_settings
+from study.pipeline.settings import device_type
+from study.pipeline.versions import versions
 
 
 @dataclass(frozen=True)
 class Agent:
-    """One agent: what it trains on (Recipe.to_json), its seed, and the hidden plants that it is run on."""
+    """One agent: what it trains on (TrainingSetup.to_json), its seed, and the hidden plants that it is run on."""
 
     key: str
-    recipe: dict[str, Any]
+    setup: dict[str, Any]
     seed: int
     plants: tuple[str, ...]
 
 
-def key_of(recipe: Recipe, seed: int) -> str:
-    """What an agent is stored under: its recipe's digits and its seed."""
-    return f"{recipe.key}-{seed}"
+def key_of(setup: TrainingSetup, seed: int) -> str:
+    """What an agent is stored under: its setup's digits and its seed."""
+    return f"{setup.key}-{seed}"
 
 
 def agents_of(plan: Plan, fits: Sequence[Fitted]) -> tuple[dict[Trial, str], list[Agent]]:
-    """The key of the agent behind every trial, and the agents in the order of trials; equal recipes share an agent."""
-    made = {Trial(f.plant, f.way, f.n, f.seed): f.payload for f in fits}
+    """The key of the agent behind every trial, and the agents in the order of trials; equal setups share an agent."""
+    made = {Trial(f.plant, f.strategy, f.n, f.seed): f.payload for f in fits}
     keys: dict[Trial, str] = {}
     agents: dict[str, Agent] = {}
     for trial in plan.trials:
         payload = made[trial]
-        key = keys[trial] = key_of(recipe_of(payload), trial.seed)
-        plants = tuple(p.name for p in plan.plants) if trial.way in SHARED else (trial.plant,)
+        key = keys[trial] = key_of(training_setup_of(payload), trial.seed)
+        plants = tuple(p.name for p in plan.plants) if trial.strategy in SHARED else (trial.plant,)
         known = agents.get(key)
         together = plants if known is None else tuple(dict.fromkeys((*known.plants, *plants)))
         agents[key] = Agent(key, payload, trial.seed, together)
@@ -60,31 +59,31 @@ def populations(plan: Plan, agents: Sequence[Agent], device: str = "cpu") -> lis
     """Agents that train together: of one structure, on a CPU at most plan.agents."""
     groups: dict[str, list[Agent]] = {}
     for agent in agents:
-        groups.setdefault(_structure(recipe_of(agent.recipe)), []).append(agent)
+        groups.setdefault(_structure(training_setup_of(agent.setup)), []).append(agent)
     size = plan.agents if device_type(device) == "cpu" else len(agents)
     return [tuple(group[i : i + size]) for group in groups.values() for i in range(0, len(group), size)]
 
 
-def _structure(recipe: Recipe) -> str:
+def _structure(setup: TrainingSetup) -> str:
     """What the machines of agents that train together share: everything but the numbers that are drawn."""
-    data = recipe.to_json()
-    drawn = set(drawn_names(recipe))
-    numbers = {name: float(p.value) for name, p in recipe.model.parameters.items() if name not in drawn}
+    data = setup.to_json()
+    drawn = set(drawn_names(setup))
+    numbers = {name: float(p.value) for name, p in setup.model.parameters.items() if name not in drawn}
     model = data["model"]
     effects = [[e["name"], e.get("settings")] for e in model["effects"]]
     learned = data["learned"] is not None
     return json.dumps([effects, sorted(data["outside"]), learned, numbers, sorted(drawn)], sort_keys=True)
 
 
-def drawn_names(recipe: Recipe) -> tuple[str, ...]:
+def drawn_names(setup: TrainingSetup) -> tuple[str, ...]:
     """The parameters that every episode draws."""
     from numpy.random import default_rng
 
-    return tuple(recipe.drawn.sample(default_rng(0), recipe.model))
+    return tuple(setup.drawn.sample(default_rng(0), setup.model))
 
 
 @dataclass(frozen=True)
-class TrainingTask(Training):
+class MismatchPopulation(PopulationTask):
     """Agents of one structure."""
 
     plan: Plan
@@ -109,10 +108,10 @@ class TrainingTask(Training):
         return tuple(agent.key for agent in self.agents)
 
     def population(self) -> Population:
-        """Each agent on what its recipe says."""
-        recipes = [recipe_of(agent.recipe) for agent in self.agents]
-        drawn, seeds = [recipe.drawn for recipe in recipes], [agent.seed for agent in self.agents]
-        machine = together(recipes, self.device)
+        """Each agent on what its setup says."""
+        setups = [training_setup_of(agent.setup) for agent in self.agents]
+        drawn, seeds = [setup.drawn for setup in setups], [agent.seed for agent in self.agents]
+        machine = together(setups, self.device)
         return Population(machine, drawn, seeds, sac_settings(self.plan), self.device, self.plan.history)
 
     def answers(self, population: Population, seconds: float) -> list[Trained]:
@@ -124,8 +123,9 @@ class TrainingTask(Training):
             if not there:
                 continue
             starts = [fresh_start_states(self.agents[a].seed, self.plan.episodes) for a in there]
-            own, machine = [policies[a] for a in there], hidden_machine(plant)
-            for a, row in zip(there, returns(own, machine, *map(np.array, zip(*starts, strict=True))), strict=True):
+            own, machine = [policies[a] for a in there], ground_truth(plant)
+            rows = batch_returns(own, machine, *map(np.array, zip(*starts, strict=True)))
+            for a, row in zip(there, rows, strict=True):
                 reached[a][plant.name] = tuple(row.tolist())
         return [
             Trained(agent.key, own, tuple((int(step), float(value)) for step, value in curve), found, seconds)

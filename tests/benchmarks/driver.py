@@ -21,15 +21,16 @@ from typing import Any
 
 from rich.console import Console
 
-from study.answer import answers
-from study.cells import PopulationTask, Run
-from study.config import PAPER, Preset
-from study.executors.executor import Heard, Task
-from study.identification import Estimated, IdentificationTask
-from study.references import Reference, ReferenceTask
-from study.runner import run
-from study.storage.store import Store
-from study.tables import write_runs
+from study.paper.findings import findings_by_point
+from study.paper.identification import Estimated, IdentificationTask
+from study.paper.presets import PAPER, Preset
+from study.paper.reference_controllers import Reference, ReferenceTask
+from study.paper.runs import Run, SweepPopulation
+from study.paper.sweep import Sweep
+from study.paper.sweep_results import SweepResults
+from study.paper.tables import write_runs
+from study.pipeline.executor import Heard, Task
+from study.pipeline.experiment import run
 
 PROGRESS = 20
 """Messages of progress a task; more than a second apart where tasks take their time."""
@@ -38,7 +39,7 @@ EPISODES, CURVE = (-400.0,) * 20, tuple((200 * k, -1234.567890123) for k in rang
 
 
 class Instant:
-    """An executor whose tasks are done when they are asked for (a `study.executors.executor.Executor`)."""
+    """An executor whose tasks are done when they are asked for (a `study.pipeline.executor.Executor`)."""
 
     workers = 1
 
@@ -66,7 +67,7 @@ def invented(task: Task) -> list[Any]:
             for truth in task.truths
             for seed in task.preset.reference_seeds
         ]
-    assert isinstance(task, PopulationTask)
+    assert isinstance(task, SweepPopulation)
     settings = {"preset": task.preset.name, "device": task.device, "sac": dict.fromkeys("abcdefghijklmnop", 0.001)}
     return [
         Run(cell, task.index, theta, 0.5, EPISODES, CURVE, settings, versions, 900.0, EPISODES)
@@ -94,15 +95,15 @@ def measure(runs: int) -> dict[str, float]:
         cost[f"{phase} [ms]"], begin = 1e3 * (now - begin), now
 
     with tempfile.TemporaryDirectory() as folder:
-        with Store(Path(folder), many) as store:
-            run(many, store, Instant(), console)
+        with SweepResults(Path(folder), many) as store:
+            run(Sweep(many, store), Instant(), console)
             lap("run")
-        with Store(Path(folder), many) as store:
-            run(many, store, Instant(), console)
+        with SweepResults(Path(folder), many) as store:
+            run(Sweep(many, store), Instant(), console)
             lap("go on when all is done")
             kept = store.runs(), store.references()
             lap("read it back")
-            write_runs(answers(many, *kept), Path(folder) / "runs.csv")
+            write_runs(findings_by_point(many, *kept), Path(folder) / "runs.csv")
             lap("runs.csv")
         cost["folder [kB]"] = 1e-3 * sum(path.stat().st_size for path in Path(folder).iterdir())
     return cost

@@ -157,12 +157,12 @@ def _sacloss(hidden: int, agents: int, seconds: float) -> dict[str, float]:
     import torch
 
     from policies import SACSettings, tune_cpu
-    from policies.learning.definition import Definition
-    from policies.learning.replay import Batch
-    from policies.learning.sac import SAC
+    from policies.training.replay import Batch
+    from policies.training.sac import SAC
+    from policies.training.torchrl_reference import TorchRLReference
 
     tune_cpu(threads=1)
-    learner = Definition(SAC(range(agents), SACSettings(hidden=(hidden, hidden), batch=BATCH)))
+    learner = TorchRLReference(SAC(range(agents), SACSettings(hidden=(hidden, hidden), batch=BATCH)))
     numbers = torch.Generator().manual_seed(0)
     seen, then = torch.randn(2, agents, BATCH, 3, generator=numbers)
     action, noise, next_noise = torch.randn(3, agents, BATCH, 1, generator=numbers)

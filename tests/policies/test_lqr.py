@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from policies.control.lqr import design_lqr
-from policies.evaluate import evaluate
+from policies.evaluation import evaluate
 from sysid import RK4, Delay, InvalidInput, State, Tilt, TorqueBias, Viscous, paper_model
 
 HIDDEN = paper_model(m=2.0, l=1.5)

@@ -6,12 +6,19 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from policies.machine import check_machine, check_stable, held, machine_of, reach
-from policies.randomization import Band, Fixed, PriorRange
+from policies.environments.machine import (
+    check_machine,
+    check_stable,
+    machine_of,
+    past_commands_needed,
+    with_command_interval,
+)
+from policies.environments.randomization import Band, Fixed, PriorRange
 from sysid import (
     CATALOGUE,
     RK4,
     Coulomb,
+    DCMotor,
     Delay,
     FilteredSpeed,
     GeneralJoint,
@@ -21,6 +28,7 @@ from sysid import (
     Lag,
     LinearAxis,
     Model,
+    PositionServo,
     RodPendulum,
     SemiImplicitEuler,
     SensorDelay,
@@ -39,7 +47,7 @@ EFFECTS = {"none": (), "joint": (Viscous(0.1), Coulomb(0.3)), "path": (Delay(T=0
 @pytest.mark.parametrize("effects", EFFECTS)
 def test_a_held_command_moves_as_the_same_command_given_again_and_again(effects, integrator):
     model = Model(RodPendulum(2.0, 1.5), EFFECTS[effects], integrator, dt=0.02, u_max=2.0)
-    slow = held(model, 0.08)
+    slow = with_command_interval(model, 0.08)
     assert slow.integrator.substeps == 4 * integrator.substeps
     theta, theta_dot = np.linspace(-3.0, 3.0, 7), np.linspace(4.0, -4.0, 7)
     here, there = slow.initial_state(theta, theta_dot), model.initial_state(theta, theta_dot)
@@ -52,12 +60,12 @@ def test_a_held_command_moves_as_the_same_command_given_again_and_again(effects,
 
 
 def test_steps_that_are_part_of_the_numbers_are_kept_and_others_get_finer():
-    assert held(Model(RodPendulum(), dt=0.05, integrator=RK4(1)), 0.02).integrator.substeps == 1
-    assert held(Model(RodPendulum(), dt=0.02, integrator=RK4(1)), 0.05).integrator.substeps == 3
+    assert with_command_interval(Model(RodPendulum(), dt=0.05, integrator=RK4(1)), 0.02).integrator.substeps == 1
+    assert with_command_interval(Model(RodPendulum(), dt=0.02, integrator=RK4(1)), 0.05).integrator.substeps == 3
     with pytest.raises(InvalidInput, match=r"steps of 0\.05 s, which are part of its numbers"):
-        held(paper_model(), 0.04)
+        with_command_interval(paper_model(), 0.04)
     with pytest.raises(InvalidInput, match="time between two commands"):
-        held(paper_model(), 0.0)
+        with_command_interval(paper_model(), 0.0)
 
 
 @pytest.mark.parametrize(("dt", "chosen"), [(0.05, 0.05), (0.02, 0.04), (0.01, 0.05), (0.001, 0.05), (0.1, 0.1)])
@@ -145,10 +153,18 @@ def test_an_effect_that_tensors_cannot_pass_is_named():
 
 def test_history_reaches_as_far_back_as_delays_and_lags():
     def reached(*effects):
-        return reach(Model(RodPendulum(), effects, dt=0.05))
+        return past_commands_needed(Model(RodPendulum(), effects, dt=0.05))
 
     assert reached() == reached(Viscous(0.1)) == 0
     assert reached(Delay(T=0.1)) == 2 and reached(Delay(T=0.12)) == 3
     assert (
         reached(Lag(T=0.05)) == reached(FilteredSpeed(T=0.05)) == 2 and reached(Delay(T=0.1), SensorDelay(T=0.05)) == 3
     )
+
+
+def test_a_servo_that_is_told_positions_is_refused_and_a_voltage_is_not():
+    model = Model(RodPendulum(), (PositionServo(k_p=5.0),), dt=0.05, u_max=4.0)
+    with pytest.raises(InvalidInput, match=r"driven by a position command \(position_servo\)"):
+        machine_of(model)
+    volts = Model(RodPendulum(), (DCMotor(k=0.5, k_e=0.1),), dt=0.05, u_max=4.0)
+    assert machine_of(volts).command_unit == "V"

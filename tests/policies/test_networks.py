@@ -1,70 +1,74 @@
-"""Stacked networks are A separate networks, with PyTorch's initialisation and TorchRL's tanh-normal density."""
+"""A stack is as many ordinary networks, and its backward pass is autograd's."""
 
 import numpy as np
 import pytest
 import torch
 from torch import nn
-from torchrl.modules import TanhNormal
 
-from policies.learning.networks import SquashedNormal, head, mlp
-from policies.learning.stack import linear_init
+from policies.training.networks import Stack, activations, backward, forward
 
-SIZES = (3, 16, 16, 2)
+CPU = torch.device("cpu")
 
 
-def stacked(agents, seed=0):
-    drawn = [linear_init(np.random.default_rng(seed + a), SIZES) for a in range(agents)]
-    leaves = [torch.from_numpy(np.stack(leaf)).requires_grad_() for leaf in zip(*drawn, strict=True)]
-    return list(zip(leaves[::2], leaves[1::2], strict=True))
+def stack_of(count, sizes, extra=False):
+    stack = Stack(count, sizes, CPU, extra)
+    for network in range(count):
+        stack.initialise(network, np.random.default_rng(network))
+    return stack
 
 
-def test_each_agent_computes_what_its_own_layers_compute():
-    layers, x = stacked(3), torch.randn(3, 5, 3, generator=torch.Generator().manual_seed(0))
-    out = mlp(x, layers)
-    for a in range(3):
-        h = x[a]
-        for i, (w, b) in enumerate(layers):
-            h = nn.functional.linear(h, w[a].T, b[a, 0])
-            h = torch.relu(h) if i < 2 else h
-        torch.testing.assert_close(out[a], h)
+def inputs(count, batch, size):
+    x = torch.randn(count, batch, size, generator=torch.Generator().manual_seed(0))
+    return torch.cat((x, torch.ones(count, batch, 1)), -1)
 
 
-def test_no_gradient_crosses_between_agents():
-    layers, x = stacked(3), torch.ones(3, 5, 3)
-    mlp(x, layers)[1].sum().backward()
-    for w, b in layers:
-        for leaf in (w, b):
-            assert leaf.grad[0].abs().max() == leaf.grad[2].abs().max() == 0.0
-            assert leaf.grad[1].abs().max() > 0.0
+@pytest.mark.parametrize("sizes", [(3, 16, 1), (3, 16, 24, 2), (4, 8, 8, 8, 1)])
+def test_it_computes_what_ordinary_layers_compute(sizes):
+    stack, x = stack_of(3, sizes), inputs(3, 7, sizes[0])
+    room = activations(3, 7, sizes[1:-1], CPU)
+    out = forward(x, stack.layers, room, torch.empty(3, 7, sizes[-1]))
+    for s in range(3):
+        h = x[s, :, :-1]
+        for i, (w, b) in enumerate(stack.weights):
+            h = nn.functional.linear(h, w[s].T, b[s, 0])
+            h = torch.relu(h) if i < len(sizes) - 2 else h
+        torch.testing.assert_close(out[s], h)
 
 
-def test_log_std_is_clamped():
-    _, log_std = head(torch.tensor([[[0.0, -50.0]], [[0.0, 7.0]], [[0.0, 1.5]]]))
-    assert log_std.flatten().tolist() == [-20.0, 2.0, 1.5]
+@pytest.mark.parametrize("sizes", [(3, 16, 1), (3, 16, 24, 2), (4, 8, 8, 8, 1)])
+def test_its_gradients_are_autograds(sizes):
+    stack, gradients, x = stack_of(3, sizes), Stack(3, sizes, CPU), inputs(3, 7, sizes[0])
+    room, spare = (activations(3, 7, sizes[1:-1], CPU) for _ in range(2))
+    slope = torch.randn(3, 7, sizes[-1], generator=torch.Generator().manual_seed(1))
+    forward(x, stack.layers, room, torch.empty(3, 7, sizes[-1]))
+    below = backward(x, stack.layers, room, slope.clone(), spare, gradients.layers)
+
+    layers = [(w.clone().requires_grad_(), b.clone().requires_grad_()) for w, b in stack.weights]
+    h = start = x[..., :-1].clone().requires_grad_()
+    for i, (w, b) in enumerate(layers):
+        h = h @ w + b
+        h = torch.relu(h) if i < len(layers) - 1 else h
+    h.backward(slope)
+    for ours, theirs in zip(gradients.weights, layers, strict=True):
+        for leaf, reference in zip(ours, theirs, strict=True):
+            torch.testing.assert_close(leaf, reference.grad)
+    torch.testing.assert_close(below @ stack.weights[0][0].mT, start.grad)
 
 
-def test_density_is_torchrls():
-    rng = torch.Generator().manual_seed(1)
-    loc, log_std, noise = (torch.randn(2, 50, 3, generator=rng, dtype=torch.float64) for _ in range(3))
-    action, log_prob = SquashedNormal(loc, log_std, noise).rsample_and_log_prob()
-    assert log_prob.shape == (2, 50)
-    expected = TanhNormal(loc, log_std.exp(), safe_tanh=False).log_prob(action)
-    torch.testing.assert_close(log_prob, expected, rtol=1e-6, atol=1e-5)
+def test_everything_lies_in_one_tensor():
+    stack = stack_of(2, (3, 8, 8, 2), extra=True)
+    stack.extra.fill_(7.0)
+    assert stack.flat.numel() == 2 * (4 * 8 + 8 * 8 + 8 + 8 * 2 + 2 + 1)
+    assert (stack.flat[-2:] == 7.0).all()
+    stack.flat.zero_()
+    assert all((leaf == 0.0).all() for layer in stack.weights for leaf in layer)
 
 
-def test_density_integrates_to_one():
-    noise = torch.linspace(-9.0, 9.0, 20_001, dtype=torch.float64).reshape(1, -1, 1)
-    distribution = SquashedNormal(torch.full_like(noise, 0.3), torch.full_like(noise, -0.5), noise)
-    action, log_prob = distribution.rsample_and_log_prob()
-    assert float(torch.trapezoid(log_prob.exp()[0], action[0, :, 0])) == pytest.approx(1.0, abs=1e-6)
-
-
-@pytest.mark.parametrize("loc", [-40.0, 40.0])
-def test_a_saturated_action_keeps_a_finite_density_and_gradient(loc):
-    at = torch.full((1, 1, 1), loc, requires_grad=True)
-    log_std = torch.full((1, 1, 1), -20.0, requires_grad=True)
-    _, log_prob = SquashedNormal(at, log_std, torch.ones(1, 1, 1)).rsample_and_log_prob()
-    log_prob.sum().backward()
-    assert torch.isfinite(log_prob).all()
-    assert float(at.grad) == pytest.approx(2.0 * np.sign(loc))
-    assert float(log_std.grad) == pytest.approx(-1.0, abs=1e-5)
+def test_initial_weights_are_distributed_as_pytorchs():
+    stack, reference = stack_of(2, (64, 256, 1)), nn.Linear(64, 256)
+    (w, b), (last, _) = stack.weights
+    for ours, theirs in ((w, reference.weight), (b, reference.bias)):
+        assert ours.abs().max() <= 1.0 / 8.0
+        assert ours.std().item() == pytest.approx(theirs.std().item(), rel=0.1)
+    assert last.abs().max().item() == pytest.approx(1.0 / 16.0, rel=0.05)
+    assert not torch.equal(w[0], w[1])

@@ -11,7 +11,7 @@ from sysid import InvalidInput
 
 onnx = pytest.importorskip("onnx", reason="the extra [onnx] is not installed")
 
-from policies import onnx_file  # noqa: E402
+from policies.storage import onnx_file  # noqa: E402
 
 
 def policy(history=2, hidden=(16, 12), scale=1.0):

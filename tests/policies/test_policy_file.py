@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from safetensors.numpy import load, save
 
-from policies.evaluate import evaluate, fresh_start_states
+from policies.evaluation import evaluate, fresh_start_states
 from policies.network_policy import NetworkPolicy
-from policies.policy_file import DESCRIPTION, SCHEMA, WEIGHTS, load_policy, save_policy
+from policies.storage.policy_file import DESCRIPTION, SCHEMA, WEIGHTS, load_policy, save_policy
 from sysid import Coulomb, Delay, InvalidInput, Model, RodPendulum
 
 MODEL = Model(RodPendulum(2.0, 1.5), (Delay(T=0.12), Coulomb(0.2)), dt=0.04, u_max=1.7)
@@ -51,7 +51,7 @@ def test_a_policy_commands_the_same_after_reading(tmp_path, history):
 
 def test_a_policy_is_read_and_judged_without_torch(folder):
     code = (
-        "import sys; from policies.policy_file import load_policy; from policies.evaluate import *;"
+        "import sys; from policies.storage.policy_file import load_policy; from policies.evaluation import *;"
         "s = load_policy(sys.argv[1]); evaluate(s.policy, s.model, *fresh_start_states(0, 2));"
         "print('torch' in sys.modules)"
     )

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 import torch
 
-from policies import task
-from policies.evaluate import evaluate, start_states
-from policies.learning.population import Population
-from policies.learning.sac import SACSettings
+from policies.environments import task
+from policies.environments.randomization import Band, PriorRange, RandomForce
+from policies.evaluation import evaluate, start_states
 from policies.network_policy import NetworkPolicy
-from policies.randomization import Band, PriorRange, Shaken
+from policies.training.population import Population
+from policies.training.sac import SACSettings
 from sysid import AngleOffset, Delay, InvalidInput, Model, RodPendulum, SensorDelay, State, paper_model
 
 SHORT = SACSettings(hidden=(16, 16), batch=32, random_steps=150, steps=450, capacity=300)
@@ -97,24 +97,24 @@ def test_a_model_with_memory_is_resumed_too(tmp_path):
     assert torch.equal(one.replay.rows, other.replay.rows)
 
 
-SHAKEN = [Shaken(BANDS[0], 0.5, 0.1), *BANDS[1:]]
+RANDOM_FORCES = [RandomForce(BANDS[0], 0.5, 0.1), *BANDS[1:]]
 
 
-def test_an_agent_that_is_shaken_is_resumed_in_the_middle_of_an_episode(tmp_path):
-    undisturbed, interrupted = make(SHAKEN), make(SHAKEN)
+def test_an_agent_that_has_a_random_force_is_resumed_in_the_middle_of_an_episode(tmp_path):
+    undisturbed, interrupted = make(RANDOM_FORCES), make(RANDOM_FORCES)
     undisturbed.train(270)
     interrupted.train(230)
-    interrupted.save(tmp_path / "shaken.pt")
-    second = resumed(tmp_path / "shaken.pt", make(SHAKEN))
+    interrupted.save(tmp_path / "forced.pt")
+    second = resumed(tmp_path / "forced.pt", make(RANDOM_FORCES))
     second.train(40)
     assert torch.equal(second.replay.rows, undisturbed.replay.rows)
     assert all(torch.equal(x, y) for x, y in zip(weights(second), weights(undisturbed), strict=True))
     with pytest.raises(InvalidInput, match="with randomizations = "):
-        resumed(tmp_path / "shaken.pt")
+        resumed(tmp_path / "forced.pt")
 
 
-def test_neighbours_of_an_agent_that_is_shaken_train_as_if_it_were_not():
-    plain, mixed = make(), make(SHAKEN)
+def test_neighbours_of_an_agent_that_has_a_random_force_train_as_if_it_were_not():
+    plain, mixed = make(), make(RANDOM_FORCES)
     plain.train(260), mixed.train(260)
     assert torch.equal(plain.replay.rows[:, 1:], mixed.replay.rows[:, 1:])
     assert (plain.replay.rows[1:260, 0] != mixed.replay.rows[1:260, 0]).any(1).all()

@@ -5,11 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from policies import task
-from policies.control.design import without_dead_time
-from policies.control.optimal import Grid, solve
+from policies.control.design_model import without_dead_time
+from policies.control.dynamic_programming import Grid, solve
 from policies.control.predictive import Predictive, design_predictive
-from policies.evaluate import evaluate, fresh_start_states
+from policies.environments import task
+from policies.evaluation import evaluate, fresh_start_states
 from sysid import (
     RK4,
     DeadZone,

@@ -5,7 +5,17 @@ import json
 import numpy as np
 import pytest
 
-from policies.randomization import Band, Fixed, OneAtATime, OneOf, Posterior, PriorRange, Ranges, Shaken, from_json
+from policies.environments.randomization import (
+    Band,
+    Fixed,
+    Mixture,
+    Posterior,
+    PriorRange,
+    RandomForce,
+    Ranges,
+    SingleEffect,
+    from_json,
+)
 from sysid import Coulomb, Delay, InvalidInput, Model, RodPendulum, Tilt, paper_model
 
 MODEL = paper_model()
@@ -151,7 +161,7 @@ UNSURE = Model(RodPendulum(), (Coulomb(), Delay()), u_max=2.0)
 
 
 def test_one_of_takes_each_alternative_about_equally_often_and_whole():
-    drawn = draws(OneOf(EITHER), model=UNSURE)
+    drawn = draws(Mixture(EITHER), model=UNSURE)
     pairs = list(zip(drawn["coulomb.tau_c"].tolist(), drawn["delay.T"].tolist(), strict=True))
     expected = {(1.5, 0.0), (0.0, 0.13), (0.8, Delay().longest)}  # the last is clipped to its bound
     assert set(pairs) == expected
@@ -161,8 +171,8 @@ def test_one_of_takes_each_alternative_about_equally_often_and_whole():
 
 def test_one_alternative_is_what_is_always_drawn_and_names_come_in_one_order():
     rng = np.random.default_rng(0)
-    assert OneOf(EITHER[1:2]).sample(rng, UNSURE) == EITHER[1]
-    assert {tuple(OneOf(EITHER).sample(rng, UNSURE)) for _ in range(20)} == {("coulomb.tau_c", "delay.T")}
+    assert Mixture(EITHER[1:2]).sample(rng, UNSURE) == EITHER[1]
+    assert {tuple(Mixture(EITHER).sample(rng, UNSURE)) for _ in range(20)} == {("coulomb.tau_c", "delay.T")}
 
 
 @pytest.mark.parametrize(
@@ -177,31 +187,31 @@ def test_one_alternative_is_what_is_always_drawn_and_names_come_in_one_order():
 )
 def test_alternatives_that_mean_nothing_are_refused(alternatives, message):
     with pytest.raises(InvalidInput, match=message):
-        OneOf(alternatives)
+        Mixture(alternatives)
 
 
 def test_an_alternative_that_the_model_does_not_have_is_refused():
     with pytest.raises(InvalidInput, match=r"unknown parameter 'coulomb\.tau_c'"):
-        OneOf(EITHER).sample(np.random.default_rng(0), MODEL)
+        Mixture(EITHER).sample(np.random.default_rng(0), MODEL)
 
 
 def test_one_at_a_time_draws_none_or_one_kind_each_as_often_and_leaves_the_rest_neutral():
     kinds = ({"coulomb.tau_c": (0.5, 1.5)}, {"delay.T": (0.1, 0.3)})
-    drawn = draws(OneAtATime({"m": (0.5, 2.5)}, kinds, {"coulomb.tau_c": 0.0, "delay.T": 0.0}), model=UNSURE)
+    drawn = draws(SingleEffect({"m": (0.5, 2.5)}, kinds, {"coulomb.tau_c": 0.0, "delay.T": 0.0}), model=UNSURE)
     rubs, late = drawn["coulomb.tau_c"] > 0.0, drawn["delay.T"] > 0.0
     assert not np.any(rubs & late)
     for share in (rubs.mean(), late.mean(), (~rubs & ~late).mean()):
         assert share == pytest.approx(1.0 / 3.0, abs=4.0 * (2.0 / 9.0 / DRAWS) ** 0.5)
     assert drawn["coulomb.tau_c"][rubs].min() >= 0.5 and drawn["m"].mean() == pytest.approx(1.5, abs=0.05)
     with pytest.raises(InvalidInput, match=r"delay\.T has no neutral number"):
-        OneAtATime({}, kinds, {"coulomb.tau_c": 0.0})
+        SingleEffect({}, kinds, {"coulomb.tau_c": 0.0})
 
 
 @pytest.mark.parametrize(("s", "T"), [(0.5, 0.0), (1.2, 0.08), (0.3, 0.4)])
 def test_random_torques_are_stationary_with_the_stated_sd_and_memory(s, T):
     episodes, steps, dt = 4000, 30, 0.05
-    rng, shaken = np.random.default_rng(1), Shaken(Fixed(), s, T)
-    d = np.stack([shaken.torques(rng, steps, dt) for _ in range(episodes)])
+    rng, forced = np.random.default_rng(1), RandomForce(Fixed(), s, T)
+    d = np.stack([forced.torques(rng, steps, dt) for _ in range(episodes)])
     assert d.shape == (episodes, steps)
     error = episodes**-0.5
     np.testing.assert_allclose(d.mean(0), 0.0, atol=5.0 * s * error)
@@ -214,35 +224,35 @@ def test_random_torques_are_stationary_with_the_stated_sd_and_memory(s, T):
 
 def test_random_torques_of_a_finer_interval_are_the_same_process():
     """Every fourth torque at dt / 4 has the correlation of neighbours at dt."""
-    rng, shaken = np.random.default_rng(2), Shaken(Fixed(), 1.0, 0.1)
-    fine = shaken.torques(rng, 80_000, 0.0125)[::4]
+    rng, forced = np.random.default_rng(2), RandomForce(Fixed(), 1.0, 0.1)
+    fine = forced.torques(rng, 80_000, 0.0125)[::4]
     assert np.corrcoef(fine[:-1], fine[1:])[0, 1] == pytest.approx(np.exp(-0.5), abs=0.03)
 
 
-def test_shaking_draws_the_same_parameters_as_the_randomization_inside():
+def test_a_random_force_draws_the_same_parameters_as_the_randomization_inside():
     inner = Band({"m": 2.0, "l": 1.5}, 0.3)
     ours, theirs = np.random.default_rng(3), np.random.default_rng(3)
-    assert Shaken(inner, 0.7, 0.1).sample(ours, MODEL) == inner.sample(theirs, MODEL)
+    assert RandomForce(inner, 0.7, 0.1).sample(ours, MODEL) == inner.sample(theirs, MODEL)
     assert ours.random() == theirs.random()
 
 
 @pytest.mark.parametrize("number", [-0.1, np.inf, np.nan])
-def test_shaking_that_means_nothing_is_refused(number):
+def test_a_random_force_that_means_nothing_is_refused(number):
     with pytest.raises(InvalidInput, match="s = "):
-        Shaken(Fixed(), number, 0.1)
+        RandomForce(Fixed(), number, 0.1)
     with pytest.raises(InvalidInput, match="T = "):
-        Shaken(Fixed(), 0.1, number)
-    for inner in (None, Shaken(Fixed(), 1.0, 0.0)):
-        with pytest.raises(InvalidInput, match="not shaken"):
-            Shaken(inner, 0.1, 0.1)
+        RandomForce(Fixed(), 0.1, number)
+    for inner in (None, RandomForce(Fixed(), 1.0, 0.0)):
+        with pytest.raises(InvalidInput, match="without a random force"):
+            RandomForce(inner, 0.1, 0.1)
 
 
 def test_what_is_inside_keeps_its_kind_as_plain_data():
-    stored = json.loads(json.dumps(Shaken(Band({"m": 2.0}, 0.1), 1, 0.2).to_json()))
+    stored = json.loads(json.dumps(RandomForce(Band({"m": 2.0}, 0.1), 1, 0.2).to_json()))
     inner = {"kind": "Band", "center": {"m": 2.0}, "w": 0.1}
     assert stored == {"kind": "Shaken", "inner": inner, "s": 1.0, "T": 0.2}
-    stored = json.loads(json.dumps(OneOf(EITHER).to_json()))
-    assert stored.pop("kind") == "OneOf" and OneOf(**stored) == OneOf(EITHER)
+    stored = json.loads(json.dumps(Mixture(EITHER).to_json()))
+    assert stored.pop("kind") == "OneOf" and Mixture(**stored) == Mixture(EITHER)
 
 
 @pytest.mark.parametrize(
@@ -253,9 +263,9 @@ def test_what_is_inside_keeps_its_kind_as_plain_data():
         PriorRange(),
         Ranges({"m": (1.0, 2.0)}),
         Posterior(("m", "l"), (1.5, 1.2), COVARIANCE),
-        OneOf(EITHER),
-        OneAtATime({"m": (0.3, 3.0)}, ({"coulomb.tau_c": (0.0, 1.5)},), {"coulomb.tau_c": 0.0}),
-        Shaken(OneOf(EITHER), 0.5, 0.1),
+        Mixture(EITHER),
+        SingleEffect({"m": (0.3, 3.0)}, ({"coulomb.tau_c": (0.0, 1.5)},), {"coulomb.tau_c": 0.0}),
+        RandomForce(Mixture(EITHER), 0.5, 0.1),
     ],
     ids=lambda r: type(r).__name__,
 )

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from policies.control import references as module
-from policies.control.optimal import Grid
+from policies.control.dynamic_programming import Grid
 from policies.control.references import references
-from policies.evaluate import fresh_start_states
+from policies.evaluation import fresh_start_states
 from sysid import AngleOffset, Coulomb, DeadZone, Delay, Drift, Model, RodPendulum, SensorDelay, paper_model
 
 START = fresh_start_states(0, 40)

@@ -2,7 +2,7 @@
 
 import torch
 
-from policies.learning.replay import Replay
+from policies.training.replay import Replay
 
 
 def filled(agents=2, capacity=4, steps=6):

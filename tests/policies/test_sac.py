@@ -7,10 +7,10 @@ import pytest
 import torch
 from torch import nn
 
-from policies.learning.definition import Definition, in_order
-from policies.learning.processor import tune_cpu
-from policies.learning.replay import Batch
-from policies.learning.sac import SAC, SACSettings
+from policies.training.cpu_settings import tune_cpu
+from policies.training.replay import Batch
+from policies.training.sac import SAC, SACSettings
+from policies.training.torchrl_reference import TorchRLReference, in_order
 from sysid import InvalidInput
 
 SMALL = SACSettings(hidden=(16, 16), batch=8)
@@ -144,7 +144,7 @@ def test_gradients_are_those_of_sacloss(hidden, actions, process):
     sac = SAC((3, 4, 5), SACSettings(hidden=hidden, batch=32, polyak=0.1), action_size=actions)
     set_temperatures(sac, [1.0, 0.3, 0.05])
     sac.actor.weights[-1][1][1, 0, actions:] += 2.0
-    definition = Definition(sac)
+    definition = TorchRLReference(sac)
     for k in range(4):
         numbers = data(3, 32, seed=10 * k, action_size=actions)
         sac.update(*numbers)
@@ -179,7 +179,7 @@ def test_gradients_together_and_alone_agree(agents):
 
 
 def test_the_pass_over_both_critics_is_sacloss_own_loop():
-    definition, (batch, noise, next_noise) = Definition(SAC((0, 1, 2), SMALL)), data(3, 8)
+    definition, (batch, noise, next_noise) = TorchRLReference(SAC((0, 1, 2), SMALL)), data(3, 8)
     fast, _ = definition.loss.qvalue_v2_loss(definition._tensordict(batch, noise, next_noise))
     definition.loss._make_vmap()
     own, _ = definition.loss.qvalue_v2_loss(definition._tensordict(batch, noise, next_noise))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from policies import task
+from policies.environments import task
 from sysid import State
 
 EXTREMES = [(0.0, 0.0, 0.0), (math.pi, -8.0, 2.0), (-math.pi, 8.0, -2.0), (9.7, 1.0, 0.5), (-31.0, 0.0, -1.5)]

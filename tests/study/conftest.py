@@ -6,10 +6,10 @@ import math
 import numpy as np
 import pytest
 
-from study.answer import Answer
-from study.cells import Run
-from study.config import QUICK
-from study.references import LQR, OPTIMAL, SWING_UP, Reference
+from study.paper.findings import PointFindings
+from study.paper.presets import QUICK
+from study.paper.reference_controllers import LQR, OPTIMAL, SWING_UP, Reference
+from study.paper.runs import Run
 
 OPTIMUM, ESTIMATE_COST, WIDTH_COST, LEARNING_COST = -330.0, {0: 500.0, 5: 80.0, 50: 2.0}, 180.0, 4.0
 ESTIMATES = {0: (1.0, 1.0), 5: (3.0, 1.3), 50: (2.1, 1.5)}
@@ -45,7 +45,7 @@ def study(point=QUICK.points[0], start_effect=20.0):
         for (controller, theta), mean in returns.items()
         for seed in starts
     ]
-    return Answer(preset, point, runs, references)
+    return PointFindings(preset, point, runs, references)
 
 
 @pytest.fixture(scope="session")

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import pytest
 
-from study.executors.executor import Stopped
+from study.pipeline.executor import Stopped
 
 
 @dataclass(frozen=True)

@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from study.numerals import MINUS
-from study.publication.agreement import DIFFERS, MARGIN, OPEN, SAME, Agreement
-from study.publication.paper import BASELINE, CELLS, DIFFERENCES, ROBUSTNESS, Spot
-from study.publication.published import Outcome, Outcomes, outcomes
+from study.formatting import MINUS
+from study.paper.agreement import DIFFERS, MARGIN, OPEN, SAME, Agreement
+from study.paper.published_numbers import BASELINE, CELLS, DIFFERENCES, ROBUSTNESS, Spot
+from study.paper.published_runs import Outcome, Outcomes, outcomes
 
 MAIN = Spot("main", 50, 0.0)
 

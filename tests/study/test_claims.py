@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from policies.evaluate import start_states
-from study.numerals import MINUS
-from study.publication import claims
-from study.publication.paper import CELLS, DIFFERENCES, QUOTES, Spot
-from study.publication.published import Outcome, Outcomes, outcomes
-from study.publication.scatter import Scatter, scatter
+from policies.evaluation import start_states
+from study.formatting import MINUS
+from study.paper import claims
+from study.paper.identification_scatter import Scatter, scatter
+from study.paper.published_numbers import CELLS, DIFFERENCES, QUOTES, Spot
+from study.paper.published_runs import Outcome, Outcomes, outcomes
 from study.statistics import Contrast
 
 BUDGETS = (1, 2, 5, 10, 25, 50, 100, 200, 400)

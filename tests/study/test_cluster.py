@@ -11,16 +11,17 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-import study.executors.cluster
-from study.answer import answers
-from study.config import SMOKE
-from study.executors.cluster import Cluster
-from study.executors.executor import WorkerFailed
-from study.executors.processes import Processes
-from study.runner import run as run_study
-from study.storage.store import Store
-from study.tables import write_runs
-from study.versions import versions
+import study.pipeline.cluster
+from study.paper.findings import findings_by_point
+from study.paper.presets import SMOKE
+from study.paper.sweep import Sweep
+from study.paper.sweep_results import SweepResults
+from study.paper.tables import write_runs
+from study.pipeline.cluster import Cluster
+from study.pipeline.executor import WorkerFailed
+from study.pipeline.experiment import run as run_study
+from study.pipeline.processes import Processes
+from study.pipeline.versions import versions
 from sysid import InvalidInput
 from tests.study.counting import Counting, done, run, saved_at_an_interrupt
 
@@ -104,7 +105,7 @@ def test_a_task_that_raises_or_that_no_node_can_run_is_named(machines, tmp_path,
         run(machines.executor, Counting("wrong", tmp_path, raises_at=2))
     with pytest.raises(InvalidInput, match=r"needs 1 GPU, the cluster at .* has 0"):
         run(machines.executor, Counting("graphical", tmp_path, gpus=1))
-    monkeypatch.setattr(study.executors.cluster, "versions", lambda: versions() | {"numpy": "0.1"})
+    monkeypatch.setattr(study.pipeline.cluster, "versions", lambda: versions() | {"numpy": "0.1"})
     with pytest.raises(WorkerFailed, match=r"^elsewhere failed: the node .* has numpy \d.*, not 0.1, which may give"):
         run(machines.executor, Counting("elsewhere", tmp_path))
 
@@ -135,9 +136,9 @@ class Struck:
 def runs(folder, executor):
     """The lines of runs.csv but for the times."""
     folder.mkdir()
-    with Store(folder, PRESET) as store:
-        run_study(PRESET, store, executor, Console(file=io.StringIO()), checkpoint_seconds=0.1)
-        write_runs(answers(PRESET, store.runs(), store.references()), folder / "runs.csv")
+    with SweepResults(folder, PRESET) as store:
+        run_study(Sweep(PRESET, store, 0.1), executor, Console(file=io.StringIO()))
+        write_runs(findings_by_point(PRESET, store.runs(), store.references()), folder / "runs.csv")
     lines = [line.split(",") for line in (folder / "runs.csv").read_text().splitlines()]
     time = lines[0].index("wall_time_s")
     return [line[:time] + line[time + 1 :] for line in lines]

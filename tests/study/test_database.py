@@ -12,11 +12,12 @@ from typing import Any
 
 import pytest
 
-from study.cells import Run
-from study.config import SMOKE, Cell
-from study.mismatch.results import OUTPUTS, Fitted, Results
-from study.storage.database import Database, Settings, identity
-from study.storage.store import Store, outputs
+from study.mismatch.mismatch_results import OUTPUTS, Fitted, MismatchResults
+from study.paper.presets import SMOKE, Cell
+from study.paper.runs import Run
+from study.paper.sweep_results import SweepResults, outputs
+from study.pipeline.database import Database, identity
+from study.pipeline.settings import StudySettings
 from sysid import InvalidInput
 
 
@@ -43,7 +44,7 @@ class Kind:
     """A kind of results folder: how it is opened, and how it keeps two items, the second one of 2 MB."""
 
     open: type[Database]
-    settings: Settings
+    settings: StudySettings
     outputs: tuple[str, ...]
     item: Any
     large: Any
@@ -56,12 +57,13 @@ FITTED = Fitted("coulomb", "c", 5, 1, {"verdict": "coulomb"}, 7.5)
 LARGE = RUN.cell._replace(seed=2)
 KINDS = {
     "study": Kind(
-        Store, SMOKE, outputs(SMOKE), RUN,
-        dataclasses.replace(RUN, cell=LARGE, curve=RUN.curve * 200_000), Store.add_runs, Store.runs,
+        SweepResults, SMOKE, outputs(SMOKE), RUN,
+        dataclasses.replace(RUN, cell=LARGE, curve=RUN.curve * 200_000), SweepResults.add_runs, SweepResults.runs,
     ),
     "mismatch": Kind(
-        Results, Plan(), OUTPUTS, FITTED,
-        dataclasses.replace(FITTED, seed=2, payload={"steps": [1] * 700_000}), Results.add_fits, Results.fits,
+        MismatchResults, Plan(), OUTPUTS, FITTED,
+        dataclasses.replace(FITTED, seed=2, payload={"steps": [1] * 700_000}),
+        MismatchResults.add_fits, MismatchResults.fits,
     ),
 }  # fmt: skip
 
@@ -103,7 +105,7 @@ def test_what_breaks_in_a_transaction_leaves_nothing(kind, tmp_path):
 KILLED = """
 import os, sys
 from pathlib import Path
-from study.storage.database import Database
+from study.pipeline.database import Database
 
 database = Database(Path(sys.argv[1]), "CREATE TABLE counts (n INTEGER);", {identity!r})
 with database.transaction() as db:

@@ -8,19 +8,19 @@ import sys
 import numpy as np
 import pytest
 
-from policies.abreast import Abreast, returns
-from policies.control.optimal import Grid
-from policies.evaluate import evaluate
+from policies.control.dynamic_programming import Grid
+from policies.evaluation import PolicyBatch, batch_returns, evaluate
 from study.mismatch import effect_cost
-from study.mismatch.cases import CASES, Case
-from study.mismatch.costs import FIGURE, SHIPPED, TABLE, Bench, Row, read, write
-from study.mismatch.effect_cost import TARGETS, choose, explore, main
-from study.mismatch.machine import design, machine
-from study.mismatch.sizes import SIZES
+from study.mismatch.choose_sizes import choose
+from study.mismatch.chosen_sizes import SIZES
+from study.mismatch.effect_cost import TARGETS, explore, main
+from study.mismatch.loss import EFFECT_COST_FOLDER, LOSS_FIGURE, LOSS_TABLE, Bench, LossRow, read_losses, write_losses
+from study.mismatch.magnitudes import MAGNITUDES, Magnitude
+from study.mismatch.rod import design, machine
 from sysid import CATALOGUE, InvalidInput, State, effect
 
 COARSE = Grid(theta=60, theta_dot=61, u=7)
-LINE = Case("viscous", "b", "N m s/rad", 0.8, lambda s: {"b": s})
+LINE = Magnitude("viscous", "b", "N m s/rad", 0.8, lambda s: {"b": s})
 
 
 @pytest.fixture(scope="module")
@@ -28,17 +28,26 @@ def bench():
     return Bench(COARSE, COARSE, episodes=50, substeps=5)
 
 
-def row(case, size, percent):
-    zero = {f.name: 0.0 for f in dataclasses.fields(Row)}
-    return Row(**{**zero, "effect": case.effect, "size": size, "unit": case.unit, "aware": -400.0, "percent": percent})
+def row(magnitude, size, percent):
+    zero = {f.name: 0.0 for f in dataclasses.fields(LossRow)}
+    return LossRow(
+        **{
+            **zero,
+            "effect": magnitude.effect,
+            "size": size,
+            "unit": magnitude.unit,
+            "aware": -400.0,
+            "percent": percent,
+        }
+    )
 
 
 def test_every_effect_of_the_catalogue_is_asked_for_but_two():
     ours = {name for name, kind in CATALOGUE.items() if kind.__module__.startswith("sysid.")}
-    assert ours - set(CASES) == {"back_emf", "stamp"}
+    assert ours - set(MAGNITUDES) == {"back_emf", "stamp"}
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", MAGNITUDES)
 def test_at_size_zero_it_is_the_plain_machine_and_at_its_largest_another(name):
     rng = np.random.default_rng(0)
     start, u = rng.uniform(-3.0, 3.0, (2, 20)), rng.uniform(-2.0, 2.0, (30, 20))
@@ -52,14 +61,14 @@ def test_at_size_zero_it_is_the_plain_machine_and_at_its_largest_another(name):
             seen.append([*state[:2], *reading])
         return np.array(seen)
 
-    case = CASES[name]
-    np.testing.assert_allclose(motion(case.at(0.0)), motion(None), atol=1e-9)
-    assert np.max(np.abs(motion(case.at(case.largest)) - motion(None))) > 0.05
+    magnitude = MAGNITUDES[name]
+    np.testing.assert_allclose(motion(magnitude.at(0.0)), motion(None), atol=1e-9)
+    assert np.max(np.abs(motion(magnitude.at(magnitude.largest)) - motion(None))) > 0.05
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", MAGNITUDES)
 def test_knowing_does_not_hurt(bench, name):
-    found = bench.measure(CASES[name], 0.75 * CASES[name].largest)
+    found = bench.measure(MAGNITUDES[name], 0.75 * MAGNITUDES[name].largest)
     error = 0.02 * abs(found.aware)  # the coarse table's own
     assert found.loss > -error - 2.0 * found.sem
     assert found.loss == pytest.approx(found.aware - found.ignorant)
@@ -67,28 +76,28 @@ def test_knowing_does_not_hurt(bench, name):
 
 @pytest.mark.parametrize("name", ["coulomb", "delay", "ripple", "backlash"])
 def test_an_effect_of_size_zero_costs_nothing(bench, name):
-    found = bench.measure(CASES[name], 0.0)
+    found = bench.measure(MAGNITUDES[name], 0.0)
     assert (found.loss, found.sem, found.paper_loss) == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
     assert found.ignorant == pytest.approx(found.plain)
 
 
 def test_a_delay_of_four_samples_is_dear_and_knowing_it_brings_most_back(bench):
-    found = bench.measure(CASES["delay"], 0.2)
+    found = bench.measure(MAGNITUDES["delay"], 0.2)
     assert found.percent > 10.0
     assert found.aware > found.plain - 0.1 * abs(found.plain)
 
 
-def test_policies_abreast_do_as_each_does_alone(bench):
-    model, (theta, theta_dot) = machine(CASES["delay"].at(0.1)), (x[:6] for x in bench.starts)
+def test_a_batch_of_policies_does_as_each_does_alone(bench):
+    model, (theta, theta_dot) = machine(MAGNITUDES["delay"].at(0.1)), (x[:6] for x in bench.starts)
     policies = (bench.ignorant[0], design(model, COARSE))
-    assert Abreast(policies).history == 2
-    together = returns(policies, model, theta, theta_dot)
+    assert PolicyBatch(policies).history == 2
+    together = batch_returns(policies, model, theta, theta_dot)
     for policy, own in zip(policies, together, strict=True):
         np.testing.assert_allclose(own, evaluate(policy, model, theta, theta_dot).returns, rtol=1e-12)
 
 
 def test_the_aware_policy_does_not_peek_at_the_machines_memory(bench):
-    policy = design(machine(CASES["lag"].at(0.1)), COARSE)
+    policy = design(machine(MAGNITUDES["lag"].at(0.1)), COARSE)
     theta, theta_dot = (x[:3] for x in bench.starts)
     past = np.ones((3, policy.history))
     u = [policy(State(theta, theta_dot, memory), 1.0, past) for memory in ((), ((7.0 + 0.0 * theta,),))]
@@ -100,7 +109,7 @@ def test_the_aware_policy_does_not_peek_at_the_machines_memory(bench):
     [lambda s: 60.0 * s / 0.8, lambda s: 100.0 * (s / 0.8) ** 3, lambda s: 90.0 / (1.0 + np.exp(-60.0 * (s - 0.33)))],
 )
 def test_sizes_are_found_where_the_loss_passes_the_targets(curve):
-    rows = explore(LINE, lambda case, size: row(case, size, float(curve(size))))
+    rows = explore(LINE, lambda magnitude, size: row(magnitude, size, float(curve(size))))
     assert [r.size for r in rows] == sorted({r.size for r in rows})
     for target in TARGETS:
         assert min(abs(r.percent - target) for r in rows) < max(0.45, 0.15 * target)
@@ -108,75 +117,77 @@ def test_sizes_are_found_where_the_loss_passes_the_targets(curve):
 
 def test_where_nothing_is_lost_nothing_is_looked_for():
     asked = []
-    explore(LINE, lambda case, size: asked.append(size) or row(case, size, 0.1))
+    explore(LINE, lambda magnitude, size: asked.append(size) or row(magnitude, size, 0.1))
     assert asked == [pytest.approx(i / 10.0) for i in range(9)]
 
 
 def test_a_table_is_read_as_it_was_written(tmp_path):
-    rows = [row(CASES["lag"], 0.123, 4.5), row(CASES["coulomb"], 0.5, -0.25), row(CASES["coulomb"], 0.25, 0.0)]
-    write(tmp_path / TABLE, rows)
-    assert read(tmp_path / TABLE) == [rows[2], rows[1], rows[0]]
-    assert read(tmp_path / "none.csv") == []
+    rows = [
+        row(MAGNITUDES["lag"], 0.123, 4.5),
+        row(MAGNITUDES["coulomb"], 0.5, -0.25),
+        row(MAGNITUDES["coulomb"], 0.25, 0.0),
+    ]
+    write_losses(tmp_path / LOSS_TABLE, rows)
+    assert read_losses(tmp_path / LOSS_TABLE) == [rows[2], rows[1], rows[0]]
+    assert read_losses(tmp_path / "none.csv") == []
 
 
 def test_a_run_goes_on_from_its_table(tmp_path, monkeypatch):
     measured = []
 
     class Counting:
-        def measure(self, case, size):
+        def measure(self, magnitude, size):
             measured.append(size)
             if len(measured) == 3:
                 raise KeyboardInterrupt
-            return row(case, size, 0.0)
+            return row(magnitude, size, 0.0)
 
     monkeypatch.setattr(effect_cost, "Bench", Counting)
     with pytest.raises(KeyboardInterrupt):
         main(["--out", str(tmp_path), "--effects", "drag"])
-    assert len(read(tmp_path / TABLE)) == 2
+    assert len(read_losses(tmp_path / LOSS_TABLE)) == 2
     assert main(["--out", str(tmp_path), "--effects", "drag"]) == 0
     assert len(measured) == 3 + 7
-    assert (tmp_path / FIGURE).read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / LOSS_FIGURE).read_bytes().startswith(b"\x89PNG")
     assert main(["--out", str(tmp_path), "--effects", "drag"]) == 0
     assert len(measured) == 3 + 7
 
 
 def test_what_is_no_table_is_refused_and_left_alone(tmp_path, capsys):
-    (tmp_path / TABLE).write_text("a,b\n1,2\n")
+    (tmp_path / LOSS_TABLE).write_text("a,b\n1,2\n")
     assert main(["--out", str(tmp_path)]) == 2
     message = capsys.readouterr().err
     assert message.startswith("error: ") and message.count("\n") == 1
-    assert (tmp_path / TABLE).read_text() == "a,b\n1,2\n"
+    assert (tmp_path / LOSS_TABLE).read_text() == "a,b\n1,2\n"
     with pytest.raises(InvalidInput, match="not a table"):
-        read(tmp_path / TABLE)
+        read_losses(tmp_path / LOSS_TABLE)
 
 
 def test_the_sizes_fixed_before_training_are_those_of_the_shipped_table():
-    rows = read(SHIPPED / TABLE)
-    assert {name: choose([r for r in rows if r.effect == name]) for name in CASES} == SIZES
+    rows = read_losses(EFFECT_COST_FOLDER / LOSS_TABLE)
+    assert {name: choose([r for r in rows if r.effect == name]) for name in MAGNITUDES} == SIZES
     for name, sizes in SIZES.items():
         assert sizes.small.size > 0.0 and sizes.small.percent < 2.0
         assert sizes.medium is None or (sizes.small.size < sizes.medium.size and 6.0 < sizes.medium.percent < 14.0)
         assert sizes.large is None or (sizes.medium.size < sizes.large.size and 20.0 < sizes.large.percent < 40.0)
-        assert sizes.largest.size == CASES[name].largest
+        assert sizes.largest.size == MAGNITUDES[name].largest
         made = effect(name, **dict(sizes.largest.numbers))
-        asked = CASES[name].at(sizes.largest.size)
+        asked = MAGNITUDES[name].at(sizes.largest.size)
         assert {k: p.value for k, p in made.parameters.items()} == pytest.approx(
             {k: p.value for k, p in asked.parameters.items()}
         )
 
 
 def test_the_shipped_table_is_whole():
-    with (SHIPPED / TABLE).open(newline="") as file:
+    with (EFFECT_COST_FOLDER / LOSS_TABLE).open(newline="") as file:
         sizes = {}
         for line in csv.DictReader(file):
             sizes.setdefault(line["effect"], []).append(float(line["size"]))
-    for name, case in CASES.items():
-        assert sizes[name][0] == 0.0 and sizes[name][-1] == pytest.approx(case.largest) and len(sizes[name]) >= 9
+    for name, magnitude in MAGNITUDES.items():
+        assert sizes[name][0] == 0.0 and sizes[name][-1] == pytest.approx(magnitude.largest) and len(sizes[name]) >= 9
 
 
 def test_the_sizes_load_nothing_heavy():
-    code = (
-        "import sys, study.mismatch.sizes; print([m for m in ('numpy', 'scipy', 'torch', 'sysid') if m in sys.modules])"
-    )
+    code = "import sys, study.mismatch.chosen_sizes; print({'numpy', 'scipy', 'torch', 'sysid'} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
+    assert done.stdout.strip() == "set()"

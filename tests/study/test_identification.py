@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from study.config import PAPER, PRESETS, Point
-from study.identification import IdentificationTask, identify
+from study.paper.identification import IdentificationTask, identify
+from study.paper.presets import PAPER, PRESETS, Point
 from sysid import InvalidInput
 
 PUBLISHED = Path(__file__).resolve().parents[3] / "shared" / "data" / "paper"

@@ -9,11 +9,10 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from study.config import SMOKE
-from study.versions import version
+from study.paper.presets import SMOKE
+from study.pipeline.versions import version
 
 ROOT = Path(__file__).resolve().parents[2]
 OPTIMUM = -330.15
@@ -126,13 +125,9 @@ def test_every_run_keeps_what_its_number_depends_on(undisturbed):
             assert all(f'"{name}"' in versions for name in ("torch", "torchrl", "numpy", "python"))
 
 
-def test_quick_has_the_start_states_of_the_paper():
-    from policies.evaluate import evaluate, start_states
-    from study.cells import start_states as study_starts
-    from study.identification import hidden_plant
+def test_a_policy_that_does_nothing_is_below_the_optimum_from_the_papers_start_states():
+    from policies.evaluation import evaluate, start_states
+    from study.paper.identification import hidden_plant
 
-    theta, theta_dot = study_starts(SMOKE, 1)
-    expected = start_states(1, SMOKE.episodes)
-    assert np.array_equal(theta, expected[0])
-    assert np.array_equal(theta_dot, expected[1])
-    assert evaluate(lambda state, t: 0.0, hidden_plant((2.0, 1.5)), theta, theta_dot).mean < OPTIMUM
+    starts = start_states(1, SMOKE.episodes)
+    assert evaluate(lambda state, t: 0.0, hidden_plant((2.0, 1.5)), *starts).mean < OPTIMUM

@@ -1,42 +1,42 @@
-"""The mended model put to work: recipes are plain data, equal recipes share an agent, and naming an effect pays."""
+"""The mended model put to work: setups are plain data, equal setups share an agent, and naming an effect pays."""
 
 import json
 
 import numpy as np
 import pytest
 
-from policies.evaluate import evaluate, fresh_start_states
-from policies.randomization import Band
-from study.config import PRESETS
-from study.mismatch.hidden import hidden_machine, oracle, rollouts
-from study.mismatch.machine import design, machine
+from policies.environments.randomization import Band
+from policies.evaluation import evaluate, fresh_start_states
+from study.mismatch.ground_truth import ground_truth, oracle, rollouts
+from study.mismatch.mismatch_results import Fitted
 from study.mismatch.naming import FIRST, MOST, steps_of
-from study.mismatch.plan import ALL_PLANTS, DELAY_LARGE, MAGNET, PLANS, WAYS, Trial
-from study.mismatch.recipe import Recipe, recipe_of
-from study.mismatch.results import Fitted
+from study.mismatch.plan import ALL_PLANTS, DELAY_LARGE, MAGNET, PLANS, STRATEGIES, Trial
+from study.mismatch.rod import design, machine
+from study.mismatch.strategies import AT_ONCE, Budget, training_setups
+from study.mismatch.training_setup import TrainingSetup, training_setup_of
 from study.mismatch.trainings import agents_of, populations
-from study.mismatch.ways import AT_ONCE, Spending, recipes
+from study.paper.presets import PRESETS
 from sysid.estimation.held_out import held_out_error
 
 SMOKE = PLANS["mismatch-smoke"]
 
 
 @pytest.fixture(scope="module")
-def spending():
+def budget():
     """Five rollouts of the plant whose delay costs 30 % of the return."""
     plan = PLANS["mismatch-quick"]
-    return Spending(plan, rollouts(plan, DELAY_LARGE, 1), 1)
+    return Budget(plan, rollouts(plan, DELAY_LARGE, 1), 1)
 
 
-def test_naming_the_effect_brings_back_at_least_half_of_what_it_cost(spending):
-    """Way (c) end to end, with dynamic programming in the place of training."""
-    plant, starts = hidden_machine(DELAY_LARGE), fresh_start_states(7, 100)
+def test_naming_the_effect_brings_back_at_least_half_of_what_it_cost(budget):
+    """Strategy (c) end to end, with dynamic programming in the place of training."""
+    plant, starts = ground_truth(DELAY_LARGE), fresh_start_states(7, 100)
 
     def worth(model):
         return evaluate(design(model), plant, *starts).mean
 
     aware, ignorant = worth(oracle(DELAY_LARGE)), worth(machine(substeps=2))
-    named = spending.recipe("c")
+    named = budget.setup("c")
     assert named.verdict == "missing" and named.steps == ("delay",)
     loss, left = aware - ignorant, aware - worth(named.model)
     assert loss > 0.2 * abs(aware)
@@ -47,66 +47,66 @@ def test_naming_the_effect_brings_back_at_least_half_of_what_it_cost(spending):
 def test_a_delay_of_three_samples_is_named_alone(seed):
     """To a first order it moves the readings as a stamp does, which cannot be so late: both have to be tried."""
     plan = PLANS["mismatch"]
-    found = Spending(plan, rollouts(plan, DELAY_LARGE, seed)[:10], seed).diagnosis
+    found = Budget(plan, rollouts(plan, DELAY_LARGE, seed)[:10], seed).diagnosis
     assert (found.verdict, steps_of(found)) == ("missing", ("delay",))
 
 
-def test_a_band_is_about_the_same_fit_and_random_torques_leave_it(spending):
-    fitted, band, shaken = (spending.recipe(way) for way in ("b", "b+", "g"))
-    assert fitted.drawn.center == band.drawn.center == shaken.drawn.inner.center
+def test_a_band_is_about_the_same_fit_and_random_torques_leave_it(budget):
+    fitted, band, forced = (budget.setup(strategy) for strategy in ("b", "b+", "g"))
+    assert fitted.drawn.center == band.drawn.center == forced.drawn.inner.center
     assert (fitted.drawn.w, band.drawn.w) == (0.0, 0.3)
-    assert shaken.drawn.s > 0.0
+    assert forced.drawn.s > 0.0
 
 
-def test_recipes_are_plain_data(spending):
-    free = recipes(SMOKE, MAGNET, 0, ("z", "e", "h"))
-    for recipe in (*(spending.recipe(way) for way in ("a", "b", "c", "f", "g")), *(r for r, _ in free.values())):
-        again = recipe_of(json.loads(json.dumps(recipe.to_json())))
-        assert again.key == recipe.key and again.verdict == recipe.verdict
-        state = recipe.model.initial_state(np.array([0.3]), np.array([1.0]))
-        assert again.model.advance(state, 1.5).theta == recipe.model.advance(state, 1.5).theta
+def test_setups_are_plain_data(budget):
+    free = training_setups(SMOKE, MAGNET, 0, ("z", "e", "h"))
+    for setup in (*(budget.setup(strategy) for strategy in ("a", "b", "c", "f", "g")), *(r for r, _ in free.values())):
+        again = training_setup_of(json.loads(json.dumps(setup.to_json())))
+        assert again.key == setup.key and again.verdict == setup.verdict
+        state = setup.model.initial_state(np.array([0.3]), np.array([1.0]))
+        assert again.model.advance(state, 1.5).theta == setup.model.advance(state, 1.5).theta
 
 
 def test_the_oracle_moves_as_the_hidden_plant_does():
     """In steps five to 125 times as long: a speed of 1 rad/s is off by less than 2 % after an interval."""
     for plant in ALL_PLANTS:
-        coarse, fine = oracle(plant), hidden_machine(plant)
+        coarse, fine = oracle(plant), ground_truth(plant)
         state = coarse.initial_state(np.array([2.0]), np.array([1.0]))
         assert coarse.advance(state, 1.0).theta_dot == pytest.approx(fine.advance(state, 1.0).theta_dot, abs=0.02)
 
 
-def fits(plan, recipe):
-    return [Fitted(t.plant, t.way, t.n, t.seed, recipe(t).to_json(), 0.0) for t in plan.trials]
+def fits(plan, setup):
+    return [Fitted(t.plant, t.strategy, t.n, t.seed, setup(t).to_json(), 0.0) for t in plan.trials]
 
 
-def test_equal_recipes_share_an_agent_and_structures_train_together():
+def test_equal_setups_share_an_agent_and_structures_train_together():
     plain, late = oracle(ALL_PLANTS[0]), oracle(DELAY_LARGE)
 
-    def recipe(trial):
-        if trial.way in ("c", "h"):
-            return Recipe(late, Band({"m": 2.0, "delay.T": 0.1 + 0.001 * trial.seed % 7}))
-        return Recipe(plain, Band({"m": 2.0, "l": 1.5}, 0.3 if trial.way == "b+" else 0.0))
+    def setup(trial):
+        if trial.strategy in ("c", "h"):
+            return TrainingSetup(late, Band({"m": 2.0, "delay.T": 0.1 + 0.001 * trial.seed % 7}))
+        return TrainingSetup(plain, Band({"m": 2.0, "l": 1.5}, 0.3 if trial.strategy == "b+" else 0.0))
 
-    keys, agents = agents_of(SMOKE, fits(SMOKE, recipe))
+    keys, agents = agents_of(SMOKE, fits(SMOKE, setup))
     assert set(keys) == set(SMOKE.trials) and len({a.key for a in agents}) == len(agents)
-    shared = [t for t in SMOKE.trials if t.way in ("a", "b", "z")]
+    shared = [t for t in SMOKE.trials if t.strategy in ("a", "b", "z")]
     assert len({keys[t] for t in shared}) == len({t.seed for t in shared})
     plants = {a.key: a.plants for a in agents}
     assert all(trial.plant in plants[key] for trial, key in keys.items())
     for together in populations(SMOKE, agents):
         assert len(together) <= SMOKE.agents
-        assert len({tuple(e["name"] for e in a.recipe["model"]["effects"]) for a in together}) == 1
+        assert len({tuple(e["name"] for e in a.setup["model"]["effects"]) for a in together}) == 1
     assert sum(map(len, populations(SMOKE, agents))) == len(agents)
 
 
 def test_the_plan_is_balanced_and_its_seeds_are_matched():
     for plan in PLANS.values():
-        assert set(plan.ways) <= set(WAYS) and len(set(plan.trials)) == len(plan.trials)
+        assert set(plan.strategies) <= set(STRATEGIES) and len(set(plan.trials)) == len(plan.trials)
         seeds = {}
         for trial in plan.trials:
             seeds.setdefault(trial[:3], []).append(trial.seed)
-        for (_, way, _), own in seeds.items():
-            assert tuple(own) == plan.seeds_of(way)
+        for (_, strategy, _), own in seeds.items():
+            assert tuple(own) == plan.seeds_of(strategy)
     assert Trial("plain", "c", 50, 3019) in PLANS["mismatch"].trials
 
 
@@ -116,26 +116,26 @@ def test_the_experiments_seeds_are_used_for_nothing_else():
     assert own.isdisjoint(range(FIRST, FIRST + MOST)) and own.isdisjoint(s for p in PRESETS.values() for s in p.seeds)
 
 
-def test_what_is_unknown_or_does_not_help_is_not_believed(spending):
+def test_what_is_unknown_or_does_not_help_is_not_believed(budget):
     """Then (c) trains as (g) does; and (d), which holds what (c) found, is no further from the rollouts."""
     plan = PLANS["mismatch-quick"]
-    lost = Spending(plan, rollouts(plan, MAGNET, 2), 2)
+    lost = Budget(plan, rollouts(plan, MAGNET, 2), 2)
     assert lost.diagnosis.verdict == "unknown" and not lost.believed
-    assert lost.recipe("c").key == lost.recipe("g").key
-    assert spending.believed
-    named, every = (held_out_error(spending.recipe(way).model, spending.records, spending.sensor) for way in "cd")
+    assert lost.setup("c").key == lost.setup("g").key
+    assert budget.believed
+    named, every = (held_out_error(budget.setup(strategy).model, budget.records, budget.sensor) for strategy in "cd")
     assert every.ratio < named.ratio + 0.02
 
 
 def test_breadth_is_over_one_effect_at_a_time():
-    recipe = recipes(SMOKE, MAGNET, 0, ("e",))["e", 0][0]
+    setup = training_setups(SMOKE, MAGNET, 0, ("e",))["e", 0][0]
     rng, count = np.random.default_rng(0), []
     for _ in range(300):
-        drawn = recipe.drawn.sample(rng, recipe.model)
+        drawn = setup.drawn.sample(rng, setup.model)
         assert 0.3 <= drawn["m"] <= 3.0 and 0.3 <= drawn["l"] <= 3.0
-        off = {name.split(".")[0] for name, value in drawn.items() if value != recipe.drawn.neutral.get(name, value)}
+        off = {name.split(".")[0] for name, value in drawn.items() if value != setup.drawn.neutral.get(name, value)}
         count.append(off)
     assert max(map(len, count)) == 1
     assert set().union(*count) == set(AT_ONCE)
-    tilts = [recipe.drawn.sample(rng, recipe.model)["tilt.alpha"] for _ in range(600)]
+    tilts = [setup.drawn.sample(rng, setup.model)["tilt.alpha"] for _ in range(600)]
     assert min(tilts) < -0.05 and max(tilts) > 0.05

@@ -11,20 +11,20 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.image import imread
 
-from policies.evaluate import evaluate, fresh_start_states
-from study.figures.mismatch import PARTS, ladder, returns
-from study.figures.naming import naming
-from study.figures.style import STYLE, save
-from study.figures.trajectories import trajectories
-from study.mismatch.answer import Answer, Compared, Outcome, Split, Spot, Verdict
-from study.mismatch.figures import read_agents, telling
-from study.mismatch.named import Named, is_right
-from study.mismatch.page import CAPTIONS, page
-from study.mismatch.plan import CONTRASTS, FREE, PLANS, WAYS
-from study.mismatch.titles import plant_title
-from study.numerals import MINUS
+from policies.evaluation import evaluate, fresh_start_states
+from study.figure_style import STYLE, save
+from study.formatting import MINUS
+from study.mismatch.figures.drawing import read_agents, telling
+from study.mismatch.figures.experiment import PARTS, ladder, strategy_returns
+from study.mismatch.figures.naming import naming
+from study.mismatch.figures.trajectories import trajectories
+from study.mismatch.findings import Compared, Condition, MismatchFindings, Split, StrategyOutcome, Verdict
+from study.mismatch.labels import plant_title
+from study.mismatch.mismatch_page import CAPTIONS, page
+from study.mismatch.naming_results import NamingResult, is_right
+from study.mismatch.plan import CONTRASTS, FREE, PLANS, STRATEGIES
+from study.pipeline.policy_files import FOLDER, write_policies
 from study.statistics import paired_t
-from study.storage.policy_files import FOLDER, write_policies
 from sysid import paper_model
 
 OPTIMUM, SEED_STEP = -360.0, 3.0
@@ -36,24 +36,36 @@ TRAINING = 12.0
 def invented(plan):
     """J = optimum - structure (not of c, d, f and h where the catalogue has the effect) - identification - training."""
     outcomes = {}
-    spots = dict.fromkeys(Spot(*trial[:3]) for trial in plan.trials)
-    for spot in spots:
-        seeds = plan.seeds_of(spot.way)
-        spared = spot.way == "h" or (spot.way in "cdf" and spot.plant not in ("magnet", "slew"))
-        structure = 0.0 if spared else STRUCTURE[spot.plant]
-        identification = IDENTIFICATION.get(spot.way, 2.0 + 50.0 / max(spot.n, 5)) if spot.way != "h" else 0.0
-        reached = OPTIMUM - structure - identification - TRAINING - SEED_STEP * (len(spot.way) + np.arange(len(seeds)))
+    conditions = dict.fromkeys(Condition(*trial[:3]) for trial in plan.trials)
+    for condition in conditions:
+        seeds = plan.seeds_of(condition.strategy)
+        spared = condition.strategy == "h" or (
+            condition.strategy in "cdf" and condition.plant not in ("magnet", "slew")
+        )
+        structure = 0.0 if spared else STRUCTURE[condition.plant]
+        identification = (
+            IDENTIFICATION.get(condition.strategy, 2.0 + 50.0 / max(condition.n, 5))
+            if condition.strategy != "h"
+            else 0.0
+        )
+        reached = (
+            OPTIMUM
+            - structure
+            - identification
+            - TRAINING
+            - SEED_STEP * (len(condition.strategy) + np.arange(len(seeds)))
+        )
         split = Split(structure, identification, OPTIMUM - np.mean(reached) - structure - identification, len(seeds))
-        outcomes[spot] = Outcome(
-            spot, seeds, reached, np.full(len(seeds), OPTIMUM), None if spot.way in "edi" else split
+        outcomes[condition] = StrategyOutcome(
+            condition, seeds, reached, np.full(len(seeds), OPTIMUM), None if condition.strategy in "edi" else split
         )
     compared = []
     for plant in plan.plants:
         for a, b in CONTRASTS:
             for n in (0,) if a in FREE and b in FREE else plan.budgets:
-                spots = [Spot(plant.name, way, 0 if way in FREE else n) for way in (a, b)]
-                if all(spot in outcomes for spot in spots):
-                    one, other = (outcomes[spot].returns for spot in spots)
+                conditions = [Condition(plant.name, strategy, 0 if strategy in FREE else n) for strategy in (a, b)]
+                if all(condition in outcomes for condition in conditions):
+                    one, other = (outcomes[condition].returns for condition in conditions)
                     wobble = np.linspace(-1.0, 1.0, len(one))
                     contrast = paired_t(one + wobble, other)
                     compared.append(Compared(plant.name, n, a, b, contrast, float(np.median(one - other)), 0.001))
@@ -62,7 +74,7 @@ def invented(plan):
         for p in plan.plants
         for n in plan.budgets
     }
-    return Answer(plan, outcomes, {p.name: OPTIMUM for p in plan.plants}, tuple(compared), verdicts, 2.5)
+    return MismatchFindings(plan, outcomes, {p.name: OPTIMUM for p in plan.plants}, tuple(compared), verdicts, 2.5)
 
 
 def named(seeds=4, budgets=(1, 5, 50)):
@@ -74,7 +86,9 @@ def named(seeds=4, budgets=(1, 5, 50)):
                 late = {None: ("adequate", ())}.get(plant.effect, ("missing", (str(plant.effect),)))
                 late = ("unknown", ()) if plant.name in ("magnet", "slew") else late
                 verdict, steps = late if n > 1 else ("missing", (str(plant.effect), "tilt"))
-                rows.append(Named(plant.name, n, seed, verdict, steps, is_right(plant, verdict, steps), 0.2, 0.1 / n))
+                rows.append(
+                    NamingResult(plant.name, n, seed, verdict, steps, is_right(plant, verdict, steps), 0.2, 0.1 / n)
+                )
     return rows
 
 
@@ -98,9 +112,11 @@ def dots(axes):
 
 
 def test_every_mean_is_a_dot_or_a_number_at_the_edge(answer):
-    figure = drawn(lambda: returns(answer))
+    figure = drawn(lambda: strategy_returns(answer))
     for axes, plant in zip(figure.axes, answer.plan.plants, strict=True):
-        means = sorted(round(o.mean.mean, 6) for spot, o in answer.outcomes.items() if spot.plant == plant.name)
+        means = sorted(
+            round(o.mean.mean, 6) for condition, o in answer.outcomes.items() if condition.plant == plant.name
+        )
         numbers = [text.get_text() for text in axes.texts if text.get_text().startswith("◂")]
         shown = sorted(round(x, 6) for x, _ in dots(axes))
         assert shown == means[len(numbers) :]
@@ -111,9 +127,11 @@ def test_every_mean_is_a_dot_or_a_number_at_the_edge(answer):
 
 
 def test_every_way_stands_in_a_row_of_its_own_in_words(answer):
-    figure = drawn(lambda: returns(answer))
+    figure = drawn(lambda: strategy_returns(answer))
     labels = [label.get_text() for label in figure.axes[0].get_yticklabels()]
-    assert labels == [f"{WAYS[way].short}  ({way})" for way in WAYS if way in answer.plan.ways]
+    assert labels == [
+        f"{STRATEGIES[strategy].short}  ({strategy})" for strategy in STRATEGIES if strategy in answer.plan.strategies
+    ]
 
 
 def test_the_ladder_is_a_share_of_the_optimum_and_its_bars_add_up_to_the_gap(answer):
@@ -121,15 +139,19 @@ def test_the_ladder_is_a_share_of_the_optimum_and_its_bars_add_up_to_the_gap(ans
     left, right = figure.axes
     n = max(answer.plan.budgets)
     for line, plant in zip([c[0] for c in left.containers], answer.plan.plants, strict=True):
-        means = [answer.outcomes[Spot(plant.name, w, 0 if w in FREE else n)].mean.mean for w in ("z", "b", "c", "h")]
+        means = [
+            answer.outcomes[Condition(plant.name, w, 0 if w in FREE else n)].mean.mean for w in ("z", "b", "c", "h")
+        ]
         np.testing.assert_allclose(line.get_ydata().astype(float), [100.0 * OPTIMUM / mean for mean in means])
     bars = np.array([bar.get_width() for bar in right.patches]).reshape(-1, len(PARTS))
-    splits = [answer.outcomes[Spot(p.name, way, n)].split for p in answer.plan.plants for way in ("b", "c")]
+    splits = [
+        answer.outcomes[Condition(p.name, strategy, n)].split for p in answer.plan.plants for strategy in ("b", "c")
+    ]
     np.testing.assert_allclose(bars.sum(axis=1), [split.gap for split in splits])
     np.testing.assert_allclose(bars[:, 0], [split.structure for split in splits])
 
 
-@pytest.mark.parametrize("figure", [lambda: returns(invented(PLANS["mismatch"])), lambda: naming(named())])
+@pytest.mark.parametrize("figure", [lambda: strategy_returns(invented(PLANS["mismatch"])), lambda: naming(named())])
 def test_titles_do_not_run_into_the_next_panel(figure):
     made = drawn(figure)
     renderer = FigureCanvasAgg(made).get_renderer()
@@ -183,14 +205,14 @@ def test_the_naming_figure_shows_rates_and_errors_in_percent():
 
 def test_the_pair_that_is_shown_is_neither_the_best_nor_the_worst_where_mending_gained_most():
     found = invented(PLANS["mismatch"])
-    c = found.outcomes[Spot("delay_large", "c", 50)]
+    c = found.outcomes[Condition("delay_large", "c", 50)]
     outcome = replace(c, returns=c.returns + 10.0 * np.arange(20.0))
-    gains = outcome.returns - found.outcomes[Spot("delay_large", "b", 50)].returns
+    gains = outcome.returns - found.outcomes[Condition("delay_large", "b", 50)].returns
     compared = tuple(
         replace(row, contrast=replace(row.contrast, mean=float(gains.mean())), median=float(np.median(gains)))
         if (row.plant, row.n, row.a, row.b) == ("delay_large", 50, "c", "b") else row for row in found.compared
     )  # fmt: skip
-    pair = telling(replace(found, outcomes=found.outcomes | {c.spot: outcome}, compared=compared))
+    pair = telling(replace(found, outcomes=found.outcomes | {c.condition: outcome}, compared=compared))
     assert (pair.plant, pair.n) == ("delay_large", 50)
     assert pair.seed in (3009, 3010)
     assert telling(replace(found, compared=())) is None
@@ -212,7 +234,7 @@ def test_agents_are_found_in_whichever_file_they_lie(tmp_path):
 def html(tmp_path_factory):
     folder = tmp_path_factory.mktemp("mismatch")
     found = invented(PLANS["mismatch"])
-    figures = {"returns": save(lambda: returns(found), folder / "a.png")}
+    figures = {"returns": save(lambda: strategy_returns(found), folder / "a.png")}
     figures["naming"] = save(lambda: naming(named()), folder / "b.png")
     assert all(imread(path).shape[1] > 1000 for path in figures.values())
     return page(
@@ -237,8 +259,8 @@ def test_the_page_holds_every_contrast_with_its_interval_and_every_way(html):
     found = invented(PLANS["mismatch"])
     for row in found.compared:
         assert str(row.contrast).replace(" ", "\u00a0") in html
-    for spot, outcome in found.outcomes.items():
-        assert f"{outcome.mean.mean:.0f}".replace("-", MINUS) in html, spot
+    for condition, outcome in found.outcomes.items():
+        assert f"{outcome.mean.mean:.0f}".replace("-", MINUS) in html, condition
     assert "missing: delay (12), unknown (3)" in html
     assert "100 [51, 100] (20, 2)" in html
     assert all(plant_title(plant)[1:] in html for plant in found.plan.plants)

@@ -2,13 +2,23 @@
 
 import dataclasses
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from study.mismatch import naming
-from study.mismatch.named import TABLE, Named, errors, is_right, rates, read, tabled, write
-from study.mismatch.naming import BUDGETS, FIGURE, FIRST, MOST, main, measure, tasks
+from study.mismatch.naming import BUDGETS, FIGURE, FIRST, MOST, NamingExperiment, main, measure
+from study.mismatch.naming_results import (
+    NAMING_TABLE,
+    NamingResult,
+    is_right,
+    naming_errors,
+    naming_rates,
+    naming_table,
+    read_naming,
+    write_naming,
+)
 from study.mismatch.plan import COULOMB, DELAY_LARGE, MAGNET, PLAIN, PLANS
 from sysid import InvalidInput
 
@@ -38,12 +48,12 @@ def test_right_is_the_effect_or_one_that_contains_it_and_nothing_else(plant, ver
 
 
 def row(n, seed, steps=("delay",), verdict="missing", plant=DELAY_LARGE, error=0.1):
-    return Named(plant.name, n, seed, verdict, steps, is_right(plant, verdict, steps), error, 0.5 * error)
+    return NamingResult(plant.name, n, seed, verdict, steps, is_right(plant, verdict, steps), error, 0.5 * error)
 
 
 def test_company_is_counted_beside_what_is_right():
     rows = [row(5, 0), row(5, 1, ("delay", "tilt")), row(5, 2, ("delay",), "unknown"), row(5, 3, ("lag",))]
-    rate = rates(rows)["delay_large", 5]
+    rate = naming_rates(rows)["delay_large", 5]
     assert (rate.right, rate.accompanied, rate.seeds, rate.share) == (1, 2, 4, 0.25)
     low, high = rate.interval
     assert low < 0.25 < high
@@ -51,8 +61,8 @@ def test_company_is_counted_beside_what_is_right():
 
 def test_errors_are_root_mean_squares_of_what_could_be_fitted():
     rows = [row(5, 0, error=0.3), row(5, 1, error=0.4), row(5, 2, (), naming.REFUSED, error=math.nan)]
-    assert errors(rows, "delay_large", 5) == pytest.approx((math.sqrt(0.125), 0.5 * math.sqrt(0.125)))
-    assert np.isnan(errors(rows, "delay_large", 50)).all()
+    assert naming_errors(rows, "delay_large", 5) == pytest.approx((math.sqrt(0.125), 0.5 * math.sqrt(0.125)))
+    assert np.isnan(naming_errors(rows, "delay_large", 50)).all()
 
 
 def test_what_allows_no_fit_is_a_row_that_is_not_right():
@@ -84,9 +94,9 @@ class _Silent:
 
 def test_a_table_is_read_as_it_was_written(tmp_path):
     rows = [row(5, 1, ("delay/sensor_delay", "tilt")), row(5, 0, ()), row(1, 0), row(50, 0, (), "adequate", PLAIN)]
-    write(tmp_path / TABLE, rows)
-    assert read(tmp_path / TABLE) == [rows[3], rows[2], rows[1], rows[0]]
-    assert read(tmp_path / "none.csv") == []
+    write_naming(tmp_path / NAMING_TABLE, rows)
+    assert read_naming(tmp_path / NAMING_TABLE) == [rows[3], rows[2], rows[1], rows[0]]
+    assert read_naming(tmp_path / "none.csv") == []
 
 
 def test_seeds_vary_slowest_and_only_what_is_missing_is_measured():
@@ -100,14 +110,20 @@ def test_seeds_vary_slowest_and_only_what_is_missing_is_measured():
     assert list(tasks(PLAN, everything, BUDGETS, 3)) == []
 
 
+def tasks(plan, known, budgets, seeds):
+    experiment = NamingExperiment(plan, Path("nowhere.csv"), budgets, seeds)
+    experiment.rows = list(known)
+    return experiment.left()
+
+
 def test_seeds_are_used_for_nothing_else():
-    from study.mismatch.margin import SEEDS
+    from study.mismatch.table_resolution import SEEDS
 
     assert max(SEEDS) < FIRST and min(PLAN.seeds) >= FIRST + MOST
 
 
 def test_a_table_tells_rates_and_errors_in_percent_and_leaves_out_what_was_not_measured():
-    told = tabled([row(5, 0), row(5, 1, ()), row(20, 0), row(20, 0, (), "adequate", PLAIN, 0.02)])
+    told = naming_table([row(5, 0), row(5, 1, ()), row(20, 0), row(20, 0, (), "adequate", PLAIN, 0.02)])
     assert (told.budgets, told.seeds) == ((5, 20), "1 to 2")
     assert told.lines == (
         ("Nothing missing", ("", "100 [21, 100] (2, 1)")),
@@ -125,12 +141,12 @@ def test_a_run_goes_on_from_its_table(tmp_path, monkeypatch, capsys):
             done.append(task)
             heard(task, "done", [row(n, task.seed, plant=PLAN.plant(task.plant)) for n in task.budgets])
 
-    monkeypatch.setattr("study.executors.processes.Processes.execute", execute)
+    monkeypatch.setattr("study.pipeline.processes.Processes.execute", execute)
     command = ["--out", str(tmp_path), "--seeds", "1", "--budgets", "1", "2"]
     with pytest.raises(KeyboardInterrupt):
         main(command)
-    assert len(read(tmp_path / TABLE)) == 6
-    monkeypatch.setattr("study.executors.processes.Processes.execute", _go_on(done))
+    assert len(read_naming(tmp_path / NAMING_TABLE)) == 6
+    monkeypatch.setattr("study.pipeline.processes.Processes.execute", _go_on(done))
     assert main(command) == 0
     assert [task.plant for task in done] == [plant.name for plant in PLAN.plants]
     assert (tmp_path / FIGURE).read_bytes().startswith(b"\x89PNG")
@@ -152,12 +168,12 @@ def _go_on(done):
 
 @pytest.mark.parametrize("arguments", [["--seeds", "0"], ["--seeds", "101"], ["--seeds", "1", "--workers", "0"], []])
 def test_what_is_no_table_or_no_number_is_refused_in_a_line(tmp_path, capsys, arguments):
-    (tmp_path / TABLE).write_text("a,b\n1,2\n")
+    (tmp_path / NAMING_TABLE).write_text("a,b\n1,2\n")
     assert main(["--out", str(tmp_path), *arguments]) == 2
     message = capsys.readouterr().err
     assert message.startswith("error: ")
     assert message.count("\n") == 1
-    assert (tmp_path / TABLE).read_text() == "a,b\n1,2\n"
+    assert (tmp_path / NAMING_TABLE).read_text() == "a,b\n1,2\n"
 
 
 def test_without_a_table_nothing_is_told_and_no_folder_made(tmp_path, capsys):
@@ -167,8 +183,8 @@ def test_without_a_table_nothing_is_told_and_no_folder_made(tmp_path, capsys):
 
 
 def test_a_row_of_a_plant_that_is_not_in_the_plan_is_refused(tmp_path):
-    write(tmp_path / TABLE, [row(5, 0)])
-    text = (tmp_path / TABLE).read_text()
-    (tmp_path / TABLE).write_text(text.replace(row(5, 0).plant, "slew_old"))
+    write_naming(tmp_path / NAMING_TABLE, [row(5, 0)])
+    text = (tmp_path / NAMING_TABLE).read_text()
+    (tmp_path / NAMING_TABLE).write_text(text.replace(row(5, 0).plant, "slew_old"))
     with pytest.raises(InvalidInput, match="plant 'slew_old': expected one of plain"):
-        read(tmp_path / TABLE)
+        read_naming(tmp_path / NAMING_TABLE)

@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from policies.learning.population import NetworkPolicy
-from study.config import Cell
-from study.storage.policy_files import read_policies, write_policies
+from policies.training.population import NetworkPolicy
+from study.paper.presets import Cell
+from study.pipeline.policy_files import read_policies, write_policies
 from sysid import InvalidInput, paper_model
 
 CELLS = (Cell("main", 0, 0.0, 0), Cell("large_gap", 50, 0.1, 7))

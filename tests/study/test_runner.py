@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from policies.evaluate import evaluate, fresh_start_states, start_states
-from study.cells import PopulationTask
-from study.config import Point, Preset
-from study.identification import hidden_plant, identify
-from study.references import ReferenceTask
-from study.report import publish
-from study.runner import run
-from study.storage.policy_files import read_policies
-from study.storage.store import Store, outputs
+from policies.evaluation import evaluate, fresh_start_states, start_states
+from study.paper.identification import hidden_plant, identify
+from study.paper.presets import Point, Preset
+from study.paper.reference_controllers import ReferenceTask
+from study.paper.runs import SweepPopulation
+from study.paper.sweep import Sweep
+from study.paper.sweep_results import SweepResults, outputs
+from study.pipeline.experiment import run
+from study.pipeline.policy_files import read_policies
 from sysid import InvalidInput
 from tests.study.inline import Inline
 
@@ -44,14 +44,15 @@ PUBLISHED_COLUMNS = 9
 def finish(folder, preset=MANY, device="cpu", imported=None):
     """Run what is missing and publish; returns the executor, the runs and what was said."""
     executor, said = Inline(), io.StringIO()
-    with Store(folder, preset, device) as store:
-        run(preset, store, executor, Console(file=said), 1e9, imported)
-        publish(preset, store, Console(file=said))
+    with SweepResults(folder, preset, device) as store:
+        sweep = Sweep(preset, store, 1e9, imported)
+        run(sweep, executor, Console(file=said))
+        sweep.publish(Console(file=said))
         return executor, store.runs(), said.getvalue()
 
 
 def trained(executor):
-    return [task for task in executor.tasks if isinstance(task, PopulationTask)]
+    return [task for task in executor.tasks if isinstance(task, SweepPopulation)]
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +89,7 @@ def test_a_controller_is_designed_once_and_run_on_every_plant_that_asks(finished
     folder, executor, runs, _ = finished
     designs = [(t.controller, t.theta) for t in executor.tasks if isinstance(t, ReferenceTask)]
     assert len(designs) == len(set(designs)) == 2 * 3 + len({r.theta_hat for r in runs})
-    with Store(folder, MANY) as store:
+    with SweepResults(folder, MANY) as store:
         found = store.references()
     assert {(r.theta, r.truth) for r in found if r.controller == "optimal"} >= {
         (r.theta_hat, MANY.point(r.cell.point).truth) for r in runs
@@ -125,10 +126,10 @@ def test_a_finished_study_has_nothing_left_to_do(finished):
 
 
 def test_on_another_device_all_agents_train_together(finished, tmp_path, monkeypatch):
-    monkeypatch.setattr("study.cells.PopulationTask.run", lambda self, link: [])
-    with Store(tmp_path, MANY, "cuda") as store:
+    monkeypatch.setattr("study.paper.runs.SweepPopulation.run", lambda self, link: [])
+    with SweepResults(tmp_path, MANY, "cuda") as store:
         executor = Inline()
-        run(MANY, store, executor, Console(file=io.StringIO()), 1e9)
+        run(Sweep(MANY, store, 1e9), executor, Console(file=io.StringIO()))
     (population,) = trained(executor)
     assert population.cells == MANY.cells
     assert population.gpus == 1
@@ -208,26 +209,29 @@ def changed(folder, path, **columns):
 )
 def test_a_row_of_something_else_is_refused_and_nothing_taken_up(finished, tmp_path, columns, told):
     changed(finished[0], tmp_path / "runs.csv", **columns)
-    with Store(tmp_path / "out", MANY) as store:
+    with SweepResults(tmp_path / "out", MANY) as store:
         with pytest.raises(InvalidInput, match=told):
-            run(MANY, store, Inline(), Console(file=io.StringIO()), 1e9, tmp_path / "runs.csv")
+            run(Sweep(MANY, store, 1e9, tmp_path / "runs.csv"), Inline(), Console(file=io.StringIO()))
         assert store.finished() == set()
 
 
 def test_runs_of_other_training_are_refused(finished, tmp_path):
     shutil.copy(finished[0] / "results.sqlite", tmp_path / "other.sqlite")
     longer = dataclasses.replace(MANY, steps=800)
-    with Store(tmp_path / "out", longer) as store, pytest.raises(InvalidInput, match="steps = 600, expected 800"):
-        run(longer, store, Inline(), Console(file=io.StringIO()), 1e9, tmp_path / "other.sqlite")
+    with (
+        SweepResults(tmp_path / "out", longer) as store,
+        pytest.raises(InvalidInput, match="steps = 600, expected 800"),
+    ):
+        run(Sweep(longer, store, 1e9, tmp_path / "other.sqlite"), Inline(), Console(file=io.StringIO()))
 
 
 def test_runs_on_another_plant_are_refused_where_no_estimate_tells(finished, tmp_path):
     """Without data the estimate is the prior, whatever the plant."""
     shutil.copy(finished[0] / "results.sqlite", tmp_path / "other.sqlite")
     elsewhere = tuple(dataclasses.replace(p, truth=(2.5, 2.0)) for p in MANY.points)
-    with Store(tmp_path / "out", dataclasses.replace(MANY, points=elsewhere)) as store:
+    with SweepResults(tmp_path / "out", dataclasses.replace(MANY, points=elsewhere)) as store:
         with pytest.raises(InvalidInput, match=r"n = 0, .* truth = \[.*\], expected \[2.5, 2.0\]"):
-            run(store.preset, store, Inline(), Console(file=io.StringIO()), 1e9, tmp_path / "other.sqlite")
+            run(Sweep(store.preset, store, 1e9, tmp_path / "other.sqlite"), Inline(), Console(file=io.StringIO()))
         assert store.finished() == set()
 
 
@@ -249,5 +253,5 @@ def test_a_file_of_something_else_is_refused(tmp_path, name, content, told):
         db.close()
     elif content is not None:
         path.write_bytes(content.encode() if isinstance(content, str) else content)
-    with Store(tmp_path / "out", MANY) as store, pytest.raises(InvalidInput, match=told):
-        run(MANY, store, Inline(), Console(file=io.StringIO()), 1e9, path)
+    with SweepResults(tmp_path / "out", MANY) as store, pytest.raises(InvalidInput, match=told):
+        run(Sweep(MANY, store, 1e9, path), Inline(), Console(file=io.StringIO()))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from study.numerals import MINUS
+from study.formatting import MINUS
 from study.statistics import bootstrap_coverage, paired_bootstrap, paired_t, sem, student, welch, wilson
 from sysid import InvalidInput
 

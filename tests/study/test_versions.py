@@ -5,7 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-import study.versions as v
+import study.pipeline.versions as v
 
 ROOT = Path(__file__).resolve().parents[2]
 

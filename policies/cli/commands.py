@@ -1,0 +1,347 @@
+"""The commands of the command line: each reads its files, answers one question, writes what was asked."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Mapping, Sequence
+from functools import singledispatch
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from policies.cli.options import Evaluate, Export, Train
+from policies.control.references import ReferenceReturn, references
+from policies.environments import task
+from policies.environments.machine import check_machine, check_stable, machine_of, past_commands_needed
+from policies.environments.randomization import Band, Fixed, Posterior, Randomization, Ranges
+from policies.evaluation import Evaluation, evaluate, fresh_start_states
+from policies.storage.policy_file import DESCRIPTION, WEIGHTS, SavedPolicy, load_policy, save_policy
+from sysid import InvalidInput, Model, Parameter, SavedModel, load
+from sysid.data.files import save_text
+
+EPISODES = 200
+"""Start states from which `train` states the expected return."""
+
+NARROW = 20.0
+"""Bounds whose ends differ by no more than this factor say what is plausible_range."""
+
+LONGEST_HISTORY = 100
+"""Past commands that a policy may observe."""
+
+
+@singledispatch
+def run(command: Any) -> None:
+    """Run a command of policies.cli.options. Raises InvalidInput for bad input."""
+    raise InvalidInput(f"unknown command {command!r}")
+
+
+@run.register
+def _(command: Train) -> None:
+    _check_numbers(command)
+    _check_folder(command.out, [command.model, command.effects, command.onnx], command.force)
+    _check_onnx(command)
+    _load_effects(command.effects)
+    if command.onnx is not None:
+        from policies.storage.onnx_file import require_onnx
+
+        require_onnx()
+    saved = load(command.model)
+    machine = machine_of(saved.model, command.u_max, command.dt)
+    randomization = _randomization(command, saved, machine)
+    check_machine(machine, randomization)
+    history = history_for(machine, randomization) if command.history is None else command.history
+
+    from policies.training.cpu_settings import tune_cpu
+    from policies.training.program import settings_for, train
+
+    settings = settings_for(machine, command.hidden, command.steps)
+    _introduce(command, saved.model, machine, randomization, history)
+    tune_cpu(threads=1)
+    seeds = range(command.seed, command.seed + command.agents)
+    training = train(machine, randomization, settings, seeds, history, _Curve())
+    if command.agents > 1:
+        returns = ", ".join(f"{value:.0f}" for value in training.chosen)
+        print(f"agent {training.best + 1} is the best on this model, by other start states: {returns}")
+    starts = fresh_start_states(0, EPISODES)
+    worth = evaluate(training.policy, machine, *starts)
+    about = {
+        "model_file": command.model.name,
+        "randomization": randomization.to_json(),
+        "settings": dataclasses.asdict(settings),
+        "seeds": list(training.seeds),
+        "best": training.best,
+        "return": _plain(worth),
+        "curve": [[step, value] for step, value in training.curves[training.best]],
+        "seconds": round(training.seconds, 1),
+    }
+    save_policy(training.policy, machine, command.out, about)
+    print(f"wrote {command.out / DESCRIPTION} and {WEIGHTS}")
+    if command.onnx is not None:
+        _write_onnx(SavedPolicy(training.policy, machine, about), command.onnx)
+    print(f"expected return on this model ({EPISODES} fresh start states, 95 % intervals):")
+    _show("this policy", worth)
+    if not command.no_references:
+        _show_references(references(machine, *starts))
+
+
+@run.register
+def _(command: Evaluate) -> None:
+    if command.episodes < 2:
+        raise InvalidInput(f"--episodes {command.episodes}: expected at least 2")
+    if command.seed < 0:
+        raise InvalidInput(f"--seed {command.seed}: expected a number >= 0")
+    inputs = [command.model, command.effects, command.policy / DESCRIPTION, command.policy / WEIGHTS]
+    _check_outputs(inputs, command.force, command.json)
+    _load_effects(command.effects)
+    saved = load_policy(command.policy)
+    starts = fresh_start_states(command.seed, command.episodes)
+    own = evaluate(saved.policy, saved.model, *starts)
+    print(f"return from {command.episodes} start states, 95 % intervals:")
+    _show("on its own model", own)
+    data: dict[str, Any] = {"schema": "gapfinder/transfer/1", "episodes": command.episodes, "own": _plain(own)}
+    on = saved.model
+    if command.model is not None:
+        on = _other(command.model, saved)
+        other = evaluate(saved.policy, on, *starts)
+        gap = Evaluation(own.returns - other.returns)
+        _show(f"on {command.model.name}", other)
+        _show("transfer gap", gap, "what it loses there, paired over start states")
+        data |= {"other": _plain(other), "gap": _plain(gap)}
+    if command.references:
+        print(f"others on {'its own model' if command.model is None else command.model.name}:")
+        found = references(on, *starts)
+        _show_references(found)
+        data["references"] = [
+            {"name": r.name, "note": r.note, **({} if r.evaluation is None else _plain(r.evaluation))} for r in found
+        ]
+    if command.json is not None:
+        _write(command.json, json.dumps(data, indent=1, allow_nan=False) + "\n")
+
+
+@run.register
+def _(command: Export) -> None:
+    from policies.storage.onnx_file import require_onnx
+
+    inputs = [command.effects, command.policy / DESCRIPTION, command.policy / WEIGHTS]
+    _check_outputs(inputs, command.force, command.out)
+    _load_effects(command.effects)
+    require_onnx()
+    _write_onnx(load_policy(command.policy), command.out)
+
+
+# ---- train -----------------------------------------------------------------------------------------------------------
+
+
+def _check_onnx(command: Train) -> None:
+    if command.onnx is None:
+        return
+    file, folder = command.onnx.resolve(), command.out.resolve()
+    if file == folder:
+        raise InvalidInput(f"--onnx {command.onnx}: that is the policy's folder; expected a file")
+    if file.parent != folder or folder.is_dir():  # else in the folder that is yet to be made
+        _check_outputs([command.model, command.effects], command.force, command.onnx)
+
+
+def _check_numbers(command: Train) -> None:
+    for option, number, low, high in (
+        ("--steps", command.steps, 1, 10**9),
+        ("--agents", command.agents, 1, 1000),
+        ("--seed", command.seed, 0, 2**63),
+        ("--history", command.history or 0, 0, LONGEST_HISTORY),
+    ):
+        if not low <= number <= high:
+            raise InvalidInput(f"{option} {number}: expected a whole number from {low} to {high:g}")
+
+
+def _randomization(command: Train, saved: SavedModel, machine: Model) -> Randomization:
+    """What --randomize says, of the parameters that a fit may move."""
+    parameters = machine.parameters
+    names = [name for name in saved.free if name in parameters]
+    kind, _, width = command.randomize.partition(":")
+    if command.range and kind != "prior":
+        raise InvalidInput(f"--range {command.range[0]}: expected --randomize prior with it")
+    if command.randomize == "none":
+        return Fixed()
+    if not names:
+        raise InvalidInput(
+            f"--randomize {command.randomize}: {command.model.name} has no parameter that a fit may move"
+        )
+    if kind == "band":
+        return Band({name: float(parameters[name].value) for name in names}, _number("--randomize", width, "band:0.3"))
+    if command.randomize == "prior":
+        return Ranges({name: plausible_range(parameters[name]) for name in names} | _ranges(command.range, parameters))
+    if command.randomize == "posterior":
+        return _posterior(saved, names, command.model.name)
+    raise InvalidInput(f"--randomize {command.randomize}: expected none, band:W as in band:0.3, posterior or prior")
+
+
+def _posterior(saved: SavedModel, names: Sequence[str], file: str) -> Posterior:
+    if saved.estimate is None:
+        raise InvalidInput(f"--randomize posterior: {file} was never fitted; expected one that `sysid fit -o` wrote")
+    return Posterior.of(saved.estimate, names)
+
+
+def plausible_range(p: Parameter) -> tuple[float, float]:
+    """What a parameter may be where nobody measured: its bounds, where their ends are within a factor of 20; else half
+    to twice a plant's number (or a limit's), and from nothing to twice an effect's."""
+    low, high = p.bounds
+    if low > 0.0 and high <= NARROW * low:
+        return low, high
+    value = float(p.value)
+    nothing = None if p.never else p.neutral
+    ends = (0.5 * value, 2.0 * value) if nothing is None else (nothing, nothing + 2.0 * (value - nothing))
+    low, high = np.clip(sorted(ends), low, high).tolist()
+    return low, high
+
+
+def _ranges(given: Sequence[str], known: Mapping[str, Parameter]) -> dict[str, tuple[float, float]]:
+    found = {}
+    for text in given:
+        name, _, ends = (part.strip() for part in text.partition("="))
+        low, _, high = ends.partition(":")
+        if name not in known:
+            raise InvalidInput(f"--range {text}: unknown parameter {name!r}; this model has {', '.join(known)}")
+        found[name] = _number("--range", low, "m=0.5:2"), _number("--range", high, "m=0.5:2")
+        for end in found[name]:
+            known[name].check(end)
+    return found
+
+
+def _number(option: str, text: str, example: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InvalidInput(f"{option}: {text!r} is no number; expected {example}") from None
+
+
+def history_for(machine: Model, randomization: Randomization) -> int:
+    """As many past commands as the delays and lags reach back, in the longest of some draws."""
+    rng = np.random.default_rng(0)
+    wanted = max(past_commands_needed(machine.with_parameters(randomization.sample(rng, machine))) for _ in range(20))
+    if wanted > LONGEST_HISTORY:
+        print(f"delays and lags reach back {wanted} commands: the policy observes the last {LONGEST_HISTORY}")
+    return min(LONGEST_HISTORY, wanted)
+
+
+def _introduce(command: Train, model: Model, machine: Model, randomization: Randomization, history: int) -> None:
+    numbers = ", ".join(f"{name} = {p.value:.4g} {p.unit}" for name, p in machine.parameters.items())
+    print(f"{command.model.name}: {type(machine.plant).__name__}, {numbers}; torque up to {machine.u_max:g} N m")
+    left_out = [e.name for e in model.effects if e.of_log]
+    if left_out:
+        print(f"left out, as it belongs to the log: {', '.join(left_out)}")
+    past = {0: "", 1: " and its last command"}.get(history, f" and its last {history} commands")
+    seen = ", ".join(task.observation_names()) + past
+    print(f"task: swing up and hold for {task.DURATION:g} s, a command every {machine.dt:g} s; observed: {seen}")
+    rng = np.random.default_rng(0)
+    draws = [randomization.sample(rng, machine) for _ in range(200)]
+    spread = ", ".join(
+        f"{name} {min(d[name] for d in draws):.3g} .. {max(d[name] for d in draws):.3g}" for name in draws[0]
+    )
+    print(f"drawn in every episode: {spread or 'nothing'}")
+    layers = " x ".join(map(str, command.hidden))
+    agents = "1 agent" if command.agents == 1 else f"{command.agents} agents"
+    print(f"training {agents} of {layers} for {command.steps:,} steps", flush=True)
+
+
+class _Curve:
+    """The learning curve, line by line; a bar is what an episode costs."""
+
+    width, most = 40, 2000.0
+
+    def __init__(self) -> None:
+        self.begun = False
+
+    def __call__(self, steps: int, returns: Sequence[float], seconds: float) -> None:
+        value = float(np.mean(returns))
+        if not math.isfinite(value):
+            return
+        if not self.begun:
+            print("     step   return in training")
+            self.begun = True
+        bar = "#" * max(1, min(self.width, round(-value / self.most * self.width)))
+        print(f"{steps:9,} {value:9.0f}  {bar:<{self.width}}  {seconds:5.0f} s", flush=True)
+
+
+# ---- evaluate --------------------------------------------------------------------------------------------------------
+
+
+def _other(file: Path, saved: SavedPolicy) -> Model:
+    """Another model as the machine that the policy meets: its commands come at the policy's times."""
+    model, policy = load(file).model, saved.policy
+    own_limit = math.isfinite(model.u_max)
+    try:
+        machine = machine_of(model, None if own_limit else policy.u_max, saved.model.dt)
+        check_stable(machine, Fixed())
+    except InvalidInput as error:
+        raise InvalidInput(f"{file.name}: {error}") from None
+    if own_limit and model.u_max < policy.u_max:
+        print(f"{file.name} gives at most {model.u_max:g} N m, the policy commands up to {policy.u_max:g} N m")
+    return machine
+
+
+# ---- what is said ----------------------------------------------------------------------------------------------------
+
+
+def _show(name: str, evaluation: Evaluation, note: str = "") -> None:
+    low, high = evaluation.interval()
+    print(f"  {name:<30} {evaluation.mean:9.1f}  [{low:.1f}, {high:.1f}]{'  ' + note if note else ''}")
+
+
+def _show_references(found: Sequence[ReferenceReturn]) -> None:
+    for reference in found:
+        if reference.evaluation is None:
+            print(f"  {reference.name:<30}   unknown: {reference.note}")
+        else:
+            _show(reference.name, reference.evaluation, reference.note)
+
+
+def _plain(evaluation: Evaluation) -> dict[str, Any]:
+    return {"mean": evaluation.mean, "interval": list(evaluation.interval()), "episodes": len(evaluation.returns)}
+
+
+# ---- files -----------------------------------------------------------------------------------------------------------
+
+
+def _check_outputs(inputs: Sequence[Path | None], force: bool, *outputs: Path | None) -> None:
+    """Raise InvalidInput where an output is an input, is there already, or cannot be written."""
+    read_from = {p.resolve() for p in inputs if p is not None}
+    for path in (p for p in outputs if p is not None):
+        if path.resolve() in read_from:
+            raise InvalidInput(f"{path} is read by this command: expected another file to write to")
+        if path.is_dir():
+            raise InvalidInput(f"{path} is a folder: expected a file to write to")
+        if not path.resolve().parent.is_dir():
+            raise InvalidInput(f"cannot write {path}: there is no folder {path.parent}")
+        if path.exists() and not force:
+            raise InvalidInput(f"{path} is there already: expected another name, or --force")
+
+
+def _check_folder(folder: Path, inputs: Sequence[Path | None], force: bool) -> None:
+    if folder.exists() and not folder.is_dir():
+        raise InvalidInput(f"{folder} is a file: expected a folder for the policy")
+    if folder.is_dir():
+        _check_outputs(inputs, force, folder / DESCRIPTION, folder / WEIGHTS)
+    elif not folder.resolve().parent.is_dir():
+        raise InvalidInput(f"cannot write {folder}: there is no folder {folder.parent}")
+
+
+def _load_effects(file: Path | None) -> None:
+    if file is not None:
+        from sysid import load_effects
+
+        print(f"effects of {file.name}: {', '.join(load_effects(file))}")
+
+
+def _write(path: Path, text: str) -> None:
+    save_text(path, text)
+    print(f"wrote {path}")
+
+
+def _write_onnx(saved: SavedPolicy, path: Path) -> None:
+    from policies.storage.onnx_file import write_onnx
+
+    difference = write_onnx(saved.policy, saved.model.dt, path)
+    print(f"wrote {path}: differs from the policy by at most {difference:.1g} of its largest torque")

@@ -1,0 +1,221 @@
+"""The near-optimal return, by finite-horizon dynamic programming over (theta, theta_dot).
+
+    optimal = solve(sysid.paper_model(m=2.0, l=1.5))
+    print(evaluate(optimal, plant, *start_states(seed=0)))           # the best that this grid knows to do
+    print(-optimal.cost_to_go(*start_states(seed=0)).mean())         # what it promises
+
+Interpolation weights act as transition probabilities: the scheme is monotone and its error cannot grow. They act as
+noise too, whose variance a step is on average a sixth of the squared spacing: a coarse table plans with a margin, a
+fine one to the edge of what the plant can do. The finer is worth more on the plant it was solved for, less on others.
+Source: Kushner & Dupuis, Numerical Methods for Stochastic Control Problems in Continuous Time, ch. 5.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from policies.control.design_model import check_numbers, is_periodic, is_steady
+from policies.control.interpolation import Axis, corners
+from policies.environments import task
+from sysid import InvalidInput, Model, State
+from sysid.physics.ops import Value
+
+LARGEST = 200_000_000
+"""Entries of all matrices beyond which a table is refused, 8 bytes each; twice as many of its own, 4 bytes each."""
+
+Array = NDArray[np.float64]
+Stage = tuple[NDArray[np.float32], csr_array]
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Nodes of the table: `theta` angles a turn, `theta_dot` speeds up to +-theta_dot_max [rad/s] and `u` torques up
+    to +-u_max; `memory` values of each number that the input path remembers.
+
+    turns   1: angles around the circle. More: a line of so many turns, for torques that wind up with the angle.
+
+    The upright at rest without torque is a node, hence even and odd numbers. A speed beyond theta_dot_max counts as
+    theta_dot_max, which is exact where the model clips it there. Twice the torques change the paper's returns by less
+    than 0.05 (the optimum is nearly bang-bang).
+    """
+
+    theta: int = 450
+    theta_dot: int = 451
+    u: int = 21
+    theta_dot_max: float = 8.0
+    memory: int = 9
+    turns: int = 1
+
+    def __post_init__(self) -> None:
+        if self.theta < 4 or self.theta % 2:
+            raise InvalidInput(f"a grid of theta = {self.theta} angles: expected an even number >= 4")
+        for name in ("theta_dot", "u", "memory"):
+            number = getattr(self, name)
+            if number < 3 or number % 2 == 0:
+                raise InvalidInput(f"a grid of {name} = {number} values: expected an odd number >= 3")
+        if not 0.0 < self.theta_dot_max < math.inf:
+            raise InvalidInput(f"theta_dot_max = {self.theta_dot_max}: expected a positive speed [rad/s]")
+        if self.turns < 1:
+            raise InvalidInput(f"a grid of turns = {self.turns}: expected at least one")
+
+    @property
+    def axes(self) -> tuple[Axis, Axis]:
+        """Those of theta [rad] and theta_dot [rad/s]."""
+        circle, turn = self.turns == 1, 2.0 * math.pi
+        angles = Axis(turn, self.theta, circle=True) if circle else Axis(self.turns * turn, self.turns * self.theta + 1)
+        return angles, Axis(2.0 * self.theta_dot_max, self.theta_dot)
+
+    @property
+    def states(self) -> State:
+        """The nodes theta (T, 1) and theta_dot (1, D)."""
+        theta, theta_dot = self.axes
+        return State(theta.nodes[:, None], theta_dot.nodes[None, :])
+
+    def torques(self, u_max: float) -> Array:
+        """The torques (U,) [N m]."""
+        return np.linspace(-u_max, u_max, self.u)
+
+
+@dataclass(frozen=True, eq=False)
+class Optimal:
+    """The cost to come V_k on the grid, and the policy that is greedy with it; a policy for `evaluate`.
+
+        V_N = 0,   V_k(x) = min_u [cost(x, u) + V_{k+1}(f(x, u, t_k))],   u_k(x) = argmin of the same
+
+    f is the step of `model`, the one designed on; x = (theta, theta_dot, *memory), what its input path remembers
+    included. values (N + 1, T, D, *M) float32 hold V_k at the nodes, multilinear between them. The policy applies f to
+    the state as it is, so it acts well on a coarse grid too.
+    """
+
+    model: Model
+    grid: Grid
+    values: NDArray[np.float32]
+
+    @property
+    def horizon(self) -> int:
+        """N, the number of steps."""
+        return len(self.values) - 1
+
+    @cached_property
+    def _axes(self) -> tuple[Axis, ...]:
+        return _axes(self.model, self.grid)
+
+    def cost_to_go(self, theta: Array, theta_dot: Array, k: int = 0, memory: Sequence[Value] = ()) -> Array:
+        """V_k at theta [rad], theta_dot [rad/s], of their shape; -V_0 is the return that it promises.
+
+        memory   the numbers that the input path remembers; by default those of rest
+        """
+        remembered = tuple(memory) or (0.0,) * (len(self._axes) - 2)
+        nodes, weights = corners(self._axes, (theta, theta_dot, *remembered))
+        return np.einsum("...c,...c->...", self.values[k].ravel()[nodes], weights, dtype=np.float64)
+
+    def __call__(self, state: State, t: float) -> Array:
+        k = round(t / self.model.dt)
+        if not 0 <= k < self.horizon:
+            raise InvalidInput(f"step {k} (t = {t:g} s): this policy was solved for {self.horizon} steps")
+        memory = self.model.rest()
+        if len(self._axes) > 2:
+            memory = tuple(tuple(np.asarray(v)[..., None] for v in own) for own in state.memory)
+        now = State(np.asarray(state.theta)[..., None], np.asarray(state.theta_dot)[..., None], memory)
+        torques = self.grid.torques(self.model.u_max)
+        after = self.model.advance(now, torques, t)
+        paid = -task.reward(now, torques, self.model.dt)
+        total = paid + self.cost_to_go(after.theta, after.theta_dot, k + 1, _flat(after))
+        return torques[np.argmin(total, axis=-1)]
+
+    def __str__(self) -> str:
+        sizes = " x ".join(str(axis.count) for axis in self._axes)
+        return f"optimal for {self.model}: {sizes} states, {self.grid.u} torques, {self.horizon} steps"
+
+
+def solve(model: Model, grid: Grid | None = None, horizon: int | None = None) -> Optimal:
+    """Dynamic programming, backwards from the last step, for the task's cost on the model.
+
+    Interpolation at f(x, u) is the same linear map of V_{k+1} at every k: a sparse matrix a torque, with 2^D entries a
+    row, built once from the model's own step, and for effects that depend on time at every k. Sensing is left out: the
+    policy acts on the state.
+    horizon   steps in an episode, by default those of 10 s
+
+    Raises InvalidInput for a model without torque limit, with a parameter that is not one number, whose input path
+    remembers too much for the grid (`predictive` takes whole samples of a delay out), or whose torques wind up
+    with the angle while the grid has one turn.
+    """
+    grid = Grid() if grid is None else grid
+    horizon = task.horizon(model.dt) if horizon is None else horizon
+    _check(model, grid, horizon)
+    axes = _axes(model, grid)
+    shape, size = tuple(axis.count for axis in axes), math.prod(axis.count for axis in axes)
+    kept = list(_stages(model, grid, 0.0)) if is_steady(model) else None
+
+    values = np.zeros((horizon + 1, *shape), dtype=np.float32)
+    best, total = np.empty(size, dtype=np.float32), np.empty(size, dtype=np.float32)
+    for k in reversed(range(horizon)):
+        later = values[k + 1].ravel()
+        best.fill(np.inf)
+        for cost, expectation in kept or _stages(model, grid, k * model.dt):
+            np.add(cost, expectation @ later, out=total)
+            np.minimum(best, total, out=best)
+        values[k] = best.reshape(shape)
+    return Optimal(model=model, grid=grid, values=values)
+
+
+def _check(model: Model, grid: Grid, horizon: int) -> None:
+    check_numbers(model)
+    if not math.isfinite(model.u_max):
+        raise InvalidInput("the model has no torque limit u_max: expected one, torques are a grid up to it")
+    counts = [axis.count for axis in _axes(model, grid)]
+    if math.prod(counts) * 2 ** len(counts) * grid.u > LARGEST:
+        remembered = len(counts) - 2
+        raise InvalidInput(
+            f"a table of {' x '.join(map(str, counts))} states and {grid.u} torques is too large (of past commands, "
+            f"the model remembers {remembered} numbers): expected a coarser grid, as Grid(120, 121, u=11, memory=5)"
+        )
+    if math.prod(counts) * (horizon + 1) > 2 * LARGEST:
+        raise InvalidInput(
+            f"a table of {' x '.join(map(str, counts))} states at each of {horizon} steps is too large: expected a "
+            "coarser grid, as Grid(120, 121), or a longer dt"
+        )
+    if grid.turns == 1 and not is_periodic(model):
+        raise InvalidInput(
+            "the model's torques wind up with the angle: expected a grid of some turns, as Grid(turns=3)"
+        )
+
+
+def _axes(model: Model, grid: Grid) -> tuple[Axis, ...]:
+    """Those of the table. What is remembered are torques, which never exceed the largest that a command gives."""
+    remembered = len(_flat(model.initial_state(0.0, 0.0)))
+    static = dataclasses.replace(model, effects=tuple(e for e in model.input_effects if not e.rest(model.dt)))
+    drives, _ = static.drive(grid.torques(model.u_max), static.rest())
+    reach = float(np.max(np.abs(drives[0]))) or 1.0
+    return (*grid.axes, *(Axis(2.0 * reach, grid.memory),) * remembered)
+
+
+def _stages(model: Model, grid: Grid, t: float) -> Iterator[Stage]:
+    """For each torque the cost at every node, and the matrix that interpolates the table one step on."""
+    axes = _axes(model, grid)
+    size = math.prod(axis.count for axis in axes)
+    theta, theta_dot, *rest = np.ix_(*(axis.nodes for axis in axes))
+    numbers = iter(rest)
+    memory = tuple(tuple(next(numbers) for _ in own) for own in model.rest())
+    for u in grid.torques(model.u_max).tolist():
+        now = State(theta, theta_dot, memory)
+        after = model.advance(now, u, t)
+        nodes, weights = corners(axes, (after.theta, after.theta_dot, *_flat(after)))
+        width = nodes.shape[-1]
+        rows = np.arange(0, width * size + 1, width, dtype=np.int32)
+        paid = np.broadcast_to(-task.reward(now, u, model.dt), [axis.count for axis in axes])
+        nodes, weights = (np.broadcast_to(x, (*paid.shape, width)).ravel() for x in (nodes, weights))
+        yield paid.astype(np.float32).ravel(), csr_array((weights, nodes, rows), shape=(size, size))
+
+
+def _flat(state: State) -> tuple[Value, ...]:
+    """Every number that the input path remembers."""
+    return tuple(value for own in state.memory for value in own)

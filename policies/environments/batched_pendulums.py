@@ -1,0 +1,180 @@
+"""A pendulum an agent, all moved at once, on plain tensors: what a population trains on.
+
+The parameters of the model are tensors (A,), one number an agent, so one `model.advance` moves all pendulums. Agent a's
+episode e (start state, then parameters, then random torques where it has them) is drawn from a generator made from
+(seeds[a], e) alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from policies.environments import task
+from policies.environments.random_streams import Purpose, generator
+from policies.environments.randomization import RandomForce, Randomization
+from sysid import InvalidInput, Joint, JointEffect, Model, Reading, State
+from sysid.physics.effects.effect import Memory
+from sysid.physics.ops import Value
+from sysid.physics.parameters import parameter
+
+
+@dataclass(frozen=True, eq=False)
+class RandomTorque(JointEffect):
+    """tau [N m], whatever the joint does: where `RandomForce` acts. No effect of a machine, so not in the catalogue."""
+
+    formula: ClassVar[str] = "tau = d_k"
+    tau: Value = parameter(0.0, unit="N m", neutral=0.0)
+
+    def torque(self, joint: Joint) -> Value:
+        """tau [N m]."""
+        return self.tau
+
+
+class BatchedPendulums:
+    """A pendulums, which see observations (A, O) float32 and take actions (A, 1) in [-1, 1], u / u_max.
+
+    Observed is what the model's sensors show, and the last `history` actions: O = 3 + history. The reward is of the
+    state. An episode ends after `horizon` steps (by default 10 s) by truncation; nothing terminates it. What changes
+    is written to in place, so that a step can be replayed as a graph. Where an agent has a random force, `model` has a
+    random torque beyond base_model, zero for agents that are not; past the horizon the last one stays. Raises
+    InvalidInput if there are not as many seeds as randomizations, or the model has no u_max.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        randomizations: Sequence[Randomization],
+        seeds: Sequence[int],
+        horizon: int | None = None,
+        device: str = "cpu",
+        history: int = 0,
+    ) -> None:
+        if not randomizations or len(randomizations) != len(seeds):
+            raise InvalidInput(
+                f"{len(randomizations)} randomizations and {len(seeds)} seeds: expected one of each an agent"
+            )
+        if not math.isfinite(model.u_max):
+            raise InvalidInput(f"the model has u_max = {model.u_max}: expected a finite torque limit [N m]")
+        names = {frozenset(r.sample(generator(0, Purpose.EPISODES), model)) for r in randomizations}
+        if len(names) > 1:
+            raise InvalidInput(
+                f"the randomizations draw different parameters: {sorted(map(sorted, names))}; expected the same"
+            )
+        self.base_model, self.randomizations, self.history = model, tuple(randomizations), history
+        self.device = torch.device(device)
+        self.horizon = task.horizon(model.dt) if horizon is None else horizon
+        self.seeds = tuple(seeds)
+        self.agents = len(self.seeds)
+        self.has_random_force = any(isinstance(r, RandomForce) for r in randomizations)
+        self.forget()
+
+    def forget(self) -> None:
+        """Before the first episode of every agent. From here on these tensors are written to, never replaced."""
+        self.episodes = [0] * self.agents
+        self.steps = torch.zeros(self.agents, dtype=torch.long, device=self.device)
+        drawn = self.randomizations[0].sample(generator(0, Purpose.EPISODES), self.base_model)
+        ones = torch.ones(self.agents, dtype=torch.float64, device=self.device)
+        self.parameters_now = {name: ones.clone() for name in drawn}
+        self.model = self.base_model.with_parameters(self.parameters_now)
+        if self.has_random_force:
+            self._torques = ones.new_zeros(self.agents, self.horizon)
+            self._torque = 0.0 * ones
+            self.model = self.model.with_effect(RandomTorque(self._torque))
+        at_rest = self.model.initial_state(0.0 * ones, 0.0 * ones)
+        memory = tuple(tuple((0.0 * ones).add_(v) for v in own) for own in at_rest.memory)
+        self.state = State(at_rest.theta.clone(), at_rest.theta_dot.clone(), memory)
+        self.past = tuple(0.0 * ones for _ in range(self.history))
+        self.seen = Reading(self.state.theta, self.state.theta_dot)
+        self.sensing: tuple[Memory, ...] = ()
+        if self.model.output_effects:
+            self.seen = Reading(0.0 * ones, 0.0 * ones)
+            self.sensing = tuple(tuple(0.0 * v for v in own) for own in self.model.sensing(*self.seen))
+        self._kept = [*_leaves(self.state), *self._sensors(self.seen, self.sensing), *self.past]
+
+    def restart(self, which: Tensor | None = None) -> Tensor:
+        """Begin a new episode for the agents in the mask `which` (A,), or for all; returns observations (A, O)."""
+        mask = torch.ones_like(self.steps, dtype=torch.bool) if which is None else which
+        drawn = {name: np.ones(self.agents) for name in ("theta", "theta_dot", *self.parameters_now)}
+        torques = np.zeros((self.agents, self.horizon))
+        for a in range(self.agents) if which is None else torch.nonzero(mask).flatten().tolist():
+            rng = generator(self.seeds[a], Purpose.EPISODES, self.episodes[a])
+            drawn["theta"][a], drawn["theta_dot"][a] = task.start_state(rng)
+            own = self.randomizations[a]
+            for name, value in own.sample(rng, self.base_model).items():
+                drawn[name][a] = value
+            if isinstance(own, RandomForce):
+                torques[a] = own.torques(rng, self.horizon, self.base_model.dt)
+            self.episodes[a] += 1
+        there = {name: torch.from_numpy(numbers).to(self.device) for name, numbers in drawn.items()}
+        for name, values in self.parameters_now.items():
+            values.copy_(torch.where(mask, there[name], values))
+        if self.has_random_force:
+            self._torques.copy_(torch.where(mask[:, None], torch.from_numpy(torques).to(self.device), self._torques))
+        fresh = self.model.initial_state(there["theta"], there["theta_dot"])
+        shown = self._sensors(*self._read(fresh, self.model.sensing(fresh.theta, fresh.theta_dot), 0.0))
+        for kept, new in zip(self._kept, (*_leaves(fresh), *shown, *map(torch.zeros_like, self.past)), strict=True):
+            kept.copy_(torch.where(mask, new, kept))
+        self.steps.masked_fill_(mask, 0)
+        return self.observe()
+
+    def advance(self, action: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Hold action (A, 1) for dt: next observation (A, O), reward (A,), truncated (A,). Does not restart."""
+        dt, share = self.base_model.dt, action[:, 0].to(torch.float64).clamp(-1.0, 1.0)
+        u = share * self.base_model.u_max
+        reward = task.reward(self.state, u, dt).to(torch.float32)
+        t = self.steps.to(torch.float64) * dt
+        if self.has_random_force:
+            k = self.steps.clamp(max=self.horizon - 1).unsqueeze(1)
+            self._torque.copy_(self._torques.gather(1, k).squeeze(1))
+        after = self.model.advance(self.state, u, t)
+        shown = self._sensors(*self._read(after, self.sensing, t + dt))
+        past = (share, *self.past)[: self.history]
+        # apart first: a delay's line passes the very tensors on that are written to
+        for kept, new in zip(self._kept, [leaf.clone() for leaf in (*_leaves(after), *shown, *past)], strict=True):
+            kept.copy_(new)
+        self.steps.add_(1)
+        return self.observe(), reward, self.steps >= self.horizon
+
+    def observe(self) -> Tensor:
+        """Observations (A, O), float32."""
+        return torch.stack(task.observation(self.seen, self.past), -1).to(torch.float32)
+
+    def _read(self, state: State, sensing: tuple[Memory, ...], t: Any) -> tuple[Reading, tuple[Memory, ...]]:
+        return self.model.read(state.theta, state.theta_dot, sensing, t)
+
+    def _sensors(self, seen: Reading, sensing: tuple[Memory, ...]) -> list[Any]:
+        """What they show and remember; nothing where they show the state itself."""
+        return [*seen, *(value for own in sensing for value in own)] if self.model.output_effects else []
+
+    def snapshot(self) -> dict[str, Any]:
+        """Everything that the next step depends on, as tensors, lists and numbers."""
+        return {
+            "state": [leaf.clone() for leaf in self._kept],
+            "parameters": {name: values.clone() for name, values in self.parameters_now.items()},
+            "episodes": list(self.episodes),
+            "steps": self.steps.clone(),
+            **({"torques": self._torques.clone()} if self.has_random_force else {}),
+        }
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Go on from a snapshot, in place."""
+        for kept, stored in zip(self._kept, snapshot["state"], strict=True):
+            kept.copy_(stored)
+        for name, values in self.parameters_now.items():
+            values.copy_(snapshot["parameters"][name])
+        self.episodes = list(snapshot["episodes"])
+        self.steps.copy_(snapshot["steps"])
+        if self.has_random_force:
+            self._torques.copy_(snapshot["torques"])
+
+
+def _leaves(state: State) -> list[Any]:
+    """Angle, speed and every number that an effect remembers."""
+    return [state.theta, state.theta_dot, *(value for own in state.memory for value in own)]

@@ -1,0 +1,1 @@
+"""Trained policies on disk: policy_file (safetensors and JSON), onnx_file."""

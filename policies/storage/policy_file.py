@@ -1,0 +1,166 @@
+"""A trained policy on disk: weights as safetensors, everything else as JSON; loading executes nothing.
+
+    save_policy(policy, machine, "policy", about={...})      # policy/policy.json, policy/policy.safetensors
+    saved = load_policy("policy")
+    evaluate(saved.policy, saved.model, *fresh_start_states(0, 200))
+
+policy.json:
+
+    {"schema": "gapfinder/policy/1",
+     "observation": ["cos theta", "sin theta", "theta_dot [rad/s]", "u[-1] / u_max"], "history": 1,
+     "dt": 0.05, "u_max": 2.0,
+     "weights": {"file": "policy.safetensors", "sha256": "..."},
+     "model": {the model that it was trained on, as model.json has it},
+     "about": {settings, randomization, seeds, learning curve, expected return, versions}}
+
+policy.safetensors holds the actor, float32: w0 (in, out), b0 (out), w1, ...; u = u_max tanh(loc), loc the output of
+linear layers with ReLU between them. The policies of a population could stand in the same arrays with a leading axis.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import metadata
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from policies.environments import task
+from policies.network_policy import NetworkPolicy
+from sysid import InvalidInput, Model
+from sysid.data.files import write_whole
+from sysid.estimation.saved_model import from_dict, to_dict
+
+SCHEMA = "gapfinder/policy/1"
+DESCRIPTION, WEIGHTS = "policy.json", "policy.safetensors"
+
+
+@dataclass(frozen=True, eq=False)
+class SavedPolicy:
+    """What a policy's folder holds: the policy, the machine it was trained on, and how it came about."""
+
+    policy: NetworkPolicy
+    model: Model
+    about: dict[str, Any]
+
+
+def save_policy(policy: NetworkPolicy, model: Model, folder: str | PathLike[str], about: Mapping[str, Any]) -> None:
+    """Write a policy that was trained on the model into a folder, in place of one that is there.
+
+    Raises InvalidInput where it cannot be written, and for a plant or an integrator that is not ours.
+    """
+    from safetensors.numpy import save
+
+    arrays = {}
+    for i, (w, b) in enumerate(policy.layers):
+        arrays[f"w{i}"], arrays[f"b{i}"] = np.ascontiguousarray(w), np.ascontiguousarray(b)
+    weights = save(arrays, metadata={"schema": SCHEMA})
+    described = {
+        "schema": SCHEMA,
+        "observation": list(task.observation_names(policy.history)),
+        "history": policy.history,
+        "dt": model.dt,
+        "u_max": policy.u_max,
+        "weights": {"file": WEIGHTS, "sha256": hashlib.sha256(weights).hexdigest()},
+        "model": to_dict(model),
+        "about": {**about, "versions": package_versions()},
+    }
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_whole(folder / WEIGHTS, weights)
+        write_whole(folder / DESCRIPTION, json.dumps(described, indent=1, allow_nan=False) + "\n")
+    except OSError as error:
+        raise InvalidInput(f"cannot write {error.filename or folder}: {error.strerror}") from None
+
+
+def load_policy(folder: str | PathLike[str]) -> SavedPolicy:
+    """Read a policy's folder; a user's own effects must have been loaded (`sysid.load_effects`) before.
+
+    Raises InvalidInput, in one sentence, for anything that is not a policy of this version, and for one whose
+    observation this version does not make.
+    """
+    folder = Path(folder)
+    text, weights = _read(folder / DESCRIPTION), _read(folder / WEIGHTS)
+    try:
+        data = json.loads(text)
+    except (ValueError, RecursionError):
+        raise InvalidInput(f"{folder / DESCRIPTION} is not JSON: expected one that a training wrote") from None
+    if not isinstance(data, dict) or data.get("schema") != SCHEMA:
+        came = data.get("schema") if isinstance(data, dict) else None
+        raise InvalidInput(f'{folder / DESCRIPTION} has "schema": {json.dumps(came)}: this version reads "{SCHEMA}"')
+    try:
+        return _policy(data, weights)
+    except InvalidInput as error:
+        raise InvalidInput(f"{folder}: {error}") from None
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InvalidInput(f"{folder / DESCRIPTION} is damaged ({type(error).__name__}: {error})") from None
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        folder = path.parent
+        raise InvalidInput(
+            f"{folder} is no policy: cannot read {path.name} in it ({error.strerror}); "
+            "expected the folder that a training wrote"
+        ) from None
+
+
+def _policy(data: Mapping[str, Any], weights: bytes) -> SavedPolicy:
+    history, dt, u_max = data["history"], float(data["dt"]), float(data["u_max"])
+    names = list(task.observation_names(history)) if isinstance(history, int) and history >= 0 else []
+    if data["observation"] != names:
+        came = ", ".join(map(str, data["observation"]))
+        raise InvalidInput(f"it was trained for another observation ({came}): this version gives {', '.join(names)}")
+    if not (0.0 < dt < math.inf and 0.0 < u_max < math.inf):
+        raise InvalidInput(f"dt = {dt} and u_max = {u_max}: expected positive numbers")
+    if hashlib.sha256(weights).hexdigest() != data["weights"]["sha256"]:
+        raise InvalidInput(f"{WEIGHTS} is not the file that {DESCRIPTION} was written with: train again, or copy both")
+    model = from_dict(data["model"]).model
+    if (model.dt, model.u_max) != (dt, u_max):
+        raise InvalidInput(f"its model has dt = {model.dt}, u_max = {model.u_max}, the policy {dt} and {u_max}")
+    return SavedPolicy(NetworkPolicy(_layers(weights, 3 + history), u_max, history), model, dict(data["about"]))
+
+
+def _layers(weights: bytes, inputs: int) -> tuple[tuple[NDArray[np.float32], NDArray[np.float32]], ...]:
+    from safetensors import SafetensorError
+    from safetensors.numpy import load
+
+    try:
+        arrays = load(weights)
+    except SafetensorError as error:
+        raise InvalidInput(f"{WEIGHTS} is no safetensors file ({error})") from None
+    depth = len(arrays) // 2
+    if depth == 0 or set(arrays) != {f"{kind}{i}" for i in range(depth) for kind in "wb"}:
+        raise InvalidInput(f"{WEIGHTS} holds {', '.join(sorted(arrays)) or 'nothing'}: expected w0, b0, w1, ...")
+    layers = tuple((arrays[f"w{i}"], arrays[f"b{i}"]) for i in range(depth))
+    width = inputs
+    for i, (w, b) in enumerate(layers):
+        out = 1 if i == depth - 1 else b.size
+        if w.shape != (width, out) or b.shape != (out,):
+            raise InvalidInput(f"layer {i} has shapes {w.shape} and {b.shape}: expected {(width, out)} and {(out,)}")
+        if w.dtype != np.float32 or b.dtype != np.float32 or not (np.isfinite(w).all() and np.isfinite(b).all()):
+            raise InvalidInput(f"layer {i} holds other numbers than finite float32")
+        width = out
+    return layers
+
+
+def package_versions() -> dict[str, str]:
+    """What the numbers of a training depend on."""
+    found = {"python": platform.python_version(), "machine": platform.machine()}
+    for package in ("gapfinder", "numpy", "torch"):
+        try:
+            found[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            found[package] = "not installed"
+    return found

@@ -1,0 +1,201 @@
+"""A agents trained side by side in one process: each with its own pendulum, randomization, memory, networks and seed.
+
+    population = Population(sysid.paper_model(), [Band({"m": 2.0, "l": 1.5}, w=0.1)] * 3, seeds=[0, 1, 2])
+    population.train(75_000)
+    evaluate(population.policies()[0], sysid.paper_model(m=2.0, l=1.5), *start_states(seed=0))
+
+What an agent becomes depends on its own seed and randomization, not on its neighbours.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from policies.environments.batched_pendulums import BatchedPendulums
+from policies.environments.random_streams import Purpose
+from policies.environments.randomization import Randomization
+from policies.network_policy import NetworkPolicy
+from policies.training.checkpoint import read_checkpoint, write_checkpoint
+from policies.training.cuda_graph import CudaGraph
+from policies.training.random_blocks import BLOCK_LENGTH, RandomBlocks
+from policies.training.replay import Replay
+from policies.training.sac import SAC, SACSettings
+from sysid import InvalidInput, Model
+
+CHECKPOINT_VERSION = 2
+
+
+class Population:
+    """Soft actor-critic agents, trained together; `train` advances all, `save` and `resume` interrupt and go on.
+
+    model: the pendulum whose parameters the randomizations draw; randomizations (A,), seeds (A,); history: how many
+    past commands the agents observe.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        randomizations: Sequence[Randomization],
+        seeds: Sequence[int],
+        settings: SACSettings | None = None,
+        device: str = "cpu",
+        history: int = 0,
+    ) -> None:
+        self.settings = settings = SACSettings() if settings is None else settings
+        self.seeds, self.device = tuple(int(s) for s in seeds), torch.device(device)
+        self.env = BatchedPendulums(model, randomizations, self.seeds, device=device, history=history)
+        self.agents = agents = len(self.seeds)
+        self.sac = SAC(self.seeds, settings, 3 + history, device=device)
+        self.replay = Replay(agents, min(settings.capacity, settings.steps), 3 + history, 1, device)
+        self.steps_done, self._block = 0, -1
+        self._blocks = blocks = _random_blocks(self.seeds, settings.batch, device)
+        self._exploration, self._uniform, self._normal = blocks
+        self._k = torch.zeros(1, dtype=torch.long, device=self.device)
+        self._observation = self.env.restart()
+        self._return = torch.zeros(agents, dtype=torch.float64, device=self.device)
+        self._curve: list[tuple[int, torch.Tensor]] = []
+        self._learning_step = CudaGraph(self._learn, self.device)
+
+    @property
+    def curves(self) -> list[list[tuple[int, float]]]:
+        """Of each agent: (env steps done, return) of every training episode that ended."""
+        table = [(step, returns.tolist()) for step, returns in self._curve]
+        return [[(step, returns[a]) for step, returns in table] for a in range(self.agents)]
+
+    def train(self, steps: int) -> None:
+        """Advance every agent by `steps` environment steps, but not beyond settings.steps."""
+        for _ in range(min(steps, self.settings.steps - self.steps_done)):
+            self._step()
+
+    def _step(self) -> None:
+        block, k = divmod(self.steps_done, BLOCK_LENGTH)
+        if block != self._block:
+            self._load(block, k)
+        if self.steps_done >= self.settings.random_steps:
+            self._learning_step()
+        else:
+            self._explore()
+        self.steps_done += 1
+        if self.steps_done % self.env.horizon == 0:
+            self._curve.append((self.steps_done, self._return.clone()))
+            self._return.zero_()
+            self._observation.copy_(self.env.restart())
+
+    def _load(self, block: int, k: int) -> None:
+        """Take up the random numbers of a block, from its step k on."""
+        for numbers in self._blocks:
+            numbers.load(block)
+        self._block = block
+        self._k.fill_(k)
+
+    def _explore(self) -> None:
+        """A step with uniform actions."""
+        self._move(self._exploration.at(self._k)[:, :1])
+        self._k.add_(1)
+
+    def _learn(self) -> None:
+        """A step with the policy's actions and an update. Nothing in it waits for the device or depends on the host."""
+        self._move(self.sac.act(self._observation, self._exploration.at(self._k)[:, 1:]))
+        noise, next_noise = self._normal.at(self._k).unbind(1)
+        self.sac.update(self.replay.sample(self._uniform.at(self._k)), noise, next_noise)
+        self._k.add_(1)
+
+    def _move(self, action: torch.Tensor) -> None:
+        """One step of every pendulum, remembered. A time limit is no terminal state."""
+        observation, reward, truncated = self.env.advance(action)
+        self.replay.add(self._observation, action, reward, observation, torch.zeros_like(truncated))
+        self._observation.copy_(observation)
+        self._return.add_(reward)
+
+    def policies(self) -> list[NetworkPolicy]:
+        """The deterministic policy of every agent as it stands now."""
+        actor = [(w.cpu().numpy().copy(), b.cpu().numpy().copy()) for w, b in self.sac.actor.weights]
+        *hidden, (weight, bias) = actor
+        means = [*hidden, (weight[..., :1], bias[..., :1])]
+        u_max, history = self.env.base_model.u_max, self.env.history
+        return [NetworkPolicy(tuple((w[a], b[a, 0]) for w, b in means), u_max, history) for a in range(self.agents)]
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a checkpoint, whole or not at all: the file is replaced only when the new one is on the disk."""
+        write_checkpoint(Path(path), {**self._identity(), **self._progress()})
+
+    def resume(self, path: str | os.PathLike[str]) -> None:
+        """Go on from a checkpoint of this very population: the same numbers follow as without the interruption.
+
+        Raises InvalidInput for a file that is no checkpoint, or one of another population or version; nothing has
+        changed then.
+        """
+        stored = read_checkpoint(Path(path))
+        stored.setdefault("history", 0)  # what was written before there was one
+        for name, expected in self._identity().items():
+            if stored.get(name) != expected:
+                raise InvalidInput(
+                    f"{path} is a checkpoint with {name} = {stored.get(name)}; this population has {name} = {expected}"
+                )
+        self.steps_done, self._block = stored["steps_done"], -1
+        self.sac.restore(stored["sac"])
+        self.replay.restore(stored["replay"])
+        self.env.restore(stored["env"])
+        self._observation.copy_(stored["observation"])
+        self._return.copy_(stored["return"])
+        self._curve = [(step, torch.tensor(returns, dtype=torch.float64)) for step, returns in stored["curve"]]
+
+    def _identity(self) -> dict[str, Any]:
+        """What makes this population the one it is."""
+        model = self.env.base_model
+        return {
+            "version": CHECKPOINT_VERSION,
+            "seeds": list(self.seeds),
+            "settings": asdict(self.settings),
+            "history": self.env.history,
+            "randomizations": [r.to_json() for r in self.env.randomizations],
+            "model": {
+                "plant": type(model.plant).__name__,
+                "parameters": {name: float(p.value) for name, p in model.parameters.items()},
+                "integrator": repr(model.integrator),
+                "dt": model.dt,
+                "u_max": model.u_max,
+            },
+        }
+
+    def _progress(self) -> dict[str, Any]:
+        """What training has changed. Random streams are functions of seed and step, so they need no place here."""
+        return {
+            "steps_done": self.steps_done,
+            "sac": self.sac.snapshot(),
+            "replay": self.replay.snapshot(),
+            "env": self.env.snapshot(),
+            "observation": self._observation,
+            "return": self._return,
+            "curve": [[step, returns.tolist()] for step, returns in self._curve],
+        }
+
+
+def _random_blocks(seeds: Sequence[int], batch: int, device: str) -> tuple[RandomBlocks, RandomBlocks, RandomBlocks]:
+    """Exploration (A, 2), draws from the memory (A, B) and the noise of the losses (A, 2, B, 1), for every step."""
+
+    def uniform(rng: np.random.Generator, length: int) -> NDArray:
+        return rng.random((length, batch))
+
+    def normal(rng: np.random.Generator, length: int) -> NDArray:
+        return rng.standard_normal((length, 2, batch, 1), dtype=np.float32)
+
+    return (
+        RandomBlocks(seeds, Purpose.EXPLORATION, _exploration, device),
+        RandomBlocks(seeds, Purpose.REPLAY, uniform, device),
+        RandomBlocks(seeds, Purpose.LOSS, normal, device),
+    )
+
+
+def _exploration(rng: np.random.Generator, length: int) -> NDArray[np.float32]:
+    """(length, 2): a uniform action in [-1, 1] and the normal noise of the policy's action, for each step."""
+    uniform = rng.uniform(-1.0, 1.0, length)
+    return np.stack((uniform, rng.standard_normal(length)), 1).astype(np.float32)

@@ -1,1 +1,0 @@
-"""What runs a study's tasks: `executor` is the interface, `processes` and `cluster` are behind it."""

@@ -1,0 +1,116 @@
+"""Publishes the experiment: tables, what made them, and the answers in words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+
+from study.mismatch import naming
+from study.mismatch.figures.drawing import draw_figures
+from study.mismatch.findings import MismatchFindings, findings_of
+from study.mismatch.mismatch_page import page
+from study.mismatch.mismatch_results import MismatchResults
+from study.mismatch.naming_results import NAMING_TABLE, read_naming
+from study.mismatch.plan import CONTRASTS, Plan
+from study.mismatch.sentences import sentences
+from study.pipeline.csv_table import write_table
+from study.pipeline.record import write_record
+from study.pipeline.versions import all_versions
+from sysid.data.files import write_whole
+
+
+@dataclass(frozen=True)
+class OutcomeRow:
+    """A strategy at a plant and a budget: returns over seeds, with Student's interval, the gap to the optimum from the
+    same start states, and its parts over as many seeds as there are tables for."""
+
+    plant: str
+    way: str
+    n: int
+    seeds: int
+    mean: float
+    low: float
+    high: float
+    median: float
+    gap: float
+    structure: float
+    identification: float
+    training: float
+    tables: int
+
+
+@dataclass(frozen=True)
+class ContrastRow:
+    """A pre-registered contrast a - b; p is Holm's over the family."""
+
+    plant: str
+    n: int
+    a: str
+    b: str
+    mean: float
+    low: float
+    high: float
+    median: float
+    seeds: int
+    p: float
+
+
+@dataclass(frozen=True)
+class TrialRow:
+    """The mean return of one agent on a hidden plant."""
+
+    plant: str
+    way: str
+    n: int
+    seed: int
+    mean: float
+
+
+def publish_mismatch(plan: Plan, results: MismatchResults, console: Console) -> MismatchFindings:
+    """Write tables, figures and page into the results' folder and say the answers; returns them.
+
+    The naming study is told too where its table lies in the folder.
+    """
+    folder, trained, fits = results.folder, results.trainings(), results.fits()
+    naming_rows = read_naming(folder / NAMING_TABLE)
+    with console.status("drawing"):
+        found = findings_of(plan, fits, trained, results.designs())
+        said = sentences(found, naming_rows)
+        made_with = [agent.versions for agent in trained]
+        write_tables(found, folder)
+        about = {"trials": len(plan.trials), "agents": len(trained), "contrasts": [f"{a} - {b}" for a, b in CONTRASTS]}
+        write_record(folder / "study.json", plan, results.device, about, found.hours, made_with)
+        figures = draw_figures(found, fits, folder)
+        if naming_rows:
+            figures["naming"] = naming.draw_naming(naming_rows, folder)
+        write_whole(folder / "report.html", page(found, said, figures, all_versions(made_with), naming_rows))
+    for question, text in said:
+        console.print(f"[bold]{question}[/]\n{escape(text)}\n")
+    console.print(f"report   {folder / 'report.html'}", soft_wrap=True)
+    console.print(f"figures  {', '.join(map(str, figures.values()))}", soft_wrap=True)
+    return found
+
+
+def write_tables(found: MismatchFindings, folder: Path) -> None:
+    """trials.csv, outcomes.csv, contrasts.csv."""
+    trials, outcomes = [], []
+    for condition, own in found.outcomes.items():
+        trials += [TrialRow(*condition, seed, float(mean)) for seed, mean in zip(own.seeds, own.returns, strict=True)]
+        mean, split = own.mean, own.split
+        parts = (split.structure, split.identification, split.training) if split else (float("nan"),) * 3
+        stands = split.seeds if split else 0
+        outcomes.append(
+            OutcomeRow(*condition, len(own.seeds), mean.mean, mean.low, mean.high, own.median, own.gap, *parts, stands)
+        )
+    contrasts = [
+        ContrastRow(
+            c.plant, c.n, c.a, c.b, c.contrast.mean, c.contrast.low, c.contrast.high, c.median, c.contrast.seeds, c.p
+        )
+        for c in found.compared
+    ]
+    write_table(TrialRow, folder / "trials.csv", trials)
+    write_table(OutcomeRow, folder / "outcomes.csv", outcomes)
+    write_table(ContrastRow, folder / "contrasts.csv", contrasts)

@@ -1,0 +1,154 @@
+"""What the naming study found: rows, how often the answer was right, and how far m and l were off.
+
+Right is to name the effect, alone: as itself, as one that contains it, or in a class that the log cannot tell apart
+("cannot tell"). Where the catalogue lacks the effect "unknown" is right, whatever was named beside it; where nothing is
+missing, "adequate".
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from study.mismatch.labels import capital, plant_title
+from study.mismatch.plan import PLANS, HiddenPlant
+from study.pipeline.csv_table import read_table, write_table
+from study.statistics import wilson
+from sysid import CATALOGUE, InvalidInput
+
+NAMING_TABLE = "naming.csv"
+
+CONTAINS = {"coulomb": ("stribeck", "asymmetric_coulomb")}
+"""Larger effects that are the effect at some of their numbers: to name one of them is right, too."""
+
+REFUSED = "refused"
+"""The verdict where the rollouts do not even allow a fit."""
+
+
+@dataclass(frozen=True)
+class NamingResult:
+    """What n rollouts of a hidden plant led to.
+
+    steps         what was added, in order; with "/" between the effects that the log cannot tell apart
+    right         whether that is what is missing, and nothing else
+    error_fitted  of m and l of the model that lacks the effect; error_mended: of that with what was added [1]
+    """
+
+    plant: str
+    n: int
+    seed: int
+    verdict: str
+    steps: tuple[str, ...]
+    right: bool
+    error_fitted: float
+    error_mended: float
+
+
+@dataclass(frozen=True)
+class Rate:
+    """How often, of so many seeds, the naming was right, with Wilson's 95 % interval.
+
+    accompanied   how often the effect was named, but with another, or with something left that nothing explains
+    """
+
+    right: int
+    accompanied: int
+    seeds: int
+
+    @property
+    def share(self) -> float:
+        """Of the seeds that were right."""
+        return self.right / self.seeds
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Of that share."""
+        return wilson(self.right, self.seeds)
+
+
+def is_right(plant: HiddenPlant, verdict: str, steps: Sequence[str]) -> bool:
+    """Whether this is what the plant has, and nothing else."""
+    if plant.effect is None:
+        return verdict == "adequate"
+    if plant.effect not in CATALOGUE:
+        return verdict == "unknown"
+    return verdict in ("missing", "cannot tell") and len(steps) == 1 and names(plant, steps)
+
+
+def names(plant: HiddenPlant, steps: Sequence[str]) -> bool:
+    """Whether one of the steps is the plant's effect, one that contains it, or one that the log cannot tell from it."""
+    wanted = {plant.effect, *CONTAINS.get(plant.effect or "", ())}
+    return any(wanted & set(step.split("/")) for step in steps)
+
+
+def naming_rates(rows: Iterable[NamingResult]) -> dict[tuple[str, int], Rate]:
+    """The naming_rates by (plant, n)."""
+    plants = {plant.name: plant for plant in PLANS["mismatch"].plants}
+    groups: dict[tuple[str, int], list[NamingResult]] = {}
+    for row in rows:
+        groups.setdefault((row.plant, row.n), []).append(row)
+    found = {}
+    for key, own in groups.items():
+        accompanied = [row for row in own if not row.right and names(plants[row.plant], row.steps)]
+        found[key] = Rate(sum(row.right for row in own), len(accompanied), len(own))
+    return found
+
+
+def naming_errors(rows: Iterable[NamingResult], plant: str, n: int) -> tuple[float, float]:
+    """Root mean squares over seeds of the errors of m and l, fitted and mended; nan where there is no row."""
+    own = [(r.error_fitted, r.error_mended) for r in rows if (r.plant, r.n) == (plant, n) and r.verdict != REFUSED]
+    fitted, mended = np.sqrt(np.mean(np.square(own), axis=0)) if own else (math.nan, math.nan)
+    return float(fitted), float(mended)
+
+
+@dataclass(frozen=True)
+class NamingTable:
+    """The rates as text: "93 [86, 97] (2.1, 0.4)" is the rate with its interval, and the errors of m and l without and
+    with what was named, all in percent.
+
+    seeds     how many a cell has: "100", or "20 to 100"
+    lines     (hidden plant, a cell a budget); "" for what was not measured
+    """
+
+    budgets: tuple[int, ...]
+    seeds: str
+    lines: tuple[tuple[str, tuple[str, ...]], ...]
+
+
+def naming_table(rows: Sequence[NamingResult]) -> NamingTable:
+    """What was found, in the plan's order of plants."""
+    found, budgets = naming_rates(rows), tuple(sorted({row.n for row in rows}))
+
+    def cell(plant: str, n: int) -> str:
+        if (plant, n) not in found:
+            return ""
+        low, high = found[plant, n].interval
+        fitted, mended = (f"{100.0 * error:.2g}" for error in naming_errors(rows, plant, n))
+        return f"{100 * found[plant, n].share:.0f} [{100 * low:.0f}, {100 * high:.0f}] ({fitted}, {mended})"
+
+    known = [plant for plant in PLANS["mismatch"].plants if any(name == plant.name for name, _ in found)]
+    lines = tuple((capital(plant_title(p)), tuple(cell(p.name, n) for n in budgets)) for p in known)
+    seeds = sorted({rate.seeds for rate in found.values()})
+    return NamingTable(budgets, " to ".join(str(s) for s in dict.fromkeys((seeds[0], seeds[-1]))), lines)
+
+
+def read_naming(path: Path) -> list[NamingResult]:
+    """The rows of a table; none where there is no file. Raises InvalidInput for a file of another kind."""
+    rows, known = (
+        read_table(NamingResult, path, "effects that were named"),
+        [plant.name for plant in PLANS["mismatch"].plants],
+    )
+    for row in rows:
+        if row.plant not in known:
+            raise InvalidInput(f"{path} has a row of plant {row.plant!r}: expected one of {', '.join(known)}")
+    return rows
+
+
+def write_naming(path: Path, rows: Iterable[NamingResult]) -> None:
+    """The rows as a CSV file, in the plan's order of plants; whole or not at all."""
+    order = {plant.name: i for i, plant in enumerate(PLANS["mismatch"].plants)}
+    write_table(NamingResult, path, sorted(rows, key=lambda row: (order[row.plant], row.n, row.seed)))

@@ -1,0 +1,314 @@
+"""Whether a run of ours and the published one agree: judged cell by cell and contrast by contrast, never asserted.
+
+    difference of a cell = mean(ours - theirs), paired over seeds where the authors' files are given and theta_hat is
+                           the same (the start states are, too), else Welch's from the published mean and error
+    same                   its 90 % interval lies within +- MARGIN (two one-sided tests at 5 %)
+    differs                its 95 % interval excludes zero, and it is not the same
+    open                   neither: these seeds cannot tell
+    contrasts agree        where both are significant and of one sign, or neither is
+
+Source of the equivalence test: Schuirmann, J. Pharmacokinet. Biopharm. 15 (1987) 657.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from study.formatting import number, signed
+from study.paper import published_numbers as paper
+from study.paper.published_numbers import BASELINE, CELLS, PublishedContrast, Spot
+from study.paper.published_runs import CellSummary, Outcomes
+from study.statistics import Contrast, holm, paired_bootstrap, paired_t, student, welch
+
+MARGIN = 20.0
+"""Returns closer than this count as the same: a twentieth of what the paper's 50 rollouts were worth (434)."""
+SAME, DIFFERS, OPEN = "same", "differs", "open"
+THETA_TOLERANCE = 1e-6
+"""Estimates [kg, m] closer than this are the same cell of the grid."""
+
+
+@dataclass(frozen=True)
+class Outlier:
+    """The seed that moves a cell's difference most, its paired difference, and the interval without it."""
+
+    seed: int
+    difference: float
+    rest: Contrast
+
+
+@dataclass(frozen=True)
+class CellAgreement:
+    """A cell here and there. `basis` says how the difference was taken; `verdict` is same, differs or open."""
+
+    spot: Spot
+    ours: CellSummary
+    theirs: CellSummary
+    difference: Contrast
+    verdict: str
+    basis: str
+    outlier: Outlier | None = None
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class ContrastAgreement:
+    """A published contrast with its bootstrap and t intervals here and there, and Holm's p over all that are published.
+
+    ours and ours_t are None where a cell of it was not run; change is the contrast here minus there, where runs pair.
+    """
+
+    published: PublishedContrast
+    theirs: Contrast
+    theirs_t: Contrast
+    theirs_holm: float
+    ours: Contrast | None
+    ours_t: Contrast | None
+    ours_holm: float
+    change: Contrast | None = None
+
+    @property
+    def agrees(self) -> bool | None:
+        """Both significant with one sign, or neither, by the paper's own rule; None where it was not run."""
+        if self.ours is None:
+            return None
+        both = self.ours.significant and self.theirs.significant
+        if both:
+            return self.ours.mean * self.theirs.mean > 0.0
+        return not (self.ours.significant or self.theirs.significant)
+
+    @property
+    def survives(self) -> bool:
+        """Whether a published claim of significance stands with t and Holm."""
+        return self.theirs.significant and self.theirs_holm < 0.05
+
+
+@dataclass(frozen=True)
+class RobustnessEntry:
+    """A row of Table I: best cell, its mean, delta-budget, delta-wide, w* at n = 0 and what it gains over w = 0."""
+
+    point: str
+    best: Spot
+    mean: float
+    budget: Contrast | None
+    wide: Contrast | None
+    width_at_zero: float | None
+    zero: Contrast | None
+
+
+@dataclass(frozen=True, eq=False)
+class Agreement:
+    """Our runs against the published ones. `theirs` is None without the authors' files: then nothing is paired.
+
+    start_states: whether ours are the published ones; hidden, steps: how ours were trained.
+    """
+
+    ours: Outcomes
+    theirs: Outcomes | None = None
+    start_states: bool = True
+    hidden: tuple[int, ...] = paper.HIDDEN
+    steps: int = paper.STEPS
+    resamples: int = 20_000
+
+    # Cells -----------------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def cells(self) -> list[CellAgreement]:
+        """Every published cell that was run here."""
+        return [self._cell(spot) for spot in CELLS if spot in self.ours]
+
+    def _cell(self, spot: Spot) -> CellAgreement:
+        published, ours = CELLS[spot], self.ours.summary(spot)
+        theirs = CellSummary(published.mean, published.sem, published.median, published.seeds)
+        seeds, obstacle = self._pairs(spot)
+        if obstacle:
+            sides = (ours.mean, ours.sem, ours.seeds), (theirs.mean, theirs.sem, theirs.seeds)
+            found, narrow, outlier = welch(*sides), welch(*sides, level=0.9), None
+            basis = f"unpaired (Welch): {obstacle}"
+        else:
+            assert self.theirs is not None
+            a, b = self.ours.returns(spot, seeds), self.theirs.returns(spot, seeds)
+            theirs = self.theirs.summary(spot)
+            found, narrow, outlier = paired_t(a, b), paired_t(a, b, level=0.9), _outlier(a - b, seeds)
+            basis = f"paired over {len(seeds)} seeds"
+        verdict = _verdict(found, narrow)
+        reason = self._reason(spot, outlier) if verdict == DIFFERS else ""
+        return CellAgreement(spot, ours, theirs, found, verdict, basis, outlier, reason)
+
+    def _pairs(self, spot: Spot) -> tuple[tuple[int, ...], str]:
+        """The seeds to pair over, or why there is no pairing."""
+        if self.theirs is None:
+            return (), "without the authors' files"
+        if spot not in self.theirs:
+            return (), "their file is not there"
+        if not self.start_states:
+            return (), "other start states"
+        if spot not in self.ours:
+            return (), "not run here"
+        seeds = tuple(s for s in self.ours.seeds(spot) if s in self.theirs.table[spot])
+        if len(seeds) < 2:
+            return (), "fewer than two shared seeds"
+        pairs = ((self.ours.table[spot][s].theta_hat, self.theirs.table[spot][s].theta_hat) for s in seeds)
+        apart = [s for s, (a, b) in zip(seeds, pairs, strict=True) if math.dist(a, b) > THETA_TOLERANCE]
+        return seeds, f"other theta_hat at seed {apart[0]}" if apart else ""
+
+    def _reason(self, spot: Spot, outlier: Outlier | None) -> str:
+        """What may be behind a difference, as far as it can be told from the runs."""
+        found = []
+        if outlier and not outlier.rest.significant:
+            found.append(f"one seed: without seed {outlier.seed} ({signed(outlier.difference)}) it is {outlier.rest}")
+        if self.hidden != paper.HIDDEN:
+            found.append(f"possibly networks of {_layers(self.hidden)} instead of {_layers(paper.HIDDEN)}")
+        if self.steps != paper.STEPS:
+            found.append(f"possibly {self.steps:,} training steps instead of {paper.STEPS:,}")
+        return "; ".join(found) or "not found: same protocol, other training draws and another SAC library"
+
+    # Contrasts -------------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def contrasts(self) -> list[ContrastAgreement]:
+        """Every published contrast; Holm's correction is over all of them there, over those that were run here."""
+        theirs_t = [student(c.mean, c.error, c.seeds) for c in paper.DIFFERENCES]
+        ours = [self.contrast(c.a, c.b) for c in paper.DIFFERENCES]
+        theirs_holm = holm({k: t.p for k, t in enumerate(theirs_t)})
+        ours_holm = holm({k: pair[1].p for k, pair in enumerate(ours) if pair})
+        return [
+            ContrastAgreement(
+                published=c,
+                theirs=Contrast(c.mean, *c.interval, c.seeds),
+                theirs_t=theirs_t[k],
+                theirs_holm=theirs_holm[k],
+                ours=pair[0] if pair else None,
+                ours_t=pair[1] if pair else None,
+                ours_holm=ours_holm.get(k, math.nan),
+                change=self._change(c),
+            )
+            for k, (c, pair) in enumerate(zip(paper.DIFFERENCES, ours, strict=True))
+        ]
+
+    def _change(self, contrast: PublishedContrast) -> Contrast | None:
+        (seeds_a, obstacle_a), (seeds_b, obstacle_b) = self._pairs(contrast.a), self._pairs(contrast.b)
+        seeds = sorted({*seeds_a} & {*seeds_b})
+        if self.theirs is None or obstacle_a or obstacle_b or len(seeds) < 2:
+            return None
+        here, there = (s.returns(contrast.a, seeds) - s.returns(contrast.b, seeds) for s in (self.ours, self.theirs))
+        return paired_t(here, there)
+
+    def contrast(self, a: Spot, b: Spot) -> tuple[Contrast, Contrast] | None:
+        """Our bootstrap and t contrasts of two cells over the seeds they share; None where there are none."""
+        if a not in self.ours or b not in self.ours or not self.ours.seeds(a, b):
+            return None
+        seeds = self.ours.seeds(a, b)
+        x, y = self.ours.returns(a, seeds), self.ours.returns(b, seeds)
+        return paired_bootstrap(x, y, np.random.default_rng(0), self.resamples), paired_t(x, y)
+
+    # The robustness table --------------------------------------------------------------------------------------------
+
+    @cached_property
+    def robustness(self) -> list[tuple[paper.RobustnessRow, RobustnessEntry | None]]:
+        """Table I, row by row: as published, and as run here."""
+        return [(row, self._entry(row.point)) for row in paper.ROBUSTNESS]
+
+    def _entry(self, point: str) -> RobustnessEntry | None:
+        spots = [spot for spot in self.ours.table if spot.point == point]
+        if not spots:
+            return None
+        means = {spot: self.ours.summary(spot).mean for spot in spots}
+        best, full = max(means, key=lambda spot: means[spot]), Spot(point, 50, 0.0)
+        start = Spot(point, 0, 0.0)
+        at_zero = max((s for s in spots if s.n == 0), key=lambda spot: means[spot], default=None)
+        pairs = [self.contrast(full, start), self.contrast(full, Spot(point, 50, 0.5))]
+        pairs.append(self.contrast(at_zero, start) if at_zero and at_zero != start else None)
+        budget, wide, zero = (pair[0] if pair else None for pair in pairs)
+        return RobustnessEntry(point, best, means[best], budget, wide, at_zero.w if at_zero else None, zero)
+
+    # In words --------------------------------------------------------------------------------------------------------
+
+    def sentences(self) -> list[tuple[str, str]]:
+        """(question, answer): do the cells, the contrasts and the claims of significance agree?"""
+        said = []
+        if self.cells:
+            said.append(("Do the returns agree?", self._cells_in_words()))
+        if any(c.agrees is not None for c in self.contrasts):
+            said.append(("Do the conclusions agree?", self._contrasts_in_words()))
+        if BASELINE in self.ours:
+            said.append(("Does covering the truth replace measuring it?", self._baseline_in_words()))
+        return [*said, ("Which published claims of significance stand?", self.significance())]
+
+    def _cells_in_words(self) -> str:
+        count = {v: sum(c.verdict == v for c in self.cells) for v in (SAME, DIFFERS, OPEN)}
+        median = float(np.median([abs(c.difference.mean) for c in self.cells]))
+        text = (
+            f"Of {len(CELLS)} published cells {len(self.cells)} were run here: {count[SAME]} are the same within "
+            f"±{MARGIN:.0f}, {count[DIFFERS]} differ and {count[OPEN]} stay open, for their seeds scatter too much. "
+            f"The median distance of two means is {median:.0f}."
+        )
+        if len(self.cells) < 1.0 / 0.05:
+            return text
+        return f"{text} At 95 % about {0.05 * len(self.cells):.0f} would seem to differ by chance alone."
+
+    def _contrasts_in_words(self) -> str:
+        ran = [c for c in self.contrasts if c.agrees is not None]
+        apart = [c.published.label for c in ran if not c.agrees]
+        text = (
+            f"Of {len(self.contrasts)} published contrasts {len(ran)} were run here, and {len(ran) - len(apart)} agree"
+        )
+        return f"{text} in significance and sign" + (f"; these do not: {'; '.join(apart)}." if apart else ".")
+
+    def _baseline_in_words(self) -> str:
+        ours, theirs = self.ours.summary(BASELINE), CELLS[BASELINE]
+        parts = [
+            f"against {_cell(c.published.b)} that is {c.theirs} there and {c.ours} here"
+            for c in self.contrasts
+            if c.published.a == BASELINE and c.ours
+        ]
+        return (
+            f"Trained over the whole prior range, which covers the truth, and without data the agents returned "
+            f"{number(theirs.printed)} ± {theirs.sem:.0f} there and {number(ours.mean)} ± {ours.sem:.0f} here"
+            f"{'; ' if parts else ''}{', '.join(parts)}."
+        )
+
+    def significance(self) -> str:
+        """How many of the published claims stand with t intervals, and how many with Holm's correction."""
+        claimed = [c for c in self.contrasts if c.published.significant]
+        narrow = [c for c in claimed if c.published.b.w == 0.2]
+        return (
+            f"Over so few seeds the bootstrap is narrow. Of {len(claimed)} contrasts that the paper calls significant, "
+            f"{sum(c.theirs_t.significant for c in claimed)} keep a t interval without zero and "
+            f"{sum(c.survives for c in claimed)} survive Holm's correction over all {len(self.contrasts)}. Of the "
+            f"{len(narrow)} 'w = 0 beats w = 0.2', {sum(c.theirs_t.significant for c in narrow)} keeps it with t and "
+            f"{sum(c.survives for c in narrow) or 'none'} with Holm." + _ours_in_words([c for c in narrow if c.ours_t])
+        )
+
+
+def _ours_in_words(narrow: Sequence[ContrastAgreement]) -> str:
+    if not narrow:
+        return ""
+    kept = sum(c.ours_t is not None and c.ours_t.significant for c in narrow)
+    return f" Here {kept or 'none'} of the {len(narrow)} that were run keep{'s' * (kept == 1)} it with t."
+
+
+def _cell(spot: Spot) -> str:
+    return f"n = {spot.n}, w = {spot.w:g}"
+
+
+def _verdict(wide: Contrast, narrow: Contrast) -> str:
+    if max(abs(narrow.low), abs(narrow.high)) <= MARGIN:
+        return SAME
+    return DIFFERS if wide.significant else OPEN
+
+
+def _outlier(difference: np.ndarray, seeds: Sequence[int]) -> Outlier | None:
+    if len(seeds) < 3:
+        return None
+    k = int(np.argmax(np.abs(difference - np.median(difference))))
+    rest = np.delete(difference, k)
+    return Outlier(seeds[k], float(difference[k]), paired_t(rest, np.zeros_like(rest)))
+
+
+def _layers(hidden: Sequence[int]) -> str:
+    return " x ".join(map(str, hidden))

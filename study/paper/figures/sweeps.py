@@ -1,0 +1,161 @@
+"""A sweep over budgets and widths: the heat map, and the best width at every budget; one, or two side by side.
+
+All sides share their scale, which ends at the optimum of the hidden plant. A cell's small number is how much of the
+gap between no data at all, (n, w) = (0, 0), and that optimum it closes.
+"""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from study.figure_style import ACCENT, COLOURS, PAPER_WHITE
+from study.formatting import number
+from study.paper.figures.reference_lines import NAMES, reference_lines
+from study.paper.published_runs import CellSummary
+from study.paper.reference_controllers import LQR, OPTIMAL, SWING_UP
+
+OURS = COLOURS(0.35)
+
+Sweep = Mapping[tuple[int, float], CellSummary]
+"""Return by (n, w)."""
+
+
+LEGEND = "bold: mean return; below: standard error over seeds"
+CLOSED = " · share of the gap from no data to the optimum"
+
+
+def heatmaps(sides: Mapping[str, Sweep], references: Mapping[str, float]) -> Figure:
+    """Mean return +- SEM of every cell of each side, by title; the best cell is outlined.
+
+    The first side says which cells there are.
+    """
+    first = next(iter(sides.values()))
+    budgets, widths = sorted({n for n, _ in first}), sorted({w for _, w in first})
+    means = [side[key].mean for side in sides.values() for key in first if key in side]
+    low, high = min(means), max(*means, references[OPTIMAL])
+    size = (max(5.6, 2.2 + 0.78 * len(sides) * len(widths)), 1.8 + 0.6 * len(budgets))
+    figure = Figure(figsize=size, layout="constrained")
+    panels: list[Axes] = list(figure.subplots(1, len(sides), sharey=True, squeeze=False)[0])
+    for axes, (title, cells) in zip(panels, sides.items(), strict=True):
+        image = _panel(axes, cells, (budgets, widths), (low, high), references[OPTIMAL])
+        axes.set_title(title, fontsize=11.0, pad=8.0)
+    panels[0].set_ylabel("rollouts measured, n")
+    legend = textwrap.fill(LEGEND + CLOSED * (budgets[0] == 0), int(14.0 * size[0]))
+    figure.supxlabel(f"width w of the training band around the estimate\n{legend}", fontsize=9.0, color="0.15")
+    _scale(figure, panels, image, (low, high), references)
+    return figure
+
+
+def _panel(
+    axes: Axes, cells: Sweep, grid: tuple[Sequence[int], Sequence[float]], ends: tuple[float, float], optimum: float
+) -> Any:
+    budgets, widths = grid
+    low, high = ends
+    values = np.array([[cells[n, w].mean if (n, w) in cells else math.nan for w in widths] for n in budgets])
+    image = axes.imshow(values, cmap=COLOURS, vmin=low, vmax=high, aspect="auto")
+    start = cells[0, widths[0]].mean if (0, widths[0]) in cells else math.nan
+    for i, n in enumerate(budgets):
+        for j, w in enumerate(widths):
+            if (n, w) not in cells:
+                axes.add_patch(Rectangle((j - 0.5, i - 0.5), 1.0, 1.0, facecolor="0.93", edgecolor="white"))
+                axes.text(j, i, "not run", ha="center", va="center", color="0.55", fontsize=8.0)
+                continue
+            cell = cells[n, w]
+            colour = "0.05" if (cell.mean - low) / (high - low or 1.0) > 0.55 else "white"
+            axes.text(
+                j, i - 0.11, number(cell.mean), ha="center", va="center", color=colour, fontsize=11.5, weight="bold"
+            )
+            error = "" if math.isnan(cell.sem) else f"± {cell.sem:.0f}"
+            closed = 100.0 * (cell.mean - start) / (optimum - start)
+            share = "" if (i, j) == (0, 0) or math.isnan(closed) else f"{number(closed)} %"
+            axes.text(j, i + 0.24, " · ".join(filter(None, (error, share))), ha="center", va="center", color=colour,
+                      fontsize=7.6)  # fmt: skip
+    if cells:
+        n, w = max((key for key in cells if key[0] in budgets and key[1] in widths), key=lambda key: cells[key].mean)
+        corner = widths.index(w) - 0.5, budgets.index(n) - 0.5
+        axes.add_patch(
+            Rectangle(corner, 1.0, 1.0, fill=False, edgecolor=ACCENT, linewidth=2.6, zorder=3, clip_on=False)
+        )
+    axes.set_xticks(range(len(widths)), [f"{w:g}" for w in widths])
+    axes.set_yticks(range(len(budgets)), [str(n) for n in budgets])
+    for edge in range(1, len(widths)):
+        axes.axvline(edge - 0.5, color="white", linewidth=1.2)
+    for edge in range(1, len(budgets)):
+        axes.axhline(edge - 0.5, color="white", linewidth=1.2)
+    axes.spines[:].set_visible(False)
+    axes.tick_params(length=0)
+    return image
+
+
+def _scale(
+    figure: Figure, panels: Sequence[Axes], image: Any, ends: tuple[float, float], references: Mapping[str, float]
+) -> None:
+    low, high = ends
+    bar = figure.colorbar(image, ax=panels, pad=0.02, aspect=22, extend="min")
+    bar.outline.set_visible(False)
+    optimum, swing_up, lqr = (references[c] for c in (OPTIMAL, SWING_UP, LQR))
+    span = high - low or 1.0
+    ticks = [t for t in bar.get_ticks() if low <= t <= high - 0.17 * span and abs(t - lqr) > 0.06 * span]
+    bar.set_ticks(ticks, labels=[number(t) for t in ticks])
+    bar.ax.tick_params(length=0, labelsize=9.0)
+    bar.ax.annotate(f"{number(optimum)} {NAMES[OPTIMAL]}\n{number(swing_up)} swing-up", (1.0, 1.0), (4, 2), va="top",
+                    xycoords="axes fraction", textcoords="offset points", fontsize=9.0, color=ACCENT)  # fmt: skip
+    place = (lqr - low) / span
+    bar.ax.annotate(f"{number(lqr)} {NAMES[LQR]}", (1.0, max(place, 0.0)), (4, -9 if place < 0.0 else 0), va="center",
+                    xycoords="axes fraction", textcoords="offset points", fontsize=9.0, color=ACCENT)  # fmt: skip
+
+
+def paretos(sides: Mapping[str, Sweep], references: Mapping[str, float]) -> Figure:
+    """The best mean return at every budget of each side, between its extremes and the references.
+
+    Sides after the first show the first one's best in grey.
+    """
+    figure = Figure(figsize=(6.8 if len(sides) == 1 else 10.0, 4.3), layout="constrained")
+    panels: list[Axes] = list(figure.subplots(1, len(sides), sharey=True, squeeze=False)[0])
+    first = next(iter(sides.values()))
+    for axes, (title, cells) in zip(panels, sides.items(), strict=True):
+        if cells is not first:
+            best = _best(first)
+            axes.plot(list(best), [first[key].mean for key in best.values()], color="0.75", linewidth=1.4, zorder=1)
+        _pareto(axes, cells)
+        axes.set_title(title, fontsize=11.0, pad=8.0)
+        axes.set_xticks(sorted({n for n, _ in first}))
+    reference_lines(panels, references, min(c.mean for side in sides.values() for c in side.values()))
+    panels[0].set_ylabel("best mean return at a budget (± SEM)")
+    figure.supxlabel("rollouts measured, n", fontsize=10.0, color="0.15")
+    return figure
+
+
+def _best(cells: Sweep) -> dict[int, tuple[int, float]]:
+    """The best cell at every budget."""
+    budgets = sorted({n for n, _ in cells})
+    return {n: max((key for key in cells if key[0] == n), key=lambda key: cells[key].mean) for n in budgets}
+
+
+def _pareto(axes: Axes, cells: Sweep) -> None:
+    best = _best(cells)
+    if not best:
+        return
+    first, last = min(best), max(best)
+    breadth = first, max(w for n, w in cells if n == first)
+    fidelity = last, min(w for n, w in cells if n == last)
+    without = ("pure breadth" if breadth[1] else "no data") if first == 0 else "least data"
+    for (n, w), name, style, shift in ((fidelity, "pure fidelity", "--", -34), (breadth, without, ":", 10)):
+        axes.axhline(cells[n, w].mean, color="0.35", linestyle=style, linewidth=1.0, zorder=1)
+        axes.annotate(f"{name}, n = {n}, w = {w:g}: {number(cells[n, w].mean)}", (0.98, cells[n, w].mean), (0, shift),
+                      xycoords=axes.get_yaxis_transform(), textcoords="offset points", va="center", ha="right",
+                      color="0.35", fontsize=9.0)  # fmt: skip
+    means, errors = ([getattr(cells[key], name) for key in best.values()] for name in ("mean", "sem"))
+    axes.errorbar(list(best), means, errors, color=OURS, marker="o", markersize=6, linewidth=1.8, capsize=3, zorder=3)
+    for (n, w), mean, error in zip(best.values(), means, errors, strict=True):
+        low, right = 0.0 if math.isnan(error) else error, n == last
+        axes.annotate(f"w* = {w:g}", (n, mean - low), (5, -16 if right else -5), textcoords="offset points", va="top",
+                      color="0.2", fontsize=9.0, ha="right" if right else "left", bbox=PAPER_WHITE)  # fmt: skip

@@ -1,0 +1,235 @@
+"""The study's answer: what rollouts were worth, what width cost, how far from optimal and why.
+
+Everything is computed from per-seed mean returns J_s; contrasts and gaps are paired over seeds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from study.formatting import bracketed, number
+from study.paper.presets import Point, Preset, Theta
+from study.paper.reference_controllers import CONTROLLERS, OPTIMAL, Reference
+from study.paper.runs import Run
+from study.statistics import Contrast, bootstrap_coverage, paired_bootstrap, sem
+from sysid import InvalidInput
+
+Array = NDArray[np.float64]
+Key = tuple[int, float]
+"""(n, w) of a cell."""
+
+BOOTSTRAP_SEED = 0
+"""Every contrast draws from a fresh generator of this seed, so it does not depend on which others are made."""
+
+
+@dataclass(frozen=True)
+class Gap:
+    """How far a cell is below the optimum of the hidden plant, and its two parts, which add up to it."""
+
+    total: Contrast
+    identification: Contrast
+    training: Contrast
+
+
+@dataclass(frozen=True, eq=False)
+class PointFindings:
+    """What the finished runs of an operating point say; of `runs` and `references` it keeps those of its point.
+
+    Raises InvalidInput where runs or references are missing.
+    """
+
+    preset: Preset
+    point: Point
+    runs: Sequence[Run]
+    references: Sequence[Reference]
+
+    def __post_init__(self) -> None:
+        cells = set(self.point.cells)
+        object.__setattr__(self, "runs", [run for run in self.runs if run.cell in cells])
+        object.__setattr__(self, "references", [r for r in self.references if r.truth == self.point.truth])
+        missing = cells - {run.cell for run in self.runs}
+        if missing:
+            raise InvalidInput(f"{len(missing)} of {len(cells)} runs are missing, such as {min(missing)}")
+        designs = {r.theta for r in self.references if r.controller == OPTIMAL}
+        lacking = {self.point.truth, *(run.theta_hat for run in self.runs)} - designs
+        if lacking:
+            raise InvalidInput(f"the optimal controller is missing for theta = {min(lacking)}")
+
+    # Per-seed numbers ------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def cells(self) -> dict[Key, list[Run]]:
+        """The runs of every cell, by seed."""
+        table: dict[Key, list[Run]] = {(n, w): [] for n in self.point.budgets for w in self.point.widths}
+        for run in sorted(self.runs, key=lambda r: r.cell.seed):
+            table[run.cell.n, run.cell.w].append(run)
+        return table
+
+    def returns(self, key: Key) -> Array:
+        """Mean returns (S,) of a cell."""
+        return np.array([run.mean for run in self.cells[key]])
+
+    def mean(self, key: Key) -> float:
+        """Mean return of a cell."""
+        return float(np.mean(self.returns(key)))
+
+    def sem(self, key: Key) -> float:
+        """Standard error over the seeds of that mean."""
+        return sem(self.returns(key))
+
+    def id_error(self, n: int) -> float:
+        """Mean ||theta_hat - truth|| of a budget."""
+        return float(np.mean([run.id_error for run in self.cells[n, self.point.widths[0]]]))
+
+    def reference(self, controller: str, theta: Theta | None = None, seeds: Sequence[int] | None = None) -> Array:
+        """Mean returns (S,) of a controller designed at theta, by default at the truth and from the study's seeds."""
+        theta = self.point.truth if theta is None else theta
+        seeds = self.point.seeds if seeds is None else seeds
+        return np.array([self._means[controller, theta, seed] for seed in sorted(seeds)])
+
+    @cached_property
+    def _means(self) -> dict[tuple[str, Theta, int], float]:
+        return {(r.controller, r.theta, r.seed): r.mean for r in self.references}
+
+    def controllers(self, seeds: Sequence[int] | None = None) -> Iterator[tuple[str, float, float]]:
+        """(controller, mean return, SEM over seeds) at the truth, by default from the preset's reference seeds."""
+        for controller in CONTROLLERS:
+            returns = self.reference(controller, seeds=self.preset.reference_seeds if seeds is None else seeds)
+            yield controller, float(np.mean(returns)), sem(returns)
+
+    def allowed(self) -> dict[str, float]:
+        """Mean return of every reference controller at the truth, from the study's own seeds."""
+        return {controller: mean for controller, mean, _ in self.controllers(self.point.seeds)}
+
+    def design(self, key: Key) -> Array:
+        """Returns (S,) on the hidden plant of the controller that is optimal for each seed's estimate."""
+        return np.array([self._means[OPTIMAL, run.theta_hat, run.cell.seed] for run in self.cells[key]])
+
+    # Contrasts -------------------------------------------------------------------------------------------------------
+
+    def _paired(self, a: Array, b: Array) -> Contrast:
+        return paired_bootstrap(a, b, np.random.default_rng(BOOTSTRAP_SEED), self.preset.resamples)
+
+    def contrast(self, a: Key, b: Key) -> Contrast:
+        """Mean return of cell a minus that of cell b."""
+        return self._paired(self.returns(a), self.returns(b))
+
+    def gap(self, key: Key) -> Gap:
+        """How far a cell is below the optimum, and why."""
+        optimum, design, agent = self.reference(OPTIMAL), self.design(key), self.returns(key)
+        return Gap(self._paired(optimum, agent), self._paired(optimum, design), self._paired(design, agent))
+
+    @property
+    def optimum(self) -> float:
+        """The near-optimal mean return on the hidden plant from the same start states."""
+        return float(np.mean(self.reference(OPTIMAL)))
+
+    @property
+    def best(self) -> Key:
+        """The cell with the highest mean return."""
+        return max(self.cells, key=self.mean)
+
+    @property
+    def coverage(self) -> float:
+        """How often such an interval holds the truth with this many seeds, for normal differences."""
+        return _coverage(len(self.point.seeds))
+
+    # In words --------------------------------------------------------------------------------------------------------
+
+    def sentences(self) -> list[tuple[str, str]]:
+        """(question, answer) in plain words, the most important first."""
+        found = [("How far from optimal, and why?", self._short_of_optimal())]
+        if len(self.point.widths) > 1:
+            found.insert(0, ("What did width cost?", self._width()))
+        if len(self.point.budgets) > 1:
+            found.insert(0, ("What were the first rollouts worth?", self._first_rollouts()))
+        return found
+
+    def label(self, w: float) -> str:
+        """A width as it is printed; at the prior range it is no more than a number in a table."""
+        return f"w = {w:g}" if self.point.randomization == "band" else "prior range"
+
+    def _first_rollouts(self) -> str:
+        budgets, w = self.point.budgets, self.point.widths[0]
+        n_0, n_1, n_last = budgets[0], budgets[1], budgets[-1]
+        first = self.contrast((n_1, w), (n_0, w))
+        begun = f"The first {n_1} rollouts were" if n_0 == 0 else f"To go from n = {n_0} to n = {n_1} was"
+        text = (
+            f"{begun} worth {first} in return, from {number(self.mean((n_0, w)))} to "
+            f"{number(self.mean((n_1, w)))} at w = {w:g}{_doubt(first)}."
+        )
+        if n_last != n_1:
+            rest = self.contrast((n_last, w), (n_1, w))
+            text += f" The next {n_last - n_1} were worth {rest}, to {number(self.mean((n_last, w)))}{_doubt(rest)}."
+        return text
+
+    def _width(self) -> str:
+        widths = self.point.widths
+        narrow, wide = widths[0], widths[-1]
+        parts = []
+        for n in reversed(self.point.budgets):
+            change = self.contrast((n, wide), (n, narrow))
+            parts.append(f"{change} at n = {n}{_doubt(change)}")
+        return (
+            f"PopulationTask over a band of ±{100 * wide:.0f} % instead of "
+            f"{'at the estimate' if narrow == 0 else f'±{100 * narrow:.0f} %'} changed the return by {_list(parts)}."
+        )
+
+    def _short_of_optimal(self) -> str:
+        gap, (n, w) = self.gap(self.best), self.best
+        start = (self.point.budgets[0], self.point.widths[0])
+        text = (
+            f"The best cell (n = {n}, {self.label(w)}) returned {number(self.mean(self.best))}; the optimum of the "
+            f"hidden plant from the same start states is {number(self.optimum)}, which leaves {_range(gap.total)} "
+            f"({100.0 * gap.total.mean / abs(self.optimum):.1f} %): {_parts(gap)}."
+        )
+        if start != self.best:
+            gap = self.gap(start)
+            text += f" At n = {start[0]}, w = {start[1]:g} it was {_range(gap.total)}: {_parts(gap)}."
+        return text
+
+    def caveat(self) -> str:
+        """How far the intervals can be trusted."""
+        seeds = len(self.point.seeds)
+        if seeds == 1:
+            return "A single seed says nothing of how returns scatter: no interval is finite, no difference stands."
+        return (
+            f"Brackets are 95 % intervals of a paired bootstrap over {seeds} seeds. With {seeds} seeds such an "
+            f"interval holds the true mean in about {100 * self.coverage:.0f} % of cases rather than 95 % (simulated, "
+            "normal differences)."
+        )
+
+
+def findings_by_point(preset: Preset, runs: Sequence[Run], references: Sequence[Reference]) -> list[PointFindings]:
+    """The answer of every operating point, in the preset's order."""
+    return [PointFindings(preset, point, runs, references) for point in preset.points]
+
+
+@cache
+def _coverage(seeds: int) -> float:
+    return bootstrap_coverage(seeds, np.random.default_rng(BOOTSTRAP_SEED))
+
+
+def _range(contrast: Contrast) -> str:
+    """A gap, which is read without a plus sign."""
+    return bracketed(contrast.mean, contrast.low, contrast.high)
+
+
+def _parts(gap: Gap) -> str:
+    text = f"{_range(gap.identification)} because the model is off, {_range(gap.training)} because of training"
+    if gap.training.high < 0.0:
+        text += " (agents forgive a wrong model more than a controller that trusts it)"
+    return text
+
+
+def _doubt(contrast: Contrast) -> str:
+    return "" if contrast.significant else " (not distinguishable from zero)"
+
+
+def _list(parts: list[str]) -> str:
+    return parts[0] if len(parts) == 1 else ", ".join(parts[:-1]) + " and " + parts[-1]

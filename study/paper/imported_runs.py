@@ -1,0 +1,144 @@
+"""Finished runs from elsewhere: the results.sqlite of another study, or a runs.csv, also the paper's own summary.csv.
+
+A run is taken up only where it is one of the preset's and its estimate is the one that this code finds from the same
+rollouts. A table has no episodes and no learning curves: mean and sd stand for the episodes, and the curve is empty.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import sqlite3
+from collections.abc import Iterator, Mapping
+from contextlib import closing
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+from study.paper.presets import FORMAT, Cell, Point, Preset, Theta
+from study.paper.runs import Run, RunSummary
+from study.paper.sweep_results import read_run
+from study.pipeline.population_task import sac_settings
+from sysid import InvalidInput
+
+TOLERANCE = 1e-6
+"""Largest difference of m [kg] and of l [m] between an estimate and the imported one."""
+
+IMPORT_COLUMNS = (
+    "n", "w", "seed", "eval_return_mean", "eval_return_std", "theta_hat_mass", "theta_hat_length", "wall_time_s",
+)  # fmt: skip
+"""What a table must have; `point` only where the preset has several, `eval_return_fresh` is taken where it is there."""
+
+Estimates = Mapping[tuple[str, int, int], Theta]
+"""theta_hat by (point, n, seed)."""
+
+
+def import_runs(file: Path, preset: Preset, estimates: Estimates) -> list[Run]:
+    """The runs in the file, each marked as imported from it, with the estimates that this code found.
+
+    Raises InvalidInput for a file that cannot be read, and for the first row that does not belong to the preset.
+    """
+    runs: dict[Cell, Run] = {}
+    for place, run in _database(file) if is_database(file) else _table(file, preset):
+        problem = "it is there twice" if run.cell in runs else _foreign(run, preset, estimates)
+        if problem:
+            raise InvalidInput(f"{file}, {place} ({_name(run.cell)}) does not belong to {preset.name!r}: {problem}")
+        theta = estimates[run.cell.point, run.cell.n, run.cell.seed]
+        truth = preset.point(run.cell.point).truth
+        runs[run.cell] = replace(
+            run, population=-1, theta_hat=theta, id_error=math.dist(theta, truth), imported=file.name
+        )
+    return list(runs.values())
+
+
+def is_database(file: Path) -> bool:
+    """Whether it is SQLite's, by its first bytes; raises InvalidInput for a file that cannot be read."""
+    try:
+        with file.open("rb") as opened:
+            return opened.read(16) == b"SQLite format 3\0"
+    except OSError as error:
+        raise InvalidInput(f"--import {file}: {error.strerror}; expected a results.sqlite or a runs.csv") from None
+
+
+def _name(cell: Cell) -> str:
+    return f"{cell.point}, n = {cell.n}, w = {cell.w:g}, seed {cell.seed}"
+
+
+def _foreign(run: Run, preset: Preset, estimates: Estimates) -> str:
+    """Why a run is not one of the preset's; empty where it is."""
+    point, n, w, seed = run.cell
+    known = {p.name: p for p in preset.points}.get(point)
+    if known is None:
+        return f"expected one of the points {', '.join(p.name for p in preset.points)}"
+    if n not in known.budgets or w not in known.widths or seed not in known.seeds:
+        return f"expected n in {known.budgets}, w in {known.widths} and a seed in {known.seeds}"
+    theta = estimates[point, n, seed]
+    if not all(abs(a - b) <= TOLERANCE for a, b in zip(run.theta_hat, theta, strict=True)):
+        return f"its theta_hat is {run.theta_hat}, expected {theta} from the rollouts of that seed"
+    if not (math.isfinite(run.mean) and math.isfinite(run.std)):
+        return f"its return is {run.mean} with sd {run.std}: expected finite numbers"
+    if run.returns and len(run.returns) != preset.episodes:
+        return f"it has {len(run.returns)} episodes, expected {preset.episodes}"
+    return "; ".join(_changed(run.settings, preset, known))
+
+
+def _changed(settings: Mapping[str, Any], preset: Preset, point: Point) -> Iterator[str]:
+    """What a database says of a run's making that is not the preset's; a table says nothing."""
+    sac = {name: list(v) if isinstance(v, tuple) else v for name, v in asdict(sac_settings(preset)).items()}
+    made = {"identifier": point.identifier, "sigma": point.sigma, "truth": list(point.truth)}
+    for expected, found in ((sac, settings.get("sac", {})), (made, settings)):
+        for name, value in expected.items():
+            if found.get(name, value) != value:
+                yield f"{name} = {found[name]}, expected {value}"
+
+
+def _database(file: Path) -> Iterator[tuple[str, Run]]:
+    """(row, run) of a results.sqlite."""
+    try:
+        with closing(sqlite3.connect(f"{file.resolve().as_uri()}?mode=ro", uri=True, timeout=3.0)) as db:
+            found = dict(db.execute("SELECT key, value FROM meta"))
+            if found.get("format") != str(FORMAT):
+                raise InvalidInput(f"--import {file}: it has format {found.get('format')}, expected {FORMAT}")
+            rows = db.execute("SELECT rowid, * FROM runs ORDER BY point, n, w, seed").fetchall()
+    except sqlite3.Error as error:
+        raise InvalidInput(f"--import {file}: not the results of a study ({error})") from None
+    for number, *row in rows:
+        yield f"row {number}", read_run(row)
+
+
+def _table(file: Path, preset: Preset) -> Iterator[tuple[str, Run]]:
+    """(line, run) of a CSV file."""
+    try:
+        text = file.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InvalidInput(f"--import {file}: not a text in UTF-8 ({error})") from None
+    reader = csv.DictReader(text.splitlines())
+    several = ("point",) if len(preset.points) > 1 else ()
+    missing = [name for name in (*several, *IMPORT_COLUMNS) if name not in (reader.fieldnames or ())]
+    if missing:
+        raise InvalidInput(
+            f"--import {file}: no column {missing[0]!r}; expected {', '.join((*several, *IMPORT_COLUMNS))}"
+        )
+    for row in reader:
+        yield f"line {reader.line_num}", _row(f"{file}, line {reader.line_num}", row, preset)
+
+
+def _row(place: str, row: dict[str, str], preset: Preset) -> Run:
+    try:
+        n, seed = int(row["n"]), int(row["seed"])
+        w, mean, std, m, length, seconds = (float(row[name]) for name in ("w", *IMPORT_COLUMNS[3:]))
+        fresh = float(row.get("eval_return_fresh") or math.nan)
+    except (TypeError, ValueError) as error:
+        raise InvalidInput(f"{place}: not the numbers of a run ({error})") from None
+    return Run(
+        cell=Cell(row.get("point") or preset.points[0].name, n, w, seed),
+        population=-1,
+        theta_hat=(m, length),
+        id_error=math.nan,
+        returns=(),
+        curve=(),
+        settings={},
+        versions={},
+        seconds=seconds,
+        summary=RunSummary(mean, std, fresh),
+    )

@@ -1,0 +1,153 @@
+"""Finished runs as plain numbers, from our runs.csv and from the authors' per-run files, which begin with its columns.
+
+    theirs = read_published(Path("sim2real_budget/results"))     summary.csv, exp_*.csv; `missing`: those not there
+    ours = read_runs(Path("study/results/paper-small/runs.csv"))
+
+A cell is a Spot (point, n, w); its runs are told apart by their seeds.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from study.paper.published_numbers import POINTS, URL, Spot
+from study.statistics import sem
+from sysid import InvalidInput
+
+COLUMNS = ("n", "w", "seed", "id_error", "eval_return_mean", "theta_hat_mass", "theta_hat_length")
+"""What a file must have; `point` and `eval_return_fresh` are read where they are there."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a run came to: mean return, ||theta_hat - truth||, theta_hat (m [kg], l [m]).
+
+    fresh: mean return from start states that no other seed shares; nan where that was not evaluated.
+    """
+
+    mean: float
+    id_error: float
+    theta_hat: tuple[float, float]
+    fresh: float = math.nan
+
+
+@dataclass(frozen=True)
+class CellSummary:
+    """Return of a cell over its seeds."""
+
+    mean: float
+    sem: float
+    median: float
+    seeds: int
+
+
+@dataclass(frozen=True, eq=False)
+class Outcomes:
+    """Runs by cell and seed; `missing` names the files that were expected and not there."""
+
+    table: Mapping[Spot, Mapping[int, Outcome]]
+    missing: tuple[str, ...] = ()
+
+    def __contains__(self, spot: object) -> bool:
+        return spot in self.table
+
+    @property
+    def points(self) -> tuple[str, ...]:
+        """Operating points, in the order in which they came."""
+        return tuple(dict.fromkeys(spot.point for spot in self.table))
+
+    def budgets(self, point: str) -> tuple[int, ...]:
+        """Every n of a point."""
+        return tuple(sorted({spot.n for spot in self.table if spot.point == point}))
+
+    def widths(self, point: str) -> tuple[float, ...]:
+        """Every w of a point."""
+        return tuple(sorted({spot.w for spot in self.table if spot.point == point}))
+
+    def seeds(self, *spots: Spot) -> tuple[int, ...]:
+        """The seeds that all these cells have."""
+        return tuple(sorted(set.intersection(*(set(self.table.get(spot, {})) for spot in spots))))
+
+    def returns(self, spot: Spot, seeds: Sequence[int] | None = None, *, fresh: bool = False) -> NDArray[np.float64]:
+        """Mean returns (S,) of a cell, by default of all its seeds in their order."""
+        runs = self.table[spot]
+        chosen = [runs[seed] for seed in (sorted(runs) if seeds is None else seeds)]
+        return np.array([run.fresh if fresh else run.mean for run in chosen])
+
+    def summary(self, spot: Spot, *, fresh: bool = False) -> CellSummary:
+        """Mean, its standard error, median and number of seeds of a cell."""
+        values = self.returns(spot, fresh=fresh)
+        return CellSummary(float(np.mean(values)), sem(values), float(np.median(values)), len(values))
+
+    def id_errors(self, point: str, n: int) -> NDArray[np.float64]:
+        """||theta_hat - truth|| (S,) of a budget, from its narrowest width: all widths share the estimate."""
+        spot = min((s for s in self.table if (s.point, s.n) == (point, n)), key=lambda s: s.w)
+        return np.array([self.table[spot][seed].id_error for seed in sorted(self.table[spot])])
+
+    def merged(self, other: Outcomes) -> Outcomes:
+        """These, and those cells of the others that are not here."""
+        return Outcomes({**other.table, **self.table}, self.missing)
+
+
+def outcomes(rows: Iterable[tuple[Spot, int, Outcome]]) -> Outcomes:
+    """The table of runs (cell, seed, outcome); raises InvalidInput where one comes twice."""
+    table: dict[Spot, dict[int, Outcome]] = {}
+    for spot, seed, outcome in rows:
+        if seed in table.setdefault(spot, {}):
+            raise InvalidInput(f"{spot.point}: n = {spot.n}, w = {spot.w:g}, seed {seed} comes twice: expected it once")
+        table[spot][seed] = outcome
+    return Outcomes(table)
+
+
+def read_runs(path: Path, point: str = "main") -> Outcomes:
+    """The runs of a CSV file; rows without a point are of the one named here.
+
+    Raises InvalidInput for a file that cannot be read, lacks a column or holds something else than numbers.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            reader = csv.DictReader(file)
+            lacking = [column for column in COLUMNS if column not in (reader.fieldnames or ())]
+            if lacking:
+                raise InvalidInput(f"{path} has no column {lacking[0]!r}: expected {', '.join(COLUMNS)}")
+            rows = [_run(row, point, path, line) for line, row in enumerate(reader, 2)]
+    except OSError as error:
+        raise InvalidInput(f"{path} cannot be read ({error.strerror}): expected a table of runs") from None
+    except (UnicodeDecodeError, csv.Error):
+        raise InvalidInput(f"{path} is not a table of runs: expected CSV with columns {', '.join(COLUMNS)}") from None
+    try:
+        return outcomes(rows)
+    except InvalidInput as error:
+        raise InvalidInput(f"{path}: {error}") from None
+
+
+def read_published(folder: Path) -> Outcomes:
+    """The authors' runs from a folder with some of their files. Raises InvalidInput where none of them is there."""
+    if not folder.is_dir():
+        raise InvalidInput(f"--published {folder} is no folder: expected the results folder of {URL}")
+    files = {name: folder / point.file for name, point in POINTS.items()}
+    found = {name: read_runs(path, name) for name, path in files.items() if path.exists()}
+    if not found:
+        names = ", ".join(path.name for path in files.values())
+        raise InvalidInput(f"--published {folder} holds none of {names}: expected the results folder of {URL}")
+    table = {spot: runs for part in found.values() for spot, runs in part.table.items()}
+    return Outcomes(table, tuple(path.name for name, path in files.items() if name not in found))
+
+
+def _run(row: Mapping[str, str], point: str, path: Path, line: int) -> tuple[Spot, int, Outcome]:
+    try:
+        mean, error, m, length = (float(row[c]) for c in ("eval_return_mean", "id_error", *COLUMNS[-2:]))
+        spot = Spot(row.get("point") or point, int(row["n"]), float(row["w"]))
+        fresh, seed = float(row.get("eval_return_fresh") or math.nan), int(row["seed"])
+    except (TypeError, ValueError):
+        raise InvalidInput(f"{path}, line {line} holds something that is not a number: expected a run") from None
+    if not all(map(math.isfinite, (mean, error, m, length, spot.w))):
+        raise InvalidInput(f"{path}, line {line} holds NaN or infinity: expected finite numbers")
+    return spot, seed, Outcome(mean, error, (m, length), fresh)

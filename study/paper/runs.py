@@ -1,0 +1,165 @@
+"""One (point, n, w, seed): measure a hidden plant, identify it, train on the estimate, evaluate on the hidden plant.
+
+    rng(seed) -> n rollouts of the plant -> theta_hat -> agent trained on U(theta_hat (1 - w), theta_hat (1 + w))
+              -> mean return of 20 episodes on the plant
+
+Cells of a point that share n and seed share the estimate; cells that share a seed share training streams and start
+states.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from policies.evaluation import Evaluation, evaluate, fresh_start_states, start_states
+from study.paper.identification import hidden_plant
+from study.paper.presets import Cell, Point, Preset, Theta
+from study.pipeline.population_task import PopulationTask, sac_settings
+from study.pipeline.versions import versions
+from sysid import InvalidInput, paper_model
+
+if TYPE_CHECKING:
+    from policies import Population
+
+
+@dataclass(frozen=True)
+class RunSummary:
+    """What a table keeps of a run's episodes: mean and sd (divided by E) of the returns; fresh_mean may be nan."""
+
+    mean: float
+    std: float
+    fresh_mean: float = math.nan
+
+
+@dataclass(frozen=True)
+class Run:
+    """A finished cell, with everything its number depends on.
+
+    theta_hat (m [kg], l [m]); id_error = ||theta_hat - truth||; returns (E,) from the paper's start states, and
+    fresh_returns (E,) from start states that no other seed shares; curve: (env steps done, return) of the training
+    episodes; seconds: the run's share of its population's time.
+
+    A run that was taken up from elsewhere says in `imported` from which file; where that is a table, `summary` stands
+    for the episodes and the curve is empty.
+    """
+
+    cell: Cell
+    population: int
+    theta_hat: Theta
+    id_error: float
+    returns: tuple[float, ...]
+    curve: tuple[tuple[int, float], ...]
+    settings: dict[str, Any]
+    versions: dict[str, str]
+    seconds: float
+    fresh_returns: tuple[float, ...] = ()
+    imported: str = ""
+    summary: RunSummary | None = None
+
+    @property
+    def mean(self) -> float:
+        """Mean return."""
+        return self.summary.mean if self.summary else Evaluation(np.array(self.returns)).mean
+
+    @property
+    def std(self) -> float:
+        """Standard deviation over the episodes (divided by E)."""
+        return self.summary.std if self.summary else Evaluation(np.array(self.returns)).std
+
+    @property
+    def fresh_mean(self) -> float:
+        """Mean return from start states that no other seed shares; nan where it is not known."""
+        if self.summary:
+            return self.summary.fresh_mean
+        return Evaluation(np.array(self.fresh_returns)).mean if self.fresh_returns else math.nan
+
+
+@dataclass(frozen=True)
+class SweepPopulation(PopulationTask):
+    """The cells of one population.
+
+    index of count: which population it is; cells: the runs it makes, with their estimates theta_hat
+    """
+
+    preset: Preset
+    index: int
+    count: int
+    cells: tuple[Cell, ...]
+    estimates: tuple[Theta, ...]
+
+    @property
+    def name(self) -> str:
+        return f"population {self.index + 1} of {self.count}"
+
+    @property
+    def stem(self) -> str:
+        return f"population_{self.index + 1}"
+
+    @property
+    def settings(self) -> Preset:
+        """What the runs belong to."""
+        return self.preset
+
+    @property
+    def keys(self) -> tuple[Cell, ...]:
+        """The cells."""
+        return self.cells
+
+    def population(self) -> Population:
+        """An agent a cell, about its estimate."""
+        from policies import Population
+
+        points = [self.preset.point(cell.point) for cell in self.cells]
+        drawn = [_randomization(*own) for own in zip(points, self.cells, self.estimates, strict=True)]
+        seeds = [cell.seed for cell in self.cells]
+        return Population(paper_model(), drawn, seeds, sac_settings(self.preset), self.device)
+
+    def answers(self, population: Population, seconds: float) -> list[Run]:
+        """The finished runs, in the order of the cells."""
+        found, curves = versions(), population.curves
+        runs = []
+        for a, (cell, policy) in enumerate(zip(self.cells, population.policies(), strict=True)):
+            point, theta = self.preset.point(cell.point), self.estimates[a]
+            plant = hidden_plant(point.truth)
+            answer = evaluate(policy, plant, *start_states(cell.seed, self.preset.episodes))
+            fresh = evaluate(policy, plant, *fresh_start_states(cell.seed, self.preset.episodes))
+            settings = {
+                "preset": self.preset.name,
+                "device": self.device,
+                "sac": dataclasses.asdict(population.settings),
+                "randomization": population.env.randomizations[a].to_json(),
+                "identifier": point.identifier,
+                "sigma": point.sigma,
+                "truth": list(point.truth),
+            }
+            runs.append(
+                Run(
+                    cell=cell,
+                    population=self.index,
+                    theta_hat=theta,
+                    id_error=math.dist(theta, point.truth),
+                    returns=tuple(answer.returns.tolist()),
+                    curve=tuple((int(step), float(value)) for step, value in curves[a]),
+                    settings=settings,
+                    versions=found,
+                    seconds=seconds,
+                    fresh_returns=tuple(fresh.returns.tolist()),
+                )
+            )
+        return runs
+
+
+def _randomization(point: Point, cell: Cell, theta: Theta) -> Any:
+    from policies import Band, PriorRange
+
+    if point.randomization == "prior_range":
+        return PriorRange(("m", "l"))
+    if point.randomization != "band":
+        raise InvalidInput(f"randomization {point.randomization!r}: expected one of band, prior_range")
+    m, l = theta  # noqa: E741
+    return Band({"m": m, "l": l}, w=cell.w)

@@ -1,0 +1,163 @@
+"""How many rollouts a good identifier needs: where the budget curve of each bends, and what a rollout is then worth.
+
+    closed(n) = (J(n) - J(0)) / (J_known - J(0)),   J the mean return at width w
+    saturation budget = the least n from which on closed >= 95 %, give or take a standard error of J(n)
+
+J_known is the best return that an identifier ends at: what agents so trained reach on a plant that is known. The
+optimum would be no measure, for no number of rollouts closes what training leaves open. All identifiers see the same
+rollouts. The points are those of the preset `identifiers`: prior, grid, least_squares,
+unscented.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from study.formatting import number, percent
+from study.paper.published_numbers import Spot
+from study.paper.published_runs import Outcomes
+from study.paper.reference_controllers import OPTIMAL
+from study.statistics import Contrast, paired_t
+
+PRIOR, GRID = "prior", "grid"
+LABELS = {"grid": "grid search", "least_squares": "least squares", "unscented": "the Kalman filter"}
+ENOUGH = 0.95
+"""The share of the gap between no data and a known plant at which a budget curve has bent."""
+
+
+@dataclass(frozen=True, eq=False)
+class BudgetCurve:
+    """What n rollouts came to with one identifier at width w; the first budget is 0, the prior.
+
+    known: J_known; saturation: the saturation budget, None where the gap stays open
+    first: worth of the first rollouts; after: of all beyond the saturation budget
+    """
+
+    identifier: str
+    w: float
+    budgets: tuple[int, ...]
+    returns: tuple[float, ...]
+    sems: tuple[float, ...]
+    errors: tuple[float, ...]
+    known: float
+    closed: tuple[float, ...]
+    saturation: int | None
+    first: Contrast
+    after: Contrast | None
+
+    @property
+    def worth(self) -> float:
+        """Mean worth of a rollout on the way to saturation, or to the last budget."""
+        end = self.budgets.index(self.saturation if self.saturation is not None else self.budgets[-1])
+        return (self.returns[end] - self.returns[0]) / max(self.budgets[end], 1)
+
+
+def budget_curves(runs: Outcomes, w: float = 0.0) -> dict[str, BudgetCurve]:
+    """The curves of all identifiers that were run at this width, by name; empty where the prior was not."""
+    start = Spot(PRIOR, 0, w)
+    names = [name for name in LABELS if name in runs.points]
+    spots = {name: [start, *(s for n in runs.budgets(name) if (s := Spot(name, n, w)) in runs)] for name in names}
+    if start not in runs or not names:
+        return {}
+    known = max(runs.summary(own[-1]).mean for own in spots.values())
+    return {name: _curve(runs, name, own, known) for name, own in spots.items()}
+
+
+def _curve(runs: Outcomes, name: str, spots: Sequence[Spot], known: float) -> BudgetCurve:
+    start, cells = spots[0], [runs.summary(spot) for spot in spots]
+    gap = known - cells[0].mean
+    closed = [(cell.mean - cells[0].mean) / gap for cell in cells]
+    short = [share + cell.sem / gap < ENOUGH for share, cell in zip(closed, cells, strict=True)]
+    bent = 1 + max((k for k, yes in enumerate(short) if yes), default=-1)
+    return BudgetCurve(
+        identifier=name,
+        w=start.w,
+        budgets=tuple(spot.n for spot in spots),
+        returns=tuple(cell.mean for cell in cells),
+        sems=tuple(cell.sem for cell in cells),
+        errors=tuple(float(np.mean(runs.id_errors(spot.point, spot.n))) for spot in spots),
+        known=known,
+        closed=tuple(closed),
+        saturation=spots[bent].n if bent < len(spots) else None,
+        first=_gain(runs, spots[1], start),
+        after=_gain(runs, spots[-1], spots[bent]) if bent < len(spots) - 1 else None,
+    )
+
+
+def _gain(runs: Outcomes, a: Spot, b: Spot) -> Contrast:
+    seeds = runs.seeds(a, b)
+    return paired_t(runs.returns(a, seeds), runs.returns(b, seeds))
+
+
+def paragraph(
+    curves: Mapping[str, BudgetCurve], wider: Mapping[str, BudgetCurve], references: Mapping[str, float]
+) -> str:
+    """Where the saturation budget moves with a better identifier, and what a rollout is then worth; wider: the
+    curves at another width."""
+    if not curves:
+        return ""
+    any_ = next(iter(curves.values()))
+    said = [
+        f"Without data agents return {number(any_.returns[0])}, on a plant that is known {number(any_.known)}, and "
+        f"the optimum is {number(references[OPTIMAL])}."
+    ]
+    said += [_sentence(curve) for curve in curves.values()]
+    for name in ("least_squares", "unscented"):
+        if name in curves and GRID in curves:
+            said.append(_closer(curves[GRID], curves[name]))
+    return " ".join([*said, _conclusion(curves), _wider(wider)]).strip()
+
+
+def _sentence(curve: BudgetCurve) -> str:
+    n, last = curve.budgets[1], curve.budgets[-1]
+    first = "the first rollout is" if n == 1 else f"the first {n} rollouts are"
+    text = f"With {LABELS[curve.identifier]} {first} worth {curve.first}"
+    if curve.saturation is None:
+        return f"{text}; n = {last} closes {percent(curve.closed[-1])} of that gap."
+    text += (
+        f"; {percent(ENOUGH)} of that gap are closed, give or take a standard error, from n = {curve.saturation} on, "
+        f"at {number(curve.worth)} a rollout"
+    )
+    if curve.after is None:
+        return f"{text}."
+    return f"{text}, and the other {last - curve.saturation} are together worth {curve.after}."
+
+
+def _closer(grid: BudgetCurve, other: BudgetCurve) -> str:
+    pairs = zip(grid.budgets[1:], grid.errors[1:], strict=True)
+    mine = dict(zip(other.budgets, other.errors, strict=True))
+    ratios = [error / mine[n] for n, error in pairs if n in mine and mine[n] > 0.0]
+    return (
+        f"From the same rollouts {LABELS[other.identifier]} finds m and l {min(ratios):.0f} to {max(ratios):.0f} "
+        "times closer than the grid."
+    )
+
+
+def _conclusion(curves: Mapping[str, BudgetCurve]) -> str:
+    if GRID not in curves or "least_squares" not in curves:
+        return ""
+    grid, good = curves[GRID].saturation, curves["least_squares"]
+    text = (
+        "The difference is the sensing, not the data: the grid compares readings one step apart, where the noise of a "
+        "speed is far larger than what a torque changes in it, while the others follow a rollout as a whole."
+    )
+    if good.saturation is None or grid is None:
+        return text
+    text += f" So the saturation budget moves from n = {grid} to n = {good.saturation}"
+    if good.after is None or good.after.significant:
+        return f"{text}."
+    return f"{text}, and past it another rollout is worth nothing that these seeds could show."
+
+
+def _wider(curves: Mapping[str, BudgetCurve]) -> str:
+    """The saturation budgets at another width."""
+    if not curves:
+        return ""
+    budgets = [
+        f"n = {curve.saturation} with {LABELS[name]}" if curve.saturation else f"none with {LABELS[name]}"
+        for name, curve in curves.items()
+    ]
+    return f"In a band of w = {next(iter(curves.values())).w:g} the saturation budget is {', '.join(budgets)}."

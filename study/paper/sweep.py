@@ -1,0 +1,113 @@
+"""The paper's sweep as an experiment: measure and identify, train and rate references, publish.
+
+First every point is measured and identified, then populations train, and references follow on whatever core is free.
+An unfinished population leaves a checkpoint in the folder.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from study.paper.identification import IdentificationTask
+from study.paper.imported_runs import import_runs, is_database
+from study.paper.presets import Preset
+from study.paper.published_runs import Outcomes
+from study.paper.reference_controllers import Designs, ReferenceTask, reference_tasks
+from study.paper.runs import SweepPopulation
+from study.paper.sweep_results import SweepResults
+from study.pipeline.executor import Task
+from study.pipeline.experiment import Experiment, Stage
+from study.pipeline.population_task import left
+
+
+class Sweep(Experiment):
+    """A preset with its results; imported: a file whose finished runs are taken up; theirs: the authors' runs, which
+    ours are paired with in the report."""
+
+    def __init__(
+        self,
+        preset: Preset,
+        results: SweepResults,
+        checkpoint_seconds: float = 60.0,
+        imported: Path | None = None,
+        theirs: Outcomes | None = None,
+    ) -> None:
+        self.preset, self.results, self.checkpoint_seconds = preset, results, checkpoint_seconds
+        self.imported, self.theirs = imported, theirs
+
+    def stages(self, console: Console) -> Iterator[Stage]:
+        """Identification; then training and references, after the runs in `imported` were taken up."""
+        if self.imported is not None:
+            is_database(self.imported)  # a file that cannot be read is refused before anything runs
+        yield Stage(list(self._unidentified()))
+        if self.imported is not None:
+            taken = self.results.add_imported(import_runs(self.imported, self.preset, self.results.estimates()))
+            console.print(f"{taken} runs taken up from {self.imported}", soft_wrap=True)
+        tasks: list[Task] = [*self._untrained(), *self._unrated()]
+        yield Stage(tasks, self._about(tasks))
+
+    def keep(self, task: Task, answer: Any) -> None:
+        """Runs, estimates or references into the results."""
+        if isinstance(task, SweepPopulation):
+            self.results.add_runs(answer)
+            task.discard()
+        elif isinstance(task, IdentificationTask):
+            self.results.add_estimates(answer)
+        else:
+            self.results.add_references(answer)
+
+    def note(self, task: Task, seconds: float) -> None:
+        """Keep the seconds that a population's checkpoint holds."""
+        if isinstance(task, SweepPopulation):
+            self.results.note_training(task.index, seconds)
+
+    def publish(self, console: Console) -> None:
+        """Tables, figures and report, point by point."""
+        from study.paper.sweep_report import publish_sweep
+
+        publish_sweep(self.preset, self.results, console, self.theirs)
+
+    def _unidentified(self) -> Iterator[IdentificationTask]:
+        known = self.results.estimates()
+        for point in self.preset.points:
+            for seed in point.seeds:
+                if not all((point.name, n, seed) in known for n in point.budgets):
+                    yield IdentificationTask(point, seed)
+
+    def _untrained(self) -> Iterator[SweepPopulation]:
+        results, populations = self.results, self.preset.populations(self.results.device)
+        estimates = results.estimates()
+        tasks = [
+            SweepPopulation(
+                self.preset,
+                index,
+                len(populations),
+                cells,
+                tuple(estimates[c.point, c.n, c.seed] for c in cells),
+                folder=results.folder.resolve(),
+                checkpoint_seconds=self.checkpoint_seconds,
+                device=results.device,
+            )
+            for index, cells in enumerate(populations)
+        ]
+        return left(tasks, results.finished(), lambda task: results.training_seconds(task.index))
+
+    def _unrated(self) -> Iterable[ReferenceTask]:
+        known = {(r.controller, r.theta, r.truth) for r in self.results.references()}
+        designs: Designs = {}
+        for (name, _, _), theta in self.results.estimates().items():
+            designs.setdefault(theta, set()).add(self.preset.point(name).truth)
+        return reference_tasks(self.preset, designs, known)
+
+    def _about(self, tasks: Sequence[Task]) -> str:
+        training = [t for t in tasks if isinstance(t, SweepPopulation)]
+        resumed = sum(t.checkpoint.exists() for t in training)
+        begun = f", {resumed} from a checkpoint" if resumed else ""
+        return (
+            f"preset [bold]{self.preset.name}[/]: {len(self.preset.cells)} runs, {len(self.results.finished())} "
+            f"finished; {len(training)} populations to train{begun}, {len(tasks) - len(training)} references"
+        )

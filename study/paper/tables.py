@@ -1,0 +1,57 @@
+"""The study's tables as CSV and what made them as JSON, for other programs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+from study.paper.findings import PointFindings
+from study.pipeline.csv_table import write_csv
+from study.pipeline.record import write_record
+
+RUN_COLUMNS = (
+    "n", "w", "seed", "id_error", "eval_return_mean", "eval_return_std",
+    "theta_hat_mass", "theta_hat_length", "wall_time_s", "point", "eval_return_fresh",
+)  # fmt: skip
+"""First the columns of the paper's summary.csv, so that both files can be read by one program."""
+
+REFERENCE_COLUMNS = ("m", "l", "controller", "return_mean", "return_sem")
+
+
+def write_runs(found: Sequence[PointFindings], path: Path) -> None:
+    """One row a run, sorted by n, w, seed, point by point.
+
+    eval_return_std is over the run's episodes and divided by their number E (ddof = 0), which is what NumPy's std does
+    by default and what the authors' published code calls. eval_return_fresh is the mean from start states that no
+    other seed shares; empty for a run that was imported without.
+    """
+    rows = [
+        (r.cell.n, r.cell.w, r.cell.seed, r.id_error, r.mean, r.std, *r.theta_hat, r.seconds, r.cell.point,
+         "" if math.isnan(r.fresh_mean) else r.fresh_mean)
+        for point_findings in found
+        for r in sorted(point_findings.runs, key=lambda r: r.cell)
+    ]  # fmt: skip
+    write_csv(path, RUN_COLUMNS, rows)
+
+
+def write_references(found: Sequence[PointFindings], path: Path) -> None:
+    """One row a controller, designed at a hidden plant's own (m, l).
+
+    Mean and SEM are over the start states of the preset's reference seeds, the paper's ten, so that these numbers do
+    not change with the preset; gaps in the report are paired over the study's own seeds.
+    """
+    rows = [
+        (*point_findings.point.truth, controller, mean, error)
+        for point_findings in {point_findings.point.truth: point_findings for point_findings in found}.values()
+        for controller, mean, error in point_findings.controllers()
+    ]
+    write_csv(path, REFERENCE_COLUMNS, rows)
+
+
+def write_study(found: Sequence[PointFindings], device: str, path: Path) -> None:
+    """What the runs depend on: preset, settings, device, versions, and the hours that workers spent on them."""
+    preset, runs = found[0].preset, [run for point_findings in found for run in point_findings.runs]
+    about = {"runs": len(runs), "imported": sum(bool(run.imported) for run in runs)}
+    hours = sum(run.seconds for run in runs) / 3600.0
+    write_record(path, preset, device, about, hours, [run.versions for run in runs])

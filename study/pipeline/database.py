@@ -1,0 +1,216 @@
+"""A results folder: one SQLite file in write-ahead mode, one writer, tied to what its numbers depend on.
+
+A study says which tables it needs, and builds on this:
+
+    class SweepResults(Database): ...       study/paper/sweep_results.py
+    class MismatchResults(Database): ...    study/mismatch/mismatch_results.py
+
+Beside a study's tables stands `meta`: preset, fingerprint, settings, format, device, version of gapfinder.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import json
+import os
+import sqlite3
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, ClassVar, Self
+
+from study.pipeline.settings import StudySettings, device_type
+from study.pipeline.versions import version
+from sysid import InvalidInput
+
+META = "CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);"
+
+
+def identity(settings: StudySettings, layout: str, device: str) -> dict[str, str]:
+    """What a results folder is tied to; layout: which tables it has, and in which version."""
+    return {
+        "preset": settings.name,
+        "gapfinder": version("gapfinder"),
+        "format": layout,
+        "fingerprint": settings.fingerprint,
+        "settings": json.dumps(settings.to_dict()),
+        "device": device_type(device),
+    }
+
+
+class Database:
+    """An open results folder; a context manager that holds the folder's lock. `db` is its SQLite connection.
+
+    schema: the study's tables, as CREATE statements that end in semicolons; identity: what `identity` returns;
+    outputs: the names of what the study writes beside its database, never over files of somebody else.
+
+    Raises InvalidInput where the folder cannot be used: no folder, not writable, of another preset, device or version,
+    in use by another study, or holding foreign files of the names in `outputs`. Nothing is written before these checks.
+    """
+
+    progress: ClassVar[str] = "progress"
+    """The table (population, seconds) of the work that checkpoints of unfinished populations hold."""
+
+    def __init__(self, folder: Path, schema: str, identity: Mapping[str, str], outputs: Collection[str] = ()) -> None:
+        self.folder, self.path = folder, folder / "results.sqlite"
+        _make(folder)
+        self._lock = _lock(folder)
+        try:
+            if not self.path.exists():
+                self._refuse_foreign_files(outputs)
+            with _readable(self.path):
+                self._open(schema, identity)
+        except BaseException:
+            self.close()
+            raise
+
+    def _refuse_foreign_files(self, outputs: Collection[str]) -> None:
+        there = [name for name in outputs if (self.folder / name).exists()]
+        if there:
+            raise InvalidInput(
+                f"{self.folder} holds {' and '.join(there)} but no results.sqlite, so they are not of this study: "
+                "expected an empty folder or one that a study made; choose another --out"
+            )
+
+    def _open(self, schema: str, expected: Mapping[str, str]) -> None:
+        self.db = sqlite3.connect(self.path, timeout=3.0, isolation_level=None)
+        tables = {name for (name,) in self.db.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+        if tables and "meta" not in tables:
+            raise InvalidInput(f"{self.path} is a database of something else: choose another --out")
+        if tables:
+            self._check(dict(self.db.execute("SELECT key, value FROM meta")), expected)
+        self.db.execute("PRAGMA journal_mode = WAL")
+        self.db.execute("PRAGMA synchronous = FULL")
+        self.db.execute("BEGIN IMMEDIATE")
+        if not tables:
+            for statement in (META + schema).split(";")[:-1]:
+                self.db.execute(statement)
+            self.db.executemany("INSERT INTO meta VALUES (?, ?)", expected.items())
+        self.db.execute("COMMIT")
+        self.db.execute("PRAGMA busy_timeout = 600000")
+
+    def _check(self, found: Mapping[str, str], expected: Mapping[str, str]) -> None:
+        for key, label in (("preset", "preset"), ("gapfinder", "gapfinder version"), ("format", "format")):
+            if found.get(key) != expected[key]:
+                raise InvalidInput(
+                    f"{self.folder} holds results of {label} {found.get(key)!r}, expected {expected[key]!r}: "
+                    "choose another --out, or move that folder away"
+                )
+        if found.get("fingerprint") != expected["fingerprint"]:
+            was, now = json.loads(found.get("settings", "{}")), json.loads(expected["settings"])
+            changed = [f"{k} = {was.get(k)}, now {now[k]}" for k in now if was.get(k) != now[k]]
+            raise InvalidInput(
+                f"{self.folder} holds results of other settings of preset {expected['preset']!r} "
+                f"({'; '.join(changed) or 'unknown'}): choose another --out, or move that folder away"
+            )
+        if found.get("device") != expected["device"]:
+            raise InvalidInput(
+                f"{self.folder} holds runs of device {found.get('device')!r}, where other agents train together than "
+                f"on {expected['device']!r}: go on with --device {found.get('device')}, or choose another --out"
+            )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the database and give the folder's lock back."""
+        if hasattr(self, "db"):
+            self.db.close()
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
+
+    @contextlib.contextmanager
+    def transaction(self) -> Iterator[sqlite3.Connection]:
+        """All or nothing. Raises OSError where the file is full, locked or read-only."""
+        try:
+            self.db.execute("BEGIN IMMEDIATE")
+            yield self.db
+            self.db.execute("COMMIT")
+        except sqlite3.OperationalError as error:
+            self._undo()
+            raise OSError(f"{self.path} cannot be written ({error})") from error
+        except BaseException:
+            self._undo()
+            raise
+
+    def put(
+        self, table: str, rows: Sequence[tuple[Any, ...]], finished: Iterable[int | str] = (), new: bool = False
+    ) -> None:
+        """Keep rows in place of those with the same keys, and forget the progress of finished populations; all or
+        nothing. new: there must be none with these keys. Raises OSError as `transaction` does."""
+        verb = "INSERT" if new else "INSERT OR REPLACE"
+        with self.transaction() as db:
+            for row in rows:
+                db.execute(f"{verb} INTO {table} VALUES ({', '.join('?' * len(row))})", row)
+            for population in finished:
+                db.execute(f"DELETE FROM {self.progress} WHERE population = ?", (population,))
+
+    def note_training(self, population: int | str, seconds: float) -> None:
+        """Keep the seconds that a population's checkpoint holds."""
+        self.put(self.progress, [(population, seconds)])
+
+    def training_seconds(self, population: int | str) -> float:
+        """The seconds that a population's checkpoint holds; 0 without one."""
+        row = self.db.execute(f"SELECT seconds FROM {self.progress} WHERE population = ?", (population,)).fetchone()
+        return float(row[0]) if row else 0.0
+
+    def _undo(self) -> None:
+        if self.db.in_transaction:  # SQLite itself has rolled back where the disk is full
+            self.db.execute("ROLLBACK")
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except FileExistsError:
+        raise InvalidInput(f"{folder} is a file: expected a folder for the results; choose another --out") from None
+    except OSError as error:
+        raise InvalidInput(f"the folder {folder} cannot be made ({error.strerror}): choose another --out") from None
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise InvalidInput(f"the folder {folder} is not writable: choose another --out")
+
+
+def _lock(folder: Path) -> int | None:
+    """The folder's lock, which the system gives back when this process ends, however it ends."""
+    try:
+        import fcntl
+    except ImportError:  # not a Unix system: SQLite's own lock has to do
+        return None
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            if error.errno != errno.EBADF:
+                raise
+            os.close(handle)  # a network disk locks only what is open for writing, which no folder can be
+            handle = os.open(folder / "lock", os.O_RDWR | os.O_CREAT, 0o644)
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(handle)
+        raise InvalidInput(
+            f"another study is running in {folder}: wait until it ends, or choose another --out"
+        ) from None
+    return handle
+
+
+@contextlib.contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """Turn SQLite's errors at opening into sentences."""
+    try:
+        yield
+    except sqlite3.OperationalError as error:
+        if "locked" in str(error):
+            raise InvalidInput(
+                f"{path} is locked by another process: wait until it ends, or choose another --out"
+            ) from None
+        raise InvalidInput(f"{path} cannot be used ({error}): choose another --out") from None
+    except sqlite3.DatabaseError as error:
+        raise InvalidInput(f"{path} is not a database of this study ({error}): choose another --out") from None

@@ -1,0 +1,130 @@
+"""What runs the tasks of a study: one interface, behind it processes of this machine or a Ray cluster.
+
+    Processes(workers=8).execute(tasks, heard)                     study/pipeline/processes.py
+    Cluster(address="10.0.0.1:6379").execute(tasks, heard)         study/pipeline/cluster.py
+
+A task whose worker dies is started again and goes on from its checkpoint. Only one that dies again and again without a
+new checkpoint, or raises an error, ends the study, and the others save before that.
+"""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Protocol, Self
+
+PATIENCE = 30.0
+"""Seconds that workers have to save and end when asked."""
+
+DEATHS = 3
+"""So many deaths of a task's workers without a new checkpoint in between end the study."""
+
+
+class WorkerFailed(RuntimeError):
+    """A task did not end well; the message says which and why."""
+
+
+class Stopped(Exception):
+    """The driver asked this task to end; what there was to save is saved."""
+
+
+class Link(Protocol):
+    """A task's line to the driver."""
+
+    def progress(self, done: float) -> None:
+        """Say how much of the task is done, from 0 to 1."""
+
+    def saved(self, seconds: float) -> None:
+        """Say that a checkpoint holds the work of so many seconds."""
+
+    def stop_asked(self) -> bool:
+        """Whether the driver wants this task to save and end."""
+
+
+class Task(Protocol):
+    """Picklable work that goes on from its own checkpoint; `saves`: it has one, and writes it when asked to end.
+
+    activity: what it does, in a word; work: about its seconds on one core; gpus: how many it needs.
+    """
+
+    saves: ClassVar[bool]
+    activity: ClassVar[str]
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def work(self) -> float: ...
+    @property
+    def gpus(self) -> int: ...
+    def run(self, link: Link) -> Any: ...
+    def resumed(self, seconds: float) -> Task:
+        """This task with a checkpoint that holds the work of so many seconds."""
+        ...
+
+
+class Brief:
+    """A task without a checkpoint, on a CPU: one whose worker dies begins anew."""
+
+    saves: ClassVar[bool] = False
+    gpus: ClassVar[int] = 0
+
+    def resumed(self, seconds: float) -> Self:
+        """This task."""
+        return self
+
+
+SECOND = 1.0
+"""Least seconds between two messages of progress from a task: thousands of tasks must not drown the driver."""
+
+Heard = Callable[[Task, str, Any], None]
+"""heard(task, kind, payload): "progress" (0 to 1), "saved" (seconds), "died" (why; it is started again) or "done"."""
+
+
+class Executor(Protocol):
+    """Runs tasks somewhere; workers: how many at a time, None where only the cluster knows."""
+
+    @property
+    def workers(self) -> int | None: ...
+
+    def execute(self, tasks: Sequence[Task], heard: Heard) -> None:
+        """Run the tasks, the first ones first; heard is called here, in the driver, and never by two at once.
+
+        Raises WorkerFailed for the first task that fails. However this is left, Ctrl-C included, running tasks are
+        first asked to save.
+        """
+        ...
+
+
+@dataclass
+class Supervised:
+    """A task, as resumable as its last checkpoint makes it, and how often its workers died since."""
+
+    task: Task
+    heard: Heard
+    deaths: int = 0
+
+    def hear(self, kind: str, payload: Any) -> None:
+        """Pass on what a worker said of the task. Raises WorkerFailed where there is no sense in another attempt."""
+        if kind == "failed":
+            raise WorkerFailed(f"{self.task.name} failed: {payload}")
+        if kind == "saved":
+            self.task, self.deaths = self.task.resumed(payload), 0
+        if kind == "died":
+            self.deaths += 1
+            if self.deaths == DEATHS:
+                since = " without a new checkpoint" if self.task.saves else ""
+                raise WorkerFailed(f"{self.task.name} failed: its worker died {DEATHS} times{since}; {payload}")
+        self.heard(self.task, kind, payload)
+
+
+def outcome(task: Task, link: Link) -> tuple[str, Any]:
+    """Run a task in a worker: ("done", what it returned), ("stopped", None) or ("failed", why)."""
+    try:
+        return "done", task.run(link)
+    except Stopped:
+        return "stopped", None
+    except Exception as error:
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        return "failed", f"{type(error).__name__}: {error} ({Path(place.filename).name}, line {place.lineno})"

@@ -1,0 +1,86 @@
+"""The way of every experiment: plan -> tasks -> results -> report.
+
+    class Sweep(Experiment): ...               study/paper/sweep.py
+    class MismatchExperiment(Experiment): ...  study/mismatch/experiment.py
+    class NamingExperiment(Experiment): ...    study/mismatch/naming.py
+
+An experiment has stages, and the tasks of one follow from the results of those before. Every finished task goes into
+the results at once, so that a run goes on from wherever an earlier attempt left it. Nothing that a number depends on is
+decided here.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from rich.console import Console
+
+from study.pipeline.executor import Executor, Task
+from study.pipeline.progress import Meter, duration
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Tasks that may run at the same time, the first ones first; about: what is ahead, "" where that is not said."""
+
+    tasks: Sequence[Task]
+    about: str = ""
+
+
+class Experiment(ABC):
+    """A plan with the folder of its results."""
+
+    @abstractmethod
+    def stages(self, console: Console) -> Iterator[Stage]:
+        """What is left to do; a stage is asked for when the one before it is done."""
+
+    @abstractmethod
+    def keep(self, task: Task, answer: Any) -> None:
+        """Put what a finished task answered into the results."""
+
+    def note(self, task: Task, seconds: float) -> None:
+        """Keep that a task's checkpoint holds the work of so many seconds."""
+        return None
+
+    @abstractmethod
+    def publish(self, console: Console) -> None:
+        """Write tables, figures and report from finished results, and say what was found."""
+
+
+def run(experiment: Experiment, executor: Executor, console: Console) -> None:
+    """Finish every task whose answer the results lack.
+
+    Raises WorkerFailed where a task fails, after the others have saved; what is finished stays in the results.
+    """
+    for stage in experiment.stages(console):
+        if not stage.tasks:
+            continue
+        if stage.about:
+            _announce(console, stage, executor.workers)
+        with Meter(console, stage.tasks) as meter:
+
+            def heard(task: Task, kind: str, payload: Any, meter: Meter = meter) -> None:
+                """What a worker said: shown, and kept where it is an answer."""
+                if kind == "progress":
+                    meter.update(task.name, payload)
+                elif kind == "saved":
+                    experiment.note(task, payload)
+                elif kind == "died":
+                    console.print(f"[dim]{task.name}: {payload}; it is started again", soft_wrap=True)
+                elif kind == "done":
+                    experiment.keep(task, payload)
+                    meter.update(task.name, 1.0)
+
+            executor.execute(stage.tasks, heard)
+
+
+def _announce(console: Console, stage: Stage, workers: int | None) -> None:
+    """Say what is ahead."""
+    by_whom = "a Ray cluster" if workers is None else f"{workers} workers" if workers > 1 else "1 worker"
+    console.print(f"{stage.about}; {by_whom}", soft_wrap=True)
+    if workers is not None:
+        seconds = sum(task.work for task in stage.tasks) / min(workers, len(stage.tasks))
+        console.print(f"[dim]expect very roughly {duration(seconds)}; stop it at any time, it goes on", soft_wrap=True)

@@ -1,0 +1,189 @@
+"""A population trained to its end by a task: progress said, checkpoints written, a wish to stop heard.
+
+A study says which population, and what becomes of it:
+
+    class SweepPopulation(PopulationTask): ...    study/paper/runs.py
+    class MismatchPopulation(PopulationTask): ...      study/mismatch/trainings.py
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Set as AbstractSet
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, TypeVar
+
+from study.pipeline.executor import Link, Stopped
+from study.pipeline.policy_files import FOLDER, write_policies
+from study.pipeline.settings import device_type
+from sysid import InvalidInput
+from sysid.data.files import partial
+
+if TYPE_CHECKING:
+    from policies import Population, SACSettings
+
+CHUNK = 20
+"""PopulationTask steps between two looks at the clock and at the driver."""
+
+
+class PopulationSettings(Protocol):
+    """How the agents of a study are trained; `policies.SACSettings` says what each number is."""
+
+    @property
+    def hidden(self) -> tuple[int, ...]: ...
+    @property
+    def steps(self) -> int: ...
+    @property
+    def batch(self) -> int: ...
+    @property
+    def random_steps(self) -> int: ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class PopulationTask(ABC):
+    """A task that trains one population; it goes on from its checkpoint where that file exists.
+
+    folder: where checkpoint and trained policies lie, on a disk that all workers share; seconds_before: what the
+    checkpoint has cost.
+    """
+
+    folder: Path
+    checkpoint_seconds: float = 60.0
+    seconds_before: float = 0.0
+    device: str = "cpu"
+    saves: ClassVar[bool] = True
+    activity: ClassVar[str] = "training"
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """The population, to people."""
+
+    @property
+    @abstractmethod
+    def stem(self) -> str:
+        """The population, in names of files."""
+
+    @property
+    @abstractmethod
+    def settings(self) -> PopulationSettings:
+        """The preset or plan that the agents belong to."""
+
+    @property
+    @abstractmethod
+    def keys(self) -> Sequence[tuple[Any, ...] | str]:
+        """What each agent's policy is stored under."""
+
+    @abstractmethod
+    def population(self) -> Population:
+        """The agents before their first step."""
+
+    @abstractmethod
+    def answers(self, population: Population, seconds: float) -> Any:
+        """What the driver gets of the trained population, each agent of which took so many seconds."""
+
+    @property
+    def checkpoint(self) -> Path:
+        """Where an unfinished population is kept."""
+        return self.folder / f"{self.stem}.checkpoint"
+
+    @property
+    def work(self) -> float:
+        """About how many seconds it takes on one core; only the time left is computed from it."""
+        weights = sum(a * b for a, b in pairwise(self.settings.hidden))
+        return self.settings.steps * len(self.keys) * (0.5e-3 + 5.5e-8 * weights)
+
+    @property
+    def gpus(self) -> int:
+        """How many it needs."""
+        return int(device_type(self.device) == "cuda")
+
+    def resumed(self, seconds: float) -> Self:
+        """This task with a checkpoint that holds the work of so many seconds."""
+        return dataclasses.replace(self, seconds_before=seconds)
+
+    def discard(self) -> None:
+        """Remove the checkpoint and what a process leaves that dies while it writes one."""
+        for path in (self.checkpoint, partial(self.checkpoint)):
+            path.unlink(missing_ok=True)
+
+    def run(self, link: Link) -> Any:
+        """The answers; the trained policies are in a file by then.
+
+        Raises Stopped once a checkpoint is written on request, and OSError where it cannot be written.
+        """
+        from policies import tune_cpu
+
+        tune_cpu(threads=1)
+        population = self.population()
+        if self.checkpoint.exists():
+            try:
+                population.resume(self.checkpoint)
+            except InvalidInput as error:  # a spoilt one costs its minutes, not the study
+                print(f"{self.name} begins anew: {error}", file=sys.stderr)
+        seconds = self._finish(population, link)
+        write_policies(self.folder / FOLDER / f"{self.stem}.npz", self.keys, population.policies())
+        return self.answers(population, seconds / len(self.keys))
+
+    def _finish(self, population: Population, link: Link) -> float:
+        """Train all steps that are left; returns the seconds that all of them took."""
+        steps = population.settings.steps
+        begin = saved = time.monotonic()
+        while population.steps_done < steps:
+            population.train(CHUNK)
+            link.progress(population.steps_done / steps)
+            now = time.monotonic()
+            stop = link.stop_asked()
+            if stop or now - saved >= self.checkpoint_seconds:
+                _save(population, self.checkpoint)
+                saved = time.monotonic()
+                link.saved(self.seconds_before + saved - begin)
+            if stop:
+                raise Stopped
+        return self.seconds_before + time.monotonic() - begin
+
+
+def sac_settings(settings: PopulationSettings) -> SACSettings:
+    """Of the agents of a preset or plan; what these do not name is the paper's."""
+    from policies import SACSettings
+
+    return SACSettings(
+        hidden=settings.hidden, steps=settings.steps, batch=settings.batch, random_steps=settings.random_steps
+    )
+
+
+T = TypeVar("T", bound=PopulationTask)
+
+
+def left(
+    tasks: Iterable[T], finished: AbstractSet[tuple[Any, ...] | str], seconds_before: Callable[[T], float]
+) -> Iterator[T]:
+    """The tasks whose agents are not all finished, from their checkpoints where they have one, and what that cost;
+    the checkpoints of the others are removed."""
+    for task in tasks:
+        partial(task.checkpoint).unlink(missing_ok=True)
+        if finished >= set(task.keys):
+            task.discard()
+        elif task.checkpoint.exists():
+            yield task.resumed(seconds_before(task))
+        else:
+            yield task
+
+
+def _save(population: Population, checkpoint: Path) -> None:
+    """Write a checkpoint. What the system says of a full disk may stand behind another error of the writer."""
+    try:
+        population.save(checkpoint)
+    except (OSError, RuntimeError) as error:
+        partial(checkpoint).unlink(missing_ok=True)
+        found: BaseException | None = error
+        while found is not None and not isinstance(found, OSError):
+            found = found.__context__
+        reason = found.strerror if found else error
+        raise OSError(f"the checkpoint {checkpoint} cannot be written ({reason})") from error

@@ -1,0 +1,36 @@
+"""The rooms of a package as floors: a room imports from those above it and never back."""
+
+import ast
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+
+
+def against_the_order(package: str, floors: Sequence[str]) -> list[str]:
+    """Every import of the package that goes against the order of its floors, those inside functions and for types too;
+    and every room that is on no floor."""
+    found = []
+    for path in sorted((ROOT / package).rglob("*.py")):
+        room = path.relative_to(ROOT / package).parts[0].removesuffix(".py")
+        if room in ("__init__", "__main__"):
+            continue
+        if room not in floors:
+            found.append(f"{path.relative_to(ROOT)} is in no known room: expected one of {', '.join(floors)}")
+            continue
+        above = floors[: floors.index(room) + 1]
+        found += [
+            f"{path.relative_to(ROOT)} imports {name}"
+            for name in imported(path)
+            if name.startswith(f"{package}.") and name.split(".")[1] not in above
+        ]
+    return found
+
+
+def imported(path: Path) -> Iterator[str]:
+    """The modules that a file imports, with what it takes from them."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)

@@ -1,0 +1,87 @@
+"""A training step can be launched as one graph: it works in place, and nothing in it waits for the device."""
+
+import pytest
+import torch
+from torch.fx.experimental.proxy_tensor import make_fx
+from torch.utils._python_dispatch import TorchDispatchMode
+
+from policies.environments.randomization import Band, PriorRange, RandomForce
+from policies.training.cuda_graph import CudaGraph
+from policies.training.population import Population
+from policies.training.sac import SACSettings
+from sysid import Delay, Lag, Model, RodPendulum, SensorDelay, paper_model
+
+SHORT = SACSettings(hidden=(16, 16), batch=32, random_steps=20, steps=450, capacity=40)
+BANDS = [Band({"m": 2.0, "l": 1.5}, 0.2), PriorRange()]
+RANDOM_FORCES = [RandomForce(BANDS[0], 0.5, 0.1), BANDS[1]]
+MODELS = {
+    "paper": paper_model(),
+    "memory": Model(RodPendulum(), (Delay(T=0.12), Lag(T=0.1)), dt=0.05, u_max=2.0),
+    "forced": paper_model(),
+    "history": Model(RodPendulum(), (Delay(T=0.12), SensorDelay(T=0.07)), dt=0.05, u_max=2.0),
+}
+
+
+def make(name="paper"):
+    population = Population(
+        MODELS[name], RANDOM_FORCES if name == "forced" else BANDS, (0, 1), SHORT, history=3 if name == "history" else 0
+    )
+    population.train(30)
+    return population
+
+
+class Waiting(TorchDispatchMode):
+    """Records the operations that bring a number from the device to the host."""
+
+    def __init__(self):
+        super().__init__()
+        self.found = []
+
+    def __torch_dispatch__(self, function, types, args=(), kwargs=None):
+        name = function.name()
+        if name in ("aten::_local_scalar_dense", "aten::item", "aten::is_nonzero", "aten::nonzero", "aten::equal"):
+            self.found.append(name)
+        return function(*args, **(kwargs or {}))
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_learning_step_never_waits_for_the_device(name):
+    population = make(name)
+    with Waiting() as waiting:
+        population._learn()
+    assert waiting.found == []
+    with Waiting() as waiting:
+        float(population._return[0])
+    assert waiting.found != []
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_recorded_step_repeats_what_the_step_does(name):
+    """What a CUDA graph does with it: the same operations on the same tensors, without the Python around them."""
+    stepped, replayed = make(name), make(name)
+    graph = make_fx(lambda: replayed._learn())()  # noqa: PLW0108  (a bound method counts self as an argument)
+    stepped._learn()
+    for _ in range(45):
+        stepped._learn()
+        graph()
+    ours, theirs = stepped._progress(), replayed._progress()
+    assert torch.equal(ours["replay"]["rows"], theirs["replay"]["rows"])
+    assert torch.equal(ours["sac"]["actor"], theirs["sac"]["actor"])
+    assert torch.equal(stepped._k, replayed._k)
+
+
+def test_work_on_a_cpu_is_called_as_it_is():
+    calls = []
+    replayed = CudaGraph(lambda: calls.append(1), torch.device("cpu"))
+    for _ in range(6):
+        replayed()
+    assert len(calls) == 6
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
+@pytest.mark.parametrize("randomizations", [BANDS, RANDOM_FORCES])
+def test_a_graph_on_a_gpu_does_what_the_steps_do(randomizations):
+    here, there = (Population(paper_model(), randomizations, (0, 1), SHORT, device=d) for d in ("cpu", "cuda"))
+    here.train(60), there.train(60)
+    assert there._learning_step._graph is not None
+    torch.testing.assert_close(here.replay.rows, there.replay.rows.cpu(), rtol=1e-3, atol=1e-3)

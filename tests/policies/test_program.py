@@ -1,0 +1,46 @@
+"""Training a few agents and keeping one: the choice is by start states of its own."""
+
+import numpy as np
+import pytest
+
+from policies.environments.randomization import Band, Fixed
+from policies.evaluation import evaluate, fresh_start_states
+from policies.training.population import Population
+from policies.training.program import CHOICE, settings_for, train
+from policies.training.sac import SACSettings
+from sysid import Delay, Model, RodPendulum, paper_model
+
+SHORT = SACSettings(hidden=(16, 16), batch=32, random_steps=50, steps=430)
+
+
+def test_the_best_by_its_own_start_states_is_kept_and_the_curve_is_heard():
+    model, heard = paper_model(0.3, 0.6), []
+    training = train(model, Fixed(), SHORT, [0, 1, 2], 1, lambda *said: heard.append(said))
+    population = Population(model, [Fixed()] * 3, [0, 1, 2], SHORT, history=1)
+    population.train(430)
+    starts = fresh_start_states(0, CHOICE, block=1)
+    returns = [evaluate(policy, model, *starts).mean for policy in population.policies()]
+    assert training.chosen == tuple(returns)
+    assert training.best == int(np.argmax(returns))
+    np.testing.assert_array_equal(training.policy.layers[0][0], population.policies()[training.best].layers[0][0])
+    assert [steps for steps, _, _ in heard] == list(range(43, 431, 43))
+    assert [[step for step, _ in curve] for curve in training.curves] == [[200, 400]] * 3
+    means = [means for _, means, _ in heard if np.isfinite(means[0])]
+    np.testing.assert_allclose(np.transpose(means), [[value for _, value in curve] for curve in training.curves])
+    assert not set(starts[0]) & set(fresh_start_states(0, 200)[0])
+
+
+def test_an_agent_is_the_same_alone():
+    model = Model(RodPendulum(), (Delay(T=0.1),), dt=0.05, u_max=2.0)
+    randomization = Band({"m": 1.0, "delay.T": 0.1}, 0.2)
+    settings = SACSettings(hidden=(8, 8), batch=16, random_steps=50, steps=120)
+    pair = train(model, randomization, settings, [3, 4], 2)
+    alone = train(model, randomization, settings, [3 + pair.best], 2)
+    assert alone.chosen[0] == pytest.approx(pair.chosen[pair.best], rel=1e-3)
+
+
+def test_the_discount_is_the_same_per_second():
+    at = {dt: settings_for(Model(RodPendulum(), dt=dt, u_max=1.0)) for dt in (0.05, 0.025, 0.1)}
+    assert at[0.05].gamma == 0.99 and at[0.05].random_steps == 1000
+    assert at[0.025].gamma ** 2 == pytest.approx(0.99) and at[0.1].gamma == pytest.approx(0.99**2)
+    assert settings_for(paper_model(), steps=30).random_steps == 3

@@ -1,0 +1,57 @@
+"""Grid searches by sums: they are the product's, and what they scatter by is what theory says."""
+
+import numpy as np
+import pytest
+
+from study.paper.identification_scatter import ROLLOUT_LENGTH as LENGTH
+from study.paper.identification_scatter import OneStepGrid, Samples, noise_free_rollouts, scatter
+from sysid import GridSearch, paper_model, paper_rollouts
+
+
+@pytest.mark.parametrize("sigma", [0.0, 0.5, 1.0, 2.0])
+def test_it_finds_the_cell_that_grid_search_finds(sigma):
+    grid = OneStepGrid()
+    for seed, n in enumerate((1, 1, 2, 2, 5, 5, 10)):
+        records = paper_rollouts(paper_model(2.0, 1.5), n, np.random.default_rng(seed), sigma=sigma)
+        columns = [(r.theta_dot, r.theta_dot_after, np.sin(r.theta[:LENGTH]), r.u) for r in records]
+        samples = Samples(*(np.concatenate(column) for column in zip(*columns, strict=True)))
+        expected = GridSearch().fit(paper_model(), records).values
+        assert grid.search(samples, [n * LENGTH])[0] == pytest.approx([expected["m"], expected["l"]])
+
+
+def test_a_budget_is_a_prefix_of_a_larger_one():
+    grid, moved = OneStepGrid(), noise_free_rollouts((2.0, 1.5), 10, np.random.default_rng(0))
+    samples = moved.samples(1.0)
+    first = Samples(*(x[: 4 * LENGTH] for x in (samples.before, samples.after, samples.sine, samples.u)))
+    assert np.array_equal(grid.search(samples, [4 * LENGTH, 10 * LENGTH])[0], grid.search(first, [4 * LENGTH])[0])
+
+
+def test_without_noise_the_nearest_cells_are_found():
+    found = OneStepGrid().search(
+        noise_free_rollouts((2.01, 1.515), 5, np.random.default_rng(1)).samples(0.0), [5 * LENGTH]
+    )
+    assert found[0] == pytest.approx([2.01, 1.515])
+
+
+def test_clean_inputs_leave_the_noise_of_a_step_as_large_as_it_was():
+    moved = noise_free_rollouts((2.0, 1.5), 50, np.random.default_rng(2))
+    errors = [s.after - s.before - (moved.after - moved.before) for s in
+              (moved.samples(1.5), moved.samples(1.5, clean_inputs=True))]  # fmt: skip
+    assert np.array_equal(moved.samples(1.5, clean_inputs=True).before, moved.before)
+    assert errors[1] == pytest.approx(errors[0])
+    assert np.std(errors[0]) == pytest.approx(1.5 * 2**0.5, rel=0.02)
+
+
+def test_where_the_box_is_far_away_the_error_falls_as_one_over_the_root_of_n():
+    found = scatter(np.random.default_rng(3), seeds=60, budgets=(5, 10, 25, 50), sigmas=(0.1,))
+    p, low, high = found.exponent(0.1, 5, 50, np.random.default_rng(0))
+    assert low < -0.43
+    assert high > -0.5
+    assert low < p < high
+    assert found.at_bound(0.1, 50) == 0.0
+
+
+def test_at_the_papers_noise_it_does_not():
+    found = scatter(np.random.default_rng(4), seeds=60, budgets=(5, 10, 25, 50), sigmas=(1.0,))
+    assert found.exponent(1.0, 5, 50, np.random.default_rng(0))[1] > -0.4
+    assert found.at_bound(1.0, 5) > 0.2

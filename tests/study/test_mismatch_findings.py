@@ -1,0 +1,176 @@
+"""The experiment's answer: parts of a gap add up, contrasts are paired and Holm's, and a run from nothing is told."""
+
+import dataclasses
+import io
+import json
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from policies.environments.randomization import Fixed
+from study.mismatch.designs import OPTIMUM, PLAIN, model_key
+from study.mismatch.experiment import MismatchExperiment
+from study.mismatch.findings import Verdict, findings_of
+from study.mismatch.ground_truth import PRIOR, oracle
+from study.mismatch.mismatch_report import ContrastRow, OutcomeRow, TrialRow
+from study.mismatch.mismatch_results import Designed, Fitted, MismatchResults, Trained
+from study.mismatch.naming_results import NAMING_TABLE, NamingResult, write_naming
+from study.mismatch.plan import CONTRASTS, FREE, PLANS
+from study.mismatch.sentences import sentences
+from study.mismatch.training_setup import TrainingSetup
+from study.mismatch.trainings import agents_of
+from study.pipeline.csv_table import read_table
+from study.pipeline.experiment import run
+from study.statistics import paired_t
+from sysid import InvalidInput
+from tests.study.inline import Inline
+
+PLAN = dataclasses.replace(
+    PLANS["mismatch-quick"], seeds=(1, 2, 3, 4), described=4, strategies=("z", "b", "b+", "c", "h")
+)
+RETURNS = {"z": -900.0, "b": -500.0, "b+": -520.0, "c": -400.0, "h": -380.0}
+
+
+def invented():
+    """Fits, agents and designs of PLAN: c has the delay but not the magnet; every strategy and seed has its model."""
+    fits, trained, designs = [], [], []
+    for trial in PLAN.trials:
+        plant, seed = PLAN.plant(trial.plant), trial.seed
+        theta = {"m": 1.0 + 0.1 * seed, "l": 1.2 + 0.01 * len(trial.strategy)}
+        named = trial.strategy == "c" and plant.effect == "delay"
+        if trial.strategy == "h":
+            setup = TrainingSetup(oracle(plant), Fixed())
+        elif trial.strategy == "z":
+            setup = TrainingSetup(PRIOR, Fixed())
+        elif trial.strategy == "c":
+            model = oracle(plant) if named else PRIOR
+            setup = TrainingSetup(model.with_parameters(theta), Fixed(), "missing" if named else "unknown",
+                            ("delay",) if named else (), {"believed": named})  # fmt: skip
+        else:
+            setup = TrainingSetup(PRIOR.with_parameters(theta), Fixed())
+        fits.append(Fitted(*trial, setup.to_json(), 1.0))
+        if trial.strategy in ("z", "b", "c"):
+            designs.append(Designed(plant.name, model_key(setup), seed, (-450.0 - seed,) * 2, 1.0))
+    for plant in PLAN.plants:
+        for seed in PLAN.seeds:
+            designs.append(Designed(plant.name, OPTIMUM, seed, (-350.0 - seed,) * 2, 1.0))
+            designs.append(Designed(plant.name, PLAIN, seed, (-430.0 - seed,) * 2, 1.0))
+    keys, agents = agents_of(PLAN, fits)
+    strategies = {key: trial.strategy for trial, key in keys.items()}
+    for agent in agents:
+        noise = np.random.default_rng(agent.seed).normal(0.0, 5.0)
+        reached = {plant: (RETURNS[strategies[agent.key]] + noise,) * 2 for plant in agent.plants}
+        trained.append(Trained(agent.key, reached, (), {}, 10.0))
+    return fits, trained, designs
+
+
+@pytest.fixture(scope="module")
+def found():
+    return findings_of(PLAN, *invented())
+
+
+def test_the_parts_of_a_gap_add_up_seed_by_seed(found):
+    for condition, outcome in found.outcomes.items():
+        split = outcome.split
+        assert split is not None and split.seeds == len(PLAN.seeds)
+        assert split.gap == pytest.approx(outcome.gap)
+        if condition.strategy == "h":
+            assert (split.structure, split.identification) == (0.0, 0.0)
+        else:
+            knows = condition.strategy == "c" and condition.plant == "delay_large"
+            assert split.structure == pytest.approx(0.0 if knows else 80.0)
+            assert split.identification == pytest.approx(100.0 if knows else 20.0)
+
+
+def test_contrasts_are_those_of_the_plan_paired_and_raised_by_holm(found):
+    planned = [(a, b) for a, b in CONTRASTS if a in PLAN.strategies and b in PLAN.strategies]
+    assert [(c.a, c.b) for c in found.compared] == planned * len(PLAN.plants)
+    raw = []
+    for c in found.compared:
+        one, other = (
+            found.outcomes[c.plant, strategy, 0 if strategy in FREE else c.n].returns for strategy in (c.a, c.b)
+        )
+        raw.append(paired_t(one, other))
+        assert (c.contrast.mean, c.contrast.low, c.contrast.high) == (raw[-1].mean, raw[-1].low, raw[-1].high)
+    least = int(np.argmin([contrast.p for contrast in raw]))
+    assert found.compared[least].p == pytest.approx(min(1.0, len(raw) * raw[least].p))
+    assert all(c.p >= contrast.p for c, contrast in zip(found.compared, raw, strict=True))
+
+
+def test_contrasts_together_are_their_mean_and_no_wider_than_the_widest(found):
+    rows = [c for c in found.compared if (c.a, c.b) == ("b+", "b")]
+    every = np.array([[found.outcomes[c.plant, strategy, c.n].returns for c in rows] for strategy in ("b+", "b")])
+    together = found.together(rows)
+    assert (len(rows), together.seeds) == (2, len(PLAN.seeds))
+    assert together.mean == pytest.approx(np.mean([c.contrast.mean for c in rows]))
+    assert together == paired_t(*every.mean(axis=1))
+    assert together.high - together.low <= max(c.contrast.high - c.contrast.low for c in rows)
+
+
+def test_verdicts_are_counted_and_said(found):
+    assert found.verdicts["delay_large", 5] == {Verdict("missing", ("delay",)): 4}
+    assert found.verdicts["magnet", 5] == {Verdict("unknown", (), False): 4}
+    said = dict(sentences(found))
+    assert "(named and believed: 4 of 4) with 5 rollouts" in said["What is it worth to name the effect?"]
+    assert "(unknown: 4 of 4) with 5 rollouts" in said["What does an honest “unknown” buy?"]
+    assert (
+        "No: with a band of ±30 % around the fitted m and l 0 of 2 are better and 2 worse"
+        in said["Does breadth pay when the simulator lacks an effect?"]
+    )
+
+
+def test_naming_is_told_with_the_fewest_and_the_most_rollouts_where_it_was_measured(found):
+    rows = [
+        NamingResult("delay_large", n, seed, "missing", steps, len(steps) == 1, 0.2, 0.01 * n)
+        for seed in range(5)
+        for n, steps in ((1, ("delay",)), (2, ("delay", "tilt")[: 1 + seed % 2]), (5, ("delay", "tilt")))
+    ]
+    told = dict(sentences(found, rows))["How many rollouts does naming take?"]
+    assert "delay 0.155 s: 100 % (20, 1 %) with 1 rollout, 60 % (20, 2 %) with 2, 0 % (20, 5 %) with 5" in told
+    assert "magnet" not in told and "nan" not in told
+
+
+@pytest.mark.parametrize(("part", "words"), [(0, "have no fit"), (1, "agents are not trained"), (2, "optima are miss")])
+def test_an_unfinished_experiment_is_refused(part, words):
+    parts = list(invented())
+    parts[part] = [row for row in parts[part] if getattr(row, "model", OPTIMUM) == OPTIMUM][1:]
+    with pytest.raises(InvalidInput, match=words):
+        findings_of(PLAN, *parts)
+
+
+def test_a_run_from_nothing_to_the_page(tmp_path):
+    """The smoke plan's settings, three strategies: what stands in the tables is what its agents returned, and a second
+    run finds nothing to do."""
+    smoke = PLANS["mismatch-smoke"]
+    plan = dataclasses.replace(
+        smoke, plants=smoke.plants[:1], strategies=("z", "b", "c"), seeds=(1000, 1001), described=2
+    )
+    out = io.StringIO()
+    write_naming(tmp_path / NAMING_TABLE, [NamingResult("delay_large", 2, 1, "missing", ("delay",), True, 0.2, 0.01)])
+    with MismatchResults(tmp_path, plan) as results:
+        experiment = MismatchExperiment(plan, results, 1e9)
+        run(experiment, Inline(), Console(file=out))
+        experiment.publish(Console(file=out))
+        again = Inline()
+        run(experiment, again, Console(file=out))
+        trained = {agent.key: agent.returns for agent in results.trainings()}
+        keys, _ = agents_of(plan, results.fits())
+    assert again.tasks == []
+    trials = read_table(TrialRow, tmp_path / "trials.csv", "trials")
+    written = {(row.plant, row.way, row.n, row.seed): row.mean for row in trials}
+    reached = {tuple(trial): float(np.mean(trained[keys[trial]][trial.plant])) for trial in plan.trials}
+    assert written == pytest.approx(reached, rel=1e-5)
+    outcomes = read_table(OutcomeRow, tmp_path / "outcomes.csv", "outcomes")
+    assert all(
+        row.gap == pytest.approx(row.structure + row.identification + row.training, rel=1e-4) for row in outcomes
+    )
+    assert {(row.a, row.b) for row in read_table(ContrastRow, tmp_path / "contrasts.csv", "contrasts")} == {("c", "b")}
+    record = json.loads((tmp_path / "study.json").read_text())
+    assert record["contrasts"] == [f"{a} - {b}" for a, b in CONTRASTS]
+    for figure in ("returns", "ladder", "naming", "trajectories"):
+        assert (tmp_path / f"{figure}.png").read_bytes().startswith(b"\x89PNG")
+    assert "<td>100 [21, 100] (20, 1)</td>" in (tmp_path / "report.html").read_text()
+    html = (tmp_path / "report.html").read_text()
+    assert html.count("data:image/png") == 4 and "http" not in html.replace("http://www.w3.org", "")
+    assert "Seeds in which the answer is right" in html.replace("\u00a0", " ")

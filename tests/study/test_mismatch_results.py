@@ -1,0 +1,89 @@
+"""What the mismatch experiment keeps: fits, trained agents, designs and the time spent on unfinished populations."""
+
+import dataclasses
+import sqlite3
+
+import pytest
+
+from study.mismatch.mismatch_results import Designed, Fitted, MismatchResults, Trained
+from study.paper.presets import SMOKE
+from study.paper.sweep_results import SweepResults
+from sysid import InvalidInput
+
+MODEL = {"effects": [{"name": "delay", "T": 0.126}], "sd": [0.1, 1e-17], "unit": None}
+FITTED = Fitted("delay_medium", "c", 5, 1, {"model": MODEL, "verdict": "delay"}, 7.5)
+TRAINED = Trained("0f3a", {"plain": (-1.25, -2.5), "magnet": (-0.1,)}, ((200, -3.5), (400, -2.0)), {"torch": "2"}, 9.0)
+DESIGNED = Designed("magnet", "0f3a", 1, (-1.0, -2.0), 3.0)
+ALL = {
+    "fits": (MismatchResults.add_fits, MismatchResults.fits, FITTED),
+    "trainings": (MismatchResults.add_trainings, MismatchResults.trainings, TRAINED),
+    "designs": (MismatchResults.add_designs, MismatchResults.designs, DESIGNED),
+}
+
+
+@pytest.fixture(params=ALL)
+def table(request):
+    return ALL[request.param]
+
+
+def sibling(answer):
+    """Another answer, with a key that sorts before it."""
+    if isinstance(answer, Trained):
+        return dataclasses.replace(answer, key="0000")
+    return dataclasses.replace(answer, seed=0)
+
+
+def test_what_went_in_comes_out_again_sorted(table, tmp_path):
+    add, answers, answer = table
+    with MismatchResults(tmp_path, SMOKE) as results:
+        assert answers(results) == []
+        add(results, [answer, sibling(answer)])
+    with MismatchResults(tmp_path, SMOKE) as results:
+        assert answers(results) == [sibling(answer), answer]
+
+
+def test_a_second_answer_takes_the_place_of_the_first(table, tmp_path):
+    add, answers, answer = table
+    second = dataclasses.replace(answer, seconds=0.5)
+    with MismatchResults(tmp_path, SMOKE) as results:
+        add(results, [answer, sibling(answer)])
+        add(results, [second])
+        assert answers(results) == [sibling(answer), second]
+
+
+def test_answers_are_kept_all_or_none(table, tmp_path):
+    add, answers, answer = table
+    broken = dataclasses.replace(sibling(answer), seconds=object())
+    with MismatchResults(tmp_path, SMOKE) as results:
+        with pytest.raises(sqlite3.Error):
+            add(results, [answer, broken])
+        assert answers(results) == []
+
+
+@pytest.mark.parametrize("field", ["plant", "strategy", "n", "seed"])
+def test_every_rollout_of_every_way_has_its_own_fit(field, tmp_path):
+    other = dataclasses.replace(FITTED, **{field: 0 if field in ("n", "seed") else "a"})
+    with MismatchResults(tmp_path, SMOKE) as results:
+        results.add_fits([FITTED, other])
+        assert results.fits() == [other, FITTED]
+
+
+def test_a_finished_population_has_no_progress_left(tmp_path):
+    with MismatchResults(tmp_path, SMOKE) as results:
+        assert results.training_seconds("first") == 0.0
+        results.note_training("first", 12.5)
+        results.note_training("first", 25.0)
+        results.note_training("second", 3.0)
+        assert results.training_seconds("first") == 25.0
+        results.add_trainings([TRAINED], "first")
+        assert results.training_seconds("first") == 0.0
+        assert results.training_seconds("second") == 3.0
+
+
+def test_the_folder_of_another_kind_is_refused(tmp_path):
+    MismatchResults(tmp_path / "mismatch", SMOKE).close()
+    with pytest.raises(InvalidInput, match="format 'mismatch 1', expected '2'"):
+        SweepResults(tmp_path / "mismatch", SMOKE)
+    SweepResults(tmp_path / "study", SMOKE).close()
+    with pytest.raises(InvalidInput, match="format '2', expected 'mismatch 1'"):
+        MismatchResults(tmp_path / "study", SMOKE)

@@ -1,0 +1,83 @@
+"""Runs from files: ours and the authors' through one reader, and files that are none."""
+
+import math
+
+import pytest
+
+from study.main import main
+from study.paper.published_numbers import POINTS, Spot
+from study.paper.published_runs import COLUMNS, Outcome, Outcomes, outcomes, read_published, read_runs
+from study.paper.tables import write_runs
+from sysid import InvalidInput
+
+HEADER = ",".join(COLUMNS)
+
+
+def write(path, *rows, header=HEADER):
+    path.write_text("\n".join([header, *rows]) + "\n")
+    return path
+
+
+def test_our_own_table_reads_back(answer, tmp_path):
+    write_runs([answer], tmp_path / "runs.csv")
+    found = read_runs(tmp_path / "runs.csv")
+    assert found.points == ("main",)
+    assert (found.budgets("main"), found.widths("main")) == (answer.point.budgets, answer.point.widths)
+    for key in answer.cells:
+        assert found.returns(Spot("main", *key)) == pytest.approx(answer.returns(key))
+    assert found.id_errors("main", 5).mean() == pytest.approx(answer.id_error(5))
+    assert found.summary(Spot("main", 0, 0.5), fresh=True).mean != found.summary(Spot("main", 0, 0.5)).mean
+
+
+def test_the_authors_files_are_told_apart_by_their_names_and_missing_ones_are_named(tmp_path):
+    row = "0,0.5,3,1.1,-700,1.0,1.0"
+    write(tmp_path / "summary.csv", row)
+    write(tmp_path / "exp_priorDR.csv", row)
+    found = read_published(tmp_path)
+    assert set(found.table) == {Spot("main", 0, 0.5), Spot("prior_range", 0, 0.5)}
+    assert set(found.missing) == {p.file for p in POINTS.values()} - {"summary.csv", "exp_priorDR.csv"}
+    assert math.isnan(found.table[Spot("main", 0, 0.5)][3].fresh)
+
+
+def test_only_seeds_that_all_cells_have_are_shared():
+    runs = outcomes(
+        (Spot("main", n, 0.0), seed, Outcome(-1.0, 0.0, (1.0, 1.0))) for n in (0, 5) for seed in range(n + 2)
+    )
+    assert runs.seeds(Spot("main", 0, 0.0), Spot("main", 5, 0.0)) == (0, 1)
+    assert runs.seeds(Spot("main", 9, 0.0)) == ()
+
+
+def test_merging_adds_cells_and_replaces_none():
+    spots = Spot("main", 0, 0.0), Spot("main", 5, 0.0)
+    mine, other = (Outcomes({spot: {0: Outcome(value, 0.0, (1.0, 1.0))} for spot in spots[:k]})
+                   for k, value in ((1, -1.0), (2, -2.0)))  # fmt: skip
+    merged = mine.merged(other)
+    assert [merged.summary(spot).mean for spot in spots] == [-1.0, -2.0]
+
+
+@pytest.mark.parametrize(
+    ("rows", "header", "told"),
+    [
+        ((), "n,w,seed", "no column 'id_error'"),
+        (("0,0.5,x,1.1,-700,1.0,1.0",), HEADER, "line 2"),
+        (("0,0.5,1,1.1,nan,1.0,1.0",), HEADER, "NaN"),
+        (("0,0.5",), HEADER, "not a number"),
+        (("0,0.5,1,1.1,-700,1,1", "0,0.5,1,1.1,-700,1,1"), HEADER, "seed 1 comes twice"),
+    ],
+)
+def test_files_that_are_no_runs_are_refused_by_name(rows, header, told, tmp_path):
+    with pytest.raises(InvalidInput, match=told) as error:
+        read_runs(write(tmp_path / "runs.csv", *rows, header=header))
+    assert "runs.csv" in str(error.value)
+
+
+def test_folders_without_any_of_the_files_are_refused_before_anything_runs(tmp_path, capsys):
+    (tmp_path / "empty").mkdir()
+    for folder in (tmp_path / "empty", tmp_path / "nowhere"):
+        code = main(["--preset", "smoke", "--out", str(tmp_path / "out"), "--published", str(folder)])
+        assert code == 2
+        assert "sim2real_budget" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+    (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(InvalidInput, match="not a table"):
+        read_runs(tmp_path / "binary.csv")

@@ -1,0 +1,115 @@
+"""Report, tables and figures: complete, self-contained, and drawn for presets of every size."""
+
+import csv
+import re
+from html.parser import HTMLParser
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib.image import imread
+from matplotlib.patches import Rectangle
+
+from study.figure_style import STYLE
+from study.formatting import MINUS
+from study.paper import tables
+from study.paper.figures import operating_point as figures
+from study.paper.reproduction import reproduce
+from study.paper.sweep_report import write_report
+
+VOID = {"meta", "img", "br"}
+
+
+@pytest.fixture(scope="module")
+def page(answer, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("report")
+    write_report([answer], [figures.save_all(answer, folder)], folder / "report.html", reproduce([answer], folder))
+    return (folder / "report.html").read_text(encoding="utf-8")
+
+
+def test_it_opens_without_a_network(page):
+    links = re.findall(r"(?:src|href|url|import)\s*[=(]\s*[\"']?([^\"')\s>]+)", page)
+    assert len(links) == len(figures.FIGURES) + len({"heat maps", "best widths", "contrasts"})
+    assert all(link.startswith("data:image/png;base64,") for link in links)
+    assert "<script" not in page
+
+
+def test_the_answer_comes_before_everything_else(page, answer):
+    places = [page.index(text.split(" [")[0][:30]) for _, text in answer.sentences()]
+    assert places == sorted(places)
+    assert places[-1] < page.index("<img") < page.index("<table")
+
+
+def test_every_tag_is_closed(page):
+    open_tags = []
+
+    class Reader(HTMLParser):
+        def handle_starttag(self, tag, attrs):
+            if tag not in VOID:
+                open_tags.append(tag)
+
+        def handle_endtag(self, tag):
+            assert open_tags.pop() == tag
+
+    Reader().feed(page)
+    assert open_tags == []
+
+
+def test_settings_versions_and_the_papers_numbers_are_there(page):
+    for text in ("sac.polyak", "torch", "population", "2.x", "+434", "Table I", f"{MINUS}771", "energy swing-up"):
+        assert text in page
+
+
+def test_small_presets_have_a_report_too(small_answer, tmp_path):
+    drawn = figures.save_all(small_answer, tmp_path)
+    held = reproduce([small_answer], tmp_path)
+    write_report([small_answer], [drawn], tmp_path / "report.html", held)
+    assert {"gap", "curves"} <= set(drawn)
+    assert ("pareto" in drawn) == (len(small_answer.point.budgets) > 1)
+    for path in [*drawn.values(), *held.figures.values()]:
+        assert np.ptp(imread(path)[..., :3]) > 0.5
+
+
+def test_the_heatmap_outlines_the_best_cell_and_prints_the_means(answer):
+    with matplotlib.rc_context(STYLE):
+        axes = figures.heatmap(answer).axes[0]
+    (outline,) = [p for p in axes.patches if isinstance(p, Rectangle)]
+    column, row = (int(x + 0.5) for x in outline.get_xy())
+    assert (answer.point.budgets[row], answer.point.widths[column]) == answer.best
+    printed = {}
+    for text in axes.texts:
+        x, y = text.get_position()
+        printed.setdefault((round(y), round(x)), []).append(text.get_text())
+    assert len(printed) == len(answer.cells)
+    mean, error = printed[row, column]
+    assert mean == f"{MINUS}{abs(answer.mean(answer.best)):.0f}"
+    assert error.startswith(f"± {answer.sem(answer.best):.0f} · ")
+
+
+def test_runs_csv_has_the_papers_columns_and_conventions(answer, tmp_path):
+    tables.write_runs([answer], tmp_path / "runs.csv")
+    with (tmp_path / "runs.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    papers = "n,w,seed,id_error,eval_return_mean,eval_return_std,theta_hat_mass,theta_hat_length,wall_time_s"
+    assert ",".join(rows[0]) == papers + ",point,eval_return_fresh"
+    order = [(int(r["n"]), float(r["w"]), int(r["seed"])) for r in rows]
+    assert order == sorted(order)
+    assert len(order) == len(set(order)) == 18
+    assert float(rows[0]["eval_return_std"]) == pytest.approx(30.0 / 2**0.5)  # divided by E, not by E - 1
+
+
+def test_references_csv_has_every_controller(answer, tmp_path):
+    tables.write_references([answer], tmp_path / "references.csv")
+    with (tmp_path / "references.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [(r["m"], r["l"], r["controller"]) for r in rows] == [
+        ("2.0", "1.5", name) for name in ("optimal", "lqr", "swing_up_lqr")
+    ]
+    ten = answer.reference("optimal", seeds=range(10))
+    assert float(rows[0]["return_mean"]) == pytest.approx(np.mean(ten))
+    assert float(rows[0]["return_sem"]) == pytest.approx(np.std(ten, ddof=1) / 10**0.5)
+
+
+def test_the_paper_is_compared_with_the_optimum_from_its_start_states(page, answer):
+    optimum = np.mean(answer.reference("optimal", seeds=range(10)))
+    assert f"the best cell is {100.0 * (optimum + 337.0) / -optimum:.1f} % below it" in " ".join(page.split())

@@ -1,0 +1,45 @@
+"""What a study keeps: estimates, runs, references and the time spent on unfinished populations."""
+
+import sqlite3
+
+import pytest
+
+from study.paper.identification import Estimated
+from study.paper.presets import QUICK, SMOKE, Cell
+from study.paper.reference_controllers import Reference
+from study.paper.runs import Run
+from study.paper.sweep_results import SweepResults
+from sysid import InvalidInput
+
+CURVE, SETTINGS = ((200, -3.5),), {"sac": {"steps": 1}}
+RUN = Run(Cell("main", 5, 0.5, 1), 0, (1.785, 1.65), 0.26, (-1.25, -2.5), CURVE, SETTINGS, {"torch": "2"}, 7.5, (-3.0,))
+REFERENCE = Reference("optimal", (2.1, 1.5), (2.0, 1.5), 1, (-1.0, -2.0), {"numpy": "2"}, 3.0)
+ESTIMATED = Estimated("main", 5, 1, (1.785, 1.65), 0.5)
+
+
+def test_what_went_in_comes_out_again(tmp_path):
+    with SweepResults(tmp_path, SMOKE) as store:
+        store.note_training(0, 12.5)
+        assert store.training_seconds(0) == 12.5
+        store.add_runs([RUN])
+        store.add_references([REFERENCE])
+        store.add_estimates([ESTIMATED])
+        assert store.training_seconds(0) == 0.0
+    with SweepResults(tmp_path, SMOKE) as store:
+        assert store.runs() == [RUN]
+        assert store.references() == [REFERENCE]
+        assert store.estimates() == {("main", 5, 1): (1.785, 1.65)}
+        assert store.finished() == {RUN.cell}
+
+
+def test_a_population_is_kept_whole_or_not_at_all(tmp_path):
+    with SweepResults(tmp_path, SMOKE) as store:
+        with pytest.raises(sqlite3.IntegrityError):
+            store.add_runs([RUN, RUN])
+        assert store.runs() == []
+
+
+def test_a_folder_of_another_preset_is_refused(tmp_path):
+    SweepResults(tmp_path, SMOKE).close()
+    with pytest.raises(InvalidInput, match="preset 'smoke', expected 'quick'"):
+        SweepResults(tmp_path, QUICK)
