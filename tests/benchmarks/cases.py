@@ -211,9 +211,12 @@ def _fast(seed: int) -> Iterator[Case]:
 def _servo(seed: int) -> Iterator[Case]:
     for log, sizes in (("servo", ("small", "medium")), ("servo 200 Hz", ("medium",))):
         for hidden in LOOPED:
-            for size in sizes:
+            for j, size in enumerate(sizes):
                 for experiment in SERVOS:
-                    yield Case("servo", hidden, size if hidden else f"none {size}", experiment, log, seed)
+                    if hidden:
+                        yield Case("servo", hidden, size, experiment, log, seed)
+                    else:
+                        yield Case("servo", (), "none", experiment, log, 100 * seed + j)
 
 
 def _simulators(seed: int) -> Iterator[Case]:
