@@ -9,12 +9,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid import Record
-from tests.benchmarks import mujoco_truth
-from tests.benchmarks.experiments import EXPERIMENTS, LOGS, World, move, plan, write
-from tests.benchmarks.hidden import CATALOGUE, SIZES, STRANGERS, numbers_of
+from tests.benchmarks import coarse_truth, mujoco_truth, truth
+from tests.benchmarks.experiments import EXPERIMENTS, LOGS, SERVOS, Engine, World, move, plan, played, write
+from tests.benchmarks.hidden import ARM, CATALOGUE, FLEXIBLE, SIZES, STRANGERS, numbers_of
 
 INVISIBLE = ("torque_gain", "rotor_inertia")  # absorbed by m and l: no log of this kind shows them
 VISIBLE = tuple(n for n in CATALOGUE if n not in INVISIBLE)
+FAST = ("200 Hz", "1 kHz", "encoder", "differences 200 Hz", "differences 1 kHz")
 PAIRS = (
     ("viscous", "coulomb"),
     ("viscous", "delay"),
@@ -41,14 +42,31 @@ PAIRS = (
     ("load_friction", "velocity_bias"),
     ("stribeck", "spring"),
 )
+LOOPED = (
+    (),
+    ("coulomb",),
+    ("viscous",),
+    ("coulomb", "viscous"),
+    ("delay",),
+    ("coulomb", "delay"),
+    ("tilt",),
+    ("saturation",),
+)
+RATE = 100.0  # [Hz], to which a faster log is thinned where its motion allows
+ENGINES: Mapping[str, Engine] = {
+    "truth": truth.simulate,
+    "mujoco": mujoco_truth.simulate,
+    "mujoco by default": mujoco_truth.simulate_by_default,
+    "euler": coarse_truth.simulate,
+}
 
 
 @dataclass(frozen=True)
 class Case:
     """One log of the benchmark.
 
-    hidden: the effects planted, () for none, (stranger,) outside the catalogue; size: one of SIZES, or "weak" (chosen
-    so that the least lambda is about 22); log: a key of LOGS; engine: "truth" or "mujoco".
+    hidden: the effects planted, () for none, (stranger,) outside the catalogue; size: one of SIZES, "arm" for the
+    numbers of ARM, or "weak" (chosen so that the least lambda is about 22); log: a key of LOGS; engine: of ENGINES.
     """
 
     column: str
@@ -81,21 +99,33 @@ def world(case: Case, numbers: Mapping[str, float] | None = None) -> World:
     own = plan(case.experiment, log, case.rng("plan"))
     if case.stranger:
         stranger = STRANGERS[case.hidden[0]]
-        return World(own, dict(stranger.numbers), stranger.gust, log)
+        return _closed(case, World(own, dict(stranger.numbers), stranger.gust, log))
     if numbers is None:
-        peak = float(np.max(np.abs(own.u[: learned(len(own.u))])))
-        size = "small" if case.size == "weak" else case.size
-        numbers = {k: v for name in case.hidden for k, v in numbers_of(name, size, log.dt, peak).items()}
-    return World(own, numbers, 0.0, log)
+        numbers = ARM if case.size == "arm" else _numbers(case, World(own, {}, 0.0, log))
+    return _closed(case, World(own, numbers, 0.0, log))
+
+
+def _numbers(case: Case, bare: World) -> dict[str, float]:
+    """The hidden numbers at the case's size; limits go by the commands that the machine without effects gets."""
+    u = (_closed(case, bare) if "saturation" in case.hidden else bare).plan.u
+    peak = float(np.max(np.abs(u[: learned(len(u))])))
+    size = "small" if case.size == "weak" else case.size
+    row = max(bare.log.dt, 1.0 / RATE)
+    return {k: v for name in case.hidden for k, v in numbers_of(name, size, row, peak).items()}
+
+
+def _closed(case: Case, made: World) -> World:
+    """The world with the commands of its servo, if it has one."""
+    return played(made, case.rng("noise"), ENGINES[case.engine])
 
 
 def records(case: Case, made: World) -> list[Record]:
     """The log that a rig writes of that world."""
-    if case.engine == "mujoco":
-        own = made.plan
-        motion = mujoco_truth.simulate(dict(made.numbers), own.u, own.theta, 0.0, made.log.dt)
-    else:
+    own = made.plan
+    if case.engine == "truth":
         (motion,) = move([made])
+    else:
+        motion = ENGINES[case.engine](made.numbers, own.u, own.theta, 0.0, made.log.dt)
     return write(motion, made.plan, made.log, case.rng("noise"))
 
 
@@ -128,13 +158,21 @@ def _pairs(seed: int) -> Iterator[Case]:
 
 
 def _strangers(seed: int) -> Iterator[Case]:
-    for name in STRANGERS:
+    for name in (n for n in STRANGERS if n not in FLEXIBLE):
         for experiment in EXPERIMENTS:
             yield Case("strangers", (name,), "own", experiment, "clean", seed)
 
 
 def _nothing(seed: int) -> Iterator[Case]:
-    for log, count in {"clean": 4, "loud": 1, "slow": 1, "speedless": 1, "coarse": 1, "short": 1}.items():
+    for log, count in {
+        "clean": 4,
+        "loud": 1,
+        "slow": 1,
+        "speedless": 1,
+        "coarse": 1,
+        "short": 1,
+        **dict.fromkeys(FAST, 1),
+    }.items():
         for experiment in EXPERIMENTS:
             for k in range(count):
                 yield Case("nothing", (), "none", experiment, log, 100 * seed + k)
@@ -165,6 +203,43 @@ def _mujoco(seed: int) -> Iterator[Case]:
         yield Case("mujoco", (), "none", experiment, "clean", seed, "mujoco")
 
 
+def _fast(seed: int) -> Iterator[Case]:
+    for log in FAST:
+        yield from _sizes("fast", log, seed)
+
+
+def _servo(seed: int) -> Iterator[Case]:
+    for log, sizes in (("servo", ("small", "medium")), ("servo 200 Hz", ("medium",))):
+        for hidden in LOOPED:
+            for j, size in enumerate(sizes):
+                for experiment in SERVOS:
+                    if hidden:
+                        yield Case("servo", hidden, size, experiment, log, seed)
+                    else:
+                        yield Case("servo", (), "none", experiment, log, 100 * seed + j)
+
+
+def _simulators(seed: int) -> Iterator[Case]:
+    for engine in ("euler", "mujoco by default"):
+        for experiment in EXPERIMENTS:
+            yield Case("simulators", (), "none", experiment, "clean", seed, engine)
+            for name in coarse_truth.EFFECTS:
+                for size in SIZES:
+                    yield Case("simulators", (name,), size, experiment, "clean", seed, engine)
+
+
+def _harmonic(seed: int) -> Iterator[Case]:
+    for name in FLEXIBLE:
+        for log in ("servo", "servo 200 Hz"):
+            for experiment in SERVOS:
+                yield Case("harmonic drive", (name,), "own", experiment, log, seed)
+
+
+def _arm(seed: int) -> Iterator[Case]:
+    for k in range(20):
+        yield Case("arm", ("coulomb", "viscous", "delay"), "arm", "servo steps", "arm", 100 * seed + k, "mujoco")
+
+
 COLUMNS: Mapping[str, Callable[[int], Iterator[Case]]] = {
     "clean": _clean,
     "loud": lambda seed: _sizes("loud", "loud", seed),
@@ -179,6 +254,11 @@ COLUMNS: Mapping[str, Callable[[int], Iterator[Case]]] = {
     "told": _told,
     "stamps": _stamps,
     "mujoco": _mujoco,
+    "fast": _fast,
+    "servo": _servo,
+    "simulators": _simulators,
+    "harmonic drive": _harmonic,
+    "arm": _arm,
 }
 
 
@@ -188,10 +268,13 @@ def learned(rollouts: int) -> int:
 
 
 def training(made: World) -> World:
-    """The rollouts that a diagnosis learns from: all but the last quarter, which it keeps to report errors."""
-    own = made.plan
+    """The rollouts that a diagnosis learns from: all but the last quarter, which it keeps to report errors; a fast log
+    at RATE."""
+    own, log, every = made.plan, made.log, max(1, int(made.log.rate // RATE))
     keep = learned(len(own.theta))
-    return replace(made, plan=replace(own, u=own.u[:keep], theta=own.theta[:keep], wind=own.wind[:keep]))
+    u = own.u[:keep].reshape(keep, -1, every).mean(axis=2)
+    thin = replace(own, u=u, theta=own.theta[:keep], wind=own.wind[:keep, ::every])
+    return replace(made, plan=thin, log=replace(log, rate=log.rate / every))
 
 
 def named(key: str) -> Case:

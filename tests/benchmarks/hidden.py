@@ -37,6 +37,8 @@ TABLE: dict[str, tuple[tuple[str, ...], tuple[tuple[float, ...], ...]]] = {
     "drift": (("rate",), ((0.008,), (-0.03,), (0.1,))),
 }
 CATALOGUE = tuple(TABLE)
+ARM = {"coulomb.tau_c": 0.15, "viscous.b": 0.1, "delay.T": 0.03, "rotor_inertia.J": 0.05}
+"""An arm with a gear: what a log shows of it, and the rotor, which mass and length absorb."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,11 @@ STRANGERS: dict[str, Stranger] = {
     "patch": _stranger("theta", "theta_dot", patch__tau=0.4, patch__theta_p=3.3, patch__width=0.15),
     "lopsided": _stranger("torque", lopsided__gain=0.85),
     "slosh": _stranger("history", slosh__J=0.03, slosh__f=1.6, slosh__zeta=0.05),
+    "harmonic drive 10 Hz": _stranger("history", "torque", flexible__f=10.0),
+    "harmonic drive 14 Hz": _stranger("history", "torque", flexible__f=14.0),
+    "harmonic drive 20 Hz": _stranger("history", "torque", flexible__f=20.0),
 }
+FLEXIBLE = tuple(name for name, own in STRANGERS.items() if own.numbers and own.numbers[0][0] == "flexible.f")
 
 
 def numbers_of(effect: str, size: str, dt: float, peak: float) -> dict[str, float]:

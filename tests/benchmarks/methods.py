@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from sysid import Record
+from sysid import Log, Record
 
 Told = tuple[float, float] | None
 
@@ -35,15 +35,22 @@ class Answer:
     failure: str = ""
 
 
+def thinned(records: Sequence[Record]) -> Log:
+    """The log at the rate at which the command line takes it."""
+    return Log(tuple(records), (), records[0].dt).thinned()
+
+
 def ours(records: Sequence[Record], told: Told) -> Answer:
     """sysid.diagnose, beginning at the default rod; gravity is known, as it is on earth."""
-    from sysid import CATALOGUE, Model, RodPendulum, Sensor, diagnose
+    from sysid import CATALOGUE, Model, RodPendulum, Sensor, diagnose, sensor_noise
 
-    model = Model(RodPendulum(g=9.81), dt=records[0].dt)
-    sensor = None
-    if told is not None:
+    log = thinned(records)
+    model = Model(RodPendulum(g=9.81), dt=log.dt)
+    if told is None:
+        sensor = sensor_noise(records).sensor
+    else:
         sensor = Sensor(theta=told[0], theta_dot=told[1] if records[0].theta_dot is not None else None)
-    found = diagnose(model, list(records), sensor)
+    found = diagnose(model, log, sensor)
     ranked = [r for r in found.ranking if not CATALOGUE[r.effect].of_log]
     if found.conventions:  # the first round ranked what was left of them too
         ranked = [*found.steps, *ranked]
@@ -62,7 +69,7 @@ def baseline(records: Sequence[Record], told: Told) -> Answer:
     """Regression of smoothed acceleration; it has no use for a claimed noise."""
     from tests.benchmarks.baseline import find
 
-    found = find(records)
+    found = find(thinned(records))
     ranking = tuple(name for name, _ in found.ranking if name != "stamp")
     first = ranking[:1]
     if found.chosen:

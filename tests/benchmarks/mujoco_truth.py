@@ -6,19 +6,19 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from tests.benchmarks.truth import NEUTRAL, STEP, Array, Motion
+from tests.benchmarks.truth import NEUTRAL, STEP, Array, Feedback, Motion
 
 # What MuJoCo has a word for: damping, frictionloss, stiffness, armature, gear, ctrlrange, gravity's direction.
 EFFECTS = ("viscous", "coulomb", "spring", "saturation", "torque_bias", "tilt")
+MORE = ("rotor_inertia", "torque_gain", "delay")  # which mass and length absorb, or which is the loop's, not MuJoCo's
 
 WORLD = """
 <mujoco>
-  <option timestep="{step}" integrator="RK4" gravity="{gx} 0 {gz}" iterations="50" tolerance="1e-12"/>
+  <option timestep="{step}" gravity="{gx} 0 {gz}" {option}/>
   <worldbody>
     <body>
       <joint name="hinge" type="hinge" axis="0 1 0" damping="{viscous.b}" frictionloss="{coulomb.tau_c}"
-             armature="{rotor_inertia.J}" stiffness="{spring.k}" springref="180"
-             solreffriction="{stiff} 1" solimpfriction="0.9999 0.9999 0.001"/>
+             armature="{rotor_inertia.J}" stiffness="{spring.k}" springref="180" {friction}/>
       <inertial pos="0 0 {half}" mass="{m}" diaginertia="{own} {own} 1e-6"/>
     </body>
   </worldbody>
@@ -27,40 +27,72 @@ WORLD = """
 """
 
 
+OPTION = 'integrator="RK4" iterations="50" tolerance="1e-12"'
+FRICTION = 'solreffriction="{stiff} 1" solimpfriction="0.9999 0.9999 0.001"'
+DEFAULT_STEP = 2e-3  # [s]
+
+
 def simulate(
-    numbers: Mapping[str, float], u: Array, theta: Array, theta_dot: Array | float, dt: float, step: float = STEP
+    numbers: Mapping[str, float],
+    u: Array,
+    theta: Array,
+    theta_dot: Array | float,
+    dt: float,
+    step: float = STEP,
+    feedback: Feedback | None = None,
+    option: str = OPTION,
+    friction: str = FRICTION,
 ) -> Motion:
     """Run L rollouts of one machine under the commands u (L, N) [N m], as truth.simulate does.
 
+    option and friction are MuJoCo's settings of the solver and of the dry friction. A delay is one of whole steps.
     Raises KeyError for numbers that MuJoCo's joint does not have, ImportError where mujoco is not installed.
     """
     import mujoco
 
-    known = {k for k in NEUTRAL if k.split(".")[0] in (*EFFECTS, "rotor_inertia", "torque_gain", "m", "l", "g")}
+    known = {k for k in NEUTRAL if k.split(".")[0] in (*EFFECTS, *MORE, "m", "l", "g")}
     foreign = [k for k in numbers if k not in known]
     if foreign:
         raise KeyError(f"MuJoCo's joint has no {foreign[0]!r}")
     p = NEUTRAL | dict(numbers)
-    model = mujoco.MjModel.from_xml_string(_xml(p, step))
-    u = np.atleast_2d(u)
+    model = mujoco.MjModel.from_xml_string(_xml(p, step, option, friction))
+    u = np.atleast_2d(np.array(u, dtype=float))
     L, N = u.shape
-    per_sample = round(dt / step)
     angles, speeds = np.empty((L, N + 1)), np.empty((L, N + 1))
     angles[:, 0], speeds[:, 0] = theta, theta_dot
-    for i in range(L):
-        data = mujoco.MjData(model)
+    rigs = [mujoco.MjData(model) for _ in range(L)]
+    for i, data in enumerate(rigs):
         data.qpos[0], data.qvel[0] = angles[i, 0], speeds[i, 0]
         data.qfrc_applied[0] = p["torque_bias.tau_0"]
-        for k in range(N):
-            data.ctrl[0] = u[i, k]
-            mujoco.mj_step(model, data, per_sample)
+    rows, late = divmod(round(p["delay.T"] / step), round(dt / step))
+    parts = ((rows + 1, late), (rows, round(dt / step) - late))  # rows back, and the steps under that row's command
+    for k in range(N):
+        if feedback is not None:
+            u[:, k] += feedback(k, angles[:, k], speeds[:, k])
+        for i, data in enumerate(rigs):
+            for back, steps in parts:
+                data.ctrl[0] = u[i, k - back] if k >= back else 0.0
+                mujoco.mj_step(model, data, steps)
             angles[i, k + 1], speeds[i, k + 1] = data.qpos[0], data.qvel[0]
-    return Motion(dt * np.arange(N + 1), angles, speeds, angles, speeds)
+    return Motion(dt * np.arange(N + 1), angles, speeds, angles, speeds, u)
 
 
-def _xml(p: Mapping[str, float], step: float) -> str:
+def simulate_by_default(
+    numbers: Mapping[str, float],
+    u: Array,
+    theta: Array,
+    theta_dot: Array | float,
+    dt: float,
+    step: float = DEFAULT_STEP,
+    feedback: Feedback | None = None,
+) -> Motion:
+    """The same with MuJoCo's own step, integrator (semi-implicit Euler) and soft dry friction."""
+    return simulate(numbers, u, theta, theta_dot, dt, step, feedback, "", "")
+
+
+def _xml(p: Mapping[str, float], step: float, option: str, friction: str) -> str:
     """The machine in MuJoCo's words; its z axis points up, theta turns about y."""
-    text = WORLD
+    text = WORLD.replace("{option}", option).replace("{friction}", friction)
     limit = p["saturation.limit"]
     words = {
         "step": step,

@@ -71,7 +71,7 @@ def stranger_right(case: Case, answer: Answer) -> bool:
 
 def decided(case: Case, prepared: Mapping[str, Any]) -> bool:
     """Whether the log decides: only then is a name right or wrong."""
-    if not case.hidden or case.stranger:
+    if not prepared:
         return True
     least = min(prepared["least"].values())
     return WEAK[0] <= least <= WEAK[1] if case.size == "weak" else bool(least >= ENOUGH)
@@ -85,7 +85,7 @@ def right(case: Case, answer: Answer) -> bool:
         return stranger_right(case, answer)
     if case.column == "weak":
         return first_right(case, answer) and noticed(case, answer)
-    if case.column == "pairs":
+    if len(case.hidden) > 1:
         return found(case, answer)
     return first_right(case, answer)
 
@@ -117,11 +117,12 @@ def columns(cases: Sequence[Case]) -> dict[str, list[Case]]:
     parts: dict[str, list[Case]] = {name: [] for name in COLUMNS}
     for case in cases:
         parts[case.column].append(case)
-    for name in ("told", "stamps", "mujoco"):
-        whole = parts.pop(name)
-        parts[name] = [c for c in whole if c.hidden]
-        parts[f"{name}: nothing"] = [c for c in whole if not c.hidden]
-    return {name: own for name, own in parts.items() if own}
+    split = {}
+    for name, whole in parts.items():
+        planted = [c for c in whole if c.hidden]
+        split[name] = planted or whole
+        split[f"{name}: nothing"] = [c for c in whole if planted and not c.hidden]
+    return {name: own for name, own in split.items() if own}
 
 
 def table(

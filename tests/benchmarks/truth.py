@@ -12,13 +12,15 @@ Source: Karnopp, Computer simulation of stick-slip friction in mechanical dynami
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+Feedback = Callable[[int, Array, Array], Array]
+"""A command (L,) [N m] from the number of the instant and its noise-free readings (L,) [rad], [rad/s]."""
 STEP = 2e-4  # [s]
 
 # Every number of a machine, at the value at which it changes nothing. Torques [N m], angles [rad], times [s].
@@ -74,18 +76,24 @@ NEUTRAL: dict[str, float] = {
     "slosh.J": 0.0,  # a second inertia on a spring of frequency f [Hz] and damping ratio zeta
     "slosh.f": 1.5,
     "slosh.zeta": 0.05,
+    # A spring between motor and link: drive, friction and sensors stand at the motor, gravity pulls at the link.
+    "flexible.f": np.inf,  # of the resonance [Hz]; inf: rigid
+    "flexible.zeta": 0.01,
+    "flexible.share": 0.5,  # of the inertia, at the motor
 }
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What happened: t (N+1,) [s]; theta, theta_dot and their noise-free readings (L, N+1) [rad], [rad/s]."""
+    """What happened: t (N+1,) [s]; theta, theta_dot and their noise-free readings (L, N+1) [rad], [rad/s]; u (L, N)
+    [N m], the commands."""
 
     t: Array
     theta: Array
     theta_dot: Array
     reading_theta: Array
     reading_theta_dot: Array
+    u: Array
 
 
 def simulate(
@@ -96,21 +104,26 @@ def simulate(
     dt: float,
     wind: Array | None = None,
     step: float = STEP,
+    feedback: Feedback | None = None,
 ) -> Motion:
     """Run L lanes from theta, theta_dot (L,) under the commands u (L, N) [N m], each held over dt [s].
 
     `numbers` holds those of NEUTRAL that differ from it, floats or (L,); wind (L, N+1) [N m] is a torque in time,
-    linear between samples. Before the start the command is zero and the joint rests where it starts.
-    Raises KeyError for a number that NEUTRAL does not have.
+    linear between samples; feedback is added to the commands. Before the start the command is zero and the joint rests
+    where it starts. Raises KeyError for a number that NEUTRAL does not have.
     """
-    u = np.atleast_2d(np.asarray(u, dtype=float))
+    u = np.atleast_2d(np.array(u, dtype=float))
     machine = _Machine(numbers, u, dt, wind, step)
     L, N = u.shape
-    state = _State(*(np.broadcast_to(np.asarray(x, dtype=float), (L,)).copy() for x in (theta, theta_dot)))
+    begun = (np.broadcast_to(np.asarray(x, dtype=float), (L,)).copy() for x in (theta, theta_dot))
+    state = machine.rest(*begun)
     sensors = _Sensors(machine, state, N)
     angles, speeds = np.empty((N + 1, L)), np.empty((N + 1, L))
     angles[0], speeds[0] = state.theta, state.theta_dot
     for k in range(N):
+        if feedback is not None:
+            u[:, k] += feedback(k, *sensors.readings(k))
+            machine.tell(k, u[:, k])
         for j in range(machine.per_sample):
             t = k * dt + j * machine.h
             after = machine.advance(state, t, k, j)
@@ -118,7 +131,7 @@ def simulate(
             state = after
         angles[k + 1], speeds[k + 1] = state.theta, state.theta_dot
         sensors.sample(state, k + 1)
-    return Motion(dt * np.arange(N + 1), angles.T, speeds.T, *sensors.readings())
+    return Motion(dt * np.arange(N + 1), angles.T, speeds.T, *sensors.readings(), u)
 
 
 @dataclass
@@ -126,7 +139,7 @@ class _State:
     theta: Array
     theta_dot: Array
     lagged: Array | float = 0.0
-    slosh: tuple[Array, Array] | None = None  # angle and speed of the second inertia
+    second: tuple[Array, Array] | None = None  # angle and speed of the second inertia
 
 
 class _Machine:
@@ -144,12 +157,32 @@ class _Machine:
         p = self.p
         self.J = p["m"] * p["l"] ** 2 / 3.0 + p["rotor_inertia.J"]
         self.G = 0.5 * p["m"] * p["g"] * p["l"]
+        self.flexible = "flexible" in self.active
+        self.second = self.flexible or "slosh" in self.active
+        if self.flexible:
+            self.J_link = (1.0 - p["flexible.share"]) * self.J
+            self.J = p["flexible.share"] * self.J
+            both, omega = 1.0 / (1.0 / self.J + 1.0 / self.J_link), 2.0 * np.pi * p["flexible.f"]
+            self.stiffness, self.damping = both * omega**2, 2.0 * both * p["flexible.zeta"] * omega
         self.per_sample = round(dt / step)
         self.dt, self.h = dt, dt / self.per_sample
         self.wind = None if wind is None else np.asarray(wind, dtype=float).T
         self.dry = bool(self.active & {"coulomb", "stribeck", "asymmetric_coulomb", "load_friction", "patch"})
         # Two rows of rest before the first command; delays reach further back into the same zeros.
         self.command = np.vstack([np.zeros((2, len(u))), self._static(u).T])
+
+    def tell(self, k: int, u: Array) -> None:
+        """Give the command (L,) of the interval that begins at instant k."""
+        self.command[k + 2] = self._static(u[:, None])[:, 0]
+
+    def rest(self, theta: Array, theta_dot: Array) -> _State:
+        """The state at the start: a second inertia moves along, a link hangs on its spring."""
+        if not self.second:
+            return _State(theta, theta_dot)
+        link = theta
+        for _ in range(50 * self.flexible):
+            link = theta + self.G * np.sin(link + self.p["tilt.alpha"]) / self.stiffness
+        return _State(theta, theta_dot, second=(link, theta_dot))
 
     def _static(self, u: Array) -> Array:
         """Gain, dead zone and saturation of the command, in this order."""
@@ -185,35 +218,35 @@ class _Machine:
             share = (j + 0.5) / self.per_sample
             wind = (1.0 - share) * self.wind[k] + share * self.wind[k + 1]
         theta, v = state.theta, state.theta_dot
-        slosh = state.slosh if state.slosh is not None else (theta, v)
-        way = self._way(theta, v, t, drive + wind, slosh) if self.dry else np.sign(v)
-        a, pull = self._acceleration(theta, v, t, drive + wind, way, slosh)
+        second = state.second if state.second is not None else (theta, v)
+        way = self._way(theta, v, t, drive + wind, second) if self.dry else np.sign(v)
+        a, pull = self._acceleration(theta, v, t, drive + wind, way, second)
         middle, v_middle = theta + 0.5 * h * v, v + 0.5 * h * a
-        s_middle = (slosh[0] + 0.5 * h * slosh[1], slosh[1] + 0.5 * h * pull)
+        s_middle = (second[0] + 0.5 * h * second[1], second[1] + 0.5 * h * pull)
         a, pull = self._acceleration(middle, v_middle, t + 0.5 * h, drive + wind, way, s_middle)
         after, v_after = theta + h * v_middle, v + h * a
-        s_after = (slosh[0] + h * s_middle[1], slosh[1] + h * pull) if "slosh" in self.active else None
+        s_after = (second[0] + h * s_middle[1], second[1] + h * pull) if self.second else None
         if self.dry:
             stuck = way == 0.0
             after, v_after = np.where(stuck, theta, after), np.where(stuck, 0.0, v_after)
             crossed = way * v_after < 0.0
             if crossed.any():
-                at, rest = self._past_zero(theta, v, v_after, t, drive + wind, s_after or slosh)
+                at, rest = self._past_zero(theta, v, v_after, t, drive + wind, s_after or second)
                 after, v_after = np.where(crossed, at, after), np.where(crossed, rest, v_after)
         return _State(after, v_after, lagged, s_after)
 
-    def _way(self, theta: Array, v: Array, t: float, drive: Array, slosh: tuple[Array, Array]) -> Array:
+    def _way(self, theta: Array, v: Array, t: float, drive: Array, second: tuple[Array, Array]) -> Array:
         """Direction of motion, or of the motion about to begin; 0 where friction holds the joint."""
         way = np.sign(v)
         resting = way == 0.0
         if not resting.any():
             return way
-        net, plus, minus = self._torque(theta, 0.0 * v, t, drive, way, slosh)
+        net, plus, minus = self._torque(theta, 0.0 * v, t, drive, way, second)
         starts = np.where(net > plus, 1.0, np.where(net < -minus, -1.0, 0.0))
         return np.where(resting, starts, way)
 
     def _past_zero(
-        self, theta: Array, v: Array, v_after: Array, t: float, drive: Array, slosh: tuple[Array, Array]
+        self, theta: Array, v: Array, v_after: Array, t: float, drive: Array, second: tuple[Array, Array]
     ) -> tuple[Array, Array]:
         """Angle and speed at the end of a step in which the speed passed zero: it stops, and may set off again."""
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -221,30 +254,40 @@ class _Machine:
         at = theta + 0.5 * v * share * self.h
         left = (1.0 - share) * self.h
         now = t + self.h
-        way = self._way(at, 0.0 * v, now, drive, slosh)
-        a = np.where(way == 0.0, 0.0, self._acceleration(at, 0.0 * v, now, drive, way, slosh)[0])
+        way = self._way(at, 0.0 * v, now, drive, second)
+        a = np.where(way == 0.0, 0.0, self._acceleration(at, 0.0 * v, now, drive, way, second)[0])
         return at + 0.5 * a * left**2, a * left
 
     def _acceleration(
-        self, theta: Array, v: Array, t: float, drive: Array, way: Array, slosh: tuple[Array, Array]
+        self, theta: Array, v: Array, t: float, drive: Array, way: Array, second: tuple[Array, Array]
     ) -> tuple[Array, Array | float]:
         """theta_ddot of the joint and of the second inertia [rad/s^2]."""
-        net, plus, minus = self._torque(theta, v, t, drive, way, slosh)
+        net, plus, minus = self._torque(theta, v, t, drive, way, second)
         dry = np.where(way > 0.0, plus, minus) * way if self.dry else 0.0
-        return (net - dry) / self.J, self._pull(theta, v, slosh) if "slosh" in self.active else 0.0
+        return (net - dry) / self.J, self._pull(theta, v, second) if self.second else 0.0
 
     def _torque(
-        self, theta: Array, v: Array, t: float, drive: Array, way: Array, slosh: tuple[Array, Array]
+        self, theta: Array, v: Array, t: float, drive: Array, way: Array, second: tuple[Array, Array]
     ) -> tuple[Array, Array | float, Array | float]:
         """Net torque without dry friction, and the dry friction against positive and negative motion [N m]."""
-        load = self.G * np.sin(theta + self.p["tilt.alpha"]) + drive
-        load = load + self._in_time(t) + self._in_angle(theta)
+        load = -self._shaft(theta, v, second) if self.flexible else self._gravity(theta)
+        load = load + drive + self._in_time(t) + self._in_angle(theta)
         if "slosh" in self.active:
-            load = load - self.p["slosh.J"] * self._pull(theta, v, slosh)
+            load = load - self.p["slosh.J"] * self._pull(theta, v, second)
         net = load - self._fluid(v)
         if not self.dry:
             return net, 0.0, 0.0
         return net, *self._hold(theta, v, load)
+
+    def _gravity(self, theta: Array) -> Array:
+        """[N m]"""
+        torque: Array = self.G * np.sin(theta + self.p["tilt.alpha"])
+        return torque
+
+    def _shaft(self, theta: Array, v: Array, link: tuple[Array, Array]) -> Array:
+        """Torque [N m] of the spring between motor and link, on the link."""
+        torque: Array = self.stiffness * (theta - link[0]) + self.damping * (v - link[1])
+        return torque
 
     def _in_time(self, t: float) -> Array:
         """Torques that depend on time alone [N m]."""
@@ -269,10 +312,12 @@ class _Machine:
             torque = torque - p["cable.k"] * np.maximum(theta - p["cable.theta_c"], 0.0)
         return torque
 
-    def _pull(self, theta: Array, v: Array, slosh: tuple[Array, Array]) -> Array:
+    def _pull(self, theta: Array, v: Array, second: tuple[Array, Array]) -> Array:
         """Acceleration of the second inertia [rad/s^2]."""
+        if self.flexible:
+            return (self._gravity(second[0]) + self._shaft(theta, v, second)) / self.J_link
         omega = 2.0 * np.pi * self.p["slosh.f"]
-        return omega**2 * (theta - slosh[0]) + 2.0 * self.p["slosh.zeta"] * omega * (v - slosh[1])
+        return omega**2 * (theta - second[0]) + 2.0 * self.p["slosh.zeta"] * omega * (v - second[1])
 
     def _fluid(self, v: Array) -> Array:
         """Friction that vanishes with the speed [N m]."""
@@ -340,8 +385,8 @@ class _Sensors:
             self.theta[k] = self.encoder if self.play else state.theta
             self.theta_dot[k] = self.speed if self.play else state.theta_dot
 
-    def readings(self) -> tuple[Array, Array]:
-        """What the sensors show without noise, theta and theta_dot (L, N+1)."""
-        theta = self.theta + self.p["angle_offset.theta_0"]
-        theta_dot = self.theta_dot * self.p["velocity_gain.k"] + self.p["velocity_bias.v_0"]
+    def readings(self, at: int | slice = slice(None)) -> tuple[Array, Array]:
+        """What the sensors show without noise, theta and theta_dot (L, N+1), or (L,) of one instant."""
+        theta = self.theta[at] + self.p["angle_offset.theta_0"]
+        theta_dot = self.theta_dot[at] * self.p["velocity_gain.k"] + self.p["velocity_bias.v_0"]
         return theta.T, theta_dot.T

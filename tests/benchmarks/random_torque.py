@@ -1,0 +1,137 @@
+"""python -m tests.benchmarks.random_torque: an effect of the catalogue beside a random torque of known size.
+
+No machine lacks exactly what a catalogue offers. Here a Gaussian process acts beside a planted effect,
+
+    d(t + dt) = exp(-dt / T) d(t) + w,   sd s [N m], correlation time T [s]
+
+Is the effect named all the same, does its 95 % interval hold its number as often as it says (within the 99 % band of a
+binomial), and is s found? Answers are kept in --out, one JSON line a log; a run that was stopped goes on.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from scipy.signal import lfilter
+from scipy.stats import binom
+
+from tests.benchmarks.cases import Case, records
+from tests.benchmarks.experiments import EXPERIMENTS, LOGS, World, plan
+from tests.benchmarks.hidden import numbers_of
+from tests.benchmarks.runner import Row, Store, run
+from tests.benchmarks.score import twins
+from tests.benchmarks.truth import Array
+
+EFFECTS = ("coulomb", "viscous", "tilt", "drag", "spring")
+CLOSE = 0.2
+"""The share of s by which what is found may be off."""
+
+
+def gaussian_process(shape: tuple[int, int], s: float, T: float, dt: float, rng: np.random.Generator) -> Array:
+    """Stationary paths (n, N+1) of sd s and correlation time T [s] at instants dt [s] apart."""
+    factor = np.exp(-dt / T)
+    steps = s * rng.standard_normal(shape)
+    steps[:, 1:] *= np.sqrt(1.0 - factor**2)
+    paths: Array = lfilter([1.0], [1.0, -factor], steps, axis=1)
+    return paths
+
+
+def case(seed: int, s: float, T: float) -> Case:
+    """Effects and experiments in turn; the log is clean, and its key tells s and T."""
+    effect, experiment = EFFECTS[seed % len(EFFECTS)], EXPERIMENTS[seed // len(EFFECTS) % len(EXPERIMENTS)]
+    return Case(f"random torque of {s:g} N m, {T:g} s", (effect,), "medium", experiment, "clean", seed)
+
+
+def world(own: Case, s: float, T: float) -> World:
+    """The world of a case, with the random torque as its wind."""
+    log = LOGS[own.log]
+    made = plan(own.experiment, log, own.rng("plan"))
+    peak = float(np.max(np.abs(made.u)))
+    wind = gaussian_process(made.wind.shape, s, T, log.dt, own.rng("random torque"))
+    return World(replace(made, wind=wind), numbers_of(own.hidden[0], own.size, log.dt, peak), 1.0, log)
+
+
+def solve(own: Case, methods: Sequence[str], known: Row | None) -> tuple[Row, dict[str, Row]]:
+    """What is said of one log: the effects, their numbers with intervals, and the size of the random torque."""
+    from sysid import Model, RodPendulum, diagnose
+
+    began = time.perf_counter()
+    s, T = (float(word.split()[0]) for word in own.column.removeprefix("random torque of ").split(", "))
+    made = world(own, s, T)
+    found = diagnose(Model(RodPendulum(g=9.81), dt=made.log.dt), records(own, made))
+    row = {
+        "verdict": found.verdict,
+        "named": [list(step.alike) for step in found.steps],
+        "intervals": {k: list(v) for k, v in found.estimate.interval(0.95).items()},
+        "truth": dict(made.numbers),
+        "random_torque": found.estimate.random_torque,
+        "depends_on": list(found.remaining.depends_on) if found.remaining else [],
+        "unconfirmed": list(found.unconfirmed),
+        "seconds": time.perf_counter() - began,
+    }
+    return {}, {m: row for m in methods}
+
+
+def report(cases: Sequence[Case], rows: Mapping[str, Row], s: float) -> list[str]:
+    """Shares, with the band that coverage should lie in, and the cases that are wrong."""
+    asked = [c for c in cases if c.key in rows]
+    found, alone, covered, close, wrong = 0, 0, list[bool](), 0, list[str]()
+    for own in asked:
+        row = rows[own.key]
+        effects = {name for group in row["named"] for name in group}
+        named = bool(twins(own.hidden[0]) & effects)
+        right = named and len(row["named"]) == 1
+        held = [
+            row["intervals"][k][0] <= v <= row["intervals"][k][1]
+            for k, v in row["truth"].items()
+            if k in row["intervals"]
+        ]
+        size = row["random_torque"] / s
+        found, alone, close = found + named, alone + right, close + (abs(size - 1.0) <= CLOSE)
+        covered += held
+        if not right or not all(held) or abs(size - 1.0) > CLOSE:
+            own_numbers = {k: [round(x, 4) for x in row["intervals"].get(k, ())] for k in row["truth"]}
+            said = f"{row['verdict']} {row['named']} {own_numbers} of {row['truth']}, {size:.2f} s"
+            wrong.append(f"  {own.hidden[0]} {own.experiment} {own.seed}: {said} {row['unconfirmed']}")
+    n, m = len(asked), len(covered)
+    if not n:
+        return []
+    low, high = binom.ppf([0.005, 0.995], m, 0.95) / max(m, 1)
+    sizes = np.array([rows[c.key]["random_torque"] for c in asked]) / s
+    return [
+        f"{cases[0].column}: named {found} of {n}, and nothing beside it {alone}",
+        f"  its 95 % interval holds its number: {np.mean(covered):.3f} of {m}  (band {low:.3f} .. {high:.3f})",
+        f"  the size of the random torque within {CLOSE:.0%}: {close} of {n}; found over true: median "
+        f"{np.median(sizes):.2f}, 5 % .. 95 %: {np.quantile(sizes, 0.05):.2f} .. {np.quantile(sizes, 0.95):.2f}",
+        *wrong,
+    ]
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run, then print."""
+    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.random_torque", description=__doc__)
+    parser.add_argument("--seeds", type=int, default=200)
+    parser.add_argument("--sd", type=float, default=0.1, help="of the random torque [N m]")
+    parser.add_argument("--time", type=float, default=0.3, help="its correlation time [s]")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--out", type=Path, default=Path("results/random_torque"))
+    parser.add_argument("--table", action="store_true", help="run nothing, print what is there")
+    given = parser.parse_args(arguments)
+    cases = [case(seed, given.sd, given.time) for seed in range(given.seeds)]
+    store, began = Store(given.out), time.perf_counter()
+    if not given.table:
+        for own, done, of in run(cases, ["ours"], store, given.workers, solve=solve):
+            print(f"\r{done}/{of}  {time.perf_counter() - began:.0f} s  {own.key:90s}", end="", file=sys.stderr)
+        print(file=sys.stderr)
+    print("\n".join(report(cases, store.read("ours"), given.sd)))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

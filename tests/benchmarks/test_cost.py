@@ -1,0 +1,28 @@
+"""The cost of a diagnosis is that of its process."""
+
+import pytest
+
+from tests.benchmarks.cost import SIZES, Cost, cost, table
+from tests.benchmarks.experiments import Log
+
+
+def test_every_size_is_as_large_as_it_says():
+    assert all(samples == log.rollouts * log.samples for samples, log in SIZES.items())
+
+
+def test_a_short_log_takes_time_and_memory_and_is_answered():
+    found = cost(Log(seconds=2.0, rollouts=3))
+    assert found.samples == 300
+    assert 0.0 < found.processor < 60.0
+    assert 30.0 < found.memory < 2000.0
+    assert found.said
+
+
+def test_a_cost_that_grows_with_the_samples_has_slope_one():
+    rows = table([Cost(1000, 50.0, 2.0, 1.0, 100.0, ""), Cost(10_000, 50.0, 2.0, 10.0, 1000.0, "")])
+    assert rows.splitlines()[-1].count("| 1.00 |") == 2
+
+
+@pytest.mark.parametrize("samples", list(SIZES))
+def test_a_table_of_one_size_has_no_slope(samples):
+    assert "|  |" in table([Cost(samples, 50.0, 1.0, 1.0, 1.0, "")]).splitlines()[-1]

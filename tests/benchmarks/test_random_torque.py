@@ -1,0 +1,37 @@
+"""Laws of the random torque and of the table that is made of its answers."""
+
+import numpy as np
+import pytest
+
+from tests.benchmarks.random_torque import EFFECTS, case, gaussian_process, report, world
+
+
+def test_the_random_torque_has_its_size_and_its_correlation_time():
+    s, T, dt = 0.2, 0.3, 0.05
+    d = gaussian_process((4000, 41), s, T, dt, np.random.default_rng(0))
+    assert np.std(d, axis=0) == pytest.approx(np.full(41, s), rel=0.05), "from the first instant on"
+    for lag in (1, 6, 12):
+        together = np.mean(d[:, lag:] * d[:, :-lag]) / s**2
+        assert together == pytest.approx(np.exp(-lag * dt / T), abs=0.03)
+
+
+def test_a_world_pushes_with_the_torque_that_its_key_tells():
+    own = case(7, 0.1, 0.3)
+    made = world(own, 0.1, 0.3)
+    assert made.gust == 1.0
+    assert np.std(made.plan.wind) == pytest.approx(0.1, rel=0.2)
+    assert {k.split(".")[0] for k in made.numbers} == {EFFECTS[7 % len(EFFECTS)]}
+
+
+def test_coverage_counts_the_numbers_of_the_named_effect_alone():
+    cases = [case(seed, 0.1, 0.3) for seed in (0, 5)]
+    row = {"verdict": "partly", "truth": {"coulomb.tau_c": 0.12}, "random_torque": 0.11, "unconfirmed": []}
+    rows = {
+        cases[0].key: row | {"named": [["coulomb"]], "intervals": {"m": [1.0, 1.1], "coulomb.tau_c": [0.1, 0.13]}},
+        cases[1].key: row | {"named": [], "intervals": {"m": [1.0, 1.1]}, "random_torque": 0.2},
+    }
+    first, second, third, *wrong = report(cases, rows, 0.1)
+    assert "named 1 of 2" in first
+    assert "1.000 of 1 " in second
+    assert "1 of 2" in third
+    assert len(wrong) == 1
