@@ -74,8 +74,8 @@ def draw(diagnosis: Diagnosis, log: Log, path: Path) -> None:
     import matplotlib
     from matplotlib.figure import Figure
 
-    from sysid.report.plotting import STYLE
-    from sysid.report.report_figures import course_in, fall_in, residual_in
+    from sysid.report.comparison_figure import STYLE
+    from sysid.report.diagnosis_figures import course_in, fall_in, residual_in
 
     paths = diagnosis.predictions
     with matplotlib.rc_context(STYLE):
@@ -118,7 +118,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error(f"cannot write {options.log}: expected a folder that can be written")
 
     import sysid
-    from sysid.report.report import write_report
+    from sysid.report.write import write_report
 
     options.log.mkdir(parents=True, exist_ok=True)
     files = [options.log / f"swing{k}.csv" for k in range(1, ROLLOUTS + 1)]

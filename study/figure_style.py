@@ -12,9 +12,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from sysid.data.files import write_whole
-from sysid.report import plotting
+from sysid.report import comparison_figure
 
-STYLE: Any = plotting.STYLE | {
+STYLE: Any = comparison_figure.STYLE | {
     "font.family": "DejaVu Sans",
     "font.size": 10.0,
     "axes.titlesize": 11.0,

@@ -71,7 +71,7 @@ from .physics.plants import GeneralJoint, LinearAxis, Plant, PointMassPendulum, 
 from .physics.simulate import Trajectory, simulate
 from .physics.user_effects import load_effects
 from .planning.excitation import paper_rollouts
-from .report.plotting import plot_comparison
+from .report.comparison_figure import plot_comparison
 
 __all__ = [
     "CATALOGUE",

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.estimation.response import Linearisation
+from sysid.estimation.output_error import Linearisation
 
 Array = NDArray[np.float64]
 

@@ -19,7 +19,7 @@ from study.mismatch.elimination import reduce, start_step
 from study.mismatch.residual_network import CommandFilter, ResidualNetwork, untrained
 from sysid import InvalidInput, Model, Record, Sensor, State
 from sysid.estimation.held_out import held_out_error
-from sysid.estimation.response import Linearisation, Response, propagate
+from sysid.estimation.output_error import Linearisation, Response, propagate
 from sysid.estimation.windows import cut
 
 Array = NDArray[np.float64]

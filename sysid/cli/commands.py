@@ -97,12 +97,12 @@ def _(command: Compare) -> None:
 
 @_run.register
 def _(command: Diagnose) -> None:
-    from sysid.diagnosis.choosing import DEFAULT
     from sysid.diagnosis.diagnose import diagnose
+    from sysid.diagnosis.search_settings import DEFAULT
 
     if not 0.0 < command.tolerance < 1.0:
         raise InvalidInput(f"--tolerance {command.tolerance:g}: expected a share between 0 and 1, such as 0.02")
-    choosing = dataclasses.replace(DEFAULT, tolerance=command.tolerance)
+    settings = dataclasses.replace(DEFAULT, tolerance=command.tolerance)
     _load(command.start.effects)
     task = Task.of(command, command.out, command.json, command.html)
     task.check_free()
@@ -112,7 +112,7 @@ def _(command: Diagnose) -> None:
         task.sensor,
         command.log.hold_out,
         parameters=task.names,
-        choosing=choosing,
+        settings=settings,
         tell=_progress,
     )
     _progress("")
@@ -206,9 +206,9 @@ class Task:
         model = _sampled(model, log.dt, given)
         names = _shown(model, names, log)
         if not given:
-            from sysid.estimation.initial_guess import rough
+            from sysid.estimation.initial_guess import initial_guess
 
-            model = rough(model, names, training, sensor)
+            model = initial_guess(model, names, training, sensor)
         return cls(log, sensor, training, held_out, model, names, given and not added)
 
     def fitted(self) -> Estimate:
@@ -245,7 +245,7 @@ class Task:
     def write_report(self, path: Path | None, answer: Any) -> None:
         """The page that opens offline."""
         if path is not None:
-            from sysid.report.report import write_report
+            from sysid.report.write import write_report
 
             write_report(answer, path)
             print(f"wrote {path}")
@@ -497,7 +497,7 @@ def _write(path: Path, text: str) -> None:
 
 
 def _draw(comparison: Any, path: Path) -> None:
-    from sysid.report.plotting import plot_comparison
+    from sysid.report.comparison_figure import plot_comparison
 
     try:
         plot_comparison(comparison).savefig(path)

@@ -1,4 +1,4 @@
-"""Plausibility: what a log says about its own columns, units and zero before any model sees it."""
+"""Checks: what a log says about its own columns, units and zero before any model sees it."""
 
 from __future__ import annotations
 

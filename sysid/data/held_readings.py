@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.quantisation import quantum
+from sysid.data.quantisation import quantisation_step
 
 Array = NDArray[np.float64]
 
@@ -62,7 +62,9 @@ def holding(series: Iterable[Array]) -> float:
         return 1.0
     found = [runs(values) for values in series]
     length, size = (np.concatenate([getattr(run, field) for run in found]) for field in Run._fields)
-    length = length[size > FAR * quantum([values[np.append(True, np.diff(values) != 0.0)] for values in series])]
+    length = length[
+        size > FAR * quantisation_step([values[np.append(True, np.diff(values) != 0.0)] for values in series])
+    ]
     if len(length) < FEWEST:
         return 1.0
     typical = float(np.median(length))

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.computed_speed import COMPUTED, is_difference, unexplained
-from sysid.data.quantisation import quantum
+from sysid.data.quantisation import quantisation_step
 from sysid.data.record import Record
 from sysid.data.sensor import UNITS, Sensor
 from sysid.errors import InvalidInput
@@ -58,7 +58,7 @@ class Noise:
 
     sensor: Sensor
     error: dict[str, float]
-    quantum: dict[str, float]
+    quantisation_step: dict[str, float]
     notes: tuple[str, ...]
 
     def sentence(self, plant: Plant | None = None) -> str:
@@ -206,7 +206,7 @@ def _channel(
     """The sd of one channel and its relative error."""
     power = 2 if channel == "theta" else 1
     spread = math.sqrt(float(np.mean(np.concatenate([(y - y.mean()) ** 2 for y, _ in series]))))
-    step = quantum([y for y, _ in series])
+    step = quantisation_step([y for y, _ in series])
     floor = max(step / math.sqrt(12.0), NEGLIGIBLE * spread)
     lags = _lags([len(u) for _, u in series], dt)
 

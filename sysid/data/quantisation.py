@@ -1,4 +1,4 @@
-"""Quantum: the step to which a sensor, or the file it was written to, rounds its readings."""
+"""Quantisation: the step to which a sensor, or the file it was written to, rounds its readings."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ CANDIDATES = (0.5, 0.3, 0.2, 0.1, 0.05, 0.02, 0.01, 0.0)
 """The quantiles of the changes between readings that are tried, the largest change first."""
 
 
-def quantum(series: Sequence[Array]) -> float:
+def quantisation_step(series: Sequence[Array]) -> float:
     """The step q of which the changes between neighbouring readings are multiples; 0 where there is none.
 
     A candidate fits where nine in ten of the changes below 20 q are multiples of it to 5 %; the largest that fits is

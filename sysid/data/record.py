@@ -92,7 +92,7 @@ class Record:
                 came = f"{column} has {len(series)} values"
                 raise InvalidInput(f"{self.name} is ragged: {came}, expected {size} for {n} commands u")
         self._check_time()
-        if not self.clock[0] >= 0.0:
+        if not self.time_since_start[0] >= 0.0:
             raise InvalidInput(f"{self.name} begins at {self.t[0]:g} s, before its rollout does ({self.origin} s)")
         if self.theta is not None:
             # what covers more than a turn was never wrapped
@@ -149,7 +149,7 @@ class Record:
             else:
                 parts[column] = value[first : last + (len(value) > len(self))]
         kept = math.ceil(PAST / self.dt)
-        before = self.commands[: len(self.past) + first][-kept:]
+        before = self.commands[: len(self.previous_commands) + first][-kept:]
         origin = float(self.t[0]) if self.origin is None else self.origin
         return replace(self, **parts, name=name or self.name, origin=origin, before=before)
 
@@ -163,7 +163,7 @@ class Record:
         def instants(series: Array | None) -> Array | None:
             return series if series is None or len(series) == 1 else series[: n * every + 1 : every]
 
-        past = self.past[len(self.past) % every :].reshape(-1, every).mean(axis=1)
+        past = self.previous_commands[len(self.previous_commands) % every :].reshape(-1, every).mean(axis=1)
         return replace(
             self,
             t=self.t[: n * every + 1 : every],
@@ -175,25 +175,25 @@ class Record:
         )
 
     @property
-    def clock(self) -> Array:
+    def time_since_start(self) -> Array:
         """Seconds since the rollout began (N+1,)."""
         return self.t - (self.t[0] if self.origin is None else self.origin)
 
     @property
-    def past(self) -> Array:
+    def previous_commands(self) -> Array:
         """`before`, or no commands (0,)."""
         return np.zeros(0) if self.before is None else self.before
 
     @cached_property
     def commands(self) -> Array:
         """All that drives remember and are told (M+N,): `past`, then u."""
-        return np.concatenate([self.past, self.u])
+        return np.concatenate([self.previous_commands, self.u])
 
     @property
-    def sudden(self) -> bool:
+    def starts_midway(self) -> bool:
         """Whether it begins in the middle of a rollout, after commands that are not known."""
-        known = (len(self.past) + 0.5) * self.dt
-        return bool(self.clock[0] > known and known < PAST)
+        known = (len(self.previous_commands) + 0.5) * self.dt
+        return bool(self.time_since_start[0] > known and known < PAST)
 
     @property
     def dt(self) -> float:
@@ -229,7 +229,7 @@ def check_records(model: Model, records: Sequence[Record]) -> tuple[Record, ...]
     return given
 
 
-def told_apart(records: Sequence[Record]) -> tuple[Record, ...]:
+def unique_names(records: Sequence[Record]) -> tuple[Record, ...]:
     """The records under names of their own: an answer names stretches of them."""
     names = [r.name for r in records]
     return tuple(replace(r, name=f"{r.name} {i}") if names.count(r.name) > 1 else r for i, r in enumerate(records))

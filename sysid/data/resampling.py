@@ -1,4 +1,4 @@
-"""Sampling: rows as a logger stamped them become records with one even sample interval."""
+"""Resampling: rows as a logger stamped them become records with one even sample interval."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data import held_readings
-from sysid.data.quantisation import quantum
+from sysid.data.quantisation import quantisation_step
 from sysid.data.record import Record
 from sysid.errors import InvalidInput
 
@@ -256,7 +256,7 @@ def _moved(t: Array, y: Array, grid: Array, nearest: NDArray[np.intp]) -> Array:
         shift[rows] = slope * delta + 0.5 * curvature * delta**2
     far = np.abs(grid - t[nearest]) > FAR * step
     shift[far] = np.interp(grid[far], t, y) - y[nearest[far]]
-    rounded = quantum([y])
+    rounded = quantisation_step([y])
     return y[nearest] + (rounded * np.round(shift / rounded) if rounded > 0.0 else shift)
 
 

@@ -10,11 +10,11 @@ from sysid.data.record import Record, check_records
 from sysid.data.sensor import Sensor
 from sysid.diagnosis.channels import relied_on
 from sysid.errors import InvalidInput
-from sysid.estimation.chain import Chain
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.first_fit import first_fit
 from sysid.estimation.fit import free
 from sysid.estimation.held_out import HeldOutError, held_out_error
+from sysid.estimation.linearisation import Samples
 from sysid.estimation.refits import extended
 from sysid.estimation.scores import scores
 from sysid.physics.effects import effect
@@ -111,7 +111,7 @@ def add(
     model.with_effect(effect(name))  # raises where it is unknown or excluded
     training, held_out = split(check_records(model, records), hold_out)
     sensor = relied_on(model, training, sensor or sensor_noise(records).sensor)
-    base = first_fit(Chain(model, training, sensor), model, names)
+    base = first_fit(Samples(model, training, sensor), model, names)
     score = scores(base, (name,)).get(name)
     if score is None or not score.visible:
         raise InvalidInput(f"{name} changes nothing that this log shows: expected an effect that moves its readings")

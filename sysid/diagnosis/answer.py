@@ -11,9 +11,9 @@ from typing import Any
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
 from sysid.diagnosis.compare import Comparison, compare
-from sysid.diagnosis.contacts import Touched
+from sysid.diagnosis.contacts import Contact
 from sysid.diagnosis.residual_torque import ResidualTorque, residual_torque
-from sysid.diagnosis.typical import Prediction, typical
+from sysid.diagnosis.typical_prediction import Prediction, typical
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.held_out import HeldOutError, finite
 from sysid.physics.model import Model
@@ -187,7 +187,7 @@ class Diagnosis:
     records: tuple[Record, ...]
     unseen: tuple[Record, ...]
     estimate: Estimate
-    touched: tuple[Touched, ...]
+    contacts: tuple[Contact, ...]
     next_experiment: dict[str, Any] | None
     seconds: float
     torque: MissingTorque = MissingTorque(0.0, 0.0, 0.0)
@@ -292,7 +292,7 @@ class Diagnosis:
             "remaining": None if self.remaining is None else self.remaining.to_dict(),
             "not_identifiable": [list(group) for group in self.not_identifiable],
             "ruled_out": self.ruled_out,
-            "touched": [{"record": t.name, "begin": t.t_begin, "end": t.t_end, "peak": t.peak} for t in self.touched],
+            "touched": [{"record": t.name, "begin": t.t_begin, "end": t.t_end, "peak": t.peak} for t in self.contacts],
             "next_experiment": self.next_experiment,
             "seconds": self.seconds,
         }

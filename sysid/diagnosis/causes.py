@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from sysid.diagnosis.choosing import DEFAULT
 from sysid.diagnosis.residual_torque import followed
+from sysid.diagnosis.search_settings import DEFAULT
 from sysid.errors import InvalidInput
 from sysid.estimation.held_out import HeldOutError, finite, held_out_error
 from sysid.estimation.prediction_error import Fit, bounded_step, inverse
@@ -93,10 +93,10 @@ def causes(found: Fit, names: Sequence[str], error: HeldOutError) -> tuple[Cause
             break
         effect, alike = trial
         try:
-            then = followed(found.chain, found.model.with_effect(effect))
+            then = followed(found.samples, found.model.with_effect(effect))
         except InvalidInput:
             break
-        after = held_out_error(then.model, found.chain.records, found.chain.sensor, error.window)
+        after = held_out_error(then.model, found.samples.records, found.samples.sensor, error.window)
         share = (before.ratio**2 - after.ratio**2) / max(excess, 1e-9)
         if not share > (LEAST if chosen else 0.0):
             break

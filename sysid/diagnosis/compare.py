@@ -16,7 +16,6 @@ from sysid.diagnosis.causes import Cause, causes
 from sysid.diagnosis.residual_torque import ResidualTorque, followed, torque_of
 from sysid.diagnosis.whiteness import Whiteness, whiteness
 from sysid.errors import InvalidInput
-from sysid.estimation.chain import Chain
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.held_out import (
     HeldOutError,
@@ -28,8 +27,9 @@ from sysid.estimation.held_out import (
     multiple,
     refit_windows,
 )
+from sysid.estimation.linearisation import Samples
+from sysid.estimation.output_error import CHANNELS
 from sysid.estimation.prediction_error import Fit
-from sysid.estimation.response import CHANNELS
 from sysid.estimation.windows import cut
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
@@ -252,7 +252,7 @@ def is_off(error: HeldOutError) -> bool:
 def _followed(model: Model, records: Sequence[Record], sensor: Sensor) -> Fit | None:
     """The fit beside a random torque; None of a model that runs away within a sample."""
     try:
-        return followed(Chain(model, records, sensor), model)
+        return followed(Samples(model, records, sensor), model)
     except InvalidInput:
         return None
 
@@ -265,12 +265,12 @@ def _causes(
 
     if found is None or torque is None or not (torque.present or is_off(error)) or not math.isfinite(error.ratio):
         return ()
-    if torque.touched:
-        rest = leave_out(found.chain.records, [(t.name, t.t_begin, t.t_end) for t in torque.touched])
+    if torque.contacts:
+        rest = leave_out(found.samples.records, [(t.name, t.t_begin, t.t_end) for t in torque.contacts])
         if not rest:
             return ()
-        found = followed(Chain(found.model, rest, found.chain.sensor), found.model)
-        error = held_out_error(found.model, rest, found.chain.sensor)
+        found = followed(Samples(found.model, rest, found.samples.sensor), found.model)
+        error = held_out_error(found.model, rest, found.samples.sensor)
     return causes(found, names, error)
 
 

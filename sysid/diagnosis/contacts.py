@@ -20,7 +20,7 @@ _APART = 0.5
 
 
 @dataclass(frozen=True)
-class Touched:
+class Contact:
     """A stretch of a record, t_begin to t_end [s], in which an unexplained torque peaks at `peak` [unit]."""
 
     name: str
@@ -47,30 +47,32 @@ class Push:
     enough: float = 8.0
 
 
-def contacts(fit: Fit, torque: Array, least: float = 0.0, push: Push = Push()) -> tuple[Touched, ...]:
+def find_contacts(fit: Fit, torque: Array, least: float = 0.0, push: Push = Push()) -> tuple[Contact, ...]:
     """Where a missing torque (M,) [N m] is extreme against what acts in the same state at other times.
 
     The torque is one without what is faster than a hand (`slow`). A machine that misses something everywhere has
     extremes too, and nobody touched it: unless they are most of what is missing, in a small part of the time, there is
     none. What is below `least` [N m] is none either.
     """
-    chain = fit.chain
-    if len(chain) * chain.dt < push.enough:
+    samples = fit.samples
+    if len(samples) * samples.dt < push.enough:
         return ()
-    known = np.where(chain.follows, torque, np.nan)
+    known = np.where(samples.follows, torque, np.nan)
     found = _extremes(fit, known, least)
-    inside = np.zeros(len(chain), dtype=bool)
-    names = [r.name for r in chain.records]
+    inside = np.zeros(len(samples), dtype=bool)
+    names = [r.name for r in samples.records]
     for stretch in found:
         inside |= (
-            (chain.number == names.index(stretch.name)) & (chain.t >= stretch.t_begin) & (chain.t <= stretch.t_end)
+            (samples.number == names.index(stretch.name))
+            & (samples.t >= stretch.t_begin)
+            & (samples.t <= stretch.t_end)
         )
     energy = float(np.nansum(known**2))
     held = float(np.nansum(known[inside] ** 2))
     return found if held > push.most * energy > 0.0 and np.mean(inside) < push.little else ()
 
 
-def _extremes(fit: Fit, torque: Array, least: float) -> tuple[Touched, ...]:
+def _extremes(fit: Fit, torque: Array, least: float) -> tuple[Contact, ...]:
     """Stretches where a torque is extreme against what acts in the same state at other times.
 
     A magnet acts whenever the joint passes its angle, friction whenever it has a speed, a hand only once: so the median
@@ -78,11 +80,11 @@ def _extremes(fit: Fit, torque: Array, least: float) -> tuple[Touched, ...]:
     differs from all three by more than 6 times the median of that, and by more than the median torque, is a touch where
     it is rare too: beyond twice the 90 % quantile.
     """
-    chain = fit.chain
-    at = np.flatnonzero(np.isfinite(torque))[:: max(1, round(0.25 * HAND / chain.dt))]
+    samples = fit.samples
+    at = np.flatnonzero(np.isfinite(torque))[:: max(1, round(0.25 * HAND / samples.dt))]
     if len(at) < _NEIGHBOURS:
         return ()
-    record, t, states, d = chain.number[at], chain.t[at], fit.motion.x[at], torque[at]
+    record, t, states, d = samples.number[at], samples.t[at], fit.motion.x[at], torque[at]
     clock = t + record * (np.max(t) - np.min(t) + 2.0 * _APART)
     angle = np.column_stack([np.cos(states[:, 0]), np.sin(states[:, 0])])
     speed = states[:, 1:] / (np.std(states[:, 1]) or 1.0)
@@ -95,8 +97,8 @@ def _extremes(fit: Fit, torque: Array, least: float) -> tuple[Touched, ...]:
     for low, high in _stretches(alone, size > 0.25 * limit, record):
         own = d[low : high + 1]
         peak = float(own[np.argmax(np.abs(own))])
-        name = chain.records[record[low]].name
-        found.append(Touched(name, float(t[low]), float(t[high]) + 0.25 * HAND, peak, unit))
+        name = samples.records[record[low]].name
+        found.append(Contact(name, float(t[low]), float(t[high]) + 0.25 * HAND, peak, unit))
     return tuple(found)
 
 

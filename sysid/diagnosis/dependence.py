@@ -60,8 +60,8 @@ def _predicted(fit: Fit, torque: Array, known: Array, basis: Array) -> float:
     """1 - sum |d - prediction|^2 / sum d^2, each stretch predicted by ridge regression on the others."""
     if basis.shape[1] == 0:
         return 0.0
-    chain, at = fit.chain, np.flatnonzero(known)
-    count = int(np.clip(len(at) * chain.dt / STRETCH, 2, 12))
+    samples, at = fit.samples, np.flatnonzero(known)
+    count = int(np.clip(len(at) * samples.dt / STRETCH, 2, 12))
     stretch = np.minimum(np.arange(len(at)) * count // len(at), count - 1)
     d, columns = torque[at], basis[at] - np.mean(basis[at], axis=0)
     columns = np.column_stack([columns, np.ones(len(at))])
@@ -77,14 +77,14 @@ def _predicted(fit: Fit, torque: Array, known: Array, basis: Array) -> float:
 def _middle(fit: Fit) -> tuple[Array, Array, Array]:
     """theta, theta_dot and the drive torque in the middle of the intervals (M,)."""
     x = fit.motion.x
-    middle = np.where(fit.chain.follows[:, None], 0.5 * (x + np.roll(x, -1, axis=0)), x)
+    middle = np.where(fit.samples.follows[:, None], 0.5 * (x + np.roll(x, -1, axis=0)), x)
     return middle[:, 0], middle[:, 1], fit.linearised.drives.mean(axis=1)
 
 
 def coordinates(fit: Fit) -> dict[str, Array]:
     """What a torque is drawn over: theta (its place), theta_dot, the drive torque, the time of each interval (M,)."""
     theta, theta_dot, drive = _middle(fit)
-    middle = fit.chain.t + 0.5 * fit.chain.dt
+    middle = fit.samples.t + 0.5 * fit.samples.dt
     return {"theta": fit.model.plant.place(theta), "theta_dot": theta_dot, "torque": drive, "time": middle}
 
 
@@ -132,11 +132,11 @@ def _angles(theta: Array, turns: bool) -> Array:
 
 def _history(fit: Fit, lags: tuple[int, ...] = (-1, 1, 2, 4, 8, 16)) -> Array:
     """Commands of earlier intervals, which a missing state would remember, and of the next: a log stamped late."""
-    chain = fit.chain
-    columns = np.zeros((len(chain), len(lags)))
-    for i, record in enumerate(chain.records):
-        at = len(record.past) + np.arange(len(record) + 1)[:, None] - np.array(lags)
-        columns[chain.first[i] : chain.first[i + 1]] = record.commands[np.clip(at, 0, len(record.commands) - 1)]
+    samples = fit.samples
+    columns = np.zeros((len(samples), len(lags)))
+    for i, record in enumerate(samples.records):
+        at = len(record.previous_commands) + np.arange(len(record) + 1)[:, None] - np.array(lags)
+        columns[samples.first[i] : samples.first[i + 1]] = record.commands[np.clip(at, 0, len(record.commands) - 1)]
     return columns if np.ptp(columns) > 1e-9 else columns[:, :0]
 
 
@@ -148,8 +148,8 @@ def _where(fit: Fit, on: str, torque: Array, bins: int = 24) -> str:
         return "on what happened up to 16 samples before"
     if on == "time":
         k = int(np.argmax(np.abs(torque)))
-        name = fit.chain.records[int(fit.chain.number[k])].name
-        return f"strongest in {name} at {fit.chain.t[k]:.2f} s ({torque[k]:+.2g} {newton})"
+        name = fit.samples.records[int(fit.samples.number[k])].name
+        return f"strongest in {name} at {fit.samples.t[k]:.2f} s ({torque[k]:+.2g} {newton})"
     x = coordinates(fit)[on]
     edges = np.linspace(float(np.min(x)), float(np.max(x)), bins + 1)
     place = np.clip(np.digitize(x, edges) - 1, 0, bins - 1)

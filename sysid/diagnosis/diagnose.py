@@ -11,15 +11,15 @@ import numpy as np
 from scipy.special import chdtrc
 
 from sysid.data.logs import notes_of
-from sysid.data.record import Record, check_records, told_apart
+from sysid.data.record import Record, check_records, unique_names
 from sysid.data.sensor import Sensor
 from sysid.diagnosis.answer import Diagnosis, MissingTorque, Ranked, Remaining, Step
 from sysid.diagnosis.channels import relied_on
-from sysid.diagnosis.choosing import DEFAULT, Choosing
-from sysid.diagnosis.contacts import Touched, contacts
+from sysid.diagnosis.contacts import Contact, find_contacts
 from sysid.diagnosis.dependence import dependence
 from sysid.diagnosis.residual_torque import missing_torque
 from sysid.diagnosis.search import Addition, Search
+from sysid.diagnosis.search_settings import DEFAULT, SearchSettings
 from sysid.errors import InvalidInput
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.fit import free
@@ -48,7 +48,7 @@ def diagnose(
     hold_out: float | None = None,
     effects: Iterable[str] | None = None,
     parameters: Sequence[str] | None = None,
-    choosing: Choosing = DEFAULT,
+    settings: SearchSettings = DEFAULT,
     tell: Callable[[str], None] = lambda _: None,
 ) -> Diagnosis:
     """Which physical effect is missing, how large is it, and does it matter?
@@ -97,7 +97,7 @@ def diagnose(
 
     began = time.perf_counter()
     notes = notes_of(records)
-    records = told_apart(check_records(model.model if isinstance(model, Estimate) else model, records))
+    records = unique_names(check_records(model.model if isinstance(model, Estimate) else model, records))
     names = tuple(parameters or (model.names if isinstance(model, Estimate) else free(model)))
     if isinstance(model, Estimate):
         sensor, model = sensor or model.sensor, model.model
@@ -108,27 +108,29 @@ def diagnose(
         sensor = sensor_noise(records).sensor
     training, held_out = split(records, hold_out)
     sensor = relied_on(model, training, sensor)
-    search, base, touched = _searched(lambda left: Search(left, sensor, chosen, choosing, tell), training, model, names)
-    return _Report(search, base, records, held_out, sensor, touched, notes).diagnosis(began)
+    search, base, contacts = _searched(
+        lambda left: Search(left, sensor, chosen, settings, tell), training, model, names
+    )
+    return _Report(search, base, records, held_out, sensor, contacts, notes).diagnosis(began)
 
 
 def _searched(
     search_in: Callable[[Sequence[Record]], Search], records: Sequence[Record], model: Model, names: tuple[str, ...]
-) -> tuple[Search, Fit, tuple[Touched, ...]]:
+) -> tuple[Search, Fit, tuple[Contact, ...]]:
     """The search through what no hand touched, the fit that it began at, and what was touched."""
     from sysid.data.splitting import leave_out
 
-    touched: tuple[Touched, ...] = ()
+    contacts: tuple[Contact, ...] = ()
     for restarts_left in reversed(range(RESTARTS + 1)):
         search = search_in(records)
         base, end = search.run(model, names)
         perhaps = restarts_left and not end.undisturbed
-        found = contacts(end, missing_torque(end, base)) if perhaps else ()
+        found = find_contacts(end, missing_torque(end, base)) if perhaps else ()
         rest = leave_out(records, [(t.name, t.t_begin, t.t_end) for t in found])
         if not found or sum(map(len, rest)) < 0.6 * sum(map(len, records)):
             break
-        touched, records = (*touched, *found), rest
-    return search, base, touched
+        contacts, records = (*contacts, *found), rest
+    return search, base, contacts
 
 
 def _known(effects: Iterable[str]) -> tuple[str, ...]:
@@ -151,18 +153,18 @@ class _Report:
         records: tuple[Record, ...],
         held_out: Sequence[Record],
         sensor: Sensor,
-        touched: tuple[Touched, ...],
+        contacts: tuple[Contact, ...],
         notes: tuple[str, ...],
     ) -> None:
         self.records, self.notes = records, notes
-        self.search, self.base, self.held_out, self.sensor, self.touched = search, base, held_out, sensor, touched
+        self.search, self.base, self.held_out, self.sensor, self.contacts = search, base, held_out, sensor, contacts
         self.errors: dict[tuple[str, ...], tuple[Fit, HeldOutError]] = {(): (base, self._error(base))}
         self.additions, self.unconfirmed = list[Addition](), list[str]()
         self._confirm()
         self._unmask()
 
     def _error(self, fit: Fit) -> HeldOutError:
-        return held_out_error(fit.model, self.held_out, self.sensor, self.search.choosing.window)
+        return held_out_error(fit.model, self.held_out, self.sensor, self.search.settings.window)
 
     @staticmethod
     def _names(additions: Sequence[Addition]) -> tuple[str, ...]:
@@ -215,7 +217,7 @@ class _Report:
             fewer = [a for a in self.additions if a is not addition]
             without = self._torque(self._with(fewer)[0]).after
             bent = end.at_bounds - self.base.at_bounds
-            if bent or torque.after**2 > (1.0 - self.search.choosing.most) * without**2:
+            if bent or torque.after**2 > (1.0 - self.search.settings.most) * without**2:
                 self.unconfirmed.append(addition.name)
                 self.additions = fewer
 
@@ -247,18 +249,18 @@ class _Report:
             unseen=tuple(self.held_out),
             notes=self.notes,
             estimate=end.estimate(),
-            touched=self.touched,
+            contacts=self.contacts,
             next_experiment=self._experiment(verdict, machine, end),
             seconds=time.perf_counter() - began,
             torque=torque,
             negligible=tuple(n for n in self.search.negligible if n not in self._names(self.additions)),
             unconfirmed=tuple(self.unconfirmed),
-            tolerance=self.search.choosing.tolerance,
+            tolerance=self.search.settings.tolerance,
         )
 
     def _torque(self, end: Fit) -> MissingTorque:
         """The missing torque before and after, smoothed under what the model as it came needed."""
-        drive = float(np.sqrt(np.mean(end.linearised.drives[end.chain.follows] ** 2)))
+        drive = float(np.sqrt(np.mean(end.linearised.drives[end.samples.follows] ** 2)))
         self.torques = [missing_torque(f, self.base) for f in (self.base, end)]
         return MissingTorque(drive, *(float(np.sqrt(np.nanmean(d**2))) for d in self.torques))
 
@@ -305,7 +307,7 @@ class _Report:
 
     def _ranking(self) -> tuple[Ranked, ...]:
         """The first round: those that were fitted by what came out, then the others by what they promise."""
-        first, each = self.search.first, self.search.choosing.price
+        first, each = self.search.first, self.search.settings.price
         fitted = {t.effects[0]: t for t in self.search.trials if len(t.effects) == 1}
         order = sorted(fitted, key=lambda n: fitted[n].merit, reverse=True)
         chosen = [a.name for a in self.search.additions if a.name in first]
@@ -337,15 +339,15 @@ class _Report:
             if n != name
             and s.visible
             and len(s.sizes) == len(own.sizes)
-            and alikeness(s, own) > self.search.choosing.same
+            and alikeness(s, own) > self.search.settings.same
         )
 
     def _remaining(self, end: Fit, error: HeldOutError, torque: MissingTorque) -> Remaining | None:
         """What matters and is not explained: predictions err beyond the noise, and a random torque is needed."""
-        choosing = self.search.choosing
-        _, ratio = moved(end.model, end.model, end, choosing.window)
+        settings = self.search.settings
+        _, ratio = moved(end.model, end.model, end, settings.window)
         excess = math.sqrt(max(ratio**2 - 1.0, 0.0)) if math.isfinite(ratio) else math.inf
-        if not self.touched and (end.undisturbed or excess < choosing.enough):
+        if not self.contacts and (end.undisturbed or excess < settings.enough):
             return None
         depends_on, where = self._depends_on(end)
         share = max(0.0, 1.0 - 1.0 / max(error.ratio, 1e-9) ** 2)
@@ -353,11 +355,11 @@ class _Report:
 
     def _depends_on(self, end: Fit) -> tuple[tuple[str, ...], str]:
         found = dependence(end, self.torques[-1])
-        if not self.touched:
+        if not self.contacts:
             return found.depends_on, found.where
         depends_on = (*(q for q in found.depends_on if q != "time"), "time")
         return depends_on, "; ".join(
-            [f"in {'; '.join(map(str, self.touched))}", *([found.where] if found.where else [])]
+            [f"in {'; '.join(map(str, self.contacts))}", *([found.where] if found.where else [])]
         )
 
     def _not_identifiable(self, end: Fit) -> tuple[tuple[str, ...], ...]:

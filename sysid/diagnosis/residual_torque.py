@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
-from sysid.diagnosis.contacts import Touched, contacts, slow
+from sysid.diagnosis.contacts import Contact, find_contacts, slow
 from sysid.diagnosis.dependence import Dependence, coordinates, dependence
 from sysid.errors import InvalidInput
-from sysid.estimation.chain import Chain, level
 from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.held_out import finite
 from sysid.estimation.kalman import Filter
-from sysid.estimation.prediction_error import QUICK, Fit, Settings, fit, likelier, likeliest
+from sysid.estimation.linearisation import Samples, level
+from sysid.estimation.prediction_error import QUICK, Fit, Settings, fit, likelihood_ascent, maximum_likelihood
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
@@ -148,7 +148,7 @@ class ResidualTorque:
     binned: dict[str, Binned]
     map: TorqueMap
     dependence: Dependence
-    touched: tuple[Touched, ...]
+    contacts: tuple[Contact, ...]
     units: dict[str, str]
     converged: bool
 
@@ -199,7 +199,7 @@ class ResidualTorque:
             "depends_on": list(self.depends_on),
             "predicts": dict(self.dependence.shares),
             "where": self.dependence.where if self.present else "",
-            "touched": [vars(t) for t in self.touched],
+            "touched": [vars(t) for t in self.contacts],
             "over": {name: b.to_dict() for name, b in self.binned.items()},
             "map": self.map.to_dict(),
         }
@@ -221,8 +221,8 @@ class ResidualTorque:
         ]
         if self.restless:
             sentences.append("It changes from sample to sample: a vibration, or readings that contradict each other")
-        if self.touched:
-            sentences.append("No state of the joint explains " + "; ".join(map(str, self.touched)))
+        if self.contacts:
+            sentences.append("No state of the joint explains " + "; ".join(map(str, self.contacts)))
         return ". ".join(sentences)
 
 
@@ -254,35 +254,35 @@ def residual_torque(model: Model, records: Sequence[Record], sensor: Sensor) -> 
     InvalidInput
         For records that do not fit the model or lack a channel, and for a model that runs away within one sample.
     """
-    return torque_of(followed(Chain(model, records, sensor), model))
+    return torque_of(followed(Samples(model, records, sensor), model))
 
 
-def followed(chain: Chain, model: Model) -> Fit:
+def followed(samples: Samples, model: Model) -> Fit:
     """The fit in which only the size and the correlation time of the random torque are found.
 
     Raises InvalidInput for a model that runs away within one sample.
     """
     with np.errstate(over="ignore", invalid="ignore"):
-        begun = fit(chain, model, (), disturbances=Disturbances(0.3 * level(chain), MEMORY), settings=SETTINGS)
+        begun = fit(samples, model, (), disturbances=Disturbances(0.3 * level(samples), MEMORY), settings=SETTINGS)
     if not math.isfinite(begun.deviance):
         raise InvalidInput("the model runs away from these records within a sample: no torque can be told beside it")
     trials = (begun.disturbances.with_memory(T) for T in MEMORIES)
-    return fit(chain, model, (), begun, likeliest(begun.linearised, trials, angle_error=False), SETTINGS)
+    return fit(samples, model, (), begun, maximum_likelihood(begun.linearised, trials, angle_error=False), SETTINGS)
 
 
 def torque_of(found: Fit) -> ResidualTorque:
     """The answer that a fit holds."""
-    chain, inertia = found.chain, found.inertia
+    samples, inertia = found.samples, found.inertia
     present = not found.undisturbed
     filter = found.filter if present else found.linearised.system.filter(_largest(found))
-    z, inside = filter.smooth(), chain.follows
+    z, inside = filter.smooth(), samples.follows
     d, sd = inertia * z[:, 2], inertia * filter.posterior_sd()[:, 2]
-    x, averaged, at = found.motion.x + z[:, :2], slow(d, chain.number, chain.dt), coordinates(found)
+    x, averaged, at = found.motion.x + z[:, :2], slow(d, samples.number, samples.dt), coordinates(found)
     means = _Means(found, filter, d)
     return ResidualTorque(
         records=tuple(
             Followed(r.name, r.t, x[a:b, 0], x[a:b, 1], d[a : b - 1], sd[a : b - 1])
-            for r, a, b in zip(chain.records, chain.first[:-1].tolist(), chain.first[1:].tolist(), strict=True)
+            for r, a, b in zip(samples.records, samples.first[:-1].tolist(), samples.first[1:].tolist(), strict=True)
         ),
         s=inertia * filter.disturbances.s,
         T=filter.disturbances.T,
@@ -291,7 +291,7 @@ def torque_of(found: Fit) -> ResidualTorque:
         binned={name: means.over(name, values) for name, values in at.items()},
         map=means.map(at["theta"], at["theta_dot"]),
         dependence=dependence(found, averaged),
-        touched=contacts(found, averaged, 4.0 * means.sd_of_slow()) if present else (),
+        contacts=find_contacts(found, averaged, 4.0 * means.sd_of_slow()) if present else (),
         units=found.model.plant.quantities,
         converged=found.converged,
     )
@@ -302,12 +302,14 @@ def missing_torque(found: Fit, base: Fit) -> Array:
 
     The prior is what `base` needs, so that several models compare.
     """
-    prior = Disturbances(max(base.disturbances.s, 1e-3 * float(np.std(base.chain.smoothed[:, 1]))), MEMORY)
+    prior = Disturbances(max(base.disturbances.s, 1e-3 * float(np.std(base.samples.smoothed[:, 1]))), MEMORY)
     for _ in range(6):
-        prior = likelier(base.linearised, prior, _FLOOR, angle_error=False)
+        prior = likelihood_ascent(base.linearised, prior, _FLOOR, angle_error=False)
     held = replace(QUICK, sizes=False)
-    smoothed = fit(found.chain, found.model, (), replace(found, names=(), prior=found.prior.of_nothing()), prior, held)
-    return slow(found.inertia * smoothed.motion.d, found.chain.number, found.chain.dt)
+    smoothed = fit(
+        found.samples, found.model, (), replace(found, names=(), prior=found.prior.of_nothing()), prior, held
+    )
+    return slow(found.inertia * smoothed.motion.d, found.samples.number, found.samples.dt)
 
 
 def _largest(found: Fit) -> Disturbances:
@@ -320,7 +322,7 @@ def _largest(found: Fit) -> Disturbances:
         return system.filter(Disturbances(math.exp(log_s), MEMORY)).deviance - none - 1.645**2
 
     none = system.filter(Disturbances(0.0)).deviance
-    low = high = math.log(1e-6 * level(found.chain))
+    low = high = math.log(1e-6 * level(found.samples))
     while excess(high) < 0.0 and high < low + 60.0:
         low, high = high, high + 1.0
     return Disturbances(
@@ -338,7 +340,7 @@ class _Means:
 
     def of(self, group: NDArray[np.intp], groups: int) -> tuple[Array, Array, NDArray[np.intp]]:
         """mean, sd and count (groups,) over the intervals of each; nan where there is none."""
-        inside = self.found.chain.follows
+        inside = self.found.samples.follows
         count = np.bincount(group[inside], minlength=groups)
         shares = (group[:, None] == np.arange(groups)) * inside[:, None] / np.maximum(count, 1)
         mean = np.where(count > 0, self.d @ shares, math.nan)
@@ -347,22 +349,22 @@ class _Means:
 
     def sd_of_slow(self, places: int = 24) -> float:
         """Median posterior sd of d without what is faster than a hand, from a few places."""
-        chain = self.found.chain
-        at = np.linspace(0, len(chain) - 1, places + 2).astype(int)[1:-1]
-        once = (np.arange(len(chain))[:, None] == at).astype(float)
-        shares = np.nan_to_num(np.stack([slow(v, chain.number, chain.dt) for v in once.T], axis=1))
+        samples = self.found.samples
+        at = np.linspace(0, len(samples) - 1, places + 2).astype(int)[1:-1]
+        once = (np.arange(len(samples))[:, None] == at).astype(float)
+        shares = np.nan_to_num(np.stack([slow(v, samples.number, samples.dt) for v in once.T], axis=1))
         sd = self.filter.posterior_sd_of_sums(shares)[np.sum(shares, axis=0) > 0.99]
         return self.found.inertia * float(np.median(sd)) if len(sd) else math.inf
 
     def over(self, name: str, values: Array) -> Binned:
         """Over one quantity (M,)."""
         plant = self.found.model.plant
-        edges = _edges(name, values[self.found.chain.follows], plant.turns)
+        edges = _edges(name, values[self.found.samples.follows], plant.turns)
         return Binned(name, plant.quantities[name], edges, *self.of(_bin(values, edges), _BINS))
 
     def map(self, theta: Array, theta_dot: Array) -> TorqueMap:
         """Over the states."""
-        inside = self.found.chain.follows
+        inside = self.found.samples.follows
         cut = [np.linspace(*_spread(v[inside]), n + 1) for v, n in zip((theta, theta_dot), _CELLS, strict=True)]
         cell = _bin(theta, cut[0]) * _CELLS[1] + _bin(theta_dot, cut[1])
         mean, sd, count = self.of(cell, math.prod(_CELLS))

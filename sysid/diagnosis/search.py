@@ -11,11 +11,11 @@ from scipy.special import chdtrc
 
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
-from sysid.diagnosis.choosing import DEFAULT, Choosing
+from sysid.diagnosis.search_settings import DEFAULT, SearchSettings
 from sysid.errors import InvalidInput
-from sysid.estimation.chain import Chain
 from sysid.estimation.first_fit import with_common, without_common
 from sysid.estimation.held_out import lead_of
+from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import PredictionErrors, left_out, moved
 from sysid.estimation.prediction_error import QUICK, Fit, fit
 from sysid.estimation.refits import extended, reduced
@@ -63,7 +63,7 @@ class Search:
     records: Sequence[Record]
     sensor: Sensor
     effects: Iterable[str] | None = None
-    choosing: Choosing = DEFAULT
+    settings: SearchSettings = DEFAULT
     tell: Callable[[str], None] = lambda _: None
     additions: list[Addition] = field(default_factory=list)
     trials: list[Trial] = field(default_factory=list)
@@ -76,11 +76,11 @@ class Search:
     def run(self, model: Model, names: Sequence[str]) -> tuple[Fit, Fit]:
         """The fit of the model as it came, and the one at the end of the loop."""
         self.tell("fitting the model as it came")
-        chain = Chain(model, self.records, self.sensor)
-        helped = with_common(chain, model, names)
+        samples = Samples(model, self.records, self.sensor)
+        helped = with_common(samples, model, names)
         base = without_common(helped, model, names)
         now = base
-        for k in range(self.choosing.steps):
+        for k in range(self.settings.steps):
             self.tell(f"testing {len(CATALOGUE)} effects" if not k else "testing what else is missing")
             self.last = scores(now, self.effects)
             self.left.clear()
@@ -107,12 +107,12 @@ class Search:
     def _trials(self, now: Fit) -> list[Trial]:
         """The candidates that promise most, fitted, best first; common effects always, where d may hide them."""
         hidden = now.disturbances.s * now.inertia > 0.0 and not now.undisturbed
-        promise = {n: s.lm - price(n, self.choosing.price, s.shapes) for n, s in self.last.items() if s.visible}
+        promise = {n: s.lm - price(n, self.settings.price, s.shapes) for n, s in self.last.items() if s.visible}
         names = sorted(promise, key=lambda n: promise[n], reverse=True)
         best = max(promise.values(), default=0.0)
-        single = [n for n in names if promise[n] > max(0.0, 0.2 * best)][: self.choosing.trials // 2 + 1]
+        single = [n for n in names if promise[n] > max(0.0, 0.2 * best)][: self.settings.trials // 2 + 1]
         if hidden:
-            single += [n for n in self.choosing.always if n in promise and n not in single]
+            single += [n for n in self.settings.always if n in promise and n not in single]
         tried: list[Trial] = []
         for name in single:
             self._try_class(now, name, tried)
@@ -135,12 +135,12 @@ class Search:
         return tried
 
     def _price(self, name: str) -> float:
-        return price(name, self.choosing.price, self.last[name].shapes if name in self.last else 1)
+        return price(name, self.settings.price, self.last[name].shapes if name in self.last else 1)
 
     def _composites(self, now: Fit, trials: Sequence[Trial]) -> list[Trial]:
         """Effects that come together, where none pays alone."""
         tried: list[Trial] = []
-        for composite in self.choosing.composites:
+        for composite in self.settings.composites:
             new = tuple(n for n in composite if n in self.last and self.last[n].visible)
             if len(new) > 1 and all(set(new) != set(t.effects) for t in tried):
                 self._try(now, new, tried)
@@ -158,7 +158,7 @@ class Search:
                 self._try(now, (chosen,), tried)
 
     def _same(self, a: Score, b: Score) -> bool:
-        return a.name == b.name or alikeness(a, b) > self.choosing.same
+        return a.name == b.name or alikeness(a, b) > self.settings.same
 
     def _try(self, now: Fit, names: tuple[str, ...], tried: list[Trial], begin: Sequence[Effect] | None = None) -> None:
         """Fit with these effects; a model in which two exclude each other is no candidate."""
@@ -173,7 +173,7 @@ class Search:
     def _start(self, now: Fit, name: str, alone: bool) -> Effect:
         """The effect at the size that its score promises, or where it is one of several, a small one."""
         score = self.last[name]
-        u = now.chain.extent(now.model).u_max
+        u = now.samples.extent(now.model).u_max
         if alone and score.lm > 0.0:
             return score.best.at(score.sizes)
         shares = CATALOGUE[name].begins
@@ -191,7 +191,7 @@ class Search:
         for trial in (*self._preferred(now, ranked[0]), *ranked):
             if not self._recurs(trial) or not self._beats_its_simpler_forms(trial, trials):
                 continue
-            if self._predicts(now, trial.fit) and matters(now.model, trial.fit, self.choosing):
+            if self._predicts(now, trial.fit) and matters(now.model, trial.fit, self.settings):
                 return trial
             if len(trial.effects) == 1 and trial.effects[0] not in self.negligible:
                 self.negligible.append(trial.effects[0])
@@ -201,19 +201,19 @@ class Search:
         """Whether a refinement predicts left-out stretches better than what it refines, and by what matters."""
         simpler = {frozenset(own) for name in trial.effects for own in CATALOGUE[name].refines}
         return all(
-            self._predicts(other.fit, trial.fit) and matters(other.fit.model, trial.fit, self.choosing)
+            self._predicts(other.fit, trial.fit) and matters(other.fit.model, trial.fit, self.settings)
             for other in trials
             if frozenset(other.effects) in simpler and other.merit > 0.0
         )
 
     def _recurs(self, trial: Trial) -> bool:
         """Whether a pattern comes back as often as it takes to believe in one, in some record."""
-        chain = trial.fit.chain
-        rows = [slice(a, b) for a, b in zip(chain.first[:-1].tolist(), chain.first[1:].tolist(), strict=True)]
+        samples = trial.fit.samples
+        rows = [slice(a, b) for a, b in zip(samples.first[:-1].tolist(), samples.first[1:].tolist(), strict=True)]
         for e in trial.fit.model.effects:
             if e.name in trial.effects:
-                found = [e.recurrences(chain.smoothed[own, 0], chain.clock[own]) for own in rows]
-                if max(found) < self.choosing.recurrences or min(found) == -math.inf:
+                found = [e.recurrences(samples.smoothed[own, 0], samples.time_since_start[own]) for own in rows]
+                if max(found) < self.settings.recurrences or min(found) == -math.inf:
                     return False
         return True
 
@@ -227,7 +227,7 @@ class Search:
     def _left_out(self, own: Fit, lead: float) -> PredictionErrors:
         """The errors on left-out stretches; those of a round are asked for several times."""
         if (own, lead) not in self.left:
-            self.left[own, lead] = left_out(own, self.choosing.window, self.choosing.blocks, lead)
+            self.left[own, lead] = left_out(own, self.settings.window, self.settings.blocks, lead)
         return self.left[own, lead]
 
     def _preferred(self, now: Fit, best: Trial) -> list[Trial]:
@@ -245,15 +245,15 @@ class Search:
             if len(numbers) == len(own.parameters):
                 bounded = {k: float(np.clip(v, *own.parameters[k].bounds)) for k, v in numbers.items()}
                 self._try(now, (other,), found, [effect(other, **bounded)])
-        return [t for t in found if t.fit.deviance < best.fit.deviance + 3.0 * self.choosing.close]
+        return [t for t in found if t.fit.deviance < best.fit.deviance + 3.0 * self.settings.close]
 
     def _added(self, now: Fit, chosen: Trial, trials: Sequence[Trial]) -> Fit:
         for name in chosen.effects:
             own = self.last[name]
             held = {t.effects[0] for t in trials if len(t.effects) == 1 and at_bound(t.fit, t.effects[0])} - {name}
             visible = [n for n, s in self.last.items() if n not in (name, *held) and s.visible]
-            twins = self._twins(chosen, trials) if len(chosen.effects) == 1 else ()
-            same = tuple(n for n in visible if n in twins or self._same(self.last[n], own))
+            indistinguishable = self._indistinguishable(chosen, trials) if len(chosen.effects) == 1 else ()
+            same = tuple(n for n in visible if n in indistinguishable or self._same(self.last[n], own))
             close: tuple[str, ...] = ()
             if len(chosen.effects) == 1:
                 close = tuple(
@@ -261,24 +261,24 @@ class Search:
                     for t in trials
                     if len(t.effects) == 1
                     and t.effects[0] not in (name, *same)
-                    and abs(t.fit.deviance - chosen.fit.deviance) < self.choosing.close
+                    and abs(t.fit.deviance - chosen.fit.deviance) < self.settings.close
                     and len(t.fit.names) <= len(chosen.fit.names)
-                    and alikeness(self.last[t.effects[0]], own) > self.choosing.rival
+                    and alikeness(self.last[t.effects[0]], own) > self.settings.rival
                 )
             numbers = len(chosen.fit.names) - len(now.names)
             p = float(chdtrc(numbers, max(now.deviance - chosen.fit.deviance, 0.0)))
             self.additions.append(Addition(name, same, close, p, chosen.fit))
-        return fit(now.chain, chosen.fit.model, chosen.fit.names, chosen.fit)
+        return fit(now.samples, chosen.fit.model, chosen.fit.names, chosen.fit)
 
-    def _twins(self, chosen: Trial, trials: Sequence[Trial]) -> tuple[str, ...]:
+    def _indistinguishable(self, chosen: Trial, trials: Sequence[Trial]) -> tuple[str, ...]:
         """The effects with which the log is as likely, to a difference that no log of this kind would change."""
         own = self.last[chosen.effects[0]]
         return tuple(
             t.effects[0]
             for t in trials
             if len(t.effects) == 1
-            and abs(t.fit.deviance - chosen.fit.deviance) < self.choosing.twin
-            and alikeness(self.last[t.effects[0]], own) > self.choosing.alike
+            and abs(t.fit.deviance - chosen.fit.deviance) < self.settings.twin
+            and alikeness(self.last[t.effects[0]], own) > self.settings.alike
         )
 
     def _pruned(self, now: Fit) -> Fit:
@@ -289,8 +289,8 @@ class Search:
             for addition in list(self.additions):
                 self.tell(f"trying without {addition.name}")
                 without = reduced(now, addition.name)
-                loses = gain(now, without, (addition.name,)) - price(addition.name, self.choosing.price)
-                if loses < 0.0 or is_nothing(now, addition.name) or not matters(without.model, now, self.choosing):
+                loses = gain(now, without, (addition.name,)) - price(addition.name, self.settings.price)
+                if loses < 0.0 or is_nothing(now, addition.name) or not matters(without.model, now, self.settings):
                     self.additions.remove(addition)
                     now, dropped = without, True
                     break
@@ -307,16 +307,16 @@ class Search:
                 self.tell(f"trying {' and '.join(new)} in place of {addition.name}")
                 without = reduced(now, addition.name)
                 other = extended(without, [self._in_place_of(addition.name, n, now) for n in new], QUICK)
-                saved = price(addition.name, self.choosing.price) - sum(price(n, self.choosing.price) for n in new)
+                saved = price(addition.name, self.settings.price) - sum(price(n, self.settings.price) for n in new)
                 if (
                     gain(now, other, (addition.name,)) > saved
                     and self._predicts(other, now)
-                    and matters(other.model, now, self.choosing)
+                    and matters(other.model, now, self.settings)
                 ):
                     continue
                 at = self.additions.index(addition)
                 self.additions[at : at + 1] = [Addition(n, (), (), addition.p_value, other) for n in new]
-                now = fit(now.chain, other.model, other.names, other)
+                now = fit(now.samples, other.model, other.names, other)
                 break
         return now
 
@@ -352,13 +352,13 @@ def at_bound(found: Fit, name: str) -> bool:
     return not set(found.model.names_of(name)).isdisjoint(found.at_bounds)
 
 
-def matters(before: Model, after: Fit, choosing: Choosing) -> bool:
+def matters(before: Model, after: Fit, settings: SearchSettings) -> bool:
     """Whether predictions move by more than nothing that anybody would notice.
 
     The RMS difference of the two models' predictions exceeds `noise_share` of the sensor noise and what would lower the
     error by the share `tolerance`:  sqrt(1 - (1 - tolerance)^2)  of what the prediction is off beyond the noise.
     """
-    size, error = moved(before, after.model, after, choosing.window)
+    size, error = moved(before, after.model, after, settings.window)
     excess = math.sqrt(max(error**2 - 1.0, 0.0))
-    share = math.sqrt(1.0 - (1.0 - choosing.tolerance) ** 2)
-    return math.isfinite(size) and size > max(choosing.noise_share, share * excess)
+    share = math.sqrt(1.0 - (1.0 - settings.tolerance) ** 2)
+    return math.isfinite(size) and size > max(settings.noise_share, share * excess)

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc
 
+from sysid.estimation.output_error import CHANNELS
 from sysid.estimation.prediction_error import Fit
-from sysid.estimation.response import CHANNELS
 from sysid.physics.ops import Array
 
 _UNKNOWN = 1e4
@@ -45,7 +45,7 @@ class Whiteness:
 
 def whiteness(found: Fit) -> dict[str, Whiteness]:
     """Of the filter's innovations, by channel that has at least 20 of them."""
-    filter, follows = found.filter, found.chain.follows
+    filter, follows = found.filter, found.samples.follows
     known = np.any(found.linearised.system.H != 0.0, axis=2) & (filter.log_variances < math.log(_UNKNOWN))
     w = np.where(known, filter.innovations, np.nan)
     ends = np.flatnonzero(~follows)[:-1] + 1

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from sysid.estimation.chain import Chain
-from sysid.estimation.initial_guess import rough
+from sysid.estimation.initial_guess import initial_guess
+from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import BLOCKS, WINDOW, left_out
-from sysid.estimation.prediction_error import Fit, fit, with_likeliest_angle_error
+from sysid.estimation.prediction_error import Fit, fit, with_likely_angle_error
 from sysid.physics.effects import CATALOGUE, Effect
 from sysid.physics.model import Model
 
@@ -19,22 +19,22 @@ MEMORIES = (0.01, 0.1, 1.0)
 """Correlation times [s] of the random torque that are tried: about white, and up to the length of a prediction."""
 
 
-def first_fit(chain: Chain, model: Model, names: Sequence[str]) -> Fit:
+def first_fit(samples: Samples, model: Model, names: Sequence[str]) -> Fit:
     """The model fitted from far off: by a regression, beside friction that it may lack, and then by itself."""
-    return without_common(with_common(chain, model, names), model, names)
+    return without_common(with_common(samples, model, names), model, names)
 
 
-def with_common(chain: Chain, model: Model, names: Sequence[str]) -> Fit:
+def with_common(samples: Samples, model: Model, names: Sequence[str]) -> Fit:
     """The fit from far off of the model beside the friction and the offset that it may lack."""
     names = tuple(names)
-    begun = rough(model, names, chain.records, chain.sensor)
-    largest = chain.extent(begun).u_max or float(begun.inertia())
+    begun = initial_guess(model, names, samples.records, samples.sensor)
+    largest = samples.extent(begun).u_max or float(begun.inertia())
     more: tuple[str, ...] = ()
     for kind in (CATALOGUE[name] for name in COMMON if name not in {e.name for e in model.effects}):
         own: Effect = kind().with_parameters({key: share * largest for key, share in kind.begins.items()})
         begun = begun.with_effect(own)
         more += begun.names_of(own.name)
-    found = fit(chain, begun, (*names, *more))
+    found = fit(samples, begun, (*names, *more))
     return found if found.undisturbed else with_best_memory(found)
 
 
@@ -42,7 +42,7 @@ def without_common(near: Fit, model: Model, names: Sequence[str]) -> Fit:
     """The fit of the model by itself, begun at the numbers that it has beside friction and offset."""
     plain = model.with_parameters({n: float(near.model.parameters[n].value) for n in names})
     likely = near.disturbances
-    return fit(near.chain, plain, names, _narrowed(near, plain, tuple(names)), replace(likely, s=2.0 * likely.s))
+    return fit(near.samples, plain, names, _narrowed(near, plain, tuple(names)), replace(likely, s=2.0 * likely.s))
 
 
 def with_best_memory(found: Fit) -> Fit:
@@ -52,8 +52,8 @@ def with_best_memory(found: Fit) -> Fit:
     reverses), the likeliest is a slow torque, and numbers that suit the jolts. Predictions over a second tell which
     numbers are the machine's: they have to be better by more than their standard error.
     """
-    likely = with_likeliest_angle_error(found)
-    fits = [fit(found.chain, found.model, found.names, found, likely.with_memory(T)) for T in MEMORIES]
+    likely = with_likely_angle_error(found)
+    fits = [fit(found.samples, found.model, found.names, found, likely.with_memory(T)) for T in MEMORIES]
     best = min(fits, key=lambda own: own.deviance)
     errors = {id(own): left_out(own, WINDOW, BLOCKS) for own in fits}
     for own in sorted(fits, key=lambda own: errors[id(own)].ratio):

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from sysid.data.record import Record, check_records
 from sysid.data.sensor import Sensor
 from sysid.errors import InvalidInput
-from sysid.estimation.chain import Chain
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.first_fit import first_fit
 from sysid.estimation.identifiers.identifier import free_parameters
+from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.prediction_error import fit as prediction_error
 from sysid.estimation.refits import extended
@@ -64,25 +64,25 @@ def fit(
     if not names:
         raise InvalidInput("nothing is left to fit: every parameter is fixed")
     free_parameters(model, names)  # raises for names that the model lacks
-    return _from_neutral(Chain(model, records, sensor), model, names).estimate()
+    return _from_neutral(Samples(model, records, sensor), model, names).estimate()
 
 
-def _from_neutral(chain: Chain, model: Model, names: tuple[str, ...]) -> Fit:
+def _from_neutral(samples: Samples, model: Model, names: tuple[str, ...]) -> Fit:
     """The fit of a model some of whose effects change nothing yet: each begins at the size that its score promises.
 
     At neutral a friction or a delay may have no slope to follow, and a limit at "never" has none at all.
     """
     idle = [e for e in model.effects if e.idle and set(model.names_of(e.name)) <= set(names)]
     if not idle:
-        return first_fit(chain, model, names)
+        return first_fit(samples, model, names)
     plain = model
     for effect in idle:
         plain = plain.without_effect(effect.name)
-    now = first_fit(chain, plain, [n for n in names if n in plain.parameters])
+    now = first_fit(samples, plain, [n for n in names if n in plain.parameters])
     for effect in idle:
-        found = score(now, alternatives(type(effect), chain.extent(plain, type(effect))))
+        found = score(now, alternatives(type(effect), samples.extent(plain, type(effect))))
         begun = found.best.at(found.sizes) if found else effect
         own = effect.with_parameters({k: float(p.value) for k, p in begun.parameters.items()})
         now = extended(now, [own])
     numbers = {n: float(now.model.parameters[n].value) for n in names}
-    return prediction_error(chain, model.with_parameters(numbers), names, now)
+    return prediction_error(samples, model.with_parameters(numbers), names, now)

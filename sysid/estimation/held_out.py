@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Record, check_records
 from sysid.data.sensor import Sensor
-from sysid.estimation.response import CHANNELS, Linearisation, Response
+from sysid.estimation.output_error import CHANNELS, Linearisation, Response
 from sysid.estimation.windows import Window, cut
 from sysid.physics.model import Model
 from sysid.physics.ops import Array

@@ -1,4 +1,4 @@
-"""Rough numbers: a plant's parameters near those of a log, by regression, so that a fit may begin far off."""
+"""Initial guess: a plant's parameters near those of a log, by regression, so that a fit may begin far off."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MOST = 20_000
 """Samples that are looked at."""
 
 
-def rough(model: Model, names: Sequence[str], records: Sequence[Record], sensor: Sensor) -> Model:
+def initial_guess(model: Model, names: Sequence[str], records: Sequence[Record], sensor: Sensor) -> Model:
     """The model with those of the plant's parameters that are in `names` moved near the log.
 
         theta_dot(t + T) - theta_dot(t) = integral of  G/J sin(theta) + tau/J - b theta_dot - c sign(theta_dot) + d

@@ -46,7 +46,7 @@ class PredictionErrors:
 
 def windows_of(fit: Fit, seconds: float, lead: float = 0.0) -> tuple[Window, ...]:
     """The windows over which predictions are judged, with what memories need before them, and at least a `lead` [s]."""
-    return cut(fit.chain.records, seconds, max(lead, lead_of(fit.model)))
+    return cut(fit.samples.records, seconds, max(lead, lead_of(fit.model)))
 
 
 def left_out(fit: Fit, seconds: float, blocks: int, lead: float = 0.0) -> PredictionErrors:
@@ -57,19 +57,19 @@ def left_out(fit: Fit, seconds: float, blocks: int, lead: float = 0.0) -> Predic
     Of a short log the windows are shorter than `seconds`: a few of them would prove nothing. Errors of two models are
     compared over the same windows: with the longer `lead` [s] of both (`lead_of`).
     """
-    total = sum(len(r) for r in fit.chain.records) * fit.chain.dt
+    total = sum(len(r) for r in fit.samples.records) * fit.samples.dt
     windows = windows_of(fit, float(np.clip(total / blocks, SHORTEST, seconds)), lead)
     groups = np.array_split(np.arange(len(windows)), min(blocks, len(windows)))
     found = []
     for group in groups:
         own = [windows[i] for i in group]
-        found.append(_squares(refit_windows(_without(fit, own), fit.chain.records, fit.chain.sensor, own)))
+        found.append(_squares(refit_windows(_without(fit, own), fit.samples.records, fit.samples.sensor, own)))
     return PredictionErrors(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
 
 def moved(before: Model, after: Model, fit: Fit, seconds: float) -> tuple[float, float]:
     """RMS difference of two models' predictions, and the RMS error of the second, in units of the sensor noise."""
-    records, sensor = fit.chain.records, fit.chain.sensor
+    records, sensor = fit.samples.records, fit.samples.sensor
     windows = cut(records, seconds, max(lead_of(before), lead_of(after)))
     a = refit_windows(before, records, sensor, windows)
     b = refit_windows(after, records, sensor, windows, a)
@@ -89,12 +89,12 @@ def _squares(refitted: Refit) -> tuple[Array, Array]:
 
 def _without(fit: Fit, windows: list[Window]) -> Model:
     """The model with the parameters that the other blocks ask for."""
-    chain, p = fit.chain, fit.values
+    samples, p = fit.samples, fit.values
     if not len(p):
         return fit.model
-    own = np.zeros(len(chain), dtype=bool)
+    own = np.zeros(len(samples), dtype=bool)
     for w in windows:
-        begin = int(chain.first[w.record]) + w.begin
+        begin = int(samples.first[w.record]) + w.begin
         own[begin + w.shared : begin + w.count + 1] = True
     rows = np.repeat(own, 2)
     low, high = np.array([fit.model.parameters[n].bounds for n in fit.names]).T

@@ -10,10 +10,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.estimation.chain import Chain, LinearisedModel, Motion, begin, level
 from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.kalman import Filter
+from sysid.estimation.linearisation import LinearisedModel, Motion, Samples, begin, level
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
@@ -114,7 +114,7 @@ class Fit:
     converged        whether another step would change nothing
     """
 
-    chain: Chain
+    samples: Samples
     model: Model
     names: tuple[str, ...]
     linearised: LinearisedModel
@@ -188,10 +188,10 @@ class Fit:
 
     def _scattered(self, covariance: Array) -> Array:
         """Covariance (P, P) by the scatter of the likelihood's slope over stretches of `STRETCH` (Huber, White)."""
-        chain = self.chain
-        stretch = np.floor(chain.t / STRETCH).astype(np.intp) + 10_000_000 * chain.number
+        samples = self.samples
+        stretch = np.floor(samples.t / STRETCH).astype(np.intp) + 10_000_000 * samples.number
         _, number = np.unique(stretch, return_inverse=True)
-        slope = (self.Z * self.e[:, None]).reshape(len(chain), 2, -1).sum(axis=1)
+        slope = (self.Z * self.e[:, None]).reshape(len(samples), 2, -1).sum(axis=1)
         total = np.zeros((int(number[-1]) + 1, slope.shape[1]))
         np.add.at(total, number, slope)
         scattered: Array = covariance @ (total.T @ total) @ covariance
@@ -204,18 +204,18 @@ class Fit:
         Either way the readings may be as noisy as they turn out: white errors larger than was told are the noise.
         """
         none = replace(self.disturbances, s=0.0, sigma_o=0.0)
-        read = self.chain.weight > 0.0
+        read = self.samples.weight > 0.0
         bare, here = (_whatever_the_noise(f, read) for f in (self.linearised.system.filter(none), self.filter))
         return bare - here < NUMBERS_GAIN
 
     def estimate(self, method: str = "prediction error") -> Estimate:
         """The answer of an identifier."""
-        chain, e = self.chain, self.linearised.system.r
+        samples, e = self.samples, self.linearised.system.r
         noise = {}
         for k, channel in enumerate(("theta", "theta_dot")):
-            read = chain.weight[:, k] > 0.0
+            read = samples.weight[:, k] > 0.0
             if np.any(read):
-                noise[channel] = float(np.sqrt(np.mean((e[read, k] / chain.weight[read, k]) ** 2)))
+                noise[channel] = float(np.sqrt(np.mean((e[read, k] / samples.weight[read, k]) ** 2)))
         known = bool(np.all(np.isfinite(self.covariance)))
         status = "converged" if self.converged else "stopped before it converged: begin nearer, or free fewer numbers"
         if not self.undisturbed:
@@ -230,15 +230,15 @@ class Fit:
             success=self.converged and known,
             status=status,
             cost=float(np.sum(self.e**2)),
-            n_readings=chain.readings,
+            n_readings=samples.readings,
             method=method,
-            sensor=chain.sensor,
+            sensor=samples.sensor,
             random_torque=0.0 if self.undisturbed else self.disturbances.s * self.inertia,
         )
 
 
 def fit(
-    chain: Chain,
+    samples: Samples,
     model: Model,
     names: Sequence[str],
     near: Fit | None = None,
@@ -252,16 +252,16 @@ def fit(
     """
     names = tuple(names)
     if disturbances is None:
-        disturbances = near.disturbances if near else Disturbances(0.3 * level(chain), sigma_o=_angle_sd(chain))
-    motion = near.motion if near else begin(chain, disturbances.s)
+        disturbances = near.disturbances if near else Disturbances(0.3 * level(samples), sigma_o=_angle_sd(samples))
+    motion = near.motion if near else begin(samples, disturbances.s)
     prior = Prior.of(model, names, settings.vague, near.prior if near else None, near.names if near else ())
-    limits = _Limits.of(chain, model, names, prior, settings)
+    limits = _Limits.of(samples, model, names, prior, settings)
     before, converged, restless = math.inf, False, settings.sizes
     last: Fit | None = None
     for k in range(settings.iterations):
-        linearised = LinearisedModel(chain, model, motion)
+        linearised = LinearisedModel(samples, model, motion)
         if k > 0 and settings.sizes and (restless or k % 4 == 3):
-            likely = likelier(linearised, disturbances, limits.floor, settings.angle_error)
+            likely = likelihood_ascent(linearised, disturbances, limits.floor, settings.angle_error)
             restless = bool(np.max(np.abs(_logs(likely) - _logs(disturbances))) > 0.05)
             disturbances = likely
         here = linearised.system.filter(disturbances)
@@ -275,12 +275,12 @@ def fit(
         if k >= 2 and not restless and moved < settings.settled and abs(here.deviance - before) < settings.negligible:
             converged = True
             break
-        before, last = here.deviance, Fit(chain, linearised.model, names, linearised, here, Z, prior, False)
+        before, last = here.deviance, Fit(samples, linearised.model, names, linearised, here, Z, prior, False)
         # slopes that go on changing with the filter's sd would never let friction's numbers settle
         spread = limits.spread(here) if k < settings.iterations // 4 else motion.spread
         motion = _moved(motion, here.smooth(G @ step, R @ step), spread)
         model = model.with_parameters(dict(zip(names, limits.within(now + step).tolist(), strict=True)))
-    return Fit(chain, linearised.model, names, linearised, here, Z, prior, converged)
+    return Fit(samples, linearised.model, names, linearised, here, Z, prior, converged)
 
 
 @dataclass(frozen=True, eq=False)
@@ -301,13 +301,13 @@ class _Limits:
     floor: Array
 
     @classmethod
-    def of(cls, chain: Chain, model: Model, names: Sequence[str], prior: Prior, settings: Settings) -> _Limits:
-        """Those of a model on a chain, beside what is known of its numbers."""
-        size = level(chain)
+    def of(cls, samples: Samples, model: Model, names: Sequence[str], prior: Prior, settings: Settings) -> _Limits:
+        """Those of a model on the samples of a log, beside what is known of its numbers."""
+        size = level(samples)
         low, high = (np.array([model.parameters[n].bounds[side] for n in names]) for side in (0, 1))
         reach = np.array([_reach(model, n, typical) for n, typical in zip(names, prior.mean, strict=True)])
-        widest = np.array(settings.widest) * [1.0, float(np.std(chain.smoothed[:, 1])), size]
-        floor = np.log([settings.smallest * size, settings.smallest * max(_angle_sd(chain), 1e-12)])
+        widest = np.array(settings.widest) * [1.0, float(np.std(samples.smoothed[:, 1])), size]
+        floor = np.log([settings.smallest * size, settings.smallest * max(_angle_sd(samples), 1e-12)])
         return cls(low, high, prior.positive, reach, widest, floor)
 
     def within(self, values: Array) -> Array:
@@ -339,7 +339,7 @@ def _moved(motion: Motion, z: Array, spread: Array) -> Motion:
     return Motion(motion.x + z[:, :2], z[:, 2], spread)
 
 
-def likelier(
+def likelihood_ascent(
     linearised: LinearisedModel, disturbances: Disturbances, floor: Array, angle_error: bool = True
 ) -> Disturbances:
     """Disturbances of larger likelihood about the same motion: one Newton step of v = (log s, log sigma_o), or of the
@@ -380,20 +380,22 @@ def _logs(disturbances: Disturbances) -> Array:
     return np.log(np.maximum([disturbances.s, disturbances.sigma_o], 1e-300))
 
 
-def likeliest(linearised: LinearisedModel, begins: Iterable[Disturbances], angle_error: bool = True) -> Disturbances:
+def maximum_likelihood(
+    linearised: LinearisedModel, begins: Iterable[Disturbances], angle_error: bool = True
+) -> Disturbances:
     """The likeliest of disturbances about the same motion, each first moved to likelier sizes."""
     floor, deviances = np.array([-40.0, -40.0]), dict[Disturbances, float]()
     for begun in begins:
         trial = begun
         for _ in range(3):
-            trial = likelier(linearised, trial, floor, angle_error)
+            trial = likelihood_ascent(linearised, trial, floor, angle_error)
         deviances[trial] = linearised.system.filter(trial).deviance
     return min(deviances, key=lambda own: deviances[own])
 
 
-def with_likeliest_angle_error(fitted: Fit, times: Sequence[float] = (0.03, 0.3, 1.0)) -> Disturbances:
+def with_likely_angle_error(fitted: Fit, times: Sequence[float] = (0.03, 0.3, 1.0)) -> Disturbances:
     """The disturbances of that correlation time T_o [s] of the angle's error under which the log is likeliest."""
-    return likeliest(fitted.linearised, (replace(fitted.disturbances, T_o=T_o) for T_o in times))
+    return maximum_likelihood(fitted.linearised, (replace(fitted.disturbances, T_o=T_o) for T_o in times))
 
 
 def bounded_step(Z: Array, e: Array, low: Array, high: Array) -> Array:
@@ -430,9 +432,9 @@ def inverse(information: Array) -> Array:
     return np.full_like(information, np.inf)
 
 
-def _angle_sd(chain: Chain) -> float:
+def _angle_sd(samples: Samples) -> float:
     """The sd of the angle's readings, 0 where hardly any instant has one: a start that is known is no reading."""
-    weight = chain.weight[:, 0]
+    weight = samples.weight[:, 0]
     return float(1.0 / np.max(weight)) if np.mean(weight > 0.0) > 0.5 else 0.0
 
 

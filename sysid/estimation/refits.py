@@ -16,10 +16,10 @@ def extended(now: Fit, effects: Sequence[Effect], settings: Settings = THOROUGH)
     for own in effects:
         model = model.with_effect(own)
         names += model.names_of(own.name)
-    return fit(now.chain, model, names, now, settings=settings)
+    return fit(now.samples, model, names, now, settings=settings)
 
 
 def reduced(now: Fit, name: str) -> Fit:
     """The fit without an effect, begun where it ended."""
     model, loose = now.model.without_effect(name), replace(now.disturbances, s=1.5 * now.disturbances.s)
-    return fit(now.chain, model, [n for n in now.names if n in model.parameters], now, loose)
+    return fit(now.samples, model, [n for n in now.names if n in model.parameters], now, loose)

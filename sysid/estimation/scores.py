@@ -49,7 +49,7 @@ class Score:
 
 def scores(fit: Fit, names: Iterable[str] | None = None) -> dict[str, Score]:
     """Score tests of all effects that the fitted model may lack, or of those named."""
-    found = candidates(fit.model, partial(fit.chain.extent, fit.model), names)
+    found = candidates(fit.model, partial(fit.samples.extent, fit.model), names)
     tested = (score(fit, alternatives) for alternatives in found.values())
     return {score.name: score for score in tested if score is not None}
 

@@ -43,7 +43,7 @@ def cut(records: Sequence[Record], length: float = math.inf, lead: float = 0.0, 
     windows = []
     for i, record in enumerate(records):
         n, dt = len(record), record.dt
-        blind = max(lead, UNKNOWN if record.sudden else 0.0) if record.clock[0] > 0.0 else 0.0
+        blind = max(lead, UNKNOWN if record.starts_midway else 0.0) if record.time_since_start[0] > 0.0 else 0.0
         first = min(_intervals(blind, dt), n // 2)
         pieces = max(1, round((n - first) * dt / length)) if math.isfinite(length) else 1
         edges = np.linspace(first, n, min(pieces, n - first) + 1).round().astype(int)

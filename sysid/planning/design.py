@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
-from sysid.estimation.chain import Chain, LinearisedModel, Motion
 from sysid.estimation.disturbances import Disturbances
-from sysid.estimation.prediction_error import Fit, Settings, fit, with_likeliest_angle_error
-from sysid.estimation.response import CHANNELS, Response
+from sysid.estimation.linearisation import LinearisedModel, Motion, Samples
+from sysid.estimation.output_error import CHANNELS, Response
+from sysid.estimation.prediction_error import Fit, Settings, fit, with_likely_angle_error
 from sysid.estimation.windows import cut
 from sysid.physics.effects import Effect, OutputEffect
 from sysid.physics.model import Model
@@ -104,16 +104,16 @@ class Conditions:
         if ranked[0].undisturbed:
             return self._with_noise_of(ranked[0])
         for own in ranked:
-            bare = fit(own.chain, own.model, own.names, own, NONE, KNOWN)
+            bare = fit(own.samples, own.model, own.names, own, NONE, KNOWN)
             louder = self._with_noise_of(bare)
-            chain = Chain(own.model, own.chain.records, louder.sensor)
-            if fit(chain, own.model, own.names, bare, own.disturbances, ROUGHLY).undisturbed:
+            samples = Samples(own.model, own.samples.records, louder.sensor)
+            if fit(samples, own.model, own.names, bare, own.disturbances, ROUGHLY).undisturbed:
                 return louder
-        return replace(self, disturbances=with_likeliest_angle_error(ranked[0]))
+        return replace(self, disturbances=with_likely_angle_error(ranked[0]))
 
     def _with_noise_of(self, found: Fit) -> Conditions:
         """With the noise of what a fit leaves without disturbances."""
-        e, read = found.linearised.system.filter(NONE).innovations, found.chain.weight > 0.0
+        e, read = found.linearised.system.filter(NONE).innovations, found.samples.weight > 0.0
         at = {c: e[read[:, k], k] for k, c in enumerate(CHANNELS) if np.any(read[:, k])}
         return self.louder({channel: max(1.0, float(np.sqrt(np.mean(own**2)))) for channel, own in at.items()})
 
@@ -124,7 +124,7 @@ class Conditions:
 
 
 class Pool:
-    """Signals, each one rollout and one record of a chain, as every hypothesis foresees them."""
+    """Signals, each one rollout and one record, as every hypothesis foresees them."""
 
     def __init__(self, hypotheses: Sequence[Hypothesis], signals: Sequence[Signal], conditions: Conditions) -> None:
         self.hypotheses, self.signals, self.conditions = tuple(hypotheses), tuple(signals), conditions
@@ -158,9 +158,9 @@ class Pool:
         return own
 
     @cached_property
-    def chain(self) -> Chain:
+    def samples(self) -> Samples:
         """All rollouts, one record after the other."""
-        return Chain(self.model, self.records, self.conditions.sensor)
+        return Samples(self.model, self.records, self.conditions.sensor)
 
     def sensitivities(self, h: int) -> Sensitivities:
         """Those of a hypothesis beside its effect, along the motion that it foresees."""
@@ -169,9 +169,9 @@ class Pool:
             x = np.where(np.abs(self.states[h]) <= FARTHEST, self.states[h], [self.rest, 0.0]).reshape(-1, 2)
             motion = Motion(x, np.zeros(len(x)), np.zeros((len(x), 3)))
             if own.effect is None:
-                found = Sensitivities(LinearisedModel(self.chain, own.model, motion), own.names, D)
+                found = Sensitivities(LinearisedModel(self.samples, own.model, motion), own.names, D)
             else:
-                found = Sensitivities.beside(self.chain, own.model, own.name, motion, own.bare.names, D)
+                found = Sensitivities.beside(self.samples, own.model, own.name, motion, own.bare.names, D)
             self._sensitivities[h] = found
         return self._sensitivities[h]
 
@@ -206,7 +206,7 @@ def _growth(A: Array, logs: int) -> Array:
     return largest
 
 
-class Foreseen(NamedTuple):
+class Predicted(NamedTuple):
     """u (K, N) [N m], theta, theta_dot (K, N+1) [rad], [rad/s], and records of what perfect sensors show."""
 
     u: Array
@@ -215,7 +215,7 @@ class Foreseen(NamedTuple):
     records: list[Record]
 
 
-def foresee(model: Model, signals: Sequence[Signal], conditions: Conditions) -> Foreseen:
+def predict(model: Model, signals: Sequence[Signal], conditions: Conditions) -> Predicted:
     """What a model does under the signals, from rest or from where it is released."""
     pool = Pool([Hypothesis("", model, ())], signals, conditions)
     states, blank = pool.states[0], pool.records
@@ -224,10 +224,10 @@ def foresee(model: Model, signals: Sequence[Signal], conditions: Conditions) -> 
     for i, (r, (theta, theta_dot)) in enumerate(zip(blank, seen, strict=True)):
         angle = None if r.theta is None else theta[: len(r.theta)]
         records.append(Record(r.t, r.u, angle, None if r.theta_dot is None else theta_dot, name=f"rollout {i}"))
-    return Foreseen(np.array([r.u for r in blank]), states[..., 0], states[..., 1], records)
+    return Predicted(np.array([r.u for r in blank]), states[..., 0], states[..., 1], records)
 
 
-def tamed(hypotheses: Sequence[Hypothesis], signals: Sequence[Signal], conditions: Conditions) -> list[Signal]:
+def within_limits(hypotheses: Sequence[Hypothesis], signals: Sequence[Signal], conditions: Conditions) -> list[Signal]:
     """The signals, each made smaller until torque and predicted motion keep to the limits."""
     limits, dt = conditions.limits, hypotheses[0].model.dt
     found = [within(s, limits, round(limits.duration / dt), dt) for s in signals]
@@ -313,7 +313,7 @@ def search(
     signals = draw(rng, limits, model.dt, width, swings)
     best: list[Signal] = []
     for _ in range(_ROUNDS):
-        fresh = tamed(hypotheses, signals, conditions)
+        fresh = within_limits(hypotheses, signals, conditions)
         pool = Pool(hypotheses, [*best, *fresh], conditions)
         parts = goal.parts(pool)
         value = np.where(pool.calm() & pool.stays(), goal.value(parts), -np.inf)

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sysid.estimation.chain import Chain, LinearisedModel, Motion
 from sysid.estimation.disturbances import Disturbances
+from sysid.estimation.linearisation import LinearisedModel, Motion, Samples
 from sysid.physics.effects import Effect
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
@@ -86,14 +86,20 @@ class Sensitivities:
 
     @classmethod
     def beside(
-        cls, chain: Chain, model: Model, effect: str, motion: Motion, names: Sequence[str], disturbances: Disturbances
+        cls,
+        samples: Samples,
+        model: Model,
+        effect: str,
+        motion: Motion,
+        names: Sequence[str],
+        disturbances: Disturbances,
     ) -> Sensitivities:
         """About an effect of a model: what it does is what the model without it does not do along the motion.
 
         What a sensor makes of the motion is carried on as if it were not there, which is of second order.
         """
-        bare = LinearisedModel(chain, model.without_effect(effect), motion)
-        whole = bare if effect in {e.name for e in model.output_effects} else LinearisedModel(chain, model, motion)
+        bare = LinearisedModel(samples, model.without_effect(effect), motion)
+        whole = bare if effect in {e.name for e in model.output_effects} else LinearisedModel(samples, model, motion)
         return cls(whole, names, disturbances, bare)
 
     @cached_property

@@ -12,30 +12,30 @@ import numpy as np
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
 from sysid.errors import InvalidInput
-from sysid.estimation.chain import Chain
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.first_fit import first_fit
 from sysid.estimation.fit import free
+from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction_error import fit
 from sysid.physics.effects import Effect
 from sysid.physics.model import Model
 from sysid.physics.plants import Plant
-from sysid.planning.contest import Match, separable, twins
 from sysid.planning.design import (
     ROUGHLY,
     UNDETERMINED,
     Conditions,
     Hypothesis,
     Pool,
-    foresee,
     precision,
+    predict,
     search,
     separation,
     yardsticks,
 )
-from sysid.planning.needed import needed_experiment, never, no_experiment
-from sysid.planning.protocol import DECISIVE, HOPELESS, Experiment
-from sysid.planning.rivals import Pair, Rivals, names_of, rivals_of
+from sysid.planning.discrimination import Match, indistinguishable, separable
+from sysid.planning.hypotheses import Hypotheses, Pair, hypotheses_of, names_of
+from sysid.planning.non_torque_experiments import never, no_experiment, non_torque_experiment
+from sysid.planning.planned_experiment import DECISIVE, HOPELESS, Experiment
 from sysid.planning.signals import Limits, Signal, rest_angle
 
 
@@ -89,9 +89,9 @@ def next_experiment(
         if not rivals:
             return _narrowing(*_known(model, names, estimate, records, conditions), rng)
         if never(names_of(rivals)):
-            return needed_experiment(model, names_of(rivals), conditions, rng)
+            return non_torque_experiment(model, names_of(rivals), conditions, rng)
         first = first_fit if estimate is None else partial(fit, settings=ROUGHLY)  # an estimate's numbers are near
-        return _telling(rivals_of(model, names, rivals, records, conditions, first), names_of(rivals), rng)
+        return _telling(hypotheses_of(model, names, rivals, records, conditions, first), names_of(rivals), rng)
 
 
 def _noise(records: Sequence[Record]) -> Sensor:
@@ -112,10 +112,10 @@ def _known(
     """The model with its free parameters, the estimate of them, and under what conditions the next log will be made."""
     if not records:
         return model, names, estimate, conditions if estimate is None else _noisier(conditions, estimate)
-    chain = Chain(model, records, conditions.sensor)
+    samples = Samples(model, records, conditions.sensor)
     if estimate is not None:
-        return model, names, estimate, conditions.after([fit(chain, model, (), settings=ROUGHLY)])
-    found = first_fit(chain, model, names)
+        return model, names, estimate, conditions.after([fit(samples, model, (), settings=ROUGHLY)])
+    found = first_fit(samples, model, names)
     return found.model, names, found.estimate(), conditions.after([found])
 
 
@@ -174,15 +174,15 @@ def _impossible(limits: Limits, plant: Plant) -> InvalidInput:
 # telling rivals apart ----------------------------------------------------------------------------------------
 
 
-def _telling(found: Rivals, names: tuple[str, ...], rng: np.random.Generator) -> Experiment:
+def _telling(found: Hypotheses, names: tuple[str, ...], rng: np.random.Generator) -> Experiment:
     conditions, dt = found.conditions, found.conditions.limits.dt
     if found.absorbed:
-        return needed_experiment(found.base.model, found.absorbed, conditions, rng)
+        return non_torque_experiment(found.base.model, found.absorbed, conditions, rng)
     hypotheses = tuple(_at(h, dt) for h in (*found.hypotheses, found.base))
     apart = separable(hypotheses, found.pairs, conditions, rng)
     if not apart:
-        return needed_experiment(hypotheses[0].model, names, conditions, rng)
-    same = twins(found.pairs, apart)
+        return non_torque_experiment(hypotheses[0].model, names, conditions, rng)
+    same = indistinguishable(found.pairs, apart)
     pairs = tuple(p for p in apart if p.truth not in same and p.rival not in same)
     notes = [f"no torque tells {hypotheses[j].name} from {hypotheses[i].name}" for j, i in same.items()]
     best = _best(hypotheses, pairs, conditions, rng)
@@ -190,7 +190,7 @@ def _telling(found: Rivals, names: tuple[str, ...], rng: np.random.Generator) ->
     others = tuple(p for p in pairs if (hypotheses[p.truth].name, hypotheses[p.rival].name) not in hopeless)
     if not others:
         after = min(c.after for c in best.contests())
-        return needed_experiment(hypotheses[0].model, names, conditions, rng, after)
+        return non_torque_experiment(hypotheses[0].model, names, conditions, rng, after)
     if hopeless:  # they must not choose the signal for the others
         best = _best(hypotheses, others, conditions, rng)
         for truth in dict.fromkeys(t for t, _ in sorted(hopeless)):
@@ -255,7 +255,7 @@ def _narrowing(
     sd = Pool(hypotheses, choices[0].signals, conditions).precision().together().sd()[0]
     if np.max(sd / scale) >= UNDETERMINED:
         lost = tuple(n for n, s in zip(names, sd, strict=True) if not math.isfinite(s))
-        return needed_experiment(model, lost, conditions, rng)
+        return non_torque_experiment(model, lost, conditions, rng)
     had = sd if estimate is None else np.array([estimate.sd[n] for n in names])
     k = int(np.argmax(had / scale))
     before = 1.96 * float(had[k]) if estimate is not None and math.isfinite(had[k]) else None
@@ -282,7 +282,7 @@ def _answer(
     hypotheses: Sequence[Hypothesis],
     conditions: Conditions,
 ) -> Experiment:
-    runs = [foresee(h.model, signals, conditions) for h in hypotheses]
+    runs = [predict(h.model, signals, conditions) for h in hypotheses]
     model, seconds = hypotheses[0].model, conditions.limits.duration
     kinds = {s.kind for s in signals}
     orders = "; ".join(dict.fromkeys(s.sentence(model.plant) for s in signals))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
 from sysid.estimation.held_out import HeldOutError
-from sysid.estimation.response import CHANNELS
+from sysid.estimation.output_error import CHANNELS
 from sysid.report.formatting import ARROW, TIMES, listed, multiple, number, word
 from sysid.version import version
 

@@ -66,23 +66,23 @@ def information(world: World, name: str) -> Array:
     families = [Family(np.stack([inertia, sine]))]
     families += rivals(motions)[name] if name else []
     rows = np.vstack(motions.rows(families))
-    chain = np.zeros((len(rows), len(rows)))  # of (J, G, ...) with respect to (m, l, ...)
-    chain[:2, :2] = [[length**2 / 3.0, 2.0 * m * length / 3.0], [0.5 * g * length, 0.5 * m * g]]
-    chain[2:, 2:] = np.eye(len(rows) - 2)
-    F: Array = chain.T @ (rows @ rows.T) @ chain
+    samples = np.zeros((len(rows), len(rows)))  # of (J, G, ...) with respect to (m, l, ...)
+    samples[:2, :2] = [[length**2 / 3.0, 2.0 * m * length / 3.0], [0.5 * g * length, 0.5 * m * g]]
+    samples[2:, 2:] = np.eye(len(rows) - 2)
+    F: Array = samples.T @ (rows @ rows.T) @ samples
     return F
 
 
 def alarms(model: Model, records: Sequence) -> tuple[bool, bool]:
     """Whether the score tests about the right model find an effect that pays, and whether a random torque is needed."""
     from sysid.data.noise import sensor_noise
-    from sysid.diagnosis.choosing import DEFAULT
-    from sysid.estimation.chain import Chain
+    from sysid.diagnosis.search_settings import DEFAULT
     from sysid.estimation.first_fit import first_fit
     from sysid.estimation.fit import free
+    from sysid.estimation.linearisation import Samples
     from sysid.estimation.scores import price, scores
 
-    found = first_fit(Chain(model, records, sensor_noise(records).sensor), model, free(model))
+    found = first_fit(Samples(model, records, sensor_noise(records).sensor), model, free(model))
     tested = scores(found)
     pays = any(s.lm > price(n, DEFAULT.price, s.shapes) for n, s in tested.items() if s.visible)
     return pays, not found.undisturbed

@@ -25,7 +25,7 @@ from tests.benchmarks.cases import Case, records
 from tests.benchmarks.experiments import EXPERIMENTS, LOGS, World, plan
 from tests.benchmarks.hidden import numbers_of
 from tests.benchmarks.runner import Row, Store, run
-from tests.benchmarks.score import twins
+from tests.benchmarks.score import indistinguishable
 from tests.benchmarks.truth import Array
 
 EFFECTS = ("coulomb", "viscous", "tilt", "drag", "spring")
@@ -85,7 +85,7 @@ def report(cases: Sequence[Case], rows: Mapping[str, Row], s: float) -> list[str
     for own in asked:
         row = rows[own.key]
         effects = {name for group in row["named"] for name in group}
-        named = bool(twins(own.hidden[0]) & effects)
+        named = bool(indistinguishable(own.hidden[0]) & effects)
         right = named and len(row["named"]) == 1
         held = [
             row["intervals"][k][0] <= v <= row["intervals"][k][1]

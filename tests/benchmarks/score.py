@@ -28,7 +28,7 @@ class Cell:
         return f"{100.0 * self.right / self.total:.0f} % ({self.right}/{self.total})" if self.total else "-"
 
 
-def twins(effect: str) -> frozenset[str]:
+def indistinguishable(effect: str) -> frozenset[str]:
     """The effect and those that are the same to every log of this kind."""
     return frozenset({effect}) | TWINS.get(effect, frozenset())
 
@@ -36,25 +36,25 @@ def twins(effect: str) -> frozenset[str]:
 def first_right(case: Case, answer: Answer) -> bool:
     """The first-ranked effect is the hidden one, or its twin, or one of those that together are the same."""
     hidden = case.hidden[0]
-    return bool(answer.ranking) and answer.ranking[0] in twins(hidden) | SAME_AS.get(hidden, set())
+    return bool(answer.ranking) and answer.ranking[0] in indistinguishable(hidden) | SAME_AS.get(hidden, set())
 
 
 def found(case: Case, answer: Answer) -> bool:
     """Every hidden effect is named, each in a group of its own."""
     named = {effect for group in answer.named for effect in group}
-    return all(twins(name) & named or SAME_AS.get(name, {name}) <= named for name in case.hidden)
+    return all(indistinguishable(name) & named or SAME_AS.get(name, {name}) <= named for name in case.hidden)
 
 
 def exact(case: Case, answer: Answer) -> bool:
     """All that is hidden is named, and nothing else."""
     named = {effect for group in answer.named for effect in group}
-    expected = sum(1 if twins(name) & named else len(SAME_AS.get(name, {name})) for name in case.hidden)
+    expected = sum(1 if indistinguishable(name) & named else len(SAME_AS.get(name, {name})) for name in case.hidden)
     return found(case, answer) and len(answer.named) == expected
 
 
 def noticed(case: Case, answer: Answer) -> bool:
     """The hidden effect is named, or listed as too small to matter."""
-    return found(case, answer) or bool(twins(case.hidden[0]) & set(answer.small))
+    return found(case, answer) or bool(indistinguishable(case.hidden[0]) & set(answer.small))
 
 
 def silent(answer: Answer) -> bool:

@@ -31,8 +31,8 @@ from sysid import (
     save,
     simulate,
 )
-from sysid.estimation.chain import Chain
 from sysid.estimation.first_fit import first_fit
+from sysid.estimation.linearisation import Samples
 from sysid.estimation.scores import scores
 from sysid.planning.excitation import multisine
 
@@ -116,7 +116,9 @@ def test_numbers_come_relative_to_the_constant_that_motion_cannot_show(
 def test_back_emf_hides_viscous_friction() -> None:
     records = swings(joint(DCMotor(k=0.4, k_e=0.5)))
     model = joint(DCMotor(k=0.4))
-    found = scores(first_fit(Chain(model, records, SENSOR), model, ("J", "G", "dc_motor.k_e")), ("viscous", "coulomb"))
+    found = scores(
+        first_fit(Samples(model, records, SENSOR), model, ("J", "G", "dc_motor.k_e")), ("viscous", "coulomb")
+    )
     assert found["viscous"].absorbed and found["coulomb"].visible
 
 

@@ -243,7 +243,7 @@ def test_a_gust_is_found_in_its_rollout() -> None:
     assert c.causes == () and c.torque is not None
     assert c.torque.depends_on == ("time",)
     assert "depends on time, strongest in gusty at 3." in c.sentence
-    assert {t.name for t in c.torque.touched} == {"gusty"}
+    assert {t.name for t in c.torque.contacts} == {"gusty"}
     assert c.worst[0].error.record == "gusty"
 
 
@@ -253,7 +253,7 @@ def test_what_a_hand_touched_is_set_apart() -> None:
     push[155:165] = 15.0
     c = compare(ROD, pushed(ROD.with_effect(Viscous(b=0.03)), push, "pushed"), BOTH)
     assert c.worst[0].error.record == "pushed" and c.torque is not None
-    (touch,) = c.torque.touched
+    (touch,) = c.torque.contacts
     assert touch.name == "pushed" and 2.8 < touch.t_begin < 3.2
     assert [cause.effect for cause in c.causes] == ["viscous"]
     assert c.causes[0].numbers["viscous.b"]["value"] == pytest.approx(0.03, rel=0.2)
@@ -274,8 +274,8 @@ def test_the_size_of_the_missing_torque_is_said() -> None:
 def test_an_axis_is_told_in_metres_and_newtons() -> None:
     axis, sensor, rng = Model(LinearAxis(m=1.0), dt=0.02), Sensor(0.001, 0.01), np.random.default_rng(0)
     u = np.array([steps(rng, 300, 0.02, 1.5, 0.3) for _ in range(3)])
-    rough = axis.with_effect(Coulomb(tau_c=0.2))
-    c = compare(axis, sensor.measure(simulate(rough, u, np.zeros(3), np.zeros(3)), rng), sensor)
+    initial_guess = axis.with_effect(Coulomb(tau_c=0.2))
+    c = compare(axis, sensor.measure(simulate(initial_guess, u, np.zeros(3), np.zeros(3)), rng), sensor)
     assert [cause.effect for cause in c.causes] == ["coulomb"]
     said = f"{c} {json.dumps(c.to_dict())} {c.one_second} {c.torque}"
     assert "dry friction of about 0.2 N" in said and "A force of 0." in said and "m/s" in said

@@ -227,8 +227,8 @@ def test_a_hand_is_named_and_becomes_no_effect() -> None:
     found = of("pushed")
     assert found.verdict == "unknown"
     assert not found.steps
-    assert [t.name for t in found.touched] == ["pushed"]
-    assert found.touched[0].t_begin < 1.8 < found.touched[0].t_end
+    assert [t.name for t in found.contacts] == ["pushed"]
+    assert found.contacts[0].t_begin < 1.8 < found.contacts[0].t_end
     assert found.remaining is not None
     assert "time" in found.remaining.depends_on
     assert "pushed" in found.remaining.where
@@ -238,7 +238,7 @@ def test_a_hand_is_named_and_becomes_no_effect() -> None:
 def test_only_the_rollout_that_was_touched_is_cut_where_all_have_one_name() -> None:
     records = [dataclasses.replace(r, name="swing") for r in records_of("pushed")]
     found = diagnose(rod(), records, SENSOR, effects=FEW)
-    assert [t.name for t in found.touched] == ["swing 1"]
+    assert [t.name for t in found.contacts] == ["swing 1"]
     assert found.held_out == ("swing 4",)
     assert found.estimate.n_readings > 0.85 * sum(2 * len(r) for r in records[:4])
 

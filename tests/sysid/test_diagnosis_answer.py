@@ -112,10 +112,10 @@ def test_the_verdict_agrees_with_what_it_rests_on(name: str) -> None:
     if found.remaining is not None:
         assert set(found.remaining.depends_on) <= DEPENDENCES
         assert 0.0 <= found.remaining.share <= 1.0
-    chain = sorted((*found.steps, *found.conventions), key=lambda s: len(s.estimate.names))
-    assert_ladder([found.base_error.ratio, *(e for s in chain for e in (s.error_before, s.error_after))])
-    assert (chain[-1].error_after if chain else found.base_error.ratio) == found.error.ratio
-    assert {e.name for e in found.model.effects} == {s.effect for s in chain}
+    samples = sorted((*found.steps, *found.conventions), key=lambda s: len(s.estimate.names))
+    assert_ladder([found.base_error.ratio, *(e for s in samples for e in (s.error_before, s.error_after))])
+    assert (samples[-1].error_after if samples else found.base_error.ratio) == found.error.ratio
+    assert {e.name for e in found.model.effects} == {s.effect for s in samples}
     assert found.best.estimate is found.estimate
     assert found.model is found.estimate.model
 
@@ -134,10 +134,10 @@ def test_it_reads_well(name: str) -> None:
 def test_what_the_motion_cannot_separate_is_always_named(name: str) -> None:
     groups = [set(g) for g in of(name).not_identifiable]
     assert {"m", "l", "torque_gain", "rotor_inertia"} in groups
-    twins = {"viscous": {"viscous", "back_emf"}, "tilt": {"tilt", "angle_offset"}}
-    if name in twins:
-        assert twins[name] in groups
-        assert set(of(name).steps[0].alike) == twins[name]
+    indistinguishable = {"viscous": {"viscous", "back_emf"}, "tilt": {"tilt", "angle_offset"}}
+    if name in indistinguishable:
+        assert indistinguishable[name] in groups
+        assert set(of(name).steps[0].alike) == indistinguishable[name]
         assert of(name).verdict == "missing", "twins are one thing to every log of this kind"
 
 

@@ -28,16 +28,16 @@ from sysid import (
     simulate,
 )
 from sysid.estimation import prediction_error
-from sysid.estimation.chain import Chain
 from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.fit import fit
+from sysid.estimation.linearisation import Samples
 from sysid.estimation.refits import extended
 from sysid.estimation.scores import scores
 from sysid.physics.effects import CATALOGUE, Effect
-from sysid.planning.design import KNOWN, NONE, Conditions, Hypothesis, Pool, foresee
+from sysid.planning.design import KNOWN, NONE, Conditions, Hypothesis, Pool, predict
 from sysid.planning.experiment import limits_of, next_experiment
-from sysid.planning.needed import Payload, needed_experiment
-from sysid.planning.protocol import Experiment
+from sysid.planning.non_torque_experiments import Payload, non_torque_experiment
+from sysid.planning.planned_experiment import Experiment
 from sysid.planning.signals import KINDS, Limits, Signal, draw
 
 SENSOR = Sensor(0.003, 0.05)
@@ -75,7 +75,7 @@ def played(e: Experiment, truth: Model, seed: int) -> list[Record]:
 
 def output_error(records: list[Record]) -> prediction_error.Fit:
     """The bare rod, fitted as if nothing acted beside it."""
-    return prediction_error.fit(Chain(rod(), records, SENSOR), rod(), NAMES, None, NONE, KNOWN)
+    return prediction_error.fit(Samples(rod(), records, SENSOR), rod(), NAMES, None, NONE, KNOWN)
 
 
 CONFUSED = {
@@ -136,7 +136,7 @@ def test_first_order_evidence_is_that_of_the_scores() -> None:
     signals = draw(np.random.default_rng(3), LIMITS, 0.02, 1, swings=False)
     ours = Pool([truth, rival], signals, CONDITIONS).unlike(0, 1).unexplained()[0]
 
-    told = scores(output_error(foresee(rod(), signals, CONDITIONS).records), ("viscous", "drag"))
+    told = scores(output_error(predict(rod(), signals, CONDITIONS).records), ("viscous", "drag"))
     z = {name: s.z[:, 0] for name, s in told.items()}
     rho = z["viscous"] @ z["drag"] / math.sqrt((z["viscous"] @ z["viscous"]) * (z["drag"] @ z["drag"]))
     assert ours == pytest.approx(small**2 * z["viscous"] @ z["viscous"] * (1.0 - rho**2), rel=0.02)
@@ -151,7 +151,7 @@ def test_first_order_evidence_is_what_a_refit_leaves(truth: Effect, rival: str) 
     """With the rival at its best numbers, also where the effect is large: the two motions differ little."""
     own = Hypothesis(truth.name, rod().with_effect(truth), (*NAMES, f"{truth.name}.{next(iter(truth.parameters))}"))
     signals = [Signal("multisine", 0.8, 0.3, 0.1, 1.0, 1.0, 0.0, seed) for seed in range(2)]
-    base = output_error(foresee(own.model, signals, CONDITIONS).records)
+    base = output_error(predict(own.model, signals, CONDITIONS).records)
     score = scores(base, (rival,))[rival]
     best = extended(base, [score.best.at(score.sizes)], KNOWN)
     pool = Pool([own, Hypothesis(rival, best.model, best.names)], signals, CONDITIONS)
@@ -167,8 +167,8 @@ def test_a_random_torque_makes_an_experiment_tell_less() -> None:
         Pool([hypothesis], signals, Conditions(LIMITS, SENSOR, own)).precision() for own in (NONE, disturbances)
     )
     assert np.all(shaken.sd() > 2.0 * calm.sd())
-    chain = Chain(rod(), foresee(rod(), signals, CONDITIONS).records, SENSOR)
-    found = prediction_error.fit(chain, rod(), NAMES, None, disturbances, KNOWN)
+    samples = Samples(rod(), predict(rod(), signals, CONDITIONS).records, SENSOR)
+    found = prediction_error.fit(samples, rod(), NAMES, None, disturbances, KNOWN)
     np.testing.assert_allclose(shaken.together().sd()[0], np.sqrt(np.diag(found.covariance)), rtol=0.05)
 
 
@@ -378,7 +378,7 @@ def test_a_payload_shows_the_torque_gain(weight: tuple[float, float] | None) -> 
 
 def test_the_least_labour_is_asked_for() -> None:
     def asked(model: Model, *names: str) -> Experiment:
-        return needed_experiment(model, names, Conditions(Limits(1.0, 3.0, theta_max=1.5), SENSOR))
+        return non_torque_experiment(model, names, Conditions(Limits(1.0, 3.0, theta_max=1.5), SENSOR))
 
     weighed = asked(rod(), "rotor_inertia")
     assert weighed.kind == "none"

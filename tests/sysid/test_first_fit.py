@@ -10,10 +10,10 @@ import pytest
 
 from sysid import Coulomb, GeneralJoint, Model, Record, Sensor, Viscous, diagnose, simulate
 from sysid.diagnosis.search import Search
-from sysid.estimation.chain import Chain
 from sysid.estimation.first_fit import BLOCKS, WINDOW, first_fit, with_best_memory, with_common, without_common
+from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import left_out
-from sysid.estimation.prediction_error import fit, with_likeliest_angle_error
+from sysid.estimation.prediction_error import fit, with_likely_angle_error
 from sysid.estimation.scores import scores
 
 DT = 0.02
@@ -58,26 +58,28 @@ def test_friction_far_above_gravity_and_inertia_is_found_from_a_default_joint(se
 def test_the_memory_that_predicts_is_preferred_to_the_likeliest() -> None:
     """A gear that jolts at each reversal: under the likeliest memory the numbers suit the jolts."""
     records = driven((0.2, 0.3), 10.0, 0.15, jolt=2.5)
-    chain = Chain(ROBOT, records, SENSOR)
-    began = fit(chain, ROBOT, NAMES)
+    samples = Samples(ROBOT, records, SENSOR)
+    began = fit(samples, ROBOT, NAMES)
     chosen = with_best_memory(began)
-    likely = with_likeliest_angle_error(began)
-    others = [fit(chain, began.model, NAMES, began, likely.with_memory(T)) for T in (0.01, 0.1)]
-    likeliest = min(others, key=lambda own: own.deviance)
-    assert chosen.disturbances.T != likeliest.disturbances.T, "the log does not tell likelihood from prediction"
-    gain, sd = left_out(chosen, WINDOW, BLOCKS).gain(left_out(likeliest, WINDOW, BLOCKS))
+    likely = with_likely_angle_error(began)
+    others = [fit(samples, began.model, NAMES, began, likely.with_memory(T)) for T in (0.01, 0.1)]
+    maximum_likelihood = min(others, key=lambda own: own.deviance)
+    assert chosen.disturbances.T != maximum_likelihood.disturbances.T, (
+        "the log does not tell likelihood from prediction"
+    )
+    gain, sd = left_out(chosen, WINDOW, BLOCKS).gain(left_out(maximum_likelihood, WINDOW, BLOCKS))
     assert gain > sd
-    assert np.linalg.norm(chosen.values / TRUTH - 1.0) < np.linalg.norm(likeliest.values / TRUTH - 1.0)
+    assert np.linalg.norm(chosen.values / TRUTH - 1.0) < np.linalg.norm(maximum_likelihood.values / TRUTH - 1.0)
 
 
 def test_a_first_fit_ends_in_the_plain_model_with_numbers_that_friction_has_not_bent() -> None:
     start = Model(GeneralJoint(), dt=DT)
-    chain = Chain(start, driven((0.2, 0.4), 7.0, 0.0), SENSOR)
-    helped = with_common(chain, start, ("J", "G"))
+    samples = Samples(start, driven((0.2, 0.4), 7.0, 0.0), SENSOR)
+    helped = with_common(samples, start, ("J", "G"))
     assert {e.name for e in helped.model.effects} == {"viscous", "coulomb", "torque_bias"}
     found = [float(helped.model.parameters[n].value) for n in NAMES]
     np.testing.assert_allclose(found, TRUTH, rtol=0.02)
-    plain = first_fit(chain, start, ("J", "G"))
+    plain = first_fit(samples, start, ("J", "G"))
     assert not plain.model.effects and plain.names == ("J", "G")
     assert plain.deviance > helped.deviance + 100.0
 
@@ -85,8 +87,8 @@ def test_a_first_fit_ends_in_the_plain_model_with_numbers_that_friction_has_not_
 def test_friction_and_offset_as_the_first_fit_found_them_are_candidates() -> None:
     """With their numbers, all together and without the least telling."""
     start, records = Model(GeneralJoint(), dt=DT), driven((0.2, 0.4), 7.0, 0.15)
-    chain, search = Chain(start, records, SENSOR), Search(records, SENSOR)
-    helped = with_common(chain, start, ("J", "G"))
+    samples, search = Samples(start, records, SENSOR), Search(records, SENSOR)
+    helped = with_common(samples, start, ("J", "G"))
     plain = without_common(helped, start, ("J", "G"))
     search.last = scores(plain, ("viscous", "coulomb", "torque_bias"))
     trials = search._common(plain, helped)

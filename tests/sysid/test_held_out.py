@@ -22,7 +22,7 @@ from sysid import (
     simulate,
 )
 from sysid.estimation.held_out import held_out_error, lead_of, refit
-from sysid.estimation.response import Response
+from sysid.estimation.output_error import Response
 from sysid.estimation.windows import cut
 from sysid.planning.excitation import steps
 

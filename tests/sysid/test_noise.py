@@ -29,7 +29,7 @@ from sysid import (
 )
 from sysid.data.logs import read
 from sysid.data.noise import sensor_noise
-from sysid.data.quantisation import quantum
+from sysid.data.quantisation import quantisation_step
 from sysid.planning.excitation import multisine, steps
 from tests.sysid.signals import uniform_noise
 
@@ -120,7 +120,7 @@ def test_rounding_is_recognised_and_counted(torque, q, sigma):
     run, rng = truth(torque), np.random.default_rng(1)
     theta = q * np.round((run.theta + sigma * rng.standard_normal(run.theta.shape)) / q) + 0.1
     noise = sensor_noise([Record(run.t, u, y) for u, y in zip(run.u, theta, strict=True)])
-    assert noise.quantum["theta"] == pytest.approx(q, rel=1e-4)
+    assert noise.quantisation_step["theta"] == pytest.approx(q, rel=1e-4)
     assert noise.sensor.theta == pytest.approx(np.std(theta - run.theta - 0.1), rel=0.05)
     assert noise.sensor.theta_dot is None and f"theta is rounded to steps of {q:.4g}" in noise.notes
 
@@ -128,8 +128,8 @@ def test_rounding_is_recognised_and_counted(torque, q, sigma):
 def test_a_reading_that_is_not_rounded_has_no_quantum():
     rng = np.random.default_rng(0)
     y = rng.standard_normal(1000)
-    assert quantum([y]) == 0.0 and quantum([np.ones(9)]) == 0.0
-    assert quantum([0.25 * np.round(y / 0.25) + 0.1]) == pytest.approx(0.25)
+    assert quantisation_step([y]) == 0.0 and quantisation_step([np.ones(9)]) == 0.0
+    assert quantisation_step([0.25 * np.round(y / 0.25) + 0.1]) == pytest.approx(0.25)
 
 
 def correlated(kind, e):
@@ -253,7 +253,7 @@ def test_real_logs_show_their_encoders(path):
     log = read(path, columns=f"t=time_s,theta=angle_rad,theta_dot=velocity_rad_s,torque={torque}", zero="hanging")
     noise = sensor_noise(log)
     q = next(step for name, step in ENCODERS.items() if path.name.startswith(name))
-    assert noise.quantum["theta"] == pytest.approx(q, rel=2e-3)
+    assert noise.quantisation_step["theta"] == pytest.approx(q, rel=2e-3)
     assert q / math.sqrt(12.0) <= 1.001 * noise.sensor.theta < 1.5 * q or path.name.startswith("dfki_dp")
     if path.name.startswith("dfki_dp"):  # its speed is the encoder's step over the sample time
         assert noise.sensor.theta_dot is None and any("was computed from the readings" in n for n in noise.notes)

@@ -49,10 +49,10 @@ def log(*effects: Effect, n: int = 1, seconds: float = 12.0, seed: int = 1) -> l
 def test_a_part_of_a_part_is_a_part() -> None:
     (record,) = log()
     one, other = record.part(100, 400).part(50, 120), record.part(150, 220)
-    np.testing.assert_array_equal(one.past, other.past)
-    np.testing.assert_allclose(one.clock, other.clock)
-    assert not one.sudden and one.clock[0] == pytest.approx(150 * DT)
-    assert dataclasses.replace(one, before=None).sudden
+    np.testing.assert_array_equal(one.previous_commands, other.previous_commands)
+    np.testing.assert_allclose(one.time_since_start, other.time_since_start)
+    assert not one.starts_midway and one.time_since_start[0] == pytest.approx(150 * DT)
+    assert dataclasses.replace(one, before=None).starts_midway
     with pytest.raises(InvalidInput, match="before its rollout does"):
         dataclasses.replace(record, origin=1.0)
 
@@ -112,7 +112,7 @@ def test_gaps_hide_nothing_of_a_delay(tmp_path) -> None:  # type: ignore[no-unty
             files[-1], np.delete(rows, lost, axis=0), "%.17g", ",", header="t,torque,theta,theta_dot", comments=""
         )
     records = read(files)
-    assert sum(r.sudden for r in records) == 16
+    assert sum(r.starts_midway for r in records) == 16
     found = diagnose(rod(), records, SENSOR)
     assert (found.verdict, [s.effect for s in found.steps]) == ("missing", ["delay"])
 

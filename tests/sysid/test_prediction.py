@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from sysid import RK4, Effect, FilteredSpeed, GeneralJoint, Model, Record, Sensor, SensorDelay, effect, simulate, split
-from sysid.estimation.chain import Chain
 from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.held_out import lead_of
+from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import SHORTEST, PredictionErrors, _without, left_out, windows_of
 from sysid.estimation.prediction_error import Fit, Settings, fit
 from sysid.planning.excitation import multisine
@@ -36,8 +36,8 @@ def record(seconds: float) -> Record:
 
 
 def fitted(seconds: float) -> Fit:
-    chain = Chain(JOINT, [record(seconds)], SENSOR)
-    return fit(chain, JOINT, NAMES, disturbances=Disturbances(0.0), settings=Settings(sizes=False))
+    samples = Samples(JOINT, [record(seconds)], SENSOR)
+    return fit(samples, JOINT, NAMES, disturbances=Disturbances(0.0), settings=Settings(sizes=False))
 
 
 # comparing -----------------------------------------------------------------------------------------------------
@@ -110,8 +110,8 @@ def test_what_is_left_out_did_not_choose_its_numbers() -> None:
     """One Gauss-Newton step gives the numbers that a fit of the other record alone would have given."""
     settings, none = Settings(sizes=False), Disturbances(0.0)
     both = [record(4.0), replace(record(6.0), name="other")]
-    whole = fit(Chain(JOINT, both, SENSOR), JOINT, NAMES, disturbances=none, settings=settings)
-    rest = fit(Chain(JOINT, both[:1], SENSOR), JOINT, NAMES, disturbances=none, settings=settings)
+    whole = fit(Samples(JOINT, both, SENSOR), JOINT, NAMES, disturbances=none, settings=settings)
+    rest = fit(Samples(JOINT, both[:1], SENSOR), JOINT, NAMES, disturbances=none, settings=settings)
     other = [w for w in windows_of(whole, 1.0) if w.record == 1]
     without = _without(whole, other).parameters
     sd = np.sqrt(np.diag(rest.covariance))
@@ -124,10 +124,10 @@ def test_what_is_left_out_did_not_choose_its_numbers() -> None:
 def test_models_with_and_without_memory_are_judged_by_the_same_windows(sensing: Effect) -> None:
     """Of a rollout that was cut a memory needs the first instants: there are fewer windows, for both of them."""
     training, _ = split([record(8.0)])
-    assert any(r.clock[0] > 0.0 for r in training)
-    plain = fit(Chain(JOINT, training, SENSOR), JOINT, NAMES)
+    assert any(r.time_since_start[0] > 0.0 for r in training)
+    plain = fit(Samples(JOINT, training, SENSOR), JOINT, NAMES)
     model = JOINT.with_effect(sensing)
-    other = fit(Chain(model, training, SENSOR), model, (*NAMES, f"{sensing.name}.T"))
+    other = fit(Samples(model, training, SENSOR), model, (*NAMES, f"{sensing.name}.T"))
     lead = max(lead_of(plain.model), lead_of(other.model))
     a, b = (left_out(own, SHORTEST, 8, lead) for own in (plain, other))
     assert len(a.squares) == len(b.squares) != len(left_out(plain, SHORTEST, 8).squares)

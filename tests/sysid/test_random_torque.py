@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from sysid import RK4, Effect, GeneralJoint, Model, Record, Sensor, diagnose, effect, simulate
-from sysid.diagnosis.contacts import contacts, slow
+from sysid.diagnosis.contacts import find_contacts, slow
 from sysid.diagnosis.dependence import dependence
 from sysid.diagnosis.residual_torque import missing_torque
-from sysid.estimation.chain import Chain
 from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.first_fit import with_best_memory
+from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction_error import Fit, Settings, fit, inverse
 from sysid.physics.effects import Joint, JointEffect
 from sysid.physics.ops import Value
@@ -55,7 +55,7 @@ def test_a_random_torque_is_found_beside_friction_and_the_numbers_stay_honest(s:
     """Of 30 logs 95 % of the 95 % intervals cover: 25 or more of 30, but for one set of logs in 700."""
     start = DRY.with_parameters({"J": 0.4, "G": 1.5, "coulomb.tau_c": 0.05})
     found = [
-        fit(Chain(start, [r], SENSOR), start, DRY_NAMES, disturbances=Disturbances(6.0, T), settings=QUIET)
+        fit(Samples(start, [r], SENSOR), start, DRY_NAMES, disturbances=Disturbances(6.0, T), settings=QUIET)
         for r in logs(DRY, 30, 300, s, T)
     ]
     sizes = np.array([f.disturbances.s for f in found])
@@ -74,7 +74,7 @@ def test_output_error_is_sure_of_wrong_numbers_under_a_random_torque() -> None:
     truth = np.array([0.3, 2.0, 0.07])
     squares = []
     for settings, begin in ((QUIET, Disturbances(6.0, 0.3)), (Settings(sizes=False), Disturbances(0.0))):
-        found = [fit(Chain(DAMPED, [r], SENSOR), DAMPED, DAMPED_NAMES, None, begin, settings) for r in records]
+        found = [fit(Samples(DAMPED, [r], SENSOR), DAMPED, DAMPED_NAMES, None, begin, settings) for r in records]
         z = np.array([(f.values - truth) / np.sqrt(np.diag(f.covariance)) for f in found])
         squares.append(float(np.mean(z**2)))
     assert squares[0] < 2.0 and squares[1] > 10.0
@@ -82,7 +82,7 @@ def test_output_error_is_sure_of_wrong_numbers_under_a_random_torque() -> None:
 
 def test_intervals_are_as_wide_as_the_likelihood_says_where_nothing_is_missing() -> None:
     for record in logs(DAMPED, 3, 300, 0.0, 0.1):
-        found = fit(Chain(DAMPED, [record], SENSOR), DAMPED, DAMPED_NAMES, settings=QUIET)
+        found = fit(Samples(DAMPED, [record], SENSOR), DAMPED, DAMPED_NAMES, settings=QUIET)
         np.testing.assert_array_equal(found.wider, 1.0)
         np.testing.assert_array_equal(found.covariance, inverse(found.Z.T @ found.Z))
 
@@ -92,7 +92,7 @@ def test_intervals_cover_under_a_torque_of_a_longer_memory_than_was_thought() ->
     truth, z, wider = np.array([0.3, 2.0, 0.07]), [], []
     for record in logs(DAMPED, 20, 500, 0.6, 3.0, seed=5):
         white = Disturbances(6.0, 0.01)
-        found = fit(Chain(DAMPED, [record], SENSOR), DAMPED, DAMPED_NAMES, disturbances=white, settings=QUIET)
+        found = fit(Samples(DAMPED, [record], SENSOR), DAMPED, DAMPED_NAMES, disturbances=white, settings=QUIET)
         z.append((found.values - truth) / np.sqrt(np.diag(found.covariance)))
         wider.append(found.wider)
     assert np.min(wider) >= 1.0
@@ -107,7 +107,7 @@ def test_its_memory_is_found_on_the_grid(T: float) -> None:
     found = []
     for record in logs(DAMPED, 5, 600, 1.0, T, seed=1):
         here = fit(
-            Chain(DAMPED, [record], SENSOR), DAMPED, DAMPED_NAMES, disturbances=Disturbances(1.0, T), settings=QUIET
+            Samples(DAMPED, [record], SENSOR), DAMPED, DAMPED_NAMES, disturbances=Disturbances(1.0, T), settings=QUIET
         )
         found.append(with_best_memory(here).disturbances.T)
     assert sum(own == T for own in found) >= 3, found
@@ -171,7 +171,7 @@ def test_a_torque_is_said_to_depend_on_what_it_depends_on(
 
 def missing(records: list[Record], names: tuple[str, ...] = DAMPED_NAMES) -> tuple[Fit, np.ndarray]:
     """A fit of the damped joint and the torque (M,) that it misses."""
-    found = fit(Chain(DAMPED, records, SENSOR), DAMPED, names, settings=QUIET)
+    found = fit(Samples(DAMPED, records, SENSOR), DAMPED, names, settings=QUIET)
     return found, missing_torque(found, found)
 
 
@@ -185,9 +185,11 @@ def test_a_random_torque_alone_depends_on_nothing() -> None:
 def test_the_missing_torque_is_what_acted() -> None:
     """Beside a model of the true numbers, within its noise; and nothing where nothing was missing."""
     found, torque = missing(logs(DAMPED.with_effect(Unknown(curve=gust)), 3, 500, 0.0, 0.1), ())
-    chain = found.chain
-    x = chain.smoothed
-    acted = slow(gust(Joint(x[:, 0], x[:, 1], chain.clock + 0.5 * DT, 0.0, 0.0, DAMPED.plant)), chain.number, DT)
+    samples = found.samples
+    x = samples.smoothed
+    acted = slow(
+        gust(Joint(x[:, 0], x[:, 1], samples.time_since_start + 0.5 * DT, 0.0, 0.0, DAMPED.plant)), samples.number, DT
+    )
     known = np.isfinite(torque)
     np.testing.assert_array_equal(known, np.isfinite(acted))
     assert np.mean(known) > 0.9
@@ -200,7 +202,7 @@ def test_the_missing_torque_is_what_acted() -> None:
 @pytest.mark.parametrize("s", [0.0, 0.1])
 def test_a_push_is_found(s: float) -> None:
     for seed in range(2):
-        (found,) = contacts(*missing(logs(DAMPED, 2, 700, s, 0.1, seed, push=(1, 0.3))))
+        (found,) = find_contacts(*missing(logs(DAMPED, 2, 700, s, 0.1, seed, push=(1, 0.3))))
         assert found.name == "rollout 1"
         assert 3.2 < found.t_begin < 4.1 and 4.4 < found.t_end < 5.5
         assert 0.15 < found.peak < 0.35
@@ -209,8 +211,8 @@ def test_a_push_is_found(s: float) -> None:
 def test_an_untouched_log_has_no_push() -> None:
     """Neither one without any random torque nor one with, whatever its memory; nor one that misses a magnet."""
     for seed, (s, T) in enumerate(((0.0, 0.1), (0.3, 0.03), (0.3, 0.1), (0.3, 0.3), (0.3, 1.0))):
-        assert contacts(*missing(logs(DAMPED, 2, 700, s, T, seed))) == (), (s, T)
-    assert contacts(*missing(logs(DAMPED.with_effect(Unknown(curve=magnet)), 2, 700, 0.05, 0.1))) == ()
+        assert find_contacts(*missing(logs(DAMPED, 2, 700, s, T, seed))) == (), (s, T)
+    assert find_contacts(*missing(logs(DAMPED.with_effect(Unknown(curve=magnet)), 2, 700, 0.05, 0.1))) == ()
 
 
 @pytest.mark.parametrize(("seconds", "seed"), [(5.0, 0), (5.0, 2), (10.0, 0)])

@@ -17,12 +17,12 @@ import pytest
 from sysid import Coulomb, InvalidInput, LinearAxis, Model, Record, RodPendulum, Sensor, compare, fit, simulate
 from sysid.data.splitting import split
 from sysid.diagnosis.answer import Diagnosis, Ranked, Remaining, Step
-from sysid.diagnosis.typical import typical
+from sysid.diagnosis.typical_prediction import typical
 from sysid.estimation.held_out import held_out_error
 from sysid.planning.excitation import steps
+from sysid.report import diagnosis_figures as figures
 from sysid.report import formatting as set_as
-from sysid.report import report_figures as figures
-from sysid.report.report import page_of, write_report
+from sysid.report.write import page_of, write_report
 from tests.sysid.planted import VERDICTS
 
 SENSOR = Sensor(0.003, 0.05)
@@ -63,7 +63,7 @@ def diagnosis(records: list[Record], verdict: str = "missing", sensor: Sensor = 
         records=tuple(records),
         unseen=held_out,
         estimate=end if added else base,
-        touched=(),
+        contacts=(),
         next_experiment={"description": "play steps", "measure": "evidence", "before": 2.0, "after": 40.0},
         seconds=1.5,
     )
@@ -206,8 +206,8 @@ def test_what_a_hand_touched_is_shown(tmp_path):
     push = np.zeros_like(u)
     push[1, 100:130] = 3.0 * np.hanning(30)
     start = math.pi + rng.uniform(-0.8, 0.8, 4)
-    touched = SENSOR.measure(simulate(STICKY, u + push, start, np.zeros(4)), rng)
-    records = [replace(r, u=own) for r, own in zip(touched, u, strict=True)]
+    contacts = SENSOR.measure(simulate(STICKY, u + push, start, np.zeros(4)), rng)
+    records = [replace(r, u=own) for r, own in zip(contacts, u, strict=True)]
     answer = diagnosis(records)
     warnings = page_of(answer).warnings
     assert len(warnings) == 1

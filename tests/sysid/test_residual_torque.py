@@ -140,7 +140,7 @@ def test_a_right_model_needs_no_torque(effects: tuple[Effect, ...]) -> None:
     records, _ = made(effects=effects, rollouts=4, largest=0.5 if effects else 2.5)
     answer = residual_torque(replace(MODEL, effects=effects), records, BOTH)
     d, sd = torques(answer)
-    assert not answer.present and answer.depends_on == () and answer.touched == ()
+    assert not answer.present and answer.depends_on == () and answer.contacts == ()
     assert np.mean(np.abs(d) < 2.0 * sd) > 0.95
     assert 0.0 < answer.band < 0.01
     assert "No torque beyond the model is visible" in str(answer)
@@ -189,12 +189,12 @@ def test_a_hand_is_found_and_a_magnet_is_no_hand() -> None:
         return (pushed * pulse(joint).T).T
 
     records, _ = made(hand)
-    found = residual_torque(MODEL, records, BOTH).touched
+    found = residual_torque(MODEL, records, BOTH).contacts
     assert [t.name for t in found] == ["rollout 2"]
     assert 3.0 < found[0].t_begin < 3.8 and 4.2 < found[0].t_end < 5.0
     assert found[0].peak == pytest.approx(0.35, abs=0.1)
     records, _ = made(magnet)
-    assert residual_torque(MODEL, records, BOTH).touched == ()
+    assert residual_torque(MODEL, records, BOTH).contacts == ()
 
 
 def test_records_of_any_length_and_of_a_moment() -> None:
@@ -248,7 +248,7 @@ def test_hands_on_a_real_pendulum(name: str, quiet: float, pushes: tuple[float, 
     records = read(path, columns=columns, zero="hanging").records
     friction = (effect("viscous", b=0.01), effect("coulomb", tau_c=0.15))
     model = Model(GeneralJoint(J=0.18, G=3.6), effects=friction, integrator=RK4(substeps=1), dt=records[0].dt)
-    found = residual_torque(model, records, Sensor(theta=0.01, theta_dot=0.3)).touched
+    found = residual_torque(model, records, Sensor(theta=0.01, theta_dot=0.3)).contacts
     assert min(t.t_begin for t in found) > quiet
     for push in pushes:
         assert any(t.t_begin - 0.3 < push < t.t_end + 0.3 for t in found), push

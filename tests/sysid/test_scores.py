@@ -38,8 +38,8 @@ from sysid import (
     effect,
     simulate,
 )
-from sysid.estimation.chain import Chain, LinearisedModel
 from sysid.estimation.disturbances import Disturbances
+from sysid.estimation.linearisation import LinearisedModel, Samples
 from sysid.estimation.prediction_error import Fit, Settings, fit
 from sysid.estimation.refits import extended
 from sysid.estimation.scores import Score, alikeness, scores
@@ -73,7 +73,7 @@ def null(
     records: list[Record], names: tuple[str, ...] = PLANT, disturbances: Disturbances = NONE, sensor: Sensor = SENSOR
 ) -> Fit:
     """The bare rod, fitted beside disturbances that are known."""
-    return fit(Chain(rod(), records, sensor), rod(), names, None, disturbances, KNOWN)
+    return fit(Samples(rod(), records, sensor), rod(), names, None, disturbances, KNOWN)
 
 
 @pytest.fixture(scope="module")
@@ -200,17 +200,17 @@ def test_z_is_what_the_innovations_lose_with_the_effect(name: str, beside: str, 
     probe = tried[len(tried) // 2].probes[0]
     system, filter = clean.linearised.system, clean.linearised.system.filter(BESIDE[beside])
     z = filter.whiten(*clean.linearised.effect_changes([probe], [1.0]))[:, 0]
-    with_it = LinearisedModel(clean.chain, clean.model.with_effect(probe), clean.motion)
-    moved = replace(system, gap=system.gap + _less(with_it.ends, clean.linearised.ends, clean.chain))
-    seen = clean.chain.read(with_it.model, clean.motion.x) - clean.chain.read(clean.model, clean.motion.x)
-    moved = replace(moved, r=moved.r - seen * clean.chain.weight)
+    with_it = LinearisedModel(clean.samples, clean.model.with_effect(probe), clean.motion)
+    moved = replace(system, gap=system.gap + _less(with_it.ends, clean.linearised.ends, clean.samples))
+    seen = clean.samples.read(with_it.model, clean.motion.x) - clean.samples.read(clean.model, clean.motion.x)
+    moved = replace(moved, r=moved.r - seen * clean.samples.weight)
     lost = filter.innovations - moved.filter(BESIDE[beside]).innovations
     assert np.linalg.norm(z) > 0.0
     np.testing.assert_allclose(z, lost.ravel(), atol=1e-6 * np.linalg.norm(z))
 
 
-def _less(ends: np.ndarray, others: np.ndarray, chain: Chain) -> np.ndarray:
-    return (ends - others) * chain.follows[:, None]
+def _less(ends: np.ndarray, others: np.ndarray, samples: Samples) -> np.ndarray:
+    return (ends - others) * samples.follows[:, None]
 
 
 def test_z_lies_beside_the_parameters(clean: Fit, scored: dict[str, Score]) -> None:
@@ -232,7 +232,7 @@ def test_a_model_that_runs_away_does_not_break_it() -> None:
     """Negative friction, and readings of a motion that no such model makes: every score is a number, or is left out."""
     driven = rod(Viscous(b=-9.0, bounds={"b": (-9.0, 9.0)}))
     with np.errstate(all="ignore"):
-        found = scores(fit(Chain(driven, logs(rod()), SENSOR), driven, PLANT, None, Disturbances(1.0)))
+        found = scores(fit(Samples(driven, logs(rod()), SENSOR), driven, PLANT, None, Disturbances(1.0)))
     assert len(found) > 10
     for score in found.values():
         assert math.isfinite(score.lm)
@@ -295,7 +295,7 @@ def test_something_else_that_is_missing_counts_as_a_random_torque() -> None:
     """Beside a strong ripple the wrong effects promise far less than white residuals would make them."""
     names = ("drift", "drag", "velocity_gain", "torque_bias", "velocity_bias")
     records = logs(rod(Ripple(a=0.1, b=0.05, order=5.0)))
-    beside = fit(Chain(rod(), records, SENSOR), rod(), PLANT)
+    beside = fit(Samples(rod(), records, SENSOR), rod(), PLANT)
     white, right = (max(s.lm for s in scores(own, names).values()) for own in (null(records), beside))
     assert right < 0.1 * white
 
@@ -307,7 +307,7 @@ def test_something_else_that_is_missing_counts_as_a_random_torque() -> None:
 )
 def test_what_is_hidden_scores_best_beside_its_like(truth: Effect) -> None:
     records = logs(rod(truth))
-    found = scores(fit(Chain(rod(), records, SENSOR), rod(), PLANT))
+    found = scores(fit(Samples(rod(), records, SENSOR), rod(), PLANT))
     best = max(found.values(), key=lambda s: s.lm - 7.0 * len(s.sizes))
     assert best.name == truth.name or best.name in truth.confused
     assert found[truth.name].lm > 0.6 * best.lm

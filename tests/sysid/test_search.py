@@ -28,10 +28,10 @@ from sysid import (
     ops,
 )
 from sysid import parameter as number
-from sysid.diagnosis.choosing import DEFAULT
 from sysid.diagnosis.search import Addition, Search, Trial, is_nothing, matters
-from sysid.estimation.chain import Chain
+from sysid.diagnosis.search_settings import DEFAULT
 from sysid.estimation.first_fit import first_fit
+from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import extended, reduced
 from sysid.estimation.scores import Score, alikeness, price, scores
@@ -51,7 +51,7 @@ def rubbing() -> tuple[Record, ...]:
 @cache
 def base() -> Fit:
     """The bare rod on it."""
-    return first_fit(Chain(rod(), rubbing(), SENSOR), rod(), PLANT)
+    return first_fit(Samples(rod(), rubbing(), SENSOR), rod(), PLANT)
 
 
 @cache
@@ -129,7 +129,7 @@ def test_what_is_there_and_too_small_to_matter_is_said_and_not_added() -> None:
     assert found.negligible == ("viscous",)
     assert "too small to matter: viscous" in str(found)
     eager = dataclasses.replace(DEFAULT, tolerance=0.0, noise_share=0.0)
-    assert [s.effect for s in diagnose(rod(), records, SENSOR, effects=("viscous",), choosing=eager).steps] == [
+    assert [s.effect for s in diagnose(rod(), records, SENSOR, effects=("viscous",), settings=eager).steps] == [
         "viscous"
     ]
 
@@ -211,7 +211,7 @@ def test_what_is_nothing_goes_whatever_the_likelihood_says() -> None:
     both = sized(mended(), 0.5, 0.5)
     assert is_nothing(both, "ripple")
     search = Search(
-        rubbing(), SENSOR, choosing=dataclasses.replace(DEFAULT, price=-1e3, tolerance=0.0, noise_share=0.0)
+        rubbing(), SENSOR, settings=dataclasses.replace(DEFAULT, price=-1e3, tolerance=0.0, noise_share=0.0)
     )
     search.additions = [Addition(n, (), (), 1e-9, both) for n in ("coulomb", "ripple")]
     search._pruned(both)
@@ -220,9 +220,9 @@ def test_what_is_nothing_goes_whatever_the_likelihood_says() -> None:
 
 def test_a_pattern_has_to_come_back() -> None:
     """Twice within some record, and never as often as the motion does."""
-    search, chain = Search(rubbing(), SENSOR), base().chain
-    span = max(float(np.ptp(chain.smoothed[a:b, 0])) for a, b in pairwise(chain.first.tolist()))
-    duration = float(np.ptp(chain.clock))
+    search, samples = Search(rubbing(), SENSOR), base().samples
+    span = max(float(np.ptp(samples.smoothed[a:b, 0])) for a, b in pairwise(samples.first.tolist()))
+    duration = float(np.ptp(samples.time_since_start))
 
     def recurs(own: Effect) -> bool:
         found = dataclasses.replace(base(), model=base().model.with_effect(own))
@@ -287,7 +287,7 @@ def test_the_same_search_again() -> None:
 def scored(alpha: float) -> dict[str, Score]:
     """About the bare rod, on logs of one whose base leans by alpha [rad]."""
     records = logs(truth(Tilt(alpha=alpha)), n=3, seconds=4.0)
-    return scores(first_fit(Chain(rod(), records, SENSOR), rod(), PLANT))
+    return scores(first_fit(Samples(rod(), records, SENSOR), rod(), PLANT))
 
 
 @pytest.mark.parametrize("alpha", [0.0, 0.05])
@@ -310,7 +310,7 @@ def test_what_the_free_parameters_absorb_is_not_visible() -> None:
 def test_a_score_is_no_more_than_the_deviance_that_a_refit_saves(hidden: Effect) -> None:
     """Or less: the refit makes the random torque smaller, too. The size is that of the refit, and of the truth."""
     records = logs(truth(hidden), 3, n=3)
-    fit = first_fit(Chain(rod(), records, SENSOR), rod(), PLANT)
+    fit = first_fit(Samples(rod(), records, SENSOR), rod(), PLANT)
     score = scores(fit, (hidden.name,))[hidden.name]
     bigger = extended(fit, [score.best.at(score.sizes)])
     assert score.lm > 6.0, "too small to test anything"
@@ -323,7 +323,7 @@ def test_a_score_is_no_more_than_the_deviance_that_a_refit_saves(hidden: Effect)
 
 def test_a_friction_that_drives_is_no_friction() -> None:
     driving = Viscous(b=-0.01, bounds={"b": (-1.0, 1.0)})
-    fit = first_fit(Chain(rod(), logs(truth(driving), n=3, seconds=4.0), SENSOR), rod(), PLANT)
+    fit = first_fit(Samples(rod(), logs(truth(driving), n=3, seconds=4.0), SENSOR), rod(), PLANT)
     score = scores(fit, ("viscous",))["viscous"]
     assert score.lm == 0.0 and score.sizes[0] < 0.0
     assert math.isfinite(score.sd[0])

@@ -127,7 +127,7 @@ class _OneStep:
             raise InvalidInput(
                 f"{record.name} has the start angle alone: a grid search needs the angle of every instant"
             )
-        self.model, self.t = model, record.clock[:n]
+        self.model, self.t = model, record.time_since_start[:n]
         self.theta, self.before = record.theta[:n], record.theta_dot[:n]
         self.after = record.theta_dot[1:] if record.theta_dot_after is None else record.theta_dot_after
         self.drives = _drives(model, record)
@@ -142,7 +142,7 @@ def _drives(model: Model, record: Record) -> Drives:
     """Drive torques over a whole record, one (..., N) array a substep."""
     if not model.input_effects:
         return (record.u,) * model.integrator.substeps
-    columns = list(model.drives(record.commands.tolist()))[len(record.past) :]
+    columns = list(model.drives(record.commands.tolist()))[len(record.previous_commands) :]
     return tuple(
         np.concatenate([np.reshape(drive[j], (-1, 1)) for drive in columns], axis=1)
         for j in range(model.integrator.substeps)

@@ -74,7 +74,7 @@ class Segments:
         self.n_readings = np.zeros(2, dtype=int)
         self.scatter = np.zeros(2)
         self.value, self.weight = self._targets()
-        begins = [float(r.clock[0]) for r in self.records]
+        begins = [float(r.time_since_start[0]) for r in self.records]
         since = [begin + self.length * model.dt * np.arange(c) for begin, c in zip(begins, self.counts, strict=True)]
         self.time = np.concatenate(since)[None, :]
         self.path = self._input_path()
@@ -124,7 +124,9 @@ class Segments:
             drive = casadi.repmat(casadi.DM(record.u).T, S, 1)
             if model.input_effects:
                 u = casadi.DM(record.commands).T
-                drive = self._drive_step().mapaccum(u.numel())(self._rest(), u, p)[1][:, len(record.past) :]
+                drive = self._drive_step().mapaccum(u.numel())(self._rest(), u, p)[1][
+                    :, len(record.previous_commands) :
+                ]
             padded = casadi.horzcat(drive, casadi.DM.zeros(S, count * L - len(record)))
             columns.append(casadi.reshape(padded, S * L, count))
         drives = casadi.horzcat(*columns)
@@ -243,13 +245,13 @@ class Segments:
         total = np.zeros((P, P))
         spans = zip(self.first, self.counts, strict=True) if whole else ((i, 1) for i in range(self.size))
         for begin, count in spans:
-            chain, rows = np.eye(2 + P), list[Array]()
+            samples, rows = np.eye(2 + P), list[Array]()
             for i in range(begin, begin + count):
-                if np.linalg.norm(chain[:2, :2], 2) > _LARGEST_GROWTH:
+                if np.linalg.norm(samples[:2, :2], 2) > _LARGEST_GROWTH:
                     total += _without_state(np.concatenate(rows))
-                    chain, rows = np.eye(2 + P), []
-                rows.append(blocks.slope[i] @ chain)
-                chain = np.vstack([blocks.end_z[i] @ chain, chain[2:]])
+                    samples, rows = np.eye(2 + P), []
+                rows.append(blocks.slope[i] @ samples)
+                samples = np.vstack([blocks.end_z[i] @ samples, samples[2:]])
             total += _without_state(np.concatenate(rows))
         return total
 

@@ -213,7 +213,7 @@ class _Pass:
     def __init__(self, settings: UnscentedKalman, model: Model, coordinates: Coordinates, record: Record) -> None:
         from filterpy.kalman import MerweScaledSigmaPoints  # loads for half a second
 
-        self.record, self.coordinates, self.begin = record, coordinates, float(record.clock[0])
+        self.record, self.coordinates, self.begin = record, coordinates, float(record.time_since_start[0])
         names = tuple(settings.parameters)
         self.size = 2 + len(names)
         self.points = MerweScaledSigmaPoints(
@@ -242,7 +242,7 @@ class _Pass:
         kf.sigmas_f = self.points.sigma_points(kf.x, kf.P)
         self.memory, self.s = self.model.rest(np.zeros(2 * self.size + 1)), kf.sigmas_f[:, 2:]
         self.rows[:] = self.coordinates(self.s).T
-        for u in self.record.past.tolist() if self.model.input_effects else ():
+        for u in self.record.previous_commands.tolist() if self.model.input_effects else ():
             _, self.memory = self.model.drive(u, self.memory)
         squares, count = np.zeros(2), np.zeros(2, dtype=int)
         with np.errstate(over="ignore", invalid="ignore"):

@@ -71,14 +71,17 @@ class Response:
         K, L = len(self.windows), self.length
         first = np.concatenate([[0], np.cumsum([len(r) for r in self.records])])
         self.interval = np.full((K, L), first[-1], dtype=np.intp)  # padding: one interval beyond the end
-        self.time, self.clock = np.zeros((K, L + 1)), np.zeros((K, L + 1))
+        self.time, self.time_since_start = np.zeros((K, L + 1)), np.zeros((K, L + 1))
         self.y, self.weight = np.zeros((K, 2, L + 1)), np.zeros((K, 2, L + 1))
         targets = [_targets(r, self.sensor) for r in self.records]
         for i, w in enumerate(self.windows):
             record, begin, count, lead = w.record, w.begin, w.count, w.lead
             self.interval[i, :count] = first[record] + begin + np.arange(count)
             since = self.model.dt * (begin + np.arange(L + 1))
-            self.time[i], self.clock[i] = self.records[record].t[0] + since, self.records[record].clock[0] + since
+            self.time[i], self.time_since_start[i] = (
+                self.records[record].t[0] + since,
+                self.records[record].time_since_start[0] + since,
+            )
             value, weight = targets[record]
             self.y[i, :, : count + 1] = value[:, begin : begin + count + 1]
             self.weight[i, :, lead : count + 1] = weight[:, begin + lead : begin + count + 1]
@@ -138,7 +141,7 @@ class Response:
         first = np.concatenate([[0], np.cumsum([len(r) for r in self.records])])
         alike: dict[tuple[int, int], list[tuple[int, Array]]] = {}
         for begin, record in zip(first.tolist(), self.records, strict=False):
-            alike.setdefault((len(record), len(record.past)), []).append((begin, record.past))
+            alike.setdefault((len(record), len(record.previous_commands)), []).append((begin, record.previous_commands))
         return [
             (np.add.outer([begin for begin, _ in own], np.arange(N)), np.array([past for _, past in own]))
             for (N, _), own in alike.items()
@@ -194,7 +197,7 @@ class Response:
     def _inputs(self, p: Array, x: Array, drives: Array) -> tuple[Array, Array, Array, Array]:
         """What a mapped step takes, a row an interval, but states x as they are."""
         K, L = len(self.windows), self.length
-        held, clock = drives[self.interval].reshape(K * L, -1), self.clock[:, :L].reshape(-1, 1)
+        held, clock = drives[self.interval].reshape(K * L, -1), self.time_since_start[:, :L].reshape(-1, 1)
         return x, np.repeat(p[None], K * L, axis=0), held, clock
 
     # readings ------------------------------------------------------------------------------------------------
@@ -204,7 +207,9 @@ class Response:
         if not self.model.output_effects:
             return np.swapaxes(states, -1, -2)
         model = self.model.with_parameters(dict(zip(self.names, p.tolist(), strict=True)))
-        reading = model.read_record(states[..., 0], states[..., 1], np.broadcast_to(self.clock, states.shape[:-1]))
+        reading = model.read_record(
+            states[..., 0], states[..., 1], np.broadcast_to(self.time_since_start, states.shape[:-1])
+        )
         return np.stack(reading, axis=-2)
 
     def reading_slopes(self, p: Array, states: Array, Z: Array, own: Array) -> Array:

@@ -139,9 +139,9 @@ def test_a_piece_of_a_rollout_knows_what_came_before(tmp_path):
     """Its clock goes on, and it knows the commands; behind a gap it knows that it does not."""
     (record,) = rollouts()
     piece = record.part(100, 200).part(20, 90)
-    assert (piece.clock[0], piece.sudden) == (pytest.approx(120 * record.dt), False)
-    np.testing.assert_array_equal(piece.past, record.u[:120])
+    assert (piece.time_since_start[0], piece.starts_midway) == (pytest.approx(120 * record.dt), False)
+    np.testing.assert_array_equal(piece.previous_commands, record.u[:120])
     columns = {name: np.delete(v, slice(100, 120)) for name, v in table(record).items()}
     first, second = read(write(tmp_path / "gap.csv", columns))
-    assert (first.sudden, second.sudden) == (False, True)
-    assert second.clock[0] == pytest.approx(second.t[0]) and len(second.past) == 0
+    assert (first.starts_midway, second.starts_midway) == (False, True)
+    assert second.time_since_start[0] == pytest.approx(second.t[0]) and len(second.previous_commands) == 0

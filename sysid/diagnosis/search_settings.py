@@ -1,4 +1,4 @@
-"""Choosing: what an effect has to show before it is added, as numbers with their reasons."""
+"""Search settings: what an effect has to show before it is added, as numbers with their reasons."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from sysid.estimation.prediction import BLOCKS, WINDOW
 
 
 @dataclass(frozen=True)
-class Choosing:
+class SearchSettings:
     """What counts as evidence, and what counts as large enough to matter.
 
     price          decrease of the deviance (-2 log likelihood) that each number of an effect has to pay for: beyond 3
@@ -65,4 +65,4 @@ class Choosing:
     )
 
 
-DEFAULT = Choosing()
+DEFAULT = SearchSettings()

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from sysid import RK4, Effect, GeneralJoint, Model, Record, Sensor, effect, simulate
-from sysid.estimation.chain import Chain, LinearisedModel, Motion, begin, level
 from sysid.estimation.disturbances import Disturbances
+from sysid.estimation.linearisation import LinearisedModel, Motion, Samples, begin, level
 from sysid.planning.excitation import multisine
 
 DT = 0.02
@@ -50,33 +50,33 @@ def records(model: Model, lengths: tuple[int, ...] = (40, 11, 60), seed: int = 0
     return made
 
 
-def near(chain: Chain, seed: int = 1, spread: float = 0.0) -> Motion:
+def near(samples: Samples, seed: int = 1, spread: float = 0.0) -> Motion:
     """Some motion that is none of the model's, d and all."""
     rng = np.random.default_rng(seed)
-    x = chain.smoothed + rng.standard_normal((len(chain), 2)) * (0.05, 0.3)
-    return Motion(x, rng.standard_normal(len(chain)), np.full((len(chain), 3), spread))
+    x = samples.smoothed + rng.standard_normal((len(samples), 2)) * (0.05, 0.3)
+    return Motion(x, rng.standard_normal(len(samples)), np.full((len(samples), 3), spread))
 
 
-def stepped(model: Model, chain: Chain, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+def stepped(model: Model, samples: Samples, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
     """Ends (M, 2) of the steps and readings (M, 2), in units of the sensor's sd, one instant after the other."""
-    ends, seen = np.zeros((len(chain), 2)), np.zeros((len(chain), 2))
-    for record, first in zip(chain.records, chain.first, strict=False):
-        drives = list(model.drives(record.commands.tolist()))[len(record.past) :]
+    ends, seen = np.zeros((len(samples), 2)), np.zeros((len(samples), 2))
+    for record, first in zip(samples.records, samples.first, strict=False):
+        drives = list(model.drives(record.commands.tolist()))[len(record.previous_commands) :]
         sensing = model.sensing(*motion.x[first])
         for k in range(len(record) + 1):
-            x, now = motion.x[first + k], float(record.clock[k])
+            x, now = motion.x[first + k], float(record.time_since_start[k])
             reading, sensing = model.read(x[0], x[1], sensing, now)
-            seen[first + k] = np.array(reading) * chain.weight[first + k]
+            seen[first + k] = np.array(reading) * samples.weight[first + k]
             if k < len(record):
                 torque = float(model.inertia()) * motion.d[first + k]
                 ends[first + k] = model.move(x[0], x[1], tuple(u + torque for u in drives[k]), now)
     return ends, seen
 
 
-def ahead(values: np.ndarray, chain: Chain, by: tuple[int, int]) -> np.ndarray:
+def ahead(values: np.ndarray, samples: Samples, by: tuple[int, int]) -> np.ndarray:
     """Readings (M, 2) at the instants that they show: `by` rows earlier, 0 where their record has none."""
     moved = np.zeros_like(values)
-    for first, last in zip(chain.first[:-1], chain.first[1:], strict=True):
+    for first, last in zip(samples.first[:-1], samples.first[1:], strict=True):
         for channel, rows in enumerate(by):
             moved[first : last - rows, channel] = values[first + rows : last, channel]
     return moved
@@ -84,15 +84,15 @@ def ahead(values: np.ndarray, chain: Chain, by: tuple[int, int]) -> np.ndarray:
 
 def test_records_of_all_lengths_stand_one_after_the_other() -> None:
     given = records(JOINT, (7, 1, 30))
-    chain = Chain(JOINT, given, SENSOR)
-    assert len(chain) == 8 + 2 + 31 and chain.readings == 2 * len(chain)
-    np.testing.assert_array_equal(np.bincount(chain.number), [8, 2, 31])
-    assert np.flatnonzero(~chain.follows).tolist() == [7, 9, 40]
+    samples = Samples(JOINT, given, SENSOR)
+    assert len(samples) == 8 + 2 + 31 and samples.readings == 2 * len(samples)
+    np.testing.assert_array_equal(np.bincount(samples.number), [8, 2, 31])
+    assert np.flatnonzero(~samples.follows).tolist() == [7, 9, 40]
     for column, name in enumerate(("theta", "theta_dot")):
-        np.testing.assert_allclose(chain.y[:, column], np.concatenate([getattr(r, name) for r in given]), atol=1e-12)
-    np.testing.assert_allclose(chain.weight, np.tile(1.0 / np.array([0.003, 0.05]), (len(chain), 1)))
-    np.testing.assert_allclose(chain.t, np.concatenate([r.t for r in given]), atol=1e-12)
-    np.testing.assert_array_equal(chain.drives(JOINT)[chain.follows, 0], np.concatenate([r.u for r in given]))
+        np.testing.assert_allclose(samples.y[:, column], np.concatenate([getattr(r, name) for r in given]), atol=1e-12)
+    np.testing.assert_allclose(samples.weight, np.tile(1.0 / np.array([0.003, 0.05]), (len(samples), 1)))
+    np.testing.assert_allclose(samples.t, np.concatenate([r.t for r in given]), atol=1e-12)
+    np.testing.assert_array_equal(samples.drives(JOINT)[samples.follows, 0], np.concatenate([r.u for r in given]))
 
 
 def test_an_instant_that_was_read_twice_counts_as_its_mean() -> None:
@@ -100,27 +100,27 @@ def test_an_instant_that_was_read_twice_counts_as_its_mean() -> None:
     rng = np.random.default_rng(2)
     before, after = (part + 0.05 * rng.standard_normal(20) for part in (one.theta_dot[:-1], one.theta_dot[1:]))
     twice = Record(one.t, one.u, None, before, after)
-    chain = Chain(JOINT, [twice], Sensor(theta_dot=0.05))
-    np.testing.assert_allclose(chain.y[1:-1, 1], 0.5 * (before[1:] + after[:-1]))
-    assert (chain.y[0, 1], chain.y[-1, 1]) == pytest.approx((before[0], after[-1]))
-    np.testing.assert_allclose(chain.weight[1:-1, 1], math.sqrt(2.0) / 0.05)
-    np.testing.assert_allclose(chain.weight[[0, -1], 1], 1.0 / 0.05)
-    assert not np.any(chain.weight[:, 0]) and not np.any(chain.y[:, 0])
+    samples = Samples(JOINT, [twice], Sensor(theta_dot=0.05))
+    np.testing.assert_allclose(samples.y[1:-1, 1], 0.5 * (before[1:] + after[:-1]))
+    assert (samples.y[0, 1], samples.y[-1, 1]) == pytest.approx((before[0], after[-1]))
+    np.testing.assert_allclose(samples.weight[1:-1, 1], math.sqrt(2.0) / 0.05)
+    np.testing.assert_allclose(samples.weight[[0, -1], 1], 1.0 / 0.05)
+    assert not np.any(samples.weight[:, 0]) and not np.any(samples.y[:, 0])
 
 
 def test_slopes_are_the_models_derivatives() -> None:
     """Against those that CasADi takes of the same equations, exactly."""
-    chain = Chain(SMOOTH, records(SMOOTH), SENSOR)
-    motion = near(chain)
-    found = LinearisedModel(chain, SMOOTH, motion).system
+    samples = Samples(SMOOTH, records(SMOOTH), SENSOR)
+    motion = near(samples)
+    found = LinearisedModel(samples, SMOOTH, motion).system
     z, u, t = casadi.SX.sym("z", 3), casadi.SX.sym("u"), casadi.SX.sym("t")
     end = casadi.vertcat(*SMOOTH.move(z[0], z[1], (u + SMOOTH.inertia() * z[2],) * 2, t))
     slope = casadi.Function("slope", [z, u, t], [casadi.jacobian(end, z)])
-    command = np.concatenate([np.append(r.u, 0.0) for r in chain.records])
-    for k in np.flatnonzero(chain.follows):
-        exact = np.array(slope([*motion.x[k], motion.d[k]], command[k], chain.clock[k]))
+    command = np.concatenate([np.append(r.u, 0.0) for r in samples.records])
+    for k in np.flatnonzero(samples.follows):
+        exact = np.array(slope([*motion.x[k], motion.d[k]], command[k], samples.time_since_start[k]))
         np.testing.assert_allclose(found.A[k], exact, rtol=1e-6, atol=1e-8)
-    assert not np.any(found.A[~chain.follows]) and not np.any(found.gap[~chain.follows])
+    assert not np.any(found.A[~samples.follows]) and not np.any(found.gap[~samples.follows])
 
 
 @pytest.mark.parametrize("effects", SHOWN.values(), ids=SHOWN.keys())
@@ -129,25 +129,27 @@ def test_a_motion_of_the_model_has_no_gaps_and_no_residuals(effects: tuple[Effec
     model = replace(JOINT, effects=effects)
     rng, n = np.random.default_rng(3), 120
     u = multisine(rng, n, DT, 2.0, 3.0)
-    chain = Chain(model, [Record(DT * np.arange(n + 1), u, np.zeros(n + 1))], Sensor(theta=0.003))
+    samples = Samples(model, [Record(DT * np.arange(n + 1), u, np.zeros(n + 1))], Sensor(theta=0.003))
     drives, x = list(model.drives(u.tolist())), np.zeros((n + 1, 2))
     d = 2.0 * rng.standard_normal(n + 1)
     x[0] = math.pi, 1.0
     for k in range(n):
-        x[k + 1] = model.move(*x[k], tuple(v + float(model.inertia()) * d[k] for v in drives[k]), float(chain.clock[k]))
-    chain.y[:, 0] = model.read_record(x[:, 0], x[:, 1], chain.clock).theta
-    system = LinearisedModel(chain, model, Motion(x, d, np.zeros((n + 1, 3)))).system
-    np.testing.assert_allclose(system.gap + system.A[:, :, 2] * d[:, None] * chain.follows[:, None], 0.0, atol=1e-9)
+        x[k + 1] = model.move(
+            *x[k], tuple(v + float(model.inertia()) * d[k] for v in drives[k]), float(samples.time_since_start[k])
+        )
+    samples.y[:, 0] = model.read_record(x[:, 0], x[:, 1], samples.time_since_start).theta
+    system = LinearisedModel(samples, model, Motion(x, d, np.zeros((n + 1, 3)))).system
+    np.testing.assert_allclose(system.gap + system.A[:, :, 2] * d[:, None] * samples.follows[:, None], 0.0, atol=1e-9)
     np.testing.assert_allclose(system.r, 0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("effects", SHOWN.values(), ids=SHOWN.keys())
 def test_changes_are_differences_of_the_model_itself(effects: tuple[Effect, ...]) -> None:
     model = replace(JOINT, effects=effects)
-    chain = Chain(model, records(model), SENSOR)
-    motion = near(chain)
+    samples = Samples(model, records(model), SENSOR)
+    motion = near(samples)
     # d is an acceleration that stays: the torque that makes it goes with the inertia, here as there
-    linearised = LinearisedModel(chain, model, motion)
+    linearised = LinearisedModel(samples, model, motion)
     names = list(model.parameters)
     G, R = linearised.changes(names)
     size = np.zeros(len(names))
@@ -155,9 +157,9 @@ def test_changes_are_differences_of_the_model_itself(effects: tuple[Effect, ...]
         value = float(model.parameters[name].value)
         h = 1e-4 * abs(value)
         (up, seen_up), (down, seen_down) = (
-            stepped(model.with_parameters({name: value + side * h}), chain, motion) for side in (1.0, -1.0)
+            stepped(model.with_parameters({name: value + side * h}), samples, motion) for side in (1.0, -1.0)
         )
-        read = ahead((seen_up - seen_down) / (2.0 * h), chain, linearised.ahead)
+        read = ahead((seen_up - seen_down) / (2.0 * h), samples, linearised.ahead)
         for found, expected in ((G[:, :, i], (up - down) / (2.0 * h)), (R[:, :, i], read)):
             np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-6 * max(1.0, np.abs(expected).max()))
             size[i] += float(np.abs(expected).max())
@@ -168,23 +170,23 @@ def test_changes_are_differences_of_the_model_itself(effects: tuple[Effect, ...]
 def test_readings_change_with_the_motion_as_their_slopes_say(effects: tuple[Effect, ...]) -> None:
     """A motion that lies a + b t beside another shows it, however late its sensors are."""
     model = replace(JOINT, effects=effects)
-    chain = Chain(model, records(model), SENSOR)
-    motion, a, b = near(chain), 1e-4, 2e-4
-    linearised = LinearisedModel(chain, model, motion)
-    beside = np.column_stack([a + b * chain.clock, np.full(len(chain), b)])
-    before, after = (stepped(model, chain, replace(motion, x=motion.x + side * beside))[1] for side in (-1.0, 1.0))
-    shown = ahead(0.5 * (after - before), chain, linearised.ahead)
+    samples = Samples(model, records(model), SENSOR)
+    motion, a, b = near(samples), 1e-4, 2e-4
+    linearised = LinearisedModel(samples, model, motion)
+    beside = np.column_stack([a + b * samples.time_since_start, np.full(len(samples), b)])
+    before, after = (stepped(model, samples, replace(motion, x=motion.x + side * beside))[1] for side in (-1.0, 1.0))
+    shown = ahead(0.5 * (after - before), samples, linearised.ahead)
     expected = np.einsum("mij,mj->mi", linearised.system.H, beside)
     np.testing.assert_allclose(shown, expected, rtol=1e-4, atol=1e-5)
 
 
 def test_a_late_sensor_is_moved_to_the_instant_that_it_shows() -> None:
     model = replace(JOINT, effects=(effect("sensor_delay", T=3.0 * DT, longest=0.1),))
-    chain = Chain(model, records(model), SENSOR)
-    linearised = LinearisedModel(chain, model, near(chain))
+    samples = Samples(model, records(model), SENSOR)
+    linearised = LinearisedModel(samples, model, near(samples))
     assert linearised.ahead == (3, 3)
     H, own = linearised.system.H, np.eye(2) / np.array([[0.003], [0.05]])
-    for first, last in zip(chain.first[:-1], chain.first[1:], strict=True):
+    for first, last in zip(samples.first[:-1], samples.first[1:], strict=True):
         np.testing.assert_allclose(H[first + 3 : last - 3], np.broadcast_to(own, (last - first - 6, 2, 2)), atol=1e-5)
         assert not np.any(H[last - 3 : last]) and not np.any(linearised.system.r[last - 3 : last])
 
@@ -207,17 +209,17 @@ EFFECTS = {
 @pytest.mark.parametrize(("name", "number"), EFFECTS.items(), ids=EFFECTS.keys())
 def test_what_an_effect_would_change_is_what_its_parameter_changes(name: str, number: dict[str, float]) -> None:
     """Tried from outside, per unit of size, or freed inside a model that has it at nothing."""
-    chain = Chain(JOINT, records(JOINT), SENSOR)
-    motion = near(chain)
+    samples = Samples(JOINT, records(JOINT), SENSOR)
+    motion = near(samples)
     ((key, value),) = number.items()
     neutral = effect(name).at_neutral()
     size = value - float(neutral.parameters[key].neutral)
     tried = [neutral.with_parameters({key: value}), neutral.with_parameters({key: value + size})]
-    found = LinearisedModel(chain, JOINT, motion).effect_changes(tried, [size, 2.0 * size])
-    freed = LinearisedModel(chain, JOINT.with_effect(neutral), motion).changes([f"{name}.{key}"])
+    found = LinearisedModel(samples, JOINT, motion).effect_changes(tried, [size, 2.0 * size])
+    freed = LinearisedModel(samples, JOINT.with_effect(neutral), motion).changes([f"{name}.{key}"])
     assert max(np.abs(v).max() for v in freed) > 1e-4
     for own, expected in zip(found, freed, strict=True):
-        assert own.shape == (len(chain), 2, 2)
+        assert own.shape == (len(samples), 2, 2)
         scale = max(1.0, float(np.abs(expected).max()))
         np.testing.assert_allclose(own, np.repeat(expected, 2, axis=2), rtol=1e-3, atol=1e-4 * scale)
 
@@ -226,10 +228,10 @@ def test_a_joint_that_sticks_has_slopes_wide_enough_to_leave() -> None:
     """At rest under friction c nothing moves it a little; d up to 3 c leaves with d - c, two thirds of its own."""
     model = replace(JOINT, effects=(effect("coulomb", tau_c=0.3),))
     rest = Record(DT * np.arange(41), np.zeros(40), np.full(41, math.pi), np.zeros(41))
-    chain, c = Chain(model, [rest], SENSOR), 0.3 / 0.3
+    samples, c = Samples(model, [rest], SENSOR), 0.3 / 0.3
     at, still = np.tile([math.pi, 0.0], (41, 1)), np.zeros(41)
     slopes = [
-        LinearisedModel(chain, model, Motion(at, still, np.tile([0.0, 0.0, wide], (41, 1)))).system.A[:-1, 1, 2]
+        LinearisedModel(samples, model, Motion(at, still, np.tile([0.0, 0.0, wide], (41, 1)))).system.A[:-1, 1, 2]
         for wide in (0.5 * c, 3.0 * c)
     ]
     np.testing.assert_allclose(slopes[0], 0.0, atol=1e-12)
@@ -241,10 +243,10 @@ def test_a_filter_lets_a_joint_that_seemed_to_stick_go() -> None:
     model = replace(JOINT, effects=(effect("coulomb", tau_c=0.3),))
     t = DT * np.arange(101)
     moves = math.pi + 0.5 * (1.0 - np.cos(2.0 * t))
-    chain = Chain(model, [Record(t, np.zeros(100), moves, np.sin(2.0 * t))], SENSOR)
+    samples = Samples(model, [Record(t, np.zeros(100), moves, np.sin(2.0 * t))], SENSOR)
     loose = Disturbances(10.0, T=0.3)
     motion = Motion(np.tile([math.pi, 0.0], (101, 1)), np.zeros(101), np.tile([1e-3, 0.05, 10.0], (101, 1)))
-    found = motion.x + LinearisedModel(chain, model, motion).system.filter(loose).smooth()[:, :2]
+    found = motion.x + LinearisedModel(samples, model, motion).system.filter(loose).smooth()[:, :2]
     assert np.max(np.abs(found[:, 0] - moves)) < 0.02
 
 
@@ -253,10 +255,10 @@ def test_pieces_of_a_rollout_are_the_rollout() -> None:
     model = replace(JOINT, effects=(*SMOOTH.effects, effect("delay", T=0.0337, longest=0.06), effect("lag", T=0.061)))
     (whole,) = records(model, (150,))
     pieces = [whole.part(0, 60), whole.part(60, 61), whole.part(61, 150)]
-    one, cut = Chain(model, [whole], SENSOR), Chain(model, pieces, SENSOR)
+    one, cut = Samples(model, [whole], SENSOR), Samples(model, pieces, SENSOR)
     rows = np.concatenate([np.arange(0, 61), np.arange(60, 62), np.arange(61, 151)])
-    np.testing.assert_allclose(cut.clock, one.clock[rows], atol=1e-12)
-    np.testing.assert_allclose(cut.clock, cut.t, atol=1e-12)
+    np.testing.assert_allclose(cut.time_since_start, one.time_since_start[rows], atol=1e-12)
+    np.testing.assert_allclose(cut.time_since_start, cut.t, atol=1e-12)
     motion = near(one)
     own = LinearisedModel(one, model, motion)
     again = LinearisedModel(cut, model, Motion(motion.x[rows], motion.d[rows], motion.spread[rows]))
@@ -271,19 +273,19 @@ def test_pieces_of_a_rollout_are_the_rollout() -> None:
 
 def test_a_log_that_begins_late_counts_from_its_own_start() -> None:
     (one,) = records(SMOOTH, (50,))
-    chain = Chain(SMOOTH, [replace(one, t=one.t + 7.0)], SENSOR)
-    np.testing.assert_allclose(chain.clock, DT * np.arange(51), atol=1e-12)
-    np.testing.assert_allclose(chain.t, 7.0 + DT * np.arange(51), atol=1e-12)
+    samples = Samples(SMOOTH, [replace(one, t=one.t + 7.0)], SENSOR)
+    np.testing.assert_allclose(samples.time_since_start, DT * np.arange(51), atol=1e-12)
+    np.testing.assert_allclose(samples.t, 7.0 + DT * np.arange(51), atol=1e-12)
 
 
 def test_the_start_of_a_fit_follows_the_readings_without_a_model() -> None:
     """Smoothed readings move as the joint did, and their level is the rms of its acceleration."""
     rng, n = np.random.default_rng(4), 300
     run = simulate(JOINT, multisine(rng, n, DT, 2.0, 2.0), math.pi, 0.0)
-    chain = Chain(JOINT, SENSOR.measure(run, rng), SENSOR)
-    motion = begin(chain, 2.0)
+    samples = Samples(JOINT, SENSOR.measure(run, rng), SENSOR)
+    motion = begin(samples, 2.0)
     assert np.sqrt(np.mean((motion.x[:, 0] - run.theta) ** 2)) < 0.003
     assert np.sqrt(np.mean((motion.x[:, 1] - run.theta_dot) ** 2)) < 0.05
     assert not np.any(motion.d) and np.all(motion.spread[:, 2] == 2.0)
     acceleration = np.diff(run.theta_dot) / DT
-    assert level(chain) == pytest.approx(float(np.sqrt(np.mean(acceleration**2))), rel=0.2)
+    assert level(samples) == pytest.approx(float(np.sqrt(np.mean(acceleration**2))), rel=0.2)

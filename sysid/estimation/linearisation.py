@@ -1,4 +1,4 @@
-"""Chain: all records of a log as one line of instants, and a model along it, linearised about a motion."""
+"""Linearisation: all samples of a log, record after record, and a model linearised along a motion through them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from sysid.physics.ops import Array
 from sysid.physics.parameters import Extent
 
 
-class Chain:
+class Samples:
     """The M instants of records, one record after the other.
 
     t, clock (M,) [s]: of the log and since the rollout began; y and weight (M, 2): readings of theta and theta_dot and
@@ -35,9 +35,9 @@ class Chain:
         self.number = np.repeat(np.arange(len(counts)), counts)
         self.follows = np.append(self.number[1:] == self.number[:-1], False)
         inside = np.arange(len(self.number)) - self.first[self.number]
-        self.t, self.clock = (
+        self.t, self.time_since_start = (
             np.array([float(begin[0]) for begin in begins])[self.number] + self.dt * inside
-            for begins in ([r.t for r in self.records], [r.clock for r in self.records])
+            for begins in ([r.t for r in self.records], [r.time_since_start for r in self.records])
         )
         self.y, self.weight = np.zeros((len(inside), 2)), np.zeros((len(inside), 2))
         for record, begin in zip(self.records, self.first.tolist(), strict=False):
@@ -56,7 +56,11 @@ class Chain:
             total[at, channel] += reading.value[known] / reading.sd**2
             precision[at, channel] += 1.0 / reading.sd**2
         # what the drive did before is not known, nor is what a model with a memory predicts for a while
-        blind = min(math.ceil(UNKNOWN / self.dt), len(record) // 2) if record.sudden and record.clock[0] > 0.0 else 0
+        blind = (
+            min(math.ceil(UNKNOWN / self.dt), len(record) // 2)
+            if record.starts_midway and record.time_since_start[0] > 0.0
+            else 0
+        )
         precision[:blind] = 0.0
         rows = slice(begin, begin + len(record) + 1)
         self.y[rows] = total / np.where(precision > 0.0, precision, 1.0)
@@ -86,8 +90,8 @@ class Chain:
         """Drive torques (M, S) [N m] of the intervals after the instants."""
         drives = np.zeros((len(self), model.integrator.substeps))
         for record, begin in zip(self.records, self.first.tolist(), strict=False):
-            own = model.drive_record(np.concatenate([record.past, record.u]))
-            drives[begin : begin + len(record)] = own[len(record.past) :]
+            own = model.drive_record(np.concatenate([record.previous_commands, record.u]))
+            drives[begin : begin + len(record)] = own[len(record.previous_commands) :]
         return drives
 
     def read(self, model: Model, x: Array) -> Array:
@@ -98,7 +102,7 @@ class Chain:
         lengths = np.diff(self.first)
         for length in np.unique(lengths).tolist():  # a sensor that remembers goes step by step, through all at once
             rows = self.first[:-1][lengths == length][:, None] + np.arange(length)
-            clock = np.broadcast_to(self.clock[rows], x[..., rows, 0].shape)
+            clock = np.broadcast_to(self.time_since_start[rows], x[..., rows, 0].shape)
             seen[..., rows, :] = np.stack(model.read_record(x[..., rows, 0], x[..., rows, 1], clock), axis=-1)
         return seen
 
@@ -114,30 +118,30 @@ class Motion:
 
 
 class LinearisedModel:
-    """A model along a motion on a chain.
+    """A model along a motion through the samples of a log.
 
     Slopes are central differences as wide as the state is uncertain: a joint that sticks has no slope at a point, and
     a filter that believed in none would never let it go. All differences are rows of one array, and one call of the
     model makes them.
     """
 
-    def __init__(self, chain: Chain, model: Model, motion: Motion) -> None:
-        self.chain, self.model, self.motion = chain, model, motion
-        self.drives, self.seen = chain.drives(model), chain.read(model, motion.x)
+    def __init__(self, samples: Samples, model: Model, motion: Motion) -> None:
+        self.samples, self.model, self.motion = samples, model, motion
+        self.drives, self.seen = samples.drives(model), samples.read(model, motion.x)
         h = np.maximum(motion.spread, (1e-7, 1e-6, 1e-6))
-        rows = np.zeros((7, len(chain), 3))
+        rows = np.zeros((7, len(samples), 3))
         for i in range(3):
             rows[1 + 2 * i, :, i], rows[2 + 2 * i, :, i] = h[:, i], -h[:, i]
         ends = self._ends(model, self.drives, rows)
         self.ends = ends[0]
         A = np.stack([(ends[1 + 2 * i] - ends[2 + 2 * i]) / (2.0 * h[:, i, None]) for i in range(3)], axis=2)
         gap = self.ends - A[:, :, 2] * motion.d[:, None] - np.roll(motion.x, -1, axis=0)
-        A[~chain.follows], gap[~chain.follows] = 0.0, 0.0
+        A[~samples.follows], gap[~samples.follows] = 0.0, 0.0
         self.ahead = (0, 0)
         H, r = self._readings()
-        self.system = LinearSystem(A, gap, H, r, chain.weight[:, 0], chain.follows, chain.dt)
+        self.system = LinearSystem(A, gap, H, r, samples.weight[:, 0], samples.follows, samples.dt)
         # the first readings of a sensor that remembers show what was before the record
-        self.unused = chain.readings - int(np.count_nonzero(np.any(H != 0.0, axis=2)))
+        self.unused = samples.readings - int(np.count_nonzero(np.any(H != 0.0, axis=2)))
 
     def _ends(self, model: Model, drives: Array, shift: Array | None = None) -> Array:
         """Where the steps end (..., M, 2) from the motion, or from `shift` (..., M, 3) beside it.
@@ -148,7 +152,7 @@ class LinearisedModel:
         if shift is not None:
             theta, theta_dot, d = theta + shift[..., 0], theta_dot + shift[..., 1], d + shift[..., 2]
         own = tuple(drives[..., j] for j in range(drives.shape[-1]))
-        ends = model.move(theta, theta_dot, own, self.chain.clock, push=model.inertia() * d)
+        ends = model.move(theta, theta_dot, own, self.samples.time_since_start, push=model.inertia() * d)
         return np.stack(np.broadcast_arrays(*ends), axis=-1)
 
     def changes(self, names: Sequence[str]) -> tuple[Array, Array]:
@@ -159,7 +163,7 @@ class LinearisedModel:
         """
         parameters, P = self.model.parameters, len(names)
         if not P:
-            nothing = np.zeros((len(self.chain), 2, 0))
+            nothing = np.zeros((len(self.samples), 2, 0))
             return nothing, nothing
         value = np.array([float(parameters[n].value) for n in names])
         low, high = np.array([parameters[n].bounds for n in names]).T
@@ -187,8 +191,8 @@ class LinearisedModel:
         """Ends (V, M, 2) and readings (V, M, 2) of variants of a model that differ in numbers (V, P) alone."""
         columns = {n: column[:, None] for n, column in zip(names, rows.T, strict=True)}
         inputs = any(not set(names).isdisjoint(model.names_of(e.name)) for e in model.input_effects)
-        drives = np.stack([self.chain.drives(m) for m in models]) if inputs else self.drives
-        ends = np.broadcast_to(self._ends(model.with_parameters(columns), drives), (len(rows), len(self.chain), 2))
+        drives = np.stack([self.samples.drives(m) for m in models]) if inputs else self.drives
+        ends = np.broadcast_to(self._ends(model.with_parameters(columns), drives), (len(rows), len(self.samples), 2))
         shown = {n for e in model.output_effects for n in model.names_of(e.name)} & set(names)
         if not shown:
             return ends, np.broadcast_to(self.seen, ends.shape)
@@ -200,14 +204,14 @@ class LinearisedModel:
             if n in shown
         ]
         own = [
-            self.seen if k else self.chain.read(m, self.motion.x)
+            self.seen if k else self.samples.read(m, self.motion.x)
             for m, k in zip(models, np.all(kept, axis=0), strict=True)
         ]
         return ends, np.stack(own)
 
     def _as_changes(self, ends: Array, seen: Array) -> tuple[Array, Array]:
-        G = np.moveaxis(ends, 0, -1) * self.chain.follows[:, None, None]
-        R = np.moveaxis(seen, 0, -1) * self.chain.weight[:, :, None]
+        G = np.moveaxis(ends, 0, -1) * self.samples.follows[:, None, None]
+        R = np.moveaxis(seen, 0, -1) * self.samples.weight[:, :, None]
         return G, self._moved_ahead(R)
 
     def _readings(self) -> tuple[Array, Array]:
@@ -216,20 +220,20 @@ class LinearisedModel:
         A sensor remembers: what it shows is moved to the instant that it shows, and a change of speed is taken as one
         of all angles before, too.
         """
-        chain, model, x = self.chain, self.model, self.motion.x
-        residual = (chain.y - self.seen) * chain.weight
+        samples, model, x = self.samples, self.model, self.motion.x
+        residual = (samples.y - self.seen) * samples.weight
         if not model.output_effects:
-            return np.eye(2) * chain.weight[:, :, None], residual
-        h, t = 1e-6, chain.t - chain.t[0]
+            return np.eye(2) * samples.weight[:, :, None], residual
+        h, t = 1e-6, samples.t - samples.t[0]
         one, zero = np.ones_like(t), np.zeros_like(t)
         shifts = np.stack([np.column_stack(v) for v in ((one, zero), (t, one), (0.5 * t * t, t))])
-        shown = chain.read(model, np.concatenate([x + h * shifts, x - h * shifts]))
+        shown = samples.read(model, np.concatenate([x + h * shifts, x - h * shifts]))
         moved = (shown[:3] - shown[3:]) / (2.0 * h)
         H = np.stack([moved[0], moved[1] - moved[0] * t[:, None]], axis=2)
         late = np.median(np.column_stack([-H[:, 0, 1], t - moved[2][:, 1]]), axis=0)
-        self.ahead = (max(0, round(float(late[0]) / chain.dt)), max(0, round(float(late[1]) / chain.dt)))
-        H, residual = self._moved_ahead(H * chain.weight[:, :, None]), self._moved_ahead(residual)
-        H[:, 0, 1] += self.ahead[0] * chain.dt * H[:, 0, 0]
+        self.ahead = (max(0, round(float(late[0]) / samples.dt)), max(0, round(float(late[1]) / samples.dt)))
+        H, residual = self._moved_ahead(H * samples.weight[:, :, None]), self._moved_ahead(residual)
+        H[:, 0, 1] += self.ahead[0] * samples.dt * H[:, 0, 0]
         return H, residual
 
     def _moved_ahead(self, values: Array) -> Array:
@@ -238,18 +242,18 @@ class LinearisedModel:
         for channel, by in enumerate(self.ahead):
             if by:
                 source = np.minimum(np.arange(M) + by, M - 1)
-                same = (self.chain.number[source] == self.chain.number) & (np.arange(M) + by < M)
+                same = (self.samples.number[source] == self.samples.number) & (np.arange(M) + by < M)
                 moved[:, channel] = np.where(same.reshape(-1, *[1] * (values.ndim - 2)), values[source, channel], 0.0)
         return moved
 
 
-def begin(chain: Chain, size: float) -> Motion:
+def begin(samples: Samples, size: float) -> Motion:
     """The smoothed readings as a motion, under no random acceleration yet; `size` [rad/s^2] is how large it may be."""
-    spread = np.tile([1e-3, 0.05, size], (len(chain), 1))
-    return Motion(chain.smoothed, np.zeros(len(chain)), spread)
+    spread = np.tile([1e-3, 0.05, size], (len(samples), 1))
+    return Motion(samples.smoothed, np.zeros(len(samples)), spread)
 
 
-def level(chain: Chain) -> float:
+def level(samples: Samples) -> float:
     """RMS of the acceleration of the smoothed readings [rad/s^2], a yardstick for d."""
-    change = np.diff(chain.smoothed[:, 1])[chain.follows[:-1]] / chain.dt
+    change = np.diff(samples.smoothed[:, 1])[samples.follows[:-1]] / samples.dt
     return max(float(np.sqrt(np.mean(change**2))), 1e-9) if len(change) else math.nan

@@ -77,8 +77,10 @@ def test_a_thinned_record_is_the_same_motion_under_the_same_impulse(every):
         assert len(thin) == n and thin.dt == pytest.approx(every * record.dt)
         assert np.array_equal(thin.theta, own.theta[: n * every + 1 : every])
         assert np.sum(thin.u) * thin.dt == pytest.approx(np.sum(own.u[: n * every]) * own.dt)
-        assert np.sum(thin.past) * every == pytest.approx(np.sum(own.past[len(own.past) % every :]))
-        assert thin.clock[0] == own.clock[0]
+        assert np.sum(thin.previous_commands) * every == pytest.approx(
+            np.sum(own.previous_commands[len(own.previous_commands) % every :])
+        )
+        assert thin.time_since_start[0] == own.time_since_start[0]
 
 
 def test_the_head_is_a_record_of_the_first_intervals():

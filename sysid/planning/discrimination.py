@@ -1,4 +1,4 @@
-"""Contest: what signals are worth when rivals are really fitted to what the truth would show, beyond first order."""
+"""Discrimination: what signals are worth when hypotheses are really fitted to what the truth would show."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sysid.estimation.chain import Chain
+from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction_error import Fit, fit
-from sysid.planning.design import KNOWN, Conditions, Hypothesis, Pool, foresee, tamed
-from sysid.planning.rivals import Pair
+from sysid.planning.design import KNOWN, Conditions, Hypothesis, Pool, predict, within_limits
+from sysid.planning.hypotheses import Pair
 from sysid.planning.signals import Signal, draw
 
 STRUCTURAL = 1e-4
@@ -23,7 +23,7 @@ NESTED = 1e-2
 """The same where the rival was really fitted, which need not have come to its end."""
 
 
-class Contest(NamedTuple):
+class Discrimination(NamedTuple):
     """Evidence of `truth` against `rival`, were it true: on the log at hand (None: no log) and of the experiment."""
 
     truth: str
@@ -45,15 +45,15 @@ class Match:
         """What a truth would show, without noise and disturbances, and its motion."""
         if truth not in self._followed:
             model, conditions = self.hypotheses[truth].model, self.conditions
-            chain = Chain(model, foresee(model, self.signals, conditions).records, conditions.sensor)
-            self._followed[truth] = fit(chain, model, (), None, conditions.disturbances, KNOWN)
+            samples = Samples(model, predict(model, self.signals, conditions).records, conditions.sensor)
+            self._followed[truth] = fit(samples, model, (), None, conditions.disturbances, KNOWN)
         return self._followed[truth]
 
     def left(self, truth: int, rival: int) -> float:
         """The sum of squared innovations that the rival leaves of the truth when it is fitted to what that shows."""
         if (truth, rival) not in self._left:
             other, near = self.hypotheses[rival], self.followed(truth)
-            found = fit(near.chain, other.model, other.names, near, self.conditions.disturbances, KNOWN)
+            found = fit(near.samples, other.model, other.names, near, self.conditions.disturbances, KNOWN)
             self._left[truth, rival] = float(np.sum(found.e**2))
         return self._left[truth, rival]
 
@@ -65,7 +65,7 @@ class Match:
     def _left(self) -> dict[tuple[int, int], float]:
         return {}
 
-    def contests(self, within: float = math.inf) -> tuple[Contest, ...]:
+    def contests(self, within: float = math.inf) -> tuple[Discrimination, ...]:
         """The evidence of each pair; those whose first-order number is over `within` times the least keep it."""
         pool = Pool(self.hypotheses, self.signals, self.conditions)
         linear = {p: float(pool.unlike(p.truth, p.rival).together().unexplained()[0]) for p in self.pairs}
@@ -75,7 +75,7 @@ class Match:
             if after < within * least:
                 after = self.left(p.truth, p.rival)
                 least = min(least, after)
-            found.append(Contest(self.hypotheses[p.truth].name, self.hypotheses[p.rival].name, p.before, after))
+            found.append(Discrimination(self.hypotheses[p.truth].name, self.hypotheses[p.rival].name, p.before, after))
         return tuple(found)
 
     @cached_property
@@ -95,7 +95,7 @@ def separable(
     The last hypothesis is that of no effect: what sets a pair apart is compared with what the truth does alone.
     """
     signals = draw(rng, conditions.limits, hypotheses[0].model.dt, 8, swings=False)
-    signals = tamed(hypotheses, signals, conditions)
+    signals = within_limits(hypotheses, signals, conditions)
     some = tuple([s for s in signals if s.kind in ("steps", "bang-bang")][:1])
     pool, match = Pool(hypotheses, signals, conditions), Match(hypotheses, tuple(pairs), some, conditions)
     nothing, found = len(hypotheses) - 1, []
@@ -111,7 +111,7 @@ def separable(
     return tuple(found)
 
 
-def twins(pairs: Sequence[Pair], apart: Sequence[Pair]) -> dict[int, int]:
+def indistinguishable(pairs: Sequence[Pair], apart: Sequence[Pair]) -> dict[int, int]:
     """Hypotheses that no torque tells from an earlier one, by number, with that one."""
     asked, told = ({(p.truth, p.rival) for p in some} for some in (pairs, apart))
     return {j: i for i, j in sorted(asked, reverse=True) if i < j and (j, i) in asked and not {(i, j), (j, i)} & told}

@@ -27,7 +27,7 @@ from sysid import (
     Viscous,
     simulate,
 )
-from sysid.estimation.response import CHANNELS, Response, evaluate, propagate
+from sysid.estimation.output_error import CHANNELS, Response, evaluate, propagate
 from sysid.estimation.windows import cut
 from sysid.planning.excitation import multisine
 

@@ -23,12 +23,12 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 from sysid.data.sensor import Sensor
 from sysid.diagnosis.answer import Diagnosis, Step
 from sysid.diagnosis.compare import Trace
-from sysid.diagnosis.contacts import Touched
+from sysid.diagnosis.contacts import Contact
 from sysid.diagnosis.residual_torque import Followed, ResidualTorque
-from sysid.diagnosis.typical import SPAN, Prediction
-from sysid.report import plotting
+from sysid.diagnosis.typical_prediction import SPAN, Prediction
+from sysid.report import comparison_figure
+from sysid.report.comparison_figure import BLUE, GREEN, GREY, ORANGE, STYLE, cells, label, mean, scale, short
 from sysid.report.formatting import chance, multiple, word
-from sysid.report.plotting import BLUE, GREEN, GREY, ORANGE, STYLE, cells, label, mean, scale, short
 
 WIDE, NARROW = 5.0, 4.2
 """Widths [in]: of a column, and of half of one."""
@@ -141,7 +141,7 @@ def _bars(axes: Axes, rows: Sequence[Any], labels: Sequence[str], added: set[str
 
 
 def rollout(
-    paths: Sequence[Prediction], sensor: Sensor, names: Sequence[str], touched: Sequence[Touched] = ()
+    paths: Sequence[Prediction], sensor: Sensor, names: Sequence[str], contacts: Sequence[Contact] = ()
 ) -> Figure:
     """Readings against models, and under each channel what they leave, with the noise."""
     channels = list(paths[0].readings)
@@ -152,7 +152,7 @@ def rollout(
             course_in(above, paths, channel, names)
             residual_in(below, paths, channel, float(getattr(sensor, channel)))
         for axes in panels:
-            shade(axes, touched, paths[0].record)
+            shade(axes, contacts, paths[0].record)
         panels[0].legend(
             ncols=3, loc="lower left", bbox_to_anchor=(-0.02, 1.0), fontsize=8.5, handlelength=1.4, columnspacing=1.2
         )
@@ -193,9 +193,9 @@ def _lines(count: int) -> tuple[tuple[str, str, float], ...]:
     return ((ORANGE, "--", 1.4), (BLUE, "-", 1.6))[-count:]
 
 
-def shade(axes: Axes, touched: Sequence[Touched], record: str) -> None:
+def shade(axes: Axes, contacts: Sequence[Contact], record: str) -> None:
     """Where something acted that no state of the joint explains."""
-    for t in touched:
+    for t in contacts:
         if t.name == record or t.name.startswith(f"{record}, "):
             axes.axvspan(t.t_begin, t.t_end, color=YELLOW, alpha=0.35, linewidth=0.0, zorder=0)
 
@@ -207,7 +207,7 @@ def window(trace: Trace, units: Mapping[str, str]) -> Figure:
         figure = Figure(figsize=(3.2, 0.6 + 1.5 * len(channels)), layout="constrained")
         panels = figure.subplots(len(channels), 1, sharex=True, squeeze=False)[:, 0]
         for channel, axes in zip(channels, panels, strict=True):
-            plotting.window(trace, axes, channel, units)
+            comparison_figure.window(trace, axes, channel, units)
             axes.set_title("")
             axes.label_outer()
         panels[0].set_title(f"{short(trace.error.record)}: {multiple(trace.error.ratio)} x noise", fontweight="normal")
@@ -226,7 +226,7 @@ class Stretch(NamedTuple):
 
 
 def course(
-    found: ResidualTorque, before: ResidualTorque | None = None, touched: Sequence[Touched] = (), most: int = 8
+    found: ResidualTorque, before: ResidualTorque | None = None, contacts: Sequence[Contact] = (), most: int = 8
 ) -> Figure:
     """d over time, a row for each rollout (or 10 s of a long one); where they are more than `most`, the largest."""
     rows = _stretches(found if found.present or before is None else before, most)
@@ -241,7 +241,7 @@ def course(
             if before is not None:
                 axes.plot(own.t[first:last], before.records[k].d[first:last], color=ORANGE, linewidth=0.9, alpha=0.8)
             _line(axes, own, first, last, BLUE)
-            shade(axes, touched, own.name)
+            shade(axes, contacts, own.name)
             begin, dt = float(own.t[first]), float(own.t[1] - own.t[0])
             axes.set_xlim(begin, begin + longest * dt)
             axes.set_ylim(-1.1 * size, 1.1 * size)

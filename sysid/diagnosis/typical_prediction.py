@@ -1,4 +1,4 @@
-"""Typical: the stretch of a log that stands for all of it, as it was read and as models predict it."""
+"""Typical prediction: the stretch of a log that stands for all of it, as it was read and as models predict it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
 from sysid.estimation.held_out import Refit, error_of, lead_of, refit_windows
-from sysid.estimation.response import CHANNELS
+from sysid.estimation.output_error import CHANNELS
 from sysid.estimation.windows import cut
 from sysid.physics.model import Model
 from sysid.physics.ops import Array

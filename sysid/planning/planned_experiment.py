@@ -1,4 +1,4 @@
-"""Protocol: an experiment to play on a rig, and what it will be worth, as data, as a CSV and in words."""
+"""Planned experiment: what to play on a rig, and what it will be worth, as data, as a CSV and in words."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from sysid.data.files import save_text
 from sysid.errors import InvalidInput
 from sysid.estimation.held_out import finite
 from sysid.physics.ops import Array
-from sysid.planning.contest import Contest
+from sysid.planning.discrimination import Discrimination
 
 SCHEMA = "gapfinder/experiment/1"
 
@@ -60,7 +60,7 @@ class Experiment:
     reach: float
     widest: str | None = None
     payload: tuple[float, float] | None = None
-    contests: tuple[Contest, ...] = ()
+    contests: tuple[Discrimination, ...] = ()
     unit: str = "rad"
 
     @property

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from sysid.diagnosis.answer import SHOWN, Diagnosis, Step
 from sysid.diagnosis.compare import Comparison
-from sysid.diagnosis.contacts import Touched
+from sysid.diagnosis.contacts import Contact
 from sysid.diagnosis.residual_torque import ResidualTorque
 from sysid.errors import InvalidInput
 from sysid.physics.effects import CATALOGUE
@@ -58,12 +58,12 @@ def page_of(answer: Any) -> Page:
 def _(answer: Diagnosis) -> Page:
     mended = answer.mended
     errors = (answer.base_error, answer.error) if mended else (answer.error,)
-    touched = _touched(answer)
+    contacts = _touched(answer)
     sections = {
         "fall": _fall(answer),
-        "rollout": _rollout(answer, touched),
+        "rollout": _rollout(answer, contacts),
         "ranking": _ranking(answer),
-        "torque": _torque(answer, touched),
+        "torque": _torque(answer, contacts),
         "maps": _maps(answer.comparisons),
     }
     order = ("fall", "torque", "rollout", "ranking", "maps") if answer.remaining is not None else tuple(sections)
@@ -92,37 +92,37 @@ def _(answer: Diagnosis) -> Page:
             "fitted": f"{answer.estimate.n_readings:,} readings",
             "diagnosed in": f"{answer.seconds:.1f} s",
         },
-        warnings=tuple(_hands(answer, touched)),
+        warnings=tuple(_hands(answer, contacts)),
     )
 
 
-def _hands(answer: Diagnosis, touched: Sequence[Touched]) -> Iterator[str]:
-    for found, use in ((answer.touched, " No fit has used them."), (touched[len(answer.touched) :], "")):
+def _hands(answer: Diagnosis, contacts: Sequence[Contact]) -> Iterator[str]:
+    for found, use in ((answer.contacts, " No fit has used them."), (contacts[len(answer.contacts) :], "")):
         if found:
             yield sentence(f"A hand? No state of the joint explains {'; '.join(map(str, found))}.{use}")
 
 
 def _briefly(text: str, answer: Diagnosis) -> str:
     """The same without the list of touched stretches, which stands by itself."""
-    n = len(answer.touched)
+    n = len(answer.contacts)
     return (
-        text.replace("; ".join(map(str, answer.touched)), f"{n} stretches that a hand may have touched")
+        text.replace("; ".join(map(str, answer.contacts)), f"{n} stretches that a hand may have touched")
         if n > 1
         else text
     )
 
 
-def _touched(answer: Diagnosis) -> tuple[Touched, ...]:
+def _touched(answer: Diagnosis) -> tuple[Contact, ...]:
     """What the diagnosis left out, and what else no state of the joint explains."""
     new = [
         t
-        for t in answer.residual_torques[-1].touched
+        for t in answer.residual_torques[-1].contacts
         if not any(
             (a.name == t.name or a.name.startswith(f"{t.name}, ")) and a.t_begin < t.t_end and t.t_begin < a.t_end
-            for a in answer.touched
+            for a in answer.contacts
         )
     ]
-    return (*answer.touched, *new)
+    return (*answer.contacts, *new)
 
 
 def _described(model: Model) -> str:
@@ -131,7 +131,7 @@ def _described(model: Model) -> str:
 
 
 def _fall(answer: Diagnosis) -> Section:
-    from sysid.report import report_figures as figures
+    from sysid.report import diagnosis_figures as figures
 
     caption = (
         "Error over windows of 1 s of rollouts that no fit has seen, each window's state refitted, in units of the "
@@ -142,8 +142,8 @@ def _fall(answer: Diagnosis) -> Section:
     return Section(title, (), (picture(figures.fall(answer), caption),))
 
 
-def _rollout(answer: Diagnosis, touched: Sequence[Touched]) -> Section:
-    from sysid.report import report_figures as figures
+def _rollout(answer: Diagnosis, contacts: Sequence[Contact]) -> Section:
+    from sysid.report import diagnosis_figures as figures
 
     ahead = answer.ahead
     far = "from its refitted first state alone" if math.isinf(ahead) else f"{ahead:g} s at a time"
@@ -152,12 +152,12 @@ def _rollout(answer: Diagnosis, touched: Sequence[Touched]) -> Section:
         f"A typical stretch of what was held out, predicted {far}. Numbers: error over this stretch in units of the "
         "sensor noise; green band: 2 sd of that noise."
     )
-    drawn = figures.rollout(answer.predictions, answer.sensor, names, touched)
+    drawn = figures.rollout(answer.predictions, answer.sensor, names, contacts)
     return Section("A rollout that no fit has seen", (), (picture(drawn, caption),))
 
 
 def _ranking(answer: Diagnosis) -> Section:
-    from sysid.report import report_figures as figures
+    from sysid.report import diagnosis_figures as figures
 
     caption = (
         "The first round: every effect of the catalogue, by what it would explain. Effects in one row move the "
@@ -168,8 +168,8 @@ def _ranking(answer: Diagnosis) -> Section:
     return Section("Which effect explains the error?", (), tuple(picture(figure, caption) for figure in drawn))
 
 
-def _torque(answer: Diagnosis, touched: Sequence[Touched]) -> Section:
-    from sysid.report import report_figures as figures
+def _torque(answer: Diagnosis, contacts: Sequence[Contact]) -> Section:
+    from sysid.report import diagnosis_figures as figures
 
     found, before = answer.residual_torques[-1], answer.residual_torques[0] if answer.mended else None
     whole = sum(map(len, answer.records)) <= SHOWN
@@ -186,10 +186,10 @@ def _torque(answer: Diagnosis, touched: Sequence[Touched]) -> Section:
         f"{what.capitalize()} that must act beyond the model for the log to have come about, with its 95 % band; "
         "of many stretches those where it is largest."
         + (" Blue: beyond the mended model; orange: beyond the model as it came." if before else "")
-        + (" Yellow: what no state of the joint explains, a hand perhaps." if touched else "")
+        + (" Yellow: what no state of the joint explains, a hand perhaps." if contacts else "")
         + ("" if whole else f" Of the first {SHOWN:,} samples.")
     )
-    pictures = [picture(figures.course(found, before, touched, 8 if unknown else 4), caption)]
+    pictures = [picture(figures.course(found, before, contacts, 8 if unknown else 4), caption)]
     for name in sorted(found.binned, key=lambda n: n not in depends_on):
         share = found.dependence.shares.get(name, 0.0)
         mark = name in depends_on and share > 0.05
@@ -205,7 +205,7 @@ def _torque(answer: Diagnosis, touched: Sequence[Touched]) -> Section:
 
 
 def _maps(compared: Sequence[Comparison]) -> Section:
-    from sysid.report import report_figures as figures
+    from sysid.report import diagnosis_figures as figures
 
     titles = ("as it came", "mended") if len(compared) > 1 else ("",)
     says = [
@@ -243,7 +243,7 @@ def _parameters(answer: Diagnosis, mended: bool) -> Table:
 
 
 def _steps(answer: Diagnosis) -> Iterator[Table]:
-    from sysid.report.report_figures import in_order
+    from sysid.report.diagnosis_figures import in_order
 
     if steps := in_order(answer):
         heads = ("effect", "error before", "after", "p", "not told from", "formula")
@@ -318,15 +318,15 @@ def _(answer: Comparison) -> Page:
 
 
 def _compared(answer: Comparison) -> Iterator[Section]:
-    from sysid.report import plotting
-    from sysid.report import report_figures as figures
+    from sysid.report import comparison_figure
+    from sysid.report import diagnosis_figures as figures
 
     def panel(draw: Callable[[Any, Axes], None], found: Any, caption: str, wide: bool = False) -> Picture:
         figure = figures.drawn(figures.WIDE if wide else figures.NARROW, 2.9, lambda axes: draw(found, axes))
         return picture(figure, caption, wide)
 
     words = "Error over windows of every length, the state refitted in each."
-    yield Section("How far off", (), (panel(plotting.errors, answer, words, wide=True),))
+    yield Section("How far off", (), (panel(comparison_figure.errors, answer, words, wide=True),))
     times = [f"{t.error.begin:.1f} to {t.error.end:.1f} s" for t in answer.worst]
     worst = [
         picture(figures.window(t, answer.units), time, wide=False) for t, time in zip(answer.worst, times, strict=True)
@@ -344,11 +344,11 @@ def _compared(answer: Comparison) -> Iterator[Section]:
         for name in torque.binned
     ]
     yield Section("Where it fails", says, (states, *curves))
-    white = panel(plotting.whiteness, answer, "Those of a right model, beside a random torque, are white.")
+    white = panel(comparison_figure.whiteness, answer, "Those of a right model, beside a random torque, are white.")
     yield Section("What the innovations know", (), (white,))
 
 
 def _over(name: str, torque: ResidualTorque, axes: Axes) -> None:
-    from sysid.report import plotting
+    from sysid.report import comparison_figure
 
-    plotting.over(torque, name, axes)
+    comparison_figure.over(torque, name, axes)

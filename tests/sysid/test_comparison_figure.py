@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from sysid import LinearAxis, Model, Record, RodPendulum, Sensor, Viscous, plot_comparison, simulate
 from sysid.diagnosis.compare import Comparison, compare
 from sysid.planning.excitation import steps
-from sysid.report import plotting
+from sysid.report import comparison_figure
 
 SENSOR = Sensor(0.003, 0.05)
 ROD = Model(RodPendulum(m=1.0, l=0.9), dt=0.02)
@@ -62,10 +62,10 @@ def test_the_curve_that_is_drawn_is_the_answer(answer: Comparison) -> None:
     assert torque is not None
     over = torque.over("theta")
     by_angle, in_time = Figure().subplots(1, 2)
-    plotting.over(torque, "theta", by_angle)
+    comparison_figure.over(torque, "theta", by_angle)
     drawn = by_angle.lines[1].get_ydata()
     assert len(drawn) > 5 and np.all(np.isin(drawn, over.mean))
-    plotting.over(torque, "time", in_time)
+    comparison_figure.over(torque, "time", in_time)
     np.testing.assert_array_equal(in_time.lines[1].get_ydata(), torque.records[0].d)
 
 
@@ -73,8 +73,8 @@ def test_the_curve_that_is_drawn_is_the_answer(answer: Comparison) -> None:
 def test_an_axis_is_drawn_in_metres_and_newtons() -> None:
     axis, rng = Model(LinearAxis(m=1.0), dt=0.02), np.random.default_rng(0)
     u = np.array([steps(rng, 250, 0.02, 1.5, 0.3) for _ in range(2)])
-    rough = axis.with_effect(Viscous(b=0.3))
-    records = Sensor(0.001, 0.01).measure(simulate(rough, u, np.zeros(2), np.zeros(2)), rng)
+    initial_guess = axis.with_effect(Viscous(b=0.3))
+    records = Sensor(0.001, 0.01).measure(simulate(initial_guess, u, np.zeros(2), np.zeros(2)), rng)
     found = compare(axis, records, Sensor(0.001, 0.01))
     said = words(plot_comparison(found))
     assert "rad" not in said and "N m" not in said

@@ -1,4 +1,4 @@
-"""Needed: what to do about things that no torque ever tells apart: a payload, a scale, the driver off, or nothing."""
+"""Experiments beside torques: a payload, a scale, the driver off, for what no torque ever tells apart."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from sysid.physics import ops
 from sysid.physics.effects import BackEmf, Joint, JointEffect, RotorInertia, TorqueGain, Viscous
 from sysid.physics.model import Model
 from sysid.physics.ops import Array, Value
-from sysid.planning.design import Conditions, Hypothesis, Pool, foresee, precision, search, tamed, yardsticks
-from sysid.planning.protocol import Experiment
-from sysid.planning.rivals import inertial
+from sysid.planning.design import Conditions, Hypothesis, Pool, precision, predict, search, within_limits, yardsticks
+from sysid.planning.hypotheses import inertial
+from sysid.planning.planned_experiment import Experiment
 from sysid.planning.signals import Signal, rest_angle
 
 GRAVITY = 9.81
@@ -68,7 +68,7 @@ def never(names: Sequence[str]) -> bool:
     return tuple(sorted(names)) in _ANSWERS
 
 
-def needed_experiment(
+def non_torque_experiment(
     model: Model | Estimate,
     names: Sequence[str],
     conditions: Conditions,
@@ -152,9 +152,9 @@ def _driver_off(model: Model, fitted: tuple[str, ...], names: tuple[str, ...], c
     limits = conditions.limits
     release = limits.release or min(1.0, limits.theta_max or 1.0)
     free_swing = Signal("free swing", 0.0, 1.0, 1.0, 1.0, 1.0, release, 0)
-    swing = tamed([Hypothesis("", model, fitted)], [free_swing], conditions)
+    swing = within_limits([Hypothesis("", model, fitted)], [free_swing], conditions)
     after = None
-    run = foresee(model, swing, conditions)
+    run = predict(model, swing, conditions)
     if braking > 0.0:
         # a swing without torque shows b / J and G / J: the inertia is known from the log of the driven joint
         own = tuple(n for n in fitted if n in model.names_of("") and n != model.plant.scale)
@@ -283,7 +283,7 @@ def _with_payload(
     sd = Pool(setups, signals, conditions).precision().together().sd()[0][: len(rest)]
     k = int(np.argmax(sd / scale[: len(rest)]))
     after, unit = 1.96 * float(sd[k]), model.parameters[rest[k]].unit
-    runs = [foresee(h.model, signals, conditions) for h in setups]
+    runs = [predict(h.model, signals, conditions) for h in setups]
     first = f"{_measuring(known)}, and " if known else ""
     orders = "; ".join(dict.fromkeys(s.sentence(model.plant) for s in signals))
     theta = np.concatenate([r.theta for r in runs])

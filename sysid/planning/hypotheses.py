@@ -1,4 +1,4 @@
-"""Rivals: models that differ in one effect each, every one fitted to the same log as well as it can be."""
+"""Hypotheses: models that differ in one effect each, every one fitted to the same log as well as it can be."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 from sysid.data.record import Record
 from sysid.errors import InvalidInput
-from sysid.estimation.chain import Chain
 from sysid.estimation.first_fit import first_fit
+from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction_error import Fit, Settings, fit
 from sysid.estimation.refits import extended
 from sysid.estimation.scores import scores
@@ -18,14 +18,14 @@ from sysid.physics.candidates import Alternative, candidates
 from sysid.physics.effects import CATALOGUE, Effect, effect
 from sysid.physics.model import Model
 from sysid.physics.parameters import Extent
-from sysid.planning.design import KNOWN, ROUGHLY, Conditions, Hypothesis, foresee
+from sysid.planning.design import KNOWN, ROUGHLY, Conditions, Hypothesis, predict
 from sysid.planning.evidence import Sensitivities
 from sysid.planning.signals import Signal
 
 NOTHING = "nothing"
 """Name of the hypothesis that no rival is there."""
 
-First = Callable[[Chain, Model, Sequence[str]], Fit]
+First = Callable[[Samples, Model, Sequence[str]], Fit]
 """How a log is fitted before any rival is."""
 
 _TRUE = 0.25
@@ -42,7 +42,7 @@ class Pair(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Rivals:
+class Hypotheses:
     """Hypotheses that a log confuses, the pairs that must be told apart, and the model with none of them.
 
     conditions those of the next log: with what the best of them leaves of this one
@@ -71,14 +71,14 @@ def names_of(rivals: Sequence[str | Effect]) -> tuple[str, ...]:
     return names
 
 
-def rivals_of(
+def hypotheses_of(
     model: Model,
     free: Sequence[str],
     rivals: Sequence[str | Effect],
     records: Sequence[Record],
     conditions: Conditions,
     first: First = first_fit,
-) -> Rivals:
+) -> Hypotheses:
     """Every rival fitted to the log, or where there is none, to what the one of known size does under a multisine.
 
     Where no size can be known (no log, no numbers; or the log does not show the rival), that of the rival's probe.
@@ -104,7 +104,7 @@ def rivals_of(
         return _listed(Fits(asked.base, {}, conditions), probes, asked.names)
     probes = {n: probe for n, probe in probes.items() if n not in fits.with_rival}
     if probes and inertial(model, tuple(probes)):
-        return Rivals((), (), fits.base, conditions, absorbed=tuple(probes))
+        return Hypotheses((), (), fits.base, conditions, absorbed=tuple(probes))
     return _listed(fits, probes, truths or asked.names, bool(records))
 
 
@@ -136,7 +136,7 @@ def _probed(alternative: Alternative) -> Effect:
 
 def _reference(model: Model, conditions: Conditions) -> tuple[Record, ...]:
     signal = Signal("multisine", 0.5 * conditions.limits.u_max, 0.3, 0.1, min(2.0, 0.1 / model.dt), 1.0, 0.0, 0)
-    return tuple(foresee(model, [signal], conditions).records)
+    return tuple(predict(model, [signal], conditions).records)
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,9 +165,9 @@ class Fits:
             return 0.0
         if truth not in self._sensitivities:
             found, conditions = self.with_rival[truth], self.conditions
-            chain = Chain(found.model, found.chain.records, conditions.sensor)
+            samples = Samples(found.model, found.samples.records, conditions.sensor)
             self._sensitivities[truth] = Sensitivities.beside(
-                chain, found.model, truth, found.motion, self.base.names, conditions.disturbances
+                samples, found.model, truth, found.motion, self.base.names, conditions.disturbances
             )
         own, other = (self._effect(name) for name in (truth, rival))
         assert own is not None
@@ -195,7 +195,7 @@ def _with_rivals(
 ) -> Fits:
     """The fit with none, and one with each rival that the readings show."""
     names = asked.base.names
-    base = first(Chain(asked.base.model, records, conditions.sensor), asked.base.model, names)
+    base = first(Samples(asked.base.model, records, conditions.sensor), asked.base.model, names)
     searched = [n for n in asked.names if n not in asked.known]
     found = scores(base, searched) if searched else {}
     begun = asked.known | {n: s.best.at(s.sizes) for n, s in found.items() if s.visible}
@@ -204,7 +204,7 @@ def _with_rivals(
     return Fits(Hypothesis(NOTHING, base.model, names), fits, after, base.deviance)
 
 
-def _listed(fits: Fits, probes: dict[str, Effect], truths: Sequence[str], logged: bool = False) -> Rivals:
+def _listed(fits: Fits, probes: dict[str, Effect], truths: Sequence[str], logged: bool = False) -> Hypotheses:
     """The hypotheses and their pairs; a single one stands against the model without it."""
     hypotheses = [Hypothesis(name, own.model, own.names) for name, own in fits.with_rival.items()]
     for name, e in probes.items():
@@ -218,4 +218,4 @@ def _listed(fits: Fits, probes: dict[str, Effect], truths: Sequence[str], logged
         for j, rival in enumerate(hypotheses)
         if i != j and truth.name in truths
     ]
-    return Rivals(tuple(hypotheses), tuple(pairs), fits.base, fits.conditions)
+    return Hypotheses(tuple(hypotheses), tuple(pairs), fits.base, fits.conditions)
