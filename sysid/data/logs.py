@@ -103,8 +103,8 @@ def notes_of(records: Sequence[Record]) -> tuple[str, ...]:
 def needed_rate(records: Sequence[Record]) -> float:
     """The sample rate [Hz] that a motion needs: 20 samples a period of the fastest part of it, and 100 Hz.
 
-    Of the power of its angle all but a ten-thousandth lies below that part's frequency; of its speed, where no angle
-    was read.
+    Of the power of its angle all but a ten-thousandth lies below that part's frequency, white noise apart; of its
+    speed, where no angle was read. The noise is what the upper half of the frequencies holds.
     """
     fastest = 0.0
     for r in records:
@@ -113,9 +113,11 @@ def needed_rate(records: Sequence[Record]) -> float:
             continue
         t = np.linspace(0.0, 1.0, len(y))
         y = y - y[0] - (y[-1] - y[0]) * t  # the ends meet: no jump of the period adds frequencies of its own
-        above = (np.abs(np.fft.rfft(y)) ** 2)[::-1].cumsum()[::-1]
-        slow = int(np.searchsorted(-above, -FAST * above[0]))
-        fastest = max(fastest, slow / (len(y) * r.dt)) if above[0] > 0.0 else fastest
+        power = np.abs(np.fft.rfft(y)) ** 2
+        noise, count = float(np.median(power[len(power) // 2 :])) / math.log(2.0), np.arange(len(power), 0, -1)
+        above = power[::-1].cumsum()[::-1]
+        moves = np.flatnonzero(above - noise * (count + 4.0 * np.sqrt(count)) > FAST * above[0])
+        fastest = max(fastest, (moves[-1] + 1.0) / (len(y) * r.dt)) if len(moves) else fastest
     return max(100.0, 20.0 * fastest)
 
 

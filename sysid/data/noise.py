@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.computed_speed import COMPUTED, is_difference, unexplained
+from sysid.data.feedback import follows_readings
 from sysid.data.quantisation import quantisation_step
 from sysid.data.record import Record
 from sysid.data.sensor import UNITS, Sensor
@@ -98,7 +99,8 @@ def sensor_noise(records: Sequence[Record]) -> Noise:
     impacts are left out with the residuals that they touch. Readings rounded to steps of q have at least q / sqrt(12).
     What windows of 5 to 61 readings leave beside their own cubics shows whether neighbouring errors are correlated (by
     a filter, by a difference of angles), and then what they are in all. A speed whose errors are those of the angle was
-    computed from it, tells nothing new, and is left out (`sysid.data.computed_speed`).
+    computed from it, tells nothing new, and is left out (`sysid.data.computed_speed`). A torque that was computed from
+    the readings carries their noise, and takes no part (`sysid.data.feedback`).
 
     Parameters
     ----------
@@ -125,6 +127,8 @@ def sensor_noise(records: Sequence[Record]) -> Noise:
     notes: list[str] = []
     if not records:
         raise InvalidInput("no records were given: expected at least one")
+    if follows_readings(records):  # it would explain their noise, which it was computed from
+        records = [replace(r, u=np.zeros(len(r))) for r in records]
     for channel in ("theta", "theta_dot"):
         series = [(getattr(r, channel), r.u) for r in records]
         if any(y is None or len(y) == 1 for y, _ in series):

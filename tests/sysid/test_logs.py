@@ -18,7 +18,7 @@ from sysid import (
     write_csv,
 )
 from sysid.data.checks import check_excitation
-from sysid.data.logs import read
+from sysid.data.logs import needed_rate, read
 from sysid.data.splitting import cut, split
 from tests.sysid.written import MODEL, SENSOR, rollouts, same, table, write
 
@@ -417,3 +417,17 @@ def test_a_fast_motion_keeps_its_rate(tmp_path):
     t = np.arange(4001) / 1000.0
     path = write(tmp_path / "log.csv", {"t": t, "theta": 3.0 + 0.3 * np.sin(2.0 * np.pi * 12.0 * t)})
     assert 240.0 <= 1.0 / read(path).thinned().dt < 480.0
+
+
+@pytest.mark.parametrize("amplitude", [0.6, 0.1, 0.05])
+def test_white_noise_is_no_motion_that_a_fast_log_shows(amplitude):
+    t, rng = np.arange(4001) * 1e-3, np.random.default_rng(0)
+    theta = math.pi + amplitude * np.sin(2.0 * math.pi * t) + 0.003 * rng.standard_normal(4001)
+    assert needed_rate([Record(t, np.zeros(4000), theta)]) == 100.0
+
+
+def test_a_fast_motion_is_seen_through_the_noise():
+    t, rng = np.arange(4001) * 1e-3, np.random.default_rng(0)
+    theta = math.pi + 0.5 * np.sin(2.0 * math.pi * t) + 0.02 * np.sin(40.0 * math.pi * t)
+    rate = needed_rate([Record(t, np.zeros(4000), theta + 0.003 * rng.standard_normal(4001))])
+    assert rate == pytest.approx(400.0, rel=0.02), "20 samples a period of 20 Hz"
