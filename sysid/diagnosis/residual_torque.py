@@ -15,7 +15,7 @@ from sysid.data.sensor import Sensor
 from sysid.diagnosis.contacts import Contact, find_contacts, slow
 from sysid.diagnosis.dependence import Dependence, coordinates, dependence
 from sysid.errors import InvalidInput
-from sysid.estimation.disturbances import Disturbances
+from sysid.estimation.disturbances import MEMORIES, Disturbances
 from sysid.estimation.held_out import finite
 from sysid.estimation.kalman import Filter
 from sysid.estimation.linearisation import Samples, level
@@ -25,8 +25,6 @@ from sysid.physics.ops import Array
 
 MEMORY = 0.1
 """Correlation time [s] under which models are compared, and of a torque that nobody sees."""
-MEMORIES = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
-"""Correlation times [s] of which the likeliest is taken."""
 SETTINGS = Settings(angle_error=False)
 """Whatever the readings show is taken for a motion, none of it for an error that neighbouring readings share."""
 _FLOOR = np.array([-40.0, -40.0])

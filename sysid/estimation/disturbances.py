@@ -9,6 +9,9 @@ import numpy as np
 
 from sysid.physics.ops import Array
 
+MEMORIES = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
+"""Correlation times [s] of d of which the likeliest is told."""
+
 
 @dataclass(frozen=True)
 class Disturbances:
@@ -42,3 +45,6 @@ class Disturbances:
         factor = np.exp(-dt / np.array([self.T, self.T_o]))
         variance = np.square([self.s, self.sigma_o])
         return factor, variance * (1.0 - factor**2), variance
+
+
+NONE = Disturbances(0.0)

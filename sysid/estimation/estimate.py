@@ -41,8 +41,9 @@ class Estimate:
         The identifier's name.
     sensor : Sensor or None
         The sensor whose noise was assumed, where the identifier keeps it.
-    random_torque : float
-        The sd of the random torque beside the model that the log asks for, in the plant's unit; 0: none.
+    random_torque, correlation_time : float
+        The sd of the random torque beside the model that the log asks for, in the plant's unit, and how long it
+        remembers [s]; 0: none.
     """
 
     model: Model
@@ -56,6 +57,7 @@ class Estimate:
     method: str
     sensor: Sensor | None = None
     random_torque: float = 0.0
+    correlation_time: float = 0.0
 
     @property
     def values(self) -> dict[str, float]:
@@ -128,6 +130,7 @@ class Estimate:
             "status": self.status,
             "cost": _finite(self.cost),
             "random_torque": self.random_torque,
+            "correlation_time": self.correlation_time,
             "n_readings": self.n_readings,
             "at_bound": list(self.at_bound),
             "ambiguous": list(self.ambiguous),

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.estimation.disturbances import Disturbances
+from sysid.estimation.disturbances import MEMORIES, NONE, Disturbances
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.kalman import Filter
 from sysid.estimation.linearisation import LinearisedModel, Motion, Samples, begin, level
@@ -208,6 +208,16 @@ class Fit:
         bare, here = (_whatever_the_noise(f, read) for f in (self.linearised.system.filter(none), self.filter))
         return bare - here < NUMBERS_GAIN
 
+    @cached_property
+    def likeliest_torque(self) -> Disturbances:
+        """The disturbances under which the log is likeliest, beside these numbers; NONE where it needs none.
+
+        Those of the fit may have another correlation time, under which its numbers predict better.
+        """
+        if self.undisturbed:
+            return NONE
+        return maximum_likelihood(self.linearised, (self.disturbances.with_memory(T) for T in MEMORIES))
+
     def estimate(self, method: str = "prediction error") -> Estimate:
         """The answer of an identifier."""
         samples, e = self.samples, self.linearised.system.r
@@ -216,7 +226,7 @@ class Fit:
             read = samples.weight[:, k] > 0.0
             if np.any(read):
                 noise[channel] = float(np.sqrt(np.mean((e[read, k] / samples.weight[read, k]) ** 2)))
-        known = bool(np.all(np.isfinite(self.covariance)))
+        known, torque = bool(np.all(np.isfinite(self.covariance))), self.likeliest_torque
         status = "converged" if self.converged else "stopped before it converged: begin nearer, or free fewer numbers"
         if not self.undisturbed:
             status = f"{status}; the model lacks something: a random torque acts beside it"
@@ -233,7 +243,8 @@ class Fit:
             n_readings=samples.readings,
             method=method,
             sensor=samples.sensor,
-            random_torque=0.0 if self.undisturbed else self.disturbances.s * self.inertia,
+            random_torque=torque.s * self.inertia,
+            correlation_time=torque.T if torque.s else 0.0,
         )
 
 

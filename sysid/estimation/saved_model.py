@@ -185,6 +185,7 @@ def _estimate(estimate: Estimate) -> dict[str, Any]:
         "noise": estimate.noise,
         "sensor": None if sensor is None else dataclasses.asdict(sensor),
         "random_torque": estimate.random_torque,
+        "correlation_time": estimate.correlation_time,
         "success": estimate.success,
         "status": estimate.status,
         "cost": _number(estimate.cost),
@@ -269,6 +270,7 @@ def _about(model: Model, names: tuple[str, ...], saved: Mapping[str, Any]) -> Es
         method=str(_entry(saved, "method")),
         sensor=None if _entry(saved, "sensor") is None else _sensor(_dict(saved, "sensor")),
         random_torque=_float(saved, "random_torque") if "random_torque" in saved else 0.0,
+        correlation_time=_float(saved, "correlation_time") if "correlation_time" in saved else 0.0,
     )
 
 

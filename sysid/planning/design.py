@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
-from sysid.estimation.disturbances import Disturbances
+from sysid.estimation.disturbances import NONE, Disturbances
 from sysid.estimation.linearisation import LinearisedModel, Motion, Samples
 from sysid.estimation.output_error import CHANNELS, Response
 from sysid.estimation.prediction_error import Fit, Settings, fit, with_likely_angle_error
@@ -24,7 +24,6 @@ from sysid.physics.ops import Array
 from sysid.planning.evidence import Normal, Sensitivities
 from sysid.planning.signals import Limits, Signal, draw, rest_angle, vary, within
 
-NONE = Disturbances(0.0)
 """Nothing acts beside the model, and readings err by white noise alone."""
 
 KNOWN = Settings(sizes=False, vague=math.inf)

@@ -12,6 +12,7 @@ import numpy as np
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
 from sysid.errors import InvalidInput
+from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.first_fit import first_fit
 from sysid.estimation.fit import free
@@ -120,10 +121,11 @@ def _known(
 
 
 def _noisier(conditions: Conditions, estimate: Estimate) -> Conditions:
-    """With the noise of an estimate's residuals, where that is more than the sensor's.
-
-    How long its random torque lasts, an estimate does not tell: that takes the records.
-    """
+    """With the random torque of an estimate; where it has none, with the noise of its residuals if that is more than
+    the sensor's."""
+    if estimate.random_torque > 0.0 and estimate.correlation_time > 0.0:
+        s = estimate.random_torque / float(estimate.model.inertia())
+        return dataclasses.replace(conditions, disturbances=Disturbances(s, estimate.correlation_time))
     told = {c: getattr(conditions.sensor, c) for c in estimate.noise}
     return conditions.louder({c: max(1.0, sd / told[c]) for c, sd in estimate.noise.items() if told[c] is not None})
 

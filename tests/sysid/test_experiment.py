@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -176,10 +177,10 @@ def test_what_acts_beside_the_model_will_act_again() -> None:
     """A rod that rubs, fitted without friction: the next log is promised to tell about as much as it does."""
     rubbing = log(rod().with_effect(Coulomb(tau_c=0.02)), slow_sines(), 1.5 * slow_sines())
     estimate = fit(rod(), rubbing, SENSOR, NAMES)
-    honest, naive = (next_experiment(estimate, limits=LIMITS, records=own) for own in (rubbing, ()))
-    assert honest.after is not None
-    assert naive.after is not None
-    assert honest.after > 2.0 * naive.after
+    honest, told = (next_experiment(estimate, limits=LIMITS, records=own) for own in (rubbing, ()))
+    naive = next_experiment(replace(estimate, random_torque=0.0), limits=LIMITS)
+    assert honest.after is not None and told.after is not None and naive.after is not None
+    assert min(honest.after, told.after) > 2.0 * naive.after, "the estimate knows it, too, without the records"
     again = fit(rod(), played(honest, rod().with_effect(Coulomb(tau_c=0.02)), 3), SENSOR, NAMES)
     assert honest.widest is not None
     assert 0.3 < 1.96 * again.sd[honest.widest] / honest.after < 3.0, "friction is not an Ornstein-Uhlenbeck process"
@@ -421,3 +422,11 @@ def test_what_cannot_be_answered_is_said() -> None:
     for wrong in ({"u_max": 0.0}, {"duration": math.nan}, {"rollouts": 0}, {"start": 4.0}, {"payload": (0.0, 1.0)}):
         with pytest.raises(InvalidInput, match="limits"):
             Limits(**({"u_max": 1.0} | wrong))  # type: ignore[arg-type]
+
+
+def test_the_random_torque_of_an_estimate_is_there_in_the_next_experiment_too() -> None:
+    calm = fit(rod(), log(rod(), slow_sines()), SENSOR)
+    disturbed = replace(calm, random_torque=0.005, correlation_time=0.3)
+    after = [next_experiment(e, limits=LIMITS, sensor=SENSOR).after for e in (calm, disturbed)]
+    assert calm.random_torque == 0.0 and after[0] is not None and after[1] is not None
+    assert after[1] > 3.0 * after[0]

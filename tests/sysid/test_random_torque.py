@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+import sysid
 from sysid import RK4, Effect, GeneralJoint, Model, Record, Sensor, diagnose, effect, simulate
 from sysid.diagnosis.contacts import find_contacts, slow
 from sysid.diagnosis.dependence import dependence
@@ -66,6 +67,15 @@ def test_a_random_torque_is_found_beside_friction_and_the_numbers_stay_honest(s:
     # sd that are too wide cover too: what they promise is a mean square of 1
     assert np.mean(z**2) == pytest.approx(1.0, abs=0.5)
     assert sum(f.converged for f in found) >= 28
+
+
+@pytest.mark.parametrize(("s", "T"), [(0.5, 0.3), (1.5, 0.1), (0.5, 1.0)])
+def test_an_estimate_tells_how_large_the_random_torque_is_and_how_long_it_remembers(s: float, T: float) -> None:
+    start = DRY.with_parameters({"J": 0.4, "G": 1.5, "coulomb.tau_c": 0.05})
+    found = sysid.fit(start, logs(DRY, 8, 500, s, T), SENSOR)
+    assert found.random_torque == pytest.approx(0.3 * s, rel=0.2)
+    assert found.correlation_time == T
+    assert found.to_dict()["correlation_time"] == T
 
 
 def test_output_error_is_sure_of_wrong_numbers_under_a_random_torque() -> None:
