@@ -121,13 +121,14 @@ def _known(
 
 
 def _noisier(conditions: Conditions, estimate: Estimate) -> Conditions:
-    """With the random torque of an estimate; where it has none, with the noise of its residuals if that is more than
-    the sensor's."""
-    if estimate.random_torque > 0.0 and estimate.correlation_time > 0.0:
-        s = estimate.random_torque / float(estimate.model.inertia())
-        return dataclasses.replace(conditions, disturbances=Disturbances(s, estimate.correlation_time))
+    """With what an estimate leaves: the noise of its residuals where that is more than the sensor's; and its random
+    torque, unless the noise was told so wrong that the torque made up for it."""
     told = {c: getattr(conditions.sensor, c) for c in estimate.noise}
-    return conditions.louder({c: max(1.0, sd / told[c]) for c, sd in estimate.noise.items() if told[c] is not None})
+    louder = conditions.louder({c: max(1.0, sd / told[c]) for c, sd in estimate.noise.items() if told[c] is not None})
+    if louder.much_louder(conditions) or not estimate.random_torque:
+        return louder
+    s = estimate.random_torque / float(estimate.model.inertia())
+    return dataclasses.replace(conditions, disturbances=Disturbances(s, estimate.correlation_time))
 
 
 def _limits(limits: Limits | None, model: Model, records: Sequence[Record]) -> Limits:
