@@ -155,7 +155,9 @@ def _(command: Experiment) -> None:
     experiment = next_experiment(estimate, rivals, limits, task.sensor, task.training)
     print(experiment)
     task.write_json(command.json, experiment.to_dict())
-    if command.out is not None:
+    if command.out is not None and not experiment.u.size:
+        print(f"{command.out} was not written: there is nothing to play")
+    elif command.out is not None:
         experiment.write_csv(command.out)
         print(f"wrote {command.out}")
 
@@ -163,7 +165,7 @@ def _(command: Experiment) -> None:
 @_run.register
 def _(command: Effects) -> None:
     _load(command.effects)
-    for name, kind in {**CATALOGUE, **ACTUATORS}.items():
+    for name, kind in {**ACTUATORS, **CATALOGUE}.items():
         print(name)
         print(f"    {kind.formula or (kind.__doc__ or '').strip().splitlines()[0]}")
         parameters = ", ".join(f"{p.name} [{p.unit}]" for p in kind().parameters.values())

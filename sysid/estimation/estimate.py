@@ -151,8 +151,9 @@ class Estimate:
         noise = ", ".join(f"{k} {v:.3g} {units[k]}" for k, v in self.noise.items())
         lines.append(f"  sd of the readings about the fit: {noise}  ({self.n_readings} readings)")
         if self.random_torque:
-            size = f"{self.random_torque:.3g} {self.model.plant.unit('N m')}"
-            lines.append(f"  beside the model a random torque of {size} (one standard deviation) acts: diagnose it")
+            size = f"{self.random_torque:.3g} {self.model.plant.unit('N m')} (one standard deviation)"
+            memory = f", correlated over {self.correlation_time:.2g} s," if self.correlation_time else ""
+            lines.append(f"  beside the model a random torque of {size}{memory} acts: diagnose it")
         lines.extend(f"  {sentence}" for sentence in self.ambiguous)
         return "\n".join(lines)
 
