@@ -114,7 +114,8 @@ def roll_casadi(model: Model, u: np.ndarray) -> Rolled:
     fed = np.concatenate([u, np.full(ahead, u[-1])]).reshape(1, -1)
     start = ca.DM([v for own in rest for v in own])
     drives = drive.mapaccum("drives", n + ahead)(start, fed, ca.repmat(P, 1, n + ahead))[1][:, ahead:]
-    start = ca.DM([math.pi, 0.0, *(v for own in watching for v in own)])
+    seen = (v for own in symbolic.sensing(ca.SX(math.pi), ca.SX(0.0)) for v in own)
+    start = ca.Function("start", [p], [ca.vertcat(math.pi, 0.0, *seen)])(P)
     times = model.dt * np.arange(n + 1).reshape(1, -1)
     drives = ca.horzcat(drives, drives[:, -1])
     path = step.mapaccum("path", n + 1)(start, drives, times, ca.repmat(P, 1, n + 1))[1]
