@@ -18,7 +18,7 @@ demo: .venv/installed
 	$(RUN) examples/hidden_effect.py --html results/hidden_effect/report.html $(ARGS)
 
 test: .venv/installed
-	$(RUN) -m pytest $(ARGS)
+	$(RUN) -m pytest -n auto --dist loadfile $(ARGS)
 
 lint: .venv/installed
 	$(RUN) -m ruff check

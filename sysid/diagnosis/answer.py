@@ -312,17 +312,20 @@ class Diagnosis:
             return f"unknown: no known effect pays; {self._predicted()}; {left}."
         classes = "; ".join(" or ".join(s.alike) for s in self.steps if len(s.alike) > 1)
         tail = f"; {left}" if left else ""
-        return f"cannot tell: {classes} explain this log equally well{self._explained()}; {self._predicted()}{tail}."
+        share = f", {self._share()}" if self._share() else ""
+        return f"cannot tell: {classes} explain this log equally well{share}; {self._predicted()}{tail}."
 
     def _explained(self) -> str:
-        """The share of the missing torque that the steps explain, with its size."""
+        """That the steps explain so much of the missing torque."""
+        share = self._share()
+        return f" explain{'s' if len(self.steps) == 1 else ''} {share}" if share else ""
+
+    def _share(self) -> str:
+        """The share of the missing torque that the steps explain, with its size; empty where nothing was missing."""
         torque, unit = self.torque, self.model.plant.unit("N m")
         if not self.steps or torque.before <= 0.0:
             return ""
-        return (
-            f" explain{'s' if len(self.steps) == 1 else ''} {torque.explained:.0%} of the missing torque "
-            f"(rms {torque.before:.2g} -> {torque.after:.2g} {unit})"
-        )
+        return f"{torque.explained:.0%} of the missing torque (rms {torque.before:.2g} -> {torque.after:.2g} {unit})"
 
     def _predicted(self) -> str:
         """What predictions over a second are off by, on data that no fit has seen."""
