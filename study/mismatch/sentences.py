@@ -14,7 +14,7 @@ Said = Callable[[Verdict], bool]
 
 
 def sentences(findings: MismatchFindings, rows: Sequence[NamingResult] = ()) -> list[tuple[str, str]]:
-    """(question, findings), as far as the plan asked for it.
+    """(question, answer), as far as the plan asked for it.
 
     rows: of the naming study, where they are there.
     """
@@ -82,7 +82,7 @@ def _rollouts(findings: MismatchFindings, rows: Sequence[NamingResult]) -> str:
         for n in sorted({budgets[k] for k in (0, len(budgets) // 2, -1)} if budgets else ()):
             fitted, mended = (100.0 * error for error in naming_errors(rows, plant.name, n))
             parts.append((plant.name, n, f"{100.0 * found[plant.name, n].share:.0f} % ({fitted:.2g}, {mended:.2g} %)"))
-    told = "Seeds in which the findings is right (m and l are off by so much without, and with it)"
+    told = "Seeds in which the answer is right (m and l are off by so much without, and with it)"
     return f"{told}: {_by_plant(findings, parts)}." if parts else ""
 
 

@@ -176,7 +176,7 @@ class PointFindings:
             change = self.contrast((n, wide), (n, narrow))
             parts.append(f"{change} at n = {n}{_doubt(change)}")
         return (
-            f"PopulationTask over a band of ±{100 * wide:.0f} % instead of "
+            f"Training over a band of ±{100 * wide:.0f} % instead of "
             f"{'at the estimate' if narrow == 0 else f'±{100 * narrow:.0f} %'} changed the return by {_list(parts)}."
         )
 

@@ -21,8 +21,9 @@ STEPS = 5000
 """So many that ten kills hit training."""
 STUDY = f"""
 import dataclasses, sys
-from study import config, main
-config.PRESETS["smoke"] = dataclasses.replace(config.SMOKE, steps={STEPS})
+from study import main
+from study.paper import presets
+presets.PRESETS["smoke"] = dataclasses.replace(presets.SMOKE, steps={STEPS})
 sys.exit(main.main())
 """
 

@@ -29,7 +29,7 @@ def page(answer, tmp_path_factory):
 
 def test_it_opens_without_a_network(page):
     links = re.findall(r"(?:src|href|url|import)\s*[=(]\s*[\"']?([^\"')\s>]+)", page)
-    assert len(links) == len(figures.FIGURES) + len({"heat maps", "best widths", "contrasts"})
+    assert len(links) == len(figures.DRAWINGS) + len({"heat maps", "best widths", "contrasts"})
     assert all(link.startswith("data:image/png;base64,") for link in links)
     assert "<script" not in page
 
