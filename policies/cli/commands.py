@@ -26,7 +26,7 @@ EPISODES = 200
 """Start states from which `train` states the expected return."""
 
 NARROW = 20.0
-"""Bounds whose ends differ by no more than this factor say what is plausible_range."""
+"""Bounds whose ends differ by no more than this factor say what is plausible."""
 
 LONGEST_HISTORY = 100
 """Past commands that a policy may observe."""

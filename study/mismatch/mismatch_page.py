@@ -1,4 +1,4 @@
-"""The page of the mismatch experiment: one HTML file that opens without a network, the findings in words first."""
+"""The page of the mismatch experiment: one HTML file that opens without a network, the answer in words first."""
 
 from __future__ import annotations
 

@@ -148,7 +148,7 @@ class NamingExperiment(Experiment):
 
 
 def draw_naming(rows: Sequence[NamingResult], folder: Path) -> Path:
-    """Draw the naming_rates and errors into a folder; returns the file."""
+    """Draw the rates and errors into a folder; returns the file."""
     from study.figure_style import save
     from study.mismatch.figures.naming import naming
 

@@ -86,7 +86,7 @@ def names(plant: HiddenPlant, steps: Sequence[str]) -> bool:
 
 
 def naming_rates(rows: Iterable[NamingResult]) -> dict[tuple[str, int], Rate]:
-    """The naming_rates by (plant, n)."""
+    """The rates by (plant, n)."""
     plants = {plant.name: plant for plant in PLANS["mismatch"].plants}
     groups: dict[tuple[str, int], list[NamingResult]] = {}
     for row in rows:

@@ -1,5 +1,5 @@
-"""The mismatch experiment as it was fixed before any of its agents was trained: plants, strategies, seeds,
-contrasts.
+"""The mismatch experiment as it was fixed before any of its agents was trained: plants, strategies, seeds
+and contrasts.
 
     hidden plant -> n rollouts -> a strategy -> agent trained on what came out -> return on the hidden plant
 

@@ -14,7 +14,7 @@ Said = Callable[[Verdict], bool]
 
 
 def sentences(findings: MismatchFindings, rows: Sequence[NamingResult] = ()) -> list[tuple[str, str]]:
-    """(question, findings), as far as the plan asked for it.
+    """(question, answer), as far as the plan asked for it.
 
     rows: of the naming study, where they are there.
     """

@@ -154,7 +154,7 @@ def scatter(
     sigmas: Sequence[float] = (0.5, 1.0, 2.0),
     truth: tuple[float, float] = (2.0, 1.5),
 ) -> Scatter:
-    """Search on `seeds` independent measurements; budgets and noise levels of a seed share its noise_free_rollouts."""
+    """Search on `seeds` independent measurements; budgets and noise levels of a seed share its rollouts."""
     grid, ends = OneStepGrid(), [n * ROLLOUT_LENGTH for n in budgets]
     found = np.empty((2, len(sigmas), len(budgets), seeds, 2))
     for seed, child in enumerate(rng.spawn(seeds)):

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from policies import Population, SACSettings
 
 CHUNK = 20
-"""PopulationTask steps between two looks at the clock and at the driver."""
+"""Training steps between two looks at the clock and at the driver."""
 
 
 class PopulationSettings(Protocol):

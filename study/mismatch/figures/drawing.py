@@ -23,7 +23,7 @@ FILES = {name: f"{name}.png" for name in MISMATCH_FIGURES}
 
 
 class AgentPair(NamedTuple):
-    """Two agents on a hidden plant: of the strategies b and c, after n rollouts, of one seed."""
+    """Two agents on a hidden plant: of the strategies fitted and mended, after n rollouts, of one seed."""
 
     plant: str
     n: int

@@ -23,7 +23,7 @@ from study.paper.sweep_results import figure_name
 from study.statistics import sem
 
 SMOOTH = 10
-"""PopulationTask episodes averaged into a point of a learning curve."""
+"""Training episodes averaged into a point of a learning curve."""
 
 
 def heatmap(findings: PointFindings) -> Figure:
@@ -78,7 +78,7 @@ def _reach(error: float) -> float:
 
 
 def curves(findings: PointFindings) -> Figure:
-    """PopulationTask returns, in the simulators an agent trains on, averaged over seeds and a few episodes."""
+    """Training returns, in the simulators an agent trains on, averaged over seeds and a few episodes."""
     budgets, widths = findings.point.budgets, findings.point.widths
     figure = Figure(figsize=(1.2 + 2.0 * len(budgets), 2.9), layout="constrained")
     panels: list[Axes] = list(figure.subplots(1, len(budgets), sharey=True, squeeze=False)[0])
