@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 import sys
 from dataclasses import dataclass
 from functools import singledispatch
@@ -14,39 +13,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.cli.log_settings import settled
-from sysid.cli.options import Add, Compare, Diagnose, Effects, Experiment, Fit, LogOptions, ModelOptions
+from sysid.cli.options import Add, Compare, Diagnose, Effects, Experiment, Fit, LogOptions
+from sysid.cli.starting_model import begun, command_of, numbers_of, sampled, shown
 from sysid.data.files import save_text
-from sysid.data.logs import Command, Log, read
+from sysid.data.logs import Log, read
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
 from sysid.data.splitting import split
 from sysid.errors import InvalidInput
 from sysid.estimation.estimate import Estimate
-from sysid.estimation.fit import fit, free
-from sysid.physics.effects import ACTUATORS, CATALOGUE, Actuator, DCMotor, PositionServo, TorqueConstant
-from sysid.physics.integrators import RK4
+from sysid.estimation.fit import fit
+from sysid.physics.effects import ACTUATORS, CATALOGUE
 from sysid.physics.model import Model
-from sysid.physics.plants import GeneralJoint, LinearAxis, Plant, PointMassPendulum, RodPendulum
+from sysid.physics.plants import Plant
 
 if TYPE_CHECKING:
     from sysid.planning.signals import Limits
-
-PENDULUM = {"m": (1e-3, 1e3), "l": (1e-2, 1e2)}
-PLANTS: dict[str, Plant] = {
-    "rod": RodPendulum(g=9.81, bounds=PENDULUM),
-    "point": PointMassPendulum(g=9.81, bounds=PENDULUM),
-    "joint": GeneralJoint(bounds={"J": (1e-9, 1e6), "G": (0.0, 1e6)}),
-    "axis": LinearAxis(bounds={"m": (1e-6, 1e6)}),
-}
-INPUTS: dict[Command, type[Actuator] | None] = {
-    "torque": None,
-    "current": TorqueConstant,
-    "voltage": DCMotor,
-    "position": PositionServo,
-}
-"""What turns each kind of command into torque."""
-SUBSTEP = 0.01
-"""Longest step [s] of the integrator."""
 
 
 def run(command: Any) -> None:
@@ -197,7 +179,7 @@ class Task:
     def of(cls, command: Fit | Compare | Diagnose | Add | Experiment, *outputs: Path | None) -> Task:
         """Read everything, and say what was read. Raises InvalidInput before anything expensive."""
         _check_outputs([*command.log.files, command.log.settings, command.start.model, command.start.effects], outputs)
-        model, names, added = _begun(command.start, command.log.input)
+        model, names, added = begun(command.start, command.log.input)
         given = command.start.model is not None
         log = _read(command.log, model)
         thin = log.thinned() if command.log.dt is None else log
@@ -205,8 +187,8 @@ class Task:
         sensor = _sensor(command.log, log, model.plant)
         log = thin
         training, held_out = split(log, command.log.hold_out)
-        model = _sampled(model, log.dt, given)
-        names = _shown(model, names, log)
+        model = sampled(model, log.dt, given)
+        names = shown(model, names, log)
         if not given:
             from sysid.estimation.initial_guess import initial_guess
 
@@ -289,13 +271,8 @@ def _read(options: LogOptions, model: Model) -> Log:
         dt=options.dt,
         time_unit=options.time_unit,
         plant=model.plant,
-        command=_command(model),
+        command=command_of(model),
     )
-
-
-def _command(model: Model) -> Command:
-    """What the model's command is."""
-    return next(name for name, kind in INPUTS.items() if kind is (type(model.actuator) if model.actuator else None))
 
 
 # ---- noise -----------------------------------------------------------------------------------------------------------
@@ -310,7 +287,7 @@ def _sensor(options: LogOptions, log: Log, plant: Plant) -> Sensor:
     if all(np.ptp(getattr(r, c)) == 0.0 for r in log for c in measured):
         at = getattr(log[0], measured[0])[0]
         raise InvalidInput(f"the machine is at rest: {measured[0]} stays at {at:.4g}: nothing excites m")
-    given = _numbers("--noise", options.noise.split(",") if options.noise else ())
+    given = numbers_of("--noise", options.noise.split(",") if options.noise else ())
     for channel in given:
         if channel not in measured:
             raise InvalidInput(f"--noise names {channel!r}: this log measures {' and '.join(measured)}")
@@ -322,148 +299,6 @@ def _sensor(options: LogOptions, log: Log, plant: Plant) -> Sensor:
         sensor = dataclasses.replace(noise.sensor, **given)
     check_excitation(log, sensor)
     return sensor
-
-
-def _numbers(option: str, pairs: tuple[str, ...] | list[str]) -> dict[str, float]:
-    """{name: number} of "name=number"."""
-    found: dict[str, float] = {}
-    for pair in pairs:
-        name, _, number = (part.strip() for part in pair.partition("="))
-        try:
-            found[name] = float(number)
-        except ValueError:
-            raise InvalidInput(f"{option} {pair!r}: expected NAME=NUMBER, as in l=0.45") from None
-    return found
-
-
-# ---- the model to begin with -----------------------------------------------------------------------------------------
-
-
-def _begun(options: ModelOptions, command: Command | None) -> tuple[Model, tuple[str, ...], tuple[str, ...]]:
-    """The model of the file or the plain plant, what the user knows put in; its free names; those of --with.
-
-    Where the command is no torque, an actuator is in the model.
-    """
-    if options.model is None:
-        model = Model(PLANTS[options.plant or "rod"])
-        names = free(model)
-    else:
-        from sysid.estimation.saved_model import load
-
-        saved = load(options.model)
-        model, names = saved.model, saved.free
-        _check_plant(options, model.plant)
-    known = _numbers("--set", options.set)
-    if options.gravity is not None:
-        if "g" not in model.parameters:
-            raise InvalidInput(f"--gravity: a {type(model.plant).__name__} has none, but {', '.join(model.parameters)}")
-        known["g"] = options.gravity
-    model, added = _with_effects(model, options.effects_from_start)
-    model, more = _with_actuator(model, command)
-    names += more
-    for name in known:
-        owner, dot, _ = name.partition(".")
-        if dot and owner in CATALOGUE and name not in model.parameters and owner not in {e.name for e in model.effects}:
-            raise InvalidInput(f"--set {name}: the model has no {owner} yet; --with {name}={known[name]:g} puts it in")
-    model = model.with_parameters(known)
-    added = tuple(n for n in added if n not in known)
-    names = (*(n for n in names if n not in known), *added)
-    if options.model is None:
-        names += _scale(model, names, (*known, *options.effects_from_start.split(",")))
-    return model, names, added
-
-
-def _check_plant(options: ModelOptions, plant: Plant) -> None:
-    """Raise InvalidInput where --plant says otherwise than --model."""
-    if options.plant is None or type(PLANTS[options.plant]) is type(plant):
-        return
-    own = next((name for name, known in PLANTS.items() if type(known) is type(plant)), type(plant).__name__)
-    raise InvalidInput(f"--plant {options.plant}, but the plant of {options.model} is {own}: leave --plant out")
-
-
-def _with_effects(model: Model, text: str) -> tuple[Model, tuple[str, ...]]:
-    """The model with the effects of "coulomb,viscous.b=0.1", and the names of their parameters that have no number."""
-    from sysid.physics.effects import effect
-
-    numbers: dict[str, dict[str, float]] = {}
-    for part in (part.strip() for part in text.split(",") if part.strip()):
-        whole, equals, _ = part.partition("=")
-        owner, dot, field = whole.strip().partition(".")
-        known = effect(owner).parameters
-        if bool(equals) != bool(dot) or (dot and field not in known):
-            choices = " or ".join([owner, *(f"{owner}.{name}=NUMBER" for name in known)])
-            raise InvalidInput(f"--with {part!r}: expected {choices}")
-        numbers.setdefault(owner, {})
-        if equals:
-            numbers[owner][field] = _numbers("--with", [part])[whole.strip()]
-    present = [e.name for e in model.effects]
-    for owner, own in numbers.items():
-        if owner in present:
-            raise InvalidInput(f"--with {owner}: the model has it already; --set {owner}.NAME=NUMBER fixes its numbers")
-        model = model.with_effect(effect(owner, **own))
-    free_ones = [f"{o}.{name}" for o, own in numbers.items() for name in effect(o).parameters if name not in own]
-    return model, tuple(free_ones)
-
-
-def _with_actuator(model: Model, command: Command | None) -> tuple[Model, tuple[str, ...]]:
-    """The model with what turns that kind of command into torque, and the names that a fit may move of it."""
-    own, wanted = model.actuator, INPUTS[command or "torque"]
-    if command is None or (type(own) if own else None) is wanted:
-        return model, ()
-    if own is not None or wanted is None:
-        has = f"a {own.name}, driven by a {own.command}" if own else "no actuator: its command is a torque"
-        raise InvalidInput(f"--input {command}, but the model has {has}")
-    actuator = wanted()
-    return model.with_effect(actuator), tuple(
-        f"{actuator.name}.{k}" for k, p in actuator.parameters.items() if not p.known
-    )
-
-
-def _scale(model: Model, names: tuple[str, ...], known: tuple[str, ...]) -> tuple[str, ...]:
-    """The actuator's constant where the plant's own numbers are known and it is not; else a word on what that means."""
-    actuator = model.actuator
-    if actuator is None:
-        return ()
-    scale = f"{actuator.name}.{actuator.scale}"
-    if scale in names or any(k.partition("=")[0].strip() == scale for k in known):
-        return ()
-    if not any(n in names for n in model.plant.parameters):
-        return (scale,)
-    p = model.parameters[scale]
-    print(
-        f"motion alone cannot show {scale}: it stays at {p.value:g} {p.unit}, and every torque, friction and inertia "
-        f"is relative to it; give it with --set {scale}=..., or what the plant weighs"
-    )
-    return ()
-
-
-def _sampled(model: Model, dt: float, given: bool) -> Model:
-    """The model at the log's sample interval; its integrator's steps stay as fine, and no longer than SUBSTEP.
-
-    A `given` model of that interval stays as it is.
-    """
-    if not isinstance(model.integrator, RK4):
-        return dataclasses.replace(model, dt=dt) if abs(model.dt - dt) < 0.01 * dt else model
-    if given and abs(model.dt - dt) <= 1e-6 * dt:
-        return dataclasses.replace(model, dt=dt)
-    own = model.dt / model.integrator.substeps
-    return dataclasses.replace(model, dt=dt, integrator=RK4(substeps=math.ceil(dt / min(SUBSTEP, own) - 1e-6)))
-
-
-def _shown(model: Model, names: tuple[str, ...], log: Log) -> tuple[str, ...]:
-    """The names without the one that sets the scale of all torques, where no torque is known."""
-    if any(np.any(record.u != 0.0) for record in log) or isinstance(model.actuator, PositionServo):
-        return names
-    scale = model.plant.scale
-    if scale not in names:
-        return names
-    p = model.parameters[scale]
-    torque = "torque" if model.plant.turns else "force"
-    print(
-        f"a free swing cannot show {scale}: it stays at {p.value:g} {p.unit}, and every {torque} is relative to it; "
-        f"give it with --set {scale}=..."
-    )
-    return tuple(n for n in names if n != scale)
 
 
 # ---- what the rig may do ---------------------------------------------------------------------------------------------

@@ -154,7 +154,7 @@ class Diagnosis:
         The log, all of it, and the part that no fit has seen.
     estimate : Estimate
         The mended model's fit.
-    touched : tuple of Touched
+    contacts : tuple of Contact
         Stretches of the log that no state of the joint explains, such as a hand's push.
     next_experiment : dict or None
         What to play next, where effects do not separate.

@@ -130,7 +130,7 @@ class ResidualTorque:
         The mean of d over theta and theta_dot together.
     dependence : Dependence
         The quantity that predicts d on other stretches of the log.
-    touched : tuple of Touched
+    contacts : tuple of Contact
         Stretches that no torque of the joint's state explains while the others fit: a hand, perhaps.
     units : dict
         The units of "theta", "theta_dot", "torque" and "time" for the model's plant.

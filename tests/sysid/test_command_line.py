@@ -430,3 +430,17 @@ def test_a_servo_told_by_its_commands(tmp_path, capsys):
 def test_the_version_is_said(capsys):
     assert main(["--version"]) == 0
     assert capsys.readouterr().out.startswith("gapfinder ")
+
+
+def test_an_actuators_constant_stays_where_the_plant_is_free(tmp_path, capsys):
+    """Also where the actuator is put in by name: motion alone cannot show it."""
+    rng = np.random.default_rng(1)
+    truth = sysid.Model(sysid.GeneralJoint(J=0.04, G=1.0), (sysid.DCMotor(k=0.5, k_e=0.2),), dt=DT)
+    volts = np.stack([multisine(rng, 300, DT, 2.0, 1.5) for _ in range(2)])
+    records = SENSOR.measure(sysid.simulate(truth, volts, np.full(2, math.pi), np.zeros(2)), rng)
+    files = written(records, tmp_path)
+    for chosen in (["--input", "voltage"], ["--with", "dc_motor"]):
+        assert main(["fit", *files, "--plant", "joint", *chosen]) == 0
+        said = capsys.readouterr().out
+        assert "it stays at 1 N m/V" in said and "dc_motor.k_e = " in said.replace("  ", " ")
+        assert "dc_motor.k " not in said
