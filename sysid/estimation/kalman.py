@@ -1,4 +1,4 @@
-"""Kalman filter of z = (theta, theta_dot, d, o) about a motion, and everything that is read off it.
+"""Kalman filter of z = (theta, theta_dot, d, o, states of dynamic effects) about a motion, and what is read off it.
 
 CasADi runs the recursion of the covariance, instant by instant; what follows from it for any number of columns is one
 banded triangular system, which LAPACK solves.
@@ -27,9 +27,6 @@ UNROLLED = 16
 SPREAD = (3.0, 30.0)
 """How far a record's first state may lie from where it is thought to be [rad], [rad/s]: anywhere."""
 
-_N, _L = 4, 10
-_ROWS, _COLUMNS = np.array([(i, j) for j in range(_N) for i in range(j, _N)]).T
-
 
 @dataclass(frozen=True, eq=False)
 class LinearSystem:
@@ -37,9 +34,10 @@ class LinearSystem:
 
         x_(k+1) = A_k (x_k, d_k) + gap_k,    r_k = H_k x_k + weight_k (o_k, 0) + v_k,   v ~ N(0, I)
 
-    A (M, 2, 3), gap (M, 2), H (M, 2, 2), r (M, 2): slopes and residuals in units of the sensor's sd, 0 where nothing
-    was read. weight (M,) = 1 / sd of the angle's reading, follows (M,): whether the next instant belongs to the same
-    record. dt [s].
+    x holds theta, theta_dot and the n - 2 states of the model's dynamic effects, which begin a record with an sd of
+    `within` (n - 2,). A (M, n, n + 1), its third column of d, gap (M, n), H (M, 2, 2), r (M, 2): slopes and residuals
+    in units of the sensor's sd, 0 where nothing was read. weight (M,) = 1 / sd of the angle's reading, follows (M,):
+    whether the next instant belongs to the same record. dt [s].
     """
 
     A: Array
@@ -49,6 +47,22 @@ class LinearSystem:
     weight: Array
     follows: NDArray[np.bool_]
     dt: float
+    within: tuple[float, ...] = ()
+
+    @property
+    def size(self) -> int:
+        """How many numbers z has."""
+        return 4 + len(self.within)
+
+    @property
+    def moving(self) -> list[int]:
+        """Where z has what the model moves."""
+        return [0, 1, *range(4, self.size)]
+
+    @property
+    def driving(self) -> list[int]:
+        """Where z has what the model is moved by, in the order of the columns of A."""
+        return [0, 1, 2, *range(4, self.size)]
 
     def filter(self, disturbances: Disturbances) -> Filter:
         """The Kalman filter under these disturbances."""
@@ -57,25 +71,24 @@ class LinearSystem:
 
     @cached_property
     def _columns(self) -> Array:
-        """What the recursion takes, (M padded to whole blocks, 16)."""
-        M = len(self.r)
-        columns = np.zeros((-(-M // BLOCK) * BLOCK, 16))
-        columns[:M] = np.hstack(
-            [self.A.reshape(M, 6), self.gap, self.H.reshape(M, 4), self.r, self.weight[:, None], self.follows[:, None]]
-        )
+        """What the recursion takes, (M padded to whole blocks, W)."""
+        M, (n, m) = len(self.r), self.A.shape[1:]
+        columns = np.zeros((-(-M // BLOCK) * BLOCK, n * m + n + 8))
+        parts = [self.A.reshape(M, n * m), self.gap, self.H.reshape(M, 4), self.r]
+        columns[:M] = np.hstack([*parts, self.weight[:, None], self.follows[:, None]])
         return columns
 
     def _scan(self, disturbances: Disturbances) -> tuple[Array, Array]:
-        columns, M = self._columns, len(self.r)
+        columns, M, N = self._columns, len(self.r), self.size
         factor, increment, variance = disturbances.discrete(self.dt)
-        first = np.zeros(_L + _N)
-        first[[0, 4, 7, 9]] = [*np.square(SPREAD), *variance]
-        scale = np.concatenate([factor, increment, variance])
-        states, own = np.empty((len(columns) + 1, _L + _N)), np.empty((len(columns), 12))
+        first = np.zeros(_packed(N) + N)
+        first[_diagonal(N)] = [*np.square(SPREAD), *variance, *np.square(self.within)]
+        scale = np.concatenate([factor, increment, variance, np.square(self.within)])
+        states, own = np.empty((len(columns) + 1, len(first))), np.empty((len(columns), 2 * N + 4))
         states[0] = first
         read = self.H[:, [0, 1], [0, 1]]
         own_state = not (np.any(self.H[:, 0, 1]) or np.any(self.H[:, 1, 0]))
-        steps = _steps(own_state, bool(np.any(read[:, 0])), bool(np.any(read[:, 1])), disturbances.sigma_o > 0.0)
+        steps = _steps(N, own_state, bool(np.any(read[:, 0])), bool(np.any(read[:, 1])), disturbances.sigma_o > 0.0)
         buffer, run = steps.buffer()
         buffer.set_arg(2, _view(scale))
         for begin in range(0, len(columns), BLOCK):
@@ -88,45 +101,61 @@ class LinearSystem:
         return states[:M], own[:M]
 
 
+def _packed(N: int) -> int:
+    """How many numbers the lower triangle of an (N, N) matrix has; they stand column by column."""
+    return N * (N + 1) // 2
+
+
+def _diagonal(N: int) -> list[int]:
+    return [_packed(N) - _packed(N - j) for j in range(N)]
+
+
 @cache
-def _steps(own_state: bool, theta: bool, theta_dot: bool, coloured: bool) -> casadi.Function:
+def _steps(N: int, own_state: bool, theta: bool, theta_dot: bool, coloured: bool) -> casadi.Function:
     """(predicted P and m, columns, scale) -> the same after each instant; gains, variances and errors of its readings.
 
     Half of the time goes with what is known to be zero: whether each channel shows its own state alone, whether it was
     read at all, and whether there is an o.
     """
-    state, column, scale = casadi.SX.sym("state", _L + _N), casadi.SX.sym("column", 16), casadi.SX.sym("scale", 6)
-    A, gap, H = casadi.reshape(column[:6], 3, 2).T, column[6:8], casadi.reshape(column[8:12], 2, 2).T
-    r, weight, follows = column[12:14], column[14], column[15]
-    P, m = casadi.tril2symm(casadi.SX(casadi.Sparsity.lower(_N), state[:_L])), state[_L:]
+    L, n = _packed(N), N - 2
+    width, moving, driving = n * (n + 1) + n + 8, [0, 1, *range(4, N)], [0, 1, 2, *range(4, N)]
+    state, column, scale = casadi.SX.sym("state", L + N), casadi.SX.sym("column", width), casadi.SX.sym("scale", N + 2)
+    A, gap, rest = column[: n * (n + 1)], column[n * (n + 1) : n * (n + 2)], column[n * (n + 2) :]
+    H, r, weight, follows = casadi.reshape(rest[:4], 2, 2).T, rest[4:6], rest[6], rest[7]
+    P, m = casadi.tril2symm(casadi.SX(casadi.Sparsity.lower(N), state[:L])), state[L:]
     if not coloured:
         P[3, :], P[:, 3], m[3] = 0, 0, 0
         P, m = casadi.sparsify(P), casadi.sparsify(m)
     own: list[casadi.SX] = []
     for i, read in enumerate((theta, theta_dot)):
         if not read:
-            own.append(casadi.vertcat(0, 0, 0, 0, 1, 0))
+            own.append(casadi.vertcat(*[0] * N, 1, 0))
             continue
         shows = [H[i, j] if i == j or not own_state else 0 for j in range(2)]
-        h = casadi.sparsify(casadi.vertcat(*shows, 0, weight if i == 0 and coloured else 0))
+        h = casadi.sparsify(casadi.vertcat(*shows, 0, weight if i == 0 and coloured else 0, *[0] * (N - 4)))
         Ph = casadi.mtimes(P, h)
         S, e = 1.0 + casadi.dot(h, Ph), r[i] - casadi.dot(h, m)
         K = Ph / S
         m, P = m + K * e, P - casadi.mtimes(K, Ph.T)
         own.append(casadi.vertcat(casadi.densify(K), S, e))
-    x = casadi.horzcat(A, casadi.SX(2, 1))
-    F = casadi.vertcat(x, casadi.horzcat(casadi.SX(2, 2), casadi.diag(scale[:2]))) * follows
-    m = casadi.mtimes(F, m) + casadi.vertcat(gap, 0, 0) * follows
-    start = casadi.vertcat(SPREAD[0] ** 2, SPREAD[1] ** 2, scale[4:6])
-    P = casadi.mtimes([F, P, F.T]) + casadi.diag(casadi.vertcat(0, 0, scale[2:4])) * follows
+    F, offset = casadi.SX(N, N), casadi.SX(N, 1)
+    F[2, 2], F[3, 3] = scale[0] * follows, scale[1] * follows
+    for i, row in enumerate(moving):
+        offset[row] = gap[i] * follows
+        for j, at in enumerate(driving):
+            F[row, at] = A[i * (n + 1) + j] * follows
+    m = casadi.mtimes(F, m) + offset
+    nothing = casadi.SX(N - 4, 1)
+    start = casadi.vertcat(SPREAD[0] ** 2, SPREAD[1] ** 2, scale[4:])
+    P = casadi.mtimes([F, P, F.T]) + casadi.diag(casadi.vertcat(0, 0, scale[2:4], nothing)) * follows
     P = P + casadi.diag(start) * (1.0 - follows)
-    lower = casadi.densify(casadi.tril(P)).nz[[_N * j + i for j in range(_N) for i in range(j, _N)]]
+    lower = casadi.densify(casadi.tril(P)).nz[[N * j + i for j in range(N) for i in range(j, N)]]
     K_1, K_2 = own
-    said = casadi.vertcat(K_1[:4], K_2[:4], K_1[4], K_2[4], K_1[5], K_2[5])
+    said = casadi.vertcat(K_1[:N], K_2[:N], K_1[N], K_2[N], K_1[N + 1], K_2[N + 1])
     after = casadi.vertcat(lower, casadi.densify(m))
     step = casadi.Function("step", [state, column, scale], [after, said], {"cse": True})
     # several instants in one graph: a call a step would cost as much as the step
-    several, states, owns = casadi.SX.sym("several", 16, UNROLLED), [state], list[casadi.SX]()
+    several, states, owns = casadi.SX.sym("several", width, UNROLLED), [state], list[casadi.SX]()
     for k in range(UNROLLED):
         after, said = step(states[-1], several[:, k], scale)
         states.append(after)
@@ -135,7 +164,7 @@ def _steps(own_state: bool, theta: bool, theta_dot: bool, coloured: bool) -> cas
         "ends", [state, several, scale], [states[-1], casadi.horzcat(*states[1:]), casadi.horzcat(*owns)], {"cse": True}
     )
     count = BLOCK // UNROLLED
-    inputs = [casadi.MX.sym("state", _L + _N), casadi.MX.sym("block", 16, BLOCK), casadi.MX.sym("scale", 6)]
+    inputs = [casadi.MX.sym("state", L + N), casadi.MX.sym("block", width, BLOCK), casadi.MX.sym("scale", N + 2)]
     _, states, owns = ends.mapaccum(count).call([*inputs[:2], casadi.repmat(inputs[2], 1, count)])
     return casadi.Function("steps", inputs, [states, owns])
 
@@ -146,7 +175,8 @@ def _view(values: Array) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class Filter:
-    """The filter's way through a log: predicted covariances and means (M, 14), gains, variances and errors (M, 12)."""
+    """The filter's way through a log, for z of N numbers: predicted covariances and means (M, N (N + 3) / 2), gains,
+    variances and errors (M, 2 N + 4)."""
 
     system: LinearSystem
     disturbances: Disturbances
@@ -156,13 +186,13 @@ class Filter:
     @property
     def innovations(self) -> Array:
         """Prediction errors (M, 2) in units of their predicted sd: white, where the model is right."""
-        innovations: Array = self.own[:, 10:] / np.sqrt(self.own[:, 8:10])
+        innovations: Array = self.own[:, -2:] / np.sqrt(self.own[:, -4:-2])
         return innovations
 
     @property
     def log_variances(self) -> Array:
         """log of the innovations' predicted variances (M, 2), 0 where nothing was read."""
-        return np.log(self.own[:, 8:10])
+        return np.log(self.own[:, -4:-2])
 
     @property
     def deviance(self) -> float:
@@ -171,107 +201,109 @@ class Filter:
 
     @cached_property
     def _parts(self) -> tuple[Array, Array, Array, Array]:
-        """W (M, 2, 2), W H (M, 2, 4), Gamma (M, 4, 2) and the band of I - shifted Phi.
+        """W (M, 2, 2), W H (M, 2, N), Gamma (M, N, 2) and the band of I - shifted Phi.
 
         For deviations of z by m and of the readings by R: innovations W R + W H m, m' = Phi m + g - Gamma R.
         """
-        s, own, M = self.system, self.own, len(self.own)
-        first, second = own[:, :4], own[:, 4:8]
-        H = np.zeros((M, 2, _N))
+        s, own, M, N = self.system, self.own, len(self.own), self.system.size
+        first, second = own[:, :N], own[:, N : 2 * N]
+        H = np.zeros((M, 2, N))
         H[:, :, :2], H[:, 0, 3] = s.H, s.weight
-        F = np.zeros((M, _N, _N))
-        F[:, :2, :3] = s.A
+        F = np.zeros((M, N, N))
+        F[:, np.array(s.moving)[:, None], s.driving] = s.A
         F[:, [2, 3], [2, 3]] = self.disturbances.discrete(s.dt)[0]
         F *= s.follows[:, None, None]
         after = F - (F @ second[:, :, None]) @ H[:, 1, None, :]
         Phi = after - (after @ first[:, :, None]) @ H[:, 0, None, :]
-        sd = np.sqrt(own[:, 8:10])
+        sd = np.sqrt(own[:, -4:-2])
         W = np.zeros((M, 2, 2))
         W[:, 0, 0], W[:, 1, 1] = 1.0 / sd.T
         W[:, 1, 0] = -np.einsum("mi,mi->m", H[:, 1], first) / sd[:, 1]
         Gamma = np.concatenate([after @ first[:, :, None], F @ second[:, :, None]], axis=2)
-        band = np.zeros((2 * _N, _N * M))
+        band = np.zeros((2 * N, N * M))
         band[0] = 1.0
-        for i in range(_N):
-            for j in range(_N):
-                band[_N + i - j, j::_N] = -Phi[:, i, j]
+        for i in range(N):
+            for j in range(N):
+                band[N + i - j, j::N] = -Phi[:, i, j]
         return W, W @ H, Gamma, band
 
     def whiten(self, G: Array, R: Array) -> Array:
-        """Innovations (2 M, C) that small changes cause: G (M, 2, C) of the steps' ends, R (M, 2, C) of the readings,
-        the latter in units of the sensor's sd."""
+        """Innovations (2 M, C) that small changes cause: G (M, n, C) of the steps' ends, R (M, 2, C) of the
+        readings, the latter in units of the sensor's sd."""
         W, WH, _, _ = self._parts
         innovations: Array = W @ R + WH @ self._response(G, R)
         return innovations.reshape(2 * len(G), G.shape[2])
 
     def _response(self, G: Array, R: Array) -> Array:
-        """How the predicted means (M, 4, C) move with such changes."""
+        """How the predicted means (M, N, C) move with such changes."""
         _, _, Gamma, band = self._parts
-        M, C = len(G), G.shape[2]
-        g = np.zeros((M, _N, C))
+        M, C, N = len(G), G.shape[2], self.system.size
+        g = np.zeros((M, N, C))
         if C == 0:
             return g
         g[1:] = -(Gamma @ R)[:-1]
-        g[1:, :2] += G[:-1]
+        g[1:, self.system.moving] += G[:-1]
         g[1:][~self.system.follows[:-1]] = 0.0
-        m, _ = dtbtrs(band, g.reshape(_N * M, C), uplo="L")
-        return np.asarray(m).reshape(M, _N, C)
+        m, _ = dtbtrs(band, g.reshape(N * M, C), uplo="L")
+        return np.asarray(m).reshape(M, N, C)
 
     def smooth(self, G: Array | None = None, R: Array | None = None) -> Array:
-        """The mean of z (M, 4) given all readings, after the model's predictions changed by G (M, 2), R (M, 2)."""
+        """The mean of z (M, N) given all readings, after the model's predictions changed by G (M, n), R (M, 2)."""
         W, WH, _, band = self._parts
-        M, e, mean = len(self.own), self.innovations, self.states[:, _L:]
+        M, e, mean = len(self.own), self.innovations, self.states[:, _packed(self.system.size) :]
         if G is not None and R is not None:
             m = self._response(G[:, :, None], R[:, :, None])[:, :, 0]
             e = e - np.einsum("mij,mj->mi", W, R) - np.einsum("mij,mj->mi", WH, m)
             mean = mean + m
         source = np.einsum("mij,mi->mj", WH, e).reshape(-1, 1)
         adjoint, _ = dtbtrs(band, source, uplo="L", trans="T")
-        smoothed: Array = mean + np.einsum("mij,mj->mi", self.covariance, np.asarray(adjoint).reshape(M, _N))
+        smoothed: Array = mean + np.einsum("mij,mj->mi", self.covariance, np.asarray(adjoint).reshape(M, -1))
         return smoothed
 
     @cached_property
     def covariance(self) -> Array:
-        """Predicted covariances (M, 4, 4)."""
-        P = np.empty((len(self.states), _N, _N))
-        P[:, _ROWS, _COLUMNS] = P[:, _COLUMNS, _ROWS] = self.states[:, :_L]
+        """Predicted covariances (M, N, N)."""
+        N = self.system.size
+        columns, rows = np.triu_indices(N)
+        P = np.empty((len(self.states), N, N))
+        P[:, rows, columns] = P[:, columns, rows] = self.states[:, : _packed(N)]
         return P
 
     @property
     def sd(self) -> Array:
-        """Predicted sd (M, 4) of z."""
-        return np.sqrt(np.maximum(self.states[:, [0, 4, 7, 9]], 0.0))
+        """Predicted sd (M, N) of z."""
+        return np.sqrt(np.maximum(self.states[:, _diagonal(self.system.size)], 0.0))
 
     @cached_property
     def _behind(self) -> tuple[Array, Array]:
-        """Phi (M, 4, 4) and N (M, 4, 4), what the readings from an instant on tell of z:
-        N = (W H)'(W H) + Phi' N' Phi, backwards."""
-        _, WH, _, band = self._parts
-        information = np.swapaxes(WH, 1, 2) @ WH
-        Phi = np.empty((len(WH), _N, _N))
-        for i in range(_N):
-            for j in range(_N):
-                Phi[:, i, j] = -band[_N + i - j, j::_N]
-        N = np.empty_like(information)
-        after = np.zeros((_N, _N))
+        """Phi (M, N, N) and what the readings from an instant on tell of z, an information I (M, N, N):
+        I = (W H)'(W H) + Phi' I' Phi, backwards."""
+        (_, WH, _, band), N = self._parts, self.system.size
+        own = np.swapaxes(WH, 1, 2) @ WH
+        Phi = np.empty((len(WH), N, N))
+        for i in range(N):
+            for j in range(N):
+                Phi[:, i, j] = -band[N + i - j, j::N]
+        information = np.empty_like(own)
+        after = np.zeros((N, N))
         for k in range(len(WH) - 1, -1, -1):
-            N[k] = after = information[k] + Phi[k].T @ after @ Phi[k]
-        return Phi, N
+            information[k] = after = own[k] + Phi[k].T @ after @ Phi[k]
+        return Phi, information
 
     def posterior_sd(self) -> Array:
-        """sd (M, 4) of z given all readings: P - P N P."""
-        P, (_, N) = self.covariance, self._behind
-        variance = np.diagonal(P - P @ N @ P, axis1=1, axis2=2)
+        """sd (M, N) of z given all readings: P - P I P."""
+        P, (_, information) = self.covariance, self._behind
+        variance = np.diagonal(P - P @ information @ P, axis1=1, axis2=2)
         return np.sqrt(np.maximum(variance, 0.0))
 
     def posterior_sd_of_sums(self, shares: Array) -> Array:
         """sd (C,) of sum_k shares_k d_k, shares (M, C), given all readings.
 
-        For j < k:  cov(z_k, z_j) = (I - P_k N_k) Phi_(k-1) ... Phi_j P_j
+        For j < k:  cov(z_k, z_j) = (1 - P_k I_k) Phi_(k-1) ... Phi_j P_j
         """
-        P, (Phi, N) = self.covariance, self._behind
-        left = np.eye(_N)[2] - (P @ N)[:, 2]
-        carried, variance = np.zeros((_N, shares.shape[1])), np.zeros(shares.shape[1])
+        P, (Phi, information), N = self.covariance, self._behind, self.system.size
+        left = np.eye(N)[2] - (P @ information)[:, 2]
+        carried, variance = np.zeros((N, shares.shape[1])), np.zeros(shares.shape[1])
         for k, share in enumerate(shares):
             own = P[k, :, 2, None] * share
             variance += share * (left[k] @ (own + 2.0 * carried))

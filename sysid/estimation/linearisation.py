@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -14,10 +14,14 @@ from sysid.data.sensor import Sensor
 from sysid.estimation.kalman import LinearSystem
 from sysid.estimation.smoothed_start import smooth_states
 from sysid.estimation.windows import UNKNOWN
-from sysid.physics.effects import Effect, InputEffect
+from sysid.physics.effects import DynamicEffect, Effect, InputEffect
+from sysid.physics.effects.effect import Memory, Stretch
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 from sysid.physics.parameters import Extent
+
+BEGUN = 0.2
+"""How far off the states of a dynamic effect may be along the smoothed readings, as a share of their sd at a start."""
 
 
 class Samples:
@@ -94,6 +98,36 @@ class Samples:
             drives[begin : begin + len(record)] = own[len(record.previous_commands) :]
         return drives
 
+    def follow(self, effect: DynamicEffect, x: Array) -> Array:
+        """The states (..., M, n) of a dynamic effect along states x (M, 2) of the joint, each record from rest.
+
+        The effect may hold arrays (V, 1), one row a variant.
+        """
+        shape = np.broadcast_shapes(*(np.shape(p.value) for p in effect.parameters.values()))[:-1]
+        found = np.zeros((*shape, len(self), len(effect.start_sd)))
+        lengths = np.diff(self.first)
+        for length in np.unique(lengths).tolist():
+            rows = self.first[:-1][lengths == length]
+            states: Memory = tuple(found[..., rows, i] for i in range(found.shape[-1]))
+            for k in range(length - 1):
+                (theta, begin), (angle, end) = x[rows + k].T, x[rows + k + 1].T
+                _, _, states = effect.follow(states, Stretch(self.dt, begin, end, angle - theta))
+                found[..., rows + k + 1, :] = np.stack(np.broadcast_arrays(*states), axis=-1)
+        return found
+
+    @cached_property
+    def _followed(self) -> dict[tuple[str, bytes], Array]:
+        return {}
+
+    def follow_smoothed(self, effects: Sequence[DynamicEffect]) -> Array:
+        """The states (V, M, n) of effects of one kind along the smoothed readings; what was asked before is kept."""
+        rows = np.array([[float(p.value) for p in e.parameters.values()] for e in effects])
+        key = (effects[0].name, rows.tobytes())
+        if key not in self._followed:
+            columns = {n: column[:, None] for n, column in zip(effects[0].parameters, rows.T, strict=True)}
+            self._followed[key] = self.follow(effects[0].with_parameters(columns), self.smoothed)
+        return self._followed[key]
+
     def read(self, model: Model, x: Array) -> Array:
         """What perfect sensors show (..., M, 2) along states x (..., M, 2)."""
         if not model.output_effects:
@@ -109,12 +143,39 @@ class Samples:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What a model is linearised about: states x (M, 2), the random acceleration d (M,) [rad/s^2], and how far off
-    each may be, spread (M, 3), in rad, rad/s and rad/s^2."""
+    """What a model is linearised about.
+
+    x (M, 2)            states of the joint
+    d (M,)              random acceleration [rad/s^2]
+    spread (M, 3 + q)   how far off each may be, in rad, rad/s, rad/s^2 and the units of `inside`
+    inside (M, q)       states of dynamic effects, whose names are the q `owners`
+    """
 
     x: Array
     d: Array
     spread: Array
+    inside: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    owners: tuple[str, ...] = ()
+
+    def of_model(self, samples: Samples, model: Model) -> Motion:
+        """The same with the states of this model's dynamic effects; of a new one those along the smoothed readings."""
+        owners = tuple(e.name for e in model.dynamic_effects for _ in e.start_sd)
+        if owners == self.owners and len(self.inside) == len(samples):
+            return self
+        columns, spread = [np.zeros((len(samples), 0))], [self.spread[:, :3]]
+        for e in model.dynamic_effects:
+            at = [i for i, name in enumerate(self.owners) if name == e.name]
+            if at:
+                columns.append(self.inside[:, at])
+                spread.append(self.spread[:, [3 + i for i in at]])
+            else:
+                columns.append(samples.follow_smoothed([e])[0])
+                spread.append(np.tile(BEGUN * np.array(e.start_sd), (len(samples), 1)))
+        return Motion(self.x, self.d, np.hstack(spread), np.hstack(columns), owners)
+
+    def moved(self, z: Array, spread: Array) -> Motion:
+        """The motion by the smoothed deviation z (M, N) from it."""
+        return Motion(self.x + z[:, :2], z[:, 2], spread, self.inside + z[:, 4:], self.owners)
 
 
 class LinearisedModel:
@@ -126,45 +187,53 @@ class LinearisedModel:
     """
 
     def __init__(self, samples: Samples, model: Model, motion: Motion) -> None:
+        motion = motion.of_model(samples, model)
         self.samples, self.model, self.motion = samples, model, motion
         self.drives, self.seen = samples.drives(model), samples.read(model, motion.x)
-        h = np.maximum(motion.spread, (1e-7, 1e-6, 1e-6))
-        rows = np.zeros((7, len(samples), 3))
-        for i in range(3):
+        h = np.maximum(motion.spread, [1e-7, *[1e-6] * (motion.spread.shape[1] - 1)])
+        size = h.shape[1]
+        rows = np.zeros((1 + 2 * size, len(samples), size))
+        for i in range(size):
             rows[1 + 2 * i, :, i], rows[2 + 2 * i, :, i] = h[:, i], -h[:, i]
-        ends = self._ends(model, self.drives, rows)
+        ends = self._ends(model, self.drives, motion.inside, rows)
         self.ends = ends[0]
-        A = np.stack([(ends[1 + 2 * i] - ends[2 + 2 * i]) / (2.0 * h[:, i, None]) for i in range(3)], axis=2)
-        gap = self.ends - A[:, :, 2] * motion.d[:, None] - np.roll(motion.x, -1, axis=0)
+        A = np.stack([(ends[1 + 2 * i] - ends[2 + 2 * i]) / (2.0 * h[:, i, None]) for i in range(size)], axis=2)
+        next_states = np.roll(np.hstack([motion.x, motion.inside]), -1, axis=0)
+        gap = self.ends - A[:, :, 2] * motion.d[:, None] - next_states
         A[~samples.follows], gap[~samples.follows] = 0.0, 0.0
         self.ahead = (0, 0)
         H, r = self._readings()
-        self.system = LinearSystem(A, gap, H, r, samples.weight[:, 0], samples.follows, samples.dt)
+        self.system = LinearSystem(A, gap, H, r, samples.weight[:, 0], samples.follows, samples.dt, model.start_sd)
         # the first readings of a sensor that remembers show what was before the record
         self.unused = samples.readings - int(np.count_nonzero(np.any(H != 0.0, axis=2)))
 
-    def _ends(self, model: Model, drives: Array, shift: Array | None = None) -> Array:
-        """Where the steps end (..., M, 2) from the motion, or from `shift` (..., M, 3) beside it.
+    def _ends(self, model: Model, drives: Array, inside: Array, shift: Array | None = None) -> Array:
+        """Where the steps end (..., M, n) from the motion, or from `shift` (..., M, n + 1) beside it.
 
-        The model may hold arrays (V, 1), and the drives be (V, M, S): one row a variant.
+        The model may hold arrays (V, 1), the drives be (V, M, S) and the states of dynamic effects, `inside`, (V, M, q):
+        one row a variant.
         """
         theta, theta_dot, d = self.motion.x[:, 0], self.motion.x[:, 1], self.motion.d
         if shift is not None:
             theta, theta_dot, d = theta + shift[..., 0], theta_dot + shift[..., 1], d + shift[..., 2]
+            inside = inside + shift[..., 3:]
+        values = iter(np.moveaxis(inside, -1, 0))
+        states = tuple(tuple(next(values) for _ in e.start_sd) for e in model.dynamic_effects)
         own = tuple(drives[..., j] for j in range(drives.shape[-1]))
-        ends = model.move(theta, theta_dot, own, self.samples.time_since_start, push=model.inertia() * d)
-        return np.stack(np.broadcast_arrays(*ends), axis=-1)
+        clock, push = self.samples.time_since_start, model.inertia() * d
+        *ends, after = model.move_all(theta, theta_dot, states, own, clock, push)
+        return np.stack(np.broadcast_arrays(*ends, *(value for values in after for value in values)), axis=-1)
 
     def changes(self, names: Sequence[str]) -> tuple[Array, Array]:
-        """What moves with the parameters: G (M, 2, P) of the ends of the steps, R (M, 2, P) of the readings in the
+        """What moves with the parameters: G (M, n, P) of the ends of the steps, R (M, 2, P) of the readings in the
         sensor's sd.
 
         The random acceleration stays: what a change of the inertia does to the likelihood of d is in that.
         """
         parameters, P = self.model.parameters, len(names)
         if not P:
-            nothing = np.zeros((len(self.samples), 2, 0))
-            return nothing, nothing
+            M = len(self.samples)
+            return np.zeros((M, self.system.size - 2, 0)), np.zeros((M, 2, 0))
         value = np.array([float(parameters[n].value) for n in names])
         low, high = np.array([parameters[n].bounds for n in names]).T
         h = 1e-5 * np.maximum(np.abs(value), 1e-2 * np.minimum(high - low, 1.0))
@@ -172,7 +241,7 @@ class LinearisedModel:
         at = np.arange(P)
         rows[at, at], rows[P + at, at] = np.minimum(value + h, high), np.maximum(value - h, low)
         variants = [dict(zip(names, row.tolist(), strict=True)) for row in rows]
-        ends, seen = self._variants([self.model.with_parameters(v) for v in variants], self.model, rows, names)
+        ends, seen = self._variants([self.model.with_parameters(v) for v in variants], self.model, rows, names, self.motion.inside)
         size = (rows[at, at] - rows[P + at, at])[:, None, None]
         return self._as_changes((ends[:P] - ends[P:]) / size, (seen[:P] - seen[P:]) / size)
 
@@ -181,21 +250,27 @@ class LinearisedModel:
         model = self.model.with_effect(effects[0])
         keys = model.names_of(effects[0].name)
         rows = np.array([[float(p.value) for p in e.parameters.values()] for e in effects])
-        ends, seen = self._variants([self.model.with_effect(e) for e in effects], model, rows, keys)
+        dynamic = [e for e in effects if isinstance(e, DynamicEffect)]
+        inside = self.motion.inside
+        if dynamic:
+            new = self.samples.follow_smoothed(dynamic)
+            inside = np.concatenate([np.broadcast_to(inside, (*new.shape[:-1], inside.shape[-1])), new], axis=-1)
+        ends, seen = self._variants([self.model.with_effect(e) for e in effects], model, rows, keys, inside)
         size = np.asarray(sizes)[:, None, None]
-        return self._as_changes((ends - self.ends) / size, (seen - self.seen) / size)
+        return self._as_changes((ends[..., : self.ends.shape[-1]] - self.ends) / size, (seen - self.seen) / size)
 
     def _variants(
-        self, models: Sequence[Model], model: Model, rows: Array, names: Sequence[str]
+        self, models: Sequence[Model], model: Model, rows: Array, names: Sequence[str], inside: Array
     ) -> tuple[Array, Array]:
-        """Ends (V, M, 2) and readings (V, M, 2) of variants of a model that differ in numbers (V, P) alone."""
+        """Ends (V, M, n) and readings (V, M, 2) of variants of a model that differ in numbers (V, P) alone."""
         columns = {n: column[:, None] for n, column in zip(names, rows.T, strict=True)}
         inputs = any(not set(names).isdisjoint(model.names_of(e.name)) for e in model.input_effects)
         drives = np.stack([self.samples.drives(m) for m in models]) if inputs else self.drives
-        ends = np.broadcast_to(self._ends(model.with_parameters(columns), drives), (len(rows), len(self.samples), 2))
+        ends = self._ends(model.with_parameters(columns), drives, inside)
+        ends = np.broadcast_to(ends, (len(rows), *ends.shape[-2:]))
         shown = {n for e in model.output_effects for n in model.names_of(e.name)} & set(names)
         if not shown:
-            return ends, np.broadcast_to(self.seen, ends.shape)
+            return ends, np.broadcast_to(self.seen, (len(rows), *self.seen.shape))
         # where the sensors' numbers are the model's, so are the readings
         known = self.model.parameters
         kept = [
@@ -249,8 +324,8 @@ class LinearisedModel:
 
 def begin(samples: Samples, size: float) -> Motion:
     """The smoothed readings as a motion, under no random acceleration yet; `size` [rad/s^2] is how large it may be."""
-    spread = np.tile([1e-3, 0.05, size], (len(samples), 1))
-    return Motion(samples.smoothed, np.zeros(len(samples)), spread)
+    M = len(samples)
+    return Motion(samples.smoothed, np.zeros(M), np.tile([1e-3, 0.05, size], (M, 1)))
 
 
 def level(samples: Samples) -> float:

@@ -264,7 +264,7 @@ def fit(
     names = tuple(names)
     if disturbances is None:
         disturbances = near.disturbances if near else Disturbances(0.3 * level(samples), sigma_o=_angle_sd(samples))
-    motion = near.motion if near else begin(samples, disturbances.s)
+    motion = (near.motion if near else begin(samples, disturbances.s)).of_model(samples, model)
     prior = Prior.of(model, names, settings.vague, near.prior if near else None, near.names if near else ())
     limits = _Limits.of(samples, model, names, prior, settings)
     before, converged, restless = math.inf, False, settings.sizes
@@ -289,7 +289,7 @@ def fit(
         before, last = here.deviance, Fit(samples, linearised.model, names, linearised, here, Z, prior, False)
         # slopes that go on changing with the filter's sd would never let friction's numbers settle
         spread = limits.spread(here) if k < settings.iterations // 4 else motion.spread
-        motion = _moved(motion, here.smooth(G @ step, R @ step), spread)
+        motion = motion.moved(here.smooth(G @ step, R @ step), spread)
         model = model.with_parameters(dict(zip(names, limits.within(now + step).tolist(), strict=True)))
     return Fit(samples, linearised.model, names, linearised, here, Z, prior, converged)
 
@@ -317,7 +317,8 @@ class _Limits:
         size = level(samples)
         low, high = (np.array([model.parameters[n].bounds[side] for n in names]) for side in (0, 1))
         reach = np.array([_reach(model, n, typical) for n, typical in zip(names, prior.mean, strict=True)])
-        widest = np.array(settings.widest) * [1.0, float(np.std(samples.smoothed[:, 1])), size]
+        typical_speed = float(np.std(samples.smoothed[:, 1]))
+        widest = np.array([*np.array(settings.widest) * [1.0, typical_speed, size], *model.start_sd])
         floor = np.log([settings.smallest * size, settings.smallest * max(_angle_sd(samples), 1e-12)])
         return cls(low, high, prior.positive, reach, widest, floor)
 
@@ -333,9 +334,9 @@ class _Limits:
         return shorter
 
     def spread(self, filter: Filter) -> Array:
-        """How far off the motion (M, 3) may be: a filter knows less than a smoother, and its sd is wide enough where a
-        joint sticks."""
-        return np.minimum(filter.sd[:, :3], self.widest)
+        """How far off the motion (M, 3 + q) may be: a filter knows less than a smoother, and its sd is wide enough where
+        a joint sticks."""
+        return np.minimum(filter.sd[:, filter.system.driving], self.widest)
 
 
 def _step(filter: Filter, Z: Array, prior: Prior, now: Array, limits: _Limits) -> Array:
@@ -343,11 +344,6 @@ def _step(filter: Filter, Z: Array, prior: Prior, now: Array, limits: _Limits) -
     rows, rest = prior.rows(now)
     below = np.concatenate([Z, rows]), np.concatenate([filter.innovations.ravel(), rest])
     return bounded_step(*below, limits.low - now, limits.high - now)
-
-
-def _moved(motion: Motion, z: Array, spread: Array) -> Motion:
-    """The motion by the smoothed deviation z (M, 4) from it."""
-    return Motion(motion.x + z[:, :2], z[:, 2], spread)
 
 
 def likelihood_ascent(

@@ -16,6 +16,7 @@ from sysid.physics.effects.effect import (
     Actuator,
     Array,
     DryFriction,
+    DynamicEffect,
     Effect,
     InputEffect,
     Joint,
@@ -23,6 +24,7 @@ from sysid.physics.effects.effect import (
     Memory,
     OutputEffect,
     Reading,
+    Stretch,
 )
 from sysid.physics.integrators import RK4, Integrator, SemiImplicitEuler
 from sysid.physics.ops import Value
@@ -30,10 +32,12 @@ from sysid.physics.parameters import Parameter
 from sysid.physics.plants import Plant, RodPendulum
 
 Drives = tuple[Value, ...]
+ITERATIONS = 4
+"""Newton steps for the speed at the end of a substep; one is exact where the dynamic effects are linear."""
 
 
 class State(NamedTuple):
-    """theta [rad] (unwrapped, 0 upright), theta_dot [rad/s], and the memory of each input effect."""
+    """theta [rad] (unwrapped, 0 upright), theta_dot [rad/s], and the memory of each input and each dynamic effect."""
 
     theta: Value
     theta_dot: Value
@@ -82,7 +86,7 @@ class Model:
         given = (self.effects,) if isinstance(self.effects, Effect) else tuple(self.effects)
         object.__setattr__(self, "effects", given)
         for e in self.effects:
-            if not isinstance(e, InputEffect | Actuator | JointEffect | DryFriction | OutputEffect):
+            if not isinstance(e, InputEffect | Actuator | JointEffect | DryFriction | DynamicEffect | OutputEffect):
                 raise InvalidInput(f"effects holds {e!r}: expected effects, such as effect('viscous')")
         if not math.isfinite(self.dt):
             raise InvalidInput(f"dt = {self.dt}: expected a positive number of seconds")
@@ -125,6 +129,16 @@ class Model:
     def dry_frictions(self) -> tuple[DryFriction, ...]:
         """Those that can hold the joint at rest."""
         return tuple(e for e in self.effects if isinstance(e, DryFriction))
+
+    @cached_property
+    def dynamic_effects(self) -> tuple[DynamicEffect, ...]:
+        """Those that act at the joint and have states of their own."""
+        return tuple(e for e in self.effects if isinstance(e, DynamicEffect))
+
+    @cached_property
+    def start_sd(self) -> tuple[float, ...]:
+        """How far the states of the dynamic effects may be from rest when a record begins."""
+        return tuple(sd for e in self.dynamic_effects for sd in e.start_sd)
 
     @cached_property
     def output_effects(self) -> tuple[OutputEffect, ...]:
@@ -188,9 +202,13 @@ class Model:
         held = like if self.actuator is not None and self.actuator.at_angle else like * 0.0
         return tuple(tuple(held + v for v in e.rest(self.dt)) for e in self.input_effects)
 
+    def rest_within(self, like: Value = 0.0) -> tuple[Memory, ...]:
+        """The states of the dynamic effects of a joint at rest, in the shape and back end of `like`."""
+        return tuple((like * 0.0,) * len(e.start_sd) for e in self.dynamic_effects)
+
     def initial_state(self, theta: Value, theta_dot: Value) -> State:
         """The state at theta [rad], theta_dot [rad/s] after a long time without command."""
-        return State(theta, theta_dot, self.rest(theta))
+        return State(theta, theta_dot, (*self.rest(theta), *self.rest_within(theta)))
 
     def drive(self, u: Value, memory: tuple[Memory, ...]) -> tuple[Drives, tuple[Memory, ...]]:
         """Drive torques [N m], one a substep, from the command u [N m] held over dt, and the next memory."""
@@ -274,10 +292,60 @@ class Model:
         self, theta: Value, theta_dot: Value, drives: Drives, t: Value = 0.0, push: Value = 0.0
     ) -> tuple[Value, Value]:
         """(theta, theta_dot) after dt under known drive torques and a constant push [N m]: the plant without its input
-        path."""
+        path. Raises InvalidInput for a model with dynamic effects, which `move_all` carries."""
+        if self.dynamic_effects:
+            name = self.dynamic_effects[0].name
+            raise InvalidInput(
+                f"effect {name!r} has states of its own, which this method does not carry: expected a model without it"
+            )
+        return self._moved(theta, theta_dot, drives, t, push, self.integrator, self.dt)
+
+    def _moved(
+        self, theta: Value, theta_dot: Value, drives: Drives, t: Value, push: Value, integrator: Integrator, dt: float
+    ) -> tuple[Value, Value]:
+        """(theta, theta_dot) after dt [s], dynamic effects apart."""
         accelerated, slowed = partial(self.acceleration, push=push), partial(self.deceleration, push=push)
         dry = slowed if self.dry_frictions else None
-        return self.integrator.advance(accelerated, theta, theta_dot, t, drives, self.dt, dry)
+        return integrator.advance(accelerated, theta, theta_dot, t, drives, dt, dry)
+
+    def move_all(
+        self,
+        theta: Value,
+        theta_dot: Value,
+        within: tuple[Memory, ...],
+        drives: Drives,
+        t: Value = 0.0,
+        push: Value = 0.0,
+    ) -> tuple[Value, Value, tuple[Memory, ...]]:
+        """What `move` gives, and the states of the dynamic effects then.
+
+        A substep is taken twice: under the torque that these effects begin with, and under their mean torque on the way
+        to the speed that they and the rest agree on (Newton's method).
+        """
+        if not self.dynamic_effects:
+            return (*self._moved(theta, theta_dot, drives, t, push, self.integrator, self.dt), ())
+        h, J = self.dt / self.integrator.substeps, self.inertia()
+        one = dataclasses.replace(self.integrator, substeps=1)
+        for k, drive in enumerate(drives):
+            step = partial(self._moved, theta, theta_dot, (drive,), t + k * h, integrator=one, dt=h)
+            torque, _, _ = self._followed(within, Stretch(h, theta_dot, theta_dot, h * theta_dot))
+            speed = step(push=push + torque)[1]
+            free = speed - h * torque / J
+            for _ in range(ITERATIONS):
+                torque, slope, _ = self._followed(within, Stretch(h, theta_dot, speed, 0.5 * h * (theta_dot + speed)))
+                speed = speed - (speed - free - h * torque / J) / (1.0 - h * slope / J)
+            torque, _, _ = self._followed(within, Stretch(h, theta_dot, speed, 0.5 * h * (theta_dot + speed)))
+            angle, speed = step(push=push + torque)
+            _, _, within = self._followed(within, Stretch(h, theta_dot, speed, angle - theta))
+            theta, theta_dot = angle, speed
+        return theta, theta_dot, within
+
+    def _followed(self, within: tuple[Memory, ...], stretch: Stretch) -> tuple[Value, Value, tuple[Memory, ...]]:
+        """What all dynamic effects together make of a stretch."""
+        own = [e.follow(states, stretch) for e, states in zip(self.dynamic_effects, within, strict=True)]
+        torque: Value = sum((o[0] for o in own[1:]), own[0][0])
+        slope: Value = sum((o[1] for o in own[1:]), own[0][1])
+        return torque, slope, tuple(o[2] for o in own)
 
     def sensing(self, theta: Value, theta_dot: Value) -> tuple[Memory, ...]:
         """The memory of each output effect for a joint that has come to this state at constant speed."""
@@ -306,9 +374,10 @@ class Model:
 
     def advance(self, state: State, u: Value, t: Value = 0.0) -> State:
         """The state an interval dt later under command u [N m]; shapes broadcast, u is not clipped."""
-        drives, memory = self.drive(u, state.memory)
-        theta, theta_dot = self.move(state.theta, state.theta_dot, drives, t)
-        return State(theta, theta_dot, memory)
+        inputs = len(self.input_effects)
+        drives, memory = self.drive(u, state.memory[:inputs])
+        theta, theta_dot, within = self.move_all(state.theta, state.theta_dot, state.memory[inputs:], drives, t)
+        return State(theta, theta_dot, (*memory, *within))
 
 
 def paper_model(m: float = 1.0, l: float = 1.0) -> Model:  # noqa: E741

@@ -16,6 +16,7 @@ from sysid.physics.effects.disturbance import Drift, Periodic, TorqueBias
 from sysid.physics.effects.effect import (
     Actuator,
     DryFriction,
+    DynamicEffect,
     Effect,
     InputEffect,
     Joint,

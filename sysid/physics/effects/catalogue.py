@@ -30,6 +30,7 @@ from sysid.physics.effects.friction import (
     WarmingFriction,
 )
 from sysid.physics.effects.load import DirectionalLoadFriction, LoadFriction, Ripple, RotorInertia, Spring, Tilt
+from sysid.physics.effects.presliding import Dahl, LuGre
 from sysid.physics.effects.sensing import (
     AngleOffset,
     Backlash,
@@ -39,9 +40,10 @@ from sysid.physics.effects.sensing import (
     VelocityBias,
     VelocityGain,
 )
+from sysid.physics.effects.transmission import FlexibleTransmission
 
-_FRICTION = (Viscous, Coulomb, Stribeck, Drag, AsymmetricViscous, AsymmetricCoulomb, WarmingFriction)
-_LOAD = (LoadFriction, DirectionalLoadFriction, Tilt, Spring, Ripple, RotorInertia)
+_FRICTION = (Viscous, Coulomb, Stribeck, Drag, AsymmetricViscous, AsymmetricCoulomb, WarmingFriction, Dahl, LuGre)
+_LOAD = (LoadFriction, DirectionalLoadFriction, Tilt, Spring, Ripple, RotorInertia, FlexibleTransmission)
 _DISTURBANCE = (TorqueBias, Periodic, Drift)
 _ACTUATION = (Delay, Lag, TorqueGain, DeadZone, Saturation, TorqueSpeedLimit, BackEmf, Stamp)
 _SENSING = (AngleOffset, VelocityBias, VelocityGain, SensorDelay, FilteredSpeed, Backlash, Eccentricity)

@@ -32,6 +32,18 @@ class Joint(NamedTuple):
     plant: Plant
 
 
+class Stretch(NamedTuple):
+    """A short stretch of the joint's motion: h [s], the speed at its begin and end [rad/s], the angle travelled [rad].
+
+    The travel goes with the mean of the speeds, but where dry friction holds the joint in between.
+    """
+
+    h: float
+    begin: Value
+    end: Value
+    travel: Value
+
+
 class Reading(NamedTuple):
     """What a sensor shows: theta [rad], theta_dot [rad/s]."""
 
@@ -177,6 +189,21 @@ class DryFriction(Effect):
     @abstractmethod
     def limits(self, joint: Joint) -> tuple[Value, Value]:
         """Largest torque [N m] against positive and against negative motion, both >= 0."""
+
+
+@dataclass(frozen=True, eq=False)
+class DynamicEffect(Effect):
+    """Acts at the joint with a torque that depends on states of its own, which the joint's motion drives.
+
+    start_sd    how far each of its states may be from 0, where it begins, when a record begins
+    """
+
+    start_sd: ClassVar[tuple[float, ...]] = ()
+
+    @abstractmethod
+    def follow(self, states: Memory, stretch: Stretch) -> tuple[Value, Value, Memory]:
+        """What happens over a stretch of the joint's motion: the mean torque on the joint [N m], its derivative with
+        respect to the speed at the end [N m s/rad], never positive, and the states afterwards."""
 
 
 @dataclass(frozen=True, eq=False)

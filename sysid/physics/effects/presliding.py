@@ -1,0 +1,78 @@
+"""Friction that is a spring before it slides."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+from sysid.physics import ops
+from sysid.physics.effects.effect import DynamicEffect, Memory, Stretch
+from sysid.physics.ops import Value
+from sysid.physics.parameters import parameter
+
+
+@dataclass(frozen=True, eq=False)
+class Dahl(DynamicEffect):
+    """tau = -tau_c w,  dw/dt = (theta_dot - |theta_dot| w) / z_s: dry friction that builds up over a travel of z_s [rad].
+
+    Before a joint slides, the contact gives like a spring of tau_c / z_s [N m/rad]; w is its deflection, 1 where it
+    slides forwards. For z_s -> 0 it is Coulomb friction. (Dahl: Aerospace Corporation TOR-0158(3107-18)-1, 1968.)
+    """
+
+    words: ClassVar[str] = "dry friction that gives like a spring before it slides"
+    rarity: ClassVar[float] = 2.5
+    begins: ClassVar[Mapping[str, float]] = {"tau_c": 0.05}
+    refines: ClassVar[tuple[tuple[str, ...], ...]] = (("coulomb",),)
+    formula: ClassVar[str] = "tau = -tau_c w, dw/dt = (theta_dot - |theta_dot| w) / z_s"
+    confused: ClassVar[tuple[str, ...]] = ("coulomb", "stribeck", "lugre")
+    start_sd: ClassVar[tuple[float, ...]] = (0.5,)
+    tau_c: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
+    z_s: Value = parameter(0.01, unit="rad", bounds=(1e-5, 1.0), probe=(0.003, 0.02, 0.1))
+
+    def sliding(self, theta_dot: Value) -> tuple[Value, Value]:
+        """The largest friction [N m], and the share of it that is left at a speed theta_dot [rad/s]."""
+        return self.tau_c, 1.0
+
+    def follow(self, states: Memory, stretch: Stretch) -> tuple[Value, Value, Memory]:
+        """The exact solution at the mean speed of the stretch."""
+        (w,) = states
+        largest, share = self.sliding(stretch.travel / stretch.h)
+        end = ops.where(stretch.travel > 0.0, share, -share)
+        r = ops.maximum(ops.abs(stretch.travel) / (share * self.z_s), 1e-6)
+        left = ops.exp(-r)
+        mean = (1.0 - left) / r
+        torque = -largest * (end + (w - end) * mean)
+        slope = largest * (w - end) * (mean - left) / (r * end * self.z_s)
+        return torque, 0.5 * stretch.h * slope, (end + (w - end) * left,)
+
+
+@dataclass(frozen=True, eq=False)
+class LuGre(Dahl):
+    """Dahl's friction with Stribeck's curve: tau = -(tau_c + excess) w; sliding at theta_dot it is
+
+        tau_c + excess exp(-(theta_dot/v_s)^2)
+
+    The bristle's own damping is left out, and the viscous friction is an effect of its own. (Canudas de Wit, Olsson,
+    Astrom, Lischinsky: IEEE Transactions on Automatic Control 40 (1995) 419.)
+    """
+
+    name: ClassVar[str] = "lugre"
+    words: ClassVar[str] = "dry friction that gives like a spring and is larger at slow speed"
+    rarity: ClassVar[float] = 3.5
+    begins: ClassVar[Mapping[str, float]] = {"tau_c": 0.05, "excess": 0.02}
+    refines: ClassVar[tuple[tuple[str, ...], ...]] = (("coulomb",), ("dahl",), ("stribeck",))
+    formula: ClassVar[str] = (
+        "tau = -(tau_c + excess) w, dw/dt = (theta_dot - |theta_dot| w / s) / z_s, "
+        "s = (tau_c + excess exp(-(theta_dot/v_s)^2)) / (tau_c + excess)"
+    )
+    confused: ClassVar[tuple[str, ...]] = ("coulomb", "stribeck", "dahl")
+    excess: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
+    v_s: Value = parameter(0.15, unit="rad/s", bounds=(0.005, 10.0), probe=(0.05, 0.15, 0.5))
+
+    def sliding(self, theta_dot: Value) -> tuple[Value, Value]:
+        """tau_c + excess, and the share that Stribeck's curve leaves of it."""
+        largest, ratio = self.tau_c + self.excess, theta_dot / self.v_s
+        least = 1e-9  # [N m], so that no friction at all has a share, too
+        return largest, (self.tau_c + self.excess * ops.exp(-ratio * ratio) + least) / (largest + least)
