@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.estimation.output_error import Linearisation
-
 Array = NDArray[np.float64]
+
+
+class Linearisation(NamedTuple):
+    """Residuals e (K, R) of K windows, and their derivatives S_x (K, R, 2), S_p (K, R, P) with respect to the windows'
+    starts and to P parameters."""
+
+    e: Array
+    S_x: Array
+    S_p: Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from study.mismatch.elimination import reduce, start_step
+from study.mismatch.elimination import Linearisation, reduce, start_step
 from study.mismatch.residual_network import CommandFilter, ResidualNetwork, untrained
 from sysid import InvalidInput, Model, Record, Sensor, State
 from sysid.estimation.held_out import held_out_error
-from sysid.estimation.output_error import Linearisation, Response, propagate
+from sysid.estimation.output_error import Response, propagate
 from sysid.estimation.windows import cut
 
 Array = NDArray[np.float64]
@@ -124,7 +124,7 @@ class Windows:
 
     def __init__(self, weights: Weights, records: Sequence[Record], sensor: Sensor) -> None:
         self.weights = weights
-        self.response = Response(weights.base, (), records, sensor, cut(records, WINDOW))
+        self.response = Response(weights.base, records, sensor, cut(records, WINDOW))
         past = [[np.concatenate([np.zeros(i), r.u])[: len(r)] for i in range(weights.taps)] for r in records]
         commands = np.concatenate([*(np.transpose(own) for own in past), np.zeros((1, weights.taps))])
         self.commands: Array = commands[self.response.interval]  # (K, L, taps), the latest first
@@ -141,7 +141,7 @@ class Windows:
         A, G = self._slopes(p, states)
         Z = propagate(A, G)
         S = (np.swapaxes(Z, 1, 2) * self.response.weight[..., None]).reshape(*e.shape, Z.shape[-1])
-        return Linearisation(e, S[..., :2], S[..., 2:], states)
+        return Linearisation(e, S[..., :2], S[..., 2:])
 
     def _states(self, model: Model, starts: Array) -> Array:
         K, L, _ = self.commands.shape

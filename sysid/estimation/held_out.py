@@ -18,7 +18,7 @@ from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
 LEAD = 1.0
-"""Unscored seconds before each window of a model whose sensors remember."""
+"""Unscored seconds before each window of a model whose sensors remember, or whose effects have states."""
 
 HEAD = 1.0
 """Seconds of a long window from which its state is refitted first."""
@@ -140,15 +140,15 @@ def refit_windows(
     longest = max(w.count - w.lead for w in windows)
     blind = sensor.theta is None and 2 * longest <= length
     if near is None and (blind or any(w.lead for w in windows)):
-        near = refit(Response(model, (), records, sensor, cut(records, HEAD)))
+        near = refit(Response(model, records, sensor, cut(records, HEAD)))
     starts = None if near is None else _states_at(near, windows)
     if near is not None:
         length *= 2
     while 2 * length < longest:
         heads = [replace(w, count=min(w.count, w.lead + length)) for w in windows]
-        starts = refit(Response(model, (), records, sensor, heads), starts, REFITS // 4).starts
+        starts = refit(Response(model, records, sensor, heads), starts, REFITS // 4).starts
         length *= 2
-    return refit(Response(model, (), records, sensor, windows), starts)
+    return refit(Response(model, records, sensor, windows), starts)
 
 
 def _states_at(fit: Refit, windows: Sequence[Window]) -> Array:
@@ -162,15 +162,16 @@ def _states_at(fit: Refit, windows: Sequence[Window]) -> Array:
 
 
 def lead_of(model: Model) -> float:
-    """Seconds before a window in which the memories of the sensors fill; those of the input fill over the record."""
-    return LEAD if any(e.rest(0.0, 0.0, model.dt) for e in model.output_effects) else 0.0
+    """Seconds before a window in which the memories of the sensors and the states of dynamic effects settle; the
+    memories of the input fill over the record."""
+    remembers = any(e.rest(0.0, 0.0, model.dt) for e in model.output_effects)
+    return LEAD if remembers or model.dynamic_effects else 0.0
 
 
 def refit(response: Response, starts: Array | None = None, most: int = REFITS) -> Refit:
     """Refit the states of all windows, the parameters as they are: Levenberg-Marquardt in each window by itself."""
-    p = np.array([float(response.model.parameters[n].value) for n in response.names])
     x = response.starts if starts is None else starts
-    at = _linearised(response, p, x)
+    at = _linearised(response, x)
     cost, damping, stalled = _cost(at), np.zeros(len(x)), np.zeros(len(x), dtype=bool)
     for _ in range(most):
         step, promised = _steps(at, damping)
@@ -178,7 +179,7 @@ def refit(response: Response, starts: Array | None = None, most: int = REFITS) -
         open_ = (promised > least) & ~stalled & (damping < 1e3)
         if not np.any(open_):
             break
-        trial = _linearised(response, p, x + step * open_[:, None])
+        trial = _linearised(response, x + step * open_[:, None])
         after = _cost(trial)
         better = open_ & (after < cost)
         stalled |= better & (after + least > cost)
@@ -229,10 +230,10 @@ def _root(squares: Array, free: Array) -> float:
     return math.sqrt(float(np.sum(squares)) / rest) if rest > 1e-6 * free.size else math.nan
 
 
-def _linearised(response: Response, p: Array, starts: Array) -> Linearisation:
+def _linearised(response: Response, starts: Array) -> Linearisation:
     """The linearisation, with windows in which the model runs away marked by an infinite error and no slope."""
     with np.errstate(over="ignore", invalid="ignore"):
-        lin = response.linearise(p, starts)
+        lin = response.linearise(starts)
     bad = ~(np.all(np.isfinite(lin.e), axis=1) & np.all(np.isfinite(lin.S_x), axis=(1, 2)))
     if np.any(bad):
         lin.e[bad], lin.S_x[bad] = np.inf, 0.0
@@ -282,7 +283,7 @@ def _chosen(better: NDArray[np.bool_], new: Linearisation, old: Linearisation) -
     def pick(a: Array, b: Array) -> Array:
         return np.where(better.reshape(-1, *[1] * (a.ndim - 1)), a, b)
 
-    parts = {f: pick(getattr(new, f), getattr(old, f)) for f in ("e", "S_x", "S_p", "states")}
+    parts = {f: pick(getattr(new, f), getattr(old, f)) for f in ("e", "S_x", "states")}
     return Linearisation(**parts)
 
 

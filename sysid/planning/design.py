@@ -140,13 +140,13 @@ class Pool:
     def responses(self) -> list[Response]:
         """The hypotheses as simulators of all rollouts at once."""
         sensor, windows = self.conditions.sensor, cut(self.records)
-        return [Response(h.motion, (), self.records, sensor, windows) for h in self.hypotheses]
+        return [Response(h.motion, self.records, sensor, windows) for h in self.hypotheses]
 
     @cached_property
     def states(self) -> Array:
         """The motions (H, K, N+1, 2) that the hypotheses foresee, each from rest or from where it is released."""
-        p, starts = np.zeros(0), np.array([[self.rest + s.release, 0.0] for s in self.signals])
-        return np.array([response.states(p, starts, response.drives(p)) for response in self.responses])
+        starts = np.array([[self.rest + s.release, 0.0] for s in self.signals])
+        return np.array([response.states(starts) for response in self.responses])
 
     def stays(self) -> NDArray[np.bool_]:
         """Whether all motions keep to the limits (K,), or where there are none, within reason."""

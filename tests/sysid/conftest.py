@@ -39,12 +39,15 @@ EFFECTS = {
         sysid.AsymmetricViscous(b_plus=0.06, b_minus=0.02),
         sysid.AsymmetricCoulomb(tau_plus=0.09, tau_minus=0.04),
         sysid.WarmingFriction(tau_c=0.01, excess=0.02, T=1.5),
+        sysid.Dahl(tau_c=0.05, z_s=0.08),
+        sysid.LuGre(tau_c=0.03, z_s=0.1, ratio=1.7, v_s=0.4),
         sysid.LoadFriction(mu=0.05),
         sysid.DirectionalLoadFriction(mu_drive=0.02, mu_back=0.01),
         sysid.Tilt(alpha=0.08),
         sysid.Spring(k=0.3),
         sysid.Ripple(a=0.1, b=0.07, order=5.0),
         sysid.RotorInertia(J_r=0.04),
+        sysid.FlexibleTransmission(J=0.06, f=5.0, zeta=0.07),
         sysid.TorqueBias(tau_0=0.2),
         sysid.Periodic(a=0.1, b=-0.06, f=1.7),
         sysid.Drift(r=0.05),
@@ -105,17 +108,18 @@ def roll_casadi(model: Model, u: np.ndarray) -> Rolled:
     drive = ca.Function(
         "drive", [memory, command, p], [ca.vertcat(*(v for own in after for v in own)), ca.vertcat(*torques)]
     )
-    x, held = ca.SX.sym("x", 2 + sum(map(len, watching))), ca.SX.sym("held", len(torques))
-    reading, watched = symbolic.read(x[0], x[1], nested(x[2:], watching), t)
-    moved = symbolic.move(x[0], x[1], tuple(ca.vertsplit(held)), t)
-    x_after = ca.vertcat(*moved, *(v for own in watched for v in own))
+    inside, watches = model.rest_within(), sum(map(len, watching))
+    x, held = ca.SX.sym("x", 2 + watches + sum(map(len, inside))), ca.SX.sym("held", len(torques))
+    reading, watched = symbolic.read(x[0], x[1], nested(x[2 : 2 + watches], watching), t)
+    *moved, within = symbolic.move_all(x[0], x[1], nested(x[2 + watches :], inside), tuple(ca.vertsplit(held)), t)
+    x_after = ca.vertcat(*moved, *(v for own in (*watched, *within) for v in own))
     step = ca.Function("step", [x, held, t, p], [x_after, ca.vertcat(x[:2], *reading)])
     n, P, ahead = len(u), ca.MX.sym("P", len(names)), model.ahead
     fed = np.concatenate([u, np.full(ahead, u[-1])]).reshape(1, -1)
     start = ca.DM([v for own in rest for v in own])
     drives = drive.mapaccum("drives", n + ahead)(start, fed, ca.repmat(P, 1, n + ahead))[1][:, ahead:]
     seen = (v for own in symbolic.sensing(ca.SX(math.pi), ca.SX(0.0)) for v in own)
-    start = ca.Function("start", [p], [ca.vertcat(math.pi, 0.0, *seen)])(P)
+    start = ca.Function("start", [p], [ca.vertcat(math.pi, 0.0, *seen, *(v for own in inside for v in own))])(P)
     times = model.dt * np.arange(n + 1).reshape(1, -1)
     drives = ca.horzcat(drives, drives[:, -1])
     path = step.mapaccum("path", n + 1)(start, drives, times, ca.repmat(P, 1, n + 1))[1]
@@ -130,11 +134,12 @@ def roll_torch(model: Model, u: np.ndarray) -> Rolled:
     tensors = model.with_parameters(numbers)
     theta, theta_dot = torch.tensor(math.pi, dtype=torch.float64), torch.zeros((), dtype=torch.float64)
     sensing, drives, path = tensors.sensing(theta, theta_dot), tensors.drives(u.tolist(), theta), []
+    inside = tensors.rest_within(theta)
     for k in range(len(u) + 1):
         reading, sensing = tensors.read(theta, theta_dot, sensing, k * model.dt)
         path.append(torch.stack([theta, theta_dot, *reading]))
         if k < len(u):
-            theta, theta_dot = tensors.move(theta, theta_dot, next(drives), k * model.dt)
+            theta, theta_dot, inside = tensors.move_all(theta, theta_dot, inside, next(drives), k * model.dt)
     whole = torch.stack(path, dim=1)
     slopes = torch.autograd.grad(whole.sum(), list(numbers.values()), materialize_grads=True)
     return whole.detach().numpy(), {k: float(s) for k, s in zip(numbers, slopes, strict=True)}

@@ -34,6 +34,7 @@ from sysid.physics.effects.friction import (
     WarmingFriction,
 )
 from sysid.physics.effects.load import DirectionalLoadFriction, LoadFriction, Ripple, RotorInertia, Spring, Tilt
+from sysid.physics.effects.presliding import Dahl, LuGre
 from sysid.physics.effects.sensing import (
     AngleOffset,
     Backlash,
@@ -43,6 +44,7 @@ from sysid.physics.effects.sensing import (
     VelocityBias,
     VelocityGain,
 )
+from sysid.physics.effects.transmission import FlexibleTransmission
 
 __all__ = [
     "ACTUATORS",
@@ -55,20 +57,24 @@ __all__ = [
     "Backlash",
     "Coulomb",
     "DCMotor",
+    "Dahl",
     "DeadZone",
     "Delay",
     "DirectionalLoadFriction",
     "Drag",
     "Drift",
     "DryFriction",
+    "DynamicEffect",
     "Eccentricity",
     "Effect",
     "FilteredSpeed",
+    "FlexibleTransmission",
     "InputEffect",
     "Joint",
     "JointEffect",
     "Lag",
     "LoadFriction",
+    "LuGre",
     "OutputEffect",
     "Periodic",
     "PositionServo",

@@ -44,6 +44,8 @@ class Coulomb(DryFriction):
         "stribeck",
         "asymmetric_coulomb",
         "warming_friction",
+        "dahl",
+        "lugre",
         "load_friction",
         "directional_load_friction",
         "torque_gain",
@@ -68,7 +70,7 @@ class Stribeck(DryFriction):
     rarity: ClassVar[float] = 2.0
     refines: ClassVar[tuple[tuple[str, ...], ...]] = (("coulomb",),)
     formula: ClassVar[str] = "tau = -(tau_c + excess exp(-(theta_dot/v_s)^2)) sign(theta_dot)"
-    confused: ClassVar[tuple[str, ...]] = ("coulomb",)
+    confused: ClassVar[tuple[str, ...]] = ("coulomb", "dahl", "lugre")
     tau_c: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
     excess: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
     v_s: Value = parameter(0.15, unit="rad/s", bounds=(0.005, 10.0), probe=(0.05, 0.15, 0.5))

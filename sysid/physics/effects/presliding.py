@@ -50,29 +50,28 @@ class Dahl(DynamicEffect):
 
 @dataclass(frozen=True, eq=False)
 class LuGre(Dahl):
-    """Dahl's friction with Stribeck's curve: tau = -(tau_c + excess) w; sliding at theta_dot it is
+    """tau = -ratio tau_c w,  dw/dt = (theta_dot - |theta_dot| w / s) / z_s,  s from 1 down to 1 / ratio: Dahl's friction
+    with Stribeck's curve. A joint that slides at theta_dot feels
 
-        tau_c + excess exp(-(theta_dot/v_s)^2)
+        tau_c (1 + (ratio - 1) exp(-(theta_dot/v_s)^2))
 
-    The bristle's own damping is left out, and the viscous friction is an effect of its own. (Canudas de Wit, Olsson,
-    Astrom, Lischinsky: IEEE Transactions on Automatic Control 40 (1995) 419.)
+    The bristle's own damping is left out; viscous friction is an effect of its own. (Canudas de Wit, Olsson, Astrom,
+    Lischinsky: IEEE Transactions on Automatic Control 40 (1995) 419.)
     """
 
     name: ClassVar[str] = "lugre"
     words: ClassVar[str] = "dry friction that gives like a spring and is larger at slow speed"
     rarity: ClassVar[float] = 3.5
-    begins: ClassVar[Mapping[str, float]] = {"tau_c": 0.05, "excess": 0.02}
     refines: ClassVar[tuple[tuple[str, ...], ...]] = (("coulomb",), ("dahl",), ("stribeck",))
     formula: ClassVar[str] = (
-        "tau = -(tau_c + excess) w, dw/dt = (theta_dot - |theta_dot| w / s) / z_s, "
-        "s = (tau_c + excess exp(-(theta_dot/v_s)^2)) / (tau_c + excess)"
+        "tau = -ratio tau_c w, dw/dt = (theta_dot - |theta_dot| w / s) / z_s, "
+        "s = (1 + (ratio - 1) exp(-(theta_dot/v_s)^2)) / ratio"
     )
     confused: ClassVar[tuple[str, ...]] = ("coulomb", "stribeck", "dahl")
-    excess: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
-    v_s: Value = parameter(0.15, unit="rad/s", bounds=(0.005, 10.0), probe=(0.05, 0.15, 0.5))
+    ratio: Value = parameter(1.5, unit="1", bounds=(1.0, 20.0), probe=(1.5,))
+    v_s: Value = parameter(0.15, unit="rad/s", bounds=(0.005, 10.0), probe=(0.05, 0.3))
 
     def sliding(self, theta_dot: Value) -> tuple[Value, Value]:
-        """tau_c + excess, and the share that Stribeck's curve leaves of it."""
-        largest, ratio = self.tau_c + self.excess, theta_dot / self.v_s
-        least = 1e-9  # [N m], so that no friction at all has a share, too
-        return largest, (self.tau_c + self.excess * ops.exp(-ratio * ratio) + least) / (largest + least)
+        """ratio tau_c, and the share that Stribeck's curve leaves of it."""
+        speed = theta_dot / self.v_s
+        return self.ratio * self.tau_c, (1.0 + (self.ratio - 1.0) * ops.exp(-speed * speed)) / self.ratio

@@ -31,8 +31,9 @@ class FlexibleTransmission(DynamicEffect):
 
     words: ClassVar[str] = "a part of the load behind a spring: a flexible transmission"
     rarity: ClassVar[float] = 2.5
-    formula: ClassVar[str] = "tau = -J (theta_ddot + delta_ddot), delta_ddot = -theta_ddot - 2 zeta omega delta_dot - omega^2 delta"
-    confused: ClassVar[tuple[str, ...]] = ("rotor_inertia", "spring", "lag")
+    formula: ClassVar[str] = (
+        "tau = -J (theta_ddot + delta_ddot), delta_ddot = -theta_ddot - 2 zeta omega delta_dot - omega^2 delta"
+    )
     start_sd: ClassVar[tuple[float, ...]] = (0.05, 1.0)
     J: Value = parameter(0.0, unit="kg m^2", bounds=(0.0, math.inf), neutral=0.0)
     f: Value = parameter(10.0, unit="Hz", bounds=(0.2, 500.0), probe=_resonances)
