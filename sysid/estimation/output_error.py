@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Record, check_records
 from sysid.data.sensor import Sensor
-from sysid.estimation.linearisation import Samples
+from sysid.estimation.disturbances import Disturbances
+from sysid.estimation.linearisation import LinearisedModel, Samples, begin, level
 from sysid.estimation.windows import Window
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
@@ -44,7 +45,7 @@ class Linearisation:
 class Response:
     """A model, none of whose numbers is free, on the windows of a log.
 
-    The states of its dynamic effects begin a window as the smoothed readings before it left them.
+    The states of its dynamic effects begin a window as a Kalman smoother finds them there.
     """
 
     def __init__(self, model: Model, records: Sequence[Record], sensor: Sensor, windows: Sequence[Window]) -> None:
@@ -94,8 +95,12 @@ class Response:
     @cached_property
     def _inside(self) -> Array:
         """States (K, n - 2) of the dynamic effects at the windows' first instants."""
-        followed = [self._samples.follow_smoothed([e])[0, self._first] for e in self.model.dynamic_effects]
-        return np.hstack([np.empty((len(self.windows), 0)), *followed])
+        if not self.model.dynamic_effects:
+            return np.empty((len(self.windows), 0))
+        size = level(self._samples)
+        linearised = LinearisedModel(self._samples, self.model, begin(self._samples, size))
+        found = linearised.motion.inside + linearised.system.filter(Disturbances(0.3 * size)).smooth()[:, 4:]
+        return found[self._first]
 
     @cached_property
     def drives(self) -> Array:
