@@ -210,8 +210,8 @@ class LinearisedModel:
     def _ends(self, model: Model, drives: Array, inside: Array, shift: Array | None = None) -> Array:
         """Where the steps end (..., M, n) from the motion, or from `shift` (..., M, n + 1) beside it.
 
-        The model may hold arrays (V, 1), the drives be (V, M, S) and the states of dynamic effects, `inside`, (V, M, q):
-        one row a variant.
+        The model may hold arrays (V, 1), the drives be (V, M, S), and the states of dynamic effects, `inside`, be
+        (V, M, q): one row a variant.
         """
         theta, theta_dot, d = self.motion.x[:, 0], self.motion.x[:, 1], self.motion.d
         if shift is not None:
@@ -241,7 +241,9 @@ class LinearisedModel:
         at = np.arange(P)
         rows[at, at], rows[P + at, at] = np.minimum(value + h, high), np.maximum(value - h, low)
         variants = [dict(zip(names, row.tolist(), strict=True)) for row in rows]
-        ends, seen = self._variants([self.model.with_parameters(v) for v in variants], self.model, rows, names, self.motion.inside)
+        ends, seen = self._variants(
+            [self.model.with_parameters(v) for v in variants], self.model, rows, names, self.motion.inside
+        )
         size = (rows[at, at] - rows[P + at, at])[:, None, None]
         return self._as_changes((ends[:P] - ends[P:]) / size, (seen[:P] - seen[P:]) / size)
 

@@ -334,8 +334,8 @@ class _Limits:
         return shorter
 
     def spread(self, filter: Filter) -> Array:
-        """How far off the motion (M, 3 + q) may be: a filter knows less than a smoother, and its sd is wide enough where
-        a joint sticks."""
+        """How far off the motion (M, 3 + q) may be: a filter knows less than a smoother, and its sd is wide enough
+        where a joint sticks."""
         return np.minimum(filter.sd[:, filter.system.driving], self.widest)
 
 

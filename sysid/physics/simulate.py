@@ -88,7 +88,8 @@ def simulate(model: Model, u: ArrayLike, theta: ArrayLike, theta_dot: ArrayLike)
         states[:, k] = now
         seen[:, k], sensing = model.read(*now, sensing, k * model.dt)
         if k < n:
-            *now, within = model.move_all(*now, within, next(drives), k * model.dt)
+            theta, theta_dot, within = model.move_all(*now, within, next(drives), k * model.dt)
+            now = theta, theta_dot
     rows = np.moveaxis(np.concatenate([states, seen]), 1, -1)
     return Trajectory(
         t=model.dt * np.arange(n + 1),

@@ -218,7 +218,7 @@ def predict(model: Model, signals: Sequence[Signal], conditions: Conditions) -> 
     """What a model does under the signals, from rest or from where it is released."""
     pool = Pool([Hypothesis("", model, ())], signals, conditions)
     states, blank = pool.states[0], pool.records
-    seen = pool.responses[0].readings(np.zeros(0), states)
+    seen = pool.responses[0].readings(states)
     records = []
     for i, (r, (theta, theta_dot)) in enumerate(zip(blank, seen, strict=True)):
         angle = None if r.theta is None else theta[: len(r.theta)]

@@ -45,18 +45,20 @@ ARM = {"coulomb.tau_c": 0.15, "viscous.b": 0.1, "delay.T": 0.03, "rotor_inertia.
 class Stranger:
     """An effect outside the catalogue: its numbers, the gust's peak [N m], and what an observer must say it depends on.
 
-    Right is an answer that contains `needs` and nothing outside `allows`.
+    Right is an answer that contains `needs` and nothing outside `allows`; or one that names `near` alone, an effect of
+    the catalogue that is nearly this.
     """
 
     numbers: tuple[tuple[str, float], ...]
     needs: frozenset[str]
     allows: frozenset[str]
     gust: float = 0.0
+    near: str = ""
 
 
-def _stranger(needs: str, allows: str = "", gust: float = 0.0, **numbers: float) -> Stranger:
+def _stranger(needs: str, allows: str = "", gust: float = 0.0, near: str = "", **numbers: float) -> Stranger:
     named = tuple((k.replace("__", "."), v) for k, v in numbers.items())
-    return Stranger(named, frozenset(needs.split()), frozenset((needs + " " + allows).split()), gust)
+    return Stranger(named, frozenset(needs.split()), frozenset((needs + " " + allows).split()), gust, near)
 
 
 STRANGERS: dict[str, Stranger] = {
@@ -68,10 +70,10 @@ STRANGERS: dict[str, Stranger] = {
     "eddy": _stranger("theta_dot", eddy__c=0.5, eddy__v_p=1.0),
     "patch": _stranger("theta", "theta_dot", patch__tau=0.4, patch__theta_p=3.3, patch__width=0.15),
     "lopsided": _stranger("torque", lopsided__gain=0.85),
-    "slosh": _stranger("history", slosh__J=0.03, slosh__f=1.6, slosh__zeta=0.05),
-    "harmonic drive 10 Hz": _stranger("history", "torque", flexible__f=10.0),
-    "harmonic drive 14 Hz": _stranger("history", "torque", flexible__f=14.0),
-    "harmonic drive 20 Hz": _stranger("history", "torque", flexible__f=20.0),
+    "slosh": _stranger("history", near="flexible_transmission", slosh__J=0.03, slosh__f=1.6, slosh__zeta=0.05),
+    "harmonic drive 10 Hz": _stranger("history", "torque", near="flexible_transmission", flexible__f=10.0),
+    "harmonic drive 14 Hz": _stranger("history", "torque", near="flexible_transmission", flexible__f=14.0),
+    "harmonic drive 20 Hz": _stranger("history", "torque", near="flexible_transmission", flexible__f=20.0),
 }
 FLEXIBLE = tuple(name for name, own in STRANGERS.items() if own.numbers and own.numbers[0][0] == "flexible.f")
 

@@ -63,9 +63,12 @@ def silent(answer: Answer) -> bool:
 
 
 def stranger_right(case: Case, answer: Answer) -> bool:
-    """Something unknown is said to remain, whatever of it known effects explain, with the right dependence."""
+    """What is nearly it is named alone; or something unknown is said to remain, whatever of it known effects explain,
+    with the right dependence."""
     who = STRANGERS[case.hidden[0]]
-    said = frozenset(answer.depends_on)
+    said, named = frozenset(answer.depends_on), {effect for group in answer.named for effect in group}
+    if who.near and named == {who.near}:
+        return answer.verdict in ("missing", "partly")
     return answer.verdict in ("unknown", "partly") and bool(said & who.needs) and said <= who.allows
 
 

@@ -18,9 +18,11 @@ from sysid import (
     CATALOGUE,
     RK4,
     Coulomb,
+    Dahl,
     DCMotor,
     Delay,
     FilteredSpeed,
+    FlexibleTransmission,
     GeneralJoint,
     InputEffect,
     InvalidInput,
@@ -40,7 +42,8 @@ from sysid import (
     parameter,
 )
 
-EFFECTS = {"none": (), "joint": (Viscous(0.1), Coulomb(0.3)), "path": (Delay(T=0.07), Lag(T=0.05))}
+STATES = (Lag(T=0.05), Dahl(tau_c=0.2, z_s=0.05), FlexibleTransmission(J=0.2, f=3.0))
+EFFECTS = {"none": (), "joint": (Viscous(0.1), Coulomb(0.3)), "path": (Delay(T=0.07), Lag(T=0.05)), "states": STATES}
 
 
 @pytest.mark.parametrize("integrator", [RK4(2), SemiImplicitEuler(theta_dot_max=8.0)])

@@ -1,4 +1,4 @@
-"""Effects with states of their own: what they do to a joint, where they become simpler ones, and that logs show them."""
+"""Effects with states of their own: what they do to a joint, where they are simpler ones, and that logs show them."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_a_motion_solves_the_equations_to_second_order(effect):
     dt, u = 0.02, multisine(np.random.default_rng(0), 60, 0.02, 2.0, 3.0)
     x, path = np.array([2.0, 0.5, *[0.0] * len(effect.start_sd)]), [2.0]
     for command in u:
-        x = solve_ivp(lambda t, x: derivative(effect, command, x), (0.0, dt), x, rtol=1e-10, atol=1e-12).y[:, -1]
+        x = solve_ivp(lambda t, x, u=command: derivative(effect, u, x), (0.0, dt), x, rtol=1e-10, atol=1e-12).y[:, -1]
         path.append(x[0])
     runs = {n: simulate(Model(JOINT, (effect,), RK4(substeps=n), dt), u, 2.0, 0.5).theta for n in (2, 16)}
     off = {n: np.max(np.abs(theta - path)) for n, theta in runs.items()}

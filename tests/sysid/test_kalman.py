@@ -50,7 +50,7 @@ def system(seed: int, lengths: tuple[int, ...], read: str = "both channels") -> 
 
 @dataclass(frozen=True, eq=False)
 class Dense:
-    """The same as one Gaussian vector: mean (N M,) and covariance (N M, N M) of all z, and readings r = H z + N(0, I)."""
+    """The same as one Gaussian vector: mean (N M,) and covariance (N M, N M) of all z; readings r = H z + N(0, I)."""
 
     size: int
     mean: np.ndarray
