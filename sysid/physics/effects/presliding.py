@@ -18,7 +18,8 @@ class Dahl(DynamicEffect):
     """tau = -tau_c w,  dw/dt = (theta_dot - |theta_dot| w) / z_s: dry friction that builds up over a travel.
 
     Before a joint slides, the contact gives like a spring of tau_c / z_s [N m/rad], z_s [rad]; w is its deflection, 1
-    where it slides forwards. For z_s -> 0 it is Coulomb friction. (Dahl: Aerospace Corporation TOR-0158(3107-18)-1, 1968.)
+    where it slides forwards. For z_s -> 0 it is Coulomb friction. (Dahl: Aerospace Corporation TOR-0158(3107-18)-1,
+    1968.)
     """
 
     words: ClassVar[str] = "dry friction that gives like a spring before it slides"
