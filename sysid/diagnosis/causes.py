@@ -13,8 +13,9 @@ from sysid.diagnosis.residual_torque import followed
 from sysid.diagnosis.search_settings import DEFAULT
 from sysid.errors import InvalidInput
 from sysid.estimation.held_out import HeldOutError, finite, held_out_error
-from sysid.estimation.prediction_error import Fit, bounded_step, inverse
+from sysid.estimation.prediction_error import Fit, inverse
 from sysid.estimation.scores import Score, alikeness, price, scores
+from sysid.estimation.solver import bounded_step
 from sysid.physics.effects import CATALOGUE, Effect, Joint, JointEffect
 from sysid.physics.ops import Array, Value
 from sysid.physics.parameters import Parameter, parameter

@@ -18,8 +18,10 @@ from sysid.errors import InvalidInput
 from sysid.estimation.disturbances import MEMORIES, Disturbances
 from sysid.estimation.held_out import finite
 from sysid.estimation.kalman import Filter
+from sysid.estimation.likelihood import likelihood_ascent, maximum_likelihood
 from sysid.estimation.linearisation import Samples, level
-from sysid.estimation.prediction_error import QUICK, Fit, Settings, fit, likelihood_ascent, maximum_likelihood
+from sysid.estimation.prediction_error import Fit
+from sysid.estimation.solver import QUICK, Settings, fit
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 

@@ -17,9 +17,10 @@ from sysid.estimation.first_fit import with_common, without_common
 from sysid.estimation.held_out import lead_of
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import PredictionErrors, left_out, moved
-from sysid.estimation.prediction_error import QUICK, Fit, fit
+from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import extended, reduced
 from sysid.estimation.scores import Score, alikeness, price, scores
+from sysid.estimation.solver import QUICK, fit
 from sysid.physics.effects import CATALOGUE, Effect, effect, preferred
 from sysid.physics.model import Model
 

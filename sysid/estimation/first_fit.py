@@ -8,7 +8,8 @@ from dataclasses import replace
 from sysid.estimation.initial_guess import initial_guess
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import BLOCKS, WINDOW, left_out
-from sysid.estimation.prediction_error import Fit, fit, with_likely_angle_error
+from sysid.estimation.prediction_error import Fit, with_likely_angle_error
+from sysid.estimation.solver import fit
 from sysid.physics.effects import CATALOGUE, Effect
 from sysid.physics.model import Model
 

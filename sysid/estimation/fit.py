@@ -12,9 +12,9 @@ from sysid.estimation.first_fit import first_fit
 from sysid.estimation.identifiers.identifier import free_parameters
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction_error import Fit
-from sysid.estimation.prediction_error import fit as prediction_error
 from sysid.estimation.refits import extended
 from sysid.estimation.scores import score
+from sysid.estimation.solver import fit as prediction_error
 from sysid.physics.candidates import alternatives
 from sysid.physics.model import Model
 

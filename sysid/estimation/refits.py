@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from sysid.estimation.prediction_error import DEFAULT as THOROUGH
-from sysid.estimation.prediction_error import Fit, Settings, fit
+from sysid.estimation.prediction_error import Fit
+from sysid.estimation.solver import DEFAULT as THOROUGH
+from sysid.estimation.solver import Settings, fit
 from sysid.physics.effects import Effect
 
 

@@ -16,7 +16,8 @@ from sysid.data.sensor import Sensor
 from sysid.estimation.disturbances import NONE, Disturbances
 from sysid.estimation.linearisation import LinearisedModel, Motion, Samples
 from sysid.estimation.output_error import CHANNELS, Response
-from sysid.estimation.prediction_error import Fit, Settings, fit, with_likely_angle_error
+from sysid.estimation.prediction_error import Fit, with_likely_angle_error
+from sysid.estimation.solver import Settings, fit
 from sysid.estimation.windows import cut
 from sysid.physics.effects import Effect, OutputEffect
 from sysid.physics.model import Model

@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid.estimation.linearisation import Samples
-from sysid.estimation.prediction_error import Fit, fit
+from sysid.estimation.prediction_error import Fit
+from sysid.estimation.solver import fit
 from sysid.planning.design import KNOWN, Conditions, Hypothesis, Pool, predict, within_limits
 from sysid.planning.hypotheses import Pair
 from sysid.planning.signals import Signal, draw

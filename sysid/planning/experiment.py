@@ -17,7 +17,7 @@ from sysid.estimation.estimate import Estimate
 from sysid.estimation.first_fit import first_fit
 from sysid.estimation.fit import free
 from sysid.estimation.linearisation import Samples
-from sysid.estimation.prediction_error import fit
+from sysid.estimation.solver import fit
 from sysid.physics.effects import Effect
 from sysid.physics.model import Model
 from sysid.physics.plants import Plant

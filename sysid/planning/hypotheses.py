@@ -11,9 +11,10 @@ from sysid.data.record import Record
 from sysid.errors import InvalidInput
 from sysid.estimation.first_fit import first_fit
 from sysid.estimation.linearisation import Samples
-from sysid.estimation.prediction_error import Fit, Settings, fit
+from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import extended
 from sysid.estimation.scores import scores
+from sysid.estimation.solver import Settings, fit
 from sysid.physics.candidates import Alternative, candidates
 from sysid.physics.effects import CATALOGUE, Effect, effect
 from sysid.physics.model import Model

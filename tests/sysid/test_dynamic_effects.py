@@ -33,7 +33,7 @@ from sysid import (
 )
 from sysid.estimation.held_out import held_out_error
 from sysid.estimation.linearisation import LinearisedModel, Motion, Samples
-from sysid.estimation.prediction_error import fit
+from sysid.estimation.solver import fit
 from sysid.physics.effects.effect import Stretch
 from sysid.planning.excitation import multisine
 from tests.sysid.planted import assert_named, assert_recovered, logs, rod, truth

@@ -28,7 +28,7 @@ from sysid import (
     Viscous,
     simulate,
 )
-from sysid.estimation import prediction_error
+from sysid.estimation import prediction_error, solver
 from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.fit import fit
 from sysid.estimation.linearisation import Samples
@@ -76,7 +76,7 @@ def played(e: Experiment, truth: Model, seed: int) -> list[Record]:
 
 def output_error(records: list[Record]) -> prediction_error.Fit:
     """The bare rod, fitted as if nothing acted beside it."""
-    return prediction_error.fit(Samples(rod(), records, SENSOR), rod(), NAMES, None, NONE, KNOWN)
+    return solver.fit(Samples(rod(), records, SENSOR), rod(), NAMES, None, NONE, KNOWN)
 
 
 CONFUSED = {
@@ -169,7 +169,7 @@ def test_a_random_torque_makes_an_experiment_tell_less() -> None:
     )
     assert np.all(shaken.sd() > 2.0 * calm.sd())
     samples = Samples(rod(), predict(rod(), signals, CONDITIONS).records, SENSOR)
-    found = prediction_error.fit(samples, rod(), NAMES, None, disturbances, KNOWN)
+    found = solver.fit(samples, rod(), NAMES, None, disturbances, KNOWN)
     np.testing.assert_allclose(shaken.together().sd()[0], np.sqrt(np.diag(found.covariance)), rtol=0.05)
 
 

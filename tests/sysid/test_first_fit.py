@@ -13,8 +13,9 @@ from sysid.diagnosis.search import Search
 from sysid.estimation.first_fit import BLOCKS, WINDOW, first_fit, with_best_memory, with_common, without_common
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import left_out
-from sysid.estimation.prediction_error import fit, with_likely_angle_error
+from sysid.estimation.prediction_error import with_likely_angle_error
 from sysid.estimation.scores import scores
+from sysid.estimation.solver import fit
 
 DT = 0.02
 SENSOR = Sensor(theta=0.0005, theta_dot=0.01)

@@ -14,7 +14,8 @@ from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.held_out import lead_of
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import SHORTEST, PredictionErrors, _without, left_out, windows_of
-from sysid.estimation.prediction_error import Fit, Settings, fit
+from sysid.estimation.prediction_error import Fit
+from sysid.estimation.solver import Settings, fit
 from sysid.planning.excitation import multisine
 
 DT = 0.02

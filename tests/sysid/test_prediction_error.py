@@ -25,7 +25,9 @@ from sysid import (
 )
 from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.linearisation import Samples
-from sysid.estimation.prediction_error import Fit, Prior, Settings, bounded_step, fit, inverse
+from sysid.estimation.prediction_error import Fit, inverse
+from sysid.estimation.prior import Prior
+from sysid.estimation.solver import Settings, bounded_step, fit
 from sysid.planning.excitation import multisine, paper_rollouts
 
 DT = 0.02

@@ -17,7 +17,8 @@ from sysid.diagnosis.residual_torque import missing_torque
 from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.first_fit import with_best_memory
 from sysid.estimation.linearisation import Samples
-from sysid.estimation.prediction_error import Fit, Settings, fit, inverse
+from sysid.estimation.prediction_error import Fit, inverse
+from sysid.estimation.solver import Settings, fit
 from sysid.physics.effects import Joint, JointEffect
 from sysid.physics.ops import Value
 from sysid.planning.excitation import multisine

@@ -40,9 +40,10 @@ from sysid import (
 )
 from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.linearisation import LinearisedModel, Samples
-from sysid.estimation.prediction_error import Fit, Settings, fit
+from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import extended
 from sysid.estimation.scores import Score, alikeness, scores
+from sysid.estimation.solver import Settings, fit
 from sysid.physics.candidates import alternatives
 from sysid.physics.parameters import Extent
 from sysid.planning.excitation import steps

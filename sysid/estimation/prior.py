@@ -1,0 +1,63 @@
+"""What is vaguely known of the parameters beside the readings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.physics.model import Model
+from sysid.physics.ops import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """What is vaguely known of the parameters: normals about `mean` (P,), of `precision` (P,) = 1 / sd^2; of those that
+    are `positive` (P,) of their logarithm about that of the mean, so that no inertia vanishes."""
+
+    mean: Array
+    precision: Array
+    positive: NDArray[np.bool_]
+
+    @classmethod
+    def of(
+        cls, model: Model, names: Sequence[str], vague: float, known: Prior | None, known_names: Sequence[str]
+    ) -> Prior:
+        """The numbers of the plant as they are, vaguely; those that are `known` already as they are known."""
+        own = dict(zip(known_names, zip(known.mean, known.precision, strict=True), strict=True)) if known else {}
+        mean, precision = numbers_of(model, names), np.zeros(len(names))
+        positive = np.array([model.parameters[n].bounds[0] > 0.0 for n in names], dtype=bool)
+        for i, name in enumerate(names):
+            if name in own:
+                mean[i], precision[i] = own[name]
+            elif name in model.plant.parameters and mean[i] != 0.0:
+                precision[i] = (vague * (1.0 if positive[i] else mean[i])) ** -2.0
+        return cls(mean, precision, positive)
+
+    def at(self, rows: Sequence[int]) -> Prior:
+        """That of some of the parameters."""
+        own = list(rows)
+        return Prior(self.mean[own], self.precision[own], self.positive[own])
+
+    def of_nothing(self) -> Prior:
+        """That of no parameters."""
+        return self.at(())
+
+    def deviance(self, values: Array) -> float:
+        """-2 log density at values (P,), up to a constant."""
+        return float(np.sum(self.rows(values)[1] ** 2))
+
+    def rows(self, values: Array) -> tuple[Array, Array]:
+        """Sensitivities (P, P) and residuals (P,) that stand below those of the readings."""
+        weight = np.sqrt(self.precision)
+        slope = np.where(self.positive, 1.0 / np.maximum(values, 1e-300), 1.0)
+        off = np.where(self.positive, np.log(np.maximum(self.mean, 1e-300) * slope), self.mean - values)
+        return np.diag(weight * slope), weight * off
+
+
+def numbers_of(model: Model, names: Sequence[str]) -> Array:
+    """The numbers (P,) that a model has for these parameters."""
+    parameters = model.parameters
+    return np.array([float(parameters[n].value) for n in names])

@@ -1,0 +1,189 @@
+"""The solver: parameters, motion and disturbances by maximum likelihood of the prediction errors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.estimation.disturbances import Disturbances
+from sysid.estimation.kalman import Filter
+from sysid.estimation.likelihood import likelihood_ascent, log_sizes
+from sysid.estimation.linearisation import LinearisedModel, Samples, begin, level
+from sysid.estimation.prediction_error import Fit
+from sysid.estimation.prior import Prior, numbers_of
+from sysid.physics.model import Model
+from sysid.physics.ops import Array
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How the solver works.
+
+    iterations   Gauss-Newton steps, at most; each linearises the model about the motion that the one before found
+    settled      a step below this share of every parameter's sd, which leaves the deviance within `negligible`, ends it
+    negligible   change of the deviance (-2 log likelihood) that no statistic would notice
+    sizes        whether the sizes of the disturbances are found, or stay
+    angle_error  whether the size of the angle's coloured error is found too, or stays
+    vague        sd of a number of the plant about the one that a fit begins with, as a share of it: where a random
+                 torque explains all, the readings say nothing of an inertia, and it would run away
+    stride       largest relative change of a parameter in a step
+    widest       how far about the motion the model's slopes are taken, at most: in rad, and as shares of the sizes of
+                 speed and acceleration; wider slopes are those of another machine
+    smallest     sizes of the disturbances below this share of the motion's acceleration, of the sensor's sd, are none
+    """
+
+    iterations: int = 40
+    settled: float = 0.02
+    negligible: float = 0.05
+    stride: float = 0.7
+    widest: tuple[float, float, float] = (0.05, 0.1, 0.5)
+    smallest: float = 1e-5
+    sizes: bool = True
+    angle_error: bool = True
+    vague: float = 1.0
+
+
+DEFAULT = Settings()
+
+QUICK = Settings(iterations=12, settled=0.15, negligible=0.5, angle_error=False)
+"""For a candidate that is only compared with others."""
+
+
+def fit(
+    samples: Samples,
+    model: Model,
+    names: Sequence[str],
+    near: Fit | None = None,
+    disturbances: Disturbances | None = None,
+    settings: Settings = DEFAULT,
+) -> Fit:
+    """The likeliest parameters, begun at the model's numbers, along the motion of a fit that is `near`.
+
+    disturbances   where their sizes begin; their correlation times stay. By default those of `near`, else large: nearly
+                   a regression, which finds its way from far off
+    """
+    names = tuple(names)
+    if disturbances is None:
+        disturbances = near.disturbances if near else Disturbances(0.3 * level(samples), sigma_o=_angle_sd(samples))
+    motion = (near.motion if near else begin(samples, disturbances.s)).of_model(samples, model)
+    prior = Prior.of(model, names, settings.vague, near.prior if near else None, near.names if near else ())
+    limits = _Limits.of(samples, model, names, prior, settings)
+    before, converged, restless = math.inf, False, settings.sizes
+    last: Fit | None = None
+    for k in range(settings.iterations):
+        linearised = LinearisedModel(samples, model, motion)
+        if k > 0 and settings.sizes and (restless or k % 4 == 3):
+            likely = likelihood_ascent(linearised, disturbances, limits.floor, settings.angle_error)
+            restless = bool(np.max(np.abs(log_sizes(likely) - log_sizes(disturbances))) > 0.05)
+            disturbances = likely
+        here = linearised.system.filter(disturbances)
+        if last is not None and not math.isfinite(here.deviance):
+            return last
+        G, R = linearised.changes(names)
+        Z, now = here.whiten(G, R), numbers_of(model, names)
+        step = _step(here, Z, prior, now, limits)
+        moved = float(np.linalg.norm(Z @ step)) if len(step) else 0.0
+        step = limits.shortened(step, now, settings.stride)
+        if k >= 2 and not restless and moved < settings.settled and abs(here.deviance - before) < settings.negligible:
+            converged = True
+            break
+        before, last = here.deviance, Fit(samples, linearised.model, names, linearised, here, Z, prior, False)
+        # slopes that go on changing with the filter's sd would never let friction's numbers settle
+        spread = limits.spread(here) if k < settings.iterations // 4 else motion.spread
+        motion = motion.moved(here.smooth(G @ step, R @ step), spread)
+        model = model.with_parameters(dict(zip(names, limits.within(now + step).tolist(), strict=True)))
+    return Fit(samples, linearised.model, names, linearised, here, Z, prior, converged)
+
+
+@dataclass(frozen=True, eq=False)
+class _Limits:
+    """How far the solver may go.
+
+    low, high (P,)   bounds of the numbers; positive (P,): which of them may not be 0
+    reach (P,)       change of each over which its effect may be nowhere near linear
+    widest (3,)      how far about the motion slopes are taken [rad], [rad/s], [rad/s^2]
+    floor (2,)       logarithms of the disturbances' sizes below which there are none
+    """
+
+    low: Array
+    high: Array
+    positive: NDArray[np.bool_]
+    reach: Array
+    widest: Array
+    floor: Array
+
+    @classmethod
+    def of(cls, samples: Samples, model: Model, names: Sequence[str], prior: Prior, settings: Settings) -> _Limits:
+        """Those of a model on the samples of a log, beside what is known of its numbers."""
+        size = level(samples)
+        low, high = (np.array([model.parameters[n].bounds[side] for n in names]) for side in (0, 1))
+        reach = np.array([_reach(model, n, typical) for n, typical in zip(names, prior.mean, strict=True)])
+        typical_speed = float(np.std(samples.smoothed[:, 1]))
+        widest = np.array([*np.array(settings.widest) * [1.0, typical_speed, size], *model.start_sd])
+        floor = np.log([settings.smallest * size, settings.smallest * max(_angle_sd(samples), 1e-12)])
+        return cls(low, high, prior.positive, reach, widest, floor)
+
+    def within(self, values: Array) -> Array:
+        """Numbers (P,) within their bounds."""
+        return np.clip(values, self.low, self.high)
+
+    def shortened(self, step: Array, now: Array, stride: float) -> Array:
+        """The step (P,) from `now`, all of it shortened so that no number goes further than is near linear."""
+        # a positive number on its way down would be at its bound in two steps of its typical size
+        longest = stride * np.where(self.positive & (step < 0.0), now, np.maximum(self.reach, np.abs(now)))
+        shorter: Array = step * min([1.0, *(longest / np.maximum(np.abs(step), 1e-300))])
+        return shorter
+
+    def spread(self, filter: Filter) -> Array:
+        """How far off the motion (M, 3 + q) may be: a filter knows less than a smoother, and its sd is wide enough
+        where a joint sticks."""
+        return np.minimum(filter.sd[:, filter.system.driving], self.widest)
+
+
+def _step(filter: Filter, Z: Array, prior: Prior, now: Array, limits: _Limits) -> Array:
+    """The Gauss-Newton step (P,) of the numbers, by the innovations and by what is known beside them."""
+    rows, rest = prior.rows(now)
+    below = np.concatenate([Z, rows]), np.concatenate([filter.innovations.ravel(), rest])
+    return bounded_step(*below, limits.low - now, limits.high - now)
+
+
+def bounded_step(Z: Array, e: Array, low: Array, high: Array) -> Array:
+    """min |e - Z step|^2 within low <= step <= high (P,); what the readings do not determine does not move."""
+    if Z.shape[1] == 0:
+        return np.zeros(0)
+    size = np.linalg.norm(Z, axis=0)
+    moves = size > 0.0
+    step = np.zeros(Z.shape[1])
+    free = moves.copy()
+    for _ in range(Z.shape[1] + 1):
+        at = np.flatnonzero(free)
+        if not len(at):
+            break
+        rest = e - Z @ np.where(free, 0.0, step)
+        scaled = Z[:, at] / size[at]
+        step[at] = np.linalg.lstsq(scaled, rest, rcond=1e-9)[0] / size[at]
+        outside = free & ((step < low) | (step > high))
+        if not np.any(outside):
+            break
+        step = np.where(outside, np.clip(step, low, high), step)
+        free &= ~outside
+    return np.clip(step, low, high)
+
+
+def _angle_sd(samples: Samples) -> float:
+    """The sd of the angle's readings, 0 where hardly any instant has one: a start that is known is no reading."""
+    weight = samples.weight[:, 0]
+    return float(1.0 / np.max(weight)) if np.mean(weight > 0.0) > 0.5 else 0.0
+
+
+def _reach(model: Model, name: str, typical: float) -> float:
+    """Over which change of a number its effect may be nowhere near linear; inf for one without bounds above, such as a
+    friction, in which the motion is linear enough."""
+    p = model.parameters[name]
+    if name not in model.plant.parameters and math.isinf(p.bounds[1]):
+        return math.inf
+    return max(abs(typical), 0.0 if name in model.plant.parameters else 0.1 * min(p.bounds[1] - p.bounds[0], 1.0))
