@@ -33,7 +33,7 @@ from sysid.planning.excitation import multisine
 
 DT = 0.02
 BOTH = Sensor(0.003, 0.05)
-SENSORS = {"both": BOTH, "angles": Sensor(0.003), "speeds": Sensor(None, 0.05), "start angle": Sensor(None, 0.05, 0.01)}
+SENSORS = {"both": BOTH, "angles": Sensor(0.003), "speeds": Sensor(None, 0.05)}
 
 
 def rod(*effects: Effect) -> Model:

@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from sysid import InvalidInput, Sensor, paper_model, simulate
+from study.paper.protocol import paper_model
+from sysid import InvalidInput, Sensor, simulate
 from tests.sysid.signals import uniform_noise
 
 MODEL = paper_model(2.0, 1.5)
