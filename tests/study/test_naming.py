@@ -40,6 +40,8 @@ PLAN = PLANS["mismatch"]
         (DELAY_LARGE, "cannot tell", ("lag/dead_zone",), False),
         (MAGNET, "unknown", (), True),
         (MAGNET, "unknown", ("spring",), True),
+        (MAGNET, "partly", ("spring",), True),
+        (COULOMB, "partly", ("coulomb",), False),
         (MAGNET, "missing", ("spring",), False),
     ],
 )
