@@ -2,9 +2,7 @@
 
 What an effect costs, before any training:
     magnitudes       the effects, each over its size; rod: the machine that they act on
-    loss             of one effect at one size by dynamic programming; effect_cost: of all of them
-    chosen_sizes     fixed before any policy was trained, by choose_sizes
-    table_resolution which table of dynamic programming stands for a trained agent
+    effect_cost      their price by dynamic programming, over their sizes
 
 The experiment:
     plan             plants, strategies, seeds and contrasts

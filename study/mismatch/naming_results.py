@@ -1,8 +1,8 @@
 """What the naming study found: rows, how often the answer was right, and how far m and l were off.
 
 Right is to name the effect, alone: as itself, as one that contains it, or in a class that the log cannot tell apart
-("cannot tell"). Where the catalogue lacks the effect it is right to say that something unknown is there, "unknown" or, beside
-what was named, "partly"; where nothing is missing, "adequate".
+("cannot tell"). Where the catalogue lacks the effect it is right to say that something unknown is left: "unknown" or,
+beside what was named, "partly". Where nothing is missing "adequate" is right.
 """
 
 from __future__ import annotations

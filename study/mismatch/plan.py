@@ -3,8 +3,8 @@ and contrasts.
 
     hidden plant -> n rollouts -> a strategy -> agent trained on what came out -> return on the hidden plant
 
-Sizes of the hidden effects are those that dynamic programming chose (`chosen_sizes`, `effect_cost`): nothing here was
-tried on a trained agent. Seeds are used for nothing else. This module loads nothing heavy.
+Sizes of the hidden effects are those that dynamic programming found dear (`effect_cost`): nothing here was tried on a
+trained agent. Seeds are used for nothing else. This module loads nothing heavy.
 """
 
 from __future__ import annotations

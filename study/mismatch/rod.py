@@ -12,7 +12,7 @@ from study.paper.protocol import paper_model
 from sysid import RK4, Effect, InvalidInput, Model
 
 BLUNT = Grid(theta=120, theta_dot=121)
-"""A table whose interpolation plans with a margin, as trained agents do (`margin`)."""
+"""A table whose interpolation plans with a margin, as trained agents do (`effect_cost`)."""
 
 DESIGN_SUBSTEPS = 2
 """Policies are designed, and agents trained, on steps of 25 ms."""
