@@ -1,6 +1,7 @@
 """A table of measured rows as CSV: a frozen dataclass is a row, its fields are the columns.
 
-Fields are text, int, float (six digits), bool (yes, no) or a tuple of texts (with blanks between them).
+Fields are text, int, float (six digits, or empty for None), bool (yes, no) or a tuple of texts (with blanks between
+them).
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ _PARSE: dict[str, Callable[[str], Any]] = {
     "str": str,
     "int": int,
     "float": float,
+    "float | None": lambda text: float(text) if text else None,
     "bool": lambda text: {"yes": True, "no": False}[text],
     "tuple[str, ...]": lambda text: tuple(text.split()),
 }
@@ -63,4 +65,4 @@ def _text(value: Any) -> str:
         return "yes" if value else "no"
     if isinstance(value, float):
         return f"{value:.6g}"
-    return " ".join(value) if isinstance(value, tuple) else str(value)
+    return " ".join(value) if isinstance(value, tuple) else "" if value is None else str(value)
