@@ -61,8 +61,11 @@ def averaged_sensor(sigma: float) -> Sensor:
 
 @dataclass(frozen=True, eq=False)
 class PaperRollout:
-    """Instants t (N+1,) [s], torques u (N,) [N m], angles theta (N+1,) [rad], and the speed as it was read before and
-    after each step, (N,) each [rad/s]."""
+    """A measured rollout of N steps.
+
+    t (N+1,) [s], u (N,) [N m], theta (N+1,) [rad] unwrapped; before, after (N,) [rad/s]: the speed as it was read on
+    both sides of each step.
+    """
 
     t: Array
     u: Array
@@ -121,7 +124,8 @@ def paper_rollouts(
     applied = _rounded(u)
     run = simulate(model, applied, start[:, 0], start[:, 1])
     speed = _rounded(run.theta_dot)
-    angle = np.arctan2(np.sin(run.theta).astype(np.float32), np.cos(run.theta).astype(np.float32)).astype(float)
+    sine, cosine = np.sin(run.theta).astype(np.float32), np.cos(run.theta).astype(np.float32)
+    angle = np.unwrap(np.arctan2(sine, cosine).astype(float))
     before, after = speed[:, :-1] + noise[..., 0], speed[:, 1:] + noise[..., 1]
     return [PaperRollout(run.t, applied[i], angle[i], before[i], after[i], f"rollout {i}") for i in range(n)]
 
