@@ -9,7 +9,7 @@ The experiment:
     ground_truth     the hidden plants as machines, and their rollouts
     out_of_catalogue effects that the catalogue lacks
     strategies       what each strategy makes of its budget of rollouts: a training_setup
-    residual_network a learned torque, fitted by network_fit over elimination
+    residual_network a learned torque, fitted by network_fit
     trainings        agents of setups that train together; designs: dynamic programs in their place
     experiment       all of it as tasks; mismatch_results: what is kept
     findings         returns, contrasts, parts of a gap; sentences, labels, figures, mismatch_page, mismatch_report: how

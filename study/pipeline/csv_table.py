@@ -48,7 +48,7 @@ def read_table(kind: type[R], path: Path, about: str) -> list[R]:
 def write_table(kind: type[R], path: Path, rows: Iterable[R]) -> None:
     """The rows as a CSV file; whole or not at all."""
     names = [f.name for f in dataclasses.fields(kind)]
-    write_csv(path, names, ([_text(getattr(row, name)) for name in names] for row in rows))
+    write_csv(path, names, (printed(getattr(row, name) for name in names) for row in rows))
 
 
 def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
@@ -58,6 +58,11 @@ def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Sequence[object
     writer.writerow(columns)
     writer.writerows(rows)
     write_whole(path, text.getvalue())
+
+
+def printed(row: Iterable[object]) -> list[str]:
+    """The cells of a row as a table holds them."""
+    return [_text(value) for value in row]
 
 
 def _text(value: Any) -> str:
