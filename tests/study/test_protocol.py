@@ -9,6 +9,7 @@ import pytest
 
 from study.paper.protocol import averaged_sensor, paper_model, paper_rollouts, transitions
 from sysid import GridSearch, InvalidInput, fisher_information, fit
+from sysid.estimation.linearisation import Samples
 
 PUBLISHED = Path(__file__).parents[2].parent / "shared" / "data" / "paper"
 RUNS = {  # file: hidden truth (m, l) and the sd of the speed readings
@@ -88,6 +89,15 @@ def test_a_step_holds_what_was_read_before_and_after_it():
     assert [len(step) for step in steps] == [1] * 10
     np.testing.assert_array_equal([s.theta_dot for s in steps], np.stack([rollout.before, rollout.after], axis=1))
     np.testing.assert_array_equal([(s.theta[0], s.u[0]) for s in steps], np.stack([rollout.theta[:-1], rollout.u], 1))
+
+
+def test_an_instant_that_was_read_twice_counts_as_its_mean():
+    (rollout,) = paper_rollouts(paper_model(), 1, np.random.default_rng(2), length=20)
+    samples = Samples(paper_model(), [rollout.averaged], averaged_sensor(1.0))
+    np.testing.assert_allclose(samples.y[1:-1, 1], 0.5 * (rollout.before[1:] + rollout.after[:-1]))
+    assert (samples.y[0, 1], samples.y[-1, 1]) == (rollout.before[0], rollout.after[-1])
+    np.testing.assert_allclose(samples.weight[:, 1], [1.0, *(19 * [2.0**0.5]), 1.0])
+    np.testing.assert_allclose(samples.weight[:, 0], [1000.0, *(20 * [0.0])])
 
 
 def test_the_mean_of_two_readings_says_as_much_as_both():
