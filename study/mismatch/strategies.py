@@ -127,8 +127,8 @@ class Budget:
 
     @property
     def believed(self) -> bool:
-        """Whether what was named is taken for what is missing: not where something unknown remains, nor where the error
-        on held-out rollouts did not fall."""
+        """Whether what was named is taken into the model: not where nothing known pays, nor where the error on held-out
+        rollouts did not fall."""
         found = self.diagnosis
         return found.verdict != "unknown" and (not found.steps or found.error.ratio < found.base_error.ratio)
 

@@ -177,15 +177,6 @@ def test_first_instants_can_be_left_out() -> None:
         assert changed == [0] * sum(n > 0 for n in left)
 
 
-def test_two_readings_of_an_instant_average() -> None:
-    record = logs(rod(), (50,))[0]
-    assert record.theta_dot is not None
-    twice = Record(record.t, record.u, record.theta, record.theta_dot[:-1], record.theta_dot[1:] + 0.1)
-    response = Response(rod(), ("m",), [twice], BOTH, cut([twice]))
-    np.testing.assert_allclose(response.y[0, 1, 1:-1], record.theta_dot[1:-1] + 0.05)
-    np.testing.assert_allclose(response.weight[0, 1] * BOTH.theta_dot, [1.0, *[math.sqrt(2.0)] * 49, 1.0])
-
-
 SIGNAL = {
     "nothing": (),
     "stamped early": (Stamp(s=-0.6),),
