@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, ClassVar, NamedTuple
 
-from study.pipeline.settings import Fingerprinted
+from study.pipeline.settings import StudySettings
 
 MISMATCH_FORMAT = 1
 """Version of the results folder: raised whenever stored numbers change their meaning."""
@@ -117,7 +117,7 @@ class HiddenPlant:
 
 
 @dataclass(frozen=True)
-class Plan(Fingerprinted):
+class Plan(StudySettings):
     """Everything that the experiment's numbers depend on.
 
     contrasted  seeds of every strategy that a contrast names; described: of the others, the first ones
