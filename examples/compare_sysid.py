@@ -8,7 +8,7 @@ noise-free regressor for the grid only); `encoder`, angles with sd 0.01 rad and 
 
 The paper's protocol reads the speed before and after every step, so each interior instant has two independent
 readings. All three identifiers use both, and the bound counts both. The grid takes a pair of them a step;
-least squares and the Kalman filter take every reading once, along the whole rollout.
+least squares and the Kalman filter take their mean, along the whole rollout.
 """
 
 from __future__ import annotations
@@ -29,24 +29,19 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # one process a core; threads ins
 
 import numpy as np
 
+from study.paper.protocol import averaged_sensor, paper_model, paper_rollouts
 from sysid import (
     GridSearch,
     Identifier,
     LeastSquares,
     Record,
-    Sensor,
     UnscentedKalman,
     fisher_information,
-    paper_model,
-    paper_rollouts,
 )
 
 NAMES = ("m", "l")
 TRUTH = np.array([2.0, 1.5])
-SENSORS = {
-    "paper": Sensor(theta=None, theta_dot=1.0, theta_0=0.001),
-    "encoder": Sensor(theta=0.01, theta_dot=1.0),
-}
+SENSORS = {"paper": averaged_sensor(1.0), "encoder": dataclasses.replace(averaged_sensor(1.0), theta=0.01)}
 
 
 class Method(NamedTuple):
@@ -91,35 +86,34 @@ class Outcome:
     same_optimum: bool | None
 
 
-def measure(setting: str, method: str, n: int, seed: int) -> list[Record]:
-    """n rollouts of the true pendulum as the setting's sensor reads them; every identifier gets the same noise."""
-    records = paper_rollouts(paper_model(*TRUTH), n, np.random.default_rng(seed))
-    rng = np.random.default_rng([seed, 1])
-    noisy = []
-    for record in records:
+def measure(setting: str, n: int, seed: int) -> tuple[list[Record], list[Record]]:
+    """n rollouts of the true pendulum as the setting's sensor reads them, step by step for the grid, and whole."""
+    rollouts = paper_rollouts(paper_model(*TRUTH), n, np.random.default_rng(seed))
+    rng, steps, whole = np.random.default_rng([seed, 1]), list[Record](), list[Record]()
+    for rollout in rollouts:
         if setting == "encoder":
-            theta = record.theta + 0.01 * rng.standard_normal(len(record) + 1)
-        elif method == "grid":
-            theta = record.theta
+            theta = rollout.theta + 0.01 * rng.standard_normal(len(rollout.theta))
+            steps += dataclasses.replace(rollout, theta=theta).transitions
         else:
-            theta = record.theta + 0.001 * rng.standard_normal()  # only theta[0] will be used
-        noisy.append(dataclasses.replace(record, theta=theta))
-    return noisy
+            theta = rollout.theta[:1] + 0.001 * rng.standard_normal()
+            steps += rollout.transitions
+        whole.append(dataclasses.replace(rollout.averaged, theta=theta))
+    return steps, whole
 
 
 def run(task: Task) -> Outcome:
     """Fit from the prior (1, 1), and weigh the error by the information that the same readings carry."""
-    records = measure(task.setting, task.method, task.n, task.seed)
+    steps, records = measure(task.setting, task.n, task.seed)
     method = METHODS[task.method].make(NAMES, sensor=SENSORS[task.setting])
     begin = time.perf_counter()
-    estimate = method.fit(paper_model(), records)
+    estimate = method.fit(paper_model(), steps if task.method == "grid" else records)
     seconds = time.perf_counter() - begin
     same = None
     if isinstance(method, LeastSquares):
         from_truth = dataclasses.replace(method, starts=1).fit(paper_model(*TRUTH), records)
         same = estimate.success and estimate.cost <= from_truth.cost + 0.01
     clean = paper_rollouts(paper_model(*TRUTH), task.n, np.random.default_rng(task.seed), sigma=0.0)
-    starts = np.array([[r.theta[0], r.theta_dot[0]] for r in clean])
+    starts = np.array([[r.theta[0], r.before[0]] for r in clean])
     low, high = np.array([estimate.interval()[name] for name in NAMES]).T
     return Outcome(
         task=task,

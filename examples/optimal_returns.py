@@ -21,7 +21,8 @@ import numpy as np
 from policies import design_lqr, design_swing_up, start_states
 from policies.control.dynamic_programming import Grid, solve
 from policies.evaluation import evaluate
-from sysid import InvalidInput, paper_model
+from study.paper.protocol import paper_model
+from sysid import InvalidInput
 
 SYSTEMS = ((2.0, 1.5), (1.5, 1.2), (2.5, 2.0), (1.0, 1.0))
 

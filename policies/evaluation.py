@@ -1,6 +1,6 @@
 """What a policy is worth on a model: its mean return over the paper's start states.
 
-    answer = evaluate(policy, sysid.paper_model(m=2.0, l=1.5), *start_states(seed=0))
+    answer = evaluate(policy, model, *start_states(seed=0))
     print(answer)        # return -330.7 +- 35.0 (20 episodes)
 
 A policy is any callable `u = policy(state, t)`: it receives the state of all episodes at once (theta (E,) unwrapped

@@ -69,12 +69,11 @@ from .physics.effects import (
     register,
 )
 from .physics.integrators import RK4, Integrator, SemiImplicitEuler
-from .physics.model import Model, State, paper_model
+from .physics.model import Model, State
 from .physics.parameters import Extent, Parameter, parameter
 from .physics.plants import GeneralJoint, LinearAxis, Plant, PointMassPendulum, RodPendulum
 from .physics.simulate import Trajectory, simulate
 from .physics.user_effects import load_effects
-from .planning.excitation import paper_rollouts
 from .report.comparison_figure import plot_comparison
 
 __all__ = [
@@ -162,8 +161,6 @@ __all__ = [
     "load_effects",
     "load_model",
     "ops",
-    "paper_model",
-    "paper_rollouts",
     "parameter",
     "plot_comparison",
     "read",

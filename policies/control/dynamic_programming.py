@@ -1,6 +1,6 @@
 """The near-optimal return, by finite-horizon dynamic programming over (theta, theta_dot).
 
-    optimal = solve(sysid.paper_model(m=2.0, l=1.5))
+    optimal = solve(model)
     print(evaluate(optimal, plant, *start_states(seed=0)))           # the best that this grid knows to do
     print(-optimal.cost_to_go(*start_states(seed=0)).mean())         # what it promises
 

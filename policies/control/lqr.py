@@ -1,6 +1,6 @@
 """LQR at the upright: the best linear feedback on the linearised step, saturated at the torque limit.
 
-policy = design_lqr(sysid.paper_model(m=2.0, l=1.5))
+policy = design_lqr(model)
 print(evaluate(policy, plant, *start_states(seed=0)))
 """
 

@@ -1,6 +1,6 @@
 """Energy swing-up that hands over to the LQR: pump until the LQR can catch, then let it.
 
-    policy = design_swing_up(sysid.paper_model(m=2.0, l=1.5))
+    policy = design_swing_up(model)
     print(evaluate(policy, plant, *start_states(seed=0)))
 
 Source: Astrom & Furuta, "Swinging up a pendulum by energy control", Automatica 36 (2000).

@@ -1,6 +1,6 @@
 """One pendulum as a gymnasium.Env: any sysid Model, the swing-up task.
 
-    env = gymnasium.make("gapfinder/Pendulum-v0", model=sysid.paper_model(m=2.0, l=1.5))
+    env = gymnasium.make("gapfinder/Pendulum-v0", model=model)
 
 The same interface, numbers and start states as Gymnasium's Pendulum-v1 (float64 inside, float32 observations). At
 another dt than its 0.05 s give `max_episode_steps=task.horizon(dt)` too.
@@ -17,9 +17,14 @@ from numpy.typing import NDArray
 
 from policies.environments import task
 from policies.environments.randomization import RandomForce, Randomization
-from sysid import InvalidInput, Model, paper_model
+from sysid import InvalidInput, Model, RodPendulum, SemiImplicitEuler
 
 Observation = NDArray[np.float32]
+
+
+def pendulum_v1() -> Model:
+    """The machine of Gymnasium's Pendulum-v1."""
+    return Model(RodPendulum(), integrator=SemiImplicitEuler(theta_dot_max=8.0), dt=0.05, u_max=2.0)
 
 
 class PendulumEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
@@ -36,7 +41,7 @@ class PendulumEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     def __init__(
         self, model: Model | None = None, randomization: Randomization | None = None, history: int = 0
     ) -> None:
-        self.model = self._drawn = paper_model() if model is None else model
+        self.model = self._drawn = pendulum_v1() if model is None else model
         self.randomization, self.history = randomization, history
         if isinstance(randomization, RandomForce):
             raise InvalidInput("a RandomForce acts in BatchedPendulums alone: expected another randomization")

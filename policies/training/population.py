@@ -1,8 +1,8 @@
 """A agents trained side by side in one process: each with its own pendulum, randomization, memory, networks and seed.
 
-    population = Population(sysid.paper_model(), [Band({"m": 2.0, "l": 1.5}, w=0.1)] * 3, seeds=[0, 1, 2])
+    population = Population(model, [Band({"m": 2.0, "l": 1.5}, w=0.1)] * 3, seeds=[0, 1, 2])
     population.train(75_000)
-    evaluate(population.policies()[0], sysid.paper_model(m=2.0, l=1.5), *start_states(seed=0))
+    evaluate(population.policies()[0], machine, *start_states(seed=0))
 
 What an agent becomes depends on its own seed and randomization, not on its neighbours.
 """

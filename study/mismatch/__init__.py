@@ -2,16 +2,14 @@
 
 What an effect costs, before any training:
     magnitudes       the effects, each over its size; rod: the machine that they act on
-    loss             of one effect at one size by dynamic programming; effect_cost: of all of them
-    chosen_sizes     fixed before any policy was trained, by choose_sizes
-    table_resolution which table of dynamic programming stands for a trained agent
+    effect_cost      their price by dynamic programming, over their sizes
 
 The experiment:
     plan             plants, strategies, seeds and contrasts
     ground_truth     the hidden plants as machines, and their rollouts
     out_of_catalogue effects that the catalogue lacks
     strategies       what each strategy makes of its budget of rollouts: a training_setup
-    residual_network a learned torque, fitted by network_fit over elimination
+    residual_network a learned torque, fitted by network_fit
     trainings        agents of setups that train together; designs: dynamic programs in their place
     experiment       all of it as tasks; mismatch_results: what is kept
     findings         returns, contrasts, parts of a gap; sentences, labels, figures, mismatch_page, mismatch_report: how

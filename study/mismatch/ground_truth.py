@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 
-from study.mismatch.magnitudes import U_MAX
 from study.mismatch.out_of_catalogue import OUT_OF_CATALOGUE
 from study.mismatch.plan import HiddenPlant, Plan
 from study.mismatch.rod import DESIGN_SUBSTEPS, machine
-from sysid import RK4, Effect, InvalidInput, Model, Record, RodPendulum, Sensor, effect, simulate
+from study.paper.protocol import paper_model
+from sysid import RK4, Effect, InvalidInput, Model, Record, Sensor, effect, simulate
 
-PRIOR = Model(RodPendulum(m=1.0, l=1.0, g=10.0), integrator=RK4(substeps=DESIGN_SUBSTEPS), dt=0.05, u_max=U_MAX)
+PRIOR = dataclasses.replace(paper_model(), integrator=RK4(substeps=DESIGN_SUBSTEPS))
 """What an engineer would assume without data; the paper's numbers, integrated so that steps of 25 ms are no gap."""
 
 

@@ -24,8 +24,8 @@ CAPTIONS = {
     "trajectories": "Where mending gained most, the two agents of the seed whose gain is nearest to the median, from "
     "the same start states. Torques: of the first in full, of the others faint.",
     "naming": "Above: how often the diagnosis is right, with Wilson's 95 % band: the effect named and no other, or its "
-    "class where the log cannot tell; \u201cunknown\u201d where the catalogue lacks it. Below: the error of m and l in "
-    "the model without the effect (squares) and in the mended one (dots).",
+    "class where the log cannot tell; \u201cunknown\u201d or \u201cpartly\u201d where the catalogue lacks it. "
+    "Below: the error of m and l in the model without the effect (squares) and in the mended one (dots).",
 }
 """What stands below a figure, by its name and in the page's order."""
 

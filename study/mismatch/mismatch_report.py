@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
 from pathlib import Path
 
 from rich.console import Console
@@ -16,57 +16,21 @@ from study.mismatch.mismatch_results import MismatchResults
 from study.mismatch.naming_results import NAMING_TABLE, read_naming
 from study.mismatch.plan import CONTRASTS, Plan
 from study.mismatch.sentences import sentences
-from study.pipeline.csv_table import write_table
+from study.pipeline.csv_table import printed, write_csv
 from study.pipeline.record import write_record
 from study.pipeline.versions import all_versions
 from sysid.data.files import write_whole
 
-
-@dataclass(frozen=True)
-class OutcomeRow:
-    """A strategy at a plant and a budget: returns over seeds, with Student's interval, the gap to the optimum from the
-    same start states, and its parts over as many seeds as there are tables for."""
-
-    plant: str
-    way: str
-    n: int
-    seeds: int
-    mean: float
-    low: float
-    high: float
-    median: float
-    gap: float
-    structure: float
-    identification: float
-    training: float
-    tables: int
-
-
-@dataclass(frozen=True)
-class ContrastRow:
-    """A pre-registered contrast a - b; p is Holm's over the family."""
-
-    plant: str
-    n: int
-    a: str
-    b: str
-    mean: float
-    low: float
-    high: float
-    median: float
-    seeds: int
-    p: float
-
-
-@dataclass(frozen=True)
-class TrialRow:
-    """The mean return of one agent on a hidden plant."""
-
-    plant: str
-    way: str
-    n: int
-    seed: int
-    mean: float
+TRIALS = ("plant", "way", "n", "seed", "mean")
+"""The mean return of one agent on a hidden plant."""
+OUTCOMES = (
+    "plant", "way", "n", "seeds", "mean", "low", "high", "median", "gap", "structure", "identification", "training",
+    "tables",
+)  # fmt: skip
+"""A strategy at a plant and a budget: returns over seeds, with Student's interval, the gap to the optimum from the same
+start states, and its parts over as many seeds as there are tables for."""
+CONTRASTED = ("plant", "n", "a", "b", "mean", "low", "high", "median", "seeds", "p")
+"""A pre-registered contrast a - b; p is Holm's over the family."""
 
 
 def publish_mismatch(plan: Plan, results: MismatchResults, console: Console) -> MismatchFindings:
@@ -98,19 +62,17 @@ def write_tables(found: MismatchFindings, folder: Path) -> None:
     """trials.csv, outcomes.csv, contrasts.csv."""
     trials, outcomes = [], []
     for condition, own in found.outcomes.items():
-        trials += [TrialRow(*condition, seed, float(mean)) for seed, mean in zip(own.seeds, own.returns, strict=True)]
+        trials += [(*condition, seed, mean) for seed, mean in zip(own.seeds, own.returns.tolist(), strict=True)]
         mean, split = own.mean, own.split
-        parts = (split.structure, split.identification, split.training) if split else (float("nan"),) * 3
-        stands = split.seeds if split else 0
-        outcomes.append(
-            OutcomeRow(*condition, len(own.seeds), mean.mean, mean.low, mean.high, own.median, own.gap, *parts, stands)
-        )
+        parts = (math.nan, math.nan, math.nan, 0)
+        if split:
+            parts = split.structure, split.identification, split.training, split.seeds
+        outcomes.append((*condition, len(own.seeds), mean.mean, mean.low, mean.high, own.median, own.gap, *parts))
     contrasts = [
-        ContrastRow(
-            c.plant, c.n, c.a, c.b, c.contrast.mean, c.contrast.low, c.contrast.high, c.median, c.contrast.seeds, c.p
-        )
+        (c.plant, c.n, c.a, c.b, c.contrast.mean, c.contrast.low, c.contrast.high, c.median, c.contrast.seeds, c.p)
         for c in found.compared
     ]
-    write_table(TrialRow, folder / "trials.csv", trials)
-    write_table(OutcomeRow, folder / "outcomes.csv", outcomes)
-    write_table(ContrastRow, folder / "contrasts.csv", contrasts)
+    for name, columns, rows in (
+        ("trials", TRIALS, trials), ("outcomes", OUTCOMES, outcomes), ("contrasts", CONTRASTED, contrasts)
+    ):  # fmt: skip
+        write_csv(folder / f"{name}.csv", columns, map(printed, rows))

@@ -1,8 +1,8 @@
 """What the naming study found: rows, how often the answer was right, and how far m and l were off.
 
 Right is to name the effect, alone: as itself, as one that contains it, or in a class that the log cannot tell apart
-("cannot tell"). Where the catalogue lacks the effect "unknown" is right, whatever was named beside it; where nothing is
-missing, "adequate".
+("cannot tell"). Where the catalogue lacks the effect it is right to say that something unknown is left: "unknown" or,
+beside what was named, "partly". Where nothing is missing "adequate" is right.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def is_right(plant: HiddenPlant, verdict: str, steps: Sequence[str]) -> bool:
     if plant.effect is None:
         return verdict == "adequate"
     if plant.effect not in CATALOGUE:
-        return verdict == "unknown"
+        return verdict in ("unknown", "partly")
     return verdict in ("missing", "cannot tell") and len(steps) == 1 and names(plant, steps)
 
 

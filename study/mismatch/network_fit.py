@@ -10,12 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from study.mismatch.elimination import Linearisation, reduce, start_step
 from study.mismatch.residual_network import CommandFilter, ResidualNetwork, untrained
 from sysid import InvalidInput, Model, Record, Sensor, State
 from sysid.estimation.held_out import held_out_error
@@ -119,6 +118,15 @@ class Weights:
         return replace(self.base, effects=(*self.base.effects, *learned))
 
 
+class Linearisation(NamedTuple):
+    """Residuals e (K, R) of K windows, and their derivatives S_x (K, R, 2), S_p (K, R, P) with respect to the windows'
+    starts and to the weights."""
+
+    e: Array
+    S_x: Array
+    S_p: Array
+
+
 class Windows:
     """Windows of records: whitened residuals of the model with given weights, and their derivatives by torch."""
 
@@ -188,12 +196,12 @@ def _descend(windows: Windows, p: Array, starts: Array, decay: Array, damping: f
 
     for _ in range(ROUNDS):
         lin = windows.linearise(p, starts)
-        reduced, now = reduce(lin), objective(p, lin.e)
-        F, g = reduced.information, reduced.gradient - decay * (p - windows.weights.first)
+        e, S = _beside_starts(lin)
+        F, g, now = S.T @ S, S.T @ e - decay * (p - windows.weights.first), objective(p, lin.e)
         gain = 0.0
         for _ in range(4):
             dp = np.linalg.solve(F + np.diag(decay + damping * (0.1 * np.mean(np.diag(F)) + 1.0)), g)
-            dx = start_step(lin, reduced, dp)
+            dx = _start_steps(lin, dp)
             gain = now - objective(p + dp, windows.residual(p + dp, starts + dx)[0])
             if gain > 0.0:
                 break
@@ -204,3 +212,20 @@ def _descend(windows: Windows, p: Array, starts: Array, decay: Array, damping: f
         if gain < NEGLIGIBLE:
             break
     return p, starts, damping
+
+
+def _beside_starts(lin: Linearisation) -> tuple[Array, Array]:
+    """What of the residuals (K R,) and of their slopes to the weights (K R, P) lies beside the columns of S_x: the
+    starts of all windows eliminated."""
+    Q, _ = np.linalg.qr(lin.S_x)
+    both = np.concatenate([lin.e[..., None], lin.S_p], axis=-1)
+    for _ in range(2):  # once more takes out what rounding left
+        both = both - Q @ (np.swapaxes(Q, -1, -2) @ both)
+    flat = both.reshape(lin.e.size, -1)
+    return flat[:, 0], flat[:, 1:]
+
+
+def _start_steps(lin: Linearisation, dp: Array) -> Array:
+    """The step of the starts (K, 2) that goes with dp; at most half a radian and three times that a second."""
+    dx = np.linalg.pinv(lin.S_x, rcond=1e-9) @ (lin.e - lin.S_p @ dp)[..., None]
+    return np.clip(dx[..., 0], [-0.5, -3.0], [0.5, 3.0])

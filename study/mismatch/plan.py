@@ -3,8 +3,8 @@ and contrasts.
 
     hidden plant -> n rollouts -> a strategy -> agent trained on what came out -> return on the hidden plant
 
-Sizes of the hidden effects are those that dynamic programming chose (`chosen_sizes`, `effect_cost`): nothing here was
-tried on a trained agent. Seeds are used for nothing else. This module loads nothing heavy.
+Sizes of the hidden effects are those that dynamic programming found dear (`effect_cost`): nothing here was tried on a
+trained agent. Seeds are used for nothing else. This module loads nothing heavy.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, ClassVar, NamedTuple
 
-from study.pipeline.settings import Fingerprinted
+from study.pipeline.settings import StudySettings
 
 MISMATCH_FORMAT = 1
 """Version of the results folder: raised whenever stored numbers change their meaning."""
@@ -117,7 +117,7 @@ class HiddenPlant:
 
 
 @dataclass(frozen=True)
-class Plan(Fingerprinted):
+class Plan(StudySettings):
     """Everything that the experiment's numbers depend on.
 
     contrasted  seeds of every strategy that a contrast names; described: of the others, the first ones

@@ -8,11 +8,11 @@ from policies.control.design_model import table_shape
 from policies.control.dynamic_programming import Grid
 from policies.control.predictive import design_predictive
 from policies.evaluation import Policy
-from study.mismatch.magnitudes import U_MAX
-from sysid import RK4, Effect, InvalidInput, Model, RodPendulum
+from study.paper.protocol import paper_model
+from sysid import RK4, Effect, InvalidInput, Model
 
 BLUNT = Grid(theta=120, theta_dot=121)
-"""A table whose interpolation plans with a margin, as trained agents do (`margin`)."""
+"""A table whose interpolation plans with a margin, as trained agents do (`effect_cost`)."""
 
 DESIGN_SUBSTEPS = 2
 """Policies are designed, and agents trained, on steps of 25 ms."""
@@ -20,7 +20,7 @@ DESIGN_SUBSTEPS = 2
 
 def machine(effect: Effect | None = None, substeps: int | None = None) -> Model:
     """The hidden machine; by default in steps of 5 ms, or of 0.2 ms where something makes it stick."""
-    plain = Model(RodPendulum(m=2.0, l=1.5, g=10.0), dt=0.05, u_max=U_MAX)
+    plain = paper_model(m=2.0, l=1.5)
     model = plain if effect is None else plain.with_effect(effect)
     fine = 250 if model.dry_frictions else 10
     return dataclasses.replace(model, integrator=RK4(substeps=fine if substeps is None else substeps))

@@ -29,6 +29,7 @@ from study.mismatch.ground_truth import PRIOR, oracle, rollouts, sensor
 from study.mismatch.magnitudes import MAGNITUDES
 from study.mismatch.plan import FREE, HiddenPlant, Plan, StrategyKey
 from study.mismatch.training_setup import TrainingSetup
+from study.paper.protocol import BOUNDS
 from sysid import (
     Diagnosis,
     Estimate,
@@ -50,9 +51,6 @@ AT_ONCE = (
 )  # fmt: skip
 """Every effect of the catalogue that can stand beside the others, does not depend on time or on a number that no slope
 finds (a ripple's order), and is not absorbed by m and l: of those that contain each other the simpler one."""
-
-PLAUSIBLE = (0.3, 3.0)
-"""m [kg] and l [m] where nobody measured (paper, Sec. III)."""
 
 
 def training_setups(
@@ -80,7 +78,7 @@ def _without_rollouts(strategy: str, plant: HiddenPlant) -> TrainingSetup:
     model = dataclasses.replace(PRIOR, effects=tuple(effect(name) for name in AT_ONCE))
     neutral = {f"{name}.{key}": value for name in AT_ONCE for key, value in MAGNITUDES[name].numbers(0.0).items()}
     kinds = tuple(plausible_ranges(model, name) for name in AT_ONCE)
-    return TrainingSetup(model, SingleEffect({"m": PLAUSIBLE, "l": PLAUSIBLE}, kinds, neutral))
+    return TrainingSetup(model, SingleEffect({"m": BOUNDS, "l": BOUNDS}, kinds, neutral))
 
 
 def plausible_ranges(model: Model, name: str) -> dict[str, tuple[float, float]]:
@@ -129,8 +127,8 @@ class Budget:
 
     @property
     def believed(self) -> bool:
-        """Whether what was named is taken for what is missing: not where something unknown remains, nor where the error
-        on held-out rollouts did not fall."""
+        """Whether what was named is taken into the model: not where nothing known pays, nor where the error on held-out
+        rollouts did not fall."""
         found = self.diagnosis
         return found.verdict != "unknown" and (not found.steps or found.error.ratio < found.base_error.ratio)
 

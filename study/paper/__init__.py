@@ -1,6 +1,7 @@
 """The paper's sweep, run again and held against what was published.
 
 presets          operating points, budgets, widths, seeds, training settings
+protocol         the paper's pendulum, and how it is measured
 identification   n rollouts become theta_hat; runs: agents on it; reference_controllers: what the plant allows
 sweep            all of it as an experiment; sweep_results: what is kept; imported_runs: runs from elsewhere
 findings         what the runs of an operating point say; tables, sweep_report, figures: how it is told

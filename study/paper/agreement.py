@@ -179,7 +179,7 @@ class Agreement:
         return [
             ContrastAgreement(
                 published=c,
-                theirs=Contrast(c.mean, *c.interval, c.seeds),
+                theirs=Contrast(c.mean, c.low, c.high, c.seeds),
                 theirs_t=theirs_t[k],
                 theirs_holm=theirs_holm[k],
                 ours=pair[0] if pair else None,

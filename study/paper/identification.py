@@ -14,12 +14,11 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from study.paper.presets import Point, Theta
+from study.paper.protocol import PaperRollout, averaged_sensor, paper_model, paper_rollouts, transitions
 from study.pipeline.executor import Brief, Link
-from sysid import GridSearch, Identifier, InvalidInput, LeastSquares, Model, Sensor, UnscentedKalman, paper_model
-from sysid.planning.excitation import paper_rollouts
+from sysid import Estimate, GridSearch, InvalidInput, LeastSquares, Model, UnscentedKalman
 
-FIRST_ANGLE = 0.001
-"""sd [rad] of the first angle of a rollout, as least squares and the Kalman filter are told."""
+WHOLE_ROLLOUTS = {"least_squares": LeastSquares, "unscented": UnscentedKalman}
 
 
 class Estimated(NamedTuple):
@@ -41,8 +40,8 @@ def hidden_plant(truth: Theta) -> Model:
 def identify(point: Point, n: int, seed: int) -> Theta:
     """theta_hat from n rollouts of the point's hidden plant; the prior for n = 0.
 
-    grid            the paper's grid search; every angle enters it, without noise, as a regressor
-    least_squares   the sensor's speeds with sd sigma and of every rollout the first angle alone
+    grid            the paper's grid search over single steps; every angle enters it, without noise, as a regressor
+    least_squares   whole rollouts: the speeds, and of every rollout the first angle alone
     unscented       the same readings, by a Kalman filter
 
     All begin at the model's own (1, 1) and stay within the paper's bounds [0.3, 3.0], which the model's parameters
@@ -51,22 +50,19 @@ def identify(point: Point, n: int, seed: int) -> Theta:
     """
     if n == 0:
         return point.prior
-    records = paper_rollouts(hidden_plant(point.truth), n, np.random.default_rng(seed), sigma=point.sigma)
-    found = _identifier(point).fit(paper_model(), records).values
+    rollouts = paper_rollouts(hidden_plant(point.truth), n, np.random.default_rng(seed), sigma=point.sigma)
+    found = _estimate(point, rollouts).values
     return found["m"], found["l"]
 
 
-def _identifier(point: Point) -> Identifier:
-    names = ("m", "l")
-    speeds = Sensor(theta=None, theta_dot=point.sigma, theta_0=FIRST_ANGLE)
-    known: dict[str, Identifier] = {
-        "grid": GridSearch(names),
-        "least_squares": LeastSquares(names, sensor=speeds),
-        "unscented": UnscentedKalman(names, sensor=speeds),
-    }
-    if point.identifier not in known:
-        raise InvalidInput(f"identifier {point.identifier!r}: expected one of {', '.join(known)}")
-    return known[point.identifier]
+def _estimate(point: Point, rollouts: list[PaperRollout]) -> Estimate:
+    if point.identifier == "grid":
+        return GridSearch().fit(paper_model(), transitions(rollouts))
+    if point.identifier not in WHOLE_ROLLOUTS:
+        known = ", ".join(("grid", *WHOLE_ROLLOUTS))
+        raise InvalidInput(f"identifier {point.identifier!r}: expected one of {known}")
+    identifier = WHOLE_ROLLOUTS[point.identifier](("m", "l"), sensor=averaged_sensor(point.sigma))
+    return identifier.fit(paper_model(), [rollout.averaged for rollout in rollouts])
 
 
 @dataclass(frozen=True)

@@ -15,12 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid import GridSearch, paper_model, simulate
+from study.paper.protocol import BOUNDS, ROLLOUT_LENGTH, paper_model
+from sysid import GridSearch, simulate
 
 Array = NDArray[np.float64]
 
-ROLLOUT_LENGTH = 200
-"""Steps of a rollout (Sec. II-C)."""
 CANDIDATES, LEAST, WORK = 1500, 250, 4_000_000
 """Cells of the unclipped form that are rated again with the clip: fewer where many samples tell cells apart."""
 
@@ -40,8 +39,8 @@ class OneStepGrid:
 
     def __init__(self) -> None:
         model = paper_model()
-        axes = [np.linspace(*model.parameters[name].bounds, GridSearch().points) for name in ("m", "l")]
-        self.m, self.l = (axis.ravel() for axis in np.meshgrid(*axes, indexing="ij"))
+        axis = np.linspace(*BOUNDS, GridSearch().points)
+        self.m, self.l = (cells.ravel() for cells in np.meshgrid(axis, axis, indexing="ij"))
         cells = model.with_parameters({"m": self.m, "l": self.l})
         self.a = np.broadcast_to(cells.move(0.5 * np.pi, 0.0, (0.0,))[1], self.m.shape)
         self.b = np.broadcast_to(cells.move(0.0, 0.0, (1.0,))[1], self.m.shape)
@@ -128,7 +127,7 @@ class Scatter:
     def edge(self, sigma: float, n: int) -> NDArray[np.bool_]:
         """Of each seed, whether m ended at the edge of the grid (S,)."""
         m = self.thetas(sigma, n)[:, 0]
-        low, high = (float(x) for x in paper_model().parameters["m"].bounds)
+        low, high = BOUNDS
         return (m < low + 1e-9) | (m > high - 1e-9)
 
     def at_bound(self, sigma: float, n: int) -> float:

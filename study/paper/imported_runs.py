@@ -2,6 +2,7 @@
 
 A run is taken up only where it is one of the preset's and its estimate is the one that this code finds from the same
 rollouts. A table has no episodes and no learning curves: mean and sd stand for the episodes, and the curve is empty.
+Reference controllers that were rated with these runs are taken up, too.
 """
 
 from __future__ import annotations
@@ -9,15 +10,18 @@ from __future__ import annotations
 import csv
 import math
 import sqlite3
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 from study.paper.presets import FORMAT, Cell, Point, Preset, Theta
+from study.paper.reference_controllers import Reference
 from study.paper.runs import Run, RunSummary
 from study.paper.sweep_results import read_run
+from study.paper.tables import RATINGS, Rating
+from study.pipeline.csv_table import read_table
 from study.pipeline.population_task import sac_settings
 from sysid import InvalidInput
 
@@ -49,6 +53,31 @@ def import_runs(file: Path, preset: Preset, estimates: Estimates) -> list[Run]:
             run, population=-1, theta_hat=theta, id_error=math.dist(theta, truth), imported=file.name
         )
     return list(runs.values())
+
+
+def import_references(file: Path, preset: Preset, designs: Iterable[Theta]) -> list[Reference]:
+    """What the table of ratings beside the file says of controllers designed at the truths and at these estimates.
+
+    Left out is what a table of other angles, other episodes or too few seeds made; none where there is no such table.
+    """
+    own = {_rounded(theta): theta for theta in (*designs, *(point.truth for point in preset.points))}
+    found: dict[tuple[str, Theta, Theta], dict[int, float]] = {}
+    for row in read_table(Rating, file.with_name(RATINGS), "references"):
+        theta = own.get(_rounded((row.m, row.l)))
+        if theta and (row.grid, row.episodes) == (preset.grid, preset.episodes) and math.isfinite(row.return_mean):
+            found.setdefault((row.controller, theta, (row.truth_m, row.truth_l)), {})[row.seed] = row.return_mean
+    seeds = sorted({*preset.seeds, *preset.reference_seeds})
+    return [
+        Reference(*key, seed, (means[seed],), {}, 0.0)
+        for key, means in found.items()
+        if means.keys() >= set(seeds)
+        for seed in seeds
+    ]
+
+
+def _rounded(theta: Theta) -> Theta:
+    """To a micrometre and a milligram: other machines find an estimate anew to rounding alone."""
+    return round(theta[0], 6), round(theta[1], 6)
 
 
 def is_database(file: Path) -> bool:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
-from study.pipeline.settings import Fingerprinted, device_type
+from study.pipeline.settings import StudySettings, device_type
 
 FORMAT = 2
 """Version of the results folder: raised whenever stored numbers or tables change their meaning."""
@@ -58,7 +58,7 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Preset(Fingerprinted):
+class Preset(StudySettings):
     """Operating points, and everything else that the numbers of their runs depend on.
 
     hidden       layer sizes of actor and critics

@@ -21,9 +21,9 @@ import numpy as np
 from policies.evaluation import Policy, evaluate, fresh_start_states, start_states
 from study.paper.identification import hidden_plant
 from study.paper.presets import Preset, Theta
+from study.paper.protocol import paper_model
 from study.pipeline.executor import Brief, Link
 from study.pipeline.versions import versions
-from sysid import paper_model
 
 OPTIMAL, LQR, SWING_UP = "optimal", "lqr", "swing_up_lqr"
 CONTROLLERS = (OPTIMAL, LQR, SWING_UP)

@@ -19,9 +19,10 @@ import numpy as np
 from policies.evaluation import Evaluation, evaluate, fresh_start_states, start_states
 from study.paper.identification import hidden_plant
 from study.paper.presets import Cell, Point, Preset, Theta
+from study.paper.protocol import paper_model
 from study.pipeline.population_task import PopulationTask, sac_settings
 from study.pipeline.versions import versions
-from sysid import InvalidInput, paper_model
+from sysid import InvalidInput
 
 if TYPE_CHECKING:
     from policies import Population

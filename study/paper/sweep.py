@@ -13,8 +13,8 @@ from typing import Any
 from rich.console import Console
 
 from study.paper.identification import IdentificationTask
-from study.paper.imported_runs import import_runs, is_database
-from study.paper.presets import Preset
+from study.paper.imported_runs import import_references, import_runs, is_database
+from study.paper.presets import Preset, Theta
 from study.paper.published_runs import Outcomes
 from study.paper.reference_controllers import Designs, ReferenceTask, reference_tasks
 from study.paper.runs import SweepPopulation
@@ -47,6 +47,9 @@ class Sweep(Experiment):
         if self.imported is not None:
             taken = self.results.add_imported(import_runs(self.imported, self.preset, self.results.estimates()))
             console.print(f"{taken} runs taken up from {self.imported}", soft_wrap=True)
+            known = self._rated()
+            rated = import_references(self.imported, self.preset, self._designs())
+            self.results.add_references([r for r in rated if (r.controller, r.theta, r.truth) not in known])
         tasks: list[Task] = [*self._untrained(), *self._unrated()]
         yield Stage(tasks, self._about(tasks))
 
@@ -97,11 +100,16 @@ class Sweep(Experiment):
         return left(tasks, results.finished(), lambda task: results.training_seconds(task.index))
 
     def _unrated(self) -> Iterable[ReferenceTask]:
-        known = {(r.controller, r.theta, r.truth) for r in self.results.references()}
+        return reference_tasks(self.preset, self._designs(), self._rated())
+
+    def _designs(self) -> Designs:
         designs: Designs = {}
         for (name, _, _), theta in self.results.estimates().items():
             designs.setdefault(theta, set()).add(self.preset.point(name).truth)
-        return reference_tasks(self.preset, designs, known)
+        return designs
+
+    def _rated(self) -> set[tuple[str, Theta, Theta]]:
+        return {(r.controller, r.theta, r.truth) for r in self.results.references()}
 
     def _about(self, tasks: Sequence[Task]) -> str:
         training = [t for t in tasks if isinstance(t, SweepPopulation)]

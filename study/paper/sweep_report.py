@@ -54,6 +54,7 @@ def publish_sweep(
         found = findings_by_point(preset, results.runs(), results.references())
         tables.write_runs(found, folder / "runs.csv")
         tables.write_references(found, folder / "references.csv")
+        tables.write_ratings(preset, results.references(), folder / tables.RATINGS)
         tables.write_study(found, results.device, folder / "study.json")
         drawn = [save_all(answer, folder) for answer in found]
         identified = scatter(np.random.default_rng(0)) if preset.episodes == paper.EPISODES else None

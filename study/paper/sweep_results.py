@@ -48,7 +48,7 @@ def outputs(preset: Preset) -> tuple[str, ...]:
     """What a study writes beside its database; never over files of somebody else."""
     drawn = tuple(figure_name(preset, point.name, name) for point in preset.points for name in POINT_FIGURES)
     reproduction = (f"{name}.png" for name in REPRODUCTION_FIGURES)
-    return ("runs.csv", "references.csv", "study.json", *drawn, *reproduction, "report.html", FOLDER)
+    return ("runs.csv", "references.csv", "ratings.csv", "study.json", *drawn, *reproduction, "report.html", FOLDER)
 
 
 def figure_name(preset: Preset, point: str, name: str) -> str:

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
 from study.paper.findings import PointFindings
+from study.paper.presets import Preset
+from study.paper.reference_controllers import Reference
 from study.pipeline.csv_table import write_csv
 from study.pipeline.record import write_record
 
@@ -15,6 +18,9 @@ RUN_COLUMNS = (
     "theta_hat_mass", "theta_hat_length", "wall_time_s", "point", "eval_return_fresh",
 )  # fmt: skip
 """First the columns of the paper's summary.csv, so that both files can be read by one program."""
+
+RATINGS = "ratings.csv"
+"""The table of references, seed by seed."""
 
 REFERENCE_COLUMNS = ("m", "l", "controller", "return_mean", "return_sem")
 
@@ -47,6 +53,28 @@ def write_references(found: Sequence[PointFindings], path: Path) -> None:
         for controller, mean, error in point_findings.controllers()
     ]
     write_csv(path, REFERENCE_COLUMNS, rows)
+
+
+@dataclass(frozen=True)
+class Rating:
+    """The mean return on the hidden plant (truth_m, truth_l), from a seed's start states, of a controller designed at
+    (m, l) on a table of so many angles."""
+
+    controller: str
+    m: float
+    l: float  # noqa: E741
+    truth_m: float
+    truth_l: float
+    seed: int
+    return_mean: float
+    grid: int
+    episodes: int
+
+
+def write_ratings(preset: Preset, references: Sequence[Reference], path: Path) -> None:
+    """One row a reference controller and seed: what an import of these runs need not compute again."""
+    rows = (Rating(r.controller, *r.theta, *r.truth, r.seed, r.mean, preset.grid, preset.episodes) for r in references)
+    write_csv(path, [f.name for f in fields(Rating)], map(astuple, rows))
 
 
 def write_study(found: Sequence[PointFindings], device: str, path: Path) -> None:

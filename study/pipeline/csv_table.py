@@ -1,6 +1,7 @@
 """A table of measured rows as CSV: a frozen dataclass is a row, its fields are the columns.
 
-Fields are text, int, float (six digits), bool (yes, no) or a tuple of texts (with blanks between them).
+Fields are text, int, float (six digits, or empty for None), bool (yes, no) or a tuple of texts (with blanks between
+them).
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ _PARSE: dict[str, Callable[[str], Any]] = {
     "str": str,
     "int": int,
     "float": float,
+    "float | None": lambda text: float(text) if text else None,
     "bool": lambda text: {"yes": True, "no": False}[text],
     "tuple[str, ...]": lambda text: tuple(text.split()),
 }
@@ -46,7 +48,7 @@ def read_table(kind: type[R], path: Path, about: str) -> list[R]:
 def write_table(kind: type[R], path: Path, rows: Iterable[R]) -> None:
     """The rows as a CSV file; whole or not at all."""
     names = [f.name for f in dataclasses.fields(kind)]
-    write_csv(path, names, ([_text(getattr(row, name)) for name in names] for row in rows))
+    write_csv(path, names, (printed(getattr(row, name) for name in names) for row in rows))
 
 
 def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
@@ -58,9 +60,14 @@ def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Sequence[object
     write_whole(path, text.getvalue())
 
 
+def printed(row: Iterable[object]) -> list[str]:
+    """The cells of a row as a table holds them."""
+    return [_text(value) for value in row]
+
+
 def _text(value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
         return f"{value:.6g}"
-    return " ".join(value) if isinstance(value, tuple) else str(value)
+    return " ".join(value) if isinstance(value, tuple) else "" if value is None else str(value)

@@ -1,7 +1,7 @@
 """The trained policies of a population in one file of plain arrays, so that later evaluations need no training.
 
     policies = read_policies(Path("results/paper/policies/population_1.npz"))
-    evaluate(policies[Cell("main", 50, 0.0, 0)], paper_model(2.0, 1.5), *start_states(7))
+    evaluate(policies[Cell("main", 50, 0.0, 0)], model, *start_states(7))
 
 A NumPy archive, loaded with allow_pickle=False: nothing in it is executed. w0 (A, in, out), b0 (A, out), w1, ...;
 cells (A,): JSON of [point, n, w, seed], or of a text that names what was trained; u_max; history: past commands that

@@ -17,11 +17,11 @@ from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 
 from study.pipeline.executor import Link, Stopped
 from study.pipeline.policy_files import FOLDER, write_policies
-from study.pipeline.settings import device_type
+from study.pipeline.settings import StudySettings, device_type
 from sysid import InvalidInput
 from sysid.data.files import partial
 
@@ -30,19 +30,6 @@ if TYPE_CHECKING:
 
 CHUNK = 20
 """Training steps between two looks at the clock and at the driver."""
-
-
-class PopulationSettings(Protocol):
-    """How the agents of a study are trained; `policies.SACSettings` says what each number is."""
-
-    @property
-    def hidden(self) -> tuple[int, ...]: ...
-    @property
-    def steps(self) -> int: ...
-    @property
-    def batch(self) -> int: ...
-    @property
-    def random_steps(self) -> int: ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,7 +59,7 @@ class PopulationTask(ABC):
 
     @property
     @abstractmethod
-    def settings(self) -> PopulationSettings:
+    def settings(self) -> StudySettings:
         """The preset or plan that the agents belong to."""
 
     @property
@@ -149,7 +136,7 @@ class PopulationTask(ABC):
         return self.seconds_before + time.monotonic() - begin
 
 
-def sac_settings(settings: PopulationSettings) -> SACSettings:
+def sac_settings(settings: StudySettings) -> SACSettings:
     """Of the agents of a preset or plan; what these do not name is the paper's."""
     from policies import SACSettings
 

@@ -5,27 +5,20 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 
-class StudySettings(Protocol):
-    """Everything that the numbers of a study depend on, under a name: a preset, a plan."""
+class StudySettings:
+    """Everything that the numbers of a study depend on, under a name, as frozen plain data: a preset, a plan.
 
-    @property
-    def name(self) -> str: ...
-    @property
-    def fingerprint(self) -> str:
-        """Text that changes with any setting."""
-        ...
+    hidden, steps, batch, random_steps   how its agents are trained; `policies.SACSettings` says what each number is
+    """
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data, ready for JSON."""
-        ...
-
-
-class Fingerprinted:
-    """Frozen plain data that results are tied to."""
-
+    name: str
+    hidden: tuple[int, ...]
+    steps: int
+    batch: int
+    random_steps: int
     layout: ClassVar[int]
     """FORMAT of the results folder."""
 

@@ -16,10 +16,9 @@ from sysid.physics.integrators import RK4
 from sysid.physics.model import Model
 from sysid.physics.plants import GeneralJoint, LinearAxis, Plant, PointMassPendulum, RodPendulum
 
-PENDULUM = {"m": (1e-3, 1e3), "l": (1e-2, 1e2)}
 PLANTS: dict[str, Plant] = {
-    "rod": RodPendulum(g=9.81, bounds=PENDULUM),
-    "point": PointMassPendulum(g=9.81, bounds=PENDULUM),
+    "rod": RodPendulum(g=9.81),
+    "point": PointMassPendulum(),
     "joint": GeneralJoint(bounds={"J": (1e-9, 1e6), "G": (0.0, 1e6)}),
     "axis": LinearAxis(bounds={"m": (1e-6, 1e6)}),
 }

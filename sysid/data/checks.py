@@ -117,7 +117,7 @@ def _turned(records: Sequence[Record], command: str = "torque") -> tuple[str, ..
     rows, targets = [], []
     for r in records:
         span = max(round(SPAN / r.dt), 1)
-        if r.theta is None or len(r.theta) == 1 or len(r) < 4 * span:
+        if r.theta is None or not r.has_angles or len(r) < 4 * span:
             continue
         mean = np.convolve(r.u, np.full(2 * span, 0.5 / span), "valid")
         mid = r.theta[span:-span]

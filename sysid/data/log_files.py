@@ -223,7 +223,7 @@ def _stacked(path: Path, arrays: Mapping[str, Any]) -> Table:
         table[name] = np.atleast_1d(column)
     rows = len(table["t"])
     for name, column in table.items():
-        if name in ("torque", "theta_dot", "theta_dot_after") and len(column) == rows - 1:
+        if name in ("torque", "theta_dot") and len(column) == rows - 1:
             table[name] = np.append(column, math.nan)
         elif len(column) != rows:
             raise InvalidInput(f"{path.name} is ragged: {name} has {len(column)} values, t has {rows}")

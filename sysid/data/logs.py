@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from sysid.data import checks, log_files, resampling
 from sysid.data.log_files import Table
-from sysid.data.record import COLUMNS, Record, in_step
+from sysid.data.record import Record
 from sysid.data.resampling import Rows
 from sysid.data.time_unit import FEWEST, PER_SECOND, WORDS, TimeUnit, check_unit, found_unit, named_unit
 from sysid.errors import InvalidInput
@@ -81,7 +81,7 @@ class Log(Sequence[Record]):
         every estimate takes time in proportion.
         """
         every = math.floor(1.0 / (needed_rate(self.records) * self.dt) + 0.02)
-        if every < 2 or any(r.theta_dot_after is not None for r in self.records):
+        if every < 2:
             return self
         records = tuple(r.thinned(every) for r in self.records)
         note = f"thinned from {1.0 / self.dt:.4g} Hz: the motion has nothing faster to show (--dt keeps another rate)"
@@ -185,7 +185,6 @@ def read(
     wanted = _wanted(columns)
     window = _window(begin, end, dt)
     rollouts: list[Rows] = []
-    exact: list[Record] = []
     notes: list[str] = []
     for path, title in zip(files, _titles(files), strict=True):
         chosen = _chosen(path, log_files.header(path), wanted)
@@ -193,22 +192,13 @@ def read(
         if len(table["t"]) == 0:
             span = f" between {window.begin:g} and {window.end:g} s" if begin is not None or end is not None else ""
             raise InvalidInput(f"{path.name} has no rows{span}")
-        if _is_exact(table):
-            if dt is not None:
-                raise InvalidInput(f"{path.name} has readings before and after each step: expected none, or no dt")
-            exact.append(_exact(path, title, converted(table)))
-            continue
         table = _complete(path, table, chosen, notes)
         checks.check_time(path.name, table, chosen)
         for name, part in _rollouts(title, table):
             whole = np.all([np.isfinite(column) for column in part.values()], axis=0)
             notes += checks.check_columns(name, {key: column[whole] for key, column in part.items()})
             rollouts.append(_rows(name, converted(part)))
-    records, step, more = resampling.evenly(rollouts, dt) if rollouts else ((), exact[0].dt, ())
-    records = (*exact, *records)
-    for record in records:
-        if not in_step(record, step):
-            raise InvalidInput(f"{record.name} is sampled every {record.dt:.7g} s, others every {step:.7g} s")
+    records, step, more = resampling.evenly(rollouts, dt)
     return Log(records, (*notes, *more, *checks.doubts(records, plant, command)), step)
 
 
@@ -265,7 +255,7 @@ def _chosen(path: Path, found: Sequence[str], wanted: Mapping[str, str]) -> dict
     for ours, theirs in wanted.items():
         if theirs and theirs not in found:
             raise InvalidInput(f"{path.name} has no column {theirs!r} for {ours}: found {listed}")
-    own = {name: name for name in (*NAMES, "theta_dot_after") if name in found}
+    own = {name: name for name in NAMES if name in found}
     for other in ("u", "command"):
         if "torque" not in own and other in found:
             own["torque"] = other
@@ -367,7 +357,7 @@ def _converted(table: Table, zero: str, flip_torque: bool, degrees: bool, comman
     angles = ("theta", "torque") if command == "position" else ("theta",)
     if command == "position" and flip_torque:
         raise InvalidInput("flip_torque with command = 'position': a position command has the sign of the angle")
-    for name in (*angles, "theta_dot", "theta_dot_after"):
+    for name in (*angles, "theta_dot"):
         if degrees and name in converted:
             converted[name] = np.deg2rad(converted[name])
     for name in angles:
@@ -397,25 +387,3 @@ def _rows(name: str, table: Table) -> Rows:
         theta, read = theta.copy(), np.isfinite(theta)
         theta[read] = np.unwrap(theta[read])
     return Rows(name, table["t"], torque, theta, table.get("theta_dot"))
-
-
-def _is_exact(table: Table) -> bool:
-    """Whether readings stand before and after each step, or the start angle alone beside the speed."""
-    if "theta_dot_after" in table:
-        return True
-    start = "theta" in table and len(table["t"]) > 1 and np.isfinite(table["theta"][0])
-    return bool(start and np.all(np.isnan(table["theta"][1:])) and "theta_dot" in table)
-
-
-def _exact(path: Path, title: str, table: Table) -> Record:
-    """The record that `write_csv` wrote, or the rows of it that were asked for."""
-    if "torque" not in table:
-        raise InvalidInput(f"{path.name} has theta_dot_after but no torque: expected {', '.join(COLUMNS)}")
-    n = len(table["t"]) - 1
-    theta, after = table.get("theta"), table.get("theta_dot_after")
-    if theta is not None and not np.any(np.isfinite(theta[1:])):
-        theta = theta[:1] if np.isfinite(theta[0]) else None
-    speed = table.get("theta_dot")
-    if after is not None:
-        after, speed = after[:n], None if speed is None else speed[:n]
-    return Record(table["t"], table["torque"][:n], theta, speed, after, name=title)

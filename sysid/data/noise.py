@@ -135,11 +135,7 @@ def sensor_noise(records: Sequence[Record]) -> Noise:
             continue
         if all(np.all(y == y[0]) for y, _ in series):
             raise InvalidInput(f"{channel} never changes (it stays at {series[0][0][0]:g}): it measures nothing")
-        found[channel] = (
-            _paired(records)
-            if channel == "theta_dot" and _twice(records)
-            else (_channel(channel, list(_blocks(series)), records[0].dt, steps, notes))
-        )
+        found[channel] = _channel(channel, list(_blocks(series)), records[0].dt, steps, notes)
     if not found:
         raise InvalidInput("no channel is in all of the records: expected theta, theta_dot or both in each")
     reason = _computed(records, found["theta"].seen) if len(found) == 2 else ""
@@ -157,8 +153,6 @@ def _computed(records: Sequence[Record], seen: bool) -> str:
 
     Where the errors of the angle are `seen`, those of the speed are compared with them.
     """
-    if any(r.theta_dot_after is not None for r in records):
-        return ""
     if is_difference(records):
         return "it is a difference of them to the last digit"
     if not seen:
@@ -176,21 +170,6 @@ def _computed(records: Sequence[Record], seen: bool) -> str:
 def _lags(lengths: Sequence[int], dt: float) -> int:
     """How many samples later a torque may still act, in records of these lengths."""
     return min(round(LATEST / dt), 25, int(np.median(lengths)) // 4)
-
-
-def _twice(records: Sequence[Record]) -> bool:
-    return all(r.theta_dot_after is not None for r in records) and sum(len(r) for r in records) >= FEWEST
-
-
-def _paired(records: Sequence[Record]) -> _Found:
-    """The sd, where an instant is read twice: sigma^2 = var(theta_dot[k+1] - theta_dot_after[k]) / 2."""
-    pairs = [
-        r.theta_dot[1:] - r.theta_dot_after[:-1]
-        for r in records
-        if r.theta_dot is not None and r.theta_dot_after is not None
-    ]
-    difference = np.concatenate(pairs)
-    return _Found(float(np.sqrt(np.mean(difference**2) / 2.0)), 1.0 / math.sqrt(2.0 * len(difference)), True)
 
 
 def _blocks(series: Sequence[tuple[Array, Array]]) -> Iterator[tuple[Array, Array]]:

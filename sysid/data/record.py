@@ -20,7 +20,7 @@ from sysid.physics.model import Model
 from sysid.physics.ops import Array
 from sysid.physics.parameters import Extent
 
-COLUMNS = ("t", "u", "theta", "theta_dot", "theta_dot_after")
+COLUMNS = ("t", "u", "theta", "theta_dot")
 
 PAST = 10.0
 """Seconds of commands before it that a piece of a rollout keeps: what drives remember is shorter."""
@@ -41,11 +41,8 @@ class Record:
     theta : array (N+1,), (1,) or None
         Angle readings [rad], 0 upright; jumps of whole turns are taken out (unwrapped); (1,) where only the start angle
         is known.
-    theta_dot : array (N+1,), (N,) or None
-        Speed readings [rad/s]; (N,) where theta_dot_after is given.
-    theta_dot_after : array (N,) or None
-        A second speed reading, of instant k+1, independent of theta_dot[k+1]: the paper's protocol reads before and
-        after each step.
+    theta_dot : array (N+1,) or None
+        Speed readings [rad/s].
     name : str
         What answers call it.
     origin : float or None
@@ -63,7 +60,6 @@ class Record:
     u: Array
     theta: Array | None = None
     theta_dot: Array | None = None
-    theta_dot_after: Array | None = None
     name: str = "record"
     origin: float | None = None
     before: Array | None = None
@@ -82,19 +78,17 @@ class Record:
         if len(self.u) == 0:
             raise InvalidInput(f"{self.name} is empty: expected at least one control interval (two instants)")
         n = len(self.u)
-        speeds = n if self.theta_dot_after is not None else n + 1
-        expected = {"t": n + 1, "theta": n + 1, "theta_dot": speeds, "theta_dot_after": n}
-        for column, size in expected.items():
+        for column in ("t", "theta", "theta_dot"):
             series = getattr(self, column)
             if column == "theta" and series is not None and len(series) == 1:
                 continue
-            if series is not None and len(series) != size:
+            if series is not None and len(series) != n + 1:
                 came = f"{column} has {len(series)} values"
-                raise InvalidInput(f"{self.name} is ragged: {came}, expected {size} for {n} commands u")
+                raise InvalidInput(f"{self.name} is ragged: {came}, expected {n + 1} for {n} commands u")
         self._check_time()
         if not self.time_since_start[0] >= 0.0:
             raise InvalidInput(f"{self.name} begins at {self.t[0]:g} s, before its rollout does ({self.origin} s)")
-        if self.theta is not None:
+        if self.theta is not None and self.has_angles:
             # what covers more than a turn was never wrapped
             wrapped = bool(np.ptp(self.theta) < 2.0 * math.pi + 1e-6)
             unwrapped = np.unwrap(self.theta) if wrapped else self.theta.copy()
@@ -155,9 +149,9 @@ class Record:
 
     def thinned(self, every: int) -> Record:
         """The readings of every `every`-th instant, under the means of the commands between them; what is left of the
-        record's end is dropped. A record whose speeds were read twice stays as it is."""
+        record's end is dropped."""
         n = len(self) // every
-        if every == 1 or n < 1 or self.theta_dot_after is not None:
+        if every == 1 or n < 1:
             return self
 
         def instants(series: Array | None) -> Array | None:
@@ -188,6 +182,11 @@ class Record:
     def commands(self) -> Array:
         """All that drives remember and are told (M+N,): `past`, then u."""
         return np.concatenate([self.previous_commands, self.u])
+
+    @property
+    def has_angles(self) -> bool:
+        """Whether the angle was read, and not at the start alone."""
+        return self.theta is not None and len(self.theta) > 1
 
     @property
     def starts_midway(self) -> bool:
@@ -263,8 +262,10 @@ def write_csv(record: Record, path: str | Path) -> None:
     Raises
     ------
     InvalidInput
-        For a file that cannot be written.
+        For a file that cannot be written, and a record that has the start angle alone.
     """
+    if record.theta is not None and not record.has_angles:
+        raise InvalidInput(f"{record.name} has the start angle alone: expected the angle of every instant, or of none")
     columns = {c: getattr(record, c) for c in COLUMNS if getattr(record, c) is not None}
     text = io.StringIO()
     writer = csv.writer(text)

@@ -34,11 +34,9 @@ class Sensor:
     Attributes
     ----------
     theta : float or None
-        Of the angle [rad].
+        Of the angle [rad]; of the start angle, where a record has that alone.
     theta_dot : float or None
         Of the speed [rad/s].
-    theta_0 : float or None
-        Of the start angle [rad], for a rollout whose start is known while later angles are not measured.
 
     Raises
     ------
@@ -48,10 +46,9 @@ class Sensor:
 
     theta: float | None = None
     theta_dot: float | None = None
-    theta_0: float | None = None
 
     def __post_init__(self) -> None:
-        for name in ("theta", "theta_dot", "theta_0"):
+        for name in ("theta", "theta_dot"):
             sd = getattr(self, name)
             if sd is not None and not (sd > 0.0 and math.isfinite(sd)):
                 raise InvalidInput(f"sensor sd of {name} is {sd}: expected a positive number, or None (not measured)")
@@ -68,8 +65,6 @@ class Sensor:
             angle = speed = None
             if self.theta is not None:
                 angle = theta[i] + self.theta * rng.standard_normal(n + 1)
-            elif self.theta_0 is not None:
-                angle = theta[i, :1] + self.theta_0 * rng.standard_normal(1)
             if self.theta_dot is not None:
                 speed = theta_dot[i] + self.theta_dot * rng.standard_normal(n + 1)
             records.append(Record(trajectory.t, u[i], angle, speed, name=f"rollout {i}"))
@@ -78,7 +73,6 @@ class Sensor:
     def readings(self, record: Record) -> list[Readings]:
         """All readings that this sensor vouches for; raises InvalidInput where the record lacks them."""
         found: list[Readings] = []
-        n = len(record)
         for channel in ("theta", "theta_dot"):
             sd = getattr(self, channel)
             if sd is None:
@@ -87,10 +81,4 @@ class Sensor:
             if value is None:
                 raise InvalidInput(f"{record.name} has no {channel} readings, but the sensor gives them a sd of {sd:g}")
             found.append(Readings(channel, np.arange(len(value)), value, sd))
-            if channel == "theta_dot" and record.theta_dot_after is not None:
-                found.append(Readings(channel, np.arange(1, n + 1), record.theta_dot_after, sd))
-        if self.theta_0 is not None and self.theta is None:
-            if record.theta is None:
-                raise InvalidInput(f"{record.name} has no theta, but the sensor says that its first value is known")
-            found.append(Readings("theta", np.arange(1), record.theta[:1], self.theta_0))
         return found

@@ -58,7 +58,7 @@ def _missed(records: Sequence[Record], sensor: Sensor, filtered: bool = False) -
     targets, regressors, expected = [], [], 0.0
     for r in records:
         m = max(2, round(SPAN / r.dt))
-        if r.theta is None or r.theta_dot is None or len(r) < 4 * m:
+        if r.theta is None or r.theta_dot is None or not r.has_angles or len(r) < 4 * m:
             continue
         v = r.theta_dot
         integral = r.dt * np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]))])

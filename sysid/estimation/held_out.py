@@ -138,7 +138,7 @@ def refit_windows(
     """
     length = round(HEAD / model.dt)
     longest = max(w.count - w.lead for w in windows)
-    blind = sensor.theta is None and 2 * longest <= length
+    blind = 2 * longest <= length and (sensor.theta is None or not all(r.has_angles for r in records))
     if near is None and (blind or any(w.lead for w in windows)):
         near = refit(Response(model, records, sensor, cut(records, HEAD)))
     starts = None if near is None else _states_at(near, windows)

@@ -51,24 +51,18 @@ class Samples:
         return len(self.number)
 
     def _gather(self, record: Record, begin: int) -> None:
-        """Readings of an instant that was read twice count as their mean, which is as good as both."""
-        total, precision = np.zeros((len(record) + 1, 2)), np.zeros((len(record) + 1, 2))
         for reading in self.sensor.readings(record):
             channel = 0 if reading.channel == "theta" else 1
             known = np.isfinite(reading.value)
-            at = reading.index[known]
-            total[at, channel] += reading.value[known] / reading.sd**2
-            precision[at, channel] += 1.0 / reading.sd**2
+            at = begin + reading.index[known]
+            self.y[at, channel], self.weight[at, channel] = reading.value[known], 1.0 / reading.sd
         # what the drive did before is not known, nor is what a model with a memory predicts for a while
         blind = (
             min(math.ceil(UNKNOWN / self.dt), len(record) // 2)
             if record.starts_midway and record.time_since_start[0] > 0.0
             else 0
         )
-        precision[:blind] = 0.0
-        rows = slice(begin, begin + len(record) + 1)
-        self.y[rows] = total / np.where(precision > 0.0, precision, 1.0)
-        self.weight[rows] = np.sqrt(precision)
+        self.weight[begin : begin + blind] = 0.0
 
     @property
     def readings(self) -> int:

@@ -250,11 +250,9 @@ def _product(a: Array, z: Array) -> Array:
 
 
 def _targets(record: Record, sensor: Sensor) -> tuple[Array, Array]:
-    """Readings (2, n + 1) and their weights 1 / sd, 0 where nothing was read; two readings of an instant average."""
-    n = len(record)
-    total, mass = np.zeros((2, n + 1)), np.zeros((2, n + 1))
+    """Readings (2, n + 1) and their weights 1 / sd, 0 where nothing was read."""
+    value, weight = np.zeros((2, len(record) + 1)), np.zeros((2, len(record) + 1))
     for reading in sensor.readings(record):
         row = CHANNELS.index(reading.channel)
-        total[row, reading.index] += reading.value / reading.sd**2
-        mass[row, reading.index] += reading.sd**-2
-    return np.divide(total, mass, out=np.zeros_like(total), where=mass > 0.0), np.sqrt(mass)
+        value[row, reading.index], weight[row, reading.index] = reading.value, 1.0 / reading.sd
+    return value, weight

@@ -275,7 +275,7 @@ def _about(model: Model, names: tuple[str, ...], saved: Mapping[str, Any]) -> Es
 
 
 def _sensor(saved: Mapping[str, Any]) -> Sensor:
-    return Sensor(**{c: None if saved.get(c) is None else _float(saved, c) for c in ("theta", "theta_dot", "theta_0")})
+    return Sensor(**{c: None if saved.get(c) is None else _float(saved, c) for c in ("theta", "theta_dot")})
 
 
 def _choice(known: Mapping[str, type[Part]], saved: Mapping[str, Any], what: str) -> type[Part]:

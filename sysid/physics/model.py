@@ -26,10 +26,10 @@ from sysid.physics.effects.effect import (
     Reading,
     Stretch,
 )
-from sysid.physics.integrators import RK4, Integrator, SemiImplicitEuler
+from sysid.physics.integrators import RK4, Integrator
 from sysid.physics.ops import Value
 from sysid.physics.parameters import Parameter
-from sysid.physics.plants import Plant, RodPendulum
+from sysid.physics.plants import Plant
 
 Drives = tuple[Value, ...]
 ITERATIONS = 4
@@ -378,26 +378,3 @@ class Model:
         drives, memory = self.drive(u, state.memory[:inputs])
         theta, theta_dot, within = self.move_all(state.theta, state.theta_dot, state.memory[inputs:], drives, t)
         return State(theta, theta_dot, (*memory, *within))
-
-
-def paper_model(m: float = 1.0, l: float = 1.0) -> Model:  # noqa: E741
-    """The paper's pendulum (Sec. II-A): Gymnasium's equations with m and l exposed.
-
-    g = 10 m/s^2, dt = 0.05 s, |u| <= 2 N m, |theta_dot| <= 8 rad/s.
-
-    Parameters
-    ----------
-    m, l : float
-        Mass [kg] and length [m]. The defaults are the paper's prior; the hidden truth is m = 2.0, l = 1.5.
-
-    Returns
-    -------
-    Model
-        A rod pendulum under semi-implicit Euler steps.
-    """
-    return Model(
-        plant=RodPendulum(m=m, l=l, g=10.0),
-        integrator=SemiImplicitEuler(theta_dot_max=8.0),
-        dt=0.05,
-        u_max=2.0,
-    )

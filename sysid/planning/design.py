@@ -90,10 +90,9 @@ class Conditions:
 
     def louder(self, share: Mapping[str, float]) -> Conditions:
         """The same with so many times the noise of each channel."""
-        sensor, angle = self.sensor, share.get("theta", 1.0)
-        times = {"theta": angle, "theta_dot": share.get("theta_dot", 1.0), "theta_0": angle}
-        sd = {name: getattr(sensor, name) for name in times}
-        return replace(self, sensor=Sensor(**{n: None if v is None else times[n] * v for n, v in sd.items()}))
+        sd = {name: getattr(self.sensor, name) for name in CHANNELS}
+        louder = {n: None if v is None else share.get(n, 1.0) * v for n, v in sd.items()}
+        return replace(self, sensor=Sensor(**louder))
 
     def after(self, fits: Sequence[Fit]) -> Conditions:
         """The same with what the likeliest of some fits leaves unexplained, which will be there in the next log too.
@@ -131,7 +130,7 @@ class Pool:
         self.model, sensor = hypotheses[0].model, conditions.sensor
         n = round(conditions.limits.duration / self.model.dt)
         t, blank = np.asarray(self.model.dt * np.arange(n + 1), dtype=float), np.zeros(n + 1)
-        angle = None if sensor.theta is None and sensor.theta_0 is None else blank if sensor.theta else blank[:1]
+        angle = None if sensor.theta is None else blank
         speed = None if sensor.theta_dot is None else blank
         self.rest = rest_angle(self.model)
         self.records = [Record(t, s.torque(n, self.model.dt), angle, speed) for s in signals]

@@ -27,6 +27,8 @@ from importlib import metadata
 from importlib.util import find_spec
 from itertools import pairwise
 
+from study.paper.protocol import paper_model
+
 BATCH, CAPACITY = 256, 75_000
 WARM = 5
 OURS, SB3, SACLOSS, PEAK = "gapfinder", "Stable-Baselines3", "SACLoss", "peak"
@@ -138,7 +140,6 @@ def _ours(hidden: int, agents: int, seconds: float) -> dict[str, float]:
     import torch
 
     from policies import Band, Population, SACSettings, tune_cpu
-    from sysid import paper_model
 
     tune_cpu(threads=1)
     settings = SACSettings(hidden=(hidden, hidden), batch=BATCH, random_steps=10, steps=CAPACITY)

@@ -9,6 +9,7 @@ from policies.environments.batched_pendulums import BatchedPendulums
 from policies.environments.gymnasium_env import PendulumEnv
 from policies.environments.random_streams import Purpose, generator
 from policies.environments.randomization import Band, Mixture, PriorRange, RandomForce
+from study.paper.protocol import paper_model
 from sysid import (
     CATALOGUE,
     AngleOffset,
@@ -20,7 +21,6 @@ from sysid import (
     RodPendulum,
     SensorDelay,
     Viscous,
-    paper_model,
 )
 
 BANDS = [Band({"m": 2.0, "l": 1.5}, 0.2), Band({"m": 1.0, "l": 1.0}, 0.0), PriorRange()]

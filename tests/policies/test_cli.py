@@ -19,7 +19,8 @@ from policies.environments.machine import past_commands_needed
 from policies.environments.randomization import Fixed
 from policies.evaluation import evaluate, fresh_start_states
 from policies.storage.policy_file import DESCRIPTION, WEIGHTS, load_policy
-from sysid import Coulomb, Delay, Lag, Model, RodPendulum, Sensor, Spring, Stamp, paper_model
+from study.paper.protocol import paper_model
+from sysid import Coulomb, Delay, Lag, Model, RodPendulum, Sensor, Spring, Stamp
 
 ROOT = Path(__file__).parents[2]
 TINY = ("--steps", "60", "--hidden", "8", "8", "--no-references")
@@ -182,7 +183,8 @@ def test_the_ways_to_randomize(models, tmp_path, run):
 
 
 def test_what_is_plausible_where_nobody_measured():
-    parameters = Model(RodPendulum(2.0, 1.5), (Delay(T=0.2), sysid.TorqueGain(0.8), sysid.Saturation(1.5))).parameters
+    rod = RodPendulum(2.0, 1.5, bounds={"m": (0.3, 3.0)})
+    parameters = Model(rod, (Delay(T=0.2), sysid.TorqueGain(0.8), sysid.Saturation(1.5))).parameters
     assert plausible_range(parameters["m"]) == (0.3, 3.0)  # its bounds
     assert plausible_range(parameters["g"]) == (5.0, 20.0)
     assert plausible_range(parameters["delay.T"]) == (0.0, 0.3)  # as far as its memory reaches

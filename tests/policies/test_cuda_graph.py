@@ -9,7 +9,8 @@ from policies.environments.randomization import Band, PriorRange, RandomForce
 from policies.training.cuda_graph import CudaGraph
 from policies.training.population import Population
 from policies.training.sac import SACSettings
-from sysid import Delay, Lag, Model, RodPendulum, SensorDelay, paper_model
+from study.paper.protocol import paper_model
+from sysid import Delay, Lag, Model, RodPendulum, SensorDelay
 
 SHORT = SACSettings(hidden=(16, 16), batch=32, random_steps=20, steps=450, capacity=40)
 BANDS = [Band({"m": 2.0, "l": 1.5}, 0.2), PriorRange()]

@@ -13,7 +13,8 @@ from policies.control.lqr import design_lqr
 from policies.control.swing_up import design_swing_up
 from policies.environments import task
 from policies.evaluation import evaluate, start_states
-from sysid import RK4, Delay, InvalidInput, Spring, State, TorqueBias, Viscous, paper_model
+from study.paper.protocol import paper_model
+from sysid import RK4, Delay, InvalidInput, Spring, State, TorqueBias, Viscous
 
 HIDDEN = paper_model(m=2.0, l=1.5)
 MODELS = {

@@ -8,7 +8,8 @@ import pytest
 
 from policies.environments import task
 from policies.evaluation import Evaluation, evaluate, fresh_start_states, rollout, start_states
-from sysid import AngleOffset, Delay, InvalidInput, Model, RodPendulum, State, VelocityGain, paper_model
+from study.paper.protocol import paper_model
+from sysid import AngleOffset, Delay, InvalidInput, Model, RodPendulum, State, VelocityGain
 
 
 def zero(state, t):

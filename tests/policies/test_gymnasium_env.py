@@ -8,7 +8,8 @@ from gymnasium.utils.env_checker import check_env
 import policies
 from policies.environments.gymnasium_env import PendulumEnv
 from policies.environments.randomization import Band, Fixed, PriorRange, RandomForce
-from sysid import Delay, InvalidInput, Model, PointMassPendulum, Viscous, paper_model
+from study.paper.protocol import paper_model
+from sysid import Delay, InvalidInput, Model, PointMassPendulum, Viscous
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")

@@ -7,7 +7,8 @@ import pytest
 
 from policies.control.lqr import design_lqr
 from policies.evaluation import evaluate
-from sysid import RK4, Delay, InvalidInput, State, Tilt, TorqueBias, Viscous, paper_model
+from study.paper.protocol import paper_model
+from sysid import RK4, Delay, InvalidInput, State, Tilt, TorqueBias, Viscous
 
 HIDDEN = paper_model(m=2.0, l=1.5)
 MODELS = {

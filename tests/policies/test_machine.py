@@ -14,6 +14,7 @@ from policies.environments.machine import (
     with_command_interval,
 )
 from policies.environments.randomization import Band, Fixed, PriorRange
+from study.paper.protocol import paper_model
 from sysid import (
     CATALOGUE,
     RK4,
@@ -38,7 +39,6 @@ from sysid import (
     Stamp,
     Viscous,
     effect,
-    paper_model,
     parameter,
 )
 

@@ -13,7 +13,8 @@ from policies.evaluation import evaluate, start_states
 from policies.network_policy import NetworkPolicy
 from policies.training.population import Population
 from policies.training.sac import SACSettings
-from sysid import AngleOffset, Delay, InvalidInput, Model, RodPendulum, SensorDelay, State, paper_model
+from study.paper.protocol import paper_model
+from sysid import AngleOffset, Delay, InvalidInput, Model, RodPendulum, SensorDelay, State
 
 SHORT = SACSettings(hidden=(16, 16), batch=32, random_steps=150, steps=450, capacity=300)
 BANDS = [Band({"m": 2.0, "l": 1.5}, 0.2), Band({"m": 1.0, "l": 1.0}, 0.0), PriorRange()]
@@ -270,9 +271,9 @@ def test_nothing_in_a_checkpoint_is_executed(tmp_path):
 PEAK = """
 import resource
 from policies import Band, Population, SACSettings, tune_cpu
-from sysid import paper_model
 
 tune_cpu(threads=1)
+from study.paper.protocol import paper_model
 agents = Population(paper_model(), [Band({"m": 2.0, "l": 1.5})] * 125, range(125), SACSettings(hidden=(64, 64)))
 agents.train(agents.settings.random_steps + 5)
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)

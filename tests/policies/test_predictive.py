@@ -10,6 +10,7 @@ from policies.control.dynamic_programming import Grid, solve
 from policies.control.predictive import Predictive, design_predictive
 from policies.environments import task
 from policies.evaluation import evaluate, fresh_start_states
+from study.paper.protocol import paper_model
 from sysid import (
     RK4,
     DeadZone,
@@ -23,7 +24,6 @@ from sysid import (
     State,
     TorqueGain,
     Viscous,
-    paper_model,
 )
 
 MACHINE = dataclasses.replace(paper_model(m=2.0, l=1.5), integrator=RK4(substeps=2))

@@ -8,7 +8,8 @@ from policies.evaluation import evaluate, fresh_start_states
 from policies.training.population import Population
 from policies.training.program import CHOICE, settings_for, train
 from policies.training.sac import SACSettings
-from sysid import Delay, Model, RodPendulum, paper_model
+from study.paper.protocol import paper_model
+from sysid import Delay, Model, RodPendulum
 
 SHORT = SACSettings(hidden=(16, 16), batch=32, random_steps=50, steps=430)
 

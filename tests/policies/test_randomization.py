@@ -16,7 +16,8 @@ from policies.environments.randomization import (
     SingleEffect,
     from_json,
 )
-from sysid import Coulomb, Delay, InvalidInput, Model, RodPendulum, Tilt, paper_model
+from study.paper.protocol import paper_model
+from sysid import Coulomb, Delay, InvalidInput, Model, RodPendulum, Tilt
 
 MODEL = paper_model()
 DRAWS = 4000

@@ -7,7 +7,8 @@ from policies.control import references as module
 from policies.control.dynamic_programming import Grid
 from policies.control.references import references
 from policies.evaluation import fresh_start_states
-from sysid import AngleOffset, Coulomb, DeadZone, Delay, Drift, Model, RodPendulum, SensorDelay, paper_model
+from study.paper.protocol import paper_model
+from sysid import AngleOffset, Coulomb, DeadZone, Delay, Drift, Model, RodPendulum, SensorDelay
 
 START = fresh_start_states(0, 40)
 

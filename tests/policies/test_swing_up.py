@@ -9,7 +9,8 @@ import pytest
 from policies.control.lqr import design_lqr
 from policies.control.swing_up import design_swing_up
 from policies.evaluation import evaluate, start_states
-from sysid import RK4, Delay, GeneralJoint, InvalidInput, SemiImplicitEuler, State, Viscous, paper_model
+from study.paper.protocol import paper_model
+from sysid import RK4, Delay, GeneralJoint, InvalidInput, SemiImplicitEuler, State, Viscous
 
 HIDDEN = paper_model(m=2.0, l=1.5)
 

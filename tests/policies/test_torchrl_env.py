@@ -6,7 +6,8 @@ from torchrl.envs.utils import check_env_specs
 
 from policies.environments.randomization import Band, PriorRange
 from policies.environments.torchrl_env import TorchRLPendulums
-from sysid import AngleOffset, Backlash, Delay, Model, RodPendulum, SensorDelay, paper_model
+from study.paper.protocol import paper_model
+from sysid import AngleOffset, Backlash, Delay, Model, RodPendulum, SensorDelay
 
 BANDS = [Band({"m": 2.0, "l": 1.5}, 0.2), Band({"m": 1.0, "l": 1.0}, 0.0), PriorRange()]
 SENSING = (Backlash(width=0.1), SensorDelay(T=0.06), AngleOffset(offset=0.05))

@@ -2,8 +2,6 @@
 
 import csv
 import dataclasses
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -11,13 +9,23 @@ import pytest
 from policies.control.dynamic_programming import Grid
 from policies.evaluation import PolicyBatch, batch_returns, evaluate
 from study.mismatch import effect_cost
-from study.mismatch.choose_sizes import choose
-from study.mismatch.chosen_sizes import SIZES
-from study.mismatch.effect_cost import TARGETS, explore, main
-from study.mismatch.loss import EFFECT_COST_FOLDER, LOSS_FIGURE, LOSS_TABLE, Bench, LossRow, read_losses, write_losses
+from study.mismatch.effect_cost import (
+    EFFECT_COST_FOLDER,
+    LOSS_FIGURE,
+    LOSS_TABLE,
+    SHARP,
+    TARGETS,
+    Bench,
+    LossRow,
+    explore,
+    main,
+    read_losses,
+    write_losses,
+)
 from study.mismatch.magnitudes import MAGNITUDES, Magnitude
-from study.mismatch.rod import design, machine
-from sysid import CATALOGUE, InvalidInput, State, effect
+from study.mismatch.plan import ALL_PLANTS
+from study.mismatch.rod import BLUNT, design, machine
+from sysid import CATALOGUE, InvalidInput, State
 
 COARSE = Grid(theta=60, theta_dot=61, u=7)
 LINE = Magnitude("viscous", "b", "N m s/rad", 0.8, lambda s: {"b": s})
@@ -165,19 +173,22 @@ def test_what_is_no_table_is_refused_and_left_alone(tmp_path, capsys):
         read_losses(tmp_path / LOSS_TABLE)
 
 
-def test_the_sizes_fixed_before_training_are_those_of_the_shipped_table():
-    rows = read_losses(EFFECT_COST_FOLDER / LOSS_TABLE)
-    assert {name: choose([r for r in rows if r.effect == name]) for name in MAGNITUDES} == SIZES
-    for name, sizes in SIZES.items():
-        assert sizes.small.size > 0.0 and sizes.small.percent < 2.0
-        assert sizes.medium is None or (sizes.small.size < sizes.medium.size and 6.0 < sizes.medium.percent < 14.0)
-        assert sizes.large is None or (sizes.medium.size < sizes.large.size and 20.0 < sizes.large.percent < 40.0)
-        assert sizes.largest.size == MAGNITUDES[name].largest
-        made = effect(name, **dict(sizes.largest.numbers))
-        asked = MAGNITUDES[name].at(sizes.largest.size)
-        assert {k: p.value for k, p in made.parameters.items()} == pytest.approx(
-            {k: p.value for k, p in asked.parameters.items()}
-        )
+def test_the_sizes_that_the_experiment_hides_cost_what_its_plan_says():
+    rows = {(r.effect, r.size): r.percent for r in read_losses(EFFECT_COST_FOLDER / LOSS_TABLE)}
+    hidden = [plant for plant in ALL_PLANTS if plant.effect in MAGNITUDES]
+    assert len(hidden) == 3
+    for plant in hidden:
+        assert plant.percent == pytest.approx(rows[plant.effect, plant.numbers[0][1]], abs=0.05)
+
+
+def test_the_table_that_losses_are_measured_with_stands_for_agents_better_than_finer_ones():
+    with (EFFECT_COST_FOLDER / "table_resolution.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [r["effect"] for r in rows] == list(MAGNITUDES)
+    agents = np.array([float(r["agents"]) for r in rows])
+    ratios = {n: np.array([float(r[f"table_{n}"]) for r in rows]) for n in (BLUNT.theta, 240, SHARP.theta)}
+    distance = {n: np.hypot.reduce(np.log(own / agents)) for n, own in ratios.items()}
+    assert distance[BLUNT.theta] < min(0.5 * distance[SHARP.theta], 0.7 * distance[240])
 
 
 def test_the_shipped_table_is_whole():
@@ -187,9 +198,3 @@ def test_the_shipped_table_is_whole():
             sizes.setdefault(line["effect"], []).append(float(line["size"]))
     for name, magnitude in MAGNITUDES.items():
         assert sizes[name][0] == 0.0 and sizes[name][-1] == pytest.approx(magnitude.largest) and len(sizes[name]) >= 9
-
-
-def test_the_sizes_load_nothing_heavy():
-    code = "import sys, study.mismatch.chosen_sizes; print({'numpy', 'scipy', 'torch', 'sysid'} & set(sys.modules))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "set()"

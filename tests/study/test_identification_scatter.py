@@ -3,19 +3,20 @@
 import numpy as np
 import pytest
 
-from study.paper.identification_scatter import ROLLOUT_LENGTH as LENGTH
 from study.paper.identification_scatter import OneStepGrid, Samples, noise_free_rollouts, scatter
-from sysid import GridSearch, paper_model, paper_rollouts
+from study.paper.protocol import ROLLOUT_LENGTH as LENGTH
+from study.paper.protocol import paper_model, paper_rollouts, transitions
+from sysid import GridSearch
 
 
 @pytest.mark.parametrize("sigma", [0.0, 0.5, 1.0, 2.0])
 def test_it_finds_the_cell_that_grid_search_finds(sigma):
     grid = OneStepGrid()
     for seed, n in enumerate((1, 1, 2, 2, 5, 5, 10)):
-        records = paper_rollouts(paper_model(2.0, 1.5), n, np.random.default_rng(seed), sigma=sigma)
-        columns = [(r.theta_dot, r.theta_dot_after, np.sin(r.theta[:LENGTH]), r.u) for r in records]
+        rollouts = paper_rollouts(paper_model(2.0, 1.5), n, np.random.default_rng(seed), sigma=sigma)
+        columns = [(r.before, r.after, np.sin(r.theta[:LENGTH]), r.u) for r in rollouts]
         samples = Samples(*(np.concatenate(column) for column in zip(*columns, strict=True)))
-        expected = GridSearch().fit(paper_model(), records).values
+        expected = GridSearch().fit(paper_model(), transitions(rollouts)).values
         assert grid.search(samples, [n * LENGTH])[0] == pytest.approx([expected["m"], expected["l"]])
 
 

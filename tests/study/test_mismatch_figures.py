@@ -23,9 +23,9 @@ from study.mismatch.labels import plant_title
 from study.mismatch.mismatch_page import CAPTIONS, page
 from study.mismatch.naming_results import NamingResult, is_right
 from study.mismatch.plan import CONTRASTS, FREE, PLANS, STRATEGIES
+from study.paper.protocol import paper_model
 from study.pipeline.policy_files import FOLDER, write_policies
 from study.statistics import paired_t
-from sysid import paper_model
 
 OPTIMUM, SEED_STEP = -360.0, 3.0
 STRUCTURE = {"plain": 0.0, "coulomb": 15.0, "delay_medium": 40.0, "delay_large": 150.0, "magnet": 140.0, "slew": 120.0}

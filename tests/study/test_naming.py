@@ -40,6 +40,8 @@ PLAN = PLANS["mismatch"]
         (DELAY_LARGE, "cannot tell", ("lag/dead_zone",), False),
         (MAGNET, "unknown", (), True),
         (MAGNET, "unknown", ("spring",), True),
+        (MAGNET, "partly", ("spring",), True),
+        (COULOMB, "partly", ("coulomb",), False),
         (MAGNET, "missing", ("spring",), False),
     ],
 )
@@ -117,9 +119,7 @@ def tasks(plan, known, budgets, seeds):
 
 
 def test_seeds_are_used_for_nothing_else():
-    from study.mismatch.table_resolution import SEEDS
-
-    assert max(SEEDS) < FIRST and min(PLAN.seeds) >= FIRST + MOST
+    assert min(PLAN.seeds) >= FIRST + MOST
 
 
 def test_a_table_tells_rates_and_errors_in_percent_and_leaves_out_what_was_not_measured():

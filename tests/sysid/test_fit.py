@@ -27,12 +27,11 @@ from sysid import (
     SensorDelay,
     Viscous,
     fit,
-    paper_model,
     simulate,
 )
 from sysid.estimation.fit import free
 from sysid.physics.simulate import Trajectory
-from sysid.planning.excitation import paper_rollouts, steps
+from sysid.planning.excitation import steps
 
 DT = 0.02
 SENSOR = Sensor(0.003, 0.05)
@@ -89,15 +88,6 @@ def test_every_plant_is_found_without_being_told_the_noise(truth: Plant, begin: 
     assert estimate.sensor.theta_dot == pytest.approx(SENSOR.theta_dot, rel=0.1)
     assert estimate.noise["theta"] == pytest.approx(SENSOR.theta, rel=0.1)
     assert estimate.noise["theta_dot"] == pytest.approx(SENSOR.theta_dot, rel=0.1)
-
-
-def test_the_papers_protocol_is_fitted_too() -> None:
-    """Euler steps, a speed clip, start angles and noisy speeds alone, read twice."""
-    truth = paper_model(m=2.0, l=1.5)
-    records = paper_rollouts(truth, 10, np.random.default_rng(1), sigma=0.1)
-    estimate = fit(paper_model(), records, Sensor(None, 0.1, theta_0=1e-3))
-    assert_found(estimate, truth, ("m", "l"))
-    assert estimate.sd["m"] < 0.02
 
 
 def test_what_is_fixed_keeps_its_number(clean: list[Record]) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom, chi2
 
+from study.paper.protocol import averaged_sensor, paper_model, paper_rollouts
 from sysid import (
     RK4,
     Coulomb,
@@ -19,22 +20,22 @@ from sysid import (
     Sensor,
     TorqueBias,
     Viscous,
-    paper_model,
-    paper_rollouts,
     simulate,
 )
 from sysid.planning.excitation import multisine, steps
 
-PAPER = Sensor(theta=None, theta_dot=1.0, theta_0=0.001)
+PAPER = averaged_sensor(1.0)
 ENCODER = Sensor(theta=0.01, theta_dot=1.0)
+PAPERS_ENCODER = dataclasses.replace(PAPER, theta=0.01)
 TRUTH = paper_model(2.0, 1.5)
 
 
 def rollouts(sensor, n, seed):
     rng = np.random.default_rng([seed, 1])
-    records = paper_rollouts(TRUTH, n, np.random.default_rng(seed))
-    sd = sensor.theta or sensor.theta_0
-    return [dataclasses.replace(r, theta=r.theta + sd * rng.standard_normal(len(r) + 1)) for r in records]
+    rollouts = paper_rollouts(TRUTH, n, np.random.default_rng(seed))
+    exact = [r.theta[:1] if sensor is PAPER else r.theta for r in rollouts]
+    angles = [theta + sensor.theta * rng.standard_normal(len(theta)) for theta in exact]
+    return [dataclasses.replace(r.averaged, theta=theta) for r, theta in zip(rollouts, angles, strict=True)]
 
 
 def lab(model, sensor, n=4, length=300, seed=0):
@@ -47,7 +48,7 @@ def lab(model, sensor, n=4, length=300, seed=0):
 
 
 @pytest.mark.parametrize(
-    ("sensor", "n"), [(PAPER, 3), (ENCODER, 1), (ENCODER, 4)], ids=["paper 3", "encoder 1", "encoder 4"]
+    ("sensor", "n"), [(PAPER, 3), (PAPERS_ENCODER, 1), (PAPERS_ENCODER, 4)], ids=["paper 3", "encoder 1", "encoder 4"]
 )
 def test_errors_are_as_large_as_stated(sensor, n):
     seeds, inside, distance = 24, 0, 0.0
@@ -62,7 +63,7 @@ def test_errors_are_as_large_as_stated(sensor, n):
     assert binom.ppf(0.005, 2 * seeds, 0.95) <= inside
 
 
-@pytest.mark.parametrize("sensor", [PAPER, ENCODER], ids=["paper", "encoder"])
+@pytest.mark.parametrize("sensor", [PAPER, PAPERS_ENCODER], ids=["paper", "encoder"])
 def test_a_cold_start_ends_where_a_start_from_the_truth_ends(sensor):
     agree = 0
     for seed in range(100, 120):

@@ -95,19 +95,6 @@ def test_records_of_all_lengths_stand_one_after_the_other() -> None:
     np.testing.assert_array_equal(samples.drives(JOINT)[samples.follows, 0], np.concatenate([r.u for r in given]))
 
 
-def test_an_instant_that_was_read_twice_counts_as_its_mean() -> None:
-    (one,) = records(JOINT, (20,))
-    rng = np.random.default_rng(2)
-    before, after = (part + 0.05 * rng.standard_normal(20) for part in (one.theta_dot[:-1], one.theta_dot[1:]))
-    twice = Record(one.t, one.u, None, before, after)
-    samples = Samples(JOINT, [twice], Sensor(theta_dot=0.05))
-    np.testing.assert_allclose(samples.y[1:-1, 1], 0.5 * (before[1:] + after[:-1]))
-    assert (samples.y[0, 1], samples.y[-1, 1]) == pytest.approx((before[0], after[-1]))
-    np.testing.assert_allclose(samples.weight[1:-1, 1], math.sqrt(2.0) / 0.05)
-    np.testing.assert_allclose(samples.weight[[0, -1], 1], 1.0 / 0.05)
-    assert not np.any(samples.weight[:, 0]) and not np.any(samples.y[:, 0])
-
-
 def test_slopes_are_the_models_derivatives() -> None:
     """Against those that CasADi takes of the same equations, exactly."""
     samples = Samples(SMOOTH, records(SMOOTH), SENSOR)

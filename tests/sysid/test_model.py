@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from study.paper.protocol import paper_model
 from sysid import (
     RK4,
     Delay,
@@ -16,7 +17,6 @@ from sysid import (
     Stamp,
     Viscous,
     effect,
-    paper_model,
     simulate,
 )
 from tests.sysid.signals import uniform_noise

@@ -23,8 +23,6 @@ from sysid import (
     Saturation,
     Sensor,
     Viscous,
-    paper_model,
-    paper_rollouts,
     simulate,
 )
 from sysid.data.logs import read
@@ -204,12 +202,6 @@ def test_a_tachometer_is_never_taken_for_a_difference(angle, torque, dt):
         if angle == "noisy":  # a slow one
             tachometer = lfilter([0.2], [1.0, -0.8], tachometer, axis=-1)
         assert sensor_noise(with_speed(run, theta, tachometer)).sensor.theta_dot is not None, sd
-
-
-def test_a_speed_read_twice_tells_its_noise_at_once():
-    records = paper_rollouts(paper_model(), 5, np.random.default_rng(0), sigma=1.0)
-    noise = sensor_noise([Record(r.t, r.u, None, r.theta_dot, r.theta_dot_after) for r in records])
-    assert noise.sensor.theta_dot == pytest.approx(1.0, abs=4.0 * noise.error["theta_dot"]) and not noise.notes
 
 
 def test_a_clean_channel_gets_a_small_floor_and_a_note():

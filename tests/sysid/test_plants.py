@@ -6,7 +6,8 @@ import gymnasium
 import numpy as np
 import pytest
 
-from sysid import CATALOGUE, RK4, GeneralJoint, LinearAxis, Model, PointMassPendulum, RodPendulum, paper_model, simulate
+from study.paper.protocol import paper_model
+from sysid import CATALOGUE, RK4, GeneralJoint, LinearAxis, Model, PointMassPendulum, RodPendulum, simulate
 from tests.sysid.signals import uniform_noise
 
 

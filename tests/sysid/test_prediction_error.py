@@ -10,6 +10,7 @@ import pytest
 from scipy.optimize import lsq_linear
 
 import sysid
+from study.paper.protocol import averaged_sensor, paper_model, paper_rollouts
 from sysid import (
     RK4,
     GeneralJoint,
@@ -20,7 +21,6 @@ from sysid import (
     Sensor,
     effect,
     fisher_information,
-    paper_model,
     simulate,
 )
 from sysid.estimation.disturbances import Disturbances
@@ -28,7 +28,7 @@ from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction_error import Fit, inverse
 from sysid.estimation.prior import Prior
 from sysid.estimation.solver import Settings, bounded_step, fit
-from sysid.planning.excitation import multisine, paper_rollouts
+from sysid.planning.excitation import multisine
 
 DT = 0.02
 SENSOR = Sensor(theta=0.003, theta_dot=0.05)
@@ -264,8 +264,8 @@ def test_what_is_known_of_a_positive_number_is_its_logarithm() -> None:
 def test_slopes_are_taken_no_wider_than_the_machine_is_the_same() -> None:
     """Speeds alone, Euler's steps and a clip: an angle that only adds up may be far off, and the clip is not there."""
     truth = paper_model(m=2.0, l=1.5)
-    records = paper_rollouts(truth, 4, np.random.default_rng(1), sigma=0.1)
-    samples = Samples(paper_model(), records, Sensor(None, 0.1, theta_0=1e-3))
+    records = [r.averaged for r in paper_rollouts(truth, 4, np.random.default_rng(1), sigma=0.1)]
+    samples = Samples(paper_model(), records, averaged_sensor(0.1))
     found = fit(samples, paper_model(), ("m", "l"))
     spread, widest = np.max(found.motion.spread, axis=0), np.array(Settings().widest)
     assert spread[0] <= widest[0]

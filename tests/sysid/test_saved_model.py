@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import sysid
+from study.paper.protocol import paper_model
 from sysid.estimation.saved_model import SCHEMA, from_dict, to_dict
 
 
@@ -164,7 +165,7 @@ def test_files_that_cannot_be_read_or_written(tmp_path):
     with pytest.raises(sysid.InvalidInput, match="cannot read"):
         sysid.load(tmp_path)
     with pytest.raises(sysid.InvalidInput, match="cannot write"):
-        sysid.save(sysid.paper_model(), tmp_path / "absent" / "model.json")
+        sysid.save(paper_model(), tmp_path / "absent" / "model.json")
 
 
 def test_what_has_no_name_of_ours_is_not_saved():

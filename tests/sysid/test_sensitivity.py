@@ -1,11 +1,10 @@
 """Derivatives are exact, and the information does not depend on where records are cut."""
 
-import dataclasses
-
 import casadi
 import numpy as np
 import pytest
 
+from study.paper.protocol import paper_model
 from sysid import (
     RK4,
     Coulomb,
@@ -17,8 +16,6 @@ from sysid import (
     TorqueBias,
     Viscous,
     fisher_information,
-    paper_model,
-    paper_rollouts,
     simulate,
 )
 from sysid.estimation.identifiers.sensitivity import Segments
@@ -127,21 +124,3 @@ def test_information_equals_that_of_the_simulator():
     expected = M[2:, 2:] - M[2:, :2] @ np.linalg.solve(M[:2, :2], M[:2, 2:])
     found = fisher_information(model, names, data, SENSOR, start[None, :])
     np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-6 * np.abs(expected).max())
-
-
-def test_reading_every_instant_twice_counts_twice():
-    model = paper_model(2.0, 1.5)
-    twice = paper_rollouts(model, 2, np.random.default_rng(0))
-    once = [
-        dataclasses.replace(r, theta_dot=np.append(r.theta_dot, r.theta_dot_after[-1]), theta_dot_after=None)
-        for r in twice
-    ]
-    starts = np.array([[r.theta[0], 0.0] for r in twice])
-    sensor = Sensor(theta_dot=1.0)
-    F1, F2 = (fisher_information(model, ("m", "l"), data, sensor, starts) for data in (once, twice))
-    # only the first and the last instant are read once
-    assert np.trace(F2) == pytest.approx(2.0 * np.trace(F1), rel=0.05)
-    segments = Segments(model, ("m", "l"), twice, sensor, 20)
-    assert segments.n_readings[1] == 2 * 2 * 200
-    gap = np.concatenate([r.theta_dot[1:] - r.theta_dot_after[:-1] for r in twice])
-    assert segments.scatter[1] == pytest.approx(0.5 * np.sum(gap**2))

@@ -9,27 +9,30 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from study.figure_style import ACCENT
-from study.mismatch.chosen_sizes import SIZES
-from study.mismatch.loss import SMALL, LossRow
+from study.mismatch.effect_cost import LossRow
 from study.mismatch.magnitudes import MAGNITUDES
+from study.mismatch.plan import ALL_PLANTS
 
 COLUMNS, TOP = 5, 60.0
 """Panels abreast, and the loss [%] above which lines leave them."""
+DEAR = 2.0
+"""Loss [%] below which an effect costs nothing worth the name."""
 
 
 def draw_effect_cost(rows: Sequence[LossRow]) -> Figure:
     """Loss in percent of the aware policy's return; the panels from the dearest effect to those that cost nothing."""
     of = {name: sorted((r for r in rows if r.effect == name), key=lambda r: r.size) for name in MAGNITUDES}
     order = sorted((name for name in of if of[name]), key=lambda name: -max(r.percent for r in of[name]))
-    lines = -(-len(order) // COLUMNS)
-    figure = Figure(figsize=(11.0, 1.4 + 2.1 * lines), layout="constrained")
-    panels = list(np.ravel(figure.subplots(lines, COLUMNS, sharey=True, squeeze=False)))
+    rows_of_panels = -(-len(order) // COLUMNS)
+    figure = Figure(figsize=(11.0, 1.4 + 2.1 * rows_of_panels), layout="constrained")
+    panels = list(np.ravel(figure.subplots(rows_of_panels, COLUMNS, sharey=True, squeeze=False)))
     for axes, name in zip(panels, order, strict=False):
         _panel(axes, of[name])
     for axes in panels[len(order) :]:
         axes.remove()
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    named = [pair[::-1] for axes in reversed(panels) for pair in zip(*axes.get_legend_handles_labels(), strict=True)]
+    lines = dict(named)
+    figure.legend(lines.values(), lines.keys(), loc="outside lower center", ncols=3)
     figure.suptitle("What an effect costs the policy that is optimal without it", x=0.01, ha="left", fontweight="bold")
     figure.supylabel("loss, % of the return of the policy that knows the effect", fontsize=10.0)
     return figure
@@ -40,7 +43,7 @@ def _panel(axes: Axes, rows: Sequence[LossRow]) -> None:
     size, percent = np.array([r.size for r in rows]), np.array([r.percent for r in rows])
     error = 100.0 * np.array([r.sem / abs(r.aware) for r in rows])
     sharp = 100.0 * np.array([r.sharp / abs(r.aware) for r in rows])
-    dear = float(np.max(percent)) >= SMALL
+    dear = float(np.max(percent)) >= DEAR
     colour = "#1f5a94" if dear else "0.6"
     for target in (10.0, 30.0):
         axes.axhline(target, color="0.88", linewidth=0.8, zorder=0)
@@ -48,10 +51,10 @@ def _panel(axes: Axes, rows: Sequence[LossRow]) -> None:
     axes.plot(size, percent, color=colour, label="planned with a margin (table of 120 x 121 states) ± SEM")
     axes.plot(size, sharp, color=colour, linewidth=0.9, linestyle=(0, (3, 2)),
               label="planned to the edge (450 x 451 states)")  # fmt: skip
-    sizes = SIZES[magnitude.effect]
-    chosen = [s for s in (sizes.small, sizes.medium, sizes.large) if s is not None]
-    axes.plot([s.size for s in chosen], [s.percent for s in chosen], "o", color=ACCENT, markersize=4.5,
-              label="size chosen before training", clip_on=False, zorder=4)  # fmt: skip
+    hidden = [(p.numbers[0][1], p.percent) for p in ALL_PLANTS if p.effect == magnitude.effect]
+    if hidden:
+        axes.plot(*zip(*hidden, strict=True), "o", color=ACCENT, markersize=4.5, label="hidden from the agents",
+                  clip_on=False, zorder=4)  # fmt: skip
     axes.set_title(magnitude.effect.replace("_", " "), color="0.1" if dear else "0.5", fontsize=10.0, pad=4)
     unit = "" if magnitude.unit == "1" else f" [{magnitude.unit}]"
     axes.set_xlabel(magnitude.meaning.split(",")[0] + unit, fontsize=8.0)

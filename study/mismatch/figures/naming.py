@@ -66,7 +66,7 @@ def _rates(axes: Axes, plant: HiddenPlant, rows: Sequence[NamingResult]) -> None
 
 def _about(plant: HiddenPlant) -> str:
     """The size, and the right answer where it is no effect's name."""
-    wanted = "adequate" if plant.effect is None else "unknown" if is_out_of_catalogue(plant) else ""
+    wanted = "adequate" if plant.effect is None else "unknown, partly" if is_out_of_catalogue(plant) else ""
     return "\n".join(line for line in (plant_size(plant), wanted and f"right: “{wanted}”") if line)
 
 

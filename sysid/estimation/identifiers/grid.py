@@ -25,11 +25,10 @@ class GridSearch:
 
         argmin_p mean_k (theta_dot[k+1] - f(theta[k], theta_dot[k], u[k]; p))^2
 
-    Ties go to the first cell, the first parameter varying slowest. Angles enter as a regressor; speeds are
-    read before (theta_dot) and after (theta_dot_after, else theta_dot[k+1]) each step. Noise in the
-    regressor theta_dot[k] scatters m and l of the paper's model, where it enters with a factor of one, and biases a
-    parameter that multiplies the speed, such as viscous.b; the covariance (linearised, plus the grid's rounding)
-    ignores that bias.
+    Ties go to the first cell, the first parameter varying slowest. Angles enter as a regressor. A record of one
+    interval is one step. Noise in the regressor theta_dot[k] scatters m and l of a rod, where it enters with a factor
+    of one, and biases a parameter that multiplies the speed, such as viscous.b; the covariance (linearised, plus the
+    grid's rounding) ignores that bias.
     Source: paper, Sec. II-B, with 61 x 61 points on [0.3, 3.0]^2.
     """
 
@@ -49,16 +48,14 @@ class GridSearch:
         names = tuple(self.parameters)
         grid = model.with_parameters(dict(zip(names, cells, strict=True)))
         total: Array = np.zeros(len(cells[0]))
-        count = 0
-        for record in records:
-            errors = _OneStep(grid, record)
-            width = max(1, _BLOCK // len(cells[0]))
-            for begin in range(0, len(record), width):
-                total += np.sum(errors(slice(begin, begin + width)) ** 2, axis=1)
-            count += len(record)
+        steps = _Steps(records)
+        drives, count = steps.drives(grid), len(steps.u)
+        width = max(1, _BLOCK // len(cells[0]))
+        for begin in range(0, count, width):
+            total += np.sum(steps.errors(grid, drives, slice(begin, begin + width)) ** 2, axis=1)
         best = int(np.argmin(total))
         fitted = model.with_parameters({n: float(c[best, 0]) for n, c in zip(names, cells, strict=True)})
-        return self._estimate(fitted, names, axes, records, total[best] / count, count)
+        return self._estimate(fitted, names, axes, steps, total[best] / count)
 
     def _axis(self, name: str, bounds: tuple[float, float]) -> Array:
         if not math.isfinite(bounds[1] - bounds[0]):
@@ -75,21 +72,20 @@ class GridSearch:
         fitted: Model,
         names: tuple[str, ...],
         axes: list[Array],
-        records: Sequence[Record],
+        steps: _Steps,
         mean_square: float,
-        count: int,
     ) -> Estimate:
-        steps = np.array([a[1] - a[0] for a in axes])
+        spacing = np.array([a[1] - a[0] for a in axes])
         columns = []
-        for name, h in zip(names, 1e-4 * steps, strict=True):
+        for name, h in zip(names, 1e-4 * spacing, strict=True):
             value, ends = fitted.parameters[name].value, []
             sides = np.clip([value - h, value + h], *fitted.parameters[name].bounds).tolist()
             for side in sides:
                 moved = fitted.with_parameters({name: side})
-                ends.append(np.concatenate([_OneStep(moved, r)(slice(None)).ravel() for r in records]))
+                ends.append(steps.errors(moved, steps.drives(moved), slice(None)).ravel())
             columns.append((ends[1] - ends[0]) / (sides[1] - sides[0]))
         jacobian = np.stack(columns, axis=1)
-        covariance = mean_square * np.linalg.pinv(jacobian.T @ jacobian) + np.diag(steps**2 / 12.0)
+        covariance = mean_square * np.linalg.pinv(jacobian.T @ jacobian) + np.diag(spacing**2 / 12.0)
         # both readings of a step carry the noise, the earlier one through df/dtheta_dot, which is near 1
         noise = math.sqrt(mean_square / 2.0)
         edge = [n for n, a in zip(names, axes, strict=True) if fitted.parameters[n].value in (a[0], a[-1])]
@@ -110,38 +106,44 @@ class GridSearch:
             success=not edge,
             status=status,
             cost=math.nan,
-            n_readings=2 * count,
+            n_readings=2 * len(steps.u),
             method="grid search",
         )
 
 
-class _OneStep:
-    """One-step speed errors (cells, K) of a model on the samples of a record."""
+class _Steps:
+    """All steps of some records: t, theta, before and u (K,) when each begins, and the speed after it (K,)."""
 
-    def __init__(self, model: Model, record: Record) -> None:
-        if record.theta is None or record.theta_dot is None:
-            lacking = "theta" if record.theta is None else "theta_dot"
-            raise InvalidInput(f"{record.name} has no {lacking}: a grid search needs angles and speeds")
-        n = len(record)
-        if len(record.theta) < n:
-            raise InvalidInput(
-                f"{record.name} has the start angle alone: a grid search needs the angle of every instant"
-            )
-        self.model, self.t = model, record.time_since_start[:n]
-        self.theta, self.before = record.theta[:n], record.theta_dot[:n]
-        self.after = record.theta_dot[1:] if record.theta_dot_after is None else record.theta_dot_after
-        self.drives = _drives(model, record)
+    def __init__(self, records: Sequence[Record]) -> None:
+        self.records = records
+        columns = zip(*(_columns(record) for record in records), strict=True)
+        self.t, self.theta, self.before, self.after, self.u = (np.concatenate(c) for c in columns)
 
-    def __call__(self, k: slice) -> Array:
-        drives = tuple(d[..., k] for d in self.drives)
-        _, predicted = self.model.move(self.theta[k], self.before[k], drives, self.t[k])
+    def errors(self, model: Model, drives: Drives, k: slice) -> Array:
+        """One-step speed errors (cells, K) of a model under its drive torques."""
+        _, predicted = model.move(self.theta[k], self.before[k], tuple(d[..., k] for d in drives), self.t[k])
         return np.atleast_2d(predicted - self.after[k])
+
+    def drives(self, model: Model) -> Drives:
+        """Drive torques, one (..., K) array a substep."""
+        if not model.input_effects:
+            return (self.u,) * model.integrator.substeps
+        substeps = zip(*(_drives(model, record) for record in self.records), strict=True)
+        return tuple(np.concatenate(substep, axis=-1) for substep in substeps)
+
+
+def _columns(record: Record) -> tuple[Array, ...]:
+    if record.theta is None or record.theta_dot is None:
+        lacking = "theta" if record.theta is None else "theta_dot"
+        raise InvalidInput(f"{record.name} has no {lacking}: a grid search needs angles and speeds")
+    n = len(record)
+    if len(record.theta) < n:
+        raise InvalidInput(f"{record.name} has the start angle alone: a grid search needs the angle of every instant")
+    return record.time_since_start[:n], record.theta[:n], record.theta_dot[:n], record.theta_dot[1:], record.u
 
 
 def _drives(model: Model, record: Record) -> Drives:
     """Drive torques over a whole record, one (..., N) array a substep."""
-    if not model.input_effects:
-        return (record.u,) * model.integrator.substeps
     columns = list(model.drives(record.commands.tolist()))[len(record.previous_commands) :]
     return tuple(
         np.concatenate([np.reshape(drive[j], (-1, 1)) for drive in columns], axis=1)

@@ -86,7 +86,7 @@ class LeastSquares:
         if not known:
             status = f"{status}; yet the records do not determine {', '.join(names)}"
         free_states = len(segments.records) if best.success else segments.size
-        squares = blocks.squares + segments.scatter
+        squares = blocks.squares
         total = int(segments.n_readings.sum())
         sds = (("theta", self.sensor.theta), ("theta_dot", self.sensor.theta_dot))
         return Estimate(
@@ -136,12 +136,11 @@ class _Search:
     def misfit(self, solution: Solution, quantile: float = 3.7) -> float:
         """The sum of squares over its chi-square quantile (in sd above the mean); noise alone stays below 1."""
         degrees = self.degrees(len(self.records))
-        bound = degrees + quantile * math.sqrt(2.0 * degrees)
-        return (2.0 * solution.cost + float(np.sum(self.segments.scatter))) / bound
+        return 2.0 * solution.cost / (degrees + quantile * math.sqrt(2.0 * degrees))
 
     def run(self, p: Array, refine: bool) -> Solution:
         """From parameters p (P,) to whole rollouts; `refine` takes another, slower way there."""
-        if self.settings.sensor.theta is None:
+        if self.settings.sensor.theta is None or not all(r.has_angles for r in self.records):
             return self._grow(p, np.array([s[0] for s in self.states]), factor=1.25 if refine else 1.6)
         windows = self.windows(p)
         if refine:

@@ -49,8 +49,7 @@ class Blocks:
 class Segments:
     """Records cut into segments for a model whose parameters `names` are free; the others keep their numbers.
 
-    Several readings of one instant enter as their weighted mean, which loses nothing: their `scatter` (2,) about it
-    is the same for every model. Input effects run over the whole record, from rest, before it is cut.
+    Input effects run over the whole record, from rest, before it is cut.
     """
 
     def __init__(
@@ -72,7 +71,6 @@ class Segments:
         inputs = {n for e in model.input_effects for n in model.names_of(e.name)}
         self.shaping = tuple(i for i, n in enumerate(self.names) if n in inputs)
         self.n_readings = np.zeros(2, dtype=int)
-        self.scatter = np.zeros(2)
         self.value, self.weight = self._targets()
         begins = [float(r.time_since_start[0]) for r in self.records]
         since = [begin + self.length * model.dt * np.arange(c) for begin, c in zip(begins, self.counts, strict=True)]
@@ -94,25 +92,21 @@ class Segments:
         return inner
 
     def _targets(self) -> tuple[Array, Array]:
-        """Mean reading and weight 1/sd^2 of both channels, each (2 (L + 1), M), theta's rows first."""
+        """Reading and weight 1/sd^2 of both channels, each (2 (L + 1), M), theta's rows first."""
         L = self.length
         value, weight = np.zeros((2, L + 1, self.size)), np.zeros((2, L + 1, self.size))
         for record, begin, count in zip(self.records, self.first, self.counts, strict=True):
             n = len(record)
-            total, square, mass = np.zeros((2, n + 1)), np.zeros((2, n + 1)), np.zeros((2, n + 1))
+            read, precision = np.zeros((2, n + 1)), np.zeros((2, n + 1))
             for reading in self.sensor.readings(record):
                 row = 0 if reading.channel == "theta" else 1
-                w = reading.sd**-2
-                total[row, reading.index] += w * reading.value
-                square[row, reading.index] += w * reading.value**2
-                mass[row, reading.index] += w
+                read[row, reading.index] = reading.value
+                precision[row, reading.index] = reading.sd**-2
                 self.n_readings[row] += len(reading.index)
-            mean = np.divide(total, mass, out=np.zeros_like(total), where=mass > 0.0)
-            self.scatter += np.sum(square - mass * mean**2, axis=1)
             for i in range(count):
                 k = np.arange(i * L, min((i + 1) * L, n) + (i == count - 1))
-                value[:, : len(k), begin + i] = mean[:, k]
-                weight[:, : len(k), begin + i] = mass[:, k]
+                value[:, : len(k), begin + i] = read[:, k]
+                weight[:, : len(k), begin + i] = precision[:, k]
         return value.reshape(-1, self.size), weight.reshape(-1, self.size)
 
     def _input_path(self) -> casadi.Function:

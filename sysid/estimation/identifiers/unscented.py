@@ -140,7 +140,7 @@ class UnscentedKalman:
         }
         if not found.settled:
             status = f"did not settle in {found.sweeps} sweeps from any of {starts} starts: "
-            status += "try more gentle sweeps, theta_0 where the start angle is known, or LeastSquares"
+            status += "try more gentle sweeps, or LeastSquares"
         elif found.misfit < 1.0:
             status = f"settled in {found.sweeps} sweeps; the readings are explained to the sensor's noise"
         else:

@@ -1,4 +1,4 @@
-"""Pendulums: a uniform rod (Gymnasium's and the paper's) and a point mass on a massless rod."""
+"""Pendulums: a uniform rod (Gymnasium's) and a point mass on a massless rod."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ class RodPendulum(Plant):
         J = m l^2 / 3,   gravity_torque = m g (l / 2) sin(theta)
         theta_ddot = 3 g / (2 l) sin(theta) + 3 / (m l^2) tau
 
-    The bounds of m and l are the paper's; `bounds` sets others. Source: Gymnasium's Pendulum-v1; paper, Sec. II-A.
+    Source: Gymnasium's Pendulum-v1.
     """
 
-    m: Value = parameter(1.0, unit="kg", bounds=(0.3, 3.0))
-    l: Value = parameter(1.0, unit="m", bounds=(0.3, 3.0))  # noqa: E741 - the field's letter for length
+    m: Value = parameter(1.0, unit="kg", bounds=(1e-3, 1e3))
+    l: Value = parameter(1.0, unit="m", bounds=(1e-2, 1e2))  # noqa: E741 - the field's letter for length
     g: Value = parameter(10.0, unit="m/s^2", bounds=(0.0, 30.0), known=True)
 
     def inertia(self) -> Value:
@@ -40,8 +40,8 @@ class PointMassPendulum(Plant):
     J = m l^2,   gravity_torque = m g l sin(theta)
     """
 
-    m: Value = parameter(1.0, unit="kg", bounds=(0.01, 100.0))
-    l: Value = parameter(1.0, unit="m", bounds=(0.01, 10.0))  # noqa: E741
+    m: Value = parameter(1.0, unit="kg", bounds=(1e-3, 1e3))
+    l: Value = parameter(1.0, unit="m", bounds=(1e-2, 1e2))  # noqa: E741
     g: Value = parameter(9.81, unit="m/s^2", bounds=(0.0, 30.0), known=True)
 
     def inertia(self) -> Value:
