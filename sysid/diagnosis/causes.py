@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.diagnosis.findings import spaced_unit
 from sysid.diagnosis.residual_torque import followed
 from sysid.diagnosis.search_settings import DEFAULT
 from sysid.errors import InvalidInput
@@ -230,7 +231,7 @@ def _size(value: float, unit: str) -> str:
     """A number to two digits, short times in milliseconds."""
     if unit == "s" and abs(value) < 1.0:
         return f"{1e3 * value:.2g} ms"
-    return f"{value:.2g} {unit}".removesuffix(" 1")
+    return f"{value:.2g}{spaced_unit(unit)}"
 
 
 def _plant(numbers: Sequence[dict[str, Any]], plant: Plant) -> str:

@@ -13,6 +13,7 @@ from sysid.data.logs import notes_of
 from sysid.data.record import Record, check_records
 from sysid.data.sensor import Sensor
 from sysid.diagnosis.causes import Cause, causes
+from sysid.diagnosis.findings import chance
 from sysid.diagnosis.residual_torque import ResidualTorque, followed, torque_of
 from sysid.diagnosis.whiteness import Whiteness, whiteness
 from sysid.errors import InvalidInput
@@ -114,7 +115,7 @@ class Comparison:
     def surprises(self) -> tuple[str, ...]:
         """Innovations that are not white, as those of a right model are in 99 of 100 logs."""
         p = {c: w.p_value for c, w in self.whiteness.items()}
-        return tuple(f"The innovations of {c} are not white (p = {v:.2g})" for c, v in p.items() if v * len(p) < 0.01)
+        return tuple(f"The innovations of {c} are not white ({chance(v)})." for c, v in p.items() if v * len(p) < 0.01)
 
     @property
     def adequate(self) -> bool:
@@ -134,12 +135,11 @@ class Comparison:
         left = 1.0 - sum(c.share for c in self.causes)
         if found and self.off and left > 0.3:
             found.append(f"{left:.0%} of the squared error is something else")
+        torque = [str(self.torque)] if self.torque is not None and self.torque.present else []
         said = f"{size}: {'; '.join(found)}" if found else size
-        torque = self.torque is not None and self.torque.present
-        if not found and self.off and not torque:
+        if self.off and not found and not torque:
             said += f"; it is worst in {place(self.worst[0].error)}"
-        surprises = () if found or torque else self.surprises
-        return ". ".join([said, *([str(self.torque)] if torque else []), *surprises]) + "."
+        return " ".join([f"{said}.", *(torque or (() if found else self.surprises))])
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, ready for JSON."""
@@ -164,7 +164,7 @@ class Comparison:
         for name, error in self.errors.items():
             row = "".join(f"{getattr(error, c):>20.3g}{multiple(error.ratios[c]):>9}" for c in shown)
             lines.append(f"  {name:<14}{row}{multiple(error.ratio):>9}")
-        white = ", ".join(f"{c} {'yes' if w.white else 'no'} (p = {w.p_value:.2g})" for c, w in self.whiteness.items())
+        white = ", ".join(f"{c} {'yes' if w.white else 'no'} ({chance(w.p_value)})" for c, w in self.whiteness.items())
         if white:
             lines.append(f"  innovations white: {white}")
         lines.append(

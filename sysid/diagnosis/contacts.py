@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,6 +32,11 @@ class Contact:
 
     def __str__(self) -> str:
         return f"{self.name}, {self.t_begin:.1f}-{self.t_end:.1f} s ({self.peak:+.2g} {self.unit})"
+
+
+def unexplained(contacts: Sequence[Contact]) -> str:
+    """That something acted there which is not of the joint."""
+    return f"No state of the joint explains {'; '.join(map(str, contacts))}: a hand, perhaps."
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
-from sysid.diagnosis.contacts import Contact, find_contacts, slow
+from sysid.diagnosis.contacts import Contact, find_contacts, slow, unexplained
 from sysid.diagnosis.dependence import Dependence, coordinates, dependence
+from sysid.diagnosis.findings import dependence_on, quantity
 from sysid.errors import InvalidInput
 from sysid.estimation.disturbances import MEMORIES, Disturbances
 from sysid.estimation.held_out import finite
@@ -207,21 +208,19 @@ class ResidualTorque:
             ]
         return found
 
-    def __str__(self) -> str:
-        what = "torque" if self.units["theta"] == "rad" else "force"
+    @property
+    def sentence(self) -> str:
+        """How large it is and what it depends on."""
+        what, unit = quantity("torque", self.units), self.units["torque"]
         if not self.present:
-            return f"No {what} beyond the model is visible; one of {self.s:.2g} {self.units['torque']} rms would be"
+            return f"No {what} beyond the model is visible; one of {self.s:.2g} {unit} rms would be."
         share = f" ({self.share:.0%} of the drive's)" if math.isfinite(self.share) else ""
-        where = f", {self.dependence.where}" if self.dependence.where else ""
-        sentences = [
-            f"A {what} of {self.rms:.2g} {self.units['torque']} rms{share} acts beyond the model; "
-            f"it depends on {' and '.join(self.depends_on)}{where}"
-        ]
-        if self.restless:
-            sentences.append("It changes from sample to sample: a vibration, or readings that contradict each other")
-        if self.contacts:
-            sentences.append("No state of the joint explains " + "; ".join(map(str, self.contacts)))
-        return ". ".join(sentences)
+        on = dependence_on(self.depends_on, self.dependence.where)
+        vibration = " It changes from sample to sample: a vibration, or readings that contradict each other."
+        return f"A {what} of {self.rms:.2g} {unit} rms{share} acts beyond the model; {on}.{vibration * self.restless}"
+
+    def __str__(self) -> str:
+        return " ".join([self.sentence, *([unexplained(self.contacts)] if self.contacts else [])])
 
 
 def residual_torque(model: Model, records: Sequence[Record], sensor: Sensor) -> ResidualTorque:

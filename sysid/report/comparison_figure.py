@@ -19,7 +19,8 @@ from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure, FigureBase
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
-from sysid.report.formatting import chance, multiple, word
+from sysid.diagnosis.findings import chance, quantity
+from sysid.report.formatting import multiple
 
 if TYPE_CHECKING:
     from sysid.diagnosis.compare import Comparison, Trace
@@ -54,7 +55,7 @@ SIGMA_99 = 2.5758
 def label(name: str, units: Mapping[str, str]) -> str:
     """What an axis of "theta", "theta_dot", "torque" or "time" is called where these are the plant's units."""
     symbol = SYMBOL[units["theta"]].get(name, "")
-    return f"{word(name, units)} {symbol} [{units[name]}]".replace("  ", " ")
+    return f"{quantity(name, units)} {symbol} [{units[name]}]".replace("  ", " ")
 
 
 def plot_comparison(answer: Comparison) -> Figure:
@@ -119,7 +120,7 @@ def state_map(torque: ResidualTorque, axes: Axes) -> None:
     norm = scale(torque.map)
     image = cells(torque.map, axes, norm or TwoSlopeNorm(0.0, -1.0, 1.0), torque.units)
     axes.set_ylabel(label("theta_dot", torque.units))
-    axes.set_title(f"{word('torque', torque.units).capitalize()} beyond the model")
+    axes.set_title(f"{quantity('torque', torque.units).capitalize()} beyond the model")
     bar = axes.figure.colorbar(image, ax=axes, pad=0.02, aspect=25, extend="both")
     bar.set_label(f"[{torque.units['torque']}];  dot: beyond 99 %")
     bar.outline.set_visible(False)
@@ -153,9 +154,10 @@ def over(torque: ResidualTorque, name: str, axes: Axes) -> None:
         mean(axes, torque.over(name), BLUE, SIGMA_99)
         axes.set_xlabel(label(name, torque.units))
         axes.xaxis.set_major_locator(MaxNLocator(5))
-    axes.set_ylabel(f"{word('torque', torque.units)} beyond, 99 % [{torque.units['torque']}]")
+    axes.set_ylabel(f"{quantity('torque', torque.units)} beyond, 99 % [{torque.units['torque']}]")
     share = torque.dependence.shares.get(name, 0.0)
-    axes.set_title(f"over {word(name, torque.units)}" + (f": tells {share:.0%}" if torque.present and share else ""))
+    tells = f": tells {share:.0%}" if torque.present and share else ""
+    axes.set_title(f"over {quantity(name, torque.units)}{tells}")
 
 
 def mean(axes: Axes, found: Binned, colour: str, wide: float) -> None:

@@ -24,11 +24,12 @@ from sysid.data.sensor import Sensor
 from sysid.diagnosis.answer import Diagnosis, Step
 from sysid.diagnosis.compare import Trace
 from sysid.diagnosis.contacts import Contact
+from sysid.diagnosis.findings import chance, quantity
 from sysid.diagnosis.residual_torque import Followed, ResidualTorque
 from sysid.diagnosis.typical_prediction import SPAN, Prediction
 from sysid.report import comparison_figure
 from sysid.report.comparison_figure import BLUE, GREEN, GREY, ORANGE, STYLE, cells, label, mean, scale, short
-from sysid.report.formatting import chance, multiple, word
+from sysid.report.formatting import multiple
 
 WIDE, NARROW = 5.0, 4.2
 """Widths [in]: of a column, and of half of one."""
@@ -252,7 +253,7 @@ def course(
             if axes is not panels[-1] and len({s.first for s in rows}) == 1:
                 axes.set_xticklabels([])
         panels[-1].set_xlabel(label("time", found.units))
-        figure.supylabel(f"{word('torque', found.units)} beyond the model [{found.units['torque']}]", fontsize=9.0)
+        figure.supylabel(f"{quantity('torque', found.units)} beyond the model [{found.units['torque']}]", fontsize=9.0)
     return figure
 
 
@@ -297,7 +298,7 @@ def over_in(
         axes.axvspan(low, high, color=YELLOW, alpha=0.25, linewidth=0.0, zorder=0)
     turns = found.units["theta"] == "rad"
     axes.set_xlabel(label(name, found.units) + (", 0 upright" if name == "theta" and turns else ""))
-    axes.set_ylabel(f"mean {word('torque', found.units)} beyond\nthe model [{found.units['torque']}]")
+    axes.set_ylabel(f"mean {quantity('torque', found.units)} beyond\nthe model [{found.units['torque']}]")
     axes.yaxis.set_major_locator(MaxNLocator(5))
 
 
@@ -316,7 +317,7 @@ def maps(found: Sequence[ResidualTorque], titles: Sequence[str]) -> Figure:
             axes.set_title(title, fontweight="normal")
         panels[0].set_ylabel(label("theta_dot", units))
         bar = figure.colorbar(image, ax=list(panels), pad=0.02, aspect=25, extend="both")
-        bar.set_label(f"{word('torque', units)} beyond the model [{units['torque']}]")
+        bar.set_label(f"{quantity('torque', units)} beyond the model [{units['torque']}]")
         bar.outline.set_visible(False)
         bar.locator = MaxNLocator(5)
         bar.update_ticks()

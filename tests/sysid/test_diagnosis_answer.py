@@ -38,6 +38,7 @@ KEYS = {
     "negligible",
     "unconfirmed",
     "verdict",
+    "sentence",
     "steps",
     "conventions",
     "ranking",
@@ -61,6 +62,7 @@ def test_the_answer_is_data_of_the_documented_schema(name: str) -> None:
     assert data["schema"] == SCHEMA
     assert data["plant"] == "RodPendulum"
     assert data["verdict"] in VERDICTS
+    assert data["sentence"] == found.sentence
     assert data["noise"] == {"theta": SENSOR.theta, "theta_dot": SENSOR.theta_dot}
     assert data["held_out"] == [r.name for r in split(records_of(name))[1]]
     assert data["base_error"] == found.base_error.ratio
