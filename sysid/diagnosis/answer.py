@@ -13,8 +13,8 @@ from sysid.data.sensor import Sensor
 from sysid.diagnosis.compare import Comparison, compare
 from sysid.diagnosis.contacts import Contact
 from sysid.diagnosis.findings import chance, dependence_on, quantity, with_numbers
+from sysid.diagnosis.predictions import Prediction, typical
 from sysid.diagnosis.residual_torque import ResidualTorque, residual_torque
-from sysid.diagnosis.typical_prediction import Prediction, typical
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.held_out import HeldOutError, finite
 from sysid.physics.model import Model

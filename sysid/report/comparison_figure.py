@@ -23,7 +23,8 @@ from sysid.diagnosis.findings import chance, quantity
 from sysid.report.formatting import multiple
 
 if TYPE_CHECKING:
-    from sysid.diagnosis.compare import Comparison, Trace
+    from sysid.diagnosis.compare import Comparison
+    from sysid.diagnosis.predictions import Prediction
     from sysid.diagnosis.residual_torque import Binned, ResidualTorque, TorqueMap
 
 STYLE: Any = {
@@ -73,11 +74,11 @@ def plot_comparison(answer: Comparison) -> Figure:
     """
     channels, torque = list(answer.one_second.ratios), answer.torque
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(14.0, 6.6 + 2.1 * len(channels)), layout="constrained")
+        figure = Figure(figsize=(14.0, 8.1 + 2.1 * len(channels)), layout="constrained")
         figure.suptitle(
             "\n".join(textwrap.wrap(answer.sentence, 150)).replace("$", r"\$"), x=0.01, ha="left", fontsize=11.0
         )
-        parts: Any = figure.subfigures(3, 1, height_ratios=[3.1, 2.6, 2.1 * len(channels)])
+        parts: Any = figure.subfigures(3, 1, height_ratios=[3.1, 2.6, 1.5 + 2.1 * len(channels)])
         top, middle, bottom = parts
         first = top.subplots(1, 1 if torque is None else 3, squeeze=False)[0]
         errors(answer, first[0])
@@ -91,28 +92,15 @@ def plot_comparison(answer: Comparison) -> Figure:
 
 
 def errors(answer: Comparison, axes: Axes) -> None:
-    """The error over windows of every length, in units of the sensor noise, with its physical size."""
-    for row, channel in enumerate(answer.one_second.ratios):
+    """The error over windows of every length, in units of the sensor noise."""
+    for channel in answer.one_second.ratios:
         ratio = [e.ratios[channel] for e in answer.errors.values()]
-        axes.plot(ratio, marker=MARK[channel], color=COLOUR[channel], label=label(channel, answer.units))
-        for k, error in enumerate(answer.errors.values()):
-            if math.isfinite(ratio[k]):
-                axes.annotate(
-                    f"{getattr(error, channel):.2g} {answer.units[channel]}",
-                    (k, ratio[k]),
-                    (0, (7, -13)[row]),
-                    textcoords="offset points",
-                    ha=("left", "center", "center", "right")[k],
-                    fontsize=7.5,
-                    color=COLOUR[channel],
-                    bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.5},
-                )
+        axes.plot(ratio, marker=MARK[channel], color=COLOUR[channel], label=quantity(channel, answer.units))
     axes.set_xticks(range(len(answer.errors)), list(answer.errors))
-    axes.margins(y=0.18)
     _noise_scale(axes, [e.ratio for e in answer.errors.values()])
     axes.set_xlabel("predicted over (state refitted)")
-    axes.set_title("Error, in units of the sensor noise")
-    axes.legend(loc="upper left", fontsize=8.0)
+    axes.set_ylabel("error / sensor noise")
+    legend_above(axes)
 
 
 def state_map(torque: ResidualTorque, axes: Axes) -> None:
@@ -206,39 +194,47 @@ def whiteness(answer: Comparison, axes: Axes) -> None:
     _at_least(axes, 3.0 * max((float(np.max(found.band)) for found in answer.whiteness.values()), default=0.1))
     axes.set_xlabel("lag [samples]")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set_ylabel("autocorrelation")
-    axes.set_title("Are the innovations white?")
+    axes.set_ylabel("autocorrelation of the innovations")
     if answer.whiteness:
-        axes.legend(loc="upper right", fontsize=8.0)
+        legend_above(axes)
 
 
 def _windows(answer: Comparison, figure: FigureBase) -> None:
-    channels = list(answer.one_second.ratios)
-    panels = figure.subplots(len(channels), len(answer.worst), squeeze=False, sharex="col")
-    for i, trace in enumerate(answer.worst):
-        for row, channel in enumerate(channels):
-            axes = panels[row][i]
-            window(trace, axes, channel, answer.units)
-            if row + 1 < len(channels):
-                axes.set_xlabel("")
-            if row or i:
-                axes.get_legend().remove()
+    panels = figure.subplots(len(answer.one_second.ratios) + 1, len(answer.worst), squeeze=False, sharex="col")
+    for found, column in zip(answer.worst, panels.T, strict=True):
+        window(found, list(answer.one_second.ratios), list(column))
+    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
 
 
-def window(trace: Trace, axes: Axes, channel: str, units: Mapping[str, str]) -> None:
-    """One channel of one window: readings as dots, the model as a line."""
-    if channel not in trace.readings:
-        axes.set_axis_off()
-        return
-    axes.plot(trace.t, trace.readings[channel], ".", color="0.45", markersize=4.0, label="readings")
-    axes.plot(trace.t, trace.model[channel], color=COLOUR[channel], linewidth=1.6, label="model")
-    axes.set_xlabel(label("time", units))
-    axes.set_ylabel(label(channel, units))
-    axes.set_title(f"{short(trace.error.record)}: {multiple(trace.error.ratio)} x the noise", fontweight="normal")
-    axes.legend(fontsize=8.0)
+def window(found: Prediction, channels: Sequence[str], panels: Sequence[Axes]) -> None:
+    """One window: under each other the channels, readings as dots and the model as a line, and the command."""
+    for channel, axes in zip(channels, panels, strict=False):
+        if channel not in found.readings:
+            axes.set_axis_off()
+            continue
+        axes.plot(found.t, found.readings[channel], ".", color="0.45", markersize=4.0, label="readings")
+        axes.plot(found.t, found.model[channel], color=COLOUR[channel], linewidth=1.6, label="model")
+        axes.set_ylabel(label(channel, found.units))
+    command(found, panels[-1])
+    panels[0].set_title(f"{short(found.record)}: {multiple(found.ratio)} x the noise", fontweight="normal")
+    panels[-1].set_xlabel(label("time", found.units))
+
+
+def command(found: Prediction, axes: Axes) -> None:
+    """What the machine was told, held from sample to sample."""
+    axes.step(found.t, found.command, where="post", color="0.3", linewidth=1.0)
+    name = quantity("torque", found.units) if found.command_unit == found.units["torque"] else "command"
+    axes.set_ylabel(f"{name} [{found.command_unit}]")
 
 
 # parts -----------------------------------------------------------------------------------------------------------
+
+
+def legend_above(axes: Axes) -> None:
+    """What the lines are, where none of them runs."""
+    axes.legend(
+        ncols=3, loc="lower left", bbox_to_anchor=(-0.02, 1.0), fontsize=8.5, handlelength=1.4, columnspacing=1.2
+    )
 
 
 def _noise_scale(axes: Axes, values: Sequence[float]) -> None:

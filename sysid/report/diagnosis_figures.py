@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import matplotlib
@@ -22,13 +22,24 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 
 from sysid.data.sensor import Sensor
 from sysid.diagnosis.answer import Diagnosis, Step
-from sysid.diagnosis.compare import Trace
 from sysid.diagnosis.contacts import Contact
 from sysid.diagnosis.findings import chance, quantity
+from sysid.diagnosis.predictions import SPAN, Prediction
 from sysid.diagnosis.residual_torque import Followed, ResidualTorque
-from sysid.diagnosis.typical_prediction import SPAN, Prediction
 from sysid.report import comparison_figure
-from sysid.report.comparison_figure import BLUE, GREEN, GREY, ORANGE, STYLE, cells, label, mean, scale, short
+from sysid.report.comparison_figure import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    STYLE,
+    cells,
+    label,
+    legend_above,
+    mean,
+    scale,
+    short,
+)
 from sysid.report.formatting import multiple
 
 WIDE, NARROW = 5.0, 4.2
@@ -135,7 +146,7 @@ def _bars(axes: Axes, rows: Sequence[Any], labels: Sequence[str], added: set[str
     axes.set_xlim(0.0, 1.6 * reach)
     axes.xaxis.set_major_locator(MaxNLocator(4))
     axes.tick_params(axis="y", length=0)
-    axes.set_xlabel("squared error that it would explain, in units of the noise")
+    axes.figure.supxlabel("squared error that it would explain, in units of the noise", fontsize=9.0)
 
 
 # ---- a rollout -------------------------------------------------------------------------------------------------------
@@ -144,19 +155,19 @@ def _bars(axes: Axes, rows: Sequence[Any], labels: Sequence[str], added: set[str
 def rollout(
     paths: Sequence[Prediction], sensor: Sensor, names: Sequence[str], contacts: Sequence[Contact] = ()
 ) -> Figure:
-    """Readings against models, and under each channel what they leave, with the noise."""
+    """Readings against models, under each channel what they leave, with the noise, and below all the command."""
     channels = list(paths[0].readings)
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(WIDE, 0.6 + 2.75 * len(channels)), layout="constrained")
-        panels = figure.subplots(2 * len(channels), 1, sharex=True, height_ratios=[1.75, 1.0] * len(channels))
-        for channel, above, below in zip(channels, panels[::2], panels[1::2], strict=True):
+        figure = Figure(figsize=(WIDE, 1.6 + 2.75 * len(channels)), layout="constrained")
+        heights = [*([1.75, 1.0] * len(channels)), 1.0]
+        panels = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
+        for channel, above, below in zip(channels, panels[::2], panels[1::2], strict=False):
             course_in(above, paths, channel, names)
             residual_in(below, paths, channel, float(getattr(sensor, channel)))
+        comparison_figure.command(paths[0], panels[-1])
         for axes in panels:
             shade(axes, contacts, paths[0].record)
-        panels[0].legend(
-            ncols=3, loc="lower left", bbox_to_anchor=(-0.02, 1.0), fontsize=8.5, handlelength=1.4, columnspacing=1.2
-        )
+        legend_above(panels[0])
         panels[-1].set_xlabel(f"time [s] of {short(paths[0].record, 40)}")
         figure.align_ylabels(panels)
     return figure
@@ -201,17 +212,15 @@ def shade(axes: Axes, contacts: Sequence[Contact], record: str) -> None:
             axes.axvspan(t.t_begin, t.t_end, color=YELLOW, alpha=0.35, linewidth=0.0, zorder=0)
 
 
-def window(trace: Trace, units: Mapping[str, str]) -> Figure:
-    """One window of a comparison, by channel."""
-    channels = list(trace.readings)
+def window(found: Prediction) -> Figure:
+    """One window of a comparison."""
+    channels = list(found.readings)
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(3.2, 0.6 + 1.5 * len(channels)), layout="constrained")
-        panels = figure.subplots(len(channels), 1, sharex=True, squeeze=False)[:, 0]
-        for channel, axes in zip(channels, panels, strict=True):
-            comparison_figure.window(trace, axes, channel, units)
-            axes.set_title("")
-            axes.label_outer()
-        panels[0].set_title(f"{short(trace.error.record)}: {multiple(trace.error.ratio)} x noise", fontweight="normal")
+        figure = Figure(figsize=(3.2, 1.9 + 1.5 * len(channels)), layout="constrained")
+        panels = figure.subplots(len(channels) + 1, 1, sharex=True, squeeze=False)[:, 0]
+        comparison_figure.window(found, channels, list(panels))
+        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+        figure.align_ylabels(panels)
     return figure
 
 

@@ -51,7 +51,8 @@ class Table:
 
 @dataclass(frozen=True)
 class Page:
-    """All that the template is told: the verdict, its error before and after (or alone), pictures, then numbers."""
+    """All that the template is told: the verdict, its error before and after (or alone), pictures, then numbers;
+    `turns`: of a machine that turns rather than slides."""
 
     title: str
     badge: str
@@ -62,6 +63,7 @@ class Page:
     tables: Sequence[Table]
     lists: Mapping[str, Sequence[str]]
     settings: Mapping[str, str]
+    turns: bool
     warnings: tuple[str, ...] = ()
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sysid.diagnosis.answer import SHOWN, Diagnosis, Step
-from sysid.diagnosis.compare import Comparison
+from sysid.diagnosis.compare import Comparison, place
 from sysid.diagnosis.contacts import Contact, unexplained
 from sysid.diagnosis.findings import chance, quantity, spaced_unit
 from sysid.diagnosis.residual_torque import ResidualTorque
@@ -24,20 +24,29 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-def write_report(
-    answer: Diagnosis | Comparison,
-    path: str | PathLike[str],
-) -> None:
+def write_report(answer: Diagnosis | Comparison, path: str | PathLike[str], command: str = "") -> None:
     """Write an answer as one self-contained HTML page: no script, no network, figures inside, light and dark.
 
-    Raises InvalidInput for what has no page, and where the file cannot be written.
+    Parameters
+    ----------
+    answer : Diagnosis or Comparison
+        It holds all that the page shows.
+    path : path
+        The file to write.
+    command : str
+        The command line that asked, where one did: the page ends with it.
+
+    Raises
+    ------
+    InvalidInput
+        For what has no page, and where the file cannot be written.
     """
     import jinja2
 
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("sysid.report"), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
-    html = environment.get_template("report.html.j2").render(page=page_of(answer))
+    html = environment.get_template("report.html.j2").render(page=page_of(answer), command=command)
     try:
         Path(path).write_text(html, encoding="utf-8")
     except OSError as error:
@@ -91,6 +100,7 @@ def _(answer: Diagnosis) -> Page:
             "fitted": f"{answer.estimate.n_readings:,} readings",
             "diagnosed in": f"{answer.seconds:.1f} s",
         },
+        turns=answer.model.plant.turns,
         warnings=tuple(_hands(answer, contacts)),
     )
 
@@ -139,8 +149,9 @@ def _rollout(answer: Diagnosis, contacts: Sequence[Contact]) -> Section:
     far = "from its refitted first state alone" if math.isinf(ahead) else f"{ahead:g} s at a time"
     names = ("as it came", "mended") if answer.mended else ("model",)
     caption = (
-        f"A typical stretch of what was held out, predicted {far}. Numbers: error over this stretch in units of the "
-        "sensor noise; green band: 2 sd of that noise."
+        f"{answer.predictions[0].record}, predicted {far}: of the stretches of all {len(answer.unseen)} held-out "
+        "rollouts the one whose error is the median. Numbers: error over this stretch in units of the sensor noise; "
+        "green band: 2 sd of that noise."
     )
     drawn = figures.rollout(answer.predictions, answer.sensor, names, contacts)
     return Section("A rollout that no fit has seen", (), (picture(drawn, caption),))
@@ -275,6 +286,7 @@ def _(answer: Comparison) -> Page:
             "What a perfect model would not show": answer.surprises,
         },
         settings=settings(answer.sensor, answer.records, answer.units, answer.notes),
+        turns=answer.units["theta"] == "rad",
     )
 
 
@@ -288,11 +300,9 @@ def _compared(answer: Comparison) -> Iterator[Section]:
 
     words = "Error over windows of every length, the state refitted in each."
     yield Section("How far off", (), (panel(comparison_figure.errors, answer, words, wide=True),))
-    times = [f"{t.error.begin:.1f} to {t.error.end:.1f} s" for t in answer.worst]
-    worst = [
-        picture(figures.window(t, answer.units), time, wide=False) for t, time in zip(answer.worst, times, strict=True)
-    ]
-    yield Section("The worst windows", (), tuple(worst), small=True)
+    worst = zip(answer.worst, map(place, answer.one_second.worst), strict=True)
+    pictures = tuple(picture(figures.window(found), where, wide=False) for found, where in worst)
+    yield Section("The worst windows", (), pictures, small=True)
     if (torque := answer.torque) is None:
         return
     says = (

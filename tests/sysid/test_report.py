@@ -17,7 +17,7 @@ import pytest
 from sysid import Coulomb, InvalidInput, LinearAxis, Model, Record, RodPendulum, Sensor, compare, fit, simulate
 from sysid.data.splitting import split
 from sysid.diagnosis.answer import Diagnosis, Ranked, Remaining, Step
-from sysid.diagnosis.typical_prediction import typical
+from sysid.diagnosis.predictions import typical
 from sysid.estimation.held_out import held_out_error
 from sysid.planning.excitation import steps
 from sysid.planning.non_torque_experiments import no_experiment
@@ -173,7 +173,15 @@ def test_the_page_of_an_axis_is_in_metres_and_newtons(tmp_path):
     page = (tmp_path / "axis.html").read_text(encoding="utf-8")
     said = text(page) + " ".join(re.findall(r'alt="([^"]*)"', page))
     assert "dry friction of about 0.2 N" in said and "position 0.001 m, speed 0.01 m/s" in said
-    assert not re.search(r"\brad\b|N m\b", said)
+    assert not re.search(r"\brad\b|N m\b|upright", said) and "The position x grows the way" in said
+
+
+def test_it_says_what_asked_for_it_and_which_way_is_positive(records, pages, tmp_path):
+    write_report(compare(ROD, records[-1:], SENSOR), tmp_path / "page.html", "python -m sysid compare <log>.csv")
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "command python -m sysid compare <log>.csv" in text(page) and "<log>" not in page
+    assert "command" not in text(pages["comparison"]).split("How it was made")[1]
+    assert "θ grows this way" in text(page)
 
 
 def test_names_are_text_and_neither_markup_nor_formula(tmp_path):
@@ -279,6 +287,8 @@ def test_a_rollout_is_drawn_with_what_the_models_say(records):
     figure = figures.rollout(paths, SENSOR, ("as it came", "mended"))
     readings, before, after = (line.get_ydata() for line in figure.axes[0].lines[:3])
     assert np.nanstd(readings - after) < 1.3 * SENSOR.theta < 0.1 * np.nanstd(readings - before)
+    assert figure.axes[-1].get_ylabel() == "torque [N m]"
+    np.testing.assert_array_equal(figure.axes[-1].lines[0].get_ydata(), paths[0].command)
     left = [line.get_ydata() for line in figure.axes[1].lines]
     np.testing.assert_allclose(left, [readings - before, readings - after])
 
