@@ -18,12 +18,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+from matplotlib.ticker import MaxNLocator
 
 from sysid.data.sensor import Sensor
 from sysid.diagnosis.answer import Diagnosis, Step
 from sysid.diagnosis.contacts import Contact
-from sysid.diagnosis.findings import chance, quantity
+from sysid.diagnosis.findings import chance
 from sysid.diagnosis.predictions import SPAN, Prediction
 from sysid.diagnosis.residual_torque import Followed, ResidualTorque
 from sysid.report import comparison_figure
@@ -32,11 +32,14 @@ from sysid.report.comparison_figure import (
     GREEN,
     GREY,
     ORANGE,
+    SIGMA_99,
     STYLE,
+    YELLOW,
+    beyond,
     cells,
     label,
     legend_above,
-    mean,
+    noise_scale,
     scale,
     short,
 )
@@ -46,7 +49,6 @@ WIDE, NARROW = 5.0, 4.2
 """Widths [in]: of a column, and of half of one."""
 MANY = 1500
 """Points from which a picture in pixels is smaller than one of lines."""
-YELLOW = "#E69F00"
 BEHIND = {"facecolor": "white", "alpha": 0.6, "edgecolor": "none", "pad": 0.5}
 
 
@@ -96,22 +98,11 @@ def fall_in(axes: Axes, answer: Diagnosis) -> None:
     side, place = ("left", 0.01) if steps and min(clouds[0].ratio, 2.0) > 1.3 else ("right", 1.0)
     axes.annotate("sensor noise: a perfect model", (place, 1.0), (0, -4), xycoords=axes.get_yaxis_transform(),
                   textcoords="offset points", ha=side, va="top", color=GREEN, fontsize=8.5)  # fmt: skip
-    plain_log(axes)
+    noise_scale(axes)
     labels = ["model\nas it came", *("+ " + s.effect.replace("_", "\n") for s in steps)]
     axes.set_xticks(range(len(labels)), labels, fontsize=9.0 if len(labels) < 5 else 7.0)
     axes.tick_params(axis="x", length=0)
     axes.set_ylabel("held-out error / sensor noise")
-
-
-def plain_log(axes: Axes) -> None:
-    """A logarithmic axis from below 1, with numbers that read as numbers."""
-    axes.set_yscale("log")
-    low, high = axes.get_ylim()
-    axes.set_ylim(min(low, 0.65), max(1.15 * high, 2.2))
-    few = axes.get_ylim()[1] < 30.0
-    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
-    axes.yaxis.set_minor_formatter(NullFormatter())
 
 
 def ranking(answer: Diagnosis, most: int = 9) -> Figure:
@@ -262,7 +253,7 @@ def course(
             if axes is not panels[-1] and len({s.first for s in rows}) == 1:
                 axes.set_xticklabels([])
         panels[-1].set_xlabel(label("time", found.units))
-        figure.supylabel(f"{quantity('torque', found.units)} beyond the model [{found.units['torque']}]", fontsize=9.0)
+        figure.supylabel(beyond(found.units), fontsize=9.0)
     return figure
 
 
@@ -283,32 +274,15 @@ def _size(found: ResidualTorque, rows: Sequence[Stretch]) -> float:
 
 
 def _line(axes: Axes, own: Followed, first: int, last: int, colour: str) -> None:
-    t, d, sd = own.t[first:last], own.d[first:last], 1.96 * own.sd[first:last]
+    t, d, sd = own.t[first:last], own.d[first:last], SIGMA_99 * own.sd[first:last]
     many = len(t) > MANY
     axes.fill_between(t, d - sd, d + sd, color=colour, alpha=0.25, linewidth=0.0, rasterized=many)
     axes.plot(t, d, color=colour, linewidth=1.1, rasterized=many)
 
 
 def over(found: ResidualTorque, name: str, before: ResidualTorque | None = None, mark: bool = False) -> Figure:
-    """The mean of d over one quantity with its 95 % band; `mark`: where it peaks."""
-    return drawn(NARROW, 2.7, lambda axes: over_in(axes, found, name, before, mark))
-
-
-def over_in(
-    axes: Axes, found: ResidualTorque, name: str, before: ResidualTorque | None = None, mark: bool = False
-) -> None:
-    """The same on given axes."""
-    axes.axhline(0.0, color="0.3", linewidth=0.8)
-    for answer, colour in ((before, ORANGE), (found, BLUE)):
-        if answer is not None:
-            mean(axes, answer.over(name), colour, 1.96)
-    if mark and found.present:
-        low, high = found.over(name).peak
-        axes.axvspan(low, high, color=YELLOW, alpha=0.25, linewidth=0.0, zorder=0)
-    turns = found.units["theta"] == "rad"
-    axes.set_xlabel(label(name, found.units) + (", 0 upright" if name == "theta" and turns else ""))
-    axes.set_ylabel(f"mean {quantity('torque', found.units)} beyond\nthe model [{found.units['torque']}]")
-    axes.yaxis.set_major_locator(MaxNLocator(5))
+    """The mean of d over one quantity with its 99 % band; `mark`: where it peaks."""
+    return drawn(NARROW, 2.7, lambda axes: comparison_figure.over(found, name, axes, before, mark))
 
 
 # ---- the map of the states -------------------------------------------------------------------------------------------
@@ -326,7 +300,7 @@ def maps(found: Sequence[ResidualTorque], titles: Sequence[str]) -> Figure:
             axes.set_title(title, fontweight="normal")
         panels[0].set_ylabel(label("theta_dot", units))
         bar = figure.colorbar(image, ax=list(panels), pad=0.02, aspect=25, extend="both")
-        bar.set_label(f"{quantity('torque', units)} beyond the model [{units['torque']}]")
+        bar.set_label(beyond(units))
         bar.outline.set_visible(False)
         bar.locator = MaxNLocator(5)
         bar.update_ticks()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial, singledispatch
+from functools import singledispatch
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,11 +13,10 @@ from sysid.diagnosis.answer import SHOWN, Diagnosis, Step
 from sysid.diagnosis.compare import Comparison, place
 from sysid.diagnosis.contacts import Contact, unexplained
 from sysid.diagnosis.findings import chance, quantity, spaced_unit
-from sysid.diagnosis.residual_torque import ResidualTorque
 from sysid.errors import InvalidInput
 from sysid.physics.effects import CATALOGUE
 from sysid.physics.model import Model
-from sysid.report import formatting as set_as
+from sysid.report import formatting
 from sysid.report.page import Page, Picture, Section, Table, horizons, physical, picture, settings
 
 if TYPE_CHECKING:
@@ -79,7 +78,7 @@ def _(answer: Diagnosis) -> Page:
         title=f"sysid: {answer.verdict}",
         badge=answer.verdict,
         sentence=answer.finding,
-        numbers=tuple(set_as.multiple(e.ratio) for e in errors),
+        numbers=tuple(formatting.multiple(e.ratio) for e in errors),
         under="times the sensor noise, on data that no fit has seen; 1.0 is a perfect model: " + physical(errors),
         sections=[s for name in order if (s := sections[name]).pictures or s.sentences],
         tables=[
@@ -95,7 +94,7 @@ def _(answer: Diagnosis) -> Page:
         },
         settings=settings(answer.sensor, answer.records, answer.model.plant.quantities, answer.notes)
         | {
-            "held out": set_as.listed(answer.held_out),
+            "held out": formatting.listed(answer.held_out),
             "model": _described(answer.model),
             "fitted": f"{answer.estimate.n_readings:,} readings",
             "diagnosed in": f"{answer.seconds:.1f} s",
@@ -182,7 +181,7 @@ def _torque(answer: Diagnosis, contacts: Sequence[Contact]) -> Section:
     if left is not None:
         says.insert(0, f"{left.share:.0%} of the squared error is unexplained.")
     caption = (
-        f"{what.capitalize()} that must act beyond the model for the log to have come about, with its 95 % band; "
+        f"{what.capitalize()} that must act beyond the model for the log to have come about, with its 99 % band; "
         "of many stretches those where it is largest."
         + (" Blue: beyond the mended model; orange: beyond the model as it came." if before else "")
         + (" Yellow: what no state of the joint explains, a hand perhaps." if contacts else "")
@@ -219,20 +218,20 @@ def _parameters(answer: Diagnosis, mended: bool) -> Table:
     parameters, sd, interval = answer.model.parameters, answer.estimate.sd, answer.estimate.interval()
     rows = []
     for name, value in answer.estimate.values.items():
-        low, high = (set_as.rounded(end, sd[name]) for end in interval[name])
+        low, high = (formatting.rounded(end, sd[name]) for end in interval[name])
         came = f"{answer.base.values[name]:.4g}" if name in answer.base.values else ""
         rows.append(
             [
                 name,
-                set_as.measured(value, sd[name]),
+                formatting.measured(value, sd[name]),
                 f"{low} to {high}" if math.isfinite(sd[name]) else "",
                 spaced_unit(parameters[name].unit).strip(),
-                *([set_as.number(came)] if mended else []),
+                *([formatting.number(came)] if mended else []),
                 "at its bound" if name in answer.estimate.at_bound else "",
             ]
         )
     came_heads = ("as it came, refitted",) if mended else ()
-    heads = ("parameter", f"value {set_as.PLUS_MINUS} sd", "95 % interval", "unit", *came_heads, "")
+    heads = ("parameter", f"value {formatting.PLUS_MINUS} sd", "95 % interval", "unit", *came_heads, "")
     return Table("The mended model" if mended else "The model", heads, rows, words=(0, 3, len(heads) - 1))
 
 
@@ -249,17 +248,17 @@ def _step(step: Step, of_log: bool) -> list[str]:
     kind = CATALOGUE.get(step.effect)
     return [
         f"{step.effect} (how the log stamps torques)" if of_log else step.effect,
-        set_as.multiple(step.error_before),
-        set_as.multiple(step.error_after),
+        formatting.multiple(step.error_before),
+        formatting.multiple(step.error_after),
         chance(step.p_value),
         ", ".join(step.alike[1:]),
-        kind.formula.replace("-", set_as.MINUS) if kind is not None else "",
+        kind.formula.replace("-", formatting.MINUS) if kind is not None else "",
     ]
 
 
 def _ruled_out(answer: Diagnosis) -> Iterator[Table]:
     rows = [
-        [name, set_as.number(f"{size['size']:.2g}"), spaced_unit(size["unit"]).strip(), size["parameter"]]
+        [name, formatting.number(f"{size['size']:.2g}"), spaced_unit(size["unit"]).strip(), size["parameter"]]
         for name, size in sorted(answer.ruled_out.items())
         if math.isfinite(size["size"])
     ]
@@ -277,7 +276,7 @@ def _(answer: Comparison) -> Page:
         title="sysid: how far off, and where",
         badge="adequate" if answer.adequate else "off",
         sentence=answer.sentence,
-        numbers=(set_as.multiple(answer.ratio),),
+        numbers=(formatting.multiple(answer.ratio),),
         under="times the sensor noise over windows of 1 s; 1.0 is a perfect model: " + physical((answer.one_second,)),
         sections=tuple(_compared(answer)),
         tables=[horizons((answer.errors,))],
@@ -311,15 +310,11 @@ def _compared(answer: Comparison) -> Iterator[Section]:
     )
     states = picture(figures.maps([torque], [""]), "By state.", wide=False)
     curves = [
-        panel(partial(_over, name), torque, f"Over {quantity(name, torque.units)}.", name == "time")
+        picture(figures.over(torque, name), f"Over {quantity(name, torque.units)}.", wide=False)
         for name in torque.binned
+        if name != "time"
     ]
-    yield Section("Where it fails", says, (states, *curves))
+    in_time = panel(comparison_figure.over_time, torque, "Over time.", wide=True)
+    yield Section("Where it fails", says, (states, *curves, in_time))
     white = panel(comparison_figure.whiteness, answer, "Those of a right model, beside a random torque, are white.")
     yield Section("What the innovations know", (), (white,))
-
-
-def _over(name: str, torque: ResidualTorque, axes: Axes) -> None:
-    from sysid.report import comparison_figure
-
-    comparison_figure.over(torque, name, axes)
