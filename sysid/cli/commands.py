@@ -102,7 +102,7 @@ def _(command: Diagnose) -> None:
     print(diagnosis)
     task.doubt(diagnosis.error.theta)
     task.write_json(command.json, diagnosis.to_dict())
-    task.write_model(command.out, diagnosis.best.estimate)
+    task.write_model(command.out, diagnosis.estimate)
     task.write_report(command.html, diagnosis)
 
 

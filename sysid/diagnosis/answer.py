@@ -255,11 +255,6 @@ class Diagnosis:
         return math.inf if self.remaining is None else 2.0
 
     @property
-    def best(self) -> Diagnosis:
-        """The end of the loop: `diagnosis.best.estimate` is the mended model."""
-        return self
-
-    @property
     def model(self) -> Model:
         """The mended model."""
         return self.estimate.model

@@ -74,7 +74,7 @@ def diagnose(
         Names of the effects that may be missing; by default the whole catalogue.
     parameters : sequence of str, optional
         The free parameters; by default the estimate's, or all but gravity.
-    choosing : Choosing, optional
+    settings : SearchSettings, optional
         What counts as evidence, and what matters.
     tell : callable, optional
         Is told what is being tried.
