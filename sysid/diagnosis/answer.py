@@ -21,7 +21,7 @@ from sysid.physics.model import Model
 from sysid.planning.planned_experiment import Experiment
 
 SCHEMA = "gapfinder/diagnosis/1"
-SHOWN = 12_000
+MOST_SHOWN = 12_000
 """Samples of a log whose residual torque is looked at once more."""
 
 
@@ -220,7 +220,7 @@ class Diagnosis:
 
     @cached_property
     def residual_torques(self) -> tuple[ResidualTorque, ...]:
-        """The torque that must act beyond each of the models, over the first SHOWN samples of the log.
+        """The torque that must act beyond each of the models, over the first MOST_SHOWN samples of the log.
 
         Where the joint vibrates, the noise is taken as the scatter of the readings about the fit: it would drown all
         else.
@@ -241,7 +241,7 @@ class Diagnosis:
 
     @cached_property
     def _shown(self) -> tuple[Record, ...]:
-        return _head(self.records, SHOWN)
+        return _head(self.records, MOST_SHOWN)
 
     @cached_property
     def predictions(self) -> tuple[Prediction, ...]:

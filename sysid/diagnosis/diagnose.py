@@ -33,13 +33,13 @@ from sysid.physics.effects import CATALOGUE, effect
 from sysid.physics.model import Model
 from sysid.planning.planned_experiment import Experiment
 
-RESTARTS = 2
+MOST_RESTARTS = 2
 """What a hand touched is left out and the search begun anew, at most so often."""
 
-POWER = 3.9
+DETECTABLE = 3.9
 """Size, in its standard deviations, that is found in 80 % of logs at the price that an effect has to pay."""
 
-INVISIBLE = 1e-3
+NEGLIGIBLE_RISE = 1e-3
 """A rise of the held-out error by less than this share is not printed, and counts as none."""
 
 
@@ -123,7 +123,7 @@ def _searched(
     from sysid.data.splitting import leave_out
 
     contacts: tuple[Contact, ...] = ()
-    for restarts_left in reversed(range(RESTARTS + 1)):
+    for restarts_left in reversed(range(MOST_RESTARTS + 1)):
         search = search_in(records)
         base, end = search.run(model, names)
         perhaps = restarts_left and not end.undisturbed
@@ -189,14 +189,14 @@ class _Report:
         best = self.errors[()][1].ratio
         for additions, fit in self.search.stages:
             error = self._error(fit)
-            if error.ratio <= best * (1.0 + INVISIBLE) or not math.isfinite(best):
+            if error.ratio <= best * (1.0 + NEGLIGIBLE_RISE) or not math.isfinite(best):
                 best, self.additions = min(best, error.ratio), list(additions)
                 self.errors = {(): self.errors[()], self._names(additions): (fit, error)}
         while self.additions:
             error = self._with(self.additions)[1]
             fewer = [[a for a in self.additions if a is not left] for left in self.additions]
             own = min(fewer, key=lambda own: self._with(own)[1].ratio)
-            if self._with(own)[1].ratio > error.ratio * (1.0 - INVISIBLE) and math.isfinite(error.ratio):
+            if self._with(own)[1].ratio > error.ratio * (1.0 - NEGLIGIBLE_RISE) and math.isfinite(error.ratio):
                 break
             self.errors = {(): self.errors[()], self._names(own): self._with(own)}
             self.additions = own
@@ -373,5 +373,5 @@ class _Report:
                 continue
             p = s.best.neutral.parameters[s.best.magnitudes[0]]
             if not p.never:
-                found[name] = {"parameter": p.name, "size": POWER * s.sd[0], "unit": p.unit}
+                found[name] = {"parameter": p.name, "size": DETECTABLE * s.sd[0], "unit": p.unit}
         return found

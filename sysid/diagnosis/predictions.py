@@ -16,7 +16,7 @@ from sysid.estimation.windows import cut
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
-SPAN = 10.0
+LONGEST_STRETCH = 10.0
 """The longest stretch [s]."""
 
 
@@ -41,11 +41,11 @@ def typical(
 
     They predict it from its first state, or `ahead` [s] at a time.
     """
-    ahead = min(max(ahead, 1.0), SPAN)
+    ahead = min(max(ahead, 1.0), LONGEST_STRETCH)
     fits = [refit_windows(m, records, sensor, cut(records, ahead, lead_of(m))) for m in models]
     errors = [np.array([w.ratio for w in error_of(f, ahead).windows]) for f in fits]
     owner = np.array([w.record for w in fits[0].response.windows])
-    most = max(1, round(SPAN / ahead))
+    most = max(1, round(LONGEST_STRETCH / ahead))
     groups = [g[k : k + most] for g in (np.flatnonzero(owner == r) for r in set(owner)) for k in range(0, len(g), most)]
     mean = [[float(np.sqrt(np.mean(e[g] ** 2))) for g in groups] for e in errors]
     i = int(np.argsort(np.nan_to_num(mean[0], nan=np.inf))[len(groups) // 2])

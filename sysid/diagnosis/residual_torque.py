@@ -24,7 +24,7 @@ from sysid.estimation.prediction_error import QUICK, Fit, Settings, fit, likelih
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
-MEMORY = 0.1
+CORRELATION_TIME = 0.1
 """Correlation time [s] under which models are compared, and of a torque that nobody sees."""
 SETTINGS = Settings(angle_error=False)
 """Whatever the readings show is taken for a motion, none of it for an error that neighbouring readings share."""
@@ -260,7 +260,8 @@ def followed(samples: Samples, model: Model) -> Fit:
     Raises InvalidInput for a model that runs away within one sample.
     """
     with np.errstate(over="ignore", invalid="ignore"):
-        begun = fit(samples, model, (), disturbances=Disturbances(0.3 * level(samples), MEMORY), settings=SETTINGS)
+        prior = Disturbances(0.3 * level(samples), CORRELATION_TIME)
+        begun = fit(samples, model, (), disturbances=prior, settings=SETTINGS)
     if not math.isfinite(begun.deviance):
         raise InvalidInput("the model runs away from these records within a sample: no torque can be told beside it")
     trials = (begun.disturbances.with_memory(T) for T in MEMORIES)
@@ -299,7 +300,7 @@ def missing_torque(found: Fit, base: Fit) -> Array:
 
     The prior is what `base` needs, so that several models compare.
     """
-    prior = Disturbances(max(base.disturbances.s, 1e-3 * float(np.std(base.samples.smoothed[:, 1]))), MEMORY)
+    prior = Disturbances(max(base.disturbances.s, 1e-3 * float(np.std(base.samples.smoothed[:, 1]))), CORRELATION_TIME)
     for _ in range(6):
         prior = likelihood_ascent(base.linearised, prior, _FLOOR, angle_error=False)
     held = replace(QUICK, sizes=False)
@@ -316,14 +317,14 @@ def _largest(found: Fit) -> Disturbances:
     system = found.linearised.system
 
     def excess(log_s: float) -> float:
-        return system.filter(Disturbances(math.exp(log_s), MEMORY)).deviance - none - 1.645**2
+        return system.filter(Disturbances(math.exp(log_s), CORRELATION_TIME)).deviance - none - 1.645**2
 
     none = system.filter(Disturbances(0.0)).deviance
     low = high = math.log(1e-6 * level(found.samples))
     while excess(high) < 0.0 and high < low + 60.0:
         low, high = high, high + 1.0
     return Disturbances(
-        math.exp(brentq(excess, low, high, xtol=0.05) if excess(low) < 0.0 < excess(high) else high), MEMORY
+        math.exp(brentq(excess, low, high, xtol=0.05) if excess(low) < 0.0 < excess(high) else high), CORRELATION_TIME
     )
 
 

@@ -24,7 +24,7 @@ from sysid.data.sensor import Sensor
 from sysid.diagnosis.answer import Diagnosis, Step
 from sysid.diagnosis.contacts import Contact
 from sysid.diagnosis.findings import chance
-from sysid.diagnosis.predictions import SPAN, Prediction
+from sysid.diagnosis.predictions import LONGEST_STRETCH, Prediction
 from sysid.diagnosis.residual_torque import Followed, ResidualTorque
 from sysid.report import comparison_figure
 from sysid.report.comparison_figure import (
@@ -47,7 +47,7 @@ from sysid.report.formatting import multiple
 
 WIDE, NARROW = 5.0, 4.2
 """Widths [in]: of a column, and of half of one."""
-MANY = 1500
+RASTERIZED_FROM = 1500
 """Points from which a picture in pixels is smaller than one of lines."""
 BEHIND = {"facecolor": "white", "alpha": 0.6, "edgecolor": "none", "pad": 0.5}
 
@@ -167,7 +167,7 @@ def rollout(
 def course_in(axes: Axes, paths: Sequence[Prediction], channel: str, names: Sequence[str]) -> None:
     """One channel: readings as dots, models as lines; the frame follows the readings."""
     t, y = paths[0].t, paths[0].readings[channel]
-    axes.plot(t, y, ".", color="0.45", markersize=3.5, label="readings", rasterized=len(t) > MANY)
+    axes.plot(t, y, ".", color="0.45", markersize=3.5, label="readings", rasterized=len(t) > RASTERIZED_FROM)
     for path, name, (colour, line, width) in zip(paths, names, _lines(len(paths)), strict=True):
         said = f"{name}: {multiple(path.ratio)}"
         axes.plot(t, path.model[channel], line, color=colour, linewidth=width, label=said)
@@ -184,7 +184,7 @@ def residual_in(axes: Axes, paths: Sequence[Prediction], channel: str, sd: float
     size = 5.0 * sd
     for path, (colour, _, _) in zip(paths, _lines(len(paths)), strict=True):
         left = path.readings[channel] - path.model[channel]
-        axes.plot(path.t, left, color=colour, linewidth=1.0, rasterized=len(left) > MANY)
+        axes.plot(path.t, left, color=colour, linewidth=1.0, rasterized=len(left) > RASTERIZED_FROM)
         size = max(size, float(np.max(np.abs(left[np.isfinite(left)]), initial=0.0)))
     size = min(size, 3.0 * float(np.nanstd(paths[0].readings[channel])) + 5.0 * sd)
     axes.set_ylim(-1.1 * size, 1.1 * size)
@@ -261,7 +261,7 @@ def _stretches(found: ResidualTorque, most: int) -> list[Stretch]:
     pieces = []
     for k, record in enumerate(found.records):
         n, dt = len(record.d), float(record.t[1] - record.t[0])
-        edges = np.linspace(0, n, max(1, math.ceil(n * dt / (1.5 * SPAN))) + 1).astype(int)
+        edges = np.linspace(0, n, max(1, math.ceil(n * dt / (1.5 * LONGEST_STRETCH))) + 1).astype(int)
         pieces += [Stretch(k, int(a), int(b)) for a, b in itertools.pairwise(edges)]
     pieces.sort(key=lambda s: -float(np.mean(found.records[s.record].d[s.first : s.last] ** 2)))
     return sorted(pieces[:most])
@@ -275,7 +275,7 @@ def _size(found: ResidualTorque, rows: Sequence[Stretch]) -> float:
 
 def _line(axes: Axes, own: Followed, first: int, last: int, colour: str) -> None:
     t, d, sd = own.t[first:last], own.d[first:last], SIGMA_99 * own.sd[first:last]
-    many = len(t) > MANY
+    many = len(t) > RASTERIZED_FROM
     axes.fill_between(t, d - sd, d + sd, color=colour, alpha=0.25, linewidth=0.0, rasterized=many)
     axes.plot(t, d, color=colour, linewidth=1.1, rasterized=many)
 

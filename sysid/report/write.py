@@ -9,7 +9,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sysid.diagnosis.answer import SHOWN, Diagnosis, Step
+from sysid.diagnosis.answer import MOST_SHOWN, Diagnosis, Step
 from sysid.diagnosis.compare import Comparison, place
 from sysid.diagnosis.contacts import Contact, unexplained
 from sysid.diagnosis.findings import chance, quantity, spaced_unit
@@ -65,7 +65,7 @@ def page_of(answer: Any) -> Page:
 def _(answer: Diagnosis) -> Page:
     mended = answer.mended
     errors = (answer.base_error, answer.error) if mended else (answer.error,)
-    contacts = _touched(answer)
+    contacts = _contacts(answer)
     sections = {
         "fall": _fall(answer),
         "rollout": _rollout(answer, contacts),
@@ -111,7 +111,7 @@ def _hands(answer: Diagnosis, contacts: Sequence[Contact]) -> Iterator[str]:
         yield unexplained(more)
 
 
-def _touched(answer: Diagnosis) -> tuple[Contact, ...]:
+def _contacts(answer: Diagnosis) -> tuple[Contact, ...]:
     """What the diagnosis left out, and what else no state of the joint explains."""
     new = [
         t
@@ -172,7 +172,7 @@ def _torque(answer: Diagnosis, contacts: Sequence[Contact]) -> Section:
     from sysid.report import diagnosis_figures as figures
 
     found, before = answer.residual_torques[-1], answer.residual_torques[0] if answer.mended else None
-    whole = sum(map(len, answer.records)) <= SHOWN
+    whole = sum(map(len, answer.records)) <= MOST_SHOWN
     left, unknown = answer.remaining, answer.remaining is not None
     depends_on = left.depends_on if left else ()
     says, what = [found.sentence], quantity("torque", found.units)
@@ -185,7 +185,7 @@ def _torque(answer: Diagnosis, contacts: Sequence[Contact]) -> Section:
         "of many stretches those where it is largest."
         + (" Blue: beyond the mended model; orange: beyond the model as it came." if before else "")
         + (" Yellow: what no state of the joint explains, a hand perhaps." if contacts else "")
-        + ("" if whole else f" Of the first {SHOWN:,} samples.")
+        + ("" if whole else f" Of the first {MOST_SHOWN:,} samples.")
     )
     pictures = [picture(figures.course(found, before, contacts, 8 if unknown else 4), caption)]
     for name in sorted(found.binned, key=lambda n: n not in depends_on):
