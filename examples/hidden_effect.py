@@ -57,7 +57,7 @@ def walk(files: Sequence[Path]) -> tuple[Log, Diagnosis]:
     say("fit", estimate := sysid.fit(model, training, noise.sensor))
     say("compare", sysid.compare(estimate, held_out))
     say("diagnose", diagnosis := sysid.diagnose(estimate, log))
-    say("better", better := diagnosis.best.estimate)
+    say("better", better := diagnosis.estimate)
     for name, truth in HIDDEN.items():
         low, high = better.interval().get(name, (math.nan, math.nan))
         print(f"  hidden: {name} = {truth:g}, found: 95 % [{low:.4g}, {high:.4g}]")

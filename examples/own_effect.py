@@ -22,7 +22,7 @@ from sysid.planning.excitation import multisine
 @sysid.register
 @dataclass(frozen=True, eq=False)
 class Magnet(sysid.JointEffect):
-    """tau = -k d exp((1 - d^2) / 2), d = (theta - place) / 0.3 rad: a magnet pulls towards it with up to k [N m]."""
+    """A magnet beside the path, which pulls towards its place with up to k [N m]."""
 
     formula = "tau = -k d exp((1 - d^2) / 2), d = (theta - place) / 0.3 rad"
     k: float = sysid.parameter(0.0, unit="N m", bounds=(-10.0, 10.0), neutral=0.0)

@@ -21,7 +21,7 @@ from policies.environments.task import HORIZON
 
 ENV_ID = "gapfinder/Pendulum-v0"
 
-_HOME = {
+_MODULES = {
     "BatchedPendulums": "environments.batched_pendulums",
     "PendulumEnv": "environments.gymnasium_env",
     "TorchRLPendulums": "environments.torchrl_env",
@@ -55,15 +55,15 @@ _HOME = {
     "save_policy": "storage.policy_file",
 }
 
-__all__ = ["ENV_ID", "HORIZON", *_HOME]  # noqa: PLE0604
+__all__ = ["ENV_ID", "HORIZON", *_MODULES]  # noqa: PLE0604
 
 if ENV_ID not in gymnasium.registry:
     gymnasium.register(ENV_ID, entry_point="policies.environments.gymnasium_env:PendulumEnv", max_episode_steps=HORIZON)
 
 
 def __getattr__(name: str) -> Any:
-    if name in _HOME:
-        return getattr(import_module(f"policies.{_HOME[name]}"), name)
+    if name in _MODULES:
+        return getattr(import_module(f"policies.{_MODULES[name]}"), name)
     raise AttributeError(f"module 'policies' has no attribute {name!r}; it has {', '.join(__all__)}")
 
 

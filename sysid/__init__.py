@@ -5,7 +5,7 @@ Conventions: theta = 0 upright, theta = pi hanging, positive torque raises theta
     records = sysid.read("swing1.csv", "swing2.csv")
     estimate = sysid.fit(sysid.Model(sysid.PointMassPendulum(), dt=records.dt), records)
     diagnosis = sysid.diagnose(estimate, records)
-    better = diagnosis.best.estimate
+    better = diagnosis.estimate
 """
 
 import lazy_loader

@@ -1,11 +1,13 @@
 """The project's docstrings as reStructuredText.
 
 They are written to be read as they stand: an equation is an indented block, a table of fields is lines whose second
-column is aligned, |x| is a magnitude. What follows a heading such as Parameters is numpydoc's.
+column is aligned, |x| is a magnitude. What follows a heading such as Parameters is numpydoc's. An effect says
+what it is; its equation and its parameters are declared by its class, and are put in here.
 """
 
 from __future__ import annotations
 
+import math
 import re
 from typing import Any
 
@@ -75,8 +77,29 @@ def escaped(text: str) -> str:
     return "".join(a + b for a, b in zip(plain, [*parts[1::2], ""], strict=True))
 
 
+def declared(effect: Any) -> tuple[list[str], list[str]]:
+    """The equation of an effect's class, and numpydoc's section of its parameters."""
+    section = ["", "Parameters", "----------"]
+    for p in effect().parameters.values():
+        section += [f"{p.name} : float, default {p.value:g}", f"    {_about(p)}"]
+    return [".. code-block:: text", "", f"    {effect.formula}", ""], section
+
+
+def _about(p: Any) -> str:
+    """The unit of a parameter, its bounds and its neutral value."""
+    low, high = p.bounds
+    within = f"from {low:g} to {high:g}" if math.isfinite(high - low) else f"at least {low:g}" * math.isfinite(low)
+    unit = "" if p.unit == "1" else f"[{p.unit}]"
+    neutral = "" if p.neutral is None else f"at {p.neutral:g} the effect does nothing"
+    text = "; ".join(filter(None, (" ".join(filter(None, (unit, within))), neutral)))
+    return f"{text[:1].upper()}{text[1:]}."
+
+
 def _process(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
     lines[:] = restructured(lines)
+    if what == "class" and getattr(obj, "formula", ""):
+        equation, parameters = declared(obj)
+        lines[:] = [*lines[: lines.index("") + 1], *equation, *lines[lines.index("") + 1 :], *parameters]
 
 
 def setup(app: Any) -> dict[str, bool]:

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from study import formatting
 from study.formatting import number, signed
 from study.statistics import Contrast
 
@@ -45,7 +46,7 @@ def interval(contrast: Contrast | None) -> Markup:
 
     if contrast is None or not math.isfinite(contrast.low):
         return Markup("")
-    text = str(contrast).partition(" ")[2]
+    text = formatting.interval(contrast.low, contrast.high, write=signed)
     return Markup("<b>{}</b>").format(text) if contrast.significant else Markup(escape(text))
 
 

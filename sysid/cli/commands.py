@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import shlex
 import sys
 from dataclasses import dataclass
 from functools import singledispatch
@@ -101,7 +102,7 @@ def _(command: Diagnose) -> None:
     print(diagnosis)
     task.doubt(diagnosis.error.theta)
     task.write_json(command.json, diagnosis.to_dict())
-    task.write_model(command.out, diagnosis.best.estimate)
+    task.write_model(command.out, diagnosis.estimate)
     task.write_report(command.html, diagnosis)
 
 
@@ -231,7 +232,7 @@ class Task:
         if path is not None:
             from sysid.report.write import write_report
 
-            write_report(answer, path)
+            write_report(answer, path, shlex.join(["python", "-m", "sysid", *sys.argv[1:]]))
             print(f"wrote {path}")
 
 

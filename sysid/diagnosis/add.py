@@ -9,6 +9,7 @@ from typing import Any
 from sysid.data.record import Record, check_records
 from sysid.data.sensor import Sensor
 from sysid.diagnosis.channels import relied_on
+from sysid.diagnosis.findings import numbers_of, with_numbers
 from sysid.errors import InvalidInput
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.first_fit import first_fit
@@ -44,16 +45,9 @@ class Added:
     @property
     def sentence(self) -> str:
         """What it is worth."""
-        sd, parameters = self.estimate.sd, self.estimate.model.parameters
-        numbers = ", ".join(
-            f"{parameters[name].field} = {value:.4g} +- {sd[name]:.2g} {parameters[name].unit}"
-            for name, value in self.estimate.values.items()
-            if parameters[name].owner == self.effect
-        )
-        return (
-            f"{self.effect} ({numbers}): the error on held-out data goes from {self.before.ratio:.3g} "
-            f"to {self.after.ratio:.3g} times the sensor noise"
-        )
+        effect = with_numbers(self.effect, numbers_of(self.estimate, self.effect))
+        fell = f"goes from {self.before.ratio:.3g} to {self.after.ratio:.3g} times the sensor noise"
+        return f"{effect}: the error on held-out data {fell}"
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, ready for JSON."""

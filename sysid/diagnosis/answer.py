@@ -12,14 +12,16 @@ from sysid.data.record import Record
 from sysid.data.sensor import Sensor
 from sysid.diagnosis.compare import Comparison, compare
 from sysid.diagnosis.contacts import Contact
+from sysid.diagnosis.findings import chance, dependence_on, quantity, with_numbers
+from sysid.diagnosis.predictions import Prediction, typical
 from sysid.diagnosis.residual_torque import ResidualTorque, residual_torque
-from sysid.diagnosis.typical_prediction import Prediction, typical
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.held_out import HeldOutError, finite
 from sysid.physics.model import Model
+from sysid.planning.planned_experiment import Experiment
 
 SCHEMA = "gapfinder/diagnosis/1"
-SHOWN = 12_000
+MOST_SHOWN = 12_000
 """Samples of a log whose residual torque is looked at once more."""
 
 
@@ -156,7 +158,7 @@ class Diagnosis:
         The mended model's fit.
     contacts : tuple of Contact
         Stretches of the log that no state of the joint explains, such as a hand's push.
-    next_experiment : dict or None
+    next_experiment : Experiment or None
         What to play next, where effects do not separate.
     seconds : float
         How long it took.
@@ -188,7 +190,7 @@ class Diagnosis:
     unseen: tuple[Record, ...]
     estimate: Estimate
     contacts: tuple[Contact, ...]
-    next_experiment: dict[str, Any] | None
+    next_experiment: Experiment | None
     seconds: float
     torque: MissingTorque = MissingTorque(0.0, 0.0, 0.0)
     negligible: tuple[str, ...] = ()
@@ -218,7 +220,7 @@ class Diagnosis:
 
     @cached_property
     def residual_torques(self) -> tuple[ResidualTorque, ...]:
-        """The torque that must act beyond each of the models, over the first SHOWN samples of the log.
+        """The torque that must act beyond each of the models, over the first MOST_SHOWN samples of the log.
 
         Where the joint vibrates, the noise is taken as the scatter of the readings about the fit: it would drown all
         else.
@@ -239,7 +241,7 @@ class Diagnosis:
 
     @cached_property
     def _shown(self) -> tuple[Record, ...]:
-        return _head(self.records, SHOWN)
+        return _head(self.records, MOST_SHOWN)
 
     @cached_property
     def predictions(self) -> tuple[Prediction, ...]:
@@ -251,11 +253,6 @@ class Diagnosis:
     def ahead(self) -> float:
         """How far ahead [s] `predictions` look."""
         return math.inf if self.remaining is None else 2.0
-
-    @property
-    def best(self) -> Diagnosis:
-        """The end of the loop: `diagnosis.best.estimate` is the mended model."""
-        return self
 
     @property
     def model(self) -> Model:
@@ -286,6 +283,7 @@ class Diagnosis:
             "negligible": list(self.negligible),
             "unconfirmed": list(self.unconfirmed),
             "verdict": self.verdict,
+            "sentence": self.sentence,
             "steps": [s.to_dict() for s in self.steps],
             "conventions": [s.to_dict() for s in self.conventions],
             "ranking": [r.to_dict() for r in self.ranking],
@@ -293,32 +291,33 @@ class Diagnosis:
             "not_identifiable": [list(group) for group in self.not_identifiable],
             "ruled_out": self.ruled_out,
             "touched": [{"record": t.name, "begin": t.t_begin, "end": t.t_end, "peak": t.peak} for t in self.contacts],
-            "next_experiment": self.next_experiment,
+            "next_experiment": None if self.next_experiment is None else self.next_experiment.to_dict(),
             "seconds": self.seconds,
         }
 
     @property
     def sentence(self) -> str:
-        """The verdict in words."""
-        names = " and ".join(self._named(s) for s in self.steps)
-        if self.verdict == "adequate":
-            return f"adequate: the model lacks nothing that matters in this log; {self._predicted()}."
-        if self.verdict == "missing":
-            return f"missing: {names}{self._explained()}; {self._predicted()}, and nothing else that matters is left."
-        left = "" if self.remaining is None else self._left(self.remaining)
-        if self.verdict == "partly":
-            return f"partly: {names}{self._explained()}; {self._predicted()}; {left}."
-        if self.verdict == "unknown":
-            return f"unknown: no known effect pays; {self._predicted()}; {left}."
-        classes = "; ".join(" or ".join(s.alike) for s in self.steps if len(s.alike) > 1)
-        tail = f"; {left}" if left else ""
-        share = f", {self._share()}" if self._share() else ""
-        return f"cannot tell: {classes} explain this log equally well{share}; {self._predicted()}{tail}."
+        """The verdict and what it rests on."""
+        return f"{self.verdict}: {self.finding}"
 
-    def _explained(self) -> str:
-        """That the steps explain so much of the missing torque."""
+    @property
+    def finding(self) -> str:
+        """What was found, with its evidence."""
+        names = " and ".join(with_numbers(s.effect, s.parameters) for s in self.steps)
+        left = [] if self.remaining is None else [self._left(self.remaining)]
         share = self._share()
-        return f" explain{'s' if len(self.steps) == 1 else ''} {share}" if share else ""
+        if self.verdict == "adequate":
+            parts = ["the model lacks nothing that matters in this log", self._predicted()]
+        elif self.verdict == "unknown":
+            parts = ["no known effect pays", self._predicted(), *left]
+        elif self.verdict == "cannot tell":
+            classes = "; ".join(" or ".join(s.alike) for s in self.steps if len(s.alike) > 1)
+            parts = [f"{classes} explain this log equally well{share and f', {share}'}", self._predicted(), *left]
+        else:
+            explains = share and f" explain{'s' * (len(self.steps) == 1)} {share}"
+            none_left = "" if left else ", and nothing else that matters is left"
+            parts = [f"{names}{explains}", f"{self._predicted()}{none_left}", *left]
+        return f"{'; '.join(parts)}."
 
     def _share(self) -> str:
         """The share of the missing torque that the steps explain, with its size; empty where nothing was missing."""
@@ -331,39 +330,27 @@ class Diagnosis:
         """What predictions over a second are off by, on data that no fit has seen."""
         before, after = self.base_error, self.error
         channel = "theta" if after.theta is not None else "theta_dot"
-        unit = self.model.plant.unit("rad" if channel == "theta" else "rad/s")
         size, came = getattr(after, channel), getattr(before, channel)
-        what = "the angle" if channel == "theta" and self.model.plant.turns else channel
-        what = "the position" if channel == "theta" and not self.model.plant.turns else what
-        fell = f", before {came:.3g}" if self.steps or self.conventions else ""
+        fell = f", before {came:.3g}" if self.mended else ""
         return (
-            f"over {after.window:g} s of held-out data {what} is predicted to {size:.3g} {unit}{fell} "
-            f"({after.ratio:.3g} times the sensor noise{f', before {before.ratio:.3g}' if fell else ''})"
+            f"over {after.window:g} s of held-out data the {quantity(channel, after.units)} is predicted to {size:.3g} "
+            f"{after.units[channel]}{fell} ({after.ratio:.3g} times the sensor noise"
+            f"{f', before {before.ratio:.3g}' if fell else ''})"
         )
 
     def _left(self, remaining: Remaining) -> str:
-        on = " and ".join(remaining.depends_on) or "nothing that was tried"
-        unit = self.model.plant.unit("N m")
-        return (
-            f"a torque of rms {remaining.torque:.2g} {unit} remains that no known effect explains; "
-            f"it depends on {on}{', ' + remaining.where if remaining.where else ''}"
-        )
-
-    @staticmethod
-    def _named(step: Step) -> str:
-        parameters = step.estimate.model.parameters
-        numbers = ", ".join(
-            f"{parameters[name].field} = {v['value']:.4g} +- {v['sd']:.2g} {v['unit']}".removesuffix(" 1")
-            for name, v in step.parameters.items()
-        )
-        return f"{step.effect} ({numbers})"
+        what, unit = quantity("torque", self.error.units), self.error.units["torque"]
+        many = f"{len(self.contacts)} stretches that a hand may have touched"
+        touched = f"in {many if len(self.contacts) > 1 else self.contacts[0]}" if self.contacts else ""
+        on = dependence_on(remaining.depends_on, touched, remaining.where)
+        return f"a {what} of rms {remaining.torque:.2g} {unit} remains that no known effect explains; {on}"
 
     def __str__(self) -> str:
         lines = [self.sentence]
         for step in (*self.conventions, *self.steps):
             fell = f"error {step.error_before:.3g} -> {step.error_after:.3g}"
             lines.append(
-                f"  + {self._named(step)}: {fell}, p = {step.p_value:.1g}"
+                f"  + {with_numbers(step.effect, step.parameters)}: {fell}, {chance(step.p_value)}"
                 + (f"; this log cannot tell it from {', '.join(step.alike[1:])}" if len(step.alike) > 1 else "")
             )
         lines.extend(f"  cannot be told apart by this motion: {', '.join(group)}" for group in self.not_identifiable)
@@ -373,6 +360,8 @@ class Diagnosis:
             lines.append(
                 f"  left out, since the held-out data or what remains speak against it: {', '.join(self.unconfirmed)}"
             )
+        if self.contacts:
+            lines.append(f"  no fit has used what a hand may have touched: {'; '.join(map(str, self.contacts))}")
         lines.append(
             f"  what matters: an effect that lowers the error of 1 s predictions by {self.tolerance:.0%}; "
             "+- is one standard deviation"

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.diagnosis.findings import spaced_unit
 from sysid.diagnosis.residual_torque import followed
 from sysid.diagnosis.search_settings import DEFAULT
 from sysid.errors import InvalidInput
@@ -21,13 +22,13 @@ from sysid.physics.ops import Array, Value
 from sysid.physics.parameters import Parameter, parameter
 from sysid.physics.plants import Plant
 
-EACH = 9.0
+PRICE = 9.0
 """Decrease of the deviance that each number of a cause has to promise: noise does so in 3 of 1000 logs."""
-LEAST = 0.05
+LEAST_SHARE = 0.05
 """Share of the squared error beyond the noise that a second cause must explain."""
-MOST = 3
+MOST_CAUSES = 3
 """Causes at a time."""
-TRIED = 4
+SIZED_EACH_ROUND = 4
 """Effects of which the size is found, in each round."""
 
 
@@ -87,7 +88,7 @@ def causes(found: Fit, names: Sequence[str], error: HeldOutError) -> tuple[Cause
     error   of the model over 1 s on the same records
     """
     chosen, before, excess = list[_Chosen](), error, error.ratio**2 - 1.0
-    while len(chosen) < MOST:
+    while len(chosen) < MOST_CAUSES:
         free = (*names, *(n for own in chosen for n in own.names))
         trial = _best(found, free)
         if trial is None:
@@ -99,7 +100,7 @@ def causes(found: Fit, names: Sequence[str], error: HeldOutError) -> tuple[Cause
             break
         after = held_out_error(then.model, found.samples.records, found.samples.sensor, error.window)
         share = (before.ratio**2 - after.ratio**2) / max(excess, 1e-9)
-        if not share > (LEAST if chosen else 0.0):
+        if not share > (LEAST_SHARE if chosen else 0.0):
             break
         found, before = then, after
         chosen.append(_Chosen(effect, alike, min(share, 1.0)))
@@ -125,12 +126,12 @@ def _best(found: Fit, free: Sequence[str]) -> tuple[Effect, tuple[str, ...]] | N
     """The effect that pays most, and those that the log cannot tell from it."""
     found = replace(found, names=tuple(free), Z=found.filter.whiten(*found.linearised.changes(free)))
     tested = scores(found)
-    merits = {n: s.lm - price(n, EACH, s.shapes) for n, s in tested.items() if s.visible}
-    likely = sorted((n for n in merits if merits[n] > 0.0), key=lambda n: -merits[n])[:TRIED]
-    trials = {n: (tested[n].best.at(tested[n].sizes), price(n, EACH, tested[n].shapes)) for n in likely}
+    merits = {n: s.lm - price(n, PRICE, s.shapes) for n, s in tested.items() if s.visible}
+    likely = sorted((n for n in merits if merits[n] > 0.0), key=lambda n: -merits[n])[:SIZED_EACH_ROUND]
+    trials = {n: (tested[n].best.at(tested[n].sizes), price(n, PRICE, tested[n].shapes)) for n in likely}
     if "plant" not in {e.name for e in found.model.effects}:
         slightly = PlantNumbers(share_of_inertia=0.01, share_of_gravity=0.01, J=found.inertia)
-        trials["plant"] = slightly, 2.0 * EACH + 2.0 * slightly.rarity
+        trials["plant"] = slightly, 2.0 * PRICE + 2.0 * slightly.rarity
     settled = {n: _settled(found, effect) for n, (effect, _) in trials.items()}
     paid = {n: gain - trials[n][1] for n, (_, gain) in settled.items() if gain > trials[n][1]}
     if not paid:
@@ -231,7 +232,7 @@ def _size(value: float, unit: str) -> str:
     """A number to two digits, short times in milliseconds."""
     if unit == "s" and abs(value) < 1.0:
         return f"{1e3 * value:.2g} ms"
-    return f"{value:.2g} {unit}".removesuffix(" 1")
+    return f"{value:.2g}{spaced_unit(unit)}"
 
 
 def _plant(numbers: Sequence[dict[str, Any]], plant: Plant) -> str:

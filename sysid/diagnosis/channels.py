@@ -13,15 +13,15 @@ from sysid.data.sensor import Sensor
 from sysid.errors import InvalidInput
 from sysid.physics.model import Model
 
-SPAN = 0.1
+COMPARED_OVER = 0.1
 """Time [s] over which a speed is compared with what the angle's readings say of it."""
-LITTLE = 3.0
-"""A speed whose mean over SPAN errs this many times as much as the angle's slope tells a tenth of what that tells."""
-INCONSISTENT = 3.0
+LARGEST_ERROR = 3.0
+"""A speed whose mean over that time errs so many times as much as the angle's slope tells a tenth of that."""
+LARGEST_MISFIT = 3.0
 """Mean square of what a speed's integral misses of the angle's change, in units of what their noises explain."""
-CORRELATED = 1.15
+LARGEST_CORRELATION = 1.15
 """A speed whose errors are that much larger in all than from sample to sample was filtered with them."""
-FAR = 15.0
+LARGEST_OFFSET = 15.0
 """A filtered speed that is off by that many sd (RMS) leads a search astray that does not know of the filter yet."""
 
 
@@ -35,15 +35,15 @@ def relied_on(model: Model, records: Sequence[Record], sensor: Sensor) -> Sensor
     """
     if sensor.theta is None or sensor.theta_dot is None or model.output_effects:
         return sensor
-    count = max(SPAN / records[0].dt, 1.0)
-    slope = sensor.theta * math.sqrt(12.0 / count) / SPAN
+    count = max(COMPARED_OVER / records[0].dt, 1.0)
+    slope = sensor.theta * math.sqrt(12.0 / count) / COMPARED_OVER
     mean = sensor.theta_dot / math.sqrt(count)
-    if mean > LITTLE * slope:
+    if mean > LARGEST_ERROR * slope:
         return replace(sensor, theta_dot=None)
-    if _missed(records, sensor)[0] < INCONSISTENT:
+    if _missed(records, sensor)[0] < LARGEST_MISFIT:
         return sensor
     excess, off = _missed(records, sensor, filtered=True)
-    described = excess < INCONSISTENT and off < FAR and _white(records)
+    described = excess < LARGEST_MISFIT and off < LARGEST_OFFSET and _white(records)
     return sensor if described else replace(sensor, theta_dot=None)
 
 
@@ -57,7 +57,7 @@ def _missed(records: Sequence[Record], sensor: Sensor, filtered: bool = False) -
     """
     targets, regressors, expected = [], [], 0.0
     for r in records:
-        m = max(2, round(SPAN / r.dt))
+        m = max(2, round(COMPARED_OVER / r.dt))
         if r.theta is None or r.theta_dot is None or not r.has_angles or len(r) < 4 * m:
             continue
         v = r.theta_dot
@@ -72,7 +72,7 @@ def _missed(records: Sequence[Record], sensor: Sensor, filtered: bool = False) -
     A, b = np.concatenate(regressors), np.concatenate(targets)
     found = np.linalg.lstsq(A, b, rcond=None)[0]
     rest = b - A @ found
-    off = abs(found[2]) * float(np.sqrt(np.mean(A[:, 2] ** 2))) / SPAN / float(sensor.theta_dot or math.inf)
+    off = abs(found[2]) * float(np.sqrt(np.mean(A[:, 2] ** 2))) / COMPARED_OVER / float(sensor.theta_dot or math.inf)
     return float(rest @ rest) / max(len(b) - 2 - filtered, 1) / expected, off
 
 
@@ -85,4 +85,4 @@ def _white(records: Sequence[Record]) -> bool:
     except InvalidInput:  # too few readings
         return False
     sixth = np.concatenate([np.diff(r.theta_dot, 6) for r in records if r.theta_dot is not None])
-    return in_all < CORRELATED * float(np.median(np.abs(sixth))) / 0.6745 / math.sqrt(math.comb(12, 6))
+    return in_all < LARGEST_CORRELATION * float(np.median(np.abs(sixth))) / 0.6745 / math.sqrt(math.comb(12, 6))

@@ -7,19 +7,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from sysid.data.logs import notes_of
 from sysid.data.record import Record, check_records
 from sysid.data.sensor import Sensor
 from sysid.diagnosis.causes import Cause, causes
+from sysid.diagnosis.findings import chance
+from sysid.diagnosis.predictions import Prediction, predicted
 from sysid.diagnosis.residual_torque import ResidualTorque, followed, torque_of
 from sysid.diagnosis.whiteness import Whiteness, whiteness
 from sysid.errors import InvalidInput
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.held_out import (
     HeldOutError,
-    Refit,
     WindowError,
     error_of,
     held_out_error,
@@ -32,17 +31,6 @@ from sysid.estimation.output_error import CHANNELS
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.windows import cut
 from sysid.physics.model import Model
-from sysid.physics.ops import Array
-
-
-@dataclass(frozen=True, eq=False)
-class Trace:
-    """One window: its error, and by measured channel the readings and what the model says (n,) at t (n,) [s]."""
-
-    error: WindowError
-    t: Array
-    readings: dict[str, Array]
-    model: dict[str, Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +48,8 @@ class Comparison:
         The autocorrelation of the filter's innovations beside that torque, by channel.
     causes : tuple of Cause
         The known effects that promise to explain the error, the strongest first.
-    worst : tuple of Trace
-        The three worst windows of 1 s.
+    worst : tuple of Prediction
+        The three windows of 1 s with the largest errors, as the model predicts them.
     records : tuple of Record
         What the model was compared with.
     sensor : Sensor
@@ -79,7 +67,7 @@ class Comparison:
     torque: ResidualTorque | None
     whiteness: dict[str, Whiteness]
     causes: tuple[Cause, ...]
-    worst: tuple[Trace, ...]
+    worst: tuple[Prediction, ...]
     records: tuple[Record, ...]
     sensor: Sensor
     units: dict[str, str]
@@ -114,7 +102,7 @@ class Comparison:
     def surprises(self) -> tuple[str, ...]:
         """Innovations that are not white, as those of a right model are in 99 of 100 logs."""
         p = {c: w.p_value for c, w in self.whiteness.items()}
-        return tuple(f"The innovations of {c} are not white (p = {v:.2g})" for c, v in p.items() if v * len(p) < 0.01)
+        return tuple(f"The innovations of {c} are not white ({chance(v)})." for c, v in p.items() if v * len(p) < 0.01)
 
     @property
     def adequate(self) -> bool:
@@ -134,12 +122,11 @@ class Comparison:
         left = 1.0 - sum(c.share for c in self.causes)
         if found and self.off and left > 0.3:
             found.append(f"{left:.0%} of the squared error is something else")
+        torque = [str(self.torque)] if self.torque is not None and self.torque.present else []
         said = f"{size}: {'; '.join(found)}" if found else size
-        torque = self.torque is not None and self.torque.present
-        if not found and self.off and not torque:
-            said += f"; it is worst in {place(self.worst[0].error)}"
-        surprises = () if found or torque else self.surprises
-        return ". ".join([said, *([str(self.torque)] if torque else []), *surprises]) + "."
+        if self.off and not found and not torque:
+            said += f"; it is worst in {place(self.one_second.worst[0])}"
+        return " ".join([f"{said}.", *(torque or (() if found else self.surprises))])
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, ready for JSON."""
@@ -164,11 +151,11 @@ class Comparison:
         for name, error in self.errors.items():
             row = "".join(f"{getattr(error, c):>20.3g}{multiple(error.ratios[c]):>9}" for c in shown)
             lines.append(f"  {name:<14}{row}{multiple(error.ratio):>9}")
-        white = ", ".join(f"{c} {'yes' if w.white else 'no'} (p = {w.p_value:.2g})" for c, w in self.whiteness.items())
+        white = ", ".join(f"{c} {'yes' if w.white else 'no'} ({chance(w.p_value)})" for c, w in self.whiteness.items())
         if white:
             lines.append(f"  innovations white: {white}")
         lines.append(
-            "  worst windows: " + "; ".join(f"{place(w.error)} ({multiple(w.error.ratio)})" for w in self.worst)
+            "  worst windows: " + "; ".join(f"{place(w)} ({multiple(w.ratio)})" for w in self.one_second.worst)
         )
         return "\n".join([*lines, self.sentence])
 
@@ -235,7 +222,7 @@ def _compared(
         torque=torque,
         whiteness={} if found is None else whiteness(found),
         causes=_causes(found, torque, names, one_second),
-        worst=_worst(fit, one_second),
+        worst=tuple(predicted(fit, [one_second.windows.index(w)], w.ratio) for w in one_second.worst),
         records=tuple(records),
         notes=notes,
         sensor=sensor,
@@ -282,21 +269,3 @@ def shortest(sensor: Sensor) -> int:
 def place(window: WindowError) -> str:
     """Where a window is."""
     return f"{window.record} at {window.begin:.1f}-{window.end:.1f} s"
-
-
-def _worst(fit: Refit, error: HeldOutError) -> tuple[Trace, ...]:
-    response = fit.response
-    e = fit.lin.e.reshape(response.y.shape)
-    traces = []
-    for window in error.worst:
-        i = error.windows.index(window)
-        read = response.weight[i] > 0.0
-        at = np.flatnonzero(read.any(axis=0))
-        readings, model = {}, {}
-        for row, channel in enumerate(CHANNELS):
-            if read[row].any():
-                y = np.where(read[row], response.y[i, row], np.nan)
-                left = np.divide(e[i, row], response.weight[i, row], out=np.zeros(len(y)), where=read[row])
-                readings[channel], model[channel] = y[at], (y - left)[at]
-        traces.append(Trace(window, response.time[i, at], readings, model))
-    return tuple(traces)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,8 +13,12 @@ from sysid.physics.ops import Array
 
 EXTREME = 6.0
 """Multiples of the median of what is not expected beyond which it is extreme: four sd of a Gaussian."""
-HAND = 0.2
+SHORTEST_CONTACT = 0.2
 """What acts for a shorter time [s] is vibration, no hand."""
+LEAST_ENERGY, MOST_TIME = 0.6, 0.15
+"""A rare torque is a push where it holds that share of the missing torque's energy in no more than that of the time."""
+SHORTEST_LOG = 8.0
+"""Seconds of log from which it can be told what is rare."""
 _NEIGHBOURS = 25
 _APART = 0.5
 """Samples within this time [s] belong to one motion; a state has come back when it is met later or earlier."""
@@ -33,21 +38,12 @@ class Contact:
         return f"{self.name}, {self.t_begin:.1f}-{self.t_end:.1f} s ({self.peak:+.2g} {self.unit})"
 
 
-@dataclass(frozen=True)
-class Push:
-    """What makes a rare torque a push: it is most of what the model misses, in little of the time.
-
-    most    share of the missing torque's energy that all stretches hold together, at least
-    little  share of the time that they take, at most
-    enough  seconds of log from which it can be told what is rare
-    """
-
-    most: float = 0.6
-    little: float = 0.15
-    enough: float = 8.0
+def unexplained(contacts: Sequence[Contact]) -> str:
+    """That something acted there which is not of the joint."""
+    return f"No state of the joint explains {'; '.join(map(str, contacts))}: a hand, perhaps."
 
 
-def find_contacts(fit: Fit, torque: Array, least: float = 0.0, push: Push = Push()) -> tuple[Contact, ...]:
+def find_contacts(fit: Fit, torque: Array, least: float = 0.0) -> tuple[Contact, ...]:
     """Where a missing torque (M,) [N m] is extreme against what acts in the same state at other times.
 
     The torque is one without what is faster than a hand (`slow`). A machine that misses something everywhere has
@@ -55,7 +51,7 @@ def find_contacts(fit: Fit, torque: Array, least: float = 0.0, push: Push = Push
     none. What is below `least` [N m] is none either.
     """
     samples = fit.samples
-    if len(samples) * samples.dt < push.enough:
+    if len(samples) * samples.dt < SHORTEST_LOG:
         return ()
     known = np.where(samples.follows, torque, np.nan)
     found = _extremes(fit, known, least)
@@ -69,7 +65,7 @@ def find_contacts(fit: Fit, torque: Array, least: float = 0.0, push: Push = Push
         )
     energy = float(np.nansum(known**2))
     held = float(np.nansum(known[inside] ** 2))
-    return found if held > push.most * energy > 0.0 and np.mean(inside) < push.little else ()
+    return found if held > LEAST_ENERGY * energy > 0.0 and np.mean(inside) < MOST_TIME else ()
 
 
 def _extremes(fit: Fit, torque: Array, least: float) -> tuple[Contact, ...]:
@@ -81,7 +77,7 @@ def _extremes(fit: Fit, torque: Array, least: float) -> tuple[Contact, ...]:
     it is rare too: beyond twice the 90 % quantile.
     """
     samples = fit.samples
-    at = np.flatnonzero(np.isfinite(torque))[:: max(1, round(0.25 * HAND / samples.dt))]
+    at = np.flatnonzero(np.isfinite(torque))[:: max(1, round(0.25 * SHORTEST_CONTACT / samples.dt))]
     if len(at) < _NEIGHBOURS:
         return ()
     record, t, states, d = samples.number[at], samples.t[at], fit.motion.x[at], torque[at]
@@ -98,7 +94,7 @@ def _extremes(fit: Fit, torque: Array, least: float) -> tuple[Contact, ...]:
         own = d[low : high + 1]
         peak = float(own[np.argmax(np.abs(own))])
         name = samples.records[record[low]].name
-        found.append(Contact(name, float(t[low]), float(t[high]) + 0.25 * HAND, peak, unit))
+        found.append(Contact(name, float(t[low]), float(t[high]) + 0.25 * SHORTEST_CONTACT, peak, unit))
     return tuple(found)
 
 
@@ -107,7 +103,7 @@ def slow(d: Array, record: NDArray[np.intp], dt: float) -> Array:
 
     nan where the window would reach beyond the record.
     """
-    half = max(1, round(HAND / dt))
+    half = max(1, round(SHORTEST_CONTACT / dt))
     window = np.hanning(2 * half + 1)
     smooth = np.full_like(d, np.nan)
     for i in range(int(record[-1]) + 1):
@@ -121,7 +117,7 @@ def _elsewhere(points: Array, clock: Array, d: Array) -> Array:
     """Median d of the nearest points (M, n) of other times, for each one; 0 where there is none."""
     from scipy.spatial import cKDTree
 
-    own = int(2.0 * _APART / (0.25 * HAND)) + 2
+    own = int(2.0 * _APART / (0.25 * SHORTEST_CONTACT)) + 2
     reach = min(len(d), _NEIGHBOURS + own)
     _, near = cKDTree(points).query(points, k=reach)
     other = np.abs(clock[near] - clock[:, None]) > _APART

@@ -14,11 +14,11 @@ from sysid.physics.ops import Array
 
 QUANTITIES = ("theta", "theta_dot", "torque", "history", "theta+theta_dot")
 """What a torque may depend on, the simpler first."""
-ENOUGH = 0.2
+LEAST_SHARE = 0.2
 """Share of the torque's mean square that a quantity has to predict on other stretches."""
-BETTER = 0.1
+LEAST_ADVANTAGE = 0.1
 """By how much a later quantity has to predict a larger share than a simpler one."""
-STRETCH = 1.0
+SHORTEST_STRETCH = 1.0
 """Length [s] of the stretches that predict each other, at least; a log is cut into 12 at most."""
 
 
@@ -50,7 +50,7 @@ def dependence(fit: Fit, torque: Array) -> Dependence:
         return Dependence(("time",), 0.0, "")
     shares = {name: max(0.0, _predicted(fit, torque, known, _torques(fit, name))) for name in QUANTITIES}
     for name, share in shares.items():
-        if share > max(ENOUGH, best + BETTER):
+        if share > max(LEAST_SHARE, best + LEAST_ADVANTAGE):
             chosen, best = name, share
     on = tuple(chosen.split("+"))
     return Dependence(on, best, _where(fit, on[0], np.where(known, torque, 0.0)), shares)
@@ -61,7 +61,7 @@ def _predicted(fit: Fit, torque: Array, known: Array, basis: Array) -> float:
     if basis.shape[1] == 0:
         return 0.0
     samples, at = fit.samples, np.flatnonzero(known)
-    count = int(np.clip(len(at) * samples.dt / STRETCH, 2, 12))
+    count = int(np.clip(len(at) * samples.dt / SHORTEST_STRETCH, 2, 12))
     stretch = np.minimum(np.arange(len(at)) * count // len(at), count - 1)
     d, columns = torque[at], basis[at] - np.mean(basis[at], axis=0)
     columns = np.column_stack([columns, np.ones(len(at))])

@@ -17,6 +17,7 @@ from sysid.diagnosis.answer import Diagnosis, MissingTorque, Ranked, Remaining, 
 from sysid.diagnosis.channels import relied_on
 from sysid.diagnosis.contacts import Contact, find_contacts
 from sysid.diagnosis.dependence import dependence
+from sysid.diagnosis.findings import numbers_of
 from sysid.diagnosis.residual_torque import missing_torque
 from sysid.diagnosis.search import Addition, Search
 from sysid.diagnosis.search_settings import DEFAULT, SearchSettings
@@ -30,14 +31,15 @@ from sysid.estimation.refits import reduced
 from sysid.estimation.scores import alikeness, price
 from sysid.physics.effects import CATALOGUE, effect
 from sysid.physics.model import Model
+from sysid.planning.planned_experiment import Experiment
 
-RESTARTS = 2
+MOST_RESTARTS = 2
 """What a hand touched is left out and the search begun anew, at most so often."""
 
-POWER = 3.9
+DETECTABLE = 3.9
 """Size, in its standard deviations, that is found in 80 % of logs at the price that an effect has to pay."""
 
-INVISIBLE = 1e-3
+NEGLIGIBLE_RISE = 1e-3
 """A rise of the held-out error by less than this share is not printed, and counts as none."""
 
 
@@ -72,7 +74,7 @@ def diagnose(
         Names of the effects that may be missing; by default the whole catalogue.
     parameters : sequence of str, optional
         The free parameters; by default the estimate's, or all but gravity.
-    choosing : Choosing, optional
+    settings : SearchSettings, optional
         What counts as evidence, and what matters.
     tell : callable, optional
         Is told what is being tried.
@@ -121,7 +123,7 @@ def _searched(
     from sysid.data.splitting import leave_out
 
     contacts: tuple[Contact, ...] = ()
-    for restarts_left in reversed(range(RESTARTS + 1)):
+    for restarts_left in reversed(range(MOST_RESTARTS + 1)):
         search = search_in(records)
         base, end = search.run(model, names)
         perhaps = restarts_left and not end.undisturbed
@@ -187,14 +189,14 @@ class _Report:
         best = self.errors[()][1].ratio
         for additions, fit in self.search.stages:
             error = self._error(fit)
-            if error.ratio <= best * (1.0 + INVISIBLE) or not math.isfinite(best):
+            if error.ratio <= best * (1.0 + NEGLIGIBLE_RISE) or not math.isfinite(best):
                 best, self.additions = min(best, error.ratio), list(additions)
                 self.errors = {(): self.errors[()], self._names(additions): (fit, error)}
         while self.additions:
             error = self._with(self.additions)[1]
             fewer = [[a for a in self.additions if a is not left] for left in self.additions]
             own = min(fewer, key=lambda own: self._with(own)[1].ratio)
-            if self._with(own)[1].ratio > error.ratio * (1.0 - INVISIBLE) and math.isfinite(error.ratio):
+            if self._with(own)[1].ratio > error.ratio * (1.0 - NEGLIGIBLE_RISE) and math.isfinite(error.ratio):
                 break
             self.errors = {(): self.errors[()], self._names(own): self._with(own)}
             self.additions = own
@@ -264,7 +266,7 @@ class _Report:
         self.torques = [missing_torque(f, self.base) for f in (self.base, end)]
         return MissingTorque(drive, *(float(np.sqrt(np.nanmean(d**2))) for d in self.torques))
 
-    def _experiment(self, verdict: str, machine: tuple[Step, ...], end: Fit) -> dict[str, Any] | None:
+    def _experiment(self, verdict: str, machine: tuple[Step, ...], end: Fit) -> Experiment | None:
         """What to play next where a class does not separate."""
         if verdict != "cannot tell":
             return None
@@ -272,34 +274,27 @@ class _Report:
 
         alike = next(s.alike for s in machine if s.rivals)
         try:
-            return next_experiment(end.estimate(), alike, sensor=self.sensor, records=self.search.records).to_dict()
+            return next_experiment(end.estimate(), alike, sensor=self.sensor, records=self.search.records)
         except InvalidInput:  # no torque in the log, or rivals that exclude each other
             return None
 
     def _steps(self, end: Fit) -> tuple[Step, ...]:
         """In the order of the search; a step of the error is that of all effects that pay together."""
         estimate, additions = end.estimate(), self.additions
-        sd, errors = estimate.sd, [self._with(additions[:k])[1].ratio for k in range(len(additions) + 1)]
+        errors = [self._with(additions[:k])[1].ratio for k in range(len(additions) + 1)]
         steps, first = list[Step](), 0
         for k, addition in enumerate(additions):
             last = next((j for j in range(k + 1, len(errors)) if errors[j] <= errors[first]), len(errors) - 1)
-            numbers = {
-                name: {"value": float(p.value), "sd": sd[name], "unit": p.unit}
-                for name, p in estimate.model.parameters.items()
-                if p.owner == addition.name
-            }
-            alike = (addition.name, *addition.same, *addition.close)
-            fit = self._with(additions[: k + 1])[0]
             steps.append(
                 Step(
-                    addition.name,
-                    alike,
-                    addition.close,
-                    numbers,
-                    errors[first],
-                    errors[last],
-                    addition.p_value,
-                    fit.estimate(),
+                    effect=addition.name,
+                    alike=(addition.name, *addition.same, *addition.close),
+                    rivals=addition.close,
+                    parameters=numbers_of(estimate, addition.name),
+                    error_before=errors[first],
+                    error_after=errors[last],
+                    p_value=addition.p_value,
+                    estimate=self._with(additions[: k + 1])[0].estimate(),
                 )
             )
             first = last if last == k + 1 else first
@@ -349,18 +344,10 @@ class _Report:
         excess = math.sqrt(max(ratio**2 - 1.0, 0.0)) if math.isfinite(ratio) else math.inf
         if not self.contacts and (end.undisturbed or excess < settings.enough):
             return None
-        depends_on, where = self._depends_on(end)
-        share = max(0.0, 1.0 - 1.0 / max(error.ratio, 1e-9) ** 2)
-        return Remaining(share, depends_on, where, torque.after)
-
-    def _depends_on(self, end: Fit) -> tuple[tuple[str, ...], str]:
         found = dependence(end, self.torques[-1])
-        if not self.contacts:
-            return found.depends_on, found.where
-        depends_on = (*(q for q in found.depends_on if q != "time"), "time")
-        return depends_on, "; ".join(
-            [f"in {'; '.join(map(str, self.contacts))}", *([found.where] if found.where else [])]
-        )
+        depends_on = (*(q for q in found.depends_on if q != "time"), "time") if self.contacts else found.depends_on
+        share = max(0.0, 1.0 - 1.0 / max(error.ratio, 1e-9) ** 2)
+        return Remaining(share, depends_on, found.where, torque.after)
 
     def _not_identifiable(self, end: Fit) -> tuple[tuple[str, ...], ...]:
         """Parameters that no log of this kind separates, and effects that the free parameters absorb."""
@@ -386,5 +373,5 @@ class _Report:
                 continue
             p = s.best.neutral.parameters[s.best.magnitudes[0]]
             if not p.never:
-                found[name] = {"parameter": p.name, "size": POWER * s.sd[0], "unit": p.unit}
+                found[name] = {"parameter": p.name, "size": DETECTABLE * s.sd[0], "unit": p.unit}
         return found

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
-from sysid.diagnosis.contacts import Contact, find_contacts, slow
+from sysid.diagnosis.contacts import Contact, find_contacts, slow, unexplained
 from sysid.diagnosis.dependence import Dependence, coordinates, dependence
+from sysid.diagnosis.findings import dependence_on, quantity
 from sysid.errors import InvalidInput
 from sysid.estimation.disturbances import MEMORIES, Disturbances
 from sysid.estimation.held_out import finite
@@ -25,7 +26,7 @@ from sysid.estimation.solver import QUICK, Settings, fit
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
-MEMORY = 0.1
+CORRELATION_TIME = 0.1
 """Correlation time [s] under which models are compared, and of a torque that nobody sees."""
 SETTINGS = Settings(angle_error=False)
 """Whatever the readings show is taken for a motion, none of it for an error that neighbouring readings share."""
@@ -209,21 +210,19 @@ class ResidualTorque:
             ]
         return found
 
-    def __str__(self) -> str:
-        what = "torque" if self.units["theta"] == "rad" else "force"
+    @property
+    def sentence(self) -> str:
+        """How large it is and what it depends on."""
+        what, unit = quantity("torque", self.units), self.units["torque"]
         if not self.present:
-            return f"No {what} beyond the model is visible; one of {self.s:.2g} {self.units['torque']} rms would be"
+            return f"No {what} beyond the model is visible; one of {self.s:.2g} {unit} rms would be."
         share = f" ({self.share:.0%} of the drive's)" if math.isfinite(self.share) else ""
-        where = f", {self.dependence.where}" if self.dependence.where else ""
-        sentences = [
-            f"A {what} of {self.rms:.2g} {self.units['torque']} rms{share} acts beyond the model; "
-            f"it depends on {' and '.join(self.depends_on)}{where}"
-        ]
-        if self.restless:
-            sentences.append("It changes from sample to sample: a vibration, or readings that contradict each other")
-        if self.contacts:
-            sentences.append("No state of the joint explains " + "; ".join(map(str, self.contacts)))
-        return ". ".join(sentences)
+        on = dependence_on(self.depends_on, self.dependence.where)
+        vibration = " It changes from sample to sample: a vibration, or readings that contradict each other."
+        return f"A {what} of {self.rms:.2g} {unit} rms{share} acts beyond the model; {on}.{vibration * self.restless}"
+
+    def __str__(self) -> str:
+        return " ".join([self.sentence, *([unexplained(self.contacts)] if self.contacts else [])])
 
 
 def residual_torque(model: Model, records: Sequence[Record], sensor: Sensor) -> ResidualTorque:
@@ -263,7 +262,8 @@ def followed(samples: Samples, model: Model) -> Fit:
     Raises InvalidInput for a model that runs away within one sample.
     """
     with np.errstate(over="ignore", invalid="ignore"):
-        begun = fit(samples, model, (), disturbances=Disturbances(0.3 * level(samples), MEMORY), settings=SETTINGS)
+        prior = Disturbances(0.3 * level(samples), CORRELATION_TIME)
+        begun = fit(samples, model, (), disturbances=prior, settings=SETTINGS)
     if not math.isfinite(begun.deviance):
         raise InvalidInput("the model runs away from these records within a sample: no torque can be told beside it")
     trials = (begun.disturbances.with_memory(T) for T in MEMORIES)
@@ -302,7 +302,7 @@ def missing_torque(found: Fit, base: Fit) -> Array:
 
     The prior is what `base` needs, so that several models compare.
     """
-    prior = Disturbances(max(base.disturbances.s, 1e-3 * float(np.std(base.samples.smoothed[:, 1]))), MEMORY)
+    prior = Disturbances(max(base.disturbances.s, 1e-3 * float(np.std(base.samples.smoothed[:, 1]))), CORRELATION_TIME)
     for _ in range(6):
         prior = likelihood_ascent(base.linearised, prior, _FLOOR, angle_error=False)
     held = replace(QUICK, sizes=False)
@@ -319,14 +319,14 @@ def _largest(found: Fit) -> Disturbances:
     system = found.linearised.system
 
     def excess(log_s: float) -> float:
-        return system.filter(Disturbances(math.exp(log_s), MEMORY)).deviance - none - 1.645**2
+        return system.filter(Disturbances(math.exp(log_s), CORRELATION_TIME)).deviance - none - 1.645**2
 
     none = system.filter(Disturbances(0.0)).deviance
     low = high = math.log(1e-6 * level(found.samples))
     while excess(high) < 0.0 and high < low + 60.0:
         low, high = high, high + 1.0
     return Disturbances(
-        math.exp(brentq(excess, low, high, xtol=0.05) if excess(low) < 0.0 < excess(high) else high), MEMORY
+        math.exp(brentq(excess, low, high, xtol=0.05) if excess(low) < 0.0 < excess(high) else high), CORRELATION_TIME
     )
 
 

@@ -7,7 +7,6 @@ worst      the worst windows                   comparison  all of it on one page
 
 from __future__ import annotations
 
-import math
 import textwrap
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -17,12 +16,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure, FigureBase
-from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
-from sysid.report.formatting import chance, multiple, word
+from sysid.diagnosis.findings import chance, quantity
+from sysid.report.formatting import multiple
 
 if TYPE_CHECKING:
-    from sysid.diagnosis.compare import Comparison, Trace
+    from sysid.diagnosis.compare import Comparison
+    from sysid.diagnosis.predictions import Prediction
     from sysid.diagnosis.residual_torque import Binned, ResidualTorque, TorqueMap
 
 STYLE: Any = {
@@ -41,7 +42,7 @@ STYLE: Any = {
     "figure.dpi": 130.0,
 }
 # Okabe and Ito's colours, which all eyes tell apart
-BLUE, ORANGE, GREEN, SKY, GREY = "#0072B2", "#D55E00", "#009E73", "#56B4E9", "0.55"
+BLUE, ORANGE, GREEN, YELLOW, GREY = "#0072B2", "#D55E00", "#009E73", "#E69F00", "0.55"
 COLOUR = {"theta": BLUE, "theta_dot": ORANGE}
 MARK = {"theta": "o", "theta_dot": "s"}
 SYMBOL = {"rad": {"theta": r"$\theta$", "theta_dot": r"$\dot\theta$"}, "m": {"theta": "$x$", "theta_dot": r"$\dot x$"}}
@@ -53,8 +54,13 @@ SIGMA_99 = 2.5758
 
 def label(name: str, units: Mapping[str, str]) -> str:
     """What an axis of "theta", "theta_dot", "torque" or "time" is called where these are the plant's units."""
-    symbol = SYMBOL[units["theta"]].get(name, "")
-    return f"{word(name, units)} {symbol} [{units[name]}]".replace("  ", " ")
+    words = (quantity(name, units), SYMBOL[units["theta"]].get(name), f"[{units[name]}]")
+    return " ".join(filter(None, words))
+
+
+def state_label(name: str, units: Mapping[str, str]) -> str:
+    """The same, and where the angle is zero."""
+    return label(name, units) + (", 0 upright" if name == "theta" and units["theta"] == "rad" else "")
 
 
 def plot_comparison(answer: Comparison) -> Figure:
@@ -72,11 +78,11 @@ def plot_comparison(answer: Comparison) -> Figure:
     """
     channels, torque = list(answer.one_second.ratios), answer.torque
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(14.0, 6.6 + 2.1 * len(channels)), layout="constrained")
+        figure = Figure(figsize=(14.0, 8.1 + 2.1 * len(channels)), layout="constrained")
         figure.suptitle(
             "\n".join(textwrap.wrap(answer.sentence, 150)).replace("$", r"\$"), x=0.01, ha="left", fontsize=11.0
         )
-        parts: Any = figure.subfigures(3, 1, height_ratios=[3.1, 2.6, 2.1 * len(channels)])
+        parts: Any = figure.subfigures(3, 1, height_ratios=[3.1, 2.6, 1.5 + 2.1 * len(channels)])
         top, middle, bottom = parts
         first = top.subplots(1, 1 if torque is None else 3, squeeze=False)[0]
         errors(answer, first[0])
@@ -84,34 +90,22 @@ def plot_comparison(answer: Comparison) -> Figure:
             state_map(torque, first[1])
             whiteness(answer, first[2])
             for name, axes in zip(torque.binned, middle.subplots(1, len(torque.binned)), strict=True):
-                over(torque, name, axes)
+                draw_over(torque, name, axes)
         _windows(answer, bottom)
     return figure
 
 
 def errors(answer: Comparison, axes: Axes) -> None:
-    """The error over windows of every length, in units of the sensor noise, with its physical size."""
-    for row, channel in enumerate(answer.one_second.ratios):
+    """The error over windows of every length, in units of the sensor noise."""
+    for channel in answer.one_second.ratios:
         ratio = [e.ratios[channel] for e in answer.errors.values()]
-        axes.plot(ratio, marker=MARK[channel], color=COLOUR[channel], label=label(channel, answer.units))
-        for k, error in enumerate(answer.errors.values()):
-            if math.isfinite(ratio[k]):
-                axes.annotate(
-                    f"{getattr(error, channel):.2g} {answer.units[channel]}",
-                    (k, ratio[k]),
-                    (0, (7, -13)[row]),
-                    textcoords="offset points",
-                    ha=("left", "center", "center", "right")[k],
-                    fontsize=7.5,
-                    color=COLOUR[channel],
-                    bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.5},
-                )
+        axes.plot(ratio, marker=MARK[channel], color=COLOUR[channel], label=quantity(channel, answer.units))
     axes.set_xticks(range(len(answer.errors)), list(answer.errors))
-    axes.margins(y=0.18)
-    _noise_scale(axes, [e.ratio for e in answer.errors.values()])
+    axes.axhline(1.0, color=GREEN, linewidth=1.5, zorder=0, label="the noise: a perfect model")
+    noise_scale(axes)
     axes.set_xlabel("predicted over (state refitted)")
-    axes.set_title("Error, in units of the sensor noise")
-    axes.legend(loc="upper left", fontsize=8.0)
+    axes.set_ylabel("error / sensor noise")
+    legend_above(axes)
 
 
 def state_map(torque: ResidualTorque, axes: Axes) -> None:
@@ -119,7 +113,7 @@ def state_map(torque: ResidualTorque, axes: Axes) -> None:
     norm = scale(torque.map)
     image = cells(torque.map, axes, norm or TwoSlopeNorm(0.0, -1.0, 1.0), torque.units)
     axes.set_ylabel(label("theta_dot", torque.units))
-    axes.set_title(f"{word('torque', torque.units).capitalize()} beyond the model")
+    axes.set_title(f"{quantity('torque', torque.units).capitalize()} beyond the model")
     bar = axes.figure.colorbar(image, ax=axes, pad=0.02, aspect=25, extend="both")
     bar.set_label(f"[{torque.units['torque']}];  dot: beyond 99 %")
     bar.outline.set_visible(False)
@@ -140,34 +134,53 @@ def cells(found: TorqueMap, axes: Axes, norm: TwoSlopeNorm, units: Mapping[str, 
     i, j = np.nonzero(found.significant)
     middle = [0.5 * (edges[1:] + edges[:-1]) for edges in (found.theta, found.theta_dot)]
     axes.plot(middle[0][i], middle[1][j], ".", color="0.1", markersize=3.0)
-    axes.set_xlabel(label("theta", units) + (", 0 upright" if units["theta"] == "rad" else ""))
+    axes.set_xlabel(state_label("theta", units))
     return image
 
 
-def over(torque: ResidualTorque, name: str, axes: Axes) -> None:
-    """The residual torque over one quantity with its 99 % band; over time, rollout after rollout."""
+def over(
+    torque: ResidualTorque, name: str, axes: Axes, before: ResidualTorque | None = None, mark: bool = False
+) -> None:
+    """The mean residual torque over one quantity with its 99 % band, after and before; `mark`: where it peaks."""
     axes.axhline(0.0, color="0.3", linewidth=0.8)
+    for found, colour in ((before, ORANGE), (torque, BLUE)):
+        if found is not None:
+            mean(axes, found.over(name), colour)
+    if mark and torque.present:
+        axes.axvspan(*torque.over(name).peak, color=YELLOW, alpha=0.25, linewidth=0.0, zorder=0)
+    axes.set_xlabel(state_label(name, torque.units))
+    axes.set_ylabel(f"mean {beyond(torque.units)}")
+    axes.xaxis.set_major_locator(MaxNLocator(5))
+    axes.yaxis.set_major_locator(MaxNLocator(5))
+
+
+def draw_over(torque: ResidualTorque, name: str, axes: Axes) -> None:
+    """The residual torque over one quantity, or over time, and what share of it that tells."""
     if name == "time":
-        _over_time(torque, axes)
+        over_time(torque, axes)
     else:
-        mean(axes, torque.over(name), BLUE, SIGMA_99)
-        axes.set_xlabel(label(name, torque.units))
-        axes.xaxis.set_major_locator(MaxNLocator(5))
-    axes.set_ylabel(f"{word('torque', torque.units)} beyond, 99 % [{torque.units['torque']}]")
+        over(torque, name, axes)
     share = torque.dependence.shares.get(name, 0.0)
-    axes.set_title(f"over {word(name, torque.units)}" + (f": tells {share:.0%}" if torque.present and share else ""))
+    tells = f": tells {share:.0%}" if torque.present and share else ""
+    axes.set_title(f"over {quantity(name, torque.units)}{tells}")
 
 
-def mean(axes: Axes, found: Binned, colour: str, wide: float) -> None:
-    """The mean in each bin that rests on more than a few intervals, with a band of `wide` sd."""
+def beyond(units: Mapping[str, str]) -> str:
+    """What an axis of the residual torque is called."""
+    return f"{quantity('torque', units)} beyond\nthe model [{units['torque']}]"
+
+
+def mean(axes: Axes, found: Binned, colour: str) -> None:
+    """The mean in each bin that rests on more than a few intervals, with its 99 % band."""
     seen = np.isfinite(found.mean) & (found.count >= 0.002 * found.count.sum())
-    middle, half = 0.5 * (found.edges[1:] + found.edges[:-1])[seen], wide * found.sd[seen]
+    middle, half = 0.5 * (found.edges[1:] + found.edges[:-1])[seen], SIGMA_99 * found.sd[seen]
     axes.fill_between(middle, found.mean[seen] - half, found.mean[seen] + half, color=colour, alpha=0.25, linewidth=0.0)
     axes.plot(middle, found.mean[seen], ".-", color=colour, markersize=5.0, linewidth=1.4)
 
 
-def _over_time(torque: ResidualTorque, axes: Axes) -> None:
-    """Rollout after rollout."""
+def over_time(torque: ResidualTorque, axes: Axes) -> None:
+    """The residual torque with its 99 % band, rollout after rollout."""
+    axes.axhline(0.0, color="0.3", linewidth=0.8)
     names, begin, middles = [r.name for r in torque.records], 0.0, []
     gap = 0.03 * max(float(r.t[-1] - r.t[0]) for r in torque.records)
     for k, record in enumerate(torque.records):
@@ -185,6 +198,7 @@ def _over_time(torque: ResidualTorque, axes: Axes) -> None:
         axes.set_xticks(middles, begins if long else [short(n, room) for n in names])
         axes.tick_params(axis="x", length=0)
     axes.set_xlabel("time, rollout after rollout" + ("" if len(names) <= 4 else " [s]"))
+    axes.set_ylabel(beyond(torque.units))
 
 
 def whiteness(answer: Comparison, axes: Axes) -> None:
@@ -204,52 +218,58 @@ def whiteness(answer: Comparison, axes: Axes) -> None:
     _at_least(axes, 3.0 * max((float(np.max(found.band)) for found in answer.whiteness.values()), default=0.1))
     axes.set_xlabel("lag [samples]")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set_ylabel("autocorrelation")
-    axes.set_title("Are the innovations white?")
+    axes.set_ylabel("autocorrelation of the innovations")
     if answer.whiteness:
-        axes.legend(loc="upper right", fontsize=8.0)
+        legend_above(axes)
 
 
 def _windows(answer: Comparison, figure: FigureBase) -> None:
-    channels = list(answer.one_second.ratios)
-    panels = figure.subplots(len(channels), len(answer.worst), squeeze=False, sharex="col")
-    for i, trace in enumerate(answer.worst):
-        for row, channel in enumerate(channels):
-            axes = panels[row][i]
-            window(trace, axes, channel, answer.units)
-            if row + 1 < len(channels):
-                axes.set_xlabel("")
-            if row or i:
-                axes.get_legend().remove()
+    panels = figure.subplots(len(answer.one_second.ratios) + 1, len(answer.worst), squeeze=False, sharex="col")
+    for found, column in zip(answer.worst, panels.T, strict=True):
+        window(found, list(answer.one_second.ratios), list(column))
+    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
 
 
-def window(trace: Trace, axes: Axes, channel: str, units: Mapping[str, str]) -> None:
-    """One channel of one window: readings as dots, the model as a line."""
-    if channel not in trace.readings:
-        axes.set_axis_off()
-        return
-    axes.plot(trace.t, trace.readings[channel], ".", color="0.45", markersize=4.0, label="readings")
-    axes.plot(trace.t, trace.model[channel], color=COLOUR[channel], linewidth=1.6, label="model")
-    axes.set_xlabel(label("time", units))
-    axes.set_ylabel(label(channel, units))
-    axes.set_title(f"{short(trace.error.record)}: {multiple(trace.error.ratio)} x the noise", fontweight="normal")
-    axes.legend(fontsize=8.0)
+def window(found: Prediction, channels: Sequence[str], panels: Sequence[Axes]) -> None:
+    """One window: under each other the channels, readings as dots and the model as a line, and the command."""
+    for channel, axes in zip(channels, panels, strict=False):
+        if channel not in found.readings:
+            axes.set_axis_off()
+            continue
+        axes.plot(found.t, found.readings[channel], ".", color="0.45", markersize=4.0, label="readings")
+        axes.plot(found.t, found.model[channel], color=COLOUR[channel], linewidth=1.6, label="model")
+        axes.set_ylabel(label(channel, found.units))
+    command(found, panels[-1])
+    panels[0].set_title(f"{short(found.record)}: {multiple(found.ratio)} x the noise", fontweight="normal")
+    panels[-1].set_xlabel(label("time", found.units))
+
+
+def command(found: Prediction, axes: Axes) -> None:
+    """What the machine was told, held from sample to sample."""
+    axes.step(found.t, found.command, where="post", color="0.3", linewidth=1.0)
+    name = quantity("torque", found.units) if found.command_unit == found.units["torque"] else "command"
+    axes.set_ylabel(f"{name} [{found.command_unit}]")
 
 
 # parts -----------------------------------------------------------------------------------------------------------
 
 
-def _noise_scale(axes: Axes, values: Sequence[float]) -> None:
-    """A logarithmic axis of multiples of the noise, with a line where a perfect model ends."""
-    sound = [v for v in values if math.isfinite(v)]
+def legend_above(axes: Axes) -> None:
+    """What the lines are, where none of them runs."""
+    axes.legend(
+        ncols=3, loc="lower left", bbox_to_anchor=(-0.02, 1.0), fontsize=8.5, handlelength=1.4, columnspacing=1.2
+    )
+
+
+def noise_scale(axes: Axes) -> None:
+    """A logarithmic axis of multiples of the noise, from below 1, with numbers that read as numbers."""
     axes.set_yscale("log")
-    axes.axhline(1.0, color=GREEN, linewidth=1.5, zorder=0, label="the noise: a perfect model")
     low, high = axes.get_ylim()
-    axes.set_ylim(min(low, 0.7), max(high, 1.5, 1.2 * max(sound, default=1.0)))
+    axes.set_ylim(min(low, 0.65), max(1.15 * high, 2.2))
+    few = axes.get_ylim()[1] < 30.0
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
     axes.yaxis.set_minor_formatter(NullFormatter())
-    if max(sound, default=1.0) < 8.0:
-        axes.set_yticks([t for t in (0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 7.0) if t <= axes.get_ylim()[1]])
 
 
 def _at_least(axes: Axes, half: float) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import matplotlib
@@ -18,23 +18,37 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+from matplotlib.ticker import MaxNLocator
 
 from sysid.data.sensor import Sensor
 from sysid.diagnosis.answer import Diagnosis, Step
-from sysid.diagnosis.compare import Trace
 from sysid.diagnosis.contacts import Contact
+from sysid.diagnosis.findings import chance
+from sysid.diagnosis.predictions import LONGEST_STRETCH, Prediction
 from sysid.diagnosis.residual_torque import Followed, ResidualTorque
-from sysid.diagnosis.typical_prediction import SPAN, Prediction
 from sysid.report import comparison_figure
-from sysid.report.comparison_figure import BLUE, GREEN, GREY, ORANGE, STYLE, cells, label, mean, scale, short
-from sysid.report.formatting import chance, multiple, word
+from sysid.report.comparison_figure import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    SIGMA_99,
+    STYLE,
+    YELLOW,
+    beyond,
+    cells,
+    label,
+    legend_above,
+    noise_scale,
+    scale,
+    short,
+)
+from sysid.report.formatting import multiple
 
 WIDE, NARROW = 5.0, 4.2
 """Widths [in]: of a column, and of half of one."""
-MANY = 1500
+RASTERIZED_FROM = 1500
 """Points from which a picture in pixels is smaller than one of lines."""
-YELLOW = "#E69F00"
 BEHIND = {"facecolor": "white", "alpha": 0.6, "edgecolor": "none", "pad": 0.5}
 
 
@@ -84,22 +98,11 @@ def fall_in(axes: Axes, answer: Diagnosis) -> None:
     side, place = ("left", 0.01) if steps and min(clouds[0].ratio, 2.0) > 1.3 else ("right", 1.0)
     axes.annotate("sensor noise: a perfect model", (place, 1.0), (0, -4), xycoords=axes.get_yaxis_transform(),
                   textcoords="offset points", ha=side, va="top", color=GREEN, fontsize=8.5)  # fmt: skip
-    plain_log(axes)
+    noise_scale(axes)
     labels = ["model\nas it came", *("+ " + s.effect.replace("_", "\n") for s in steps)]
     axes.set_xticks(range(len(labels)), labels, fontsize=9.0 if len(labels) < 5 else 7.0)
     axes.tick_params(axis="x", length=0)
     axes.set_ylabel("held-out error / sensor noise")
-
-
-def plain_log(axes: Axes) -> None:
-    """A logarithmic axis from below 1, with numbers that read as numbers."""
-    axes.set_yscale("log")
-    low, high = axes.get_ylim()
-    axes.set_ylim(min(low, 0.65), max(1.15 * high, 2.2))
-    few = axes.get_ylim()[1] < 30.0
-    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
-    axes.yaxis.set_minor_formatter(NullFormatter())
 
 
 def ranking(answer: Diagnosis, most: int = 9) -> Figure:
@@ -134,7 +137,7 @@ def _bars(axes: Axes, rows: Sequence[Any], labels: Sequence[str], added: set[str
     axes.set_xlim(0.0, 1.6 * reach)
     axes.xaxis.set_major_locator(MaxNLocator(4))
     axes.tick_params(axis="y", length=0)
-    axes.set_xlabel("squared error that it would explain, in units of the noise")
+    axes.figure.supxlabel("squared error that it would explain, in units of the noise", fontsize=9.0)
 
 
 # ---- a rollout -------------------------------------------------------------------------------------------------------
@@ -143,19 +146,19 @@ def _bars(axes: Axes, rows: Sequence[Any], labels: Sequence[str], added: set[str
 def rollout(
     paths: Sequence[Prediction], sensor: Sensor, names: Sequence[str], contacts: Sequence[Contact] = ()
 ) -> Figure:
-    """Readings against models, and under each channel what they leave, with the noise."""
+    """Readings against models, under each channel what they leave, with the noise, and below all the command."""
     channels = list(paths[0].readings)
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(WIDE, 0.6 + 2.75 * len(channels)), layout="constrained")
-        panels = figure.subplots(2 * len(channels), 1, sharex=True, height_ratios=[1.75, 1.0] * len(channels))
-        for channel, above, below in zip(channels, panels[::2], panels[1::2], strict=True):
+        figure = Figure(figsize=(WIDE, 1.6 + 2.75 * len(channels)), layout="constrained")
+        heights = [*([1.75, 1.0] * len(channels)), 1.0]
+        panels = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
+        for channel, above, below in zip(channels, panels[::2], panels[1::2], strict=False):
             course_in(above, paths, channel, names)
             residual_in(below, paths, channel, float(getattr(sensor, channel)))
+        comparison_figure.command(paths[0], panels[-1])
         for axes in panels:
             shade(axes, contacts, paths[0].record)
-        panels[0].legend(
-            ncols=3, loc="lower left", bbox_to_anchor=(-0.02, 1.0), fontsize=8.5, handlelength=1.4, columnspacing=1.2
-        )
+        legend_above(panels[0])
         panels[-1].set_xlabel(f"time [s] of {short(paths[0].record, 40)}")
         figure.align_ylabels(panels)
     return figure
@@ -164,7 +167,7 @@ def rollout(
 def course_in(axes: Axes, paths: Sequence[Prediction], channel: str, names: Sequence[str]) -> None:
     """One channel: readings as dots, models as lines; the frame follows the readings."""
     t, y = paths[0].t, paths[0].readings[channel]
-    axes.plot(t, y, ".", color="0.45", markersize=3.5, label="readings", rasterized=len(t) > MANY)
+    axes.plot(t, y, ".", color="0.45", markersize=3.5, label="readings", rasterized=len(t) > RASTERIZED_FROM)
     for path, name, (colour, line, width) in zip(paths, names, _lines(len(paths)), strict=True):
         said = f"{name}: {multiple(path.ratio)}"
         axes.plot(t, path.model[channel], line, color=colour, linewidth=width, label=said)
@@ -181,7 +184,7 @@ def residual_in(axes: Axes, paths: Sequence[Prediction], channel: str, sd: float
     size = 5.0 * sd
     for path, (colour, _, _) in zip(paths, _lines(len(paths)), strict=True):
         left = path.readings[channel] - path.model[channel]
-        axes.plot(path.t, left, color=colour, linewidth=1.0, rasterized=len(left) > MANY)
+        axes.plot(path.t, left, color=colour, linewidth=1.0, rasterized=len(left) > RASTERIZED_FROM)
         size = max(size, float(np.max(np.abs(left[np.isfinite(left)]), initial=0.0)))
     size = min(size, 3.0 * float(np.nanstd(paths[0].readings[channel])) + 5.0 * sd)
     axes.set_ylim(-1.1 * size, 1.1 * size)
@@ -200,17 +203,15 @@ def shade(axes: Axes, contacts: Sequence[Contact], record: str) -> None:
             axes.axvspan(t.t_begin, t.t_end, color=YELLOW, alpha=0.35, linewidth=0.0, zorder=0)
 
 
-def window(trace: Trace, units: Mapping[str, str]) -> Figure:
-    """One window of a comparison, by channel."""
-    channels = list(trace.readings)
+def window(found: Prediction) -> Figure:
+    """One window of a comparison."""
+    channels = list(found.readings)
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(3.2, 0.6 + 1.5 * len(channels)), layout="constrained")
-        panels = figure.subplots(len(channels), 1, sharex=True, squeeze=False)[:, 0]
-        for channel, axes in zip(channels, panels, strict=True):
-            comparison_figure.window(trace, axes, channel, units)
-            axes.set_title("")
-            axes.label_outer()
-        panels[0].set_title(f"{short(trace.error.record)}: {multiple(trace.error.ratio)} x noise", fontweight="normal")
+        figure = Figure(figsize=(3.2, 1.9 + 1.5 * len(channels)), layout="constrained")
+        panels = figure.subplots(len(channels) + 1, 1, sharex=True, squeeze=False)[:, 0]
+        comparison_figure.window(found, channels, list(panels))
+        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+        figure.align_ylabels(panels)
     return figure
 
 
@@ -252,7 +253,7 @@ def course(
             if axes is not panels[-1] and len({s.first for s in rows}) == 1:
                 axes.set_xticklabels([])
         panels[-1].set_xlabel(label("time", found.units))
-        figure.supylabel(f"{word('torque', found.units)} beyond the model [{found.units['torque']}]", fontsize=9.0)
+        figure.supylabel(beyond(found.units), fontsize=9.0)
     return figure
 
 
@@ -260,7 +261,7 @@ def _stretches(found: ResidualTorque, most: int) -> list[Stretch]:
     pieces = []
     for k, record in enumerate(found.records):
         n, dt = len(record.d), float(record.t[1] - record.t[0])
-        edges = np.linspace(0, n, max(1, math.ceil(n * dt / (1.5 * SPAN))) + 1).astype(int)
+        edges = np.linspace(0, n, max(1, math.ceil(n * dt / (1.5 * LONGEST_STRETCH))) + 1).astype(int)
         pieces += [Stretch(k, int(a), int(b)) for a, b in itertools.pairwise(edges)]
     pieces.sort(key=lambda s: -float(np.mean(found.records[s.record].d[s.first : s.last] ** 2)))
     return sorted(pieces[:most])
@@ -273,32 +274,15 @@ def _size(found: ResidualTorque, rows: Sequence[Stretch]) -> float:
 
 
 def _line(axes: Axes, own: Followed, first: int, last: int, colour: str) -> None:
-    t, d, sd = own.t[first:last], own.d[first:last], 1.96 * own.sd[first:last]
-    many = len(t) > MANY
+    t, d, sd = own.t[first:last], own.d[first:last], SIGMA_99 * own.sd[first:last]
+    many = len(t) > RASTERIZED_FROM
     axes.fill_between(t, d - sd, d + sd, color=colour, alpha=0.25, linewidth=0.0, rasterized=many)
     axes.plot(t, d, color=colour, linewidth=1.1, rasterized=many)
 
 
 def over(found: ResidualTorque, name: str, before: ResidualTorque | None = None, mark: bool = False) -> Figure:
-    """The mean of d over one quantity with its 95 % band; `mark`: where it peaks."""
-    return drawn(NARROW, 2.7, lambda axes: over_in(axes, found, name, before, mark))
-
-
-def over_in(
-    axes: Axes, found: ResidualTorque, name: str, before: ResidualTorque | None = None, mark: bool = False
-) -> None:
-    """The same on given axes."""
-    axes.axhline(0.0, color="0.3", linewidth=0.8)
-    for answer, colour in ((before, ORANGE), (found, BLUE)):
-        if answer is not None:
-            mean(axes, answer.over(name), colour, 1.96)
-    if mark and found.present:
-        low, high = found.over(name).peak
-        axes.axvspan(low, high, color=YELLOW, alpha=0.25, linewidth=0.0, zorder=0)
-    turns = found.units["theta"] == "rad"
-    axes.set_xlabel(label(name, found.units) + (", 0 upright" if name == "theta" and turns else ""))
-    axes.set_ylabel(f"mean {word('torque', found.units)} beyond\nthe model [{found.units['torque']}]")
-    axes.yaxis.set_major_locator(MaxNLocator(5))
+    """The mean of d over one quantity with its 99 % band; `mark`: where it peaks."""
+    return drawn(NARROW, 2.7, lambda axes: comparison_figure.over(found, name, axes, before, mark))
 
 
 # ---- the map of the states -------------------------------------------------------------------------------------------
@@ -316,7 +300,7 @@ def maps(found: Sequence[ResidualTorque], titles: Sequence[str]) -> Figure:
             axes.set_title(title, fontweight="normal")
         panels[0].set_ylabel(label("theta_dot", units))
         bar = figure.colorbar(image, ax=list(panels), pad=0.02, aspect=25, extend="both")
-        bar.set_label(f"{word('torque', units)} beyond the model [{units['torque']}]")
+        bar.set_label(beyond(units))
         bar.outline.set_visible(False)
         bar.locator = MaxNLocator(5)
         bar.update_ticks()

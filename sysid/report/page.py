@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
+from sysid.diagnosis.findings import quantity
 from sysid.estimation.held_out import HeldOutError
 from sysid.estimation.output_error import CHANNELS
-from sysid.report.formatting import ARROW, TIMES, listed, multiple, number, word
+from sysid.report.formatting import ARROW, TIMES, listed, multiple, number
 from sysid.version import version
 
 if TYPE_CHECKING:
@@ -50,7 +51,8 @@ class Table:
 
 @dataclass(frozen=True)
 class Page:
-    """All that the template is told: the verdict, its error before and after (or alone), pictures, then numbers."""
+    """All that the template is told: the verdict, its error before and after (or alone), pictures, then numbers;
+    `turns`: of a machine that turns rather than slides."""
 
     title: str
     badge: str
@@ -61,6 +63,7 @@ class Page:
     tables: Sequence[Table]
     lists: Mapping[str, Sequence[str]]
     settings: Mapping[str, str]
+    turns: bool
     warnings: tuple[str, ...] = ()
 
 
@@ -82,7 +85,7 @@ def horizons(errors: Sequence[Mapping[str, HeldOutError]]) -> Table:
     heads, columns = ["error over"], list[list[str]]()
     units = next(iter(errors[0].values())).units
     for channel in next(iter(errors[0].values())).ratios:
-        heads += [f"{word(channel, units)} [{units[channel]}]", f"{TIMES} noise"]
+        heads += [f"{quantity(channel, units)} [{units[channel]}]", f"{TIMES} noise"]
         columns.append([_to([f"{getattr(own[label], channel):.2g}" for own in errors]) for label in errors[0]])
         columns.append([_to([multiple(own[label].ratios[channel]) for own in errors]) for label in errors[0]])
     rows = [[label, *(c[k] for c in columns)] for k, label in enumerate(errors[0])]
@@ -93,12 +96,12 @@ def physical(errors: Sequence[HeldOutError]) -> str:
     """The error of each channel in its unit, of one model or of two."""
     units = errors[0].units
     return "; ".join(
-        f"{word(c, units)} {_to([f'{getattr(e, c):.2g}' for e in errors])} {units[c]}" for c in errors[0].ratios
+        f"{quantity(c, units)} {_to([f'{getattr(e, c):.2g}' for e in errors])} {units[c]}" for c in errors[0].ratios
     )
 
 
 def _to(values: Sequence[str]) -> str:
-    return number(f" {ARROW} ".join(values))
+    return f" {ARROW} ".join(map(number, values))
 
 
 def settings(
@@ -117,6 +120,6 @@ def _settings(
     yield "rollouts", listed([r.name for r in records])
     if notes:
         yield "on reading", "; ".join(notes)
-    noise = [f"{word(c, units)} {sd:.3g} {units[c]}" for c in CHANNELS if (sd := getattr(sensor, c)) is not None]
+    noise = [f"{quantity(c, units)} {sd:.3g} {units[c]}" for c in CHANNELS if (sd := getattr(sensor, c)) is not None]
     yield "sensor noise", ", ".join(noise)
     yield "written by", version()

@@ -3,42 +3,49 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial, singledispatch
+from collections.abc import Callable, Iterator, Sequence
+from functools import singledispatch
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sysid.diagnosis.answer import SHOWN, Diagnosis, Step
-from sysid.diagnosis.compare import Comparison
-from sysid.diagnosis.contacts import Contact
-from sysid.diagnosis.residual_torque import ResidualTorque
+from sysid.diagnosis.answer import MOST_SHOWN, Diagnosis, Step
+from sysid.diagnosis.compare import Comparison, place
+from sysid.diagnosis.contacts import Contact, unexplained
+from sysid.diagnosis.findings import chance, quantity, spaced_unit
 from sysid.errors import InvalidInput
 from sysid.physics.effects import CATALOGUE
 from sysid.physics.model import Model
-from sysid.physics.plants import Plant
-from sysid.report import formatting as set_as
-from sysid.report.formatting import sentence
+from sysid.report import formatting
 from sysid.report.page import Page, Picture, Section, Table, horizons, physical, picture, settings
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-def write_report(
-    answer: Diagnosis | Comparison,
-    path: str | PathLike[str],
-) -> None:
+def write_report(answer: Diagnosis | Comparison, path: str | PathLike[str], command: str = "") -> None:
     """Write an answer as one self-contained HTML page: no script, no network, figures inside, light and dark.
 
-    Raises InvalidInput for what has no page, and where the file cannot be written.
+    Parameters
+    ----------
+    answer : Diagnosis or Comparison
+        It holds all that the page shows.
+    path : path
+        The file to write.
+    command : str
+        The command line that asked, where one did: the page ends with it.
+
+    Raises
+    ------
+    InvalidInput
+        For what has no page, and where the file cannot be written.
     """
     import jinja2
 
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("sysid.report"), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
-    html = environment.get_template("report.html.j2").render(page=page_of(answer))
+    html = environment.get_template("report.html.j2").render(page=page_of(answer), command=command)
     try:
         Path(path).write_text(html, encoding="utf-8")
     except OSError as error:
@@ -58,7 +65,7 @@ def page_of(answer: Any) -> Page:
 def _(answer: Diagnosis) -> Page:
     mended = answer.mended
     errors = (answer.base_error, answer.error) if mended else (answer.error,)
-    contacts = _touched(answer)
+    contacts = _contacts(answer)
     sections = {
         "fall": _fall(answer),
         "rollout": _rollout(answer, contacts),
@@ -70,8 +77,8 @@ def _(answer: Diagnosis) -> Page:
     return Page(
         title=f"sysid: {answer.verdict}",
         badge=answer.verdict,
-        sentence=sentence(_briefly(answer.sentence, answer)),
-        numbers=tuple(set_as.multiple(e.ratio) for e in errors),
+        sentence=answer.finding,
+        numbers=tuple(formatting.multiple(e.ratio) for e in errors),
         under="times the sensor noise, on data that no fit has seen; 1.0 is a perfect model: " + physical(errors),
         sections=[s for name in order if (s := sections[name]).pictures or s.sentences],
         tables=[
@@ -82,37 +89,29 @@ def _(answer: Diagnosis) -> Page:
         ],
         lists={
             "What this motion cannot tell apart": [", ".join(group) for group in answer.not_identifiable],
-            "What the fit says of itself": [sentence(s) for s in (answer.estimate.status, *answer.estimate.ambiguous)],
-            "The next experiment": _experiment(answer.next_experiment, answer.model.plant),
+            "What the fit says of itself": [answer.estimate.status, *answer.estimate.ambiguous],
+            "The next experiment": str(answer.next_experiment or "").splitlines(),
         },
         settings=settings(answer.sensor, answer.records, answer.model.plant.quantities, answer.notes)
         | {
-            "held out": set_as.listed(answer.held_out),
+            "held out": formatting.listed(answer.held_out),
             "model": _described(answer.model),
             "fitted": f"{answer.estimate.n_readings:,} readings",
             "diagnosed in": f"{answer.seconds:.1f} s",
         },
+        turns=answer.model.plant.turns,
         warnings=tuple(_hands(answer, contacts)),
     )
 
 
 def _hands(answer: Diagnosis, contacts: Sequence[Contact]) -> Iterator[str]:
-    for found, use in ((answer.contacts, " No fit has used them."), (contacts[len(answer.contacts) :], "")):
-        if found:
-            yield sentence(f"A hand? No state of the joint explains {'; '.join(map(str, found))}.{use}")
+    if answer.contacts:
+        yield f"{unexplained(answer.contacts)} No fit has used them."
+    if more := contacts[len(answer.contacts) :]:
+        yield unexplained(more)
 
 
-def _briefly(text: str, answer: Diagnosis) -> str:
-    """The same without the list of touched stretches, which stands by itself."""
-    n = len(answer.contacts)
-    return (
-        text.replace("; ".join(map(str, answer.contacts)), f"{n} stretches that a hand may have touched")
-        if n > 1
-        else text
-    )
-
-
-def _touched(answer: Diagnosis) -> tuple[Contact, ...]:
+def _contacts(answer: Diagnosis) -> tuple[Contact, ...]:
     """What the diagnosis left out, and what else no state of the joint explains."""
     new = [
         t
@@ -149,8 +148,9 @@ def _rollout(answer: Diagnosis, contacts: Sequence[Contact]) -> Section:
     far = "from its refitted first state alone" if math.isinf(ahead) else f"{ahead:g} s at a time"
     names = ("as it came", "mended") if answer.mended else ("model",)
     caption = (
-        f"A typical stretch of what was held out, predicted {far}. Numbers: error over this stretch in units of the "
-        "sensor noise; green band: 2 sd of that noise."
+        f"{answer.predictions[0].record}, predicted {far}: of the stretches of all {len(answer.unseen)} held-out "
+        "rollouts the one whose error is the median. Numbers: error over this stretch in units of the sensor noise; "
+        "green band: 2 sd of that noise."
     )
     drawn = figures.rollout(answer.predictions, answer.sensor, names, contacts)
     return Section("A rollout that no fit has seen", (), (picture(drawn, caption),))
@@ -172,22 +172,20 @@ def _torque(answer: Diagnosis, contacts: Sequence[Contact]) -> Section:
     from sysid.report import diagnosis_figures as figures
 
     found, before = answer.residual_torques[-1], answer.residual_torques[0] if answer.mended else None
-    whole = sum(map(len, answer.records)) <= SHOWN
+    whole = sum(map(len, answer.records)) <= MOST_SHOWN
     left, unknown = answer.remaining, answer.remaining is not None
     depends_on = left.depends_on if left else ()
-    says, what = [str(found).split(". No state of the joint")[0] + "."], set_as.word("torque", found.units)
+    says, what = [found.sentence], quantity("torque", found.units)
     if answer.vibrates:
         says.append("The noise of the readings is taken as their scatter about the fit: the joint vibrates.")
     if left is not None:
-        on = " and ".join(depends_on) or "nothing that was tried"
-        where = f", {_briefly(left.where, answer)}" if left.where else ""
-        says.insert(0, f"{left.share:.0%} of the squared error is unexplained; it depends on {on}{where}.")
+        says.insert(0, f"{left.share:.0%} of the squared error is unexplained.")
     caption = (
-        f"{what.capitalize()} that must act beyond the model for the log to have come about, with its 95 % band; "
+        f"{what.capitalize()} that must act beyond the model for the log to have come about, with its 99 % band; "
         "of many stretches those where it is largest."
         + (" Blue: beyond the mended model; orange: beyond the model as it came." if before else "")
         + (" Yellow: what no state of the joint explains, a hand perhaps." if contacts else "")
-        + ("" if whole else f" Of the first {SHOWN:,} samples.")
+        + ("" if whole else f" Of the first {MOST_SHOWN:,} samples.")
     )
     pictures = [picture(figures.course(found, before, contacts, 8 if unknown else 4), caption)]
     for name in sorted(found.binned, key=lambda n: n not in depends_on):
@@ -196,49 +194,44 @@ def _torque(answer: Diagnosis, contacts: Sequence[Contact]) -> Section:
         predicts = (
             f": functions of it tell {share:.0%} of it on other stretches." if found.present and share > 0.05 else "."
         )
-        caption = sentence(
-            f"over {set_as.word(name, found.units)}{predicts}{' Yellow: where it lives.' if mark else ''}"
-        )
+        caption = f"Over {quantity(name, found.units)}{predicts}{' Yellow: where it is largest.' * mark}"
         pictures.append(picture(figures.over(found, name, before, mark), caption, wide=False))
     title = f"The {what} that no known effect explains" if unknown else f"{what.capitalize()} beyond the model"
-    return Section(title, tuple(map(sentence, says)), tuple(pictures))
+    return Section(title, tuple(says), tuple(pictures))
 
 
 def _maps(compared: Sequence[Comparison]) -> Section:
     from sysid.report import diagnosis_figures as figures
 
-    titles = ("as it came", "mended") if len(compared) > 1 else ("",)
-    says = [
-        f"{title}: {c.sentence[:1].lower()}{c.sentence[1:]}" if title else c.sentence
-        for title, c in zip(titles, compared, strict=True)
-    ]
+    titles = ("As it came", "Mended") if len(compared) > 1 else ("",)
+    says = [f"{title}: {c.sentence}" if title else c.sentence for title, c in zip(titles, compared, strict=True)]
     torques = [c.torque for c in compared if c.torque is not None]
     pictures: tuple[Picture, ...] = ()
     if len(torques) == len(compared) and any(t.map.significant.any() for t in torques):
-        what = set_as.word("torque", torques[0].units).capitalize()
+        what = quantity("torque", torques[0].units).capitalize()
         caption = f"{what} that the held-out readings need beyond the model, by state; a dot: beyond 99 % of chance."
         pictures = (picture(figures.maps(torques, titles), caption, wide=len(compared) > 1),)
-    return Section("Where the model fails", tuple(map(sentence, says)), pictures)
+    return Section("Where the model fails", tuple(says), pictures)
 
 
 def _parameters(answer: Diagnosis, mended: bool) -> Table:
     parameters, sd, interval = answer.model.parameters, answer.estimate.sd, answer.estimate.interval()
     rows = []
     for name, value in answer.estimate.values.items():
-        low, high = (set_as.rounded(end, sd[name]) for end in interval[name])
+        low, high = (formatting.rounded(end, sd[name]) for end in interval[name])
         came = f"{answer.base.values[name]:.4g}" if name in answer.base.values else ""
         rows.append(
             [
                 name,
-                set_as.measured(value, sd[name]),
+                formatting.measured(value, sd[name]),
                 f"{low} to {high}" if math.isfinite(sd[name]) else "",
-                set_as.unit(parameters[name].unit),
-                *([set_as.number(came)] if mended else []),
+                spaced_unit(parameters[name].unit).strip(),
+                *([formatting.number(came)] if mended else []),
                 "at its bound" if name in answer.estimate.at_bound else "",
             ]
         )
     came_heads = ("as it came, refitted",) if mended else ()
-    heads = ("parameter", f"value {set_as.PLUS_MINUS} sd", "95 % interval", "unit", *came_heads, "")
+    heads = ("parameter", f"value {formatting.PLUS_MINUS} sd", "95 % interval", "unit", *came_heads, "")
     return Table("The mended model" if mended else "The model", heads, rows, words=(0, 3, len(heads) - 1))
 
 
@@ -246,7 +239,7 @@ def _steps(answer: Diagnosis) -> Iterator[Table]:
     from sysid.report.diagnosis_figures import in_order
 
     if steps := in_order(answer):
-        heads = ("effect", "error before", "after", "p", "not told from", "formula")
+        heads = ("effect", "error before", "after", "by chance", "not told from", "formula")
         rows = [_step(s, s in answer.conventions) for s in steps]
         yield Table("What was added", heads, rows, words=(0, 4, 5))
 
@@ -255,45 +248,23 @@ def _step(step: Step, of_log: bool) -> list[str]:
     kind = CATALOGUE.get(step.effect)
     return [
         f"{step.effect} (how the log stamps torques)" if of_log else step.effect,
-        set_as.multiple(step.error_before),
-        set_as.multiple(step.error_after),
-        set_as.chance(step.p_value).removeprefix("p = ").removeprefix("p "),
+        formatting.multiple(step.error_before),
+        formatting.multiple(step.error_after),
+        chance(step.p_value),
         ", ".join(step.alike[1:]),
-        kind.formula.replace("-", set_as.MINUS) if kind is not None else "",
+        kind.formula.replace("-", formatting.MINUS) if kind is not None else "",
     ]
 
 
 def _ruled_out(answer: Diagnosis) -> Iterator[Table]:
     rows = [
-        [name, set_as.number(f"{size['size']:.2g}"), set_as.unit(size["unit"]), size["parameter"]]
+        [name, formatting.number(f"{size['size']:.2g}"), spaced_unit(size["unit"]).strip(), size["parameter"]]
         for name, size in sorted(answer.ruled_out.items())
         if math.isfinite(size["size"])
     ]
     if rows:
         note = "Each of these, alone and of that size, would have been found in 80 of 100 such logs."
         yield Table("Ruled out above", ("effect", "size", "unit", "of"), rows, note, words=(0, 2, 3))
-
-
-def _experiment(found: Mapping[str, Any] | None, plant: Plant) -> list[str]:
-    """What to do next, in sentences."""
-    if not found:
-        return []
-    units = plant.quantities
-    says = [str(found.get("description") or found.get("kind") or "")]
-    before, after = found.get("before"), found.get("after")
-    if after is not None:
-        what = {"evidence": "evidence (16 decide)", "interval": "half width of the widest 95 % interval"}
-        was = "" if before is None else f"{before:.3g} on this log, "
-        says.append(f"{what.get(str(found.get('measure')), 'gain')}: {was}{after:.3g} expected of this experiment")
-    if found.get("rollouts"):
-        starts = ", ".join(f"{a:.2f}" for a in dict.fromkeys(found.get("start") or ()))
-        peak = found.get("u_peak")
-        says.append(
-            f"{found['rollouts']} rollouts, {found.get('seconds', 0.0):.3g} s in all"
-            + (f", {set_as.word('torque', units)} up to {peak:.3g} {units['torque']}" if peak is not None else "")
-            + (f", from rest at {starts} {units['theta']}" if starts else "")
-        )
-    return [sentence(f"{s.rstrip('.')}.") for s in says if s]
 
 
 # ---- a comparison ----------------------------------------------------------------------------------------------------
@@ -304,16 +275,17 @@ def _(answer: Comparison) -> Page:
     return Page(
         title="sysid: how far off, and where",
         badge="adequate" if answer.adequate else "off",
-        sentence=sentence(answer.sentence),
-        numbers=(set_as.multiple(answer.ratio),),
+        sentence=answer.sentence,
+        numbers=(formatting.multiple(answer.ratio),),
         under="times the sensor noise over windows of 1 s; 1.0 is a perfect model: " + physical((answer.one_second,)),
         sections=tuple(_compared(answer)),
         tables=[horizons((answer.errors,))],
         lists={
-            "What promises to explain it, the strongest first": [sentence(f"{c.words}.") for c in answer.causes],
-            "What a perfect model would not show": [sentence(f"{s}.") for s in answer.surprises],
+            "What promises to explain it, the strongest first": [c.words for c in answer.causes],
+            "What a perfect model would not show": answer.surprises,
         },
         settings=settings(answer.sensor, answer.records, answer.units, answer.notes),
+        turns=answer.units["theta"] == "rad",
     )
 
 
@@ -327,28 +299,22 @@ def _compared(answer: Comparison) -> Iterator[Section]:
 
     words = "Error over windows of every length, the state refitted in each."
     yield Section("How far off", (), (panel(comparison_figure.errors, answer, words, wide=True),))
-    times = [f"{t.error.begin:.1f} to {t.error.end:.1f} s" for t in answer.worst]
-    worst = [
-        picture(figures.window(t, answer.units), time, wide=False) for t, time in zip(answer.worst, times, strict=True)
-    ]
-    yield Section("The worst windows", (), tuple(worst), small=True)
+    worst = zip(answer.worst, map(place, answer.one_second.worst), strict=True)
+    pictures = tuple(picture(figures.window(found), where, wide=False) for found, where in worst)
+    yield Section("The worst windows", (), pictures, small=True)
     if (torque := answer.torque) is None:
         return
     says = (
-        f"{set_as.word('torque', torque.units).capitalize()} that must act beyond the model, with its 99 % band; "
+        f"{quantity('torque', torque.units).capitalize()} that must act beyond the model, with its 99 % band; "
         "on the map a dot: beyond 99 %.",
     )
     states = picture(figures.maps([torque], [""]), "By state.", wide=False)
     curves = [
-        panel(partial(_over, name), torque, sentence(f"over {set_as.word(name, torque.units)}."), name == "time")
+        picture(figures.over(torque, name), f"Over {quantity(name, torque.units)}.", wide=False)
         for name in torque.binned
+        if name != "time"
     ]
-    yield Section("Where it fails", says, (states, *curves))
+    in_time = panel(comparison_figure.over_time, torque, "Over time.", wide=True)
+    yield Section("Where it fails", says, (states, *curves, in_time))
     white = panel(comparison_figure.whiteness, answer, "Those of a right model, beside a random torque, are white.")
     yield Section("What the innovations know", (), (white,))
-
-
-def _over(name: str, torque: ResidualTorque, axes: Axes) -> None:
-    from sysid.report import comparison_figure
-
-    comparison_figure.over(torque, name, axes)

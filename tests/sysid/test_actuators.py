@@ -127,7 +127,7 @@ def test_dry_friction_and_a_late_command_are_found_behind_a_servo() -> None:
     records = swings(joint(servo, Coulomb(tau_c=0.15), Delay(T=0.04)), n=4, about=math.pi)
     found = diagnose(joint(PositionServo(k_p=8.0)), records, SENSOR)
     assert {s.effect for s in found.steps} == {"coulomb", "delay"}, str(found)
-    estimate = found.best.estimate
+    estimate = found.estimate
     for name, value in {"coulomb.tau_c": 0.15, "delay.T": 0.04, "position_servo.k_d": 0.4}.items():
         assert abs(estimate.values[name] - value) < 4.0 * estimate.sd[name], name
 

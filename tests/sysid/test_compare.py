@@ -244,7 +244,7 @@ def test_a_gust_is_found_in_its_rollout() -> None:
     assert c.torque.depends_on == ("time",)
     assert "depends on time, strongest in gusty at 3." in c.sentence
     assert {t.name for t in c.torque.contacts} == {"gusty"}
-    assert c.worst[0].error.record == "gusty"
+    assert c.worst[0].record == "gusty"
 
 
 def test_what_a_hand_touched_is_set_apart() -> None:
@@ -252,7 +252,7 @@ def test_what_a_hand_touched_is_set_apart() -> None:
     push = np.zeros(300)
     push[155:165] = 15.0
     c = compare(ROD, pushed(ROD.with_effect(Viscous(b=0.03)), push, "pushed"), BOTH)
-    assert c.worst[0].error.record == "pushed" and c.torque is not None
+    assert c.worst[0].record == "pushed" and c.torque is not None
     (touch,) = c.torque.contacts
     assert touch.name == "pushed" and 2.8 < touch.t_begin < 3.2
     assert [cause.effect for cause in c.causes] == ["viscous"]
@@ -286,13 +286,14 @@ def test_the_worst_windows_hold_readings_and_model() -> None:
     records = logs(ROD.with_effect(Tilt(alpha=0.05)))
     worst = compare(ROD, records, BOTH).worst
     assert len(worst) == 3
-    for trace in worst:
-        record = next(r for r in records if r.name == trace.error.record)
-        at = np.searchsorted(record.t, trace.t - 1e-9)
-        np.testing.assert_allclose(trace.readings["theta"], record.theta[at], rtol=1e-12)
-        e = (trace.readings["theta_dot"] - trace.model["theta_dot"]) / BOTH.theta_dot
-        e = np.concatenate([e, (trace.readings["theta"] - trace.model["theta"]) / BOTH.theta])
-        assert math.sqrt(np.sum(e**2) / (len(e) - 2)) == pytest.approx(trace.error.ratio, rel=1e-6)
+    for found in worst:
+        record, read = next(r for r in records if r.name == found.record), slice(0, -1)  # a nan ends the window
+        at = np.searchsorted(record.t, found.t[read] - 1e-9)
+        np.testing.assert_allclose(found.readings["theta"][read], record.theta[at], rtol=1e-12)
+        np.testing.assert_array_equal(found.command[read], record.u[np.minimum(at, len(record) - 1)])
+        e = (found.readings["theta_dot"] - found.model["theta_dot"])[read] / BOTH.theta_dot
+        e = np.concatenate([e, (found.readings["theta"] - found.model["theta"])[read] / BOTH.theta])
+        assert math.sqrt(np.sum(e**2) / (len(e) - 2)) == pytest.approx(found.ratio, rel=1e-6)
 
 
 def test_a_rerun_gives_the_same_numbers() -> None:

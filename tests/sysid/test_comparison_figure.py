@@ -65,7 +65,7 @@ def test_the_curve_that_is_drawn_is_the_answer(answer: Comparison) -> None:
     comparison_figure.over(torque, "theta", by_angle)
     drawn = by_angle.lines[1].get_ydata()
     assert len(drawn) > 5 and np.all(np.isin(drawn, over.mean))
-    comparison_figure.over(torque, "time", in_time)
+    comparison_figure.over_time(torque, in_time)
     np.testing.assert_array_equal(in_time.lines[1].get_ydata(), torque.records[0].d)
 
 

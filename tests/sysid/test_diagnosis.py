@@ -231,7 +231,7 @@ def test_a_hand_is_named_and_becomes_no_effect() -> None:
     assert found.contacts[0].t_begin < 1.8 < found.contacts[0].t_end
     assert found.remaining is not None
     assert "time" in found.remaining.depends_on
-    assert "pushed" in found.remaining.where
+    assert f"in {found.contacts[0]}" in found.sentence
     assert abs(found.estimate.values["m"] - 1.0) < 4.5 * found.estimate.sd["m"], "what a hand touched was fitted"
 
 

@@ -17,9 +17,10 @@ import pytest
 from sysid import Coulomb, InvalidInput, LinearAxis, Model, Record, RodPendulum, Sensor, compare, fit, simulate
 from sysid.data.splitting import split
 from sysid.diagnosis.answer import Diagnosis, Ranked, Remaining, Step
-from sysid.diagnosis.typical_prediction import typical
+from sysid.diagnosis.predictions import typical
 from sysid.estimation.held_out import held_out_error
 from sysid.planning.excitation import steps
+from sysid.planning.non_torque_experiments import no_experiment
 from sysid.report import diagnosis_figures as figures
 from sysid.report import formatting as set_as
 from sysid.report.write import page_of, write_report
@@ -64,7 +65,7 @@ def diagnosis(records: list[Record], verdict: str = "missing", sensor: Sensor = 
         unseen=held_out,
         estimate=end if added else base,
         contacts=(),
-        next_experiment={"description": "play steps", "measure": "evidence", "before": 2.0, "after": 40.0},
+        next_experiment=no_experiment(("coulomb", "stribeck"), "play steps."),
         seconds=1.5,
     )
 
@@ -140,11 +141,11 @@ def test_it_reads_in_light_and_dark_and_on_a_phone(pages):
 def test_the_page_says_what_the_answer_says(records, pages):
     answer, said = diagnosis(records), text(pages["missing"])
     assert f"{answer.base_error.ratio:.2f} → {answer.error.ratio:.2f} times the sensor noise" in said
-    assert set_as.sentence(answer.sentence) in said
+    assert answer.finding.replace("+-", "±") in said
     low, high = answer.estimate.interval()["coulomb.tau_c"]
     sd = answer.estimate.sd["coulomb.tau_c"]
     assert f"{set_as.rounded(low, sd)} to {set_as.rounded(high, sd)}" in said
-    for words in ("m, l, torque_gain", "viscous 0.0012 N m s/rad b", "Play steps.", "angle 0.003 rad", "rollout 3",
+    for words in ("m, l, torque_gain", "viscous 0.0012 N m s/rad b", "play steps.", "angle 0.003 rad", "rollout 3",
                   "600 samples (12 s) at 50 Hz"):  # fmt: skip
         assert words in said, words
 
@@ -152,13 +153,13 @@ def test_the_page_says_what_the_answer_says(records, pages):
 def test_what_is_unknown_is_shown_before_all_else(pages):
     titles = re.findall(r"<h2>(.*?)</h2>", pages["unknown"])
     assert titles[1] == "The torque that no known effect explains"
-    assert "90\N{NO-BREAK SPACE}% of the squared error is unexplained" in text(pages["unknown"])
+    assert "90% of the squared error is unexplained" in text(pages["unknown"])
     assert "stribeck" in text(pages["cannot tell"])
 
 
 def test_a_comparison_has_a_page_of_its_own(records, pages):
     answer, said = compare(ROD, records[-1:], SENSOR), text(pages["comparison"])
-    assert set_as.sentence(answer.sentence) in said
+    assert answer.sentence in said
     for error in answer.errors.values():
         assert set_as.multiple(error.ratios["theta"]) in said
 
@@ -172,7 +173,15 @@ def test_the_page_of_an_axis_is_in_metres_and_newtons(tmp_path):
     page = (tmp_path / "axis.html").read_text(encoding="utf-8")
     said = text(page) + " ".join(re.findall(r'alt="([^"]*)"', page))
     assert "dry friction of about 0.2 N" in said and "position 0.001 m, speed 0.01 m/s" in said
-    assert not re.search(r"\brad\b|N m\b", said)
+    assert not re.search(r"\brad\b|N m\b|upright", said) and "The position x grows the way" in said
+
+
+def test_it_says_what_asked_for_it_and_which_way_is_positive(records, pages, tmp_path):
+    write_report(compare(ROD, records[-1:], SENSOR), tmp_path / "page.html", "python -m sysid compare <log>.csv")
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "command python -m sysid compare <log>.csv" in text(page) and "<log>" not in page
+    assert "command" not in text(pages["comparison"]).split("How it was made")[1]
+    assert "θ grows this way" in text(page)
 
 
 def test_names_are_text_and_neither_markup_nor_formula(tmp_path):
@@ -211,7 +220,7 @@ def test_what_a_hand_touched_is_shown(tmp_path):
     answer = diagnosis(records)
     warnings = page_of(answer).warnings
     assert len(warnings) == 1
-    assert re.match(r"A hand\? No state of the joint explains rollout 1, [12]\.\d-[23]\.\d s \(\+", warnings[0])
+    assert re.match(r"No state of the joint explains rollout 1, [12]\.\d-[23]\.\d s \(\+", warnings[0])
 
 
 def test_numbers_that_are_not_determined_are_said_to_be(records):
@@ -278,6 +287,8 @@ def test_a_rollout_is_drawn_with_what_the_models_say(records):
     figure = figures.rollout(paths, SENSOR, ("as it came", "mended"))
     readings, before, after = (line.get_ydata() for line in figure.axes[0].lines[:3])
     assert np.nanstd(readings - after) < 1.3 * SENSOR.theta < 0.1 * np.nanstd(readings - before)
+    assert figure.axes[-1].get_ylabel() == "torque [N m]"
+    np.testing.assert_array_equal(figure.axes[-1].lines[0].get_ydata(), paths[0].command)
     left = [line.get_ydata() for line in figure.axes[1].lines]
     np.testing.assert_allclose(left, [readings - before, readings - after])
 
@@ -306,11 +317,10 @@ def test_a_number_is_rounded_well_within_its_sd(value, sd):
     assert abs(read - value) <= 0.051 * sd or sd > 10.0
 
 
-def test_sentences_are_set_as_in_print():
-    said = set_as.sentence("missing: coulomb (tau_c = -0.15 +- 6.1e-05 N m). without it 1.0-2.0 s, 90% (p = 2e-17)")
-    assert said == (
-        "Coulomb (tau_c = \N{MINUS SIGN}0.15 ± 6.1\N{MULTIPLICATION SIGN}10⁻⁵ N m). "
-        "Without it 1.0-2.0 s, 90\N{NO-BREAK SPACE}% (p < 0.0001)"
-    )
-    assert set_as.sentence("asymmetric_coulomb is") == "asymmetric_coulomb is"
+@pytest.mark.parametrize(
+    ("plain", "set_in_print"),
+    [("-0.15", "~0.15"), ("6.1e-05", "6.1x10⁻⁵"), ("-2e+07", "~2x10⁷"), ("0.003", "0.003"), ("nan", "nan")],
+)
+def test_a_number_is_set_as_in_print(plain, set_in_print):
+    assert set_as.number(plain) == set_in_print.replace("~", set_as.MINUS).replace("x", set_as.TIMES)
     assert set_as.multiple(math.inf) == "∞"

@@ -21,7 +21,7 @@ _LONGEST_LAG = 1.0
 
 @dataclass(frozen=True, eq=False)
 class Delay(DeadTime, InputEffect):
-    """drive(t) = u(t - T): a dead time of T [s], at most `longest` [s], which fixes the length of the memory.
+    """A dead time of the torque, at most `longest` [s], which fixes the length of the memory.
 
     Raises InvalidInput for a `longest` that is not a positive time.
     """
@@ -53,9 +53,10 @@ def _time_constants(extent: Extent) -> tuple[float, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Lag(InputEffect):
-    """T z_dot = s - z, drive = z: a first-order lag of time constant T [s] on the signal s.
+    """A first-order lag of the torque, whose memory is z.
 
-    Exact for s constant over a substep h, and safe at T -> 0:
+    Exact for a signal s that is constant over a substep h, and safe at T -> 0:
+
         z' = s + (z - s) exp(-h/T),   mean of z over the substep = s + (z - s) (T/h) (1 - exp(-h/T))
     """
 
@@ -98,7 +99,7 @@ class Lag(InputEffect):
 
 @dataclass(frozen=True, eq=False)
 class TorqueGain(InputEffect):
-    """drive = c u: a torque constant that is off by the factor c [1].
+    """A torque constant that is off by the factor c.
 
     With m and l (or J and G) free it does not show in the motion: weigh the pendulum, or hang a known payload on it.
     """
@@ -117,7 +118,7 @@ class TorqueGain(InputEffect):
 
 @dataclass(frozen=True, eq=False)
 class DeadZone(InputEffect):
-    """drive = sign(u) max(|u| - d, 0): commands below d [N m] do nothing, those above lose d."""
+    """A dead zone of the drive: commands below d do nothing, those above lose d."""
 
     words: ClassVar[str] = "a dead zone of the torque"
     rarity: ClassVar[float] = 3.0
@@ -137,7 +138,7 @@ def _limits(extent: Extent) -> tuple[float, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Saturation(InputEffect):
-    """drive = clip(u, -limit, limit): the driver gives no more than limit [N m]; 10^6 stands for never."""
+    """A driver that gives no more than `limit`; 10^6 stands for never."""
 
     words: ClassVar[str] = "a limit of the torque"
     rarity: ClassVar[float] = 1.5
@@ -152,7 +153,7 @@ class Saturation(InputEffect):
 
 @dataclass(frozen=True, eq=False)
 class BackEmf(JointEffect):
-    """tau = -k theta_dot: the current that a turning motor takes from a voltage driver; k [N m s/rad].
+    """The current that a turning motor takes from a voltage driver.
 
     Exactly viscous friction while the driver is on: only a log with the driver off tells them apart.
     """
@@ -180,13 +181,11 @@ def _slopes(extent: Extent) -> tuple[float, ...]:
 
 @dataclass(frozen=True, eq=False)
 class TorqueSpeedLimit(JointEffect):
-    """drive <= limit - k theta_dot where it drives the motion, and |drive| <= limit: a motor's torque-speed curve.
+    """A motor's torque-speed curve: a limit of the torque that falls with the speed that it drives.
 
-        tau = clip(drive, -clip(limit + k theta_dot, 0, limit), clip(limit - k theta_dot, 0, limit)) - drive
-
-    A driver of limited voltage gives its stall torque `limit` [N m] at rest and nothing at the no-load speed limit / k;
-    k [N m s/rad] is the slope of the curve, and what back-EMF takes. Against the motion it gives up to `limit`. With
-    k = 0 it is a saturation; a limit of 10^6 stands for never. (The same curve is DCMotor in Isaac Lab's actuators.)
+    A driver of limited voltage gives its stall torque `limit` at rest and nothing at the no-load speed limit / k; k is
+    the slope of the curve, and what back-EMF takes. Against the motion it gives up to `limit`. With k = 0 it is a
+    saturation; a limit of 10^6 stands for never. (The same curve is DCMotor in Isaac Lab's actuators.)
     """
 
     words: ClassVar[str] = "a limit of the torque that falls with speed"
@@ -206,11 +205,11 @@ class TorqueSpeedLimit(JointEffect):
 
 @dataclass(frozen=True, eq=False)
 class Stamp(InputEffect):
-    """drive(t) = u(t - s dt): the log's torques are stamped s [samples] early, -1 <= s <= 1.
+    """Torques that the log stamps s samples early. It belongs to the log, not to the machine.
 
     s = 0: a row's torque is held from its time to the next row's. s = -1: from the row before until this one.
-    s = -1/2: half of each. s = 1: it acts one row late. It belongs to the log, not to the machine. It is handed the
-    torque one row ahead and delays it by (1 + s) dt.
+    s = -1/2: half of each. s = 1: it acts one row late. It is handed the torque one row ahead and delays it by
+    (1 + s) dt.
     """
 
     words: ClassVar[str] = "a stamp of the torques"

@@ -13,7 +13,7 @@ from sysid.physics.parameters import parameter
 
 @dataclass(frozen=True, eq=False)
 class TorqueConstant(Actuator):
-    """tau = k_t u: the torque of a current u [A], with k_t [N m/A] behind the gear."""
+    """A motor that is driven by a current u [A]; k_t is its torque constant behind the gear."""
 
     words: ClassVar[str] = "a motor driven by a current"
     formula: ClassVar[str] = "tau = k_t u"
@@ -29,10 +29,10 @@ class TorqueConstant(Actuator):
 
 @dataclass(frozen=True, eq=False)
 class DCMotor(Actuator):
-    """tau = k (u - k_e theta_dot): a DC motor at a voltage u [V], or at a duty cycle times the supply.
+    """A DC motor at a voltage u [V], or at a duty cycle times the supply.
 
-    k [N m/V] is the torque constant over the winding's resistance, k_e [V s/rad] the back-EMF constant, both behind the
-    gear. Back-EMF moves the joint as viscous friction k k_e does: a log tells the two apart only where k_e is known.
+    k is the torque constant over the winding's resistance, k_e the back-EMF constant, both behind the gear. Back-EMF
+    moves the joint as viscous friction k k_e does: a log tells the two apart only where k_e is known.
     The winding's inductance is left out; a lag of the torque stands for it.
     """
 
@@ -53,10 +53,10 @@ class DCMotor(Actuator):
 
 @dataclass(frozen=True, eq=False)
 class PositionServo(Actuator):
-    """tau = clip(k_p (u - theta) - k_d theta_dot, -limit, limit): a servo that holds the angle u [rad].
+    """A servo that holds the angle u [rad].
 
     The servo closes its loop inside the drive, faster than the log was written: its torque follows the joint within a
-    sample. 10^6 stands for no limit. Gains [N m/rad], [N m s/rad] are those at the joint.
+    sample. 10^6 stands for no limit. Gains are those at the joint.
     """
 
     words: ClassVar[str] = "a servo driven by a position command"

@@ -23,7 +23,7 @@ ALMOST = 0.97
 
 @dataclass(frozen=True, eq=False)
 class TorqueBias(JointEffect):
-    """tau = tau_0 [N m]: a constant torque (a torque sensor's or amplifier's offset, a preloaded cable)."""
+    """A constant torque: the offset of a torque sensor or an amplifier, a preloaded cable."""
 
     words: ClassVar[str] = "a constant torque"
     begins: ClassVar[Mapping[str, float]] = {"tau_0": 0.0}
@@ -47,9 +47,9 @@ def _frequencies(extent: Extent) -> tuple[float, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Periodic(JointEffect):
-    """tau = a sin(2 pi f t) + b cos(2 pi f t): a fan, mains hum, an unbalanced machine on the same table.
+    """A periodic torque: a fan, mains hum, an unbalanced machine on the same table.
 
-    a, b [N m]; f [Hz]; t [s] from the start of each record.
+    t is the time from the start of each record.
     """
 
     words: ClassVar[str] = "a periodic torque"
@@ -74,7 +74,7 @@ class Periodic(JointEffect):
 
 @dataclass(frozen=True, eq=False)
 class Drift(JointEffect):
-    """tau = r t: a torque that grows while the record runs (warming, a leak); r [N m/s], t [s] from its start."""
+    """A torque that grows while the record runs (warming, a leak); t is the time from its start."""
 
     words: ClassVar[str] = "a torque that drifts"
     rarity: ClassVar[float] = 3.0

@@ -15,7 +15,7 @@ from sysid.physics.parameters import Extent, parameter
 
 @dataclass(frozen=True, eq=False)
 class Viscous(JointEffect):
-    """tau = -b theta_dot: oil, grease, slow air; b [N m s/rad]."""
+    """Viscous friction: oil, grease, slow air."""
 
     words: ClassVar[str] = "viscous friction"
     precedence: ClassVar[int] = 2
@@ -33,7 +33,7 @@ class Viscous(JointEffect):
 
 @dataclass(frozen=True, eq=False)
 class Coulomb(DryFriction):
-    """tau = -tau_c sign(theta_dot); at rest it holds up to tau_c [N m]: seals, brushes, preloaded bearings."""
+    """Dry friction, which at rest holds up to tau_c: seals, brushes, preloaded bearings."""
 
     words: ClassVar[str] = "dry friction"
     begins: ClassVar[Mapping[str, float]] = {"tau_c": 0.05}
@@ -60,10 +60,10 @@ class Coulomb(DryFriction):
 
 @dataclass(frozen=True, eq=False)
 class Stribeck(DryFriction):
-    """tau = -(tau_c + excess exp(-(theta_dot/v_s)^2)) sign(theta_dot); at rest it holds up to tau_c + excess [N m].
+    """Dry friction of a lubricated contact, which falls by `excess` as the joint comes up to a few v_s.
 
-    A lubricated contact: friction falls by `excess` as the joint comes up to a few v_s [rad/s]. With excess = 0 it is
-    Coulomb friction. (Armstrong-Helouvry, Dupont, Canudas de Wit: Automatica 30 (1994) 1083, with exponent 2.)
+    At rest it holds up to tau_c + excess. With excess = 0 it is Coulomb friction. (Armstrong-Helouvry, Dupont, Canudas
+    de Wit: Automatica 30 (1994) 1083, with exponent 2.)
     """
 
     words: ClassVar[str] = "dry friction that is larger at slow speed"
@@ -84,7 +84,7 @@ class Stribeck(DryFriction):
 
 @dataclass(frozen=True, eq=False)
 class Drag(JointEffect):
-    """tau = -c |theta_dot| theta_dot: air drag at high Reynolds number; c [N m s^2/rad^2]."""
+    """Air drag at high Reynolds number."""
 
     words: ClassVar[str] = "air drag"
     begins: ClassVar[Mapping[str, float]] = {"c": 0.005}
@@ -101,7 +101,7 @@ class Drag(JointEffect):
 
 @dataclass(frozen=True, eq=False)
 class AsymmetricViscous(JointEffect):
-    """tau = -b_plus theta_dot for theta_dot > 0, -b_minus theta_dot below: friction of a worm or a check valve."""
+    """Viscous friction that depends on the direction: a worm, a check valve."""
 
     words: ClassVar[str] = "viscous friction that depends on the direction"
     rarity: ClassVar[float] = 3.0
@@ -119,7 +119,7 @@ class AsymmetricViscous(JointEffect):
 
 @dataclass(frozen=True, eq=False)
 class AsymmetricCoulomb(DryFriction):
-    """tau = -tau_plus for theta_dot > 0, +tau_minus below; at rest it holds between the two [N m].
+    """Dry friction that depends on the direction; at rest it holds between the two.
 
     Where the joint never stands, Coulomb friction of the mean and a torque bias of half the difference move alike.
     """
@@ -143,10 +143,10 @@ def _warming_times(extent: Extent) -> tuple[float, ...]:
 
 @dataclass(frozen=True, eq=False)
 class WarmingFriction(DryFriction):
-    """tau = -(tau_c + excess exp(-t/T)) sign(theta_dot): grease that warms up; at rest it holds up to as much [N m].
+    """Dry friction of a grease that warms up; at rest it holds up to as much.
 
-    Friction falls by `excess` to tau_c with the time constant T [s] of the machine's heat; t [s] from the start of each
-    record, before which the machine has rested. With excess = 0 it is Coulomb friction.
+    Friction falls by `excess` to tau_c with the time constant T of the machine's heat; t is the time from the start of
+    each record, before which the machine has rested. With excess = 0 it is Coulomb friction.
     """
 
     words: ClassVar[str] = "dry friction that falls as the machine warms up"

@@ -16,9 +16,9 @@ from sysid.physics.parameters import Extent, parameter
 
 @dataclass(frozen=True, eq=False)
 class LoadFriction(DryFriction):
-    """tau = -mu |load| sign(theta_dot); at rest it holds up to mu |load|: a gear or a screw that presses harder.
+    """Dry friction of a gear or a screw that presses harder under load; at rest it holds up to mu |load|.
 
-    load [N m] is gravity, drive and every effect that is not friction; mu [1] is its share that friction takes.
+    load is the torque of gravity, drive and every effect that is not friction; mu is its share that friction takes.
     """
 
     words: ClassVar[str] = "dry friction that grows with the load"
@@ -36,12 +36,12 @@ class LoadFriction(DryFriction):
 
 @dataclass(frozen=True, eq=False)
 class DirectionalLoadFriction(DryFriction):
-    """tau = -mu |load| sign(theta_dot), mu = mu_drive where the drive moves the joint, mu_back where it is back-driven.
+    """Dry friction of a gear that loses more of the load when it is back-driven than when it drives.
 
-    A gear or a screw loses more of the load one way than the other; where the drive points against the motion, or is
-    off, the load drives. At rest it holds what would take the drive, or the load, to overcome. mu_drive = mu_back is
-    LoadFriction. (Model M3 of Duclusaud, Passault, Padois, Ly: Extended Friction Models for the Physics Simulation of
-    Servo Actuators, arXiv 2410.08650, told apart by direction; their M5 weighs motor and external torque instead.)
+    Where the drive points against the motion, or is off, the load drives. At rest it holds what would take the drive,
+    or the load, to overcome. mu_drive = mu_back is LoadFriction. (Model M3 of Duclusaud, Passault, Padois, Ly: Extended
+    Friction Models for the Physics Simulation of Servo Actuators, arXiv 2410.08650, told apart by direction; their M5
+    weighs motor and external torque instead.)
     """
 
     words: ClassVar[str] = "dry friction that grows with the load, and otherwise when the load drives"
@@ -62,7 +62,7 @@ class DirectionalLoadFriction(DryFriction):
 
 @dataclass(frozen=True, eq=False)
 class Tilt(JointEffect):
-    """tau = gravity_torque(theta + alpha) - gravity_torque(theta): the base leans by alpha [rad].
+    """A base that leans by alpha.
 
     For a fixed axis it cannot be told from an encoder that reads alpha too little. Without gravity it does nothing.
     """
@@ -82,7 +82,7 @@ class Tilt(JointEffect):
 
 @dataclass(frozen=True, eq=False)
 class Spring(JointEffect):
-    """tau = -k (theta - pi): a spring or a cable that is slack where the pendulum hangs; k [N m/rad].
+    """A spring or a cable that is slack where the pendulum hangs.
 
     theta is unwrapped, so each turn winds it further. A rest angle elsewhere shows as a torque bias beside it.
     """
@@ -101,9 +101,9 @@ class Spring(JointEffect):
 
 @dataclass(frozen=True, eq=False)
 class Ripple(JointEffect):
-    """tau = a sin(order theta) + b cos(order theta): cogging of a motor, an eccentric gear; a, b [N m].
+    """A torque that repeats over the angle: cogging of a motor, an eccentric gear.
 
-    `order` [1] counts the waves in a turn. Order 1 is left out: that is gravity.
+    `order` counts the waves in a turn. Order 1 is left out: that is gravity.
     """
 
     words: ClassVar[str] = "a ripple over the angle"
@@ -131,7 +131,7 @@ def _small_inertia(extent: Extent) -> tuple[float, ...]:
 
 @dataclass(frozen=True, eq=False)
 class RotorInertia(JointEffect):
-    """J_r [kg m^2] beside the plant's own inertia: the motor's rotor, seen through its gear. It adds no weight.
+    """The inertia of the motor's rotor, seen through its gear, beside the plant's own. It adds no weight.
 
     With m and l (or J) free it does not show in the motion: weigh the pendulum, or hang a known payload on it.
     """

@@ -20,7 +20,7 @@ _LONGEST_FILTER = 0.3
 
 @dataclass(frozen=True, eq=False)
 class AngleOffset(OutputEffect):
-    """reading theta + offset [rad]: the encoder's zero is off."""
+    """An encoder whose zero is off."""
 
     words: ClassVar[str] = "an offset of the angle readings"
     rarity: ClassVar[float] = 1.0
@@ -36,7 +36,7 @@ class AngleOffset(OutputEffect):
 
 @dataclass(frozen=True, eq=False)
 class VelocityBias(OutputEffect):
-    """reading theta_dot + bias [rad/s]: the offset of a gyroscope or a tachometer."""
+    """The offset of a gyroscope or a tachometer."""
 
     words: ClassVar[str] = "an offset of the speed readings"
     rarity: ClassVar[float] = 2.0
@@ -51,7 +51,7 @@ class VelocityBias(OutputEffect):
 
 @dataclass(frozen=True, eq=False)
 class VelocityGain(OutputEffect):
-    """reading c theta_dot: the scale of a gyroscope or a tachometer is off by the factor c [1]."""
+    """The scale of a gyroscope or a tachometer, off by the factor c."""
 
     words: ClassVar[str] = "a factor on the speed readings"
     rarity: ClassVar[float] = 2.0
@@ -66,7 +66,7 @@ class VelocityGain(OutputEffect):
 
 @dataclass(frozen=True, eq=False)
 class SensorDelay(DeadTime, OutputEffect):
-    """reading(t) = state(t - T): both sensors show what was T [s] ago, at most `longest` [s].
+    """Sensors that both show what was T ago, at most `longest` [s].
 
     Between instants the angle is the cubic that meets angle and speed at both ends (Hermite), and the speed is that
     cubic's slope; with x the share of an interval, counted backwards from its end, and m = -theta_dot dt:
@@ -122,7 +122,7 @@ class SensorDelay(DeadTime, OutputEffect):
 
 @dataclass(frozen=True, eq=False)
 class Backlash(OutputEffect):
-    """y = min(max(y, theta - width/2), theta + width/2): play of width [rad] between the joint and its encoder.
+    """Play between the joint and its encoder, which reads y.
 
     The encoder stays where it is until the joint has crossed the gap; its speed is the joint's while they touch and 0
     in the gap. A log begins in the middle of the gap, y = theta.
@@ -150,7 +150,7 @@ class Backlash(OutputEffect):
 
 @dataclass(frozen=True, eq=False)
 class Eccentricity(OutputEffect):
-    """reading = theta + a sin(theta) + b cos(theta) [rad]: the encoder's disc turns about a point beside its centre.
+    """An encoder whose disc turns about a point beside its centre.
 
     The speed, from the same disc, is that reading's derivative: (1 + a cos(theta) - b sin(theta)) theta_dot.
     A disc of radius R whose centre is e beside the axis reads wrong by up to e / R. Within less than a turn it looks
@@ -183,7 +183,7 @@ def _filter_times(extent: Extent) -> tuple[float, ...]:
 
 @dataclass(frozen=True, eq=False)
 class FilteredSpeed(OutputEffect):
-    """T w_dot = theta_dot - w, reading w [rad/s]: a drive that smooths the speed in its firmware; the angle as it is.
+    """A drive that smooths the speed in its firmware; the angle is shown as it is.
 
     Exact for a speed that is linear over an interval, from theta_dot_0 to theta_dot_1, and safe at T -> 0:
 

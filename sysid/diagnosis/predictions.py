@@ -1,4 +1,4 @@
-"""Typical prediction: the stretch of a log that stands for all of it, as it was read and as models predict it."""
+"""Predictions: stretches of a log, as they were read and as models predict them."""
 
 from __future__ import annotations
 
@@ -16,18 +16,20 @@ from sysid.estimation.windows import cut
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
-SPAN = 10.0
+LONGEST_STRETCH = 10.0
 """The longest stretch [s]."""
 
 
 class Prediction(NamedTuple):
     """A stretch of a rollout: its name, instants t (n,) [s], and by channel readings and a model's answers (n,), in the
-    plant's units."""
+    plant's units; the command (n,) in its own; and the error in units of the sensor noise."""
 
     record: str
     t: Array
     readings: dict[str, Array]
     model: dict[str, Array]
+    command: Array
+    command_unit: str
     ratio: float
     units: Mapping[str, str]
 
@@ -39,20 +41,20 @@ def typical(
 
     They predict it from its first state, or `ahead` [s] at a time.
     """
-    ahead = min(max(ahead, 1.0), SPAN)
+    ahead = min(max(ahead, 1.0), LONGEST_STRETCH)
     fits = [refit_windows(m, records, sensor, cut(records, ahead, lead_of(m))) for m in models]
     errors = [np.array([w.ratio for w in error_of(f, ahead).windows]) for f in fits]
     owner = np.array([w.record for w in fits[0].response.windows])
-    most = max(1, round(SPAN / ahead))
+    most = max(1, round(LONGEST_STRETCH / ahead))
     groups = [g[k : k + most] for g in (np.flatnonzero(owner == r) for r in set(owner)) for k in range(0, len(g), most)]
     mean = [[float(np.sqrt(np.mean(e[g] ** 2))) for g in groups] for e in errors]
     i = int(np.argsort(np.nan_to_num(mean[0], nan=np.inf))[len(groups) // 2])
-    return tuple(_joined(f, groups[i].tolist(), m[i]) for f, m in zip(fits, mean, strict=True))
+    return tuple(predicted(f, groups[i].tolist(), m[i]) for f, m in zip(fits, mean, strict=True))
 
 
-def _joined(fit: Refit, windows: Sequence[int], ratio: float) -> Prediction:
-    """Windows one after the other; between them a nan, so that no line leads over."""
-    response, times = fit.response, list[Array]()
+def predicted(fit: Refit, windows: Sequence[int], ratio: float) -> Prediction:
+    """Windows of one record, one after the other; behind each a nan, so that no line leads over."""
+    response, times, commands = fit.response, list[Array](), list[Array]()
     e, read = fit.lin.e.reshape(response.y.shape), response.weight > 0.0
     seen = [c for row, c in enumerate(CHANNELS) if read[:, row].any()]
     readings: dict[str, list[Array]] = {c: [] for c in seen}
@@ -60,12 +62,21 @@ def _joined(fit: Refit, windows: Sequence[int], ratio: float) -> Prediction:
     for k in windows:
         at = read[k].any(axis=0)
         times.append(np.append(response.time[k, at], np.nan))
+        own = response.interval[k, np.flatnonzero(at).clip(max=response.windows[k].count - 1)]
+        commands.append(np.append(response.commands[own], np.nan))
         for c in seen:
             row = CHANNELS.index(c)
             left = np.divide(e[k, row], response.weight[k, row], out=np.full(len(at), np.nan), where=read[k, row])
             y = np.where(read[k, row], response.y[k, row], np.nan)
             readings[c].append(np.append(y[at], np.nan))
             model[c].append(np.append((y - left)[at], np.nan))
-    name = response.records[response.windows[windows[0]].record].name
-    joined = [{c: np.concatenate(v) for c, v in found.items()} for found in (readings, model)]
-    return Prediction(name, np.concatenate(times), joined[0], joined[1], ratio, response.model.plant.quantities)
+    return Prediction(
+        record=response.records[response.windows[windows[0]].record].name,
+        t=np.concatenate(times),
+        readings={c: np.concatenate(v) for c, v in readings.items()},
+        model={c: np.concatenate(v) for c, v in model.items()},
+        command=np.concatenate(commands),
+        command_unit=response.model.command_unit,
+        ratio=ratio,
+        units=response.model.plant.quantities,
+    )

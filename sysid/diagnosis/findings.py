@@ -1,0 +1,49 @@
+"""Findings in words: the parts that the sentences of several answers share, on a terminal and on a page alike."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from sysid.estimation.estimate import Estimate
+
+
+def chance(p_value: float) -> str:
+    """How probable a finding is by chance."""
+    return f"p = {p_value:.2g}" if p_value >= 1e-4 else "p < 0.0001"
+
+
+def quantity(name: str, units: Mapping[str, str]) -> str:
+    """What "theta", "theta_dot", "torque" or "time" is called where these are the plant's units."""
+    turning = {"theta": "angle", "theta_dot": "speed", "torque": "torque", "time": "time"}
+    sliding = {"theta": "position", "torque": "force"}
+    return sliding.get(name, turning[name]) if units["theta"] == "m" else turning[name]
+
+
+def spaced_unit(name: str) -> str:
+    """A unit behind its number, with a space between them; nothing for a plain number."""
+    return "" if name == "1" else f" {name}"
+
+
+def numbers_of(estimate: Estimate, effect: str) -> dict[str, dict[str, Any]]:
+    """The fitted numbers of an effect by name: value, sd and unit."""
+    parameters, sd = estimate.model.parameters, estimate.sd
+    return {
+        name: {"value": value, "sd": sd[name], "unit": parameters[name].unit}
+        for name, value in estimate.values.items()
+        if parameters[name].owner == effect
+    }
+
+
+def with_numbers(effect: str, numbers: Mapping[str, Mapping[str, Any]]) -> str:
+    """An effect and its fitted numbers: "coulomb (tau_c = 0.1499 +- 6.1e-05 N m)"."""
+    said = [
+        f"{name.partition('.')[2]} = {n['value']:.4g} +- {n['sd']:.2g}{spaced_unit(n['unit'])}"
+        for name, n in numbers.items()
+    ]
+    return f"{effect} ({', '.join(said)})"
+
+
+def dependence_on(quantities: Sequence[str], *where: str) -> str:
+    """What a torque that no effect explains depends on, and where it acts."""
+    return ", ".join(["it depends on " + " and ".join(quantities), *filter(None, where)])
