@@ -49,7 +49,6 @@ def diagnose(
     effects: Iterable[str] | None = None,
     parameters: Sequence[str] | None = None,
     settings: SearchSettings = DEFAULT,
-    tell: Callable[[str], None] = lambda _: None,
 ) -> Diagnosis:
     """Which physical effect is missing, how large is it, and does it matter?
 
@@ -74,8 +73,6 @@ def diagnose(
         The free parameters; by default the estimate's, or all but gravity.
     choosing : Choosing, optional
         What counts as evidence, and what matters.
-    tell : callable, optional
-        Is told what is being tried.
 
     Returns
     -------
@@ -108,9 +105,7 @@ def diagnose(
         sensor = sensor_noise(records).sensor
     training, held_out = split(records, hold_out)
     sensor = relied_on(model, training, sensor)
-    search, base, contacts = _searched(
-        lambda left: Search(left, sensor, chosen, settings, tell), training, model, names
-    )
+    search, base, contacts = _searched(lambda left: Search(left, sensor, chosen, settings), training, model, names)
     return _Report(search, base, records, held_out, sensor, contacts, notes).diagnosis(began)
 
 
