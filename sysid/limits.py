@@ -8,6 +8,8 @@ LOG_ROWS = 1_000_000
 """Rows of a log that are worked on."""
 RAW_ROWS = 20_000_000
 """Rows that are read where a sample interval is asked for, and numbers of an array in a file."""
+SHORTEST_INTERVAL = 1e-6
+"""The shortest sample interval of a log [s]."""
 LOG_SUBSTEPS = 200
 """Steps of the integrator in a sample interval of a log."""
 SUBSTEPS = 10_000

@@ -76,6 +76,8 @@ class Database:
             )
 
     def _open(self, schema: str, expected: Mapping[str, str]) -> None:
+        if self.path.exists() and 0 < self.path.stat().st_size < 512:  # SQLite takes it for an empty one
+            raise InvalidInput(f"{self.path} is not a database of this study: choose another --out")
         self.db = sqlite3.connect(self.path, timeout=3.0, isolation_level=None)
         tables = _columns(self.db)
         if tables and "meta" not in tables:
