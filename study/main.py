@@ -23,6 +23,7 @@ import tyro
 
 from study.mismatch.plan import PLANS
 from study.paper.presets import PRESETS
+from sysid.cli.command_line import called
 from sysid.data.files import place
 from sysid.errors import InvalidInput
 
@@ -76,7 +77,7 @@ class Options:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code: 0 done, 1 a task failed, 2 bad input, 130 stopped."""
-    options, unknown = tyro.cli(Options, prog="python -m study.main", args=arguments, return_unknown_args=True)
+    options, unknown = tyro.cli(Options, prog=called("python -m study.main"), args=arguments, return_unknown_args=True)
     if unknown:
         known = ", ".join(map(_flag, dataclasses.fields(Options)))
         return _fail(f"unknown option {unknown[0]!r}: expected {known} or --help", 2)

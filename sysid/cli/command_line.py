@@ -12,6 +12,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import tyro
@@ -58,6 +59,12 @@ def terminal() -> Iterator[logging.Logger]:
         for logger in loggers:
             logger.removeHandler(handler)
             logger.setLevel(logging.NOTSET)
+
+
+def called(module: str) -> str:
+    """The name of the program: the entry point that was called, or `module`, as in "python -m policies"."""
+    name = Path(sys.argv[0]).name
+    return name if name.startswith("gapfinder-") else module
 
 
 def answer(
