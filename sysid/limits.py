@@ -24,7 +24,7 @@ EPISODES = 100_000
 """Start states from which a policy is judged."""
 LAYERS = 20
 """Layers of a policy's network."""
-LAYER_WIDTH = 100_000
+LAYER_WIDTH = 10_000
 """Width of a layer."""
 TRAINING_MEMORY = 8e9
 """Bytes that networks, optimisers and transitions of a training take."""

@@ -323,7 +323,7 @@ def test_a_model_of_tiny_steps_is_refused(name, value, log, saved, tmp_path, cap
 
 TRAININGS = {
     "steps": ("--steps", "10000000000"),
-    "layers": ("--hidden", "100000", "100000"),
+    "layers": ("--hidden", "100000"),
     "a layer": ("--hidden", "1000000000"),
     "agents": ("--agents", "1000", "--hidden", "4096", "4096"),
     "seed": ("--seed", str(2**70)),
