@@ -23,6 +23,9 @@ import tyro
 
 from study.mismatch.plan import PLANS
 from study.paper.presets import PRESETS
+from sysid.cli.command_line import called
+from sysid.data.files import place
+from sysid.errors import InvalidInput
 
 if TYPE_CHECKING:
     from study.pipeline.executor import Executor
@@ -74,7 +77,7 @@ class Options:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code: 0 done, 1 a task failed, 2 bad input, 130 stopped."""
-    options, unknown = tyro.cli(Options, prog="python -m study.main", args=arguments, return_unknown_args=True)
+    options, unknown = tyro.cli(Options, prog=called("python -m study.main"), args=arguments, return_unknown_args=True)
     if unknown:
         known = ", ".join(map(_flag, dataclasses.fields(Options)))
         return _fail(f"unknown option {unknown[0]!r}: expected {known} or --help", 2)
@@ -106,7 +109,6 @@ def _study(options: Options) -> int:
 
     from study.pipeline.executor import WorkerFailed
     from study.pipeline.experiment import run
-    from sysid import InvalidInput
 
     console = Console(highlight=False)
     try:
@@ -126,15 +128,13 @@ def _study(options: Options) -> int:
 @contextlib.contextmanager
 def _experiment(options: Options) -> Iterator[Experiment]:
     """The preset's experiment, over the open folder of its results."""
-    folder, device, seconds = (
-        options.out or Path("results") / options.preset,
-        options.device,
-        options.checkpoint_seconds,
-    )
+    folder, device, seconds = options.out or Path("results", options.preset), options.device, options.checkpoint_seconds
+    for path in (folder, options.import_, options.published):
+        if path is not None:
+            place(path, "use")
     if options.preset in PLANS:
         from study.mismatch.experiment import MismatchExperiment
         from study.mismatch.mismatch_results import MismatchResults
-        from sysid import InvalidInput
 
         for name, given in (("--import", options.import_), ("--published", options.published)):
             if given is not None:
@@ -159,7 +159,6 @@ def _executor(options: Options) -> Executor:
     from study.pipeline.cluster import Cluster
     from study.pipeline.processes import Processes
     from study.pipeline.settings import check_device
-    from sysid import InvalidInput
 
     if options.executor not in ("processes", "ray"):
         raise InvalidInput(f"unknown executor {options.executor!r}: expected processes or ray")
@@ -175,7 +174,6 @@ def _executor(options: Options) -> Executor:
 
 
 def _workers(asked: int) -> int:
-    from sysid import InvalidInput
 
     if asked < 0:
         raise InvalidInput(f"--workers {asked}: expected a number of processes, or 0 for one a core")
@@ -198,7 +196,7 @@ def _flag(field: dataclasses.Field[object]) -> str:
 
 
 def _fail(sentence: str, code: int) -> int:
-    print(f"error: {sentence}", file=sys.stderr)
+    print(f"error: {InvalidInput(sentence)}", file=sys.stderr)
     return code
 
 

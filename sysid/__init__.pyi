@@ -5,6 +5,7 @@ from .data.noise import sensor_noise
 from .data.record import Record, write_csv
 from .data.sensor import Sensor
 from .data.splitting import split
+from .data.user_effects import load_effects
 from .diagnosis.add import Added, add
 from .diagnosis.answer import Diagnosis
 from .diagnosis.compare import Comparison, compare
@@ -73,7 +74,6 @@ from .physics.model import Model, State
 from .physics.parameters import Extent, Parameter, parameter
 from .physics.plants import GeneralJoint, LinearAxis, Plant, PointMassPendulum, RodPendulum
 from .physics.simulate import Trajectory, simulate
-from .physics.user_effects import load_effects
 from .report.comparison_figure import plot_comparison
 
 __all__ = [

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import logging
 import math
 from collections.abc import Mapping, Sequence
 from functools import singledispatch
@@ -18,18 +19,20 @@ from policies.environments import task
 from policies.environments.machine import check_machine, check_stable, machine_of, past_commands_needed
 from policies.environments.randomization import Band, Fixed, Posterior, Randomization, Ranges
 from policies.evaluation import Evaluation, evaluate, fresh_start_states
-from policies.storage.policy_file import DESCRIPTION, WEIGHTS, SavedPolicy, load_policy, save_policy
+from policies.storage.policy_file import DESCRIPTION, LONGEST_HISTORY, WEIGHTS, SavedPolicy, load_policy, save_policy
 from sysid import InvalidInput, Model, Parameter, SavedModel, load
-from sysid.data.files import save_text
+from sysid.data.files import check_outputs, place, save_file
+from sysid.limits import EPISODES, EVALUATION_MEMORY, LAYER_WIDTH, LAYERS, check_size
 
-EPISODES = 200
+logger = logging.getLogger(__name__)
+
+JUDGED = 200
 """Start states from which `train` states the expected return."""
+
+LARGEST_SEED = 2**62
 
 NARROW = 20.0
 """Bounds whose ends differ by no more than this factor say what is plausible."""
-
-LONGEST_HISTORY = 100
-"""Past commands that a policy may observe."""
 
 
 @singledispatch
@@ -64,8 +67,8 @@ def _(command: Train) -> None:
     training = train(machine, randomization, settings, seeds, history, _Curve())
     if command.agents > 1:
         returns = ", ".join(f"{value:.0f}" for value in training.chosen)
-        print(f"agent {training.best + 1} is the best on this model, by other start states: {returns}")
-    starts = fresh_start_states(0, EPISODES)
+        logger.info(f"agent {training.best + 1} is the best on this model, by other start states: {returns}")
+    starts = fresh_start_states(0, JUDGED)
     worth = evaluate(training.policy, machine, *starts)
     about = {
         "model_file": command.model.name,
@@ -78,10 +81,10 @@ def _(command: Train) -> None:
         "seconds": round(training.seconds, 1),
     }
     save_policy(training.policy, machine, command.out, about)
-    print(f"wrote {command.out / DESCRIPTION} and {WEIGHTS}")
+    logger.info(f"wrote {command.out / DESCRIPTION} and {WEIGHTS}")
     if command.onnx is not None:
         _write_onnx(SavedPolicy(training.policy, machine, about), command.onnx)
-    print(f"expected return on this model ({EPISODES} fresh start states, 95 % intervals):")
+    logger.info(f"expected return on this model ({JUDGED} fresh start states, 95 % intervals):")
     _show("this policy", worth)
     if not command.no_references:
         _show_references(references(machine, *starts))
@@ -89,17 +92,17 @@ def _(command: Train) -> None:
 
 @run.register
 def _(command: Evaluate) -> None:
-    if command.episodes < 2:
-        raise InvalidInput(f"--episodes {command.episodes}: expected at least 2")
-    if command.seed < 0:
-        raise InvalidInput(f"--seed {command.seed}: expected a number >= 0")
+    _check_whole("--episodes", command.episodes, 2, EPISODES)
+    _check_whole("--seed", command.seed, 0, LARGEST_SEED)
     inputs = [command.model, command.effects, command.policy / DESCRIPTION, command.policy / WEIGHTS]
-    _check_outputs(inputs, command.force, command.json)
+    check_outputs(inputs, [command.json], command.force)
     _load_effects(command.effects)
     saved = load_policy(command.policy)
+    widest = max(len(b) for _, b in saved.policy.layers)
+    check_size("bytes of memory for all start states:", 4.0 * widest * command.episodes, EVALUATION_MEMORY)
     starts = fresh_start_states(command.seed, command.episodes)
     own = evaluate(saved.policy, saved.model, *starts)
-    print(f"return from {command.episodes} start states, 95 % intervals:")
+    logger.info(f"return from {command.episodes} start states, 95 % intervals:")
     _show("on its own model", own)
     data: dict[str, Any] = {"schema": "gapfinder/transfer/1", "episodes": command.episodes, "own": _plain(own)}
     on = saved.model
@@ -111,7 +114,7 @@ def _(command: Evaluate) -> None:
         _show("transfer gap", gap, "what it loses there, paired over start states")
         data |= {"other": _plain(other), "gap": _plain(gap)}
     if command.references:
-        print(f"others on {'its own model' if command.model is None else command.model.name}:")
+        logger.info(f"others on {'its own model' if command.model is None else command.model.name}:")
         found = references(on, *starts)
         _show_references(found)
         data["references"] = [
@@ -126,7 +129,7 @@ def _(command: Export) -> None:
     from policies.storage.onnx_file import require_onnx
 
     inputs = [command.effects, command.policy / DESCRIPTION, command.policy / WEIGHTS]
-    _check_outputs(inputs, command.force, command.out)
+    check_outputs(inputs, [command.out], command.force)
     _load_effects(command.effects)
     require_onnx()
     _write_onnx(load_policy(command.policy), command.out)
@@ -138,22 +141,26 @@ def _(command: Export) -> None:
 def _check_onnx(command: Train) -> None:
     if command.onnx is None:
         return
-    file, folder = command.onnx.resolve(), command.out.resolve()
+    file, folder = place(command.onnx, "write"), place(command.out, "write")
     if file == folder:
         raise InvalidInput(f"--onnx {command.onnx}: that is the policy's folder; expected a file")
     if file.parent != folder or folder.is_dir():  # else in the folder that is yet to be made
-        _check_outputs([command.model, command.effects], command.force, command.onnx)
+        check_outputs([command.model, command.effects], [command.onnx], command.force)
 
 
 def _check_numbers(command: Train) -> None:
-    for option, number, low, high in (
-        ("--steps", command.steps, 1, 10**9),
-        ("--agents", command.agents, 1, 1000),
-        ("--seed", command.seed, 0, 2**63),
-        ("--history", command.history or 0, 0, LONGEST_HISTORY),
-    ):
-        if not low <= number <= high:
-            raise InvalidInput(f"{option} {number}: expected a whole number from {low} to {high:g}")
+    _check_whole("--steps", command.steps, 1, 10**9)
+    _check_whole("--agents", command.agents, 1, 1000)
+    _check_whole("--seed", command.seed, 0, LARGEST_SEED)
+    _check_whole("--history", command.history or 0, 0, LONGEST_HISTORY)
+    for size in command.hidden:
+        _check_whole("--hidden", size, 1, LAYER_WIDTH)
+    check_size("--hidden: layers:", len(command.hidden), LAYERS - 1)
+
+
+def _check_whole(option: str, number: int, low: int, high: int) -> None:
+    if not low <= number <= high:
+        raise InvalidInput(f"{option} {number}: expected a whole number from {low} to {high:g}")
 
 
 def _randomization(command: Train, saved: SavedModel, machine: Model) -> Randomization:
@@ -222,28 +229,28 @@ def history_for(machine: Model, randomization: Randomization) -> int:
     rng = np.random.default_rng(0)
     wanted = max(past_commands_needed(machine.with_parameters(randomization.sample(rng, machine))) for _ in range(20))
     if wanted > LONGEST_HISTORY:
-        print(f"delays and lags reach back {wanted} commands: the policy observes the last {LONGEST_HISTORY}")
+        logger.info(f"delays and lags reach back {wanted} commands: the policy observes the last {LONGEST_HISTORY}")
     return min(LONGEST_HISTORY, wanted)
 
 
 def _introduce(command: Train, model: Model, machine: Model, randomization: Randomization, history: int) -> None:
     numbers = ", ".join(f"{name} = {p.value:.4g} {p.unit}" for name, p in machine.parameters.items())
-    print(f"{command.model.name}: {type(machine.plant).__name__}, {numbers}; torque up to {machine.u_max:g} N m")
+    logger.info(f"{command.model.name}: {type(machine.plant).__name__}, {numbers}; torque up to {machine.u_max:g} N m")
     left_out = [e.name for e in model.effects if e.of_log]
     if left_out:
-        print(f"left out, as it belongs to the log: {', '.join(left_out)}")
+        logger.info(f"left out, as it belongs to the log: {', '.join(left_out)}")
     past = {0: "", 1: " and its last command"}.get(history, f" and its last {history} commands")
     seen = ", ".join(task.observation_names()) + past
-    print(f"task: swing up and hold for {task.DURATION:g} s, a command every {machine.dt:g} s; observed: {seen}")
+    logger.info(f"task: swing up and hold for {task.DURATION:g} s, a command every {machine.dt:g} s; observed: {seen}")
     rng = np.random.default_rng(0)
     draws = [randomization.sample(rng, machine) for _ in range(200)]
     spread = ", ".join(
         f"{name} {min(d[name] for d in draws):.3g} .. {max(d[name] for d in draws):.3g}" for name in draws[0]
     )
-    print(f"drawn in every episode: {spread or 'nothing'}")
+    logger.info(f"drawn in every episode: {spread or 'nothing'}")
     layers = " x ".join(map(str, command.hidden))
     agents = "1 agent" if command.agents == 1 else f"{command.agents} agents"
-    print(f"training {agents} of {layers} for {command.steps:,} steps", flush=True)
+    logger.info(f"training {agents} of {layers} for {command.steps:,} steps")
 
 
 class _Curve:
@@ -259,10 +266,10 @@ class _Curve:
         if not math.isfinite(value):
             return
         if not self.begun:
-            print("     step   return in training")
+            logger.info("     step   return in training")
             self.begun = True
         bar = "#" * max(1, min(self.width, round(-value / self.most * self.width)))
-        print(f"{steps:9,} {value:9.0f}  {bar:<{self.width}}  {seconds:5.0f} s", flush=True)
+        logger.info(f"{steps:9,} {value:9.0f}  {bar:<{self.width}}  {seconds:5.0f} s")
 
 
 # ---- evaluate --------------------------------------------------------------------------------------------------------
@@ -278,7 +285,7 @@ def _other(file: Path, saved: SavedPolicy) -> Model:
     except InvalidInput as error:
         raise InvalidInput(f"{file.name}: {error}") from None
     if own_limit and model.u_max < policy.u_max:
-        print(f"{file.name} gives at most {model.u_max:g} N m, the policy commands up to {policy.u_max:g} N m")
+        logger.info(f"{file.name} gives at most {model.u_max:g} N m, the policy commands up to {policy.u_max:g} N m")
     return machine
 
 
@@ -287,13 +294,13 @@ def _other(file: Path, saved: SavedPolicy) -> Model:
 
 def _show(name: str, evaluation: Evaluation, note: str = "") -> None:
     low, high = evaluation.interval()
-    print(f"  {name:<30} {evaluation.mean:9.1f}  [{low:.1f}, {high:.1f}]{'  ' + note if note else ''}")
+    logger.info(f"  {name:<30} {evaluation.mean:9.1f}  [{low:.1f}, {high:.1f}]{'  ' + note if note else ''}")
 
 
 def _show_references(found: Sequence[ReferenceReturn]) -> None:
     for reference in found:
         if reference.evaluation is None:
-            print(f"  {reference.name:<30}   unknown: {reference.note}")
+            logger.info(f"  {reference.name:<30}   unknown: {reference.note}")
         else:
             _show(reference.name, reference.evaluation, reference.note)
 
@@ -305,26 +312,13 @@ def _plain(evaluation: Evaluation) -> dict[str, Any]:
 # ---- files -----------------------------------------------------------------------------------------------------------
 
 
-def _check_outputs(inputs: Sequence[Path | None], force: bool, *outputs: Path | None) -> None:
-    """Raise InvalidInput where an output is an input, is there already, or cannot be written."""
-    read_from = {p.resolve() for p in inputs if p is not None}
-    for path in (p for p in outputs if p is not None):
-        if path.resolve() in read_from:
-            raise InvalidInput(f"{path} is read by this command: expected another file to write to")
-        if path.is_dir():
-            raise InvalidInput(f"{path} is a folder: expected a file to write to")
-        if not path.resolve().parent.is_dir():
-            raise InvalidInput(f"cannot write {path}: there is no folder {path.parent}")
-        if path.exists() and not force:
-            raise InvalidInput(f"{path} is there already: expected another name, or --force")
-
-
 def _check_folder(folder: Path, inputs: Sequence[Path | None], force: bool) -> None:
-    if folder.exists() and not folder.is_dir():
+    full = place(folder, "write")
+    if full.exists() and not full.is_dir():
         raise InvalidInput(f"{folder} is a file: expected a folder for the policy")
-    if folder.is_dir():
-        _check_outputs(inputs, force, folder / DESCRIPTION, folder / WEIGHTS)
-    elif not folder.resolve().parent.is_dir():
+    if full.is_dir():
+        check_outputs(inputs, [folder / DESCRIPTION, folder / WEIGHTS], force)
+    elif not full.parent.is_dir():
         raise InvalidInput(f"cannot write {folder}: there is no folder {folder.parent}")
 
 
@@ -332,16 +326,16 @@ def _load_effects(file: Path | None) -> None:
     if file is not None:
         from sysid import load_effects
 
-        print(f"effects of {file.name}: {', '.join(load_effects(file))}")
+        logger.info(f"effects of {file.name}: {', '.join(load_effects(file))}")
 
 
 def _write(path: Path, text: str) -> None:
-    save_text(path, text)
-    print(f"wrote {path}")
+    save_file(path, text)
+    logger.info(f"wrote {path}")
 
 
 def _write_onnx(saved: SavedPolicy, path: Path) -> None:
     from policies.storage.onnx_file import write_onnx
 
     difference = write_onnx(saved.policy, saved.model.dt, path)
-    print(f"wrote {path}: differs from the policy by at most {difference:.1g} of its largest torque")
+    logger.info(f"wrote {path}: differs from the policy by at most {difference:.1g} of its largest torque")

@@ -61,7 +61,7 @@ class Train:
     """Write the policy here as ONNX too."""
 
     effects: File = None
-    """The Python file with effects of your own that the model has."""
+    """The Python file with effects of your own that the model has; it is run."""
 
     no_references: Switch = False
     """Leave out the optimum and the textbook's controllers on the same model."""
@@ -93,7 +93,7 @@ class Evaluate:
     """Write the numbers here."""
 
     effects: File = None
-    """The Python file with effects of your own that a model has."""
+    """The Python file with effects of your own that a model has; it is run."""
 
     force: Switch = False
     """Write over files that are there."""
@@ -112,7 +112,7 @@ class Export:
     """Where it is written."""
 
     effects: File = None
-    """The Python file with effects of your own that its model has."""
+    """The Python file with effects of your own that its model has; it is run."""
 
     force: Switch = False
     """Write over a file that is there."""

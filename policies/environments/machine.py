@@ -17,6 +17,7 @@ from policies.environments import task
 from policies.environments.random_streams import Purpose, generator
 from policies.environments.randomization import Randomization
 from sysid import RK4, Delay, FilteredSpeed, InvalidInput, Lag, LinearAxis, Model, SensorDelay, State
+from sysid.limits import EPISODE_STEPS, check_size
 
 Array = NDArray[np.float64]
 
@@ -73,12 +74,22 @@ def with_command_interval(model: Model, dt: float) -> Model:
         raise InvalidInput(f"dt = {dt}: expected a time between two commands in (0, {task.DURATION:g}] s")
     step = model.dt / model.integrator.substeps
     substeps = max(1, math.ceil(dt / step - 1e-6))
+    check_episode(dt, substeps)
     if not isinstance(model.integrator, RK4) and abs(substeps * step - dt) > 1e-6 * dt:
         raise InvalidInput(
             f"the model is integrated in steps of {step:g} s, which are part of its numbers: "
             f"commands every {dt:g} s do not fit them; expected a multiple"
         )
     return dataclasses.replace(model, dt=dt, integrator=dataclasses.replace(model.integrator, substeps=substeps))
+
+
+def check_episode(dt: float, substeps: int) -> None:
+    """Raise InvalidInput where an episode would take too many steps of the integrator."""
+    check_size(
+        f"steps of the integrator in {task.DURATION:g} s, {substeps} for each command of {dt:g} s:",
+        task.DURATION / dt * substeps,
+        EPISODE_STEPS,
+    )
 
 
 def past_commands_needed(model: Model) -> int:

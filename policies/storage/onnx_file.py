@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 from os import PathLike
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,7 +16,7 @@ import numpy as np
 from policies.environments import task
 from policies.network_policy import NetworkPolicy
 from sysid import InvalidInput
-from sysid.data.files import write_whole
+from sysid.data.files import save_file
 
 if TYPE_CHECKING:
     from onnx import ModelProto
@@ -47,10 +46,7 @@ def write_onnx(policy: NetworkPolicy, dt: float, path: str | PathLike[str]) -> f
     difference = largest_difference(policy, model)
     if not difference <= ONNX_TOLERANCE:
         raise InvalidInput(f"the ONNX graph differs from the policy by {difference:.2g} u_max: nothing was written")
-    try:
-        write_whole(Path(path), model.SerializeToString())
-    except OSError as error:
-        raise InvalidInput(f"cannot write {path}: {error.strerror}") from None
+    save_file(path, model.SerializeToString())
     return difference
 
 

@@ -34,13 +34,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from policies.environments import task
+from policies.environments.machine import check_episode
 from policies.network_policy import NetworkPolicy
 from sysid import InvalidInput, Model
-from sysid.data.files import write_whole
+from sysid.data.files import named, read_file, save_file
+from sysid.data.json_file import count, mapping, number, read_json, sequence, text
+from sysid.errors import excerpt
 from sysid.estimation.saved_model import from_dict, to_dict
+from sysid.limits import LAYER_WIDTH, LAYERS, check_size
 
 SCHEMA = "gapfinder/policy/1"
 DESCRIPTION, WEIGHTS = "policy.json", "policy.safetensors"
+LONGEST_HISTORY = 100
+"""Past commands that a policy may observe."""
+LARGEST_WEIGHTS = 1 << 30
+"""Bytes of the weights' file."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,12 +82,10 @@ def save_policy(policy: NetworkPolicy, model: Model, folder: str | PathLike[str]
         "about": {**about, "versions": package_versions()},
     }
     folder = Path(folder)
-    try:
+    with named(folder, "write"):
         folder.mkdir(parents=True, exist_ok=True)
-        write_whole(folder / WEIGHTS, weights)
-        write_whole(folder / DESCRIPTION, json.dumps(described, indent=1, allow_nan=False) + "\n")
-    except OSError as error:
-        raise InvalidInput(f"cannot write {error.filename or folder}: {error.strerror}") from None
+    save_file(folder / WEIGHTS, weights)
+    save_file(folder / DESCRIPTION, json.dumps(described, indent=1, allow_nan=False) + "\n")
 
 
 def load_policy(folder: str | PathLike[str]) -> SavedPolicy:
@@ -89,47 +95,35 @@ def load_policy(folder: str | PathLike[str]) -> SavedPolicy:
     observation this version does not make.
     """
     folder = Path(folder)
-    text, weights = _read(folder / DESCRIPTION), _read(folder / WEIGHTS)
-    try:
-        data = json.loads(text)
-    except (ValueError, RecursionError):
-        raise InvalidInput(f"{folder / DESCRIPTION} is not JSON: expected one that a training wrote") from None
+    file = folder / DESCRIPTION
+    data = read_json(file, "the folder that a training wrote")
+    weights = read_file(folder / WEIGHTS, "the weights that a training wrote", LARGEST_WEIGHTS)
     if not isinstance(data, dict) or data.get("schema") != SCHEMA:
         came = data.get("schema") if isinstance(data, dict) else None
-        raise InvalidInput(f'{folder / DESCRIPTION} has "schema": {json.dumps(came)}: this version reads "{SCHEMA}"')
+        raise InvalidInput(f'{file} has "schema": {excerpt(came)}: this version reads "{SCHEMA}"')
     try:
         return _policy(data, weights)
     except InvalidInput as error:
         raise InvalidInput(f"{folder}: {error}") from None
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InvalidInput(f"{folder / DESCRIPTION} is damaged ({type(error).__name__}: {error})") from None
-
-
-def _read(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        folder = path.parent
-        raise InvalidInput(
-            f"{folder} is no policy: cannot read {path.name} in it ({error.strerror}); "
-            "expected the folder that a training wrote"
-        ) from None
 
 
 def _policy(data: Mapping[str, Any], weights: bytes) -> SavedPolicy:
-    history, dt, u_max = data["history"], float(data["dt"]), float(data["u_max"])
-    names = list(task.observation_names(history)) if isinstance(history, int) and history >= 0 else []
-    if data["observation"] != names:
-        came = ", ".join(map(str, data["observation"]))
+    history, dt, u_max = count(data, "history"), number(data, "dt"), number(data, "u_max")
+    if history > LONGEST_HISTORY:
+        raise InvalidInput(f"it observes {history:,} past commands: expected at most {LONGEST_HISTORY}")
+    names = list(task.observation_names(history))
+    if sequence(data, "observation") != names:
+        came = excerpt(data["observation"])
         raise InvalidInput(f"it was trained for another observation ({came}): this version gives {', '.join(names)}")
     if not (0.0 < dt < math.inf and 0.0 < u_max < math.inf):
         raise InvalidInput(f"dt = {dt} and u_max = {u_max}: expected positive numbers")
-    if hashlib.sha256(weights).hexdigest() != data["weights"]["sha256"]:
+    if hashlib.sha256(weights).hexdigest() != text(mapping(data, "weights"), "sha256"):
         raise InvalidInput(f"{WEIGHTS} is not the file that {DESCRIPTION} was written with: train again, or copy both")
-    model = from_dict(data["model"]).model
+    model = from_dict(mapping(data, "model")).model
+    check_episode(model.dt, model.integrator.substeps)
     if (model.dt, model.u_max) != (dt, u_max):
         raise InvalidInput(f"its model has dt = {model.dt}, u_max = {model.u_max}, the policy {dt} and {u_max}")
-    return SavedPolicy(NetworkPolicy(_layers(weights, 3 + history), u_max, history), model, dict(data["about"]))
+    return SavedPolicy(NetworkPolicy(_layers(weights, 3 + history), u_max, history), model, mapping(data, "about"))
 
 
 def _layers(weights: bytes, inputs: int) -> tuple[tuple[NDArray[np.float32], NDArray[np.float32]], ...]:
@@ -141,6 +135,7 @@ def _layers(weights: bytes, inputs: int) -> tuple[tuple[NDArray[np.float32], NDA
     except SafetensorError as error:
         raise InvalidInput(f"{WEIGHTS} is no safetensors file ({error})") from None
     depth = len(arrays) // 2
+    check_size(f"{WEIGHTS} holds layers:", depth, LAYERS)
     if depth == 0 or set(arrays) != {f"{kind}{i}" for i in range(depth) for kind in "wb"}:
         raise InvalidInput(f"{WEIGHTS} holds {', '.join(sorted(arrays)) or 'nothing'}: expected w0, b0, w1, ...")
     layers = tuple((arrays[f"w{i}"], arrays[f"b{i}"]) for i in range(depth))
@@ -151,6 +146,7 @@ def _layers(weights: bytes, inputs: int) -> tuple[tuple[NDArray[np.float32], NDA
             raise InvalidInput(f"layer {i} has shapes {w.shape} and {b.shape}: expected {(width, out)} and {(out,)}")
         if w.dtype != np.float32 or b.dtype != np.float32 or not (np.isfinite(w).all() and np.isfinite(b).all()):
             raise InvalidInput(f"layer {i} holds other numbers than finite float32")
+        check_size(f"layer {i} has a width of", out, LAYER_WIDTH)
         width = out
     return layers
 

@@ -29,6 +29,7 @@ from policies.training.random_blocks import BLOCK_LENGTH, RandomBlocks
 from policies.training.replay import Replay
 from policies.training.sac import SAC, SACSettings
 from sysid import InvalidInput, Model
+from sysid.limits import TRAINING_MEMORY, check_size
 
 CHECKPOINT_VERSION = 2
 
@@ -50,6 +51,8 @@ class Population:
         history: int = 0,
     ) -> None:
         self.settings = settings = SACSettings() if settings is None else settings
+        memory = settings.memory(len(seeds), 3 + history)
+        check_size("bytes of memory for this training:", memory, TRAINING_MEMORY, "with fewer agents or smaller layers")
         self.seeds, self.device = tuple(int(s) for s in seeds), torch.device(device)
         self.env = BatchedPendulums(model, randomizations, self.seeds, device=device, history=history)
         self.agents = agents = len(self.seeds)

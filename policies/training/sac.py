@@ -21,6 +21,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import torch
@@ -64,6 +65,14 @@ class SACSettings:
         for name in ("gamma", "polyak"):
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise InvalidInput(f"{name} = {getattr(self, name)}: expected a number in [0, 1]")
+
+    def memory(self, agents: int, observation_size: int) -> float:
+        """Bytes that the networks of so many agents take with their optimisers, and their transitions."""
+        sizes = (observation_size + 1, *self.hidden, 2)
+        weights = 14 * sum(a * b for a, b in pairwise(sizes))  # 4 copies of the actor's, 5 of each critic's
+        activations = 8 * self.batch * sum(self.hidden)
+        transitions = min(self.capacity, self.steps) * (2 * observation_size + 3)
+        return 4.0 * agents * (weights + activations + transitions)
 
 
 class SAC:

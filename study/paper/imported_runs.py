@@ -19,12 +19,16 @@ from typing import Any
 from study.paper.presets import FORMAT, Cell, Point, Preset, Theta
 from study.paper.reference_controllers import Reference
 from study.paper.runs import Run, RunSummary
-from study.paper.sweep_results import read_run
+from study.paper.sweep_results import SWEEP_SCHEMA, read_run
 from study.paper.tables import RATINGS, Rating
 from study.pipeline.csv_table import read_table
+from study.pipeline.database import META, check_tables, readable
 from study.pipeline.population_task import sac_settings
 from sysid import InvalidInput
+from sysid.data.files import check_input, named, read_file
 
+LARGEST_IMPORT = 1 << 32
+"""Bytes of a results.sqlite."""
 TOLERANCE = 1e-6
 """Largest difference of m [kg] and of l [m] between an estimate and the imported one."""
 
@@ -82,11 +86,9 @@ def _rounded(theta: Theta) -> Theta:
 
 def is_database(file: Path) -> bool:
     """Whether it is SQLite's, by its first bytes; raises InvalidInput for a file that cannot be read."""
-    try:
-        with file.open("rb") as opened:
-            return opened.read(16) == b"SQLite format 3\0"
-    except OSError as error:
-        raise InvalidInput(f"--import {file}: {error.strerror}; expected a results.sqlite or a runs.csv") from None
+    check_input(file, "a results.sqlite or a runs.csv", LARGEST_IMPORT)
+    with named(file, "read"), file.open("rb") as opened:
+        return opened.read(16) == b"SQLite format 3\0"
 
 
 def _name(cell: Cell) -> str:
@@ -128,19 +130,22 @@ def _database(file: Path) -> Iterator[tuple[str, Run]]:
             found = dict(db.execute("SELECT key, value FROM meta"))
             if found.get("format") != str(FORMAT):
                 raise InvalidInput(f"--import {file}: it has format {found.get('format')}, expected {FORMAT}")
+            check_tables(db, META + SWEEP_SCHEMA, file)
             rows = db.execute("SELECT rowid, * FROM runs ORDER BY point, n, w, seed").fetchall()
     except sqlite3.Error as error:
         raise InvalidInput(f"--import {file}: not the results of a study ({error})") from None
     for number, *row in rows:
-        yield f"row {number}", read_run(row)
+        with readable(file):
+            run = read_run(row)
+        yield f"row {number}", run
 
 
 def _table(file: Path, preset: Preset) -> Iterator[tuple[str, Run]]:
     """(line, run) of a CSV file."""
     try:
-        text = file.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InvalidInput(f"--import {file}: not a text in UTF-8 ({error})") from None
+        text = read_file(file, "a runs.csv").decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InvalidInput(f"--import {file}: not a text in UTF-8") from None
     reader = csv.DictReader(text.splitlines())
     several = ("point",) if len(preset.points) > 1 else ()
     missing = [name for name in (*several, *IMPORT_COLUMNS) if name not in (reader.fieldnames or ())]
@@ -148,8 +153,9 @@ def _table(file: Path, preset: Preset) -> Iterator[tuple[str, Run]]:
         raise InvalidInput(
             f"--import {file}: no column {missing[0]!r}; expected {', '.join((*several, *IMPORT_COLUMNS))}"
         )
-    for row in reader:
-        yield f"line {reader.line_num}", _row(f"{file}, line {reader.line_num}", row, preset)
+    with readable(file):
+        for row in reader:
+            yield f"line {reader.line_num}", _row(f"{file}, line {reader.line_num}", row, preset)
 
 
 def _row(place: str, row: dict[str, str], preset: Preset) -> Run:
@@ -157,8 +163,8 @@ def _row(place: str, row: dict[str, str], preset: Preset) -> Run:
         n, seed = int(row["n"]), int(row["seed"])
         w, mean, std, m, length, seconds = (float(row[name]) for name in ("w", *IMPORT_COLUMNS[3:]))
         fresh = float(row.get("eval_return_fresh") or math.nan)
-    except (TypeError, ValueError) as error:
-        raise InvalidInput(f"{place}: not the numbers of a run ({error})") from None
+    except (TypeError, ValueError):
+        raise InvalidInput(f"{place} does not hold the numbers of a run") from None
     return Run(
         cell=Cell(row.get("point") or preset.points[0].name, n, w, seed),
         population=-1,

@@ -17,7 +17,7 @@ from study.paper.identification import Estimated
 from study.paper.presets import FORMAT, Cell, Preset, Theta
 from study.paper.reference_controllers import Reference
 from study.paper.runs import Run, RunSummary
-from study.pipeline.database import Database, identity
+from study.pipeline.database import Database, identity, readable
 from study.pipeline.policy_files import FOLDER
 
 POINT_FIGURES = ("heatmap", "pareto", "gap", "curves")
@@ -97,7 +97,8 @@ class SweepResults(Database):
 
     def runs(self) -> list[Run]:
         """The finished runs, sorted by point, n, w, seed."""
-        return [read_run(row) for row in self.db.execute("SELECT * FROM runs ORDER BY point, n, w, seed")]
+        with readable(self.path):
+            return [read_run(row) for row in self.db.execute("SELECT * FROM runs ORDER BY point, n, w, seed")]
 
     def add_references(self, references: Sequence[Reference]) -> None:
         """Keep what reference controllers returned."""

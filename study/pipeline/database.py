@@ -11,6 +11,7 @@ Beside a study's tables stands `meta`: preset, fingerprint, settings, format, de
 from __future__ import annotations
 
 import contextlib
+import csv
 import errno
 import json
 import os
@@ -23,6 +24,7 @@ from typing import Any, ClassVar, Self
 from study.pipeline.settings import StudySettings, device_type
 from study.pipeline.versions import version
 from sysid import InvalidInput
+from sysid.errors import excerpt
 
 META = "CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);"
 
@@ -59,7 +61,7 @@ class Database:
         try:
             if not self.path.exists():
                 self._refuse_foreign_files(outputs)
-            with _readable(self.path):
+            with readable(self.path):
                 self._open(schema, identity)
         except BaseException:
             self.close()
@@ -74,12 +76,15 @@ class Database:
             )
 
     def _open(self, schema: str, expected: Mapping[str, str]) -> None:
+        if self.path.exists() and 0 < self.path.stat().st_size < 512:  # SQLite takes it for an empty one
+            raise InvalidInput(f"{self.path} is not a database of this study: choose another --out")
         self.db = sqlite3.connect(self.path, timeout=3.0, isolation_level=None)
-        tables = {name for (name,) in self.db.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+        tables = _columns(self.db)
         if tables and "meta" not in tables:
             raise InvalidInput(f"{self.path} is a database of something else: choose another --out")
         if tables:
             self._check(dict(self.db.execute("SELECT key, value FROM meta")), expected)
+            check_tables(self.db, META + schema, self.path)
         self.db.execute("PRAGMA journal_mode = WAL")
         self.db.execute("PRAGMA synchronous = FULL")
         self.db.execute("BEGIN IMMEDIATE")
@@ -98,8 +103,8 @@ class Database:
                     "choose another --out, or move that folder away"
                 )
         if found.get("fingerprint") != expected["fingerprint"]:
-            was, now = json.loads(found.get("settings", "{}")), json.loads(expected["settings"])
-            changed = [f"{k} = {was.get(k)}, now {now[k]}" for k in now if was.get(k) != now[k]]
+            was, now = dict(json.loads(found.get("settings", "{}"))), json.loads(expected["settings"])
+            changed = [f"{k} = {excerpt(was.get(k))}, now {now[k]}" for k in now if was.get(k) != now[k]]
             raise InvalidInput(
                 f"{self.folder} holds results of other settings of preset {expected['preset']!r} "
                 f"({'; '.join(changed) or 'unknown'}): choose another --out, or move that folder away"
@@ -201,11 +206,35 @@ def _lock(folder: Path) -> int | None:
     return handle
 
 
+def _columns(db: sqlite3.Connection) -> dict[str, list[tuple[str, str]]]:
+    """The columns (name, type) of every table."""
+    names = [name for (name,) in db.execute("SELECT name FROM sqlite_master WHERE type = 'table' ORDER BY name")]
+    return {name: db.execute("SELECT name, type FROM pragma_table_info(?)", (name,)).fetchall() for name in names}
+
+
+def check_tables(db: sqlite3.Connection, schema: str, path: Path) -> None:
+    """Raise InvalidInput where a database has other tables than the schema, or another kind of value in a column."""
+    with contextlib.closing(sqlite3.connect(":memory:")) as ours:
+        ours.executescript(schema)
+        expected, found = _columns(ours), _columns(db)
+    if any(found.get(table) != columns for table, columns in expected.items()):
+        raise InvalidInput(f"{path} has other tables than a study makes, {', '.join(expected)}: choose another --out")
+    for table, columns in expected.items():
+        for column, kind in columns:
+            foreign = f"SELECT {column} FROM {table} WHERE typeof({column}) NOT IN ('null', ?)"
+            for (value,) in db.execute(foreign, (kind.lower(),)):
+                raise InvalidInput(f"{path}: {column} in table {table} is {excerpt(value)}: expected {kind}")
+
+
 @contextlib.contextmanager
-def _readable(path: Path) -> Iterator[None]:
-    """Turn SQLite's errors at opening into sentences."""
+def readable(path: Path) -> Iterator[None]:
+    """Turn what SQLite says, and what rows that nobody of us wrote do to their reader, into sentences."""
     try:
         yield
+    except InvalidInput:
+        raise
+    except (ValueError, TypeError, LookupError, AttributeError, csv.Error):
+        raise InvalidInput(f"{path} holds what no study wrote: expected the results of one") from None
     except sqlite3.OperationalError as error:
         if "locked" in str(error):
             raise InvalidInput(

@@ -1,16 +1,70 @@
-"""How a command line of this distribution runs: one of its commands, errors as one sentence, exit codes."""
+"""How a command line of this distribution runs: one of its commands, errors as one sentence, exit codes.
+
+What a command says goes through `logging`, under the name of its module. Notes and answers are INFO, and become lines
+of the standard output; what a long computation is doing is DEBUG, and becomes one line of a terminal that the next one
+replaces.
+"""
 
 from __future__ import annotations
 
+import logging
 import os
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import tyro
 
-from sysid.errors import InvalidInput
+from sysid.errors import InvalidInput, printable
 from sysid.version import version
+
+PACKAGES = ("sysid", "policies")
+"""The loggers that a command line listens to."""
+
+
+class Terminal(logging.Handler):
+    """Writes what is said: errors to the standard error, notes and answers to the standard output.
+
+    Control characters that came out of a file are shown as escapes.
+    """
+
+    busy = False
+    """Whether the terminal shows what is being done."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write one message; a reader who has gone away raises BrokenPipeError."""
+        text = printable(record.getMessage())
+        if self.busy:
+            print("\r\033[K", end="", file=sys.stderr, flush=True)
+            self.busy = False
+        if record.levelno >= logging.INFO:
+            print(text, file=sys.stderr if record.levelno >= logging.WARNING else sys.stdout, flush=True)
+        elif sys.stderr.isatty():
+            print(f"{text} ...", end="", file=sys.stderr, flush=True)
+            self.busy = True
+
+
+@contextmanager
+def terminal() -> Iterator[logging.Logger]:
+    """A logger whose messages a terminal shows, as those of the packages, until this ends."""
+    handler, loggers = Terminal(), [logging.getLogger(name) for name in PACKAGES]
+    for logger in loggers:
+        logger.addHandler(handler)
+        logger.setLevel(logging.DEBUG)
+    try:
+        yield logging.getLogger(__name__)
+    finally:
+        for logger in loggers:
+            logger.removeHandler(handler)
+            logger.setLevel(logging.NOTSET)
+
+
+def called(module: str) -> str:
+    """The name of the program: the entry point that was called, or `module`, as in "python -m policies"."""
+    name = Path(sys.argv[0]).name
+    return name if name.startswith("gapfinder-") else module
 
 
 def answer(
@@ -38,15 +92,30 @@ def answer(
     # small matrices: threads would only wait for each other
     for library in ("OMP", "OPENBLAS", "MKL"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
-    try:
-        run(command)
-        sys.stdout.flush()
-    except InvalidInput as error:
-        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("stopped", file=sys.stderr)
-        return 130
-    except BrokenPipeError:  # whoever read the answer has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    with terminal() as logger:
+        try:
+            run(command)
+            sys.stdout.flush()
+        except KeyboardInterrupt:
+            logger.error("stopped")
+            return 130
+        except BrokenPipeError:  # whoever read the answer has seen enough
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        except BaseException as error:
+            logger.error(f"error: {_refusal(error)}")
+            return 2
     return 0
+
+
+def _refusal(error: BaseException) -> InvalidInput:
+    """The sentence on what cannot be used; raises the error again where it is none of the user's."""
+    if isinstance(error, InvalidInput):
+        return error
+    if isinstance(error, MemoryError):
+        return InvalidInput("this needs more memory than there is: expected a shorter log, or smaller numbers")
+    from sysid.data.user_effects import blamed
+
+    refusal = blamed(error)
+    if refusal is None:
+        raise error
+    return refusal

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import logging
 import shlex
 import sys
 from dataclasses import dataclass
 from functools import singledispatch
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +18,7 @@ import numpy as np
 from sysid.cli.log_settings import settled
 from sysid.cli.options import Add, Compare, Diagnose, Effects, Experiment, Fit, LogOptions
 from sysid.cli.starting_model import begun, command_of, numbers_of, sampled, shown
-from sysid.data.files import save_text
+from sysid.data.files import check_outputs, save_file
 from sysid.data.logs import Log, read
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
@@ -31,13 +33,15 @@ from sysid.physics.plants import Plant
 if TYPE_CHECKING:
     from sysid.planning.signals import Limits
 
+logger = logging.getLogger(__name__)
+
 
 def run(command: Any) -> None:
     """Run a command of sysid.options, completed by the log's log.toml. Raises InvalidInput for bad input."""
     if isinstance(command, Fit | Compare | Diagnose | Add | Experiment):
         log, start, said = settled(command.log, command.start)
         if said:
-            print(said)
+            logger.info(said)
         command = dataclasses.replace(command, log=log, start=start)
     _run(command)
 
@@ -55,8 +59,8 @@ def _(command: Fit) -> None:
     task = Task.of(command, command.out, command.json)
     estimate = task.fitted()
     error = held_out_error(estimate.model, task.held_out, task.sensor)
-    print(estimate)
-    print(f"  on held-out data: {error}")
+    logger.info(estimate)
+    logger.info(f"  on held-out data: {error}")
     task.doubt(error.theta)
     task.write_json(command.json, {**estimate.to_dict(), "held_out_error": error.to_dict()})
     task.write_model(command.out, estimate)
@@ -70,7 +74,7 @@ def _(command: Compare) -> None:
     task = Task.of(command, command.json, command.html, command.figure)
     model = task.model if task.known or not task.names else task.fitted().model
     comparison = compare(model, task.held_out, task.sensor, task.names)
-    print(comparison)
+    logger.info(comparison)
     task.doubt(comparison.one_second.theta)
     task.write_json(command.json, comparison.to_dict())
     if command.figure is not None:
@@ -96,20 +100,12 @@ def _(command: Diagnose) -> None:
         command.log.hold_out,
         parameters=task.names,
         settings=settings,
-        tell=_progress,
     )
-    _progress("")
-    print(diagnosis)
+    logger.info(diagnosis)
     task.doubt(diagnosis.error.theta)
     task.write_json(command.json, diagnosis.to_dict())
     task.write_model(command.out, diagnosis.estimate)
     task.write_report(command.html, diagnosis)
-
-
-def _progress(doing: str) -> None:
-    """Say on a terminal what is being done, in one line that the next one replaces."""
-    if sys.stderr.isatty():
-        print(f"\r\033[K{doing}{' ...' if doing else ''}", end="", file=sys.stderr, flush=True)
 
 
 @_run.register
@@ -121,7 +117,7 @@ def _(command: Add) -> None:
     effect(command.effect)  # raises, and says which names are near
     task = Task.of(command, command.out, command.json)
     added = add(task.fitted(), command.effect, task.log, task.sensor, command.log.hold_out)
-    print(added)
+    logger.info(added)
     task.write_json(command.json, added.to_dict())
     task.write_model(command.out, added.estimate)
 
@@ -136,25 +132,25 @@ def _(command: Experiment) -> None:
     rivals = [name.strip() for name in command.between.split(",") if name.strip()]
     limits = _limits(command, task.log, estimate.model)
     experiment = next_experiment(estimate, rivals, limits, task.sensor, task.training)
-    print(experiment)
+    logger.info(experiment)
     task.write_json(command.json, experiment.to_dict())
     if command.out is not None and not experiment.u.size:
-        print(f"{command.out} was not written: there is nothing to play")
+        logger.info(f"{command.out} was not written: there is nothing to play")
     elif command.out is not None:
         experiment.write_csv(command.out)
-        print(f"wrote {command.out}")
+        logger.info(f"wrote {command.out}")
 
 
 @_run.register
 def _(command: Effects) -> None:
     _load(command.effects)
     for name, kind in {**ACTUATORS, **CATALOGUE}.items():
-        print(name)
-        print(f"    {kind.formula or (kind.__doc__ or '').strip().splitlines()[0]}")
+        logger.info(name)
+        logger.info(f"    {kind.formula or (kind.__doc__ or '').strip().splitlines()[0]}")
         parameters = ", ".join(f"{p.name} [{p.unit}]" for p in kind().parameters.values())
-        print(f"    parameters: {parameters}")
+        logger.info(f"    parameters: {parameters}")
         if kind.confused:
-            print(f"    may be confused with: {', '.join(kind.confused)}")
+            logger.info(f"    may be confused with: {', '.join(kind.confused)}")
 
 
 # ---- what all commands on a log begin and end with -------------------------------------------------------------------
@@ -179,12 +175,12 @@ class Task:
     @classmethod
     def of(cls, command: Fit | Compare | Diagnose | Add | Experiment, *outputs: Path | None) -> Task:
         """Read everything, and say what was read. Raises InvalidInput before anything expensive."""
-        _check_outputs([*command.log.files, command.log.settings, command.start.model, command.start.effects], outputs)
+        check_outputs([*command.log.files, command.log.settings, command.start.model, command.start.effects], outputs)
         model, names, added = begun(command.start, command.log.input)
         given = command.start.model is not None
         log = _read(command.log, model)
         thin = log.thinned() if command.log.dt is None else log
-        print(thin)
+        logger.info(thin)
         sensor = _sensor(command.log, log, model.plant)
         log = thin
         training, held_out = split(log, command.log.hold_out)
@@ -212,7 +208,7 @@ class Task:
             return
         spread = float(np.std(np.concatenate([r.theta for r in self.held_out if r.theta is not None])))
         if not error < 0.3 * spread:
-            print("  the error is far above any noise: check columns, units, --zero, --flip-torque and --plant")
+            logger.info("  the error is far above any noise: check columns, units, --zero, --flip-torque and --plant")
 
     def write_model(self, path: Path | None, estimate: Estimate) -> None:
         """model.json."""
@@ -220,7 +216,7 @@ class Task:
             from sysid.estimation.saved_model import save
 
             save(estimate, path)
-            print(f"wrote {path}")
+            logger.info(f"wrote {path}")
 
     def write_json(self, path: Path | None, data: dict[str, Any]) -> None:
         """Plain data."""
@@ -233,31 +229,14 @@ class Task:
             from sysid.report.write import write_report
 
             write_report(answer, path, shlex.join(["python", "-m", "sysid", *sys.argv[1:]]))
-            print(f"wrote {path}")
-
-
-def _check_outputs(inputs: list[Path | None], outputs: tuple[Path | None, ...]) -> None:
-    """Raise InvalidInput where an output is an input, comes twice, or cannot be written."""
-    read_from = {p.resolve() for p in inputs if p is not None}
-    written: set[Path] = set()
-    for path in (p for p in outputs if p is not None):
-        where = path.resolve()
-        if where in read_from:
-            raise InvalidInput(f"{path} is read by this command: expected another file to write to")
-        if where in written:
-            raise InvalidInput(f"{path} is to hold two answers: expected two files")
-        if path.is_dir():
-            raise InvalidInput(f"{path} is a folder: expected a file to write to")
-        if not where.parent.is_dir():
-            raise InvalidInput(f"cannot write {path}: there is no folder {path.parent}")
-        written.add(where)
+            logger.info(f"wrote {path}")
 
 
 def _load(effects: Path | None) -> None:
     if effects is not None:
-        from sysid.physics.user_effects import load_effects
+        from sysid.data.user_effects import load_effects
 
-        print(f"effects of {effects.name}: {', '.join(load_effects(effects))}")
+        logger.info(f"effects of {effects.name}: {', '.join(load_effects(effects))}")
 
 
 def _read(options: LogOptions, model: Model) -> Log:
@@ -296,7 +275,7 @@ def _sensor(options: LogOptions, log: Log, plant: Plant) -> Sensor:
         sensor = Sensor(**given)
     else:
         noise = sensor_noise(log)
-        print(noise.sentence(plant))
+        logger.info(noise.sentence(plant))
         sensor = dataclasses.replace(noise.sensor, **given)
     check_excitation(log, sensor)
     return sensor
@@ -330,15 +309,17 @@ def _limits(options: Experiment, log: Log, model: Model) -> Limits:
 
 
 def _write(path: Path, text: str) -> None:
-    save_text(path, text)
-    print(f"wrote {path}")
+    save_file(path, text)
+    logger.info(f"wrote {path}")
 
 
 def _draw(comparison: Any, path: Path) -> None:
     from sysid.report.comparison_figure import plot_comparison
 
+    content = BytesIO()
     try:
-        plot_comparison(comparison).savefig(path)
-    except (OSError, ValueError) as error:
+        plot_comparison(comparison).savefig(content, format=path.suffix.removeprefix(".") or "png")
+    except ValueError as error:
         raise InvalidInput(f"cannot write {path}: {error}") from None
-    print(f"wrote {path}")
+    save_file(path, content.getvalue())
+    logger.info(f"wrote {path}")

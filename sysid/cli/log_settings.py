@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from sysid.cli.options import LogOptions, ModelOptions
-from sysid.errors import InvalidInput
+from sysid.data.files import place, read_file
+from sysid.errors import InvalidInput, excerpt
 
 FILE = "log.toml"
 NONE = "none"
@@ -34,7 +35,9 @@ def _pairs(value: Any) -> str | None:
 
 
 def _number(value: Any) -> float | None:
-    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
+    return (
+        float(value) if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300 else None
+    )
 
 
 def _switch(value: Any) -> bool | None:
@@ -85,27 +88,27 @@ def settings(path: Path) -> dict[str, Any]:
         For a file that cannot be read, an unknown key or a value of the wrong kind, with the choices.
     """
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        content = tomllib.loads(read_file(path, "a log.toml").decode())
+    except InvalidInput:
+        raise
+    except (ValueError, RecursionError) as error:
         raise InvalidInput(f"{path} is not TOML: {error}") from None
-    except OSError as error:
-        raise InvalidInput(f"{path} cannot be read: {error.strerror}") from None
     found = {}
     for name, value in content.items():
         key = name.replace("-", "_")
         if key not in KEYS:
             near = get_close_matches(key, KEYS, n=1)
             perhaps = f"did you mean {near[0]}? E" if near else "e"
-            raise InvalidInput(f"{path}: unknown key {name!r}: {perhaps}xpected some of {', '.join(KEYS)}")
+            raise InvalidInput(f"{path}: unknown key {excerpt(name)}: {perhaps}xpected some of {', '.join(KEYS)}")
         found[key] = KEYS[key].read(value)
         if found[key] is None:
-            raise InvalidInput(f"{path}: {name} = {value!r}: expected {KEYS[key].expected}")
+            raise InvalidInput(f"{path}: {name} = {excerpt(value)}: expected {KEYS[key].expected}")
     return found
 
 
 def beside(files: tuple[Path, ...]) -> Path | None:
     """The log.toml in the folder of the logs; raises InvalidInput where they lie in several folders with different."""
-    folders = list(dict.fromkeys(file.resolve().parent for file in files))
+    folders = list(dict.fromkeys(place(file, "read").parent for file in files))
     found = [folder / FILE for folder in folders if (folder / FILE).is_file()]
     if not found:
         return None

@@ -96,7 +96,7 @@ class ModelOptions:
     """Gravity [m/s^2]."""
 
     effects: File = None
-    """A Python file with effects of your own (@sysid.register); they are ranked like ours."""
+    """A Python file with effects of your own (@sysid.register), which is run; they are ranked like ours."""
 
 
 @dataclass(frozen=True)
@@ -202,7 +202,7 @@ class Effects:
     """The catalogue: formula, parameters, units, and what each effect is confused with."""
 
     effects: File = None
-    """A Python file with effects of your own."""
+    """A Python file with effects of your own, which is run."""
 
 
 COMMANDS: dict[str, Callable[..., Any]] = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import logging
 import math
 
 import numpy as np
@@ -11,10 +12,13 @@ from sysid.cli.options import ModelOptions
 from sysid.data.logs import Command, Log
 from sysid.errors import InvalidInput
 from sysid.estimation.fit import free
+from sysid.limits import LOG_SUBSTEPS, check_size
 from sysid.physics.effects import CATALOGUE, Actuator, DCMotor, PositionServo, TorqueConstant, effect
 from sysid.physics.integrators import RK4
 from sysid.physics.model import Model
 from sysid.physics.plants import GeneralJoint, LinearAxis, Plant, PointMassPendulum, RodPendulum
+
+logger = logging.getLogger(__name__)
 
 PLANTS: dict[str, Plant] = {
     "rod": RodPendulum(g=9.81),
@@ -126,7 +130,7 @@ def _scale(model: Model, names: tuple[str, ...], known: tuple[str, ...]) -> tupl
     if not any(n in names for n in model.plant.parameters):
         return (scale,)
     p = model.parameters[scale]
-    print(
+    logger.info(
         f"motion alone cannot show {scale}: it stays at {p.value:g} {p.unit}, and every torque, friction and inertia "
         f"is relative to it; give it with --set {scale}=..., or what the plant weighs"
     )
@@ -140,10 +144,12 @@ def sampled(model: Model, dt: float, given: bool) -> Model:
     """
     if not isinstance(model.integrator, RK4):
         return dataclasses.replace(model, dt=dt) if abs(model.dt - dt) < 0.01 * dt else model
-    if given and abs(model.dt - dt) <= 1e-6 * dt:
+    if given and abs(model.dt - dt) <= 1e-6 * dt and model.integrator.substeps <= LOG_SUBSTEPS:
         return dataclasses.replace(model, dt=dt)
     own = model.dt / model.integrator.substeps
-    return dataclasses.replace(model, dt=dt, integrator=RK4(substeps=math.ceil(dt / min(SUBSTEP, own) - 1e-6)))
+    substeps = math.ceil(dt / min(SUBSTEP, own) - 1e-6)
+    check_size(f"the integrator's steps of {min(SUBSTEP, own):g} s in {dt:g} s:", substeps, LOG_SUBSTEPS)
+    return dataclasses.replace(model, dt=dt, integrator=RK4(substeps=substeps))
 
 
 def shown(model: Model, names: tuple[str, ...], log: Log) -> tuple[str, ...]:
@@ -155,7 +161,7 @@ def shown(model: Model, names: tuple[str, ...], log: Log) -> tuple[str, ...]:
         return names
     p = model.parameters[scale]
     torque = "torque" if model.plant.turns else "force"
-    print(
+    logger.info(
         f"a free swing cannot show {scale}: it stays at {p.value:g} {p.unit}, and every {torque} is relative to it; "
         f"give it with --set {scale}=..."
     )

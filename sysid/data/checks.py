@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
 from sysid.errors import InvalidInput
+from sysid.limits import MAGNITUDE, check_size
 
 if TYPE_CHECKING:
     from sysid.physics.plants import Plant
@@ -27,6 +28,13 @@ FACTORS = {
     2.0 * math.pi: "theta_dot looks like turns/s where theta is in rad",
     math.pi / 30.0: "theta_dot looks like turns/min where theta is in rad",
 }
+
+
+def check_magnitude(name: str, table: Mapping[str, Array], titles: Mapping[str, str]) -> None:
+    """Raise InvalidInput where a column holds numbers that no machine shows: what follows would overflow."""
+    for ours, column in table.items():
+        largest = float(np.max(np.abs(column), initial=0.0, where=np.isfinite(column)))
+        check_size(f"{name}: column {titles[ours]!r} for {ours} reaches", largest, MAGNITUDE)
 
 
 def check_time(name: str, table: Mapping[str, Array], titles: Mapping[str, str]) -> None:

@@ -1,11 +1,83 @@
-"""Files that are whole or not there: a full disk or a power cut never leaves half of one in the place of another."""
+"""Files: every name goes through here, and what is written is whole or not there.
+
+Whatever the file system refuses (a name too long, links in a circle, a device, a folder without permission) becomes a
+sentence. A full disk or a power cut never leaves half of a file in the place of another.
+"""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from sysid.errors import InvalidInput
+
+LARGEST = 1 << 26
+"""Bytes of a file that is read at once, such as a model.json."""
+
+
+@contextmanager
+def named(path: Path, doing: str) -> Iterator[None]:
+    """Turn what the file system says of a name into a sentence; nothing else may be done within."""
+    try:
+        yield
+    except InvalidInput:
+        raise
+    except OSError as error:
+        raise InvalidInput(f"cannot {doing} {path}: {error.strerror or error}") from None
+    except (ValueError, RuntimeError):  # a NUL or half a character; before Python 3.13, links in a circle
+        raise InvalidInput(f"cannot {doing} {str(path)!r}: expected the name of a file") from None
+
+
+def place(path: Path, doing: str) -> Path:
+    """The full path of a file that is there or may be made; raises InvalidInput for a name that is refused."""
+    with named(path, doing):
+        full = path.resolve()
+        with suppress(FileNotFoundError, NotADirectoryError):
+            full.stat()
+        return full
+
+
+def check_input(path: Path, expected: str, largest: float = LARGEST) -> None:
+    """Raise InvalidInput where a file cannot be read: not there, a folder, a device, or of more bytes than `largest`.
+
+    expected: what the file should be, in a word or two.
+    """
+    full = place(path, "read")
+    if not full.exists():
+        raise InvalidInput(f"no such file: {path}: expected {expected}")
+    if not full.is_file():
+        raise InvalidInput(f"{path} is {'a folder' if full.is_dir() else 'no regular file'}: expected {expected}")
+    if full.stat().st_size > largest:
+        raise InvalidInput(f"{path} has {full.stat().st_size:,} bytes: expected {expected} of at most {largest:,}")
+
+
+def read_file(path: Path, expected: str, largest: float = LARGEST) -> bytes:
+    """What a file holds. Raises InvalidInput as `check_input` does."""
+    check_input(path, expected, largest)
+    with named(path, "read"):
+        return path.read_bytes()
+
+
+def check_outputs(inputs: Iterable[Path | None], outputs: Iterable[Path | None], replace: bool = True) -> None:
+    """Raise InvalidInput where an output is an input, comes twice, cannot be written, or is there and stays."""
+    read_from = {place(p, "read") for p in inputs if p is not None}
+    written: set[Path] = set()
+    for path in (p for p in outputs if p is not None):
+        full = place(path, "write")
+        if full in read_from:
+            raise InvalidInput(f"{path} is read by this command: expected another file to write to")
+        if full in written:
+            raise InvalidInput(f"{path} is to hold two answers: expected two files")
+        if full.exists() and not full.is_file():
+            what = "a folder" if full.is_dir() else "no regular file"
+            raise InvalidInput(f"{path} is {what}: expected a file to write to")
+        if not full.parent.is_dir():
+            raise InvalidInput(f"cannot write {path}: there is no folder {path.parent}")
+        if full.exists() and not replace:
+            raise InvalidInput(f"{path} is there already: expected another name, or --force")
+        written.add(full)
 
 
 def partial(path: Path) -> Path:
@@ -13,12 +85,11 @@ def partial(path: Path) -> Path:
     return path.with_name(path.name + ".partial")
 
 
-def save_text(path: Path | str, text: str) -> None:
+def save_file(path: Path | str, content: bytes | str) -> None:
     """`write_whole` for what a user asked for: raises InvalidInput, in a sentence, where it cannot be written."""
-    try:
-        write_whole(Path(path), text)
-    except OSError as error:
-        raise InvalidInput(f"cannot write {path}: {error.strerror}") from None
+    check_outputs((), [Path(path)])
+    with named(Path(path), "write"):
+        write_whole(Path(path), content)
 
 
 def write_whole(path: Path, content: bytes | str) -> None:
@@ -29,7 +100,7 @@ def write_whole(path: Path, content: bytes | str) -> None:
     growing = partial(path)
     try:
         with growing.open("wb") as file:
-            file.write(content.encode() if isinstance(content, str) else content)
+            file.write(content.encode(errors="backslashreplace") if isinstance(content, str) else content)
             file.flush()
             os.fsync(file.fileno())
         growing.replace(path)

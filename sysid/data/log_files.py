@@ -5,16 +5,18 @@ from __future__ import annotations
 import csv
 import math
 import warnings
-import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.files import check_input
 from sysid.errors import InvalidInput
+from sysid.limits import LOG_ROWS, RAW_ROWS, check_size
 
 Array = NDArray[np.float64]
 Table = dict[str, Array]
@@ -30,13 +32,12 @@ class Window(NamedTuple):
 
     begin: float = -math.inf
     end: float = math.inf
-    most: int = 1_000_000
+    most: int = LOG_ROWS
 
 
 def header(path: Path) -> tuple[str, ...]:
     """The names of a log's columns; raises InvalidInput for what is no log."""
-    if not path.is_file():
-        raise InvalidInput(f"{path} is a folder: expected a log file" if path.is_dir() else f"no such file: {path}")
+    check_input(path, "a log file", math.inf)
     if path.suffix.lower() in READERS:
         return tuple(READERS[path.suffix.lower()](path))
     with _text(path) as file:
@@ -82,7 +83,7 @@ def _text(path: Path) -> Iterator[TextIO]:
     except (UnicodeDecodeError, csv.Error):
         raise InvalidInput(f"{path.name} is not a text file: expected CSV in UTF-8, .npz or .mat") from None
     except OSError as error:
-        raise InvalidInput(f"{path} cannot be read: {error.strerror}") from None
+        raise InvalidInput(f"cannot read {path}: {error.strerror}") from None
 
 
 def _header(path: Path, file: TextIO) -> tuple[tuple[str, ...], str, int]:
@@ -174,32 +175,53 @@ def _number(cell: str, place: str) -> float:
 # ---- arrays ----------------------------------------------------------------------------------------------------------
 
 
+@contextmanager
+def _foreign(path: Path, expected: str) -> Iterator[None]:
+    """Whatever a reader of foreign bytes stumbles over becomes one sentence: a damaged file may raise anything."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    except InvalidInput:
+        raise
+    except Exception:
+        raise InvalidInput(f"{path.name} is not {expected}") from None
+
+
 def _npz(path: Path, columns: Mapping[str, str] | None = None) -> dict[str, Any]:
     """All names, or the wanted arrays, of an .npz file."""
-    from zipfile import BadZipFile
+    from zipfile import ZipFile
 
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            if columns is None:
-                return dict.fromkeys(file.files)
-            return {ours: file[name] for ours, name in columns.items()}
-    except (ValueError, TypeError, EOFError, OSError, BadZipFile, AttributeError, zlib.error):
-        raise InvalidInput(
-            f"{path.name} is no .npz file of plain arrays: expected one as numpy.savez makes it"
-        ) from None
+    with _foreign(path, "an .npz file of plain arrays: expected one as numpy.savez makes it"), ZipFile(path) as file:
+        sizes = {info.filename.removesuffix(".npy"): info.file_size for info in file.infolist()}
+        if columns is None:
+            return dict.fromkeys(sizes)
+        for name in columns.values():
+            check_size(f"{path.name}: numbers in {name!r}:", sizes[name] / 8.0, RAW_ROWS)
+        return {ours: _plain_array(file.read(f"{name}.npy")) for ours, name in columns.items()}
+
+
+def _plain_array(content: bytes) -> Array:
+    """An .npy file's array, which holds as many numbers as there are bytes, whatever its header claims."""
+    file = BytesIO(content)
+    version = np.lib.format.read_magic(file)
+    read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, fortran, kind = read_header(file)
+    return np.frombuffer(content, kind, offset=file.tell()).reshape(shape, order="F" if fortran else "C").astype(float)
 
 
 def _mat(path: Path, columns: Mapping[str, str] | None = None) -> dict[str, Any]:
     """All names, or the wanted arrays, of a .mat file; the fields of its structs count as columns."""
-    from scipy.io import loadmat
-    from scipy.io.matlab import MatReadError
+    from scipy.io import loadmat, whosmat
 
-    try:
+    with _foreign(path, "a .mat file: expected one as MATLAB's save -v7 makes it"):
+        try:
+            sizes = {name: math.prod(shape) for name, shape, _ in whosmat(path)}
+        except NotImplementedError:
+            raise InvalidInput(f"{path.name} is a MATLAB v7.3 file: save it with -v7") from None
+        for name, size in sizes.items():
+            check_size(f"{path.name}: numbers in {name!r}:", size, RAW_ROWS)
         content = loadmat(path, simplify_cells=True)
-    except NotImplementedError:
-        raise InvalidInput(f"{path.name} is a MATLAB v7.3 file: save it with -v7") from None
-    except (ValueError, TypeError, EOFError, OSError, KeyError, MatReadError, zlib.error):
-        raise InvalidInput(f"{path.name} is no .mat file: expected one as MATLAB's save -v7 makes it") from None
     arrays: dict[str, Any] = {}
     for name, value in content.items():
         if not name.startswith("__"):

@@ -20,6 +20,7 @@ from sysid.data.record import Record
 from sysid.data.resampling import Rows
 from sysid.data.time_unit import FEWEST, PER_SECOND, WORDS, TimeUnit, check_unit, found_unit, named_unit
 from sysid.errors import InvalidInput
+from sysid.limits import LOG_ROWS, RAW_ROWS
 
 if TYPE_CHECKING:
     from sysid.physics.plants import Plant
@@ -35,8 +36,6 @@ LOOKS_LIKE = {
     "theta_dot": r"theta_?dot|vel|speed|omega|^q?d(ot)?_?q|rate",
     "torque": r"tor|tau|^u$|effort|command|current|volt|duty|pwm|goal|ref|des",
 }
-MOST = 1_000_000
-MOST_RAW = 20_000_000
 FAST = 1e-4
 """Share of a motion's power that may lie at frequencies that a thinned log no longer shows well."""
 FEW = 0.1
@@ -192,6 +191,7 @@ def read(
         if len(table["t"]) == 0:
             span = f" between {window.begin:g} and {window.end:g} s" if begin is not None or end is not None else ""
             raise InvalidInput(f"{path.name} has no rows{span}")
+        checks.check_magnitude(path.name, table, chosen)
         table = _complete(path, table, chosen, notes)
         checks.check_time(path.name, table, chosen)
         for name, part in _rollouts(title, table):
@@ -221,7 +221,7 @@ def _window(begin: float | None, end: float | None, dt: float | None) -> log_fil
     low, high = -math.inf if begin is None else begin, math.inf if end is None else end
     if not low < high:
         raise InvalidInput(f"the window from {low:g} to {high:g} s is empty: expected begin < end")
-    return log_files.Window(low, high, MOST if dt is None else MOST_RAW)
+    return log_files.Window(low, high, LOG_ROWS if dt is None else RAW_ROWS)
 
 
 # ---- columns ---------------------------------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sysid.data.files import save_text
+from sysid.data.files import save_file
 from sysid.errors import InvalidInput
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
@@ -272,7 +272,7 @@ def write_csv(record: Record, path: str | Path) -> None:
     writer.writerow(columns)
     for k in range(len(record) + 1):
         writer.writerow([repr(float(v[k])) if k < len(v) else "" for v in columns.values()])
-    save_text(path, text.getvalue())
+    save_file(path, text.getvalue())
 
 
 def extent_of(records: Sequence[Record]) -> Extent:

@@ -15,6 +15,7 @@ from sysid.data import held_readings
 from sysid.data.quantisation import quantisation_step
 from sysid.data.record import Record
 from sysid.errors import InvalidInput
+from sysid.limits import SHORTEST_INTERVAL
 
 Array = NDArray[np.float64]
 
@@ -84,6 +85,10 @@ def evenly(rollouts: Sequence[Rows], dt: float | None = None) -> tuple[tuple[Rec
         raise InvalidInput(f"nothing to work on in {came}: expected at least two rows, better some hundred")
     tally["row(s) in pieces too short to use left out"] += sum(len(p.t) for p in pieces) - sum(len(p.t) for p in long)
     common = _interval(long, dt)
+    if not common >= SHORTEST_INTERVAL:
+        raise InvalidInput(
+            f"{long[0].name}: rows are {common:.3g} s apart: expected at least {SHORTEST_INTERVAL:g} s; check time_unit"
+        )
     records = tuple(_record(p, common, tally) for p in long)
     return records, common, (*held, *_notes(long, common, tally, gaps))
 

@@ -51,7 +51,6 @@ def diagnose(
     effects: Iterable[str] | None = None,
     parameters: Sequence[str] | None = None,
     settings: SearchSettings = DEFAULT,
-    tell: Callable[[str], None] = lambda _: None,
 ) -> Diagnosis:
     """Which physical effect is missing, how large is it, and does it matter?
 
@@ -76,8 +75,6 @@ def diagnose(
         The free parameters; by default the estimate's, or all but gravity.
     settings : SearchSettings, optional
         What counts as evidence, and what matters.
-    tell : callable, optional
-        Is told what is being tried.
 
     Returns
     -------
@@ -110,9 +107,7 @@ def diagnose(
         sensor = sensor_noise(records).sensor
     training, held_out = split(records, hold_out)
     sensor = relied_on(model, training, sensor)
-    search, base, contacts = _searched(
-        lambda left: Search(left, sensor, chosen, settings, tell), training, model, names
-    )
+    search, base, contacts = _searched(lambda left: Search(left, sensor, chosen, settings), training, model, names)
     return _Report(search, base, records, held_out, sensor, contacts, notes).diagnosis(began)
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -23,6 +24,8 @@ from sysid.estimation.scores import Score, alikeness, price, scores
 from sysid.estimation.solver import QUICK, fit
 from sysid.physics.effects import CATALOGUE, Effect, effect, preferred
 from sysid.physics.model import Model
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,14 +61,12 @@ class Search:
 
     effects   which of the catalogue may be used (None: all)
     stages    the additions, and the fit with them, at the end of each round
-    tell      is told what is being tried
     """
 
     records: Sequence[Record]
     sensor: Sensor
     effects: Iterable[str] | None = None
     settings: SearchSettings = DEFAULT
-    tell: Callable[[str], None] = lambda _: None
     additions: list[Addition] = field(default_factory=list)
     trials: list[Trial] = field(default_factory=list)
     first: dict[str, Score] = field(default_factory=dict)
@@ -76,13 +77,13 @@ class Search:
 
     def run(self, model: Model, names: Sequence[str]) -> tuple[Fit, Fit]:
         """The fit of the model as it came, and the one at the end of the loop."""
-        self.tell("fitting the model as it came")
+        logger.debug("fitting the model as it came")
         samples = Samples(model, self.records, self.sensor)
         helped = with_common(samples, model, names)
         base = without_common(helped, model, names)
         now = base
         for k in range(self.settings.steps):
-            self.tell(f"testing {len(CATALOGUE)} effects" if not k else "testing what else is missing")
+            logger.debug(f"testing {len(CATALOGUE)} effects" if not k else "testing what else is missing")
             self.last = scores(now, self.effects)
             self.left.clear()
             self.first = self.first or self.last
@@ -163,7 +164,7 @@ class Search:
 
     def _try(self, now: Fit, names: tuple[str, ...], tried: list[Trial], begin: Sequence[Effect] | None = None) -> None:
         """Fit with these effects; a model in which two exclude each other is no candidate."""
-        self.tell(f"fitting {' and '.join(names)}")
+        logger.debug(f"fitting {' and '.join(names)}")
         try:
             start = begin or [self._start(now, n, alone=len(names) == 1) for n in names]
             found = extended(now, start, QUICK)
@@ -288,7 +289,7 @@ class Search:
         while dropped and len(self.additions) > 1:
             dropped = False
             for addition in list(self.additions):
-                self.tell(f"trying without {addition.name}")
+                logger.debug(f"trying without {addition.name}")
                 without = reduced(now, addition.name)
                 loses = gain(now, without, (addition.name,)) - price(addition.name, self.settings.price)
                 if loses < 0.0 or is_nothing(now, addition.name) or not matters(without.model, now, self.settings):
@@ -305,7 +306,7 @@ class Search:
                 new = tuple(n for n in simpler if n not in present and n in self.last)
                 if not new or len(new) + len(present & set(simpler)) < len(simpler):
                     continue
-                self.tell(f"trying {' and '.join(new)} in place of {addition.name}")
+                logger.debug(f"trying {' and '.join(new)} in place of {addition.name}")
                 without = reduced(now, addition.name)
                 other = extended(without, [self._in_place_of(addition.name, n, now) for n in new], QUICK)
                 saved = price(addition.name, self.settings.price) - sum(price(n, self.settings.price) for n in new)

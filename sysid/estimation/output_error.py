@@ -103,6 +103,11 @@ class Response:
         return found[self._first]
 
     @cached_property
+    def commands(self) -> Array:
+        """The commands of the whole log (N,)."""
+        return np.concatenate([r.u for r in self.records])
+
+    @cached_property
     def drives(self) -> Array:
         """Drive torques (N + 1, S) of the whole log; the last row pads."""
         own = [

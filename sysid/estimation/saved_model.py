@@ -18,7 +18,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -26,9 +26,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from sysid.data.files import save_text
+from sysid.data.files import save_file
+from sysid.data.json_file import count, entry, mapping, number, read_json, sequence, text
 from sysid.data.sensor import Sensor
-from sysid.errors import InvalidInput
+from sysid.errors import InvalidInput, excerpt
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.fit import free
 from sysid.physics.effects import Effect, kind_of
@@ -80,7 +81,7 @@ def save(answer: Model | Estimate, path: str | PathLike[str]) -> None:
     InvalidInput
         Where the file cannot be written, and for a plant or an integrator that is not one of sysid's.
     """
-    save_text(Path(path), json.dumps(to_dict(answer), indent=1, allow_nan=False) + "\n")
+    save_file(Path(path), json.dumps(to_dict(answer), indent=1, allow_nan=False) + "\n")
 
 
 def load(path: str | PathLike[str]) -> SavedModel:
@@ -102,12 +103,7 @@ def load(path: str | PathLike[str]) -> SavedModel:
         In one sentence, for anything that is not a model of this version.
     """
     path = Path(path)
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InvalidInput(f"cannot read {path}: {error.strerror}") from None
-    except (ValueError, RecursionError):
-        raise InvalidInput(f"{path.name} is not JSON: expected a model.json as `save` writes it") from None
+    data = read_json(path, "a model.json as `save` writes it")
     try:
         return from_dict(data)
     except InvalidInput as error:
@@ -207,28 +203,28 @@ def from_dict(data: Any) -> SavedModel:
         raise InvalidInput(f'it is no model of ours: expected "schema": "{SCHEMA}"')
     if data["schema"] != SCHEMA:
         raise InvalidInput(f'its schema is "{data["schema"]}": this version reads "{SCHEMA}"')
-    plant, integrator = _dict(data, "plant"), _dict(data, "integrator")
+    plant, integrator = mapping(data, "plant"), mapping(data, "integrator")
     model = Model(
         plant=_part(_choice(PLANTS, plant, "plant"), plant),
-        effects=tuple(_part(_kind(e), e) for e in _list(data, "effects")),
-        integrator=_build(_choice(INTEGRATORS, integrator, "integrator"), _dict(integrator, "settings")),
-        dt=_float(data, "dt"),
-        u_max=_float(data, "u_max", math.inf),
+        effects=tuple(_part(_kind(e), e) for e in sequence(data, "effects")),
+        integrator=_build(_choice(INTEGRATORS, integrator, "integrator"), mapping(integrator, "settings")),
+        dt=number(data, "dt"),
+        u_max=number(data, "u_max", math.inf),
     )
-    names = tuple(map(str, _list(data, "free")))
+    names = tuple(map(str, sequence(data, "free")))
     model.check_names(names)
-    about = _dict(data, "estimate") if data.get("estimate") is not None else None
+    about = mapping(data, "estimate") if data.get("estimate") is not None else None
     return SavedModel(model, names, None if about is None else _about(model, names, about))
 
 
 def _kind(saved: Any) -> type[Effect]:
-    return kind_of(str(_entry(saved, "name")))
+    return kind_of(text(saved, "name"))
 
 
 def _part(kind: type[Part], saved: Mapping[str, Any]) -> Part:
-    parameters = _dict(saved, "parameters")
-    fields: dict[str, Any] = {name: _float(_dict(parameters, name), "value") for name in parameters}
-    settings = _dict(saved, "settings") if "settings" in saved else {}
+    parameters = mapping(saved, "parameters")
+    fields: dict[str, Any] = {name: number(mapping(parameters, name), "value") for name in parameters}
+    settings = mapping(saved, "settings") if "settings" in saved else {}
     bounds = {name: _bounds(p["bounds"], name) for name, p in parameters.items() if "bounds" in p}
     return _build(kind, {**settings, **fields, "bounds": bounds})
 
@@ -244,12 +240,12 @@ def _build(kind: type[Part], fields: Mapping[str, Any]) -> Part:
     except InvalidInput:
         raise
     except (TypeError, ValueError, OverflowError):
-        came = ", ".join(f"{name} = {value!r}" for name, value in fields.items() if name != "bounds")
+        came = ", ".join(f"{name} = {excerpt(value)}" for name, value in fields.items() if name != "bounds")
         raise InvalidInput(f"{kind.__name__} cannot be made of {came}") from None
 
 
 def _about(model: Model, names: tuple[str, ...], saved: Mapping[str, Any]) -> Estimate:
-    rows = _list(saved, "covariance")
+    rows = sequence(saved, "covariance")
     try:
         covariance = np.array([[math.inf if c is None else float(c) for c in row] for row in rows], dtype=float)
     except (TypeError, ValueError, OverflowError):
@@ -262,74 +258,31 @@ def _about(model: Model, names: tuple[str, ...], saved: Mapping[str, Any]) -> Es
         model=model,
         names=names,
         covariance=covariance,
-        noise={channel: _float(_dict(saved, "noise"), channel) for channel in _dict(saved, "noise")},
-        success=bool(_entry(saved, "success")),
-        status=str(_entry(saved, "status")),
-        cost=_float(saved, "cost", math.nan),
-        n_readings=_count(saved, "n_readings"),
-        method=str(_entry(saved, "method")),
-        sensor=None if _entry(saved, "sensor") is None else _sensor(_dict(saved, "sensor")),
-        random_torque=_float(saved, "random_torque") if "random_torque" in saved else 0.0,
-        correlation_time=_float(saved, "correlation_time") if "correlation_time" in saved else 0.0,
+        noise={channel: number(mapping(saved, "noise"), channel) for channel in mapping(saved, "noise")},
+        success=bool(entry(saved, "success")),
+        status=text(saved, "status"),
+        cost=number(saved, "cost", math.nan),
+        n_readings=count(saved, "n_readings"),
+        method=text(saved, "method"),
+        sensor=None if entry(saved, "sensor") is None else _sensor(mapping(saved, "sensor")),
+        random_torque=number(saved, "random_torque") if "random_torque" in saved else 0.0,
+        correlation_time=number(saved, "correlation_time") if "correlation_time" in saved else 0.0,
     )
 
 
 def _sensor(saved: Mapping[str, Any]) -> Sensor:
-    return Sensor(**{c: None if saved.get(c) is None else _float(saved, c) for c in ("theta", "theta_dot")})
+    return Sensor(**{c: None if saved.get(c) is None else number(saved, c) for c in ("theta", "theta_dot")})
 
 
 def _choice(known: Mapping[str, type[Part]], saved: Mapping[str, Any], what: str) -> type[Part]:
-    name = str(_entry(saved, "name"))
+    name = text(saved, "name")
     if name not in known:
         raise InvalidInput(f"unknown {what} {name!r}: expected one of {', '.join(known)}")
     return known[name]
 
 
-def _entry(saved: Any, name: str) -> Any:
-    if not isinstance(saved, Mapping) or name not in saved:
-        raise InvalidInput(f"it has no {name!r}")
-    return saved[name]
-
-
-def _dict(saved: Any, name: str) -> dict[str, Any]:
-    value = _entry(saved, name)
-    if not isinstance(value, dict):
-        raise InvalidInput(f"{name!r} is {value!r}: expected an object")
-    return value
-
-
-def _list(saved: Any, name: str) -> Sequence[Any]:
-    value = _entry(saved, name)
-    if not isinstance(value, list):
-        raise InvalidInput(f"{name!r} is {value!r}: expected a list")
-    return value
-
-
-def _float(saved: Any, name: str, null: float | None = None) -> float:
-    """A number; `null` is what null stands for (None: it must be a number)."""
-    value = _entry(saved, name)
-    if value is None and null is not None:
-        return null
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise InvalidInput(f"{name!r} is {value!r}: expected a number")
-    try:
-        number = float(value)
-    except OverflowError:
-        raise InvalidInput(f"{name!r} has {len(str(value))} digits: expected a number") from None
-    if math.isnan(number):
-        raise InvalidInput(f"{name!r} is {value!r}: expected a number")
-    return number
-
-
-def _count(saved: Any, name: str) -> int:
-    number = _float(saved, name)
-    if not 0.0 <= number < math.inf or number != int(number):
-        raise InvalidInput(f"{name!r} is {number!r}: expected a whole number")
-    return int(number)
-
-
 def _bounds(saved: Any, name: str) -> tuple[float, float]:
     if not isinstance(saved, list) or len(saved) != 2:
-        raise InvalidInput(f"the bounds of {name} are {saved!r}: expected [low, high]")
+        raise InvalidInput(f"the bounds of {name} are {excerpt(saved)}: expected [low, high]")
     low, high = saved
-    return _float({name: low}, name, -math.inf), _float({name: high}, name, math.inf)
+    return number({name: low}, name, -math.inf), number({name: high}, name, math.inf)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from sysid.errors import InvalidInput
+from sysid.limits import SUBSTEPS, check_size
 from sysid.physics import ops
 from sysid.physics.ops import Value
 
@@ -33,6 +34,7 @@ class Integrator(ABC):
         whole = isinstance(self.substeps, int | float) and not isinstance(self.substeps, bool)
         if not whole or not 1 <= self.substeps < math.inf or self.substeps != int(self.substeps):
             raise InvalidInput(f"substeps = {self.substeps}: expected a whole number >= 1")
+        check_size("substeps =", self.substeps, SUBSTEPS)
         object.__setattr__(self, "substeps", int(self.substeps))
 
     def advance(

@@ -18,6 +18,7 @@ from sysid.estimation.first_fit import first_fit
 from sysid.estimation.fit import free
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.solver import fit
+from sysid.limits import PLANNED_ROLLOUTS, PLANNED_SAMPLES, check_size
 from sysid.physics.effects import Effect
 from sysid.physics.model import Model
 from sysid.physics.plants import Plant
@@ -141,9 +142,11 @@ def _limits(limits: Limits | None, model: Model, records: Sequence[Record]) -> L
         raise InvalidInput(
             f"limits: u_max = {limits.u_max:g} {unit} is beyond the model's own limit of {model.u_max:g} {unit}"
         )
-    n = round(limits.duration / (limits.dt or model.dt))
-    if n < 8:
-        raise InvalidInput(f"limits: {limits.duration:g} s hold {n} samples: expected at least 8")
+    n = limits.duration / (limits.dt or model.dt)
+    if round(min(n, 8.0)) < 8:
+        raise InvalidInput(f"limits: {limits.duration:g} s hold {n:.3g} samples: expected at least 8")
+    check_size("limits: rollouts =", limits.rollouts, PLANNED_ROLLOUTS)
+    check_size("limits: samples of all rollouts:", n * limits.rollouts, PLANNED_SAMPLES, "in fewer or shorter ones")
     return limits
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.data.files import save_text
+from sysid.data.files import save_file
 from sysid.errors import InvalidInput
 from sysid.estimation.held_out import finite
 from sysid.physics.ops import Array
@@ -137,7 +137,7 @@ class Experiment:
         for i, u in enumerate(self.u):
             for t, value in zip(self.t, u, strict=False):
                 writer.writerow([*([i] if several else []), repr(round(float(t), 9)), repr(float(value))])
-        save_text(path, text.getvalue())
+        save_file(path, text.getvalue())
 
     def __str__(self) -> str:
         lines = [self.description]

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.errors import InvalidInput
+from sysid.limits import MAGNITUDE
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 from sysid.physics.plants import Plant
@@ -48,8 +49,8 @@ class Limits:
     def __post_init__(self) -> None:
         for name in ("u_max", "duration", "dt", "theta_max", "theta_dot_max", "u_rms"):
             value = getattr(self, name)
-            if value is not None and not (math.isfinite(value) and value > 0.0):
-                raise InvalidInput(f"limits: {name} = {value}: expected a positive number")
+            if value is not None and not 0.0 < value <= MAGNITUDE:
+                raise InvalidInput(f"limits: {name} = {value}: expected a positive number, at most {MAGNITUDE:g}")
         if not 0.0 <= self.start <= math.pi:
             raise InvalidInput(f"limits: start = {self.start}: expected 0 ... pi rad from rest")
         if self.rollouts < 1:

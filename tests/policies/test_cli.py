@@ -138,10 +138,11 @@ def test_a_long_delay_is_observed_whole():
     assert history_for(delayed, Fixed()) == past_commands_needed(delayed) == 30
 
 
-def test_a_history_that_is_cut_is_said(capsys):
+def test_a_history_that_is_cut_is_said(caplog):
     slow = Model(RodPendulum(), (Lag(T=5.0),), dt=0.01, u_max=2.0)
-    assert history_for(slow, Fixed()) == LONGEST_HISTORY
-    assert f"observes the last {LONGEST_HISTORY}" in capsys.readouterr().out
+    with caplog.at_level("INFO", "policies"):
+        assert history_for(slow, Fixed()) == LONGEST_HISTORY
+    assert f"observes the last {LONGEST_HISTORY}" in caplog.text
 
 
 def test_a_policy_for_onnx(models, policy, tmp_path, run):
@@ -195,7 +196,7 @@ def test_what_is_plausible_where_nobody_measured():
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
-        (("nowhere.json",), "cannot read"),
+        (("nowhere.json",), "no such file"),
         (("fitted.json",), "no torque limit: give one with --u-max"),
         (("unstable.json",), "runs away under torques within 2 N m"),
         (("axis.json",), "LinearAxis"),
@@ -205,7 +206,7 @@ def test_what_is_plausible_where_nobody_measured():
         (("paper.json", "--steps", "0"), "--steps 0"),
         (("paper.json", "--agents", "0"), "--agents 0"),
         (("paper.json", "--seed", "-1"), "--seed -1"),
-        (("paper.json", "--hidden", "0"), "hidden = (0,)"),
+        (("paper.json", "--hidden", "0"), "--hidden 0"),
         (("paper.json", "--randomize", "wide"), "expected none, band:W"),
         (("paper.json", "--randomize", "band"), "'' is no number; expected band:0.3"),
         (("paper.json", "--randomize", "band:2"), "expected a relative width in [0, 1)"),
@@ -238,8 +239,8 @@ def test_what_cannot_be_trained_ends_with_a_sentence(models, run, monkeypatch, w
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
-        (("evaluate", "nowhere"), "is no policy"),
-        (("evaluate", "policy", "--model", "nowhere.json"), "cannot read"),
+        (("evaluate", "nowhere"), "no such file"),
+        (("evaluate", "policy", "--model", "nowhere.json"), "no such file"),
         (("evaluate", "policy", "--model", "policy/policy.json"), "no model of ours|schema"),
         (("evaluate", "policy", "--model", "unstable.json"), "unstable.json: the model runs away"),
         (("evaluate", "policy", "--model", "axis.json"), "axis.json: the plant is a LinearAxis"),

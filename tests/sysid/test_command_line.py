@@ -217,7 +217,7 @@ def test_a_log_carries_its_options_in_a_file_beside_it(hidden, tmp_path, capsys)
     assert second == pytest.approx(first, rel=1e-4)
     assert "is read by this command" in refused(["fit", str(rig), "-o", str(tmp_path / "log.toml")], capsys)
     assert "found sec, phi" in refused(["fit", str(rig), "--log", "none"], capsys)
-    assert "absent.toml cannot be read" in refused(["fit", str(rig), "--log", "absent.toml"], capsys)
+    assert "no such file: absent.toml" in refused(["fit", str(rig), "--log", "absent.toml"], capsys)
 
 
 def test_a_window_and_another_rate(hidden, tmp_path, capsys):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import logging
 import math
 import re
 from collections.abc import Callable
@@ -298,10 +299,11 @@ def test_one_long_rollout_is_enough() -> None:
     assert diagnose(rod(), records[0], SENSOR, effects="coulomb").steps[0].effect == "coulomb"  # type: ignore[arg-type]
 
 
-def test_what_is_asked_is_told() -> None:
+def test_what_is_asked_is_logged(caplog: pytest.LogCaptureFixture) -> None:
     """A line at a time, while it works: what is fitted and what is tested, by name."""
-    told: list[str] = []
-    found = diagnose(rod(), records_of("coulomb"), SENSOR, effects=FEW, tell=told.append)
+    with caplog.at_level(logging.DEBUG, "sysid"):
+        found = diagnose(rod(), records_of("coulomb"), SENSOR, effects=FEW)
+    told = caplog.messages
     assert len(told) >= 3
     assert all(line and "\n" not in line for line in told)
     assert all(any(s.effect in line for line in told) for s in found.steps)

@@ -192,8 +192,8 @@ REFUSED = {
     ),
     "back.csv": ("t,theta\n" + "".join(f"{-k},1\n" for k in range(9)), "'t' goes backwards in 100% of the rows"),
     "binary.csv": (b"\x89PNG\r\n\x1a\n\x00\x00\x00", "binary.csv is not a text file: expected CSV in UTF-8"),
-    "no.npz": (b"PK nothing of the kind", "no.npz is no .npz file of plain arrays"),
-    "no.mat": (b"nothing of the kind", "no.mat is no .mat file"),
+    "no.npz": (b"PK nothing of the kind", "no.npz is not an .npz file of plain arrays"),
+    "no.mat": (b"nothing of the kind", "no.mat is not a .mat file"),
 }
 
 
@@ -209,7 +209,7 @@ def test_what_is_no_log_is_refused_in_one_sentence(name, tmp_path):
 
 def test_objects_in_an_npz_are_not_unpickled(tmp_path):
     np.savez(tmp_path / "log.npz", t=np.arange(3.0), theta=np.array([{}, {}, {}], dtype=object))
-    with pytest.raises(InvalidInput, match=r"log.npz is no .npz file of plain arrays"):
+    with pytest.raises(InvalidInput, match=r"log.npz is not an .npz file of plain arrays"):
         read(tmp_path / "log.npz")
 
 
@@ -243,7 +243,7 @@ def test_logs_of_different_rates_are_refused_until_a_rate_is_given(tmp_path):
 
 
 def test_too_many_rows_are_refused_before_they_are_read(tmp_path, monkeypatch):
-    monkeypatch.setattr("sysid.data.logs.MOST", 5_000)
+    monkeypatch.setattr("sysid.data.logs.LOG_ROWS", 5_000)
     monkeypatch.setattr("sysid.data.log_files.CHUNK", 1 << 16)
     t = 0.001 * np.arange(40_000)
     path = write(tmp_path / "log.csv", {"t": t, "theta": np.sin(t)})

@@ -128,7 +128,10 @@ WRONG = {
     "zero dt": (changed("dt", 0), "dt = 0"),
     "settings a list": (changed("effects", 0, "settings", []), "expected an object"),
     "covariance of nan": (changed("estimate", {"covariance": [[math.nan] * 3] * 3}), "covariance holds NaN"),
-    "a number of 400 digits": (changed("plant", "parameters", "m", "value", 10**400), "401 digits"),
+    "a number of 400 digits": (
+        changed("plant", "parameters", "m", "value", 10**400),
+        "expected a number of at most 1e+150",
+    ),
     "substeps for ever": (changed("integrator", "settings", "substeps", math.inf), "expected a whole number"),
     "substeps true": (changed("integrator", "settings", "substeps", True), "expected a whole number"),
     "half a substep": (changed("integrator", "settings", "substeps", 1.5), "substeps"),
@@ -162,7 +165,7 @@ def test_what_is_no_json_is_refused(text, tmp_path):
 
 
 def test_files_that_cannot_be_read_or_written(tmp_path):
-    with pytest.raises(sysid.InvalidInput, match="cannot read"):
+    with pytest.raises(sysid.InvalidInput, match="is a folder"):
         sysid.load(tmp_path)
     with pytest.raises(sysid.InvalidInput, match="cannot write"):
         sysid.save(paper_model(), tmp_path / "absent" / "model.json")

@@ -69,9 +69,9 @@ def test_a_file_that_was_changed_is_loaded_again(write, catalogue):
 
 
 WRONG = {
-    "raises": ({"torque": "self.k * nonsense"}, "'wave' of mine.py: it raises NameError"),
+    "raises": ({"torque": "self.k * nonsense"}, "effect 'wave' of mine.py: mine.py, line 16 raises NameError"),
     "line": ({"torque": "self.k * nonsense"}, "line 16"),
-    "asks a symbol": ({"torque": "self.k if joint.theta.max() > 1 else 0.0 * joint.theta"}, "it raises"),
+    "asks a symbol": ({"torque": "self.k if joint.theta.max() > 1 else 0.0 * joint.theta"}, "line 16 raises"),
     "not finite": ({"torque": "self.k * ops.sqrt(joint.theta - 10.0)"}, "not finite"),
     "numbers only": ({"torque": "self.k * (joint.theta if ops.is_number(joint.theta) else 0.0)"}, "disagree"),
     "not neutral": ({"torque": "self.k + 0.1"}, "neutral value"),
@@ -109,7 +109,7 @@ def test_a_file_that_holds_no_effect(text, message, tmp_path, catalogue):
 
 
 def test_no_file(tmp_path):
-    with pytest.raises(sysid.InvalidInput, match="no such file"):
+    with pytest.raises(sysid.InvalidInput, match="is a folder"):
         sysid.load_effects(tmp_path)
 
 

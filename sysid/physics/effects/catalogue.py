@@ -6,7 +6,7 @@ from dataclasses import fields
 from difflib import get_close_matches
 from typing import Any, TypeVar
 
-from sysid.errors import InvalidInput
+from sysid.errors import LONGEST, InvalidInput, excerpt
 from sysid.physics.effects.actuation import (
     BackEmf,
     DeadZone,
@@ -74,13 +74,26 @@ def register(kind: EffectType) -> EffectType:
     Raises
     ------
     InvalidInput
-        Where the name is taken by another class.
+        Where it is no effect, the name is taken by another class, or a declaration is not of its kind.
     """
+    _check_declared(kind)
     known = CATALOGUE.get(kind.name)
     if known is not None and known is not kind:
         raise InvalidInput(f"an effect named {kind.name!r} is in the catalogue: give the class another name")
     CATALOGUE[kind.name] = kind
     return kind
+
+
+def _check_declared(kind: type[Effect]) -> None:
+    """Raise InvalidInput for what is no effect, and for a declaration that is of another type than `Effect`'s own."""
+    if not (isinstance(kind, type) and issubclass(kind, Effect)):
+        raise InvalidInput(f"{excerpt(kind)} is no effect: expected a class derived from JointEffect or another kind")
+    for name in Effect.__annotations__:
+        value, usual = getattr(kind, name), type(getattr(Effect, name))
+        if not isinstance(value, (int, float) if usual is float else usual):
+            raise InvalidInput(f"{kind.__name__}.{name} = {excerpt(value)}: expected a {usual.__name__}")
+    if len(kind.name) > LONGEST:
+        raise InvalidInput(f"{kind.__name__}: the name has {len(kind.name):,} characters: expected {LONGEST} at most")
 
 
 def preferred() -> tuple[str, ...]:

@@ -8,12 +8,12 @@ from importlib.machinery import ModuleSpec, SourceFileLoader
 from importlib.util import module_from_spec
 from os import PathLike
 from pathlib import Path
-from types import TracebackType
 
 import casadi
 import numpy as np
 
-from sysid.errors import InvalidInput
+from sysid.data.files import read_file
+from sysid.errors import LONGEST, InvalidInput
 from sysid.physics.candidates import Alternative, alternatives
 from sysid.physics.effects import CATALOGUE, Effect
 from sysid.physics.model import Model
@@ -49,8 +49,7 @@ def load_effects(path: str | PathLike[str]) -> tuple[str, ...]:
         finite number, differs between the two, changes the motion at its neutral value or has no neutral value.
     """
     path = Path(path)
-    if not path.is_file():
-        raise InvalidInput(f"no such file: {path}: expected a Python file with effects")
+    read_file(path, "a Python file with effects")
     before = dict(CATALOGUE)
     module = f"{__name__}:{path.resolve()}"
     for name in [n for n, kind in CATALOGUE.items() if kind.__module__ == module]:
@@ -62,7 +61,7 @@ def load_effects(path: str | PathLike[str]) -> tuple[str, ...]:
             raise InvalidInput(f"{path.name} holds no effect: expected a class with @sysid.register before it")
         for name in names:
             _check(CATALOGUE[name], path.resolve())
-    except InvalidInput:
+    except BaseException:
         CATALOGUE.clear()
         CATALOGUE.update(before)
         raise
@@ -85,23 +84,28 @@ def _run(path: Path, name: str) -> None:
         raise InvalidInput(f"{path.name}: {error}") from None
     except SyntaxError as error:
         raise InvalidInput(f"{path.name}, line {error.lineno}: {error.msg}") from None
-    except (Exception, SystemExit) as error:
-        raise InvalidInput(f"{path.name}{_line(error.__traceback__, path)} raises {_described(error)}") from None
+    except BaseException as error:
+        raise blamed(error) or InvalidInput(f"{path.name} raises {_described(error)}") from None
 
 
-def _line(traceback: TracebackType | None, path: Path) -> str:
-    """Where in the user's file it happened."""
-    line = 0
+def blamed(error: BaseException) -> InvalidInput | None:
+    """The sentence on what a user's effect raised, with its file and line; None where it came from elsewhere."""
+    traceback, found = error.__traceback__, None
     while traceback is not None:
-        if traceback.tb_frame.f_code.co_filename == str(path):
-            line = traceback.tb_lineno
+        code = traceback.tb_frame
+        if code.f_globals.get("__name__", "").startswith(f"{__name__}:"):
+            place = f"{Path(code.f_code.co_filename).name}, line {traceback.tb_lineno}"
+            found = InvalidInput(f"{place} raises {_described(error)}")
         traceback = traceback.tb_next
-    return f", line {line}" if line else ""
+    return found
 
 
 def _described(error: BaseException) -> str:
-    message = " ".join(str(error).split())
-    return f"{type(error).__name__}: {message[:200]}" if message else type(error).__name__
+    try:
+        message = " ".join(str(error).split())
+    except BaseException:
+        message = ""
+    return f"{type(error).__name__}: {message[:LONGEST]}" if message else type(error).__name__
 
 
 def _check(kind: type[Effect], path: Path) -> None:
@@ -111,8 +115,8 @@ def _check(kind: type[Effect], path: Path) -> None:
             problem = _problem(kind)
     except InvalidInput as error:
         problem = str(error)
-    except Exception as error:
-        problem = f"it raises {_described(error)}{_line(error.__traceback__, path)}"
+    except BaseException as error:
+        problem = str(blamed(error) or f"it raises {_described(error)}")
     if problem:
         raise InvalidInput(f"effect {kind.name!r} of {path.name}: {problem}")
 

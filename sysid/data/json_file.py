@@ -1,0 +1,81 @@
+"""JSON files: what one holds, taken out name by name; whatever is missing or of another kind becomes a sentence."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+from sysid.data.files import read_file
+from sysid.errors import InvalidInput, excerpt
+
+Kind = TypeVar("Kind")
+
+LONGEST_TEXT = 1000
+"""Characters of a name or of a sentence in a file."""
+LARGEST_NUMBER = 1e150
+"""No parameter is beyond this: its square is still a number."""
+
+
+def read_json(path: Path, expected: str) -> Any:
+    """What a JSON file holds. Raises InvalidInput where it cannot be read or is none; expected: what it should be."""
+    try:
+        return json.loads(read_file(path, expected))
+    except InvalidInput:
+        raise
+    except (ValueError, RecursionError):
+        raise InvalidInput(f"{path.name} is not JSON: expected {expected}") from None
+
+
+def entry(saved: Any, name: str) -> Any:
+    """What stands under a name; raises InvalidInput where nothing does, as the functions below do."""
+    if not isinstance(saved, Mapping) or name not in saved:
+        raise InvalidInput(f"it has no {name!r}")
+    return saved[name]
+
+
+def _of(kind: type[Kind], saved: Any, name: str, expected: str) -> Kind:
+    value = entry(saved, name)
+    if not isinstance(value, kind):
+        raise InvalidInput(f"{name!r} is {excerpt(value)}: expected {expected}")
+    return value
+
+
+def mapping(saved: Any, name: str) -> dict[str, Any]:
+    """An object."""
+    return _of(dict, saved, name, "an object")
+
+
+def sequence(saved: Any, name: str) -> list[Any]:
+    """A list."""
+    return _of(list, saved, name, "a list")
+
+
+def text(saved: Any, name: str) -> str:
+    """A text of at most 1000 characters."""
+    value = _of(str, saved, name, "a text")
+    if len(value) > LONGEST_TEXT:
+        raise InvalidInput(f"{name!r} has {len(value):,} characters: expected at most {LONGEST_TEXT:,}")
+    return value
+
+
+def number(saved: Any, name: str, null: float | None = None) -> float:
+    """A number, or infinity; `null` is what null stands for (None: it must be a number)."""
+    value = entry(saved, name)
+    if value is None and null is not None:
+        return null
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise InvalidInput(f"{name!r} is {excerpt(value)}: expected a number")
+    if not (abs(value) <= LARGEST_NUMBER or abs(value) == math.inf):
+        raise InvalidInput(f"{name!r} is {excerpt(value)}: expected a number of at most {LARGEST_NUMBER:g}")
+    return float(value)
+
+
+def count(saved: Any, name: str) -> int:
+    """A whole number that is not negative."""
+    value = number(saved, name)
+    if not 0.0 <= value < math.inf or value != int(value):
+        raise InvalidInput(f"{name!r} is {value!r}: expected a whole number")
+    return int(value)
