@@ -202,7 +202,7 @@ def test_z_is_what_the_innovations_lose_with_the_effect(name: str, beside: str, 
     system, filter = clean.linearised.system, clean.linearised.system.filter(BESIDE[beside])
     z = filter.whiten(*clean.linearised.effect_changes([probe], [1.0]))[:, 0]
     with_it = LinearisedModel(clean.samples, clean.model.with_effect(probe), clean.motion)
-    moved = replace(system, gap=system.gap + _less(with_it.ends, clean.linearised.ends, clean.samples))
+    moved = replace(system, gap=system.gap + _less(with_it.ends[:, :2], clean.linearised.ends, clean.samples))
     seen = clean.samples.read(with_it.model, clean.motion.x) - clean.samples.read(clean.model, clean.motion.x)
     moved = replace(moved, r=moved.r - seen * clean.samples.weight)
     lost = filter.innovations - moved.filter(BESIDE[beside]).innovations
