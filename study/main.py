@@ -23,9 +23,6 @@ import tyro
 
 from study.mismatch.plan import PLANS
 from study.paper.presets import PRESETS
-from sysid.cli.command_line import called
-from sysid.data.files import place
-from sysid.errors import InvalidInput
 
 if TYPE_CHECKING:
     from study.pipeline.executor import Executor
@@ -77,6 +74,16 @@ class Options:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code: 0 done, 1 a task failed, 2 bad input, 130 stopped."""
+    from study.pipeline import versions
+
+    problem, foreign = versions.wrong_sysid(), versions.foreign_sysid()
+    if problem:
+        return _fail(f"{foreign or problem}", 2)
+    if foreign:
+        print(f"warning: {foreign}", file=sys.stderr)
+
+    from sysid.cli.command_line import called
+
     options, unknown = tyro.cli(Options, prog=called("python -m study.main"), args=arguments, return_unknown_args=True)
     if unknown:
         known = ", ".join(map(_flag, dataclasses.fields(Options)))
@@ -96,19 +103,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _study(options: Options) -> int:
-    from study.pipeline import versions
-
-    problem = versions.wrong_sysid()
-    foreign = versions.foreign_sysid()
-    if problem:
-        return _fail(f"{foreign or problem}", 2)
-    if foreign:
-        print(f"warning: {foreign}", file=sys.stderr)
-
     from rich.console import Console
 
     from study.pipeline.executor import WorkerFailed
     from study.pipeline.experiment import run
+    from sysid.errors import InvalidInput
 
     console = Console(highlight=False)
     try:
@@ -129,6 +128,9 @@ def _study(options: Options) -> int:
 def _experiment(options: Options) -> Iterator[Experiment]:
     """The preset's experiment, over the open folder of its results."""
     folder, device, seconds = options.out or Path("results", options.preset), options.device, options.checkpoint_seconds
+    from sysid.data.files import place
+    from sysid.errors import InvalidInput
+
     for path in (folder, options.import_, options.published):
         if path is not None:
             place(path, "use")
@@ -159,6 +161,7 @@ def _executor(options: Options) -> Executor:
     from study.pipeline.cluster import Cluster
     from study.pipeline.processes import Processes
     from study.pipeline.settings import check_device
+    from sysid.errors import InvalidInput
 
     if options.executor not in ("processes", "ray"):
         raise InvalidInput(f"unknown executor {options.executor!r}: expected processes or ray")
@@ -174,6 +177,7 @@ def _executor(options: Options) -> Executor:
 
 
 def _workers(asked: int) -> int:
+    from sysid.errors import InvalidInput
 
     if asked < 0:
         raise InvalidInput(f"--workers {asked}: expected a number of processes, or 0 for one a core")
@@ -196,7 +200,7 @@ def _flag(field: dataclasses.Field[object]) -> str:
 
 
 def _fail(sentence: str, code: int) -> int:
-    print(f"error: {InvalidInput(sentence)}", file=sys.stderr)
+    print(f"error: {sentence}", file=sys.stderr)
     return code
 
 
