@@ -49,6 +49,6 @@ def wrong_sysid() -> str | None:
 
     ours = Path(__file__).resolve().parents[2]
     place = Path(sysid.__file__ or ".").resolve().parents[1]
-    if place == ours and hasattr(sysid, "diagnose"):
+    if place == ours and "diagnose" in dir(sysid):  # which loads nothing yet
         return None
     return f"`import sysid` finds {place / 'sysid'}, expected {ours / 'sysid'}: another package comes first"
