@@ -13,9 +13,9 @@ from .diagnosis.diagnose import diagnose
 from .diagnosis.residual_torque import ResidualTorque, residual_torque
 from .errors import InvalidInput
 from .estimation.estimate import Estimate
+from .estimation.fisher_information import fisher_information
 from .estimation.fit import fit
 from .estimation.identifiers import GridSearch, Identifier, LeastSquares, UnscentedKalman
-from .estimation.identifiers.sensitivity import fisher_information
 from .estimation.saved_model import SavedModel, load, load_model, save
 from .physics import ops
 from .physics.effects import (

@@ -14,7 +14,6 @@ from study.paper.protocol import averaged_sensor, paper_model, paper_rollouts
 from sysid import (
     RK4,
     GeneralJoint,
-    LeastSquares,
     Model,
     Record,
     RodPendulum,
@@ -90,20 +89,6 @@ def test_a_log_without_a_random_torque_is_fitted_as_by_output_error() -> None:
         assert found.deviance <= whole.deviance + 0.05
         again = fit(samples, found.model, NAMES, near=found, disturbances=NONE, settings=HELD)
         assert np.max(np.abs(again.values - whole.values) / sd) < 0.05
-
-
-def test_it_agrees_with_multiple_shooting() -> None:
-    (records,), _ = logs(1, seed=2)
-    own = fit(Samples(AFAR, records, SENSOR), AFAR, NAMES, disturbances=NONE, settings=HELD).estimate()
-    other = LeastSquares(NAMES, SENSOR, segment=0.2).fit(AFAR, records)
-    assert own.success and own.n_readings == other.n_readings
-    for name in NAMES:
-        assert abs(own.values[name] - other.values[name]) < 0.02 * other.sd[name]
-    np.testing.assert_allclose(own.covariance, other.covariance, rtol=0.03)
-    # the prior of a filter's start, anywhere, and Gauss-Newton's last step are all that sets them apart
-    assert own.cost == pytest.approx(other.cost, rel=1e-3)
-    for channel, sd in other.noise.items():
-        assert own.noise[channel] == pytest.approx(sd, rel=0.02)
 
 
 AGAIN = {
