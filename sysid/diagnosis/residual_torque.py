@@ -267,7 +267,9 @@ def followed(samples: Samples, model: Model) -> Fit:
     if not math.isfinite(begun.deviance):
         raise InvalidInput("the model runs away from these records within a sample: no torque can be told beside it")
     trials = (begun.disturbances.with_memory(T) for T in MEMORIES)
-    return fit(samples, model, (), begun, maximum_likelihood(begun.linearised, trials, angle_error=False), SETTINGS)
+    return fit(
+        samples, model, (), begun, maximum_likelihood(begun.linearised.system, trials, angle_error=False), SETTINGS
+    )
 
 
 def torque_of(found: Fit) -> ResidualTorque:
@@ -303,11 +305,17 @@ def missing_torque(found: Fit, base: Fit) -> Array:
     The prior is what `base` needs, so that several models compare.
     """
     prior = Disturbances(max(base.disturbances.s, 1e-3 * float(np.std(base.samples.smoothed[:, 1]))), CORRELATION_TIME)
+    likely = base.linearised.system.filter(prior)
     for _ in range(6):
-        prior = likelihood_ascent(base.linearised, prior, _FLOOR, angle_error=False)
+        likely = likelihood_ascent(likely, _FLOOR, angle_error=False)
     held = replace(QUICK, sizes=False)
     smoothed = fit(
-        found.samples, found.model, (), replace(found, names=(), prior=found.prior.of_nothing()), prior, held
+        found.samples,
+        found.model,
+        (),
+        replace(found, names=(), prior=found.prior.of_nothing()),
+        likely.disturbances,
+        held,
     )
     return slow(found.inertia * smoothed.motion.d, found.samples.number, found.samples.dt)
 

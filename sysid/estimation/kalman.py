@@ -183,18 +183,18 @@ class Filter:
     states: Array
     own: Array
 
-    @property
+    @cached_property
     def innovations(self) -> Array:
         """Prediction errors (M, 2) in units of their predicted sd: white, where the model is right."""
         innovations: Array = self.own[:, -2:] / np.sqrt(self.own[:, -4:-2])
         return innovations
 
-    @property
+    @cached_property
     def log_variances(self) -> Array:
         """log of the innovations' predicted variances (M, 2), 0 where nothing was read."""
         return np.log(self.own[:, -4:-2])
 
-    @property
+    @cached_property
     def deviance(self) -> float:
         """-2 log likelihood of the readings, up to a constant that depends on the sensor alone."""
         return float(np.sum(self.log_variances) + np.sum(self.innovations**2))

@@ -7,57 +7,52 @@ from collections.abc import Iterable
 import numpy as np
 
 from sysid.estimation.disturbances import Disturbances
-from sysid.estimation.linearisation import LinearisedModel
+from sysid.estimation.kalman import Filter, LinearSystem
 from sysid.physics.ops import Array
 
 
-def likelihood_ascent(
-    linearised: LinearisedModel, disturbances: Disturbances, floor: Array, angle_error: bool = True
-) -> Disturbances:
-    """Disturbances of larger likelihood about the same motion: one Newton step of v = (log s, log sigma_o), or of the
-    first alone.
+def likelihood_ascent(now: Filter, floor: Array, angle_error: bool = True) -> Filter:
+    """A filter of larger likelihood about the same motion: one Newton step of (log s, log sigma_o), or of the first
+    alone.
 
     Slope and curvature are differences over a factor of 1.35, which is less than a log can tell; where the curvature is
     negative the step follows the slope, by a factor of e at most.
     """
-    system, h, now = linearised.system, 0.3, log_sizes(disturbances)
-    free = [i for i in range(1 + angle_error) if now[i] > floor[i]]
+    h, sizes = 0.3, log_sizes(now.disturbances)
+    free = [i for i in range(1 + angle_error) if sizes[i] > floor[i]]
     if not free:
-        return disturbances
+        return now
 
-    def deviance(move: Array) -> float:
-        return system.filter(disturbances.moved(move)).deviance
+    def moved(move: Array) -> Filter:
+        return now.system.filter(now.disturbances.moved(move))
 
-    here, unit = deviance(np.zeros(2)), h * np.eye(2)[free]
-    up, down = np.array([deviance(v) for v in unit]), np.array([deviance(-v) for v in unit])
+    here, unit = now.deviance, h * np.eye(2)[free]
+    trials = [now, *map(moved, unit), *map(moved, -unit)]
+    up, down = (np.array([own.deviance for own in side]) for side in (trials[1 : 1 + len(free)], trials[-len(free) :]))
     slope, curvature = (up - down) / (2.0 * h), np.diag(up - 2.0 * here + down) / h**2
     if len(free) == 2:
-        both = (deviance(unit[0] + unit[1]) - up[0] - up[1] + here) / h**2
+        both = (moved(unit[0] + unit[1]).deviance - up[0] - up[1] + here) / h**2
         curvature[0, 1] = curvature[1, 0] = both
     size, axes = np.linalg.eigh(curvature)
     along = -(axes.T @ slope) / np.maximum(np.abs(size), 1e-3)
     move = np.zeros(2)
     move[free] = axes @ np.clip(along, -1.0, 1.0)
-    trials = [(here, np.zeros(2)), *zip(up, unit, strict=True), *zip(down, -unit, strict=True)]
     for share in (1.0, 0.3):
-        own = np.maximum(share * move, np.minimum(floor - now, 0.0))
-        trials.append((deviance(own), own))
-        if trials[-1][0] < here:
+        trials.append(moved(np.maximum(share * move, np.minimum(floor - sizes, 0.0))))
+        if trials[-1].deviance < here:
             break
-    return disturbances.moved(min(trials, key=lambda own: own[0])[1])
+    return min(trials, key=lambda own: own.deviance)
 
 
-def maximum_likelihood(
-    linearised: LinearisedModel, begins: Iterable[Disturbances], angle_error: bool = True
-) -> Disturbances:
+def maximum_likelihood(system: LinearSystem, begins: Iterable[Disturbances], angle_error: bool = True) -> Disturbances:
     """The likeliest of disturbances about the same motion, each first moved to likelier sizes."""
-    floor, deviances = np.array([-40.0, -40.0]), dict[Disturbances, float]()
+    floor, ends = np.array([-40.0, -40.0]), list[Filter]()
     for begun in begins:
-        trial = begun
+        trial = system.filter(begun)
         for _ in range(3):
-            trial = likelihood_ascent(linearised, trial, floor, angle_error)
-        deviances[trial] = linearised.system.filter(trial).deviance
-    return min(deviances, key=lambda own: deviances[own])
+            trial = likelihood_ascent(trial, floor, angle_error)
+        ends.append(trial)
+    return min(ends, key=lambda own: own.deviance).disturbances
 
 
 def log_sizes(disturbances: Disturbances) -> Array:

@@ -142,7 +142,7 @@ class Fit:
         """
         if self.undisturbed:
             return NONE
-        return maximum_likelihood(self.linearised, (self.disturbances.with_memory(T) for T in MEMORIES))
+        return maximum_likelihood(self.linearised.system, (self.disturbances.with_memory(T) for T in MEMORIES))
 
     def estimate(self, method: str = "prediction error") -> Estimate:
         """The answer of an identifier."""
@@ -176,7 +176,7 @@ class Fit:
 
 def with_likely_angle_error(fitted: Fit, times: Sequence[float] = (0.03, 0.3, 1.0)) -> Disturbances:
     """The disturbances of that correlation time T_o [s] of the angle's error under which the log is likeliest."""
-    return maximum_likelihood(fitted.linearised, (replace(fitted.disturbances, T_o=T_o) for T_o in times))
+    return maximum_likelihood(fitted.linearised.system, (replace(fitted.disturbances, T_o=T_o) for T_o in times))
 
 
 def inverse(information: Array) -> Array:

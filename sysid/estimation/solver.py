@@ -76,11 +76,11 @@ def fit(
     last: Fit | None = None
     for k in range(settings.iterations):
         linearised = LinearisedModel(samples, model, motion)
-        if k > 0 and settings.sizes and (restless or k % 4 == 3):
-            likely = likelihood_ascent(linearised, disturbances, limits.floor, settings.angle_error)
-            restless = bool(np.max(np.abs(log_sizes(likely) - log_sizes(disturbances))) > 0.05)
-            disturbances = likely
         here = linearised.system.filter(disturbances)
+        if k > 0 and settings.sizes and (restless or k % 4 == 3):
+            here = likelihood_ascent(here, limits.floor, settings.angle_error)
+            restless = bool(np.max(np.abs(log_sizes(here.disturbances) - log_sizes(disturbances))) > 0.05)
+            disturbances = here.disturbances
         if last is not None and not math.isfinite(here.deviance):
             return last
         G, R = linearised.changes(names)
