@@ -1,6 +1,8 @@
 """Every example runs, and says what is wrong with wrong input."""
 
+import importlib.util
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -190,4 +192,34 @@ def test_hidden_effect_refuses_wrong_input(arguments, message):
     done = run("hidden_effect.py", *arguments)
     assert done.returncode == 2
     assert message in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_sim_to_real(monkeypatch, capsys):
+    """A short log and a coarse table: what a machine in another simulator lacks is named, and what the policy of the
+    mended model promises is measured there; that of the fitted model promises as much, and falls short."""
+    pytest.importorskip("mujoco", reason="the machine needs the extra [sim]")
+    spec = importlib.util.spec_from_file_location("sim_to_real", EXAMPLES / "sim_to_real.py")
+    spec.loader.exec_module(example := importlib.util.module_from_spec(spec))
+    monkeypatch.setattr(example, "ROLLOUTS", 2)
+    monkeypatch.setattr(example, "GRID", example.Grid(120, 121, u=11, memory=3, theta_dot_max=12.0))
+    assert example.main(["--episodes", "8"]) == 0
+    said = capsys.readouterr().out
+    sizes = {
+        name: [float(x) for x in re.search(rf"{name} = (\S+) \+- (\S+) ", said).groups()] for name in ("T", "tau_c")
+    }
+    assert abs(sizes["T"][0] - 0.12) < 0.002
+    assert abs(sizes["tau_c"][0] - 0.2) < 0.01
+    rows = {line[:16].strip(): re.findall(r"(\S+) \+- (\S+)", line) for line in said.splitlines()[-2:]}
+    (promised, _), (measured, error), _ = ((float(a), float(b)) for a, b in rows["the mended model"])
+    assert abs(measured - promised) < error
+    (promised, _), (measured, _), (difference, error) = ((float(a), float(b)) for a, b in rows["the fitted model"])
+    assert difference < -4.0 * error
+
+
+@pytest.mark.parametrize("arguments", [("--seed", "-1"), ("--episodes", "1"), ("--train", "-1")])
+def test_sim_to_real_refuses_wrong_input(arguments):
+    done = run("sim_to_real.py", *arguments)
+    assert done.returncode == 2
+    assert "0 or more" in done.stderr
     assert "Traceback" not in done.stderr
