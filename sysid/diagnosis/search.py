@@ -19,7 +19,7 @@ from sysid.estimation.held_out import lead_of
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import PredictionErrors, left_out, moved
 from sysid.estimation.prediction_error import Fit
-from sysid.estimation.refits import extended, reduced
+from sysid.estimation.refits import extended, reduced, settled
 from sysid.estimation.scores import Score, alikeness, price, scores
 from sysid.estimation.solver import QUICK, fit
 from sysid.physics.effects import CATALOGUE, Effect, effect, preferred
@@ -270,7 +270,7 @@ class Search:
             numbers = len(chosen.fit.names) - len(now.names)
             p = float(chdtrc(numbers, max(now.deviance - chosen.fit.deviance, 0.0)))
             self.additions.append(Addition(name, same, close, p, chosen.fit))
-        return fit(now.samples, chosen.fit.model, chosen.fit.names, chosen.fit)
+        return settled(chosen.fit)
 
     def _indistinguishable(self, chosen: Trial, trials: Sequence[Trial]) -> tuple[str, ...]:
         """The effects with which the log is as likely, to a difference that no log of this kind would change."""

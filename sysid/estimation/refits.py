@@ -20,6 +20,14 @@ def extended(now: Fit, effects: Sequence[Effect], settings: Settings = THOROUGH)
     return fit(now.samples, model, names, now, settings=settings)
 
 
+def settled(found: Fit) -> Fit:
+    """A quick fit gone on with; where that ends nowhere, one begun anew at its numbers, if the log is likelier then."""
+    after = fit(found.samples, found.model, found.names, found)
+    if after.converged:
+        return after
+    return min(after, fit(found.samples, found.model, found.names), key=lambda own: own.deviance)
+
+
 def reduced(now: Fit, name: str) -> Fit:
     """The fit without an effect, begun where it ended."""
     model, loose = now.model.without_effect(name), replace(now.disturbances, s=1.5 * now.disturbances.s)

@@ -49,6 +49,8 @@ class Settings:
 
 DEFAULT = Settings()
 
+ASTRAY = 0.1
+"""Deviance by which a fit that has not converged ends above its best, a reading, where it has lost its way."""
 QUICK = Settings(iterations=12, settled=0.15, negligible=0.5, angle_error=False)
 """For a candidate that is only compared with others."""
 
@@ -73,7 +75,7 @@ def fit(
     prior = Prior.of(model, names, settings.vague, near.prior if near else None, near.names if near else ())
     limits = _Limits.of(samples, model, names, prior, settings)
     before, converged, restless = math.inf, False, settings.sizes
-    last: Fit | None = None
+    best: Fit | None = None
     for k in range(settings.iterations):
         linearised = LinearisedModel(samples, model, motion)
         here = linearised.system.filter(disturbances)
@@ -81,8 +83,8 @@ def fit(
             here = likelihood_ascent(here, limits.floor, settings.angle_error)
             restless = bool(np.max(np.abs(log_sizes(here.disturbances) - log_sizes(disturbances))) > 0.05)
             disturbances = here.disturbances
-        if last is not None and not math.isfinite(here.deviance):
-            return last
+        if best is not None and not math.isfinite(here.deviance):
+            return best
         G, R = linearised.changes(names)
         Z, now = here.whiten(G, R), numbers_of(model, names)
         step = _step(here, Z, prior, now, limits)
@@ -91,11 +93,15 @@ def fit(
         if k >= 2 and not restless and moved < settings.settled and abs(here.deviance - before) < settings.negligible:
             converged = True
             break
-        before, last = here.deviance, Fit(samples, linearised.model, names, linearised, here, Z, prior, False)
+        before = here.deviance
+        if best is None or before < best.filter.deviance:
+            best = Fit(samples, linearised.model, names, linearised, here, Z, prior, False)
         # slopes that go on changing with the filter's sd would never let friction's numbers settle
         spread = limits.spread(here) if k < settings.iterations // 4 else motion.spread
         motion = motion.moved(here.smooth(G @ step, R @ step), spread)
         model = model.with_parameters(dict(zip(names, limits.within(now + step).tolist(), strict=True)))
+    if best is not None and not converged and here.deviance > best.filter.deviance + ASTRAY * samples.readings:
+        return best
     return Fit(samples, linearised.model, names, linearised, here, Z, prior, converged)
 
 
