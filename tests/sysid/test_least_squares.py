@@ -75,6 +75,13 @@ def test_a_cold_start_ends_where_a_start_from_the_truth_ends(sensor):
     assert agree >= 19
 
 
+def test_whole_steps_that_leave_the_optimum_are_halved():
+    """Here Gauss-Newton's own steps grow: speeds alone hardly tell of a start near the upright."""
+    found = LeastSquares(sensor=PAPER, starts=1).fit(paper_model(), rollouts(PAPER, 50, 5))
+    assert "explained" in found.status
+    assert found.values == pytest.approx({"m": 2.0240159, "l": 1.4991440}, abs=1e-6)
+
+
 def test_the_optimum_is_that_of_whole_rollouts():
     """SciPy's least squares of simulated rollouts, from where ours ended, goes nowhere."""
     records = rollouts(ENCODER, 2, 0)
