@@ -31,6 +31,7 @@ class Settings:
     vague        sd of a number of the plant about the one that a fit begins with, as a share of it: where a random
                  torque explains all, the readings say nothing of an inertia, and it would run away
     stride       largest relative change of a parameter in a step
+    share        of a step, of the motion's too, that is taken: whole ones may go to and fro about an optimum
     widest       how far about the motion the model's slopes are taken, at most: in rad, and as shares of the sizes of
                  speed and acceleration; wider slopes are those of another machine
     smallest     sizes of the disturbances below this share of the motion's acceleration, of the sensor's sd, are none
@@ -40,6 +41,7 @@ class Settings:
     settled: float = 0.02
     negligible: float = 0.05
     stride: float = 0.7
+    share: float = 1.0
     widest: tuple[float, float, float] = (0.05, 0.1, 0.5)
     smallest: float = 1e-5
     sizes: bool = True
@@ -98,8 +100,9 @@ def fit(
             best = Fit(samples, linearised.model, names, linearised, here, Z, prior, False)
         # slopes that go on changing with the filter's sd would never let friction's numbers settle
         spread = limits.spread(here) if k < settings.iterations // 4 else motion.spread
-        motion = motion.moved(here.smooth(G @ step, R @ step), spread)
-        model = model.with_parameters(dict(zip(names, limits.within(now + step).tolist(), strict=True)))
+        motion = motion.moved(settings.share * here.smooth(G @ step, R @ step), spread)
+        numbers = limits.within(now + settings.share * step)
+        model = model.with_parameters(dict(zip(names, numbers.tolist(), strict=True)))
     if best is not None and not converged and here.deviance > best.filter.deviance + ASTRAY * samples.readings:
         return best
     return Fit(samples, linearised.model, names, linearised, here, Z, prior, converged)

@@ -31,6 +31,9 @@ HELD = Settings(iterations=10, sizes=False, vague=math.inf)
 EXACT = replace(HELD, iterations=100, settled=1e-6, negligible=1e-3, widest=(0.0, 0.0, 0.0))
 """Slopes at a point: wider ones would move the optimum by some hundredths of an sd."""
 
+DAMPED = replace(EXACT, share=0.5)
+"""Where rollouts hardly determine their start, whole Gauss-Newton steps may go to and fro about the optimum."""
+
 
 @dataclass(frozen=True)
 class LeastSquares:
@@ -75,7 +78,8 @@ class LeastSquares:
         """The optimum that is reached from parameters `start` (P,)."""
         begun = model.with_parameters(dict(zip(self.parameters, start.tolist(), strict=True)))
         near = fit(samples, begun, self.parameters, None, Disturbances(BEGUN * level(samples)), HELD)
-        return fit(samples, near.model, self.parameters, near, NONE, EXACT)
+        whole = fit(samples, near.model, self.parameters, near, NONE, EXACT)
+        return whole if whole.converged else fit(samples, near.model, self.parameters, near, NONE, DAMPED)
 
     def _beside_a_random_torque(self, samples: Samples, model: Model, used: int) -> Estimate:
         status = (
