@@ -258,9 +258,7 @@ def test_slopes_are_taken_no_wider_than_the_machine_is_the_same() -> None:
     assert found.converged
     assert np.max(np.abs(found.values - [2.0, 1.5]) / sd_of(found)) < 4.0 and sd_of(found)[0] < 0.05
     anyhow = fit(samples, paper_model(), ("m", "l"), settings=replace(Settings(), widest=(math.inf,) * 3))
-    assert not anyhow.converged and sd_of(anyhow)[0] > 3.0 * sd_of(found)[0], (
-        "wider slopes are those of another machine"
-    )
+    assert not anyhow.converged and sd_of(anyhow)[0] > 3.0 * sd_of(found)[0], "wider slopes are another machine's"
     # what loses its way ends at the best place that it had
     assert anyhow.deviance < found.deviance + 30.0
 
