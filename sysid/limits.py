@@ -14,22 +14,10 @@ LOG_SUBSTEPS = 200
 """Steps of the integrator in a sample interval of a log."""
 SUBSTEPS = 10_000
 """Steps of the integrator in any control interval."""
-EPISODE_STEPS = 20_000
-"""Steps of the integrator in an episode of a policy."""
 PLANNED_ROLLOUTS = 100
 """Rollouts of an experiment."""
 PLANNED_SAMPLES = 20_000
 """Samples of an experiment, all its rollouts together."""
-EPISODES = 100_000
-"""Start states from which a policy is judged."""
-LAYERS = 20
-"""Layers of a policy's network."""
-LAYER_WIDTH = 10_000
-"""Width of a layer."""
-TRAINING_MEMORY = 8e9
-"""Bytes that networks, optimisers and transitions of a training take."""
-EVALUATION_MEMORY = 2e9
-"""Bytes that the widest layer takes for all start states."""
 MAGNITUDE = 1e12
 """The largest reading, command or time of a log."""
 

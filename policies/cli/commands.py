@@ -19,10 +19,11 @@ from policies.environments import task
 from policies.environments.machine import check_machine, check_stable, machine_of, past_commands_needed
 from policies.environments.randomization import Band, Fixed, Posterior, Randomization, Ranges
 from policies.evaluation import Evaluation, evaluate, fresh_start_states
+from policies.limits import EPISODES, EVALUATION_MEMORY, LAYER_WIDTH, LAYERS
 from policies.storage.policy_file import DESCRIPTION, LONGEST_HISTORY, WEIGHTS, SavedPolicy, load_policy, save_policy
 from sysid import InvalidInput, Model, Parameter, SavedModel, load
 from sysid.data.files import check_outputs, place, save_file
-from sysid.limits import EPISODES, EVALUATION_MEMORY, LAYER_WIDTH, LAYERS, check_size
+from sysid.limits import check_size
 
 logger = logging.getLogger(__name__)
 

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from policies.environments import task
 from policies.environments.random_streams import Purpose, generator
 from policies.environments.randomization import Randomization
+from policies.limits import EPISODE_STEPS
 from sysid import RK4, Delay, FilteredSpeed, InvalidInput, Lag, LinearAxis, Model, SensorDelay, State
-from sysid.limits import EPISODE_STEPS, check_size
+from sysid.limits import check_size
 
 Array = NDArray[np.float64]
 

@@ -35,13 +35,14 @@ from numpy.typing import NDArray
 
 from policies.environments import task
 from policies.environments.machine import check_episode
+from policies.limits import LAYER_WIDTH, LAYERS
 from policies.network_policy import NetworkPolicy
 from sysid import InvalidInput, Model
 from sysid.data.files import named, read_file, save_file
 from sysid.data.json_file import count, mapping, number, read_json, sequence, text
 from sysid.errors import excerpt
 from sysid.estimation.saved_model import from_dict, to_dict
-from sysid.limits import LAYER_WIDTH, LAYERS, check_size
+from sysid.limits import check_size
 
 SCHEMA = "gapfinder/policy/1"
 DESCRIPTION, WEIGHTS = "policy.json", "policy.safetensors"

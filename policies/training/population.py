@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from policies.environments.batched_pendulums import BatchedPendulums
 from policies.environments.random_streams import Purpose
 from policies.environments.randomization import Randomization
+from policies.limits import TRAINING_MEMORY
 from policies.network_policy import NetworkPolicy
 from policies.training.checkpoint import read_checkpoint, write_checkpoint
 from policies.training.cuda_graph import CudaGraph
@@ -29,7 +30,7 @@ from policies.training.random_blocks import BLOCK_LENGTH, RandomBlocks
 from policies.training.replay import Replay
 from policies.training.sac import SAC, SACSettings
 from sysid import InvalidInput, Model
-from sysid.limits import TRAINING_MEMORY, check_size
+from sysid.limits import check_size
 
 CHECKPOINT_VERSION = 2
 

@@ -173,10 +173,10 @@ def _moved_symbols(model: Model) -> Array:
 def _path(model: Model, theta: Value, theta_dot: Value) -> list[tuple[Value, ...]]:
     """theta, theta_dot, and what the sensors show of them, after each command of U."""
     drives = model.drives(U, theta)
-    sensing, inside = model.sensing(theta, theta_dot), model.rest_within(theta)
+    sensing, inner = model.sensing(theta, theta_dot), model.inner_rest(theta)
     rows = []
     for k in range(len(U)):
-        theta, theta_dot, inside = model.move_all(theta, theta_dot, inside, next(drives), k * model.dt)
+        theta, theta_dot, inner = model.move_with_inner(theta, theta_dot, inner, next(drives), k * model.dt)
         reading, sensing = model.read(theta, theta_dot, sensing, (k + 1) * model.dt)
         rows.append((theta, theta_dot, *reading))
     return rows

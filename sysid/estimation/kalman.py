@@ -35,7 +35,7 @@ class LinearSystem:
         x_(k+1) = A_k (x_k, d_k) + gap_k,    r_k = H_k x_k + weight_k (o_k, 0) + v_k,   v ~ N(0, I)
 
     x holds theta, theta_dot and the n - 2 states of the model's dynamic effects, which begin a record with an sd of
-    `within` (n - 2,). A (M, n, n + 1), its third column of d, gap (M, n), H (M, 2, 2), r (M, 2): slopes and residuals
+    `inner_sd` (n - 2,). A (M, n, n + 1), its third column of d, gap (M, n), H (M, 2, 2), r (M, 2): slopes and residuals
     in units of the sensor's sd, 0 where nothing was read. weight (M,) = 1 / sd of the angle's reading, follows (M,):
     whether the next instant belongs to the same record. dt [s].
     """
@@ -47,22 +47,22 @@ class LinearSystem:
     weight: Array
     follows: NDArray[np.bool_]
     dt: float
-    within: tuple[float, ...] = ()
+    inner_sd: tuple[float, ...] = ()
 
     @property
     def size(self) -> int:
         """How many numbers z has."""
-        return 4 + len(self.within)
+        return 4 + len(self.inner_sd)
 
     @property
     def moving(self) -> list[int]:
         """Where z has what the model moves."""
-        return [0, 1, *range(4, self.size)]
+        return _moving(self.size)
 
     @property
     def driving(self) -> list[int]:
         """Where z has what the model is moved by, in the order of the columns of A."""
-        return [0, 1, 2, *range(4, self.size)]
+        return _driving(self.size)
 
     def filter(self, disturbances: Disturbances) -> Filter:
         """The Kalman filter under these disturbances."""
@@ -82,8 +82,8 @@ class LinearSystem:
         columns, M, N = self._columns, len(self.r), self.size
         factor, increment, variance = disturbances.discrete(self.dt)
         first = np.zeros(_packed(N) + N)
-        first[_diagonal(N)] = [*np.square(SPREAD), *variance, *np.square(self.within)]
-        scale = np.concatenate([factor, increment, variance, np.square(self.within)])
+        first[_diagonal(N)] = [*np.square(SPREAD), *variance, *np.square(self.inner_sd)]
+        scale = np.concatenate([factor, increment, variance, np.square(self.inner_sd)])
         states, own = np.empty((len(columns) + 1, len(first))), np.empty((len(columns), 2 * N + 4))
         states[0] = first
         read = self.H[:, [0, 1], [0, 1]]
@@ -99,6 +99,14 @@ class LinearSystem:
             buffer.set_res(1, _view(own[begin : begin + BLOCK]))
             run()
         return states[:M], own[:M]
+
+
+def _moving(N: int) -> list[int]:
+    return [0, 1, *range(4, N)]
+
+
+def _driving(N: int) -> list[int]:
+    return [0, 1, 2, *range(4, N)]
 
 
 def _packed(N: int) -> int:
@@ -118,7 +126,7 @@ def _steps(N: int, own_state: bool, theta: bool, theta_dot: bool, coloured: bool
     read at all, and whether there is an o.
     """
     L, n = _packed(N), N - 2
-    width, moving, driving = n * (n + 1) + n + 8, [0, 1, *range(4, N)], [0, 1, 2, *range(4, N)]
+    width, moving, driving = n * (n + 1) + n + 8, _moving(N), _driving(N)
     state, column, scale = casadi.SX.sym("state", L + N), casadi.SX.sym("column", width), casadi.SX.sym("scale", N + 2)
     A, gap, rest = column[: n * (n + 1)], column[n * (n + 1) : n * (n + 2)], column[n * (n + 2) :]
     H, r, weight, follows = casadi.reshape(rest[:4], 2, 2).T, rest[4:6], rest[6], rest[7]

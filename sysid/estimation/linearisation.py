@@ -20,7 +20,7 @@ from sysid.physics.model import Model
 from sysid.physics.ops import Array
 from sysid.physics.parameters import Extent
 
-BEGUN = 0.2
+SMOOTHED_SHARE = 0.2
 """How far off the states of a dynamic effect may be along the smoothed readings, as a share of their sd at a start."""
 
 
@@ -141,35 +141,35 @@ class Motion:
 
     x (M, 2)            states of the joint
     d (M,)              random acceleration [rad/s^2]
-    spread (M, 3 + q)   how far off each may be, in rad, rad/s, rad/s^2 and the units of `inside`
-    inside (M, q)       states of dynamic effects, whose names are the q `owners`
+    spread (M, 3 + q)   how far off each may be, in rad, rad/s, rad/s^2 and the units of `inner`
+    inner (M, q)       states of dynamic effects, whose names are the q `owners`
     """
 
     x: Array
     d: Array
     spread: Array
-    inside: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    inner: Array = field(default_factory=lambda: np.zeros((0, 0)))
     owners: tuple[str, ...] = ()
 
     def of_model(self, samples: Samples, model: Model) -> Motion:
         """The same with the states of this model's dynamic effects; of a new one those along the smoothed readings."""
         owners = tuple(e.name for e in model.dynamic_effects for _ in e.start_sd)
-        if owners == self.owners and len(self.inside) == len(samples):
+        if owners == self.owners and len(self.inner) == len(samples):
             return self
         columns, spread = [np.zeros((len(samples), 0))], [self.spread[:, :3]]
         for e in model.dynamic_effects:
             at = [i for i, name in enumerate(self.owners) if name == e.name]
             if at:
-                columns.append(self.inside[:, at])
+                columns.append(self.inner[:, at])
                 spread.append(self.spread[:, [3 + i for i in at]])
             else:
                 columns.append(samples.follow_smoothed([e])[0])
-                spread.append(np.tile(BEGUN * np.array(e.start_sd), (len(samples), 1)))
+                spread.append(np.tile(SMOOTHED_SHARE * np.array(e.start_sd), (len(samples), 1)))
         return Motion(self.x, self.d, np.hstack(spread), np.hstack(columns), owners)
 
     def moved(self, z: Array, spread: Array) -> Motion:
         """The motion by the smoothed deviation z (M, N) from it."""
-        return Motion(self.x + z[:, :2], z[:, 2], spread, self.inside + z[:, 4:], self.owners)
+        return Motion(self.x + z[:, :2], z[:, 2], spread, self.inner + z[:, 4:], self.owners)
 
 
 class LinearisedModel:
@@ -189,33 +189,33 @@ class LinearisedModel:
         rows = np.zeros((1 + 2 * size, len(samples), size))
         for i in range(size):
             rows[1 + 2 * i, :, i], rows[2 + 2 * i, :, i] = h[:, i], -h[:, i]
-        ends = self._ends(model, self.drives, motion.inside, rows)
+        ends = self._ends(model, self.drives, motion.inner, rows)
         self.ends = ends[0]
         A = np.stack([(ends[1 + 2 * i] - ends[2 + 2 * i]) / (2.0 * h[:, i, None]) for i in range(size)], axis=2)
-        next_states = np.roll(np.hstack([motion.x, motion.inside]), -1, axis=0)
+        next_states = np.roll(np.hstack([motion.x, motion.inner]), -1, axis=0)
         gap = self.ends - A[:, :, 2] * motion.d[:, None] - next_states
         A[~samples.follows], gap[~samples.follows] = 0.0, 0.0
         self.ahead = (0, 0)
         H, r = self._readings()
-        self.system = LinearSystem(A, gap, H, r, samples.weight[:, 0], samples.follows, samples.dt, model.start_sd)
+        self.system = LinearSystem(A, gap, H, r, samples.weight[:, 0], samples.follows, samples.dt, model.inner_sd)
         # the first readings of a sensor that remembers show what was before the record
         self.unused = samples.readings - int(np.count_nonzero(np.any(H != 0.0, axis=2)))
 
-    def _ends(self, model: Model, drives: Array, inside: Array, shift: Array | None = None) -> Array:
+    def _ends(self, model: Model, drives: Array, inner: Array, shift: Array | None = None) -> Array:
         """Where the steps end (..., M, n) from the motion, or from `shift` (..., M, n + 1) beside it.
 
-        The model may hold arrays (V, 1), the drives be (V, M, S), and the states of dynamic effects, `inside`, be
+        The model may hold arrays (V, 1), the drives be (V, M, S), and the states of dynamic effects, `inner`, be
         (V, M, q): one row a variant.
         """
         theta, theta_dot, d = self.motion.x[:, 0], self.motion.x[:, 1], self.motion.d
         if shift is not None:
             theta, theta_dot, d = theta + shift[..., 0], theta_dot + shift[..., 1], d + shift[..., 2]
-            inside = inside + shift[..., 3:]
-        values = iter(np.moveaxis(inside, -1, 0))
+            inner = inner + shift[..., 3:]
+        values = iter(np.moveaxis(inner, -1, 0))
         states = tuple(tuple(next(values) for _ in e.start_sd) for e in model.dynamic_effects)
         own = tuple(drives[..., j] for j in range(drives.shape[-1]))
         clock, push = self.samples.time_since_start, model.inertia() * d
-        *ends, after = model.move_all(theta, theta_dot, states, own, clock, push)
+        *ends, after = model.move_with_inner(theta, theta_dot, states, own, clock, push)
         return np.stack(np.broadcast_arrays(*ends, *(value for values in after for value in values)), axis=-1)
 
     def changes(self, names: Sequence[str]) -> tuple[Array, Array]:
@@ -236,7 +236,7 @@ class LinearisedModel:
         rows[at, at], rows[P + at, at] = np.minimum(value + h, high), np.maximum(value - h, low)
         variants = [dict(zip(names, row.tolist(), strict=True)) for row in rows]
         ends, seen = self._variants(
-            [self.model.with_parameters(v) for v in variants], self.model, rows, names, self.motion.inside
+            [self.model.with_parameters(v) for v in variants], self.model, rows, names, self.motion.inner
         )
         size = (rows[at, at] - rows[P + at, at])[:, None, None]
         return self._as_changes((ends[:P] - ends[P:]) / size, (seen[:P] - seen[P:]) / size)
@@ -247,22 +247,22 @@ class LinearisedModel:
         keys = model.names_of(effects[0].name)
         rows = np.array([[float(p.value) for p in e.parameters.values()] for e in effects])
         dynamic = [e for e in effects if isinstance(e, DynamicEffect)]
-        inside = self.motion.inside
+        inner = self.motion.inner
         if dynamic:
             new = self.samples.follow_smoothed(dynamic)
-            inside = np.concatenate([np.broadcast_to(inside, (*new.shape[:-1], inside.shape[-1])), new], axis=-1)
-        ends, seen = self._variants([self.model.with_effect(e) for e in effects], model, rows, keys, inside)
+            inner = np.concatenate([np.broadcast_to(inner, (*new.shape[:-1], inner.shape[-1])), new], axis=-1)
+        ends, seen = self._variants([self.model.with_effect(e) for e in effects], model, rows, keys, inner)
         size = np.asarray(sizes)[:, None, None]
         return self._as_changes((ends[..., : self.ends.shape[-1]] - self.ends) / size, (seen - self.seen) / size)
 
     def _variants(
-        self, models: Sequence[Model], model: Model, rows: Array, names: Sequence[str], inside: Array
+        self, models: Sequence[Model], model: Model, rows: Array, names: Sequence[str], inner: Array
     ) -> tuple[Array, Array]:
         """Ends (V, M, n) and readings (V, M, 2) of variants of a model that differ in numbers (V, P) alone."""
         columns = {n: column[:, None] for n, column in zip(names, rows.T, strict=True)}
         inputs = any(not set(names).isdisjoint(model.names_of(e.name)) for e in model.input_effects)
         drives = np.stack([self.samples.drives(m) for m in models]) if inputs else self.drives
-        ends = self._ends(model.with_parameters(columns), drives, inside)
+        ends = self._ends(model.with_parameters(columns), drives, inner)
         ends = np.broadcast_to(ends, (len(rows), *ends.shape[-2:]))
         shown = {n for e in model.output_effects for n in model.names_of(e.name)} & set(names)
         if not shown:

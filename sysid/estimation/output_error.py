@@ -93,13 +93,13 @@ class Response:
         return self._samples.smoothed[self._first]
 
     @cached_property
-    def _inside(self) -> Array:
+    def _inner(self) -> Array:
         """States (K, n - 2) of the dynamic effects at the windows' first instants."""
         if not self.model.dynamic_effects:
             return np.empty((len(self.windows), 0))
         size = level(self._samples)
         linearised = LinearisedModel(self._samples, self.model, begin(self._samples, size))
-        found = linearised.motion.inside + linearised.system.filter(Disturbances(0.3 * size)).smooth()[:, 4:]
+        found = linearised.motion.inner + linearised.system.filter(Disturbances(0.3 * size)).smooth()[:, 4:]
         return found[self._first]
 
     @cached_property
@@ -110,11 +110,8 @@ class Response:
     @cached_property
     def drives(self) -> Array:
         """Drive torques (N + 1, S) of the whole log; the last row pads."""
-        own = [
-            self.model.drive_record(np.concatenate([r.previous_commands, r.u]))[len(r.previous_commands) :]
-            for r in self.records
-        ]
-        return np.concatenate([*own, np.zeros((1, self.model.integrator.substeps))])
+        own = self._samples.drives(self.model)[self._samples.follows]
+        return np.concatenate([own, np.zeros((1, self.model.integrator.substeps))])
 
     # motion --------------------------------------------------------------------------------------------------
 
@@ -126,9 +123,9 @@ class Response:
         drives = casadi.SX.sym("drives", self.model.integrator.substeps)
         theta, theta_dot, *values = casadi.vertsplit(x)
         rest = iter(values)
-        inside = tuple(tuple(next(rest) for _ in range(size)) for size in sizes)
-        *moved, within = self.model.move_all(theta, theta_dot, inside, tuple(casadi.vertsplit(drives)), t)
-        after = casadi.densify(casadi.vertcat(*moved, *(value for own in within for value in own)))
+        inner = tuple(tuple(next(rest) for _ in range(size)) for size in sizes)
+        *moved, inner_then = self.model.move_with_inner(theta, theta_dot, inner, tuple(casadi.vertsplit(drives)), t)
+        after = casadi.densify(casadi.vertcat(*moved, *(value for own in inner_then for value in own)))
         slope, inputs = casadi.densify(casadi.jacobian(after, x)), [x, drives, t]
         return (
             casadi.Function("step", inputs, [after], {"cse": True}),
@@ -152,7 +149,7 @@ class Response:
     def _moved(self, starts: Array) -> Array:
         """States (K, L+1, n) of all windows, those of dynamic effects included, from starts (K, 2) of the joint."""
         K, L = len(self.windows), self.length
-        first = np.hstack([starts, self._inside])
+        first = np.hstack([starts, self._inner])
         rest = evaluate(self._roll, first, *self._inputs).reshape(K, L, -1)
         return np.concatenate([first[:, None], rest], axis=1)
 

@@ -132,7 +132,7 @@ class _Limits:
         low, high = (np.array([model.parameters[n].bounds[side] for n in names]) for side in (0, 1))
         reach = np.array([_reach(model, n, typical) for n, typical in zip(names, prior.mean, strict=True)])
         typical_speed = float(np.std(samples.smoothed[:, 1]))
-        widest = np.array([*np.array(settings.widest) * [1.0, typical_speed, size], *model.start_sd])
+        widest = np.array([*np.array(settings.widest) * [1.0, typical_speed, size], *model.inner_sd])
         floor = np.log([settings.smallest * size, settings.smallest * max(_angle_sd(samples), 1e-12)])
         return cls(low, high, prior.positive, reach, widest, floor)
 

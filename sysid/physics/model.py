@@ -32,7 +32,7 @@ from sysid.physics.parameters import Parameter
 from sysid.physics.plants import Plant
 
 Drives = tuple[Value, ...]
-ITERATIONS = 4
+NEWTON_STEPS = 4
 """Newton steps for the speed at the end of a substep; one is exact where the dynamic effects are linear."""
 
 
@@ -136,7 +136,7 @@ class Model:
         return tuple(e for e in self.effects if isinstance(e, DynamicEffect))
 
     @cached_property
-    def start_sd(self) -> tuple[float, ...]:
+    def inner_sd(self) -> tuple[float, ...]:
         """How far the states of the dynamic effects may be from rest when a record begins."""
         return tuple(sd for e in self.dynamic_effects for sd in e.start_sd)
 
@@ -202,13 +202,13 @@ class Model:
         held = like if self.actuator is not None and self.actuator.at_angle else like * 0.0
         return tuple(tuple(held + v for v in e.rest(self.dt)) for e in self.input_effects)
 
-    def rest_within(self, like: Value = 0.0) -> tuple[Memory, ...]:
+    def inner_rest(self, like: Value = 0.0) -> tuple[Memory, ...]:
         """The states of the dynamic effects of a joint at rest, in the shape and back end of `like`."""
         return tuple((like * 0.0,) * len(e.start_sd) for e in self.dynamic_effects)
 
     def initial_state(self, theta: Value, theta_dot: Value) -> State:
         """The state at theta [rad], theta_dot [rad/s] after a long time without command."""
-        return State(theta, theta_dot, (*self.rest(theta), *self.rest_within(theta)))
+        return State(theta, theta_dot, (*self.rest(theta), *self.inner_rest(theta)))
 
     def drive(self, u: Value, memory: tuple[Memory, ...]) -> tuple[Drives, tuple[Memory, ...]]:
         """Drive torques [N m], one a substep, from the command u [N m] held over dt, and the next memory."""
@@ -292,7 +292,7 @@ class Model:
         self, theta: Value, theta_dot: Value, drives: Drives, t: Value = 0.0, push: Value = 0.0
     ) -> tuple[Value, Value]:
         """(theta, theta_dot) after dt under known drive torques and a constant push [N m]: the plant without its input
-        path. Raises InvalidInput for a model with dynamic effects, which `move_all` carries."""
+        path. Raises InvalidInput for a model with dynamic effects, which `move_with_inner` carries."""
         if self.dynamic_effects:
             name = self.dynamic_effects[0].name
             raise InvalidInput(
@@ -308,11 +308,11 @@ class Model:
         dry = slowed if self.dry_frictions else None
         return integrator.advance(accelerated, theta, theta_dot, t, drives, dt, dry)
 
-    def move_all(
+    def move_with_inner(
         self,
         theta: Value,
         theta_dot: Value,
-        within: tuple[Memory, ...],
+        inner: tuple[Memory, ...],
         drives: Drives,
         t: Value = 0.0,
         push: Value = 0.0,
@@ -328,21 +328,21 @@ class Model:
         one = dataclasses.replace(self.integrator, substeps=1)
         for k, drive in enumerate(drives):
             step = partial(self._moved, theta, theta_dot, (drive,), t + k * h, integrator=one, dt=h)
-            torque, _, _ = self._followed(within, Stretch(h, theta_dot, theta_dot, h * theta_dot))
+            torque, _, _ = self._followed(inner, Stretch(h, theta_dot, theta_dot, h * theta_dot))
             speed = step(push=push + torque)[1]
             free = speed - h * torque / J
-            for _ in range(ITERATIONS):
-                torque, slope, _ = self._followed(within, Stretch(h, theta_dot, speed, 0.5 * h * (theta_dot + speed)))
+            for _ in range(NEWTON_STEPS):
+                torque, slope, _ = self._followed(inner, Stretch(h, theta_dot, speed, 0.5 * h * (theta_dot + speed)))
                 speed = speed - (speed - free - h * torque / J) / (1.0 - h * slope / J)
-            torque, _, _ = self._followed(within, Stretch(h, theta_dot, speed, 0.5 * h * (theta_dot + speed)))
+            torque, _, _ = self._followed(inner, Stretch(h, theta_dot, speed, 0.5 * h * (theta_dot + speed)))
             angle, speed = step(push=push + torque)
-            _, _, within = self._followed(within, Stretch(h, theta_dot, speed, angle - theta))
+            _, _, inner = self._followed(inner, Stretch(h, theta_dot, speed, angle - theta))
             theta, theta_dot = angle, speed
-        return theta, theta_dot, within
+        return theta, theta_dot, inner
 
-    def _followed(self, within: tuple[Memory, ...], stretch: Stretch) -> tuple[Value, Value, tuple[Memory, ...]]:
+    def _followed(self, inner: tuple[Memory, ...], stretch: Stretch) -> tuple[Value, Value, tuple[Memory, ...]]:
         """What all dynamic effects together make of a stretch."""
-        own = [e.follow(states, stretch) for e, states in zip(self.dynamic_effects, within, strict=True)]
+        own = [e.follow(states, stretch) for e, states in zip(self.dynamic_effects, inner, strict=True)]
         torque: Value = sum((o[0] for o in own[1:]), own[0][0])
         slope: Value = sum((o[1] for o in own[1:]), own[0][1])
         return torque, slope, tuple(o[2] for o in own)
@@ -376,5 +376,5 @@ class Model:
         """The state an interval dt later under command u [N m]; shapes broadcast, u is not clipped."""
         inputs = len(self.input_effects)
         drives, memory = self.drive(u, state.memory[:inputs])
-        theta, theta_dot, within = self.move_all(state.theta, state.theta_dot, state.memory[inputs:], drives, t)
-        return State(theta, theta_dot, (*memory, *within))
+        theta, theta_dot, inner = self.move_with_inner(state.theta, state.theta_dot, state.memory[inputs:], drives, t)
+        return State(theta, theta_dot, (*memory, *inner))

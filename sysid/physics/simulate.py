@@ -83,12 +83,12 @@ def simulate(model: Model, u: ArrayLike, theta: ArrayLike, theta_dot: ArrayLike)
     states: Value = np.empty((2, n + 1, *shape))
     seen: Value = np.empty((2, n + 1, *shape))
     drives = model.drives(list(np.moveaxis(u, -1, 0)), now[0])
-    sensing, within = model.sensing(*now), model.rest_within(now[0])
+    sensing, inner = model.sensing(*now), model.inner_rest(now[0])
     for k in range(n + 1):
         states[:, k] = now
         seen[:, k], sensing = model.read(*now, sensing, k * model.dt)
         if k < n:
-            theta, theta_dot, within = model.move_all(*now, within, next(drives), k * model.dt)
+            theta, theta_dot, inner = model.move_with_inner(*now, inner, next(drives), k * model.dt)
             now = theta, theta_dot
     rows = np.moveaxis(np.concatenate([states, seen]), 1, -1)
     return Trajectory(

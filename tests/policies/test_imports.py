@@ -2,7 +2,7 @@
 
 from tests.floors import against_the_order
 
-FLOORS = ("environments", "network_policy", "evaluation", "control", "training", "storage", "cli")
+FLOORS = ("limits", "environments", "network_policy", "evaluation", "control", "training", "storage", "cli")
 
 
 def test_a_room_imports_from_those_above_it_only():

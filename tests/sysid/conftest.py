@@ -108,18 +108,20 @@ def roll_casadi(model: Model, u: np.ndarray) -> Rolled:
     drive = ca.Function(
         "drive", [memory, command, p], [ca.vertcat(*(v for own in after for v in own)), ca.vertcat(*torques)]
     )
-    inside, watches = model.rest_within(), sum(map(len, watching))
-    x, held = ca.SX.sym("x", 2 + watches + sum(map(len, inside))), ca.SX.sym("held", len(torques))
+    inner, watches = model.inner_rest(), sum(map(len, watching))
+    x, held = ca.SX.sym("x", 2 + watches + sum(map(len, inner))), ca.SX.sym("held", len(torques))
     reading, watched = symbolic.read(x[0], x[1], nested(x[2 : 2 + watches], watching), t)
-    *moved, within = symbolic.move_all(x[0], x[1], nested(x[2 + watches :], inside), tuple(ca.vertsplit(held)), t)
-    x_after = ca.vertcat(*moved, *(v for own in (*watched, *within) for v in own))
+    *moved, inner_then = symbolic.move_with_inner(
+        x[0], x[1], nested(x[2 + watches :], inner), tuple(ca.vertsplit(held)), t
+    )
+    x_after = ca.vertcat(*moved, *(v for own in (*watched, *inner_then) for v in own))
     step = ca.Function("step", [x, held, t, p], [x_after, ca.vertcat(x[:2], *reading)])
     n, P, ahead = len(u), ca.MX.sym("P", len(names)), model.ahead
     fed = np.concatenate([u, np.full(ahead, u[-1])]).reshape(1, -1)
     start = ca.DM([v for own in rest for v in own])
     drives = drive.mapaccum("drives", n + ahead)(start, fed, ca.repmat(P, 1, n + ahead))[1][:, ahead:]
     seen = (v for own in symbolic.sensing(ca.SX(math.pi), ca.SX(0.0)) for v in own)
-    start = ca.Function("start", [p], [ca.vertcat(math.pi, 0.0, *seen, *(v for own in inside for v in own))])(P)
+    start = ca.Function("start", [p], [ca.vertcat(math.pi, 0.0, *seen, *(v for own in inner for v in own))])(P)
     times = model.dt * np.arange(n + 1).reshape(1, -1)
     drives = ca.horzcat(drives, drives[:, -1])
     path = step.mapaccum("path", n + 1)(start, drives, times, ca.repmat(P, 1, n + 1))[1]
@@ -134,12 +136,12 @@ def roll_torch(model: Model, u: np.ndarray) -> Rolled:
     tensors = model.with_parameters(numbers)
     theta, theta_dot = torch.tensor(math.pi, dtype=torch.float64), torch.zeros((), dtype=torch.float64)
     sensing, drives, path = tensors.sensing(theta, theta_dot), tensors.drives(u.tolist(), theta), []
-    inside = tensors.rest_within(theta)
+    inner = tensors.inner_rest(theta)
     for k in range(len(u) + 1):
         reading, sensing = tensors.read(theta, theta_dot, sensing, k * model.dt)
         path.append(torch.stack([theta, theta_dot, *reading]))
         if k < len(u):
-            theta, theta_dot, inside = tensors.move_all(theta, theta_dot, inside, next(drives), k * model.dt)
+            theta, theta_dot, inner = tensors.move_with_inner(theta, theta_dot, inner, next(drives), k * model.dt)
     whole = torch.stack(path, dim=1)
     slopes = torch.autograd.grad(whole.sum(), list(numbers.values()), materialize_grads=True)
     return whole.detach().numpy(), {k: float(s) for k, s in zip(numbers, slopes, strict=True)}

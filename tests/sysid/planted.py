@@ -11,12 +11,15 @@ import numpy as np
 from scipy.stats import chi2
 
 from sysid import (
+    RK4,
     Coulomb,
     Delay,
     Diagnosis,
     Drag,
     Drift,
     Effect,
+    GeneralJoint,
+    Lag,
     Model,
     Record,
     Ripple,
@@ -26,6 +29,7 @@ from sysid import (
     Spring,
     Stamp,
     Tilt,
+    TorqueBias,
     VelocityGain,
     Viscous,
     diagnose,
@@ -36,6 +40,14 @@ from sysid.planning.excitation import steps
 
 DT = 0.02
 SENSOR = Sensor(0.003, 0.05)
+RICH = Model(
+    GeneralJoint(J=0.05, G=1.2),
+    (Viscous(b=0.03), Coulomb(tau_c=0.05), Delay(T=0.033), Lag(T=0.025), TorqueBias(tau_0=0.04)),
+    RK4(substeps=2),
+    dt=0.02,
+    u_max=2.0,
+)
+"""A joint with friction, a late drive and an offset: five effects at once."""
 FEW = ("viscous", "coulomb", "tilt", "delay")
 VERDICTS = ("adequate", "missing", "partly", "unknown", "cannot tell")
 DEPENDENCES = {"theta", "theta_dot", "torque", "time", "history"}

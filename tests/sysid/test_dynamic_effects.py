@@ -47,16 +47,16 @@ JOINT = GeneralJoint(J=0.25, G=2.5)
 
 def derivative(effect: Effect, drive: float, x: np.ndarray) -> list[float]:
     """The defining equations of JOINT with one effect: theta, theta_dot and the effect's states."""
-    theta, v, *inside = x
+    theta, v, *inner = x
     load = float(JOINT.gravity_torque(theta)) + drive
     if isinstance(effect, FlexibleTransmission):
-        delta, delta_dot = inside
+        delta, delta_dot = inner
         omega = 2.0 * math.pi * effect.f
         pull = 2.0 * effect.zeta * omega * delta_dot + omega**2 * delta
         a = (load + effect.J * pull) / JOINT.J
         return [v, a, delta_dot, -a - pull]
     largest, share = effect.sliding(v)
-    return [v, (load - largest * inside[0]) / JOINT.J, (v - abs(v) * inside[0] / share) / effect.z_s]
+    return [v, (load - largest * inner[0]) / JOINT.J, (v - abs(v) * inner[0] / share) / effect.z_s]
 
 
 @pytest.mark.parametrize("effect", DYNAMIC.values(), ids=DYNAMIC.keys())
@@ -162,12 +162,12 @@ def test_slopes_of_a_step_are_the_models_derivatives():
     motion = motion.of_model(samples, model)
     found = LinearisedModel(samples, model, replace(motion, spread=np.zeros((len(samples), 6))))
     z, command = casadi.SX.sym("z", 6), casadi.SX.sym("u")
-    *ends, (one, two) = model.move_all(
+    *ends, (one, two) = model.move_with_inner(
         z[0], z[1], ((z[3],), (z[4], z[5])), (command,), 0.0, push=float(model.inertia()) * z[2]
     )
     slope = casadi.Function("slope", [z, command], [casadi.jacobian(casadi.vertcat(*ends, *one, *two), z)])
     for k in range(50):
-        at = [*motion.x[k], motion.d[k], *motion.inside[k]]
+        at = [*motion.x[k], motion.d[k], *motion.inner[k]]
         np.testing.assert_allclose(found.system.A[k], np.array(slope(at, u[k])), rtol=2e-3, atol=2e-4)
 
 

@@ -114,12 +114,12 @@ def slopes_in_casadi(model, names, u):
     symbolic = model.with_parameters(dict(zip(names, ca.vertsplit(p), strict=True)))
     now, path = (ca.SX(2.0), ca.SX(0.5)), []
     sensing, torques = symbolic.sensing(*now), symbolic.drives(u.tolist(), ca.SX(0.0))
-    inside = symbolic.rest_within(ca.SX(0.0))
+    inner = symbolic.inner_rest(ca.SX(0.0))
     for k in range(len(u) + 1):
         reading, sensing = symbolic.read(*now, sensing, k * model.dt)
         path.extend([*now, *reading])
         if k < len(u):
-            *now, inside = symbolic.move_all(*now, inside, next(torques), k * model.dt)
+            *now, inner = symbolic.move_with_inner(*now, inner, next(torques), k * model.dt)
     jacobian = ca.Function("slopes", [p], [ca.jacobian(ca.vertcat(*path), p)])
     found = np.array(jacobian([model.parameters[n].value for n in names]))
     return found.T.reshape(len(names), len(u) + 1, 4).swapaxes(1, 2)
@@ -148,9 +148,9 @@ def test_gradients_at_the_neutral_value_are_finite(effect, dtype):
     model = Model(ROD, (neutral.with_parameters(numbers),), dt=0.02)
     now = torch.tensor(2.0, dtype=dtype), torch.tensor(0.0, dtype=dtype)
     sensing, torques = model.sensing(*now), model.drives([1.0 + 0.1 * k for k in range(10)], now[0])
-    inside = model.rest_within(now[0])
+    inner = model.inner_rest(now[0])
     for k, torque in enumerate(torques):
-        *now, inside = model.move_all(*now, inside, torque, 0.02 * k)
+        *now, inner = model.move_with_inner(*now, inner, torque, 0.02 * k)
         reading, sensing = model.read(*now, sensing, 0.02 * (k + 1))
     total = sum((*now, *reading))
     for slope in torch.autograd.grad(total, list(numbers.values()), materialize_grads=True):

@@ -5,29 +5,15 @@ import pytest
 
 from study.paper.protocol import paper_model
 from sysid import (
-    RK4,
-    Coulomb,
-    Delay,
-    GeneralJoint,
     InvalidInput,
-    Lag,
-    Model,
     Sensor,
-    TorqueBias,
-    Viscous,
     fisher_information,
     simulate,
 )
 from sysid.planning.excitation import steps
+from tests.sysid.planted import RICH
 
 SENSOR = Sensor(theta=0.01, theta_dot=0.1)
-RICH = Model(
-    GeneralJoint(J=0.05, G=1.2),
-    (Viscous(b=0.03), Coulomb(tau_c=0.05), Delay(T=0.033), Lag(T=0.025), TorqueBias(tau_0=0.04)),
-    RK4(substeps=2),
-    dt=0.02,
-    u_max=2.0,
-)
 MODELS = {
     "paper": (paper_model(2.0, 1.5), ("m", "l")),
     "rich": (RICH, ("J", "G", "viscous.b", "coulomb.tau_c", "delay.T", "lag.T", "torque_bias.tau_0")),

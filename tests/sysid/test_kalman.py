@@ -64,7 +64,7 @@ class Dense:
         M, N = len(given.r), given.size
         sizes, times = np.array([disturbances.s, disturbances.sigma_o]), np.array([disturbances.T, disturbances.T_o])
         kept = np.exp(-DT / times)
-        start = np.diag([*np.square(SPREAD), *np.square(sizes), *np.square(given.within)])
+        start = np.diag([*np.square(SPREAD), *np.square(sizes), *np.square(given.inner_sd)])
         F, Q, shift = np.zeros((N * M, N * M)), np.zeros((N * M, N * M)), np.zeros(N * M)
         H = np.zeros((2 * M, N * M))
         for k in range(M):

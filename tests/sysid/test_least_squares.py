@@ -12,18 +12,16 @@ from study.paper.protocol import averaged_sensor, paper_model, paper_rollouts
 from sysid import (
     RK4,
     Coulomb,
-    Delay,
     GeneralJoint,
     InvalidInput,
-    Lag,
     LeastSquares,
     Model,
     Sensor,
-    TorqueBias,
     Viscous,
     simulate,
 )
 from sysid.planning.excitation import multisine, steps
+from tests.sysid.planted import RICH
 
 PAPER = averaged_sensor(1.0)
 ENCODER = Sensor(theta=0.01, theta_dot=1.0)
@@ -103,13 +101,7 @@ def test_the_optimum_is_that_of_whole_rollouts():
 
 def test_any_parameters_of_any_model():
     sensor = Sensor(theta=0.003, theta_dot=0.05)
-    truth = Model(
-        GeneralJoint(J=0.05, G=1.2),
-        (Viscous(b=0.03), Coulomb(tau_c=0.05), Delay(T=0.033), Lag(T=0.025), TorqueBias(tau_0=0.04)),
-        RK4(substeps=2),
-        dt=0.02,
-        u_max=2.0,
-    )
+    truth = RICH
     names = [n for n in truth.parameters if not n.startswith("torque_bias")]
     cold = truth.with_parameters(
         {"J": 0.1, "G": 1.0, "viscous.b": 0.0, "coulomb.tau_c": 0.0, "delay.T": 0.01, "lag.T": 0.0}

@@ -125,9 +125,9 @@ def test_moving_under_the_drives_equals_simulating(all_effects, integrator):
     for command in u:
         drive, memory = model.drive(float(command), memory)
         drives.append(drive)
-    theta, theta_dot, inside, path = 2.0, -0.5, model.rest_within(), [2.0]
+    theta, theta_dot, inner, path = 2.0, -0.5, model.inner_rest(), [2.0]
     for k, drive in enumerate(drives):
-        theta, theta_dot, inside = model.move_all(theta, theta_dot, inside, drive, k * model.dt)
+        theta, theta_dot, inner = model.move_with_inner(theta, theta_dot, inner, drive, k * model.dt)
         path.append(theta)
     np.testing.assert_allclose(path, simulate(model, u, 2.0, -0.5).theta, rtol=1e-12)
 
