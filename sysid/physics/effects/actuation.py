@@ -10,13 +10,11 @@ from typing import ClassVar
 import numpy as np
 
 from sysid.physics import ops
-from sysid.physics.effects.dead_time import DeadTime, delayed, delayed_record, doubling
 from sysid.physics.effects.effect import Array, InputEffect, Joint, JointEffect, Memory
+from sysid.physics.effects.probes import doubling, of_largest
+from sysid.physics.effects.timing import DeadTime, decaying, delayed, delayed_record, first_order
 from sysid.physics.ops import Value
-from sysid.physics.parameters import Extent, parameter
-
-_TINY = 1e-15
-_LONGEST_LAG = 1.0
+from sysid.physics.parameters import parameter
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,20 +33,13 @@ class Delay(DeadTime, InputEffect):
     stage: ClassVar[int] = 1
 
     def rest(self, dt: float) -> Memory:
-        """Zero commands, the latest first, as far back as `longest` reaches."""
         return (0.0,) * self.intervals(dt)
 
     def advance(self, signal: Sequence[Value], memory: Memory, dt: float) -> tuple[tuple[Value, ...], Memory]:
-        """Substep means of the delayed command; the signal before a delay is constant over the interval."""
         return delayed(signal, memory, self.T, dt)
 
     def whole(self, signal: Array, dt: float) -> Array:
-        """Substep means (..., N, S) over whole records."""
         return delayed_record(signal, self.intervals(dt), self.T, dt)
-
-
-def _time_constants(extent: Extent) -> tuple[float, ...]:
-    return doubling(extent, _LONGEST_LAG)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,19 +56,13 @@ class Lag(InputEffect):
     formula: ClassVar[str] = "T z_dot = u - z, drive = z"
     confused: ClassVar[tuple[str, ...]] = ("delay", "stamp", "sensor_delay", "filtered_speed")
     stage: ClassVar[int] = 2
-    T: Value = parameter(0.0, unit="s", bounds=(0.0, 10.0), neutral=0.0, probe=_time_constants)
+    T: Value = parameter(0.0, unit="s", bounds=(0.0, 10.0), neutral=0.0, probe=doubling(1.0))
 
     def rest(self, dt: float) -> Memory:
-        """z = 0."""
         return (0.0,)
 
     def advance(self, signal: Sequence[Value], memory: Memory, dt: float) -> tuple[tuple[Value, ...], Memory]:
-        """Substep means of the lagged signal, and z at the end of the interval."""
-        h = dt / len(signal)
-        T = self.T + _TINY
-        decay = ops.exp(-h / T)
-        share = (T / h) * (1.0 - decay)
-        (z,) = memory
+        (z,), (decay, share) = memory, first_order(self.T, dt / len(signal))
         lagged = []
         for s in signal:
             lagged.append(s + (z - s) * share)
@@ -85,16 +70,11 @@ class Lag(InputEffect):
         return tuple(lagged), (z,)
 
     def whole(self, signal: Array, dt: float) -> Array:
-        """Substep means (..., N, S) over whole records: z is a first-order filter of the substeps' signal."""
-        from scipy.linalg import solve_banded  # scipy.signal's filter would take half a second to load
-
-        h, T = dt / signal.shape[-1], self.T + _TINY
-        decay = ops.exp(-h / T)
+        decay, share = first_order(self.T, dt / signal.shape[-1])
         s = signal.reshape(*signal.shape[:-2], -1)
-        band = np.stack([np.ones(s.shape[-1]), np.full(s.shape[-1], -decay)])
-        filtered = solve_banded((1, 0), band, (1.0 - decay) * s.reshape(-1, s.shape[-1]).T).T.reshape(s.shape)
+        filtered = decaying((1.0 - decay) * s, decay)
         z = np.concatenate([np.zeros_like(s[..., :1]), filtered[..., :-1]], axis=-1)
-        return np.reshape(s + (z - s) * (T / h) * (1.0 - decay), signal.shape)
+        return np.reshape(s + (z - s) * share, signal.shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,13 +86,11 @@ class TorqueGain(InputEffect):
 
     words: ClassVar[str] = "a factor on the torque"
     inertial: ClassVar[bool] = True
-    rarity: ClassVar[float] = 2.0
     formula: ClassVar[str] = "drive = c u"
     confused: ClassVar[tuple[str, ...]] = ("rotor_inertia", "coulomb", "saturation", "dead_zone")
     c: Value = parameter(1.0, unit="1", bounds=(0.1, 10.0), neutral=1.0)
 
     def advance(self, signal: Sequence[Value], memory: Memory, dt: float) -> tuple[tuple[Value, ...], Memory]:
-        """c u."""
         return tuple(self.c * s for s in signal), memory
 
 
@@ -128,12 +106,7 @@ class DeadZone(InputEffect):
     d: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
 
     def advance(self, signal: Sequence[Value], memory: Memory, dt: float) -> tuple[tuple[Value, ...], Memory]:
-        """u - clip(u, -d, d)."""
         return tuple(s - ops.where(s > 0.0, ops.minimum(s, self.d), ops.maximum(s, -self.d)) for s in signal), memory
-
-
-def _limits(extent: Extent) -> tuple[float, ...]:
-    return tuple(share * (extent.u_max or 1.0) for share in (0.9, 0.75, 0.6, 0.45, 0.3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,10 +117,11 @@ class Saturation(InputEffect):
     rarity: ClassVar[float] = 1.5
     formula: ClassVar[str] = "drive = clip(u, -limit, limit)"
     confused: ClassVar[tuple[str, ...]] = ("torque_gain", "torque_speed_limit")
-    limit: Value = parameter(1e6, unit="N m", bounds=(1e-6, 1e6), neutral=1e6, probe=_limits)
+    limit: Value = parameter(
+        1e6, unit="N m", bounds=(1e-6, 1e6), neutral=1e6, probe=of_largest(0.9, 0.75, 0.6, 0.45, 0.3)
+    )
 
     def advance(self, signal: Sequence[Value], memory: Memory, dt: float) -> tuple[tuple[Value, ...], Memory]:
-        """clip(u, -limit, limit)."""
         return tuple(ops.clip(s, -self.limit, self.limit) for s in signal), memory
 
 
@@ -159,24 +133,13 @@ class BackEmf(JointEffect):
     """
 
     words: ClassVar[str] = "back-EMF"
-    rarity: ClassVar[float] = 2.0
     formula: ClassVar[str] = "tau = -k theta_dot, while the driver is on"
     confused: ClassVar[tuple[str, ...]] = ("viscous", "drag", "load_friction", "torque_speed_limit")
     friction: ClassVar[bool] = True
     k: Value = parameter(0.0, unit="N m s/rad", bounds=(0.0, math.inf), neutral=0.0)
 
     def torque(self, joint: Joint) -> Value:
-        """-k theta_dot [N m]."""
         return -self.k * joint.theta_dot
-
-
-def _stall_torques(extent: Extent) -> tuple[float, ...]:
-    return tuple(share * (extent.u_max or 1.0) for share in (1.2, 0.9, 0.6))
-
-
-def _slopes(extent: Extent) -> tuple[float, ...]:
-    """No-load speeds of 4, 8 and 16 rad/s for a stall torque of the log's largest."""
-    return tuple((extent.u_max or 1.0) / speed for speed in (4.0, 8.0, 16.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,11 +156,11 @@ class TorqueSpeedLimit(JointEffect):
     refines: ClassVar[tuple[tuple[str, ...], ...]] = (("saturation",),)
     formula: ClassVar[str] = "drive = clip(u, -min(limit, limit + k theta_dot), min(limit, limit - k theta_dot))"
     confused: ClassVar[tuple[str, ...]] = ("saturation", "back_emf")
-    limit: Value = parameter(1e6, unit="N m", bounds=(1e-6, 1e6), neutral=1e6, probe=_stall_torques)
-    k: Value = parameter(0.1, unit="N m s/rad", bounds=(0.0, 1e3), probe=_slopes)
+    limit: Value = parameter(1e6, unit="N m", bounds=(1e-6, 1e6), neutral=1e6, probe=of_largest(1.2, 0.9, 0.6))
+    # no-load speeds of 4, 8 and 16 rad/s for a stall torque of the log's largest
+    k: Value = parameter(0.1, unit="N m s/rad", bounds=(0.0, 1e3), probe=of_largest(1 / 4.0, 1 / 8.0, 1 / 16.0))
 
     def torque(self, joint: Joint) -> Value:
-        """What the limit takes from the drive [N m]."""
         highest = ops.clip(self.limit - self.k * joint.theta_dot, 0.0, self.limit)
         lowest = -ops.clip(self.limit + self.k * joint.theta_dot, 0.0, self.limit)
         return ops.clip(joint.drive, lowest, highest) - joint.drive
@@ -224,13 +187,13 @@ class Stamp(InputEffect):
     s: Value = parameter(0.0, unit="samples", bounds=(-1.0, 1.0), neutral=0.0, probe=(-1.0, -0.5, 0.5, 1.0))
 
     def rest(self, dt: float) -> Memory:
-        """Zero commands of two intervals."""
         return (0.0, 0.0)
 
     def advance(self, signal: Sequence[Value], memory: Memory, dt: float) -> tuple[tuple[Value, ...], Memory]:
-        """Substep means of the command, from that of one row ahead."""
         return delayed(signal, memory, (1.0 + self.s) * dt, dt)
 
     def whole(self, signal: Array, dt: float) -> Array:
-        """Substep means (..., N, S) over whole records."""
         return delayed_record(signal, 2, (1.0 + self.s) * dt, dt)
+
+
+EFFECTS = (Delay, Lag, TorqueGain, DeadZone, Saturation, TorqueSpeedLimit, BackEmf, Stamp)

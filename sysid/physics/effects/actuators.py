@@ -23,7 +23,6 @@ class TorqueConstant(Actuator):
     k_t: Value = parameter(1.0, unit="N m/A", bounds=(1e-6, 1e6), known=True)
 
     def torque(self, u: Value, theta: Value, theta_dot: Value) -> Value:
-        """k_t u [N m]."""
         return self.k_t * u
 
 
@@ -47,7 +46,6 @@ class DCMotor(Actuator):
     k_e: Value = parameter(0.0, unit="V s/rad", bounds=(0.0, 1e4))
 
     def torque(self, u: Value, theta: Value, theta_dot: Value) -> Value:
-        """k (u - k_e theta_dot) [N m]."""
         return self.k * (u - self.k_e * theta_dot)
 
 
@@ -71,5 +69,7 @@ class PositionServo(Actuator):
     limit: Value = parameter(1e6, unit="N m", bounds=(1e-6, 1e6), known=True)
 
     def torque(self, u: Value, theta: Value, theta_dot: Value) -> Value:
-        """clip(k_p (u - theta) - k_d theta_dot, -limit, limit) [N m]."""
         return ops.clip(self.k_p * (u - theta) - self.k_d * theta_dot, -self.limit, self.limit)
+
+
+ACTUATORS = (TorqueConstant, DCMotor, PositionServo)

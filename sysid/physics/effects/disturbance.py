@@ -34,7 +34,6 @@ class TorqueBias(JointEffect):
     tau_0: Value = parameter(0.0, unit="N m", bounds=(-math.inf, math.inf), neutral=0.0)
 
     def torque(self, joint: Joint) -> Value:
-        """tau_0 [N m]."""
         return self.tau_0
 
 
@@ -67,7 +66,6 @@ class Periodic(JointEffect):
         return -math.inf if returns else float(self.f * np.ptp(t))
 
     def torque(self, joint: Joint) -> Value:
-        """a sin(2 pi f t) + b cos(2 pi f t) [N m]."""
         phase = 2.0 * math.pi * self.f * joint.t
         return self.a * ops.sin(phase) + self.b * ops.cos(phase)
 
@@ -83,7 +81,6 @@ class Drift(JointEffect):
     r: Value = parameter(0.0, unit="N m/s", bounds=(-math.inf, math.inf), neutral=0.0)
 
     def torque(self, joint: Joint) -> Value:
-        """r t [N m]."""
         return self.r * joint.t
 
 
@@ -109,3 +106,6 @@ def _period(theta: Array, t: Array) -> float:
     far = near + int(np.argmax(np.append(later[near:] < 0.0, True)))
     peak = int(below[0]) + near + int(np.argmax(later[near:far]))
     return float(t[peak] - t[0])
+
+
+EFFECTS = (TorqueBias, Periodic, Drift)

@@ -9,8 +9,9 @@ from typing import ClassVar
 
 from sysid.physics import ops
 from sysid.physics.effects.effect import DryFriction, Joint, JointEffect
+from sysid.physics.effects.probes import of_duration
 from sysid.physics.ops import Value
-from sysid.physics.parameters import Extent, parameter
+from sysid.physics.parameters import parameter
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +28,6 @@ class Viscous(JointEffect):
     b: Value = parameter(0.0, unit="N m s/rad", bounds=(0.0, math.inf), neutral=0.0)
 
     def torque(self, joint: Joint) -> Value:
-        """-b theta_dot [N m]."""
         return -self.b * joint.theta_dot
 
 
@@ -54,7 +54,6 @@ class Coulomb(DryFriction):
     tau_c: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
 
     def limits(self, joint: Joint) -> tuple[Value, Value]:
-        """tau_c both ways [N m]."""
         return self.tau_c, self.tau_c
 
 
@@ -67,7 +66,6 @@ class Stribeck(DryFriction):
     """
 
     words: ClassVar[str] = "dry friction that is larger at slow speed"
-    rarity: ClassVar[float] = 2.0
     refines: ClassVar[tuple[tuple[str, ...], ...]] = (("coulomb",),)
     formula: ClassVar[str] = "tau = -(tau_c + excess exp(-(theta_dot/v_s)^2)) sign(theta_dot)"
     confused: ClassVar[tuple[str, ...]] = ("coulomb", "dahl", "lugre")
@@ -76,7 +74,6 @@ class Stribeck(DryFriction):
     v_s: Value = parameter(0.15, unit="rad/s", bounds=(0.005, 10.0), probe=(0.05, 0.15, 0.5))
 
     def limits(self, joint: Joint) -> tuple[Value, Value]:
-        """tau_c + excess exp(-(theta_dot/v_s)^2) both ways [N m]."""
         ratio = joint.theta_dot / self.v_s
         limit = self.tau_c + self.excess * ops.exp(-ratio * ratio)
         return limit, limit
@@ -95,7 +92,6 @@ class Drag(JointEffect):
     c: Value = parameter(0.0, unit="N m s^2/rad^2", bounds=(0.0, math.inf), neutral=0.0)
 
     def torque(self, joint: Joint) -> Value:
-        """-c |theta_dot| theta_dot [N m]."""
         return -self.c * ops.abs(joint.theta_dot) * joint.theta_dot
 
 
@@ -113,7 +109,6 @@ class AsymmetricViscous(JointEffect):
     b_minus: Value = parameter(0.0, unit="N m s/rad", bounds=(0.0, math.inf), neutral=0.0)
 
     def torque(self, joint: Joint) -> Value:
-        """-b_plus max(theta_dot, 0) - b_minus min(theta_dot, 0) [N m]."""
         return -self.b_plus * ops.maximum(joint.theta_dot, 0.0) - self.b_minus * ops.minimum(joint.theta_dot, 0.0)
 
 
@@ -133,12 +128,7 @@ class AsymmetricCoulomb(DryFriction):
     tau_minus: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
 
     def limits(self, joint: Joint) -> tuple[Value, Value]:
-        """tau_plus against positive, tau_minus against negative motion [N m]."""
         return self.tau_plus, self.tau_minus
-
-
-def _warming_times(extent: Extent) -> tuple[float, ...]:
-    return tuple(max(share * extent.duration, 0.1) for share in (0.25, 1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,9 +146,11 @@ class WarmingFriction(DryFriction):
     confused: ClassVar[tuple[str, ...]] = ("coulomb", "drift")
     tau_c: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
     excess: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
-    T: Value = parameter(60.0, unit="s", bounds=(0.1, 1e4), probe=_warming_times)
+    T: Value = parameter(60.0, unit="s", bounds=(0.1, 1e4), probe=of_duration(0.25, 1.0))
 
     def limits(self, joint: Joint) -> tuple[Value, Value]:
-        """tau_c + excess exp(-t/T) both ways [N m]."""
         limit = self.tau_c + self.excess * ops.exp(-joint.t / self.T)
         return limit, limit
+
+
+EFFECTS = (Viscous, Coulomb, Stribeck, Drag, AsymmetricViscous, AsymmetricCoulomb, WarmingFriction)

@@ -10,8 +10,9 @@ import numpy as np
 
 from sysid.physics import ops
 from sysid.physics.effects.effect import Array, DryFriction, Joint, JointEffect
+from sysid.physics.effects.probes import of_largest
 from sysid.physics.ops import Value
-from sysid.physics.parameters import Extent, parameter
+from sysid.physics.parameters import parameter
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,14 +23,12 @@ class LoadFriction(DryFriction):
     """
 
     words: ClassVar[str] = "dry friction that grows with the load"
-    rarity: ClassVar[float] = 2.0
     refines: ClassVar[tuple[tuple[str, ...], ...]] = (("coulomb",),)
     formula: ClassVar[str] = "tau = -mu |load| sign(theta_dot), at rest up to mu |load|"
     confused: ClassVar[tuple[str, ...]] = ("viscous", "coulomb", "back_emf", "directional_load_friction")
     mu: Value = parameter(0.0, unit="1", bounds=(0.0, 1.0), neutral=0.0)
 
     def limits(self, joint: Joint) -> tuple[Value, Value]:
-        """mu |load| both ways [N m]."""
         limit = self.mu * ops.abs(joint.load)
         return limit, limit
 
@@ -53,7 +52,6 @@ class DirectionalLoadFriction(DryFriction):
     mu_back: Value = parameter(0.0, unit="1", bounds=(0.0, 1.0), neutral=0.0)
 
     def limits(self, joint: Joint) -> tuple[Value, Value]:
-        """mu |load| [N m], of positive motion with mu_drive for a positive drive, of negative motion for a negative."""
         load = ops.abs(joint.load)
         positive = ops.where(joint.drive > 0.0, self.mu_drive, self.mu_back)
         negative = ops.where(joint.drive < 0.0, self.mu_drive, self.mu_back)
@@ -76,7 +74,6 @@ class Tilt(JointEffect):
     alpha: Value = parameter(0.0, unit="rad", bounds=(-0.5, 0.5), neutral=0.0)
 
     def torque(self, joint: Joint) -> Value:
-        """gravity_torque(theta + alpha) - gravity_torque(theta) [N m]."""
         return joint.plant.gravity_torque(joint.theta + self.alpha) - joint.plant.gravity_torque(joint.theta)
 
 
@@ -88,14 +85,12 @@ class Spring(JointEffect):
     """
 
     words: ClassVar[str] = "a spring"
-    rarity: ClassVar[float] = 2.0
     imitates: ClassVar[str] = "theta"
     formula: ClassVar[str] = "tau = -k (theta - pi)"
     confused: ClassVar[tuple[str, ...]] = ("torque_bias", "ripple")
     k: Value = parameter(0.0, unit="N m/rad", bounds=(-math.inf, math.inf), neutral=0.0)
 
     def torque(self, joint: Joint) -> Value:
-        """-k (theta - pi) [N m]."""
         return -self.k * (joint.theta - math.pi)
 
 
@@ -120,13 +115,8 @@ class Ripple(JointEffect):
         return float(self.order * np.ptp(theta)) / (2.0 * math.pi)
 
     def torque(self, joint: Joint) -> Value:
-        """a sin(order theta) + b cos(order theta) [N m]."""
         phase = self.order * joint.theta
         return self.a * ops.sin(phase) + self.b * ops.cos(phase)
-
-
-def _small_inertia(extent: Extent) -> tuple[float, ...]:
-    return (0.01 * (extent.u_max or 1.0),)
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,15 +128,15 @@ class RotorInertia(JointEffect):
 
     words: ClassVar[str] = "a rotor's inertia"
     inertial: ClassVar[bool] = True
-    rarity: ClassVar[float] = 2.0
     formula: ClassVar[str] = "(J + J_r) theta_ddot = ..."
     confused: ClassVar[tuple[str, ...]] = ("torque_gain",)
-    J_r: Value = parameter(0.0, unit="kg m^2", bounds=(0.0, math.inf), neutral=0.0, probe=_small_inertia)
+    J_r: Value = parameter(0.0, unit="kg m^2", bounds=(0.0, math.inf), neutral=0.0, probe=of_largest(0.01))
 
     def inertia(self) -> Value:
-        """J_r [kg m^2]."""
         return self.J_r
 
     def torque(self, joint: Joint) -> Value:
-        """None."""
         return 0.0
+
+
+EFFECTS = (LoadFriction, DirectionalLoadFriction, Tilt, Spring, Ripple, RotorInertia)

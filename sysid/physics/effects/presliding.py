@@ -77,3 +77,6 @@ class LuGre(Dahl):
         """ratio tau_c, and the share that Stribeck's curve leaves of it."""
         speed = theta_dot / self.v_s
         return self.ratio * self.tau_c, (1.0 + (self.ratio - 1.0) * ops.exp(-speed * speed)) / self.ratio
+
+
+EFFECTS = (Dahl, LuGre)
