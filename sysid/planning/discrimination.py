@@ -46,7 +46,7 @@ class Match:
         """What a truth would show, without noise and disturbances, and its motion."""
         if truth not in self._followed:
             model, conditions = self.hypotheses[truth].model, self.conditions
-            samples = Samples(model, predict(model, self.signals, conditions).records, conditions.sensor)
+            samples = Samples(model, predict(model, self.signals, conditions), conditions.sensor)
             self._followed[truth] = fit(samples, model, (), None, conditions.disturbances, KNOWN)
         return self._followed[truth]
 

@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +22,6 @@ from sysid.estimation.solver import fit
 from sysid.limits import PLANNED_ROLLOUTS, PLANNED_SAMPLES, check_size
 from sysid.physics.effects import Effect
 from sysid.physics.model import Model
-from sysid.physics.plants import Plant
 from sysid.planning.design import (
     ROUGHLY,
     UNDETERMINED,
@@ -29,16 +29,15 @@ from sysid.planning.design import (
     Hypothesis,
     Pool,
     precision,
-    predict,
     search,
     separation,
     yardsticks,
 )
 from sysid.planning.discrimination import Match, indistinguishable, separable
 from sysid.planning.hypotheses import Hypotheses, Pair, hypotheses_of, names_of
-from sysid.planning.non_torque_experiments import never, no_experiment, non_torque_experiment
+from sysid.planning.non_torque_experiments import never, non_torque_experiment
 from sysid.planning.planned_experiment import DECISIVE, HOPELESS, Experiment
-from sysid.planning.signals import Limits, Signal, rest_angle
+from sysid.planning.signals import Limits, rest_angle
 
 
 def next_experiment(
@@ -171,12 +170,6 @@ def _at(h: Hypothesis, dt: float | None) -> Hypothesis:
     return h if dt is None else dataclasses.replace(h, model=dataclasses.replace(h.model, dt=dt))
 
 
-def _impossible(limits: Limits, plant: Plant) -> InvalidInput:
-    bounds = {"N m": limits.u_max, "rad": limits.theta_max, "rad/s": limits.theta_dot_max}
-    told = ", ".join(f"{value:g} {plant.unit(unit)}" for unit, value in bounds.items() if value is not None)
-    return InvalidInput(f"no signal keeps to the limits (at most {told}): widen them")
-
-
 # telling rivals apart ----------------------------------------------------------------------------------------
 
 
@@ -209,9 +202,7 @@ def _best(
     hypotheses: tuple[Hypothesis, ...], pairs: tuple[Pair, ...], conditions: Conditions, rng: np.random.Generator
 ) -> Match:
     choices = search(separation([(p.truth, p.rival) for p in pairs]), hypotheses[:-1], conditions, rng)
-    if not choices:
-        raise _impossible(conditions.limits, hypotheses[0].model.plant)
-    return max((Match(hypotheses, pairs, c.signals, conditions) for c in choices), key=lambda m: m.worth)
+    return max((Match(hypotheses, pairs, signals, conditions) for signals in choices), key=lambda m: m.worth)
 
 
 def _told(match: Match, notes: Sequence[str]) -> Experiment:
@@ -227,13 +218,18 @@ def _told(match: Match, notes: Sequence[str]) -> Experiment:
             f"the log at hand tells {whom} with {before:.3g} units of evidence, and no torque within these limits "
             f"brings more than {after:.3g}: {advice}"
         )
-        none = no_experiment(shown, f"{'; '.join((sentence, *notes))}.", before=before)
-        return dataclasses.replace(none, contests=contests)
+        return Experiment.none(shown, f"{'; '.join((sentence, *notes))}.", before=before, contests=contests)
     sentence = f"it tells {whom} with {after:.3g} units of evidence"
     sentence += "" if before is None else f" where this log had {before:.2g}"
-    sentence = "; ".join((sentence, *notes))
-    answer = _answer(match.signals, sentence, shown, "evidence", before, after, asked, match.conditions)
-    return dataclasses.replace(answer, contests=contests)
+    return _played(
+        Pool(asked, match.signals, match.conditions),
+        "; ".join((sentence, *notes)),
+        separates=shown,
+        measure="evidence",
+        before=before,
+        after=after,
+        contests=contests,
+    )
 
 
 def _whom(shown: tuple[str, ...], told: set[frozenset[str]]) -> str:
@@ -255,10 +251,8 @@ def _narrowing(
 ) -> Experiment:
     scale = yardsticks(model, names)
     hypotheses = [_at(Hypothesis("model", model, names), conditions.limits.dt)]
-    choices = search(precision(scale), hypotheses, conditions, rng)
-    if not choices:
-        raise _impossible(conditions.limits, model.plant)
-    sd = Pool(hypotheses, choices[0].signals, conditions).precision().together().sd()[0]
+    pool = Pool(hypotheses, search(precision(scale), hypotheses, conditions, rng)[0], conditions)
+    sd = pool.precision().together().sd()[0]
     if np.max(sd / scale) >= UNDETERMINED:
         lost = tuple(n for n, s in zip(names, sd, strict=True) if not math.isfinite(s))
         return non_torque_experiment(model, lost, conditions, rng)
@@ -271,40 +265,17 @@ def _narrowing(
             f"the log at hand has the widest 95 % interval, that of {names[k]}, at +-{before:.2g} {unit}, and no "
             f"torque within these limits makes it narrower than +-{after:.2g} {unit}: widen them."
         )
-        return dataclasses.replace(no_experiment(names, sentence, "interval", before), widest=names[k])
+        return Experiment.none(names, sentence, "interval", before, widest=names[k])
     told = f"it narrows the widest 95 % interval, that of {names[k]}, to +-{after:.2g} {unit}"
     told += "" if before is None else f" where this log had +-{before:.2g}"
-    answer = _answer(choices[0].signals, told, names, "interval", before, after, hypotheses, conditions)
-    return dataclasses.replace(answer, widest=names[k])
+    return _played(pool, told, separates=names, measure="interval", before=before, after=after, widest=names[k])
 
 
-def _answer(
-    signals: Sequence[Signal],
-    told: str,
-    separates: tuple[str, ...],
-    measure: str,
-    before: float | None,
-    after: float,
-    hypotheses: Sequence[Hypothesis],
-    conditions: Conditions,
-) -> Experiment:
-    runs = [predict(h.model, signals, conditions) for h in hypotheses]
-    model, seconds = hypotheses[0].model, conditions.limits.duration
-    kinds = {s.kind for s in signals}
-    orders = "; ".join(dict.fromkeys(s.sentence(model.plant) for s in signals))
-    many = f"{len(signals)} rollouts of {seconds:g} s: " if len(signals) > 1 else ""
-    length = "" if many else f", for {seconds:g} s"
-    return Experiment(
-        kind=kinds.pop() if len(kinds) == 1 else "mixed",
-        description=f"{many}{orders}{length}: {told}.",
-        separates=separates,
-        measure=measure,
-        before=before,
-        after=after,
-        u=runs[0].u,
-        dt=model.dt,
-        theta=runs[0].theta,
-        theta_dot=runs[0].theta_dot,
-        reach=max(float(np.max(np.abs(r.theta - rest_angle(model)))) for r in runs),
-        unit=model.plant.unit("rad"),
-    )
+def _played(pool: Pool, told: str, **answer: Any) -> Experiment:
+    """The experiment of a pool's signals, each a rollout, and what is told of it."""
+    plant, seconds, many = pool.model.plant, pool.conditions.limits.duration, len(pool.signals) > 1
+    kinds = {s.kind for s in pool.signals}
+    orders = "; ".join(dict.fromkeys(s.sentence(plant) for s in pool.signals))
+    what = f"{len(pool.signals)} rollouts of {seconds:g} s: {orders}" if many else f"{orders}, for {seconds:g} s"
+    kind = kinds.pop() if len(kinds) == 1 else "mixed"
+    return Experiment.played(pool.model, pool.u, pool.states, kind=kind, description=f"{what}: {told}.", **answer)

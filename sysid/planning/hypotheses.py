@@ -15,7 +15,7 @@ from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import extended
 from sysid.estimation.scores import scores
 from sysid.estimation.solver import Settings, fit
-from sysid.physics.candidates import Alternative, candidates
+from sysid.physics.candidates import candidates
 from sysid.physics.effects import CATALOGUE, Effect, effect
 from sysid.physics.model import Model
 from sysid.physics.parameters import Extent
@@ -92,7 +92,8 @@ def hypotheses_of(
     for name in asked.names:
         if name not in possible:
             raise InvalidInput(f"{name} cannot stand beside the model's own effects: it cannot be a rival")
-    probes = {n: _probed(a[len(a) // 2]) for n, a in possible.items()}
+    middle = {n: tried[len(tried) // 2] for n, tried in possible.items()}
+    probes = {n: own.at(own.sizes) for n, own in middle.items()}
     if records:
         fits = _fitted(asked, records, conditions, first)
         truths = fits.likely
@@ -131,13 +132,9 @@ def _asked(model: Model, free: Sequence[str], rivals: Sequence[str | Effect]) ->
     return Asked(Hypothesis(NOTHING, base, base_names), names, known)
 
 
-def _probed(alternative: Alternative) -> Effect:
-    return alternative.at(alternative.sizes)
-
-
 def _reference(model: Model, conditions: Conditions) -> tuple[Record, ...]:
     signal = Signal("multisine", 0.5 * conditions.limits.u_max, 0.3, 0.1, min(2.0, 0.1 / model.dt), 1.0, 0.0, 0)
-    return tuple(predict(model, [signal], conditions).records)
+    return tuple(predict(model, [signal], conditions))
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,8 +14,10 @@ import numpy as np
 from sysid.data.files import save_file
 from sysid.errors import InvalidInput
 from sysid.estimation.held_out import finite
+from sysid.physics.model import Model
 from sysid.physics.ops import Array
 from sysid.planning.discrimination import Discrimination
+from sysid.planning.signals import rest_angle
 
 SCHEMA = "gapfinder/experiment/1"
 
@@ -62,6 +64,27 @@ class Experiment:
     payload: tuple[float, float] | None = None
     contests: tuple[Discrimination, ...] = ()
     unit: str = "rad"
+
+    @classmethod
+    def played(cls, model: Model, u: Array, states: Array, **answer: Any) -> Experiment:
+        """An experiment of torques u (n, N) with the motions (H, n, N+1, 2) that H hypotheses foresee, the first's."""
+        theta, theta_dot = np.moveaxis(states[0], -1, 0)
+        reach = float(np.max(np.abs(states[..., 0] - rest_angle(model))))
+        unit = model.plant.unit("rad")
+        return cls(u=u, dt=model.dt, theta=theta, theta_dot=theta_dot, reach=reach, unit=unit, **answer)
+
+    @classmethod
+    def none(
+        cls,
+        separates: tuple[str, ...],
+        sentence: str,
+        measure: str = "evidence",
+        before: float | None = None,
+        **own: Any,
+    ) -> Experiment:
+        """The answer that nothing is to be played, and why."""
+        unplayed, unmoved = np.zeros((0, 0)), np.zeros((0, 1))
+        return cls("none", sentence, separates, measure, before, None, unplayed, 0.0, unmoved, unmoved, 0.0, **own)
 
     @property
     def start(self) -> Array:

@@ -137,7 +137,7 @@ def test_first_order_evidence_is_that_of_the_scores() -> None:
     signals = draw(np.random.default_rng(3), LIMITS, 0.02, 1, swings=False)
     ours = Pool([truth, rival], signals, CONDITIONS).unlike(0, 1).unexplained()[0]
 
-    told = scores(output_error(predict(rod(), signals, CONDITIONS).records), ("viscous", "drag"))
+    told = scores(output_error(predict(rod(), signals, CONDITIONS)), ("viscous", "drag"))
     z = {name: s.z[:, 0] for name, s in told.items()}
     rho = z["viscous"] @ z["drag"] / math.sqrt((z["viscous"] @ z["viscous"]) * (z["drag"] @ z["drag"]))
     assert ours == pytest.approx(small**2 * z["viscous"] @ z["viscous"] * (1.0 - rho**2), rel=0.02)
@@ -152,7 +152,7 @@ def test_first_order_evidence_is_what_a_refit_leaves(truth: Effect, rival: str) 
     """With the rival at its best numbers, also where the effect is large: the two motions differ little."""
     own = Hypothesis(truth.name, rod().with_effect(truth), (*NAMES, f"{truth.name}.{next(iter(truth.parameters))}"))
     signals = [Signal("multisine", 0.8, 0.3, 0.1, 1.0, 1.0, 0.0, seed) for seed in range(2)]
-    base = output_error(predict(own.model, signals, CONDITIONS).records)
+    base = output_error(predict(own.model, signals, CONDITIONS))
     score = scores(base, (rival,))[rival]
     best = extended(base, [score.best.at(score.sizes)], KNOWN)
     pool = Pool([own, Hypothesis(rival, best.model, best.names)], signals, CONDITIONS)
@@ -168,7 +168,7 @@ def test_a_random_torque_makes_an_experiment_tell_less() -> None:
         Pool([hypothesis], signals, Conditions(LIMITS, SENSOR, own)).precision() for own in (NONE, disturbances)
     )
     assert np.all(shaken.sd() > 2.0 * calm.sd())
-    samples = Samples(rod(), predict(rod(), signals, CONDITIONS).records, SENSOR)
+    samples = Samples(rod(), predict(rod(), signals, CONDITIONS), SENSOR)
     found = solver.fit(samples, rod(), NAMES, None, disturbances, KNOWN)
     np.testing.assert_allclose(shaken.together().sd()[0], np.sqrt(np.diag(found.covariance)), rtol=0.05)
 
@@ -379,7 +379,9 @@ def test_a_payload_shows_the_torque_gain(weight: tuple[float, float] | None) -> 
 
 def test_the_least_labour_is_asked_for() -> None:
     def asked(model: Model, *names: str) -> Experiment:
-        return non_torque_experiment(model, names, Conditions(Limits(1.0, 3.0, theta_max=1.5), SENSOR))
+        return non_torque_experiment(
+            model, names, Conditions(Limits(1.0, 3.0, theta_max=1.5), SENSOR), np.random.default_rng(0)
+        )
 
     weighed = asked(rod(), "rotor_inertia")
     assert weighed.kind == "none"
