@@ -1,8 +1,8 @@
 """Figures of a comparison, and the style of all figures: each draws on given Axes, or returns a Figure.
 
-errors     by horizon                          over        residual torque over one quantity
-state_map  residual torque over the states     whiteness   what the innovations know of themselves
-worst      the worst windows                   comparison  all of it on one page
+errors      by horizon                         over        residual torque over one quantity
+state_maps  residual torque over the states    whiteness   what the innovations know of themselves
+window      one of the worst windows           comparison  all of it on one page
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import TwoSlopeNorm
-from matplotlib.figure import Figure, FigureBase
+from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from sysid.diagnosis.findings import chance, quantity
@@ -87,11 +87,14 @@ def plot_comparison(answer: Comparison) -> Figure:
         first = top.subplots(1, 1 if torque is None else 3, squeeze=False)[0]
         errors(answer, first[0])
         if torque is not None:
-            state_map(torque, first[1])
+            state_maps([torque], [first[1]], ["dot: beyond 99 %"])
             whiteness(answer, first[2])
             for name, axes in zip(torque.binned, middle.subplots(1, len(torque.binned)), strict=True):
                 draw_over(torque, name, axes)
-        _windows(answer, bottom)
+        panels = bottom.subplots(len(channels) + 1, len(answer.worst), squeeze=False, sharex="col")
+        for found, column in zip(answer.worst, panels.T, strict=True):
+            window(found, channels, list(column))
+        bottom.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 
 
@@ -108,26 +111,22 @@ def errors(answer: Comparison, axes: Axes) -> None:
     legend_above(axes)
 
 
-def state_map(torque: ResidualTorque, axes: Axes) -> None:
-    """The residual torque over the states; a dot marks what the readings say for sure."""
-    norm = scale(torque.map)
-    image = cells(torque.map, axes, norm or TwoSlopeNorm(0.0, -1.0, 1.0), torque.units)
-    axes.set_ylabel(label("theta_dot", torque.units))
-    axes.set_title(f"{quantity('torque', torque.units).capitalize()} beyond the model")
-    bar = axes.figure.colorbar(image, ax=axes, pad=0.02, aspect=25, extend="both")
-    bar.set_label(f"[{torque.units['torque']}];  dot: beyond 99 %")
+def state_maps(found: Sequence[ResidualTorque], panels: Sequence[Axes], titles: Sequence[str]) -> None:
+    """The mean residual torque over the states, all on one scale; a dot: beyond 99 % of what noise explains."""
+    seen, units = np.concatenate([np.abs(own.map.torque[np.isfinite(own.map.torque)]) for own in found]), found[0].units
+    reach = float(np.quantile(seen, 0.95)) if np.any(seen) else 0.0
+    norm = TwoSlopeNorm(0.0, -reach or -1.0, reach or 1.0)
+    for own, axes, title in zip(found, panels, titles, strict=True):
+        image = _cells(own.map, axes, norm, units)
+        axes.set_title(title, fontweight="normal")
+    panels[0].set_ylabel(label("theta_dot", units))
+    bar = panels[0].figure.colorbar(image, ax=list(panels), pad=0.02, aspect=25, extend="both")
+    bar.set_label(beyond(units))
     bar.outline.set_visible(False)
-    if norm is None:
-        bar.set_ticks([0.0])
+    bar.set_ticks(MaxNLocator(5) if reach else [0.0])
 
 
-def scale(*found: TorqueMap) -> TwoSlopeNorm | None:
-    """One scale about zero for all maps; None where they are flat."""
-    seen = np.concatenate([np.abs(m.torque[np.isfinite(m.torque)]) for m in found])
-    return TwoSlopeNorm(0.0, -reach, reach) if np.any(seen) and (reach := float(np.quantile(seen, 0.95))) else None
-
-
-def cells(found: TorqueMap, axes: Axes, norm: TwoSlopeNorm, units: Mapping[str, str]) -> Any:
+def _cells(found: TorqueMap, axes: Axes, norm: TwoSlopeNorm, units: Mapping[str, str]) -> Any:
     """The cells of a map and its dots."""
     axes.set_facecolor("0.93")
     image = axes.pcolormesh(found.theta, found.theta_dot, found.torque.T, cmap="PuOr", norm=norm, rasterized=True)
@@ -215,19 +214,14 @@ def whiteness(answer: Comparison, axes: Axes) -> None:
             color=COLOUR[channel],
             label=f"{SYMBOL[answer.units['theta']][channel]}  {chance(found.p_value)}",
         )
-    _at_least(axes, 3.0 * max((float(np.max(found.band)) for found in answer.whiteness.values()), default=0.1))
+    half = 3.0 * max((float(np.max(found.band)) for found in answer.whiteness.values()), default=0.1)
+    low, high = axes.get_ylim()
+    axes.set_ylim(min(low, -half), max(high, half))
     axes.set_xlabel("lag [samples]")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_ylabel("autocorrelation of the innovations")
     if answer.whiteness:
         legend_above(axes)
-
-
-def _windows(answer: Comparison, figure: FigureBase) -> None:
-    panels = figure.subplots(len(answer.one_second.ratios) + 1, len(answer.worst), squeeze=False, sharex="col")
-    for found, column in zip(answer.worst, panels.T, strict=True):
-        window(found, list(answer.one_second.ratios), list(column))
-    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
 
 
 def window(found: Prediction, channels: Sequence[str], panels: Sequence[Axes]) -> None:
@@ -270,12 +264,6 @@ def noise_scale(axes: Axes) -> None:
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
     axes.yaxis.set_minor_formatter(NullFormatter())
-
-
-def _at_least(axes: Axes, half: float) -> None:
-    """Limits of an axis about zero that is never finer than the band."""
-    low, high = axes.get_ylim()
-    axes.set_ylim(min(low, -half), max(high, half))
 
 
 def short(name: str, most: int = 24) -> str:

@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
@@ -36,11 +35,9 @@ from sysid.report.comparison_figure import (
     STYLE,
     YELLOW,
     beyond,
-    cells,
     label,
     legend_above,
     noise_scale,
-    scale,
     short,
 )
 from sysid.report.formatting import multiple
@@ -290,18 +287,8 @@ def over(found: ResidualTorque, name: str, before: ResidualTorque | None = None,
 
 def maps(found: Sequence[ResidualTorque], titles: Sequence[str]) -> Figure:
     """The mean residual torque over angle and speed, all on one scale; a dot: beyond what noise explains."""
-    norm = scale(*(own.map for own in found)) or TwoSlopeNorm(0.0, -1.0, 1.0)
-    units = found[0].units
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(WIDE if len(found) > 1 else NARROW, 3.0), layout="constrained")
         panels = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
-        for axes, own, title in zip(panels, found, titles, strict=True):
-            image = cells(own.map, axes, norm, units)
-            axes.set_title(title, fontweight="normal")
-        panels[0].set_ylabel(label("theta_dot", units))
-        bar = figure.colorbar(image, ax=list(panels), pad=0.02, aspect=25, extend="both")
-        bar.set_label(beyond(units))
-        bar.outline.set_visible(False)
-        bar.locator = MaxNLocator(5)
-        bar.update_ticks()
+        comparison_figure.state_maps(found, list(panels), titles)
     return figure
