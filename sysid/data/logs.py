@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, get_args, overload
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sysid.data import checks, log_files, resampling
 from sysid.data.log_files import Table
@@ -25,7 +24,6 @@ from sysid.limits import LOG_ROWS, RAW_ROWS
 if TYPE_CHECKING:
     from sysid.physics.plants import Plant
 
-Array = NDArray[np.float64]
 File = str | PathLike[str]
 Command = Literal["torque", "current", "voltage", "position"]
 """What a machine was told: see `sysid.physics.effects.actuators`."""

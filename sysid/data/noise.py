@@ -17,11 +17,11 @@ from sysid.data.quantisation import quantisation_step
 from sysid.data.record import Record
 from sysid.data.sensor import UNITS, Sensor
 from sysid.errors import InvalidInput
+from sysid.physics.ops import Array
 
 if TYPE_CHECKING:
     from sysid.physics.plants import Plant
 
-Array = NDArray[np.float64]
 
 ORDERS = (3, 4, 5, 6, 7, 8, 10, 12)
 WIDTHS = (5, 7, 11, 15, 21, 31, 41, 61)

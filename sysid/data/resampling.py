@@ -16,8 +16,7 @@ from sysid.data.quantisation import quantisation_step
 from sysid.data.record import Record
 from sysid.errors import InvalidInput
 from sysid.limits import SHORTEST_INTERVAL
-
-Array = NDArray[np.float64]
+from sysid.physics.ops import Array
 
 GAP = 3.5
 """A step longer than this many typical steps is a gap."""

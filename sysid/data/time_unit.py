@@ -7,12 +7,11 @@ from collections.abc import Mapping
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sysid.data.checks import rate_mismatch
 from sysid.errors import InvalidInput
+from sysid.physics.ops import Array
 
-Array = NDArray[np.float64]
 TimeUnit = Literal["s", "ms", "us"]
 
 PER_SECOND: dict[TimeUnit, float] = {"s": 1.0, "ms": 1e3, "us": 1e6}
@@ -49,26 +48,8 @@ def found_unit(name: str, title: str, table: Mapping[str, Array]) -> tuple[TimeU
     """The unit of column t, and what shows it.
 
     The name of the column counts where rows are then not absurdly near to each other; else the unit in which the speed
-    is the rate of the angle.
-
-    Parameters
-    ----------
-    name, title : str
-        What the log and its column t are called.
-    table : mapping of str to (K,)
-        The columns as the file has them.
-
-    Returns
-    -------
-    unit : {"s", "ms", "us"}
-        The unit.
-    reason : str
-        Half a sentence; empty where nothing speaks against seconds.
-
-    Raises
-    ------
-    InvalidInput
-        Where seconds cannot be and nothing tells what it is: the sentence names the option.
+    is the rate of the angle. name and title are those of the log and of its column t, the reason is half a sentence,
+    empty where nothing speaks against seconds. Raises InvalidInput where seconds cannot be and nothing tells the unit.
     """
     steps = np.diff(table["t"][np.isfinite(table["t"])])
     steps = steps[steps > 0.0]
