@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,10 +12,7 @@ from sysid.data.sensor import Sensor
 from sysid.errors import InvalidInput
 from sysid.limits import MAGNITUDE, check_size
 from sysid.physics.ops import Array
-
-if TYPE_CHECKING:
-    from sysid.physics.plants import Plant
-
+from sysid.physics.plants import Plant
 
 SPAN = 0.1
 """Time [s] over which an angle's change is compared with its speed: long enough for the noise to matter little."""

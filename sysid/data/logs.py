@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, get_args, overload
+from typing import Literal, get_args, overload
 
 import numpy as np
 
@@ -20,9 +20,7 @@ from sysid.data.resampling import Rows
 from sysid.data.time_unit import FEWEST, PER_SECOND, WORDS, TimeUnit, check_unit, found_unit, named_unit
 from sysid.errors import InvalidInput
 from sysid.limits import LOG_ROWS, RAW_ROWS
-
-if TYPE_CHECKING:
-    from sysid.physics.plants import Plant
+from sysid.physics.plants import Plant
 
 File = str | PathLike[str]
 Command = Literal["torque", "current", "voltage", "position"]

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +18,7 @@ from sysid.data.record import Record
 from sysid.data.sensor import UNITS, Sensor
 from sysid.errors import InvalidInput
 from sysid.physics.ops import Array
-
-if TYPE_CHECKING:
-    from sysid.physics.plants import Plant
-
+from sysid.physics.plants import Plant
 
 ORDERS = (3, 4, 5, 6, 7, 8, 10, 12)
 WIDTHS = (5, 7, 11, 15, 21, 31, 41, 61)

@@ -87,7 +87,8 @@ def plot_comparison(answer: Comparison) -> Figure:
         first = top.subplots(1, 1 if torque is None else 3, squeeze=False)[0]
         errors(answer, first[0])
         if torque is not None:
-            state_maps([torque], [first[1]], ["dot: beyond 99 %"])
+            what = quantity("torque", torque.units).capitalize()
+            state_maps([torque], [first[1]], [f"{what} beyond the model; dot: 99 %"])
             whiteness(answer, first[2])
             for name, axes in zip(torque.binned, middle.subplots(1, len(torque.binned)), strict=True):
                 draw_over(torque, name, axes)

@@ -18,13 +18,13 @@ from sysid.errors import InvalidInput
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.identifiers.coordinates import Coordinates
 from sysid.estimation.identifiers.identifier import free_parameters
+from sysid.estimation.output_error import CHANNELS
 from sysid.estimation.smoothed_start import parameter_starts
 from sysid.physics import ops
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
 Index = NDArray[np.intp]
-CHANNELS = ("theta", "theta_dot")
 
 
 @dataclass(frozen=True)
