@@ -120,7 +120,7 @@ class Pool:
     """Signals, each one rollout and one record, as every hypothesis foresees them."""
 
     def __init__(self, hypotheses: Sequence[Hypothesis], signals: Sequence[Signal], conditions: Conditions) -> None:
-        self.hypotheses, self.signals, self.conditions = tuple(hypotheses), tuple(signals), conditions
+        self.hypotheses, self.signals, self.conditions = {h.name: h for h in hypotheses}, tuple(signals), conditions
         self.model, sensor = hypotheses[0].model, conditions.sensor
         n = round(conditions.limits.duration / self.model.dt)
         t, blank = np.asarray(self.model.dt * np.arange(n + 1), dtype=float), np.zeros(n + 1)
@@ -128,19 +128,24 @@ class Pool:
         self.rest = rest_angle(self.model)
         self.u = np.array([s.torque(n, self.model.dt) for s in signals])
         self.records = [Record(t, u, angle, speed, name=f"rollout {i}") for i, u in enumerate(self.u)]
-        self._sensitivities: dict[int, Sensitivities] = {}
+        self._sensitivities: dict[str, Sensitivities] = {}
 
     @cached_property
-    def responses(self) -> list[Response]:
+    def responses(self) -> dict[str, Response]:
         """The hypotheses as simulators of all rollouts at once."""
         sensor, windows = self.conditions.sensor, cut(self.records)
-        return [Response(h.model, self.records, sensor, windows) for h in self.hypotheses]
+        return {name: Response(h.model, self.records, sensor, windows) for name, h in self.hypotheses.items()}
 
     @cached_property
-    def states(self) -> Array:
-        """The motions (H, K, N+1, 2) that the hypotheses foresee, each from rest or from where it is released."""
+    def motions(self) -> dict[str, Array]:
+        """The states (K, N+1, 2) that each hypothesis foresees, from rest or from where a rollout is released."""
         starts = np.array([[self.rest + s.release, 0.0] for s in self.signals])
-        return np.array([response.states(starts) for response in self.responses])
+        return {name: response.states(starts) for name, response in self.responses.items()}
+
+    @property
+    def states(self) -> Array:
+        """The motions (H, K, N+1, 2) of all H hypotheses."""
+        return np.array(list(self.motions.values()))
 
     def stays(self) -> NDArray[np.bool_]:
         """Whether all motions keep to the limits (K,), or where there are none, within reason."""
@@ -155,18 +160,18 @@ class Pool:
         """All rollouts, one record after the other."""
         return Samples(self.model, self.records, self.conditions.sensor)
 
-    def sensitivities(self, h: int) -> Sensitivities:
+    def sensitivities(self, name: str) -> Sensitivities:
         """Those of a hypothesis beside its effect, along the motion that it foresees."""
-        if h not in self._sensitivities:
-            own, D = self.hypotheses[h], self.conditions.disturbances
-            x = np.where(np.abs(self.states[h]) <= FARTHEST, self.states[h], [self.rest, 0.0]).reshape(-1, 2)
+        if name not in self._sensitivities:
+            own, D, states = self.hypotheses[name], self.conditions.disturbances, self.motions[name]
+            x = np.where(np.abs(states) <= FARTHEST, states, [self.rest, 0.0]).reshape(-1, 2)
             motion = Motion(x, np.zeros(len(x)), np.zeros((len(x), 3)))
             if own.effect is None:
                 found = Sensitivities(LinearisedModel(self.samples, own.model, motion), own.names, D)
             else:
                 found = Sensitivities.beside(self.samples, own.model, own.name, motion, own.bare.names, D)
-            self._sensitivities[h] = found
-        return self._sensitivities[h]
+            self._sensitivities[name] = found
+        return self._sensitivities[name]
 
     def calm(self) -> NDArray[np.bool_]:
         """Whether no motion that was linearised is so sensitive that a fit would lose its way (K,)."""
@@ -174,7 +179,7 @@ class Pool:
         calm: NDArray[np.bool_] = np.max(growth, axis=0) <= LARGEST_GROWTH
         return calm
 
-    def unlike(self, truth: int, rival: int) -> Normal:
+    def unlike(self, truth: str, rival: str) -> Normal:
         """What effect `truth` does to the readings, for the rival's effect and numbers to imitate."""
         own = self.hypotheses[truth].effect
         assert own is not None
@@ -182,9 +187,7 @@ class Pool:
 
     def precision(self) -> Normal:
         """What the rollouts tell of the free parameters, each played in all hypotheses."""
-        return reduce(
-            Normal.plus, (self.sensitivities(h).precision(len(self.signals)) for h in range(len(self.hypotheses)))
-        )
+        return reduce(Normal.plus, (self.sensitivities(n).precision(len(self.signals)) for n in self.hypotheses))
 
 
 def _growth(A: Array, logs: int) -> Array:
@@ -200,7 +203,7 @@ def _growth(A: Array, logs: int) -> Array:
 def predict(model: Model, signals: Sequence[Signal], conditions: Conditions) -> list[Record]:
     """What perfect sensors show of a model under the signals, from rest or from where it is released."""
     pool = Pool([Hypothesis("", model, ())], signals, conditions)
-    seen = pool.responses[0].readings(pool.states[0])
+    seen = pool.responses[""].readings(pool.motions[""])
     return [
         replace(r, theta=None if r.theta is None else theta, theta_dot=None if r.theta_dot is None else theta_dot)
         for r, (theta, theta_dot) in zip(pool.records, seen, strict=True)
@@ -236,7 +239,7 @@ class Goal:
     value: Callable[[Parts], Array]
 
 
-def separation(pairs: Sequence[tuple[int, int]]) -> Goal:
+def separation(pairs: Sequence[tuple[str, str]]) -> Goal:
     """The smallest evidence, over pairs (truth, rival) of hypotheses, that the truth leaves against the rival."""
 
     def parts(pool: Pool) -> Parts:

@@ -176,17 +176,17 @@ def _at(h: Hypothesis, dt: float | None) -> Hypothesis:
 def _telling(found: Hypotheses, names: tuple[str, ...], rng: np.random.Generator) -> Experiment:
     conditions, dt = found.conditions, found.conditions.limits.dt
     if found.absorbed:
-        return non_torque_experiment(found.base.model, found.absorbed, conditions, rng)
-    hypotheses = tuple(_at(h, dt) for h in (*found.hypotheses, found.base))
+        return non_torque_experiment(found.hypotheses[-1].model, found.absorbed, conditions, rng)
+    hypotheses = tuple(_at(h, dt) for h in found.hypotheses)
     apart = separable(hypotheses, found.pairs, conditions, rng)
     if not apart:
         return non_torque_experiment(hypotheses[0].model, names, conditions, rng)
     same = indistinguishable(found.pairs, apart)
     pairs = tuple(p for p in apart if p.truth not in same and p.rival not in same)
-    notes = [f"no torque tells {hypotheses[j].name} from {hypotheses[i].name}" for j, i in same.items()]
+    notes = [f"no torque tells {one} from {other}" for one, other in same.items()]
     best = _best(hypotheses, pairs, conditions, rng)
     hopeless = {(c.truth, c.rival) for c in best.contests() if c.after < HOPELESS}
-    others = tuple(p for p in pairs if (hypotheses[p.truth].name, hypotheses[p.rival].name) not in hopeless)
+    others = tuple(p for p in pairs if (p.truth, p.rival) not in hopeless)
     if not others:
         after = min(c.after for c in best.contests())
         return non_torque_experiment(hypotheses[0].model, names, conditions, rng, after)
@@ -201,15 +201,16 @@ def _telling(found: Hypotheses, names: tuple[str, ...], rng: np.random.Generator
 def _best(
     hypotheses: tuple[Hypothesis, ...], pairs: tuple[Pair, ...], conditions: Conditions, rng: np.random.Generator
 ) -> Match:
-    choices = search(separation([(p.truth, p.rival) for p in pairs]), hypotheses[:-1], conditions, rng)
-    return max((Match(hypotheses, pairs, signals, conditions) for signals in choices), key=lambda m: m.worth)
+    compared = [h for h in hypotheses if any(h.name in (p.truth, p.rival) for p in pairs)]
+    choices = search(separation([(p.truth, p.rival) for p in pairs]), compared, conditions, rng)
+    return max((Match(Pool(hypotheses, own, conditions), pairs) for own in choices), key=lambda m: m.worth)
 
 
 def _told(match: Match, notes: Sequence[str]) -> Experiment:
     contests = match.contests()
     after = min(c.after for c in contests)
     before = min((c.before for c in contests if c.before is not None), default=None)
-    asked = tuple(h for h in match.hypotheses if any(h.name in (c.truth, c.rival) for c in contests))
+    asked = tuple(h for h in match.pool.hypotheses.values() if any(h.name in (c.truth, c.rival) for c in contests))
     shown = tuple(h.name for h in asked)
     whom = _whom(shown, {frozenset((c.truth, c.rival)) for c in contests})
     if before is not None and after <= before:
@@ -222,7 +223,7 @@ def _told(match: Match, notes: Sequence[str]) -> Experiment:
     sentence = f"it tells {whom} with {after:.3g} units of evidence"
     sentence += "" if before is None else f" where this log had {before:.2g}"
     return _played(
-        Pool(asked, match.signals, match.conditions),
+        Pool(asked, match.pool.signals, match.pool.conditions),
         "; ".join((sentence, *notes)),
         separates=shown,
         measure="evidence",

@@ -34,17 +34,17 @@ _TRUE = 0.25
 
 
 class Pair(NamedTuple):
-    """By number: the hypothesis that is taken to be true, the rival that it is to be told from, and the evidence on the
-    log at hand (None: there is no log)."""
+    """The hypothesis that is taken to be true, the rival that it is to be told from, and the evidence on the log at
+    hand (None: there is no log)."""
 
-    truth: int
-    rival: int
+    truth: str
+    rival: str
     before: float | None
 
 
 @dataclass(frozen=True, eq=False)
 class Hypotheses:
-    """Hypotheses that a log confuses, the pairs that must be told apart, and the model with none of them.
+    """Hypotheses that a log confuses, the pairs that must be told apart, and the model with none of them, the last.
 
     conditions those of the next log: with what the best of them leaves of this one
     absorbed   rivals that the free parameters imitate whatever is played: nothing else is known then
@@ -52,7 +52,6 @@ class Hypotheses:
 
     hypotheses: tuple[Hypothesis, ...]
     pairs: tuple[Pair, ...]
-    base: Hypothesis
     conditions: Conditions
     absorbed: tuple[str, ...] = ()
 
@@ -106,7 +105,7 @@ def hypotheses_of(
         return _listed(Fits(asked.base, {}, conditions), probes, asked.names)
     probes = {n: probe for n, probe in probes.items() if n not in fits.with_rival}
     if probes and inertial(model, tuple(probes)):
-        return Hypotheses((), (), fits.base, conditions, absorbed=tuple(probes))
+        return Hypotheses((fits.base,), (), conditions, absorbed=tuple(probes))
     return _listed(fits, probes, truths or asked.names, bool(records))
 
 
@@ -208,12 +207,11 @@ def _listed(fits: Fits, probes: dict[str, Effect], truths: Sequence[str], logged
     for name, e in probes.items():
         own_names = (*fits.base.names, *(f"{name}.{k}" for k in e.parameters))
         hypotheses.append(Hypothesis(name, fits.base.model.with_effect(e), own_names))
-    if len(hypotheses) == 1:
-        hypotheses.append(fits.base)
+    rivals = [h.name for h in hypotheses] if len(hypotheses) > 1 else [hypotheses[0].name, NOTHING]
     pairs = [
-        Pair(i, j, fits.evidence(truth.name, rival.name) if logged else None)
-        for i, truth in enumerate(hypotheses)
-        for j, rival in enumerate(hypotheses)
-        if i != j and truth.name in truths
+        Pair(truth, rival, fits.evidence(truth, rival) if logged else None)
+        for truth in rivals
+        for rival in rivals
+        if truth != rival and truth in truths
     ]
-    return Hypotheses(tuple(hypotheses), tuple(pairs), fits.base, fits.conditions)
+    return Hypotheses((*hypotheses, fits.base), tuple(pairs), fits.conditions)

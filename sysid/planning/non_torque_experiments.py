@@ -118,7 +118,7 @@ def _driver_off(model: Model, fitted: tuple[str, ...], names: tuple[str, ...], c
         # a swing without torque shows b / J and G / J: the inertia is known from the log of the driven joint
         own = tuple(n for n in fitted if n in model.names_of("") and n != model.plant.scale)
         truth = Hypothesis("viscous", bare.with_effect(Viscous(b=braking)), (*own, "viscous.b"))
-        told_by = Pool([truth, Hypothesis("nothing", bare, own)], swing, conditions).unlike(0, 1)
+        told_by = Pool([truth, Hypothesis("nothing", bare, own)], swing, conditions).unlike("viscous", "nothing")
         after = float(told_by.together().unexplained()[0])
     worth = "" if after is None else f", with {after:.3g} units of evidence if all of it is friction"
     return Experiment.played(

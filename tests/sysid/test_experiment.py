@@ -135,7 +135,7 @@ def test_first_order_evidence_is_that_of_the_scores() -> None:
     truth = Hypothesis("viscous", rod().with_effect(Viscous(b=small)), (*NAMES, "viscous.b"))
     rival = Hypothesis("drag", rod().with_effect(CATALOGUE["drag"](c=small)), (*NAMES, "drag.c"))
     signals = draw(np.random.default_rng(3), LIMITS, 0.02, 1, swings=False)
-    ours = Pool([truth, rival], signals, CONDITIONS).unlike(0, 1).unexplained()[0]
+    ours = Pool([truth, rival], signals, CONDITIONS).unlike("viscous", "drag").unexplained()[0]
 
     told = scores(output_error(predict(rod(), signals, CONDITIONS)), ("viscous", "drag"))
     z = {name: s.z[:, 0] for name, s in told.items()}
@@ -156,7 +156,7 @@ def test_first_order_evidence_is_what_a_refit_leaves(truth: Effect, rival: str) 
     score = scores(base, (rival,))[rival]
     best = extended(base, [score.best.at(score.sizes)], KNOWN)
     pool = Pool([own, Hypothesis(rival, best.model, best.names)], signals, CONDITIONS)
-    assert pool.unlike(0, 1).together().unexplained()[0] == pytest.approx(best.e @ best.e, rel=0.1)
+    assert pool.unlike(truth.name, rival).together().unexplained()[0] == pytest.approx(best.e @ best.e, rel=0.1)
 
 
 def test_a_random_torque_makes_an_experiment_tell_less() -> None:
