@@ -14,7 +14,7 @@ from sysid.data.record import Record
 from sysid.data.sensor import Sensor
 from sysid.errors import InvalidInput
 from sysid.estimation.disturbances import NONE, Disturbances
-from sysid.estimation.linearisation import LinearisedModel, Motion, Samples
+from sysid.estimation.linearisation import Motion, Samples
 from sysid.estimation.output_error import CHANNELS, Response
 from sysid.estimation.prediction_error import Fit, with_likely_angle_error
 from sysid.estimation.solver import Settings, fit
@@ -66,12 +66,9 @@ class Hypothesis:
         return next((e for e in self.model.effects if e.name == self.name), None)
 
     @property
-    def bare(self) -> Hypothesis:
-        """The same numbers without the effect."""
-        if self.effect is None:
-            return self
-        bare = self.model.without_effect(self.name)
-        return Hypothesis("", bare, tuple(n for n in self.names if n in bare.parameters))
+    def names_beside(self) -> tuple[str, ...]:
+        """The free parameters that are not the effect's own."""
+        return self.names if self.effect is None else tuple(n for n in self.names if n.split(".")[0] != self.name)
 
 
 @dataclass(frozen=True)
@@ -166,10 +163,7 @@ class Pool:
             own, D, states = self.hypotheses[name], self.conditions.disturbances, self.motions[name]
             x = np.where(np.abs(states) <= FARTHEST, states, [self.rest, 0.0]).reshape(-1, 2)
             motion = Motion(x, np.zeros(len(x)), np.zeros((len(x), 3)))
-            if own.effect is None:
-                found = Sensitivities(LinearisedModel(self.samples, own.model, motion), own.names, D)
-            else:
-                found = Sensitivities.beside(self.samples, own.model, own.name, motion, own.bare.names, D)
+            found = Sensitivities(self.samples, own.model, own.effect, motion, own.names_beside, D)
             self._sensitivities[name] = found
         return self._sensitivities[name]
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.linearisation import LinearisedModel, Motion, Samples
-from sysid.physics.effects import Effect
+from sysid.physics.effects import Effect, OutputEffect
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
@@ -68,39 +68,27 @@ class Normal(NamedTuple):
 
 
 class Sensitivities:
-    """What the innovations of a filter along a motion owe to the parameters `names`, and to effects.
+    """What the innovations of a filter along a motion owe to the parameters `names`, and to an effect of the model.
 
-    The filter carries on what changes as the model does that made the motion; effects are compared with the model
-    `without` the one in question. The states where the records begin are not known: the filter's first state is vague.
+    The filter carries on what changes as the model does that made the motion; what the effect does is what the model
+    without it does not do along the motion. What a sensor makes of it is carried on as if it were not there, which is
+    of second order. The states where the records begin are not known: the filter's first state is vague.
     """
 
     def __init__(
         self,
-        linearised: LinearisedModel,
-        names: Sequence[str],
-        disturbances: Disturbances,
-        without: LinearisedModel | None = None,
-    ) -> None:
-        self.linearised, self.names, self.without = linearised, tuple(names), without or linearised
-        self.filter = linearised.system.filter(disturbances)
-
-    @classmethod
-    def beside(
-        cls,
         samples: Samples,
         model: Model,
-        effect: str,
+        effect: Effect | None,
         motion: Motion,
         names: Sequence[str],
         disturbances: Disturbances,
-    ) -> Sensitivities:
-        """About an effect of a model: what it does is what the model without it does not do along the motion.
-
-        What a sensor makes of the motion is carried on as if it were not there, which is of second order.
-        """
-        bare = LinearisedModel(samples, model.without_effect(effect), motion)
-        whole = bare if effect in {e.name for e in model.output_effects} else LinearisedModel(samples, model, motion)
-        return cls(whole, names, disturbances, bare)
+    ) -> None:
+        self.names, bare = tuple(names), model if effect is None else model.without_effect(effect.name)
+        self.without = LinearisedModel(samples, bare, motion)
+        dynamic = effect is not None and not isinstance(effect, OutputEffect)
+        self.linearised = LinearisedModel(samples, model, motion) if dynamic else self.without
+        self.filter = self.linearised.system.filter(disturbances)
 
     @cached_property
     def Z(self) -> Array:

@@ -219,7 +219,8 @@ def _told(match: Match, notes: Sequence[str]) -> Experiment:
             f"the log at hand tells {whom} with {before:.3g} units of evidence, and no torque within these limits "
             f"brings more than {after:.3g}: {advice}"
         )
-        return Experiment.none(shown, f"{'; '.join((sentence, *notes))}.", before=before, contests=contests)
+        description = f"{'; '.join((sentence, *notes))}."
+        return Experiment("none", description, shown, before=before, contests=contests)
     sentence = f"it tells {whom} with {after:.3g} units of evidence"
     sentence += "" if before is None else f" where this log had {before:.2g}"
     return _played(
@@ -266,7 +267,7 @@ def _narrowing(
             f"the log at hand has the widest 95 % interval, that of {names[k]}, at +-{before:.2g} {unit}, and no "
             f"torque within these limits makes it narrower than +-{after:.2g} {unit}: widen them."
         )
-        return Experiment.none(names, sentence, "interval", before, widest=names[k])
+        return Experiment("none", sentence, names, "interval", before, widest=names[k])
     told = f"it narrows the widest 95 % interval, that of {names[k]}, to +-{after:.2g} {unit}"
     told += "" if before is None else f" where this log had +-{before:.2g}"
     return _played(pool, told, separates=names, measure="interval", before=before, after=after, widest=names[k])

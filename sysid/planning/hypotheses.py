@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from typing import NamedTuple
 
 from sysid.data.record import Record
@@ -156,28 +156,6 @@ class Fits:
         gains = {n: self.deviance - own.deviance for n, own in self.with_rival.items()}
         return [n for n, gain in gains.items() if gain > 0.0 and gain >= _TRUE * max(gains.values())]
 
-    def evidence(self, truth: str, rival: str) -> float:
-        """What the rival, at its best numbers on the log at hand, leaves of the truth's changes, to first order."""
-        if truth not in self.with_rival:
-            return 0.0
-        if truth not in self._sensitivities:
-            found, conditions = self.with_rival[truth], self.conditions
-            samples = Samples(found.model, found.samples.records, conditions.sensor)
-            self._sensitivities[truth] = Sensitivities.beside(
-                samples, found.model, truth, found.motion, self.base.names, conditions.disturbances
-            )
-        own, other = (self._effect(name) for name in (truth, rival))
-        assert own is not None
-        return float(self._sensitivities[truth].unlike(own, other).unexplained()[0])
-
-    @cached_property
-    def _sensitivities(self) -> dict[str, Sensitivities]:
-        return {}
-
-    def _effect(self, name: str) -> Effect | None:
-        found = self.with_rival.get(name)
-        return None if found is None else next(e for e in found.model.effects if e.name == name)
-
 
 def _fitted(asked: Asked, records: Sequence[Record], conditions: Conditions, first: First) -> Fits:
     """The fits to a log; made anew where they show that its noise was told wrong."""
@@ -208,10 +186,20 @@ def _listed(fits: Fits, probes: dict[str, Effect], truths: Sequence[str], logged
         own_names = (*fits.base.names, *(f"{name}.{k}" for k in e.parameters))
         hypotheses.append(Hypothesis(name, fits.base.model.with_effect(e), own_names))
     rivals = [h.name for h in hypotheses] if len(hypotheses) > 1 else [hypotheses[0].name, NOTHING]
-    pairs = [
-        Pair(truth, rival, fits.evidence(truth, rival) if logged else None)
-        for truth in rivals
-        for rival in rivals
-        if truth != rival and truth in truths
-    ]
+    pairs = []
+    for truth in (own for own in rivals if own in truths):
+        others = [own for own in rivals if own != truth]
+        before = _evidence(fits, truth, others) if logged else [None] * len(others)
+        pairs += [Pair(truth, *rival) for rival in zip(others, before, strict=True)]
     return Hypotheses((*hypotheses, fits.base), tuple(pairs), fits.conditions)
+
+
+def _evidence(fits: Fits, truth: str, rivals: Sequence[str]) -> list[float]:
+    """What each rival, at its best numbers on the log at hand, leaves of the truth's changes, to first order."""
+    if truth not in fits.with_rival:
+        return [0.0] * len(rivals)
+    effects = {n: next(e for e in own.model.effects if e.name == n) for n, own in fits.with_rival.items()}
+    found, conditions = fits.with_rival[truth], fits.conditions
+    samples = Samples(found.model, found.samples.records, conditions.sensor)
+    along = Sensitivities(samples, found.model, effects[truth], found.motion, fits.base.names, conditions.disturbances)
+    return [float(along.unlike(effects[truth], effects.get(n)).unexplained()[0]) for n in rivals]

@@ -84,13 +84,12 @@ def non_torque_experiment(
         return _weighed(model, fitted, names, conditions, rng)
     for pair, answer in _ANSWERS.items():
         if set(pair) <= set(names):
-            return Experiment.none(names, f"no torque tells {' from '.join(pair)}: {answer}.")
+            return Experiment("none", f"no torque tells {' from '.join(pair)}: {answer}.", names)
     apart = f"{names[0]} from {' and '.join(names[1:]) or 'the rest of the model'}"
     if after is not None:
-        return Experiment.none(
-            names, f"no torque within these limits tells {apart} ({after:.2g} units of evidence): widen them."
-        )
-    return Experiment.none(names, f"no torque tells {apart}: another sensor is needed.")
+        told = f"no torque within these limits tells {apart} ({after:.2g} units of evidence): widen them."
+        return Experiment("none", told, names)
+    return Experiment("none", f"no torque tells {apart}: another sensor is needed.", names)
 
 
 # the driver off ----------------------------------------------------------------------------------------------
@@ -107,7 +106,7 @@ def _driver_off(model: Model, fitted: tuple[str, ...], names: tuple[str, ...], c
         bare = bare.without_effect(e.name) if e.name in (*names, "viscous") else bare
     told = f"what brakes it then is {' or '.join(others)}, and what is missing beside a driven log is back_emf"
     if rest_angle(model) == 0.0:
-        return Experiment.none(names, f"switch the driver off, push the joint and let it coast: {told}.")
+        return Experiment("none", f"switch the driver off, push the joint and let it coast: {told}.", names)
     limits = conditions.limits
     release = limits.release or min(1.0, limits.theta_max or 1.0)
     free_swing = Signal("free swing", 0.0, 1.0, 1.0, 1.0, 1.0, release, 0)
@@ -164,11 +163,10 @@ def _weighed(
             if (loaded or known) and _rank(shown[loaded][:, left]) == len(left):
                 rest = tuple(unknown[i] for i in left)
                 if not loaded:
-                    return Experiment.none(unknown, _by_hand(known, unknown))
+                    return Experiment("none", _by_hand(known, unknown), unknown)
                 return _with_payload(model, fitted, unknown, known, rest, payload, conditions, rng)
-    return Experiment.none(
-        unknown, f"no torque and no payload tells {' from '.join(unknown)}: measure one of them by itself."
-    )
+    told = f"no torque and no payload tells {' from '.join(unknown)}: measure one of them by itself."
+    return Experiment("none", told, unknown)
 
 
 def _by_hand(known: tuple[str, ...], unknown: tuple[str, ...]) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -52,14 +52,14 @@ class Experiment:
     kind: str
     description: str
     separates: tuple[str, ...]
-    measure: str
-    before: float | None
-    after: float | None
-    u: Array
-    dt: float
-    theta: Array
-    theta_dot: Array
-    reach: float
+    measure: str = "evidence"
+    before: float | None = None
+    after: float | None = None
+    u: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    dt: float = 0.0
+    theta: Array = field(default_factory=lambda: np.zeros((0, 1)))
+    theta_dot: Array = field(default_factory=lambda: np.zeros((0, 1)))
+    reach: float = 0.0
     widest: str | None = None
     payload: tuple[float, float] | None = None
     contests: tuple[Discrimination, ...] = ()
@@ -72,19 +72,6 @@ class Experiment:
         reach = float(np.max(np.abs(states[..., 0] - rest_angle(model))))
         unit = model.plant.unit("rad")
         return cls(u=u, dt=model.dt, theta=theta, theta_dot=theta_dot, reach=reach, unit=unit, **answer)
-
-    @classmethod
-    def none(
-        cls,
-        separates: tuple[str, ...],
-        sentence: str,
-        measure: str = "evidence",
-        before: float | None = None,
-        **own: Any,
-    ) -> Experiment:
-        """The answer that nothing is to be played, and why."""
-        unplayed, unmoved = np.zeros((0, 0)), np.zeros((0, 1))
-        return cls("none", sentence, separates, measure, before, None, unplayed, 0.0, unmoved, unmoved, 0.0, **own)
 
     @property
     def start(self) -> Array:

@@ -65,7 +65,7 @@ def diagnosis(records: list[Record], verdict: str = "missing", sensor: Sensor = 
         unseen=held_out,
         estimate=end if added else base,
         contacts=(),
-        next_experiment=Experiment.none(("coulomb", "stribeck"), "play steps."),
+        next_experiment=Experiment("none", "play steps.", ("coulomb", "stribeck")),
         seconds=1.5,
     )
 
