@@ -10,7 +10,10 @@ import numpy as np
 
 from sysid.estimation.fit import free
 from sysid.physics import ops
-from sysid.physics.effects import BackEmf, Joint, JointEffect, RotorInertia, TorqueGain, Viscous
+from sysid.physics.effects import Joint, JointEffect
+from sysid.physics.effects.actuation import BackEmf, TorqueGain
+from sysid.physics.effects.friction import Viscous
+from sysid.physics.effects.load import RotorInertia
 from sysid.physics.model import Model
 from sysid.physics.ops import Array, Value
 from sysid.planning.design import Conditions, Hypothesis, Pool, precision, search, within_limits, yardsticks
