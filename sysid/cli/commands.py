@@ -259,14 +259,7 @@ def _limits(options: Experiment, log: Log, model: Model) -> Limits:
     from sysid.planning.experiment import limits_of
     from sysid.planning.signals import Limits
 
-    said = {
-        "u_max": options.u_max,
-        "duration": options.duration,
-        "rollouts": options.rollouts,
-        "theta_max": options.reach,
-        "theta_dot_max": options.speed,
-        "payload": options.payload,
-    }
+    said = {field.name: getattr(options, field.name, None) for field in dataclasses.fields(Limits)}
     given: dict[str, Any] = {name: value for name, value in said.items() if value is not None}
     if np.any([np.any(record.u != 0.0) for record in log]):
         return dataclasses.replace(limits_of(log, model), **given)

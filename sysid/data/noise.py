@@ -60,18 +60,7 @@ class Noise:
     notes: tuple[str, ...]
 
     def sentence(self, plant: Plant | None = None) -> str:
-        """What was found, in the units of a plant.
-
-        Parameters
-        ----------
-        plant : Plant, optional
-            The plant whose units are meant; by default one that turns.
-
-        Returns
-        -------
-        str
-            The sd of each channel with its standard error, and the notes.
-        """
+        """The sd of each channel with its standard error, in the units of a plant, by default one that turns; notes."""
         units = UNITS if plant is None else {channel: plant.unit(unit) for channel, unit in UNITS.items()}
         found = [f"{c} {getattr(self.sensor, c):.3g} {units[c]} (known to {self.error[c]:.0%})" for c in self.error]
         return "; ".join(("sensor noise: " + ", ".join(found), *self.notes))

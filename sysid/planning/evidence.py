@@ -43,14 +43,18 @@ class Normal(NamedTuple):
         """The k-th log alone."""
         return Normal(*(a[k : k + 1] for a in self))
 
+    def _scaled(self) -> tuple[Array, Array]:
+        """The norms (K, P) of the sensitivities, and F of those of norm 1."""
+        size = np.sqrt(np.maximum(np.diagonal(self.F, axis1=-2, axis2=-1), 1e-300))
+        return size, self.F / (size[..., :, None] * size[..., None, :])
+
     def unexplained(self) -> Array:
         """c - g' F^-1 g (K,): what is left of r'r once the rival has taken the best numbers, to first order.
 
         For a small effect of size a it is a^2 |z_perp|^2 (1 - rho^2). Source: T-optimality, Atkinson and Fedorov,
         Biometrika 1975.
         """
-        size = np.sqrt(np.maximum(np.diagonal(self.F, axis1=-2, axis2=-1), 1e-300))
-        F = self.F / (size[..., :, None] * size[..., None, :])
+        size, F = self._scaled()
         g = (self.g / size)[..., None]
         taken = np.swapaxes(g, -1, -2) @ np.linalg.pinv(F, rcond=1e-10, hermitian=True) @ g
         left: Array = np.maximum(self.c - taken[..., 0, 0], 0.0)
@@ -58,8 +62,8 @@ class Normal(NamedTuple):
 
     def sd(self) -> Array:
         """Standard deviations (K, P) of the parameters; inf where the log does not determine one."""
-        size = np.sqrt(np.maximum(np.diagonal(self.F, axis1=-2, axis2=-1), 1e-300))
-        value, vector = np.linalg.eigh(self.F / (size[..., :, None] * size[..., None, :]))
+        size, F = self._scaled()
+        value, vector = np.linalg.eigh(F)
         lost = value < 1e-9
         variance = np.sum(vector**2 / np.where(lost, np.inf, value)[..., None, :], axis=-1)
         unknown = np.any((np.abs(vector) > 0.01) & lost[..., None, :], axis=-1)

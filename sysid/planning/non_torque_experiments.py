@@ -166,15 +166,12 @@ def _weighed(
             if (loaded or known) and _rank(shown[loaded][:, left]) == len(left):
                 rest = tuple(unknown[i] for i in left)
                 if not loaded:
-                    return Experiment("none", _by_hand(known, unknown), unknown)
+                    others = " and ".join(rest) or "the rest"
+                    told = f"{_measuring(known)}: then the motion shows {others}, which no torque alone tells apart."
+                    return Experiment("none", told, unknown)
                 return _with_payload(model, fitted, unknown, known, rest, payload, conditions, rng)
     told = f"no torque and no payload tells {' from '.join(unknown)}: measure one of them by itself."
     return Experiment("none", told, unknown)
-
-
-def _by_hand(known: tuple[str, ...], unknown: tuple[str, ...]) -> str:
-    rest = " and ".join(n for n in unknown if n not in known)
-    return f"{_measuring(known)}: then the motion shows {rest or 'the rest'}, which no torque alone tells apart."
 
 
 def _measuring(known: tuple[str, ...]) -> str:
