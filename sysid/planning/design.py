@@ -291,7 +291,7 @@ def search(
         if not order:
             signals = [s.smaller(0.3) for s in draw(rng, limits, model.dt, width, swings)]
             continue
-        leaders = _leaders(pool.signals, order)
+        leaders = sorted({pool.signals[k].kind: k for k in reversed(order)}.values(), key=order.index)  # one a kind
         best = [pool.signals[k] for k in dict.fromkeys([*leaders, *order[:_PARENTS]])]
         signals = [vary(best[i % len(best)], rng, limits, model.dt) for i in range(width - len(best))]
     if not best:
@@ -304,14 +304,6 @@ def _impossible(limits: Limits, plant: Plant) -> InvalidInput:
     bounds = {"N m": limits.u_max, "rad": limits.theta_max, "rad/s": limits.theta_dot_max}
     told = ", ".join(f"{value:g} {plant.unit(unit)}" for unit, value in bounds.items() if value is not None)
     return InvalidInput(f"no signal keeps to the limits (at most {told}): widen them")
-
-
-def _leaders(signals: Sequence[Signal], order: Sequence[int]) -> list[int]:
-    """The best of each kind, best first."""
-    first: dict[str, int] = {}
-    for k in order:
-        first.setdefault(signals[k].kind, k)
-    return list(first.values())
 
 
 def _completed(

@@ -19,10 +19,7 @@ from sysid.physics.parameters import parameter
 
 @dataclass(frozen=True, eq=False)
 class Delay(DeadTime, InputEffect):
-    """A dead time of the torque, at most `longest` [s], which fixes the length of the memory.
-
-    Raises InvalidInput for a `longest` that is not a positive time.
-    """
+    """A dead time of the torque, at most `longest` [s], which fixes the length of the memory."""
 
     words: ClassVar[str] = "a delay of the torque"
     precedence: ClassVar[int] = 1

@@ -65,7 +65,6 @@ class SensorDelay(DeadTime, OutputEffect):
         theta(x) = theta_0 + m_0 x + (3 d - 2 m_0 - m_1) x^2 + (m_0 + m_1 - 2 d) x^3,   d = theta_1 - theta_0
 
     Before its log began the joint is taken to have moved at its first speed.
-    Raises InvalidInput for a `longest` that is not a positive time.
     """
 
     words: ClassVar[str] = "a delay of the readings"
