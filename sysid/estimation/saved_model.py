@@ -27,7 +27,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from sysid.data.files import save_file
-from sysid.data.json_file import count, entry, mapping, number, read_json, sequence, text
+from sysid.data.json_file import count, entry, mapping, number, plain, read_json, sequence, text
 from sysid.data.sensor import UNITS, Sensor
 from sysid.errors import InvalidInput, excerpt
 from sysid.estimation.estimate import Estimate
@@ -149,7 +149,7 @@ def to_dict(answer: Model | Estimate) -> dict[str, Any]:
         ],
         "integrator": {"name": type(model.integrator).__name__, "settings": _settings(model.integrator)},
         "dt": model.dt,
-        "u_max": _plain(model.u_max),
+        "u_max": plain(model.u_max),
         "free": list(free(model) if estimate is None else estimate.names),
         "estimate": None if estimate is None else _fields(estimate, but=("model", "names")),
     }
@@ -161,7 +161,7 @@ def _parameters(part: Parametric, plant: Plant) -> dict[str, dict[str, Any]]:
             raise InvalidInput(f"{type(part).__name__}.{name} is an array: expected a model of one machine")
     return {
         name: {"value": float(p.value), "unit": plant.unit(p.unit)}
-        | ({"bounds": _plain(p.bounds)} if name in part.bounds else {})
+        | ({"bounds": plain(p.bounds)} if name in part.bounds else {})
         for name, p in part.parameters.items()
     }
 
@@ -173,16 +173,7 @@ def _settings(part: Any) -> dict[str, Any]:
 
 
 def _fields(part: Any, but: Collection[str] = ()) -> dict[str, Any]:
-    return {f.name: _plain(getattr(part, f.name)) for f in dataclasses.fields(part) if f.name not in but}
-
-
-def _plain(value: Any) -> Any:
-    """A value as JSON holds it: null for what is not finite."""
-    if isinstance(value, np.ndarray | tuple | list):
-        return [_plain(v) for v in (value.tolist() if isinstance(value, np.ndarray) else value)]
-    if dataclasses.is_dataclass(value):
-        return _fields(value)
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    return {f.name: plain(getattr(part, f.name)) for f in dataclasses.fields(part) if f.name not in but}
 
 
 # ---- from plain data -------------------------------------------------------------------------------------------------

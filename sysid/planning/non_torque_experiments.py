@@ -78,13 +78,12 @@ def non_torque_experiment(
     a ruler, with the least labour. `after` is the evidence that the best torque would bring, where that is known.
     Raises InvalidInput where no signal keeps to the limits.
     """
-    fitted = free(model)
     owners = {name: p.owner or name for name, p in model.parameters.items()}
     names = tuple(dict.fromkeys(owners.get(n, n) for n in names))
     if "back_emf" in names:
-        return _driver_off(model, fitted, names, conditions)
+        return _driver_off(model, names, conditions)
     if inertial(model, names):
-        return _weighed(model, fitted, names, conditions, rng)
+        return _weighed(model, names, conditions, rng)
     for pair, answer in _ANSWERS.items():
         if set(pair) <= set(names):
             return Experiment("none", f"no torque tells {' from '.join(pair)}: {answer}.", names)
@@ -98,7 +97,7 @@ def non_torque_experiment(
 # the driver off ----------------------------------------------------------------------------------------------
 
 
-def _driver_off(model: Model, fitted: tuple[str, ...], names: tuple[str, ...], conditions: Conditions) -> Experiment:
+def _driver_off(model: Model, names: tuple[str, ...], conditions: Conditions) -> Experiment:
     """A free swing without the motor: what brakes it then is friction, and the rest was back-EMF."""
     others = [n for n in names if n != "back_emf"] or ["viscous"]
     braking = sum(
@@ -113,12 +112,12 @@ def _driver_off(model: Model, fitted: tuple[str, ...], names: tuple[str, ...], c
     limits = conditions.limits
     release = limits.release or min(1.0, limits.theta_max or 1.0)
     free_swing = Signal("free swing", 0.0, 1.0, 1.0, 1.0, 1.0, release, 0)
-    alone = [Hypothesis("", model, fitted)]
+    alone = [Hypothesis("", model, ())]
     swing, after = within_limits(alone, [free_swing], conditions) * limits.rollouts, None
     pool = Pool(alone, swing, conditions)
     if braking > 0.0:
         # a swing without torque shows b / J and G / J: the inertia is known from the log of the driven joint
-        own = tuple(n for n in fitted if n in model.names_of("") and n != model.plant.scale)
+        own = tuple(n for n in free(model) if n in model.names_of("") and n != model.plant.scale)
         truth = Hypothesis("viscous", bare.with_effect(Viscous(b=braking)), (*own, "viscous.b"))
         told_by = Pool([truth, Hypothesis("nothing", bare, own)], swing, conditions).unlike("viscous", "nothing")
         after = float(told_by.together().unexplained()[0])
@@ -140,14 +139,9 @@ def _driver_off(model: Model, fitted: tuple[str, ...], names: tuple[str, ...], c
 # a payload, a scale, a ruler ---------------------------------------------------------------------------------
 
 
-def _weighed(
-    model: Model,
-    fitted: tuple[str, ...],
-    names: tuple[str, ...],
-    conditions: Conditions,
-    rng: np.random.Generator,
-) -> Experiment:
+def _weighed(model: Model, names: tuple[str, ...], conditions: Conditions, rng: np.random.Generator) -> Experiment:
     """The least labour that makes every parameter of the class show: a payload, the scale, both, a ruler too."""
+    fitted = free(model)
     for kind in (TorqueGain, RotorInertia):
         if kind.name in names and kind.name not in {e.name for e in model.effects}:
             model = model.with_effect(kind())

@@ -12,14 +12,19 @@ from typing import Any
 import numpy as np
 
 from sysid.data.files import save_file
+from sysid.data.json_file import plain
 from sysid.errors import InvalidInput
-from sysid.estimation.held_out import finite
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 from sysid.planning.discrimination import Discrimination
 from sysid.planning.signals import rest_angle
 
 SCHEMA = "gapfinder/experiment/1"
+SHOWN = (
+    *("kind", "description", "separates", "measure", "widest", "before", "after", "gain", "seconds", "repeats"),
+    *("start", "reach", "speed", "contests", "payload"),
+)
+"""What plain data show of an experiment as it is."""
 
 DECISIVE = 16.0
 """Evidence from which two effects count as told apart: four standard deviations."""
@@ -110,27 +115,12 @@ class Experiment:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data of schema "gapfinder/experiment/1", without the torques (those go into the CSV)."""
-        gain, repeats = self.gain, self.repeats
-        return {
+        shown = {name: plain(getattr(self, name)) for name in SHOWN}
+        return shown | {
             "schema": SCHEMA,
-            "kind": self.kind,
-            "description": self.description,
-            "separates": list(self.separates),
-            "measure": self.measure,
-            "widest": self.widest,
-            "before": None if self.before is None else finite(self.before),
-            "after": None if self.after is None else finite(self.after),
-            "gain": None if gain is None else finite(gain),
             "rollouts": len(self.u),
-            "seconds": self.seconds,
-            "repeats": repeats,
-            "start": self.start.tolist(),
             "u_peak": float(np.max(np.abs(self.u), initial=0.0)),
             "u_rms": float(np.sqrt(np.mean(self.u**2))) if self.u.size else 0.0,
-            "reach": self.reach,
-            "speed": self.speed,
-            "contests": [c._asdict() for c in self.contests],
-            "payload": None if self.payload is None else list(self.payload),
         }
 
     def write_csv(self, path: str | Path) -> None:
