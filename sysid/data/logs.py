@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from os import PathLike
@@ -65,9 +65,6 @@ class Log(Sequence[Record]):
     def __getitem__(self, index: slice) -> tuple[Record, ...]: ...
     def __getitem__(self, index: int | slice) -> Record | tuple[Record, ...]:
         return self.records[index]
-
-    def __iter__(self) -> Iterator[Record]:
-        return iter(self.records)
 
     def thinned(self) -> Log:
         """The log at a rate that its motion needs, where its own is at least twice that: see `needed_rate`.

@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from sysid.diagnosis.findings import chance, quantity
+from sysid.physics.ops import Array
 from sysid.report.formatting import multiple
 
 if TYPE_CHECKING:
@@ -47,6 +48,8 @@ COLOUR = {"theta": BLUE, "theta_dot": ORANGE}
 MARK = {"theta": "o", "theta_dot": "s"}
 SYMBOL = {"rad": {"theta": r"$\theta$", "theta_dot": r"$\dot\theta$"}, "m": {"theta": "$x$", "theta_dot": r"$\dot x$"}}
 SIGMA_99 = 2.5758
+RASTERIZED_FROM = 1500
+"""Points from which a picture in pixels is smaller than one of lines."""
 
 
 # compare ---------------------------------------------------------------------------------------------------------
@@ -174,8 +177,14 @@ def mean(axes: Axes, found: Binned, colour: str) -> None:
     """The mean in each bin that rests on more than a few intervals, with its 99 % band."""
     seen = np.isfinite(found.mean) & (found.count >= 0.002 * found.count.sum())
     middle, half = 0.5 * (found.edges[1:] + found.edges[:-1])[seen], SIGMA_99 * found.sd[seen]
-    axes.fill_between(middle, found.mean[seen] - half, found.mean[seen] + half, color=colour, alpha=0.25, linewidth=0.0)
-    axes.plot(middle, found.mean[seen], ".-", color=colour, markersize=5.0, linewidth=1.4)
+    banded(axes, middle, found.mean[seen], half, colour, marker=".", markersize=5.0, linewidth=1.4)
+
+
+def banded(axes: Axes, x: Array, y: Array, half: Array, colour: str, **line: Any) -> None:
+    """A curve with its band; in pixels where it has many points."""
+    many = len(x) > RASTERIZED_FROM
+    axes.fill_between(x, y - half, y + half, color=colour, alpha=0.25, linewidth=0.0, rasterized=many)
+    axes.plot(x, y, color=colour, rasterized=many, **line)
 
 
 def over_time(torque: ResidualTorque, axes: Axes) -> None:
@@ -184,9 +193,8 @@ def over_time(torque: ResidualTorque, axes: Axes) -> None:
     names, begin, middles = [r.name for r in torque.records], 0.0, []
     gap = 0.03 * max(float(r.t[-1] - r.t[0]) for r in torque.records)
     for k, record in enumerate(torque.records):
-        t, half = record.t[:-1] - record.t[0] + begin, SIGMA_99 * record.sd
-        axes.fill_between(t, record.d - half, record.d + half, color=BLUE, alpha=0.25, linewidth=0.0, rasterized=True)
-        axes.plot(t, record.d, color=BLUE, linewidth=1.0, rasterized=True)
+        t = record.t[:-1] - record.t[0] + begin
+        banded(axes, t, record.d, SIGMA_99 * record.sd, BLUE, linewidth=1.0)
         if k:
             axes.axvline(begin - 0.5 * gap, color="0.85", linewidth=0.8)
         middles.append(0.5 * (t[0] + t[-1]))
