@@ -55,30 +55,15 @@ def next_experiment(
     with y_i what effect i, of its fitted size, would show, and W the factor that whitens it: a random torque that the
     log shows will act again. Without rivals, the largest 1.96 sd_p / |p| of the Cramer-Rao bound is made small.
 
-    Parameters
-    ----------
-    model : Model or Estimate
-        It may hold one of the rivals.
-    rivals : sequence of str or Effect, optional
-        The effects that the log confuses: names, or effects with the sizes that they may have.
-    limits : Limits, optional
-        What the rig may do; by default what it did in the log: its torque, length and reach.
-    sensor : Sensor, optional
-        Noise of the readings; by default the estimate's, else found from the records.
-    records : sequence of Record, optional
-        The log at hand: sizes of the rivals and the random torque come from it, and what it tells itself is said.
-    rng : numpy.random.Generator, optional
-        By default seeded with 0: the same question gets the same answer.
+    model    the machine as far as it is known; it may hold one of the rivals
+    rivals   the effects that the log confuses: names, or effects with the sizes that they may have
+    limits   what the rig may do; by default what it did in the log: its torque, length and reach
+    sensor   noise of the readings; by default the estimate's, else found from the records
+    records  the log at hand: sizes of the rivals and the random torque come from it, and what it tells itself is said
+    rng      by default seeded with 0: the same question gets the same answer
 
-    Returns
-    -------
-    Experiment
-        What to play, and what it will be worth; of kind "none" where nothing that is played tells more than the log.
-
-    Raises
-    ------
-    InvalidInput
-        For unknown names, and where sizes, limits or noise cannot be known.
+    The answer is of kind "none" where nothing that is played tells more than the log. Raises InvalidInput for unknown
+    names, and where sizes, limits or noise cannot be known.
     """
     estimate = model if isinstance(model, Estimate) else None
     model, names = (model, free(model)) if isinstance(model, Model) else (model.model, model.names)
