@@ -37,11 +37,14 @@ ERRORS = 6
 
 
 class _Found(NamedTuple):
-    """The sd of a channel's errors, its relative standard error, and whether these errors were seen at all."""
+    """The sd of a channel's errors, its relative standard error, whether these errors were seen at all, the step to
+    which readings are rounded (0: it does not matter), and what is unusual."""
 
     sd: float
     error: float
     seen: bool
+    step: float
+    notes: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +53,7 @@ class Noise:
 
     sensor   the sd of each channel, theta [rad] and theta_dot [rad/s]; None for a speed that was computed from theta
     error    the relative standard error of each sd, by channel
-    quantum  the step to which a channel's readings are rounded, where that matters, by channel
+    quantisation_step  the step to which a channel's readings are rounded, where that matters, by channel
     notes    what is unusual about them, one sentence each
     """
 
@@ -109,8 +112,6 @@ def sensor_noise(records: Sequence[Record]) -> Noise:
     36 (1964) 1627).
     """
     found: dict[str, _Found] = {}
-    steps: dict[str, float] = {}
-    notes: list[str] = []
     if not records:
         raise InvalidInput("no records were given: expected at least one")
     if follows_readings(records):  # it would explain their noise, which it was computed from
@@ -121,17 +122,20 @@ def sensor_noise(records: Sequence[Record]) -> Noise:
             continue
         if all(np.all(y == y[0]) for y, _ in series):
             raise InvalidInput(f"{channel} never changes (it stays at {series[0][0][0]:g}): it measures nothing")
-        found[channel] = _channel(channel, list(_blocks(series)), records[0].dt, steps, notes)
+        found[channel] = _channel(channel, list(_blocks(series)), records[0].dt)
     if not found:
         raise InvalidInput("no channel is in all of the records: expected theta, theta_dot or both in each")
     reason = _computed(records, found["theta"].seen) if len(found) == 2 else ""
+    said = []
     if reason:
         del found["theta_dot"]
-        steps.pop("theta_dot", None)
-        notes = [note for note in notes if "theta_dot" not in note]
-        notes.append(f"theta_dot was computed from the readings of theta ({reason}): the angle alone is used")
-    sd = {channel: f.sd for channel, f in found.items()}
-    return Noise(Sensor(**sd), {channel: f.error for channel, f in found.items()}, steps, tuple(notes))
+        said.append(f"theta_dot was computed from the readings of theta ({reason}): the angle alone is used")
+    return Noise(
+        Sensor(**{channel: own.sd for channel, own in found.items()}),
+        {channel: own.error for channel, own in found.items()},
+        {channel: own.step for channel, own in found.items() if own.step},
+        (*(note for own in found.values() for note in own.notes), *said),
+    )
 
 
 def _computed(records: Sequence[Record], seen: bool) -> str:
@@ -169,11 +173,9 @@ def _blocks(series: Sequence[tuple[Array, Array]]) -> Iterator[tuple[Array, Arra
     yield from ((y[: len(u) + 1], u[: len(y)]) for y, u in stretches[::every])
 
 
-def _channel(
-    channel: str, series: Sequence[tuple[Array, Array]], dt: float, steps: dict[str, float], notes: list[str]
-) -> _Found:
-    """The sd of one channel and its relative error."""
-    power = 2 if channel == "theta" else 1
+def _channel(channel: str, series: Sequence[tuple[Array, Array]], dt: float) -> _Found:
+    """What is found of one channel."""
+    power, notes = 2 if channel == "theta" else 1, list[str]()
     spread = math.sqrt(float(np.mean(np.concatenate([(y - y.mean()) ** 2 for y, _ in series]))))
     step = quantisation_step([y for y, _ in series])
     floor = max(step / math.sqrt(12.0), NEGLIGIBLE * spread)
@@ -199,10 +201,10 @@ def _channel(
         notes.append(f"the noise of {channel} can hardly be told from its motion: it is sampled coarsely")
     if step == 0.0 and sd < floor:
         notes.append(f"{channel} shows no noise: a sd of {floor:.2g} is taken")
-    if step > 0.3 * max(sd, floor):
-        steps[channel] = step
+    rounded = step if step > 0.3 * max(sd, floor) else 0.0
+    if rounded:
         notes.append(f"{channel} is rounded to steps of {step:.4g}")
-    return _Found(max(sd, floor), error, settled and (step > 0.0 or sd > floor))
+    return _Found(max(sd, floor), error, settled and (step > 0.0 or sd > floor), rounded, tuple(notes))
 
 
 # ---- linear filters that leave the noise and take out the motion -----------------------------------------------------
