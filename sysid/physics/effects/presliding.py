@@ -15,7 +15,7 @@ from sysid.physics.parameters import parameter
 
 @dataclass(frozen=True, eq=False)
 class Dahl(DynamicEffect):
-    """tau = -tau_c w,  dw/dt = (theta_dot - |theta_dot| w) / z_s: dry friction that builds up over a travel.
+    """Dry friction that builds up over a travel.
 
     Before a joint slides, the contact gives like a spring of tau_c / z_s [N m/rad], z_s [rad]; w is its deflection, 1
     where it slides forwards. For z_s -> 0 it is Coulomb friction. (Dahl: Aerospace Corporation TOR-0158(3107-18)-1,
@@ -51,14 +51,11 @@ class Dahl(DynamicEffect):
 
 @dataclass(frozen=True, eq=False)
 class LuGre(Dahl):
-    """tau = -ratio tau_c w,  dw/dt = (theta_dot - |theta_dot| w / s) / z_s: Dahl's friction with Stribeck's curve.
+    """Dahl's friction with Stribeck's curve s.
 
-        s = (1 + (ratio - 1) exp(-(theta_dot/v_s)^2)) / ratio
-
-    A joint that slides feels ratio tau_c s: ratio tau_c [N m] at slow speed, tau_c at a few v_s [rad/s].
-
-    The bristle's own damping is left out; viscous friction is an effect of its own. (Canudas de Wit, Olsson, Astrom,
-    Lischinsky: IEEE Transactions on Automatic Control 40 (1995) 419.)
+    A joint that slides feels ratio tau_c s: ratio tau_c [N m] at slow speed, tau_c at a few v_s [rad/s]. The bristle's
+    own damping is left out; viscous friction is an effect of its own. (Canudas de Wit, Olsson, Astrom, Lischinsky: IEEE
+    Transactions on Automatic Control 40 (1995) 419.)
     """
 
     name: ClassVar[str] = "lugre"

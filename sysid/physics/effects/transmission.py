@@ -21,12 +21,11 @@ def _resonances(extent: Extent) -> tuple[float, ...]:
 
 @dataclass(frozen=True, eq=False)
 class FlexibleTransmission(DynamicEffect):
-    """tau = -J (theta_ddot + delta_ddot),  delta_ddot = -theta_ddot - 2 zeta omega delta_dot - omega^2 delta.
+    """A part J of the load that hangs on a spring behind the sensor.
 
-    A part J [kg m^2] of the load hangs on a spring behind the sensor: a harmonic drive, a belt, a long shaft, a
-    sloshing load. delta [rad] is its angle against the joint, omega = 2 pi f, f [Hz] the resonance while the joint is
-    held. Gravity and friction are taken to act at the joint. (Spong: ASME Journal of Dynamic Systems, Measurement, and
-    Control 109 (1987) 310, seen from the motor.)
+    It may be a harmonic drive, a belt, a long shaft, a sloshing load. delta [rad] is its angle against the joint,
+    omega = 2 pi f, f [Hz] the resonance while the joint is held. Gravity and friction are taken to act at the joint.
+    (Spong: ASME Journal of Dynamic Systems, Measurement, and Control 109 (1987) 310, seen from the motor.)
     """
 
     words: ClassVar[str] = "a part of the load behind a spring: a flexible transmission"
