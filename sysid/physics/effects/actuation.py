@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -21,13 +20,13 @@ from sysid.physics.parameters import parameter
 class Delay(DeadTime, InputEffect):
     """A dead time of the torque, at most `longest` [s], which fixes the length of the memory."""
 
-    words: ClassVar[str] = "a delay of the torque"
-    precedence: ClassVar[int] = 1
-    rarity: ClassVar[float] = 0.5
-    formula: ClassVar[str] = "drive(t) = u(t - T)"
-    confused: ClassVar[tuple[str, ...]] = ("lag", "stamp", "sensor_delay", "filtered_speed")
-    excludes: ClassVar[tuple[str, ...]] = ("stamp",)
-    stage: ClassVar[int] = 1
+    words = "a delay of the torque"
+    precedence = 1
+    rarity = 0.5
+    formula = "drive(t) = u(t - T)"
+    confused = ("lag", "stamp", "sensor_delay", "filtered_speed")
+    excludes = ("stamp",)
+    stage = 1
 
     def rest(self, dt: float) -> Memory:
         return (0.0,) * self.intervals(dt)
@@ -48,11 +47,11 @@ class Lag(InputEffect):
         z' = s + (z - s) exp(-h/T),   mean of z over the substep = s + (z - s) (T/h) (1 - exp(-h/T))
     """
 
-    words: ClassVar[str] = "a lag of the torque"
-    rarity: ClassVar[float] = 1.5
-    formula: ClassVar[str] = "T z_dot = u - z, drive = z"
-    confused: ClassVar[tuple[str, ...]] = ("delay", "stamp", "sensor_delay", "filtered_speed")
-    stage: ClassVar[int] = 2
+    words = "a lag of the torque"
+    rarity = 1.5
+    formula = "T z_dot = u - z, drive = z"
+    confused = ("delay", "stamp", "sensor_delay", "filtered_speed")
+    stage = 2
     T: Value = parameter(0.0, unit="s", bounds=(0.0, 10.0), neutral=0.0, probe=doubling(1.0))
 
     def rest(self, dt: float) -> Memory:
@@ -81,10 +80,10 @@ class TorqueGain(InputEffect):
     With m and l (or J and G) free it does not show in the motion: weigh the pendulum, or hang a known payload on it.
     """
 
-    words: ClassVar[str] = "a factor on the torque"
-    inertial: ClassVar[bool] = True
-    formula: ClassVar[str] = "drive = c u"
-    confused: ClassVar[tuple[str, ...]] = ("rotor_inertia", "coulomb", "saturation", "dead_zone")
+    words = "a factor on the torque"
+    inertial = True
+    formula = "drive = c u"
+    confused = ("rotor_inertia", "coulomb", "saturation", "dead_zone")
     c: Value = parameter(1.0, unit="1", bounds=(0.1, 10.0), neutral=1.0)
 
     def advance(self, signal: Sequence[Value], memory: Memory, dt: float) -> tuple[tuple[Value, ...], Memory]:
@@ -95,11 +94,11 @@ class TorqueGain(InputEffect):
 class DeadZone(InputEffect):
     """A dead zone of the drive: commands below d do nothing, those above lose d."""
 
-    words: ClassVar[str] = "a dead zone of the torque"
-    rarity: ClassVar[float] = 3.0
-    refines: ClassVar[tuple[tuple[str, ...], ...]] = (("coulomb",), ("coulomb", "tilt"), ("coulomb", "torque_bias"))
-    formula: ClassVar[str] = "drive = sign(u) max(|u| - d, 0)"
-    confused: ClassVar[tuple[str, ...]] = ("coulomb", "torque_gain")
+    words = "a dead zone of the torque"
+    rarity = 3.0
+    refines = (("coulomb",), ("coulomb", "tilt"), ("coulomb", "torque_bias"))
+    formula = "drive = sign(u) max(|u| - d, 0)"
+    confused = ("coulomb", "torque_gain")
     d: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
 
     def advance(self, signal: Sequence[Value], memory: Memory, dt: float) -> tuple[tuple[Value, ...], Memory]:
@@ -110,10 +109,10 @@ class DeadZone(InputEffect):
 class Saturation(InputEffect):
     """A driver that gives no more than `limit`; 10^6 stands for never."""
 
-    words: ClassVar[str] = "a limit of the torque"
-    rarity: ClassVar[float] = 1.5
-    formula: ClassVar[str] = "drive = clip(u, -limit, limit)"
-    confused: ClassVar[tuple[str, ...]] = ("torque_gain", "torque_speed_limit")
+    words = "a limit of the torque"
+    rarity = 1.5
+    formula = "drive = clip(u, -limit, limit)"
+    confused = ("torque_gain", "torque_speed_limit")
     limit: Value = parameter(
         1e6, unit="N m", bounds=(1e-6, 1e6), neutral=1e6, probe=of_largest(0.9, 0.75, 0.6, 0.45, 0.3)
     )
@@ -129,10 +128,10 @@ class BackEmf(JointEffect):
     Exactly viscous friction while the driver is on: only a log with the driver off tells them apart.
     """
 
-    words: ClassVar[str] = "back-EMF"
-    formula: ClassVar[str] = "tau = -k theta_dot, while the driver is on"
-    confused: ClassVar[tuple[str, ...]] = ("viscous", "drag", "load_friction", "torque_speed_limit")
-    friction: ClassVar[bool] = True
+    words = "back-EMF"
+    formula = "tau = -k theta_dot, while the driver is on"
+    confused = ("viscous", "drag", "load_friction", "torque_speed_limit")
+    friction = True
     k: Value = parameter(0.0, unit="N m s/rad", bounds=(0.0, math.inf), neutral=0.0)
 
     def torque(self, joint: Joint) -> Value:
@@ -148,11 +147,11 @@ class TorqueSpeedLimit(JointEffect):
     saturation; a limit of 10^6 stands for never. (The same curve is DCMotor in Isaac Lab's actuators.)
     """
 
-    words: ClassVar[str] = "a limit of the torque that falls with speed"
-    rarity: ClassVar[float] = 2.5
-    refines: ClassVar[tuple[tuple[str, ...], ...]] = (("saturation",),)
-    formula: ClassVar[str] = "drive = clip(u, -min(limit, limit + k theta_dot), min(limit, limit - k theta_dot))"
-    confused: ClassVar[tuple[str, ...]] = ("saturation", "back_emf")
+    words = "a limit of the torque that falls with speed"
+    rarity = 2.5
+    refines = (("saturation",),)
+    formula = "drive = clip(u, -min(limit, limit + k theta_dot), min(limit, limit - k theta_dot))"
+    confused = ("saturation", "back_emf")
     limit: Value = parameter(1e6, unit="N m", bounds=(1e-6, 1e6), neutral=1e6, probe=of_largest(1.2, 0.9, 0.6))
     # no-load speeds of 4, 8 and 16 rad/s for a stall torque of the log's largest
     k: Value = parameter(0.1, unit="N m s/rad", bounds=(0.0, 1e3), probe=of_largest(1 / 4.0, 1 / 8.0, 1 / 16.0))
@@ -172,15 +171,15 @@ class Stamp(InputEffect):
     (1 + s) dt.
     """
 
-    words: ClassVar[str] = "a stamp of the torques"
-    precedence: ClassVar[int] = 4
-    rarity: ClassVar[float] = 1.0
-    formula: ClassVar[str] = "drive(t) = u(t - s dt), of the log and not of the machine"
-    confused: ClassVar[tuple[str, ...]] = ("delay", "lag", "sensor_delay")
-    excludes: ClassVar[tuple[str, ...]] = ("delay",)
-    of_log: ClassVar[bool] = True
-    stage: ClassVar[int] = -1
-    ahead: ClassVar[int] = 1
+    words = "a stamp of the torques"
+    precedence = 4
+    rarity = 1.0
+    formula = "drive(t) = u(t - s dt), of the log and not of the machine"
+    confused = ("delay", "lag", "sensor_delay")
+    excludes = ("delay",)
+    of_log = True
+    stage = -1
+    ahead = 1
     s: Value = parameter(0.0, unit="samples", bounds=(-1.0, 1.0), neutral=0.0, probe=(-1.0, -0.5, 0.5, 1.0))
 
     def rest(self, dt: float) -> Memory:

@@ -18,13 +18,13 @@ from sysid.physics.parameters import parameter
 class Viscous(JointEffect):
     """Viscous friction: oil, grease, slow air."""
 
-    words: ClassVar[str] = "viscous friction"
-    precedence: ClassVar[int] = 2
+    words = "viscous friction"
+    precedence = 2
     begins: ClassVar[Mapping[str, float]] = {"b": 0.02}
-    rarity: ClassVar[float] = 0.0
-    formula: ClassVar[str] = "tau = -b theta_dot"
-    confused: ClassVar[tuple[str, ...]] = ("back_emf", "drag", "asymmetric_viscous", "load_friction", "coulomb")
-    friction: ClassVar[bool] = True
+    rarity = 0.0
+    formula = "tau = -b theta_dot"
+    confused = ("back_emf", "drag", "asymmetric_viscous", "load_friction", "coulomb")
+    friction = True
     b: Value = parameter(0.0, unit="N m s/rad", bounds=(0.0, math.inf), neutral=0.0)
 
     def torque(self, joint: Joint) -> Value:
@@ -35,11 +35,11 @@ class Viscous(JointEffect):
 class Coulomb(DryFriction):
     """Dry friction, which at rest holds up to tau_c: seals, brushes, preloaded bearings."""
 
-    words: ClassVar[str] = "dry friction"
+    words = "dry friction"
     begins: ClassVar[Mapping[str, float]] = {"tau_c": 0.05}
-    rarity: ClassVar[float] = 0.0
-    formula: ClassVar[str] = "tau = -tau_c sign(theta_dot), at rest up to tau_c"
-    confused: ClassVar[tuple[str, ...]] = (
+    rarity = 0.0
+    formula = "tau = -tau_c sign(theta_dot), at rest up to tau_c"
+    confused = (
         "viscous",
         "stribeck",
         "asymmetric_coulomb",
@@ -65,10 +65,10 @@ class Stribeck(DryFriction):
     de Wit: Automatica 30 (1994) 1083, with exponent 2.)
     """
 
-    words: ClassVar[str] = "dry friction that is larger at slow speed"
-    refines: ClassVar[tuple[tuple[str, ...], ...]] = (("coulomb",),)
-    formula: ClassVar[str] = "tau = -(tau_c + excess exp(-(theta_dot/v_s)^2)) sign(theta_dot)"
-    confused: ClassVar[tuple[str, ...]] = ("coulomb", "dahl", "lugre")
+    words = "dry friction that is larger at slow speed"
+    refines = (("coulomb",),)
+    formula = "tau = -(tau_c + excess exp(-(theta_dot/v_s)^2)) sign(theta_dot)"
+    confused = ("coulomb", "dahl", "lugre")
     tau_c: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
     excess: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
     v_s: Value = parameter(0.15, unit="rad/s", bounds=(0.005, 10.0), probe=(0.05, 0.15, 0.5))
@@ -83,12 +83,12 @@ class Stribeck(DryFriction):
 class Drag(JointEffect):
     """Air drag at high Reynolds number."""
 
-    words: ClassVar[str] = "air drag"
+    words = "air drag"
     begins: ClassVar[Mapping[str, float]] = {"c": 0.005}
-    rarity: ClassVar[float] = 1.5
-    formula: ClassVar[str] = "tau = -c |theta_dot| theta_dot"
-    confused: ClassVar[tuple[str, ...]] = ("viscous", "back_emf")
-    friction: ClassVar[bool] = True
+    rarity = 1.5
+    formula = "tau = -c |theta_dot| theta_dot"
+    confused = ("viscous", "back_emf")
+    friction = True
     c: Value = parameter(0.0, unit="N m s^2/rad^2", bounds=(0.0, math.inf), neutral=0.0)
 
     def torque(self, joint: Joint) -> Value:
@@ -99,12 +99,12 @@ class Drag(JointEffect):
 class AsymmetricViscous(JointEffect):
     """Viscous friction that depends on the direction: a worm, a check valve."""
 
-    words: ClassVar[str] = "viscous friction that depends on the direction"
-    rarity: ClassVar[float] = 3.0
-    refines: ClassVar[tuple[tuple[str, ...], ...]] = (("viscous",), ("viscous", "tilt"), ("viscous", "torque_bias"))
-    formula: ClassVar[str] = "tau = -b_plus max(theta_dot, 0) - b_minus min(theta_dot, 0)"
-    confused: ClassVar[tuple[str, ...]] = ("viscous", "asymmetric_coulomb")
-    friction: ClassVar[bool] = True
+    words = "viscous friction that depends on the direction"
+    rarity = 3.0
+    refines = (("viscous",), ("viscous", "tilt"), ("viscous", "torque_bias"))
+    formula = "tau = -b_plus max(theta_dot, 0) - b_minus min(theta_dot, 0)"
+    confused = ("viscous", "asymmetric_coulomb")
+    friction = True
     b_plus: Value = parameter(0.0, unit="N m s/rad", bounds=(0.0, math.inf), neutral=0.0)
     b_minus: Value = parameter(0.0, unit="N m s/rad", bounds=(0.0, math.inf), neutral=0.0)
 
@@ -119,11 +119,11 @@ class AsymmetricCoulomb(DryFriction):
     Where the joint never stands, Coulomb friction of the mean and a torque bias of half the difference move alike.
     """
 
-    words: ClassVar[str] = "dry friction that depends on the direction"
-    rarity: ClassVar[float] = 3.0
-    refines: ClassVar[tuple[tuple[str, ...], ...]] = (("coulomb",), ("coulomb", "tilt"), ("coulomb", "torque_bias"))
-    formula: ClassVar[str] = "tau = -tau_plus (theta_dot > 0), +tau_minus (theta_dot < 0)"
-    confused: ClassVar[tuple[str, ...]] = ("coulomb", "torque_bias", "asymmetric_viscous")
+    words = "dry friction that depends on the direction"
+    rarity = 3.0
+    refines = (("coulomb",), ("coulomb", "tilt"), ("coulomb", "torque_bias"))
+    formula = "tau = -tau_plus (theta_dot > 0), +tau_minus (theta_dot < 0)"
+    confused = ("coulomb", "torque_bias", "asymmetric_viscous")
     tau_plus: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
     tau_minus: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
 
@@ -139,11 +139,11 @@ class WarmingFriction(DryFriction):
     each record, before which the machine has rested. With excess = 0 it is Coulomb friction.
     """
 
-    words: ClassVar[str] = "dry friction that falls as the machine warms up"
-    rarity: ClassVar[float] = 3.5
-    refines: ClassVar[tuple[tuple[str, ...], ...]] = (("coulomb",), ("coulomb", "drift"))
-    formula: ClassVar[str] = "tau = -(tau_c + excess exp(-t/T)) sign(theta_dot)"
-    confused: ClassVar[tuple[str, ...]] = ("coulomb", "drift")
+    words = "dry friction that falls as the machine warms up"
+    rarity = 3.5
+    refines = (("coulomb",), ("coulomb", "drift"))
+    formula = "tau = -(tau_c + excess exp(-t/T)) sign(theta_dot)"
+    confused = ("coulomb", "drift")
     tau_c: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
     excess: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
     T: Value = parameter(60.0, unit="s", bounds=(0.1, 1e4), probe=of_duration(0.25, 1.0))

@@ -22,13 +22,13 @@ class Dahl(DynamicEffect):
     1968.)
     """
 
-    words: ClassVar[str] = "dry friction that gives like a spring before it slides"
-    rarity: ClassVar[float] = 2.5
+    words = "dry friction that gives like a spring before it slides"
+    rarity = 2.5
     begins: ClassVar[Mapping[str, float]] = {"tau_c": 0.05}
     refines: ClassVar[tuple[tuple[str, ...], ...]] = (("coulomb",),)
-    formula: ClassVar[str] = "tau = -tau_c w, dw/dt = (theta_dot - |theta_dot| w) / z_s"
-    confused: ClassVar[tuple[str, ...]] = ("coulomb", "stribeck", "lugre")
-    start_sd: ClassVar[tuple[float, ...]] = (0.5,)
+    formula = "tau = -tau_c w, dw/dt = (theta_dot - |theta_dot| w) / z_s"
+    confused = ("coulomb", "stribeck", "lugre")
+    start_sd = (0.5,)
     tau_c: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
     z_s: Value = parameter(0.01, unit="rad", bounds=(1e-5, 1.0), probe=(0.003, 0.02, 0.1))
 
@@ -58,15 +58,15 @@ class LuGre(Dahl):
     Transactions on Automatic Control 40 (1995) 419.)
     """
 
-    name: ClassVar[str] = "lugre"
-    words: ClassVar[str] = "dry friction that gives like a spring and is larger at slow speed"
-    rarity: ClassVar[float] = 3.5
-    refines: ClassVar[tuple[tuple[str, ...], ...]] = (("coulomb",), ("dahl",), ("stribeck",))
-    formula: ClassVar[str] = (
+    name = "lugre"
+    words = "dry friction that gives like a spring and is larger at slow speed"
+    rarity = 3.5
+    refines = (("coulomb",), ("dahl",), ("stribeck",))
+    formula = (
         "tau = -ratio tau_c w, dw/dt = (theta_dot - |theta_dot| w / s) / z_s, "
         "s = (1 + (ratio - 1) exp(-(theta_dot/v_s)^2)) / ratio"
     )
-    confused: ClassVar[tuple[str, ...]] = ("coulomb", "stribeck", "dahl")
+    confused = ("coulomb", "stribeck", "dahl")
     ratio: Value = parameter(1.5, unit="1", bounds=(1.0, 20.0), probe=(1.5,))
     v_s: Value = parameter(0.15, unit="rad/s", bounds=(0.005, 10.0), probe=(0.05, 0.3))
 

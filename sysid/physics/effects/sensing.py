@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -20,11 +19,11 @@ from sysid.physics.parameters import parameter
 class AngleOffset(OutputEffect):
     """An encoder whose zero is off."""
 
-    words: ClassVar[str] = "an offset of the angle readings"
-    rarity: ClassVar[float] = 1.0
-    imitates: ClassVar[str] = "theta"
-    formula: ClassVar[str] = "reading = theta + offset"
-    confused: ClassVar[tuple[str, ...]] = ("tilt", "torque_bias", "eccentricity")
+    words = "an offset of the angle readings"
+    rarity = 1.0
+    imitates = "theta"
+    formula = "reading = theta + offset"
+    confused = ("tilt", "torque_bias", "eccentricity")
     offset: Value = parameter(0.0, unit="rad", bounds=(-1.0, 1.0), neutral=0.0)
 
     def read(self, reading: Reading, memory: Memory, t: Value, dt: float) -> tuple[Reading, Memory]:
@@ -35,8 +34,8 @@ class AngleOffset(OutputEffect):
 class VelocityBias(OutputEffect):
     """The offset of a gyroscope or a tachometer."""
 
-    words: ClassVar[str] = "an offset of the speed readings"
-    formula: ClassVar[str] = "reading = theta_dot + bias"
+    words = "an offset of the speed readings"
+    formula = "reading = theta_dot + bias"
     bias: Value = parameter(0.0, unit="rad/s", bounds=(-10.0, 10.0), neutral=0.0)
 
     def read(self, reading: Reading, memory: Memory, t: Value, dt: float) -> tuple[Reading, Memory]:
@@ -47,8 +46,8 @@ class VelocityBias(OutputEffect):
 class VelocityGain(OutputEffect):
     """The scale of a gyroscope or a tachometer, off by the factor c."""
 
-    words: ClassVar[str] = "a factor on the speed readings"
-    formula: ClassVar[str] = "reading = c theta_dot"
+    words = "a factor on the speed readings"
+    formula = "reading = c theta_dot"
     c: Value = parameter(1.0, unit="1", bounds=(0.1, 10.0), neutral=1.0)
 
     def read(self, reading: Reading, memory: Memory, t: Value, dt: float) -> tuple[Reading, Memory]:
@@ -67,10 +66,10 @@ class SensorDelay(DeadTime, OutputEffect):
     Before its log began the joint is taken to have moved at its first speed.
     """
 
-    words: ClassVar[str] = "a delay of the readings"
-    formula: ClassVar[str] = "reading(t) = state(t - T)"
-    confused: ClassVar[tuple[str, ...]] = ("delay", "lag", "stamp", "backlash", "filtered_speed")
-    stage: ClassVar[int] = 1
+    words = "a delay of the readings"
+    formula = "reading(t) = state(t - T)"
+    confused = ("delay", "lag", "stamp", "backlash", "filtered_speed")
+    stage = 1
     longest: float = 0.2
 
     def rest(self, theta: Value, theta_dot: Value, dt: float) -> Memory:
@@ -116,10 +115,10 @@ class Backlash(OutputEffect):
     in the gap. A log begins in the middle of the gap, y = theta.
     """
 
-    words: ClassVar[str] = "backlash at the encoder"
-    formula: ClassVar[str] = "y = min(max(y, theta - width/2), theta + width/2)"
-    confused: ClassVar[tuple[str, ...]] = ("sensor_delay",)
-    stage: ClassVar[int] = 0
+    words = "backlash at the encoder"
+    formula = "y = min(max(y, theta - width/2), theta + width/2)"
+    confused = ("sensor_delay",)
+    stage = 0
     width: Value = parameter(0.0, unit="rad", bounds=(0.0, 1.0), neutral=0.0)
 
     def rest(self, theta: Value, theta_dot: Value, dt: float) -> Memory:
@@ -142,12 +141,12 @@ class Eccentricity(OutputEffect):
     like an offset and a scale, so that it has to come back over turns to be believed.
     """
 
-    words: ClassVar[str] = "an encoder's disc beside its centre"
-    rarity: ClassVar[float] = 3.0
-    imitates: ClassVar[str] = "theta"
-    formula: ClassVar[str] = "reading = theta + a sin(theta) + b cos(theta)"
-    confused: ClassVar[tuple[str, ...]] = ("angle_offset", "tilt", "ripple")
-    stage: ClassVar[int] = 0
+    words = "an encoder's disc beside its centre"
+    rarity = 3.0
+    imitates = "theta"
+    formula = "reading = theta + a sin(theta) + b cos(theta)"
+    confused = ("angle_offset", "tilt", "ripple")
+    stage = 0
     a: Value = parameter(0.0, unit="rad", bounds=(-0.3, 0.3), neutral=0.0)
     b: Value = parameter(0.0, unit="rad", bounds=(-0.3, 0.3), neutral=0.0)
 
@@ -172,11 +171,11 @@ class FilteredSpeed(OutputEffect):
     A log begins at w = theta_dot. A delay of both readings is late by T at the angle, too.
     """
 
-    words: ClassVar[str] = "a filter of the speed readings"
-    rarity: ClassVar[float] = 2.5
-    formula: ClassVar[str] = "T w_dot = theta_dot - w, reading = w"
-    confused: ClassVar[tuple[str, ...]] = ("sensor_delay", "delay", "lag")
-    stage: ClassVar[int] = 1
+    words = "a filter of the speed readings"
+    rarity = 2.5
+    formula = "T w_dot = theta_dot - w, reading = w"
+    confused = ("sensor_delay", "delay", "lag")
+    stage = 1
     T: Value = parameter(0.0, unit="s", bounds=(0.0, 1.0), neutral=0.0, probe=doubling(0.3))
 
     def rest(self, theta: Value, theta_dot: Value, dt: float) -> Memory:
