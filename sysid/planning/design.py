@@ -235,15 +235,10 @@ class Goal:
 
 def separation(pairs: Sequence[tuple[str, str]]) -> Goal:
     """The smallest evidence, over pairs (truth, rival) of hypotheses, that the truth leaves against the rival."""
-
-    def parts(pool: Pool) -> Parts:
-        return [pool.unlike(truth, rival) for truth, rival in pairs]
-
-    def value(normals: Parts) -> Array:
-        least: Array = np.min([n.unexplained() for n in normals], axis=0)
-        return least
-
-    return Goal(parts, value)
+    return Goal(
+        lambda pool: [pool.unlike(truth, rival) for truth, rival in pairs],
+        lambda parts: np.min([normal.unexplained() for normal in parts], axis=0),
+    )
 
 
 def precision(scale: Array) -> Goal:
@@ -251,15 +246,10 @@ def precision(scale: Array) -> Goal:
 
     A log that does not determine a parameter is worth -UNDETERMINED.
     """
-
-    def parts(pool: Pool) -> Parts:
-        return [pool.precision()]
-
-    def value(normals: Parts) -> Array:
-        widest: Array = np.max(normals[0].sd() / scale, axis=-1)
-        return -np.minimum(widest, UNDETERMINED)
-
-    return Goal(parts, value)
+    return Goal(
+        lambda pool: [pool.precision()],
+        lambda parts: -np.minimum(np.max(parts[0].sd() / scale, axis=-1), UNDETERMINED),
+    )
 
 
 def yardsticks(model: Model, names: Sequence[str]) -> Array:
