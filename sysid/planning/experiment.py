@@ -68,6 +68,7 @@ def next_experiment(
     estimate = model if isinstance(model, Estimate) else None
     model, names = (model, free(model)) if isinstance(model, Model) else (model.model, model.names)
     records = (records,) if isinstance(records, Record) else tuple(records)
+    rivals = (rivals,) if isinstance(rivals, str | Effect) else tuple(rivals)
     sensor = sensor or (estimate.sensor if estimate else None) or _noise(records)
     conditions = Conditions(_limits(limits, model, records), sensor)
     rng = np.random.default_rng(0) if rng is None else rng

@@ -64,8 +64,7 @@ def inertial(model: Model, names: Sequence[str]) -> bool:
 
 def names_of(rivals: Sequence[str | Effect]) -> tuple[str, ...]:
     """Their names, checked; raises InvalidInput for one that is not in the catalogue or comes twice."""
-    given = (rivals,) if isinstance(rivals, str | Effect) else tuple(rivals)
-    names = tuple(effect(r).name if isinstance(r, str) else r.name for r in given)
+    names = tuple(effect(r).name if isinstance(r, str) else r.name for r in rivals)
     if len(set(names)) < len(names):
         raise InvalidInput(f"rivals name an effect twice: {', '.join(names)}")
     return names

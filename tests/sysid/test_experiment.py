@@ -325,6 +325,14 @@ def test_the_answer_is_plain_data_and_a_sentence() -> None:
     assert e.repeats == max(1, math.ceil(16.0 / data["after"]))
 
 
+def test_a_single_rival_is_told_from_its_absence() -> None:
+    alone, listed = (
+        next_experiment(rod(), own, Limits(1.0, 3.0), SENSOR) for own in (Viscous(b=0.01), [Viscous(b=0.01)])
+    )
+    assert alone.to_dict() == listed.to_dict()
+    assert {(c.truth, c.rival) for c in alone.contests} == {("viscous", "nothing")}
+
+
 # what no torque tells -----------------------------------------------------------------------------------------
 
 
