@@ -29,12 +29,6 @@ FEWEST = 10
 """Rows that the unit of a clock can be told from."""
 
 
-def check_unit(unit: str | None) -> None:
-    """Raise InvalidInput where a unit is none of those that a clock may have."""
-    if unit is not None and unit not in PER_SECOND:
-        raise InvalidInput(f"time_unit = {unit!r}: expected one of {', '.join(PER_SECOND)}")
-
-
 def named_unit(title: str) -> TimeUnit | None:
     """The unit that the name of a column ends with, as in t_ms, time [us] or millis; None where it names none."""
     words = [word for word in re.split(r"[\W_]+", title.strip().lower()) if word]
