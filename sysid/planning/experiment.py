@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.data.record import Record
+from sysid.data.record import Record, extent_of
 from sysid.data.sensor import Sensor
 from sysid.errors import InvalidInput
 from sysid.estimation.disturbances import Disturbances
@@ -74,7 +74,8 @@ def next_experiment(
     rng = np.random.default_rng(0) if rng is None else rng
     with np.errstate(over="ignore", invalid="ignore"):  # a motion may run away
         if not rivals:
-            return _narrowing(*_known(model, names, estimate, records, conditions), rng)
+            known, conditions = _known(model, names, estimate, records, conditions)
+            return _narrowing(known.model if known else model, names, known, conditions, rng)
         if never(names_of(rivals)):
             return non_torque_experiment(model, names_of(rivals), conditions, rng)
         first = first_fit if estimate is None else partial(fit, settings=ROUGHLY)  # an estimate's numbers are near
@@ -90,20 +91,16 @@ def _noise(records: Sequence[Record]) -> Sensor:
 
 
 def _known(
-    model: Model,
-    names: tuple[str, ...],
-    estimate: Estimate | None,
-    records: Sequence[Record],
-    conditions: Conditions,
-) -> tuple[Model, tuple[str, ...], Estimate | None, Conditions]:
-    """The model with its free parameters, the estimate of them, and under what conditions the next log will be made."""
+    model: Model, names: tuple[str, ...], estimate: Estimate | None, records: Sequence[Record], conditions: Conditions
+) -> tuple[Estimate | None, Conditions]:
+    """The estimate of the free parameters, and under what conditions the next log will be made."""
     if not records:
-        return model, names, estimate, conditions if estimate is None else _noisier(conditions, estimate)
+        return estimate, conditions if estimate is None else _noisier(conditions, estimate)
     samples = Samples(model, records, conditions.sensor)
     if estimate is not None:
-        return model, names, estimate, conditions.after([fit(samples, model, (), settings=ROUGHLY)])
+        return estimate, conditions.after([fit(samples, model, (), settings=ROUGHLY)])
     found = first_fit(samples, model, names)
-    return found.model, names, found.estimate(), conditions.after([found])
+    return found.estimate(), conditions.after([found])
 
 
 def _noisier(conditions: Conditions, estimate: Estimate) -> Conditions:
@@ -143,12 +140,15 @@ def limits_of(records: Sequence[Record], model: Model) -> Limits:
         angles = [a - turn * round(float(a[0]) / turn) for a in angles]
     reach = max((float(np.max(np.abs(a))) for a in angles), default=3.0)
     release = max((abs(float(a[0])) for a in angles), default=0.0)
-    peak = max(float(np.max(np.abs(r.u))) for r in records)
-    if peak == 0.0:
+    did = extent_of(records)
+    if did.u_max == 0.0:
         raise InvalidInput("the log has no torque: give Limits(u_max=...)")
-    duration = min(8.0, max(len(r) * r.dt for r in records))
     return Limits(
-        min(peak, model.u_max), duration, min(8, len(records)), start=min(release, math.pi), theta_max=max(reach, 1e-3)
+        min(did.u_max, model.u_max),
+        min(8.0, did.duration),
+        min(8, len(records)),
+        start=min(release, math.pi),
+        theta_max=max(reach, 1e-3),
     )
 
 
@@ -189,7 +189,7 @@ def _best(
 ) -> Match:
     compared = [h for h in hypotheses if any(h.name in (p.truth, p.rival) for p in pairs)]
     choices = search(separation([(p.truth, p.rival) for p in pairs]), compared, conditions, rng)
-    return max((Match(Pool(hypotheses, own, conditions), pairs) for own in choices), key=lambda m: m.worth)
+    return max((Match(Pool(compared, own, conditions), pairs) for own in choices), key=lambda m: m.worth)
 
 
 def _told(match: Match, notes: Sequence[str]) -> Experiment:

@@ -28,21 +28,14 @@ _HEAVIER = 0.5
 """Share of the joint's own inertia that a payload of our choice adds."""
 
 _ANSWERS = {
-    ("angle_offset", "tilt"): "for a fixed axis an encoder offset is a tilted base, also to every controller: where it "
-    "matters, compare the encoder's zero with a plumb line",
-    (
-        "delay",
-        "sensor_delay",
-    ): "only the sum of both delays shows between command and reading, and only the sum matters to a "
-    "controller: where each is wanted, move the joint by hand beside a second clock, such as a camera",
-    (
-        "delay",
-        "stamp",
-    ): "log at another rate: what the log's stamps shift changes with the interval, a delay of the machine does not",
-    (
-        "sensor_delay",
-        "stamp",
-    ): "log at another rate: what the log's stamps shift changes with the interval, a delay of the sensor does not",
+    ("angle_offset", "tilt"): "for a fixed axis an encoder offset is a tilted base, also to every controller: "
+    "where it matters, compare the encoder's zero with a plumb line",
+    ("delay", "sensor_delay"): "only the sum of both delays shows between command and reading, and only the sum "
+    "matters to a controller: where each is wanted, move the joint by hand beside a second clock, such as a camera",
+} | {
+    (late, "stamp"): "log at another rate: what the log's stamps shift changes with the interval, a delay of the "
+    f"{part} does not"
+    for late, part in (("delay", "machine"), ("sensor_delay", "sensor"))
 }
 
 
