@@ -259,8 +259,8 @@ def _limits(options: Experiment, log: Log, model: Model) -> Limits:
     from sysid.planning.experiment import limits_of
     from sysid.planning.signals import Limits
 
-    said = {field.name: getattr(options, field.name, None) for field in dataclasses.fields(Limits)}
-    given: dict[str, Any] = {name: value for name, value in said.items() if value is not None}
+    names = ("u_max", "duration", "rollouts", "theta_max", "theta_dot_max", "payload")
+    given: dict[str, Any] = {n: getattr(options, n) for n in names if getattr(options, n) is not None}
     if np.any([np.any(record.u != 0.0) for record in log]):
         return dataclasses.replace(limits_of(log, model), **given)
     if options.u_max is None:
