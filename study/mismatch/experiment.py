@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 from rich.console import Console
 
 from study.mismatch.designs import OPTIMUM, DesignTask, model_key
-from study.mismatch.mismatch_results import Fitted, MismatchResults
+from study.mismatch.mismatch_results import DESIGNS, FITS, TRAININGS, Fitted, MismatchResults
 from study.mismatch.plan import STRATEGIES, Plan, Trial
 from study.mismatch.strategies import training_setups
 from study.mismatch.training_setup import training_setup_of
@@ -71,12 +71,12 @@ class MismatchExperiment(Experiment):
     def keep(self, task: Task, answer: Any) -> None:
         """Fits, trained agents or designs into the results."""
         if isinstance(task, FitTask):
-            self.results.add_fits(answer)
+            self.results.add(FITS, answer)
         elif isinstance(task, MismatchPopulation):
-            self.results.add_trainings(answer, task.name)
+            self.results.add(TRAININGS, answer, [task.name])
             task.discard()
         else:
-            self.results.add_designs(answer)
+            self.results.add(DESIGNS, answer)
 
     def note(self, task: Task, seconds: float) -> None:
         """Keep the seconds that a population's checkpoint holds."""
@@ -89,7 +89,7 @@ class MismatchExperiment(Experiment):
         publish_mismatch(self.plan, self.results, console)
 
     def _unfitted(self) -> Iterator[FitTask]:
-        plan, known = self.plan, {Trial(f.plant, f.strategy, f.n, f.seed) for f in self.results.fits()}
+        plan, known = self.plan, {Trial(f.plant, f.strategy, f.n, f.seed) for f in self.results.all(FITS)}
         for seed in plan.seeds:
             for plant in plan.plants:
                 trials = [t for t in plan.trials if t.plant == plant.name and t.seed == seed and t not in known]
@@ -101,16 +101,16 @@ class MismatchExperiment(Experiment):
         about = {
             "folder": results.folder.resolve(), "checkpoint_seconds": self.checkpoint_seconds, "device": results.device
         }  # fmt: skip
-        _, agents = agents_of(plan, results.fits())
+        _, agents = agents_of(plan, results.all(FITS))
         tasks = [MismatchPopulation(plan, together, **about) for together in populations(plan, agents, results.device)]
-        finished = {agent.key for agent in results.trainings()}
+        finished = {agent.key for agent in results.all(TRAININGS)}
         return left(tasks, finished, lambda task: results.training_seconds(task.name))
 
     def _undesigned(self) -> Iterator[DesignTask]:
-        plan, known = self.plan, {(d.plant, d.seed) for d in self.results.designs() if d.model == OPTIMUM}
+        plan, known = self.plan, {(d.plant, d.seed) for d in self.results.all(DESIGNS) if d.model == OPTIMUM}
         models: dict[str, dict[str, Any]] = {}
         wanted: dict[tuple[str, int], dict[str, None]] = {}
-        for f in self.results.fits():
+        for f in self.results.all(FITS):
             if STRATEGIES[f.strategy].center == f.strategy:
                 key = model_key(training_setup_of(f.payload))
                 models[key] = f.payload

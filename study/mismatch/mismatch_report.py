@@ -12,7 +12,7 @@ from study.mismatch import naming
 from study.mismatch.figures.drawing import draw_figures
 from study.mismatch.findings import MismatchFindings, findings_of
 from study.mismatch.mismatch_page import page
-from study.mismatch.mismatch_results import MismatchResults
+from study.mismatch.mismatch_results import DESIGNS, FITS, TRAININGS, MismatchResults
 from study.mismatch.naming_results import NAMING_TABLE, read_naming
 from study.mismatch.plan import CONTRASTS, Plan
 from study.mismatch.sentences import sentences
@@ -38,10 +38,10 @@ def publish_mismatch(plan: Plan, results: MismatchResults, console: Console) -> 
 
     The naming study is told too where its table lies in the folder.
     """
-    folder, trained, fits = results.folder, results.trainings(), results.fits()
+    folder, trained, fits = results.folder, results.all(TRAININGS), results.all(FITS)
     naming_rows = read_naming(folder / NAMING_TABLE)
     with console.status("drawing"):
-        found = findings_of(plan, fits, trained, results.designs())
+        found = findings_of(plan, fits, trained, results.all(DESIGNS))
         said = sentences(found, naming_rows)
         made_with = [agent.versions for agent in trained]
         write_tables(found, folder)

@@ -19,7 +19,7 @@ from typing import Any
 from study.paper.presets import FORMAT, Cell, Point, Preset, Theta
 from study.paper.reference_controllers import Reference
 from study.paper.runs import Run, RunSummary
-from study.paper.sweep_results import SWEEP_SCHEMA, read_run
+from study.paper.sweep_results import RUNS
 from study.paper.tables import RATINGS, Rating
 from study.pipeline.csv_table import read_table
 from study.pipeline.database import META, check_tables, readable
@@ -130,13 +130,13 @@ def _database(file: Path) -> Iterator[tuple[str, Run]]:
             found = dict(db.execute("SELECT key, value FROM meta"))
             if found.get("format") != str(FORMAT):
                 raise InvalidInput(f"--import {file}: it has format {found.get('format')}, expected {FORMAT}")
-            check_tables(db, META + SWEEP_SCHEMA, file)
-            rows = db.execute("SELECT rowid, * FROM runs ORDER BY point, n, w, seed").fetchall()
+            check_tables(db, META + RUNS.schema, file)
+            rows = db.execute(f"SELECT rowid, * FROM runs ORDER BY {RUNS.key}").fetchall()
     except sqlite3.Error as error:
         raise InvalidInput(f"--import {file}: not the results of a study ({error})") from None
     for number, *row in rows:
         with readable(file):
-            run = read_run(row)
+            run = RUNS.value(row)
         yield f"row {number}", run
 
 

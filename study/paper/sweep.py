@@ -18,7 +18,7 @@ from study.paper.presets import Preset, Theta
 from study.paper.published_runs import Outcomes
 from study.paper.reference_controllers import Designs, ReferenceTask, reference_tasks
 from study.paper.runs import SweepPopulation
-from study.paper.sweep_results import SweepResults
+from study.paper.sweep_results import ESTIMATES, REFERENCES, SweepResults
 from study.pipeline.executor import Task
 from study.pipeline.experiment import Experiment, Stage
 from study.pipeline.population_task import left
@@ -49,7 +49,7 @@ class Sweep(Experiment):
             console.print(f"{taken} runs taken up from {self.imported}", soft_wrap=True)
             known = self._rated()
             rated = import_references(self.imported, self.preset, self._designs())
-            self.results.add_references([r for r in rated if (r.controller, r.theta, r.truth) not in known])
+            self.results.add(REFERENCES, [r for r in rated if (r.controller, r.theta, r.truth) not in known])
         tasks: list[Task] = [*self._untrained(), *self._unrated()]
         yield Stage(tasks, self._about(tasks))
 
@@ -59,9 +59,9 @@ class Sweep(Experiment):
             self.results.add_runs(answer)
             task.discard()
         elif isinstance(task, IdentificationTask):
-            self.results.add_estimates(answer)
+            self.results.add(ESTIMATES, answer)
         else:
-            self.results.add_references(answer)
+            self.results.add(REFERENCES, answer)
 
     def note(self, task: Task, seconds: float) -> None:
         """Keep the seconds that a population's checkpoint holds."""
@@ -109,7 +109,7 @@ class Sweep(Experiment):
         return designs
 
     def _rated(self) -> set[tuple[str, Theta, Theta]]:
-        return {(r.controller, r.theta, r.truth) for r in self.results.references()}
+        return {(r.controller, r.theta, r.truth) for r in self.results.all(REFERENCES)}
 
     def _about(self, tasks: Sequence[Task]) -> str:
         training = [t for t in tasks if isinstance(t, SweepPopulation)]

@@ -23,7 +23,7 @@ from study.paper.reference_controllers import LQR, OPTIMAL, SWING_UP, fresh_opti
 from study.paper.reproduction import Reproduction, reproduce
 from study.paper.reproduction_page import section
 from study.paper.runs import Run
-from study.paper.sweep_results import SweepResults
+from study.paper.sweep_results import REFERENCES, RUNS, SweepResults
 from study.pipeline.html_page import embedded, template, unbroken
 from study.pipeline.progress import duration
 from study.pipeline.versions import all_versions
@@ -51,10 +51,11 @@ def publish_sweep(
     """
     folder = results.folder
     with console.status("drawing"):
-        found = findings_by_point(preset, results.runs(), results.references())
+        references = results.all(REFERENCES)
+        found = findings_by_point(preset, results.all(RUNS), references)
         tables.write_runs(found, folder / "runs.csv")
         tables.write_references(found, folder / "references.csv")
-        tables.write_ratings(preset, results.references(), folder / tables.RATINGS)
+        tables.write_ratings(preset, references, folder / tables.RATINGS)
         tables.write_study(found, results.device, folder / "study.json")
         drawn = [save_all(answer, folder) for answer in found]
         identified = scatter(np.random.default_rng(0)) if preset.episodes == paper.EPISODES else None

@@ -27,7 +27,7 @@ from study.paper.presets import PAPER, Preset
 from study.paper.reference_controllers import Reference, ReferenceTask
 from study.paper.runs import Run, SweepPopulation
 from study.paper.sweep import Sweep
-from study.paper.sweep_results import SweepResults
+from study.paper.sweep_results import REFERENCES, RUNS, SweepResults
 from study.paper.tables import write_runs
 from study.pipeline.executor import Heard, Task
 from study.pipeline.experiment import run
@@ -101,7 +101,7 @@ def measure(runs: int) -> dict[str, float]:
         with SweepResults(Path(folder), many) as store:
             run(Sweep(many, store), Instant(), console)
             lap("go on when all is done")
-            kept = store.runs(), store.references()
+            kept = store.all(RUNS), store.all(REFERENCES)
             lap("read it back")
             write_runs(findings_by_point(many, *kept), Path(folder) / "runs.csv")
             lap("runs.csv")

@@ -15,7 +15,7 @@ import study.pipeline.cluster
 from study.paper.findings import findings_by_point
 from study.paper.presets import SMOKE
 from study.paper.sweep import Sweep
-from study.paper.sweep_results import SweepResults
+from study.paper.sweep_results import REFERENCES, RUNS, SweepResults
 from study.paper.tables import write_runs
 from study.pipeline.cluster import Cluster
 from study.pipeline.executor import WorkerFailed
@@ -138,7 +138,7 @@ def runs(folder, executor):
     folder.mkdir()
     with SweepResults(folder, PRESET) as store:
         run_study(Sweep(PRESET, store, 0.1), executor, Console(file=io.StringIO()))
-        write_runs(findings_by_point(PRESET, store.runs(), store.references()), folder / "runs.csv")
+        write_runs(findings_by_point(PRESET, store.all(RUNS), store.all(REFERENCES)), folder / "runs.csv")
     lines = [line.split(",") for line in (folder / "runs.csv").read_text().splitlines()]
     time = lines[0].index("wall_time_s")
     return [line[:time] + line[time + 1 :] for line in lines]

@@ -16,7 +16,7 @@ from study.paper.presets import Point, Preset
 from study.paper.reference_controllers import ReferenceTask
 from study.paper.runs import SweepPopulation
 from study.paper.sweep import Sweep
-from study.paper.sweep_results import SweepResults, outputs
+from study.paper.sweep_results import REFERENCES, RUNS, SweepResults, outputs
 from study.pipeline.experiment import run
 from study.pipeline.policy_files import read_policies
 from sysid import InvalidInput
@@ -48,7 +48,7 @@ def finish(folder, preset=MANY, device="cpu", imported=None):
         sweep = Sweep(preset, store, 1e9, imported)
         run(sweep, executor, Console(file=said))
         sweep.publish(Console(file=said))
-        return executor, store.runs(), said.getvalue()
+        return executor, store.all(RUNS), said.getvalue()
 
 
 def trained(executor):
@@ -90,7 +90,7 @@ def test_a_controller_is_designed_once_and_run_on_every_plant_that_asks(finished
     designs = [(t.controller, t.theta) for t in executor.tasks if isinstance(t, ReferenceTask)]
     assert len(designs) == len(set(designs)) == 2 * 3 + len({r.theta_hat for r in runs})
     with SweepResults(folder, MANY) as store:
-        found = store.references()
+        found = store.all(REFERENCES)
     assert {(r.theta, r.truth) for r in found if r.controller == "optimal"} >= {
         (r.theta_hat, MANY.point(r.cell.point).truth) for r in runs
     }
