@@ -139,7 +139,7 @@ def naming_table(rows: Sequence[NamingResult]) -> NamingTable:
 def read_naming(path: Path) -> list[NamingResult]:
     """The rows of a table; none where there is no file. Raises InvalidInput for a file of another kind."""
     rows, known = (
-        read_table(NamingResult, path, "effects that were named"),
+        read_table(NamingResult, path, "effects that were named", optional=True),
         [plant.name for plant in PLANS["mismatch"].plants],
     )
     for row in rows:

@@ -8,7 +8,6 @@ A cell is a Spot (point, n, w); its runs are told apart by their seeds.
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,11 +17,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from study.paper.published_numbers import POINTS, URL, Spot
+from study.pipeline.csv_table import read_table
 from study.statistics import sem
 from sysid import InvalidInput
 
-COLUMNS = ("n", "w", "seed", "id_error", "eval_return_mean", "theta_hat_mass", "theta_hat_length")
-"""What a file must have; `point` and `eval_return_fresh` are read where they are there."""
+
+@dataclass(frozen=True, kw_only=True)
+class RunRow:
+    """A row of runs.csv: first the columns of the paper's summary.csv, so that one program reads both files.
+
+    eval_return_std is over the run's episodes and divided by their number E (ddof = 0), which is what NumPy's std does
+    by default and what the authors' published code calls. eval_return_fresh is the mean from start states that no
+    other seed shares; None for a run that was imported without.
+    """
+
+    n: int
+    w: float
+    seed: int
+    id_error: float
+    eval_return_mean: float
+    eval_return_std: float = math.nan
+    theta_hat_mass: float
+    theta_hat_length: float
+    wall_time_s: float = math.nan
+    point: str = ""
+    eval_return_fresh: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -111,17 +130,13 @@ def read_runs(path: Path, point: str = "main") -> Outcomes:
 
     Raises InvalidInput for a file that cannot be read, lacks a column or holds something else than numbers.
     """
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            reader = csv.DictReader(file)
-            lacking = [column for column in COLUMNS if column not in (reader.fieldnames or ())]
-            if lacking:
-                raise InvalidInput(f"{path} has no column {lacking[0]!r}: expected {', '.join(COLUMNS)}")
-            rows = [_run(row, point, path, line) for line, row in enumerate(reader, 2)]
-    except OSError as error:
-        raise InvalidInput(f"{path} cannot be read ({error.strerror}): expected a table of runs") from None
-    except (UnicodeDecodeError, csv.Error):
-        raise InvalidInput(f"{path} is not a table of runs: expected CSV with columns {', '.join(COLUMNS)}") from None
+    rows = []
+    for line, row in enumerate(read_table(RunRow, path, "runs"), 2):
+        theta = row.theta_hat_mass, row.theta_hat_length
+        if not all(map(math.isfinite, (row.eval_return_mean, row.id_error, *theta, row.w))):
+            raise InvalidInput(f"{path}, line {line} holds NaN or infinity: expected finite numbers")
+        outcome = Outcome(row.eval_return_mean, row.id_error, theta, row.eval_return_fresh)
+        rows.append((Spot(row.point or point, row.n, row.w), row.seed, outcome))
     try:
         return outcomes(rows)
     except InvalidInput as error:
@@ -139,15 +154,3 @@ def read_published(folder: Path) -> Outcomes:
         raise InvalidInput(f"--published {folder} holds none of {names}: expected the results folder of {URL}")
     table = {spot: runs for part in found.values() for spot, runs in part.table.items()}
     return Outcomes(table, tuple(path.name for name, path in files.items() if name not in found))
-
-
-def _run(row: Mapping[str, str], point: str, path: Path, line: int) -> tuple[Spot, int, Outcome]:
-    try:
-        mean, error, m, length = (float(row[c]) for c in ("eval_return_mean", "id_error", *COLUMNS[-2:]))
-        spot = Spot(row.get("point") or point, int(row["n"]), float(row["w"]))
-        fresh, seed = float(row.get("eval_return_fresh") or math.nan), int(row["seed"])
-    except (TypeError, ValueError):
-        raise InvalidInput(f"{path}, line {line} holds something that is not a number: expected a run") from None
-    if not all(map(math.isfinite, (mean, error, m, length, spot.w))):
-        raise InvalidInput(f"{path}, line {line} holds NaN or infinity: expected finite numbers")
-    return spot, seed, Outcome(mean, error, (m, length), fresh)

@@ -9,15 +9,10 @@ from pathlib import Path
 
 from study.paper.findings import PointFindings
 from study.paper.presets import Preset
+from study.paper.published_runs import RunRow
 from study.paper.reference_controllers import Reference
 from study.pipeline.csv_table import write_csv
 from study.pipeline.record import write_record
-
-RUN_COLUMNS = (
-    "n", "w", "seed", "id_error", "eval_return_mean", "eval_return_std",
-    "theta_hat_mass", "theta_hat_length", "wall_time_s", "point", "eval_return_fresh",
-)  # fmt: skip
-"""First the columns of the paper's summary.csv, so that both files can be read by one program."""
 
 RATINGS = "ratings.csv"
 """The table of references, seed by seed."""
@@ -26,19 +21,14 @@ REFERENCE_COLUMNS = ("m", "l", "controller", "return_mean", "return_sem")
 
 
 def write_runs(found: Sequence[PointFindings], path: Path) -> None:
-    """One row a run, sorted by n, w, seed, point by point.
-
-    eval_return_std is over the run's episodes and divided by their number E (ddof = 0), which is what NumPy's std does
-    by default and what the authors' published code calls. eval_return_fresh is the mean from start states that no
-    other seed shares; empty for a run that was imported without.
-    """
+    """A `RunRow` a run, sorted by n, w, seed, point by point."""
     rows = [
         (r.cell.n, r.cell.w, r.cell.seed, r.id_error, r.mean, r.std, *r.theta_hat, r.seconds, r.cell.point,
          "" if math.isnan(r.fresh_mean) else r.fresh_mean)
         for point_findings in found
         for r in sorted(point_findings.runs, key=lambda r: r.cell)
     ]  # fmt: skip
-    write_csv(path, RUN_COLUMNS, rows)
+    write_csv(path, [f.name for f in fields(RunRow)], rows)
 
 
 def write_references(found: Sequence[PointFindings], path: Path) -> None:

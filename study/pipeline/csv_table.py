@@ -9,12 +9,12 @@ from __future__ import annotations
 import csv
 import dataclasses
 import io
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from sysid import InvalidInput
-from sysid.data.files import write_whole
+from sysid.data.files import read_file, write_whole
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -33,16 +33,31 @@ _PARSE: dict[str, Callable[[str], Any]] = {
 }
 
 
-def read_table(kind: type[R], path: Path, about: str) -> list[R]:
-    """The rows of a table; none where there is no file. Raises InvalidInput for a file that is not `about` that."""
-    if not path.exists():
+def read_table(kind: type[R], path: Path, about: str, optional: bool = False) -> list[R]:
+    """The rows of a table; a column whose field has a default may be missing or empty.
+
+    optional: there are no rows where there is no file. Raises InvalidInput for a file that is not `about` that.
+    """
+    if optional and not path.exists():
         return []
-    parse = {f.name: _PARSE[str(f.type)] for f in dataclasses.fields(kind)}
+    columns = {f.name: _PARSE[str(f.type)] for f in dataclasses.fields(kind)}
+    needed = [f.name for f in dataclasses.fields(kind) if f.default is dataclasses.MISSING]
     try:
-        with path.open(newline="", encoding="utf-8") as file:
-            return [kind(**{name: of(row[name]) for name, of in parse.items()}) for row in csv.DictReader(file)]
-    except (KeyError, ValueError, TypeError, AttributeError, csv.Error):
-        raise InvalidInput(f"{path} is not a table of {about}: expected one that this command wrote") from None
+        reader = csv.DictReader(read_file(path, f"a table of {about}").decode("utf-8-sig").splitlines())
+        if missing := [name for name in needed if name not in (reader.fieldnames or ())]:
+            raise InvalidInput(f"{path} has no column {missing[0]!r}: expected {', '.join(needed)}")
+        return [_row(kind, columns, needed, row, f"{path}, line {line}") for line, row in enumerate(reader, 2)]
+    except (UnicodeDecodeError, csv.Error):
+        raise InvalidInput(f"{path} is not a table of {about}: expected CSV with columns {', '.join(needed)}") from None
+
+
+def _row(
+    kind: type[R], columns: Mapping[str, Callable[[str], Any]], needed: Collection[str], row: Mapping[str, str], at: str
+) -> R:
+    try:
+        return kind(**{name: of(row[name]) for name, of in columns.items() if row.get(name) or name in needed})
+    except (KeyError, ValueError, TypeError, AttributeError):
+        raise InvalidInput(f"{at} does not hold the numbers of a row: expected {', '.join(columns)}") from None
 
 
 def write_table(kind: type[R], path: Path, rows: Iterable[R]) -> None:

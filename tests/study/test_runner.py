@@ -214,7 +214,7 @@ def changed(folder, path, **columns):
         ({"theta_hat_mass": "1.00001"}, r"line 2 .* its theta_hat is \(1.00001, 1.0\), expected \(1.0, 1.0\)"),
         ({"theta_hat_length": "nan"}, r"line 2 .* theta_hat is \(1.0, nan\)"),
         ({"eval_return_mean": "inf"}, r"line 2 .* its return is inf"),
-        ({"eval_return_mean": "much"}, r"line 2 does not hold the numbers of a run"),
+        ({"eval_return_mean": "much"}, r"line 2 does not hold the numbers of a row"),
         ({"w": "0.5"}, r"line \d .* it is there twice"),
     ],
 )
@@ -250,8 +250,8 @@ def test_runs_on_another_plant_are_refused_where_no_estimate_tells(finished, tmp
     ("name", "content", "told"),
     [
         ("missing.csv", None, "no such file"),
-        ("short.csv", "n,w\n1,2\n", "no column 'point'"),
-        ("image.csv", b"\x89PNG\xff\xfe", "not a text in UTF-8"),
+        ("short.csv", "n,w\n1,2\n", "no column 'seed'"),
+        ("image.csv", b"\x89PNG\xff\xfe", "not a table of runs"),
         ("cut.sqlite", b"SQLite format 3\0cut off", "not the results of a study"),
         ("cakes.sqlite", "CREATE TABLE cakes (name TEXT)", "not the results of a study"),
     ],
