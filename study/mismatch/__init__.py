@@ -12,7 +12,7 @@ The experiment:
     residual_network a learned torque, fitted by network_fit
     trainings        agents of setups that train together; designs: dynamic programs in their place
     experiment       all of it as tasks; mismatch_results: what is kept
-    findings         returns, contrasts, parts of a gap; sentences, labels, figures, mismatch_page, mismatch_report: how
+    findings         returns, contrasts, parts of a gap; sentences, figures, mismatch_report: how
                      they are told
 
 How many rollouts naming takes:

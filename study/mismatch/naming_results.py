@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from study.mismatch.labels import capital, plant_title
+from study.formatting import capital
 from study.mismatch.plan import PLANS, HiddenPlant
 from study.pipeline.csv_table import read_table, write_table
 from study.statistics import wilson
@@ -131,7 +131,7 @@ def naming_table(rows: Sequence[NamingResult]) -> NamingTable:
         return f"{100 * found[plant, n].share:.0f} [{100 * low:.0f}, {100 * high:.0f}] ({fitted}, {mended})"
 
     known = [plant for plant in PLANS["mismatch"].plants if any(name == plant.name for name, _ in found)]
-    lines = tuple((capital(plant_title(p)), tuple(cell(p.name, n) for n in budgets)) for p in known)
+    lines = tuple((capital(p.title), tuple(cell(p.name, n) for n in budgets)) for p in known)
     seeds = sorted({rate.seeds for rate in found.values()})
     return NamingTable(budgets, " to ".join(str(s) for s in dict.fromkeys((seeds[0], seeds[-1]))), lines)
 

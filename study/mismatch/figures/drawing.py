@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from study.formatting import capital
 from study.mismatch.findings import Condition, MismatchFindings
-from study.mismatch.labels import RUNGS, capital, plant_title
 from study.mismatch.mismatch_results import MISMATCH_FIGURES, Fitted
-from study.mismatch.plan import FREE, StrategyKey, Trial
+from study.mismatch.plan import FREE, RUNGS, StrategyKey, Trial
 
 if TYPE_CHECKING:
     from policies.network_policy import NetworkPolicy
@@ -102,7 +102,7 @@ def _trajectories(
 
     plant = findings.plan.plant(pair.plant)
     starts = fresh_start_states(pair.seed, findings.plan.episodes)
-    title = f"{capital(plant_title(plant))}, {pair.n} rollouts, seed {pair.seed}"
+    title = f"{capital(plant.title)}, {pair.n} rollouts, seed {pair.seed}"
     labels = {strategy: f"{RUNGS[strategy]} ({strategy})" for strategy in policies}
     shown = (starts[0][:SHOWN_EPISODES], starts[1][:SHOWN_EPISODES])
     return save(lambda: trajectories(title, ground_truth(plant), policies, shown, labels), path)

@@ -14,10 +14,9 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from study.figure_style import ACCENT
-from study.formatting import number
+from study.formatting import capital, number
 from study.mismatch.findings import Condition, MismatchFindings, Split, StrategyOutcome
-from study.mismatch.labels import RUNGS, capital, is_out_of_catalogue, plant_noun, plant_size, plant_title
-from study.mismatch.plan import FREE, SHARED, STRATEGIES, HiddenPlant, StrategyKey
+from study.mismatch.plan import FREE, RUNGS, SHARED, STRATEGIES, HiddenPlant, StrategyKey
 from study.statistics import Contrast
 
 INKS = {"nothing": "0.45", "plain": "#0072B2", "mended": "#D55E00", "oracle": "0.1"}
@@ -98,9 +97,9 @@ def _reach_of_panels(findings: MismatchFindings) -> float:
 
 
 def _title(axes: Axes, plant: HiddenPlant) -> None:
-    axes.set_title(capital(plant_noun(plant)), fontsize=9.5, pad=30)
-    kind = "not in the catalogue" if is_out_of_catalogue(plant) else ""
-    about = [line for line in (plant_size(plant), kind) if line]
+    axes.set_title(capital(plant.noun), fontsize=9.5, pad=30)
+    kind = "not in the catalogue" if plant.in_catalogue is False else ""
+    about = [line for line in (plant.size, kind) if line]
     axes.annotate("\n".join(about), (0.0, 1.0), (0, 26), xycoords="axes fraction", textcoords="offset points", va="top",
                   fontsize=8.5, color="0.4")  # fmt: skip
     axes.tick_params(axis="y", length=0)
@@ -146,7 +145,7 @@ def _climb(axes: Axes, findings: MismatchFindings) -> None:
         shares = [_share(optimum, mean.mean) for mean in means]
         bars = [_reach(optimum, mean) for mean in means]
         axes.errorbar(x, shares, np.transpose(bars), color=inks[plant.name], marker="o", markersize=5, linewidth=1.8,
-                      elinewidth=1.1, zorder=3, label=plant_title(plant))  # fmt: skip
+                      elinewidth=1.1, zorder=3, label=plant.title)  # fmt: skip
     axes.axhline(100.0, color=ACCENT, linewidth=1.1, zorder=1)
     axes.set_xticks(range(len(rungs)), [f"{RUNGS[strategy]}\n({strategy})" for strategy in rungs])
     axes.set_ylim(0.0, 106.0)
@@ -187,7 +186,7 @@ def _splits(axes: Axes, findings: MismatchFindings) -> None:
         [],
     )
     for plant in findings.plan.plants:
-        axes.annotate(capital(plant_title(plant)), (0.0, y - 0.5), (4, 3), textcoords="offset points", fontsize=9.0,
+        axes.annotate(capital(plant.title), (0.0, y - 0.5), (4, 3), textcoords="offset points", fontsize=9.0,
                       color="0.3")  # fmt: skip
         for strategy in strategies:
             split = _at_most(findings, plant, strategy).split
