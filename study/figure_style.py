@@ -42,5 +42,4 @@ def save(draw: Callable[[], Figure], path: Path) -> Path:
 
 
 def width_colours(count: int) -> list[tuple[float, ...]]:
-    """A colour for each of so many widths."""
     return [COLOURS(0.15 + 0.7 * k / max(1, count - 1)) for k in range(count)]

@@ -37,10 +37,8 @@ def capital(text: str) -> str:
 def bracketed(
     mean: float, low: float, high: float, digits: int = 0, write: Callable[[float, int], str] = number
 ) -> str:
-    """A number and its interval."""
     return f"{write(mean, digits)} {interval(low, high, digits, write)}"
 
 
 def interval(low: float, high: float, digits: int = 0, write: Callable[[float, int], str] = number) -> str:
-    """An interval alone."""
     return f"[{write(low, digits)}, {write(high, digits)}]"

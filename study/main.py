@@ -72,7 +72,6 @@ class Options:
 
     @property
     def command(self) -> str:
-        """The command line that says the same."""
         given = {_flag(field): getattr(self, field.name) for field in dataclasses.fields(self)
                  if getattr(self, field.name) != field.default}  # fmt: skip
         return " ".join(["python -m study.main", *(f"{flag} {shlex.quote(str(own))}" for flag, own in given.items())])

@@ -58,7 +58,6 @@ class DesignTask(Brief):
 
     @property
     def work(self) -> float:
-        """About how many seconds it takes on one core; only the time left is computed from it."""
         return 3.0 * (len(self.models) + 2) * (self.plan.grid / 120.0) ** 2
 
     def run(self, link: Link) -> list[Designed]:

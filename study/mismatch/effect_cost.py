@@ -99,7 +99,6 @@ class Bench:
         (self.plain,) = batch_returns(self.ignorant[:1], machine(substeps=substeps), *self.starts)
 
     def measure(self, magnitude: Magnitude, size: float) -> LossRow:
-        """The row of a size."""
         effect = magnitude.at(size)
         model = machine(effect, self.substeps)
         if isinstance(effect, OutputEffect):
@@ -170,7 +169,6 @@ def _between(rows: Sequence[LossRow], target: float) -> float | None:
 
 
 def rounded(size: float) -> float:
-    """To three digits."""
     return float(f"{size:.3g}")
 
 

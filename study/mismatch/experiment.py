@@ -38,11 +38,9 @@ class FitTask(Brief):
 
     @property
     def work(self) -> float:
-        """About how many seconds it takes on one core; only the time left is computed from it."""
         return 0.3 * len(self.strategies) * sum(self.plan.budgets)
 
     def run(self, link: Link) -> list[Fitted]:
-        """One answer a strategy and budget."""
         made = training_setups(self.plan, self.plan.plant(self.plant), self.seed, self.strategies)
         return [
             Fitted(self.plant, strategy, n, self.seed, setup.to_json(), seconds)
@@ -69,7 +67,6 @@ class MismatchExperiment(Experiment):
         )
 
     def keep(self, task: Task, answer: Any) -> None:
-        """Fits, trained agents or designs into the results."""
         if isinstance(task, FitTask):
             self.results.add(FITS, answer)
         elif isinstance(task, MismatchPopulation):
@@ -79,11 +76,9 @@ class MismatchExperiment(Experiment):
             self.results.add(DESIGNS, answer)
 
     def note(self, task: Task, seconds: float) -> None:
-        """Keep the seconds that a population's checkpoint holds."""
         self.results.note_training(task.name, seconds)
 
     def publish(self, console: Console) -> None:
-        """Tables, figures and page."""
         from study.mismatch.mismatch_report import publish_mismatch
 
         publish_mismatch(self.plan, self.results, console)

@@ -39,7 +39,6 @@ def oracle(plant: HiddenPlant) -> Model:
 
 
 def sensor(plan: Plan) -> Sensor:
-    """What reads the rollouts."""
     theta, theta_dot = plan.sd
     return Sensor(theta=theta, theta_dot=theta_dot)
 

@@ -89,7 +89,6 @@ class NamingTask(Brief):
 
     @property
     def work(self) -> float:
-        """About how many seconds it takes on one core; only the time left is computed from it."""
         return 3.0 + sum(0.7 + 0.5 * n for n in self.budgets)
 
     def run(self, link: Link) -> list[NamingResult]:
@@ -114,7 +113,6 @@ class NamingExperiment(Experiment):
         self.rows = read_naming(path)
 
     def stages(self, console: Console) -> Iterator[Stage]:
-        """What the table lacks."""
         left = list(self.left())
         yield Stage(left, f"{sum(len(task.budgets) for task in left)} diagnoses")
 
@@ -128,7 +126,6 @@ class NamingExperiment(Experiment):
                     yield NamingTask(self.plan, plant.name, seed, left)
 
     def keep(self, task: Task, answer: Any) -> None:
-        """Rows into the table."""
         self.rows.extend(answer)
         write_naming(self.path, self.rows)
 

@@ -61,12 +61,10 @@ class Rate:
 
     @property
     def share(self) -> float:
-        """Of the seeds that were right."""
         return self.right / self.seeds
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Of that share."""
         return wilson(self.right, self.seeds)
 
 
@@ -86,7 +84,6 @@ def names(plant: HiddenPlant, steps: Sequence[str]) -> bool:
 
 
 def naming_rates(rows: Iterable[NamingResult]) -> dict[tuple[str, int], Rate]:
-    """The rates by (plant, n)."""
     plants = {plant.name: plant for plant in PLANS["mismatch"].plants}
     groups: dict[tuple[str, int], list[NamingResult]] = {}
     for row in rows:

@@ -25,7 +25,6 @@ class Magnet(JointEffect):
     width: Value = parameter(0.3, unit="rad", bounds=(0.01, 3.0))
 
     def torque(self, joint: Joint) -> Value:
-        """The pull [N m]."""
         d = ops.wrap(joint.theta - self.place) / self.width
         return -self.k * d * ops.exp(0.5 * (1.0 - d * d))
 
@@ -42,7 +41,6 @@ class SlewLimit(InputEffect):
     rate: Value = parameter(1e6, unit="N m/s", bounds=(1e-3, 1e6), neutral=1e6)
 
     def rest(self, dt: float) -> Memory:
-        """z = 0."""
         return (0.0,)
 
     def advance(self, signal: Sequence[Value], memory: Memory, dt: float) -> tuple[tuple[Value, ...], Memory]:

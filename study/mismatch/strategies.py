@@ -117,12 +117,10 @@ class Budget:
 
     @cached_property
     def fitted(self) -> Estimate:
-        """m and l of a model that lacks nothing."""
         return fit(PRIOR, self.records, self.sensor, ("m", "l"))
 
     @cached_property
     def diagnosis(self) -> Diagnosis:
-        """What the prior lacks."""
         return diagnose(PRIOR, self.records, self.sensor)
 
     @property

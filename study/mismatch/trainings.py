@@ -76,7 +76,6 @@ def _structure(setup: TrainingSetup) -> str:
 
 
 def drawn_names(setup: TrainingSetup) -> tuple[str, ...]:
-    """The parameters that every episode draws."""
     from numpy.random import default_rng
 
     return tuple(setup.drawn.sample(default_rng(0), setup.model))
@@ -99,16 +98,13 @@ class MismatchPopulation(PopulationTask):
 
     @property
     def settings(self) -> Plan:
-        """What the agents belong to."""
         return self.plan
 
     @property
     def keys(self) -> tuple[str, ...]:
-        """Of the agents."""
         return tuple(agent.key for agent in self.agents)
 
     def population(self) -> Population:
-        """Each agent on what its setup says."""
         setups = [training_setup_of(agent.setup) for agent in self.agents]
         drawn, seeds = [setup.drawn for setup in setups], [agent.seed for agent in self.agents]
         machine = together(setups, self.device)

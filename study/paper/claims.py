@@ -40,12 +40,10 @@ class Claim:
 
     @property
     def quote(self) -> str:
-        """The paper's words."""
         return QUOTES[self.name][0]
 
     @property
     def place(self) -> str:
-        """Where they stand."""
         return QUOTES[self.name][1]
 
 

@@ -64,22 +64,18 @@ class PointFindings:
 
     @cached_property
     def cells(self) -> dict[Key, list[Run]]:
-        """The runs of every cell, by seed."""
         table: dict[Key, list[Run]] = {(n, w): [] for n in self.point.budgets for w in self.point.widths}
         for run in sorted(self.runs, key=lambda r: r.cell.seed):
             table[run.cell.n, run.cell.w].append(run)
         return table
 
     def returns(self, key: Key) -> Array:
-        """Mean returns (S,) of a cell."""
         return np.array([run.mean for run in self.cells[key]])
 
     def mean(self, key: Key) -> float:
-        """Mean return of a cell."""
         return float(np.mean(self.returns(key)))
 
     def sem(self, key: Key) -> float:
-        """Standard error over the seeds of that mean."""
         return sem(self.returns(key))
 
     def id_error(self, n: int) -> float:
@@ -116,7 +112,6 @@ class PointFindings:
         return paired_bootstrap(a, b, np.random.default_rng(BOOTSTRAP_SEED), self.preset.resamples)
 
     def contrast(self, a: Key, b: Key) -> Contrast:
-        """Mean return of cell a minus that of cell b."""
         return self._paired(self.returns(a), self.returns(b))
 
     def gap(self, key: Key) -> Gap:
@@ -131,7 +126,6 @@ class PointFindings:
 
     @property
     def best(self) -> Key:
-        """The cell with the highest mean return."""
         return max(self.cells, key=self.mean)
 
     @property

@@ -32,7 +32,6 @@ class Estimated(NamedTuple):
 
 
 def hidden_plant(truth: Theta) -> Model:
-    """The plant that stands for the real robot."""
     m, l = truth  # noqa: E741
     return paper_model(m, l)
 
@@ -79,12 +78,10 @@ class IdentificationTask(Brief):
 
     @property
     def work(self) -> float:
-        """About how many seconds it takes on one core; only the time left is computed from it."""
         rollout = {"grid": 0.007, "least_squares": 0.03, "unscented": 0.2}.get(self.point.identifier, 0.1)
         return 1.0 + rollout * sum(self.point.budgets)
 
     def run(self, link: Link) -> list[Estimated]:
-        """One estimate a budget."""
         answer = []
         for k, n in enumerate(self.point.budgets):
             begin = time.monotonic()

@@ -111,16 +111,13 @@ class Scatter:
 
     @property
     def seeds(self) -> int:
-        """How many measurements there are of each kind."""
         return int(self.estimates.shape[2])
 
     def thetas(self, sigma: float, n: int, *, clean: bool = False) -> Array:
-        """theta_hat (seeds, 2) of a noise level and a budget."""
         found: Array = (self.clean if clean else self.estimates)[self.sigmas.index(sigma), self.budgets.index(n)]
         return found
 
     def errors(self, sigma: float) -> Array:
-        """||theta_hat - truth|| (budgets, seeds)."""
         off: Array = self.estimates[self.sigmas.index(sigma)] - np.array(self.truth)
         return np.hypot(off[..., 0], off[..., 1])
 

@@ -86,7 +86,6 @@ class Preset(StudySettings):
 
     @property
     def cells(self) -> tuple[Cell, ...]:
-        """Every run, point by point."""
         return tuple(cell for point in self.points for cell in point.cells)
 
     def populations(self, device: str = "cpu") -> tuple[tuple[Cell, ...], ...]:

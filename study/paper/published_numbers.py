@@ -65,7 +65,6 @@ class PublishedCell:
 
     @property
     def spot(self) -> Spot:
-        """The cell."""
         return Spot(self.point, self.n, self.w)
 
 
@@ -95,12 +94,10 @@ class PublishedContrast:
 
     @property
     def a(self) -> Spot:
-        """The first cell."""
         return Spot(self.a_point, self.a_n, self.a_w)
 
     @property
     def b(self) -> Spot:
-        """The second cell."""
         return Spot(self.b_point, self.b_n, self.b_w)
 
 

@@ -83,15 +83,12 @@ class Outcomes:
         return tuple(dict.fromkeys(spot.point for spot in self.table))
 
     def budgets(self, point: str) -> tuple[int, ...]:
-        """Every n of a point."""
         return tuple(sorted({spot.n for spot in self.table if spot.point == point}))
 
     def widths(self, point: str) -> tuple[float, ...]:
-        """Every w of a point."""
         return tuple(sorted({spot.w for spot in self.table if spot.point == point}))
 
     def seeds(self, *spots: Spot) -> tuple[int, ...]:
-        """The seeds that all these cells have."""
         return tuple(sorted(set.intersection(*(set(self.table.get(spot, {})) for spot in spots))))
 
     def returns(self, spot: Spot, seeds: Sequence[int] | None = None, *, fresh: bool = False) -> NDArray[np.float64]:

@@ -47,7 +47,6 @@ class Reference:
 
     @property
     def mean(self) -> float:
-        """Mean return."""
         return float(np.mean(self.returns))
 
 
@@ -67,11 +66,9 @@ class ReferenceTask(Brief):
 
     @property
     def work(self) -> float:
-        """About how many seconds it takes on one core; only the time left is computed from it."""
         return 2.0 + (3e-5 * self.preset.grid**2 if self.controller == OPTIMAL else 0.0)
 
     def run(self, link: Link) -> list[Reference]:
-        """One reference a truth and seed."""
         begin = time.monotonic()
         policy = self.design()
         seeds = sorted({*self.preset.seeds, *self.preset.reference_seeds})
@@ -93,7 +90,6 @@ class ReferenceTask(Brief):
         ]
 
     def design(self) -> Policy:
-        """The controller."""
         m, l = self.theta  # noqa: E741
         model = paper_model(m, l)
         if self.controller == LQR:

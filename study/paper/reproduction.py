@@ -60,7 +60,6 @@ class Reproduction:
     figures: Mapping[str, Path]
 
     def sentences(self) -> list[tuple[str, str]]:
-        """(question, answer) in plain words."""
         said = self.agreement.sentences() if self.agreement else []
         return (
             [*said, ("What is a rollout worth to a good identifier?", self.identifiers)] if self.identifiers else said
@@ -137,7 +136,6 @@ def _siblings(preset: Preset, folder: Path) -> tuple[dict[str, Outcomes], list[s
 
 
 def _on_main(found: Sequence[PointFindings]) -> list[PointFindings]:
-    """Those at the paper's main plant."""
     return [answer for answer in found if answer.point.truth == POINTS["main"].truth]
 
 

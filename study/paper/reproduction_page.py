@@ -19,7 +19,6 @@ from study.statistics import Contrast
 
 
 def section(reproduction: Reproduction, preset: Preset) -> Markup:
-    """The finished section."""
     page = template("reproduction.html.j2", {"bold": _bold, "summary": _summary})
     return Markup(page.render(_content(reproduction, preset)))
 

@@ -63,7 +63,6 @@ class Run:
 
     @property
     def mean(self) -> float:
-        """Mean return."""
         return self.summary.mean if self.summary else Evaluation(np.array(self.returns)).mean
 
     @property
@@ -102,16 +101,13 @@ class SweepPopulation(PopulationTask):
 
     @property
     def settings(self) -> Preset:
-        """What the runs belong to."""
         return self.preset
 
     @property
     def keys(self) -> tuple[Cell, ...]:
-        """The cells."""
         return self.cells
 
     def population(self) -> Population:
-        """An agent a cell, about its estimate."""
         from policies import Population
 
         points = [self.preset.point(cell.point) for cell in self.cells]

@@ -54,7 +54,6 @@ class Sweep(Experiment):
         yield Stage(tasks, self._about(tasks))
 
     def keep(self, task: Task, answer: Any) -> None:
-        """Runs, estimates or references into the results."""
         if isinstance(task, SweepPopulation):
             self.results.add_runs(answer)
             task.discard()
@@ -64,12 +63,10 @@ class Sweep(Experiment):
             self.results.add(REFERENCES, answer)
 
     def note(self, task: Task, seconds: float) -> None:
-        """Keep the seconds that a population's checkpoint holds."""
         if isinstance(task, SweepPopulation):
             self.results.note_training(task.index, seconds)
 
     def publish(self, console: Console) -> None:
-        """Tables, figures and report, point by point."""
         from study.paper.sweep_report import publish_sweep
 
         publish_sweep(self.preset, self.results, console, self.theirs)

@@ -68,7 +68,6 @@ class SweepResults(Database):
         super().__init__(folder, identity(preset, str(FORMAT), device), TABLES, outputs(preset), PROGRESS)
 
     def estimates(self) -> dict[tuple[str, int, int], Theta]:
-        """theta_hat by (point, n, seed)."""
         return {(e.point, e.n, e.seed): e.theta for e in self.all(ESTIMATES)}
 
     def add_runs(self, runs: Sequence[Run]) -> None:
@@ -84,5 +83,4 @@ class SweepResults(Database):
         return len(new)
 
     def finished(self) -> set[Cell]:
-        """The cells whose runs are kept."""
         return {Cell(*row) for row in self.db.execute(f"SELECT {RUNS.key} FROM runs")}

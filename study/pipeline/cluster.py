@@ -57,7 +57,6 @@ class Cluster:
 
 
 def _connect(cluster: Cluster) -> Any:
-    """The module ray, connected."""
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
     os.environ.setdefault("RAY_DEDUP_LOGS_SKIP_REGEX", "worker died|marked dead")  # `heard` tells it in a line
     import ray
@@ -111,7 +110,6 @@ class _Driver:
         self.begun: set[str] = set()
 
     def execute(self, tasks: Sequence[Task], heard: Heard) -> None:
-        """Run the tasks; see `Executor.execute`."""
         supervised = {task.name: Supervised(task, heard) for task in tasks}
         try:
             for one in supervised.values():

@@ -78,7 +78,6 @@ def run(experiment: Experiment, executor: Executor, console: Console) -> None:
 
 
 def _announce(console: Console, stage: Stage, workers: int | None) -> None:
-    """Say what is ahead."""
     by_whom = "a Ray cluster" if workers is None else f"{workers} workers" if workers > 1 else "1 worker"
     console.print(f"{stage.about}; {by_whom}", soft_wrap=True)
     if workers is not None:

@@ -31,7 +31,6 @@ def template(name: str, filters: Mapping[str, Callable[..., str]] | None = None)
 
 
 def embedded(file: Path) -> str:
-    """A PNG file as a data URI."""
     return "data:image/png;base64," + base64.b64encode(file.read_bytes()).decode()
 
 

@@ -33,7 +33,6 @@ class Processes:
     workers: int
 
     def execute(self, tasks: Sequence[Task], heard: Heard) -> None:
-        """Run the tasks; see `Executor.execute`."""
         waiting = deque(Supervised(task, heard) for task in tasks)
         running: dict[Connection, _Worker] = {}
         try:

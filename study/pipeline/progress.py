@@ -86,7 +86,6 @@ class Meter:
 
     @property
     def done(self) -> float:
-        """Work done [s]."""
         return sum(self.work[name] * share for name, share in self.share.items())
 
     def left(self) -> str:

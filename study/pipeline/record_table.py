@@ -28,12 +28,10 @@ class Table(Generic[R]):
 
     @property
     def key(self) -> str:
-        """The columns that tell rows apart."""
         return ", ".join(column.split()[0] for column in self.columns.split(",")[: self.keys])
 
     @property
     def schema(self) -> str:
-        """The statement that makes it."""
         return f"CREATE TABLE {self.name} ({self.columns}, PRIMARY KEY ({self.key}));"
 
     @cached_property
@@ -42,7 +40,6 @@ class Table(Generic[R]):
         return {name: _field(hint) for name, hint in get_type_hints(self.kind).items()}
 
     def row(self, value: R) -> list[Any]:
-        """The columns of a value."""
         cells: list[Any] = []
         for name, (width, _) in self._fields.items():
             own = getattr(value, name)
@@ -50,7 +47,6 @@ class Table(Generic[R]):
         return cells
 
     def value(self, row: Sequence[Any]) -> R:
-        """The value that its columns make."""
         cells = iter(row)
         return self.kind(*(make(*(next(cells) for _ in range(width))) for width, make in self._fields.values()))
 

@@ -30,7 +30,6 @@ class AgentPair(NamedTuple):
     seed: int
 
     def trial(self, strategy: str) -> Trial:
-        """The agent's."""
         return Trial(self.plant, strategy, 0 if strategy in FREE else self.n, self.seed)
 
 

@@ -168,7 +168,6 @@ def _reach(optimum: float, mean: Contrast) -> tuple[float, float]:
 
 
 def _at_most(findings: MismatchFindings, plant: HiddenPlant, strategy: str) -> StrategyOutcome:
-    """The strategy's outcome at the largest budget."""
     return findings.outcomes[Condition.of(plant.name, strategy, max(findings.plan.budgets))]
 
 

@@ -69,6 +69,5 @@ def _colours(motion: Episodes) -> list[tuple[float, ...]]:
 
 
 def _return(motion: Episodes, model: Model) -> float:
-    """The mean of these episodes."""
     rewards = task.reward(State(motion.theta, motion.theta_dot), motion.u, model.dt)
     return float(np.mean(np.sum(rewards, axis=0)))

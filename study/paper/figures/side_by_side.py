@@ -22,7 +22,6 @@ THEIRS = "0.45"
 
 
 def published_sweep(point: str = "main") -> Sweep:
-    """The paper's cells of an operating point."""
     return {
         (c.spot.n, c.spot.w): CellSummary(c.mean, c.sem, c.median, c.seeds)
         for c in CELLS.values()
@@ -31,7 +30,6 @@ def published_sweep(point: str = "main") -> Sweep:
 
 
 def sweep(agreement: Agreement, point: str = "main") -> Sweep:
-    """Our cells of an operating point."""
     ours = agreement.ours
     return {(spot.n, spot.w): ours.summary(spot) for spot in ours.table if spot.point == point}
 
@@ -71,6 +69,5 @@ def _interval(axes: Axes, bootstrap: Contrast, t: Contrast, y: float, colour: An
 
 
 def titles(hidden: Sequence[int], seeds: int) -> tuple[str, str]:
-    """What stands above the two sides."""
     layers = " × ".join(map(str, hidden))  # noqa: RUF001
     return "Published (256 × 256 networks, 10 seeds)", f"Here ({layers} networks, {seeds} seed{'s' * (seeds != 1)})"  # noqa: RUF001

@@ -135,7 +135,6 @@ def paretos(sides: Mapping[str, Sweep], references: Mapping[str, float]) -> Figu
 
 
 def _best(cells: Sweep) -> dict[int, tuple[int, float]]:
-    """The best cell at every budget."""
     budgets = sorted({n for n, _ in cells})
     return {n: max((key for key in cells if key[0] == n), key=lambda key: cells[key].mean) for n in budgets}
 
