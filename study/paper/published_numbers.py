@@ -28,6 +28,15 @@ class Spot(NamedTuple):
     w: float
 
 
+class CellSummary(NamedTuple):
+    """Return of a cell over its seeds."""
+
+    mean: float
+    sem: float
+    median: float
+    seeds: int
+
+
 @dataclass(frozen=True)
 class PublishedPoint:
     """An operating point: its name in print, the hidden plant (m [kg], l [m]), the speed noise [rad/s], its file."""
@@ -66,6 +75,10 @@ class PublishedCell:
     @property
     def spot(self) -> Spot:
         return Spot(self.point, self.n, self.w)
+
+    @property
+    def summary(self) -> CellSummary:
+        return CellSummary(self.mean, self.sem, self.median, self.seeds)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from study.paper.published_numbers import POINTS, URL, Spot
+from study.paper.published_numbers import POINTS, URL, CellSummary, Spot
 from study.pipeline.csv_table import read_table
 from study.statistics import sem
 from sysid import InvalidInput
@@ -55,16 +55,6 @@ class Outcome:
     id_error: float
     theta_hat: tuple[float, float]
     fresh: float = math.nan
-
-
-@dataclass(frozen=True)
-class CellSummary:
-    """Return of a cell over its seeds."""
-
-    mean: float
-    sem: float
-    median: float
-    seeds: int
 
 
 @dataclass(frozen=True, eq=False)

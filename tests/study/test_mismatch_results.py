@@ -14,11 +14,7 @@ MODEL = {"effects": [{"name": "delay", "T": 0.126}], "sd": [0.1, 1e-17], "unit":
 FITTED = Fitted("delay_medium", "c", 5, 1, {"model": MODEL, "verdict": "delay"}, 7.5)
 TRAINED = Trained("0f3a", {"plain": (-1.25, -2.5), "magnet": (-0.1,)}, ((200, -3.5), (400, -2.0)), {"torch": "2"}, 9.0)
 DESIGNED = Designed("magnet", "0f3a", 1, (-1.0, -2.0), 3.0)
-ALL = {
-    "fits": (FITS, FITTED),
-    "trainings": (TRAININGS, TRAINED),
-    "designs": (DESIGNS, DESIGNED),
-}
+ALL = {"fits": (FITS, FITTED), "trainings": (TRAININGS, TRAINED), "designs": (DESIGNS, DESIGNED)}
 
 
 @pytest.fixture(params=ALL)

@@ -205,10 +205,7 @@ def changed(folder, path, **columns):
 @pytest.mark.parametrize(
     ("columns", "told"),
     [
-        (
-            {"point": "nowhere"},
-            r"line 2 \(nowhere, n = 0, w = 0, seed 0\) .* expected one of the points main,",
-        ),
+        ({"point": "nowhere"}, r"line 2 \(nowhere, n = 0, w = 0, seed 0\) .* expected one of the points main,"),
         ({"n": "7"}, r"line 2 \(main, n = 7, .* expected n in \(0, 2\)"),
         ({"w": "0.1"}, r"line 2 .* w in \(0.0, 0.5\)"),
         ({"theta_hat_mass": "1.00001"}, r"line 2 .* its theta_hat is \(1.00001, 1.0\), expected \(1.0, 1.0\)"),

@@ -57,10 +57,7 @@ def identification(found: Scatter) -> Figure:
 
 def _masses(axes: Axes, found: Scatter) -> None:
     edges = np.arange(0.3 - 1.5 * CELL, 3.0 + 3.0 * CELL, 3.0 * CELL)
-    looks = (
-        (False, COLOURS(0.35), 0.85, "noise in inputs too"),
-        (True, "0.2", 1.0, "as much, in outputs alone"),
-    )
+    looks = ((False, COLOURS(0.35), 0.85, "noise in inputs too"), (True, "0.2", 1.0, "as much, in outputs alone"))
     for clean, colour, alpha, label in looks:
         m = found.thetas(1.0, 50, clean=clean)[:, 0]
         axes.stairs(*np.histogram(m, edges), fill=not clean, color=colour, alpha=alpha, label=label, linewidth=1.3)

@@ -14,7 +14,6 @@ from study.formatting import number
 from study.paper.agreement import Agreement, ContrastAgreement
 from study.paper.figures.sweeps import OURS, Sweep
 from study.paper.published_numbers import CELLS
-from study.paper.published_runs import CellSummary
 from study.statistics import Contrast
 
 THEIRS = "0.45"
@@ -22,11 +21,7 @@ THEIRS = "0.45"
 
 
 def published_sweep(point: str = "main") -> Sweep:
-    return {
-        (c.spot.n, c.spot.w): CellSummary(c.mean, c.sem, c.median, c.seeds)
-        for c in CELLS.values()
-        if c.spot.point == point
-    }
+    return {(c.n, c.w): c.summary for c in CELLS.values() if c.point == point}
 
 
 def sweep(agreement: Agreement, point: str = "main") -> Sweep:

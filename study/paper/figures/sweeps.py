@@ -19,7 +19,7 @@ from matplotlib.patches import Rectangle
 from study.figure_style import ACCENT, COLOURS, PAPER_WHITE
 from study.formatting import number
 from study.paper.figures.reference_lines import NAMES, reference_lines
-from study.paper.published_runs import CellSummary
+from study.paper.published_numbers import CellSummary
 from study.paper.reference_controllers import LQR, OPTIMAL, SWING_UP
 
 OURS = COLOURS(0.35)
