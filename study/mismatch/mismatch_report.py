@@ -9,7 +9,6 @@ from pathlib import Path
 from rich.console import Console
 from rich.markup import escape
 
-from study.formatting import bracketed, capital, number
 from study.mismatch import naming
 from study.mismatch.figures.drawing import draw_figures
 from study.mismatch.findings import MismatchFindings, findings_of
@@ -18,11 +17,9 @@ from study.mismatch.naming_results import NAMING_TABLE, NamingResult, naming_tab
 from study.mismatch.plan import CONTRASTS, STRATEGIES, Plan
 from study.mismatch.sentences import sentences
 from study.pipeline.csv_table import printed, write_csv
-from study.pipeline.html_page import embedded, template
-from study.pipeline.progress import duration
+from study.pipeline.html_page import template
 from study.pipeline.record import write_record
 from study.pipeline.versions import all_versions
-from study.statistics import Contrast
 from sysid.data.files import write_whole
 
 TRIALS = ("plant", "way", "n", "seed", "mean")
@@ -103,30 +100,13 @@ def page(
     rows: Sequence[NamingResult] = (),
 ) -> str:
     """The finished page; figures: PNG files by their names in CAPTIONS; rows: of the naming study, if it is there."""
-    plan = findings.plan
-    verdicts = [
-        (capital(plant.title), n, ", ".join(f"{text} ({count})" for text, count in found.most_common()))
-        for plant in plan.plants
-        for n in plan.budgets
-        if (found := findings.verdicts.get((plant.name, n)))
-    ]
-    return template("mismatch.html.j2", {"interval": _interval}).render(
+    return template("mismatch.html.j2").render(
         findings=findings,
-        plan=plan,
+        plan=findings.plan,
         sentences=sentences,
-        images=[(embedded(figures[name]), text) for name, text in CAPTIONS.items() if name in figures],
+        figures=figures,
+        captions=CAPTIONS,
         strategies=STRATEGIES,
-        titles={plant.name: capital(plant.title) for plant in plan.plants},
-        verdicts=verdicts,
         named=naming_table(rows) if rows else None,
-        worker_time=duration(3600.0 * findings.hours),
-        settings={name: value for name, value in plan.to_dict().items() if name not in ("plants", "ways")},
         versions=versions,
     )
-
-
-def _interval(mean: Contrast) -> str:
-    """A return, which is read without a plus sign; its interval where there is one."""
-    if not math.isfinite(mean.low):
-        return number(mean.mean)
-    return bracketed(mean.mean, mean.low, mean.high).replace(" ", "\u00a0")

@@ -11,5 +11,5 @@ published_runs            the authors' runs and ours, read into one table
 agreement                 cells and contrasts compared, and the table of the operating points
 claims                    what the paper says beside its table; identification_scatter: what identification does
 saturation_budget         how many rollouts each of three identifiers needs
-reproduction              all of it for a finished preset; reproduction_page puts it into the report
+reproduction              all of it for a finished preset
 """

@@ -43,16 +43,19 @@ class Outlier:
 
 @dataclass(frozen=True)
 class CellAgreement:
-    """A cell here and there. `basis` says how the difference was taken; `verdict` is same, differs or open."""
+    """A cell here and there: the returns that are compared, what is printed of the publication's, and ours from fresh
+    start states. `basis` says how the difference was taken; `verdict` is same, differs or open."""
 
     spot: Spot
     ours: CellSummary
     theirs: CellSummary
+    printed: CellSummary
+    fresh: CellSummary
     difference: Contrast
     verdict: str
     basis: str
-    outlier: Outlier | None = None
-    reason: str = ""
+    outlier: Outlier | None
+    reason: str
 
 
 @dataclass(frozen=True)
@@ -79,6 +82,18 @@ class ContrastAgreement:
         if self.ours.significant and self.theirs.significant:
             return self.ours.mean * self.theirs.mean > 0.0
         return not (self.ours.significant or self.theirs.significant)
+
+    @property
+    def reason(self) -> str:
+        """Why one is significant and the other is not, as far as the intervals tell."""
+        said = []
+        if self.change is not None and not self.change.significant:
+            said.append("the two do not differ by more than scatter")
+        if self.published.significant and not self.theirs_t.significant:
+            said.append("the published one has zero in its t interval")
+        if self.ours is not None and self.ours_t is not None and self.ours.significant and not self.ours_t.significant:
+            said.append("ours has zero in its t interval")
+        return "; ".join(said) or "not found"
 
     @property
     def survives(self) -> bool:
@@ -132,7 +147,9 @@ class Agreement:
         if max(abs(narrow.low), abs(narrow.high)) <= MARGIN:
             verdict = SAME
         reason = self._reason(outlier) if verdict == DIFFERS else ""
-        return CellAgreement(spot, ours, theirs, found, verdict, basis, outlier, reason)
+        text = CELLS[spot].printed
+        printed, fresh = theirs if text is None else theirs._replace(mean=text), self.ours.summary(spot, fresh=True)
+        return CellAgreement(spot, ours, theirs, printed, fresh, found, verdict, basis, outlier, reason)
 
     def _pairs(self, spot: Spot) -> tuple[tuple[int, ...], str]:
         """The seeds to pair over, or why there is no pairing."""

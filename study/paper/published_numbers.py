@@ -8,10 +8,12 @@ are not shipped here; `study.paper.published_runs` reads them.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+from study.formatting import number
 from study.pipeline.csv_table import read_table
 
 SOURCE = "Rizvi and Tomar, How Should a Simulation-to-Reality Transfer Budget Be Spent? (2026)"
@@ -27,6 +29,10 @@ class Spot(NamedTuple):
     n: int
     w: float
 
+    def __str__(self) -> str:
+        point = "" if self.point == "main" else f"{self.point.replace('_', ' ')}, "
+        return f"{point}n = {self.n}, w = {self.w:g}"
+
 
 class CellSummary(NamedTuple):
     """Return of a cell over its seeds."""
@@ -35,6 +41,14 @@ class CellSummary(NamedTuple):
     sem: float
     median: float
     seeds: int
+
+    @property
+    def with_error(self) -> str:
+        """As "−338 ± 9"; one seed has no error."""
+        return number(self.mean) + ("" if math.isnan(self.sem) else f" ± {self.sem:.0f}")
+
+    def __str__(self) -> str:
+        return f"{self.with_error} ({number(self.median)})"
 
 
 @dataclass(frozen=True)

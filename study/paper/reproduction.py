@@ -144,7 +144,7 @@ def _sweeps(agreement: Agreement, main: PointFindings | None) -> dict[str, Calla
     theirs, ours = side_by_side.published_sweep(), side_by_side.sweep(agreement)
     drawings: dict[str, Callable[[], Figure]] = {}
     if ours and main:
-        references = {controller: mean for controller, mean, _ in main.controllers()}
+        references = main.allowed(main.preset.reference_seeds)
         titles = side_by_side.titles(agreement.hidden, max(cell.seeds for cell in ours.values()))
         sides = dict(zip(titles, (theirs, ours), strict=True))
         drawings["published_heatmap"] = lambda: heatmaps(sides, references)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import itertools
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -14,20 +12,17 @@ from rich.markup import escape
 
 from study.paper import published_numbers as paper
 from study.paper import tables
+from study.paper.agreement import MARGIN
 from study.paper.figures.operating_point import save_all
-from study.paper.findings import PointFindings, findings_by_point
+from study.paper.findings import PointFindings
 from study.paper.identification_scatter import scatter
 from study.paper.presets import Point, Preset
 from study.paper.published_runs import Outcomes
 from study.paper.reference_controllers import LQR, OPTIMAL, SWING_UP, fresh_optimum
-from study.paper.reproduction import Reproduction, reproduce
-from study.paper.reproduction_page import section
-from study.paper.runs import Run
+from study.paper.reproduction import REPRODUCTION_CAPTIONS, Reproduction, reproduce
 from study.paper.sweep_results import REFERENCES, RUNS, SweepResults
-from study.pipeline.html_page import embedded, template, unbroken
-from study.pipeline.progress import duration
+from study.pipeline.html_page import template
 from study.pipeline.versions import all_versions
-from study.statistics import Contrast, holm, paired_t
 from sysid.data.files import write_whole
 
 CONTROLLER_LABELS = {OPTIMAL: "optimal (dynamic programming)", LQR: "LQR alone", SWING_UP: "energy swing-up, then LQR"}
@@ -52,7 +47,8 @@ def publish_sweep(
     folder = results.folder
     with console.status("drawing"):
         references = results.all(REFERENCES)
-        found = findings_by_point(preset, results.all(RUNS), references)
+        runs = results.all(RUNS)
+        found = [PointFindings(preset, point, runs, references) for point in preset.points]
         tables.write_runs(found, folder / "runs.csv")
         tables.write_references(found, folder / "references.csv")
         tables.write_ratings(preset, references, folder / tables.RATINGS)
@@ -99,82 +95,24 @@ def write_report(
 ) -> None:
     """Write the self-contained report: a section a point, with the figures of these files (one mapping a point), and
     one that holds all of them against the publication."""
-    content = _content(found, drawn) | {"publication": section(reproduction, found[0].preset)}
-    write_whole(path, template("report.html.j2").render(content))
-
-
-def _content(found: Sequence[PointFindings], drawn: Sequence[Mapping[str, Path]]) -> dict[str, Any]:
-    preset = found[0].preset
-    runs = [run for answer in found for run in answer.runs]
+    preset, runs = found[0].preset, [run for answer in found for run in answer.runs]
     references = {(r.controller, r.theta, r.truth, r.seed): r for answer in found for r in answer.references}
-    settings = preset.to_dict()
-    del settings["points"]
-    return {
-        "preset": preset,
-        "parts": [_part(answer, files) for answer, files in zip(found, drawn, strict=True)],
-        "settings": settings,
-        "sac": next((run.settings["sac"] for run in runs if "sac" in run.settings), {}),
-        "versions": list(all_versions(item.versions for item in [*runs, *references.values()]).items()),
-        "worker_time": duration(sum(item.seconds for item in [*runs, *references.values()])),
-        "imported": Counter(_origin(run) for run in runs if run.imported),
-    }
-
-
-def _part(answer: PointFindings, drawn: Mapping[str, Path]) -> dict[str, Any]:
-    """What the section of an operating point shows."""
-    seeds = answer.point.seeds
-    return {
-        "answer": answer,
-        "point": answer.point,
-        "sentences": [(question, unbroken(text)) for question, text in answer.sentences()],
-        "images": [(name, embedded(file), POINT_CAPTIONS[name]) for name, file in drawn.items()],
-        "budget_rows": _budgets(answer),
-        "cell_rows": [_cell_row(answer, key) for key in answer.cells],
-        "contrasts": _contrasts(answer),
-        "controllers": [
-            (CONTROLLER_LABELS[c], mean, sem, here)
-            for (c, mean, sem), (_, here, _) in zip(answer.controllers(), answer.controllers(seeds), strict=True)
-        ],
-    }
-
-
-def _origin(run: Run) -> str:
-    return run.imported + (", a table, which does not say how they were trained" if run.summary else "")
-
-
-def _budgets(answer: PointFindings) -> list[tuple[int, float, float | None]]:
-    """(n, our mean identification error, the paper's of the same operating point)."""
-    printed = paper.ID_ERRORS.get(answer.point.name, {})
-    return [(n, answer.id_error(n), printed.get(n)) for n in answer.point.budgets]
-
-
-def _cell_row(answer: PointFindings, key: tuple[int, float]) -> dict[str, Any]:
-    gap = answer.gap(key)
-    return {
-        "n": key[0],
-        "w": key[1],
-        "mean": answer.mean(key),
-        "sem": answer.sem(key),
-        "median": float(np.median(answer.returns(key))),
-        "best": key == answer.best,
-        "gap": gap.total,
-        "percent": 100.0 * gap.total.mean / abs(answer.optimum),
-        "identification": gap.identification,
-        "training": gap.training,
-    }
-
-
-def _contrasts(answer: PointFindings) -> list[tuple[str, Contrast, Contrast, float]]:
-    """Every step of the budget at the least width, and every width against the least: the paired bootstrap, Student's t
-    and its p after Holm's correction over the table."""
-    budgets, widths = answer.point.budgets, answer.point.widths
-    steps = {
-        f"n = {a} → {b}, w = {widths[0]:g}": ((b, widths[0]), (a, widths[0]))
-        for a, b in [*itertools.pairwise(budgets), (budgets[0], budgets[-1])]
-        if a != b
-    }
-    wider = {f"w = {widths[0]:g} → {w:g}, n = {n}": ((n, w), (n, widths[0])) for n in budgets for w in widths[1:]}
-    pairs = {**steps, **wider}
-    found = {label: paired_t(answer.returns(a), answer.returns(b)) for label, (a, b) in pairs.items()}
-    adjusted = holm({label: t.p for label, t in found.items()})
-    return [(label, answer.contrast(*pairs[label]), t, adjusted[label]) for label, t in found.items()]
+    made = [*runs, *references.values()]
+    origins = (run.imported + ", a table, which does not say how they were trained" * bool(run.summary) for run in runs)
+    content = template("report.html.j2").render(
+        preset=preset,
+        parts=list(zip(found, drawn, strict=True)),
+        captions=POINT_CAPTIONS,
+        controllers=CONTROLLER_LABELS,
+        id_errors=paper.ID_ERRORS,
+        settings={name: value for name, value in preset.to_dict().items() if name != "points"},
+        sac=next((run.settings["sac"] for run in runs if "sac" in run.settings), {}),
+        versions=list(all_versions(item.versions for item in made).items()),
+        seconds=sum(item.seconds for item in made),
+        imported=Counter(filter(None, origins)),
+        reproduction=reproduction,
+        reproduction_captions=REPRODUCTION_CAPTIONS,
+        paper=paper,
+        margin=MARGIN,
+    )
+    write_whole(path, content)

@@ -10,7 +10,7 @@ from pathlib import Path
 from study.paper.findings import PointFindings
 from study.paper.presets import Preset
 from study.paper.published_runs import RunRow
-from study.paper.reference_controllers import Reference
+from study.paper.reference_controllers import CONTROLLERS, Reference
 from study.pipeline.csv_table import write_csv
 from study.pipeline.record import write_record
 
@@ -38,9 +38,9 @@ def write_references(found: Sequence[PointFindings], path: Path) -> None:
     not change with the preset; gaps in the report are paired over the study's own seeds.
     """
     rows = [
-        (*point_findings.point.truth, controller, mean, error)
-        for point_findings in {point_findings.point.truth: point_findings for point_findings in found}.values()
-        for controller, mean, error in point_findings.controllers()
+        (*truth, controller, *answer.rating(controller, answer.preset.reference_seeds))
+        for truth, answer in {answer.point.truth: answer for answer in found}.items()
+        for controller in CONTROLLERS
     ]
     write_csv(path, REFERENCE_COLUMNS, rows)
 

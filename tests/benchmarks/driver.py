@@ -21,7 +21,7 @@ from typing import Any
 
 from rich.console import Console
 
-from study.paper.findings import findings_by_point
+from study.paper.findings import PointFindings
 from study.paper.identification import Estimated, IdentificationTask
 from study.paper.presets import PAPER, Preset
 from study.paper.reference_controllers import Reference, ReferenceTask
@@ -103,7 +103,7 @@ def measure(runs: int) -> dict[str, float]:
             lap("go on when all is done")
             kept = store.all(RUNS), store.all(REFERENCES)
             lap("read it back")
-            write_runs(findings_by_point(many, *kept), Path(folder) / "runs.csv")
+            write_runs([PointFindings(many, point, *kept) for point in many.points], Path(folder) / "runs.csv")
             lap("runs.csv")
         cost["folder [kB]"] = 1e-3 * sum(path.stat().st_size for path in Path(folder).iterdir())
     return cost

@@ -12,7 +12,7 @@ import pytest
 from rich.console import Console
 
 import study.pipeline.cluster
-from study.paper.findings import findings_by_point
+from study.paper.findings import PointFindings
 from study.paper.presets import SMOKE
 from study.paper.sweep import Sweep
 from study.paper.sweep_results import REFERENCES, RUNS, SweepResults
@@ -138,7 +138,8 @@ def runs(folder, executor):
     folder.mkdir()
     with SweepResults(folder, PRESET) as store:
         run_study(Sweep(PRESET, store, 0.1), executor, Console(file=io.StringIO()))
-        write_runs(findings_by_point(PRESET, store.all(RUNS), store.all(REFERENCES)), folder / "runs.csv")
+        kept = store.all(RUNS), store.all(REFERENCES)
+        write_runs([PointFindings(PRESET, point, *kept) for point in PRESET.points], folder / "runs.csv")
     lines = [line.split(",") for line in (folder / "runs.csv").read_text().splitlines()]
     time = lines[0].index("wall_time_s")
     return [line[:time] + line[time + 1 :] for line in lines]
