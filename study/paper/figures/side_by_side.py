@@ -11,22 +11,12 @@ from matplotlib.figure import Figure
 
 from study.figure_style import ACCENT
 from study.formatting import number
-from study.paper.agreement import Agreement, ContrastAgreement
-from study.paper.figures.sweeps import OURS, Sweep
-from study.paper.published_numbers import CELLS
+from study.paper.agreement import ContrastAgreement
+from study.paper.figures.sweeps import OURS
 from study.statistics import Contrast
 
 THEIRS = "0.45"
 """Colour of the published numbers."""
-
-
-def published_sweep(point: str = "main") -> Sweep:
-    return {(c.n, c.w): c.summary for c in CELLS.values() if c.point == point}
-
-
-def sweep(agreement: Agreement, point: str = "main") -> Sweep:
-    ours = agreement.ours
-    return {(spot.n, spot.w): ours.summary(spot) for spot in ours.table if spot.point == point}
 
 
 def contrasts(rows: Sequence[ContrastAgreement]) -> Figure:
