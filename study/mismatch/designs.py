@@ -21,7 +21,7 @@ import numpy as np
 from policies.control.dynamic_programming import Grid
 from policies.evaluation import Policy, batch_returns, fresh_start_states
 from study.mismatch.ground_truth import ground_truth, oracle
-from study.mismatch.mismatch_results import Designed
+from study.mismatch.mismatch_results import DESIGNS, Designed
 from study.mismatch.plan import Plan
 from study.mismatch.rod import DESIGN_SUBSTEPS, design, machine
 from study.mismatch.training_setup import TrainingSetup, training_setup_of
@@ -51,6 +51,7 @@ class DesignTask(Brief):
     models: tuple[tuple[str, dict[str, Any]], ...]
     wanted: tuple[tuple[int, str], ...]
     activity: ClassVar[str] = "dynamic programming"
+    table: ClassVar[Any] = DESIGNS
 
     @property
     def name(self) -> str:

@@ -10,11 +10,11 @@ from rich.console import Console
 
 from study.mismatch.designs import OPTIMUM, DesignTask, model_key
 from study.mismatch.mismatch_results import DESIGNS, FITS, TRAININGS, Fitted, MismatchResults
-from study.mismatch.plan import STRATEGIES, Plan, Trial
+from study.mismatch.plan import STRATEGIES, Plan
 from study.mismatch.strategies import training_setups
 from study.mismatch.training_setup import training_setup_of
 from study.mismatch.trainings import MismatchPopulation, agents_of, populations
-from study.pipeline.executor import Brief, Link, Task
+from study.pipeline.executor import Brief, Link
 from study.pipeline.experiment import Experiment, Stage
 from study.pipeline.population_task import left
 
@@ -31,6 +31,7 @@ class FitTask(Brief):
     seed: int
     strategies: tuple[str, ...]
     activity: ClassVar[str] = "identification"
+    table: ClassVar[Any] = FITS
 
     @property
     def name(self) -> str:
@@ -60,23 +61,8 @@ class MismatchExperiment(Experiment):
         fits = list(self._unfitted())
         yield Stage(fits, f"{name}: {len(self.plan.trials)} trials; {len(fits)} sets of rollouts to make something of")
         training, designs = list(self._untrained()), list(self._undesigned())
-        agents = sum(len(task.agents) for task in training)
-        yield Stage(
-            [*training, *designs],
-            f"{name}: {agents} agents to train in {len(training)} populations, {len(designs)} sets of designs",
-        )
-
-    def keep(self, task: Task, answer: Any) -> None:
-        if isinstance(task, FitTask):
-            self.results.add(FITS, answer)
-        elif isinstance(task, MismatchPopulation):
-            self.results.add(TRAININGS, answer, [task.name])
-            task.discard()
-        else:
-            self.results.add(DESIGNS, answer)
-
-    def note(self, task: Task, seconds: float) -> None:
-        self.results.note_training(task.name, seconds)
+        agents = f"{sum(len(task.agents) for task in training)} agents to train in {len(training)} populations"
+        yield Stage([*training, *designs], f"{name}: {agents}, {len(designs)} sets of designs")
 
     def publish(self, console: Console) -> None:
         from study.mismatch.mismatch_report import publish_mismatch
@@ -84,22 +70,23 @@ class MismatchExperiment(Experiment):
         publish_mismatch(self.plan, self.results, console)
 
     def _unfitted(self) -> Iterator[FitTask]:
-        plan, known = self.plan, {Trial(f.plant, f.strategy, f.n, f.seed) for f in self.results.all(FITS)}
-        for seed in plan.seeds:
-            for plant in plan.plants:
-                trials = [t for t in plan.trials if t.plant == plant.name and t.seed == seed and t not in known]
-                if trials:
-                    yield FitTask(plan, plant.name, seed, tuple(dict.fromkeys(t.strategy for t in trials)))
+        known, lacking = {f.trial for f in self.results.all(FITS)}, dict[tuple[int, str], dict[str, None]]()
+        for trial in self.plan.trials:
+            if trial not in known:
+                lacking.setdefault((trial.seed, trial.plant), {})[trial.strategy] = None
+        for (seed, plant), strategies in lacking.items():
+            yield FitTask(self.plan, plant, seed, tuple(strategies))
 
     def _untrained(self) -> Iterator[MismatchPopulation]:
         plan, results = self.plan, self.results
-        about = {
-            "folder": results.folder.resolve(), "checkpoint_seconds": self.checkpoint_seconds, "device": results.device
-        }  # fmt: skip
+        place = {"folder": results.folder.resolve(), "device": results.device}
         _, agents = agents_of(plan, results.all(FITS))
-        tasks = [MismatchPopulation(plan, together, **about) for together in populations(plan, agents, results.device)]
+        tasks = [
+            MismatchPopulation(plan, together, checkpoint_seconds=self.checkpoint_seconds, **place)
+            for together in populations(plan, agents, results.device)
+        ]
         finished = {agent.key for agent in results.all(TRAININGS)}
-        return left(tasks, finished, lambda task: results.training_seconds(task.name))
+        return left(tasks, finished, lambda task: results.training_seconds(task.progress_key))
 
     def _undesigned(self) -> Iterator[DesignTask]:
         plan, known = self.plan, {(d.plant, d.seed) for d in self.results.all(DESIGNS) if d.model == OPTIMUM}
@@ -111,8 +98,8 @@ class MismatchExperiment(Experiment):
                 models[key] = f.payload
                 wanted.setdefault((f.plant, f.seed), {})[key] = None
         for plant in plan.plants:
-            left = [seed for seed in plan.seeds if (plant.name, seed) not in known]
-            for seeds in (tuple(left[i : i + TOGETHER]) for i in range(0, len(left), TOGETHER)):
-                pairs = tuple((seed, key) for seed in seeds for key in wanted.get((plant.name, seed), {}))
+            seeds = [seed for seed in plan.seeds if (plant.name, seed) not in known]
+            for some in (tuple(seeds[i : i + TOGETHER]) for i in range(0, len(seeds), TOGETHER)):
+                pairs = tuple((seed, key) for seed in some for key in wanted.get((plant.name, seed), {}))
                 own = tuple((key, models[key]) for key in dict.fromkeys(key for _, key in pairs))
-                yield DesignTask(plan, plant.name, seeds, own, pairs)
+                yield DesignTask(plan, plant.name, some, own, pairs)

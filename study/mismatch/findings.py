@@ -160,7 +160,7 @@ def findings_of(
     _check(plan, fits, trained, designs)
     keys, _ = agents_of(plan, fits)
     agents = {agent.key: agent for agent in trained}
-    models = {Trial(f.plant, f.strategy, f.n, f.seed): training_setup_of(f.payload) for f in fits}
+    models = {f.trial: training_setup_of(f.payload) for f in fits}
     designed = {(d.plant, d.model, d.seed): float(np.mean(d.returns)) for d in designs}
     trials: dict[Condition, list[Trial]] = {}
     for trial in plan.trials:
@@ -183,7 +183,7 @@ def findings_of(
 
 def _check(plan: Plan, fits: Sequence[Fitted], trained: Sequence[Trained], designs: Sequence[Designed]) -> None:
     """Raise InvalidInput unless every trial was fitted, trained and held against the optimum."""
-    unfitted = set(plan.trials) - {Trial(f.plant, f.strategy, f.n, f.seed) for f in fits}
+    unfitted = set(plan.trials) - {f.trial for f in fits}
     if unfitted:
         raise InvalidInput(f"{len(unfitted)} of {len(plan.trials)} trials have no fit: expected a finished experiment")
     untrained = {agent.key for agent in agents_of(plan, fits)[1]} - {agent.key for agent in trained}

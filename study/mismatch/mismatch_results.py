@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from study.mismatch.plan import MISMATCH_FORMAT
+from study.mismatch.plan import MISMATCH_FORMAT, Trial
 from study.pipeline.database import Database, identity
 from study.pipeline.policy_files import FOLDER
 from study.pipeline.record_table import Table
@@ -39,6 +39,10 @@ class Fitted:
     seed: int
     payload: dict[str, Any]
     seconds: float
+
+    @property
+    def trial(self) -> Trial:
+        return Trial(self.plant, self.strategy, self.n, self.seed)
 
 
 @dataclass(frozen=True)

@@ -10,14 +10,14 @@ import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from policies import Population
 from policies.evaluation import batch_returns, fresh_start_states
 from study.mismatch.ground_truth import ground_truth
-from study.mismatch.mismatch_results import Fitted, Trained
+from study.mismatch.mismatch_results import TRAININGS, Fitted, Trained
 from study.mismatch.plan import SHARED, Plan, Trial
 from study.mismatch.training_setup import TrainingSetup, together, training_setup_of
 from study.pipeline.population_task import PopulationTask, sac_settings
@@ -42,7 +42,7 @@ def key_of(setup: TrainingSetup, seed: int) -> str:
 
 def agents_of(plan: Plan, fits: Sequence[Fitted]) -> tuple[dict[Trial, str], list[Agent]]:
     """The key of the agent behind every trial, and the agents in the order of trials; equal setups share an agent."""
-    made = {Trial(f.plant, f.strategy, f.n, f.seed): f.payload for f in fits}
+    made = {f.trial: f.payload for f in fits}
     keys: dict[Trial, str] = {}
     agents: dict[str, Agent] = {}
     for trial in plan.trials:
@@ -87,10 +87,15 @@ class MismatchPopulation(PopulationTask):
 
     plan: Plan
     agents: tuple[Agent, ...]
+    table: ClassVar[Any] = TRAININGS
 
     @property
     def name(self) -> str:
         return f"population {hashlib.sha256(' '.join(self.keys).encode()).hexdigest()[:12]}"
+
+    @property
+    def progress_key(self) -> str:
+        return self.name
 
     @property
     def stem(self) -> str:

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from study.paper.presets import Point, Theta
 from study.paper.protocol import PaperRollout, averaged_sensor, paper_model, paper_rollouts, transitions
 from study.pipeline.executor import Brief, Link
+from study.pipeline.record_table import Table
 from sysid import Estimate, GridSearch, InvalidInput, LeastSquares, Model, UnscentedKalman
 
 WHOLE_ROLLOUTS = {"least_squares": LeastSquares, "unscented": UnscentedKalman}
@@ -29,6 +30,9 @@ class Estimated(NamedTuple):
     seed: int
     theta: Theta
     seconds: float
+
+
+ESTIMATES = Table("estimates", Estimated, "point TEXT, n INTEGER, seed INTEGER, m REAL, l REAL, seconds REAL", keys=3)
 
 
 def hidden_plant(truth: Theta) -> Model:
@@ -71,6 +75,7 @@ class IdentificationTask(Brief):
     point: Point
     seed: int
     activity: ClassVar[str] = "identification"
+    table: ClassVar[Any] = ESTIMATES
 
     @property
     def name(self) -> str:

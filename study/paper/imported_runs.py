@@ -18,8 +18,7 @@ from typing import Any
 from study.paper.presets import FORMAT, Cell, Point, Preset, Theta
 from study.paper.published_runs import RunRow
 from study.paper.reference_controllers import Reference
-from study.paper.runs import Run, RunSummary
-from study.paper.sweep_results import RUNS
+from study.paper.runs import RUNS, Run, RunSummary
 from study.paper.tables import RATINGS, Rating
 from study.pipeline.csv_table import read_table
 from study.pipeline.database import META, check_tables, readable

@@ -14,7 +14,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence, Set
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from study.paper.identification import hidden_plant
 from study.paper.presets import Preset, Theta
 from study.paper.protocol import paper_model
 from study.pipeline.executor import Brief, Link
+from study.pipeline.record_table import Table
 from study.pipeline.versions import versions
 
 OPTIMAL, LQR, SWING_UP = "optimal", "lqr", "swing_up_lqr"
@@ -50,6 +51,15 @@ class Reference:
         return float(np.mean(self.returns))
 
 
+REFERENCES = Table(
+    "controllers",
+    Reference,
+    "controller TEXT, m REAL, l REAL, truth_m REAL, truth_l REAL, seed INTEGER, returns TEXT, versions TEXT, "
+    "seconds REAL",
+    keys=6,
+)
+
+
 @dataclass(frozen=True)
 class ReferenceTask(Brief):
     """Design a controller at theta and run it on hidden plants from the start states of all seeds in question."""
@@ -59,6 +69,7 @@ class ReferenceTask(Brief):
     theta: Theta
     truths: tuple[Theta, ...]
     activity: ClassVar[str] = "references"
+    table: ClassVar[Any] = REFERENCES
 
     @property
     def name(self) -> str:

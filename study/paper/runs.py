@@ -12,7 +12,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from study.paper.identification import hidden_plant
 from study.paper.presets import Cell, Point, Preset, Theta
 from study.paper.protocol import paper_model
 from study.pipeline.population_task import PopulationTask, sac_settings
+from study.pipeline.record_table import Table
 from study.pipeline.versions import versions
 from sysid import InvalidInput
 
@@ -78,6 +79,16 @@ class Run:
         return Evaluation(np.array(self.fresh_returns)).mean if self.fresh_returns else math.nan
 
 
+RUNS = Table(
+    "runs",
+    Run,
+    "point TEXT, n INTEGER, w REAL, seed INTEGER, population INTEGER, theta_hat_m REAL, theta_hat_l REAL, "
+    "id_error REAL, returns TEXT, curve TEXT, settings TEXT, versions TEXT, seconds REAL, fresh_returns TEXT, "
+    "imported TEXT, summary TEXT",
+    keys=4,
+)
+
+
 @dataclass(frozen=True)
 class SweepPopulation(PopulationTask):
     """The cells of one population.
@@ -90,6 +101,11 @@ class SweepPopulation(PopulationTask):
     count: int
     cells: tuple[Cell, ...]
     estimates: tuple[Theta, ...]
+    table: ClassVar[Any] = RUNS
+
+    @property
+    def progress_key(self) -> int:
+        return self.index
 
     @property
     def name(self) -> str:

@@ -16,9 +16,9 @@ from study.paper.identification import IdentificationTask
 from study.paper.imported_runs import import_references, import_runs, is_database
 from study.paper.presets import Preset, Theta
 from study.paper.published_runs import Outcomes
-from study.paper.reference_controllers import Designs, ReferenceTask, reference_tasks
-from study.paper.runs import SweepPopulation
-from study.paper.sweep_results import ESTIMATES, REFERENCES, SweepResults
+from study.paper.reference_controllers import REFERENCES, Designs, ReferenceTask, reference_tasks
+from study.paper.runs import RUNS, SweepPopulation
+from study.paper.sweep_results import SweepResults
 from study.pipeline.executor import Task
 from study.pipeline.experiment import Experiment, Stage
 from study.pipeline.population_task import left
@@ -54,17 +54,9 @@ class Sweep(Experiment):
         yield Stage(tasks, self._about(tasks))
 
     def keep(self, task: Task, answer: Any) -> None:
-        if isinstance(task, SweepPopulation):
-            self.results.add_runs(answer)
-            task.discard()
-        elif isinstance(task, IdentificationTask):
-            self.results.add(ESTIMATES, answer)
-        else:
-            self.results.add(REFERENCES, answer)
-
-    def note(self, task: Task, seconds: float) -> None:
-        if isinstance(task, SweepPopulation):
-            self.results.note_training(task.index, seconds)
+        """As ever, but for runs of the population that were taken up from elsewhere."""
+        there = self.results.finished() if task.table is RUNS else set()
+        super().keep(task, [own for own in answer if task.table is not RUNS or own.cell not in there])
 
     def publish(self, console: Console) -> None:
         from study.paper.sweep_report import publish_sweep
@@ -94,7 +86,7 @@ class Sweep(Experiment):
             )
             for index, cells in enumerate(populations)
         ]
-        return left(tasks, results.finished(), lambda task: results.training_seconds(task.index))
+        return left(tasks, results.finished(), lambda task: results.training_seconds(task.progress_key))
 
     def _unrated(self) -> Iterable[ReferenceTask]:
         return reference_tasks(self.preset, self._designs(), self._rated())

@@ -18,9 +18,10 @@ from study.paper.findings import PointFindings
 from study.paper.identification_scatter import scatter
 from study.paper.presets import Point, Preset
 from study.paper.published_runs import Outcomes
-from study.paper.reference_controllers import LQR, OPTIMAL, SWING_UP, fresh_optimum
+from study.paper.reference_controllers import LQR, OPTIMAL, REFERENCES, SWING_UP, fresh_optimum
 from study.paper.reproduction import REPRODUCTION_CAPTIONS, Reproduction, reproduce
-from study.paper.sweep_results import REFERENCES, RUNS, SweepResults
+from study.paper.runs import RUNS
+from study.paper.sweep_results import SweepResults
 from study.pipeline.html_page import template
 from study.pipeline.versions import all_versions
 from sysid.data.files import write_whole

@@ -146,13 +146,12 @@ class Database:
             self._undo()
             raise
 
-    def add(self, table: Table[R], values: Iterable[R], finished: Iterable[int | str] = (), new: bool = False) -> None:
+    def add(self, table: Table[R], values: Iterable[R], finished: Iterable[int | str] = ()) -> None:
         """Keep values in place of those with the same keys, and forget the progress of finished populations; all or
-        nothing. new: there must be none with these keys. Raises OSError as `transaction` does."""
+        nothing. Raises OSError as `transaction` does."""
         with self.transaction() as db:
             for row in map(table.row, values):
-                places = ", ".join("?" * len(row))
-                db.execute(f"INSERT {'' if new else 'OR REPLACE '}INTO {table.name} VALUES ({places})", row)
+                db.execute(f"INSERT OR REPLACE INTO {table.name} VALUES ({', '.join('?' * len(row))})", row)
             for population in finished:
                 db.execute(f"DELETE FROM {self.progress} WHERE population = ?", (population,))
 

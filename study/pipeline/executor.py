@@ -46,11 +46,13 @@ class Link(Protocol):
 class Task(Protocol):
     """Picklable work that goes on from its own checkpoint; `saves`: it has one, and writes it when asked to end.
 
-    activity: what it does, in a word; work: about its seconds on one core; gpus: how many it needs.
+    activity: what it does, in a word; work: about its seconds on one core; gpus: how many it needs; table: of the
+    results, that its answer is rows of; progress_key: of its checkpoint's seconds there.
     """
 
     saves: ClassVar[bool]
     activity: ClassVar[str]
+    table: ClassVar[Any]
 
     @property
     def name(self) -> str: ...
@@ -58,6 +60,9 @@ class Task(Protocol):
     def work(self) -> float: ...
     @property
     def gpus(self) -> int: ...
+    @property
+    def progress_key(self) -> int | str: ...
+    def discard(self) -> None: ...
     def run(self, link: Link) -> Any: ...
     def resumed(self, seconds: float) -> Task:
         """This task with a checkpoint that holds the work of so many seconds."""
@@ -69,6 +74,10 @@ class Brief:
 
     saves: ClassVar[bool] = False
     gpus: ClassVar[int] = 0
+    progress_key: ClassVar[str] = ""
+
+    def discard(self) -> None:
+        """Nothing, it leaves nothing behind."""
 
     def resumed(self, seconds: float) -> Self:
         """This task."""

@@ -18,6 +18,7 @@ from typing import Any
 
 from rich.console import Console
 
+from study.pipeline.database import Database
 from study.pipeline.executor import Executor, Task
 from study.pipeline.progress import Meter, duration
 
@@ -33,17 +34,20 @@ class Stage:
 class Experiment(ABC):
     """A plan with the folder of its results."""
 
+    results: Database
+
     @abstractmethod
     def stages(self, console: Console) -> Iterator[Stage]:
         """What is left to do; a stage is asked for when the one before it is done."""
 
-    @abstractmethod
     def keep(self, task: Task, answer: Any) -> None:
-        """Put what a finished task answered into the results."""
+        """Put what a finished task answered into the results, and forget how far it was."""
+        self.results.add(task.table, answer, [task.progress_key] if task.saves else [])
+        task.discard()
 
     def note(self, task: Task, seconds: float) -> None:
         """Keep that a task's checkpoint holds the work of so many seconds."""
-        return None
+        self.results.note_training(task.progress_key, seconds)
 
     @abstractmethod
     def publish(self, console: Console) -> None:

@@ -24,10 +24,10 @@ from rich.console import Console
 from study.paper.findings import PointFindings
 from study.paper.identification import Estimated, IdentificationTask
 from study.paper.presets import PAPER, Preset
-from study.paper.reference_controllers import Reference, ReferenceTask
-from study.paper.runs import Run, SweepPopulation
+from study.paper.reference_controllers import REFERENCES, Reference, ReferenceTask
+from study.paper.runs import RUNS, Run, SweepPopulation
 from study.paper.sweep import Sweep
-from study.paper.sweep_results import REFERENCES, RUNS, SweepResults
+from study.paper.sweep_results import SweepResults
 from study.paper.tables import write_runs
 from study.pipeline.executor import Heard, Task
 from study.pipeline.experiment import run

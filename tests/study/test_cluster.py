@@ -14,8 +14,10 @@ from rich.console import Console
 import study.pipeline.cluster
 from study.paper.findings import PointFindings
 from study.paper.presets import SMOKE
+from study.paper.reference_controllers import REFERENCES
+from study.paper.runs import RUNS
 from study.paper.sweep import Sweep
-from study.paper.sweep_results import REFERENCES, RUNS, SweepResults
+from study.paper.sweep_results import SweepResults
 from study.paper.tables import write_runs
 from study.pipeline.cluster import Cluster
 from study.pipeline.executor import WorkerFailed

@@ -13,8 +13,8 @@ import pytest
 
 from study.mismatch.mismatch_results import FITS, OUTPUTS, Fitted, MismatchResults
 from study.paper.presets import SMOKE, Cell
-from study.paper.runs import Run
-from study.paper.sweep_results import RUNS, SweepResults, outputs
+from study.paper.runs import RUNS, Run
+from study.paper.sweep_results import SweepResults, outputs
 from study.pipeline.database import Database, identity
 from study.pipeline.record_table import Table
 from study.pipeline.settings import StudySettings

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from matplotlib.axes import Axes
 
-from study.figure_style import ACCENT
+from study.figure_style import ACCENT, beside
 from study.formatting import number
 from study.paper.reference_controllers import LQR, OPTIMAL, SWING_UP
 
@@ -29,5 +29,5 @@ def reference_lines(panels: Sequence[Axes], references: Mapping[str, float], low
         for axes in panels if inside else ():
             axes.axhline(value, color=ACCENT, linestyle=style, linewidth=1.1, zorder=1)
         text = f"{'' if inside else '↓ '}{NAMES[controller]} {number(value)}"
-        end.annotate(text, (1.0, value if inside else low - 0.9 * room), (5, shift), va="center", color=ACCENT,
-                     xycoords=end.get_yaxis_transform(), textcoords="offset points", fontsize=9.0)  # fmt: skip
+        at = 1.0, value if inside else low - 0.9 * room
+        beside(end, text, at, (5, shift), xycoords=end.get_yaxis_transform(), color=ACCENT)

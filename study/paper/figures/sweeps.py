@@ -16,8 +16,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from study.figure_style import ACCENT, COLOURS, PAPER_WHITE
-from study.formatting import number
+from study.figure_style import ACCENT, COLOURS, PAPER_WHITE, beside
+from study.formatting import number, percent
 from study.paper.figures.reference_lines import NAMES, reference_lines
 from study.paper.published_numbers import CellSummary
 from study.paper.reference_controllers import LQR, OPTIMAL, SWING_UP
@@ -70,20 +70,16 @@ def _panel(
                 continue
             cell = cells[n, w]
             colour = "0.05" if (cell.mean - low) / (high - low or 1.0) > 0.55 else "white"
-            axes.text(
-                j, i - 0.11, number(cell.mean), ha="center", va="center", color=colour, fontsize=11.5, weight="bold"
-            )
+            middle = {"ha": "center", "va": "center", "color": colour}
+            axes.text(j, i - 0.11, number(cell.mean), fontsize=11.5, weight="bold", **middle)
             error = "" if math.isnan(cell.sem) else f"± {cell.sem:.0f}"
-            closed = 100.0 * (cell.mean - start) / (optimum - start)
-            share = "" if (i, j) == (0, 0) or math.isnan(closed) else f"{number(closed)} %"
-            axes.text(j, i + 0.24, " · ".join(filter(None, (error, share))), ha="center", va="center", color=colour,
-                      fontsize=7.6)  # fmt: skip
+            closed = (cell.mean - start) / (optimum - start)
+            share = "" if (i, j) == (0, 0) or math.isnan(closed) else percent(closed)
+            axes.text(j, i + 0.24, " · ".join(filter(None, (error, share))), fontsize=7.6, **middle)
     if cells:
         n, w = max((key for key in cells if key[0] in budgets and key[1] in widths), key=lambda key: cells[key].mean)
-        corner = widths.index(w) - 0.5, budgets.index(n) - 0.5
-        axes.add_patch(
-            Rectangle(corner, 1.0, 1.0, fill=False, edgecolor=ACCENT, linewidth=2.6, zorder=3, clip_on=False)
-        )
+        corner, line = (widths.index(w) - 0.5, budgets.index(n) - 0.5), {"edgecolor": ACCENT, "linewidth": 2.6}
+        axes.add_patch(Rectangle(corner, 1.0, 1.0, fill=False, zorder=3, clip_on=False, **line))
     axes.set_xticks(range(len(widths)), [f"{w:g}" for w in widths])
     axes.set_yticks(range(len(budgets)), [str(n) for n in budgets])
     for edge in range(1, len(widths)):
@@ -106,11 +102,11 @@ def _scale(
     ticks = [t for t in bar.get_ticks() if low <= t <= high - 0.17 * span and abs(t - lqr) > 0.06 * span]
     bar.set_ticks(ticks, labels=[number(t) for t in ticks])
     bar.ax.tick_params(length=0, labelsize=9.0)
-    bar.ax.annotate(f"{number(optimum)} {NAMES[OPTIMAL]}\n{number(swing_up)} swing-up", (1.0, 1.0), (4, 2), va="top",
-                    xycoords="axes fraction", textcoords="offset points", fontsize=9.0, color=ACCENT)  # fmt: skip
+    best, style = f"{number(optimum)} {NAMES[OPTIMAL]}\n{number(swing_up)} swing-up", {"xycoords": "axes fraction"}
+    beside(bar.ax, best, (1.0, 1.0), (4, 2), va="top", color=ACCENT, **style)
     place = (lqr - low) / span
-    bar.ax.annotate(f"{number(lqr)} {NAMES[LQR]}", (1.0, max(place, 0.0)), (4, -9 if place < 0.0 else 0), va="center",
-                    xycoords="axes fraction", textcoords="offset points", fontsize=9.0, color=ACCENT)  # fmt: skip
+    shift = (4, -9 if place < 0.0 else 0)
+    beside(bar.ax, f"{number(lqr)} {NAMES[LQR]}", (1.0, max(place, 0.0)), shift, color=ACCENT, **style)
 
 
 def paretos(sides: Mapping[str, Sweep], references: Mapping[str, float]) -> Figure:
@@ -149,12 +145,11 @@ def _pareto(axes: Axes, cells: Sweep) -> None:
     without = ("pure breadth" if breadth[1] else "no data") if first == 0 else "least data"
     for (n, w), name, style, shift in ((fidelity, "pure fidelity", "--", -34), (breadth, without, ":", 10)):
         axes.axhline(cells[n, w].mean, color="0.35", linestyle=style, linewidth=1.0, zorder=1)
-        axes.annotate(f"{name}, n = {n}, w = {w:g}: {number(cells[n, w].mean)}", (0.98, cells[n, w].mean), (0, shift),
-                      xycoords=axes.get_yaxis_transform(), textcoords="offset points", va="center", ha="right",
-                      color="0.35", fontsize=9.0)  # fmt: skip
+        text, across = f"{name}, n = {n}, w = {w:g}: {number(cells[n, w].mean)}", axes.get_yaxis_transform()
+        beside(axes, text, (0.98, cells[n, w].mean), (0, shift), xycoords=across, ha="right", color="0.35")
     means, errors = ([getattr(cells[key], name) for key in best.values()] for name in ("mean", "sem"))
     axes.errorbar(list(best), means, errors, color=OURS, marker="o", markersize=6, linewidth=1.8, capsize=3, zorder=3)
     for (n, w), mean, error in zip(best.values(), means, errors, strict=True):
         low, right = 0.0 if math.isnan(error) else error, n == last
-        axes.annotate(f"w* = {w:g}", (n, mean - low), (5, -16 if right else -5), textcoords="offset points", va="top",
-                      color="0.2", fontsize=9.0, ha="right" if right else "left", bbox=PAPER_WHITE)  # fmt: skip
+        beside(axes, f"w* = {w:g}", (n, mean - low), (5, -16 if right else -5), va="top", color="0.2",
+               ha="right" if right else "left", bbox=PAPER_WHITE)  # fmt: skip
