@@ -1,12 +1,12 @@
 """Does breadth pay when the simulator lacks an effect?
 
 What an effect costs, before any training:
-    magnitudes       the effects, each over its size; rod: the machine that they act on
+    magnitudes       the effects, each over its size
     effect_cost      their price by dynamic programming, over their sizes
 
 The experiment:
     plan             plants, strategies, seeds and contrasts
-    ground_truth     the hidden plants as machines, and their rollouts
+    ground_truth     the hidden plants as machines, their rollouts and designs
     out_of_catalogue effects that the catalogue lacks
     strategies       what each strategy makes of its budget of rollouts: a training_setup
     residual_network a learned torque, fitted by network_fit

@@ -20,10 +20,9 @@ import numpy as np
 
 from policies.control.dynamic_programming import Grid
 from policies.evaluation import Policy, batch_returns, fresh_start_states
-from study.mismatch.ground_truth import ground_truth, oracle
+from study.mismatch.ground_truth import DESIGN_SUBSTEPS, design, ground_truth, machine, oracle
 from study.mismatch.mismatch_results import DESIGNS, Designed
 from study.mismatch.plan import Plan
-from study.mismatch.rod import DESIGN_SUBSTEPS, design, machine
 from study.mismatch.training_setup import TrainingSetup, training_setup_of
 from study.pipeline.executor import Brief, Link
 from study.pipeline.settings import digest

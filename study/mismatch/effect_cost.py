@@ -31,10 +31,10 @@ from pathlib import Path
 
 import numpy as np
 
-from policies.control.dynamic_programming import Grid, Optimal, solve
+from policies.control.dynamic_programming import Grid, solve
 from policies.evaluation import batch_returns, fresh_start_states, start_states
+from study.mismatch.ground_truth import BLUNT, DESIGN_SUBSTEPS, design, machine
 from study.mismatch.magnitudes import MAGNITUDES, Magnitude
-from study.mismatch.rod import BLUNT, DESIGN_SUBSTEPS, design, machine
 from study.pipeline.csv_table import read_table, write_table
 from study.statistics import sem
 from sysid import InvalidInput, OutputEffect
@@ -90,9 +90,7 @@ class Bench:
         self, blunt: Grid = BLUNT, sharp: Grid = SHARP, episodes: int = EPISODES, substeps: int | None = None
     ) -> None:
         self.grid, self.substeps = blunt, substeps
-        self.ignorant: tuple[Optimal, ...] = tuple(
-            solve(machine(substeps=DESIGN_SUBSTEPS), grid) for grid in (blunt, sharp)
-        )
+        self.ignorant = tuple(solve(machine(substeps=DESIGN_SUBSTEPS), grid) for grid in (blunt, sharp))
         groups = [fresh_start_states(SEED, episodes), *(start_states(seed) for seed in PAPER_SEEDS)]
         self.starts = tuple(np.concatenate(columns) for columns in zip(*groups, strict=True))
         self.fresh = np.arange(len(self.starts[0])) < episodes
@@ -106,26 +104,14 @@ class Bench:
             aware = self.plain
         else:
             ignorant, sharp, aware = batch_returns((*self.ignorant, design(model, self.grid)), model, *self.starts)
-        loss, paper = (aware - ignorant)[self.fresh], (aware - ignorant)[~self.fresh]
-        reached = float(np.mean(aware[self.fresh]))
-        plain = float(np.mean(self.plain[self.fresh]))
+        loss = aware - ignorant
+        means = [float(np.mean(own[self.fresh])) for own in (self.plain, ignorant, aware, loss)]
+        plain, _, reached, lost = means
+        paper = [float(np.mean(own[~self.fresh])) for own in (ignorant, aware, loss)]
         return LossRow(
-            effect=magnitude.effect,
-            size=size,
-            unit=magnitude.unit,
-            plain=plain,
-            ignorant=float(np.mean(ignorant[self.fresh])),
-            aware=reached,
-            loss=float(np.mean(loss)),
-            sem=sem(loss),
-            percent=100.0 * float(np.mean(loss)) / abs(reached),
-            percent_plain=100.0 * float(np.mean(loss)) / abs(plain),
-            sharp=float(np.mean((aware - sharp)[self.fresh])),
-            paper_ignorant=float(np.mean(ignorant[~self.fresh])),
-            paper_aware=float(np.mean(aware[~self.fresh])),
-            paper_loss=float(np.mean(paper)),
-            paper_sem=sem(paper),
-        )
+            magnitude.effect, size, magnitude.unit, *means, sem(loss[self.fresh]), 100.0 * lost / abs(reached),
+            100.0 * lost / abs(plain), float(np.mean((aware - sharp)[self.fresh])), *paper, sem(loss[~self.fresh]),
+        )  # fmt: skip
 
 
 def read_losses(path: Path) -> list[LossRow]:

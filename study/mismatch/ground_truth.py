@@ -1,4 +1,7 @@
-"""The hidden plants and how they are measured: 10 s of random torque, read by an encoder and a poor tachometer."""
+"""The hidden machine, the paper's rod of 2 kg and 1.5 m: as it moves, is measured, and as policies are designed on it.
+
+Rollouts are 10 s of random torque, read by an encoder and a poor tachometer.
+"""
 
 from __future__ import annotations
 
@@ -6,30 +9,57 @@ import dataclasses
 
 import numpy as np
 
+from policies.control.design_model import table_shape
+from policies.control.dynamic_programming import Grid
+from policies.control.predictive import design_predictive
+from policies.evaluation import Policy
 from study.mismatch.out_of_catalogue import OUT_OF_CATALOGUE
 from study.mismatch.plan import HiddenPlant, Plan
-from study.mismatch.rod import DESIGN_SUBSTEPS, machine
 from study.paper.protocol import paper_model
 from sysid import RK4, Effect, InvalidInput, Model, Record, Sensor, effect, simulate
+
+BLUNT = Grid(theta=120, theta_dot=121)
+"""A table whose interpolation plans with a margin, as trained agents do (`effect_cost`)."""
+
+DESIGN_SUBSTEPS = 2
+"""Policies are designed, and agents trained, on steps of 25 ms."""
 
 PRIOR = dataclasses.replace(paper_model(), integrator=RK4(substeps=DESIGN_SUBSTEPS))
 """What an engineer would assume without data; the paper's numbers, integrated so that steps of 25 ms are no gap."""
 
 
+def machine(effect: Effect | None = None, substeps: int | None = None) -> Model:
+    """The hidden machine; by default in steps of 5 ms, or of 0.2 ms where something makes it stick."""
+    plain = paper_model(m=2.0, l=1.5)
+    model = plain if effect is None else plain.with_effect(effect)
+    fine = 250 if model.dry_frictions else 10
+    return dataclasses.replace(model, integrator=RK4(substeps=fine if substeps is None else substeps))
+
+
+def design(model: Model, grid: Grid = BLUNT) -> Policy:
+    """The near-optimal policy for a machine, designed on steps of 25 ms; it knows the state.
+
+    Raises InvalidInput for a machine with effects of the sensors, or one that no table can be made for.
+    """
+    if model.output_effects:
+        raise InvalidInput(f"{model.output_effects[0].name} is of the sensors: expected a machine whose state is known")
+    model = dataclasses.replace(model, integrator=RK4(substeps=DESIGN_SUBSTEPS))
+    turns, third_axis = table_shape(model)
+    if third_axis:
+        grid = dataclasses.replace(grid, u=11, memory=7)
+    return design_predictive(model, dataclasses.replace(grid, turns=turns))
+
+
 def effect_of(plant: HiddenPlant) -> Effect | None:
     """What the plant has and the prior lacks. Raises InvalidInput for an unknown effect."""
-    if plant.effect is None:
-        return None
     numbers = dict(plant.numbers)
-    return (
-        OUT_OF_CATALOGUE[plant.effect](**numbers)
-        if plant.effect in OUT_OF_CATALOGUE
-        else effect(plant.effect, **numbers)
-    )
+    if plant.effect in OUT_OF_CATALOGUE:
+        return OUT_OF_CATALOGUE[plant.effect](**numbers)
+    return None if plant.effect is None else effect(plant.effect, **numbers)
 
 
 def ground_truth(plant: HiddenPlant) -> Model:
-    """The plant as a real machine moves: in steps of 5 ms, and of 0.2 ms where something makes it stick."""
+    """The plant as a real machine moves."""
     return machine(effect_of(plant))
 
 
@@ -39,8 +69,7 @@ def oracle(plant: HiddenPlant) -> Model:
 
 
 def sensor(plan: Plan) -> Sensor:
-    theta, theta_dot = plan.sd
-    return Sensor(theta=theta, theta_dot=theta_dot)
+    return Sensor(theta=plan.sd[0], theta_dot=plan.sd[1])
 
 
 def rollouts(plan: Plan, plant: HiddenPlant, seed: int) -> list[Record]:

@@ -18,8 +18,7 @@ from study.mismatch.plan import CONTRASTS, STRATEGIES, Plan
 from study.mismatch.sentences import sentences
 from study.pipeline.csv_table import printed, write_csv
 from study.pipeline.html_page import template
-from study.pipeline.record import write_record
-from study.pipeline.versions import all_versions
+from study.pipeline.versions import all_versions, write_record
 from sysid.data.files import write_whole
 
 TRIALS = ("plant", "way", "n", "seed", "mean")

@@ -17,10 +17,9 @@ from study.pipeline.policy_files import FOLDER
 from study.pipeline.record_table import Table
 from study.pipeline.settings import StudySettings
 
-MISMATCH_FIGURES = ("returns", "ladder", "trajectories")
 OUTPUTS = (
     "study.json", "trials.csv", "outcomes.csv", "contrasts.csv", "report.html", FOLDER,
-    *(f"{name}.png" for name in MISMATCH_FIGURES),
+    "returns.png", "ladder.png", "trajectories.png",
 )  # fmt: skip
 """What the experiment writes beside its database; never over files of somebody else."""
 

@@ -34,12 +34,12 @@ class TrainingSetup:
 
     def to_json(self) -> dict[str, Any]:
         """Plain data, from which `training_setup_of` makes the same setup."""
-        model, learned = _without_learned(self.model)
+        model, learned = apart(self.model)
         model, outside = _without_outside(model)
         return {
             "model": to_dict(model),
             "outside": outside,
-            "learned": learned,
+            "learned": _numbers(learned),
             "drawn": self.drawn.to_json(),
             "verdict": self.verdict,
             "steps": list(self.steps),
@@ -68,29 +68,23 @@ def training_setup_of(data: dict[str, Any]) -> TrainingSetup:
 
 def _without_outside(model: Model) -> tuple[Model, dict[str, dict[str, float]]]:
     """The model without the effects that the catalogue lacks, and those as numbers."""
-    numbers = {
-        e.name: {name: float(p.value) for name, p in e.parameters.items()}
-        for e in model.effects
-        if e.name in OUT_OF_CATALOGUE
-    }
-    kept = tuple(e for e in model.effects if e.name not in OUT_OF_CATALOGUE)
-    return dataclasses.replace(model, effects=kept), numbers
+    outside = [e for e in model.effects if e.name in OUT_OF_CATALOGUE]
+    numbers = {e.name: {name: float(p.value) for name, p in e.parameters.items()} for e in outside}
+    return dataclasses.replace(model, effects=tuple(e for e in model.effects if e not in outside)), numbers
 
 
-def _without_learned(model: Model) -> tuple[Model, dict[str, Any] | None]:
-    """The model without what was learned, and that as numbers."""
-    kept, learned = apart(model)
+def _numbers(learned: tuple[Any, ...]) -> dict[str, Any] | None:
+    """What was learned as numbers."""
     if not learned:
-        return model, None
+        return None
     taps, layers = learned[0].taps, learned[1].layers
-    return kept, {"taps": taps.tolist(), "layers": [[W.tolist(), b.tolist()] for W, b in layers]}
+    return {"taps": taps.tolist(), "layers": [[W.tolist(), b.tolist()] for W, b in layers]}
 
 
 def _with_learned(model: Model, numbers: dict[str, Any]) -> Model:
     layers = tuple((np.array(W), np.array(b)) for W, b in numbers["layers"])
-    return model.with_effect(CommandFilter(np.array(numbers["taps"]))).with_effect(
-        ResidualNetwork(layers, drive_max=model.u_max)
-    )
+    learned = CommandFilter(np.array(numbers["taps"])), ResidualNetwork(layers, drive_max=model.u_max)
+    return model.with_effect(learned[0]).with_effect(learned[1])
 
 
 def apart(model: Model) -> tuple[Model, tuple[Any, ...]]:

@@ -35,11 +35,6 @@ class Agent:
     plants: tuple[str, ...]
 
 
-def key_of(setup: TrainingSetup, seed: int) -> str:
-    """What an agent is stored under: its setup's digits and its seed."""
-    return f"{setup.key}-{seed}"
-
-
 def agents_of(plan: Plan, fits: Sequence[Fitted]) -> tuple[dict[Trial, str], list[Agent]]:
     """The key of the agent behind every trial, and the agents in the order of trials; equal setups share an agent."""
     made = {f.trial: f.payload for f in fits}
@@ -47,7 +42,7 @@ def agents_of(plan: Plan, fits: Sequence[Fitted]) -> tuple[dict[Trial, str], lis
     agents: dict[str, Agent] = {}
     for trial in plan.trials:
         payload = made[trial]
-        key = keys[trial] = key_of(training_setup_of(payload), trial.seed)
+        key = keys[trial] = f"{training_setup_of(payload).key}-{trial.seed}"
         plants = tuple(p.name for p in plan.plants) if trial.strategy in SHARED else (trial.plant,)
         known = agents.get(key)
         together = plants if known is None else tuple(dict.fromkeys((*known.plants, *plants)))
@@ -66,19 +61,10 @@ def populations(plan: Plan, agents: Sequence[Agent], device: str = "cpu") -> lis
 
 def _structure(setup: TrainingSetup) -> str:
     """What the machines of agents that train together share: everything but the numbers that are drawn."""
-    data = setup.to_json()
-    drawn = set(drawn_names(setup))
+    data, drawn = setup.to_json(), sorted(setup.drawn.sample(np.random.default_rng(0), setup.model))
     numbers = {name: float(p.value) for name, p in setup.model.parameters.items() if name not in drawn}
-    model = data["model"]
-    effects = [[e["name"], e.get("settings")] for e in model["effects"]]
-    learned = data["learned"] is not None
-    return json.dumps([effects, sorted(data["outside"]), learned, numbers, sorted(drawn)], sort_keys=True)
-
-
-def drawn_names(setup: TrainingSetup) -> tuple[str, ...]:
-    from numpy.random import default_rng
-
-    return tuple(setup.drawn.sample(default_rng(0), setup.model))
+    effects = [[e["name"], e.get("settings")] for e in data["model"]["effects"]]
+    return json.dumps([effects, sorted(data["outside"]), bool(data["learned"]), numbers, drawn], sort_keys=True)
 
 
 @dataclass(frozen=True)

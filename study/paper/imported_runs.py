@@ -31,6 +31,9 @@ LARGEST_IMPORT = 1 << 32
 TOLERANCE = 1e-6
 """Largest difference of m [kg] and of l [m] between an estimate and the imported one."""
 
+NOTHING_KNOWN: dict[str, Any] = {"id_error": math.nan, "returns": (), "curve": (), "settings": {}, "versions": {}}
+"""Of the making of a run in a table."""
+
 Estimates = Mapping[tuple[str, int, int], Theta]
 """theta_hat by (point, n, seed)."""
 
@@ -145,11 +148,7 @@ def _table(file: Path, preset: Preset) -> Iterator[tuple[str, Run]]:
                 cell=Cell(row.point or preset.points[0].name, row.n, row.w, row.seed),
                 population=-1,
                 theta_hat=(row.theta_hat_mass, row.theta_hat_length),
-                id_error=math.nan,
-                returns=(),
-                curve=(),
-                settings={},
-                versions={},
+                **NOTHING_KNOWN,
                 seconds=row.wall_time_s,
                 summary=RunSummary(row.eval_return_mean, row.eval_return_std, row.eval_return_fresh),
             ),

@@ -85,19 +85,12 @@ class ReferenceTask(Brief):
         seeds = sorted({*self.preset.seeds, *self.preset.reference_seeds})
         starts = [start_states(seed, self.preset.episodes) for seed in seeds]
         theta, theta_dot = (np.concatenate(column) for column in zip(*starts, strict=True))
-        returns = {
-            (truth, seed): tuple(row)
-            for truth in self.truths
-            for seed, row in zip(
-                seeds,
-                evaluate(policy, hidden_plant(truth), theta, theta_dot).returns.reshape(len(seeds), -1).tolist(),
-                strict=True,
-            )
-        }
-        seconds, found = (time.monotonic() - begin) / len(returns), versions()
+        rows = {truth: evaluate(policy, hidden_plant(truth), theta, theta_dot).returns for truth in self.truths}
+        seconds, found = (time.monotonic() - begin) / (len(seeds) * len(rows)), versions()
         return [
-            Reference(self.controller, self.theta, truth, seed, row, found, seconds)
-            for (truth, seed), row in returns.items()
+            Reference(self.controller, self.theta, truth, seed, tuple(row), found, seconds)
+            for truth, returns in rows.items()
+            for seed, row in zip(seeds, returns.reshape(len(seeds), -1).tolist(), strict=True)
         ]
 
     def design(self) -> Policy:

@@ -149,20 +149,11 @@ class SweepPopulation(PopulationTask):
                 "sigma": point.sigma,
                 "truth": list(point.truth),
             }
-            runs.append(
-                Run(
-                    cell=cell,
-                    population=self.index,
-                    theta_hat=theta,
-                    id_error=math.dist(theta, point.truth),
-                    returns=tuple(answer.returns.tolist()),
-                    curve=tuple((int(step), float(value)) for step, value in curves[a]),
-                    settings=settings,
-                    versions=found,
-                    seconds=seconds,
-                    fresh_returns=tuple(fresh.returns.tolist()),
-                )
-            )
+            curve = tuple((int(step), float(value)) for step, value in curves[a])
+            returns, fresh_returns = (tuple(own.returns.tolist()) for own in (answer, fresh))
+            error = math.dist(theta, point.truth)
+            made = settings, found, seconds, fresh_returns
+            runs.append(Run(cell, self.index, theta, error, returns, curve, *made))
         return runs
 
 

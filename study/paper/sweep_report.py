@@ -85,8 +85,7 @@ def title(point: Point) -> str:
     m, l = point.truth  # noqa: E741
     band = "" if point.randomization == "band" else ", trained over the prior range"
     return (
-        f"{point.name.replace('_', ' ')}: m = {m:g} kg, l = {l:g} m, "
-        f"speed read to {point.sigma:g} rad/s, "
+        f"{point.name.replace('_', ' ')}: m = {m:g} kg, l = {l:g} m, speed read to {point.sigma:g} rad/s, "
         f"identified by {point.identifier.replace('_', ' ')}{band}"
     )
 

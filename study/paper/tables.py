@@ -12,7 +12,7 @@ from study.paper.presets import Preset
 from study.paper.published_runs import RunRow
 from study.paper.reference_controllers import CONTROLLERS, Reference
 from study.pipeline.csv_table import write_csv
-from study.pipeline.record import write_record
+from study.pipeline.versions import write_record
 
 RATINGS = "ratings.csv"
 """The table of references, seed by seed."""

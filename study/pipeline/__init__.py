@@ -1,9 +1,9 @@
 """The way of every experiment: plan -> tasks -> results -> report.
 
 experiment       an experiment as stages of tasks, and what runs it to its end
-settings         frozen plain data that results are tied to; versions: of what made a number
+settings         frozen plain data that results are tied to; versions: of what made a number, study.json
 executor         what runs tasks; behind it processes and cluster
 population_task  a task that trains one population, with its checkpoint; progress: how far tasks are
 database         a results folder: one SQLite file, whose tables are of record_table; policy_files: the policies
-csv_table, record, html_page      tables, study.json, pages
+csv_table, html_page              tables, pages
 """

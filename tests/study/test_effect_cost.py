@@ -22,9 +22,9 @@ from study.mismatch.effect_cost import (
     read_losses,
     write_losses,
 )
+from study.mismatch.ground_truth import BLUNT, design, machine
 from study.mismatch.magnitudes import MAGNITUDES, Magnitude
 from study.mismatch.plan import ALL_PLANTS
-from study.mismatch.rod import BLUNT, design, machine
 from sysid import CATALOGUE, DynamicEffect, InvalidInput, State
 
 COARSE = Grid(theta=60, theta_dot=61, u=7)
