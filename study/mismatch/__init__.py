@@ -7,13 +7,11 @@ What an effect costs, before any training:
 The experiment:
     plan             plants, strategies, seeds and contrasts
     ground_truth     the hidden plants as machines, their rollouts and designs
-    out_of_catalogue effects that the catalogue lacks
-    strategies       what each strategy makes of its budget of rollouts: a training_setup
+    strategies       what each strategy makes of its budget of rollouts: a TrainingSetup
     residual_network a learned torque, fitted by network_fit
-    trainings        agents of setups that train together; designs: dynamic programs in their place
+    trainings        setups, and the agents that train on them together; designs: dynamic programs in their place
     experiment       all of it as tasks; mismatch_results: what is kept
-    findings         returns, contrasts, parts of a gap; sentences, figures, mismatch_report: how
-                     they are told
+    findings         returns, contrasts, parts of a gap; sentences, figures, mismatch_report: how they are told
 
 How many rollouts naming takes:
     naming           measures it; naming_results: its rows, and what is right

@@ -23,7 +23,7 @@ from policies.evaluation import Policy, batch_returns, fresh_start_states
 from study.mismatch.ground_truth import DESIGN_SUBSTEPS, design, ground_truth, machine, oracle
 from study.mismatch.mismatch_results import DESIGNS, Designed
 from study.mismatch.plan import Plan
-from study.mismatch.training_setup import TrainingSetup, training_setup_of
+from study.mismatch.trainings import TrainingSetup, training_setup_of
 from study.pipeline.executor import Brief, Link
 from study.pipeline.settings import digest
 from sysid import InvalidInput, Model

@@ -35,7 +35,7 @@ from policies.control.dynamic_programming import Grid, solve
 from policies.evaluation import batch_returns, fresh_start_states, start_states
 from study.mismatch.ground_truth import BLUNT, DESIGN_SUBSTEPS, design, machine
 from study.mismatch.magnitudes import MAGNITUDES, Magnitude
-from study.pipeline.csv_table import read_table, write_table
+from study.pipeline.tables import read_table, write_table
 from study.statistics import sem
 from sysid import InvalidInput, OutputEffect
 

@@ -12,8 +12,7 @@ from study.mismatch.designs import OPTIMUM, DesignTask, model_key
 from study.mismatch.mismatch_results import DESIGNS, FITS, TRAININGS, Fitted, MismatchResults
 from study.mismatch.plan import STRATEGIES, Plan
 from study.mismatch.strategies import training_setups
-from study.mismatch.training_setup import training_setup_of
-from study.mismatch.trainings import MismatchPopulation, agents_of, populations
+from study.mismatch.trainings import MismatchPopulation, agents_of, populations, training_setup_of
 from study.pipeline.executor import Brief, Link
 from study.pipeline.experiment import Experiment, Stage
 from study.pipeline.population_task import left

@@ -14,8 +14,7 @@ from study.mismatch.designs import OPTIMUM, PLAIN, model_key
 from study.mismatch.mismatch_results import Designed, Fitted, Trained
 from study.mismatch.naming_results import names
 from study.mismatch.plan import CONTRASTS, FREE, STRATEGIES, HiddenPlant, Plan, StrategyKey, Trial
-from study.mismatch.training_setup import TrainingSetup, training_setup_of
-from study.mismatch.trainings import agents_of
+from study.mismatch.trainings import TrainingSetup, agents_of, training_setup_of
 from study.statistics import Contrast, holm, paired_t, sem, student
 from sysid import InvalidInput
 

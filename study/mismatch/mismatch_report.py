@@ -10,14 +10,14 @@ from rich.console import Console
 from rich.markup import escape
 
 from study.mismatch import naming
-from study.mismatch.figures.drawing import draw_figures
+from study.mismatch.figures.trajectories import draw_figures
 from study.mismatch.findings import MismatchFindings, findings_of
 from study.mismatch.mismatch_results import DESIGNS, FITS, TRAININGS, MismatchResults
 from study.mismatch.naming_results import NAMING_TABLE, NamingResult, naming_table, read_naming
 from study.mismatch.plan import CONTRASTS, STRATEGIES, Plan
 from study.mismatch.sentences import sentences
-from study.pipeline.csv_table import printed, write_csv
 from study.pipeline.html_page import template
+from study.pipeline.tables import printed, write_csv
 from study.pipeline.versions import all_versions, write_record
 from sysid.data.files import write_whole
 

@@ -14,8 +14,8 @@ from typing import Any
 from study.mismatch.plan import MISMATCH_FORMAT, Trial
 from study.pipeline.database import Database, identity
 from study.pipeline.policy_files import FOLDER
-from study.pipeline.record_table import Table
 from study.pipeline.settings import StudySettings
+from study.pipeline.tables import Table
 
 OUTPUTS = (
     "study.json", "trials.csv", "outcomes.csv", "contrasts.csv", "report.html", FOLDER,

@@ -17,7 +17,7 @@ import numpy as np
 
 from study.formatting import capital
 from study.mismatch.plan import PLANS, HiddenPlant
-from study.pipeline.csv_table import read_table, write_table
+from study.pipeline.tables import read_table, write_table
 from study.statistics import wilson
 from sysid import CATALOGUE, InvalidInput
 

@@ -16,7 +16,7 @@ import numpy as np
 from study.paper.presets import Point, Theta
 from study.paper.protocol import PaperRollout, averaged_sensor, paper_model, paper_rollouts, transitions
 from study.pipeline.executor import Brief, Link
-from study.pipeline.record_table import Table
+from study.pipeline.tables import Table
 from sysid import Estimate, GridSearch, InvalidInput, LeastSquares, Model, UnscentedKalman
 
 WHOLE_ROLLOUTS = {"least_squares": LeastSquares, "unscented": UnscentedKalman}

@@ -20,9 +20,9 @@ from study.paper.published_runs import RunRow
 from study.paper.reference_controllers import Reference
 from study.paper.runs import RUNS, Run, RunSummary
 from study.paper.tables import RATINGS, Rating
-from study.pipeline.csv_table import read_table
 from study.pipeline.database import META, check_tables, readable
 from study.pipeline.population_task import sac_settings
+from study.pipeline.tables import read_table
 from sysid import InvalidInput
 from sysid.data.files import check_input, named
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from study.formatting import number
-from study.pipeline.csv_table import read_table
+from study.pipeline.tables import read_table
 
 SOURCE = "Rizvi and Tomar, How Should a Simulation-to-Reality Transfer Budget Be Spent? (2026)"
 URL = "https://github.com/YTomar79/sim2real_budget"

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from study.paper.published_numbers import POINTS, URL, CellSummary, Spot
-from study.pipeline.csv_table import read_table
+from study.pipeline.tables import read_table
 from study.statistics import sem
 from sysid import InvalidInput
 

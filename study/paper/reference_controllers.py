@@ -23,7 +23,7 @@ from study.paper.identification import hidden_plant
 from study.paper.presets import Preset, Theta
 from study.paper.protocol import paper_model
 from study.pipeline.executor import Brief, Link
-from study.pipeline.record_table import Table
+from study.pipeline.tables import Table
 from study.pipeline.versions import versions
 
 OPTIMAL, LQR, SWING_UP = "optimal", "lqr", "swing_up_lqr"

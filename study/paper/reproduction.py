@@ -17,8 +17,7 @@ from study.figure_style import save
 from study.paper import claims
 from study.paper.agreement import Agreement
 from study.paper.claims import Claim
-from study.paper.figures import identification as claim_figures
-from study.paper.figures import side_by_side
+from study.paper.figures import publication
 from study.paper.figures.sweeps import heatmaps, paretos
 from study.paper.findings import PointFindings
 from study.paper.identification_scatter import Scatter
@@ -102,9 +101,9 @@ def reproduce(
     curves, wider = (budget_curves(own, w) if main else {} for w in (0.0, 0.2))
     drawings = _sweeps(agreement, main) if agreement else {}
     if scatter:
-        drawings["published_claims"] = lambda: claim_figures.identification(scatter)
+        drawings["published_claims"] = lambda: publication.identification(scatter)
     if curves:
-        drawings["identifiers"] = lambda: claim_figures.identifiers(curves, wider, allowed)
+        drawings["identifiers"] = lambda: publication.identifiers(curves, wider, allowed)
 
     said = _claims(found, own if preset.steps == base.steps else None, scatter, fresh_optimum)
     said += _undertraining(found, _longer(preset, base, {preset.name: own, **siblings}))
@@ -157,12 +156,12 @@ def _sweeps(agreement: Agreement, main: PointFindings | None) -> dict[str, Calla
     drawings: dict[str, Callable[[], Figure]] = {}
     if ours and main:
         references = main.allowed(main.preset.reference_seeds)
-        titles = side_by_side.titles(agreement.hidden, max(cell.seeds for cell in ours.values()))
+        titles = publication.titles(agreement.hidden, max(cell.seeds for cell in ours.values()))
         sides = dict(zip(titles, (theirs, ours), strict=True))
         drawings["published_heatmap"] = lambda: heatmaps(sides, references)
         drawings["published_pareto"] = lambda: paretos(sides, references)
     if ran := [contrast for contrast in agreement.contrasts if contrast.ours]:
-        drawings["published_contrasts"] = lambda: side_by_side.contrasts(ran)
+        drawings["published_contrasts"] = lambda: publication.contrasts(ran)
     return drawings
 
 

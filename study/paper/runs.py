@@ -21,7 +21,7 @@ from study.paper.identification import hidden_plant
 from study.paper.presets import Cell, Point, Preset, Theta
 from study.paper.protocol import paper_model
 from study.pipeline.population_task import PopulationTask, sac_settings
-from study.pipeline.record_table import Table
+from study.pipeline.tables import Table
 from study.pipeline.versions import versions
 from sysid import InvalidInput
 

@@ -11,7 +11,7 @@ from study.paper.findings import PointFindings
 from study.paper.presets import Preset
 from study.paper.published_runs import RunRow
 from study.paper.reference_controllers import CONTROLLERS, Reference
-from study.pipeline.csv_table import write_csv
+from study.pipeline.tables import write_csv
 from study.pipeline.versions import write_record
 
 RATINGS = "ratings.csv"

@@ -4,6 +4,6 @@ experiment       an experiment as stages of tasks, and what runs it to its end
 settings         frozen plain data that results are tied to; versions: of what made a number, study.json
 executor         what runs tasks; behind it processes and cluster
 population_task  a task that trains one population, with its checkpoint; progress: how far tasks are
-database         a results folder: one SQLite file, whose tables are of record_table; policy_files: the policies
-csv_table, html_page              tables, pages
+database         a results folder: one SQLite file, whose tables are of tables; policy_files: the policies
+tables, html_page                 rows of dataclasses in a database and as CSV; pages
 """

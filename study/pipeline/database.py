@@ -1,6 +1,6 @@
 """A results folder: one SQLite file in write-ahead mode, one writer, tied to what its numbers depend on.
 
-A study says which tables it needs (`record_table`). Beside them stands `meta`: preset, fingerprint, settings, format,
+A study says which tables it needs (`tables.Table`). Beside them stands `meta`: preset, fingerprint, settings, format,
 device, version of gapfinder.
 """
 
@@ -16,8 +16,8 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
 
-from study.pipeline.record_table import R, Table
 from study.pipeline.settings import StudySettings, device_type
+from study.pipeline.tables import R, Table
 from study.pipeline.versions import version
 from sysid import InvalidInput
 from sysid.errors import excerpt

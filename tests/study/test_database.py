@@ -16,8 +16,8 @@ from study.paper.presets import SMOKE, Cell
 from study.paper.runs import RUNS, Run
 from study.paper.sweep_results import SweepResults, outputs
 from study.pipeline.database import Database, identity
-from study.pipeline.record_table import Table
 from study.pipeline.settings import StudySettings
+from study.pipeline.tables import Table
 from sysid import InvalidInput
 
 

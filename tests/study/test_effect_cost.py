@@ -172,7 +172,7 @@ def test_what_is_no_table_is_refused_and_left_alone(tmp_path, capsys):
     message = capsys.readouterr().err
     assert message.startswith("error: ") and message.count("\n") == 1
     assert (tmp_path / LOSS_TABLE).read_text() == "a,b\n1,2\n"
-    with pytest.raises(InvalidInput, match="not a table"):
+    with pytest.raises(InvalidInput, match="no column 'effect'"):
         read_losses(tmp_path / LOSS_TABLE)
 
 

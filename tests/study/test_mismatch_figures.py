@@ -14,10 +14,9 @@ from matplotlib.image import imread
 from policies.evaluation import evaluate, fresh_start_states
 from study.figure_style import STYLE, save
 from study.formatting import MINUS
-from study.mismatch.figures.drawing import read_agents, telling
 from study.mismatch.figures.experiment import PARTS, ladder, strategy_returns
 from study.mismatch.figures.naming import naming
-from study.mismatch.figures.trajectories import trajectories
+from study.mismatch.figures.trajectories import read_agents, telling, trajectories
 from study.mismatch.findings import Compared, Condition, MismatchFindings, Split, StrategyOutcome, Verdict
 from study.mismatch.mismatch_report import CAPTIONS, page
 from study.mismatch.naming_results import NamingResult, is_right

@@ -18,8 +18,7 @@ from study.mismatch.mismatch_results import FITS, TRAININGS, Designed, Fitted, M
 from study.mismatch.naming_results import NAMING_TABLE, NamingResult, write_naming
 from study.mismatch.plan import CONTRASTS, FREE, PLANS
 from study.mismatch.sentences import sentences
-from study.mismatch.training_setup import TrainingSetup
-from study.mismatch.trainings import agents_of
+from study.mismatch.trainings import TrainingSetup, agents_of
 from study.pipeline.experiment import run
 from study.statistics import paired_t
 from sysid import InvalidInput

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from study.figure_style import save, width_colours
 from study.paper.figures import sweeps
-from study.paper.figures.reference_lines import reference_lines
+from study.paper.figures.sweeps import reference_lines
 from study.paper.findings import PointFindings
 from study.paper.published_numbers import CellSummary
 from study.paper.sweep_results import figure_name

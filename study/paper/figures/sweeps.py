@@ -1,7 +1,8 @@
 """A sweep over budgets and widths: the heat map, and the best width at every budget; one, or two side by side.
 
 All sides share their scale, which ends at the optimum of the hidden plant. A cell's small number is how much of the
-gap between no data at all, (n, w) = (0, 0), and that optimum it closes.
+gap between no data at all, (n, w) = (0, 0), and that optimum it closes. What controllers that know the hidden plant
+return there is drawn the same way in every figure.
 """
 
 from __future__ import annotations
@@ -18,9 +19,31 @@ from matplotlib.patches import Rectangle
 
 from study.figure_style import ACCENT, COLOURS, PAPER_WHITE, beside
 from study.formatting import number, percent
-from study.paper.figures.reference_lines import NAMES, reference_lines
 from study.paper.published_numbers import CellSummary
 from study.paper.reference_controllers import LQR, OPTIMAL, SWING_UP
+
+NAMES = {OPTIMAL: "optimal", SWING_UP: "swing-up + LQR", LQR: "LQR alone"}
+LOOKS = {OPTIMAL: ("-", 6), SWING_UP: ("-.", -6), LQR: (":", 0)}
+"""Line style, and by how many points the name stands beside the line."""
+
+
+def reference_lines(panels: Sequence[Axes], references: Mapping[str, float], low: float) -> None:
+    """Lines across panels that share their scale, named at the right; what lies below the figure stands in words.
+
+    low: the least mean return that is drawn.
+    """
+    room = 0.14 * (references[OPTIMAL] - low)
+    end = panels[-1]
+    end.set_ylim(low - room, references[OPTIMAL] + room)
+    for controller, (style, shift) in LOOKS.items():
+        value = references[controller]
+        inside = value > low - room
+        for axes in panels if inside else ():
+            axes.axhline(value, color=ACCENT, linestyle=style, linewidth=1.1, zorder=1)
+        text = f"{'' if inside else '↓ '}{NAMES[controller]} {number(value)}"
+        at = 1.0, value if inside else low - 0.9 * room
+        beside(end, text, at, (5, shift), xycoords=end.get_yaxis_transform(), color=ACCENT)
+
 
 OURS = COLOURS(0.35)
 
