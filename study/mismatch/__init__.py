@@ -9,8 +9,8 @@ The experiment:
     ground_truth     the hidden plants as machines, their rollouts and designs
     strategies       what each strategy makes of its budget of rollouts: a TrainingSetup
     residual_network a learned torque, fitted by network_fit
-    trainings        setups, and the agents that train on them together; designs: dynamic programs in their place
-    experiment       all of it as tasks; mismatch_results: what is kept
+    trainings        setups, and the agents that train on them together
+    experiment       all of it as tasks, dynamic programs in the place of training too; mismatch_results: what is kept
     findings         returns, contrasts, parts of a gap; sentences, figures, mismatch_report: how they are told
 
 How many rollouts naming takes:

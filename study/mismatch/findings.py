@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from study.mismatch.designs import OPTIMUM, PLAIN, model_key
+from study.mismatch.experiment import OPTIMUM, PLAIN, model_key
 from study.mismatch.mismatch_results import Designed, Fitted, Trained
 from study.mismatch.naming_results import names
 from study.mismatch.plan import CONTRASTS, FREE, STRATEGIES, HiddenPlant, Plan, StrategyKey, Trial

@@ -219,31 +219,13 @@ SLEW = HiddenPlant("slew", "slew_limit", (("rate", 8.5),), 28.4)
 
 ALL_PLANTS = (PLAIN, COULOMB, DELAY_MEDIUM, DELAY_LARGE, MAGNET, SLEW)
 
+QUICK_STRATEGIES = tuple(StrategyKey[name] for name in ("PRIOR", "FITTED", "BAND", "MENDED", "ORACLE"))
+
 _ALL = (
     Plan("mismatch", ALL_PLANTS, tuple(STRATEGIES), (5, 50), tuple(range(3000, 3020)), described=5),
-    Plan(
-        "mismatch-quick",
-        (DELAY_LARGE, MAGNET),
-        tuple(StrategyKey[k] for k in ("PRIOR", "FITTED", "BAND", "MENDED", "ORACLE")),
-        (5,),
-        (1000, 1001, 1002),
-        described=3,
-    ),
-    Plan(
-        "mismatch-smoke",
-        (DELAY_LARGE, MAGNET),
-        tuple(STRATEGIES),
-        (2,),
-        (1000, 1001),
-        described=1,
-        hidden=(8, 8),
-        steps=800,
-        random_steps=200,
-        batch=32,
-        agents=4,
-        episodes=4,
-        grid=40,
-    ),
-)
+    Plan("mismatch-quick", (DELAY_LARGE, MAGNET), QUICK_STRATEGIES, (5,), (1000, 1001, 1002), described=3),
+    Plan("mismatch-smoke", (DELAY_LARGE, MAGNET), tuple(STRATEGIES), (2,), (1000, 1001), described=1, hidden=(8, 8),
+         steps=800, random_steps=200, batch=32, agents=4, episodes=4, grid=40),
+)  # fmt: skip
 
 PLANS = {plan.name: plan for plan in _ALL}

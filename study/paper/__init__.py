@@ -2,9 +2,9 @@
 
 presets          operating points, budgets, widths, seeds, training settings
 protocol         the paper's pendulum, and how it is measured
-identification   n rollouts become theta_hat; runs: agents on it; reference_controllers: what the plant allows
+runs             n rollouts become theta_hat, and agents train on it; reference_controllers: what the plant allows
 sweep            all of it as an experiment; sweep_results: what is kept; imported_runs: runs from elsewhere
-findings         what the runs of an operating point say; tables, sweep_report, figures: how it is told
+findings         what the runs of an operating point say; sweep_report, figures: how it is told
 
 published_numbers         what was printed, as facts with their places
 published_runs            the authors' runs and ours, read into one table

@@ -213,8 +213,7 @@ class Agreement:
         """Our bootstrap and t contrasts of two cells over the seeds they share; None where there are none."""
         if a not in self.ours or b not in self.ours or not self.ours.seeds(a, b):
             return None
-        seeds = self.ours.seeds(a, b)
-        x, y = self.ours.returns(a, seeds), self.ours.returns(b, seeds)
+        x, y = self.ours.pair(a, b)
         return paired_bootstrap(x, y, np.random.default_rng(0), self.resamples), paired_t(x, y)
 
     @cached_property

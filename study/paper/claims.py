@@ -207,14 +207,12 @@ def _best(ours: Outcomes, best: Spot, optima: Callable[[Sequence[int]], tuple[fl
 
 def _changed(ours: Outcomes, spots: Sequence[Spot]) -> str:
     """Which published contrasts say something else from start states that no two seeds share."""
-    pairs = [(c, ours.seeds(c.a, c.b)) for c in DIFFERENCES if c.a in spots and c.b in spots]
+    pairs = [c for c in DIFFERENCES if c.a in spots and c.b in spots]
     if not pairs:
         return ""
     found = []
-    for c, seeds in pairs:
-        shared, fresh = (
-            paired_t(ours.returns(c.a, seeds, fresh=f), ours.returns(c.b, seeds, fresh=f)) for f in (False, True)
-        )
+    for c in pairs:
+        shared, fresh = (paired_t(*ours.pair(c.a, c.b, fresh=f)) for f in (False, True))
         if (shared.significant, shared.mean > 0.0) != (fresh.significant, fresh.mean > 0.0):
             found.append(f"{c.label} ({shared} becomes {fresh})")
     listed = f"; these do: {', '.join(found)}." if found else "."

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from study.formatting import number
 from study.paper.presets import Point, Preset, Theta
+from study.paper.published_numbers import CellSummary
 from study.paper.reference_controllers import CONTROLLERS, OPTIMAL, Reference
 from study.paper.runs import Run
 from study.statistics import Contrast, bootstrap_coverage, holm, paired_bootstrap, paired_t, sem
@@ -74,11 +75,13 @@ class PointFindings:
     def mean(self, key: Key) -> float:
         return float(np.mean(self.returns(key)))
 
-    def median(self, key: Key) -> float:
-        return float(np.median(self.returns(key)))
-
-    def sem(self, key: Key) -> float:
-        return sem(self.returns(key))
+    @cached_property
+    def summaries(self) -> dict[Key, CellSummary]:
+        """Mean return of every cell, its error and its median over seeds."""
+        return {
+            key: CellSummary(self.mean(key), sem(own), float(np.median(own)), len(own))
+            for key, own in ((key, self.returns(key)) for key in self.cells)
+        }
 
     def id_error(self, n: int) -> float:
         """Mean ||theta_hat - truth|| of a budget."""

@@ -17,9 +17,8 @@ from typing import Any
 
 from study.paper.presets import FORMAT, Cell, Point, Preset, Theta
 from study.paper.published_runs import RunRow
-from study.paper.reference_controllers import Reference
+from study.paper.reference_controllers import RATINGS, Rating, Reference
 from study.paper.runs import RUNS, Run, RunSummary
-from study.paper.tables import RATINGS, Rating
 from study.pipeline.database import META, check_tables, readable
 from study.pipeline.population_task import sac_settings
 from study.pipeline.tables import read_table

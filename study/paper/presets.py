@@ -140,18 +140,9 @@ _ALL = (
     Preset("identifiers", IDENTIFIERS, SMALL, 30_000, 25),
     Preset("longer", (Point("main", (50,), (0.5,), TEN),), LARGE, 150_000, 2, companion="paper"),
     Preset("longer-small", (Point("main", (50,), (0.5,), TEN),), SMALL, 150_000, 5, companion="paper-small"),
-    Preset(
-        "smoke",
-        (Point("main", (0, 2), (0.0,), (0, 1)),),
-        hidden=(8, 8),
-        steps=1200,
-        population=2,
-        batch=32,
-        random_steps=200,
-        episodes=5,
-        grid=100,
-    ),
-)
+    Preset("smoke", (Point("main", (0, 2), (0.0,), (0, 1)),), hidden=(8, 8), steps=1200, population=2, batch=32,
+           random_steps=200, episodes=5, grid=100),
+)  # fmt: skip
 
 PRESETS = {preset.name: preset for preset in _ALL}
 QUICK, PAPER, SMOKE = PRESETS["quick"], PRESETS["paper"], PRESETS["smoke"]

@@ -87,6 +87,11 @@ class Outcomes:
         chosen = [runs[seed] for seed in (sorted(runs) if seeds is None else seeds)]
         return np.array([run.fresh if fresh else run.mean for run in chosen])
 
+    def pair(self, a: Spot, b: Spot, *, fresh: bool = False) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Returns (S,) of two cells over the seeds that both have."""
+        seeds = self.seeds(a, b)
+        return self.returns(a, seeds, fresh=fresh), self.returns(b, seeds, fresh=fresh)
+
     def summary(self, spot: Spot, *, fresh: bool = False) -> CellSummary:
         """Mean, its standard error, median and number of seeds of a cell."""
         values = self.returns(spot, fresh=fresh)

@@ -19,9 +19,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from policies.evaluation import Policy, evaluate, fresh_start_states, start_states
-from study.paper.identification import hidden_plant
 from study.paper.presets import Preset, Theta
 from study.paper.protocol import paper_model
+from study.paper.runs import hidden_plant
 from study.pipeline.executor import Brief, Link
 from study.pipeline.tables import Table
 from study.pipeline.versions import versions
@@ -51,6 +51,24 @@ class Reference:
         return float(np.mean(self.returns))
 
 
+@dataclass(frozen=True)
+class Rating:
+    """The mean return on the hidden plant (truth_m, truth_l), from a seed's start states, of a controller designed at
+    (m, l) on a table of so many angles."""
+
+    controller: str
+    m: float
+    l: float  # noqa: E741
+    truth_m: float
+    truth_l: float
+    seed: int
+    return_mean: float
+    grid: int
+    episodes: int
+
+
+RATINGS = "ratings.csv"
+"""The table of references, seed by seed."""
 REFERENCES = Table(
     "controllers",
     Reference,

@@ -82,14 +82,9 @@ def _curve(runs: Outcomes, name: str, spots: Sequence[Spot], known: float) -> Bu
         known=known,
         closed=tuple(closed),
         saturation=spots[bent].n if bent < len(spots) else None,
-        first=_gain(runs, spots[1], start),
-        after=_gain(runs, spots[-1], spots[bent]) if bent < len(spots) - 1 else None,
+        first=paired_t(*runs.pair(spots[1], start)),
+        after=paired_t(*runs.pair(spots[-1], spots[bent])) if bent < len(spots) - 1 else None,
     )
-
-
-def _gain(runs: Outcomes, a: Spot, b: Spot) -> Contrast:
-    seeds = runs.seeds(a, b)
-    return paired_t(runs.returns(a, seeds), runs.returns(b, seeds))
 
 
 def paragraph(

@@ -6,38 +6,34 @@ An unfinished population leaves a checkpoint in the folder.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
-from study.paper.identification import IdentificationTask
 from study.paper.imported_runs import import_references, import_runs, is_database
 from study.paper.presets import Preset, Theta
 from study.paper.published_runs import Outcomes
-from study.paper.reference_controllers import REFERENCES, Designs, ReferenceTask, reference_tasks
-from study.paper.runs import RUNS, SweepPopulation
+from study.paper.reference_controllers import REFERENCES, Designs, reference_tasks
+from study.paper.runs import RUNS, IdentificationTask, SweepPopulation
 from study.paper.sweep_results import SweepResults
 from study.pipeline.executor import Task
 from study.pipeline.experiment import Experiment, Stage
 from study.pipeline.population_task import left
 
 
+@dataclass(eq=False)
 class Sweep(Experiment):
     """A preset with its results; imported: a file whose finished runs are taken up; theirs: the authors' runs, which
     ours are paired with in the report."""
 
-    def __init__(
-        self,
-        preset: Preset,
-        results: SweepResults,
-        checkpoint_seconds: float = 60.0,
-        imported: Path | None = None,
-        theirs: Outcomes | None = None,
-    ) -> None:
-        self.preset, self.results, self.checkpoint_seconds = preset, results, checkpoint_seconds
-        self.imported, self.theirs = imported, theirs
+    preset: Preset
+    results: SweepResults
+    checkpoint_seconds: float = 60.0
+    imported: Path | None = None
+    theirs: Outcomes | None = None
 
     def stages(self, console: Console) -> Iterator[Stage]:
         """Identification; then training and references, after the runs in `imported` were taken up."""
@@ -50,7 +46,7 @@ class Sweep(Experiment):
             known = self._rated()
             rated = import_references(self.imported, self.preset, self._designs())
             self.results.add(REFERENCES, [r for r in rated if (r.controller, r.theta, r.truth) not in known])
-        tasks: list[Task] = [*self._untrained(), *self._unrated()]
+        tasks: list[Task] = [*self._untrained(), *reference_tasks(self.preset, self._designs(), self._rated())]
         yield Stage(tasks, self._about(tasks))
 
     def keep(self, task: Task, answer: Any) -> None:
@@ -71,25 +67,12 @@ class Sweep(Experiment):
                     yield IdentificationTask(point, seed)
 
     def _untrained(self) -> Iterator[SweepPopulation]:
-        results, populations = self.results, self.preset.populations(self.results.device)
-        estimates = results.estimates()
-        tasks = [
-            SweepPopulation(
-                self.preset,
-                index,
-                len(populations),
-                cells,
-                tuple(estimates[c.point, c.n, c.seed] for c in cells),
-                folder=results.folder.resolve(),
-                checkpoint_seconds=self.checkpoint_seconds,
-                device=results.device,
-            )
-            for index, cells in enumerate(populations)
-        ]
+        results, tasks = self.results, []
+        populations, found = self.preset.populations(results.device), results.estimates()
+        for index, cells in enumerate(populations):
+            theta = tuple(found[cell.point, cell.n, cell.seed] for cell in cells)
+            tasks.append(SweepPopulation(self.preset, index, len(populations), cells, theta, **self.training))
         return left(tasks, results.finished(), lambda task: results.training_seconds(task.progress_key))
-
-    def _unrated(self) -> Iterable[ReferenceTask]:
-        return reference_tasks(self.preset, self._designs(), self._rated())
 
     def _designs(self) -> Designs:
         designs: Designs = {}

@@ -1,9 +1,13 @@
-"""The report: one HTML file that opens without a network, the answer in words first; and the same in a terminal."""
+"""The report of a sweep: tables for other programs, one HTML page that opens without a network and begins with the
+answer in words, and the same in a terminal.
+"""
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import astuple, fields
 from pathlib import Path
 
 import numpy as np
@@ -11,20 +15,72 @@ from rich.console import Console
 from rich.markup import escape
 
 from study.paper import published_numbers as paper
-from study.paper import tables
 from study.paper.agreement import MARGIN
 from study.paper.figures.operating_point import save_all
 from study.paper.findings import PointFindings
 from study.paper.identification_scatter import scatter
 from study.paper.presets import Point, Preset
-from study.paper.published_runs import Outcomes
-from study.paper.reference_controllers import LQR, OPTIMAL, REFERENCES, SWING_UP, fresh_optimum
+from study.paper.published_runs import Outcomes, RunRow
+from study.paper.reference_controllers import (
+    CONTROLLERS,
+    LQR,
+    OPTIMAL,
+    RATINGS,
+    REFERENCES,
+    SWING_UP,
+    Rating,
+    Reference,
+    fresh_optimum,
+)
 from study.paper.reproduction import REPRODUCTION_CAPTIONS, Reproduction, reproduce
 from study.paper.runs import RUNS
 from study.paper.sweep_results import SweepResults
 from study.pipeline.html_page import template
-from study.pipeline.versions import all_versions
+from study.pipeline.tables import write_csv
+from study.pipeline.versions import all_versions, write_record
 from sysid.data.files import write_whole
+
+REFERENCE_COLUMNS = ("m", "l", "controller", "return_mean", "return_sem")
+
+
+def write_runs(found: Sequence[PointFindings], path: Path) -> None:
+    """A `RunRow` a run, sorted by n, w, seed, point by point."""
+    rows = [
+        (r.cell.n, r.cell.w, r.cell.seed, r.id_error, r.mean, r.std, *r.theta_hat, r.seconds, r.cell.point,
+         "" if math.isnan(r.fresh_mean) else r.fresh_mean)
+        for point_findings in found
+        for r in sorted(point_findings.runs, key=lambda r: r.cell)
+    ]  # fmt: skip
+    write_csv(path, [f.name for f in fields(RunRow)], rows)
+
+
+def write_references(found: Sequence[PointFindings], path: Path) -> None:
+    """One row a controller, designed at a hidden plant's own (m, l).
+
+    Mean and SEM are over the start states of the preset's reference seeds, the paper's ten, so that these numbers do
+    not change with the preset; gaps in the report are paired over the study's own seeds.
+    """
+    rows = [
+        (*truth, controller, *answer.rating(controller, answer.preset.reference_seeds))
+        for truth, answer in {answer.point.truth: answer for answer in found}.items()
+        for controller in CONTROLLERS
+    ]
+    write_csv(path, REFERENCE_COLUMNS, rows)
+
+
+def write_ratings(preset: Preset, references: Sequence[Reference], path: Path) -> None:
+    """One row a reference controller and seed: what an import of these runs need not compute again."""
+    rows = (Rating(r.controller, *r.theta, *r.truth, r.seed, r.mean, preset.grid, preset.episodes) for r in references)
+    write_csv(path, [f.name for f in fields(Rating)], map(astuple, rows))
+
+
+def write_study(found: Sequence[PointFindings], device: str, path: Path) -> None:
+    """What the runs depend on: preset, settings, device, versions, and the hours that workers spent on them."""
+    preset, runs = found[0].preset, [run for point_findings in found for run in point_findings.runs]
+    about = {"runs": len(runs), "imported": sum(bool(run.imported) for run in runs)}
+    hours = sum(run.seconds for run in runs) / 3600.0
+    write_record(path, preset, device, about, hours, [run.versions for run in runs])
+
 
 CONTROLLER_LABELS = {OPTIMAL: "optimal (dynamic programming)", LQR: "LQR alone", SWING_UP: "energy swing-up, then LQR"}
 
@@ -50,10 +106,10 @@ def publish_sweep(
         references = results.all(REFERENCES)
         runs = results.all(RUNS)
         found = [PointFindings(preset, point, runs, references) for point in preset.points]
-        tables.write_runs(found, folder / "runs.csv")
-        tables.write_references(found, folder / "references.csv")
-        tables.write_ratings(preset, references, folder / tables.RATINGS)
-        tables.write_study(found, results.device, folder / "study.json")
+        write_runs(found, folder / "runs.csv")
+        write_references(found, folder / "references.csv")
+        write_ratings(preset, references, folder / RATINGS)
+        write_study(found, results.device, folder / "study.json")
         drawn = [save_all(answer, folder) for answer in found]
         identified = scatter(np.random.default_rng(0)) if preset.episodes == paper.EPISODES else None
         reproduction = reproduce(found, folder, theirs, identified, _fresh_optimum(preset))

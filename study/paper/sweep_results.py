@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from study.paper.identification import ESTIMATES
 from study.paper.presets import FORMAT, Cell, Preset, Theta
 from study.paper.reference_controllers import REFERENCES
-from study.paper.runs import RUNS, Run
+from study.paper.runs import ESTIMATES, RUNS, Run
 from study.pipeline.database import Database, identity
 from study.pipeline.policy_files import FOLDER
 

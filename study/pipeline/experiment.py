@@ -35,6 +35,7 @@ class Experiment(ABC):
     """A plan with the folder of its results."""
 
     results: Database
+    checkpoint_seconds: float
 
     @abstractmethod
     def stages(self, console: Console) -> Iterator[Stage]:
@@ -48,6 +49,12 @@ class Experiment(ABC):
     def note(self, task: Task, seconds: float) -> None:
         """Keep that a task's checkpoint holds the work of so many seconds."""
         self.results.note_training(task.progress_key, seconds)
+
+    @property
+    def training(self) -> dict[str, Any]:
+        """Where and how its populations train, as `PopulationTask` asks it."""
+        folder, device = self.results.folder.resolve(), self.results.device
+        return {"folder": folder, "checkpoint_seconds": self.checkpoint_seconds, "device": device}
 
     @abstractmethod
     def publish(self, console: Console) -> None:

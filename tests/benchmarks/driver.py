@@ -22,13 +22,12 @@ from typing import Any
 from rich.console import Console
 
 from study.paper.findings import PointFindings
-from study.paper.identification import Estimated, IdentificationTask
 from study.paper.presets import PAPER, Preset
 from study.paper.reference_controllers import REFERENCES, Reference, ReferenceTask
-from study.paper.runs import RUNS, Run, SweepPopulation
+from study.paper.runs import RUNS, Estimated, IdentificationTask, Run, SweepPopulation
 from study.paper.sweep import Sweep
+from study.paper.sweep_report import write_runs
 from study.paper.sweep_results import SweepResults
-from study.paper.tables import write_runs
 from study.pipeline.executor import Heard, Task
 from study.pipeline.experiment import run
 

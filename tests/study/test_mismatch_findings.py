@@ -10,8 +10,7 @@ import pytest
 from rich.console import Console
 
 from policies.environments.randomization import Fixed
-from study.mismatch.designs import OPTIMUM, PLAIN, model_key
-from study.mismatch.experiment import MismatchExperiment
+from study.mismatch.experiment import OPTIMUM, PLAIN, MismatchExperiment, model_key
 from study.mismatch.findings import Verdict, findings_of
 from study.mismatch.ground_truth import PRIOR, oracle
 from study.mismatch.mismatch_results import FITS, TRAININGS, Designed, Fitted, MismatchResults, Trained

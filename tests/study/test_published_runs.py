@@ -7,7 +7,7 @@ import pytest
 from study.main import main
 from study.paper.published_numbers import POINTS, Spot
 from study.paper.published_runs import Outcome, Outcomes, outcomes, read_published, read_runs
-from study.paper.tables import write_runs
+from study.paper.sweep_report import write_runs
 from sysid import InvalidInput
 
 HEADER = "n,w,seed,id_error,eval_return_mean,theta_hat_mass,theta_hat_length"

@@ -2,10 +2,9 @@
 
 import pytest
 
-from study.paper.identification import ESTIMATES, Estimated
 from study.paper.presets import QUICK, SMOKE, Cell
 from study.paper.reference_controllers import REFERENCES, Reference
-from study.paper.runs import RUNS, Run
+from study.paper.runs import ESTIMATES, RUNS, Estimated, Run
 from study.paper.sweep_results import SweepResults
 from sysid import InvalidInput
 

@@ -18,7 +18,6 @@ from study.figure_style import save, width_colours
 from study.paper.figures import sweeps
 from study.paper.figures.sweeps import reference_lines
 from study.paper.findings import PointFindings
-from study.paper.published_numbers import CellSummary
 from study.paper.sweep_results import figure_name
 from study.statistics import sem
 
@@ -28,19 +27,12 @@ SMOOTH = 10
 
 def heatmap(findings: PointFindings) -> Figure:
     """Mean return +- SEM of every cell; the best cell is outlined; the brightest colour is the optimum."""
-    return sweeps.heatmaps({"Mean return on the hidden plant": _sweep(findings)}, findings.allowed())
+    return sweeps.heatmaps({"Mean return on the hidden plant": findings.summaries}, findings.allowed())
 
 
 def pareto(findings: PointFindings) -> Figure:
     """The best mean return at every budget and the width that reached it, between two extremes and the references."""
-    return sweeps.paretos({"What the next rollout is worth": _sweep(findings)}, findings.allowed())
-
-
-def _sweep(findings: PointFindings) -> sweeps.Sweep:
-    return {
-        key: CellSummary(findings.mean(key), findings.sem(key), float(np.median(findings.returns(key))), len(runs))
-        for key, runs in findings.cells.items()
-    }
+    return sweeps.paretos({"What the next rollout is worth": findings.summaries}, findings.allowed())
 
 
 def gap(findings: PointFindings) -> Figure:
@@ -55,8 +47,7 @@ def gap(findings: PointFindings) -> Figure:
     offsets = 0.16 + 0.56 * np.arange(len(widths)) / max(1, len(widths) - 1) * min(1.0, len(widths) / 5.0)
     lows = [float(np.mean(d)) - _reach(sem(d)) for d in design]
     for w, offset, colour in zip(widths, offsets, width_colours(len(widths)), strict=True):
-        means = [findings.mean((n, w)) for n in budgets]
-        errors = [findings.sem((n, w)) for n in budgets]
+        means, errors = zip(*(findings.summaries[n, w][:2] for n in budgets), strict=True)
         lows += [mean - _reach(error) for mean, error in zip(means, errors, strict=True)]
         axes.errorbar(x + offset, means, errors, color=colour, marker="o", markersize=5, linestyle="none", capsize=2,
                       label=f"agent, {findings.label(w)}", zorder=3)  # fmt: skip

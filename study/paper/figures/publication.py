@@ -1,5 +1,5 @@
-"""What stands beside the publication: every contrast there and here, how the paper's grid search scatters with the budget,
-and the budget curve of three identifiers.
+"""What stands beside the publication: every contrast there and here, the scatter of the paper's grid search over the
+budget, and the budget curve of three identifiers.
 """
 
 from __future__ import annotations
