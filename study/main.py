@@ -152,8 +152,7 @@ def _experiment(options: Options) -> Iterator[Experiment]:
             yield MismatchExperiment(plan, kept, seconds)
     else:
         from study.paper.published_runs import read_published
-        from study.paper.sweep import Sweep
-        from study.paper.sweep_results import SweepResults
+        from study.paper.sweep import Sweep, SweepResults
 
         preset = PRESETS[options.preset]
         theirs = read_published(options.published) if options.published else None

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
@@ -49,10 +49,6 @@ class Contrast:
     def significant(self) -> bool:
         """Whether the interval excludes zero."""
         return self.low > 0.0 or self.high < 0.0
-
-    def to_dict(self) -> dict[str, float]:
-        """Plain data, ready for JSON."""
-        return asdict(self)
 
     @property
     def interval(self) -> str:

@@ -3,7 +3,7 @@
 presets          operating points, budgets, widths, seeds, training settings
 protocol         the paper's pendulum, and how it is measured
 runs             n rollouts become theta_hat, and agents train on it; reference_controllers: what the plant allows
-sweep            all of it as an experiment; sweep_results: what is kept; imported_runs: runs from elsewhere
+sweep            all of it as an experiment, and what is kept; imported_runs: runs from elsewhere
 findings         what the runs of an operating point say; sweep_report, figures: how it is told
 
 published_numbers         what was printed, as facts with their places

@@ -43,12 +43,11 @@ class Outlier:
 
 @dataclass(frozen=True)
 class CellAgreement:
-    """A cell here and there: the returns that are compared, what is printed of the publication's, and ours from fresh
-    start states. `basis` says how the difference was taken; `verdict` is same, differs or open."""
+    """A cell here, there as it is printed, and here from fresh start states. `basis` says how the difference was taken;
+    `verdict` is same, differs or open."""
 
     spot: Spot
     ours: CellSummary
-    theirs: CellSummary
     printed: CellSummary
     fresh: CellSummary
     difference: Contrast
@@ -105,7 +104,6 @@ class ContrastAgreement:
 class RobustnessEntry:
     """A row of Table I: best cell, its mean, delta-budget, delta-wide, w* at n = 0 and what it gains over w = 0."""
 
-    point: str
     best: Spot
     mean: float
     budget: Contrast | None
@@ -153,9 +151,9 @@ class Agreement:
         if max(abs(narrow.low), abs(narrow.high)) <= MARGIN:
             verdict = SAME
         reason = self._reason(outlier) if verdict == DIFFERS else ""
-        text = CELLS[spot].printed
-        printed, fresh = theirs if text is None else theirs._replace(mean=text), self.ours.summary(spot, fresh=True)
-        return CellAgreement(spot, ours, theirs, printed, fresh, found, verdict, basis, outlier, reason)
+        text, fresh = CELLS[spot].printed, self.ours.summary(spot, fresh=True)
+        printed = theirs if text is None else theirs._replace(mean=text)
+        return CellAgreement(spot, ours, printed, fresh, found, verdict, basis, outlier, reason)
 
     def _pairs(self, spot: Spot) -> tuple[tuple[int, ...], str]:
         """The seeds to pair over, or why there is no pairing."""
@@ -226,13 +224,12 @@ class Agreement:
         if not spots:
             return None
         means = {spot: self.ours.summary(spot).mean for spot in spots}
-        best, full = max(means, key=lambda spot: means[spot]), Spot(point, 50, 0.0)
-        start = Spot(point, 0, 0.0)
-        at_zero = max((s for s in spots if s.n == 0), key=lambda spot: means[spot], default=None)
+        best, full, start = max(means, key=means.__getitem__), Spot(point, 50, 0.0), Spot(point, 0, 0.0)
+        at_zero = max((s for s in spots if s.n == 0), key=means.__getitem__, default=None)
         pairs = [self.contrast(full, start), self.contrast(full, Spot(point, 50, 0.5))]
         pairs.append(self.contrast(at_zero, start) if at_zero and at_zero != start else None)
         budget, wide, zero = (pair[0] if pair else None for pair in pairs)
-        return RobustnessEntry(point, best, means[best], budget, wide, at_zero.w if at_zero else None, zero)
+        return RobustnessEntry(best, means[best], budget, wide, at_zero.w if at_zero else None, zero)
 
     def sentences(self) -> list[tuple[str, str]]:
         """(question, answer): do the cells, the contrasts and the claims of significance agree?"""
@@ -279,7 +276,7 @@ class Agreement:
         ]
         return (
             f"Trained over the whole prior range, which covers the truth, and without data the agents returned "
-            f"{number(theirs.printed)} ± {theirs.sem:.0f} there and {number(ours.mean)} ± {ours.sem:.0f} here"
+            f"{number(theirs.printed)} ± {theirs.sem:.0f} there and {ours.with_error} here"
             f"{'; ' if parts else ''}{', '.join(parts)}."
         )
 

@@ -75,9 +75,6 @@ class Outcomes:
     def budgets(self, point: str) -> tuple[int, ...]:
         return tuple(sorted({spot.n for spot in self.table if spot.point == point}))
 
-    def widths(self, point: str) -> tuple[float, ...]:
-        return tuple(sorted({spot.w for spot in self.table if spot.point == point}))
-
     def seeds(self, *spots: Spot) -> tuple[int, ...]:
         return tuple(sorted(set.intersection(*(set(self.table.get(spot, {})) for spot in spots))))
 

@@ -156,8 +156,9 @@ def _sweeps(agreement: Agreement, main: PointFindings | None) -> dict[str, Calla
     drawings: dict[str, Callable[[], Figure]] = {}
     if ours and main:
         references = main.allowed(main.preset.reference_seeds)
-        titles = publication.titles(agreement.hidden, max(cell.seeds for cell in ours.values()))
-        sides = dict(zip(titles, (theirs, ours), strict=True))
+        layers, seeds = " × ".join(map(str, agreement.hidden)), max(cell.seeds for cell in ours.values())  # noqa: RUF001
+        here = f"Here ({layers} networks, {seeds} seed{'s' * (seeds != 1)})"
+        sides = {"Published (256 × 256 networks, 10 seeds)": theirs, here: ours}  # noqa: RUF001
         drawings["published_heatmap"] = lambda: heatmaps(sides, references)
         drawings["published_pareto"] = lambda: paretos(sides, references)
     if ran := [contrast for contrast in agreement.contrasts if contrast.ours]:

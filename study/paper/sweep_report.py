@@ -6,8 +6,9 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import astuple, fields
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -34,7 +35,7 @@ from study.paper.reference_controllers import (
 )
 from study.paper.reproduction import REPRODUCTION_CAPTIONS, Reproduction, reproduce
 from study.paper.runs import RUNS
-from study.paper.sweep_results import SweepResults
+from study.paper.sweep import SweepResults
 from study.pipeline.html_page import template
 from study.pipeline.tables import write_csv
 from study.pipeline.versions import all_versions, write_record
@@ -111,8 +112,11 @@ def publish_sweep(
         write_ratings(preset, references, folder / RATINGS)
         write_study(found, results.device, folder / "study.json")
         drawn = [save_all(answer, folder) for answer in found]
-        identified = scatter(np.random.default_rng(0)) if preset.episodes == paper.EPISODES else None
-        reproduction = reproduce(found, folder, theirs, identified, _fresh_optimum(preset))
+        identified, optimum = None, None
+        if preset.episodes == paper.EPISODES:  # else evaluations are not as published
+            identified = scatter(np.random.default_rng(0))
+            optimum = partial(fresh_optimum, preset, paper.POINTS["main"].truth)
+        reproduction = reproduce(found, folder, theirs, identified, optimum)
         write_report(found, drawn, folder / "report.html", reproduction)
     for answer in found:
         console.print()
@@ -127,13 +131,6 @@ def publish_sweep(
     files = [str(path) for files in [*drawn, reproduction.figures] for path in files.values()]
     console.print(f"figures  {', '.join(files)}", soft_wrap=True)
     return found
-
-
-def _fresh_optimum(preset: Preset) -> Callable[[Sequence[int]], float] | None:
-    """At the paper's main plant, of such seeds; None where evaluations are not as published."""
-    if preset.episodes != paper.EPISODES:
-        return None
-    return lambda seeds: fresh_optimum(preset, paper.POINTS["main"].truth, seeds)
 
 
 def title(point: Point) -> str:

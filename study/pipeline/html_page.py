@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from study.formatting import capital, number, percent, signed
+from study.formatting import capital, number, signed
 from study.pipeline.progress import duration
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ def template(name: str) -> jinja2.Template:
 
     loader = jinja2.PackageLoader("study")
     environment = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    filters: tuple[Callable[..., str], ...] = (number, signed, percent, capital, duration, unbroken, embedded, p_value)
+    filters: tuple[Callable[..., str], ...] = (number, signed, capital, duration, unbroken, embedded, p_value)
     environment.filters |= {own.__name__: own for own in filters}
     environment.tests["finite"] = math.isfinite
     return environment.get_template(name)

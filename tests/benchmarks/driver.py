@@ -25,9 +25,8 @@ from study.paper.findings import PointFindings
 from study.paper.presets import PAPER, Preset
 from study.paper.reference_controllers import REFERENCES, Reference, ReferenceTask
 from study.paper.runs import RUNS, Estimated, IdentificationTask, Run, SweepPopulation
-from study.paper.sweep import Sweep
+from study.paper.sweep import Sweep, SweepResults
 from study.paper.sweep_report import write_runs
-from study.paper.sweep_results import SweepResults
 from study.pipeline.executor import Heard, Task
 from study.pipeline.experiment import run
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from study.paper import runs
 from study.paper.imported_runs import import_runs
 from study.paper.presets import PRESETS
-from study.paper.sweep_results import SweepResults
+from study.paper.sweep import SweepResults
 from tests.hostile_input.answering import CELLS, ESC, answered, many
 
 RESULTS = Path(__file__).parents[2] / "study" / "results"

@@ -16,9 +16,8 @@ from study.paper.findings import PointFindings
 from study.paper.presets import SMOKE
 from study.paper.reference_controllers import REFERENCES
 from study.paper.runs import RUNS
-from study.paper.sweep import Sweep
+from study.paper.sweep import Sweep, SweepResults
 from study.paper.sweep_report import write_runs
-from study.paper.sweep_results import SweepResults
 from study.pipeline.cluster import Cluster
 from study.pipeline.executor import WorkerFailed
 from study.pipeline.experiment import run as run_study

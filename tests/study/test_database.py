@@ -14,7 +14,7 @@ import pytest
 from study.mismatch.mismatch_results import FITS, OUTPUTS, Fitted, MismatchResults
 from study.paper.presets import SMOKE, Cell
 from study.paper.runs import RUNS, Run
-from study.paper.sweep_results import SweepResults, outputs
+from study.paper.sweep import SweepResults, outputs
 from study.pipeline.database import Database, identity
 from study.pipeline.settings import StudySettings
 from study.pipeline.tables import Table

@@ -7,7 +7,7 @@ import pytest
 
 from study.mismatch.mismatch_results import DESIGNS, FITS, TRAININGS, Designed, Fitted, MismatchResults, Trained
 from study.paper.presets import SMOKE
-from study.paper.sweep_results import SweepResults
+from study.paper.sweep import SweepResults
 from sysid import InvalidInput
 
 MODEL = {"effects": [{"name": "delay", "T": 0.126}], "sd": [0.1, 1e-17], "unit": None}

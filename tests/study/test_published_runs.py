@@ -22,7 +22,7 @@ def test_our_own_table_reads_back(answer, tmp_path):
     write_runs([answer], tmp_path / "runs.csv")
     found = read_runs(tmp_path / "runs.csv")
     assert found.points == ("main",)
-    assert (found.budgets("main"), found.widths("main")) == (answer.point.budgets, answer.point.widths)
+    assert found.budgets("main") == answer.point.budgets
     for key in answer.cells:
         assert found.returns(Spot("main", *key)) == pytest.approx(answer.returns(key))
     assert found.id_errors("main", 5).mean() == pytest.approx(answer.id_error(5))

@@ -12,8 +12,8 @@ from study.paper.presets import PRESETS
 from study.paper.published_numbers import CELLS, Spot
 from study.paper.published_runs import Outcome, outcomes
 from study.paper.reproduction import REPRODUCTION_CAPTIONS, reproduce
+from study.paper.sweep import REPRODUCTION_FIGURES
 from study.paper.sweep_report import write_report, write_runs
-from study.paper.sweep_results import REPRODUCTION_FIGURES
 
 
 @pytest.fixture(scope="module")

@@ -14,8 +14,7 @@ from policies.evaluation import evaluate, fresh_start_states, start_states
 from study.paper.presets import Point, Preset
 from study.paper.reference_controllers import REFERENCES, ReferenceTask
 from study.paper.runs import RUNS, SweepPopulation, hidden_plant, identify
-from study.paper.sweep import Sweep
-from study.paper.sweep_results import SweepResults, outputs
+from study.paper.sweep import Sweep, SweepResults, outputs
 from study.pipeline.experiment import run
 from study.pipeline.policy_files import read_policies
 from sysid import InvalidInput

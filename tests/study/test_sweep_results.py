@@ -5,7 +5,7 @@ import pytest
 from study.paper.presets import QUICK, SMOKE, Cell
 from study.paper.reference_controllers import REFERENCES, Reference
 from study.paper.runs import ESTIMATES, RUNS, Estimated, Run
-from study.paper.sweep_results import SweepResults
+from study.paper.sweep import SweepResults
 from sysid import InvalidInput
 
 CURVE, SETTINGS = ((200, -3.5),), {"sac": {"steps": 1}}

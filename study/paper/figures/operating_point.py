@@ -18,7 +18,7 @@ from study.figure_style import save, width_colours
 from study.paper.figures import sweeps
 from study.paper.figures.sweeps import reference_lines
 from study.paper.findings import PointFindings
-from study.paper.sweep_results import figure_name
+from study.paper.sweep import figure_name
 from study.statistics import sem
 
 SMOOTH = 10

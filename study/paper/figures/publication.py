@@ -61,11 +61,6 @@ def _interval(axes: Axes, bootstrap: Contrast, t: Contrast, y: float, colour: An
     axes.plot([bootstrap.mean], [y], color=colour, marker="o", markersize=4.5, linestyle="none", zorder=3, label=label)
 
 
-def titles(hidden: Sequence[int], seeds: int) -> tuple[str, str]:
-    layers = " × ".join(map(str, hidden))  # noqa: RUF001
-    return "Published (256 × 256 networks, 10 seeds)", f"Here ({layers} networks, {seeds} seed{'s' * (seeds != 1)})"  # noqa: RUF001
-
-
 POINT_OF_NOISE = {0.5: "low_noise", 1.0: "main", 2.0: "high_noise"}
 """Whose published errors belong to a noise level."""
 IDENTIFIER_LOOKS = {"grid": ("0.4", "s"), "least_squares": (COLOURS(0.3), "o"), "unscented": (COLOURS(0.68), "^")}
