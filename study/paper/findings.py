@@ -87,11 +87,10 @@ class PointFindings:
         """Mean ||theta_hat - truth|| of a budget."""
         return float(np.mean([run.id_error for run in self.cells[n, self.point.widths[0]]]))
 
-    def reference(self, controller: str, theta: Theta | None = None, seeds: Sequence[int] | None = None) -> Array:
-        """Mean returns (S,) of a controller designed at theta, by default at the truth and from the study's seeds."""
-        theta = self.point.truth if theta is None else theta
+    def reference(self, controller: str, seeds: Sequence[int] | None = None) -> Array:
+        """Mean returns (S,) of a controller designed at the truth, by default from the study's seeds."""
         seeds = self.point.seeds if seeds is None else seeds
-        return np.array([self._means[controller, theta, seed] for seed in sorted(seeds)])
+        return np.array([self._means[controller, self.point.truth, seed] for seed in sorted(seeds)])
 
     @cached_property
     def _means(self) -> dict[tuple[str, Theta, int], float]:
@@ -144,11 +143,6 @@ class PointFindings:
     def best(self) -> Key:
         return max(self.cells, key=self.mean)
 
-    @property
-    def coverage(self) -> float:
-        """How often such an interval holds the truth with this many seeds, for normal differences."""
-        return _coverage(len(self.point.seeds))
-
     def sentences(self) -> list[tuple[str, str]]:
         """(question, answer) in plain words, the most important first."""
         found = [("How far from optimal, and why?", self._short_of_optimal())]
@@ -179,13 +173,12 @@ class PointFindings:
     def _width(self) -> str:
         widths = self.point.widths
         narrow, wide = widths[0], widths[-1]
-        parts = []
-        for n in reversed(self.point.budgets):
-            change = self.contrast((n, wide), (n, narrow))
-            parts.append(f"{change} at n = {n}{_doubt(change)}")
+        changes = {n: self.contrast((n, wide), (n, narrow)) for n in reversed(self.point.budgets)}
+        *parts, last = (f"{change} at n = {n}{_doubt(change)}" for n, change in changes.items())
         return (
             f"Training over a band of ±{100 * wide:.0f} % instead of "
-            f"{'at the estimate' if narrow == 0 else f'±{100 * narrow:.0f} %'} changed the return by {_list(parts)}."
+            f"{'at the estimate' if narrow == 0 else f'±{100 * narrow:.0f} %'} changed the return by "
+            f"{', '.join(parts)}{' and ' * bool(parts)}{last}."
         )
 
     def _short_of_optimal(self) -> str:
@@ -208,8 +201,8 @@ class PointFindings:
             return "A single seed says nothing of how returns scatter: no interval is finite, no difference stands."
         return (
             f"Brackets are 95 % intervals of a paired bootstrap over {seeds} seeds. With {seeds} seeds such an "
-            f"interval holds the true mean in about {100 * self.coverage:.0f} % of cases rather than 95 % (simulated, "
-            "normal differences)."
+            f"interval holds the true mean in about {100 * _coverage(seeds):.0f} % of cases rather than 95 % "
+            "(simulated, normal differences)."
         )
 
 
@@ -227,7 +220,3 @@ def _parts(gap: Gap) -> str:
 
 def _doubt(contrast: Contrast) -> str:
     return "" if contrast.significant else " (not distinguishable from zero)"
-
-
-def _list(parts: list[str]) -> str:
-    return parts[0] if len(parts) == 1 else ", ".join(parts[:-1]) + " and " + parts[-1]

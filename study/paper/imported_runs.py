@@ -46,7 +46,7 @@ def import_runs(file: Path, preset: Preset, estimates: Estimates) -> list[Run]:
     for place, run in _database(file) if is_database(file) else _table(file, preset):
         problem = "it is there twice" if run.cell in runs else _foreign(run, preset, estimates)
         if problem:
-            raise InvalidInput(f"{file}, {place} ({_name(run.cell)}) does not belong to {preset.name!r}: {problem}")
+            raise InvalidInput(f"{file}, {place} ({run.cell}) does not belong to {preset.name!r}: {problem}")
         theta = estimates[run.cell.point, run.cell.n, run.cell.seed]
         truth = preset.point(run.cell.point).truth
         runs[run.cell] = replace(
@@ -85,10 +85,6 @@ def is_database(file: Path) -> bool:
     check_input(file, "a results.sqlite or a runs.csv", LARGEST_IMPORT)
     with named(file, "read"), file.open("rb") as opened:
         return opened.read(16) == b"SQLite format 3\0"
-
-
-def _name(cell: Cell) -> str:
-    return f"{cell.point}, n = {cell.n}, w = {cell.w:g}, seed {cell.seed}"
 
 
 def _foreign(run: Run, preset: Preset, estimates: Estimates) -> str:

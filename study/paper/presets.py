@@ -28,6 +28,9 @@ class Cell(NamedTuple):
     w: float
     seed: int
 
+    def __str__(self) -> str:
+        return f"{self.point}, n = {self.n}, w = {self.w:g}, seed {self.seed}"
+
 
 @dataclass(frozen=True)
 class Point:
