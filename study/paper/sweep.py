@@ -69,6 +69,11 @@ class SweepResults(Database):
         self.add(RUNS, new)
         return len(new)
 
+    def has(self, cell: Cell) -> bool:
+        """Whether its run is kept."""
+        where = "point = ? AND n = ? AND w = ? AND seed = ?"
+        return self.db.execute(f"SELECT 1 FROM runs WHERE {where}", cell).fetchone() is not None
+
     def finished(self) -> set[Cell]:
         return {Cell(*row) for row in self.db.execute(f"SELECT {RUNS.key} FROM runs")}
 
@@ -100,8 +105,7 @@ class Sweep(Experiment):
 
     def keep(self, task: Task, answer: Any) -> None:
         """As ever, but for runs of the population that were taken up from elsewhere."""
-        there = self.results.finished() if task.table is RUNS else set()
-        super().keep(task, [own for own in answer if task.table is not RUNS or own.cell not in there])
+        super().keep(task, [own for own in answer if task.table is not RUNS or not self.results.has(own.cell)])
 
     def publish(self, console: Console) -> None:
         from study.paper.sweep_report import publish_sweep
