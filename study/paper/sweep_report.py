@@ -17,7 +17,7 @@ from rich.markup import escape
 
 from study.paper import published_numbers as paper
 from study.paper.agreement import MARGIN
-from study.paper.figures.operating_point import save_all
+from study.paper.figures.sweeps import save_all
 from study.paper.findings import PointFindings
 from study.paper.identification_scatter import scatter
 from study.paper.presets import Point, Preset
