@@ -8,29 +8,27 @@ from dataclasses import dataclass
 from study.formatting import number, percent
 from study.mismatch.findings import Compared, Condition, MismatchFindings, Verdict
 from study.mismatch.naming_results import NamingResult, naming_errors, naming_rates
-from study.mismatch.plan import HiddenPlant, StrategyKey
-
-IN_CATALOGUE: Callable[[HiddenPlant], bool] = lambda plant: plant.in_catalogue is True  # noqa: E731
-OUT_OF_CATALOGUE: Callable[[HiddenPlant], bool] = lambda plant: plant.in_catalogue is False  # noqa: E731
+from study.mismatch.plan import StrategyKey
 
 
 @dataclass(frozen=True)
 class Change:
-    """What is told of the contrasts of strategy a with b, at such plants.
+    """What is told of the contrasts of strategy a with b.
 
-    text      with {counted}: how many stand, {listed}: each with its interval, {verdict}: whether the better ones stand
-    verdict   of which diagnoses it is told how many there were, in words and as a condition
+    text        with {counted}: how many stand, {listed}: each with its interval, {verdict}: whether they are better
+    catalogue   at which plants: whether the catalogue has their effect; None: those without one
+    verdict     of which diagnoses it is told how many there were, in words and as a condition
     """
 
     a: StrategyKey
     b: StrategyKey
     text: str
-    plants: Callable[[HiddenPlant], bool] = lambda plant: True
+    catalogue: tuple[bool | None, ...] = (True, False, None)
     verdict: tuple[str, Callable[[Verdict], bool]] | None = None
 
     def told(self, findings: MismatchFindings) -> str:
         """The text; empty where the plan has no such contrasts."""
-        plants = {plant.name for plant in findings.plan.plants if self.plants(plant)}
+        plants = {plant.name for plant in findings.plan.plants if plant.in_catalogue in self.catalogue}
         rows = [row for row in findings.compared if (row.a, row.b) == (self.a, self.b) and row.plant in plants]
         if not rows:
             return ""
@@ -54,17 +52,17 @@ class Change:
 BREADTH = Change(
     StrategyKey.BAND, StrategyKey.FITTED,
     "{verdict}: with a band of ±{band} around the fitted m and l {counted}. In return: {listed}.",
-    lambda plant: plant.effect is not None,
+    catalogue=(True, False),
 )  # fmt: skip
 NAMING = Change(
-    StrategyKey.MENDED, StrategyKey.FITTED, "Against m and l alone: {counted}. In return: {listed}.", IN_CATALOGUE,
-    ("named and believed", lambda said: bool(said.named) and said.believed),
+    StrategyKey.MENDED, StrategyKey.FITTED, "Against m and l alone: {counted}. In return: {listed}.",
+    (True,), ("named and believed", lambda said: bool(said.named) and said.believed),
 )  # fmt: skip
 UNKNOWN = Change(
     StrategyKey.MENDED, StrategyKey.FITTED,
     "Where the catalogue lacks the effect, a diagnosis that says so trains under random torques of the size that the "
     "log asks for. Against m and l alone: {counted}. In return: {listed}.",
-    OUT_OF_CATALOGUE, ("unknown", lambda said: said.verdict == "unknown"),
+    (False,), ("unknown", lambda said: said.verdict == "unknown"),
 )  # fmt: skip
 RIVALS = (
     Change(StrategyKey.MENDED, StrategyKey.ALL_EFFECTS, "against all effects fitted at once: {counted}"),
@@ -75,8 +73,8 @@ WITHOUT_ROLLOUTS = Change(
     "Breadth over everything plausible, against the prior: {counted}. In return: {listed}.",
 )  # fmt: skip
 ORACLE = (
-    Change(StrategyKey.ORACLE, StrategyKey.MENDED, "where the catalogue has the effect, {counted}", IN_CATALOGUE),
-    Change(StrategyKey.ORACLE, StrategyKey.MENDED, "where it lacks it, {counted}", OUT_OF_CATALOGUE),
+    Change(StrategyKey.ORACLE, StrategyKey.MENDED, "where the catalogue has the effect, {counted}", (True,)),
+    Change(StrategyKey.ORACLE, StrategyKey.MENDED, "where it lacks it, {counted}", (False,)),
 )
 
 
