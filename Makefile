@@ -1,15 +1,16 @@
-# make study   the main job, from nothing to figures and a report in results/quick
-# make demo    a simulated log with two hidden effects, diagnosed: a report in results/hidden_effect
-# make test    the whole test suite
-# make lint    ruff and mypy
-# make docs    the documentation, in build/docs
+# make study     the main job, from nothing to figures and a report in results/quick
+# make demo      a simulated log with two hidden effects, diagnosed: a report in results/hidden_effect
+# make test      the tests but for the longest
+# make test-all  all tests
+# make lint      ruff and mypy
+# make docs      the documentation, in build/docs
 # Everything is installed into .venv, and again only when pyproject.toml has changed.
 
 PYTHON ?= python3
 ARGS ?=
 RUN := .venv/bin/python
 
-.PHONY: study demo test lint docs clean
+.PHONY: study demo test test-all lint docs clean
 
 study: .venv/installed
 	$(RUN) -m study.main $(ARGS)
@@ -18,6 +19,9 @@ demo: .venv/installed
 	$(RUN) examples/hidden_effect.py --html results/hidden_effect/report.html $(ARGS)
 
 test: .venv/installed
+	$(RUN) -m pytest -n auto --dist loadfile -m "not long" $(ARGS)
+
+test-all: .venv/installed
 	$(RUN) -m pytest -n auto --dist loadfile $(ARGS)
 
 lint: .venv/installed
