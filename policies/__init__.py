@@ -1,6 +1,6 @@
 """Controllers for the pendulum: environments, training and references, over the models of sysid.
 
-environments   a model as gymnasium.Env, as a batch of pendulums and as TorchRL's environment; task and randomization
+environments   a model as gymnasium.Env and as TorchRL's EnvBase; task and randomization
 training       soft actor-critic for a population of agents, and the program that trains one policy
 control        LQR, energy swing-up and dynamic programming
 evaluation     what a policy is worth on a model
@@ -24,7 +24,6 @@ ENV_ID = "gapfinder/Pendulum-v0"
 _MODULES = {
     "BatchedPendulums": "environments.batched_pendulums",
     "PendulumEnv": "environments.gymnasium_env",
-    "TorchRLPendulums": "environments.torchrl_env",
     "Band": "environments.randomization",
     "Fixed": "environments.randomization",
     "Mixture": "environments.randomization",
@@ -48,7 +47,6 @@ _MODULES = {
     "CpuSettings": "training.cpu_settings",
     "tune_cpu": "training.cpu_settings",
     "Population": "training.population",
-    "SAC": "training.sac",
     "SACSettings": "training.sac",
     "SavedPolicy": "storage.policy_file",
     "load_policy": "storage.policy_file",
