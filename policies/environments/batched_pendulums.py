@@ -68,6 +68,7 @@ class BatchedPendulums(EnvBase):
             )
         if not math.isfinite(model.u_max):
             raise InvalidInput(f"the model has u_max = {model.u_max}: expected a finite torque limit [N m]")
+        task.check_history(history, model.dt)
         names = {frozenset(r.sample(generator(0, Purpose.EPISODES), model)) for r in randomizations}
         if len(names) > 1:
             raise InvalidInput(
