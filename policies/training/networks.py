@@ -110,41 +110,34 @@ def layers_of(leaves: Iterable[Any]) -> list[tuple[Any, Any]]:
 
 
 class StackedMLP(TensorDictModuleBase):
-    """The networks of A agents; the parameters are w0 (A, in + 1, out), w1 (A, in, out), b1 (A, 1, out), ..."""
+    """The networks of A agents; the parameters are w0 (A, in + 1, out), w1 (A, in, out), b1 (A, 1, out), ...
 
-    def __init__(self, agents: int, sizes: Sequence[int]) -> None:
+    An actor answers observation (A, B, O) with "loc" and "log_std" of the action before tanh, each (A, B, D); a critic
+    answers observation and action with "state_action_value" (A, B). No trailing axis: see `StackedSACLoss`.
+    """
+
+    def __init__(self, agents: int, sizes: Sequence[int], in_keys: Sequence[str], out_keys: Sequence[str]) -> None:
         super().__init__()
-        self.names, self.sizes = leaf_names(len(sizes) - 1), tuple(sizes)
+        self.in_keys, self.out_keys, self.names = list(in_keys), list(out_keys), leaf_names(len(sizes) - 1)
         self.register_parameter("w0", nn.Parameter(torch.zeros(agents, sizes[0] + 1, sizes[1])))
         for i, (n_in, n_out) in enumerate(pairwise(sizes[1:]), 1):
             self.register_parameter(f"w{i}", nn.Parameter(torch.zeros(agents, n_in, n_out)))
             self.register_parameter(f"b{i}", nn.Parameter(torch.zeros(agents, 1, n_out)))
 
-    def answer(self, *inputs: Tensor) -> Tensor:
-        """(A, B, out) to inputs (A, B, .) that stand side by side."""
-        return WrittenOutMLP.apply(with_ones(*inputs), *(getattr(self, name) for name in self.names))  # type: ignore[no-any-return]
-
-
-class StackedActor(StackedMLP):
-    """observation (A, B, O) -> location and log standard deviation of the action before tanh, each (A, B, D)."""
-
-    in_keys = ["observation"]  # noqa: RUF012
-    out_keys = ["loc", "log_std"]  # noqa: RUF012
-
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        loc, log_std = head(self.answer(tensordict.get("observation")))
-        return tensordict.set("loc", loc).set("log_std", log_std)
+        leaves = [getattr(self, name) for name in self.names]
+        y = WrittenOutMLP.apply(with_ones(*(tensordict.get(key) for key in self.in_keys)), *leaves)
+        answers = head(y) if len(self.out_keys) == 2 else (y.squeeze(-1),)
+        return tensordict.update(dict(zip(self.out_keys, answers, strict=True)))
 
 
-class StackedCritic(StackedMLP):
-    """observation (A, B, O), action (A, B, D) -> Q (A, B). No trailing axis: see `StackedSACLoss`."""
-
-    in_keys = ["observation", "action"]  # noqa: RUF012
-    out_keys = ["state_action_value"]  # noqa: RUF012
-
-    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        value = self.answer(tensordict.get("observation"), tensordict.get("action"))
-        return tensordict.set("state_action_value", value.squeeze(-1))
+def actor_and_critic(
+    agents: int, observation: int, action: int, hidden: Sequence[int]
+) -> tuple[StackedMLP, StackedMLP]:
+    """An actor and a critic an agent, for observations and actions of these sizes."""
+    actor = StackedMLP(agents, (observation, *hidden, 2 * action), ["observation"], ["loc", "log_std"])
+    sizes = (observation + action, *hidden, 1)
+    return actor, StackedMLP(agents, sizes, ["observation", "action"], ["state_action_value"])
 
 
 class ExploringPolicy(TensorDictModuleBase):
@@ -168,7 +161,7 @@ class ExploringPolicy(TensorDictModuleBase):
 
 
 def both_critics(tensordict: TensorDictBase, params: TensorDictBase) -> TensorDictBase:
-    """Q (2, A, B) by parameters (2, A, ...) of StackedCritics: one pass in place of SACLoss's loop over the two."""
+    """Q (2, A, B) by parameters (2, A, ...) of critics: one pass in place of SACLoss's loop over the two."""
     x = with_ones(tensordict.get("observation"), tensordict.get("action"))
     leaves = (leaf.flatten(0, 1) for leaf in leaves_of(params))
     values = WrittenOutMLP.apply(x.expand(2, *x.shape).flatten(0, 1), *leaves).view(2, *x.shape[:-1])
@@ -200,21 +193,10 @@ class SquashedNormal(Distribution):
 
     def rsample_and_log_prob(self, sample_shape: Sequence[int] = ()) -> tuple[Tensor, Tensor]:
         """The action (A, B, D) and its log probability (A, B)."""
-        if len(sample_shape):
-            raise ValueError(f"sample_shape is {tuple(sample_shape)}; the given noise makes exactly one sample, ()")
         x = torch.addcmul(self.loc, self.log_std.exp(), self.noise)
         log_slope = 2.0 * (math.log(2.0) - x - nn.functional.softplus(-2.0 * x))
         log_normal = -0.5 * self.noise**2 - self.log_std - 0.5 * math.log(2.0 * math.pi)
         return x.tanh(), (log_normal - log_slope).sum(-1)
-
-    def rsample(self, sample_shape: Sequence[int] = ()) -> Tensor:
-        """The action (A, B, D)."""
-        return self.rsample_and_log_prob(sample_shape)[0]
-
-    @property
-    def deterministic_sample(self) -> Tensor:
-        """tanh(loc), which the trained policy plays."""
-        return self.loc.tanh()
 
 
 def linear_init(rng: np.random.Generator, sizes: Sequence[int]) -> list[NDArray[np.float32]]:

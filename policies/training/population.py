@@ -164,8 +164,9 @@ class Population:
         changed then.
         """
         stored = read_checkpoint(Path(path))
-        was = {**stored, **stored.get("settings", {})}
-        for name, expected in {**asdict(self.settings), **self._identity()}.items():
+        settings = stored.get("settings")
+        was = {**stored, **(settings if isinstance(settings, dict) else {})}
+        for name, expected in {"version": CHECKPOINT_VERSION, **asdict(self.settings), **self._identity()}.items():
             if was.get(name) != expected:
                 raise InvalidInput(
                     f"{path} is a checkpoint with {name} = {was.get(name)}; this population has {name} = {expected}"

@@ -30,8 +30,7 @@ from torchrl.objectives import SACLoss, ValueEstimators
 from policies.environments.random_streams import Purpose, generator
 from policies.training.networks import (
     SquashedNormal,
-    StackedActor,
-    StackedCritic,
+    actor_and_critic,
     backward,
     both_critics,
     forward,
@@ -101,8 +100,7 @@ class StackedSACLoss(SACLoss):
     def __init__(
         self, seeds: Sequence[int], settings: SACSettings, observation_size: int = 3, action_size: int = 1
     ) -> None:
-        network = StackedActor(len(seeds), (observation_size, *settings.hidden, 2 * action_size))
-        critic = StackedCritic(len(seeds), (observation_size + action_size, *settings.hidden, 1))
+        network, critic = actor_and_critic(len(seeds), observation_size, action_size, settings.hidden)
         actor = ProbabilisticActor(
             network, in_keys=["loc", "log_std", "noise"], distribution_class=SquashedNormal, return_log_prob=True
         )
