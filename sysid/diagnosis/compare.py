@@ -95,8 +95,8 @@ class Comparison:
 
     @property
     def off(self) -> bool:
-        """Whether the error over 1 s is beyond the noise: by 5 %, and by more than 99 of 100 perfect models show."""
-        return is_off(self.one_second)
+        """Whether the error over 1 s is beyond the noise."""
+        return self.one_second.beyond_noise
 
     @property
     def surprises(self) -> tuple[str, ...]:
@@ -230,12 +230,6 @@ def _compared(
     )
 
 
-def is_off(error: HeldOutError) -> bool:
-    """Whether an error is beyond the noise: by 5 %, and by more than 99 of 100 perfect models show."""
-    degrees = max(1, error.n_readings - 2 * error.n_windows)
-    return not error.ratio**2 < 1.0 + max(2.33 * math.sqrt(2.0 / degrees), 1.05**2 - 1.0)
-
-
 def _followed(model: Model, records: Sequence[Record], sensor: Sensor) -> Fit | None:
     """The fit beside a random torque; None of a model that runs away within a sample."""
     try:
@@ -250,7 +244,7 @@ def _causes(
     """What explains the error, outside of what a hand touched."""
     from sysid.data.splitting import leave_out
 
-    if found is None or torque is None or not (torque.present or is_off(error)) or not math.isfinite(error.ratio):
+    if found is None or torque is None or not (torque.present or error.beyond_noise) or not math.isfinite(error.ratio):
         return ()
     if torque.contacts:
         rest = leave_out(found.samples.records, [(t.name, t.t_begin, t.t_end) for t in torque.contacts])

@@ -27,8 +27,9 @@ from sysid.estimation.fit import free
 from sysid.estimation.held_out import HeldOutError, held_out_error
 from sysid.estimation.prediction import moved
 from sysid.estimation.prediction_error import Fit
-from sysid.estimation.refits import reduced
-from sysid.estimation.scores import alikeness, price
+from sysid.estimation.refits import extended, reduced, settled
+from sysid.estimation.scores import alikeness, price, scores
+from sysid.estimation.solver import QUICK
 from sysid.physics.effects import CATALOGUE, effect
 from sysid.physics.model import Model
 from sysid.planning.planned_experiment import Experiment
@@ -159,6 +160,7 @@ class _Report:
         self.additions, self.unconfirmed = list[Addition](), list[str]()
         self._confirm()
         self._unmask()
+        self._reconsider()
 
     def _error(self, fit: Fit) -> HeldOutError:
         return held_out_error(fit.model, self.held_out, self.sensor, self.search.settings.window)
@@ -217,6 +219,23 @@ class _Report:
             if bent or torque.after**2 > (1.0 - self.search.settings.most) * without**2:
                 self.unconfirmed.append(addition.name)
                 self.additions = fewer
+
+    def _reconsider(self) -> None:
+        """Add what is sure and too small to matter in the motion that was searched, where the held-out motion goes
+        further and shows that it matters there."""
+        for name in self.search.negligible:
+            end, error = self._with(self.additions)
+            if name in self._names(self.additions) or not error.beyond_noise or self._remains(end):
+                continue
+            found = scores(end, (name,)).get(name)
+            if found is None or not found.visible:
+                continue
+            fit = settled(extended(end, [found.best.at(found.sizes)], QUICK))
+            after = self._error(fit)
+            if after.ratio < error.ratio * (1.0 - self.search.settings.tolerance):
+                p = float(chdtrc(found.numbers, max(end.deviance - fit.deviance, 0.0)))
+                self.additions = [*self.additions, Addition(name, self._same(name), (), p, fit)]
+                self.errors[self._names(self.additions)] = (fit, after)
 
     def diagnosis(self, began: float) -> Diagnosis:
         """The answer; `began` is when the question was asked."""
@@ -333,16 +352,20 @@ class _Report:
         )
 
     def _remaining(self, end: Fit, error: HeldOutError, torque: MissingTorque) -> Remaining | None:
-        """What matters and is not explained: predictions err beyond the noise, and a random torque is needed."""
-        settings = self.search.settings
-        _, ratio = moved(end.model, end.model, end, settings.window)
-        excess = math.sqrt(max(ratio**2 - 1.0, 0.0)) if math.isfinite(ratio) else math.inf
-        if not self.contacts and (end.undisturbed or excess < settings.enough):
+        """What matters and is not explained: predictions err beyond the noise, on what was fitted to or beyond."""
+        enough = 1.0 + self.search.settings.enough**2
+        elsewhere = error.beyond_noise and not error.ratio**2 < enough
+        if not self.contacts and not elsewhere and not self._remains(end):
             return None
         found = dependence(end, self.torques[-1])
         depends_on = (*(q for q in found.depends_on if q != "time"), "time") if self.contacts else found.depends_on
         share = max(0.0, 1.0 - 1.0 / max(error.ratio, 1e-9) ** 2)
         return Remaining(share, depends_on, found.where, torque.after)
+
+    def _remains(self, end: Fit) -> bool:
+        """Whether what was fitted to is predicted with errors beyond the noise, and a random torque is needed."""
+        _, ratio = moved(end.model, end.model, end, self.search.settings.window)
+        return not end.undisturbed and not ratio**2 < 1.0 + self.search.settings.enough**2
 
     def _not_identifiable(self, end: Fit) -> tuple[tuple[str, ...], ...]:
         """Parameters that no log of this kind separates, and effects that the free parameters absorb."""

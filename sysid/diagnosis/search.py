@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.special import chdtrc
@@ -91,10 +91,11 @@ class Search:
             if not k:
                 trials = sorted([*trials, *self._common(now, helped)], key=lambda t: t.merit, reverse=True)
             chosen = self._chosen(now, trials)
-            if chosen is None and not now.undisturbed:
-                composites = self._composites(now, trials)
-                trials = [*trials, *composites]
-                chosen = self._chosen(now, trials, composites)
+            for more in (self._simulated, self._composites):
+                if chosen is None and not now.undisturbed:
+                    tried = more(now, trials)
+                    trials = [*trials, *tried]
+                    chosen = self._chosen(now, trials, tried)
             self.trials = self.trials or trials
             if chosen is None:
                 break
@@ -139,6 +140,19 @@ class Search:
     def _price(self, name: str) -> float:
         return price(name, self.settings.price, self.last[name].shapes if name in self.last else 1)
 
+    def _simulated(self, now: Fit, trials: Sequence[Trial]) -> list[Trial]:
+        """What explains a simulation's errors best: beside a large random torque a motion follows its readings
+        wherever they go, and nothing is left for a sensor that reads wrong."""
+        share = self.settings.quiet
+        quiet = replace(now.disturbances, s=share * now.disturbances.s, sigma_o=share * now.disturbances.sigma_o)
+        simulated = fit(now.samples, now.model, now.names, now, quiet, replace(QUICK, sizes=False))
+        found = scores(simulated, [n for n, s in self.last.items() if s.visible])
+        best = sorted(found.values(), key=lambda s: s.lm - self._price(s.name), reverse=True)
+        tried: list[Trial] = []
+        for score in best[: self.settings.simulated]:
+            self._try(now, (score.name,), tried, [score.best.at(score.sizes)], simulated)
+        return sorted(tried, key=lambda t: t.merit, reverse=True)
+
     def _composites(self, now: Fit, trials: Sequence[Trial]) -> list[Trial]:
         """Effects that come together, where none pays alone."""
         tried: list[Trial] = []
@@ -162,12 +176,20 @@ class Search:
     def _same(self, a: Score, b: Score) -> bool:
         return a.name == b.name or alikeness(a, b) > self.settings.same
 
-    def _try(self, now: Fit, names: tuple[str, ...], tried: list[Trial], begin: Sequence[Effect] | None = None) -> None:
-        """Fit with these effects; a model in which two exclude each other is no candidate."""
+    def _try(
+        self,
+        now: Fit,
+        names: tuple[str, ...],
+        tried: list[Trial],
+        begin: Sequence[Effect] | None = None,
+        near: Fit | None = None,
+    ) -> None:
+        """Fit with these effects, begun where a fit that is `near` ended; a model in which two exclude each other is no
+        candidate."""
         logger.debug(f"fitting {' and '.join(names)}")
         try:
             start = begin or [self._start(now, n, alone=len(names) == 1) for n in names]
-            found = extended(now, start, QUICK)
+            found = extended(near or now, start, QUICK)
         except InvalidInput:
             return
         tried.append(Trial(names, found, gain(found, now, names) - sum(map(self._price, names))))

@@ -18,6 +18,8 @@ class SearchSettings:
     window         horizon of a prediction [s]
     steps          additions, at most
     trials         candidates that a round fits, at most: single effects first, then composites
+    quiet          share of the disturbances that a model is simulated beside, where no effect pays otherwise
+    simulated      candidates that are fitted then, at most
     same           alikeness from which two effects are one to this log
     alike          alikeness from which it takes 100 times the evidence to tell two effects that it takes to find one
     twin           difference of the deviance below which effects that much alike are one to this log, too: far from
@@ -41,6 +43,8 @@ class SearchSettings:
     window: float = WINDOW
     steps: int = 6
     trials: int = 9
+    quiet: float = 1e-3
+    simulated: int = 3
     same: float = 1.0 - 1e-5
     alike: float = 0.995
     twin: float = 0.1

@@ -74,6 +74,12 @@ class HeldOutError:
         """The three windows with the largest errors."""
         return tuple(sorted(self.windows, key=lambda w: -w.ratio)[:3])
 
+    @property
+    def beyond_noise(self) -> bool:
+        """Whether the error is beyond the noise: by 5 %, and by more than 99 of 100 perfect models show."""
+        degrees = max(1, self.n_readings - 2 * self.n_windows)
+        return not self.ratio**2 < 1.0 + max(2.33 * math.sqrt(2.0 / degrees), 1.05**2 - 1.0)
+
     def to_dict(self) -> dict[str, Any]:
         """Plain data, ready for JSON; a number that is not finite becomes None."""
         return {

@@ -10,13 +10,17 @@ from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.kalman import Filter, LinearSystem
 from sysid.physics.ops import Array
 
+IDLE = 5.0
+"""Decrease of the deviance below which s may be none at once, and need not shrink step by step."""
+
 
 def likelihood_ascent(now: Filter, floor: Array, angle_error: bool = True) -> Filter:
     """A filter of larger likelihood about the same motion: one Newton step of (log s, log sigma_o), or of the first
     alone.
 
     Slope and curvature are differences over a factor of 1.35, which is less than a log can tell; where the curvature is
-    negative the step follows the slope, by a factor of e at most.
+    negative the step follows the slope, by a factor of e, or of e^2 where that is better still. An s that hardly
+    matters any more, so that the deviance goes with its square, has nothing to gain but half the slope: it may be none.
     """
     h, sizes = 0.3, log_sizes(now.disturbances)
     free = [i for i in range(1 + angle_error) if sizes[i] > floor[i]]
@@ -35,12 +39,18 @@ def likelihood_ascent(now: Filter, floor: Array, angle_error: bool = True) -> Fi
         curvature[0, 1] = curvature[1, 0] = both
     size, axes = np.linalg.eigh(curvature)
     along = -(axes.T @ slope) / np.maximum(np.abs(size), 1e-3)
-    move = np.zeros(2)
+    move, lowest = np.zeros(2), np.minimum(floor - sizes, 0.0)
     move[free] = axes @ np.clip(along, -1.0, 1.0)
-    for share in (1.0, 0.3):
-        trials.append(moved(np.maximum(share * move, np.minimum(floor - sizes, 0.0))))
-        if trials[-1].deviance < here:
-            break
+    trials.append(moved(np.maximum(move, lowest)))
+    if not trials[-1].deviance < here:
+        trials.append(moved(np.maximum(0.3 * move, lowest)))
+    elif np.any(np.abs(along) > 1.0):
+        trials.append(moved(np.maximum(2.0 * move, lowest)))
+        while move[0] > 0.0 and trials[-1].deviance < trials[-2].deviance:
+            move[0] *= 2.0
+            trials.append(moved(2.0 * move))
+    if free[0] == 0 and 0.0 < slope[0] < 2.0 * IDLE:
+        trials.append(moved(np.array([lowest[0], 0.0])))
     return min(trials, key=lambda own: own.deviance)
 
 

@@ -234,10 +234,7 @@ class LinearisedModel:
         rows = np.repeat(value[None], 2 * P, axis=0)
         at = np.arange(P)
         rows[at, at], rows[P + at, at] = np.minimum(value + h, high), np.maximum(value - h, low)
-        variants = [dict(zip(names, row.tolist(), strict=True)) for row in rows]
-        ends, seen = self._variants(
-            [self.model.with_parameters(v) for v in variants], self.model, rows, names, self.motion.inner
-        )
+        ends, seen = self._variants(self.model, rows, names, self.motion.inner)
         size = (rows[at, at] - rows[P + at, at])[:, None, None]
         return self._as_changes((ends[:P] - ends[P:]) / size, (seen[:P] - seen[P:]) / size)
 
@@ -251,17 +248,19 @@ class LinearisedModel:
         if dynamic:
             new = self.samples.follow_smoothed(dynamic)
             inner = np.concatenate([np.broadcast_to(inner, (*new.shape[:-1], inner.shape[-1])), new], axis=-1)
-        ends, seen = self._variants([self.model.with_effect(e) for e in effects], model, rows, keys, inner)
+        ends, seen = self._variants(model, rows, keys, inner)
         size = np.asarray(sizes)[:, None, None]
         return self._as_changes((ends[..., : self.ends.shape[-1]] - self.ends) / size, (seen - self.seen) / size)
 
-    def _variants(
-        self, models: Sequence[Model], model: Model, rows: Array, names: Sequence[str], inner: Array
-    ) -> tuple[Array, Array]:
-        """Ends (V, M, n) and readings (V, M, 2) of variants of a model that differ in numbers (V, P) alone."""
+    def _variants(self, model: Model, rows: Array, names: Sequence[str], inner: Array) -> tuple[Array, Array]:
+        """Ends (V, M, n) and readings (V, M, 2) of variants of a model, which have numbers (V, P) of their own."""
+
+        def variant(row: Array) -> Model:
+            return model.with_parameters(dict(zip(names, row.tolist(), strict=True)))
+
         columns = {n: column[:, None] for n, column in zip(names, rows.T, strict=True)}
         inputs = any(not set(names).isdisjoint(model.names_of(e.name)) for e in model.input_effects)
-        drives = np.stack([self.samples.drives(m) for m in models]) if inputs else self.drives
+        drives = np.stack([self.samples.drives(variant(row)) for row in rows]) if inputs else self.drives
         ends = self._ends(model.with_parameters(columns), drives, inner)
         ends = np.broadcast_to(ends, (len(rows), *ends.shape[-2:]))
         shown = {n for e in model.output_effects for n in model.names_of(e.name)} & set(names)
@@ -275,8 +274,8 @@ class LinearisedModel:
             if n in shown
         ]
         own = [
-            self.seen if k else self.samples.read(m, self.motion.x)
-            for m, k in zip(models, np.all(kept, axis=0), strict=True)
+            self.seen if k else self.samples.read(variant(row), self.motion.x)
+            for row, k in zip(rows, np.all(kept, axis=0), strict=True)
         ]
         return ends, np.stack(own)
 

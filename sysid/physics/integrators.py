@@ -51,7 +51,8 @@ class Integrator(ABC):
         h = dt / self.substeps
         for j, drive in enumerate(drives):
             if deceleration is None:
-                theta, theta_dot = self.substep(acceleration, theta, theta_dot, t + j * h, drive, h)
+                first = acceleration(theta, theta_dot, t + j * h, drive)
+                theta, theta_dot = self.substep(acceleration, theta, theta_dot, t + j * h, drive, h, first)
             else:
                 theta, theta_dot = self._dry(acceleration, deceleration, theta, theta_dot, t + j * h, drive, h)
         return theta, theta_dot
@@ -67,11 +68,12 @@ class Integrator(ABC):
         h: float,
     ) -> tuple[Value, Value]:
         """A substep with dry friction: c at its middle, the step under it, and what the joint makes of that."""
-        ahead, moved, _ = stick_slip(v, acceleration(theta, v, t, drive), *deceleration(theta, v, t, drive), h)
+        first = acceleration(theta, v, t, drive)
+        ahead, moved, _ = stick_slip(v, first, *deceleration(theta, v, t, drive), h)
         middle = 0.5 * (v + ahead)
         plus, minus = deceleration(theta + 0.5 * moved, middle, t + 0.5 * h, drive)
         c = ops.where(middle > 0.0, plus, -minus)
-        end, v_end = self.substep(lambda *state: acceleration(*state) - c, theta, v, t, drive, h)
+        end, v_end = self.substep(lambda *state: acceleration(*state) - c, theta, v, t, drive, h, first - c)
         slowed, moved, moving = stick_slip(v, (v_end - v) / h + c, plus, minus, h)
         if self.order == 1:
             return theta + h * slowed, slowed
@@ -80,9 +82,16 @@ class Integrator(ABC):
 
     @abstractmethod
     def substep(
-        self, acceleration: Acceleration, theta: Value, theta_dot: Value, t: Value, drive: Value, h: float
+        self,
+        acceleration: Acceleration,
+        theta: Value,
+        theta_dot: Value,
+        t: Value,
+        drive: Value,
+        h: float,
+        first: Value,
     ) -> tuple[Value, Value]:
-        """(theta, theta_dot) after h [s] under a constant drive torque [N m]."""
+        """(theta, theta_dot) after h [s] under a constant drive torque [N m]; `first` is the acceleration at t."""
 
 
 def stick_slip(v: Value, a: Value, plus: Value, minus: Value, h: float) -> tuple[Value, Value, Value]:
@@ -118,10 +127,17 @@ class SemiImplicitEuler(Integrator):
             raise InvalidInput(f"theta_dot_max = {self.theta_dot_max}: expected a positive speed [rad/s]")
 
     def substep(
-        self, acceleration: Acceleration, theta: Value, theta_dot: Value, t: Value, drive: Value, h: float
+        self,
+        acceleration: Acceleration,
+        theta: Value,
+        theta_dot: Value,
+        t: Value,
+        drive: Value,
+        h: float,
+        first: Value,
     ) -> tuple[Value, Value]:
         """One step of the equation above."""
-        theta_dot = theta_dot + h * acceleration(theta, theta_dot, t, drive)
+        theta_dot = theta_dot + h * first
         theta_dot = ops.clip(theta_dot, -self.theta_dot_max, self.theta_dot_max)
         return theta + h * theta_dot, theta_dot
 
@@ -133,11 +149,18 @@ class RK4(Integrator):
     order: ClassVar[int] = 4
 
     def substep(
-        self, acceleration: Acceleration, theta: Value, theta_dot: Value, t: Value, drive: Value, h: float
+        self,
+        acceleration: Acceleration,
+        theta: Value,
+        theta_dot: Value,
+        t: Value,
+        drive: Value,
+        h: float,
+        first: Value,
     ) -> tuple[Value, Value]:
         """One step of size h; the drive is held, so the order holds for a drive constant over a substep."""
         half = 0.5 * h
-        v1, a1 = theta_dot, acceleration(theta, theta_dot, t, drive)
+        v1, a1 = theta_dot, first
         v2 = theta_dot + half * a1
         a2 = acceleration(theta + half * v1, v2, t + half, drive)
         v3 = theta_dot + half * a2

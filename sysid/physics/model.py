@@ -150,7 +150,7 @@ class Model:
         """The same model without what belongs to the log it was fitted on: what a controller will meet."""
         return dataclasses.replace(self, effects=tuple(e for e in self.effects if not e.of_log))
 
-    @property
+    @cached_property
     def parameters(self) -> dict[str, Parameter]:
         """Every parameter by its full name, in the plant's units: N for N m, where it does not turn."""
         named = dict(self.plant.parameters)
@@ -251,14 +251,19 @@ class Model:
         return drive if self.actuator is None else self.actuator.torque(drive, theta, theta_dot)
 
     def joint(self, theta: Value, theta_dot: Value, t: Value, drive: Value, push: Value = 0.0) -> Joint:
-        """What acts at the joint, the load complete, as frictions see it."""
+        """What acts at the joint, as its effects see it."""
+
         torque = self.torque(theta, theta_dot, drive)
-        load = self.plant.gravity_torque(theta) + torque + push
-        joint = Joint(theta, theta_dot, t, torque, 0.0, self.plant)
-        for e in self.joint_effects:
-            if not e.friction:
-                load = load + e.torque(joint)
-        return joint._replace(load=load)
+
+        def load() -> Value:
+            bare, load = Joint(theta, theta_dot, t, torque, self.plant, float), self.plant.gravity_torque(theta)
+            load = load + torque + push
+            for e in self.joint_effects:
+                if not e.friction:
+                    load = load + e.torque(bare)
+            return load
+
+        return Joint(theta, theta_dot, t, torque, self.plant, load)
 
     def inertia(self) -> Value:
         """J of the plant and of what the effects add [kg m^2]."""

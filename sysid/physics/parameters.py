@@ -76,12 +76,14 @@ class Parameter:
 
     def check(self, value: Value, owner: str = "") -> None:
         """Raise InvalidInput where numbers are not finite or out of bounds; symbols and tensors pass."""
+        low, high = self.bounds
+        if isinstance(value, float) and math.isfinite(value) and low <= value <= high:
+            return
         name = f"{owner}.{self.name}" if owner else self.name
         if value is None or isinstance(value, bool | str | list | tuple):
             raise InvalidInput(f"parameter {name} is {value!r}: expected a number or an array [{self.unit}]")
         if not ops.is_number(value):
             return
-        low, high = self.bounds
         numbers = np.asarray(value, dtype=float)
         if not np.all(np.isfinite(numbers)):
             raise InvalidInput(f"parameter {name} is {value}: a finite number [{self.unit}] was expected")
@@ -148,16 +150,13 @@ class Parametric:
     @property
     def parameters(self) -> dict[str, Parameter]:
         """The parameters by field name, in the order in which they are declared."""
-        return {
-            f.name: Parameter(
-                f.name, getattr(self, f.name), field=f.name, **(f.metadata[_KEY] | self._own_bounds(f.name))
-            )
-            for f in dataclasses.fields(self)
-            if _KEY in f.metadata
-        }
-
-    def _own_bounds(self, name: str) -> dict[str, tuple[float, float]]:
-        return {"bounds": self.bounds[name]} if name in self.bounds else {}
+        found = {}
+        for field in dataclasses.fields(self):
+            if _KEY in field.metadata:
+                name, own = field.name, field.metadata[_KEY]
+                own = own | {"bounds": self.bounds[name]} if name in self.bounds else own
+                found[name] = Parameter(name, getattr(self, name), field=name, **own)
+        return found
 
     def with_parameters(self, values: Mapping[str, Value]) -> Any:
         """The same part holding other numbers: floats, arrays, CasADi symbols or tensors."""

@@ -1,6 +1,7 @@
 """Friction: it opposes motion, only dissipates, holds a joint at rest, and its kinds contain each other."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -39,7 +40,7 @@ ALL = [*WET, *DRY, LoadFriction(mu=0.1)]
 
 
 def seen(theta_dot):
-    return Joint(0.3, theta_dot, 0.0, 0.0, 1.5, ROD)
+    return Joint(0.3, theta_dot, 0.0, 0.0, ROD, lambda: 1.5)
 
 
 def energy(plant, run):
@@ -122,7 +123,7 @@ def test_load_friction_is_a_share_of_the_load():
 
 def test_warming_friction_falls_with_the_time_of_the_record():
     friction = WarmingFriction(tau_c=0.1, excess=0.3, T=20.0)
-    limits = [friction.limits(seen(1.0)._replace(t=t))[0] for t in (0.0, 20.0, 40.0, 1e4)]
+    limits = [friction.limits(replace(seen(1.0), t=t))[0] for t in (0.0, 20.0, 40.0, 1e4)]
     assert limits == pytest.approx([0.4, 0.1 + 0.3 / math.e, 0.1 + 0.3 / math.e**2, 0.1])
 
 

@@ -141,7 +141,7 @@ def test_below_its_limit_friction_holds_for_ever_without_creep(integrator):
 @pytest.mark.parametrize("friction", DRY[:2], ids=lambda e: e.name)
 @pytest.mark.parametrize("integrator", [SemiImplicitEuler(), RK4(1), RK4(4)])
 def test_it_breaks_away_above_the_static_limit_and_not_below(friction, integrator):
-    static = float(friction.limits(Joint(0.0, 0.0, 0.0, 0.0, 0.0, LinearAxis()))[0])
+    static = float(friction.limits(Joint(0.0, 0.0, 0.0, 0.0, LinearAxis(), float))[0])
     for sign in (1.0, -1.0):
         for force, moves in ((0.999 * static, False), (1.001 * static, True)):
             model = Model(LinearAxis(m=0.05), (friction, Viscous(b=0.1)), integrator, 0.02)
@@ -166,7 +166,7 @@ def stick_slip_reference(model: Model, friction: DryFriction, u: np.ndarray, the
 
     def limit(y, tau):
         load = model.plant.gravity_torque(y[0]) + tau
-        return float(friction.limits(Joint(y[0], y[1], 0.0, tau, load, model.plant))[0])
+        return float(friction.limits(Joint(y[0], y[1], 0.0, tau, model.plant, lambda: load))[0])
 
     def stop(t, y):
         return y[1]

@@ -79,7 +79,7 @@ DIRECTIONAL = DirectionalLoadFriction(mu_drive=0.05, mu_back=0.25)
     ("drive", "plus", "minus"), [(2.0, 0.05, 0.25), (-2.0, 0.25, 0.05), (0.0, 0.25, 0.25)], ids=["up", "down", "off"]
 )
 def test_who_drives_decides_what_friction_takes_of_the_load(drive, plus, minus):
-    joint = Joint(0.3, 0.0, 0.0, drive, -1.5, RodPendulum())
+    joint = Joint(0.3, 0.0, 0.0, drive, RodPendulum(), lambda: -1.5)
     assert DIRECTIONAL.limits(joint) == pytest.approx((1.5 * plus, 1.5 * minus))
 
 

@@ -14,6 +14,7 @@ from scipy.stats import binom
 
 from sysid import (
     CATALOGUE,
+    Backlash,
     Coulomb,
     Diagnosis,
     Effect,
@@ -22,10 +23,12 @@ from sysid import (
     Periodic,
     Record,
     Ripple,
+    Spring,
     Tilt,
     Viscous,
     diagnose,
     ops,
+    simulate,
 )
 from sysid import parameter as number
 from sysid.diagnosis.search import Addition, Search, Trial, is_nothing, matters
@@ -36,7 +39,8 @@ from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import extended, reduced
 from sysid.estimation.scores import Score, alikeness, price, scores
 from sysid.physics.ops import Value
-from tests.sysid.planted import SENSOR, logs, rod, shaken, truth
+from sysid.planning.excitation import steps
+from tests.sysid.planted import DT, SENSOR, logs, rod, shaken, truth
 
 PLANT = ("m", "l")
 FRICTIONS = ("viscous", "coulomb", "asymmetric_viscous", "asymmetric_coulomb", "stribeck", "drag", "tilt")
@@ -327,3 +331,29 @@ def test_a_friction_that_drives_is_no_friction() -> None:
     score = scores(fit, ("viscous",))["viscous"]
     assert score.lm == 0.0 and score.sizes[0] < 0.0
     assert math.isfinite(score.sd[0])
+
+
+# where a random torque, or a small motion, hides what is missing ------------------------------------------------
+
+
+def test_a_sensor_at_fault_is_found_though_a_random_torque_follows_its_readings() -> None:
+    """Beside an encoder with play the motion that is likeliest goes where the encoder says, under any torque."""
+    found = diagnose(rod(), logs(truth(Backlash(width=0.06)), n=4), SENSOR, effects=("coulomb", "backlash"))
+    assert found.verdict == "missing"
+    assert [s.effect for s in found.steps] == ["backlash"]
+    width = found.steps[0].parameters["backlash.width"]
+    assert abs(width["value"] - 0.06) < 4.0 * width["sd"] < 0.004
+    assert found.error.ratio < 1.1
+
+
+def test_what_a_small_motion_hardly_shows_is_added_where_a_large_one_shows_it() -> None:
+    """A spring is a part of gravity for small angles, and no part of it for large ones, which were held out."""
+    rng, model = np.random.default_rng(0), truth(Spring(k=0.15))
+    u = np.array([size * steps(rng, 250, DT, 1.0, 0.3) for size in (1.0, 1.0, 1.0, 1.0, 2.2)])
+    records = SENSOR.measure(simulate(model, u, np.full(5, math.pi), 0.0), rng)
+    found = diagnose(rod(), records, SENSOR, effects=("viscous", "spring"))
+    assert found.verdict == "missing"
+    assert [s.effect for s in found.steps] == ["spring"]
+    assert found.error.ratio < 1.1 < found.base_error.ratio
+    without = diagnose(rod(), records, SENSOR, effects=("viscous",))
+    assert without.verdict == "unknown", "no model is adequate that fails on what was held out"

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 import re
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -20,16 +21,24 @@ Memory = tuple[Value, ...]
 Array = NDArray[np.float64]
 
 
-class Joint(NamedTuple):
-    """What acts at the joint sees: theta [rad], theta_dot [rad/s], t [s], the drive torque [N m], the plant, and
-    `load` [N m] = gravity + drive + all effects that are not friction (0 while those are being summed)."""
+@dataclass(eq=False)
+class Joint:
+    """What acts at the joint sees: theta [rad], theta_dot [rad/s], t [s], the drive torque [N m] and the plant.
+
+    summed   gives `load`; only an effect that asks for it pays for the sum
+    """
 
     theta: Value
     theta_dot: Value
     t: Value
     drive: Value
-    load: Value
     plant: Plant
+    summed: Callable[[], Value]
+
+    @cached_property
+    def load(self) -> Value:
+        """Gravity + drive + all effects that are not friction [N m]; 0 while those are being summed."""
+        return self.summed()
 
 
 class Stretch(NamedTuple):
