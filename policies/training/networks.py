@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor, nn
-from torch.distributions import Distribution, constraints
+from torch.distributions import Distribution
 
 LOG_STD_BOUNDS = (-20.0, 2.0)
 """log(std) of the policy is clamped to this (Stable-Baselines3)."""
@@ -33,19 +33,18 @@ def forward(x: Tensor, leaves: Sequence[Tensor]) -> list[Tensor]:
     return passed
 
 
-def backward(passed: Sequence[Tensor], leaves: Sequence[Tensor], slope: Tensor) -> tuple[list[Tensor], Tensor]:
-    """dL/d leaves, and dL/d(x W_0), from what `forward` went through and slope = dL/dy."""
+def backward(
+    passed: Sequence[Tensor], leaves: Sequence[Tensor], slope: Tensor, learned: bool = True
+) -> tuple[list[Tensor], Tensor]:
+    """dL/d leaves, if `learned`, and dL/d(x W_0), from what `forward` went through and slope = dL/dy."""
     found: list[Tensor] = []
     for i in reversed(range(1, len(passed) - 1)):
-        found = [_of_weight(passed[i], slope), slope.sum(1, keepdim=True), *found]
-        slope = below(passed[i], leaves[2 * i - 1], slope)
-    return [_of_weight(passed[0], slope), *found], slope
-
-
-def below(h: Tensor, w: Tensor, slope: Tensor) -> Tensor:
-    """From dL/d(h W + b) to the same of the layer below, whose activations are h."""
-    slope = slope * w.mT if slope.shape[-1] == 1 else torch.bmm(slope, w.mT)
-    return torch.ops.aten.threshold_backward.grad_input(slope, h, 0.0, grad_input=slope)
+        h, w = passed[i], leaves[2 * i - 1]
+        if learned:
+            found = [_of_weight(h, slope), slope.sum(1, keepdim=True), *found]
+        slope = slope * w.mT if slope.shape[-1] == 1 else torch.bmm(slope, w.mT)
+        slope = torch.ops.aten.threshold_backward.grad_input(slope, h, 0.0, grad_input=slope)
+    return ([_of_weight(passed[0], slope), *found] if learned else []), slope
 
 
 def _of_weight(x: Tensor, slope: Tensor) -> Tensor:
@@ -73,18 +72,9 @@ class WrittenOutMLP(torch.autograd.Function):
         """dL/dx, and dL/d leaves where they learn."""
         depth = (len(ctx.saved_tensors) + 1) // 3
         passed, leaves = [*ctx.saved_tensors[:depth], slope], ctx.saved_tensors[depth:]
-        if any(ctx.needs_input_grad[1:]):
-            gradients, slope = backward(passed, leaves, slope)
-        else:
-            gradients, slope = [None] * len(leaves), through(passed, leaves, slope)
-        return torch.bmm(slope, leaves[0].mT) if ctx.needs_input_grad[0] else None, *gradients
-
-
-def through(passed: Sequence[Tensor], leaves: Sequence[Tensor], slope: Tensor) -> Tensor:
-    """dL/d(x W_0) alone."""
-    for i in reversed(range(1, len(passed) - 1)):
-        slope = below(passed[i], leaves[2 * i - 1], slope)
-    return slope
+        gradients, slope = backward(passed, leaves, slope, any(ctx.needs_input_grad[1:]))
+        of_x = torch.bmm(slope, leaves[0].mT) if ctx.needs_input_grad[0] else None
+        return of_x, *(gradients or [None] * len(leaves))
 
 
 def with_ones(*inputs: Tensor) -> Tensor:
@@ -183,9 +173,6 @@ class SquashedNormal(Distribution):
     loc, log_std, noise (A, B, D). The last term is log(1 - tanh(x)^2), written so that it never overflows
     (Haarnoja et al. 2018, appendix C). Same density as torchrl's TanhNormal(loc, exp(log_std)).
     """
-
-    arg_constraints = {"loc": constraints.real, "log_std": constraints.real}  # noqa: RUF012
-    has_rsample = True
 
     def __init__(self, loc: Tensor, log_std: Tensor, noise: Tensor) -> None:
         self.loc, self.log_std, self.noise = loc, log_std, noise

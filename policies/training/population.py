@@ -77,7 +77,7 @@ class Population:
         self.policy = ExploringPolicy(self.loss.actor_leaves)
         self.critic_optimizer = FusedAdam(self.loss.critic_leaves, settings.learning_rate)
         self.actor_optimizer = FusedAdam([*self.loss.actor_leaves, self.loss.log_alpha], settings.learning_rate)
-        self.target_update = FastSoftUpdate(self.loss, settings.polyak)
+        self.target_update = FastSoftUpdate(self.loss, tau=settings.polyak)
 
         self._observation = self.env.reset()["observation"]
         self._return = torch.zeros(self.agents, dtype=torch.float64, device=self.device)

@@ -37,7 +37,6 @@ from policies.training.networks import (
     head,
     leaves_of,
     linear_init,
-    through,
     with_ones,
 )
 from sysid import InvalidInput
@@ -206,7 +205,7 @@ class FastSACLoss(StackedSACLoss):
         first = q[0] <= q[1]
         slope = torch.stack((first, ~first)).to(q.dtype).div_(-q.shape[-1]).view_as(passed[-1])
         of_action = self._critics[0][:, observation.shape[-1] : -1].mT
-        return (through(passed, self._critics, slope) @ of_action).view(2, *action.shape).sum(0)
+        return (backward(passed, self._critics, slope, learned=False)[1] @ of_action).view(2, *action.shape).sum(0)
 
     def _judge(self, critics: Sequence[Tensor], observation: Tensor, action: Tensor) -> list[Tensor]:
         """What passes through both critics, y (2 A, B, 1) at the end."""

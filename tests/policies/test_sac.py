@@ -52,7 +52,7 @@ class Learner:
         self.loss = loss(seeds, settings, observation_size, action_size)
         self.critic_optimizer = FusedAdam(self.loss.critic_leaves, settings.learning_rate)
         self.actor_optimizer = FusedAdam([*self.loss.actor_leaves, self.loss.log_alpha], settings.learning_rate)
-        self.target_update = FastSoftUpdate(self.loss, settings.polyak)
+        self.target_update = FastSoftUpdate(self.loss, tau=settings.polyak)
 
     def update(self, batch):
         self.critic_gradients = self.loss.critic_gradients(batch)
