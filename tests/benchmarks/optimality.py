@@ -73,6 +73,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--looks", type=int, default=15)
     parser.add_argument("--csv", type=Path, help="a table to append to")
     given = parser.parse_args(arguments)
+    known = [field.name for field in dataclasses.fields(SACSettings)]
+    unknown = [change for change in given.set if change.partition("=")[0] not in known]
+    if unknown:
+        parser.error(f"--set {unknown[0]}: expected a field of SACSettings: {', '.join(known)}")
     tune_cpu(threads=1)
     settings = settings_of(given.set, given.hidden, given.steps)
     for name in given.plants:
