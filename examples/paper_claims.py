@@ -23,7 +23,7 @@ import numpy as np
 from study.figure_style import save
 from study.paper import claims
 from study.paper.agreement import Agreement
-from study.paper.figures.identification import identification
+from study.paper.figures.publication import identification
 from study.paper.identification_scatter import scatter
 from study.paper.published_runs import Outcomes
 

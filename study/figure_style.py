@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from study.formatting import capital
 from sysid.data.files import write_whole
 from sysid.report import comparison_figure
 
@@ -41,6 +43,17 @@ def save(draw: Callable[[], Figure], path: Path) -> Path:
     return path
 
 
+def beside(axes: Axes, text: str, at: tuple[float, float], shift: tuple[float, float] = (4, 0), **style: Any) -> None:
+    """A note so many points beside a place of an axis."""
+    axes.annotate(text, at, shift, **{"textcoords": "offset points", "va": "center", "fontsize": 9.0} | style)
+
+
+def panel_title(axes: Axes, title: str, *about: str, **style: Any) -> None:
+    """What a panel shows, with lines about it below; empty ones are left out."""
+    axes.set_title(capital(title), pad=30, **style)
+    lines = "\n".join(filter(None, about))
+    beside(axes, lines, (0.0, 1.0), (0, 26), xycoords="axes fraction", va="top", fontsize=8.5, color="0.4")
+
+
 def width_colours(count: int) -> list[tuple[float, ...]]:
-    """A colour for each of so many widths."""
     return [COLOURS(0.15 + 0.7 * k / max(1, count - 1)) for k in range(count)]

@@ -29,13 +29,16 @@ def percent(share: float) -> str:
     return f"{number(100.0 * share)} %"
 
 
+def capital(text: str) -> str:
+    """The text with a capital first letter, and the others as they are."""
+    return text[:1].upper() + text[1:]
+
+
 def bracketed(
     mean: float, low: float, high: float, digits: int = 0, write: Callable[[float, int], str] = number
 ) -> str:
-    """A number and its interval."""
     return f"{write(mean, digits)} {interval(low, high, digits, write)}"
 
 
 def interval(low: float, high: float, digits: int = 0, write: Callable[[float, int], str] = number) -> str:
-    """An interval alone."""
     return f"[{write(low, digits)}, {write(high, digits)}]"

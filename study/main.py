@@ -12,7 +12,6 @@ import math
 import os
 import shlex
 import signal
-import sqlite3
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -71,6 +70,12 @@ class Options:
     checkpoint_seconds: Annotated[float, tyro.conf.arg(metavar="S")] = 60.0
     """Seconds between checkpoints of a population: about what a crash may cost it."""
 
+    @property
+    def command(self) -> str:
+        given = {_flag(field): getattr(self, field.name) for field in dataclasses.fields(self)
+                 if getattr(self, field.name) != field.default}  # fmt: skip
+        return " ".join(["python -m study.main", *(f"{flag} {shlex.quote(str(own))}" for flag, own in given.items())])
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code: 0 done, 1 a task failed, 2 bad input, 130 stopped."""
@@ -92,17 +97,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if options.preset != "mismatch":
             return _fail(f"--quick with preset {options.preset!r}: expected --preset mismatch, or --preset quick", 2)
         options = dataclasses.replace(options, preset="mismatch-quick", quick=False)
-    if options.preset not in {**PRESETS, **PLANS}:
-        return _fail(f"unknown preset {options.preset!r}: expected one of {', '.join([*PRESETS, *PLANS])}", 2)
     signal.signal(signal.SIGTERM, _interrupt)
-    try:
-        return _study(options)
-    except KeyboardInterrupt:
-        print(f"\nstopped; the same command goes on: {_command(options)}", file=sys.stderr)
-        return 130
+    return _study(options)
 
 
 def _study(options: Options) -> int:
+    import sqlite3
+
     from rich.console import Console
 
     from study.pipeline.executor import WorkerFailed
@@ -111,26 +112,31 @@ def _study(options: Options) -> int:
 
     console = Console(highlight=False)
     try:
+        if options.preset not in {**PRESETS, **PLANS}:
+            raise InvalidInput(f"unknown preset {options.preset!r}: expected one of {', '.join([*PRESETS, *PLANS])}")
         executor = _executor(options)
         if not 0.0 <= options.checkpoint_seconds < math.inf:
             raise InvalidInput(f"--checkpoint-seconds {options.checkpoint_seconds}: expected a number of seconds >= 0")
         with _experiment(options) as experiment:
             run(experiment, executor, console)
             experiment.publish(console)
+    except KeyboardInterrupt:
+        print(f"\nstopped; the same command goes on: {options.command}", file=sys.stderr)
+        return 130
     except InvalidInput as error:
         return _fail(str(error), 2)
     except (WorkerFailed, OSError, sqlite3.Error) as error:
-        return _fail(f"{error}; finished runs are kept, and the same command goes on: {_command(options)}", 1)
+        return _fail(f"{error}; finished runs are kept, and the same command goes on: {options.command}", 1)
     return 0
 
 
 @contextlib.contextmanager
 def _experiment(options: Options) -> Iterator[Experiment]:
-    """The preset's experiment, over the open folder of its results."""
-    folder, device, seconds = options.out or Path("results", options.preset), options.device, options.checkpoint_seconds
+    """The preset's experiment, over the open folder of its results; loads what this one needs alone."""
     from sysid.data.files import place
     from sysid.errors import InvalidInput
 
+    folder, device, seconds = options.out or Path("results", options.preset), options.device, options.checkpoint_seconds
     for path in (folder, options.import_, options.published):
         if path is not None:
             place(path, "use")
@@ -140,16 +146,13 @@ def _experiment(options: Options) -> Iterator[Experiment]:
 
         for name, given in (("--import", options.import_), ("--published", options.published)):
             if given is not None:
-                raise InvalidInput(
-                    f"{name} {given}: expected a preset of the paper's kind with it, not {options.preset}"
-                )
+                raise InvalidInput(f"{name} {given}: expected a preset of the paper's kind, not {options.preset}")
         plan = PLANS[options.preset]
         with MismatchResults(folder, plan, device) as kept:
             yield MismatchExperiment(plan, kept, seconds)
     else:
         from study.paper.published_runs import read_published
-        from study.paper.sweep import Sweep
-        from study.paper.sweep_results import SweepResults
+        from study.paper.sweep import Sweep, SweepResults
 
         preset = PRESETS[options.preset]
         theirs = read_published(options.published) if options.published else None
@@ -169,30 +172,14 @@ def _executor(options: Options) -> Executor:
         raise InvalidInput(f"--address {options.address}: expected --executor ray with it; it is that of a Ray cluster")
     if options.address and options.workers:
         raise InvalidInput(f"--workers {options.workers}: expected none with --address, the cluster has its own")
+    if options.workers < 0:
+        raise InvalidInput(f"--workers {options.workers}: expected a number of processes, or 0 for one a core")
     if options.address:
         return Cluster(options.address)
     check_device(options.device)
-    workers = _workers(options.workers)
+    here = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    workers = options.workers or here
     return Cluster(workers=workers) if options.executor == "ray" else Processes(workers)
-
-
-def _workers(asked: int) -> int:
-    from sysid.errors import InvalidInput
-
-    if asked < 0:
-        raise InvalidInput(f"--workers {asked}: expected a number of processes, or 0 for one a core")
-    if asked:
-        return asked
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def _command(options: Options) -> str:
-    words = ["python -m study.main"]
-    for field in dataclasses.fields(Options):
-        value = getattr(options, field.name)
-        if value != field.default:
-            words.append(f"{_flag(field)} {shlex.quote(str(value))}")
-    return " ".join(words)
 
 
 def _flag(field: dataclasses.Field[object]) -> str:

@@ -16,14 +16,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri, stdtr, stdtrit
 
-from study.formatting import bracketed, signed
+from study.formatting import bracketed, interval, number, signed
 from sysid import InvalidInput
 
 Array = NDArray[np.float64]
@@ -50,9 +50,15 @@ class Contrast:
         """Whether the interval excludes zero."""
         return self.low > 0.0 or self.high < 0.0
 
-    def to_dict(self) -> dict[str, float]:
-        """Plain data, ready for JSON."""
-        return asdict(self)
+    @property
+    def interval(self) -> str:
+        """The interval alone, of a change."""
+        return interval(self.low, self.high, write=signed)
+
+    @property
+    def level(self) -> str:
+        """As a level is read, without a plus sign; the number alone where one seed says nothing of its interval."""
+        return bracketed(self.mean, self.low, self.high) if math.isfinite(self.low) else number(self.mean)
 
     def __str__(self) -> str:
         return bracketed(self.mean, self.low, self.high, write=signed)

@@ -18,57 +18,42 @@ from .estimation.fit import fit
 from .estimation.identifiers import GridSearch, Identifier, LeastSquares, UnscentedKalman
 from .estimation.saved_model import SavedModel, load, load_model, save
 from .physics import ops
-from .physics.effects import (
-    CATALOGUE,
+from .physics.effects.actuation import BackEmf, DeadZone, Delay, Lag, Saturation, Stamp, TorqueGain, TorqueSpeedLimit
+from .physics.effects.actuators import DCMotor, PositionServo, TorqueConstant
+from .physics.effects.catalogue import CATALOGUE, effect, register
+from .physics.effects.disturbance import Drift, Periodic, TorqueBias
+from .physics.effects.effect import (
     Actuator,
-    AngleOffset,
-    AsymmetricCoulomb,
-    AsymmetricViscous,
-    BackEmf,
-    Backlash,
-    Coulomb,
-    Dahl,
-    DCMotor,
-    DeadZone,
-    Delay,
-    DirectionalLoadFriction,
-    Drag,
-    Drift,
     DryFriction,
     DynamicEffect,
-    Eccentricity,
     Effect,
-    FilteredSpeed,
-    FlexibleTransmission,
     InputEffect,
     Joint,
     JointEffect,
-    Lag,
-    LoadFriction,
-    LuGre,
     OutputEffect,
-    Periodic,
-    PositionServo,
     Reading,
-    Ripple,
-    RotorInertia,
-    Saturation,
-    SensorDelay,
-    Spring,
-    Stamp,
+)
+from .physics.effects.friction import (
+    AsymmetricCoulomb,
+    AsymmetricViscous,
+    Coulomb,
+    Drag,
     Stribeck,
-    Tilt,
-    TorqueBias,
-    TorqueConstant,
-    TorqueGain,
-    TorqueSpeedLimit,
-    VelocityBias,
-    VelocityGain,
     Viscous,
     WarmingFriction,
-    effect,
-    register,
 )
+from .physics.effects.load import DirectionalLoadFriction, LoadFriction, Ripple, RotorInertia, Spring, Tilt
+from .physics.effects.presliding import Dahl, LuGre
+from .physics.effects.sensing import (
+    AngleOffset,
+    Backlash,
+    Eccentricity,
+    FilteredSpeed,
+    SensorDelay,
+    VelocityBias,
+    VelocityGain,
+)
+from .physics.effects.transmission import FlexibleTransmission
 from .physics.integrators import RK4, Integrator, SemiImplicitEuler
 from .physics.model import Model, State
 from .physics.parameters import Extent, Parameter, parameter

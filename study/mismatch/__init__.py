@@ -1,19 +1,17 @@
 """Does breadth pay when the simulator lacks an effect?
 
 What an effect costs, before any training:
-    magnitudes       the effects, each over its size; rod: the machine that they act on
+    magnitudes       the effects, each over its size
     effect_cost      their price by dynamic programming, over their sizes
 
 The experiment:
     plan             plants, strategies, seeds and contrasts
-    ground_truth     the hidden plants as machines, and their rollouts
-    out_of_catalogue effects that the catalogue lacks
-    strategies       what each strategy makes of its budget of rollouts: a training_setup
+    ground_truth     the hidden plants as machines, their rollouts and designs
+    strategies       what each strategy makes of its budget of rollouts: a TrainingSetup
     residual_network a learned torque, fitted by network_fit
-    trainings        agents of setups that train together; designs: dynamic programs in their place
-    experiment       all of it as tasks; mismatch_results: what is kept
-    findings         returns, contrasts, parts of a gap; sentences, labels, figures, mismatch_page, mismatch_report: how
-                     they are told
+    trainings        setups, and the agents that train on them together
+    experiment       all of it as tasks, dynamic programs in the place of training too; mismatch_results: what is kept
+    findings         returns, contrasts, parts of a gap; sentences, figures, mismatch_report: how they are told
 
 How many rollouts naming takes:
     naming           measures it; naming_results: its rows, and what is right

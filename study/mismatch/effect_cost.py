@@ -31,11 +31,11 @@ from pathlib import Path
 
 import numpy as np
 
-from policies.control.dynamic_programming import Grid, Optimal, solve
+from policies.control.dynamic_programming import Grid, solve
 from policies.evaluation import batch_returns, fresh_start_states, start_states
+from study.mismatch.ground_truth import BLUNT, DESIGN_SUBSTEPS, design, machine
 from study.mismatch.magnitudes import MAGNITUDES, Magnitude
-from study.mismatch.rod import BLUNT, DESIGN_SUBSTEPS, design, machine
-from study.pipeline.csv_table import read_table, write_table
+from study.pipeline.tables import read_table, write_table
 from study.statistics import sem
 from sysid import InvalidInput, OutputEffect
 
@@ -90,16 +90,13 @@ class Bench:
         self, blunt: Grid = BLUNT, sharp: Grid = SHARP, episodes: int = EPISODES, substeps: int | None = None
     ) -> None:
         self.grid, self.substeps = blunt, substeps
-        self.ignorant: tuple[Optimal, ...] = tuple(
-            solve(machine(substeps=DESIGN_SUBSTEPS), grid) for grid in (blunt, sharp)
-        )
+        self.ignorant = tuple(solve(machine(substeps=DESIGN_SUBSTEPS), grid) for grid in (blunt, sharp))
         groups = [fresh_start_states(SEED, episodes), *(start_states(seed) for seed in PAPER_SEEDS)]
         self.starts = tuple(np.concatenate(columns) for columns in zip(*groups, strict=True))
         self.fresh = np.arange(len(self.starts[0])) < episodes
         (self.plain,) = batch_returns(self.ignorant[:1], machine(substeps=substeps), *self.starts)
 
     def measure(self, magnitude: Magnitude, size: float) -> LossRow:
-        """The row of a size."""
         effect = magnitude.at(size)
         model = machine(effect, self.substeps)
         if isinstance(effect, OutputEffect):
@@ -107,31 +104,19 @@ class Bench:
             aware = self.plain
         else:
             ignorant, sharp, aware = batch_returns((*self.ignorant, design(model, self.grid)), model, *self.starts)
-        loss, paper = (aware - ignorant)[self.fresh], (aware - ignorant)[~self.fresh]
-        reached = float(np.mean(aware[self.fresh]))
-        plain = float(np.mean(self.plain[self.fresh]))
+        loss = aware - ignorant
+        means = [float(np.mean(own[self.fresh])) for own in (self.plain, ignorant, aware, loss)]
+        plain, _, reached, lost = means
+        paper = [float(np.mean(own[~self.fresh])) for own in (ignorant, aware, loss)]
         return LossRow(
-            effect=magnitude.effect,
-            size=size,
-            unit=magnitude.unit,
-            plain=plain,
-            ignorant=float(np.mean(ignorant[self.fresh])),
-            aware=reached,
-            loss=float(np.mean(loss)),
-            sem=sem(loss),
-            percent=100.0 * float(np.mean(loss)) / abs(reached),
-            percent_plain=100.0 * float(np.mean(loss)) / abs(plain),
-            sharp=float(np.mean((aware - sharp)[self.fresh])),
-            paper_ignorant=float(np.mean(ignorant[~self.fresh])),
-            paper_aware=float(np.mean(aware[~self.fresh])),
-            paper_loss=float(np.mean(paper)),
-            paper_sem=sem(paper),
-        )
+            magnitude.effect, size, magnitude.unit, *means, sem(loss[self.fresh]), 100.0 * lost / abs(reached),
+            100.0 * lost / abs(plain), float(np.mean((aware - sharp)[self.fresh])), *paper, sem(loss[~self.fresh]),
+        )  # fmt: skip
 
 
 def read_losses(path: Path) -> list[LossRow]:
     """The rows of a table; none where there is no file. Raises InvalidInput for a file of another kind."""
-    rows = read_table(LossRow, path, "effects and losses")
+    rows = read_table(LossRow, path, "effects and losses", optional=True)
     for row in rows:
         if row.effect not in MAGNITUDES:
             raise InvalidInput(f"{path} has a row of effect {row.effect!r}: expected one of {', '.join(MAGNITUDES)}")
@@ -170,7 +155,6 @@ def _between(rows: Sequence[LossRow], target: float) -> float | None:
 
 
 def rounded(size: float) -> float:
-    """To three digits."""
     return float(f"{size:.3g}")
 
 

@@ -10,12 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from study.mismatch.designs import OPTIMUM, PLAIN, model_key
+from study.mismatch.experiment import OPTIMUM, PLAIN, model_key
 from study.mismatch.mismatch_results import Designed, Fitted, Trained
 from study.mismatch.naming_results import names
 from study.mismatch.plan import CONTRASTS, FREE, STRATEGIES, HiddenPlant, Plan, StrategyKey, Trial
-from study.mismatch.training_setup import TrainingSetup, training_setup_of
-from study.mismatch.trainings import agents_of
+from study.mismatch.trainings import TrainingSetup, agents_of, training_setup_of
 from study.statistics import Contrast, holm, paired_t, sem, student
 from sysid import InvalidInput
 
@@ -131,13 +130,9 @@ class MismatchFindings:
     verdicts: dict[tuple[str, int], Counter[Verdict]]
     hours: float
 
-    def contrast(self, plant: str, a: str, b: str, n: int) -> Compared | None:
-        """A contrast of the plan, or None where it was not planned."""
-        return next((c for c in self.compared if (c.plant, c.a, c.b, c.n) == (plant, a, b, n)), None)
-
     def difference(self, plant: str, a: str, b: str, n: int) -> Contrast | None:
         """J(a) - J(b) over the seeds that both have, planned or not; None where a strategy is not in the plan."""
-        one, other = self.outcomes.get(Condition(plant, a, n)), self.outcomes.get(Condition(plant, b, n))
+        one, other = (self.outcomes.get(Condition(plant, key, n)) for key in (a, b))
         if one is None or other is None:
             return None
         shared = sorted(set(one.seeds) & set(other.seeds))
@@ -146,9 +141,9 @@ class MismatchFindings:
     def together(self, rows: Sequence[Compared]) -> Contrast:
         """The mean of some of the plan's contrasts: paired over seeds, each seed's differences averaged first. It was
         not pre-registered."""
-        a, b = rows[0].a, rows[0].b
         sides = (
-            [self.outcomes[Condition.of(row.plant, strategy, row.n)].returns for row in rows] for strategy in (a, b)
+            [self.outcomes[Condition.of(row.plant, strategy, row.n)].returns for row in rows]
+            for strategy in (rows[0].a, rows[0].b)
         )
         return paired_t(*(np.mean(side, axis=0) for side in sides))
 
@@ -160,7 +155,7 @@ def findings_of(
     _check(plan, fits, trained, designs)
     keys, _ = agents_of(plan, fits)
     agents = {agent.key: agent for agent in trained}
-    models = {Trial(f.plant, f.strategy, f.n, f.seed): training_setup_of(f.payload) for f in fits}
+    models = {f.trial: training_setup_of(f.payload) for f in fits}
     designed = {(d.plant, d.model, d.seed): float(np.mean(d.returns)) for d in designs}
     trials: dict[Condition, list[Trial]] = {}
     for trial in plan.trials:
@@ -183,7 +178,7 @@ def findings_of(
 
 def _check(plan: Plan, fits: Sequence[Fitted], trained: Sequence[Trained], designs: Sequence[Designed]) -> None:
     """Raise InvalidInput unless every trial was fitted, trained and held against the optimum."""
-    unfitted = set(plan.trials) - {Trial(f.plant, f.strategy, f.n, f.seed) for f in fits}
+    unfitted = set(plan.trials) - {f.trial for f in fits}
     if unfitted:
         raise InvalidInput(f"{len(unfitted)} of {len(plan.trials)} trials have no fit: expected a finished experiment")
     untrained = {agent.key for agent in agents_of(plan, fits)[1]} - {agent.key for agent in trained}
@@ -229,10 +224,8 @@ def _compared(plan: Plan, outcomes: Mapping[Condition, StrategyOutcome]) -> list
             if a not in plan.strategies or b not in plan.strategies:
                 continue
             for n in (0,) if a in FREE and b in FREE else plan.budgets:
-                one, other = (outcomes[Condition.of(plant.name, strategy, n)] for strategy in (a, b))
-                difference = one.returns - other.returns
-                contrast = paired_t(one.returns, other.returns)
-                found.append((plant.name, n, a, b, contrast, float(np.median(difference))))
+                one, other = (outcomes[Condition.of(plant.name, strategy, n)].returns for strategy in (a, b))
+                found.append((plant.name, n, a, b, paired_t(one, other), float(np.median(one - other))))
     adjusted = holm({k: row[4].p for k, row in enumerate(found)})
     return [Compared(*row, adjusted[k]) for k, row in enumerate(found)]
 

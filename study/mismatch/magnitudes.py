@@ -31,7 +31,6 @@ class Magnitude:
     numbers: Callable[[float], dict[str, float]] = field(repr=False)
 
     def at(self, size: float) -> Effect:
-        """The effect of that size."""
         from sysid import effect
 
         return effect(self.effect, **self.numbers(size))

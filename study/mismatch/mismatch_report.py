@@ -1,24 +1,24 @@
-"""Publishes the experiment: tables, what made them, and the answers in words."""
+"""Publishes the experiment: tables, what made them, and one HTML page that opens without a network, answers first."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from rich.console import Console
 from rich.markup import escape
 
 from study.mismatch import naming
-from study.mismatch.figures.drawing import draw_figures
+from study.mismatch.figures.trajectories import draw_figures
 from study.mismatch.findings import MismatchFindings, findings_of
-from study.mismatch.mismatch_page import page
-from study.mismatch.mismatch_results import MismatchResults
-from study.mismatch.naming_results import NAMING_TABLE, read_naming
-from study.mismatch.plan import CONTRASTS, Plan
+from study.mismatch.mismatch_results import DESIGNS, FITS, TRAININGS, MismatchResults
+from study.mismatch.naming_results import NAMING_TABLE, NamingResult, naming_table, read_naming
+from study.mismatch.plan import CONTRASTS, STRATEGIES, Plan
 from study.mismatch.sentences import sentences
-from study.pipeline.csv_table import printed, write_csv
-from study.pipeline.record import write_record
-from study.pipeline.versions import all_versions
+from study.pipeline.html_page import template
+from study.pipeline.tables import printed, write_csv
+from study.pipeline.versions import all_versions, write_record
 from sysid.data.files import write_whole
 
 TRIALS = ("plant", "way", "n", "seed", "mean")
@@ -32,16 +32,30 @@ start states, and its parts over as many seeds as there are tables for."""
 CONTRASTED = ("plant", "n", "a", "b", "mean", "low", "high", "median", "seeds", "p")
 """A pre-registered contrast a - b; p is Holm's over the family."""
 
+CAPTIONS = {
+    "returns": "Every strategy at every hidden plant: mean return with its 95 % interval over seeds, hollow for few "
+    "rollouts, filled for many. All panels have one scale, each about its own optimum; a number at the left edge is a "
+    "mean left of the panel.",
+    "ladder": "Left: from knowing nothing to knowing everything, at the largest budget. Right: what the gap to the "
+    "optimum consists of, with a model that lacks the effect and with the mended one.",
+    "trajectories": "Where mending gained most, the two agents of the seed whose gain is nearest to the median, from "
+    "the same start states. Torques: of the first in full, of the others faint.",
+    "naming": "Above: how often the diagnosis is right, with Wilson's 95 % band: the effect named and no other, or its "
+    "class where the log cannot tell; \u201cunknown\u201d or \u201cpartly\u201d where the catalogue lacks it. "
+    "Below: the error of m and l in the model without the effect (squares) and in the mended one (dots).",
+}
+"""What stands below a figure, by its name and in the page's order."""
 
-def publish_mismatch(plan: Plan, results: MismatchResults, console: Console) -> MismatchFindings:
-    """Write tables, figures and page into the results' folder and say the answers; returns them.
+
+def publish_mismatch(plan: Plan, results: MismatchResults, console: Console) -> None:
+    """Write tables, figures and page into the results' folder and say the answers.
 
     The naming study is told too where its table lies in the folder.
     """
-    folder, trained, fits = results.folder, results.trainings(), results.fits()
+    folder, trained, fits = results.folder, results.all(TRAININGS), results.all(FITS)
     naming_rows = read_naming(folder / NAMING_TABLE)
     with console.status("drawing"):
-        found = findings_of(plan, fits, trained, results.designs())
+        found = findings_of(plan, fits, trained, results.all(DESIGNS))
         said = sentences(found, naming_rows)
         made_with = [agent.versions for agent in trained]
         write_tables(found, folder)
@@ -55,7 +69,6 @@ def publish_mismatch(plan: Plan, results: MismatchResults, console: Console) -> 
         console.print(f"[bold]{question}[/]\n{escape(text)}\n")
     console.print(f"report   {folder / 'report.html'}", soft_wrap=True)
     console.print(f"figures  {', '.join(map(str, figures.values()))}", soft_wrap=True)
-    return found
 
 
 def write_tables(found: MismatchFindings, folder: Path) -> None:
@@ -76,3 +89,23 @@ def write_tables(found: MismatchFindings, folder: Path) -> None:
         ("trials", TRIALS, trials), ("outcomes", OUTCOMES, outcomes), ("contrasts", CONTRASTED, contrasts)
     ):  # fmt: skip
         write_csv(folder / f"{name}.csv", columns, map(printed, rows))
+
+
+def page(
+    findings: MismatchFindings,
+    sentences: Sequence[tuple[str, str]],
+    figures: Mapping[str, Path],
+    versions: Mapping[str, str],
+    rows: Sequence[NamingResult] = (),
+) -> str:
+    """The finished page; figures: PNG files by their names in CAPTIONS; rows: of the naming study, if it is there."""
+    return template("mismatch.html.j2").render(
+        findings=findings,
+        plan=findings.plan,
+        sentences=sentences,
+        figures=figures,
+        captions=CAPTIONS,
+        strategies=STRATEGIES,
+        named=naming_table(rows) if rows else None,
+        versions=versions,
+    )

@@ -23,14 +23,15 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from study.mismatch.naming_results import (
     NAMING_TABLE,
+    PLAN,
     REFUSED,
     NamingResult,
     is_right,
     naming_table,
     read_naming,
     write_naming,
-)
-from study.mismatch.plan import PLANS, HiddenPlant, Plan
+)  # fmt: skip
+from study.mismatch.plan import PLAIN, HiddenPlant, Plan
 from study.pipeline.executor import Brief
 from study.pipeline.experiment import Experiment, Stage
 from sysid import InvalidInput
@@ -69,7 +70,7 @@ def steps_of(found: Diagnosis) -> tuple[str, ...]:
 def _error(estimate: Estimate) -> float:
     from study.mismatch.ground_truth import ground_truth
 
-    truth = ground_truth(HiddenPlant("plain")).parameters
+    truth = ground_truth(PLAIN).parameters
     return math.sqrt(sum((estimate.values[k] / float(truth[k].value) - 1.0) ** 2 for k in ("m", "l")) / 2.0)
 
 
@@ -89,7 +90,6 @@ class NamingTask(Brief):
 
     @property
     def work(self) -> float:
-        """About how many seconds it takes on one core; only the time left is computed from it."""
         return 3.0 + sum(0.7 + 0.5 * n for n in self.budgets)
 
     def run(self, link: Link) -> list[NamingResult]:
@@ -114,7 +114,6 @@ class NamingExperiment(Experiment):
         self.rows = read_naming(path)
 
     def stages(self, console: Console) -> Iterator[Stage]:
-        """What the table lacks."""
         left = list(self.left())
         yield Stage(left, f"{sum(len(task.budgets) for task in left)} diagnoses")
 
@@ -128,7 +127,6 @@ class NamingExperiment(Experiment):
                     yield NamingTask(self.plan, plant.name, seed, left)
 
     def keep(self, task: Task, answer: Any) -> None:
-        """Rows into the table."""
         self.rows.extend(answer)
         write_naming(self.path, self.rows)
 
@@ -159,12 +157,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code: 0 done, 1 a task failed, 2 bad input."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0], prog="python -m study.mismatch.naming")
     parser.add_argument("--out", type=Path, default=NAMING_FOLDER, metavar="DIR", help="folder of table and figure")
-    parser.add_argument(
-        "--seeds",
-        type=int,
-        metavar="N",
-        help=f"measure the table up to so many seeds, from {FIRST} on (default: tell what it has)",
-    )
+    told = f"measure the table up to so many seeds, from {FIRST} on (default: tell what it has)"
+    parser.add_argument("--seeds", type=int, metavar="N", help=told)
     parser.add_argument("--budgets", type=int, nargs="+", default=list(BUDGETS), choices=BUDGETS, metavar="N")
     parser.add_argument("--workers", type=int, default=2, metavar="N", help="processes (default 2)")
     options = parser.parse_args(arguments)
@@ -175,20 +169,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from study.pipeline.experiment import run
     from study.pipeline.processes import Processes
 
-    seeds, workers = options.seeds, options.workers
+    seeds, workers, out = options.seeds, options.workers, options.out
     try:
-        experiment = NamingExperiment(
-            PLANS["mismatch"], options.out / NAMING_TABLE, sorted(set(options.budgets)), seeds or 0
-        )
+        experiment = NamingExperiment(PLAN, out / NAMING_TABLE, sorted(set(options.budgets)), seeds or 0)
         if seeds is not None:
             if not 1 <= seeds <= MOST or workers < 1:
-                raise InvalidInput(
-                    f"--seeds {seeds}, --workers {workers}: expected 1 to {MOST} seeds and at least 1 worker"
-                )
-            options.out.mkdir(parents=True, exist_ok=True)
+                expected = f"expected 1 to {MOST} seeds and at least 1 worker"
+                raise InvalidInput(f"--seeds {seeds}, --workers {workers}: {expected}")
+            out.mkdir(parents=True, exist_ok=True)
             run(experiment, Processes(workers), Console(highlight=False))
         if not experiment.rows:
-            raise InvalidInput(f"{options.out} has no {NAMING_TABLE}: measure one with --seeds {MOST}")
+            raise InvalidInput(f"{out} has no {NAMING_TABLE}: measure one with --seeds {MOST}")
         # a cell that is cut says nothing: the table is as wide as it must be
         experiment.publish(Console(highlight=False, width=400))
     except (InvalidInput, OSError, WorkerFailed) as error:

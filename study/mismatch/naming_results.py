@@ -11,16 +11,17 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from study.mismatch.labels import capital, plant_title
+from study.formatting import capital
 from study.mismatch.plan import PLANS, HiddenPlant
-from study.pipeline.csv_table import read_table, write_table
+from study.pipeline.tables import read_table, write_table
 from study.statistics import wilson
 from sysid import CATALOGUE, InvalidInput
 
-NAMING_TABLE = "naming.csv"
+PLAN, NAMING_TABLE = PLANS["mismatch"], "naming.csv"
 
 CONTAINS = {"coulomb": ("stribeck", "asymmetric_coulomb")}
 """Larger effects that are the effect at some of their numbers: to name one of them is right, too."""
@@ -48,9 +49,8 @@ class NamingResult:
     error_mended: float
 
 
-@dataclass(frozen=True)
-class Rate:
-    """How often, of so many seeds, the naming was right, with Wilson's 95 % interval.
+class Rate(NamedTuple):
+    """How often, of so many seeds, the naming was right.
 
     accompanied   how often the effect was named, but with another, or with something left that nothing explains
     """
@@ -61,12 +61,11 @@ class Rate:
 
     @property
     def share(self) -> float:
-        """Of the seeds that were right."""
         return self.right / self.seeds
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Of that share."""
+        """Wilson's, of 95 %."""
         return wilson(self.right, self.seeds)
 
 
@@ -86,15 +85,12 @@ def names(plant: HiddenPlant, steps: Sequence[str]) -> bool:
 
 
 def naming_rates(rows: Iterable[NamingResult]) -> dict[tuple[str, int], Rate]:
-    """The rates by (plant, n)."""
-    plants = {plant.name: plant for plant in PLANS["mismatch"].plants}
-    groups: dict[tuple[str, int], list[NamingResult]] = {}
+    """By (plant, n)."""
+    found: dict[tuple[str, int], Rate] = {}
     for row in rows:
-        groups.setdefault((row.plant, row.n), []).append(row)
-    found = {}
-    for key, own in groups.items():
-        accompanied = [row for row in own if not row.right and names(plants[row.plant], row.steps)]
-        found[key] = Rate(sum(row.right for row in own), len(accompanied), len(own))
+        right, accompanied, seeds = found.get((row.plant, row.n), (0, 0, 0))
+        company = not row.right and names(PLAN.plant(row.plant), row.steps)
+        found[row.plant, row.n] = Rate(right + row.right, accompanied + company, seeds + 1)
     return found
 
 
@@ -126,22 +122,24 @@ def naming_table(rows: Sequence[NamingResult]) -> NamingTable:
     def cell(plant: str, n: int) -> str:
         if (plant, n) not in found:
             return ""
-        low, high = found[plant, n].interval
-        fitted, mended = (f"{100.0 * error:.2g}" for error in naming_errors(rows, plant, n))
-        return f"{100 * found[plant, n].share:.0f} [{100 * low:.0f}, {100 * high:.0f}] ({fitted}, {mended})"
+        rate, errors = found[plant, n], naming_errors(rows, plant, n)
+        low, high = rate.interval
+        fitted, mended = (f"{100.0 * error:.2g}" for error in errors)
+        return f"{100 * rate.share:.0f} [{100 * low:.0f}, {100 * high:.0f}] ({fitted}, {mended})"
 
-    known = [plant for plant in PLANS["mismatch"].plants if any(name == plant.name for name, _ in found)]
-    lines = tuple((capital(plant_title(p)), tuple(cell(p.name, n) for n in budgets)) for p in known)
+    known = [plant for plant in PLAN.plants if any(name == plant.name for name, _ in found)]
     seeds = sorted({rate.seeds for rate in found.values()})
-    return NamingTable(budgets, " to ".join(str(s) for s in dict.fromkeys((seeds[0], seeds[-1]))), lines)
+    return NamingTable(
+        budgets,
+        " to ".join(str(s) for s in dict.fromkeys((seeds[0], seeds[-1]))),
+        tuple((capital(plant.title), tuple(cell(plant.name, n) for n in budgets)) for plant in known),
+    )
 
 
 def read_naming(path: Path) -> list[NamingResult]:
     """The rows of a table; none where there is no file. Raises InvalidInput for a file of another kind."""
-    rows, known = (
-        read_table(NamingResult, path, "effects that were named"),
-        [plant.name for plant in PLANS["mismatch"].plants],
-    )
+    rows = read_table(NamingResult, path, "effects that were named", optional=True)
+    known = [plant.name for plant in PLAN.plants]
     for row in rows:
         if row.plant not in known:
             raise InvalidInput(f"{path} has a row of plant {row.plant!r}: expected one of {', '.join(known)}")
@@ -150,5 +148,5 @@ def read_naming(path: Path) -> list[NamingResult]:
 
 def write_naming(path: Path, rows: Iterable[NamingResult]) -> None:
     """The rows as a CSV file, in the plan's order of plants; whole or not at all."""
-    order = {plant.name: i for i, plant in enumerate(PLANS["mismatch"].plants)}
-    write_table(NamingResult, path, sorted(rows, key=lambda row: (order[row.plant], row.n, row.seed)))
+    order = [plant.name for plant in PLAN.plants]
+    write_table(NamingResult, path, sorted(rows, key=lambda row: (order.index(row.plant), row.n, row.seed)))

@@ -102,7 +102,6 @@ class Weights:
 
     @property
     def taps(self) -> int:
-        """How many commands the filter sees."""
         return self.shapes[0][0]
 
     def model(self, p: Any) -> Model:
@@ -180,7 +179,6 @@ class Windows:
 
 
 def _path(weights: Weights, records: Sequence[Record], sensor: Sensor, decays: Sequence[float]) -> Iterator[Array]:
-    """The weights (P,) at one decay after the other."""
     windows = Windows(weights, records, sensor)
     p, starts, damping = weights.first, windows.response.starts, 1e-2
     for decay in decays:

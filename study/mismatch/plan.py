@@ -75,6 +75,11 @@ _STRATEGIES = (
 STRATEGIES: dict[str, Strategy] = {strategy.key: strategy for strategy in _STRATEGIES}
 """Every strategy, in the order in which they are shown."""
 
+RUNGS: dict[str, str] = {
+    StrategyKey.PRIOR: "prior", StrategyKey.FITTED: "fitted", StrategyKey.MENDED: "mended", StrategyKey.ORACLE: "oracle"
+}  # fmt: skip
+"""The ladder, from knowing nothing to knowing everything."""
+
 FREE = tuple(key for key, strategy in STRATEGIES.items() if strategy.group in ("nothing", "oracle"))
 """Ways that spend no rollouts."""
 
@@ -114,6 +119,39 @@ class HiddenPlant:
     effect: str | None = None
     numbers: tuple[tuple[str, float], ...] = ()
     percent: float = 0.0
+
+    @property
+    def in_catalogue(self) -> bool | None:
+        """Whether the catalogue has its effect; None without one."""
+        from sysid import CATALOGUE
+
+        return None if self.effect is None else self.effect in CATALOGUE
+
+    @property
+    def noun(self) -> str:
+        """The kind of effect in words: "delay"."""
+        if self.effect is None:
+            return "nothing missing"
+        return _NOUNS.get(self.effect, self.effect.replace("_", " "))
+
+    @property
+    def size(self) -> str:
+        """The effect's first number with its unit: "0.155 s"; nothing for the plain plant."""
+        from study.mismatch.ground_truth import effect_of
+
+        effect = effect_of(self)
+        if effect is None:
+            return ""
+        name, value = self.numbers[0]
+        return f"{value:g} {effect.parameters[name].unit}".removesuffix(" 1")
+
+    @property
+    def title(self) -> str:
+        """What the plant has and the prior lacks: "delay 0.155 s"."""
+        return f"{self.noun} {self.size}".rstrip()
+
+
+_NOUNS = {"coulomb": "Coulomb friction", "slew_limit": "slew limit"}
 
 
 @dataclass(frozen=True)
@@ -181,31 +219,13 @@ SLEW = HiddenPlant("slew", "slew_limit", (("rate", 8.5),), 28.4)
 
 ALL_PLANTS = (PLAIN, COULOMB, DELAY_MEDIUM, DELAY_LARGE, MAGNET, SLEW)
 
+QUICK_STRATEGIES = tuple(StrategyKey[name] for name in ("PRIOR", "FITTED", "BAND", "MENDED", "ORACLE"))
+
 _ALL = (
     Plan("mismatch", ALL_PLANTS, tuple(STRATEGIES), (5, 50), tuple(range(3000, 3020)), described=5),
-    Plan(
-        "mismatch-quick",
-        (DELAY_LARGE, MAGNET),
-        tuple(StrategyKey[k] for k in ("PRIOR", "FITTED", "BAND", "MENDED", "ORACLE")),
-        (5,),
-        (1000, 1001, 1002),
-        described=3,
-    ),
-    Plan(
-        "mismatch-smoke",
-        (DELAY_LARGE, MAGNET),
-        tuple(STRATEGIES),
-        (2,),
-        (1000, 1001),
-        described=1,
-        hidden=(8, 8),
-        steps=800,
-        random_steps=200,
-        batch=32,
-        agents=4,
-        episodes=4,
-        grid=40,
-    ),
-)
+    Plan("mismatch-quick", (DELAY_LARGE, MAGNET), QUICK_STRATEGIES, (5,), (1000, 1001, 1002), described=3),
+    Plan("mismatch-smoke", (DELAY_LARGE, MAGNET), tuple(STRATEGIES), (2,), (1000, 1001), described=1, hidden=(8, 8),
+         steps=800, random_steps=200, batch=32, agents=4, episodes=4, grid=40),
+)  # fmt: skip
 
 PLANS = {plan.name: plan for plan in _ALL}

@@ -45,7 +45,6 @@ class CommandFilter(InputEffect):
     taps: Value = field(default_factory=lambda: np.eye(TAPS)[0])
 
     def rest(self, dt: float) -> Memory:
-        """Zero commands, the latest first."""
         return (0.0,) * (self.taps.shape[-1] - 1)
 
     def advance(self, signal: Sequence[Value], memory: Memory, dt: float) -> tuple[tuple[Value, ...], Memory]:
@@ -67,7 +66,6 @@ class ResidualNetwork(JointEffect):
     drive_max: float = 2.0
 
     def torque(self, joint: Joint) -> Value:
-        """What the network says [N m]."""
         theta, theta_dot, drive = joint.theta, joint.theta_dot, joint.drive
         inputs = (ops.cos(theta), ops.sin(theta), theta_dot / TYPICAL_SPEED, drive / self.drive_max)
         return network(inputs, self.layers) if self.layers else 0.0 * theta

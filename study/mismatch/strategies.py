@@ -28,7 +28,7 @@ from policies.environments.randomization import (
 from study.mismatch.ground_truth import PRIOR, oracle, rollouts, sensor
 from study.mismatch.magnitudes import MAGNITUDES
 from study.mismatch.plan import FREE, HiddenPlant, Plan, StrategyKey
-from study.mismatch.training_setup import TrainingSetup
+from study.mismatch.trainings import TrainingSetup
 from study.paper.protocol import BOUNDS
 from sysid import (
     Diagnosis,
@@ -117,12 +117,10 @@ class Budget:
 
     @cached_property
     def fitted(self) -> Estimate:
-        """m and l of a model that lacks nothing."""
         return fit(PRIOR, self.records, self.sensor, ("m", "l"))
 
     @cached_property
     def diagnosis(self) -> Diagnosis:
-        """What the prior lacks."""
         return diagnose(PRIOR, self.records, self.sensor)
 
     @property

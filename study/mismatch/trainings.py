@@ -1,28 +1,117 @@
-"""What the experiment trains: every different setup and seed once, side by side where the models have one structure.
+"""What the experiment trains: what a strategy made of its rollouts, as plain data, and agents on it side by side.
 
-Agents train together whose machines differ in numbers alone. Which do is a function of the setups, never of workers
-or of what is left.
+Every different setup and seed is trained once. Agents train together whose machines differ in numbers alone. Which do
+is a function of the setups, never of workers or of what is left.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
 
 import numpy as np
 
 from policies import Population
+from policies.environments.randomization import Randomization, from_json
 from policies.evaluation import batch_returns, fresh_start_states
-from study.mismatch.ground_truth import ground_truth
-from study.mismatch.mismatch_results import Fitted, Trained
+from study.mismatch.ground_truth import OUT_OF_CATALOGUE, ground_truth
+from study.mismatch.mismatch_results import TRAININGS, Fitted, Trained
 from study.mismatch.plan import SHARED, Plan, Trial
-from study.mismatch.training_setup import TrainingSetup, together, training_setup_of
+from study.mismatch.residual_network import CommandFilter, ResidualNetwork, stacked
 from study.pipeline.population_task import PopulationTask, sac_settings
-from study.pipeline.settings import device_type
+from study.pipeline.settings import device_type, digest
 from study.pipeline.versions import versions
+from sysid import InvalidInput, Model
+from sysid.estimation.saved_model import from_dict, to_dict
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingSetup:
+    """What an agent trains on.
+
+    model    the machine at the centre of what is drawn; drawn: the parameters of every episode
+    verdict  a diagnosis' verdict, and steps: the effects that it added; "" and () where nothing was diagnosed
+    about    other numbers that were found on the way
+    """
+
+    model: Model
+    drawn: Randomization
+    verdict: str = ""
+    steps: tuple[str, ...] = ()
+    about: dict[str, Any] = field(default_factory=dict)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data, from which `training_setup_of` makes the same setup."""
+        model, learned = apart(self.model)
+        model, outside = _without_outside(model)
+        return {
+            "model": to_dict(model),
+            "outside": outside,
+            "learned": _numbers(learned),
+            "drawn": self.drawn.to_json(),
+            "verdict": self.verdict,
+            "steps": list(self.steps),
+            "about": self.about,
+        }
+
+    @property
+    def key(self) -> str:
+        """Sixteen hexadecimal digits that change with whatever an agent's training depends on."""
+        data = self.to_json()
+        return digest({name: data[name] for name in ("model", "outside", "learned", "drawn")})
+
+
+def training_setup_of(data: dict[str, Any]) -> TrainingSetup:
+    """The setup in plain data; raises InvalidInput for other data."""
+    try:
+        model = from_dict(data["model"]).model
+        for name, numbers in data["outside"].items():
+            model = model.with_effect(OUT_OF_CATALOGUE[name](**numbers))
+        if data["learned"] is not None:
+            model = _with_learned(model, data["learned"])
+        return TrainingSetup(model, from_json(data["drawn"]), data["verdict"], tuple(data["steps"]), data["about"])
+    except (KeyError, TypeError) as error:
+        raise InvalidInput(f"no training setup ({error!r}): expected what TrainingSetup.to_json gives") from None
+
+
+def _without_outside(model: Model) -> tuple[Model, dict[str, dict[str, float]]]:
+    """The model without the effects that the catalogue lacks, and those as numbers."""
+    outside = [e for e in model.effects if e.name in OUT_OF_CATALOGUE]
+    numbers = {e.name: {name: float(p.value) for name, p in e.parameters.items()} for e in outside}
+    return dataclasses.replace(model, effects=tuple(e for e in model.effects if e not in outside)), numbers
+
+
+def _numbers(learned: tuple[Any, ...]) -> dict[str, Any] | None:
+    """What was learned as numbers."""
+    if not learned:
+        return None
+    taps, layers = learned[0].taps, learned[1].layers
+    return {"taps": taps.tolist(), "layers": [[W.tolist(), b.tolist()] for W, b in layers]}
+
+
+def _with_learned(model: Model, numbers: dict[str, Any]) -> Model:
+    layers = tuple((np.array(W), np.array(b)) for W, b in numbers["layers"])
+    learned = CommandFilter(np.array(numbers["taps"])), ResidualNetwork(layers, drive_max=model.u_max)
+    return model.with_effect(learned[0]).with_effect(learned[1])
+
+
+def apart(model: Model) -> tuple[Model, tuple[Any, ...]]:
+    """The model without the two learned effects, and these; () where it has none."""
+    learned = tuple(e for kind in (CommandFilter, ResidualNetwork) for e in model.effects if isinstance(e, kind))
+    return dataclasses.replace(model, effects=tuple(e for e in model.effects if e not in learned)), learned
+
+
+def together(setups: Sequence[TrainingSetup], device: str = "cpu") -> Model:
+    """One model that carries the agents of setups of one structure: the first's, with what each has learned."""
+    parts = [apart(setup.model) for setup in setups]
+    model = parts[0][0]
+    if parts[0][1]:
+        model = dataclasses.replace(model, effects=(*model.effects, *stacked([own for _, own in parts], device)))
+    return model
 
 
 @dataclass(frozen=True)
@@ -35,19 +124,14 @@ class Agent:
     plants: tuple[str, ...]
 
 
-def key_of(setup: TrainingSetup, seed: int) -> str:
-    """What an agent is stored under: its setup's digits and its seed."""
-    return f"{setup.key}-{seed}"
-
-
 def agents_of(plan: Plan, fits: Sequence[Fitted]) -> tuple[dict[Trial, str], list[Agent]]:
     """The key of the agent behind every trial, and the agents in the order of trials; equal setups share an agent."""
-    made = {Trial(f.plant, f.strategy, f.n, f.seed): f.payload for f in fits}
+    made = {f.trial: f.payload for f in fits}
     keys: dict[Trial, str] = {}
     agents: dict[str, Agent] = {}
     for trial in plan.trials:
         payload = made[trial]
-        key = keys[trial] = key_of(training_setup_of(payload), trial.seed)
+        key = keys[trial] = f"{training_setup_of(payload).key}-{trial.seed}"
         plants = tuple(p.name for p in plan.plants) if trial.strategy in SHARED else (trial.plant,)
         known = agents.get(key)
         together = plants if known is None else tuple(dict.fromkeys((*known.plants, *plants)))
@@ -66,20 +150,10 @@ def populations(plan: Plan, agents: Sequence[Agent], device: str = "cpu") -> lis
 
 def _structure(setup: TrainingSetup) -> str:
     """What the machines of agents that train together share: everything but the numbers that are drawn."""
-    data = setup.to_json()
-    drawn = set(drawn_names(setup))
+    data, drawn = setup.to_json(), sorted(setup.drawn.sample(np.random.default_rng(0), setup.model))
     numbers = {name: float(p.value) for name, p in setup.model.parameters.items() if name not in drawn}
-    model = data["model"]
-    effects = [[e["name"], e.get("settings")] for e in model["effects"]]
-    learned = data["learned"] is not None
-    return json.dumps([effects, sorted(data["outside"]), learned, numbers, sorted(drawn)], sort_keys=True)
-
-
-def drawn_names(setup: TrainingSetup) -> tuple[str, ...]:
-    """The parameters that every episode draws."""
-    from numpy.random import default_rng
-
-    return tuple(setup.drawn.sample(default_rng(0), setup.model))
+    effects = [[e["name"], e.get("settings")] for e in data["model"]["effects"]]
+    return json.dumps([effects, sorted(data["outside"]), bool(data["learned"]), numbers, drawn], sort_keys=True)
 
 
 @dataclass(frozen=True)
@@ -88,10 +162,15 @@ class MismatchPopulation(PopulationTask):
 
     plan: Plan
     agents: tuple[Agent, ...]
+    table: ClassVar[Any] = TRAININGS
 
     @property
     def name(self) -> str:
         return f"population {hashlib.sha256(' '.join(self.keys).encode()).hexdigest()[:12]}"
+
+    @property
+    def progress_key(self) -> str:
+        return self.name
 
     @property
     def stem(self) -> str:
@@ -99,16 +178,13 @@ class MismatchPopulation(PopulationTask):
 
     @property
     def settings(self) -> Plan:
-        """What the agents belong to."""
         return self.plan
 
     @property
     def keys(self) -> tuple[str, ...]:
-        """Of the agents."""
         return tuple(agent.key for agent in self.agents)
 
     def population(self) -> Population:
-        """Each agent on what its setup says."""
         setups = [training_setup_of(agent.setup) for agent in self.agents]
         drawn, seeds = [setup.drawn for setup in setups], [agent.seed for agent in self.agents]
         machine = together(setups, self.device)

@@ -21,8 +21,8 @@ import numpy as np
 
 from study.formatting import number, signed
 from study.paper import published_numbers as paper
-from study.paper.published_numbers import BASELINE, CELLS, PublishedContrast, Spot
-from study.paper.published_runs import CellSummary, Outcomes
+from study.paper.published_numbers import BASELINE, CELLS, DIFFERENCES, CellSummary, PublishedContrast, Spot
+from study.paper.published_runs import Outcomes
 from study.statistics import Contrast, holm, paired_bootstrap, paired_t, student, welch
 
 MARGIN = 20.0
@@ -43,16 +43,18 @@ class Outlier:
 
 @dataclass(frozen=True)
 class CellAgreement:
-    """A cell here and there. `basis` says how the difference was taken; `verdict` is same, differs or open."""
+    """A cell here, there as it is printed, and here from fresh start states. `basis` says how the difference was taken;
+    `verdict` is same, differs or open."""
 
     spot: Spot
     ours: CellSummary
-    theirs: CellSummary
+    printed: CellSummary
+    fresh: CellSummary
     difference: Contrast
     verdict: str
     basis: str
-    outlier: Outlier | None = None
-    reason: str = ""
+    outlier: Outlier | None
+    reason: str
 
 
 @dataclass(frozen=True)
@@ -76,10 +78,21 @@ class ContrastAgreement:
         """Both significant with one sign, or neither, by the paper's own rule; None where it was not run."""
         if self.ours is None:
             return None
-        both = self.ours.significant and self.theirs.significant
-        if both:
+        if self.ours.significant and self.theirs.significant:
             return self.ours.mean * self.theirs.mean > 0.0
         return not (self.ours.significant or self.theirs.significant)
+
+    @property
+    def reason(self) -> str:
+        """Why one is significant and the other is not, as far as the intervals tell."""
+        said = []
+        if self.change is not None and not self.change.significant:
+            said.append("the two do not differ by more than scatter")
+        if self.published.significant and not self.theirs_t.significant:
+            said.append("the published one has zero in its t interval")
+        if self.ours is not None and self.ours_t is not None and self.ours.significant and not self.ours_t.significant:
+            said.append("ours has zero in its t interval")
+        return "; ".join(said) or "not found"
 
     @property
     def survives(self) -> bool:
@@ -91,7 +104,6 @@ class ContrastAgreement:
 class RobustnessEntry:
     """A row of Table I: best cell, its mean, delta-budget, delta-wide, w* at n = 0 and what it gains over w = 0."""
 
-    point: str
     best: Spot
     mean: float
     budget: Contrast | None
@@ -114,7 +126,11 @@ class Agreement:
     steps: int = paper.STEPS
     resamples: int = 20_000
 
-    # Cells -----------------------------------------------------------------------------------------------------------
+    @property
+    def sweeps(self) -> tuple[dict[Spot, CellSummary], dict[Spot, CellSummary]]:
+        """Every cell there and every cell here."""
+        published = {spot: cell.summary for spot, cell in CELLS.items()}
+        return published, {spot: self.ours.summary(spot) for spot in self.ours.table}
 
     @cached_property
     def cells(self) -> list[CellAgreement]:
@@ -122,22 +138,22 @@ class Agreement:
         return [self._cell(spot) for spot in CELLS if spot in self.ours]
 
     def _cell(self, spot: Spot) -> CellAgreement:
-        published, ours = CELLS[spot], self.ours.summary(spot)
-        theirs = CellSummary(published.mean, published.sem, published.median, published.seeds)
+        ours, theirs, outlier = self.ours.summary(spot), CELLS[spot].summary, None
         seeds, obstacle = self._pairs(spot)
-        if obstacle:
+        if self.theirs is None or obstacle:
             sides = (ours.mean, ours.sem, ours.seeds), (theirs.mean, theirs.sem, theirs.seeds)
-            found, narrow, outlier = welch(*sides), welch(*sides, level=0.9), None
-            basis = f"unpaired (Welch): {obstacle}"
+            found, narrow, basis = welch(*sides), welch(*sides, level=0.9), f"unpaired (Welch): {obstacle}"
         else:
-            assert self.theirs is not None
             a, b = self.ours.returns(spot, seeds), self.theirs.returns(spot, seeds)
-            theirs = self.theirs.summary(spot)
-            found, narrow, outlier = paired_t(a, b), paired_t(a, b, level=0.9), _outlier(a - b, seeds)
-            basis = f"paired over {len(seeds)} seeds"
-        verdict = _verdict(found, narrow)
-        reason = self._reason(spot, outlier) if verdict == DIFFERS else ""
-        return CellAgreement(spot, ours, theirs, found, verdict, basis, outlier, reason)
+            theirs, outlier = self.theirs.summary(spot), _outlier(a - b, seeds)
+            found, narrow, basis = paired_t(a, b), paired_t(a, b, level=0.9), f"paired over {len(seeds)} seeds"
+        verdict = DIFFERS if found.significant else OPEN
+        if max(abs(narrow.low), abs(narrow.high)) <= MARGIN:
+            verdict = SAME
+        reason = self._reason(outlier) if verdict == DIFFERS else ""
+        text, fresh = CELLS[spot].printed, self.ours.summary(spot, fresh=True)
+        printed = theirs if text is None else theirs._replace(mean=text)
+        return CellAgreement(spot, ours, printed, fresh, found, verdict, basis, outlier, reason)
 
     def _pairs(self, spot: Spot) -> tuple[tuple[int, ...], str]:
         """The seeds to pair over, or why there is no pairing."""
@@ -156,39 +172,32 @@ class Agreement:
         apart = [s for s, (a, b) in zip(seeds, pairs, strict=True) if math.dist(a, b) > THETA_TOLERANCE]
         return seeds, f"other theta_hat at seed {apart[0]}" if apart else ""
 
-    def _reason(self, spot: Spot, outlier: Outlier | None) -> str:
+    def _reason(self, outlier: Outlier | None) -> str:
         """What may be behind a difference, as far as it can be told from the runs."""
         found = []
         if outlier and not outlier.rest.significant:
             found.append(f"one seed: without seed {outlier.seed} ({signed(outlier.difference)}) it is {outlier.rest}")
         if self.hidden != paper.HIDDEN:
-            found.append(f"possibly networks of {_layers(self.hidden)} instead of {_layers(paper.HIDDEN)}")
+            own, published = (" x ".join(map(str, layers)) for layers in (self.hidden, paper.HIDDEN))
+            found.append(f"possibly networks of {own} instead of {published}")
         if self.steps != paper.STEPS:
             found.append(f"possibly {self.steps:,} training steps instead of {paper.STEPS:,}")
         return "; ".join(found) or "not found: same protocol, other training draws and another SAC library"
 
-    # Contrasts -------------------------------------------------------------------------------------------------------
-
     @cached_property
     def contrasts(self) -> list[ContrastAgreement]:
         """Every published contrast; Holm's correction is over all of them there, over those that were run here."""
-        theirs_t = [student(c.mean, c.error, c.seeds) for c in paper.DIFFERENCES]
-        ours = [self.contrast(c.a, c.b) for c in paper.DIFFERENCES]
-        theirs_holm = holm({k: t.p for k, t in enumerate(theirs_t)})
-        ours_holm = holm({k: pair[1].p for k, pair in enumerate(ours) if pair})
+        theirs_t = {c: student(c.mean, c.error, c.seeds) for c in DIFFERENCES}
+        ours = {c: self.contrast(c.a, c.b) or (None, None) for c in DIFFERENCES}
+        theirs_holm = holm({c: t.p for c, t in theirs_t.items()})
+        ours_holm = holm({c: t.p for c, (_, t) in ours.items() if t})
         return [
             ContrastAgreement(
-                published=c,
-                theirs=Contrast(c.mean, c.low, c.high, c.seeds),
-                theirs_t=theirs_t[k],
-                theirs_holm=theirs_holm[k],
-                ours=pair[0] if pair else None,
-                ours_t=pair[1] if pair else None,
-                ours_holm=ours_holm.get(k, math.nan),
-                change=self._change(c),
+                c, Contrast(c.mean, c.low, c.high, c.seeds), theirs_t[c], theirs_holm[c], *ours[c],
+                ours_holm.get(c, math.nan), self._change(c),
             )
-            for k, (c, pair) in enumerate(zip(paper.DIFFERENCES, ours, strict=True))
-        ]
+            for c in DIFFERENCES
+        ]  # fmt: skip
 
     def _change(self, contrast: PublishedContrast) -> Contrast | None:
         (seeds_a, obstacle_a), (seeds_b, obstacle_b) = self._pairs(contrast.a), self._pairs(contrast.b)
@@ -202,11 +211,8 @@ class Agreement:
         """Our bootstrap and t contrasts of two cells over the seeds they share; None where there are none."""
         if a not in self.ours or b not in self.ours or not self.ours.seeds(a, b):
             return None
-        seeds = self.ours.seeds(a, b)
-        x, y = self.ours.returns(a, seeds), self.ours.returns(b, seeds)
+        x, y = self.ours.pair(a, b)
         return paired_bootstrap(x, y, np.random.default_rng(0), self.resamples), paired_t(x, y)
-
-    # The robustness table --------------------------------------------------------------------------------------------
 
     @cached_property
     def robustness(self) -> list[tuple[paper.RobustnessRow, RobustnessEntry | None]]:
@@ -218,28 +224,26 @@ class Agreement:
         if not spots:
             return None
         means = {spot: self.ours.summary(spot).mean for spot in spots}
-        best, full = max(means, key=lambda spot: means[spot]), Spot(point, 50, 0.0)
-        start = Spot(point, 0, 0.0)
-        at_zero = max((s for s in spots if s.n == 0), key=lambda spot: means[spot], default=None)
+        best, full, start = max(means, key=means.__getitem__), Spot(point, 50, 0.0), Spot(point, 0, 0.0)
+        at_zero = max((s for s in spots if s.n == 0), key=means.__getitem__, default=None)
         pairs = [self.contrast(full, start), self.contrast(full, Spot(point, 50, 0.5))]
         pairs.append(self.contrast(at_zero, start) if at_zero and at_zero != start else None)
         budget, wide, zero = (pair[0] if pair else None for pair in pairs)
-        return RobustnessEntry(point, best, means[best], budget, wide, at_zero.w if at_zero else None, zero)
-
-    # In words --------------------------------------------------------------------------------------------------------
+        return RobustnessEntry(best, means[best], budget, wide, at_zero.w if at_zero else None, zero)
 
     def sentences(self) -> list[tuple[str, str]]:
         """(question, answer): do the cells, the contrasts and the claims of significance agree?"""
-        said = []
-        if self.cells:
-            said.append(("Do the returns agree?", self._cells_in_words()))
-        if any(c.agrees is not None for c in self.contrasts):
-            said.append(("Do the conclusions agree?", self._contrasts_in_words()))
-        if BASELINE in self.ours:
-            said.append(("Does covering the truth replace measuring it?", self._baseline_in_words()))
-        return [*said, ("Which published claims of significance stand?", self.significance())]
+        said = {
+            "Do the returns agree?": self._cells_in_words(),
+            "Do the conclusions agree?": self._contrasts_in_words(),
+            "Does covering the truth replace measuring it?": self._baseline_in_words(),
+            "Which published claims of significance stand?": self.significance(),
+        }
+        return [(question, text) for question, text in said.items() if text]
 
     def _cells_in_words(self) -> str:
+        if not self.cells:
+            return ""
         count = {v: sum(c.verdict == v for c in self.cells) for v in (SAME, DIFFERS, OPEN)}
         median = float(np.median([abs(c.difference.mean) for c in self.cells]))
         text = (
@@ -253,22 +257,26 @@ class Agreement:
 
     def _contrasts_in_words(self) -> str:
         ran = [c for c in self.contrasts if c.agrees is not None]
+        if not ran:
+            return ""
         apart = [c.published.label for c in ran if not c.agrees]
-        text = (
-            f"Of {len(self.contrasts)} published contrasts {len(ran)} were run here, and {len(ran) - len(apart)} agree"
+        return (
+            f"Of {len(self.contrasts)} published contrasts {len(ran)} were run here, and {len(ran) - len(apart)} agree "
+            "in significance and sign" + (f"; these do not: {'; '.join(apart)}." if apart else ".")
         )
-        return f"{text} in significance and sign" + (f"; these do not: {'; '.join(apart)}." if apart else ".")
 
     def _baseline_in_words(self) -> str:
+        if BASELINE not in self.ours:
+            return ""
         ours, theirs = self.ours.summary(BASELINE), CELLS[BASELINE]
         parts = [
-            f"against {_cell(c.published.b)} that is {c.theirs} there and {c.ours} here"
+            f"against n = {c.published.b.n}, w = {c.published.b.w:g} that is {c.theirs} there and {c.ours} here"
             for c in self.contrasts
             if c.published.a == BASELINE and c.ours
         ]
         return (
             f"Trained over the whole prior range, which covers the truth, and without data the agents returned "
-            f"{number(theirs.printed)} ± {theirs.sem:.0f} there and {number(ours.mean)} ± {ours.sem:.0f} here"
+            f"{number(theirs.printed)} ± {theirs.sem:.0f} there and {ours.with_error} here"
             f"{'; ' if parts else ''}{', '.join(parts)}."
         )
 
@@ -281,25 +289,16 @@ class Agreement:
             f"{sum(c.theirs_t.significant for c in claimed)} keep a t interval without zero and "
             f"{sum(c.survives for c in claimed)} survive Holm's correction over all {len(self.contrasts)}. Of the "
             f"{len(narrow)} 'w = 0 beats w = 0.2', {sum(c.theirs_t.significant for c in narrow)} keeps it with t and "
-            f"{sum(c.survives for c in narrow) or 'none'} with Holm." + _ours_in_words([c for c in narrow if c.ours_t])
+            f"{sum(c.survives for c in narrow) or 'none'} with Holm."
+            + _ours_in_words([c.ours_t for c in narrow if c.ours_t])
         )
 
 
-def _ours_in_words(narrow: Sequence[ContrastAgreement]) -> str:
+def _ours_in_words(narrow: Sequence[Contrast]) -> str:
     if not narrow:
         return ""
-    kept = sum(c.ours_t is not None and c.ours_t.significant for c in narrow)
+    kept = sum(t.significant for t in narrow)
     return f" Here {kept or 'none'} of the {len(narrow)} that were run keep{'s' * (kept == 1)} it with t."
-
-
-def _cell(spot: Spot) -> str:
-    return f"n = {spot.n}, w = {spot.w:g}"
-
-
-def _verdict(wide: Contrast, narrow: Contrast) -> str:
-    if max(abs(narrow.low), abs(narrow.high)) <= MARGIN:
-        return SAME
-    return DIFFERS if wide.significant else OPEN
 
 
 def _outlier(difference: np.ndarray, seeds: Sequence[int]) -> Outlier | None:
@@ -308,7 +307,3 @@ def _outlier(difference: np.ndarray, seeds: Sequence[int]) -> Outlier | None:
     k = int(np.argmax(np.abs(difference - np.median(difference))))
     rest = np.delete(difference, k)
     return Outlier(seeds[k], float(difference[k]), paired_t(rest, np.zeros_like(rest)))
-
-
-def _layers(hidden: Sequence[int]) -> str:
-    return " x ".join(map(str, hidden))

@@ -40,12 +40,10 @@ class Claim:
 
     @property
     def quote(self) -> str:
-        """The paper's words."""
         return QUOTES[self.name][0]
 
     @property
     def place(self) -> str:
-        """Where they stand."""
         return QUOTES[self.name][1]
 
 
@@ -58,10 +56,10 @@ def rate(found: Scatter) -> Claim:
     return Claim(
         "rate",
         HOLDS if close else OPEN if open_ else FAILS,
-        f"Between 5 and 50 rollouts the mean error over {found.seeds} seeds falls as n to the power {_power(small)}; "
-        f"1/√n would be {MINUS}0.5. m ends at the edge of the grid in {five} of measurements with 5 rollouts and in "
-        f"{fifty} with 50, and there the box bounds the error, not the data. Between 100 and {last} rollouts the "
-        f"power is {_power(large)}.",
+        f"Between 5 and 50 rollouts the mean error over {found.seeds} seeds falls as n to the power "
+        f"{bracketed(*small, 2, signed)}; 1/√n would be {MINUS}0.5. m ends at the edge of the grid in {five} of "
+        f"measurements with 5 rollouts and in {fifty} with 50, and there the box bounds the error, not the data. "
+        f"Between 100 and {last} rollouts the power is {bracketed(*large, 2, signed)}.",
     )
 
 
@@ -105,6 +103,7 @@ def floor(found: Scatter) -> Claim:
         paired_t(found.errors(sigma)[found.budgets.index(a)], found.errors(sigma)[found.budgets.index(b)])
         for sigma, a, b in ((0.5, 5, 50), (2.0, 50, last))
     )
+    returns = [number(CELLS[Spot("low_noise", n, 0.0)].mean) for n in (5, 50)]
     return Claim(
         "floor",
         FAILS if all(fall.low > 0.0 for fall in falls) else OPEN,
@@ -112,7 +111,7 @@ def floor(found: Scatter) -> Claim:
         f"with 50 and {quiet[last]:.2f} with {last}; at sigma = 2 it is {loud[50]:.2f} with 50 and {loud[last]:.2f} "
         f"with {last}. A floor of about {nearest_cell(found.truth):.2f} to {CELL:.2f}, the grid's cells about the "
         "truth, lies below all of these. What is flat from 5 rollouts on at sigma = 0.5 is the return "
-        f"({_cell('low_noise', 5)}, and {_cell('low_noise', 50)} with 50): it asks for no better model.",
+        f"({returns[0]}, and {returns[1]} with 50): it asks for no better model.",
     )
 
 
@@ -194,7 +193,7 @@ def starts(
 def _best(ours: Outcomes, best: Spot, optima: Callable[[Sequence[int]], tuple[float, float]] | None) -> str:
     """What the best cell returns from both kinds of start states, and how far that is from the optimum of its seeds."""
     cells = ours.summary(best), ours.summary(best, fresh=True)
-    shared, fresh = (_pair(cell.mean, cell.sem) for cell in cells)
+    shared, fresh = (f"{number(cell.mean)} ± {cell.sem:.1f}" for cell in cells)
     text = f" The best cell (n = {best.n}, w = {best.w:g}) returns {fresh} there instead of {shared}"
     if optima is None:
         return f"{text}."
@@ -208,14 +207,12 @@ def _best(ours: Outcomes, best: Spot, optima: Callable[[Sequence[int]], tuple[fl
 
 def _changed(ours: Outcomes, spots: Sequence[Spot]) -> str:
     """Which published contrasts say something else from start states that no two seeds share."""
-    pairs = [(c, ours.seeds(c.a, c.b)) for c in DIFFERENCES if c.a in spots and c.b in spots]
+    pairs = [c for c in DIFFERENCES if c.a in spots and c.b in spots]
     if not pairs:
         return ""
     found = []
-    for c, seeds in pairs:
-        shared, fresh = (
-            paired_t(ours.returns(c.a, seeds, fresh=f), ours.returns(c.b, seeds, fresh=f)) for f in (False, True)
-        )
+    for c in pairs:
+        shared, fresh = (paired_t(*ours.pair(c.a, c.b, fresh=f)) for f in (False, True))
         if (shared.significant, shared.mean > 0.0) != (fresh.significant, fresh.mean > 0.0):
             found.append(f"{c.label} ({shared} becomes {fresh})")
     listed = f"; these do: {', '.join(found)}." if found else "."
@@ -267,17 +264,5 @@ def _slope(curve: NDArray[np.float64], share: float) -> float:
     return float(1e4 * np.polyfit(steps - steps.mean(), returns, 1)[0])
 
 
-def _cell(point: str, n: int) -> str:
-    return number(CELLS[Spot(point, n, 0.0)].mean)
-
-
-def _power(exponent: tuple[float, float, float]) -> str:
-    return bracketed(*exponent, digits=2, write=signed)
-
-
 def _fine(contrast: Contrast, digits: int = 3) -> str:
     return bracketed(contrast.mean, contrast.low, contrast.high, digits, signed)
-
-
-def _pair(mean: float, error: float) -> str:
-    return f"{number(mean)} ± {error:.1f}"

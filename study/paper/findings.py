@@ -5,18 +5,20 @@ Everything is computed from per-seed mean returns J_s; contrasts and gaps are pa
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from study.formatting import bracketed, number
+from study.formatting import number
 from study.paper.presets import Point, Preset, Theta
+from study.paper.published_numbers import CellSummary
 from study.paper.reference_controllers import CONTROLLERS, OPTIMAL, Reference
 from study.paper.runs import Run
-from study.statistics import Contrast, bootstrap_coverage, paired_bootstrap, sem
+from study.statistics import Contrast, bootstrap_coverage, holm, paired_bootstrap, paired_t, sem
 from sysid import InvalidInput
 
 Array = NDArray[np.float64]
@@ -60,64 +62,72 @@ class PointFindings:
         if lacking:
             raise InvalidInput(f"the optimal controller is missing for theta = {min(lacking)}")
 
-    # Per-seed numbers ------------------------------------------------------------------------------------------------
-
     @cached_property
     def cells(self) -> dict[Key, list[Run]]:
-        """The runs of every cell, by seed."""
         table: dict[Key, list[Run]] = {(n, w): [] for n in self.point.budgets for w in self.point.widths}
         for run in sorted(self.runs, key=lambda r: r.cell.seed):
             table[run.cell.n, run.cell.w].append(run)
         return table
 
     def returns(self, key: Key) -> Array:
-        """Mean returns (S,) of a cell."""
         return np.array([run.mean for run in self.cells[key]])
 
     def mean(self, key: Key) -> float:
-        """Mean return of a cell."""
         return float(np.mean(self.returns(key)))
 
-    def sem(self, key: Key) -> float:
-        """Standard error over the seeds of that mean."""
-        return sem(self.returns(key))
+    @cached_property
+    def summaries(self) -> dict[Key, CellSummary]:
+        """Mean return of every cell, its error and its median over seeds."""
+        return {
+            key: CellSummary(self.mean(key), sem(own), float(np.median(own)), len(own))
+            for key, own in ((key, self.returns(key)) for key in self.cells)
+        }
 
     def id_error(self, n: int) -> float:
         """Mean ||theta_hat - truth|| of a budget."""
         return float(np.mean([run.id_error for run in self.cells[n, self.point.widths[0]]]))
 
-    def reference(self, controller: str, theta: Theta | None = None, seeds: Sequence[int] | None = None) -> Array:
-        """Mean returns (S,) of a controller designed at theta, by default at the truth and from the study's seeds."""
-        theta = self.point.truth if theta is None else theta
+    def reference(self, controller: str, seeds: Sequence[int] | None = None) -> Array:
+        """Mean returns (S,) of a controller designed at the truth, by default from the study's seeds."""
         seeds = self.point.seeds if seeds is None else seeds
-        return np.array([self._means[controller, theta, seed] for seed in sorted(seeds)])
+        return np.array([self._means[controller, self.point.truth, seed] for seed in sorted(seeds)])
 
     @cached_property
     def _means(self) -> dict[tuple[str, Theta, int], float]:
         return {(r.controller, r.theta, r.seed): r.mean for r in self.references}
 
-    def controllers(self, seeds: Sequence[int] | None = None) -> Iterator[tuple[str, float, float]]:
-        """(controller, mean return, SEM over seeds) at the truth, by default from the preset's reference seeds."""
-        for controller in CONTROLLERS:
-            returns = self.reference(controller, seeds=self.preset.reference_seeds if seeds is None else seeds)
-            yield controller, float(np.mean(returns)), sem(returns)
+    def rating(self, controller: str, seeds: Sequence[int] | None = None) -> tuple[float, float]:
+        """Mean return and SEM over seeds of a controller designed at the truth, by default from the study's seeds."""
+        returns = self.reference(controller, seeds=seeds)
+        return float(np.mean(returns)), sem(returns)
 
-    def allowed(self) -> dict[str, float]:
-        """Mean return of every reference controller at the truth, from the study's own seeds."""
-        return {controller: mean for controller, mean, _ in self.controllers(self.point.seeds)}
+    def allowed(self, seeds: Sequence[int] | None = None) -> dict[str, float]:
+        """Mean return of every reference controller at the truth, by default from the study's own seeds."""
+        return {controller: self.rating(controller, seeds)[0] for controller in CONTROLLERS}
 
     def design(self, key: Key) -> Array:
         """Returns (S,) on the hidden plant of the controller that is optimal for each seed's estimate."""
         return np.array([self._means[OPTIMAL, run.theta_hat, run.cell.seed] for run in self.cells[key]])
 
-    # Contrasts -------------------------------------------------------------------------------------------------------
-
     def _paired(self, a: Array, b: Array) -> Contrast:
         return paired_bootstrap(a, b, np.random.default_rng(BOOTSTRAP_SEED), self.preset.resamples)
 
     def contrast(self, a: Key, b: Key) -> Contrast:
-        """Mean return of cell a minus that of cell b."""
         return self._paired(self.returns(a), self.returns(b))
+
+    def contrasts(self) -> list[tuple[str, Contrast, Contrast, float]]:
+        """Every step of the budget at the least width, and every width against the least: the paired bootstrap,
+        Student's t and its p after Holm's correction over the table."""
+        (n_0, *_, n_last), (w_0, *wider) = (*self.point.budgets, self.point.budgets[-1]), self.point.widths
+        pairs = {
+            f"n = {a} → {b}, w = {w_0:g}": ((b, w_0), (a, w_0))
+            for a, b in [*itertools.pairwise(self.point.budgets), (n_0, n_last)]
+            if a != b
+        }
+        pairs |= {f"w = {w_0:g} → {w:g}, n = {n}": ((n, w), (n, w_0)) for n in self.point.budgets for w in wider}
+        found = {label: paired_t(self.returns(a), self.returns(b)) for label, (a, b) in pairs.items()}
+        adjusted = holm({label: t.p for label, t in found.items()})
+        return [(label, self.contrast(*pairs[label]), t, adjusted[label]) for label, t in found.items()]
 
     def gap(self, key: Key) -> Gap:
         """How far a cell is below the optimum, and why."""
@@ -131,15 +141,7 @@ class PointFindings:
 
     @property
     def best(self) -> Key:
-        """The cell with the highest mean return."""
         return max(self.cells, key=self.mean)
-
-    @property
-    def coverage(self) -> float:
-        """How often such an interval holds the truth with this many seeds, for normal differences."""
-        return _coverage(len(self.point.seeds))
-
-    # In words --------------------------------------------------------------------------------------------------------
 
     def sentences(self) -> list[tuple[str, str]]:
         """(question, answer) in plain words, the most important first."""
@@ -171,13 +173,12 @@ class PointFindings:
     def _width(self) -> str:
         widths = self.point.widths
         narrow, wide = widths[0], widths[-1]
-        parts = []
-        for n in reversed(self.point.budgets):
-            change = self.contrast((n, wide), (n, narrow))
-            parts.append(f"{change} at n = {n}{_doubt(change)}")
+        changes = {n: self.contrast((n, wide), (n, narrow)) for n in reversed(self.point.budgets)}
+        *parts, last = (f"{change} at n = {n}{_doubt(change)}" for n, change in changes.items())
         return (
             f"Training over a band of ±{100 * wide:.0f} % instead of "
-            f"{'at the estimate' if narrow == 0 else f'±{100 * narrow:.0f} %'} changed the return by {_list(parts)}."
+            f"{'at the estimate' if narrow == 0 else f'±{100 * narrow:.0f} %'} changed the return by "
+            f"{', '.join(parts)}{' and ' * bool(parts)}{last}."
         )
 
     def _short_of_optimal(self) -> str:
@@ -185,12 +186,12 @@ class PointFindings:
         start = (self.point.budgets[0], self.point.widths[0])
         text = (
             f"The best cell (n = {n}, {self.label(w)}) returned {number(self.mean(self.best))}; the optimum of the "
-            f"hidden plant from the same start states is {number(self.optimum)}, which leaves {_range(gap.total)} "
+            f"hidden plant from the same start states is {number(self.optimum)}, which leaves {gap.total.level} "
             f"({100.0 * gap.total.mean / abs(self.optimum):.1f} %): {_parts(gap)}."
         )
         if start != self.best:
             gap = self.gap(start)
-            text += f" At n = {start[0]}, w = {start[1]:g} it was {_range(gap.total)}: {_parts(gap)}."
+            text += f" At n = {start[0]}, w = {start[1]:g} it was {gap.total.level}: {_parts(gap)}."
         return text
 
     def caveat(self) -> str:
@@ -200,14 +201,9 @@ class PointFindings:
             return "A single seed says nothing of how returns scatter: no interval is finite, no difference stands."
         return (
             f"Brackets are 95 % intervals of a paired bootstrap over {seeds} seeds. With {seeds} seeds such an "
-            f"interval holds the true mean in about {100 * self.coverage:.0f} % of cases rather than 95 % (simulated, "
-            "normal differences)."
+            f"interval holds the true mean in about {100 * _coverage(seeds):.0f} % of cases rather than 95 % "
+            "(simulated, normal differences)."
         )
-
-
-def findings_by_point(preset: Preset, runs: Sequence[Run], references: Sequence[Reference]) -> list[PointFindings]:
-    """The answer of every operating point, in the preset's order."""
-    return [PointFindings(preset, point, runs, references) for point in preset.points]
 
 
 @cache
@@ -215,13 +211,8 @@ def _coverage(seeds: int) -> float:
     return bootstrap_coverage(seeds, np.random.default_rng(BOOTSTRAP_SEED))
 
 
-def _range(contrast: Contrast) -> str:
-    """A gap, which is read without a plus sign."""
-    return bracketed(contrast.mean, contrast.low, contrast.high)
-
-
 def _parts(gap: Gap) -> str:
-    text = f"{_range(gap.identification)} because the model is off, {_range(gap.training)} because of training"
+    text = f"{gap.identification.level} because the model is off, {gap.training.level} because of training"
     if gap.training.high < 0.0:
         text += " (agents forgive a wrong model more than a controller that trusts it)"
     return text
@@ -229,7 +220,3 @@ def _parts(gap: Gap) -> str:
 
 def _doubt(contrast: Contrast) -> str:
     return "" if contrast.significant else " (not distinguishable from zero)"
-
-
-def _list(parts: list[str]) -> str:
-    return parts[0] if len(parts) == 1 else ", ".join(parts[:-1]) + " and " + parts[-1]

@@ -10,7 +10,7 @@ best cells of that form are then rated anew with the clip. A test holds the resu
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,13 @@ class Samples:
     after: Array
     sine: Array
     u: Array
+
+    def read(self, noise: Array, *, clean_inputs: bool = False) -> Samples:
+        """The same with noise (2, K) [rad/s]; clean inputs: all of its variance is on the later reading."""
+        first, second = noise
+        if clean_inputs:
+            return replace(self, after=self.after + second - first)
+        return replace(self, before=self.before + first, after=self.after + second)
 
 
 class OneStepGrid:
@@ -66,34 +73,16 @@ class OneStepGrid:
         return np.array(found)
 
 
-@dataclass(frozen=True, eq=False)
-class NoiseFreeRollouts:
-    """What n rollouts under the paper's random torque go through, without noise, and unit noise for both readings."""
-
-    before: Array
-    after: Array
-    sine: Array
-    u: Array
-    noise: Array
-
-    def samples(self, sigma: float, *, clean_inputs: bool = False) -> Samples:
-        """The same rollouts read with noise sigma [rad/s]; clean inputs: all of its variance is on the later one."""
-        first, second = sigma * self.noise
-        if clean_inputs:
-            return Samples(self.before, self.after + second - first, self.sine, self.u)
-        return Samples(self.before + first, self.after + second, self.sine, self.u)
-
-
-def noise_free_rollouts(truth: tuple[float, float], n: int, rng: np.random.Generator) -> NoiseFreeRollouts:
-    """n rollouts of the plant at truth (m, l) from the paper's start states and torques."""
+def noise_free_rollouts(truth: tuple[float, float], n: int, rng: np.random.Generator) -> tuple[Samples, Array]:
+    """What n rollouts from the paper's start states under its torques go through on the plant at truth (m, l), and unit
+    noise (2, K) for both readings."""
     model = paper_model(*truth)
     u = rng.uniform(-model.u_max, model.u_max, (n, ROLLOUT_LENGTH))
     theta, theta_dot = rng.uniform(-np.pi, np.pi, n), rng.uniform(-1.0, 1.0, n)
     run = simulate(model, u, theta, theta_dot)
-    speed = run.theta_dot
-    sine = np.sin(run.theta[:, :ROLLOUT_LENGTH])
+    speed, sine = run.theta_dot, np.sin(run.theta[:, :ROLLOUT_LENGTH])
     noise = rng.standard_normal((2, n * ROLLOUT_LENGTH))
-    return NoiseFreeRollouts(speed[:, :-1].ravel(), speed[:, 1:].ravel(), sine.ravel(), u.ravel(), noise)
+    return Samples(speed[:, :-1].ravel(), speed[:, 1:].ravel(), sine.ravel(), u.ravel()), noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,16 +100,13 @@ class Scatter:
 
     @property
     def seeds(self) -> int:
-        """How many measurements there are of each kind."""
         return int(self.estimates.shape[2])
 
     def thetas(self, sigma: float, n: int, *, clean: bool = False) -> Array:
-        """theta_hat (seeds, 2) of a noise level and a budget."""
         found: Array = (self.clean if clean else self.estimates)[self.sigmas.index(sigma), self.budgets.index(n)]
         return found
 
     def errors(self, sigma: float) -> Array:
-        """||theta_hat - truth|| (budgets, seeds)."""
         off: Array = self.estimates[self.sigmas.index(sigma)] - np.array(self.truth)
         return np.hypot(off[..., 0], off[..., 1])
 
@@ -157,8 +143,8 @@ def scatter(
     grid, ends = OneStepGrid(), [n * ROLLOUT_LENGTH for n in budgets]
     found = np.empty((2, len(sigmas), len(budgets), seeds, 2))
     for seed, child in enumerate(rng.spawn(seeds)):
-        moved = noise_free_rollouts(truth, max(budgets), child)
+        moved, noise = noise_free_rollouts(truth, max(budgets), child)
         for k, sigma in enumerate(sigmas):
             for c in (False, True):
-                found[int(c), k, :, seed] = grid.search(moved.samples(sigma, clean_inputs=c), ends)
+                found[int(c), k, :, seed] = grid.search(moved.read(sigma * noise, clean_inputs=c), ends)
     return Scatter(truth, tuple(sigmas), tuple(budgets), *found)

@@ -7,7 +7,6 @@ Reference controllers that were rated with these runs are taken up, too.
 
 from __future__ import annotations
 
-import csv
 import math
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping
@@ -17,25 +16,22 @@ from pathlib import Path
 from typing import Any
 
 from study.paper.presets import FORMAT, Cell, Point, Preset, Theta
-from study.paper.reference_controllers import Reference
-from study.paper.runs import Run, RunSummary
-from study.paper.sweep_results import SWEEP_SCHEMA, read_run
-from study.paper.tables import RATINGS, Rating
-from study.pipeline.csv_table import read_table
+from study.paper.published_runs import RunRow
+from study.paper.reference_controllers import RATINGS, Rating, Reference
+from study.paper.runs import RUNS, Run, RunSummary
 from study.pipeline.database import META, check_tables, readable
 from study.pipeline.population_task import sac_settings
+from study.pipeline.tables import read_table
 from sysid import InvalidInput
-from sysid.data.files import check_input, named, read_file
+from sysid.data.files import check_input, named
 
 LARGEST_IMPORT = 1 << 32
 """Bytes of a results.sqlite."""
 TOLERANCE = 1e-6
 """Largest difference of m [kg] and of l [m] between an estimate and the imported one."""
 
-IMPORT_COLUMNS = (
-    "n", "w", "seed", "eval_return_mean", "eval_return_std", "theta_hat_mass", "theta_hat_length", "wall_time_s",
-)  # fmt: skip
-"""What a table must have; `point` only where the preset has several, `eval_return_fresh` is taken where it is there."""
+NOTHING_KNOWN: dict[str, Any] = {"id_error": math.nan, "returns": (), "curve": (), "settings": {}, "versions": {}}
+"""Of the making of a run in a table."""
 
 Estimates = Mapping[tuple[str, int, int], Theta]
 """theta_hat by (point, n, seed)."""
@@ -50,7 +46,7 @@ def import_runs(file: Path, preset: Preset, estimates: Estimates) -> list[Run]:
     for place, run in _database(file) if is_database(file) else _table(file, preset):
         problem = "it is there twice" if run.cell in runs else _foreign(run, preset, estimates)
         if problem:
-            raise InvalidInput(f"{file}, {place} ({_name(run.cell)}) does not belong to {preset.name!r}: {problem}")
+            raise InvalidInput(f"{file}, {place} ({run.cell}) does not belong to {preset.name!r}: {problem}")
         theta = estimates[run.cell.point, run.cell.n, run.cell.seed]
         truth = preset.point(run.cell.point).truth
         runs[run.cell] = replace(
@@ -66,7 +62,7 @@ def import_references(file: Path, preset: Preset, designs: Iterable[Theta]) -> l
     """
     own = {_rounded(theta): theta for theta in (*designs, *(point.truth for point in preset.points))}
     found: dict[tuple[str, Theta, Theta], dict[int, float]] = {}
-    for row in read_table(Rating, file.with_name(RATINGS), "references"):
+    for row in read_table(Rating, file.with_name(RATINGS), "references", optional=True):
         theta = own.get(_rounded((row.m, row.l)))
         if theta and (row.grid, row.episodes) == (preset.grid, preset.episodes) and math.isfinite(row.return_mean):
             found.setdefault((row.controller, theta, (row.truth_m, row.truth_l)), {})[row.seed] = row.return_mean
@@ -91,10 +87,6 @@ def is_database(file: Path) -> bool:
         return opened.read(16) == b"SQLite format 3\0"
 
 
-def _name(cell: Cell) -> str:
-    return f"{cell.point}, n = {cell.n}, w = {cell.w:g}, seed {cell.seed}"
-
-
 def _foreign(run: Run, preset: Preset, estimates: Estimates) -> str:
     """Why a run is not one of the preset's; empty where it is."""
     point, n, w, seed = run.cell
@@ -106,8 +98,8 @@ def _foreign(run: Run, preset: Preset, estimates: Estimates) -> str:
     theta = estimates[point, n, seed]
     if not all(abs(a - b) <= TOLERANCE for a, b in zip(run.theta_hat, theta, strict=True)):
         return f"its theta_hat is {run.theta_hat}, expected {theta} from the rollouts of that seed"
-    if not (math.isfinite(run.mean) and math.isfinite(run.std)):
-        return f"its return is {run.mean} with sd {run.std}: expected finite numbers"
+    if not all(map(math.isfinite, (run.mean, run.std, run.seconds))):
+        return f"its return is {run.mean} with sd {run.std}, its seconds {run.seconds}: expected finite numbers"
     if run.returns and len(run.returns) != preset.episodes:
         return f"it has {len(run.returns)} episodes, expected {preset.episodes}"
     return "; ".join(_changed(run.settings, preset, known))
@@ -130,50 +122,29 @@ def _database(file: Path) -> Iterator[tuple[str, Run]]:
             found = dict(db.execute("SELECT key, value FROM meta"))
             if found.get("format") != str(FORMAT):
                 raise InvalidInput(f"--import {file}: it has format {found.get('format')}, expected {FORMAT}")
-            check_tables(db, META + SWEEP_SCHEMA, file)
-            rows = db.execute("SELECT rowid, * FROM runs ORDER BY point, n, w, seed").fetchall()
+            check_tables(db, META + RUNS.schema, file)
+            rows = db.execute(f"SELECT rowid, * FROM runs ORDER BY {RUNS.key}").fetchall()
     except sqlite3.Error as error:
         raise InvalidInput(f"--import {file}: not the results of a study ({error})") from None
     for number, *row in rows:
         with readable(file):
-            run = read_run(row)
+            run = RUNS.value(row)
         yield f"row {number}", run
 
 
 def _table(file: Path, preset: Preset) -> Iterator[tuple[str, Run]]:
     """(line, run) of a CSV file."""
-    try:
-        text = read_file(file, "a runs.csv").decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise InvalidInput(f"--import {file}: not a text in UTF-8") from None
-    reader = csv.DictReader(text.splitlines())
-    several = ("point",) if len(preset.points) > 1 else ()
-    missing = [name for name in (*several, *IMPORT_COLUMNS) if name not in (reader.fieldnames or ())]
-    if missing:
-        raise InvalidInput(
-            f"--import {file}: no column {missing[0]!r}; expected {', '.join((*several, *IMPORT_COLUMNS))}"
+    for line, row in enumerate(read_table(RunRow, file, "runs"), 2):
+        if not row.point and len(preset.points) > 1:
+            raise InvalidInput(f"{file} has no column 'point': expected the points of {preset.name!r} in it")
+        yield (
+            f"line {line}",
+            Run(
+                cell=Cell(row.point or preset.points[0].name, row.n, row.w, row.seed),
+                population=-1,
+                theta_hat=(row.theta_hat_mass, row.theta_hat_length),
+                **NOTHING_KNOWN,
+                seconds=row.wall_time_s,
+                summary=RunSummary(row.eval_return_mean, row.eval_return_std, row.eval_return_fresh),
+            ),
         )
-    with readable(file):
-        for row in reader:
-            yield f"line {reader.line_num}", _row(f"{file}, line {reader.line_num}", row, preset)
-
-
-def _row(place: str, row: dict[str, str], preset: Preset) -> Run:
-    try:
-        n, seed = int(row["n"]), int(row["seed"])
-        w, mean, std, m, length, seconds = (float(row[name]) for name in ("w", *IMPORT_COLUMNS[3:]))
-        fresh = float(row.get("eval_return_fresh") or math.nan)
-    except (TypeError, ValueError):
-        raise InvalidInput(f"{place} does not hold the numbers of a run") from None
-    return Run(
-        cell=Cell(row.get("point") or preset.points[0].name, n, w, seed),
-        population=-1,
-        theta_hat=(m, length),
-        id_error=math.nan,
-        returns=(),
-        curve=(),
-        settings={},
-        versions={},
-        seconds=seconds,
-        summary=RunSummary(mean, std, fresh),
-    )

@@ -28,6 +28,9 @@ class Cell(NamedTuple):
     w: float
     seed: int
 
+    def __str__(self) -> str:
+        return f"{self.point}, n = {self.n}, w = {self.w:g}, seed {self.seed}"
+
 
 @dataclass(frozen=True)
 class Point:
@@ -86,7 +89,6 @@ class Preset(StudySettings):
 
     @property
     def cells(self) -> tuple[Cell, ...]:
-        """Every run, point by point."""
         return tuple(cell for point in self.points for cell in point.cells)
 
     def populations(self, device: str = "cpu") -> tuple[tuple[Cell, ...], ...]:
@@ -141,18 +143,9 @@ _ALL = (
     Preset("identifiers", IDENTIFIERS, SMALL, 30_000, 25),
     Preset("longer", (Point("main", (50,), (0.5,), TEN),), LARGE, 150_000, 2, companion="paper"),
     Preset("longer-small", (Point("main", (50,), (0.5,), TEN),), SMALL, 150_000, 5, companion="paper-small"),
-    Preset(
-        "smoke",
-        (Point("main", (0, 2), (0.0,), (0, 1)),),
-        hidden=(8, 8),
-        steps=1200,
-        population=2,
-        batch=32,
-        random_steps=200,
-        episodes=5,
-        grid=100,
-    ),
-)
+    Preset("smoke", (Point("main", (0, 2), (0.0,), (0, 1)),), hidden=(8, 8), steps=1200, population=2, batch=32,
+           random_steps=200, episodes=5, grid=100),
+)  # fmt: skip
 
 PRESETS = {preset.name: preset for preset in _ALL}
 QUICK, PAPER, SMOKE = PRESETS["quick"], PRESETS["paper"], PRESETS["smoke"]

@@ -8,11 +8,13 @@ are not shipped here; `study.paper.published_runs` reads them.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from study.pipeline.csv_table import read_table
+from study.formatting import number
+from study.pipeline.tables import read_table
 
 SOURCE = "Rizvi and Tomar, How Should a Simulation-to-Reality Transfer Budget Be Spent? (2026)"
 URL = "https://github.com/YTomar79/sim2real_budget"
@@ -26,6 +28,27 @@ class Spot(NamedTuple):
     point: str
     n: int
     w: float
+
+    def __str__(self) -> str:
+        point = "" if self.point == "main" else f"{self.point.replace('_', ' ')}, "
+        return f"{point}n = {self.n}, w = {self.w:g}"
+
+
+class CellSummary(NamedTuple):
+    """Return of a cell over its seeds."""
+
+    mean: float
+    sem: float
+    median: float
+    seeds: int
+
+    @property
+    def with_error(self) -> str:
+        """As "−338 ± 9"; one seed has no error."""
+        return number(self.mean) + ("" if math.isnan(self.sem) else f" ± {self.sem:.0f}")
+
+    def __str__(self) -> str:
+        return f"{self.with_error} ({number(self.median)})"
 
 
 @dataclass(frozen=True)
@@ -65,8 +88,11 @@ class PublishedCell:
 
     @property
     def spot(self) -> Spot:
-        """The cell."""
         return Spot(self.point, self.n, self.w)
+
+    @property
+    def summary(self) -> CellSummary:
+        return CellSummary(self.mean, self.sem, self.median, self.seeds)
 
 
 @dataclass(frozen=True)
@@ -95,12 +121,10 @@ class PublishedContrast:
 
     @property
     def a(self) -> Spot:
-        """The first cell."""
         return Spot(self.a_point, self.a_n, self.a_w)
 
     @property
     def b(self) -> Spot:
-        """The second cell."""
         return Spot(self.b_point, self.b_n, self.b_w)
 
 

@@ -8,7 +8,6 @@ A cell is a Spot (point, n, w); its runs are told apart by their seeds.
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,12 +16,32 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from study.paper.published_numbers import POINTS, URL, Spot
+from study.paper.published_numbers import POINTS, URL, CellSummary, Spot
+from study.pipeline.tables import read_table
 from study.statistics import sem
 from sysid import InvalidInput
 
-COLUMNS = ("n", "w", "seed", "id_error", "eval_return_mean", "theta_hat_mass", "theta_hat_length")
-"""What a file must have; `point` and `eval_return_fresh` are read where they are there."""
+
+@dataclass(frozen=True, kw_only=True)
+class RunRow:
+    """A row of runs.csv: first the columns of the paper's summary.csv, so that one program reads both files.
+
+    eval_return_std is over the run's episodes and divided by their number E (ddof = 0), which is what NumPy's std does
+    by default and what the authors' published code calls. eval_return_fresh is the mean from start states that no
+    other seed shares; None for a run that was imported without.
+    """
+
+    n: int
+    w: float
+    seed: int
+    id_error: float
+    eval_return_mean: float
+    eval_return_std: float = math.nan
+    theta_hat_mass: float
+    theta_hat_length: float
+    wall_time_s: float = math.nan
+    point: str = ""
+    eval_return_fresh: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -36,16 +55,6 @@ class Outcome:
     id_error: float
     theta_hat: tuple[float, float]
     fresh: float = math.nan
-
-
-@dataclass(frozen=True)
-class CellSummary:
-    """Return of a cell over its seeds."""
-
-    mean: float
-    sem: float
-    median: float
-    seeds: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,15 +73,9 @@ class Outcomes:
         return tuple(dict.fromkeys(spot.point for spot in self.table))
 
     def budgets(self, point: str) -> tuple[int, ...]:
-        """Every n of a point."""
         return tuple(sorted({spot.n for spot in self.table if spot.point == point}))
 
-    def widths(self, point: str) -> tuple[float, ...]:
-        """Every w of a point."""
-        return tuple(sorted({spot.w for spot in self.table if spot.point == point}))
-
     def seeds(self, *spots: Spot) -> tuple[int, ...]:
-        """The seeds that all these cells have."""
         return tuple(sorted(set.intersection(*(set(self.table.get(spot, {})) for spot in spots))))
 
     def returns(self, spot: Spot, seeds: Sequence[int] | None = None, *, fresh: bool = False) -> NDArray[np.float64]:
@@ -80,6 +83,11 @@ class Outcomes:
         runs = self.table[spot]
         chosen = [runs[seed] for seed in (sorted(runs) if seeds is None else seeds)]
         return np.array([run.fresh if fresh else run.mean for run in chosen])
+
+    def pair(self, a: Spot, b: Spot, *, fresh: bool = False) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Returns (S,) of two cells over the seeds that both have."""
+        seeds = self.seeds(a, b)
+        return self.returns(a, seeds, fresh=fresh), self.returns(b, seeds, fresh=fresh)
 
     def summary(self, spot: Spot, *, fresh: bool = False) -> CellSummary:
         """Mean, its standard error, median and number of seeds of a cell."""
@@ -111,17 +119,13 @@ def read_runs(path: Path, point: str = "main") -> Outcomes:
 
     Raises InvalidInput for a file that cannot be read, lacks a column or holds something else than numbers.
     """
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            reader = csv.DictReader(file)
-            lacking = [column for column in COLUMNS if column not in (reader.fieldnames or ())]
-            if lacking:
-                raise InvalidInput(f"{path} has no column {lacking[0]!r}: expected {', '.join(COLUMNS)}")
-            rows = [_run(row, point, path, line) for line, row in enumerate(reader, 2)]
-    except OSError as error:
-        raise InvalidInput(f"{path} cannot be read ({error.strerror}): expected a table of runs") from None
-    except (UnicodeDecodeError, csv.Error):
-        raise InvalidInput(f"{path} is not a table of runs: expected CSV with columns {', '.join(COLUMNS)}") from None
+    rows = []
+    for line, row in enumerate(read_table(RunRow, path, "runs"), 2):
+        theta = row.theta_hat_mass, row.theta_hat_length
+        if not all(map(math.isfinite, (row.eval_return_mean, row.id_error, *theta, row.w))):
+            raise InvalidInput(f"{path}, line {line} holds NaN or infinity: expected finite numbers")
+        outcome = Outcome(row.eval_return_mean, row.id_error, theta, row.eval_return_fresh)
+        rows.append((Spot(row.point or point, row.n, row.w), row.seed, outcome))
     try:
         return outcomes(rows)
     except InvalidInput as error:
@@ -139,15 +143,3 @@ def read_published(folder: Path) -> Outcomes:
         raise InvalidInput(f"--published {folder} holds none of {names}: expected the results folder of {URL}")
     table = {spot: runs for part in found.values() for spot, runs in part.table.items()}
     return Outcomes(table, tuple(path.name for name, path in files.items() if name not in found))
-
-
-def _run(row: Mapping[str, str], point: str, path: Path, line: int) -> tuple[Spot, int, Outcome]:
-    try:
-        mean, error, m, length = (float(row[c]) for c in ("eval_return_mean", "id_error", *COLUMNS[-2:]))
-        spot = Spot(row.get("point") or point, int(row["n"]), float(row["w"]))
-        fresh, seed = float(row.get("eval_return_fresh") or math.nan), int(row["seed"])
-    except (TypeError, ValueError):
-        raise InvalidInput(f"{path}, line {line} holds something that is not a number: expected a run") from None
-    if not all(map(math.isfinite, (mean, error, m, length, spot.w))):
-        raise InvalidInput(f"{path}, line {line} holds NaN or infinity: expected finite numbers")
-    return spot, seed, Outcome(mean, error, (m, length), fresh)

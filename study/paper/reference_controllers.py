@@ -14,15 +14,16 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence, Set
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from policies.evaluation import Policy, evaluate, fresh_start_states, start_states
-from study.paper.identification import hidden_plant
 from study.paper.presets import Preset, Theta
 from study.paper.protocol import paper_model
+from study.paper.runs import hidden_plant
 from study.pipeline.executor import Brief, Link
+from study.pipeline.tables import Table
 from study.pipeline.versions import versions
 
 OPTIMAL, LQR, SWING_UP = "optimal", "lqr", "swing_up_lqr"
@@ -47,8 +48,34 @@ class Reference:
 
     @property
     def mean(self) -> float:
-        """Mean return."""
         return float(np.mean(self.returns))
+
+
+@dataclass(frozen=True)
+class Rating:
+    """The mean return on the hidden plant (truth_m, truth_l), from a seed's start states, of a controller designed at
+    (m, l) on a table of so many angles."""
+
+    controller: str
+    m: float
+    l: float  # noqa: E741
+    truth_m: float
+    truth_l: float
+    seed: int
+    return_mean: float
+    grid: int
+    episodes: int
+
+
+RATINGS = "ratings.csv"
+"""The table of references, seed by seed."""
+REFERENCES = Table(
+    "controllers",
+    Reference,
+    "controller TEXT, m REAL, l REAL, truth_m REAL, truth_l REAL, seed INTEGER, returns TEXT, versions TEXT, "
+    "seconds REAL",
+    keys=6,
+)
 
 
 @dataclass(frozen=True)
@@ -60,6 +87,7 @@ class ReferenceTask(Brief):
     theta: Theta
     truths: tuple[Theta, ...]
     activity: ClassVar[str] = "references"
+    table: ClassVar[Any] = REFERENCES
 
     @property
     def name(self) -> str:
@@ -67,33 +95,23 @@ class ReferenceTask(Brief):
 
     @property
     def work(self) -> float:
-        """About how many seconds it takes on one core; only the time left is computed from it."""
         return 2.0 + (3e-5 * self.preset.grid**2 if self.controller == OPTIMAL else 0.0)
 
     def run(self, link: Link) -> list[Reference]:
-        """One reference a truth and seed."""
         begin = time.monotonic()
         policy = self.design()
         seeds = sorted({*self.preset.seeds, *self.preset.reference_seeds})
         starts = [start_states(seed, self.preset.episodes) for seed in seeds]
         theta, theta_dot = (np.concatenate(column) for column in zip(*starts, strict=True))
-        returns = {
-            (truth, seed): tuple(row)
-            for truth in self.truths
-            for seed, row in zip(
-                seeds,
-                evaluate(policy, hidden_plant(truth), theta, theta_dot).returns.reshape(len(seeds), -1).tolist(),
-                strict=True,
-            )
-        }
-        seconds, found = (time.monotonic() - begin) / len(returns), versions()
+        rows = {truth: evaluate(policy, hidden_plant(truth), theta, theta_dot).returns for truth in self.truths}
+        seconds, found = (time.monotonic() - begin) / (len(seeds) * len(rows)), versions()
         return [
-            Reference(self.controller, self.theta, truth, seed, row, found, seconds)
-            for (truth, seed), row in returns.items()
+            Reference(self.controller, self.theta, truth, seed, tuple(row), found, seconds)
+            for truth, returns in rows.items()
+            for seed, row in zip(seeds, returns.reshape(len(seeds), -1).tolist(), strict=True)
         ]
 
     def design(self) -> Policy:
-        """The controller."""
         m, l = self.theta  # noqa: E741
         model = paper_model(m, l)
         if self.controller == LQR:

@@ -6,7 +6,7 @@ robustness table its first row, the longer training its sentence. For a missing 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,8 +17,7 @@ from study.figure_style import save
 from study.paper import claims
 from study.paper.agreement import Agreement
 from study.paper.claims import Claim
-from study.paper.figures import identification as claim_figures
-from study.paper.figures import side_by_side
+from study.paper.figures import publication
 from study.paper.figures.sweeps import heatmaps, paretos
 from study.paper.findings import PointFindings
 from study.paper.identification_scatter import Scatter
@@ -43,6 +42,11 @@ REPRODUCTION_CAPTIONS = {
 }
 """What each figure shows; drawn are those for which there are runs."""
 
+WITHOUT_THEIRS = (
+    "Without the authors' runs every cell is compared by Welch's interval. --published DIR, with the results folder of "
+    f"{URL}, pairs them seed by seed."
+)
+
 LONGER_AT = Spot("main", 50, 0.5)
 """The cell that the presets longer and longer-small train on."""
 
@@ -60,11 +64,8 @@ class Reproduction:
     figures: Mapping[str, Path]
 
     def sentences(self) -> list[tuple[str, str]]:
-        """(question, answer) in plain words."""
         said = self.agreement.sentences() if self.agreement else []
-        return (
-            [*said, ("What is a rollout worth to a good identifier?", self.identifiers)] if self.identifiers else said
-        )
+        return said + [("What is a rollout worth to a good identifier?", self.identifiers)] * bool(self.identifiers)
 
 
 def reproduce(
@@ -77,53 +78,66 @@ def reproduce(
     """Compare and draw. theirs: the authors' runs, where they are given; scatter: where identification was studied;
     fresh_optimum: of such seeds, at the main plant, from start states that no two seeds share."""
     preset = found[0].preset
-    own = outcomes(_rows(found))
-    siblings, lacking = _siblings(preset, folder)
-    swept = preset.steps == _base(preset).steps
+    base = PRESETS.get(preset.companion or "", preset)
+    own = outcomes(
+        (Spot(*run.cell[:3]), run.cell.seed, Outcome(run.mean, run.id_error, run.theta_hat, run.fresh_mean))
+        for answer in found
+        for run in answer.runs
+    )
+    siblings, notes = _siblings(preset, base, folder)
     ours = own
     for name, runs in siblings.items():
         ours = ours.merged(runs) if PRESETS[name].steps == preset.steps else ours
-    agreement: Agreement | None = Agreement(
-        ours, theirs, preset.episodes == EPISODES, preset.hidden, preset.steps, preset.resamples
-    )
-    if not swept or not any(spot in ours for spot in CELLS):
-        agreement = None
+    agreement = None
+    if preset.steps == base.steps and any(spot in ours for spot in CELLS):
+        same_starts = preset.episodes == EPISODES
+        agreement = Agreement(ours, theirs, same_starts, preset.hidden, preset.steps, preset.resamples)
+        if theirs is None:
+            notes.insert(0, WITHOUT_THEIRS)
+    if theirs and theirs.missing:
+        notes.insert(0, f"Of the authors' files these were not there: {', '.join(theirs.missing)}.")
     main = next(iter(_on_main(found)), None)
     allowed = main.allowed() if main else {}
     curves, wider = (budget_curves(own, w) if main else {} for w in (0.0, 0.2))
-    drawings: dict[str, Callable[[], Figure]] = {}
-    if agreement:
-        drawings |= _sweeps(agreement, main)
+    drawings = _sweeps(agreement, main) if agreement else {}
     if scatter:
-        drawings["published_claims"] = lambda: claim_figures.identification(scatter)
+        drawings["published_claims"] = lambda: publication.identification(scatter)
     if curves:
-        drawings["identifiers"] = lambda: claim_figures.identifiers(curves, wider, allowed)
+        drawings["identifiers"] = lambda: publication.identifiers(curves, wider, allowed)
+
+    said = _claims(found, own if preset.steps == base.steps else None, scatter, fresh_optimum)
+    said += _undertraining(found, _longer(preset, base, {preset.name: own, **siblings}))
     files = {name: save(draw, folder / f"{name}.png") for name, draw in drawings.items()}
-    return Reproduction(
-        agreement,
-        _claims(found, own if swept else None, scatter, _longer(preset, own, siblings), fresh_optimum),
-        paragraph(curves, wider, allowed),
-        _short(found),
-        _notes(agreement, theirs, lacking),
-        files,
-    )
+    return Reproduction(agreement, said, paragraph(curves, wider, allowed), _short(main), notes, files)
 
 
-def _rows(found: Iterable[PointFindings]) -> Iterable[tuple[Spot, int, Outcome]]:
-    for answer in found:
-        for run in answer.runs:
-            spot = Spot(run.cell.point, run.cell.n, run.cell.w)
-            yield spot, run.cell.seed, Outcome(run.mean, run.id_error, run.theta_hat, run.fresh_mean)
+def _on_main(found: Sequence[PointFindings]) -> list[PointFindings]:
+    """Those at the paper's main plant."""
+    return [answer for answer in found if answer.point.truth == POINTS["main"].truth]
 
 
-def _base(preset: Preset) -> Preset:
-    return PRESETS.get(preset.companion or "", preset)
+def _claims(
+    found: Sequence[PointFindings],
+    swept: Outcomes | None,
+    scatter: Scatter | None,
+    fresh_optimum: Callable[[Sequence[int]], float] | None,
+) -> list[Claim]:
+    alike = _on_main(found)
+
+    def optima(seeds: Sequence[int]) -> tuple[float, float]:
+        assert fresh_optimum is not None
+        return float(np.mean(alike[0].reference(OPTIMAL, seeds=seeds))), fresh_optimum(seeds)
+
+    names = [answer.point.name for answer in alike]
+    starts = claims.starts(SEEDS, swept, names, optima if alike and fresh_optimum else None)
+    identified = [claims.rate(scatter), claims.bias(scatter), claims.floor(scatter)] if scatter else []
+    return [*identified, claims.plateau(swept), claims.monotone(swept), starts]
 
 
-def _siblings(preset: Preset, folder: Path) -> tuple[dict[str, Outcomes], list[str]]:
+def _siblings(preset: Preset, base: Preset, folder: Path) -> tuple[dict[str, Outcomes], list[str]]:
     """Runs of the presets that belong together, by preset, and a sentence on each that is missing."""
-    base, found, said = _base(preset).name, {}, []
-    family = [name for name, other in PRESETS.items() if base in (name, other.companion) and name != preset.name]
+    found, said = {}, []
+    family = [name for name, other in PRESETS.items() if base.name in (name, other.companion) and name != preset.name]
     for name in family:
         file = folder.parent / name / "runs.csv"
         if not file.exists():
@@ -136,84 +150,44 @@ def _siblings(preset: Preset, folder: Path) -> tuple[dict[str, Outcomes], list[s
     return found, said
 
 
-def _on_main(found: Sequence[PointFindings]) -> list[PointFindings]:
-    """Those at the paper's main plant."""
-    return [answer for answer in found if answer.point.truth == POINTS["main"].truth]
-
-
 def _sweeps(agreement: Agreement, main: PointFindings | None) -> dict[str, Callable[[], Figure]]:
     """The published sweep and ours beside what controllers reach on its plant (`main`) with the published seeds."""
-    theirs, ours = side_by_side.published_sweep(), side_by_side.sweep(agreement)
+    theirs, ours = ({spot[1:]: c for spot, c in own.items() if spot.point == "main"} for own in agreement.sweeps)
     drawings: dict[str, Callable[[], Figure]] = {}
     if ours and main:
-        references = {controller: mean for controller, mean, _ in main.controllers()}
-        titles = side_by_side.titles(agreement.hidden, max(cell.seeds for cell in ours.values()))
-        sides = dict(zip(titles, (theirs, ours), strict=True))
+        references = main.allowed(main.preset.reference_seeds)
+        layers, seeds = " × ".join(map(str, agreement.hidden)), max(cell.seeds for cell in ours.values())  # noqa: RUF001
+        here = f"Here ({layers} networks, {seeds} seed{'s' * (seeds != 1)})"
+        sides = {"Published (256 × 256 networks, 10 seeds)": theirs, here: ours}  # noqa: RUF001
         drawings["published_heatmap"] = lambda: heatmaps(sides, references)
         drawings["published_pareto"] = lambda: paretos(sides, references)
     if ran := [contrast for contrast in agreement.contrasts if contrast.ours]:
-        drawings["published_contrasts"] = lambda: side_by_side.contrasts(ran)
+        drawings["published_contrasts"] = lambda: publication.contrasts(ran)
     return drawings
 
 
-def _longer(preset: Preset, own: Outcomes, siblings: Mapping[str, Outcomes]) -> tuple[Contrast, int] | None:
+def _longer(preset: Preset, base: Preset, runs: Mapping[str, Outcomes]) -> tuple[Contrast, int] | None:
     """What training on gained at the widest band, and to how many steps; None where it was not run."""
-    every = {preset.name: own, **siblings}
-    base, long = (
-        _base(preset),
-        next((name for name in every if PRESETS.get(name, preset).steps > _base(preset).steps), ""),
-    )
-    if base.name not in every or not long:
+    long = next((name for name in runs if PRESETS.get(name, preset).steps > base.steps), "")
+    if not long or not all(LONGER_AT in runs.get(name, Outcomes({})) for name in (long, base.name)):
         return None
-    a, b = every[long], every[base.name]
-    if LONGER_AT not in a or LONGER_AT not in b:
-        return None
+    a, b = runs[long], runs[base.name]
     seeds = sorted({*a.seeds(LONGER_AT)} & {*b.seeds(LONGER_AT)})
     gain = paired_bootstrap(a.returns(LONGER_AT, seeds), b.returns(LONGER_AT, seeds), np.random.default_rng(0))
     return gain, PRESETS[long].steps
 
 
-def _claims(
-    found: Sequence[PointFindings],
-    ours: Outcomes | None,
-    scatter: Scatter | None,
-    longer: tuple[Contrast, int] | None,
-    fresh_optimum: Callable[[Sequence[int]], float] | None,
-) -> list[Claim]:
-    said = [claims.rate(scatter), claims.bias(scatter), claims.floor(scatter)] if scatter else []
-    alike = _on_main(found)
-
-    def optima(seeds: Sequence[int]) -> tuple[float, float]:
-        assert fresh_optimum is not None
-        return float(np.mean(alike[0].reference(OPTIMAL, seeds=seeds))), fresh_optimum(seeds)
-
-    names = [answer.point.name for answer in alike]
-    own_starts = claims.starts(SEEDS, ours, names, optima if alike and fresh_optimum else None)
-    said += [claims.plateau(ours), claims.monotone(ours), own_starts]
+def _undertraining(found: Sequence[PointFindings], longer: tuple[Contrast, int] | None) -> list[Claim]:
     main = next((answer for answer in found if answer.point.name == "main"), None)
-    if main and LONGER_AT.w in main.point.widths:
-        n, widths = max(main.point.budgets), sorted({min(main.point.widths), max(main.point.widths)})
-        curves = {w: [run.curve for run in main.cells[n, w] if len(run.curve) > 2] for w in widths}
-        if all(curves.values()):
-            said.append(claims.undertraining(curves, n, main.preset.steps, longer))
-    return said
+    if main is None or LONGER_AT.w not in main.point.widths:
+        return []
+    n, widths = max(main.point.budgets), sorted({min(main.point.widths), max(main.point.widths)})
+    curves = {w: [run.curve for run in main.cells[n, w] if len(run.curve) > 2] for w in widths}
+    return [claims.undertraining(curves, n, main.preset.steps, longer)] if all(curves.values()) else []
 
 
-def _short(found: Sequence[PointFindings]) -> tuple[float, float, float] | None:
-    main = next(iter(_on_main(found)), None)
+def _short(main: PointFindings | None) -> tuple[float, float, float] | None:
     if main is None or (main.preset.episodes, main.preset.reference_seeds) != (EPISODES, SEEDS):
         return None
     best, optimum = ROBUSTNESS[0].best, float(np.mean(main.reference(OPTIMAL, seeds=SEEDS)))
     return best, optimum, 100.0 * (optimum - best) / abs(optimum)
-
-
-def _notes(agreement: Agreement | None, theirs: Outcomes | None, lacking: Sequence[str]) -> list[str]:
-    said = []
-    if theirs is None and agreement:
-        said.append(
-            f"Without the authors' runs every cell is compared by Welch's interval. --published DIR, with the results "
-            f"folder of {URL}, pairs them seed by seed."
-        )
-    elif theirs and theirs.missing:
-        said.append(f"Of the authors' files these were not there: {', '.join(theirs.missing)}.")
-    return [*said, *lacking]

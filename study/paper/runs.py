@@ -1,35 +1,112 @@
 """One (point, n, w, seed): measure a hidden plant, identify it, train on the estimate, evaluate on the hidden plant.
 
-    rng(seed) -> n rollouts of the plant -> theta_hat -> agent trained on U(theta_hat (1 - w), theta_hat (1 + w))
-              -> mean return of 20 episodes on the plant
+    rng(seed) -> n rollouts of the plant -> theta_hat = (m [kg], l [m])
+              -> agent trained on U(theta_hat (1 - w), theta_hat (1 + w)) -> mean return of 20 episodes on the plant
 
-Cells of a point that share n and seed share the estimate; cells that share a seed share training streams and start
-states.
+Cells of a point that share n and seed share the estimate, and all identifiers of a plant, a noise and a seed see the
+same rollouts; cells that share a seed share training streams and start states.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
+import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from policies.evaluation import Evaluation, evaluate, fresh_start_states, start_states
-from study.paper.identification import hidden_plant
 from study.paper.presets import Cell, Point, Preset, Theta
-from study.paper.protocol import paper_model
+from study.paper.protocol import PaperRollout, averaged_sensor, paper_model, paper_rollouts, transitions
+from study.pipeline.executor import Brief, Link
 from study.pipeline.population_task import PopulationTask, sac_settings
+from study.pipeline.tables import Table
 from study.pipeline.versions import versions
-from sysid import InvalidInput
+from sysid import Estimate, GridSearch, InvalidInput, LeastSquares, Model, UnscentedKalman
 
 if TYPE_CHECKING:
     from policies import Population
 
+WHOLE_ROLLOUTS = {"least_squares": LeastSquares, "unscented": UnscentedKalman}
+
+
+class Estimated(NamedTuple):
+    """theta_hat (m [kg], l [m]) of a point, a budget and a seed, and what it took [s]."""
+
+    point: str
+    n: int
+    seed: int
+    theta: Theta
+    seconds: float
+
+
+ESTIMATES = Table("estimates", Estimated, "point TEXT, n INTEGER, seed INTEGER, m REAL, l REAL, seconds REAL", keys=3)
+
+
+def hidden_plant(truth: Theta) -> Model:
+    m, l = truth  # noqa: E741
+    return paper_model(m, l)
+
+
+def identify(point: Point, n: int, seed: int) -> Theta:
+    """theta_hat from n rollouts of the point's hidden plant; the prior for n = 0.
+
+    grid            the paper's grid search over single steps; every angle enters it, without noise, as a regressor
+    least_squares   whole rollouts: the speeds, and of every rollout the first angle alone
+    unscented       the same readings, by a Kalman filter
+
+    All begin at the model's own (1, 1) and stay within the paper's bounds [0.3, 3.0], which the model's parameters
+    carry; a training band that reaches beyond them is clipped where it is sampled. Raises InvalidInput for an unknown
+    identifier.
+    """
+    if n == 0:
+        return point.prior
+    rollouts = paper_rollouts(hidden_plant(point.truth), n, np.random.default_rng(seed), sigma=point.sigma)
+    found = _estimate(point, rollouts).values
+    return found["m"], found["l"]
+
+
+def _estimate(point: Point, rollouts: list[PaperRollout]) -> Estimate:
+    if point.identifier == "grid":
+        return GridSearch().fit(paper_model(), transitions(rollouts))
+    if point.identifier not in WHOLE_ROLLOUTS:
+        known = ", ".join(("grid", *WHOLE_ROLLOUTS))
+        raise InvalidInput(f"identifier {point.identifier!r}: expected one of {known}")
+    identifier = WHOLE_ROLLOUTS[point.identifier](("m", "l"), sensor=averaged_sensor(point.sigma))
+    return identifier.fit(paper_model(), [rollout.averaged for rollout in rollouts])
+
 
 @dataclass(frozen=True)
-class RunSummary:
+class IdentificationTask(Brief):
+    """The estimates of all budgets of an operating point, for one seed."""
+
+    point: Point
+    seed: int
+    activity: ClassVar[str] = "identification"
+    table: ClassVar[Any] = ESTIMATES
+
+    @property
+    def name(self) -> str:
+        return f"identification at {self.point.name}, seed {self.seed}"
+
+    @property
+    def work(self) -> float:
+        rollout = {"grid": 0.007, "least_squares": 0.03, "unscented": 0.2}.get(self.point.identifier, 0.1)
+        return 1.0 + rollout * sum(self.point.budgets)
+
+    def run(self, link: Link) -> list[Estimated]:
+        answer = []
+        for k, n in enumerate(self.point.budgets):
+            begin = time.monotonic()
+            theta = identify(self.point, n, self.seed)
+            answer.append(Estimated(self.point.name, n, self.seed, theta, time.monotonic() - begin))
+            link.progress((k + 1) / len(self.point.budgets))
+        return answer
+
+
+class RunSummary(NamedTuple):
     """What a table keeps of a run's episodes: mean and sd (divided by E) of the returns; fresh_mean may be nan."""
 
     mean: float
@@ -64,7 +141,6 @@ class Run:
 
     @property
     def mean(self) -> float:
-        """Mean return."""
         return self.summary.mean if self.summary else Evaluation(np.array(self.returns)).mean
 
     @property
@@ -80,6 +156,16 @@ class Run:
         return Evaluation(np.array(self.fresh_returns)).mean if self.fresh_returns else math.nan
 
 
+RUNS = Table(
+    "runs",
+    Run,
+    "point TEXT, n INTEGER, w REAL, seed INTEGER, population INTEGER, theta_hat_m REAL, theta_hat_l REAL, "
+    "id_error REAL, returns TEXT, curve TEXT, settings TEXT, versions TEXT, seconds REAL, fresh_returns TEXT, "
+    "imported TEXT, summary TEXT",
+    keys=4,
+)
+
+
 @dataclass(frozen=True)
 class SweepPopulation(PopulationTask):
     """The cells of one population.
@@ -92,6 +178,11 @@ class SweepPopulation(PopulationTask):
     count: int
     cells: tuple[Cell, ...]
     estimates: tuple[Theta, ...]
+    table: ClassVar[Any] = RUNS
+
+    @property
+    def progress_key(self) -> int:
+        return self.index
 
     @property
     def name(self) -> str:
@@ -103,16 +194,13 @@ class SweepPopulation(PopulationTask):
 
     @property
     def settings(self) -> Preset:
-        """What the runs belong to."""
         return self.preset
 
     @property
     def keys(self) -> tuple[Cell, ...]:
-        """The cells."""
         return self.cells
 
     def population(self) -> Population:
-        """An agent a cell, about its estimate."""
         from policies import Population
 
         points = [self.preset.point(cell.point) for cell in self.cells]
@@ -138,20 +226,11 @@ class SweepPopulation(PopulationTask):
                 "sigma": point.sigma,
                 "truth": list(point.truth),
             }
-            runs.append(
-                Run(
-                    cell=cell,
-                    population=self.index,
-                    theta_hat=theta,
-                    id_error=math.dist(theta, point.truth),
-                    returns=tuple(answer.returns.tolist()),
-                    curve=tuple((int(step), float(value)) for step, value in curves[a]),
-                    settings=settings,
-                    versions=found,
-                    seconds=seconds,
-                    fresh_returns=tuple(fresh.returns.tolist()),
-                )
-            )
+            curve = tuple((int(step), float(value)) for step, value in curves[a])
+            returns, fresh_returns = (tuple(own.returns.tolist()) for own in (answer, fresh))
+            error = math.dist(theta, point.truth)
+            made = settings, found, seconds, fresh_returns
+            runs.append(Run(cell, self.index, theta, error, returns, curve, *made))
         return runs
 
 

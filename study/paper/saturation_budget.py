@@ -70,8 +70,8 @@ def _curve(runs: Outcomes, name: str, spots: Sequence[Spot], known: float) -> Bu
     start, cells = spots[0], [runs.summary(spot) for spot in spots]
     gap = known - cells[0].mean
     closed = [(cell.mean - cells[0].mean) / gap for cell in cells]
-    short = [share + cell.sem / gap < ENOUGH for share, cell in zip(closed, cells, strict=True)]
-    bent = 1 + max((k for k, yes in enumerate(short) if yes), default=-1)
+    short = [k for k, cell in enumerate(cells) if closed[k] + cell.sem / gap < ENOUGH]
+    bent = 1 + max(short, default=-1)
     return BudgetCurve(
         identifier=name,
         w=start.w,
@@ -82,14 +82,9 @@ def _curve(runs: Outcomes, name: str, spots: Sequence[Spot], known: float) -> Bu
         known=known,
         closed=tuple(closed),
         saturation=spots[bent].n if bent < len(spots) else None,
-        first=_gain(runs, spots[1], start),
-        after=_gain(runs, spots[-1], spots[bent]) if bent < len(spots) - 1 else None,
+        first=paired_t(*runs.pair(spots[1], start)),
+        after=paired_t(*runs.pair(spots[-1], spots[bent])) if bent < len(spots) - 1 else None,
     )
-
-
-def _gain(runs: Outcomes, a: Spot, b: Spot) -> Contrast:
-    seeds = runs.seeds(a, b)
-    return paired_t(runs.returns(a, seeds), runs.returns(b, seeds))
 
 
 def paragraph(
@@ -99,16 +94,20 @@ def paragraph(
     curves at another width."""
     if not curves:
         return ""
-    any_ = next(iter(curves.values()))
+    any_, grid = next(iter(curves.values())), curves.get(GRID)
     said = [
         f"Without data agents return {number(any_.returns[0])}, on a plant that is known {number(any_.known)}, and "
         f"the optimum is {number(references[OPTIMAL])}."
     ]
-    said += [_sentence(curve) for curve in curves.values()]
-    for name in ("least_squares", "unscented"):
-        if name in curves and GRID in curves:
-            said.append(_closer(curves[GRID], curves[name]))
-    return " ".join([*said, _conclusion(curves), _wider(wider)]).strip()
+    said += map(_sentence, curves.values())
+    if grid:
+        said += [_closer(grid, curve) for name, curve in curves.items() if name != GRID]
+        said += [_conclusion(grid, curves["least_squares"])] if "least_squares" in curves else []
+    if wider:
+        bent = {LABELS[name]: f"n = {c.saturation}" if c.saturation else "none" for name, c in wider.items()}
+        budgets = [f"{n} with {label}" for label, n in bent.items()]
+        said.append(f"In a band of w = {next(iter(wider.values())).w:g} the saturation budget is {', '.join(budgets)}.")
+    return " ".join(said)
 
 
 def _sentence(curve: BudgetCurve) -> str:
@@ -121,43 +120,28 @@ def _sentence(curve: BudgetCurve) -> str:
         f"; {percent(ENOUGH)} of that gap are closed, give or take a standard error, from n = {curve.saturation} on, "
         f"at {number(curve.worth)} a rollout"
     )
-    if curve.after is None:
-        return f"{text}."
-    return f"{text}, and the other {last - curve.saturation} are together worth {curve.after}."
+    rest = f", and the other {last - curve.saturation} are together worth {curve.after}" if curve.after else ""
+    return f"{text}{rest}."
 
 
 def _closer(grid: BudgetCurve, other: BudgetCurve) -> str:
-    pairs = zip(grid.budgets[1:], grid.errors[1:], strict=True)
     mine = dict(zip(other.budgets, other.errors, strict=True))
-    ratios = [error / mine[n] for n, error in pairs if n in mine and mine[n] > 0.0]
+    pairs = zip(grid.budgets[1:], grid.errors[1:], strict=True)
+    ratios = [error / mine[n] for n, error in pairs if mine.get(n, 0.0) > 0.0]
     return (
         f"From the same rollouts {LABELS[other.identifier]} finds m and l {min(ratios):.0f} to {max(ratios):.0f} "
         "times closer than the grid."
     )
 
 
-def _conclusion(curves: Mapping[str, BudgetCurve]) -> str:
-    if GRID not in curves or "least_squares" not in curves:
-        return ""
-    grid, good = curves[GRID].saturation, curves["least_squares"]
+def _conclusion(grid: BudgetCurve, good: BudgetCurve) -> str:
     text = (
         "The difference is the sensing, not the data: the grid compares readings one step apart, where the noise of a "
         "speed is far larger than what a torque changes in it, while the others follow a rollout as a whole."
     )
-    if good.saturation is None or grid is None:
+    if good.saturation is None or grid.saturation is None:
         return text
-    text += f" So the saturation budget moves from n = {grid} to n = {good.saturation}"
+    text += f" So the saturation budget moves from n = {grid.saturation} to n = {good.saturation}"
     if good.after is None or good.after.significant:
         return f"{text}."
     return f"{text}, and past it another rollout is worth nothing that these seeds could show."
-
-
-def _wider(curves: Mapping[str, BudgetCurve]) -> str:
-    """The saturation budgets at another width."""
-    if not curves:
-        return ""
-    budgets = [
-        f"n = {curve.saturation} with {LABELS[name]}" if curve.saturation else f"none with {LABELS[name]}"
-        for name, curve in curves.items()
-    ]
-    return f"In a band of w = {next(iter(curves.values())).w:g} the saturation budget is {', '.join(budgets)}."

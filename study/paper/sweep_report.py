@@ -1,34 +1,87 @@
-"""The report: one HTML file that opens without a network, the answer in words first; and the same in a terminal."""
+"""The report of a sweep: tables for other programs, one HTML page that opens without a network and begins with the
+answer in words, and the same in a terminal.
+"""
 
 from __future__ import annotations
 
-import itertools
+import math
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import astuple, fields
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
 from study.paper import published_numbers as paper
-from study.paper import tables
-from study.paper.figures.operating_point import save_all
-from study.paper.findings import PointFindings, findings_by_point
+from study.paper.agreement import MARGIN
+from study.paper.figures.sweeps import save_all
+from study.paper.findings import PointFindings
 from study.paper.identification_scatter import scatter
 from study.paper.presets import Point, Preset
-from study.paper.published_runs import Outcomes
-from study.paper.reference_controllers import LQR, OPTIMAL, SWING_UP, fresh_optimum
-from study.paper.reproduction import Reproduction, reproduce
-from study.paper.reproduction_page import section
-from study.paper.runs import Run
-from study.paper.sweep_results import SweepResults
-from study.pipeline.html_page import embedded, template, unbroken
-from study.pipeline.progress import duration
-from study.pipeline.versions import all_versions
-from study.statistics import Contrast, holm, paired_t
+from study.paper.published_runs import Outcomes, RunRow
+from study.paper.reference_controllers import (
+    CONTROLLERS,
+    LQR,
+    OPTIMAL,
+    RATINGS,
+    REFERENCES,
+    SWING_UP,
+    Rating,
+    Reference,
+    fresh_optimum,
+)
+from study.paper.reproduction import REPRODUCTION_CAPTIONS, Reproduction, reproduce
+from study.paper.runs import RUNS
+from study.paper.sweep import SweepResults
+from study.pipeline.html_page import template
+from study.pipeline.tables import write_csv
+from study.pipeline.versions import all_versions, write_record
 from sysid.data.files import write_whole
+
+REFERENCE_COLUMNS = ("m", "l", "controller", "return_mean", "return_sem")
+
+
+def write_runs(found: Sequence[PointFindings], path: Path) -> None:
+    """A `RunRow` a run, sorted by n, w, seed, point by point."""
+    rows = [
+        (r.cell.n, r.cell.w, r.cell.seed, r.id_error, r.mean, r.std, *r.theta_hat, r.seconds, r.cell.point,
+         "" if math.isnan(r.fresh_mean) else r.fresh_mean)
+        for point_findings in found
+        for r in sorted(point_findings.runs, key=lambda r: r.cell)
+    ]  # fmt: skip
+    write_csv(path, [f.name for f in fields(RunRow)], rows)
+
+
+def write_references(found: Sequence[PointFindings], path: Path) -> None:
+    """One row a controller, designed at a hidden plant's own (m, l).
+
+    Mean and SEM are over the start states of the preset's reference seeds, the paper's ten, so that these numbers do
+    not change with the preset; gaps in the report are paired over the study's own seeds.
+    """
+    rows = [
+        (*truth, controller, *answer.rating(controller, answer.preset.reference_seeds))
+        for truth, answer in {answer.point.truth: answer for answer in found}.items()
+        for controller in CONTROLLERS
+    ]
+    write_csv(path, REFERENCE_COLUMNS, rows)
+
+
+def write_ratings(preset: Preset, references: Sequence[Reference], path: Path) -> None:
+    """One row a reference controller and seed: what an import of these runs need not compute again."""
+    rows = (Rating(r.controller, *r.theta, *r.truth, r.seed, r.mean, preset.grid, preset.episodes) for r in references)
+    write_csv(path, [f.name for f in fields(Rating)], map(astuple, rows))
+
+
+def write_study(found: Sequence[PointFindings], device: str, path: Path) -> None:
+    """What the runs depend on: preset, settings, device, versions, and the hours that workers spent on them."""
+    preset, runs = found[0].preset, [run for point_findings in found for run in point_findings.runs]
+    about = {"runs": len(runs), "imported": sum(bool(run.imported) for run in runs)}
+    hours = sum(run.seconds for run in runs) / 3600.0
+    write_record(path, preset, device, about, hours, [run.versions for run in runs])
+
 
 CONTROLLER_LABELS = {OPTIMAL: "optimal (dynamic programming)", LQR: "LQR alone", SWING_UP: "energy swing-up, then LQR"}
 
@@ -51,14 +104,19 @@ def publish_sweep(
     """
     folder = results.folder
     with console.status("drawing"):
-        found = findings_by_point(preset, results.runs(), results.references())
-        tables.write_runs(found, folder / "runs.csv")
-        tables.write_references(found, folder / "references.csv")
-        tables.write_ratings(preset, results.references(), folder / tables.RATINGS)
-        tables.write_study(found, results.device, folder / "study.json")
+        references = results.all(REFERENCES)
+        runs = results.all(RUNS)
+        found = [PointFindings(preset, point, runs, references) for point in preset.points]
+        write_runs(found, folder / "runs.csv")
+        write_references(found, folder / "references.csv")
+        write_ratings(preset, references, folder / RATINGS)
+        write_study(found, results.device, folder / "study.json")
         drawn = [save_all(answer, folder) for answer in found]
-        identified = scatter(np.random.default_rng(0)) if preset.episodes == paper.EPISODES else None
-        reproduction = reproduce(found, folder, theirs, identified, _fresh_optimum(preset))
+        identified, optimum = None, None
+        if preset.episodes == paper.EPISODES:  # else evaluations are not as published
+            identified = scatter(np.random.default_rng(0))
+            optimum = partial(fresh_optimum, preset, paper.POINTS["main"].truth)
+        reproduction = reproduce(found, folder, theirs, identified, optimum)
         write_report(found, drawn, folder / "report.html", reproduction)
     for answer in found:
         console.print()
@@ -75,20 +133,12 @@ def publish_sweep(
     return found
 
 
-def _fresh_optimum(preset: Preset) -> Callable[[Sequence[int]], float] | None:
-    """At the paper's main plant, of such seeds; None where evaluations are not as published."""
-    if preset.episodes != paper.EPISODES:
-        return None
-    return lambda seeds: fresh_optimum(preset, paper.POINTS["main"].truth, seeds)
-
-
 def title(point: Point) -> str:
     """An operating point in a line."""
     m, l = point.truth  # noqa: E741
     band = "" if point.randomization == "band" else ", trained over the prior range"
     return (
-        f"{point.name.replace('_', ' ')}: m = {m:g} kg, l = {l:g} m, "
-        f"speed read to {point.sigma:g} rad/s, "
+        f"{point.name.replace('_', ' ')}: m = {m:g} kg, l = {l:g} m, speed read to {point.sigma:g} rad/s, "
         f"identified by {point.identifier.replace('_', ' ')}{band}"
     )
 
@@ -98,82 +148,24 @@ def write_report(
 ) -> None:
     """Write the self-contained report: a section a point, with the figures of these files (one mapping a point), and
     one that holds all of them against the publication."""
-    content = _content(found, drawn) | {"publication": section(reproduction, found[0].preset)}
-    write_whole(path, template("report.html.j2").render(content))
-
-
-def _content(found: Sequence[PointFindings], drawn: Sequence[Mapping[str, Path]]) -> dict[str, Any]:
-    preset = found[0].preset
-    runs = [run for answer in found for run in answer.runs]
+    preset, runs = found[0].preset, [run for answer in found for run in answer.runs]
     references = {(r.controller, r.theta, r.truth, r.seed): r for answer in found for r in answer.references}
-    settings = preset.to_dict()
-    del settings["points"]
-    return {
-        "preset": preset,
-        "parts": [_part(answer, files) for answer, files in zip(found, drawn, strict=True)],
-        "settings": settings,
-        "sac": next((run.settings["sac"] for run in runs if "sac" in run.settings), {}),
-        "versions": list(all_versions(item.versions for item in [*runs, *references.values()]).items()),
-        "worker_time": duration(sum(item.seconds for item in [*runs, *references.values()])),
-        "imported": Counter(_origin(run) for run in runs if run.imported),
-    }
-
-
-def _part(answer: PointFindings, drawn: Mapping[str, Path]) -> dict[str, Any]:
-    """What the section of an operating point shows."""
-    seeds = answer.point.seeds
-    return {
-        "answer": answer,
-        "point": answer.point,
-        "sentences": [(question, unbroken(text)) for question, text in answer.sentences()],
-        "images": [(name, embedded(file), POINT_CAPTIONS[name]) for name, file in drawn.items()],
-        "budget_rows": _budgets(answer),
-        "cell_rows": [_cell_row(answer, key) for key in answer.cells],
-        "contrasts": _contrasts(answer),
-        "controllers": [
-            (CONTROLLER_LABELS[c], mean, sem, here)
-            for (c, mean, sem), (_, here, _) in zip(answer.controllers(), answer.controllers(seeds), strict=True)
-        ],
-    }
-
-
-def _origin(run: Run) -> str:
-    return run.imported + (", a table, which does not say how they were trained" if run.summary else "")
-
-
-def _budgets(answer: PointFindings) -> list[tuple[int, float, float | None]]:
-    """(n, our mean identification error, the paper's of the same operating point)."""
-    printed = paper.ID_ERRORS.get(answer.point.name, {})
-    return [(n, answer.id_error(n), printed.get(n)) for n in answer.point.budgets]
-
-
-def _cell_row(answer: PointFindings, key: tuple[int, float]) -> dict[str, Any]:
-    gap = answer.gap(key)
-    return {
-        "n": key[0],
-        "w": key[1],
-        "mean": answer.mean(key),
-        "sem": answer.sem(key),
-        "median": float(np.median(answer.returns(key))),
-        "best": key == answer.best,
-        "gap": gap.total,
-        "percent": 100.0 * gap.total.mean / abs(answer.optimum),
-        "identification": gap.identification,
-        "training": gap.training,
-    }
-
-
-def _contrasts(answer: PointFindings) -> list[tuple[str, Contrast, Contrast, float]]:
-    """Every step of the budget at the least width, and every width against the least: the paired bootstrap, Student's t
-    and its p after Holm's correction over the table."""
-    budgets, widths = answer.point.budgets, answer.point.widths
-    steps = {
-        f"n = {a} → {b}, w = {widths[0]:g}": ((b, widths[0]), (a, widths[0]))
-        for a, b in [*itertools.pairwise(budgets), (budgets[0], budgets[-1])]
-        if a != b
-    }
-    wider = {f"w = {widths[0]:g} → {w:g}, n = {n}": ((n, w), (n, widths[0])) for n in budgets for w in widths[1:]}
-    pairs = {**steps, **wider}
-    found = {label: paired_t(answer.returns(a), answer.returns(b)) for label, (a, b) in pairs.items()}
-    adjusted = holm({label: t.p for label, t in found.items()})
-    return [(label, answer.contrast(*pairs[label]), t, adjusted[label]) for label, t in found.items()]
+    made = [*runs, *references.values()]
+    origins = (run.imported + ", a table, which does not say how they were trained" * bool(run.summary) for run in runs)
+    content = template("report.html.j2").render(
+        preset=preset,
+        parts=list(zip(found, drawn, strict=True)),
+        captions=POINT_CAPTIONS,
+        controllers=CONTROLLER_LABELS,
+        id_errors=paper.ID_ERRORS,
+        settings={name: value for name, value in preset.to_dict().items() if name != "points"},
+        sac=next((run.settings["sac"] for run in runs if "sac" in run.settings), {}),
+        versions=list(all_versions(item.versions for item in made).items()),
+        seconds=sum(item.seconds for item in made),
+        imported=Counter(filter(None, origins)),
+        reproduction=reproduction,
+        reproduction_captions=REPRODUCTION_CAPTIONS,
+        paper=paper,
+        margin=MARGIN,
+    )
+    write_whole(path, content)

@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from study.pipeline.executor import PATIENCE, SECOND, Heard, Supervised, Task, WorkerFailed, outcome
+from study.pipeline.executor import PATIENCE, SECOND, Heard, Link, Supervised, Task, WorkerFailed, outcome
 from study.pipeline.versions import versions
 from sysid import InvalidInput
 
@@ -57,7 +57,6 @@ class Cluster:
 
 
 def _connect(cluster: Cluster) -> Any:
-    """The module ray, connected."""
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
     os.environ.setdefault("RAY_DEDUP_LOGS_SKIP_REGEX", "worker died|marked dead")  # `heard` tells it in a line
     import ray
@@ -111,7 +110,6 @@ class _Driver:
         self.begun: set[str] = set()
 
     def execute(self, tasks: Sequence[Task], heard: Heard) -> None:
-        """Run the tasks; see `Executor.execute`."""
         supervised = {task.name: Supervised(task, heard) for task in tasks}
         try:
             for one in supervised.values():
@@ -188,20 +186,12 @@ class _Mailbox:
 
 
 @dataclass
-class _Post:
-    """A task's end of the line (a `Link`): what it says is answered by whether it shall stop."""
+class _Post(Link):
+    """A task's end of the line: what it says is answered by whether it shall stop."""
 
     mailbox: Any
     name: str
-    said: float = 0.0
     stopping: bool = False
-
-    def progress(self, done: float) -> None:
-        if time.monotonic() - self.said >= SECOND:
-            self.say("progress", done)
-
-    def saved(self, seconds: float) -> None:
-        self.say("saved", seconds)
 
     def stop_asked(self) -> bool:
         return self.stopping
@@ -210,7 +200,6 @@ class _Post:
         """Leave a word in the mailbox, and take from it whether to stop."""
         import ray
 
-        self.said = time.monotonic()
         # a mailbox that was started again, or is out of reach for a while, hears the next word
         with contextlib.suppress(ray.exceptions.RayActorError, ray.exceptions.GetTimeoutError):
             self.stopping = ray.get(self.mailbox.say.remote(self.name, kind, payload), timeout=PATIENCE)

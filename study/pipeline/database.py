@@ -1,11 +1,7 @@
 """A results folder: one SQLite file in write-ahead mode, one writer, tied to what its numbers depend on.
 
-A study says which tables it needs, and builds on this:
-
-    class SweepResults(Database): ...       study/paper/sweep_results.py
-    class MismatchResults(Database): ...    study/mismatch/mismatch_results.py
-
-Beside a study's tables stands `meta`: preset, fingerprint, settings, format, device, version of gapfinder.
+A study says which tables it needs (`tables.Table`). Beside them stands `meta`: preset, fingerprint, settings, format,
+device, version of gapfinder.
 """
 
 from __future__ import annotations
@@ -18,15 +14,17 @@ import os
 import sqlite3
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 from study.pipeline.settings import StudySettings, device_type
+from study.pipeline.tables import R, Table
 from study.pipeline.versions import version
 from sysid import InvalidInput
 from sysid.errors import excerpt
 
 META = "CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);"
+PROGRESS = "progress (population TEXT PRIMARY KEY, seconds REAL)"
+"""The work that checkpoints of unfinished populations hold."""
 
 
 def identity(settings: StudySettings, layout: str, device: str) -> dict[str, str]:
@@ -44,18 +42,23 @@ def identity(settings: StudySettings, layout: str, device: str) -> dict[str, str
 class Database:
     """An open results folder; a context manager that holds the folder's lock. `db` is its SQLite connection.
 
-    schema: the study's tables, as CREATE statements that end in semicolons; identity: what `identity` returns;
-    outputs: the names of what the study writes beside its database, never over files of somebody else.
+    identity: what `identity` returns; outputs: the names of what the study writes beside its database, never over
+    files of somebody else; progress: name and columns of the table of unfinished populations.
 
     Raises InvalidInput where the folder cannot be used: no folder, not writable, of another preset, device or version,
     in use by another study, or holding foreign files of the names in `outputs`. Nothing is written before these checks.
     """
 
-    progress: ClassVar[str] = "progress"
-    """The table (population, seconds) of the work that checkpoints of unfinished populations hold."""
-
-    def __init__(self, folder: Path, schema: str, identity: Mapping[str, str], outputs: Collection[str] = ()) -> None:
-        self.folder, self.path = folder, folder / "results.sqlite"
+    def __init__(
+        self,
+        folder: Path,
+        identity: Mapping[str, str],
+        tables: Sequence[Table[Any]] = (),
+        outputs: Collection[str] = (),
+        progress: str = PROGRESS,
+    ) -> None:
+        self.folder, self.path, self.progress = folder, folder / "results.sqlite", progress.split(maxsplit=1)[0]
+        schema = META + "".join(table.schema for table in tables) + f"CREATE TABLE {progress};"
         _make(folder)
         self._lock = _lock(folder)
         try:
@@ -84,12 +87,12 @@ class Database:
             raise InvalidInput(f"{self.path} is a database of something else: choose another --out")
         if tables:
             self._check(dict(self.db.execute("SELECT key, value FROM meta")), expected)
-            check_tables(self.db, META + schema, self.path)
+            check_tables(self.db, schema, self.path)
         self.db.execute("PRAGMA journal_mode = WAL")
         self.db.execute("PRAGMA synchronous = FULL")
         self.db.execute("BEGIN IMMEDIATE")
         if not tables:
-            for statement in (META + schema).split(";")[:-1]:
+            for statement in schema.split(";")[:-1]:
                 self.db.execute(statement)
             self.db.executemany("INSERT INTO meta VALUES (?, ?)", expected.items())
         self.db.execute("COMMIT")
@@ -118,9 +121,7 @@ class Database:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -145,21 +146,23 @@ class Database:
             self._undo()
             raise
 
-    def put(
-        self, table: str, rows: Sequence[tuple[Any, ...]], finished: Iterable[int | str] = (), new: bool = False
-    ) -> None:
-        """Keep rows in place of those with the same keys, and forget the progress of finished populations; all or
-        nothing. new: there must be none with these keys. Raises OSError as `transaction` does."""
-        verb = "INSERT" if new else "INSERT OR REPLACE"
+    def add(self, table: Table[R], values: Iterable[R], finished: Iterable[int | str] = ()) -> None:
+        """Keep values in place of those with the same keys, and forget the progress of finished populations; all or
+        nothing. Raises OSError as `transaction` does."""
         with self.transaction() as db:
-            for row in rows:
-                db.execute(f"{verb} INTO {table} VALUES ({', '.join('?' * len(row))})", row)
+            for row in map(table.row, values):
+                db.execute(f"INSERT OR REPLACE INTO {table.name} VALUES ({', '.join('?' * len(row))})", row)
             for population in finished:
                 db.execute(f"DELETE FROM {self.progress} WHERE population = ?", (population,))
 
+    def all(self, table: Table[R]) -> list[R]:
+        """Everything in a table, sorted by its keys."""
+        with readable(self.path):
+            return [table.value(row) for row in self.db.execute(f"SELECT * FROM {table.name} ORDER BY {table.key}")]
+
     def note_training(self, population: int | str, seconds: float) -> None:
-        """Keep the seconds that a population's checkpoint holds."""
-        self.put(self.progress, [(population, seconds)])
+        with self.transaction() as db:
+            db.execute(f"INSERT OR REPLACE INTO {self.progress} VALUES (?, ?)", (population, seconds))
 
     def training_seconds(self, population: int | str) -> float:
         """The seconds that a population's checkpoint holds; 0 without one."""

@@ -9,7 +9,10 @@ new checkpoint, or raises an error, ends the study, and the others save before t
 
 from __future__ import annotations
 
+import math
+import time
 import traceback
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,15 +33,31 @@ class Stopped(Exception):
     """The driver asked this task to end; what there was to save is saved."""
 
 
-class Link(Protocol):
+SECOND = 1.0
+"""Least seconds between two messages of progress from a task: thousands of tasks must not drown the driver."""
+
+
+class Link(ABC):
     """A task's line to the driver."""
 
+    said = -math.inf
+
     def progress(self, done: float) -> None:
-        """Say how much of the task is done, from 0 to 1."""
+        """Say how much of the task is done, from 0 to 1, where that was not said just now."""
+        now = time.monotonic()
+        if now - self.said >= SECOND:
+            self.said = now
+            self.say("progress", done)
 
     def saved(self, seconds: float) -> None:
         """Say that a checkpoint holds the work of so many seconds."""
+        self.say("saved", seconds)
 
+    @abstractmethod
+    def say(self, kind: str, payload: Any) -> None:
+        """Send a message to the driver."""
+
+    @abstractmethod
     def stop_asked(self) -> bool:
         """Whether the driver wants this task to save and end."""
 
@@ -46,11 +65,13 @@ class Link(Protocol):
 class Task(Protocol):
     """Picklable work that goes on from its own checkpoint; `saves`: it has one, and writes it when asked to end.
 
-    activity: what it does, in a word; work: about its seconds on one core; gpus: how many it needs.
+    activity: what it does, in a word; work: about its seconds on one core; gpus: how many it needs; table: of the
+    results, that its answer is rows of; progress_key: of its checkpoint's seconds there.
     """
 
     saves: ClassVar[bool]
     activity: ClassVar[str]
+    table: ClassVar[Any]
 
     @property
     def name(self) -> str: ...
@@ -58,6 +79,9 @@ class Task(Protocol):
     def work(self) -> float: ...
     @property
     def gpus(self) -> int: ...
+    @property
+    def progress_key(self) -> int | str: ...
+    def discard(self) -> None: ...
     def run(self, link: Link) -> Any: ...
     def resumed(self, seconds: float) -> Task:
         """This task with a checkpoint that holds the work of so many seconds."""
@@ -69,14 +93,15 @@ class Brief:
 
     saves: ClassVar[bool] = False
     gpus: ClassVar[int] = 0
+    progress_key: ClassVar[str] = ""
+
+    def discard(self) -> None:
+        """Nothing, it leaves nothing behind."""
 
     def resumed(self, seconds: float) -> Self:
         """This task."""
         return self
 
-
-SECOND = 1.0
-"""Least seconds between two messages of progress from a task: thousands of tasks must not drown the driver."""
 
 Heard = Callable[[Task, str, Any], None]
 """heard(task, kind, payload): "progress" (0 to 1), "saved" (seconds), "died" (why; it is started again) or "done"."""

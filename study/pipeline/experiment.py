@@ -18,6 +18,7 @@ from typing import Any
 
 from rich.console import Console
 
+from study.pipeline.database import Database
 from study.pipeline.executor import Executor, Task
 from study.pipeline.progress import Meter, duration
 
@@ -33,17 +34,27 @@ class Stage:
 class Experiment(ABC):
     """A plan with the folder of its results."""
 
+    results: Database
+    checkpoint_seconds: float
+
     @abstractmethod
     def stages(self, console: Console) -> Iterator[Stage]:
         """What is left to do; a stage is asked for when the one before it is done."""
 
-    @abstractmethod
     def keep(self, task: Task, answer: Any) -> None:
-        """Put what a finished task answered into the results."""
+        """Put what a finished task answered into the results, and forget how far it was."""
+        self.results.add(task.table, answer, [task.progress_key] if task.saves else [])
+        task.discard()
 
     def note(self, task: Task, seconds: float) -> None:
         """Keep that a task's checkpoint holds the work of so many seconds."""
-        return None
+        self.results.note_training(task.progress_key, seconds)
+
+    @property
+    def training(self) -> dict[str, Any]:
+        """Where and how its populations train, as `PopulationTask` asks it."""
+        folder, device = self.results.folder.resolve(), self.results.device
+        return {"folder": folder, "checkpoint_seconds": self.checkpoint_seconds, "device": device}
 
     @abstractmethod
     def publish(self, console: Console) -> None:
@@ -78,7 +89,6 @@ def run(experiment: Experiment, executor: Executor, console: Console) -> None:
 
 
 def _announce(console: Console, stage: Stage, workers: int | None) -> None:
-    """Say what is ahead."""
     by_whom = "a Ray cluster" if workers is None else f"{workers} workers" if workers > 1 else "1 worker"
     console.print(f"{stage.about}; {by_whom}", soft_wrap=True)
     if workers is not None:

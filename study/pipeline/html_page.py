@@ -5,49 +5,36 @@ from __future__ import annotations
 import base64
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from study import formatting
-from study.formatting import number, signed
-from study.statistics import Contrast
+from study.formatting import capital, number, signed
+from study.pipeline.progress import duration
 
 if TYPE_CHECKING:
     import jinja2
-    from markupsafe import Markup
 
 
-def template(name: str, filters: Mapping[str, Callable[..., str]] | None = None) -> jinja2.Template:
-    """A template of this package, whose values are escaped; more filters by name."""
+def template(name: str) -> jinja2.Template:
+    """A template of this package, whose values are escaped."""
     import jinja2
 
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("study"), autoescape=True, trim_blocks=True, lstrip_blocks=True
-    )
-    own = {"number": number, "unbroken": unbroken, "signed": signed, "range": interval, "p": p_value}
-    environment.filters |= {**own, **(filters or {})}
+    loader = jinja2.PackageLoader("study")
+    environment = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    filters: tuple[Callable[..., str], ...] = (number, signed, capital, duration, unbroken, embedded, p_value)
+    environment.filters |= {own.__name__: own for own in filters}
+    environment.tests["finite"] = math.isfinite
     return environment.get_template(name)
 
 
 def embedded(file: Path) -> str:
-    """A PNG file as a data URI."""
     return "data:image/png;base64," + base64.b64encode(file.read_bytes()).decode()
 
 
-def unbroken(text: str) -> str:
+def unbroken(text: object) -> str:
     """The same with no line break inside an interval."""
-    return re.sub(r"\S+ \[[^]]*\]", lambda found: found.group().replace(" ", "\u00a0"), text)
-
-
-def interval(contrast: Contrast | None) -> Markup:
-    """The interval of a contrast alone, bold where zero is outside; nothing without one."""
-    from markupsafe import Markup, escape
-
-    if contrast is None or not math.isfinite(contrast.low):
-        return Markup("")
-    text = formatting.interval(contrast.low, contrast.high, write=signed)
-    return Markup("<b>{}</b>").format(text) if contrast.significant else Markup(escape(text))
+    return re.sub(r"\S+ \[[^]]*\]", lambda found: found.group().replace(" ", "\u00a0"), str(text))
 
 
 def p_value(value: float) -> str:

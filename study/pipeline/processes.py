@@ -7,13 +7,11 @@ reaches the driver alone, which asks its workers to save and end.
 from __future__ import annotations
 
 import contextlib
-import math
 import multiprocessing
 import multiprocessing.connection
 import os
 import signal
 import threading
-import time
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -21,7 +19,7 @@ from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 from typing import Any
 
-from study.pipeline.executor import PATIENCE, SECOND, Heard, Supervised, Task, outcome
+from study.pipeline.executor import PATIENCE, Heard, Link, Supervised, Task, outcome
 
 ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")}
 
@@ -33,7 +31,6 @@ class Processes:
     workers: int
 
     def execute(self, tasks: Sequence[Task], heard: Heard) -> None:
-        """Run the tasks; see `Executor.execute`."""
         waiting = deque(Supervised(task, heard) for task in tasks)
         running: dict[Connection, _Worker] = {}
         try:
@@ -122,20 +119,13 @@ def _interrupts_blocked() -> Iterator[None]:
 
 
 @dataclass
-class _Pipe:
-    """The worker's end of the line (a `study.pipeline.executor.Link`)."""
+class _Pipe(Link):
+    """The worker's end of the line."""
 
     connection: Connection
-    said: float = -math.inf
 
-    def progress(self, done: float) -> None:
-        now = time.monotonic()
-        if now - self.said >= SECOND:
-            self.said = now
-            self.connection.send(("progress", done))
-
-    def saved(self, seconds: float) -> None:
-        self.connection.send(("saved", seconds))
+    def say(self, kind: str, payload: Any) -> None:
+        self.connection.send((kind, payload))
 
     def stop_asked(self) -> bool:
         return self.connection.poll()

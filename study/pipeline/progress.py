@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from types import TracebackType
 from typing import TYPE_CHECKING
 
 from rich.console import Console
@@ -36,30 +35,22 @@ class Meter:
     """
 
     def __init__(self, console: Console, tasks: Sequence[Task]) -> None:
-        self.console = console
-        self.work = {task.name: task.work for task in tasks}
-        self.activity = {task.name: task.activity for task in tasks}
-        self.share = dict.fromkeys(self.work, 0.0)
+        self.console, self.tasks = console, {task.name: task for task in tasks}
+        self.total = max(sum(task.work for task in tasks), 1e-9)
+        self.share = dict.fromkeys(self.tasks, 0.0)
+        self.first: dict[str, float] = {}
         self.begin = self.said = time.monotonic()
         self.drawn = -math.inf
-        self.first: dict[str, float] = {}
-        self.bar = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(bar_width=32),
-            TextColumn("{task.percentage:>3.0f} %"),
-            TextColumn("[dim]{task.fields[left]}"),
-            console=console,
-            disable=not console.is_terminal,
-        )
-        self.row = self.bar.add_task("starting", total=max(sum(self.work.values()), 1e-9), left="")
+        about, percent = TextColumn("{task.description}"), TextColumn("{task.percentage:>3.0f} %")
+        columns = about, BarColumn(bar_width=32), percent, TextColumn("[dim]{task.fields[left]}")
+        self.bar = Progress(*columns, console=console, disable=not console.is_terminal)
+        self.row = self.bar.add_task("starting", total=self.total, left="")
 
     def __enter__(self) -> Meter:
         self.bar.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._draw()
         self.bar.stop()
 
@@ -69,40 +60,29 @@ class Meter:
             self.begin = time.monotonic()
         self.first.setdefault(task, share if share < 1.0 else 0.0)
         self.share[task] = share
-        now = time.monotonic()
-        if now - self.drawn >= DRAW_SECONDS:
-            self.drawn = now
+        if time.monotonic() - self.drawn >= DRAW_SECONDS:
+            self.drawn = time.monotonic()
             self._draw()
 
     def _draw(self) -> None:
-        label = self._label()
+        """A look at the bar, or a plain line; what goes on is what the first task does that is not done."""
+        ahead = [task for name, task in self.tasks.items() if self.share[name] < 1.0] or list(self.tasks.values())
+        label, now = ahead[0].activity, time.monotonic()
         self.bar.update(self.row, description=label, completed=self.done, left=self.left())
-        self._say_plainly(label)
-
-    def _label(self) -> str:
-        """What is going on: what the first task that is not done does."""
-        ahead = [name for name, share in self.share.items() if share < 1.0]
-        return self.activity[(ahead or list(self.work))[0]]
+        if not self.console.is_terminal and now - self.said >= PLAIN_SECONDS:
+            self.said, percent = now, 100.0 * self.done / self.total
+            line = f"{time.strftime('%H:%M:%S')}  {label}: {percent:.0f} % done, {self.left()}"
+            self.console.print(line, highlight=False)
 
     @property
     def done(self) -> float:
-        """Work done [s]."""
-        return sum(self.work[name] * share for name, share in self.share.items())
+        """Work that is done [s]."""
+        return sum(task.work * self.share[name] for name, task in self.tasks.items())
 
     def left(self) -> str:
         """The time left in words; empty until it can be told."""
         passed = time.monotonic() - self.begin
-        here = sum(self.work[name] * (self.share[name] - first) for name, first in self.first.items())
+        here = sum(self.tasks[name].work * (self.share[name] - first) for name, first in self.first.items())
         if passed < 5.0 or here <= 0.0:
             return ""
-        return f"about {duration((sum(self.work.values()) - self.done) * passed / here)} left"
-
-    def _say_plainly(self, label: str) -> None:
-        now = time.monotonic()
-        if self.console.is_terminal or now - self.said < PLAIN_SECONDS:
-            return
-        self.said = now
-        percent = 100.0 * self.done / max(sum(self.work.values()), 1e-9)
-        self.console.print(
-            f"{time.strftime('%H:%M:%S')}  {label}: {percent:.0f} % done, {self.left()}", highlight=False
-        )
+        return f"about {duration((self.total - self.done) * passed / here)} left"

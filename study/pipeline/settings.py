@@ -23,7 +23,6 @@ class StudySettings:
     """FORMAT of the results folder."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data, ready for JSON."""
         return json.loads(json.dumps(dataclasses.asdict(self)))  # type: ignore[call-overload]
 
     @property

@@ -7,8 +7,9 @@ import json
 import logging
 import shlex
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import singledispatch
+from functools import partial, singledispatch
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -38,48 +39,50 @@ logger = logging.getLogger(__name__)
 
 def run(command: Any) -> None:
     """Run a command of sysid.options, completed by the log's log.toml. Raises InvalidInput for bad input."""
-    if isinstance(command, Fit | Compare | Diagnose | Add | Experiment):
+    effects = command.effects if isinstance(command, Effects) else command.start.effects
+    if not isinstance(command, Effects):
         log, start, said = settled(command.log, command.start)
         if said:
             logger.info(said)
         command = dataclasses.replace(command, log=log, start=start)
+    if effects is not None:
+        from sysid.data.user_effects import load_effects
+
+        logger.info(f"effects of {effects.name}: {', '.join(load_effects(effects))}")
     _run(command)
 
 
 @singledispatch
 def _run(command: Any) -> None:
-    raise InvalidInput(f"unknown command {command!r}")
+    """Answer a command."""
 
 
 @_run.register
 def _(command: Fit) -> None:
     from sysid.estimation.held_out import held_out_error
 
-    _load(command.start.effects)
-    task = Task.of(command, command.out, command.json)
+    task = Task.of(command)
     estimate = task.fitted()
     error = held_out_error(estimate.model, task.held_out, task.sensor)
     logger.info(estimate)
     logger.info(f"  on held-out data: {error}")
     task.doubt(error.theta)
-    task.write_json(command.json, {**estimate.to_dict(), "held_out_error": error.to_dict()})
-    task.write_model(command.out, estimate)
+    _write_json(command.json, {**estimate.to_dict(), "held_out_error": error.to_dict()})
+    _write_model(command.out, estimate)
 
 
 @_run.register
 def _(command: Compare) -> None:
     from sysid.diagnosis.compare import compare
 
-    _load(command.start.effects)
-    task = Task.of(command, command.json, command.html, command.figure)
+    task = Task.of(command)
     model = task.model if task.known or not task.names else task.fitted().model
     comparison = compare(model, task.held_out, task.sensor, task.names)
     logger.info(comparison)
     task.doubt(comparison.one_second.theta)
-    task.write_json(command.json, comparison.to_dict())
-    if command.figure is not None:
-        _draw(comparison, command.figure)
-    task.write_report(command.html, comparison)
+    _write_json(command.json, comparison.to_dict())
+    _write(command.figure, partial(_draw, comparison))
+    _write_report(command.html, comparison)
 
 
 @_run.register
@@ -90,8 +93,7 @@ def _(command: Diagnose) -> None:
     if not 0.0 < command.tolerance < 1.0:
         raise InvalidInput(f"--tolerance {command.tolerance:g}: expected a share between 0 and 1, such as 0.02")
     settings = dataclasses.replace(DEFAULT, tolerance=command.tolerance)
-    _load(command.start.effects)
-    task = Task.of(command, command.out, command.json, command.html)
+    task = Task.of(command)
     task.check_free()
     diagnosis = diagnose(
         task.model,
@@ -103,9 +105,9 @@ def _(command: Diagnose) -> None:
     )
     logger.info(diagnosis)
     task.doubt(diagnosis.error.theta)
-    task.write_json(command.json, diagnosis.to_dict())
-    task.write_model(command.out, diagnosis.estimate)
-    task.write_report(command.html, diagnosis)
+    _write_json(command.json, diagnosis.to_dict())
+    _write_model(command.out, diagnosis.estimate)
+    _write_report(command.html, diagnosis)
 
 
 @_run.register
@@ -113,37 +115,33 @@ def _(command: Add) -> None:
     from sysid.diagnosis.add import add
     from sysid.physics.effects import effect
 
-    _load(command.start.effects)
     effect(command.effect)  # raises, and says which names are near
-    task = Task.of(command, command.out, command.json)
+    task = Task.of(command)
     added = add(task.fitted(), command.effect, task.log, task.sensor, command.log.hold_out)
     logger.info(added)
-    task.write_json(command.json, added.to_dict())
-    task.write_model(command.out, added.estimate)
+    _write_json(command.json, added.to_dict())
+    _write_model(command.out, added.estimate)
 
 
 @_run.register
 def _(command: Experiment) -> None:
     from sysid.planning.experiment import next_experiment
 
-    _load(command.start.effects)
-    task = Task.of(command, command.out, command.json)
+    task = Task.of(command)
     estimate = task.fitted()
     rivals = [name.strip() for name in command.between.split(",") if name.strip()]
     limits = _limits(command, task.log, estimate.model)
     experiment = next_experiment(estimate, rivals, limits, task.sensor, task.training)
     logger.info(experiment)
-    task.write_json(command.json, experiment.to_dict())
+    _write_json(command.json, experiment.to_dict())
     if command.out is not None and not experiment.u.size:
         logger.info(f"{command.out} was not written: there is nothing to play")
-    elif command.out is not None:
-        experiment.write_csv(command.out)
-        logger.info(f"wrote {command.out}")
+    else:
+        _write(command.out, experiment.write_csv)
 
 
 @_run.register
 def _(command: Effects) -> None:
-    _load(command.effects)
     for name, kind in {**ACTUATORS, **CATALOGUE}.items():
         logger.info(name)
         logger.info(f"    {kind.formula or (kind.__doc__ or '').strip().splitlines()[0]}")
@@ -173,16 +171,16 @@ class Task:
     known: bool
 
     @classmethod
-    def of(cls, command: Fit | Compare | Diagnose | Add | Experiment, *outputs: Path | None) -> Task:
+    def of(cls, command: Fit | Compare | Diagnose | Add | Experiment) -> Task:
         """Read everything, and say what was read. Raises InvalidInput before anything expensive."""
+        outputs = [getattr(command, name, None) for name in ("out", "json", "html", "figure")]
         check_outputs([*command.log.files, command.log.settings, command.start.model, command.start.effects], outputs)
         model, names, added = begun(command.start, command.log.input)
         given = command.start.model is not None
-        log = _read(command.log, model)
-        thin = log.thinned() if command.log.dt is None else log
-        logger.info(thin)
-        sensor = _sensor(command.log, log, model.plant)
-        log = thin
+        whole = _read(command.log, model)
+        log = whole.thinned() if command.log.dt is None else whole
+        logger.info(log)
+        sensor = _sensor(command.log, whole, model.plant)
         training, held_out = split(log, command.log.hold_out)
         model = sampled(model, log.dt, given)
         names = shown(model, names, log)
@@ -209,34 +207,6 @@ class Task:
         spread = float(np.std(np.concatenate([r.theta for r in self.held_out if r.theta is not None])))
         if not error < 0.3 * spread:
             logger.info("  the error is far above any noise: check columns, units, --zero, --flip-torque and --plant")
-
-    def write_model(self, path: Path | None, estimate: Estimate) -> None:
-        """model.json."""
-        if path is not None:
-            from sysid.estimation.saved_model import save
-
-            save(estimate, path)
-            logger.info(f"wrote {path}")
-
-    def write_json(self, path: Path | None, data: dict[str, Any]) -> None:
-        """Plain data."""
-        if path is not None:
-            _write(path, json.dumps(data, indent=1, allow_nan=False) + "\n")
-
-    def write_report(self, path: Path | None, answer: Any) -> None:
-        """The page that opens offline."""
-        if path is not None:
-            from sysid.report.write import write_report
-
-            write_report(answer, path, shlex.join(["python", "-m", "sysid", *sys.argv[1:]]))
-            logger.info(f"wrote {path}")
-
-
-def _load(effects: Path | None) -> None:
-    if effects is not None:
-        from sysid.data.user_effects import load_effects
-
-        logger.info(f"effects of {effects.name}: {', '.join(load_effects(effects))}")
 
 
 def _read(options: LogOptions, model: Model) -> Log:
@@ -289,15 +259,8 @@ def _limits(options: Experiment, log: Log, model: Model) -> Limits:
     from sysid.planning.experiment import limits_of
     from sysid.planning.signals import Limits
 
-    said = {
-        "u_max": options.u_max,
-        "duration": options.duration,
-        "rollouts": options.rollouts,
-        "theta_max": options.reach,
-        "theta_dot_max": options.speed,
-        "payload": options.payload,
-    }
-    given: dict[str, Any] = {name: value for name, value in said.items() if value is not None}
+    names = ("u_max", "duration", "rollouts", "theta_max", "theta_dot_max", "payload")
+    given: dict[str, Any] = {n: getattr(options, n) for n in names if getattr(options, n) is not None}
     if np.any([np.any(record.u != 0.0) for record in log]):
         return dataclasses.replace(limits_of(log, model), **given)
     if options.u_max is None:
@@ -308,9 +271,30 @@ def _limits(options: Experiment, log: Log, model: Model) -> Limits:
 # ---- files -----------------------------------------------------------------------------------------------------------
 
 
-def _write(path: Path, text: str) -> None:
-    save_file(path, text)
-    logger.info(f"wrote {path}")
+def _write(path: Path | None, save: Callable[[Path], None]) -> None:
+    """Write a file that was asked for, and say so."""
+    if path is not None:
+        save(path)
+        logger.info(f"wrote {path}")
+
+
+def _write_json(path: Path | None, data: dict[str, Any]) -> None:
+    _write(path, lambda own: save_file(own, json.dumps(data, indent=1, allow_nan=False) + "\n"))
+
+
+def _write_model(path: Path | None, estimate: Estimate) -> None:
+    from sysid.estimation.saved_model import save
+
+    _write(path, partial(save, estimate))
+
+
+def _write_report(path: Path | None, answer: Any) -> None:
+    def save(own: Path) -> None:
+        from sysid.report.write import write_report
+
+        write_report(answer, own, shlex.join(["python", "-m", "sysid", *sys.argv[1:]]))
+
+    _write(path, save)
 
 
 def _draw(comparison: Any, path: Path) -> None:
@@ -322,4 +306,3 @@ def _draw(comparison: Any, path: Path) -> None:
     except ValueError as error:
         raise InvalidInput(f"cannot write {path}: {error}") from None
     save_file(path, content.getvalue())
-    logger.info(f"wrote {path}")

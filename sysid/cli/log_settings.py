@@ -8,11 +8,11 @@ plant = "joint"
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, get_args, get_type_hints
 
 from sysid.cli.options import LogOptions, ModelOptions
 from sysid.data.files import place, read_file
@@ -21,71 +21,35 @@ from sysid.errors import InvalidInput, excerpt
 FILE = "log.toml"
 NONE = "none"
 """`--log none` reads none."""
+FIELDS = {"from": "begin", "to": "end"}
+"""The fields of the options that are called otherwise on the command line."""
 
 
-def _choice(*names: str) -> Callable[[Any], str | None]:
-    return lambda value: value if isinstance(value, str) and value in names else None
+def _kinds() -> dict[str, Any]:
+    """The keys of the file, the options of the command line without their dashes, and what each of them may be."""
+    named = {field: key for key, field in FIELDS.items()}
+    kinds = {named.get(n, n): kind for n, kind in get_type_hints(LogOptions).items() if n not in ("files", "settings")}
+    return kinds | {"plant": get_type_hints(ModelOptions)["plant"]}
 
 
-def _pairs(value: Any) -> str | None:
-    """ "t=time_s,theta=angle", also from a table."""
-    if isinstance(value, Mapping):
-        return ",".join(f"{ours}={theirs}" for ours, theirs in value.items())
-    return value if isinstance(value, str) else None
-
-
-def _number(value: Any) -> float | None:
-    return (
-        float(value) if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300 else None
-    )
-
-
-def _switch(value: Any) -> bool | None:
-    return value if isinstance(value, bool) else None
-
-
-class _Key(NamedTuple):
-    """The field of the options that a key stands for, what turns its value into the field's, and what it may be."""
-
-    field: str
-    read: Callable[[Any], Any]
-    expected: str
-
-
-KEYS = {
-    "columns": _Key("columns", _pairs, 't = "time_s", theta = "angle", ... in a table, or "t=time_s,theta=angle"'),
-    "zero": _Key("zero", _choice("upright", "hanging"), "upright or hanging"),
-    "flip_torque": _Key("flip_torque", _switch, "true or false"),
-    "input": _Key("input", _choice("torque", "current", "voltage", "position"), "torque, current, voltage or position"),
-    "degrees": _Key("degrees", _switch, "true or false"),
-    "from": _Key("begin", _number, "a number of seconds"),
-    "to": _Key("end", _number, "a number of seconds"),
-    "dt": _Key("dt", _number, "a number of seconds"),
-    "time_unit": _Key("time_unit", _choice("s", "ms", "us"), "s, ms or us"),
-    "noise": _Key("noise", _pairs, 'theta = 0.003, theta_dot = 0.05 in a table, or "theta=0.003"'),
-    "hold_out": _Key("hold_out", _number, "a share or a number of rollouts"),
-    "plant": _Key("plant", _choice("rod", "point", "joint", "axis"), "rod, point, joint or axis"),
-}
-"""The keys of the file: the options of the command line, without their dashes."""
+def _read(value: Any, kind: Any) -> tuple[Any, str]:
+    """The value as an option of that kind holds it, None where it cannot; and what was expected."""
+    if kind is bool:
+        return value if isinstance(value, bool) else None, "true or false"
+    if kind is str:
+        pairs = ",".join(f"{ours}={theirs}" for ours, theirs in value.items()) if isinstance(value, Mapping) else value
+        return pairs if isinstance(pairs, str) else None, 'a table, as {theta = ...}, or a text, as "theta=..."'
+    if float in get_args(kind):
+        known = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
+        return float(value) if known else None, "a number"
+    *others, last = choices = get_args(get_args(kind)[0])
+    return value if value in choices else None, f"{', '.join(others)} or {last}"
 
 
 def settings(path: Path) -> dict[str, Any]:
-    """What a settings file says.
+    """What a settings file says, by key, as the options of the command line hold it.
 
-    Parameters
-    ----------
-    path : Path
-        A TOML file with some of KEYS.
-
-    Returns
-    -------
-    dict
-        The values by key, as the options of the command line hold them.
-
-    Raises
-    ------
-    InvalidInput
-        For a file that cannot be read, an unknown key or a value of the wrong kind, with the choices.
+    Raises InvalidInput for a file that cannot be read, an unknown key or a value of the wrong kind, with the choices.
     """
     try:
         content = tomllib.loads(read_file(path, "a log.toml").decode())
@@ -93,16 +57,16 @@ def settings(path: Path) -> dict[str, Any]:
         raise
     except (ValueError, RecursionError) as error:
         raise InvalidInput(f"{path} is not TOML: {error}") from None
-    found = {}
+    found, kinds = {}, _kinds()
     for name, value in content.items():
         key = name.replace("-", "_")
-        if key not in KEYS:
-            near = get_close_matches(key, KEYS, n=1)
+        if key not in kinds:
+            near = get_close_matches(key, kinds, n=1)
             perhaps = f"did you mean {near[0]}? E" if near else "e"
-            raise InvalidInput(f"{path}: unknown key {excerpt(name)}: {perhaps}xpected some of {', '.join(KEYS)}")
-        found[key] = KEYS[key].read(value)
+            raise InvalidInput(f"{path}: unknown key {excerpt(name)}: {perhaps}xpected some of {', '.join(kinds)}")
+        found[key], expected = _read(value, kinds[key])
         if found[key] is None:
-            raise InvalidInput(f"{path}: {name} = {excerpt(value)}: expected {KEYS[key].expected}")
+            raise InvalidInput(f"{path}: {name} = {excerpt(value)}: expected {expected}")
     return found
 
 
@@ -121,37 +85,25 @@ def beside(files: tuple[Path, ...]) -> Path | None:
 
 
 def settled(log: LogOptions, start: ModelOptions) -> tuple[LogOptions, ModelOptions, str]:
-    """The options, completed by the settings file; what the command line says counts.
+    """The options, completed by the settings file where they say nothing, and one line on what was taken from where.
 
-    Parameters
-    ----------
-    log, start : LogOptions, ModelOptions
-        The options as they were given; log.settings names the file, else it is looked for beside the log.
-
-    Returns
-    -------
-    log, start : LogOptions, ModelOptions
-        The options with what the file says where they said nothing.
-    said : str
-        One line on what was taken from where; empty where there is no file.
+    log.settings names the file, else it is looked for beside the log; the line is empty where there is none.
     """
     if log.settings is not None and str(log.settings) == NONE:
         return replace(log, settings=None), start, ""
     path = log.settings or beside(log.files)
     if path is None:
         return log, start, ""
-    log, taken, overridden = replace(log, settings=path), list[str](), list[str]()
-    for key, value in settings(path).items():
-        given = getattr(start if key == "plant" else log, KEYS[key].field)
-        silent = given is None or given is False or given == ""
-        if not silent or (key == "plant" and start.model is not None):
-            overridden.append(key)
-            continue
-        taken.append(f"{key} {str(value).lower() if isinstance(value, bool) else value}")
-        change = {KEYS[key].field: value}
-        if key == "plant":
-            start = replace(start, **change)
-        else:
-            log = replace(log, **change)
-    said = f"{path}: {'; '.join(taken) or 'nothing taken'}"
-    return log, start, said + (f" (the command line overrides {', '.join(overridden)})" if overridden else "")
+    given, taken = vars(log) | {"plant": start.plant or start.model}, dict[str, Any]()
+    found = settings(path)
+    for key, value in found.items():
+        own = given[FIELDS.get(key, key)]
+        if own is None or own is False or own == "":
+            taken[key] = value
+    said = [f"{key} {str(value).lower() if isinstance(value, bool) else value}" for key, value in taken.items()]
+    overridden = ", ".join(key for key in found if key not in taken)
+    changes = {FIELDS.get(key, key): value for key, value in taken.items()}
+    start = replace(start, plant=changes.pop("plant", start.plant))
+    note = f"{path}: {'; '.join(said) or 'nothing taken'}"
+    note += f" (the command line overrides {overridden})" if overridden else ""
+    return replace(log, settings=path, **changes), start, note

@@ -181,10 +181,12 @@ class Experiment:
     rollouts: Annotated[int | None, arg(metavar="N", help_behavior_hint=AS_LOG)] = None
     """How many rollouts to play."""
 
-    reach: Annotated[float | None, arg(metavar="ANGLE", help_behavior_hint=AS_LOG)] = None
+    theta_max: Annotated[float | None, arg(name="reach", metavar="ANGLE", help_behavior_hint=AS_LOG)] = None
     """Farthest that the motion may go from rest [rad], of an axis [m]."""
 
-    speed: Annotated[float | None, arg(metavar="SPEED", help_behavior_hint="(default: any)")] = None
+    theta_dot_max: Annotated[float | None, arg(name="speed", metavar="SPEED", help_behavior_hint="(default: any)")] = (
+        None
+    )
     """Largest speed [rad/s], of an axis [m/s]."""
 
     payload: Annotated[tuple[float, float] | None, arg(metavar="MASS DISTANCE", help_behavior_hint="")] = None

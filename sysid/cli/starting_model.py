@@ -13,7 +13,8 @@ from sysid.data.logs import Command, Log
 from sysid.errors import InvalidInput
 from sysid.estimation.fit import free
 from sysid.limits import LOG_SUBSTEPS, check_size
-from sysid.physics.effects import CATALOGUE, Actuator, DCMotor, PositionServo, TorqueConstant, effect
+from sysid.physics.effects import CATALOGUE, Actuator, effect
+from sysid.physics.effects.actuators import DCMotor, PositionServo, TorqueConstant
 from sysid.physics.integrators import RK4
 from sysid.physics.model import Model
 from sysid.physics.plants import GeneralJoint, LinearAxis, Plant, PointMassPendulum, RodPendulum

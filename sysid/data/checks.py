@@ -4,20 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
 from sysid.errors import InvalidInput
 from sysid.limits import MAGNITUDE, check_size
-
-if TYPE_CHECKING:
-    from sysid.physics.plants import Plant
-
-Array = NDArray[np.float64]
+from sysid.physics.ops import Array
+from sysid.physics.plants import Plant
 
 SPAN = 0.1
 """Time [s] over which an angle's change is compared with its speed: long enough for the noise to matter little."""
@@ -95,7 +90,7 @@ def rate_mismatch(t: Array, angle: Array, speed: Array) -> float:
     return float(np.median(np.abs(change - integral)[fast])) / max(float(np.median(np.abs(integral)[fast])), 1e-300)
 
 
-def doubts(records: Sequence[Record], plant: Plant | None = None, command: str = "torque") -> tuple[str, ...]:
+def doubts(records: Sequence[Record], plant: Plant | None, command: str) -> tuple[str, ...]:
     """Notes on what looks unlikely: an angle in degrees, a torque that never changes, a zero or a sign turned round.
 
     Of a `plant` that does not turn, none on angles, and forces in its units.
@@ -117,7 +112,7 @@ def doubts(records: Sequence[Record], plant: Plant | None = None, command: str =
     return (*found, *(_turned(records, command) if turns else ()))
 
 
-def _turned(records: Sequence[Record], command: str = "torque") -> tuple[str, ...]:
+def _turned(records: Sequence[Record], command: str) -> tuple[str, ...]:
     """Whether gravity or torque act against our convention, by least squares over 0.1 s:
 
     theta_ddot = a sin(theta) + c u - b theta_dot + d,   a > 0 and c > 0 are expected

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Record
-
-Array = NDArray[np.float64]
+from sysid.physics.ops import Array
 
 BEFORE, AFTER, OWN = 24, 4, 2
 """The readings of the angle before and after an instant, and the speeds before it, that may have made its speed."""
@@ -31,19 +30,9 @@ def unexplained(angle: Array, speed: Array, edges: NDArray[np.intp]) -> float:
         e_v[k] = sum_{i=1}^{2} a_i e_v[k-i]  +  sum_{j=-4}^{24} c_j e_theta[k-j]  +  rest
 
     The share is the variance of the rest over that of the same regression without e_theta. It covers differences,
-    moving averages of up to 24 readings and filters of first and second order behind them.
-
-    Parameters
-    ----------
-    angle, speed : (n,)
-        What a linear filter that takes out the motion leaves of both channels, the same filter for both.
-    edges : (R,)
-        Where each record's part of them ends.
-
-    Returns
-    -------
-    float
-        The share; 1 where there is too little to compare.
+    moving averages of up to 24 readings and filters of first and second order behind them. angle and speed (n,) are
+    what one linear filter that takes out the motion leaves of both channels, edges (R,) where each record's part ends;
+    1 where there is too little to compare.
     """
     own, others, targets = [], [], []
     before = min(BEFORE, len(speed) // 12)  # of a short log fewer

@@ -25,17 +25,8 @@ def follows_readings(records: Sequence[Record]) -> bool:
         u[k] = sum_{i=1}^{3} a_i u[k-i] + c  (+ sum_{j=0}^{3} b_j y[k-j])  + innovation
 
     The noise of an instant's reading moves no torque but one that was computed from it. So in an open loop the readings
-    tell nothing of a torque's innovations beyond its own past, and in a closed one nearly all.
-
-    Parameters
-    ----------
-    records : sequence of Record
-        At least one rollout.
-
-    Returns
-    -------
-    bool
-        True where the readings explain three quarters of the innovations; False where there is too little to compare.
+    tell nothing of a torque's innovations beyond its own past, and in a closed one nearly all: three quarters are asked
+    for. False where there is too little to compare.
     """
     own, readings, targets, seen = [], [], [], 0
     for r in records:

@@ -7,14 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.quantisation import quantisation_step
-
-Array = NDArray[np.float64]
+from sysid.physics.ops import Array
 
 SHORTEST = 3
 """Rows that a reading must be held for: two in a row are common where two clocks meet."""
@@ -26,45 +24,24 @@ FAR = 2.5
 """A jump of more than this many of a sensor's steps: a fresh sensor that moves so fast changes in every row."""
 
 
-class Run(NamedTuple):
-    """`length` (n,): how many rows the reading before each change was held for; `size` (n,): how far it changed."""
-
-    length: Array
-    size: Array
-
-
-def runs(values: Array) -> Run:
-    """The rests and changes of a channel (K,), the rows before its first change left out."""
-    change = np.flatnonzero(np.diff(values) != 0.0) + 1
-    return Run(np.diff(change).astype(float), np.abs(values[change[1:]] - values[change[1:] - 1]))
-
-
 def holding(series: Iterable[Array]) -> float:
-    """For how many rows each reading of a channel is held; 1 where every row has a fresh one.
+    """For how many rows each reading of a channel (K,), one array a rollout, is held: 4.5 where 4 and 5 take turns.
 
     An encoder that moves slowly repeats its readings too, but then changes by one step, after rests of any length; a
     machine at rest does not change at all. A held reading changes by many steps, and always after the same number of
     rows. So jumps of more than 2.5 steps are looked at: before most of them the reading was held for the same
-    number of rows, 3 or more.
-
-    Parameters
-    ----------
-    series : iterable of (K,)
-        The readings of one channel, one array a rollout, all numbers finite.
-
-    Returns
-    -------
-    float
-        The mean number of rows, 4.5 where 4 and 5 take turns.
+    number of rows, 3 or more. 1 where that is not so: every row has a fresh reading.
     """
     series = [values for values in series if len(values) > 2]
     if not series:
         return 1.0
-    found = [runs(values) for values in series]
-    length, size = (np.concatenate([getattr(run, field) for run in found]) for field in Run._fields)
-    length = length[
-        size > FAR * quantisation_step([values[np.append(True, np.diff(values) != 0.0)] for values in series])
-    ]
+    rests, jumps, readings = [], [], []
+    for values in series:
+        change = np.flatnonzero(np.diff(values) != 0.0) + 1
+        rests.append(np.diff(change))
+        jumps.append(np.abs(values[change[1:]] - values[change[1:] - 1]))
+        readings.append(values[np.append(0, change)])
+    length = np.concatenate(rests)[np.concatenate(jumps) > FAR * quantisation_step(readings)]
     if len(length) < FEWEST:
         return 1.0
     typical = float(np.median(length))
@@ -75,20 +52,10 @@ def holding(series: Iterable[Array]) -> float:
 
 
 def fresh(values: Array, rows: float) -> NDArray[np.intp]:
-    """The rows of fresh readings, where each is held for so many rows.
+    """The rows (n,) of fresh readings of a channel (K,), each of which is held for so many rows.
 
-    Parameters
-    ----------
-    values : (K,)
-        A held channel of one rollout.
-    rows : float
-        For how many rows a reading is held.
-
-    Returns
-    -------
-    (n,) int
-        The rows at which the channel changes, and within longer rests, where the same reading came again, one every
-        `rows` rows.
+    They are the rows at which the channel changes, and within longer rests, where the same reading came again, one
+    every `rows` rows.
     """
     changed = np.diff(values) != 0.0
     edges = np.concatenate(([0], np.flatnonzero(changed) + 1, [len(changed) + 1]))

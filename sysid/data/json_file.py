@@ -1,12 +1,18 @@
-"""JSON files: what one holds, taken out name by name; whatever is missing or of another kind becomes a sentence."""
+"""JSON: what a file holds, taken out name by name, and what an answer holds, as plain data.
+
+Whatever is missing in a file or of another kind becomes a sentence.
+"""
 
 from __future__ import annotations
 
 import json
 import math
 from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, TypeVar
+
+import numpy as np
 
 from sysid.data.files import read_file
 from sysid.errors import InvalidInput, excerpt
@@ -79,3 +85,18 @@ def count(saved: Any, name: str) -> int:
     if not 0.0 <= value < math.inf or value != int(value):
         raise InvalidInput(f"{name!r} is {value!r}: expected a whole number")
     return int(value)
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON holds it: lists for arrays and tuples, objects for dataclasses, null for what is not finite."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if isinstance(value, tuple) and hasattr(value, "_asdict"):
+        value = value._asdict()
+    if is_dataclass(value):
+        value = {f.name: getattr(value, f.name) for f in fields(value)}
+    if isinstance(value, Mapping):
+        return {name: plain(own) for name, own in value.items()}
+    if isinstance(value, tuple | list):
+        return [plain(own) for own in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -12,13 +12,12 @@ from pathlib import Path
 from typing import Any, NamedTuple, TextIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sysid.data.files import check_input
 from sysid.errors import InvalidInput
 from sysid.limits import LOG_ROWS, RAW_ROWS, check_size
+from sysid.physics.ops import Array
 
-Array = NDArray[np.float64]
 Table = dict[str, Array]
 
 CHUNK = 1 << 24

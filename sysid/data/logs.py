@@ -4,28 +4,23 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, get_args, overload
+from typing import Literal, get_args, overload
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sysid.data import checks, log_files, resampling
 from sysid.data.log_files import Table
 from sysid.data.record import Record
 from sysid.data.resampling import Rows
-from sysid.data.time_unit import FEWEST, PER_SECOND, WORDS, TimeUnit, check_unit, found_unit, named_unit
+from sysid.data.time_unit import FEWEST, PER_SECOND, WORDS, TimeUnit, found_unit, named_unit
 from sysid.errors import InvalidInput
 from sysid.limits import LOG_ROWS, RAW_ROWS
+from sysid.physics.plants import Plant
 
-if TYPE_CHECKING:
-    from sysid.physics.plants import Plant
-
-Array = NDArray[np.float64]
 File = str | PathLike[str]
 Command = Literal["torque", "current", "voltage", "position"]
 """What a machine was told: see `sysid.physics.effects.actuators`."""
@@ -69,9 +64,6 @@ class Log(Sequence[Record]):
     def __getitem__(self, index: slice) -> tuple[Record, ...]: ...
     def __getitem__(self, index: int | slice) -> Record | tuple[Record, ...]:
         return self.records[index]
-
-    def __iter__(self) -> Iterator[Record]:
-        return iter(self.records)
 
     def thinned(self) -> Log:
         """The log at a rate that its motion needs, where its own is at least twice that: see `needed_rate`.
@@ -174,15 +166,10 @@ def read(
     InvalidInput
         In one sentence, for anything that cannot be a log of a joint.
     """
-    if zero not in ("upright", "hanging"):
-        raise InvalidInput(f"zero = {zero!r}: expected 'upright' or 'hanging'")
-    if command not in get_args(Command):
-        raise InvalidInput(f"command = {command!r}: expected one of {', '.join(get_args(Command))}")
-    check_unit(time_unit)
-    files = _files(paths)
-    converted = partial(_converted, zero=zero, flip_torque=flip_torque, degrees=degrees, command=command)
-    wanted = _wanted(columns)
-    window = _window(begin, end, dt)
+    _check_choice("zero", zero, ("upright", "hanging"))
+    _check_choice("command", command, get_args(Command))
+    _check_choice("time_unit", "s" if time_unit is None else time_unit, tuple(PER_SECOND))
+    files, wanted, window = _files(paths), _wanted(columns), _window(begin, end, dt)
     rollouts: list[Rows] = []
     notes: list[str] = []
     for path, title in zip(files, _titles(files), strict=True):
@@ -197,9 +184,14 @@ def read(
         for name, part in _rollouts(title, table):
             whole = np.all([np.isfinite(column) for column in part.values()], axis=0)
             notes += checks.check_columns(name, {key: column[whole] for key, column in part.items()})
-            rollouts.append(_rows(name, converted(part)))
+            rollouts.append(_rows(name, _converted(part, zero, flip_torque, degrees, command)))
     records, step, more = resampling.evenly(rollouts, dt)
     return Log(records, (*notes, *more, *checks.doubts(records, plant, command)), step)
+
+
+def _check_choice(name: str, value: str, choices: Sequence[str]) -> None:
+    if value not in choices:
+        raise InvalidInput(f"{name} = {value!r}: expected one of {', '.join(choices)}")
 
 
 def _files(paths: Sequence[File | Iterable[File]]) -> list[Path]:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +17,8 @@ from sysid.data.quantisation import quantisation_step
 from sysid.data.record import Record
 from sysid.data.sensor import UNITS, Sensor
 from sysid.errors import InvalidInput
-
-if TYPE_CHECKING:
-    from sysid.physics.plants import Plant
-
-Array = NDArray[np.float64]
+from sysid.physics.ops import Array
+from sysid.physics.plants import Plant
 
 ORDERS = (3, 4, 5, 6, 7, 8, 10, 12)
 WIDTHS = (5, 7, 11, 15, 21, 31, 41, 61)
@@ -40,11 +37,14 @@ ERRORS = 6
 
 
 class _Found(NamedTuple):
-    """The sd of a channel's errors, its relative standard error, and whether these errors were seen at all."""
+    """The sd of a channel's errors, its relative standard error, whether these errors were seen at all, the step to
+    which readings are rounded (0: it does not matter), and what is unusual."""
 
     sd: float
     error: float
     seen: bool
+    step: float
+    notes: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ class Noise:
 
     sensor   the sd of each channel, theta [rad] and theta_dot [rad/s]; None for a speed that was computed from theta
     error    the relative standard error of each sd, by channel
-    quantum  the step to which a channel's readings are rounded, where that matters, by channel
+    quantisation_step  the step to which a channel's readings are rounded, where that matters, by channel
     notes    what is unusual about them, one sentence each
     """
 
@@ -63,18 +63,7 @@ class Noise:
     notes: tuple[str, ...]
 
     def sentence(self, plant: Plant | None = None) -> str:
-        """What was found, in the units of a plant.
-
-        Parameters
-        ----------
-        plant : Plant, optional
-            The plant whose units are meant; by default one that turns.
-
-        Returns
-        -------
-        str
-            The sd of each channel with its standard error, and the notes.
-        """
+        """The sd of each channel with its standard error, in the units of a plant, by default one that turns; notes."""
         units = UNITS if plant is None else {channel: plant.unit(unit) for channel, unit in UNITS.items()}
         found = [f"{c} {getattr(self.sensor, c):.3g} {units[c]} (known to {self.error[c]:.0%})" for c in self.error]
         return "; ".join(("sensor noise: " + ", ".join(found), *self.notes))
@@ -123,8 +112,6 @@ def sensor_noise(records: Sequence[Record]) -> Noise:
     36 (1964) 1627).
     """
     found: dict[str, _Found] = {}
-    steps: dict[str, float] = {}
-    notes: list[str] = []
     if not records:
         raise InvalidInput("no records were given: expected at least one")
     if follows_readings(records):  # it would explain their noise, which it was computed from
@@ -135,17 +122,20 @@ def sensor_noise(records: Sequence[Record]) -> Noise:
             continue
         if all(np.all(y == y[0]) for y, _ in series):
             raise InvalidInput(f"{channel} never changes (it stays at {series[0][0][0]:g}): it measures nothing")
-        found[channel] = _channel(channel, list(_blocks(series)), records[0].dt, steps, notes)
+        found[channel] = _channel(channel, list(_blocks(series)), records[0].dt)
     if not found:
         raise InvalidInput("no channel is in all of the records: expected theta, theta_dot or both in each")
     reason = _computed(records, found["theta"].seen) if len(found) == 2 else ""
+    said = []
     if reason:
         del found["theta_dot"]
-        steps.pop("theta_dot", None)
-        notes = [note for note in notes if "theta_dot" not in note]
-        notes.append(f"theta_dot was computed from the readings of theta ({reason}): the angle alone is used")
-    sd = {channel: f.sd for channel, f in found.items()}
-    return Noise(Sensor(**sd), {channel: f.error for channel, f in found.items()}, steps, tuple(notes))
+        said.append(f"theta_dot was computed from the readings of theta ({reason}): the angle alone is used")
+    return Noise(
+        Sensor(**{channel: own.sd for channel, own in found.items()}),
+        {channel: own.error for channel, own in found.items()},
+        {channel: own.step for channel, own in found.items() if own.step},
+        (*(note for own in found.values() for note in own.notes), *said),
+    )
 
 
 def _computed(records: Sequence[Record], seen: bool) -> str:
@@ -183,11 +173,9 @@ def _blocks(series: Sequence[tuple[Array, Array]]) -> Iterator[tuple[Array, Arra
     yield from ((y[: len(u) + 1], u[: len(y)]) for y, u in stretches[::every])
 
 
-def _channel(
-    channel: str, series: Sequence[tuple[Array, Array]], dt: float, steps: dict[str, float], notes: list[str]
-) -> _Found:
-    """The sd of one channel and its relative error."""
-    power = 2 if channel == "theta" else 1
+def _channel(channel: str, series: Sequence[tuple[Array, Array]], dt: float) -> _Found:
+    """What is found of one channel."""
+    power, notes = 2 if channel == "theta" else 1, list[str]()
     spread = math.sqrt(float(np.mean(np.concatenate([(y - y.mean()) ** 2 for y, _ in series]))))
     step = quantisation_step([y for y, _ in series])
     floor = max(step / math.sqrt(12.0), NEGLIGIBLE * spread)
@@ -213,10 +201,10 @@ def _channel(
         notes.append(f"the noise of {channel} can hardly be told from its motion: it is sampled coarsely")
     if step == 0.0 and sd < floor:
         notes.append(f"{channel} shows no noise: a sd of {floor:.2g} is taken")
-    if step > 0.3 * max(sd, floor):
-        steps[channel] = step
+    rounded = step if step > 0.3 * max(sd, floor) else 0.0
+    if rounded:
         notes.append(f"{channel} is rounded to steps of {step:.4g}")
-    return _Found(max(sd, floor), error, settled and (step > 0.0 or sd > floor))
+    return _Found(max(sd, floor), error, settled and (step > 0.0 or sd > floor), rounded, tuple(notes))
 
 
 # ---- linear filters that leave the noise and take out the motion -----------------------------------------------------

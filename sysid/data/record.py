@@ -213,7 +213,7 @@ def check_records(model: Model, records: Sequence[Record]) -> tuple[Record, ...]
     for record in given:
         if not isinstance(record, Record):
             raise InvalidInput(f"records holds {record!r}: expected Record objects, as read and measure make them")
-        if not in_step(record, model.dt):
+        if abs(record.dt - model.dt) * len(record) > 0.02 * model.dt:  # within a fiftieth of an interval at its end
             raise InvalidInput(
                 f"{record.name} is sampled every {record.dt:.7g} s, the model steps every {model.dt:.7g} s: expected a "
                 "model with the log's dt"
@@ -232,11 +232,6 @@ def unique_names(records: Sequence[Record]) -> tuple[Record, ...]:
     """The records under names of their own: an answer names stretches of them."""
     names = [r.name for r in records]
     return tuple(replace(r, name=f"{r.name} {i}") if names.count(r.name) > 1 else r for i, r in enumerate(records))
-
-
-def in_step(record: Record, dt: float) -> bool:
-    """Whether intervals of dt [s] follow the record's instants to a fiftieth of an interval, its last one included."""
-    return abs(record.dt - dt) * len(record) <= 0.02 * dt
 
 
 def check_direct(model: Model, method: str) -> None:

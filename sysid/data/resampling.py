@@ -16,8 +16,7 @@ from sysid.data.quantisation import quantisation_step
 from sysid.data.record import Record
 from sysid.errors import InvalidInput
 from sysid.limits import SHORTEST_INTERVAL
-
-Array = NDArray[np.float64]
+from sysid.physics.ops import Array
 
 GAP = 3.5
 """A step longer than this many typical steps is a gap."""
@@ -287,20 +286,12 @@ def _notes(pieces: Sequence[Rows], dt: float, tally: Counter[str], gaps: Sequenc
     if resampled or near:
         rates = 1.0 / np.concatenate([np.diff(p.t) for p in pieces])
         slow, fast = np.percentile(rates, [1.0, 99.0])
-        before, after = _span(slow, fast), f"{1 / dt:.4g} Hz"
+        before, after = "-".join(dict.fromkeys((f"{slow:.4g}", f"{fast:.4g}"))) + " Hz", f"{1 / dt:.4g} Hz"
         if before != after and (resampled or fast - slow > 0.01 * fast):
             done.append(f"{'resampled' if resampled else 'stamps put right'} from {before} to {after}")
-    done += [_plural(n, what) for what, n in tally.items() if n]
+    done += [f"{n} {what.replace('(s)', 's' * (n != 1))}" for what, n in tally.items() if n]
     if gaps:
         longest = f"up to {max(gaps):.2g} s" if len(gaps) > 1 else f"{gaps[0]:.2g} s"
         verb = "each start" if len(gaps) > 1 else "starts"
         done.append(f"{len(gaps)} gap{'s' * (len(gaps) > 1)} of {longest} {verb} a new rollout")
     return tuple(done)
-
-
-def _plural(n: int, what: str) -> str:
-    return f"{n} {what.replace('(s)', 's' * (n != 1))}"
-
-
-def _span(slow: float, fast: float) -> str:
-    return f"{slow:.4g} Hz" if f"{slow:.4g}" == f"{fast:.4g}" else f"{slow:.4g}-{fast:.4g} Hz"

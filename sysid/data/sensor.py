@@ -48,7 +48,7 @@ class Sensor:
     theta_dot: float | None = None
 
     def __post_init__(self) -> None:
-        for name in ("theta", "theta_dot"):
+        for name in UNITS:
             sd = getattr(self, name)
             if sd is not None and not (sd > 0.0 and math.isfinite(sd)):
                 raise InvalidInput(f"sensor sd of {name} is {sd}: expected a positive number, or None (not measured)")
@@ -57,23 +57,20 @@ class Sensor:
 
     def measure(self, trajectory: Trajectory, rng: np.random.Generator) -> list[Record]:
         """Records of what this sensor reads, one a rollout, with independent Gaussian errors."""
-        read = (trajectory.u, trajectory.theta_read, trajectory.theta_dot_read)
-        u, theta, theta_dot = (a.reshape(-1, a.shape[-1]) for a in read)
-        n = u.shape[-1]
+        t, sds = trajectory.t, (self.theta, self.theta_dot)
+        rows = (a.reshape(-1, a.shape[-1]) for a in (trajectory.u, trajectory.theta_read, trajectory.theta_dot_read))
         records = []
-        for i in range(len(u)):
-            angle = speed = None
-            if self.theta is not None:
-                angle = theta[i] + self.theta * rng.standard_normal(n + 1)
-            if self.theta_dot is not None:
-                speed = theta_dot[i] + self.theta_dot * rng.standard_normal(n + 1)
-            records.append(Record(trajectory.t, u[i], angle, speed, name=f"rollout {i}"))
+        for i, (u, *truth) in enumerate(zip(*rows, strict=True)):
+            angle, speed = (
+                None if sd is None else y + sd * rng.standard_normal(len(t)) for sd, y in zip(sds, truth, strict=True)
+            )
+            records.append(Record(t, u, angle, speed, name=f"rollout {i}"))
         return records
 
     def readings(self, record: Record) -> list[Readings]:
         """All readings that this sensor vouches for; raises InvalidInput where the record lacks them."""
         found: list[Readings] = []
-        for channel in ("theta", "theta_dot"):
+        for channel in UNITS:
             sd = getattr(self, channel)
             if sd is None:
                 continue

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.data.record import Record
 from sysid.errors import InvalidInput
@@ -14,6 +15,10 @@ from sysid.physics.ops import Array
 
 MOST_STRETCHES = 3
 """Stretches that are held out of a single rollout, at most."""
+MARGIN = 0.2
+"""What is left out beside a stretch that is to be left out [s]."""
+SHORTEST = 1.0
+"""Pieces that are shorter [s] are dropped with it."""
 
 
 def cut(records: Sequence[Record], seconds: float = 3.0) -> tuple[Record, ...]:
@@ -90,34 +95,31 @@ def _pieces(record: Record, begin: float, middles: Array, half: float) -> Iterat
     begin and end, and whether each piece is inside one; what is shorter than half a second stays with what it is by."""
     middle = begin + record.dt * (np.arange(len(record)) + 0.5)
     inside = np.any(np.abs(middle[:, None] - middles) < half, axis=1)
-    edges = np.concatenate([[0], np.flatnonzero(np.diff(inside)) + 1, [len(record)]])
-    for first, last in pairwise(edges.tolist()):
+    for first, last in _alike(inside):
         if (last - first) * record.dt < 0.5:
             inside[first:last] = inside[first - 1] if first else inside[min(last, len(record) - 1)]
-    edges = np.concatenate([[0], np.flatnonzero(np.diff(inside)) + 1, [len(record)]])
-    if len(edges) == 2:
+    if np.all(inside == inside[0]):
         yield record, bool(inside[0])
         return
-    for k, (first, last) in enumerate(pairwise(edges.tolist()), start=1):
+    for k, (first, last) in enumerate(_alike(inside), start=1):
         what = "held-out part" if inside[first] else "part"
         yield record.part(first, last, f"{record.name}, {what} {k}"), bool(inside[first])
 
 
-def leave_out(
-    records: Sequence[Record], stretches: Iterable[tuple[str, float, float]], margin: float = 0.2, shortest: float = 1.0
-) -> tuple[Record, ...]:
-    """The records without stretches (record's name, begin [s], end [s]) and a `margin` [s] about them.
+def _alike(marks: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
+    """Where each run of equal marks (K,) begins and ends."""
+    return pairwise([0, *(np.flatnonzero(np.diff(marks)) + 1).tolist(), len(marks)])
 
-    What lies between becomes rollouts of their own; pieces below `shortest` [s] are dropped.
-    """
+
+def leave_out(records: Sequence[Record], stretches: Iterable[tuple[str, float, float]]) -> tuple[Record, ...]:
+    """The records without stretches (record's name, begin [s], end [s]); what lies between becomes rollouts."""
     stretches, kept = tuple(stretches), list[Record]()
     for record in records:
         n, acts = len(record), np.ones(len(record), dtype=bool)
         for name, begin, end in stretches:
             if name == record.name:
-                acts &= (record.t[1:] < begin - margin) | (record.t[:-1] > end + margin)
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], acts, [False]])))
-        for first, last in zip(edges[::2], edges[1::2], strict=True):
-            if last - first == n or (last - first) * record.dt >= shortest:
-                kept.append(record.part(int(first), int(last)))
+                acts &= (record.t[1:] < begin - MARGIN) | (record.t[:-1] > end + MARGIN)
+        for first, last in _alike(acts):
+            if acts[first] and (last - first == n or (last - first) * record.dt >= SHORTEST):
+                kept.append(record.part(first, last))
     return tuple(kept)

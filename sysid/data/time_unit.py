@@ -7,12 +7,11 @@ from collections.abc import Mapping
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sysid.data.checks import rate_mismatch
 from sysid.errors import InvalidInput
+from sysid.physics.ops import Array
 
-Array = NDArray[np.float64]
 TimeUnit = Literal["s", "ms", "us"]
 
 PER_SECOND: dict[TimeUnit, float] = {"s": 1.0, "ms": 1e3, "us": 1e6}
@@ -30,12 +29,6 @@ FEWEST = 10
 """Rows that the unit of a clock can be told from."""
 
 
-def check_unit(unit: str | None) -> None:
-    """Raise InvalidInput where a unit is none of those that a clock may have."""
-    if unit is not None and unit not in PER_SECOND:
-        raise InvalidInput(f"time_unit = {unit!r}: expected one of {', '.join(PER_SECOND)}")
-
-
 def named_unit(title: str) -> TimeUnit | None:
     """The unit that the name of a column ends with, as in t_ms, time [us] or millis; None where it names none."""
     words = [word for word in re.split(r"[\W_]+", title.strip().lower()) if word]
@@ -49,26 +42,8 @@ def found_unit(name: str, title: str, table: Mapping[str, Array]) -> tuple[TimeU
     """The unit of column t, and what shows it.
 
     The name of the column counts where rows are then not absurdly near to each other; else the unit in which the speed
-    is the rate of the angle.
-
-    Parameters
-    ----------
-    name, title : str
-        What the log and its column t are called.
-    table : mapping of str to (K,)
-        The columns as the file has them.
-
-    Returns
-    -------
-    unit : {"s", "ms", "us"}
-        The unit.
-    reason : str
-        Half a sentence; empty where nothing speaks against seconds.
-
-    Raises
-    ------
-    InvalidInput
-        Where seconds cannot be and nothing tells what it is: the sentence names the option.
+    is the rate of the angle. name and title are those of the log and of its column t, the reason is half a sentence,
+    empty where nothing speaks against seconds. Raises InvalidInput where seconds cannot be and nothing tells the unit.
     """
     steps = np.diff(table["t"][np.isfinite(table["t"])])
     steps = steps[steps > 0.0]

@@ -14,7 +14,7 @@ import numpy as np
 
 from sysid.data.files import read_file
 from sysid.errors import LONGEST, InvalidInput
-from sysid.physics.candidates import Alternative, alternatives
+from sysid.physics.candidates import alternatives
 from sysid.physics.effects import CATALOGUE, Effect
 from sysid.physics.model import Model
 from sysid.physics.ops import Array, Value
@@ -127,7 +127,7 @@ def _problem(kind: type[Effect]) -> str:
         return "no parameter has a neutral value, at which the effect changes nothing: give one, as neutral=0.0"
     plain = Model(PointMassPendulum(m=1.0, l=0.5), dt=EXTENT.dt)
     still = _moved(plain)
-    for alternative in _few(tried):
+    for alternative in (tried[k] for k in sorted({0, len(tried) // 2, len(tried) - 1})):  # a formula fails at an end
         for e in (alternative.neutral, *alternative.probes):
             numbers = _moved(plain.with_effect(e))
             if not np.all(np.isfinite(numbers)):
@@ -140,22 +140,14 @@ def _problem(kind: type[Effect]) -> str:
     return ""
 
 
-def _few(tried: tuple[Alternative, ...]) -> tuple[Alternative, ...]:
-    """The first, the middle and the last: a formula fails anywhere or at an end."""
-    return tuple(tried[k] for k in sorted({0, len(tried) // 2, len(tried) - 1}))
-
-
 def _numbers(e: Effect) -> str:
     return ", ".join(f"{name} = {float(p.value):.4g}" for name, p in e.parameters.items())
 
 
 def _moved(model: Model) -> Array:
     """States and readings (4, 5, K) after each command, from K states at once."""
-    return np.array([[_row(v, len(THETA)) for v in row] for row in _path(model, THETA, THETA_DOT)])
-
-
-def _row(value: Value, n: int) -> Array:
-    return np.broadcast_to(np.asarray(value, dtype=float), (n,))
+    rows = _path(model, THETA, THETA_DOT)
+    return np.array([[np.broadcast_to(np.asarray(v, dtype=float), THETA.shape) for v in row] for row in rows])
 
 
 def _moved_symbols(model: Model) -> Array:

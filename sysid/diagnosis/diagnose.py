@@ -225,7 +225,7 @@ class _Report:
         further and shows that it matters there."""
         for name in self.search.negligible:
             end, error = self._with(self.additions)
-            if name in self._names(self.additions) or not error.beyond_noise or self._remains(end):
+            if name in self._names(self.additions) or not self._fails_elsewhere(end, error) or self._remains(end):
                 continue
             found = scores(end, (name,)).get(name)
             if found is None or not found.visible:
@@ -353,9 +353,7 @@ class _Report:
 
     def _remaining(self, end: Fit, error: HeldOutError, torque: MissingTorque) -> Remaining | None:
         """What matters and is not explained: predictions err beyond the noise, on what was fitted to or beyond."""
-        enough = 1.0 + self.search.settings.enough**2
-        elsewhere = error.beyond_noise and not error.ratio**2 < enough
-        if not self.contacts and not elsewhere and not self._remains(end):
+        if not self.contacts and not self._fails_elsewhere(end, error) and not self._remains(end):
             return None
         found = dependence(end, self.torques[-1])
         depends_on = (*(q for q in found.depends_on if q != "time"), "time") if self.contacts else found.depends_on
@@ -364,8 +362,15 @@ class _Report:
 
     def _remains(self, end: Fit) -> bool:
         """Whether what was fitted to is predicted with errors beyond the noise, and a random torque is needed."""
-        _, ratio = moved(end.model, end.model, end, self.search.settings.window)
-        return not end.undisturbed and not ratio**2 < 1.0 + self.search.settings.enough**2
+        return not end.undisturbed and not self._fitted(end) ** 2 < 1.0 + self.search.settings.enough**2
+
+    def _fails_elsewhere(self, end: Fit, error: HeldOutError) -> bool:
+        """Whether held-out data are predicted much worse than the noise, and than what was fitted to."""
+        return error.beyond_noise and not error.ratio < self.search.settings.worse * max(self._fitted(end), 1.0)
+
+    def _fitted(self, end: Fit) -> float:
+        """The error of predictions of what was fitted to, in units of the sensor noise."""
+        return moved(end.model, end.model, end, self.search.settings.window)[1]
 
     def _not_identifiable(self, end: Fit) -> tuple[tuple[str, ...], ...]:
         """Parameters that no log of this kind separates, and effects that the free parameters absorb."""

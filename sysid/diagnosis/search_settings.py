@@ -28,6 +28,8 @@ class SearchSettings:
     rival          that much alike
     enough         excess of the error of 1 s predictions over the noise, as a multiple of the noise, from which
                    something that matters is still missing
+    worse          the error of held-out data over that of what was fitted to, from which something is missing that
+                   shows only where nothing was fitted; right models stay below 1.15
     most           share of the missing torque that a function of one quantity has to explain, where what remains
                    depends on that quantity still: it may be a part of anything
     recurrences    how often a ripple or a periodic torque has to come back within a record
@@ -51,6 +53,7 @@ class SearchSettings:
     close: float = 3.0
     rival: float = 0.8
     enough: float = 0.3
+    worse: float = 1.25
     most: float = 2.0 / 3.0
     recurrences: float = 2.0
     blocks: int = BLOCKS

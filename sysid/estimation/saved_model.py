@@ -18,7 +18,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -27,12 +27,12 @@ from typing import Any, TypeVar
 import numpy as np
 
 from sysid.data.files import save_file
-from sysid.data.json_file import count, entry, mapping, number, read_json, sequence, text
-from sysid.data.sensor import Sensor
+from sysid.data.json_file import count, entry, mapping, number, plain, read_json, sequence, text
+from sysid.data.sensor import UNITS, Sensor
 from sysid.errors import InvalidInput, excerpt
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.fit import free
-from sysid.physics.effects import Effect, kind_of
+from sysid.physics.effects import kind_of
 from sysid.physics.integrators import RK4, Integrator, SemiImplicitEuler
 from sysid.physics.model import Model
 from sysid.physics.parameters import Parametric
@@ -144,17 +144,15 @@ def to_dict(answer: Model | Estimate) -> dict[str, Any]:
     return {
         "schema": SCHEMA,
         "plant": {"name": type(model.plant).__name__, "parameters": _parameters(model.plant, model.plant)},
-        "effects": [_effect(e, model.plant) for e in model.effects],
+        "effects": [
+            {"name": e.name, "parameters": _parameters(e, model.plant), "settings": _settings(e)} for e in model.effects
+        ],
         "integrator": {"name": type(model.integrator).__name__, "settings": _settings(model.integrator)},
         "dt": model.dt,
-        "u_max": _number(model.u_max),
+        "u_max": plain(model.u_max),
         "free": list(free(model) if estimate is None else estimate.names),
-        "estimate": None if estimate is None else _estimate(estimate),
+        "estimate": None if estimate is None else _fields(estimate, but=("model", "names")),
     }
-
-
-def _effect(e: Effect, plant: Plant) -> dict[str, Any]:
-    return {"name": e.name, "parameters": _parameters(e, plant), "settings": _settings(e)}
 
 
 def _parameters(part: Parametric, plant: Plant) -> dict[str, dict[str, Any]]:
@@ -163,7 +161,7 @@ def _parameters(part: Parametric, plant: Plant) -> dict[str, dict[str, Any]]:
             raise InvalidInput(f"{type(part).__name__}.{name} is an array: expected a model of one machine")
     return {
         name: {"value": float(p.value), "unit": plant.unit(p.unit)}
-        | ({"bounds": [_number(b) for b in p.bounds]} if name in part.bounds else {})
+        | ({"bounds": plain(p.bounds)} if name in part.bounds else {})
         for name, p in part.parameters.items()
     }
 
@@ -171,27 +169,11 @@ def _parameters(part: Parametric, plant: Plant) -> dict[str, dict[str, Any]]:
 def _settings(part: Any) -> dict[str, Any]:
     """The fields that are neither parameters nor their bounds."""
     known = {"bounds", *part.parameters} if isinstance(part, Parametric) else set()
-    return {f.name: _number(getattr(part, f.name)) for f in dataclasses.fields(part) if f.name not in known}
+    return _fields(part, but=known)
 
 
-def _estimate(estimate: Estimate) -> dict[str, Any]:
-    sensor = estimate.sensor
-    return {
-        "covariance": [[_number(c) for c in row] for row in estimate.covariance.tolist()],
-        "noise": estimate.noise,
-        "sensor": None if sensor is None else dataclasses.asdict(sensor),
-        "random_torque": estimate.random_torque,
-        "correlation_time": estimate.correlation_time,
-        "success": estimate.success,
-        "status": estimate.status,
-        "cost": _number(estimate.cost),
-        "n_readings": estimate.n_readings,
-        "method": estimate.method,
-    }
-
-
-def _number(value: Any) -> Any:
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+def _fields(part: Any, but: Collection[str] = ()) -> dict[str, Any]:
+    return {f.name: plain(getattr(part, f.name)) for f in dataclasses.fields(part) if f.name not in but}
 
 
 # ---- from plain data -------------------------------------------------------------------------------------------------
@@ -206,7 +188,7 @@ def from_dict(data: Any) -> SavedModel:
     plant, integrator = mapping(data, "plant"), mapping(data, "integrator")
     model = Model(
         plant=_part(_choice(PLANTS, plant, "plant"), plant),
-        effects=tuple(_part(_kind(e), e) for e in sequence(data, "effects")),
+        effects=tuple(_part(kind_of(text(e, "name")), e) for e in sequence(data, "effects")),
         integrator=_build(_choice(INTEGRATORS, integrator, "integrator"), mapping(integrator, "settings")),
         dt=number(data, "dt"),
         u_max=number(data, "u_max", math.inf),
@@ -215,10 +197,6 @@ def from_dict(data: Any) -> SavedModel:
     model.check_names(names)
     about = mapping(data, "estimate") if data.get("estimate") is not None else None
     return SavedModel(model, names, None if about is None else _about(model, names, about))
-
-
-def _kind(saved: Any) -> type[Effect]:
-    return kind_of(text(saved, "name"))
 
 
 def _part(kind: type[Part], saved: Mapping[str, Any]) -> Part:
@@ -254,24 +232,20 @@ def _about(model: Model, names: tuple[str, ...], saved: Mapping[str, Any]) -> Es
         raise InvalidInput("covariance holds NaN: expected numbers, null where one is not known")
     if covariance.shape != (len(names), len(names)):
         raise InvalidInput(f"covariance has shape {covariance.shape}: expected {len(names)} rows and columns")
+    noise, sensor = mapping(saved, "noise"), mapping(saved, "sensor") if entry(saved, "sensor") is not None else None
     return Estimate(
         model=model,
         names=names,
         covariance=covariance,
-        noise={channel: number(mapping(saved, "noise"), channel) for channel in mapping(saved, "noise")},
+        noise={channel: number(noise, channel) for channel in noise},
         success=bool(entry(saved, "success")),
         status=text(saved, "status"),
         cost=number(saved, "cost", math.nan),
         n_readings=count(saved, "n_readings"),
         method=text(saved, "method"),
-        sensor=None if entry(saved, "sensor") is None else _sensor(mapping(saved, "sensor")),
-        random_torque=number(saved, "random_torque") if "random_torque" in saved else 0.0,
-        correlation_time=number(saved, "correlation_time") if "correlation_time" in saved else 0.0,
+        sensor=None if sensor is None else Sensor(**{c: number(sensor, c) for c in UNITS if sensor.get(c) is not None}),
+        **{name: number(saved, name) for name in ("random_torque", "correlation_time") if name in saved},
     )
-
-
-def _sensor(saved: Mapping[str, Any]) -> Sensor:
-    return Sensor(**{c: None if saved.get(c) is None else number(saved, c) for c in ("theta", "theta_dot")})
 
 
 def _choice(known: Mapping[str, type[Part]], saved: Mapping[str, Any], what: str) -> type[Part]:

@@ -5,27 +5,26 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import NamedTuple
+from functools import cached_property, reduce
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
+from sysid.errors import InvalidInput
 from sysid.estimation.disturbances import NONE, Disturbances
-from sysid.estimation.linearisation import LinearisedModel, Motion, Samples
+from sysid.estimation.linearisation import Motion, Samples
 from sysid.estimation.output_error import CHANNELS, Response
 from sysid.estimation.prediction_error import Fit, with_likely_angle_error
 from sysid.estimation.solver import Settings, fit
 from sysid.estimation.windows import cut
-from sysid.physics.effects import Effect, OutputEffect
+from sysid.physics.effects import Effect
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
+from sysid.physics.plants import Plant
 from sysid.planning.evidence import Normal, Sensitivities
 from sysid.planning.signals import Limits, Signal, draw, rest_angle, vary, within
-
-"""Nothing acts beside the model, and readings err by white noise alone."""
 
 KNOWN = Settings(sizes=False, vague=math.inf)
 """For a fit beside disturbances that are known, which knows nothing of the parameters."""
@@ -67,17 +66,9 @@ class Hypothesis:
         return next((e for e in self.model.effects if e.name == self.name), None)
 
     @property
-    def bare(self) -> Hypothesis:
-        """The same numbers without the effect."""
-        if self.effect is None:
-            return self
-        bare = self.model.without_effect(self.name)
-        return Hypothesis("", bare, tuple(n for n in self.names if n in bare.parameters))
-
-    @property
-    def motion(self) -> Model:
-        """A model that moves alike: what a sensor makes of the motion is of second order where it is small."""
-        return self.bare.model if isinstance(self.effect, OutputEffect) else self.model
+    def names_beside(self) -> tuple[str, ...]:
+        """The free parameters that are not the effect's own."""
+        return self.names if self.effect is None else tuple(n for n in self.names if n.split(".")[0] != self.name)
 
 
 @dataclass(frozen=True)
@@ -126,27 +117,32 @@ class Pool:
     """Signals, each one rollout and one record, as every hypothesis foresees them."""
 
     def __init__(self, hypotheses: Sequence[Hypothesis], signals: Sequence[Signal], conditions: Conditions) -> None:
-        self.hypotheses, self.signals, self.conditions = tuple(hypotheses), tuple(signals), conditions
+        self.hypotheses, self.signals, self.conditions = {h.name: h for h in hypotheses}, tuple(signals), conditions
         self.model, sensor = hypotheses[0].model, conditions.sensor
         n = round(conditions.limits.duration / self.model.dt)
         t, blank = np.asarray(self.model.dt * np.arange(n + 1), dtype=float), np.zeros(n + 1)
-        angle = None if sensor.theta is None else blank
-        speed = None if sensor.theta_dot is None else blank
+        angle, speed = (None if sd is None else blank for sd in (sensor.theta, sensor.theta_dot))
         self.rest = rest_angle(self.model)
-        self.records = [Record(t, s.torque(n, self.model.dt), angle, speed) for s in signals]
-        self._sensitivities: dict[int, Sensitivities] = {}
+        self.u = np.array([s.torque(n, self.model.dt) for s in signals])
+        self.records = [Record(t, u, angle, speed, name=f"rollout {i}") for i, u in enumerate(self.u)]
+        self._sensitivities: dict[str, Sensitivities] = {}
 
     @cached_property
-    def responses(self) -> list[Response]:
+    def responses(self) -> dict[str, Response]:
         """The hypotheses as simulators of all rollouts at once."""
         sensor, windows = self.conditions.sensor, cut(self.records)
-        return [Response(h.motion, self.records, sensor, windows) for h in self.hypotheses]
+        return {name: Response(h.model, self.records, sensor, windows) for name, h in self.hypotheses.items()}
 
     @cached_property
-    def states(self) -> Array:
-        """The motions (H, K, N+1, 2) that the hypotheses foresee, each from rest or from where it is released."""
+    def motions(self) -> dict[str, Array]:
+        """The states (K, N+1, 2) that each hypothesis foresees, from rest or from where a rollout is released."""
         starts = np.array([[self.rest + s.release, 0.0] for s in self.signals])
-        return np.array([response.states(starts) for response in self.responses])
+        return {name: response.states(starts) for name, response in self.responses.items()}
+
+    @property
+    def states(self) -> Array:
+        """The motions (H, K, N+1, 2) of all H hypotheses."""
+        return np.array(list(self.motions.values()))
 
     def stays(self) -> NDArray[np.bool_]:
         """Whether all motions keep to the limits (K,), or where there are none, within reason."""
@@ -161,18 +157,15 @@ class Pool:
         """All rollouts, one record after the other."""
         return Samples(self.model, self.records, self.conditions.sensor)
 
-    def sensitivities(self, h: int) -> Sensitivities:
+    def sensitivities(self, name: str) -> Sensitivities:
         """Those of a hypothesis beside its effect, along the motion that it foresees."""
-        if h not in self._sensitivities:
-            own, D = self.hypotheses[h], self.conditions.disturbances
-            x = np.where(np.abs(self.states[h]) <= FARTHEST, self.states[h], [self.rest, 0.0]).reshape(-1, 2)
+        if name not in self._sensitivities:
+            own, D, states = self.hypotheses[name], self.conditions.disturbances, self.motions[name]
+            x = np.where(np.abs(states) <= FARTHEST, states, [self.rest, 0.0]).reshape(-1, 2)
             motion = Motion(x, np.zeros(len(x)), np.zeros((len(x), 3)))
-            if own.effect is None:
-                found = Sensitivities(LinearisedModel(self.samples, own.model, motion), own.names, D)
-            else:
-                found = Sensitivities.beside(self.samples, own.model, own.name, motion, own.bare.names, D)
-            self._sensitivities[h] = found
-        return self._sensitivities[h]
+            found = Sensitivities(self.samples, own.model, own.effect, motion, own.names_beside, D)
+            self._sensitivities[name] = found
+        return self._sensitivities[name]
 
     def calm(self) -> NDArray[np.bool_]:
         """Whether no motion that was linearised is so sensitive that a fit would lose its way (K,)."""
@@ -180,7 +173,7 @@ class Pool:
         calm: NDArray[np.bool_] = np.max(growth, axis=0) <= LARGEST_GROWTH
         return calm
 
-    def unlike(self, truth: int, rival: int) -> Normal:
+    def unlike(self, truth: str, rival: str) -> Normal:
         """What effect `truth` does to the readings, for the rival's effect and numbers to imitate."""
         own = self.hypotheses[truth].effect
         assert own is not None
@@ -188,11 +181,7 @@ class Pool:
 
     def precision(self) -> Normal:
         """What the rollouts tell of the free parameters, each played in all hypotheses."""
-        normals = [self.sensitivities(h).precision(len(self.signals)) for h in range(len(self.hypotheses))]
-        total = normals[0]
-        for other in normals[1:]:
-            total = total.plus(other)
-        return total
+        return reduce(Normal.plus, (self.sensitivities(n).precision(len(self.signals)) for n in self.hypotheses))
 
 
 def _growth(A: Array, logs: int) -> Array:
@@ -205,25 +194,14 @@ def _growth(A: Array, logs: int) -> Array:
     return largest
 
 
-class Predicted(NamedTuple):
-    """u (K, N) [N m], theta, theta_dot (K, N+1) [rad], [rad/s], and records of what perfect sensors show."""
-
-    u: Array
-    theta: Array
-    theta_dot: Array
-    records: list[Record]
-
-
-def predict(model: Model, signals: Sequence[Signal], conditions: Conditions) -> Predicted:
-    """What a model does under the signals, from rest or from where it is released."""
+def predict(model: Model, signals: Sequence[Signal], conditions: Conditions) -> list[Record]:
+    """What perfect sensors show of a model under the signals, from rest or from where it is released."""
     pool = Pool([Hypothesis("", model, ())], signals, conditions)
-    states, blank = pool.states[0], pool.records
-    seen = pool.responses[0].readings(states)
-    records = []
-    for i, (r, (theta, theta_dot)) in enumerate(zip(blank, seen, strict=True)):
-        angle = None if r.theta is None else theta[: len(r.theta)]
-        records.append(Record(r.t, r.u, angle, None if r.theta_dot is None else theta_dot, name=f"rollout {i}"))
-    return Predicted(np.array([r.u for r in blank]), states[..., 0], states[..., 1], records)
+    seen = pool.responses[""].readings(pool.motions[""])
+    return [
+        replace(r, theta=None if r.theta is None else theta, theta_dot=None if r.theta_dot is None else theta_dot)
+        for r, (theta, theta_dot) in zip(pool.records, seen, strict=True)
+    ]
 
 
 def within_limits(hypotheses: Sequence[Hypothesis], signals: Sequence[Signal], conditions: Conditions) -> list[Signal]:
@@ -255,17 +233,12 @@ class Goal:
     value: Callable[[Parts], Array]
 
 
-def separation(pairs: Sequence[tuple[int, int]]) -> Goal:
+def separation(pairs: Sequence[tuple[str, str]]) -> Goal:
     """The smallest evidence, over pairs (truth, rival) of hypotheses, that the truth leaves against the rival."""
-
-    def parts(pool: Pool) -> Parts:
-        return [pool.unlike(truth, rival) for truth, rival in pairs]
-
-    def value(normals: Parts) -> Array:
-        least: Array = np.min([n.unexplained() for n in normals], axis=0)
-        return least
-
-    return Goal(parts, value)
+    return Goal(
+        lambda pool: [pool.unlike(truth, rival) for truth, rival in pairs],
+        lambda parts: np.min([normal.unexplained() for normal in parts], axis=0),
+    )
 
 
 def precision(scale: Array) -> Goal:
@@ -273,15 +246,10 @@ def precision(scale: Array) -> Goal:
 
     A log that does not determine a parameter is worth -UNDETERMINED.
     """
-
-    def parts(pool: Pool) -> Parts:
-        return [pool.precision()]
-
-    def value(normals: Parts) -> Array:
-        widest: Array = np.max(normals[0].sd() / scale, axis=-1)
-        return -np.minimum(widest, UNDETERMINED)
-
-    return Goal(parts, value)
+    return Goal(
+        lambda pool: [pool.precision()],
+        lambda parts: -np.minimum(np.max(parts[0].sd() / scale, axis=-1), UNDETERMINED),
+    )
 
 
 def yardsticks(model: Model, names: Sequence[str]) -> Array:
@@ -290,20 +258,13 @@ def yardsticks(model: Model, names: Sequence[str]) -> Array:
     return np.array([max(p.scale, 0.0 if p.neutral is None else 0.01) for p in (known[n] for n in names)])
 
 
-class Choice(NamedTuple):
-    """Signals to play, one a rollout, and what they are worth to the goal."""
-
-    signals: tuple[Signal, ...]
-    value: float
-
-
 def search(
     goal: Goal, hypotheses: Sequence[Hypothesis], conditions: Conditions, rng: np.random.Generator
-) -> list[Choice]:
-    """A few good choices, each begun with a signal of another kind, best first; empty where nothing is allowed.
+) -> list[tuple[Signal, ...]]:
+    """A few good choices of signals, one a rollout, each begun with one of another kind, best first.
 
     Random signals of all kinds, then variations of the best; further rollouts are added one by one, always the one
-    that helps most.
+    that helps most. Raises InvalidInput where no signal keeps to the limits.
     """
     model, limits = hypotheses[0].model, conditions.limits
     n = round(limits.duration / model.dt)
@@ -320,28 +281,29 @@ def search(
         if not order:
             signals = [s.smaller(0.3) for s in draw(rng, limits, model.dt, width, swings)]
             continue
-        leaders = _leaders(pool.signals, order)
+        leaders = sorted({pool.signals[k].kind: k for k in reversed(order)}.values(), key=order.index)  # one a kind
         best = [pool.signals[k] for k in dict.fromkeys([*leaders, *order[:_PARENTS]])]
         signals = [vary(best[i % len(best)], rng, limits, model.dt) for i in range(width - len(best))]
     if not best:
-        return []
+        raise _impossible(limits, model.plant)
     choices = [_completed(goal, pool, parts, order, k, limits.rollouts) for k in leaders[:_FINALISTS]]
-    return sorted(choices, key=lambda c: -c.value)
+    return [signals for _, signals in sorted(choices, key=lambda choice: -choice[0])]
 
 
-def _leaders(signals: Sequence[Signal], order: Sequence[int]) -> list[int]:
-    """The best of each kind, best first."""
-    first: dict[str, int] = {}
-    for k in order:
-        first.setdefault(signals[k].kind, k)
-    return list(first.values())
+def _impossible(limits: Limits, plant: Plant) -> InvalidInput:
+    bounds = {"N m": limits.u_max, "rad": limits.theta_max, "rad/s": limits.theta_dot_max}
+    told = ", ".join(f"{value:g} {plant.unit(unit)}" for unit, value in bounds.items() if value is not None)
+    return InvalidInput(f"no signal keeps to the limits (at most {told}): widen them")
 
 
-def _completed(goal: Goal, pool: Pool, parts: Parts, allowed: Sequence[int], first: int, rollouts: int) -> Choice:
+def _completed(
+    goal: Goal, pool: Pool, parts: Parts, allowed: Sequence[int], first: int, rollouts: int
+) -> tuple[float, tuple[Signal, ...]]:
+    """What the signals are worth that begin with the first, and these."""
     chosen, total = [first], [p.at(first) for p in parts]
     for _ in range(rollouts - 1):
         value = goal.value([p.plus(t) for p, t in zip(parts, total, strict=True)])
         k = max(allowed, key=lambda i: float(value[i]))
         chosen.append(k)
         total = [t.plus(p.at(k)) for p, t in zip(parts, total, strict=True)]
-    return Choice(tuple(pool.signals[k] for k in chosen), float(goal.value(total)[0]))
+    return float(goal.value(total)[0]), tuple(pool.signals[k] for k in chosen)

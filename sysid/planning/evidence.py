@@ -10,7 +10,7 @@ import numpy as np
 
 from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.linearisation import LinearisedModel, Motion, Samples
-from sysid.physics.effects import Effect
+from sysid.physics.effects import Effect, OutputEffect
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
@@ -43,14 +43,18 @@ class Normal(NamedTuple):
         """The k-th log alone."""
         return Normal(*(a[k : k + 1] for a in self))
 
+    def _scaled(self) -> tuple[Array, Array]:
+        """The norms (K, P) of the sensitivities, and F of those of norm 1."""
+        size = np.sqrt(np.maximum(np.diagonal(self.F, axis1=-2, axis2=-1), 1e-300))
+        return size, self.F / (size[..., :, None] * size[..., None, :])
+
     def unexplained(self) -> Array:
         """c - g' F^-1 g (K,): what is left of r'r once the rival has taken the best numbers, to first order.
 
         For a small effect of size a it is a^2 |z_perp|^2 (1 - rho^2). Source: T-optimality, Atkinson and Fedorov,
         Biometrika 1975.
         """
-        size = np.sqrt(np.maximum(np.diagonal(self.F, axis1=-2, axis2=-1), 1e-300))
-        F = self.F / (size[..., :, None] * size[..., None, :])
+        size, F = self._scaled()
         g = (self.g / size)[..., None]
         taken = np.swapaxes(g, -1, -2) @ np.linalg.pinv(F, rcond=1e-10, hermitian=True) @ g
         left: Array = np.maximum(self.c - taken[..., 0, 0], 0.0)
@@ -58,8 +62,8 @@ class Normal(NamedTuple):
 
     def sd(self) -> Array:
         """Standard deviations (K, P) of the parameters; inf where the log does not determine one."""
-        size = np.sqrt(np.maximum(np.diagonal(self.F, axis1=-2, axis2=-1), 1e-300))
-        value, vector = np.linalg.eigh(self.F / (size[..., :, None] * size[..., None, :]))
+        size, F = self._scaled()
+        value, vector = np.linalg.eigh(F)
         lost = value < 1e-9
         variance = np.sum(vector**2 / np.where(lost, np.inf, value)[..., None, :], axis=-1)
         unknown = np.any((np.abs(vector) > 0.01) & lost[..., None, :], axis=-1)
@@ -68,39 +72,27 @@ class Normal(NamedTuple):
 
 
 class Sensitivities:
-    """What the innovations of a filter along a motion owe to the parameters `names`, and to effects.
+    """What the innovations of a filter along a motion owe to the parameters `names`, and to an effect of the model.
 
-    The filter carries on what changes as the model does that made the motion; effects are compared with the model
-    `without` the one in question. The states where the records begin are not known: the filter's first state is vague.
+    The filter carries on what changes as the model does that made the motion; what the effect does is what the model
+    without it does not do along the motion. What a sensor makes of it is carried on as if it were not there, which is
+    of second order. The states where the records begin are not known: the filter's first state is vague.
     """
 
     def __init__(
         self,
-        linearised: LinearisedModel,
-        names: Sequence[str],
-        disturbances: Disturbances,
-        without: LinearisedModel | None = None,
-    ) -> None:
-        self.linearised, self.names, self.without = linearised, tuple(names), without or linearised
-        self.filter = linearised.system.filter(disturbances)
-
-    @classmethod
-    def beside(
-        cls,
         samples: Samples,
         model: Model,
-        effect: str,
+        effect: Effect | None,
         motion: Motion,
         names: Sequence[str],
         disturbances: Disturbances,
-    ) -> Sensitivities:
-        """About an effect of a model: what it does is what the model without it does not do along the motion.
-
-        What a sensor makes of the motion is carried on as if it were not there, which is of second order.
-        """
-        bare = LinearisedModel(samples, model.without_effect(effect), motion)
-        whole = bare if effect in {e.name for e in model.output_effects} else LinearisedModel(samples, model, motion)
-        return cls(whole, names, disturbances, bare)
+    ) -> None:
+        self.names, bare = tuple(names), model if effect is None else model.without_effect(effect.name)
+        self.without = LinearisedModel(samples, bare, motion)
+        dynamic = effect is not None and not isinstance(effect, OutputEffect)
+        self.linearised = LinearisedModel(samples, model, motion) if dynamic else self.without
+        self.filter = self.linearised.system.filter(disturbances)
 
     @cached_property
     def Z(self) -> Array:

@@ -6,10 +6,11 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 
-from sysid.data.record import Record
+from sysid.data.record import Record, extent_of
 from sysid.data.sensor import Sensor
 from sysid.errors import InvalidInput
 from sysid.estimation.disturbances import Disturbances
@@ -21,7 +22,6 @@ from sysid.estimation.solver import fit
 from sysid.limits import PLANNED_ROLLOUTS, PLANNED_SAMPLES, check_size
 from sysid.physics.effects import Effect
 from sysid.physics.model import Model
-from sysid.physics.plants import Plant
 from sysid.planning.design import (
     ROUGHLY,
     UNDETERMINED,
@@ -29,16 +29,15 @@ from sysid.planning.design import (
     Hypothesis,
     Pool,
     precision,
-    predict,
     search,
     separation,
     yardsticks,
 )
 from sysid.planning.discrimination import Match, indistinguishable, separable
 from sysid.planning.hypotheses import Hypotheses, Pair, hypotheses_of, names_of
-from sysid.planning.non_torque_experiments import never, no_experiment, non_torque_experiment
+from sysid.planning.non_torque_experiments import never, non_torque_experiment
 from sysid.planning.planned_experiment import DECISIVE, HOPELESS, Experiment
-from sysid.planning.signals import Limits, Signal, rest_angle
+from sysid.planning.signals import Limits, rest_angle
 
 
 def next_experiment(
@@ -56,40 +55,27 @@ def next_experiment(
     with y_i what effect i, of its fitted size, would show, and W the factor that whitens it: a random torque that the
     log shows will act again. Without rivals, the largest 1.96 sd_p / |p| of the Cramer-Rao bound is made small.
 
-    Parameters
-    ----------
-    model : Model or Estimate
-        It may hold one of the rivals.
-    rivals : sequence of str or Effect, optional
-        The effects that the log confuses: names, or effects with the sizes that they may have.
-    limits : Limits, optional
-        What the rig may do; by default what it did in the log: its torque, length and reach.
-    sensor : Sensor, optional
-        Noise of the readings; by default the estimate's, else found from the records.
-    records : sequence of Record, optional
-        The log at hand: sizes of the rivals and the random torque come from it, and what it tells itself is said.
-    rng : numpy.random.Generator, optional
-        By default seeded with 0: the same question gets the same answer.
+    model    the machine as far as it is known; it may hold one of the rivals
+    rivals   the effects that the log confuses: names, or effects with the sizes that they may have
+    limits   what the rig may do; by default what it did in the log: its torque, length and reach
+    sensor   noise of the readings; by default the estimate's, else found from the records
+    records  the log at hand: sizes of the rivals and the random torque come from it, and what it tells itself is said
+    rng      by default seeded with 0: the same question gets the same answer
 
-    Returns
-    -------
-    Experiment
-        What to play, and what it will be worth; of kind "none" where nothing that is played tells more than the log.
-
-    Raises
-    ------
-    InvalidInput
-        For unknown names, and where sizes, limits or noise cannot be known.
+    The answer is of kind "none" where nothing that is played tells more than the log. Raises InvalidInput for unknown
+    names, and where sizes, limits or noise cannot be known.
     """
     estimate = model if isinstance(model, Estimate) else None
     model, names = (model, free(model)) if isinstance(model, Model) else (model.model, model.names)
     records = (records,) if isinstance(records, Record) else tuple(records)
+    rivals = (rivals,) if isinstance(rivals, str | Effect) else tuple(rivals)
     sensor = sensor or (estimate.sensor if estimate else None) or _noise(records)
     conditions = Conditions(_limits(limits, model, records), sensor)
     rng = np.random.default_rng(0) if rng is None else rng
     with np.errstate(over="ignore", invalid="ignore"):  # a motion may run away
         if not rivals:
-            return _narrowing(*_known(model, names, estimate, records, conditions), rng)
+            known, conditions = _known(model, names, estimate, records, conditions)
+            return _narrowing(known.model if known else model, names, known, conditions, rng)
         if never(names_of(rivals)):
             return non_torque_experiment(model, names_of(rivals), conditions, rng)
         first = first_fit if estimate is None else partial(fit, settings=ROUGHLY)  # an estimate's numbers are near
@@ -105,20 +91,16 @@ def _noise(records: Sequence[Record]) -> Sensor:
 
 
 def _known(
-    model: Model,
-    names: tuple[str, ...],
-    estimate: Estimate | None,
-    records: Sequence[Record],
-    conditions: Conditions,
-) -> tuple[Model, tuple[str, ...], Estimate | None, Conditions]:
-    """The model with its free parameters, the estimate of them, and under what conditions the next log will be made."""
+    model: Model, names: tuple[str, ...], estimate: Estimate | None, records: Sequence[Record], conditions: Conditions
+) -> tuple[Estimate | None, Conditions]:
+    """The estimate of the free parameters, and under what conditions the next log will be made."""
     if not records:
-        return model, names, estimate, conditions if estimate is None else _noisier(conditions, estimate)
+        return estimate, conditions if estimate is None else _noisier(conditions, estimate)
     samples = Samples(model, records, conditions.sensor)
     if estimate is not None:
-        return model, names, estimate, conditions.after([fit(samples, model, (), settings=ROUGHLY)])
+        return estimate, conditions.after([fit(samples, model, (), settings=ROUGHLY)])
     found = first_fit(samples, model, names)
-    return found.model, names, found.estimate(), conditions.after([found])
+    return found.estimate(), conditions.after([found])
 
 
 def _noisier(conditions: Conditions, estimate: Estimate) -> Conditions:
@@ -158,23 +140,20 @@ def limits_of(records: Sequence[Record], model: Model) -> Limits:
         angles = [a - turn * round(float(a[0]) / turn) for a in angles]
     reach = max((float(np.max(np.abs(a))) for a in angles), default=3.0)
     release = max((abs(float(a[0])) for a in angles), default=0.0)
-    peak = max(float(np.max(np.abs(r.u))) for r in records)
-    if peak == 0.0:
+    did = extent_of(records)
+    if did.u_max == 0.0:
         raise InvalidInput("the log has no torque: give Limits(u_max=...)")
-    duration = min(8.0, max(len(r) * r.dt for r in records))
     return Limits(
-        min(peak, model.u_max), duration, min(8, len(records)), start=min(release, math.pi), theta_max=max(reach, 1e-3)
+        min(did.u_max, model.u_max),
+        min(8.0, did.duration),
+        min(8, len(records)),
+        start=min(release, math.pi),
+        theta_max=max(reach, 1e-3),
     )
 
 
 def _at(h: Hypothesis, dt: float | None) -> Hypothesis:
     return h if dt is None else dataclasses.replace(h, model=dataclasses.replace(h.model, dt=dt))
-
-
-def _impossible(limits: Limits, plant: Plant) -> InvalidInput:
-    bounds = {"N m": limits.u_max, "rad": limits.theta_max, "rad/s": limits.theta_dot_max}
-    told = ", ".join(f"{value:g} {plant.unit(unit)}" for unit, value in bounds.items() if value is not None)
-    return InvalidInput(f"no signal keeps to the limits (at most {told}): widen them")
 
 
 # telling rivals apart ----------------------------------------------------------------------------------------
@@ -183,17 +162,17 @@ def _impossible(limits: Limits, plant: Plant) -> InvalidInput:
 def _telling(found: Hypotheses, names: tuple[str, ...], rng: np.random.Generator) -> Experiment:
     conditions, dt = found.conditions, found.conditions.limits.dt
     if found.absorbed:
-        return non_torque_experiment(found.base.model, found.absorbed, conditions, rng)
-    hypotheses = tuple(_at(h, dt) for h in (*found.hypotheses, found.base))
+        return non_torque_experiment(found.hypotheses[-1].model, found.absorbed, conditions, rng)
+    hypotheses = tuple(_at(h, dt) for h in found.hypotheses)
     apart = separable(hypotheses, found.pairs, conditions, rng)
     if not apart:
         return non_torque_experiment(hypotheses[0].model, names, conditions, rng)
     same = indistinguishable(found.pairs, apart)
     pairs = tuple(p for p in apart if p.truth not in same and p.rival not in same)
-    notes = [f"no torque tells {hypotheses[j].name} from {hypotheses[i].name}" for j, i in same.items()]
+    notes = [f"no torque tells {one} from {other}" for one, other in same.items()]
     best = _best(hypotheses, pairs, conditions, rng)
     hopeless = {(c.truth, c.rival) for c in best.contests() if c.after < HOPELESS}
-    others = tuple(p for p in pairs if (hypotheses[p.truth].name, hypotheses[p.rival].name) not in hopeless)
+    others = tuple(p for p in pairs if (p.truth, p.rival) not in hopeless)
     if not others:
         after = min(c.after for c in best.contests())
         return non_torque_experiment(hypotheses[0].model, names, conditions, rng, after)
@@ -208,17 +187,16 @@ def _telling(found: Hypotheses, names: tuple[str, ...], rng: np.random.Generator
 def _best(
     hypotheses: tuple[Hypothesis, ...], pairs: tuple[Pair, ...], conditions: Conditions, rng: np.random.Generator
 ) -> Match:
-    choices = search(separation([(p.truth, p.rival) for p in pairs]), hypotheses[:-1], conditions, rng)
-    if not choices:
-        raise _impossible(conditions.limits, hypotheses[0].model.plant)
-    return max((Match(hypotheses, pairs, c.signals, conditions) for c in choices), key=lambda m: m.worth)
+    compared = [h for h in hypotheses if any(h.name in (p.truth, p.rival) for p in pairs)]
+    choices = search(separation([(p.truth, p.rival) for p in pairs]), compared, conditions, rng)
+    return max((Match(Pool(compared, own, conditions), pairs) for own in choices), key=lambda m: m.worth)
 
 
 def _told(match: Match, notes: Sequence[str]) -> Experiment:
     contests = match.contests()
     after = min(c.after for c in contests)
     before = min((c.before for c in contests if c.before is not None), default=None)
-    asked = tuple(h for h in match.hypotheses if any(h.name in (c.truth, c.rival) for c in contests))
+    asked = tuple(h for h in match.pool.hypotheses.values() if any(h.name in (c.truth, c.rival) for c in contests))
     shown = tuple(h.name for h in asked)
     whom = _whom(shown, {frozenset((c.truth, c.rival)) for c in contests})
     if before is not None and after <= before:
@@ -227,13 +205,19 @@ def _told(match: Match, notes: Sequence[str]) -> Experiment:
             f"the log at hand tells {whom} with {before:.3g} units of evidence, and no torque within these limits "
             f"brings more than {after:.3g}: {advice}"
         )
-        none = no_experiment(shown, f"{'; '.join((sentence, *notes))}.", before=before)
-        return dataclasses.replace(none, contests=contests)
+        description = f"{'; '.join((sentence, *notes))}."
+        return Experiment("none", description, shown, before=before, contests=contests)
     sentence = f"it tells {whom} with {after:.3g} units of evidence"
     sentence += "" if before is None else f" where this log had {before:.2g}"
-    sentence = "; ".join((sentence, *notes))
-    answer = _answer(match.signals, sentence, shown, "evidence", before, after, asked, match.conditions)
-    return dataclasses.replace(answer, contests=contests)
+    return _played(
+        Pool(asked, match.pool.signals, match.pool.conditions),
+        "; ".join((sentence, *notes)),
+        separates=shown,
+        measure="evidence",
+        before=before,
+        after=after,
+        contests=contests,
+    )
 
 
 def _whom(shown: tuple[str, ...], told: set[frozenset[str]]) -> str:
@@ -255,10 +239,8 @@ def _narrowing(
 ) -> Experiment:
     scale = yardsticks(model, names)
     hypotheses = [_at(Hypothesis("model", model, names), conditions.limits.dt)]
-    choices = search(precision(scale), hypotheses, conditions, rng)
-    if not choices:
-        raise _impossible(conditions.limits, model.plant)
-    sd = Pool(hypotheses, choices[0].signals, conditions).precision().together().sd()[0]
+    pool = Pool(hypotheses, search(precision(scale), hypotheses, conditions, rng)[0], conditions)
+    sd = pool.precision().together().sd()[0]
     if np.max(sd / scale) >= UNDETERMINED:
         lost = tuple(n for n, s in zip(names, sd, strict=True) if not math.isfinite(s))
         return non_torque_experiment(model, lost, conditions, rng)
@@ -271,40 +253,17 @@ def _narrowing(
             f"the log at hand has the widest 95 % interval, that of {names[k]}, at +-{before:.2g} {unit}, and no "
             f"torque within these limits makes it narrower than +-{after:.2g} {unit}: widen them."
         )
-        return dataclasses.replace(no_experiment(names, sentence, "interval", before), widest=names[k])
+        return Experiment("none", sentence, names, "interval", before, widest=names[k])
     told = f"it narrows the widest 95 % interval, that of {names[k]}, to +-{after:.2g} {unit}"
     told += "" if before is None else f" where this log had +-{before:.2g}"
-    answer = _answer(choices[0].signals, told, names, "interval", before, after, hypotheses, conditions)
-    return dataclasses.replace(answer, widest=names[k])
+    return _played(pool, told, separates=names, measure="interval", before=before, after=after, widest=names[k])
 
 
-def _answer(
-    signals: Sequence[Signal],
-    told: str,
-    separates: tuple[str, ...],
-    measure: str,
-    before: float | None,
-    after: float,
-    hypotheses: Sequence[Hypothesis],
-    conditions: Conditions,
-) -> Experiment:
-    runs = [predict(h.model, signals, conditions) for h in hypotheses]
-    model, seconds = hypotheses[0].model, conditions.limits.duration
-    kinds = {s.kind for s in signals}
-    orders = "; ".join(dict.fromkeys(s.sentence(model.plant) for s in signals))
-    many = f"{len(signals)} rollouts of {seconds:g} s: " if len(signals) > 1 else ""
-    length = "" if many else f", for {seconds:g} s"
-    return Experiment(
-        kind=kinds.pop() if len(kinds) == 1 else "mixed",
-        description=f"{many}{orders}{length}: {told}.",
-        separates=separates,
-        measure=measure,
-        before=before,
-        after=after,
-        u=runs[0].u,
-        dt=model.dt,
-        theta=runs[0].theta,
-        theta_dot=runs[0].theta_dot,
-        reach=max(float(np.max(np.abs(r.theta - rest_angle(model)))) for r in runs),
-        unit=model.plant.unit("rad"),
-    )
+def _played(pool: Pool, told: str, **answer: Any) -> Experiment:
+    """The experiment of a pool's signals, each a rollout, and what is told of it."""
+    plant, seconds, many = pool.model.plant, pool.conditions.limits.duration, len(pool.signals) > 1
+    kinds = {s.kind for s in pool.signals}
+    orders = "; ".join(dict.fromkeys(s.sentence(plant) for s in pool.signals))
+    what = f"{len(pool.signals)} rollouts of {seconds:g} s: {orders}" if many else f"{orders}, for {seconds:g} s"
+    kind = kinds.pop() if len(kinds) == 1 else "mixed"
+    return Experiment.played(pool.model, pool.u, pool.states, kind=kind, description=f"{what}: {told}.", **answer)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from typing import NamedTuple
 
 from sysid.data.record import Record
@@ -15,7 +15,7 @@ from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import extended
 from sysid.estimation.scores import scores
 from sysid.estimation.solver import Settings, fit
-from sysid.physics.candidates import Alternative, candidates
+from sysid.physics.candidates import candidates
 from sysid.physics.effects import CATALOGUE, Effect, effect
 from sysid.physics.model import Model
 from sysid.physics.parameters import Extent
@@ -34,17 +34,17 @@ _TRUE = 0.25
 
 
 class Pair(NamedTuple):
-    """By number: the hypothesis that is taken to be true, the rival that it is to be told from, and the evidence on the
-    log at hand (None: there is no log)."""
+    """The hypothesis that is taken to be true, the rival that it is to be told from, and the evidence on the log at
+    hand (None: there is no log)."""
 
-    truth: int
-    rival: int
+    truth: str
+    rival: str
     before: float | None
 
 
 @dataclass(frozen=True, eq=False)
 class Hypotheses:
-    """Hypotheses that a log confuses, the pairs that must be told apart, and the model with none of them.
+    """Hypotheses that a log confuses, the pairs that must be told apart, and the model with none of them, the last.
 
     conditions those of the next log: with what the best of them leaves of this one
     absorbed   rivals that the free parameters imitate whatever is played: nothing else is known then
@@ -52,7 +52,6 @@ class Hypotheses:
 
     hypotheses: tuple[Hypothesis, ...]
     pairs: tuple[Pair, ...]
-    base: Hypothesis
     conditions: Conditions
     absorbed: tuple[str, ...] = ()
 
@@ -65,8 +64,7 @@ def inertial(model: Model, names: Sequence[str]) -> bool:
 
 def names_of(rivals: Sequence[str | Effect]) -> tuple[str, ...]:
     """Their names, checked; raises InvalidInput for one that is not in the catalogue or comes twice."""
-    given = (rivals,) if isinstance(rivals, str | Effect) else tuple(rivals)
-    names = tuple(effect(r).name if isinstance(r, str) else r.name for r in given)
+    names = tuple(effect(r).name if isinstance(r, str) else r.name for r in rivals)
     if len(set(names)) < len(names):
         raise InvalidInput(f"rivals name an effect twice: {', '.join(names)}")
     return names
@@ -92,7 +90,8 @@ def hypotheses_of(
     for name in asked.names:
         if name not in possible:
             raise InvalidInput(f"{name} cannot stand beside the model's own effects: it cannot be a rival")
-    probes = {n: _probed(a[len(a) // 2]) for n, a in possible.items()}
+    middle = {n: tried[len(tried) // 2] for n, tried in possible.items()}
+    probes = {n: own.at(own.sizes) for n, own in middle.items()}
     if records:
         fits = _fitted(asked, records, conditions, first)
         truths = fits.likely
@@ -105,7 +104,7 @@ def hypotheses_of(
         return _listed(Fits(asked.base, {}, conditions), probes, asked.names)
     probes = {n: probe for n, probe in probes.items() if n not in fits.with_rival}
     if probes and inertial(model, tuple(probes)):
-        return Hypotheses((), (), fits.base, conditions, absorbed=tuple(probes))
+        return Hypotheses((fits.base,), (), conditions, absorbed=tuple(probes))
     return _listed(fits, probes, truths or asked.names, bool(records))
 
 
@@ -131,13 +130,9 @@ def _asked(model: Model, free: Sequence[str], rivals: Sequence[str | Effect]) ->
     return Asked(Hypothesis(NOTHING, base, base_names), names, known)
 
 
-def _probed(alternative: Alternative) -> Effect:
-    return alternative.at(alternative.sizes)
-
-
 def _reference(model: Model, conditions: Conditions) -> tuple[Record, ...]:
     signal = Signal("multisine", 0.5 * conditions.limits.u_max, 0.3, 0.1, min(2.0, 0.1 / model.dt), 1.0, 0.0, 0)
-    return tuple(predict(model, [signal], conditions).records)
+    return tuple(predict(model, [signal], conditions))
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,28 +154,6 @@ class Fits:
         assert self.deviance is not None
         gains = {n: self.deviance - own.deviance for n, own in self.with_rival.items()}
         return [n for n, gain in gains.items() if gain > 0.0 and gain >= _TRUE * max(gains.values())]
-
-    def evidence(self, truth: str, rival: str) -> float:
-        """What the rival, at its best numbers on the log at hand, leaves of the truth's changes, to first order."""
-        if truth not in self.with_rival:
-            return 0.0
-        if truth not in self._sensitivities:
-            found, conditions = self.with_rival[truth], self.conditions
-            samples = Samples(found.model, found.samples.records, conditions.sensor)
-            self._sensitivities[truth] = Sensitivities.beside(
-                samples, found.model, truth, found.motion, self.base.names, conditions.disturbances
-            )
-        own, other = (self._effect(name) for name in (truth, rival))
-        assert own is not None
-        return float(self._sensitivities[truth].unlike(own, other).unexplained()[0])
-
-    @cached_property
-    def _sensitivities(self) -> dict[str, Sensitivities]:
-        return {}
-
-    def _effect(self, name: str) -> Effect | None:
-        found = self.with_rival.get(name)
-        return None if found is None else next(e for e in found.model.effects if e.name == name)
 
 
 def _fitted(asked: Asked, records: Sequence[Record], conditions: Conditions, first: First) -> Fits:
@@ -211,12 +184,21 @@ def _listed(fits: Fits, probes: dict[str, Effect], truths: Sequence[str], logged
     for name, e in probes.items():
         own_names = (*fits.base.names, *(f"{name}.{k}" for k in e.parameters))
         hypotheses.append(Hypothesis(name, fits.base.model.with_effect(e), own_names))
-    if len(hypotheses) == 1:
-        hypotheses.append(fits.base)
-    pairs = [
-        Pair(i, j, fits.evidence(truth.name, rival.name) if logged else None)
-        for i, truth in enumerate(hypotheses)
-        for j, rival in enumerate(hypotheses)
-        if i != j and truth.name in truths
-    ]
-    return Hypotheses(tuple(hypotheses), tuple(pairs), fits.base, fits.conditions)
+    rivals = [h.name for h in hypotheses] if len(hypotheses) > 1 else [hypotheses[0].name, NOTHING]
+    pairs = []
+    for truth in (own for own in rivals if own in truths):
+        others = [own for own in rivals if own != truth]
+        before = _evidence(fits, truth, others) if logged else [None] * len(others)
+        pairs += [Pair(truth, *rival) for rival in zip(others, before, strict=True)]
+    return Hypotheses((*hypotheses, fits.base), tuple(pairs), fits.conditions)
+
+
+def _evidence(fits: Fits, truth: str, rivals: Sequence[str]) -> list[float]:
+    """What each rival, at its best numbers on the log at hand, leaves of the truth's changes, to first order."""
+    if truth not in fits.with_rival:
+        return [0.0] * len(rivals)
+    effects = {n: next(e for e in own.model.effects if e.name == n) for n, own in fits.with_rival.items()}
+    found, conditions = fits.with_rival[truth], fits.conditions
+    samples = Samples(found.model, found.samples.records, conditions.sensor)
+    along = Sensitivities(samples, found.model, effects[truth], found.motion, fits.base.names, conditions.disturbances)
+    return [float(along.unlike(effects[truth], effects.get(n)).unexplained()[0]) for n in rivals]

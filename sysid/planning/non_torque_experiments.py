@@ -8,14 +8,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.errors import InvalidInput
-from sysid.estimation.estimate import Estimate
 from sysid.estimation.fit import free
 from sysid.physics import ops
-from sysid.physics.effects import BackEmf, Joint, JointEffect, RotorInertia, TorqueGain, Viscous
+from sysid.physics.effects import Joint, JointEffect
+from sysid.physics.effects.actuation import BackEmf, TorqueGain
+from sysid.physics.effects.friction import Viscous
+from sysid.physics.effects.load import RotorInertia
 from sysid.physics.model import Model
 from sysid.physics.ops import Array, Value
-from sysid.planning.design import Conditions, Hypothesis, Pool, precision, predict, search, within_limits, yardsticks
+from sysid.planning.design import Conditions, Hypothesis, Pool, precision, search, within_limits, yardsticks
 from sysid.planning.hypotheses import inertial
 from sysid.planning.planned_experiment import Experiment
 from sysid.planning.signals import Signal, rest_angle
@@ -27,21 +28,14 @@ _HEAVIER = 0.5
 """Share of the joint's own inertia that a payload of our choice adds."""
 
 _ANSWERS = {
-    ("angle_offset", "tilt"): "for a fixed axis an encoder offset is a tilted base, also to every controller: where it "
-    "matters, compare the encoder's zero with a plumb line",
-    (
-        "delay",
-        "sensor_delay",
-    ): "only the sum of both delays shows between command and reading, and only the sum matters to a "
-    "controller: where each is wanted, move the joint by hand beside a second clock, such as a camera",
-    (
-        "delay",
-        "stamp",
-    ): "log at another rate: what the log's stamps shift changes with the interval, a delay of the machine does not",
-    (
-        "sensor_delay",
-        "stamp",
-    ): "log at another rate: what the log's stamps shift changes with the interval, a delay of the sensor does not",
+    ("angle_offset", "tilt"): "for a fixed axis an encoder offset is a tilted base, also to every controller: "
+    "where it matters, compare the encoder's zero with a plumb line",
+    ("delay", "sensor_delay"): "only the sum of both delays shows between command and reading, and only the sum "
+    "matters to a controller: where each is wanted, move the joint by hand beside a second clock, such as a camera",
+} | {
+    (late, "stamp"): "log at another rate: what the log's stamps shift changes with the interval, a delay of the "
+    f"{part} does not"
+    for late, part in (("delay", "machine"), ("sensor_delay", "sensor"))
 }
 
 
@@ -69,75 +63,34 @@ def never(names: Sequence[str]) -> bool:
 
 
 def non_torque_experiment(
-    model: Model | Estimate,
-    names: Sequence[str],
-    conditions: Conditions,
-    rng: np.random.Generator | None = None,
-    after: float | None = None,
+    model: Model, names: Sequence[str], conditions: Conditions, rng: np.random.Generator, after: float | None = None
 ) -> Experiment:
-    """What tells apart effects or parameters that no torque does.
+    """What tells apart effects ("torque_gain") or parameters ("m", "rotor_inertia.J_r") that no torque does.
 
     Back-EMF against friction: the driver off. What shows as an inertia or a gravity torque: a payload, a scale,
-    a ruler.
-
-    Parameters
-    ----------
-    model : Model or Estimate
-        The machine as far as it is known.
-    names : sequence of str
-        Effects ("back_emf", "torque_gain") and parameters ("m", "rotor_inertia.J_r") of one class.
-    conditions : Conditions
-        What the rig may do, the noise of its readings, and what else acts on it.
-    rng : numpy.random.Generator, optional
-        By default seeded with 0.
-    after : float, optional
-        The evidence that the best torque within the limits would bring, where that is known.
-
-    Returns
-    -------
-    Experiment
-        With the least labour that tells them apart; of kind "none" where a sentence is all there is.
-
-    Raises
-    ------
-    InvalidInput
-        Where no name is given, and where no signal keeps to the limits.
+    a ruler, with the least labour. `after` is the evidence that the best torque would bring, where that is known.
+    Raises InvalidInput where no signal keeps to the limits.
     """
-    fitted = model.names if isinstance(model, Estimate) else free(model)
-    model = model.model if isinstance(model, Estimate) else model
-    given = (names,) if isinstance(names, str) else names
     owners = {name: p.owner or name for name, p in model.parameters.items()}
-    names = tuple(dict.fromkeys(owners.get(n, n) for n in given))
-    if not names:
-        raise InvalidInput("nothing was named that is to be told apart: expected effects or parameters")
-    rng = np.random.default_rng(0) if rng is None else rng
+    names = tuple(dict.fromkeys(owners.get(n, n) for n in names))
     if "back_emf" in names:
-        return _driver_off(model, fitted, names, conditions)
+        return _driver_off(model, names, conditions)
     if inertial(model, names):
-        return _weighed(model, fitted, names, conditions, rng)
+        return _weighed(model, names, conditions, rng)
     for pair, answer in _ANSWERS.items():
         if set(pair) <= set(names):
-            return no_experiment(names, f"no torque tells {' from '.join(pair)}: {answer}.")
+            return Experiment("none", f"no torque tells {' from '.join(pair)}: {answer}.", names)
     apart = f"{names[0]} from {' and '.join(names[1:]) or 'the rest of the model'}"
     if after is not None:
-        return no_experiment(
-            names, f"no torque within these limits tells {apart} ({after:.2g} units of evidence): widen them."
-        )
-    return no_experiment(names, f"no torque tells {apart}: another sensor is needed.")
-
-
-def no_experiment(
-    names: tuple[str, ...], sentence: str, measure: str = "evidence", before: float | None = None
-) -> Experiment:
-    """The answer that nothing is to be played, and why."""
-    unplayed, unmoved = np.zeros((0, 0)), np.zeros((0, 1))
-    return Experiment("none", sentence, names, measure, before, None, unplayed, 0.0, unmoved, unmoved, 0.0)
+        told = f"no torque within these limits tells {apart} ({after:.2g} units of evidence): widen them."
+        return Experiment("none", told, names)
+    return Experiment("none", f"no torque tells {apart}: another sensor is needed.", names)
 
 
 # the driver off ----------------------------------------------------------------------------------------------
 
 
-def _driver_off(model: Model, fitted: tuple[str, ...], names: tuple[str, ...], conditions: Conditions) -> Experiment:
+def _driver_off(model: Model, names: tuple[str, ...], conditions: Conditions) -> Experiment:
     """A free swing without the motor: what brakes it then is friction, and the rest was back-EMF."""
     others = [n for n in names if n != "back_emf"] or ["viscous"]
     braking = sum(
@@ -148,21 +101,24 @@ def _driver_off(model: Model, fitted: tuple[str, ...], names: tuple[str, ...], c
         bare = bare.without_effect(e.name) if e.name in (*names, "viscous") else bare
     told = f"what brakes it then is {' or '.join(others)}, and what is missing beside a driven log is back_emf"
     if rest_angle(model) == 0.0:
-        return no_experiment(names, f"switch the driver off, push the joint and let it coast: {told}.")
+        return Experiment("none", f"switch the driver off, push the joint and let it coast: {told}.", names)
     limits = conditions.limits
     release = limits.release or min(1.0, limits.theta_max or 1.0)
     free_swing = Signal("free swing", 0.0, 1.0, 1.0, 1.0, 1.0, release, 0)
-    swing = within_limits([Hypothesis("", model, fitted)], [free_swing], conditions)
-    after = None
-    run = predict(model, swing, conditions)
+    alone = [Hypothesis("", model, ())]
+    swing, after = within_limits(alone, [free_swing], conditions) * limits.rollouts, None
+    pool = Pool(alone, swing, conditions)
     if braking > 0.0:
         # a swing without torque shows b / J and G / J: the inertia is known from the log of the driven joint
-        own = tuple(n for n in fitted if n in model.names_of("") and n != model.plant.scale)
+        own = tuple(n for n in free(model) if n in model.names_of("") and n != model.plant.scale)
         truth = Hypothesis("viscous", bare.with_effect(Viscous(b=braking)), (*own, "viscous.b"))
-        pool = Pool([truth, Hypothesis("nothing", bare, own)], swing, conditions)
-        after = limits.rollouts * float(pool.unlike(0, 1).unexplained()[0])
+        told_by = Pool([truth, Hypothesis("nothing", bare, own)], swing, conditions).unlike("viscous", "nothing")
+        after = float(told_by.together().unexplained()[0])
     worth = "" if after is None else f", with {after:.3g} units of evidence if all of it is friction"
-    return Experiment(
+    return Experiment.played(
+        model,
+        pool.u,
+        pool.states,
         kind="driver off",
         description=f"switch the driver off, {swing[0].sentence(model.plant)} for {limits.duration:g} s"
         f"{f', {limits.rollouts} times' if limits.rollouts > 1 else ''}: {told}{worth}.",
@@ -170,25 +126,15 @@ def _driver_off(model: Model, fitted: tuple[str, ...], names: tuple[str, ...], c
         measure="evidence",
         before=0.0,
         after=after,
-        u=np.repeat(run.u, limits.rollouts, axis=0),
-        dt=model.dt,
-        theta=np.repeat(run.theta, limits.rollouts, axis=0),
-        theta_dot=np.repeat(run.theta_dot, limits.rollouts, axis=0),
-        reach=float(np.max(np.abs(run.theta - rest_angle(model)))),
     )
 
 
 # a payload, a scale, a ruler ---------------------------------------------------------------------------------
 
 
-def _weighed(
-    model: Model,
-    fitted: tuple[str, ...],
-    names: tuple[str, ...],
-    conditions: Conditions,
-    rng: np.random.Generator,
-) -> Experiment:
+def _weighed(model: Model, names: tuple[str, ...], conditions: Conditions, rng: np.random.Generator) -> Experiment:
     """The least labour that makes every parameter of the class show: a payload, the scale, both, a ruler too."""
+    fitted = free(model)
     for kind in (TorqueGain, RotorInertia):
         if kind.name in names and kind.name not in {e.name for e in model.effects}:
             model = model.with_effect(kind())
@@ -207,16 +153,12 @@ def _weighed(
             if (loaded or known) and _rank(shown[loaded][:, left]) == len(left):
                 rest = tuple(unknown[i] for i in left)
                 if not loaded:
-                    return no_experiment(unknown, _by_hand(known, unknown))
+                    others = " and ".join(rest) or "the rest"
+                    told = f"{_measuring(known)}: then the motion shows {others}, which no torque alone tells apart."
+                    return Experiment("none", told, unknown)
                 return _with_payload(model, fitted, unknown, known, rest, payload, conditions, rng)
-    return no_experiment(
-        unknown, f"no torque and no payload tells {' from '.join(unknown)}: measure one of them by itself."
-    )
-
-
-def _by_hand(known: tuple[str, ...], unknown: tuple[str, ...]) -> str:
-    rest = " and ".join(n for n in unknown if n not in known)
-    return f"{_measuring(known)}: then the motion shows {rest or 'the rest'}, which no torque alone tells apart."
+    told = f"no torque and no payload tells {' from '.join(unknown)}: measure one of them by itself."
+    return Experiment("none", told, unknown)
 
 
 def _measuring(known: tuple[str, ...]) -> str:
@@ -276,19 +218,17 @@ def _with_payload(
     names = (*rest, *(n for n in fitted if n not in unknown))
     setups = [Hypothesis("plain", model, names), Hypothesis("loaded", loaded, names)]
     scale = yardsticks(model, names)
-    choices = search(precision(scale), setups, conditions, rng)
-    if not choices:
-        raise InvalidInput(f"no signal keeps to the limits with {payload[0]:g} kg hung on: widen them")
-    signals = choices[0].signals
-    sd = Pool(setups, signals, conditions).precision().together().sd()[0][: len(rest)]
+    pool = Pool(setups, search(precision(scale), setups, conditions, rng)[0], conditions)
+    sd = pool.precision().together().sd()[0][: len(rest)]
     k = int(np.argmax(sd / scale[: len(rest)]))
     after, unit = 1.96 * float(sd[k]), model.parameters[rest[k]].unit
-    runs = [predict(h.model, signals, conditions) for h in setups]
     first = f"{_measuring(known)}, and " if known else ""
-    orders = "; ".join(dict.fromkeys(s.sentence(model.plant) for s in signals))
-    theta = np.concatenate([r.theta for r in runs])
+    orders = "; ".join(dict.fromkeys(s.sentence(model.plant) for s in pool.signals))
     place = f"hung on {payload[1]:g} m from the axis" if model.plant.turns else "on it"
-    return Experiment(
+    return Experiment.played(
+        model,
+        np.tile(pool.u, (2, 1)),
+        np.concatenate(pool.states)[None],
         kind="payload",
         description=f"{first}{orders}, for {conditions.limits.duration:g} s, once as it is and once with "
         f"{payload[0]:g} kg {place}: that tells {', '.join(rest)} apart, {rest[k]} to +-{after:.2g} {unit}.",
@@ -296,12 +236,6 @@ def _with_payload(
         measure="interval",
         before=None,
         after=after,
-        u=np.concatenate([r.u for r in runs]),
-        dt=model.dt,
-        theta=theta,
-        theta_dot=np.concatenate([r.theta_dot for r in runs]),
-        reach=float(np.max(np.abs(theta - rest_angle(model)))),
         widest=rest[k],
         payload=payload,
-        unit=model.plant.unit("rad"),
     )

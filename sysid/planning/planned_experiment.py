@@ -5,19 +5,26 @@ from __future__ import annotations
 import csv
 import io
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from sysid.data.files import save_file
+from sysid.data.json_file import plain
 from sysid.errors import InvalidInput
-from sysid.estimation.held_out import finite
+from sysid.physics.model import Model
 from sysid.physics.ops import Array
 from sysid.planning.discrimination import Discrimination
+from sysid.planning.signals import rest_angle
 
 SCHEMA = "gapfinder/experiment/1"
+SHOWN = (
+    *("kind", "description", "separates", "measure", "widest", "before", "after", "gain", "seconds", "repeats"),
+    *("start", "reach", "speed", "contests", "payload"),
+)
+"""What plain data show of an experiment as it is."""
 
 DECISIVE = 16.0
 """Evidence from which two effects count as told apart: four standard deviations."""
@@ -50,18 +57,26 @@ class Experiment:
     kind: str
     description: str
     separates: tuple[str, ...]
-    measure: str
-    before: float | None
-    after: float | None
-    u: Array
-    dt: float
-    theta: Array
-    theta_dot: Array
-    reach: float
+    measure: str = "evidence"
+    before: float | None = None
+    after: float | None = None
+    u: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    dt: float = 0.0
+    theta: Array = field(default_factory=lambda: np.zeros((0, 1)))
+    theta_dot: Array = field(default_factory=lambda: np.zeros((0, 1)))
+    reach: float = 0.0
     widest: str | None = None
     payload: tuple[float, float] | None = None
     contests: tuple[Discrimination, ...] = ()
     unit: str = "rad"
+
+    @classmethod
+    def played(cls, model: Model, u: Array, states: Array, **answer: Any) -> Experiment:
+        """An experiment of torques u (n, N) with the motions (H, n, N+1, 2) that H hypotheses foresee, the first's."""
+        theta, theta_dot = np.moveaxis(states[0], -1, 0)
+        reach = float(np.max(np.abs(states[..., 0] - rest_angle(model))))
+        unit = model.plant.unit("rad")
+        return cls(u=u, dt=model.dt, theta=theta, theta_dot=theta_dot, reach=reach, unit=unit, **answer)
 
     @property
     def start(self) -> Array:
@@ -100,27 +115,12 @@ class Experiment:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data of schema "gapfinder/experiment/1", without the torques (those go into the CSV)."""
-        gain, repeats = self.gain, self.repeats
-        return {
+        shown = {name: plain(getattr(self, name)) for name in SHOWN}
+        return shown | {
             "schema": SCHEMA,
-            "kind": self.kind,
-            "description": self.description,
-            "separates": list(self.separates),
-            "measure": self.measure,
-            "widest": self.widest,
-            "before": None if self.before is None else finite(self.before),
-            "after": None if self.after is None else finite(self.after),
-            "gain": None if gain is None else finite(gain),
             "rollouts": len(self.u),
-            "seconds": self.seconds,
-            "repeats": repeats,
-            "start": self.start.tolist(),
             "u_peak": float(np.max(np.abs(self.u), initial=0.0)),
             "u_rms": float(np.sqrt(np.mean(self.u**2))) if self.u.size else 0.0,
-            "reach": self.reach,
-            "speed": self.speed,
-            "contests": [c._asdict() for c in self.contests],
-            "payload": None if self.payload is None else list(self.payload),
         }
 
     def write_csv(self, path: str | Path) -> None:

@@ -1,8 +1,8 @@
 """Figures of a comparison, and the style of all figures: each draws on given Axes, or returns a Figure.
 
-errors     by horizon                          over        residual torque over one quantity
-state_map  residual torque over the states     whiteness   what the innovations know of themselves
-worst      the worst windows                   comparison  all of it on one page
+errors      by horizon                         over        residual torque over one quantity
+state_maps  residual torque over the states    whiteness   what the innovations know of themselves
+window      one of the worst windows           comparison  all of it on one page
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import TwoSlopeNorm
-from matplotlib.figure import Figure, FigureBase
+from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from sysid.diagnosis.findings import chance, quantity
+from sysid.physics.ops import Array
 from sysid.report.formatting import multiple
 
 if TYPE_CHECKING:
@@ -47,6 +48,8 @@ COLOUR = {"theta": BLUE, "theta_dot": ORANGE}
 MARK = {"theta": "o", "theta_dot": "s"}
 SYMBOL = {"rad": {"theta": r"$\theta$", "theta_dot": r"$\dot\theta$"}, "m": {"theta": "$x$", "theta_dot": r"$\dot x$"}}
 SIGMA_99 = 2.5758
+RASTERIZED_FROM = 1500
+"""Points from which a picture in pixels is smaller than one of lines."""
 
 
 # compare ---------------------------------------------------------------------------------------------------------
@@ -87,11 +90,15 @@ def plot_comparison(answer: Comparison) -> Figure:
         first = top.subplots(1, 1 if torque is None else 3, squeeze=False)[0]
         errors(answer, first[0])
         if torque is not None:
-            state_map(torque, first[1])
+            what = quantity("torque", torque.units).capitalize()
+            state_maps([torque], [first[1]], [f"{what} beyond the model; dot: 99 %"])
             whiteness(answer, first[2])
             for name, axes in zip(torque.binned, middle.subplots(1, len(torque.binned)), strict=True):
                 draw_over(torque, name, axes)
-        _windows(answer, bottom)
+        panels = bottom.subplots(len(channels) + 1, len(answer.worst), squeeze=False, sharex="col")
+        for found, column in zip(answer.worst, panels.T, strict=True):
+            window(found, channels, list(column))
+        bottom.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 
 
@@ -108,26 +115,22 @@ def errors(answer: Comparison, axes: Axes) -> None:
     legend_above(axes)
 
 
-def state_map(torque: ResidualTorque, axes: Axes) -> None:
-    """The residual torque over the states; a dot marks what the readings say for sure."""
-    norm = scale(torque.map)
-    image = cells(torque.map, axes, norm or TwoSlopeNorm(0.0, -1.0, 1.0), torque.units)
-    axes.set_ylabel(label("theta_dot", torque.units))
-    axes.set_title(f"{quantity('torque', torque.units).capitalize()} beyond the model")
-    bar = axes.figure.colorbar(image, ax=axes, pad=0.02, aspect=25, extend="both")
-    bar.set_label(f"[{torque.units['torque']}];  dot: beyond 99 %")
+def state_maps(found: Sequence[ResidualTorque], panels: Sequence[Axes], titles: Sequence[str]) -> None:
+    """The mean residual torque over the states, all on one scale; a dot: beyond 99 % of what noise explains."""
+    seen, units = np.concatenate([np.abs(own.map.torque[np.isfinite(own.map.torque)]) for own in found]), found[0].units
+    reach = float(np.quantile(seen, 0.95)) if np.any(seen) else 0.0
+    norm = TwoSlopeNorm(0.0, -reach or -1.0, reach or 1.0)
+    for own, axes, title in zip(found, panels, titles, strict=True):
+        image = _cells(own.map, axes, norm, units)
+        axes.set_title(title, fontweight="normal")
+    panels[0].set_ylabel(label("theta_dot", units))
+    bar = panels[0].figure.colorbar(image, ax=list(panels), pad=0.02, aspect=25, extend="both")
+    bar.set_label(beyond(units))
     bar.outline.set_visible(False)
-    if norm is None:
-        bar.set_ticks([0.0])
+    bar.set_ticks(MaxNLocator(5) if reach else [0.0])
 
 
-def scale(*found: TorqueMap) -> TwoSlopeNorm | None:
-    """One scale about zero for all maps; None where they are flat."""
-    seen = np.concatenate([np.abs(m.torque[np.isfinite(m.torque)]) for m in found])
-    return TwoSlopeNorm(0.0, -reach, reach) if np.any(seen) and (reach := float(np.quantile(seen, 0.95))) else None
-
-
-def cells(found: TorqueMap, axes: Axes, norm: TwoSlopeNorm, units: Mapping[str, str]) -> Any:
+def _cells(found: TorqueMap, axes: Axes, norm: TwoSlopeNorm, units: Mapping[str, str]) -> Any:
     """The cells of a map and its dots."""
     axes.set_facecolor("0.93")
     image = axes.pcolormesh(found.theta, found.theta_dot, found.torque.T, cmap="PuOr", norm=norm, rasterized=True)
@@ -174,8 +177,14 @@ def mean(axes: Axes, found: Binned, colour: str) -> None:
     """The mean in each bin that rests on more than a few intervals, with its 99 % band."""
     seen = np.isfinite(found.mean) & (found.count >= 0.002 * found.count.sum())
     middle, half = 0.5 * (found.edges[1:] + found.edges[:-1])[seen], SIGMA_99 * found.sd[seen]
-    axes.fill_between(middle, found.mean[seen] - half, found.mean[seen] + half, color=colour, alpha=0.25, linewidth=0.0)
-    axes.plot(middle, found.mean[seen], ".-", color=colour, markersize=5.0, linewidth=1.4)
+    banded(axes, middle, found.mean[seen], half, colour, marker=".", markersize=5.0, linewidth=1.4)
+
+
+def banded(axes: Axes, x: Array, y: Array, half: Array, colour: str, **line: Any) -> None:
+    """A curve with its band; in pixels where it has many points."""
+    many = len(x) > RASTERIZED_FROM
+    axes.fill_between(x, y - half, y + half, color=colour, alpha=0.25, linewidth=0.0, rasterized=many)
+    axes.plot(x, y, color=colour, rasterized=many, **line)
 
 
 def over_time(torque: ResidualTorque, axes: Axes) -> None:
@@ -184,9 +193,8 @@ def over_time(torque: ResidualTorque, axes: Axes) -> None:
     names, begin, middles = [r.name for r in torque.records], 0.0, []
     gap = 0.03 * max(float(r.t[-1] - r.t[0]) for r in torque.records)
     for k, record in enumerate(torque.records):
-        t, half = record.t[:-1] - record.t[0] + begin, SIGMA_99 * record.sd
-        axes.fill_between(t, record.d - half, record.d + half, color=BLUE, alpha=0.25, linewidth=0.0, rasterized=True)
-        axes.plot(t, record.d, color=BLUE, linewidth=1.0, rasterized=True)
+        t = record.t[:-1] - record.t[0] + begin
+        banded(axes, t, record.d, SIGMA_99 * record.sd, BLUE, linewidth=1.0)
         if k:
             axes.axvline(begin - 0.5 * gap, color="0.85", linewidth=0.8)
         middles.append(0.5 * (t[0] + t[-1]))
@@ -215,19 +223,14 @@ def whiteness(answer: Comparison, axes: Axes) -> None:
             color=COLOUR[channel],
             label=f"{SYMBOL[answer.units['theta']][channel]}  {chance(found.p_value)}",
         )
-    _at_least(axes, 3.0 * max((float(np.max(found.band)) for found in answer.whiteness.values()), default=0.1))
+    half = 3.0 * max((float(np.max(found.band)) for found in answer.whiteness.values()), default=0.1)
+    low, high = axes.get_ylim()
+    axes.set_ylim(min(low, -half), max(high, half))
     axes.set_xlabel("lag [samples]")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_ylabel("autocorrelation of the innovations")
     if answer.whiteness:
         legend_above(axes)
-
-
-def _windows(answer: Comparison, figure: FigureBase) -> None:
-    panels = figure.subplots(len(answer.one_second.ratios) + 1, len(answer.worst), squeeze=False, sharex="col")
-    for found, column in zip(answer.worst, panels.T, strict=True):
-        window(found, list(answer.one_second.ratios), list(column))
-    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
 
 
 def window(found: Prediction, channels: Sequence[str], panels: Sequence[Axes]) -> None:
@@ -270,12 +273,6 @@ def noise_scale(axes: Axes) -> None:
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
     axes.yaxis.set_minor_formatter(NullFormatter())
-
-
-def _at_least(axes: Axes, half: float) -> None:
-    """Limits of an axis about zero that is never finer than the band."""
-    low, high = axes.get_ylim()
-    axes.set_ylim(min(low, -half), max(high, half))
 
 
 def short(name: str, most: int = 24) -> str:

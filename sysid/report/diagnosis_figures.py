@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
@@ -25,30 +24,28 @@ from sysid.diagnosis.answer import Diagnosis, Step
 from sysid.diagnosis.contacts import Contact
 from sysid.diagnosis.findings import chance
 from sysid.diagnosis.predictions import LONGEST_STRETCH, Prediction
-from sysid.diagnosis.residual_torque import Followed, ResidualTorque
+from sysid.diagnosis.residual_torque import ResidualTorque
 from sysid.report import comparison_figure
 from sysid.report.comparison_figure import (
     BLUE,
     GREEN,
     GREY,
     ORANGE,
+    RASTERIZED_FROM,
     SIGMA_99,
     STYLE,
     YELLOW,
+    banded,
     beyond,
-    cells,
     label,
     legend_above,
     noise_scale,
-    scale,
     short,
 )
 from sysid.report.formatting import multiple
 
 WIDE, NARROW = 5.0, 4.2
 """Widths [in]: of a column, and of half of one."""
-RASTERIZED_FROM = 1500
-"""Points from which a picture in pixels is smaller than one of lines."""
 BEHIND = {"facecolor": "white", "alpha": 0.6, "edgecolor": "none", "pad": 0.5}
 
 
@@ -237,11 +234,11 @@ def course(
         longest = max(s.last - s.first for s in rows)
         size = max(_size(found, rows), 0.0 if before is None else _size(before, rows))
         for axes, (k, first, last) in zip(panels, rows, strict=True):
-            own = found.records[k]
+            own, shown = found.records[k], slice(first, last)
             axes.axhline(0.0, color="0.3", linewidth=0.7)
             if before is not None:
-                axes.plot(own.t[first:last], before.records[k].d[first:last], color=ORANGE, linewidth=0.9, alpha=0.8)
-            _line(axes, own, first, last, BLUE)
+                axes.plot(own.t[shown], before.records[k].d[shown], color=ORANGE, linewidth=0.9, alpha=0.8)
+            banded(axes, own.t[shown], own.d[shown], SIGMA_99 * own.sd[shown], BLUE, linewidth=1.1)
             shade(axes, contacts, own.name)
             begin, dt = float(own.t[first]), float(own.t[1] - own.t[0])
             axes.set_xlim(begin, begin + longest * dt)
@@ -273,13 +270,6 @@ def _size(found: ResidualTorque, rows: Sequence[Stretch]) -> float:
     return max(float(np.quantile(np.abs(d), 0.999)), 2.0 * float(np.median(sd)), 1e-9)
 
 
-def _line(axes: Axes, own: Followed, first: int, last: int, colour: str) -> None:
-    t, d, sd = own.t[first:last], own.d[first:last], SIGMA_99 * own.sd[first:last]
-    many = len(t) > RASTERIZED_FROM
-    axes.fill_between(t, d - sd, d + sd, color=colour, alpha=0.25, linewidth=0.0, rasterized=many)
-    axes.plot(t, d, color=colour, linewidth=1.1, rasterized=many)
-
-
 def over(found: ResidualTorque, name: str, before: ResidualTorque | None = None, mark: bool = False) -> Figure:
     """The mean of d over one quantity with its 99 % band; `mark`: where it peaks."""
     return drawn(NARROW, 2.7, lambda axes: comparison_figure.over(found, name, axes, before, mark))
@@ -290,18 +280,8 @@ def over(found: ResidualTorque, name: str, before: ResidualTorque | None = None,
 
 def maps(found: Sequence[ResidualTorque], titles: Sequence[str]) -> Figure:
     """The mean residual torque over angle and speed, all on one scale; a dot: beyond what noise explains."""
-    norm = scale(*(own.map for own in found)) or TwoSlopeNorm(0.0, -1.0, 1.0)
-    units = found[0].units
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(WIDE if len(found) > 1 else NARROW, 3.0), layout="constrained")
         panels = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
-        for axes, own, title in zip(panels, found, titles, strict=True):
-            image = cells(own.map, axes, norm, units)
-            axes.set_title(title, fontweight="normal")
-        panels[0].set_ylabel(label("theta_dot", units))
-        bar = figure.colorbar(image, ax=list(panels), pad=0.02, aspect=25, extend="both")
-        bar.set_label(beyond(units))
-        bar.outline.set_visible(False)
-        bar.locator = MaxNLocator(5)
-        bar.update_ticks()
+        comparison_figure.state_maps(found, list(panels), titles)
     return figure

@@ -37,7 +37,6 @@ def measured(value: float, sd: float) -> str:
     return f"{rounded(value, sd)} {PLUS_MINUS} {rounded(sd, sd) if sd > 0.0 else '0'}"
 
 
-def listed(names: Sequence[str], most: int = 12) -> str:
-    """Names, the first of them where they are many."""
-    more = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(names[:most]) + more
+def listed(names: Sequence[str]) -> str:
+    """Names, the first twelve of them where they are more."""
+    return ", ".join(names[:12]) + (f" and {len(names) - 12} more" if len(names) > 12 else "")

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
+
+import matplotlib
+from matplotlib.figure import Figure
 
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
@@ -15,9 +18,6 @@ from sysid.estimation.held_out import HeldOutError
 from sysid.estimation.output_error import CHANNELS
 from sysid.report.formatting import ARROW, TIMES, listed, multiple, number
 from sysid.version import version
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 class Picture(NamedTuple):
@@ -72,8 +72,6 @@ class Page:
 
 def picture(figure: Figure, caption: str, wide: bool = True) -> Picture:
     """The figure as an SVG inside the page, without a background."""
-    import matplotlib
-
     file = io.BytesIO()
     with matplotlib.rc_context({"svg.hashsalt": "gapfinder", "path.simplify_threshold": 0.3}):
         figure.savefig(file, format="svg", transparent=True, dpi=150, metadata={"Date": None})
@@ -108,18 +106,12 @@ def settings(
     sensor: Sensor, records: Sequence[Record], units: Mapping[str, str], notes: Sequence[str]
 ) -> dict[str, str]:
     """The version, the log and the noise in these units."""
-    return dict(_settings(sensor, records, units, notes))
-
-
-def _settings(
-    sensor: Sensor, records: Sequence[Record], units: Mapping[str, str], notes: Sequence[str]
-) -> Iterator[tuple[str, str]]:
-    dt, n = records[0].dt, sum(len(r) for r in records)
-    many = "s" * (len(records) != 1)
-    yield "log", f"{len(records)} rollout{many}, {n:,} samples ({n * dt:.4g} s) at {1.0 / dt:.4g} Hz"
-    yield "rollouts", listed([r.name for r in records])
-    if notes:
-        yield "on reading", "; ".join(notes)
+    dt, n, many = records[0].dt, sum(len(r) for r in records), "s" * (len(records) != 1)
     noise = [f"{quantity(c, units)} {sd:.3g} {units[c]}" for c in CHANNELS if (sd := getattr(sensor, c)) is not None]
-    yield "sensor noise", ", ".join(noise)
-    yield "written by", version()
+    return {
+        "log": f"{len(records)} rollout{many}, {n:,} samples ({n * dt:.4g} s) at {1.0 / dt:.4g} Hz",
+        "rollouts": listed([r.name for r in records]),
+        **({"on reading": "; ".join(notes)} if notes else {}),
+        "sensor noise": ", ".join(noise),
+        "written by": version(),
+    }

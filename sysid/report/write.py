@@ -7,8 +7,12 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import singledispatch
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import jinja2
+from matplotlib.axes import Axes
+
+from sysid.data.files import save_file
 from sysid.diagnosis.answer import MOST_SHOWN, Diagnosis, Step
 from sysid.diagnosis.compare import Comparison, place
 from sysid.diagnosis.contacts import Contact, unexplained
@@ -16,11 +20,9 @@ from sysid.diagnosis.findings import chance, quantity, spaced_unit
 from sysid.errors import InvalidInput
 from sysid.physics.effects import CATALOGUE
 from sysid.physics.model import Model
-from sysid.report import formatting
+from sysid.report import comparison_figure, formatting
+from sysid.report import diagnosis_figures as figures
 from sysid.report.page import Page, Picture, Section, Table, horizons, physical, picture, settings
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 
 def write_report(answer: Diagnosis | Comparison, path: str | PathLike[str], command: str = "") -> None:
@@ -40,16 +42,11 @@ def write_report(answer: Diagnosis | Comparison, path: str | PathLike[str], comm
     InvalidInput
         For what has no page, and where the file cannot be written.
     """
-    import jinja2
-
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("sysid.report"), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
     html = environment.get_template("report.html.j2").render(page=page_of(answer), command=command)
-    try:
-        Path(path).write_text(html, encoding="utf-8")
-    except OSError as error:
-        raise InvalidInput(f"cannot write {path}: {error.strerror}") from None
+    save_file(Path(path), html)
 
 
 @singledispatch
@@ -130,8 +127,6 @@ def _described(model: Model) -> str:
 
 
 def _fall(answer: Diagnosis) -> Section:
-    from sysid.report import diagnosis_figures as figures
-
     caption = (
         "Error over windows of 1 s of rollouts that no fit has seen, each window's state refitted, in units of the "
         "sensor noise, which was found without any model: 1.0 is what a perfect model gets. Grey: single windows."
@@ -142,8 +137,6 @@ def _fall(answer: Diagnosis) -> Section:
 
 
 def _rollout(answer: Diagnosis, contacts: Sequence[Contact]) -> Section:
-    from sysid.report import diagnosis_figures as figures
-
     ahead = answer.ahead
     far = "from its refitted first state alone" if math.isinf(ahead) else f"{ahead:g} s at a time"
     names = ("as it came", "mended") if answer.mended else ("model",)
@@ -157,8 +150,6 @@ def _rollout(answer: Diagnosis, contacts: Sequence[Contact]) -> Section:
 
 
 def _ranking(answer: Diagnosis) -> Section:
-    from sysid.report import diagnosis_figures as figures
-
     caption = (
         "The first round: every effect of the catalogue, by what it would explain. Effects in one row move the "
         "readings of this log alike. Bold: added in the end; blue: significant; grey: could be chance. p is corrected "
@@ -169,8 +160,6 @@ def _ranking(answer: Diagnosis) -> Section:
 
 
 def _torque(answer: Diagnosis, contacts: Sequence[Contact]) -> Section:
-    from sysid.report import diagnosis_figures as figures
-
     found, before = answer.residual_torques[-1], answer.residual_torques[0] if answer.mended else None
     whole = sum(map(len, answer.records)) <= MOST_SHOWN
     left, unknown = answer.remaining, answer.remaining is not None
@@ -201,8 +190,6 @@ def _torque(answer: Diagnosis, contacts: Sequence[Contact]) -> Section:
 
 
 def _maps(compared: Sequence[Comparison]) -> Section:
-    from sysid.report import diagnosis_figures as figures
-
     titles = ("As it came", "Mended") if len(compared) > 1 else ("",)
     says = [f"{title}: {c.sentence}" if title else c.sentence for title, c in zip(titles, compared, strict=True)]
     torques = [c.torque for c in compared if c.torque is not None]
@@ -236,9 +223,7 @@ def _parameters(answer: Diagnosis, mended: bool) -> Table:
 
 
 def _steps(answer: Diagnosis) -> Iterator[Table]:
-    from sysid.report.diagnosis_figures import in_order
-
-    if steps := in_order(answer):
+    if steps := figures.in_order(answer):
         heads = ("effect", "error before", "after", "by chance", "not told from", "formula")
         rows = [_step(s, s in answer.conventions) for s in steps]
         yield Table("What was added", heads, rows, words=(0, 4, 5))
@@ -290,9 +275,6 @@ def _(answer: Comparison) -> Page:
 
 
 def _compared(answer: Comparison) -> Iterator[Section]:
-    from sysid.report import comparison_figure
-    from sysid.report import diagnosis_figures as figures
-
     def panel(draw: Callable[[Any, Axes], None], found: Any, caption: str, wide: bool = False) -> Picture:
         figure = figures.drawn(figures.WIDE if wide else figures.NARROW, 2.9, lambda axes: draw(found, axes))
         return picture(figure, caption, wide)

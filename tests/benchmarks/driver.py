@@ -21,14 +21,12 @@ from typing import Any
 
 from rich.console import Console
 
-from study.paper.findings import findings_by_point
-from study.paper.identification import Estimated, IdentificationTask
+from study.paper.findings import PointFindings
 from study.paper.presets import PAPER, Preset
-from study.paper.reference_controllers import Reference, ReferenceTask
-from study.paper.runs import Run, SweepPopulation
-from study.paper.sweep import Sweep
-from study.paper.sweep_results import SweepResults
-from study.paper.tables import write_runs
+from study.paper.reference_controllers import REFERENCES, Reference, ReferenceTask
+from study.paper.runs import RUNS, Estimated, IdentificationTask, Run, SweepPopulation
+from study.paper.sweep import Sweep, SweepResults
+from study.paper.sweep_report import write_runs
 from study.pipeline.executor import Heard, Task
 from study.pipeline.experiment import run
 
@@ -101,9 +99,9 @@ def measure(runs: int) -> dict[str, float]:
         with SweepResults(Path(folder), many) as store:
             run(Sweep(many, store), Instant(), console)
             lap("go on when all is done")
-            kept = store.runs(), store.references()
+            kept = store.all(RUNS), store.all(REFERENCES)
             lap("read it back")
-            write_runs(findings_by_point(many, *kept), Path(folder) / "runs.csv")
+            write_runs([PointFindings(many, point, *kept) for point in many.points], Path(folder) / "runs.csv")
             lap("runs.csv")
         cost["folder [kB]"] = 1e-3 * sum(path.stat().st_size for path in Path(folder).iterdir())
     return cost

@@ -8,9 +8,10 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from study.paper import runs
 from study.paper.imported_runs import import_runs
 from study.paper.presets import PRESETS
-from study.paper.sweep_results import SweepResults
+from study.paper.sweep import SweepResults
 from tests.hostile_input.answering import CELLS, ESC, answered, many
 
 RESULTS = Path(__file__).parents[2] / "study" / "results"
@@ -35,7 +36,7 @@ STATEMENTS = {
 
 def opened(path):
     with SweepResults(path, PRESETS["smoke"]) as results:
-        assert results.runs() is not None and results.estimates() is not None
+        assert results.all(runs.RUNS) is not None and results.estimates() is not None
         results.training_seconds(1)
 
 

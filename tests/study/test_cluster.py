@@ -12,11 +12,12 @@ import pytest
 from rich.console import Console
 
 import study.pipeline.cluster
-from study.paper.findings import findings_by_point
+from study.paper.findings import PointFindings
 from study.paper.presets import SMOKE
-from study.paper.sweep import Sweep
-from study.paper.sweep_results import SweepResults
-from study.paper.tables import write_runs
+from study.paper.reference_controllers import REFERENCES
+from study.paper.runs import RUNS
+from study.paper.sweep import Sweep, SweepResults
+from study.paper.sweep_report import write_runs
 from study.pipeline.cluster import Cluster
 from study.pipeline.executor import WorkerFailed
 from study.pipeline.experiment import run as run_study
@@ -138,7 +139,8 @@ def runs(folder, executor):
     folder.mkdir()
     with SweepResults(folder, PRESET) as store:
         run_study(Sweep(PRESET, store, 0.1), executor, Console(file=io.StringIO()))
-        write_runs(findings_by_point(PRESET, store.runs(), store.references()), folder / "runs.csv")
+        kept = store.all(RUNS), store.all(REFERENCES)
+        write_runs([PointFindings(PRESET, point, *kept) for point in PRESET.points], folder / "runs.csv")
     lines = [line.split(",") for line in (folder / "runs.csv").read_text().splitlines()]
     time = lines[0].index("wall_time_s")
     return [line[:time] + line[time + 1 :] for line in lines]

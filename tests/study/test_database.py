@@ -6,18 +6,18 @@ import os
 import sqlite3
 import subprocess
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import pytest
 
-from study.mismatch.mismatch_results import OUTPUTS, Fitted, MismatchResults
+from study.mismatch.mismatch_results import FITS, OUTPUTS, Fitted, MismatchResults
 from study.paper.presets import SMOKE, Cell
-from study.paper.runs import Run
-from study.paper.sweep_results import SweepResults, outputs
+from study.paper.runs import RUNS, Run
+from study.paper.sweep import SweepResults, outputs
 from study.pipeline.database import Database, identity
 from study.pipeline.settings import StudySettings
+from study.pipeline.tables import Table
 from sysid import InvalidInput
 
 
@@ -48,8 +48,13 @@ class Kind:
     outputs: tuple[str, ...]
     item: Any
     large: Any
-    add: Callable[[Any, Any], None]
-    items: Callable[[Any], Any]
+    table: Table
+
+    def add(self, store, items):
+        store.add(self.table, items)
+
+    def items(self, store):
+        return store.all(self.table)
 
 
 RUN = Run(Cell("main", 5, 0.5, 1), 0, (1.785, 1.65), 0.26, (-1.25,), ((200, -3.5),), {}, {"torch": "2"}, 7.5)
@@ -58,12 +63,11 @@ LARGE = RUN.cell._replace(seed=2)
 KINDS = {
     "study": Kind(
         SweepResults, SMOKE, outputs(SMOKE), RUN,
-        dataclasses.replace(RUN, cell=LARGE, curve=RUN.curve * 200_000), SweepResults.add_runs, SweepResults.runs,
+        dataclasses.replace(RUN, cell=LARGE, curve=RUN.curve * 200_000), RUNS,
     ),
     "mismatch": Kind(
         MismatchResults, Plan(), OUTPUTS, FITTED,
-        dataclasses.replace(FITTED, seed=2, payload={"steps": [1] * 700_000}),
-        MismatchResults.add_fits, MismatchResults.fits,
+        dataclasses.replace(FITTED, seed=2, payload={"steps": [1] * 700_000}), FITS,
     ),
 }  # fmt: skip
 
@@ -107,7 +111,7 @@ import os, sys
 from pathlib import Path
 from study.pipeline.database import Database
 
-database = Database(Path(sys.argv[1]), "CREATE TABLE counts (n INTEGER);", {identity!r})
+database = Database(Path(sys.argv[1]), {identity!r}, progress="counts (n INTEGER)")
 with database.transaction() as db:
     db.execute("INSERT INTO counts VALUES (1)")
 with database.transaction() as db:
@@ -119,7 +123,7 @@ with database.transaction() as db:
 def test_a_process_that_dies_in_a_transaction_leaves_nothing_and_no_lock(tmp_path):
     program = KILLED.format(identity=TIED)
     assert subprocess.run([sys.executable, "-c", program, str(tmp_path)], check=False).returncode == 9
-    with Database(tmp_path, "", TIED) as database:
+    with Database(tmp_path, TIED, progress="counts (n INTEGER)") as database:
         assert database.db.execute("SELECT n FROM counts").fetchall() == [(1,)]
 
 
@@ -223,11 +227,11 @@ def test_foreign_files_are_not_overwritten(kind, name, tmp_path):
 
 
 def test_a_database_that_another_program_locks_is_refused(tmp_path):
-    Database(tmp_path, "", TIED).close()
+    Database(tmp_path, TIED).close()
     other = sqlite3.connect(tmp_path / "results.sqlite", isolation_level=None)
     other.execute("BEGIN EXCLUSIVE")
     with pytest.raises(InvalidInput, match="locked by another process"):
-        Database(tmp_path, "", TIED)
+        Database(tmp_path, TIED)
     other.close()
 
 
@@ -235,7 +239,7 @@ def test_a_database_that_another_program_locks_is_refused(tmp_path):
 def test_a_file_that_is_no_database_is_refused(tmp_path, content):
     (tmp_path / "results.sqlite").write_bytes(content)
     with pytest.raises(InvalidInput, match="not a database of this study"):
-        Database(tmp_path, "", TIED)
+        Database(tmp_path, TIED)
     assert contents(tmp_path) == {"results.sqlite": content}
 
 
@@ -245,17 +249,17 @@ def test_a_database_of_something_else_is_refused(tmp_path):
     other.close()
     before = contents(tmp_path)
     with pytest.raises(InvalidInput, match="something else"):
-        Database(tmp_path, "", TIED)
+        Database(tmp_path, TIED)
     assert contents(tmp_path) == before
 
 
 def test_a_file_or_an_unwritable_place_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InvalidInput, match="is a file"):
-        Database(tmp_path / "file", "", TIED)
+        Database(tmp_path / "file", TIED)
     with pytest.raises(InvalidInput, match="cannot be made"):
-        Database(tmp_path / "file" / "below", "", TIED)
+        Database(tmp_path / "file" / "below", TIED)
     if os.geteuid() != 0:
         (tmp_path / "shut").mkdir(mode=0o500)
         with pytest.raises(InvalidInput, match="not writable"):
-            Database(tmp_path / "shut", "", TIED)
+            Database(tmp_path / "shut", TIED)

@@ -22,9 +22,9 @@ from study.mismatch.effect_cost import (
     read_losses,
     write_losses,
 )
+from study.mismatch.ground_truth import BLUNT, design, machine
 from study.mismatch.magnitudes import MAGNITUDES, Magnitude
 from study.mismatch.plan import ALL_PLANTS
-from study.mismatch.rod import BLUNT, design, machine
 from sysid import CATALOGUE, DynamicEffect, InvalidInput, State
 
 COARSE = Grid(theta=60, theta_dot=61, u=7)
@@ -172,7 +172,7 @@ def test_what_is_no_table_is_refused_and_left_alone(tmp_path, capsys):
     message = capsys.readouterr().err
     assert message.startswith("error: ") and message.count("\n") == 1
     assert (tmp_path / LOSS_TABLE).read_text() == "a,b\n1,2\n"
-    with pytest.raises(InvalidInput, match="not a table"):
+    with pytest.raises(InvalidInput, match="no column 'effect'"):
         read_losses(tmp_path / LOSS_TABLE)
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from study.paper.identification import IdentificationTask, identify
 from study.paper.presets import PAPER, PRESETS, Point
+from study.paper.runs import IdentificationTask, identify
 from sysid import InvalidInput
 
 PUBLISHED = Path(__file__).resolve().parents[3] / "shared" / "data" / "paper"

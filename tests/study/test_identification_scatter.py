@@ -21,24 +21,23 @@ def test_it_finds_the_cell_that_grid_search_finds(sigma):
 
 
 def test_a_budget_is_a_prefix_of_a_larger_one():
-    grid, moved = OneStepGrid(), noise_free_rollouts((2.0, 1.5), 10, np.random.default_rng(0))
-    samples = moved.samples(1.0)
+    grid, (moved, noise) = OneStepGrid(), noise_free_rollouts((2.0, 1.5), 10, np.random.default_rng(0))
+    samples = moved.read(noise)
     first = Samples(*(x[: 4 * LENGTH] for x in (samples.before, samples.after, samples.sine, samples.u)))
     assert np.array_equal(grid.search(samples, [4 * LENGTH, 10 * LENGTH])[0], grid.search(first, [4 * LENGTH])[0])
 
 
 def test_without_noise_the_nearest_cells_are_found():
-    found = OneStepGrid().search(
-        noise_free_rollouts((2.01, 1.515), 5, np.random.default_rng(1)).samples(0.0), [5 * LENGTH]
-    )
+    moved, _ = noise_free_rollouts((2.01, 1.515), 5, np.random.default_rng(1))
+    found = OneStepGrid().search(moved, [5 * LENGTH])
     assert found[0] == pytest.approx([2.01, 1.515])
 
 
 def test_clean_inputs_leave_the_noise_of_a_step_as_large_as_it_was():
-    moved = noise_free_rollouts((2.0, 1.5), 50, np.random.default_rng(2))
+    moved, noise = noise_free_rollouts((2.0, 1.5), 50, np.random.default_rng(2))
     errors = [s.after - s.before - (moved.after - moved.before) for s in
-              (moved.samples(1.5), moved.samples(1.5, clean_inputs=True))]  # fmt: skip
-    assert np.array_equal(moved.samples(1.5, clean_inputs=True).before, moved.before)
+              (moved.read(1.5 * noise), moved.read(1.5 * noise, clean_inputs=True))]  # fmt: skip
+    assert np.array_equal(moved.read(1.5 * noise, clean_inputs=True).before, moved.before)
     assert errors[1] == pytest.approx(errors[0])
     assert np.std(errors[0]) == pytest.approx(1.5 * 2**0.5, rel=0.02)
 

@@ -7,14 +7,12 @@ import pytest
 
 from policies.environments.randomization import Band
 from policies.evaluation import evaluate, fresh_start_states
-from study.mismatch.ground_truth import ground_truth, oracle, rollouts
+from study.mismatch.ground_truth import design, ground_truth, machine, oracle, rollouts
 from study.mismatch.mismatch_results import Fitted
 from study.mismatch.naming import FIRST, MOST, steps_of
 from study.mismatch.plan import ALL_PLANTS, DELAY_LARGE, MAGNET, PLANS, STRATEGIES, Trial
-from study.mismatch.rod import design, machine
 from study.mismatch.strategies import AT_ONCE, Budget, training_setups
-from study.mismatch.training_setup import TrainingSetup, training_setup_of
-from study.mismatch.trainings import agents_of, populations
+from study.mismatch.trainings import TrainingSetup, agents_of, populations, training_setup_of
 from study.paper.presets import PRESETS
 from sysid.estimation.held_out import held_out_error
 

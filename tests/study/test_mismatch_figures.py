@@ -14,13 +14,11 @@ from matplotlib.image import imread
 from policies.evaluation import evaluate, fresh_start_states
 from study.figure_style import STYLE, save
 from study.formatting import MINUS
-from study.mismatch.figures.drawing import read_agents, telling
 from study.mismatch.figures.experiment import PARTS, ladder, strategy_returns
 from study.mismatch.figures.naming import naming
-from study.mismatch.figures.trajectories import trajectories
+from study.mismatch.figures.trajectories import read_agents, telling, trajectories
 from study.mismatch.findings import Compared, Condition, MismatchFindings, Split, StrategyOutcome, Verdict
-from study.mismatch.labels import plant_title
-from study.mismatch.mismatch_page import CAPTIONS, page
+from study.mismatch.mismatch_report import CAPTIONS, page
 from study.mismatch.naming_results import NamingResult, is_right
 from study.mismatch.plan import CONTRASTS, FREE, PLANS, STRATEGIES
 from study.paper.protocol import paper_model
@@ -263,5 +261,5 @@ def test_the_page_holds_every_contrast_with_its_interval_and_every_way(html):
         assert f"{outcome.mean.mean:.0f}".replace("-", MINUS) in html, condition
     assert "missing: delay (12), unknown (3)" in html
     assert "100 [51, 100] (20, 2)" in html
-    assert all(plant_title(plant)[1:] in html for plant in found.plan.plants)
+    assert all(plant.title[1:] in html for plant in found.plan.plants)
     assert ">nan" not in html

@@ -10,16 +10,14 @@ import pytest
 from rich.console import Console
 
 from policies.environments.randomization import Fixed
-from study.mismatch.designs import OPTIMUM, PLAIN, model_key
-from study.mismatch.experiment import MismatchExperiment
+from study.mismatch.experiment import OPTIMUM, PLAIN, MismatchExperiment, model_key
 from study.mismatch.findings import Verdict, findings_of
 from study.mismatch.ground_truth import PRIOR, oracle
-from study.mismatch.mismatch_results import Designed, Fitted, MismatchResults, Trained
+from study.mismatch.mismatch_results import FITS, TRAININGS, Designed, Fitted, MismatchResults, Trained
 from study.mismatch.naming_results import NAMING_TABLE, NamingResult, write_naming
 from study.mismatch.plan import CONTRASTS, FREE, PLANS
 from study.mismatch.sentences import sentences
-from study.mismatch.training_setup import TrainingSetup
-from study.mismatch.trainings import agents_of
+from study.mismatch.trainings import TrainingSetup, agents_of
 from study.pipeline.experiment import run
 from study.statistics import paired_t
 from sysid import InvalidInput
@@ -153,8 +151,8 @@ def test_a_run_from_nothing_to_the_page(tmp_path):
         experiment.publish(Console(file=out))
         again = Inline()
         run(experiment, again, Console(file=out))
-        trained = {agent.key: agent.returns for agent in results.trainings()}
-        keys, _ = agents_of(plan, results.fits())
+        trained = {agent.key: agent.returns for agent in results.all(TRAININGS)}
+        keys, _ = agents_of(plan, results.all(FITS))
     assert again.tasks == []
     trials, outcomes, contrasts = (
         list(csv.DictReader((tmp_path / f"{name}.csv").read_text().splitlines()))

@@ -5,20 +5,16 @@ import sqlite3
 
 import pytest
 
-from study.mismatch.mismatch_results import Designed, Fitted, MismatchResults, Trained
+from study.mismatch.mismatch_results import DESIGNS, FITS, TRAININGS, Designed, Fitted, MismatchResults, Trained
 from study.paper.presets import SMOKE
-from study.paper.sweep_results import SweepResults
+from study.paper.sweep import SweepResults
 from sysid import InvalidInput
 
 MODEL = {"effects": [{"name": "delay", "T": 0.126}], "sd": [0.1, 1e-17], "unit": None}
 FITTED = Fitted("delay_medium", "c", 5, 1, {"model": MODEL, "verdict": "delay"}, 7.5)
 TRAINED = Trained("0f3a", {"plain": (-1.25, -2.5), "magnet": (-0.1,)}, ((200, -3.5), (400, -2.0)), {"torch": "2"}, 9.0)
 DESIGNED = Designed("magnet", "0f3a", 1, (-1.0, -2.0), 3.0)
-ALL = {
-    "fits": (MismatchResults.add_fits, MismatchResults.fits, FITTED),
-    "trainings": (MismatchResults.add_trainings, MismatchResults.trainings, TRAINED),
-    "designs": (MismatchResults.add_designs, MismatchResults.designs, DESIGNED),
-}
+ALL = {"fits": (FITS, FITTED), "trainings": (TRAININGS, TRAINED), "designs": (DESIGNS, DESIGNED)}
 
 
 @pytest.fixture(params=ALL)
@@ -34,38 +30,38 @@ def sibling(answer):
 
 
 def test_what_went_in_comes_out_again_sorted(table, tmp_path):
-    add, answers, answer = table
+    own, answer = table
     with MismatchResults(tmp_path, SMOKE) as results:
-        assert answers(results) == []
-        add(results, [answer, sibling(answer)])
+        assert results.all(own) == []
+        results.add(own, [answer, sibling(answer)])
     with MismatchResults(tmp_path, SMOKE) as results:
-        assert answers(results) == [sibling(answer), answer]
+        assert results.all(own) == [sibling(answer), answer]
 
 
 def test_a_second_answer_takes_the_place_of_the_first(table, tmp_path):
-    add, answers, answer = table
+    own, answer = table
     second = dataclasses.replace(answer, seconds=0.5)
     with MismatchResults(tmp_path, SMOKE) as results:
-        add(results, [answer, sibling(answer)])
-        add(results, [second])
-        assert answers(results) == [sibling(answer), second]
+        results.add(own, [answer, sibling(answer)])
+        results.add(own, [second])
+        assert results.all(own) == [sibling(answer), second]
 
 
 def test_answers_are_kept_all_or_none(table, tmp_path):
-    add, answers, answer = table
+    own, answer = table
     broken = dataclasses.replace(sibling(answer), seconds=object())
     with MismatchResults(tmp_path, SMOKE) as results:
         with pytest.raises(sqlite3.Error):
-            add(results, [answer, broken])
-        assert answers(results) == []
+            results.add(own, [answer, broken])
+        assert results.all(own) == []
 
 
 @pytest.mark.parametrize("field", ["plant", "strategy", "n", "seed"])
 def test_every_rollout_of_every_way_has_its_own_fit(field, tmp_path):
     other = dataclasses.replace(FITTED, **{field: 0 if field in ("n", "seed") else "a"})
     with MismatchResults(tmp_path, SMOKE) as results:
-        results.add_fits([FITTED, other])
-        assert results.fits() == [other, FITTED]
+        results.add(FITS, [FITTED, other])
+        assert results.all(FITS) == [other, FITTED]
 
 
 def test_a_finished_population_has_no_progress_left(tmp_path):
@@ -75,7 +71,7 @@ def test_a_finished_population_has_no_progress_left(tmp_path):
         results.note_training("first", 25.0)
         results.note_training("second", 3.0)
         assert results.training_seconds("first") == 25.0
-        results.add_trainings([TRAINED], "first")
+        results.add(TRAININGS, [TRAINED], ["first"])
         assert results.training_seconds("first") == 0.0
         assert results.training_seconds("second") == 3.0
 

@@ -25,7 +25,7 @@ def test_a_gap_is_identification_plus_training(answer):
 
 def test_what_a_seed_shares_does_not_widen_the_intervals(answer):
     contrast = answer.contrast((5, 0.0), (0, 0.0))
-    assert contrast.high - contrast.low < 1e-9 < answer.sem((5, 0.0))
+    assert contrast.high - contrast.low < 1e-9 < answer.summaries[5, 0.0].sem
 
 
 def test_a_contrast_does_not_depend_on_what_was_asked_before(answer):

@@ -5,16 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from study.paper.published_numbers import (
-    BASELINE,
-    CELLS,
-    DIFFERENCES,
-    ID_ERRORS,
-    POINTS,
-    QUOTES,
-    ROBUSTNESS,
-    Spot,
-)
+from study.paper.published_numbers import BASELINE, CELLS, DIFFERENCES, ID_ERRORS, POINTS, QUOTES, ROBUSTNESS, Spot
 from study.paper.published_runs import read_published
 from study.statistics import paired_bootstrap, paired_t, sem
 

@@ -6,11 +6,11 @@ import pytest
 
 from study.main import main
 from study.paper.published_numbers import POINTS, Spot
-from study.paper.published_runs import COLUMNS, Outcome, Outcomes, outcomes, read_published, read_runs
-from study.paper.tables import write_runs
+from study.paper.published_runs import Outcome, Outcomes, outcomes, read_published, read_runs
+from study.paper.sweep_report import write_runs
 from sysid import InvalidInput
 
-HEADER = ",".join(COLUMNS)
+HEADER = "n,w,seed,id_error,eval_return_mean,theta_hat_mass,theta_hat_length"
 
 
 def write(path, *rows, header=HEADER):
@@ -22,7 +22,7 @@ def test_our_own_table_reads_back(answer, tmp_path):
     write_runs([answer], tmp_path / "runs.csv")
     found = read_runs(tmp_path / "runs.csv")
     assert found.points == ("main",)
-    assert (found.budgets("main"), found.widths("main")) == (answer.point.budgets, answer.point.widths)
+    assert found.budgets("main") == answer.point.budgets
     for key in answer.cells:
         assert found.returns(Spot("main", *key)) == pytest.approx(answer.returns(key))
     assert found.id_errors("main", 5).mean() == pytest.approx(answer.id_error(5))
@@ -61,7 +61,7 @@ def test_merging_adds_cells_and_replaces_none():
         ((), "n,w,seed", "no column 'id_error'"),
         (("0,0.5,x,1.1,-700,1.0,1.0",), HEADER, "line 2"),
         (("0,0.5,1,1.1,nan,1.0,1.0",), HEADER, "NaN"),
-        (("0,0.5",), HEADER, "not a number"),
+        (("0,0.5",), HEADER, "line 2 does not hold the numbers of a row"),
         (("0,0.5,1,1.1,-700,1,1", "0,0.5,1,1.1,-700,1,1"), HEADER, "seed 1 comes twice"),
     ],
 )

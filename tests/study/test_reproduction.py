@@ -12,9 +12,8 @@ from study.paper.presets import PRESETS
 from study.paper.published_numbers import CELLS, Spot
 from study.paper.published_runs import Outcome, outcomes
 from study.paper.reproduction import REPRODUCTION_CAPTIONS, reproduce
-from study.paper.reproduction_page import section
-from study.paper.sweep_results import REPRODUCTION_FIGURES
-from study.paper.tables import write_runs
+from study.paper.sweep import REPRODUCTION_FIGURES
+from study.paper.sweep_report import write_report, write_runs
 
 
 @pytest.fixture(scope="module")
@@ -32,8 +31,12 @@ def theirs(answer):
     )
 
 
-def words(page):
-    return " ".join(re.sub(r"<[^>]+>", " ", re.sub(r"data:[^\"]+", "", str(page))).split())
+def words(answer, reproduction, folder):
+    """The section in the report."""
+    write_report([answer], [{}], folder / "report.html", reproduction)
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    section = page[page.index("Held against the publication") : page.index("How it was made")]
+    return " ".join(re.sub(r"<[^>]+>", " ", re.sub(r"data:[^\"]+", "", section)).split())
 
 
 def test_every_part_is_there(answer, theirs, small_scatter, tmp_path):
@@ -41,7 +44,7 @@ def test_every_part_is_there(answer, theirs, small_scatter, tmp_path):
     assert set(reproduction.figures) == set(REPRODUCTION_CAPTIONS) - {"identifiers"}
     for path in reproduction.figures.values():
         assert np.ptp(imread(path)[..., :3]) > 0.5
-    text = words(section(reproduction, answer.preset))
+    text = words(answer, reproduction, tmp_path)
     for part in ("Where this run and the paper disagree", "Cell by cell", "Every published contrast",
                  "The robustness table", "What it claims beside its table", "paired over 3 seeds"):  # fmt: skip
         assert part in text
@@ -105,7 +108,7 @@ def test_longer_training_is_not_taken_for_the_published_sweep(answer, tmp_path):
 
 
 def test_small_presets_have_the_section_too(small_answer, tmp_path):
-    text = words(section(reproduce([small_answer], tmp_path), small_answer.preset))
+    text = words(small_answer, reproduce([small_answer], tmp_path), tmp_path)
     assert "Held against the publication" in text
     assert "±nan" not in text
 

@@ -11,12 +11,10 @@ import pytest
 from rich.console import Console
 
 from policies.evaluation import evaluate, fresh_start_states, start_states
-from study.paper.identification import hidden_plant, identify
 from study.paper.presets import Point, Preset
-from study.paper.reference_controllers import ReferenceTask
-from study.paper.runs import SweepPopulation
-from study.paper.sweep import Sweep
-from study.paper.sweep_results import SweepResults, outputs
+from study.paper.reference_controllers import REFERENCES, ReferenceTask
+from study.paper.runs import RUNS, SweepPopulation, hidden_plant, identify
+from study.paper.sweep import Sweep, SweepResults, outputs
 from study.pipeline.experiment import run
 from study.pipeline.policy_files import read_policies
 from sysid import InvalidInput
@@ -48,7 +46,7 @@ def finish(folder, preset=MANY, device="cpu", imported=None):
         sweep = Sweep(preset, store, 1e9, imported)
         run(sweep, executor, Console(file=said))
         sweep.publish(Console(file=said))
-        return executor, store.runs(), said.getvalue()
+        return executor, store.all(RUNS), said.getvalue()
 
 
 def trained(executor):
@@ -90,7 +88,7 @@ def test_a_controller_is_designed_once_and_run_on_every_plant_that_asks(finished
     designs = [(t.controller, t.theta) for t in executor.tasks if isinstance(t, ReferenceTask)]
     assert len(designs) == len(set(designs)) == 2 * 3 + len({r.theta_hat for r in runs})
     with SweepResults(folder, MANY) as store:
-        found = store.references()
+        found = store.all(REFERENCES)
     assert {(r.theta, r.truth) for r in found if r.controller == "optimal"} >= {
         (r.theta_hat, MANY.point(r.cell.point).truth) for r in runs
     }
@@ -205,16 +203,13 @@ def changed(folder, path, **columns):
 @pytest.mark.parametrize(
     ("columns", "told"),
     [
-        (
-            {"point": "nowhere"},
-            r"line 2 \(nowhere, n = 0, w = 0, seed 0\) .* expected one of the points main,",
-        ),
+        ({"point": "nowhere"}, r"line 2 \(nowhere, n = 0, w = 0, seed 0\) .* expected one of the points main,"),
         ({"n": "7"}, r"line 2 \(main, n = 7, .* expected n in \(0, 2\)"),
         ({"w": "0.1"}, r"line 2 .* w in \(0.0, 0.5\)"),
         ({"theta_hat_mass": "1.00001"}, r"line 2 .* its theta_hat is \(1.00001, 1.0\), expected \(1.0, 1.0\)"),
         ({"theta_hat_length": "nan"}, r"line 2 .* theta_hat is \(1.0, nan\)"),
         ({"eval_return_mean": "inf"}, r"line 2 .* its return is inf"),
-        ({"eval_return_mean": "much"}, r"line 2 does not hold the numbers of a run"),
+        ({"eval_return_mean": "much"}, r"line 2 does not hold the numbers of a row"),
         ({"w": "0.5"}, r"line \d .* it is there twice"),
     ],
 )
@@ -250,8 +245,8 @@ def test_runs_on_another_plant_are_refused_where_no_estimate_tells(finished, tmp
     ("name", "content", "told"),
     [
         ("missing.csv", None, "no such file"),
-        ("short.csv", "n,w\n1,2\n", "no column 'point'"),
-        ("image.csv", b"\x89PNG\xff\xfe", "not a text in UTF-8"),
+        ("short.csv", "n,w\n1,2\n", "no column 'seed'"),
+        ("image.csv", b"\x89PNG\xff\xfe", "not a table of runs"),
         ("cut.sqlite", b"SQLite format 3\0cut off", "not the results of a study"),
         ("cakes.sqlite", "CREATE TABLE cakes (name TEXT)", "not the results of a study"),
     ],

@@ -48,8 +48,7 @@ def test_width_of_the_interval_is_that_of_a_mean():
 
 
 @pytest.mark.parametrize(
-    ("a", "b", "told"),
-    [([], [], "same seeds"), ([1.0, 2.0], [1.0], "same seeds"), ([1.0, np.nan], [1.0, 2.0], "NaN")],
+    ("a", "b", "told"), [([], [], "same seeds"), ([1.0, 2.0], [1.0], "same seeds"), ([1.0, np.nan], [1.0, 2.0], "NaN")]
 )
 def test_bad_input_is_refused(a, b, told):
     with pytest.raises(InvalidInput, match=told):

@@ -12,8 +12,8 @@ from matplotlib.patches import Rectangle
 
 from study.figure_style import STYLE
 from study.formatting import MINUS
-from study.paper import tables
-from study.paper.figures import operating_point as figures
+from study.paper import sweep_report
+from study.paper.figures import sweeps as figures
 from study.paper.reproduction import reproduce
 from study.paper.sweep_report import write_report
 
@@ -83,11 +83,11 @@ def test_the_heatmap_outlines_the_best_cell_and_prints_the_means(answer):
     assert len(printed) == len(answer.cells)
     mean, error = printed[row, column]
     assert mean == f"{MINUS}{abs(answer.mean(answer.best)):.0f}"
-    assert error.startswith(f"± {answer.sem(answer.best):.0f} · ")
+    assert error.startswith(f"± {answer.summaries[answer.best].sem:.0f} · ")
 
 
 def test_runs_csv_has_the_papers_columns_and_conventions(answer, tmp_path):
-    tables.write_runs([answer], tmp_path / "runs.csv")
+    sweep_report.write_runs([answer], tmp_path / "runs.csv")
     with (tmp_path / "runs.csv").open() as file:
         rows = list(csv.DictReader(file))
     papers = "n,w,seed,id_error,eval_return_mean,eval_return_std,theta_hat_mass,theta_hat_length,wall_time_s"
@@ -99,7 +99,7 @@ def test_runs_csv_has_the_papers_columns_and_conventions(answer, tmp_path):
 
 
 def test_references_csv_has_every_controller(answer, tmp_path):
-    tables.write_references([answer], tmp_path / "references.csv")
+    sweep_report.write_references([answer], tmp_path / "references.csv")
     with (tmp_path / "references.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [(r["m"], r["l"], r["controller"]) for r in rows] == [

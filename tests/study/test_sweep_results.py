@@ -1,14 +1,11 @@
 """What a study keeps: estimates, runs, references and the time spent on unfinished populations."""
 
-import sqlite3
-
 import pytest
 
-from study.paper.identification import Estimated
 from study.paper.presets import QUICK, SMOKE, Cell
-from study.paper.reference_controllers import Reference
-from study.paper.runs import Run
-from study.paper.sweep_results import SweepResults
+from study.paper.reference_controllers import REFERENCES, Reference
+from study.paper.runs import ESTIMATES, RUNS, Estimated, Run
+from study.paper.sweep import SweepResults
 from sysid import InvalidInput
 
 CURVE, SETTINGS = ((200, -3.5),), {"sac": {"steps": 1}}
@@ -21,22 +18,15 @@ def test_what_went_in_comes_out_again(tmp_path):
     with SweepResults(tmp_path, SMOKE) as store:
         store.note_training(0, 12.5)
         assert store.training_seconds(0) == 12.5
-        store.add_runs([RUN])
-        store.add_references([REFERENCE])
-        store.add_estimates([ESTIMATED])
+        store.add(RUNS, [RUN], [0])
+        store.add(REFERENCES, [REFERENCE])
+        store.add(ESTIMATES, [ESTIMATED])
         assert store.training_seconds(0) == 0.0
     with SweepResults(tmp_path, SMOKE) as store:
-        assert store.runs() == [RUN]
-        assert store.references() == [REFERENCE]
+        assert store.all(RUNS) == [RUN]
+        assert store.all(REFERENCES) == [REFERENCE]
         assert store.estimates() == {("main", 5, 1): (1.785, 1.65)}
         assert store.finished() == {RUN.cell}
-
-
-def test_a_population_is_kept_whole_or_not_at_all(tmp_path):
-    with SweepResults(tmp_path, SMOKE) as store:
-        with pytest.raises(sqlite3.IntegrityError):
-            store.add_runs([RUN, RUN])
-        assert store.runs() == []
 
 
 def test_a_folder_of_another_preset_is_refused(tmp_path):

@@ -135,9 +135,9 @@ def test_first_order_evidence_is_that_of_the_scores() -> None:
     truth = Hypothesis("viscous", rod().with_effect(Viscous(b=small)), (*NAMES, "viscous.b"))
     rival = Hypothesis("drag", rod().with_effect(CATALOGUE["drag"](c=small)), (*NAMES, "drag.c"))
     signals = draw(np.random.default_rng(3), LIMITS, 0.02, 1, swings=False)
-    ours = Pool([truth, rival], signals, CONDITIONS).unlike(0, 1).unexplained()[0]
+    ours = Pool([truth, rival], signals, CONDITIONS).unlike("viscous", "drag").unexplained()[0]
 
-    told = scores(output_error(predict(rod(), signals, CONDITIONS).records), ("viscous", "drag"))
+    told = scores(output_error(predict(rod(), signals, CONDITIONS)), ("viscous", "drag"))
     z = {name: s.z[:, 0] for name, s in told.items()}
     rho = z["viscous"] @ z["drag"] / math.sqrt((z["viscous"] @ z["viscous"]) * (z["drag"] @ z["drag"]))
     assert ours == pytest.approx(small**2 * z["viscous"] @ z["viscous"] * (1.0 - rho**2), rel=0.02)
@@ -152,11 +152,11 @@ def test_first_order_evidence_is_what_a_refit_leaves(truth: Effect, rival: str) 
     """With the rival at its best numbers, also where the effect is large: the two motions differ little."""
     own = Hypothesis(truth.name, rod().with_effect(truth), (*NAMES, f"{truth.name}.{next(iter(truth.parameters))}"))
     signals = [Signal("multisine", 0.8, 0.3, 0.1, 1.0, 1.0, 0.0, seed) for seed in range(2)]
-    base = output_error(predict(own.model, signals, CONDITIONS).records)
+    base = output_error(predict(own.model, signals, CONDITIONS))
     score = scores(base, (rival,))[rival]
     best = extended(base, [score.best.at(score.sizes)], KNOWN)
     pool = Pool([own, Hypothesis(rival, best.model, best.names)], signals, CONDITIONS)
-    assert pool.unlike(0, 1).together().unexplained()[0] == pytest.approx(best.e @ best.e, rel=0.1)
+    assert pool.unlike(truth.name, rival).together().unexplained()[0] == pytest.approx(best.e @ best.e, rel=0.1)
 
 
 def test_a_random_torque_makes_an_experiment_tell_less() -> None:
@@ -168,7 +168,7 @@ def test_a_random_torque_makes_an_experiment_tell_less() -> None:
         Pool([hypothesis], signals, Conditions(LIMITS, SENSOR, own)).precision() for own in (NONE, disturbances)
     )
     assert np.all(shaken.sd() > 2.0 * calm.sd())
-    samples = Samples(rod(), predict(rod(), signals, CONDITIONS).records, SENSOR)
+    samples = Samples(rod(), predict(rod(), signals, CONDITIONS), SENSOR)
     found = solver.fit(samples, rod(), NAMES, None, disturbances, KNOWN)
     np.testing.assert_allclose(shaken.together().sd()[0], np.sqrt(np.diag(found.covariance)), rtol=0.05)
 
@@ -325,6 +325,14 @@ def test_the_answer_is_plain_data_and_a_sentence() -> None:
     assert e.repeats == max(1, math.ceil(16.0 / data["after"]))
 
 
+def test_a_single_rival_is_told_from_its_absence() -> None:
+    alone, listed = (
+        next_experiment(rod(), own, Limits(1.0, 3.0), SENSOR) for own in (Viscous(b=0.01), [Viscous(b=0.01)])
+    )
+    assert alone.to_dict() == listed.to_dict()
+    assert {(c.truth, c.rival) for c in alone.contests} == {("viscous", "nothing")}
+
+
 # what no torque tells -----------------------------------------------------------------------------------------
 
 
@@ -379,7 +387,9 @@ def test_a_payload_shows_the_torque_gain(weight: tuple[float, float] | None) -> 
 
 def test_the_least_labour_is_asked_for() -> None:
     def asked(model: Model, *names: str) -> Experiment:
-        return non_torque_experiment(model, names, Conditions(Limits(1.0, 3.0, theta_max=1.5), SENSOR))
+        return non_torque_experiment(
+            model, names, Conditions(Limits(1.0, 3.0, theta_max=1.5), SENSOR), np.random.default_rng(0)
+        )
 
     weighed = asked(rod(), "rotor_inertia")
     assert weighed.kind == "none"

@@ -216,7 +216,7 @@ def test_objects_in_an_npz_are_not_unpickled(tmp_path):
 def test_wrong_wishes_are_refused(tmp_path):
     path = write(tmp_path / "log.csv", table(rollouts()[0]))
     for wish, message in (
-        ({"zero": "left"}, "zero = 'left': expected 'upright' or 'hanging'"),
+        ({"zero": "left"}, "zero = 'left': expected one of upright, hanging"),
         ({"time_unit": "min"}, "time_unit = 'min': expected one of s, ms, us"),
         ({"columns": "theta"}, "columns has 'theta': expected name=column pairs"),
         ({"columns": "angle=theta"}, "columns name 'angle': expected some of t, theta, theta_dot, torque, rollout"),

@@ -20,7 +20,7 @@ from sysid.diagnosis.answer import Diagnosis, Ranked, Remaining, Step
 from sysid.diagnosis.predictions import typical
 from sysid.estimation.held_out import held_out_error
 from sysid.planning.excitation import steps
-from sysid.planning.non_torque_experiments import no_experiment
+from sysid.planning.planned_experiment import Experiment
 from sysid.report import diagnosis_figures as figures
 from sysid.report import formatting as set_as
 from sysid.report.write import page_of, write_report
@@ -65,7 +65,7 @@ def diagnosis(records: list[Record], verdict: str = "missing", sensor: Sensor = 
         unseen=held_out,
         estimate=end if added else base,
         contacts=(),
-        next_experiment=no_experiment(("coulomb", "stribeck"), "play steps."),
+        next_experiment=Experiment("none", "play steps.", ("coulomb", "stribeck")),
         seconds=1.5,
     )
 

@@ -13,11 +13,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from study.figure_style import ACCENT
-from study.formatting import number
+from study.figure_style import ACCENT, beside, panel_title
+from study.formatting import capital, number
 from study.mismatch.findings import Condition, MismatchFindings, Split, StrategyOutcome
-from study.mismatch.labels import RUNGS, capital, is_out_of_catalogue, plant_noun, plant_size, plant_title
-from study.mismatch.plan import FREE, SHARED, STRATEGIES, HiddenPlant, StrategyKey
+from study.mismatch.plan import FREE, RUNGS, SHARED, STRATEGIES, HiddenPlant, StrategyKey
 from study.statistics import Contrast
 
 INKS = {"nothing": "0.45", "plain": "#0072B2", "mended": "#D55E00", "oracle": "0.1"}
@@ -44,7 +43,10 @@ def strategy_returns(findings: MismatchFindings) -> Figure:
         for strategy, y in rows.items():
             _strategy(axes, findings, plant, strategy, y)
         axes.axvline(findings.optima[plant.name], color=ACCENT, linewidth=1.2, zorder=1)
-        _title(axes, plant)
+        panel_title(axes, plant.noun, plant.size, "not in the catalogue" * (plant.in_catalogue is False), fontsize=9.5)
+        axes.tick_params(axis="y", length=0)
+        axes.grid(axis="x", color="0.92", linewidth=0.8)
+        axes.set_axisbelow(True)
     first = panels[0]
     first.set_yticks(list(rows.values()), [f"{STRATEGIES[strategy].short}  ({strategy})" for strategy in rows])
     for label, strategy in zip(first.get_yticklabels(), rows, strict=True):
@@ -77,35 +79,19 @@ def _strategy(axes: Axes, findings: MismatchFindings, plant: HiddenPlant, strate
         outcome = findings.outcomes[Condition(plant.name, strategy, n)]
         place = y + 0.34 * (k - 0.5 * (len(budgets) - 1)) / max(1, len(budgets) - 1)
         if outcome.mean.mean < low + 0.04 * (high - low):
-            text = f"◂ {number(outcome.mean.mean)}"
-            axes.annotate(text, (low, place), (3, 0), textcoords="offset points", va="center", color=ink, fontsize=8.5)
+            beside(axes, f"◂ {number(outcome.mean.mean)}", (low, place), (3, 0), color=ink, fontsize=8.5)
             continue
-        _interval(axes, outcome.mean, place, ink)
+        if math.isfinite(outcome.mean.low):
+            axes.plot([outcome.mean.low, outcome.mean.high], [place, place], color=ink, linewidth=1.3, zorder=2)
         axes.plot([outcome.median], [place], color=ink, marker="|", markersize=8, markeredgewidth=1.3, zorder=3)
         axes.plot([outcome.mean.mean], [place], color=ink, marker="o", markersize=5, zorder=4, markeredgewidth=1.2,
                   markerfacecolor="white" if k < len(budgets) - 1 else ink)  # fmt: skip
-
-
-def _interval(axes: Axes, contrast: Contrast, y: float, ink: Any) -> None:
-    if math.isfinite(contrast.low):
-        axes.plot([contrast.low, contrast.high], [y, y], color=ink, linewidth=1.3, zorder=2)
 
 
 def _reach_of_panels(findings: MismatchFindings) -> float:
     """The largest gap to the optimum of a strategy that measured, or knows; others may leave the panels."""
     gaps = {condition: findings.optima[condition.plant] - o.mean.mean for condition, o in findings.outcomes.items()}
     return max(1.0, *([gap for condition, gap in gaps.items() if condition.strategy not in SHARED] or gaps.values()))
-
-
-def _title(axes: Axes, plant: HiddenPlant) -> None:
-    axes.set_title(capital(plant_noun(plant)), fontsize=9.5, pad=30)
-    kind = "not in the catalogue" if is_out_of_catalogue(plant) else ""
-    about = [line for line in (plant_size(plant), kind) if line]
-    axes.annotate("\n".join(about), (0.0, 1.0), (0, 26), xycoords="axes fraction", textcoords="offset points", va="top",
-                  fontsize=8.5, color="0.4")  # fmt: skip
-    axes.tick_params(axis="y", length=0)
-    axes.grid(axis="x", color="0.92", linewidth=0.8)
-    axes.set_axisbelow(True)
 
 
 def _key(figure: Figure, budgets: Sequence[int]) -> None:
@@ -122,9 +108,6 @@ def _key(figure: Figure, budgets: Sequence[int]) -> None:
     handles.append(mark(marker="|", markersize=8, linestyle="none", label="median"))
     handles.append(Line2D([], [], color=ACCENT, linewidth=1.2, label="optimum (dynamic programming)"))
     figure.legend(handles=handles, loc="outside upper right", ncols=len(handles), fontsize=9.0)
-
-
-# the ladder ------------------------------------------------------------------------------------------------------
 
 
 def ladder(findings: MismatchFindings) -> Figure:
@@ -146,7 +129,7 @@ def _climb(axes: Axes, findings: MismatchFindings) -> None:
         shares = [_share(optimum, mean.mean) for mean in means]
         bars = [_reach(optimum, mean) for mean in means]
         axes.errorbar(x, shares, np.transpose(bars), color=inks[plant.name], marker="o", markersize=5, linewidth=1.8,
-                      elinewidth=1.1, zorder=3, label=plant_title(plant))  # fmt: skip
+                      elinewidth=1.1, zorder=3, label=plant.title)  # fmt: skip
     axes.axhline(100.0, color=ACCENT, linewidth=1.1, zorder=1)
     axes.set_xticks(range(len(rungs)), [f"{RUNGS[strategy]}\n({strategy})" for strategy in rungs])
     axes.set_ylim(0.0, 106.0)
@@ -169,7 +152,6 @@ def _reach(optimum: float, mean: Contrast) -> tuple[float, float]:
 
 
 def _at_most(findings: MismatchFindings, plant: HiddenPlant, strategy: str) -> StrategyOutcome:
-    """The strategy's outcome at the largest budget."""
     return findings.outcomes[Condition.of(plant.name, strategy, max(findings.plan.budgets))]
 
 
@@ -181,14 +163,10 @@ def _plant_inks(findings: MismatchFindings) -> dict[str, str]:
 
 def _splits(axes: Axes, findings: MismatchFindings) -> None:
     """Bars from the optimum: parts of a gap end to end; a part below zero stands left of it."""
-    strategies, y, ticks = (
-        [strategy for strategy in (StrategyKey.FITTED, StrategyKey.MENDED) if strategy in findings.plan.strategies],
-        0.0,
-        [],
-    )
+    strategies = [s for s in (StrategyKey.FITTED, StrategyKey.MENDED) if s in findings.plan.strategies]
+    y, ticks = 0.0, []
     for plant in findings.plan.plants:
-        axes.annotate(capital(plant_title(plant)), (0.0, y - 0.5), (4, 3), textcoords="offset points", fontsize=9.0,
-                      color="0.3")  # fmt: skip
+        beside(axes, capital(plant.title), (0.0, y - 0.5), (4, 3), va="baseline", color="0.3")
         for strategy in strategies:
             split = _at_most(findings, plant, strategy).split
             if split is None:
@@ -215,4 +193,4 @@ def _stack(axes: Axes, split: Split, y: float) -> None:
         part = getattr(split, name)
         axes.barh(y, part, left=plus if part >= 0.0 else minus, color=ink, height=0.8, zorder=2)
         plus, minus = plus + max(part, 0.0), minus + min(part, 0.0)
-    axes.annotate(number(split.gap), (plus, y), (4, 0), textcoords="offset points", va="center", fontsize=8.0)
+    beside(axes, number(split.gap), (plus, y), fontsize=8.0)

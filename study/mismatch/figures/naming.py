@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, NullLocator
 
-from study.mismatch.labels import capital, is_out_of_catalogue, plant_noun, plant_size
+from study.figure_style import panel_title
 from study.mismatch.naming_results import NamingResult, naming_errors, naming_rates
 from study.mismatch.plan import PLANS, HiddenPlant
 
@@ -58,16 +58,9 @@ def _rates(axes: Axes, plant: HiddenPlant, rows: Sequence[NamingResult]) -> None
     accompanied = [100.0 * rate.accompanied / rate.seeds for rate in found.values()]
     if any(accompanied):
         axes.plot(list(found), accompanied, color=COMPANY, linestyle="--", linewidth=1.2)
-    axes.set_title(capital(plant_noun(plant)), fontsize=10.0, pad=30)
-    axes.annotate(_about(plant), (0.0, 1.0), (0, 26), xycoords="axes fraction", textcoords="offset points", va="top",
-                  fontsize=8.5, color="0.4")  # fmt: skip
+    wanted = {None: "adequate", False: "unknown, partly", True: ""}[plant.in_catalogue]
+    panel_title(axes, plant.noun, plant.size, wanted and f"right: “{wanted}”", fontsize=10.0)
     axes.grid(axis="y", color="0.92", linewidth=0.8)
-
-
-def _about(plant: HiddenPlant) -> str:
-    """The size, and the right answer where it is no effect's name."""
-    wanted = "adequate" if plant.effect is None else "unknown, partly" if is_out_of_catalogue(plant) else ""
-    return "\n".join(line for line in (plant_size(plant), wanted and f"right: “{wanted}”") if line)
 
 
 def _errors(axes: Axes, plant: HiddenPlant, rows: Sequence[NamingResult]) -> None:

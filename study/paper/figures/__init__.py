@@ -1,6 +1,5 @@
 """Figures of the sweep.
 
-sweeps            heat map and best width of one sweep, or of two side by side; reference_lines: optimum, swing-up, LQR
-operating_point   what a finished operating point shows
-side_by_side      this study beside the published one         identification   how the grid search scatters
+sweeps        what a finished operating point shows, alone or beside the published sweep
+publication   contrasts there and here, how the grid search scatters, three identifiers
 """

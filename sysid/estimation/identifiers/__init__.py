@@ -4,5 +4,3 @@ from sysid.estimation.identifiers.grid import GridSearch
 from sysid.estimation.identifiers.identifier import Identifier
 from sysid.estimation.identifiers.least_squares import LeastSquares
 from sysid.estimation.identifiers.unscented import UnscentedKalman
-
-__all__ = ["GridSearch", "Identifier", "LeastSquares", "UnscentedKalman"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from itertools import islice
 from typing import Any
 
@@ -18,13 +18,13 @@ from sysid.errors import InvalidInput
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.identifiers.coordinates import Coordinates
 from sysid.estimation.identifiers.identifier import free_parameters
+from sysid.estimation.output_error import CHANNELS
 from sysid.estimation.smoothed_start import parameter_starts
 from sysid.physics import ops
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
 Index = NDArray[np.intp]
-CHANNELS = ("theta", "theta_dot")
 
 
 @dataclass(frozen=True)
@@ -235,7 +235,7 @@ class _Pass:
         The precision is nan where a sigma point went beyond all numbers.
         """
         mean, covariance = prior.moments()
-        kf = _filter()(self.size, 1, self.model.dt, _read, self._move, self.points)
+        kf = _filter()(self.size, 1, self.model.dt, lambda x, channel: x[channel], self._move, self.points)
         kf.Q = self.process
         kf.x = np.concatenate([self.start, mean])
         kf.P = np.block([[self.start_covariance, np.zeros((2, len(mean)))], [np.zeros((len(mean), 2)), covariance]])
@@ -252,7 +252,7 @@ class _Pass:
                 if not np.all(np.isfinite(kf.sigmas_f)):
                     return _Gaussian(np.full_like(covariance, np.nan), mean), squares, count
                 if len(channel):
-                    kf.residual_z = Residual(channel)
+                    kf.residual_z = partial(residual, channel)
                     kf.update(value, np.diag(noisier**2 * variance), channel=channel)
                     kf.P = 0.5 * (kf.P + kf.P.T)
                     np.add.at(squares, channel, kf.y**2 / np.diag(kf.S))
@@ -297,21 +297,10 @@ def _filter() -> type:
     return Filter
 
 
-def _read(x: Array, channel: Index) -> Array:
-    """The readings (K,) of a state x (dim,)."""
-    read: Array = x[channel]
-    return read
-
-
-class Residual:
+def residual(channel: Index, reading: Array, predicted: Array) -> Array:
     """Reading less prediction, angles by the shorter way round."""
-
-    def __init__(self, channel: Index) -> None:
-        self.angle = channel == 0
-
-    def __call__(self, a: Array, b: Array) -> Array:
-        difference: Array = np.where(self.angle, ops.wrap(a - b), a - b)
-        return difference
+    difference: Array = np.where(channel == 0, ops.wrap(reading - predicted), reading - predicted)
+    return difference
 
 
 def square_root(P: Array) -> NDArray[np.floating[Any]]:

@@ -1,18 +1,6 @@
 """What may be missing from a model: one file a family, and the catalogue of them all."""
 
-from sysid.physics.effects.actuation import (
-    BackEmf,
-    DeadZone,
-    Delay,
-    Lag,
-    Saturation,
-    Stamp,
-    TorqueGain,
-    TorqueSpeedLimit,
-)
-from sysid.physics.effects.actuators import DCMotor, PositionServo, TorqueConstant
 from sysid.physics.effects.catalogue import ACTUATORS, CATALOGUE, effect, kind_of, preferred, register
-from sysid.physics.effects.disturbance import Drift, Periodic, TorqueBias
 from sysid.physics.effects.effect import (
     Actuator,
     DryFriction,
@@ -24,79 +12,3 @@ from sysid.physics.effects.effect import (
     OutputEffect,
     Reading,
 )
-from sysid.physics.effects.friction import (
-    AsymmetricCoulomb,
-    AsymmetricViscous,
-    Coulomb,
-    Drag,
-    Stribeck,
-    Viscous,
-    WarmingFriction,
-)
-from sysid.physics.effects.load import DirectionalLoadFriction, LoadFriction, Ripple, RotorInertia, Spring, Tilt
-from sysid.physics.effects.presliding import Dahl, LuGre
-from sysid.physics.effects.sensing import (
-    AngleOffset,
-    Backlash,
-    Eccentricity,
-    FilteredSpeed,
-    SensorDelay,
-    VelocityBias,
-    VelocityGain,
-)
-from sysid.physics.effects.transmission import FlexibleTransmission
-
-__all__ = [
-    "ACTUATORS",
-    "CATALOGUE",
-    "Actuator",
-    "AngleOffset",
-    "AsymmetricCoulomb",
-    "AsymmetricViscous",
-    "BackEmf",
-    "Backlash",
-    "Coulomb",
-    "DCMotor",
-    "Dahl",
-    "DeadZone",
-    "Delay",
-    "DirectionalLoadFriction",
-    "Drag",
-    "Drift",
-    "DryFriction",
-    "DynamicEffect",
-    "Eccentricity",
-    "Effect",
-    "FilteredSpeed",
-    "FlexibleTransmission",
-    "InputEffect",
-    "Joint",
-    "JointEffect",
-    "Lag",
-    "LoadFriction",
-    "LuGre",
-    "OutputEffect",
-    "Periodic",
-    "PositionServo",
-    "Reading",
-    "Ripple",
-    "RotorInertia",
-    "Saturation",
-    "SensorDelay",
-    "Spring",
-    "Stamp",
-    "Stribeck",
-    "Tilt",
-    "TorqueBias",
-    "TorqueConstant",
-    "TorqueGain",
-    "TorqueSpeedLimit",
-    "VelocityBias",
-    "VelocityGain",
-    "Viscous",
-    "WarmingFriction",
-    "effect",
-    "kind_of",
-    "preferred",
-    "register",
-]

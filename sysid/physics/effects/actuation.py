@@ -5,50 +5,37 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
 from sysid.physics import ops
-from sysid.physics.effects.dead_time import DeadTime, delayed, delayed_record, doubling
 from sysid.physics.effects.effect import Array, InputEffect, Joint, JointEffect, Memory
+from sysid.physics.effects.probes import doubling, of_largest
+from sysid.physics.effects.timing import DeadTime, decaying, delayed, delayed_record, first_order
 from sysid.physics.ops import Value
-from sysid.physics.parameters import Extent, parameter
-
-_TINY = 1e-15
-_LONGEST_LAG = 1.0
+from sysid.physics.parameters import parameter
 
 
 @dataclass(frozen=True, eq=False)
 class Delay(DeadTime, InputEffect):
-    """A dead time of the torque, at most `longest` [s], which fixes the length of the memory.
+    """A dead time of the torque, at most `longest` [s], which fixes the length of the memory."""
 
-    Raises InvalidInput for a `longest` that is not a positive time.
-    """
-
-    words: ClassVar[str] = "a delay of the torque"
-    precedence: ClassVar[int] = 1
-    rarity: ClassVar[float] = 0.5
-    formula: ClassVar[str] = "drive(t) = u(t - T)"
-    confused: ClassVar[tuple[str, ...]] = ("lag", "stamp", "sensor_delay", "filtered_speed")
-    excludes: ClassVar[tuple[str, ...]] = ("stamp",)
-    stage: ClassVar[int] = 1
+    words = "a delay of the torque"
+    precedence = 1
+    rarity = 0.5
+    formula = "drive(t) = u(t - T)"
+    confused = ("lag", "stamp", "sensor_delay", "filtered_speed")
+    excludes = ("stamp",)
+    stage = 1
 
     def rest(self, dt: float) -> Memory:
-        """Zero commands, the latest first, as far back as `longest` reaches."""
         return (0.0,) * self.intervals(dt)
 
     def advance(self, signal: Sequence[Value], memory: Memory, dt: float) -> tuple[tuple[Value, ...], Memory]:
-        """Substep means of the delayed command; the signal before a delay is constant over the interval."""
         return delayed(signal, memory, self.T, dt)
 
     def whole(self, signal: Array, dt: float) -> Array:
-        """Substep means (..., N, S) over whole records."""
         return delayed_record(signal, self.intervals(dt), self.T, dt)
-
-
-def _time_constants(extent: Extent) -> tuple[float, ...]:
-    return doubling(extent, _LONGEST_LAG)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,24 +47,18 @@ class Lag(InputEffect):
         z' = s + (z - s) exp(-h/T),   mean of z over the substep = s + (z - s) (T/h) (1 - exp(-h/T))
     """
 
-    words: ClassVar[str] = "a lag of the torque"
-    rarity: ClassVar[float] = 1.5
-    formula: ClassVar[str] = "T z_dot = u - z, drive = z"
-    confused: ClassVar[tuple[str, ...]] = ("delay", "stamp", "sensor_delay", "filtered_speed")
-    stage: ClassVar[int] = 2
-    T: Value = parameter(0.0, unit="s", bounds=(0.0, 10.0), neutral=0.0, probe=_time_constants)
+    words = "a lag of the torque"
+    rarity = 1.5
+    formula = "T z_dot = u - z, drive = z"
+    confused = ("delay", "stamp", "sensor_delay", "filtered_speed")
+    stage = 2
+    T: Value = parameter(0.0, unit="s", bounds=(0.0, 10.0), neutral=0.0, probe=doubling(1.0))
 
     def rest(self, dt: float) -> Memory:
-        """z = 0."""
         return (0.0,)
 
     def advance(self, signal: Sequence[Value], memory: Memory, dt: float) -> tuple[tuple[Value, ...], Memory]:
-        """Substep means of the lagged signal, and z at the end of the interval."""
-        h = dt / len(signal)
-        T = self.T + _TINY
-        decay = ops.exp(-h / T)
-        share = (T / h) * (1.0 - decay)
-        (z,) = memory
+        (z,), (decay, share) = memory, first_order(self.T, dt / len(signal))
         lagged = []
         for s in signal:
             lagged.append(s + (z - s) * share)
@@ -85,16 +66,11 @@ class Lag(InputEffect):
         return tuple(lagged), (z,)
 
     def whole(self, signal: Array, dt: float) -> Array:
-        """Substep means (..., N, S) over whole records: z is a first-order filter of the substeps' signal."""
-        from scipy.linalg import solve_banded  # scipy.signal's filter would take half a second to load
-
-        h, T = dt / signal.shape[-1], self.T + _TINY
-        decay = ops.exp(-h / T)
+        decay, share = first_order(self.T, dt / signal.shape[-1])
         s = signal.reshape(*signal.shape[:-2], -1)
-        band = np.stack([np.ones(s.shape[-1]), np.full(s.shape[-1], -decay)])
-        filtered = solve_banded((1, 0), band, (1.0 - decay) * s.reshape(-1, s.shape[-1]).T).T.reshape(s.shape)
+        filtered = decaying((1.0 - decay) * s, decay)
         z = np.concatenate([np.zeros_like(s[..., :1]), filtered[..., :-1]], axis=-1)
-        return np.reshape(s + (z - s) * (T / h) * (1.0 - decay), signal.shape)
+        return np.reshape(s + (z - s) * share, signal.shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,15 +80,13 @@ class TorqueGain(InputEffect):
     With m and l (or J and G) free it does not show in the motion: weigh the pendulum, or hang a known payload on it.
     """
 
-    words: ClassVar[str] = "a factor on the torque"
-    inertial: ClassVar[bool] = True
-    rarity: ClassVar[float] = 2.0
-    formula: ClassVar[str] = "drive = c u"
-    confused: ClassVar[tuple[str, ...]] = ("rotor_inertia", "coulomb", "saturation", "dead_zone")
+    words = "a factor on the torque"
+    inertial = True
+    formula = "drive = c u"
+    confused = ("rotor_inertia", "coulomb", "saturation", "dead_zone")
     c: Value = parameter(1.0, unit="1", bounds=(0.1, 10.0), neutral=1.0)
 
     def advance(self, signal: Sequence[Value], memory: Memory, dt: float) -> tuple[tuple[Value, ...], Memory]:
-        """c u."""
         return tuple(self.c * s for s in signal), memory
 
 
@@ -120,34 +94,30 @@ class TorqueGain(InputEffect):
 class DeadZone(InputEffect):
     """A dead zone of the drive: commands below d do nothing, those above lose d."""
 
-    words: ClassVar[str] = "a dead zone of the torque"
-    rarity: ClassVar[float] = 3.0
-    refines: ClassVar[tuple[tuple[str, ...], ...]] = (("coulomb",), ("coulomb", "tilt"), ("coulomb", "torque_bias"))
-    formula: ClassVar[str] = "drive = sign(u) max(|u| - d, 0)"
-    confused: ClassVar[tuple[str, ...]] = ("coulomb", "torque_gain")
+    words = "a dead zone of the torque"
+    rarity = 3.0
+    refines = (("coulomb",), ("coulomb", "tilt"), ("coulomb", "torque_bias"))
+    formula = "drive = sign(u) max(|u| - d, 0)"
+    confused = ("coulomb", "torque_gain")
     d: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
 
     def advance(self, signal: Sequence[Value], memory: Memory, dt: float) -> tuple[tuple[Value, ...], Memory]:
-        """u - clip(u, -d, d)."""
         return tuple(s - ops.where(s > 0.0, ops.minimum(s, self.d), ops.maximum(s, -self.d)) for s in signal), memory
-
-
-def _limits(extent: Extent) -> tuple[float, ...]:
-    return tuple(share * (extent.u_max or 1.0) for share in (0.9, 0.75, 0.6, 0.45, 0.3))
 
 
 @dataclass(frozen=True, eq=False)
 class Saturation(InputEffect):
     """A driver that gives no more than `limit`; 10^6 stands for never."""
 
-    words: ClassVar[str] = "a limit of the torque"
-    rarity: ClassVar[float] = 1.5
-    formula: ClassVar[str] = "drive = clip(u, -limit, limit)"
-    confused: ClassVar[tuple[str, ...]] = ("torque_gain", "torque_speed_limit")
-    limit: Value = parameter(1e6, unit="N m", bounds=(1e-6, 1e6), neutral=1e6, probe=_limits)
+    words = "a limit of the torque"
+    rarity = 1.5
+    formula = "drive = clip(u, -limit, limit)"
+    confused = ("torque_gain", "torque_speed_limit")
+    limit: Value = parameter(
+        1e6, unit="N m", bounds=(1e-6, 1e6), neutral=1e6, probe=of_largest(0.9, 0.75, 0.6, 0.45, 0.3)
+    )
 
     def advance(self, signal: Sequence[Value], memory: Memory, dt: float) -> tuple[tuple[Value, ...], Memory]:
-        """clip(u, -limit, limit)."""
         return tuple(ops.clip(s, -self.limit, self.limit) for s in signal), memory
 
 
@@ -158,25 +128,14 @@ class BackEmf(JointEffect):
     Exactly viscous friction while the driver is on: only a log with the driver off tells them apart.
     """
 
-    words: ClassVar[str] = "back-EMF"
-    rarity: ClassVar[float] = 2.0
-    formula: ClassVar[str] = "tau = -k theta_dot, while the driver is on"
-    confused: ClassVar[tuple[str, ...]] = ("viscous", "drag", "load_friction", "torque_speed_limit")
-    friction: ClassVar[bool] = True
+    words = "back-EMF"
+    formula = "tau = -k theta_dot, while the driver is on"
+    confused = ("viscous", "drag", "load_friction", "torque_speed_limit")
+    friction = True
     k: Value = parameter(0.0, unit="N m s/rad", bounds=(0.0, math.inf), neutral=0.0)
 
     def torque(self, joint: Joint) -> Value:
-        """-k theta_dot [N m]."""
         return -self.k * joint.theta_dot
-
-
-def _stall_torques(extent: Extent) -> tuple[float, ...]:
-    return tuple(share * (extent.u_max or 1.0) for share in (1.2, 0.9, 0.6))
-
-
-def _slopes(extent: Extent) -> tuple[float, ...]:
-    """No-load speeds of 4, 8 and 16 rad/s for a stall torque of the log's largest."""
-    return tuple((extent.u_max or 1.0) / speed for speed in (4.0, 8.0, 16.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,16 +147,16 @@ class TorqueSpeedLimit(JointEffect):
     saturation; a limit of 10^6 stands for never. (The same curve is DCMotor in Isaac Lab's actuators.)
     """
 
-    words: ClassVar[str] = "a limit of the torque that falls with speed"
-    rarity: ClassVar[float] = 2.5
-    refines: ClassVar[tuple[tuple[str, ...], ...]] = (("saturation",),)
-    formula: ClassVar[str] = "drive = clip(u, -min(limit, limit + k theta_dot), min(limit, limit - k theta_dot))"
-    confused: ClassVar[tuple[str, ...]] = ("saturation", "back_emf")
-    limit: Value = parameter(1e6, unit="N m", bounds=(1e-6, 1e6), neutral=1e6, probe=_stall_torques)
-    k: Value = parameter(0.1, unit="N m s/rad", bounds=(0.0, 1e3), probe=_slopes)
+    words = "a limit of the torque that falls with speed"
+    rarity = 2.5
+    refines = (("saturation",),)
+    formula = "drive = clip(u, -min(limit, limit + k theta_dot), min(limit, limit - k theta_dot))"
+    confused = ("saturation", "back_emf")
+    limit: Value = parameter(1e6, unit="N m", bounds=(1e-6, 1e6), neutral=1e6, probe=of_largest(1.2, 0.9, 0.6))
+    # no-load speeds of 4, 8 and 16 rad/s for a stall torque of the log's largest
+    k: Value = parameter(0.1, unit="N m s/rad", bounds=(0.0, 1e3), probe=of_largest(1 / 4.0, 1 / 8.0, 1 / 16.0))
 
     def torque(self, joint: Joint) -> Value:
-        """What the limit takes from the drive [N m]."""
         highest = ops.clip(self.limit - self.k * joint.theta_dot, 0.0, self.limit)
         lowest = -ops.clip(self.limit + self.k * joint.theta_dot, 0.0, self.limit)
         return ops.clip(joint.drive, lowest, highest) - joint.drive
@@ -212,25 +171,25 @@ class Stamp(InputEffect):
     (1 + s) dt.
     """
 
-    words: ClassVar[str] = "a stamp of the torques"
-    precedence: ClassVar[int] = 4
-    rarity: ClassVar[float] = 1.0
-    formula: ClassVar[str] = "drive(t) = u(t - s dt), of the log and not of the machine"
-    confused: ClassVar[tuple[str, ...]] = ("delay", "lag", "sensor_delay")
-    excludes: ClassVar[tuple[str, ...]] = ("delay",)
-    of_log: ClassVar[bool] = True
-    stage: ClassVar[int] = -1
-    ahead: ClassVar[int] = 1
+    words = "a stamp of the torques"
+    precedence = 4
+    rarity = 1.0
+    formula = "drive(t) = u(t - s dt), of the log and not of the machine"
+    confused = ("delay", "lag", "sensor_delay")
+    excludes = ("delay",)
+    of_log = True
+    stage = -1
+    ahead = 1
     s: Value = parameter(0.0, unit="samples", bounds=(-1.0, 1.0), neutral=0.0, probe=(-1.0, -0.5, 0.5, 1.0))
 
     def rest(self, dt: float) -> Memory:
-        """Zero commands of two intervals."""
         return (0.0, 0.0)
 
     def advance(self, signal: Sequence[Value], memory: Memory, dt: float) -> tuple[tuple[Value, ...], Memory]:
-        """Substep means of the command, from that of one row ahead."""
         return delayed(signal, memory, (1.0 + self.s) * dt, dt)
 
     def whole(self, signal: Array, dt: float) -> Array:
-        """Substep means (..., N, S) over whole records."""
         return delayed_record(signal, 2, (1.0 + self.s) * dt, dt)
+
+
+EFFECTS = (Delay, Lag, TorqueGain, DeadZone, Saturation, TorqueSpeedLimit, BackEmf, Stamp)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from sysid.physics import ops
 from sysid.physics.effects.effect import Actuator
@@ -15,15 +14,14 @@ from sysid.physics.parameters import parameter
 class TorqueConstant(Actuator):
     """A motor that is driven by a current u [A]; k_t is its torque constant behind the gear."""
 
-    words: ClassVar[str] = "a motor driven by a current"
-    formula: ClassVar[str] = "tau = k_t u"
-    command: ClassVar[str] = "current"
-    unit: ClassVar[str] = "A"
-    scale: ClassVar[str] = "k_t"
+    words = "a motor driven by a current"
+    formula = "tau = k_t u"
+    command = "current"
+    unit = "A"
+    scale = "k_t"
     k_t: Value = parameter(1.0, unit="N m/A", bounds=(1e-6, 1e6), known=True)
 
     def torque(self, u: Value, theta: Value, theta_dot: Value) -> Value:
-        """k_t u [N m]."""
         return self.k_t * u
 
 
@@ -36,18 +34,17 @@ class DCMotor(Actuator):
     The winding's inductance is left out; a lag of the torque stands for it.
     """
 
-    name: ClassVar[str] = "dc_motor"
-    words: ClassVar[str] = "a DC motor driven by a voltage"
-    formula: ClassVar[str] = "tau = k (u - k_e theta_dot)"
-    excludes: ClassVar[tuple[str, ...]] = ("back_emf",)
-    command: ClassVar[str] = "voltage"
-    unit: ClassVar[str] = "V"
-    scale: ClassVar[str] = "k"
+    name = "dc_motor"
+    words = "a DC motor driven by a voltage"
+    formula = "tau = k (u - k_e theta_dot)"
+    excludes = ("back_emf",)
+    command = "voltage"
+    unit = "V"
+    scale = "k"
     k: Value = parameter(1.0, unit="N m/V", bounds=(1e-6, 1e6), known=True)
     k_e: Value = parameter(0.0, unit="V s/rad", bounds=(0.0, 1e4))
 
     def torque(self, u: Value, theta: Value, theta_dot: Value) -> Value:
-        """k (u - k_e theta_dot) [N m]."""
         return self.k * (u - self.k_e * theta_dot)
 
 
@@ -59,17 +56,19 @@ class PositionServo(Actuator):
     sample. 10^6 stands for no limit. Gains are those at the joint.
     """
 
-    words: ClassVar[str] = "a servo driven by a position command"
-    formula: ClassVar[str] = "tau = clip(k_p (u - theta) - k_d theta_dot, -limit, limit)"
-    excludes: ClassVar[tuple[str, ...]] = ("torque_gain", "dead_zone", "saturation")
-    command: ClassVar[str] = "position command"
-    unit: ClassVar[str] = "rad"
-    scale: ClassVar[str] = "k_p"
-    at_angle: ClassVar[bool] = True
+    words = "a servo driven by a position command"
+    formula = "tau = clip(k_p (u - theta) - k_d theta_dot, -limit, limit)"
+    excludes = ("torque_gain", "dead_zone", "saturation")
+    command = "position command"
+    unit = "rad"
+    scale = "k_p"
+    at_angle = True
     k_p: Value = parameter(1.0, unit="N m/rad", bounds=(1e-6, 1e6), known=True)
     k_d: Value = parameter(0.0, unit="N m s/rad", bounds=(0.0, 1e6))
     limit: Value = parameter(1e6, unit="N m", bounds=(1e-6, 1e6), known=True)
 
     def torque(self, u: Value, theta: Value, theta_dot: Value) -> Value:
-        """clip(k_p (u - theta) - k_d theta_dot, -limit, limit) [N m]."""
         return ops.clip(self.k_p * (u - theta) - self.k_d * theta_dot, -self.limit, self.limit)
+
+
+ACTUATORS = (TorqueConstant, DCMotor, PositionServo)

@@ -7,52 +7,16 @@ from difflib import get_close_matches
 from typing import Any, TypeVar
 
 from sysid.errors import LONGEST, InvalidInput, excerpt
-from sysid.physics.effects.actuation import (
-    BackEmf,
-    DeadZone,
-    Delay,
-    Lag,
-    Saturation,
-    Stamp,
-    TorqueGain,
-    TorqueSpeedLimit,
-)
-from sysid.physics.effects.actuators import DCMotor, PositionServo, TorqueConstant
-from sysid.physics.effects.disturbance import Drift, Periodic, TorqueBias
+from sysid.physics.effects import actuation, actuators, disturbance, friction, load, presliding, sensing, transmission
 from sysid.physics.effects.effect import Actuator, Effect
-from sysid.physics.effects.friction import (
-    AsymmetricCoulomb,
-    AsymmetricViscous,
-    Coulomb,
-    Drag,
-    Stribeck,
-    Viscous,
-    WarmingFriction,
-)
-from sysid.physics.effects.load import DirectionalLoadFriction, LoadFriction, Ripple, RotorInertia, Spring, Tilt
-from sysid.physics.effects.presliding import Dahl, LuGre
-from sysid.physics.effects.sensing import (
-    AngleOffset,
-    Backlash,
-    Eccentricity,
-    FilteredSpeed,
-    SensorDelay,
-    VelocityBias,
-    VelocityGain,
-)
-from sysid.physics.effects.transmission import FlexibleTransmission
-
-_FRICTION = (Viscous, Coulomb, Stribeck, Drag, AsymmetricViscous, AsymmetricCoulomb, WarmingFriction, Dahl, LuGre)
-_LOAD = (LoadFriction, DirectionalLoadFriction, Tilt, Spring, Ripple, RotorInertia, FlexibleTransmission)
-_DISTURBANCE = (TorqueBias, Periodic, Drift)
-_ACTUATION = (Delay, Lag, TorqueGain, DeadZone, Saturation, TorqueSpeedLimit, BackEmf, Stamp)
-_SENSING = (AngleOffset, VelocityBias, VelocityGain, SensorDelay, FilteredSpeed, Backlash, Eccentricity)
 
 CATALOGUE: dict[str, type[Effect]] = {
-    kind.name: kind for kind in (*_FRICTION, *_LOAD, *_DISTURBANCE, *_ACTUATION, *_SENSING)
+    kind.name: kind
+    for family in (friction, presliding, load, transmission, disturbance, actuation, sensing)
+    for kind in family.EFFECTS
 }
 
-ACTUATORS: dict[str, type[Actuator]] = {kind.name: kind for kind in (TorqueConstant, DCMotor, PositionServo)}
+ACTUATORS: dict[str, type[Actuator]] = {kind.name: kind for kind in actuators.ACTUATORS}
 """What stands in a model whose command is no torque. None is ever missing: the log's columns say what was commanded."""
 
 EffectType = TypeVar("EffectType", bound=type[Effect])

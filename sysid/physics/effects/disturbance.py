@@ -25,16 +25,15 @@ ALMOST = 0.97
 class TorqueBias(JointEffect):
     """A constant torque: the offset of a torque sensor or an amplifier, a preloaded cable."""
 
-    words: ClassVar[str] = "a constant torque"
+    words = "a constant torque"
     begins: ClassVar[Mapping[str, float]] = {"tau_0": 0.0}
-    rarity: ClassVar[float] = 1.0
-    imitates: ClassVar[str] = "theta"
-    formula: ClassVar[str] = "tau = tau_0"
-    confused: ClassVar[tuple[str, ...]] = ("spring", "tilt", "drift", "asymmetric_coulomb", "angle_offset")
+    rarity = 1.0
+    imitates = "theta"
+    formula = "tau = tau_0"
+    confused = ("spring", "tilt", "drift", "asymmetric_coulomb", "angle_offset")
     tau_0: Value = parameter(0.0, unit="N m", bounds=(-math.inf, math.inf), neutral=0.0)
 
     def torque(self, joint: Joint) -> Value:
-        """tau_0 [N m]."""
         return self.tau_0
 
 
@@ -52,10 +51,10 @@ class Periodic(JointEffect):
     t is the time from the start of each record.
     """
 
-    words: ClassVar[str] = "a periodic torque"
-    rarity: ClassVar[float] = 4.0
-    formula: ClassVar[str] = "tau = a sin(2 pi f t) + b cos(2 pi f t)"
-    confused: ClassVar[tuple[str, ...]] = ("ripple", "drift")
+    words = "a periodic torque"
+    rarity = 4.0
+    formula = "tau = a sin(2 pi f t) + b cos(2 pi f t)"
+    confused = ("ripple", "drift")
     a: Value = parameter(0.0, unit="N m", bounds=(-math.inf, math.inf), neutral=0.0)
     b: Value = parameter(0.0, unit="N m", bounds=(-math.inf, math.inf), neutral=0.0)
     f: Value = parameter(1.0, unit="Hz", bounds=(1e-3, 100.0), probe=_frequencies)
@@ -67,7 +66,6 @@ class Periodic(JointEffect):
         return -math.inf if returns else float(self.f * np.ptp(t))
 
     def torque(self, joint: Joint) -> Value:
-        """a sin(2 pi f t) + b cos(2 pi f t) [N m]."""
         phase = 2.0 * math.pi * self.f * joint.t
         return self.a * ops.sin(phase) + self.b * ops.cos(phase)
 
@@ -76,14 +74,13 @@ class Periodic(JointEffect):
 class Drift(JointEffect):
     """A torque that grows while the record runs (warming, a leak); t is the time from its start."""
 
-    words: ClassVar[str] = "a torque that drifts"
-    rarity: ClassVar[float] = 3.0
-    formula: ClassVar[str] = "tau = r t"
-    confused: ClassVar[tuple[str, ...]] = ("torque_bias", "periodic", "warming_friction")
+    words = "a torque that drifts"
+    rarity = 3.0
+    formula = "tau = r t"
+    confused = ("torque_bias", "periodic", "warming_friction")
     r: Value = parameter(0.0, unit="N m/s", bounds=(-math.inf, math.inf), neutral=0.0)
 
     def torque(self, joint: Joint) -> Value:
-        """r t [N m]."""
         return self.r * joint.t
 
 
@@ -109,3 +106,6 @@ def _period(theta: Array, t: Array) -> float:
     far = near + int(np.argmax(np.append(later[near:] < 0.0, True)))
     peak = int(below[0]) + near + int(np.argmax(later[near:far]))
     return float(t[peak] - t[0])
+
+
+EFFECTS = (TorqueBias, Periodic, Drift)

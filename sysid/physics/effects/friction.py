@@ -9,25 +9,25 @@ from typing import ClassVar
 
 from sysid.physics import ops
 from sysid.physics.effects.effect import DryFriction, Joint, JointEffect
+from sysid.physics.effects.probes import of_duration
 from sysid.physics.ops import Value
-from sysid.physics.parameters import Extent, parameter
+from sysid.physics.parameters import parameter
 
 
 @dataclass(frozen=True, eq=False)
 class Viscous(JointEffect):
     """Viscous friction: oil, grease, slow air."""
 
-    words: ClassVar[str] = "viscous friction"
-    precedence: ClassVar[int] = 2
+    words = "viscous friction"
+    precedence = 2
     begins: ClassVar[Mapping[str, float]] = {"b": 0.02}
-    rarity: ClassVar[float] = 0.0
-    formula: ClassVar[str] = "tau = -b theta_dot"
-    confused: ClassVar[tuple[str, ...]] = ("back_emf", "drag", "asymmetric_viscous", "load_friction", "coulomb")
-    friction: ClassVar[bool] = True
+    rarity = 0.0
+    formula = "tau = -b theta_dot"
+    confused = ("back_emf", "drag", "asymmetric_viscous", "load_friction", "coulomb")
+    friction = True
     b: Value = parameter(0.0, unit="N m s/rad", bounds=(0.0, math.inf), neutral=0.0)
 
     def torque(self, joint: Joint) -> Value:
-        """-b theta_dot [N m]."""
         return -self.b * joint.theta_dot
 
 
@@ -35,11 +35,11 @@ class Viscous(JointEffect):
 class Coulomb(DryFriction):
     """Dry friction, which at rest holds up to tau_c: seals, brushes, preloaded bearings."""
 
-    words: ClassVar[str] = "dry friction"
+    words = "dry friction"
     begins: ClassVar[Mapping[str, float]] = {"tau_c": 0.05}
-    rarity: ClassVar[float] = 0.0
-    formula: ClassVar[str] = "tau = -tau_c sign(theta_dot), at rest up to tau_c"
-    confused: ClassVar[tuple[str, ...]] = (
+    rarity = 0.0
+    formula = "tau = -tau_c sign(theta_dot), at rest up to tau_c"
+    confused = (
         "viscous",
         "stribeck",
         "asymmetric_coulomb",
@@ -54,7 +54,6 @@ class Coulomb(DryFriction):
     tau_c: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
 
     def limits(self, joint: Joint) -> tuple[Value, Value]:
-        """tau_c both ways [N m]."""
         return self.tau_c, self.tau_c
 
 
@@ -66,17 +65,15 @@ class Stribeck(DryFriction):
     de Wit: Automatica 30 (1994) 1083, with exponent 2.)
     """
 
-    words: ClassVar[str] = "dry friction that is larger at slow speed"
-    rarity: ClassVar[float] = 2.0
-    refines: ClassVar[tuple[tuple[str, ...], ...]] = (("coulomb",),)
-    formula: ClassVar[str] = "tau = -(tau_c + excess exp(-(theta_dot/v_s)^2)) sign(theta_dot)"
-    confused: ClassVar[tuple[str, ...]] = ("coulomb", "dahl", "lugre")
+    words = "dry friction that is larger at slow speed"
+    refines = (("coulomb",),)
+    formula = "tau = -(tau_c + excess exp(-(theta_dot/v_s)^2)) sign(theta_dot)"
+    confused = ("coulomb", "dahl", "lugre")
     tau_c: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
     excess: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
     v_s: Value = parameter(0.15, unit="rad/s", bounds=(0.005, 10.0), probe=(0.05, 0.15, 0.5))
 
     def limits(self, joint: Joint) -> tuple[Value, Value]:
-        """tau_c + excess exp(-(theta_dot/v_s)^2) both ways [N m]."""
         ratio = joint.theta_dot / self.v_s
         limit = self.tau_c + self.excess * ops.exp(-ratio * ratio)
         return limit, limit
@@ -86,16 +83,15 @@ class Stribeck(DryFriction):
 class Drag(JointEffect):
     """Air drag at high Reynolds number."""
 
-    words: ClassVar[str] = "air drag"
+    words = "air drag"
     begins: ClassVar[Mapping[str, float]] = {"c": 0.005}
-    rarity: ClassVar[float] = 1.5
-    formula: ClassVar[str] = "tau = -c |theta_dot| theta_dot"
-    confused: ClassVar[tuple[str, ...]] = ("viscous", "back_emf")
-    friction: ClassVar[bool] = True
+    rarity = 1.5
+    formula = "tau = -c |theta_dot| theta_dot"
+    confused = ("viscous", "back_emf")
+    friction = True
     c: Value = parameter(0.0, unit="N m s^2/rad^2", bounds=(0.0, math.inf), neutral=0.0)
 
     def torque(self, joint: Joint) -> Value:
-        """-c |theta_dot| theta_dot [N m]."""
         return -self.c * ops.abs(joint.theta_dot) * joint.theta_dot
 
 
@@ -103,17 +99,16 @@ class Drag(JointEffect):
 class AsymmetricViscous(JointEffect):
     """Viscous friction that depends on the direction: a worm, a check valve."""
 
-    words: ClassVar[str] = "viscous friction that depends on the direction"
-    rarity: ClassVar[float] = 3.0
-    refines: ClassVar[tuple[tuple[str, ...], ...]] = (("viscous",), ("viscous", "tilt"), ("viscous", "torque_bias"))
-    formula: ClassVar[str] = "tau = -b_plus max(theta_dot, 0) - b_minus min(theta_dot, 0)"
-    confused: ClassVar[tuple[str, ...]] = ("viscous", "asymmetric_coulomb")
-    friction: ClassVar[bool] = True
+    words = "viscous friction that depends on the direction"
+    rarity = 3.0
+    refines = (("viscous",), ("viscous", "tilt"), ("viscous", "torque_bias"))
+    formula = "tau = -b_plus max(theta_dot, 0) - b_minus min(theta_dot, 0)"
+    confused = ("viscous", "asymmetric_coulomb")
+    friction = True
     b_plus: Value = parameter(0.0, unit="N m s/rad", bounds=(0.0, math.inf), neutral=0.0)
     b_minus: Value = parameter(0.0, unit="N m s/rad", bounds=(0.0, math.inf), neutral=0.0)
 
     def torque(self, joint: Joint) -> Value:
-        """-b_plus max(theta_dot, 0) - b_minus min(theta_dot, 0) [N m]."""
         return -self.b_plus * ops.maximum(joint.theta_dot, 0.0) - self.b_minus * ops.minimum(joint.theta_dot, 0.0)
 
 
@@ -124,21 +119,16 @@ class AsymmetricCoulomb(DryFriction):
     Where the joint never stands, Coulomb friction of the mean and a torque bias of half the difference move alike.
     """
 
-    words: ClassVar[str] = "dry friction that depends on the direction"
-    rarity: ClassVar[float] = 3.0
-    refines: ClassVar[tuple[tuple[str, ...], ...]] = (("coulomb",), ("coulomb", "tilt"), ("coulomb", "torque_bias"))
-    formula: ClassVar[str] = "tau = -tau_plus (theta_dot > 0), +tau_minus (theta_dot < 0)"
-    confused: ClassVar[tuple[str, ...]] = ("coulomb", "torque_bias", "asymmetric_viscous")
+    words = "dry friction that depends on the direction"
+    rarity = 3.0
+    refines = (("coulomb",), ("coulomb", "tilt"), ("coulomb", "torque_bias"))
+    formula = "tau = -tau_plus (theta_dot > 0), +tau_minus (theta_dot < 0)"
+    confused = ("coulomb", "torque_bias", "asymmetric_viscous")
     tau_plus: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
     tau_minus: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
 
     def limits(self, joint: Joint) -> tuple[Value, Value]:
-        """tau_plus against positive, tau_minus against negative motion [N m]."""
         return self.tau_plus, self.tau_minus
-
-
-def _warming_times(extent: Extent) -> tuple[float, ...]:
-    return tuple(max(share * extent.duration, 0.1) for share in (0.25, 1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,16 +139,18 @@ class WarmingFriction(DryFriction):
     each record, before which the machine has rested. With excess = 0 it is Coulomb friction.
     """
 
-    words: ClassVar[str] = "dry friction that falls as the machine warms up"
-    rarity: ClassVar[float] = 3.5
-    refines: ClassVar[tuple[tuple[str, ...], ...]] = (("coulomb",), ("coulomb", "drift"))
-    formula: ClassVar[str] = "tau = -(tau_c + excess exp(-t/T)) sign(theta_dot)"
-    confused: ClassVar[tuple[str, ...]] = ("coulomb", "drift")
+    words = "dry friction that falls as the machine warms up"
+    rarity = 3.5
+    refines = (("coulomb",), ("coulomb", "drift"))
+    formula = "tau = -(tau_c + excess exp(-t/T)) sign(theta_dot)"
+    confused = ("coulomb", "drift")
     tau_c: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
     excess: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
-    T: Value = parameter(60.0, unit="s", bounds=(0.1, 1e4), probe=_warming_times)
+    T: Value = parameter(60.0, unit="s", bounds=(0.1, 1e4), probe=of_duration(0.25, 1.0))
 
     def limits(self, joint: Joint) -> tuple[Value, Value]:
-        """tau_c + excess exp(-t/T) both ways [N m]."""
         limit = self.tau_c + self.excess * ops.exp(-joint.t / self.T)
         return limit, limit
+
+
+EFFECTS = (Viscous, Coulomb, Stribeck, Drag, AsymmetricViscous, AsymmetricCoulomb, WarmingFriction)

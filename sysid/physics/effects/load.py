@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
 from sysid.physics import ops
 from sysid.physics.effects.effect import Array, DryFriction, Joint, JointEffect
+from sysid.physics.effects.probes import of_largest
 from sysid.physics.ops import Value
-from sysid.physics.parameters import Extent, parameter
+from sysid.physics.parameters import parameter
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,15 +21,13 @@ class LoadFriction(DryFriction):
     load is the torque of gravity, drive and every effect that is not friction; mu is its share that friction takes.
     """
 
-    words: ClassVar[str] = "dry friction that grows with the load"
-    rarity: ClassVar[float] = 2.0
-    refines: ClassVar[tuple[tuple[str, ...], ...]] = (("coulomb",),)
-    formula: ClassVar[str] = "tau = -mu |load| sign(theta_dot), at rest up to mu |load|"
-    confused: ClassVar[tuple[str, ...]] = ("viscous", "coulomb", "back_emf", "directional_load_friction")
+    words = "dry friction that grows with the load"
+    refines = (("coulomb",),)
+    formula = "tau = -mu |load| sign(theta_dot), at rest up to mu |load|"
+    confused = ("viscous", "coulomb", "back_emf", "directional_load_friction")
     mu: Value = parameter(0.0, unit="1", bounds=(0.0, 1.0), neutral=0.0)
 
     def limits(self, joint: Joint) -> tuple[Value, Value]:
-        """mu |load| both ways [N m]."""
         limit = self.mu * ops.abs(joint.load)
         return limit, limit
 
@@ -44,16 +42,15 @@ class DirectionalLoadFriction(DryFriction):
     weighs motor and external torque instead.)
     """
 
-    words: ClassVar[str] = "dry friction that grows with the load, and otherwise when the load drives"
-    rarity: ClassVar[float] = 3.5
-    refines: ClassVar[tuple[tuple[str, ...], ...]] = (("load_friction",), ("coulomb",))
-    formula: ClassVar[str] = "tau = -mu |load| sign(theta_dot), mu = mu_drive if drive theta_dot > 0 else mu_back"
-    confused: ClassVar[tuple[str, ...]] = ("load_friction", "coulomb")
+    words = "dry friction that grows with the load, and otherwise when the load drives"
+    rarity = 3.5
+    refines = (("load_friction",), ("coulomb",))
+    formula = "tau = -mu |load| sign(theta_dot), mu = mu_drive if drive theta_dot > 0 else mu_back"
+    confused = ("load_friction", "coulomb")
     mu_drive: Value = parameter(0.0, unit="1", bounds=(0.0, 1.0), neutral=0.0)
     mu_back: Value = parameter(0.0, unit="1", bounds=(0.0, 1.0), neutral=0.0)
 
     def limits(self, joint: Joint) -> tuple[Value, Value]:
-        """mu |load| [N m], of positive motion with mu_drive for a positive drive, of negative motion for a negative."""
         load = ops.abs(joint.load)
         positive = ops.where(joint.drive > 0.0, self.mu_drive, self.mu_back)
         negative = ops.where(joint.drive < 0.0, self.mu_drive, self.mu_back)
@@ -67,16 +64,15 @@ class Tilt(JointEffect):
     For a fixed axis it cannot be told from an encoder that reads alpha too little. Without gravity it does nothing.
     """
 
-    words: ClassVar[str] = "a base that leans"
-    precedence: ClassVar[int] = 3
-    rarity: ClassVar[float] = 1.0
-    imitates: ClassVar[str] = "theta"
-    formula: ClassVar[str] = "tau = gravity_torque(theta + alpha) - gravity_torque(theta)"
-    confused: ClassVar[tuple[str, ...]] = ("angle_offset", "torque_bias", "eccentricity")
+    words = "a base that leans"
+    precedence = 3
+    rarity = 1.0
+    imitates = "theta"
+    formula = "tau = gravity_torque(theta + alpha) - gravity_torque(theta)"
+    confused = ("angle_offset", "torque_bias", "eccentricity")
     alpha: Value = parameter(0.0, unit="rad", bounds=(-0.5, 0.5), neutral=0.0)
 
     def torque(self, joint: Joint) -> Value:
-        """gravity_torque(theta + alpha) - gravity_torque(theta) [N m]."""
         return joint.plant.gravity_torque(joint.theta + self.alpha) - joint.plant.gravity_torque(joint.theta)
 
 
@@ -87,15 +83,13 @@ class Spring(JointEffect):
     theta is unwrapped, so each turn winds it further. A rest angle elsewhere shows as a torque bias beside it.
     """
 
-    words: ClassVar[str] = "a spring"
-    rarity: ClassVar[float] = 2.0
-    imitates: ClassVar[str] = "theta"
-    formula: ClassVar[str] = "tau = -k (theta - pi)"
-    confused: ClassVar[tuple[str, ...]] = ("torque_bias", "ripple")
+    words = "a spring"
+    imitates = "theta"
+    formula = "tau = -k (theta - pi)"
+    confused = ("torque_bias", "ripple")
     k: Value = parameter(0.0, unit="N m/rad", bounds=(-math.inf, math.inf), neutral=0.0)
 
     def torque(self, joint: Joint) -> Value:
-        """-k (theta - pi) [N m]."""
         return -self.k * (joint.theta - math.pi)
 
 
@@ -106,11 +100,11 @@ class Ripple(JointEffect):
     `order` counts the waves in a turn. Order 1 is left out: that is gravity.
     """
 
-    words: ClassVar[str] = "a ripple over the angle"
-    rarity: ClassVar[float] = 3.0
-    imitates: ClassVar[str] = "theta"
-    formula: ClassVar[str] = "tau = a sin(order theta) + b cos(order theta)"
-    confused: ClassVar[tuple[str, ...]] = ("spring", "periodic", "eccentricity")
+    words = "a ripple over the angle"
+    rarity = 3.0
+    imitates = "theta"
+    formula = "tau = a sin(order theta) + b cos(order theta)"
+    confused = ("spring", "periodic", "eccentricity")
     a: Value = parameter(0.0, unit="N m", bounds=(-math.inf, math.inf), neutral=0.0)
     b: Value = parameter(0.0, unit="N m", bounds=(-math.inf, math.inf), neutral=0.0)
     order: Value = parameter(6.0, unit="1", bounds=(2.0, 60.0), probe=tuple(float(n) for n in range(2, 25)))
@@ -120,13 +114,8 @@ class Ripple(JointEffect):
         return float(self.order * np.ptp(theta)) / (2.0 * math.pi)
 
     def torque(self, joint: Joint) -> Value:
-        """a sin(order theta) + b cos(order theta) [N m]."""
         phase = self.order * joint.theta
         return self.a * ops.sin(phase) + self.b * ops.cos(phase)
-
-
-def _small_inertia(extent: Extent) -> tuple[float, ...]:
-    return (0.01 * (extent.u_max or 1.0),)
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,17 +125,17 @@ class RotorInertia(JointEffect):
     With m and l (or J) free it does not show in the motion: weigh the pendulum, or hang a known payload on it.
     """
 
-    words: ClassVar[str] = "a rotor's inertia"
-    inertial: ClassVar[bool] = True
-    rarity: ClassVar[float] = 2.0
-    formula: ClassVar[str] = "(J + J_r) theta_ddot = ..."
-    confused: ClassVar[tuple[str, ...]] = ("torque_gain",)
-    J_r: Value = parameter(0.0, unit="kg m^2", bounds=(0.0, math.inf), neutral=0.0, probe=_small_inertia)
+    words = "a rotor's inertia"
+    inertial = True
+    formula = "(J + J_r) theta_ddot = ..."
+    confused = ("torque_gain",)
+    J_r: Value = parameter(0.0, unit="kg m^2", bounds=(0.0, math.inf), neutral=0.0, probe=of_largest(0.01))
 
     def inertia(self) -> Value:
-        """J_r [kg m^2]."""
         return self.J_r
 
     def torque(self, joint: Joint) -> Value:
-        """None."""
         return 0.0
+
+
+EFFECTS = (LoadFriction, DirectionalLoadFriction, Tilt, Spring, Ripple, RotorInertia)

@@ -15,20 +15,20 @@ from sysid.physics.parameters import parameter
 
 @dataclass(frozen=True, eq=False)
 class Dahl(DynamicEffect):
-    """tau = -tau_c w,  dw/dt = (theta_dot - |theta_dot| w) / z_s: dry friction that builds up over a travel.
+    """Dry friction that builds up over a travel.
 
     Before a joint slides, the contact gives like a spring of tau_c / z_s [N m/rad], z_s [rad]; w is its deflection, 1
     where it slides forwards. For z_s -> 0 it is Coulomb friction. (Dahl: Aerospace Corporation TOR-0158(3107-18)-1,
     1968.)
     """
 
-    words: ClassVar[str] = "dry friction that gives like a spring before it slides"
-    rarity: ClassVar[float] = 2.5
+    words = "dry friction that gives like a spring before it slides"
+    rarity = 2.5
     begins: ClassVar[Mapping[str, float]] = {"tau_c": 0.05}
     refines: ClassVar[tuple[tuple[str, ...], ...]] = (("coulomb",),)
-    formula: ClassVar[str] = "tau = -tau_c w, dw/dt = (theta_dot - |theta_dot| w) / z_s"
-    confused: ClassVar[tuple[str, ...]] = ("coulomb", "stribeck", "lugre")
-    start_sd: ClassVar[tuple[float, ...]] = (0.5,)
+    formula = "tau = -tau_c w, dw/dt = (theta_dot - |theta_dot| w) / z_s"
+    confused = ("coulomb", "stribeck", "lugre")
+    start_sd = (0.5,)
     tau_c: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
     z_s: Value = parameter(0.01, unit="rad", bounds=(1e-5, 1.0), probe=(0.003, 0.02, 0.1))
 
@@ -51,25 +51,22 @@ class Dahl(DynamicEffect):
 
 @dataclass(frozen=True, eq=False)
 class LuGre(Dahl):
-    """tau = -ratio tau_c w,  dw/dt = (theta_dot - |theta_dot| w / s) / z_s: Dahl's friction with Stribeck's curve.
+    """Dahl's friction with Stribeck's curve s.
 
-        s = (1 + (ratio - 1) exp(-(theta_dot/v_s)^2)) / ratio
-
-    A joint that slides feels ratio tau_c s: ratio tau_c [N m] at slow speed, tau_c at a few v_s [rad/s].
-
-    The bristle's own damping is left out; viscous friction is an effect of its own. (Canudas de Wit, Olsson, Astrom,
-    Lischinsky: IEEE Transactions on Automatic Control 40 (1995) 419.)
+    A joint that slides feels ratio tau_c s: ratio tau_c [N m] at slow speed, tau_c at a few v_s [rad/s]. The bristle's
+    own damping is left out; viscous friction is an effect of its own. (Canudas de Wit, Olsson, Astrom, Lischinsky: IEEE
+    Transactions on Automatic Control 40 (1995) 419.)
     """
 
-    name: ClassVar[str] = "lugre"
-    words: ClassVar[str] = "dry friction that gives like a spring and is larger at slow speed"
-    rarity: ClassVar[float] = 3.5
-    refines: ClassVar[tuple[tuple[str, ...], ...]] = (("coulomb",), ("dahl",), ("stribeck",))
-    formula: ClassVar[str] = (
+    name = "lugre"
+    words = "dry friction that gives like a spring and is larger at slow speed"
+    rarity = 3.5
+    refines = (("coulomb",), ("dahl",), ("stribeck",))
+    formula = (
         "tau = -ratio tau_c w, dw/dt = (theta_dot - |theta_dot| w / s) / z_s, "
         "s = (1 + (ratio - 1) exp(-(theta_dot/v_s)^2)) / ratio"
     )
-    confused: ClassVar[tuple[str, ...]] = ("coulomb", "stribeck", "dahl")
+    confused = ("coulomb", "stribeck", "dahl")
     ratio: Value = parameter(1.5, unit="1", bounds=(1.0, 20.0), probe=(1.5,))
     v_s: Value = parameter(0.15, unit="rad/s", bounds=(0.005, 10.0), probe=(0.05, 0.3))
 
@@ -77,3 +74,6 @@ class LuGre(Dahl):
         """ratio tau_c, and the share that Stribeck's curve leaves of it."""
         speed = theta_dot / self.v_s
         return self.ratio * self.tau_c, (1.0 + (self.ratio - 1.0) * ops.exp(-speed * speed)) / self.ratio
+
+
+EFFECTS = (Dahl, LuGre)

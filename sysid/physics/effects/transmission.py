@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 from sysid.physics import ops
 from sysid.physics.effects.effect import DynamicEffect, Memory, Stretch
@@ -21,20 +20,17 @@ def _resonances(extent: Extent) -> tuple[float, ...]:
 
 @dataclass(frozen=True, eq=False)
 class FlexibleTransmission(DynamicEffect):
-    """tau = -J (theta_ddot + delta_ddot),  delta_ddot = -theta_ddot - 2 zeta omega delta_dot - omega^2 delta.
+    """A part J of the load that hangs on a spring behind the sensor.
 
-    A part J [kg m^2] of the load hangs on a spring behind the sensor: a harmonic drive, a belt, a long shaft, a
-    sloshing load. delta [rad] is its angle against the joint, omega = 2 pi f, f [Hz] the resonance while the joint is
-    held. Gravity and friction are taken to act at the joint. (Spong: ASME Journal of Dynamic Systems, Measurement, and
-    Control 109 (1987) 310, seen from the motor.)
+    It may be a harmonic drive, a belt, a long shaft, a sloshing load. delta [rad] is its angle against the joint,
+    omega = 2 pi f, f [Hz] the resonance while the joint is held. Gravity and friction are taken to act at the joint.
+    (Spong: ASME Journal of Dynamic Systems, Measurement, and Control 109 (1987) 310, seen from the motor.)
     """
 
-    words: ClassVar[str] = "a part of the load behind a spring: a flexible transmission"
-    rarity: ClassVar[float] = 2.5
-    formula: ClassVar[str] = (
-        "tau = -J (theta_ddot + delta_ddot), delta_ddot = -theta_ddot - 2 zeta omega delta_dot - omega^2 delta"
-    )
-    start_sd: ClassVar[tuple[float, ...]] = (0.05, 1.0)
+    words = "a part of the load behind a spring: a flexible transmission"
+    rarity = 2.5
+    formula = "tau = -J (theta_ddot + delta_ddot), delta_ddot = -theta_ddot - 2 zeta omega delta_dot - omega^2 delta"
+    start_sd = (0.05, 1.0)
     J: Value = parameter(0.0, unit="kg m^2", bounds=(0.0, math.inf), neutral=0.0)
     f: Value = parameter(10.0, unit="Hz", bounds=(0.2, 500.0), probe=_resonances)
     zeta: Value = parameter(0.03, unit="1", bounds=(0.0, 0.9), probe=(0.03,))
@@ -54,3 +50,6 @@ class FlexibleTransmission(DynamicEffect):
         torque = -self.J * (a + (after_dot - delta_dot) / h)
         slope = -self.J * (1.0 - sine / h) / h
         return torque, slope, (after, after_dot)
+
+
+EFFECTS = (FlexibleTransmission,)

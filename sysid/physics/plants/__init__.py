@@ -4,5 +4,3 @@ from sysid.physics.plants.axis import LinearAxis
 from sysid.physics.plants.joint import GeneralJoint
 from sysid.physics.plants.pendulum import PointMassPendulum, RodPendulum
 from sysid.physics.plants.plant import Plant
-
-__all__ = ["GeneralJoint", "LinearAxis", "Plant", "PointMassPendulum", "RodPendulum"]

@@ -1,20 +1,65 @@
-"""Two figures: how the paper's grid search scatters with the budget, and the budget curve of three identifiers."""
+"""What stands beside the publication: every contrast there and here, the scatter of the paper's grid search over the
+budget, and the budget curve of three identifiers.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullLocator
 
-from study.figure_style import ACCENT, COLOURS
+from study.figure_style import ACCENT, COLOURS, beside
+from study.formatting import number
+from study.paper.agreement import ContrastAgreement
 from study.paper.claims import CELL, nearest_cell
-from study.paper.figures.reference_lines import reference_lines
+from study.paper.figures.sweeps import OURS, reference_lines
 from study.paper.identification_scatter import Scatter
 from study.paper.published_numbers import ID_ERRORS
 from study.paper.saturation_budget import LABELS, BudgetCurve
+from study.statistics import Contrast
+
+THEIRS = "0.45"
+"""Colour of the published numbers."""
+
+
+def contrasts(rows: Sequence[ContrastAgreement]) -> Figure:
+    """Every published contrast: bootstrap intervals as bars, t intervals as thin lines, there (grey) and here."""
+    figure = Figure(figsize=(8.4, 1.2 + 0.36 * len(rows)), layout="constrained")
+    axes = figure.add_subplot()
+    for k, row in enumerate(rows):
+        _interval(axes, row.theirs, row.theirs_t, k - 0.16, THEIRS, "published")
+        if row.ours and row.ours_t:
+            _interval(axes, row.ours, row.ours_t, k + 0.16, OURS, "here")
+    axes.axvline(0.0, color=ACCENT, linewidth=1.0, zorder=1)
+    axes.set_yticks(range(len(rows)), [row.published.label for row in rows])
+    axes.set_ylim(len(rows) - 0.4, -0.6)
+    axes.set_xscale("symlog", linthresh=50.0, linscale=0.8)
+    ticks = (-400, -200, -100, -50, 0, 50, 100, 200, 400)
+    axes.set_xticks(ticks, [number(t) for t in ticks])
+    axes.minorticks_off()
+    axes.tick_params(axis="y", length=0)
+    axes.grid(axis="x", color="0.92", linewidth=0.8)
+    axes.set_axisbelow(True)
+    axes.set_xlabel("change of the mean return; 95 % intervals: bar bootstrap, line t")
+    handles, labels = axes.get_legend_handles_labels()
+    unique = dict(zip(labels, handles, strict=True))
+    axes.legend(unique.values(), unique.keys(), loc="upper left", fontsize=9.0, frameon=True, facecolor="white",
+                edgecolor="none", framealpha=0.9)  # fmt: skip
+    return figure
+
+
+def _interval(axes: Axes, bootstrap: Contrast, t: Contrast, y: float, colour: Any, label: str) -> None:
+    if math.isfinite(t.low):
+        axes.plot([t.low, t.high], [y, y], color=colour, linewidth=1.2, zorder=2)
+    axes.plot([bootstrap.low, bootstrap.high], [y, y], color=colour, linewidth=4.5, alpha=0.55, zorder=2,
+              solid_capstyle="butt")  # fmt: skip
+    axes.plot([bootstrap.mean], [y], color=colour, marker="o", markersize=4.5, linestyle="none", zorder=3, label=label)
+
 
 POINT_OF_NOISE = {0.5: "low_noise", 1.0: "main", 2.0: "high_noise"}
 """Whose published errors belong to a noise level."""
@@ -28,15 +73,15 @@ def identification(found: Scatter) -> Figure:
     left, right = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
     budgets = np.array(found.budgets, dtype=float)
     left.axvspan(5.0, 50.0, color="0.95", zorder=0)
-    left.annotate("the paper's budgets", (np.sqrt(250.0), 0.02), (0, 3), ha="center", color="0.45", fontsize=8.5,
-                  xycoords=left.get_xaxis_transform(), textcoords="offset points")  # fmt: skip
+    across = left.get_xaxis_transform()
+    beside(left, "the paper's budgets", (np.sqrt(250.0), 0.02), (0, 3), va="baseline", ha="center", color="0.45",
+           fontsize=8.5, xycoords=across)  # fmt: skip
     for k, sigma in enumerate(found.sigmas):
         colour, errors = COLOURS(0.12 + 0.68 * k / max(1, len(found.sigmas) - 1)), found.errors(sigma)
         mean = errors.mean(axis=1)
         left.errorbar(budgets, mean, 1.96 * errors.std(axis=1, ddof=1) / np.sqrt(found.seeds), color=colour, marker="o",
                       markersize=4, linewidth=1.7, capsize=2, zorder=3)  # fmt: skip
-        left.annotate(f"σ = {sigma:g}", (budgets[-1], mean[-1]), (6, 0), textcoords="offset points", va="center",  # noqa: RUF001
-                      color=colour, fontsize=9.0)  # fmt: skip
+        beside(left, f"σ = {sigma:g}", (budgets[-1], mean[-1]), (6, 0), color=colour)  # noqa: RUF001
         printed = {n: e for n, e in ID_ERRORS.get(POINT_OF_NOISE.get(sigma, ""), {}).items() if n}
         left.plot(list(printed), list(printed.values()), color=colour, marker="x", markersize=7, linestyle="none",
                   markeredgewidth=1.8, label="published" if k == 0 else None, zorder=4)  # fmt: skip
@@ -57,16 +102,13 @@ def identification(found: Scatter) -> Figure:
 
 def _masses(axes: Axes, found: Scatter) -> None:
     edges = np.arange(0.3 - 1.5 * CELL, 3.0 + 3.0 * CELL, 3.0 * CELL)
-    looks = (
-        (False, COLOURS(0.35), 0.85, "noise in inputs too"),
-        (True, "0.2", 1.0, "as much, in outputs alone"),
-    )
+    looks = ((False, COLOURS(0.35), 0.85, "noise in inputs too"), (True, "0.2", 1.0, "as much, in outputs alone"))
     for clean, colour, alpha, label in looks:
         m = found.thetas(1.0, 50, clean=clean)[:, 0]
         axes.stairs(*np.histogram(m, edges), fill=not clean, color=colour, alpha=alpha, label=label, linewidth=1.3)
     axes.axvline(found.truth[0], color=ACCENT, linewidth=1.4)
-    axes.annotate("the truth", (found.truth[0], 1.0), (4, -2), xycoords=axes.get_xaxis_transform(), va="top",
-                  textcoords="offset points", color=ACCENT, fontsize=9.0)  # fmt: skip
+    across = axes.get_xaxis_transform()
+    beside(axes, "the truth", (found.truth[0], 1.0), (4, -2), xycoords=across, va="top", color=ACCENT)
     axes.set_xlabel("m found from 50 rollouts, σ = 1  [kg]")  # noqa: RUF001
     axes.set_ylabel("measurements")
     axes.set_title("How m scatters")

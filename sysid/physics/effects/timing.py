@@ -1,4 +1,4 @@
-"""Dead time: what a command or a reading that comes late has in common."""
+"""What commands and readings that come late have in common: dead times and first-order filters."""
 
 from __future__ import annotations
 
@@ -11,18 +11,9 @@ import numpy as np
 from sysid.errors import InvalidInput
 from sysid.physics import ops
 from sysid.physics.effects.effect import Array, Effect, Memory
+from sysid.physics.effects.probes import doubling
 from sysid.physics.ops import Value
-from sysid.physics.parameters import Extent, Parameter, parameter
-
-
-def doubling(extent: Extent, longest: float) -> tuple[float, ...]:
-    """Times to try [s]: 0.5, 1, 2, 4, ... intervals, as far as `longest` [s]."""
-    longest = min(longest, extent.duration)
-    times, T = list[float](), 0.5 * extent.dt
-    while longest >= T:
-        times.append(T)
-        T *= 2.0
-    return tuple(times) or (longest,)
+from sysid.physics.parameters import Parameter, parameter
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +33,7 @@ class DeadTime(Effect):
         """T, bounded by the length of the memory too."""
         T = super().parameters["T"]
         high = min(T.bounds[1], self.longest)
-        return {"T": replace(T, bounds=(T.bounds[0], high), probe=lambda extent: doubling(extent, high))}
+        return {"T": replace(T, bounds=(T.bounds[0], high), probe=doubling(high))}
 
     def intervals(self, dt: float) -> int:
         """How many intervals dt [s] back `longest` reaches."""
@@ -97,3 +88,20 @@ def _earlier(t: float, T: Value, low: float, high: float) -> Value:
     if t <= high + near:
         return ops.maximum(t - T, low)
     return ops.clip(t - T, low, high)
+
+
+def first_order(T: Value, h: float) -> tuple[Value, Value]:
+    """exp(-h/T) and (T/h) (1 - exp(-h/T)) of a lag with the time constant T [s] over a step h [s]; safe at T = 0."""
+    T = T + 1e-15
+    decay = ops.exp(-h / T)
+    return decay, (T / h) * (1.0 - decay)
+
+
+def decaying(entering: Array, decay: float) -> Array:
+    """z_k = decay z_(k-1) + entering_k (..., N), from z = 0."""
+    from scipy.linalg import solve_banded  # scipy.signal's filter would take half a second to load
+
+    N = entering.shape[-1]
+    band = np.stack([np.ones(N), np.full(N, -decay)])
+    z: Array = solve_banded((1, 0), band, entering.reshape(-1, N).T).T.reshape(entering.shape)
+    return z

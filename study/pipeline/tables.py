@@ -1,0 +1,150 @@
+"""Tables whose rows are values of a frozen dataclass or a NamedTuple, in a results folder and as CSV.
+
+In a results folder
+    a text, a number                           is a column
+    a NamedTuple, a tuple of fixed length      a column an entry
+    everything else                            a column of JSON
+In a CSV file
+    text, int, float (six digits, or empty for None), bool (yes, no), a tuple of texts (with blanks between them)
+"""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import json
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from types import NoneType
+from typing import Any, Generic, TypeVar, get_args, get_origin, get_type_hints
+
+from sysid import InvalidInput
+from sysid.data.files import read_file, write_whole
+
+R = TypeVar("R")
+
+
+@dataclass(frozen=True)
+class Table(Generic[R]):
+    """A table of values of a kind; columns: as in CREATE TABLE, the first `keys` of them tell rows apart."""
+
+    name: str
+    kind: type[R]
+    columns: str
+    keys: int
+
+    @property
+    def key(self) -> str:
+        return ", ".join(column.split()[0] for column in self.columns.split(",")[: self.keys])
+
+    @property
+    def schema(self) -> str:
+        return f"CREATE TABLE {self.name} ({self.columns}, PRIMARY KEY ({self.key}));"
+
+    @cached_property
+    def _fields(self) -> dict[str, tuple[int, Callable[..., Any]]]:
+        """Of each field how many columns it has, and what makes its value of them."""
+        return {name: _field(hint) for name, hint in get_type_hints(self.kind).items()}
+
+    def row(self, value: R) -> list[Any]:
+        cells: list[Any] = []
+        for name, (width, _) in self._fields.items():
+            own = getattr(value, name)
+            cells += own if width > 1 else [json.dumps(own) if isinstance(own, dict | tuple | NoneType) else own]
+        return cells
+
+    def value(self, row: Sequence[Any]) -> R:
+        cells = iter(row)
+        return self.kind(*(make(*(next(cells) for _ in range(width))) for width, make in self._fields.values()))
+
+
+def _field(hint: Any) -> tuple[int, Callable[..., Any]]:
+    parts = get_args(hint)
+    if hint in (str, int, float):
+        return 1, lambda cell: cell
+    if hasattr(hint, "_fields"):
+        return len(hint._fields), hint
+    if get_origin(hint) is tuple and parts[-1] is not ...:
+        return len(parts), lambda *cells: cells
+    make = _of_json(hint)
+    return 1, lambda cell: make(json.loads(cell))
+
+
+def _of_json(hint: Any) -> Callable[[Any], Any]:
+    """What makes a value of a type of plain data, in which tuples are lists."""
+    origin, parts = get_origin(hint), get_args(hint)
+    if NoneType in parts:
+        return lambda data: None if data is None else parts[0](*data)
+    if origin is dict and get_origin(parts[1]) is tuple:
+        return lambda data: {name: tuple(own) for name, own in data.items()}
+    if origin is tuple:
+        return (lambda data: tuple(map(tuple, data))) if get_origin(parts[0]) is tuple else tuple
+    return lambda data: data
+
+
+_PARSE: dict[str, Callable[[str], Any]] = {
+    "str": str,
+    "int": int,
+    "float": float,
+    "float | None": lambda text: float(text) if text else None,
+    "bool": lambda text: {"yes": True, "no": False}[text],
+    "tuple[str, ...]": lambda text: tuple(text.split()),
+}
+
+
+def read_table(kind: type[R], path: Path, about: str, optional: bool = False) -> list[R]:
+    """The rows of a table; a column whose field has a default may be missing or empty.
+
+    optional: there are no rows where there is no file. Raises InvalidInput for a file that is not `about` that.
+    """
+    if optional and not path.exists():
+        return []
+    columns = {f.name: _PARSE[str(f.type)] for f in dataclasses.fields(kind)}
+    needed = [f.name for f in dataclasses.fields(kind) if f.default is dataclasses.MISSING]
+    try:
+        reader = csv.DictReader(read_file(path, f"a table of {about}").decode("utf-8-sig").splitlines())
+        if missing := [name for name in needed if name not in (reader.fieldnames or ())]:
+            raise InvalidInput(f"{path} has no column {missing[0]!r}: expected {', '.join(needed)}")
+        return [_row(kind, columns, needed, row, f"{path}, line {line}") for line, row in enumerate(reader, 2)]
+    except (UnicodeDecodeError, csv.Error):
+        raise InvalidInput(f"{path} is not a table of {about}: expected CSV with columns {', '.join(needed)}") from None
+
+
+def _row(
+    kind: type[R], columns: Mapping[str, Callable[[str], Any]], needed: Collection[str], row: Mapping[str, str], at: str
+) -> R:
+    try:
+        return kind(**{name: of(row[name]) for name, of in columns.items() if row.get(name) or name in needed})
+    except (KeyError, ValueError, TypeError, AttributeError):
+        raise InvalidInput(f"{at} does not hold the numbers of a row: expected {', '.join(columns)}") from None
+
+
+def write_table(kind: type[R], path: Path, rows: Iterable[R]) -> None:
+    """The rows as a CSV file; whole or not at all."""
+    names = [f.name for f in dataclasses.fields(kind)]
+    write_csv(path, names, (printed(getattr(row, name) for name in names) for row in rows))
+
+
+def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """Rows of plain values as a CSV file; whole or not at all."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(rows)
+    write_whole(path, text.getvalue())
+
+
+def printed(row: Iterable[object]) -> list[str]:
+    """The cells of a row as a table holds them."""
+    return [_text(value) for value in row]
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return " ".join(value) if isinstance(value, tuple) else "" if value is None else str(value)
