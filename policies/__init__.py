@@ -1,13 +1,13 @@
 """Controllers for the pendulum: environments, training and references, over the models of sysid.
 
-environments   a model as gymnasium.Env, as a batch of pendulums and as TorchRL's environment; task and randomization
+environments   a model as gymnasium.Env and as TorchRL's EnvBase; task and randomization
 training       soft actor-critic for a population of agents, and the program that trains one policy
 control        LQR, energy swing-up and dynamic programming
 evaluation     what a policy is worth on a model
 storage        a policy as a file, and as ONNX         cli   the command line
 
-The names load their modules on first use, so that `import policies` stays cheap and does not load torch. Importing
-registers "gapfinder/Pendulum-v0" with gymnasium.
+The names load their modules on first use, so that `import policies` stays cheap and does not load torch.
+`gymnasium.make("policies:gapfinder/Pendulum-v0", model="model.json")` imports it by itself.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-import gymnasium
+from gymnasium.envs.registration import register, registry
 
 from policies.environments.task import HORIZON
 
@@ -24,7 +24,6 @@ ENV_ID = "gapfinder/Pendulum-v0"
 _MODULES = {
     "BatchedPendulums": "environments.batched_pendulums",
     "PendulumEnv": "environments.gymnasium_env",
-    "TorchRLPendulums": "environments.torchrl_env",
     "Band": "environments.randomization",
     "Fixed": "environments.randomization",
     "Mixture": "environments.randomization",
@@ -48,7 +47,6 @@ _MODULES = {
     "CpuSettings": "training.cpu_settings",
     "tune_cpu": "training.cpu_settings",
     "Population": "training.population",
-    "SAC": "training.sac",
     "SACSettings": "training.sac",
     "SavedPolicy": "storage.policy_file",
     "load_policy": "storage.policy_file",
@@ -57,8 +55,8 @@ _MODULES = {
 
 __all__ = ["ENV_ID", "HORIZON", *_MODULES]  # noqa: PLE0604
 
-if ENV_ID not in gymnasium.registry:
-    gymnasium.register(ENV_ID, entry_point="policies.environments.gymnasium_env:PendulumEnv", max_episode_steps=HORIZON)
+if ENV_ID not in registry:
+    register(ENV_ID, entry_point="policies.environments.gymnasium_env:make_pendulum")
 
 
 def __getattr__(name: str) -> Any:

@@ -223,3 +223,18 @@ def test_sim_to_real_refuses_wrong_input(arguments):
     assert done.returncode == 2
     assert "0 or more" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_another_algorithm(tmp_path, monkeypatch):
+    """TorchRL's TD3 learns from a model's file; the policy observes the commands that a delay holds back."""
+    spec = importlib.util.spec_from_file_location("another_algorithm", EXAMPLES / "another_algorithm.py")
+    spec.loader.exec_module(example := importlib.util.module_from_spec(spec))
+    light = sysid.Model(sysid.RodPendulum(0.3, 0.6), (sysid.Viscous(0.3), sysid.Delay(T=0.1)), dt=0.05, u_max=2.0)
+    sysid.save(light, tmp_path / "model.json")
+    example.torch.manual_seed(0)
+    machine = example.machine_of(sysid.load(tmp_path / "model.json").model)
+    starts = example.fresh_start_states(0, 20)
+    before, after = (example.evaluate(example.train(machine, steps), machine, *starts) for steps in (0, 600))
+    assert example.train(machine, 0).history == 2
+    assert after.mean > 0.7 * before.mean, (before, after)
+    assert len((EXAMPLES / "another_algorithm.py").read_text().splitlines()) <= 60

@@ -16,7 +16,13 @@ import numpy as np
 from policies.cli.options import Evaluate, Export, Train
 from policies.control.references import ReferenceReturn, references
 from policies.environments import task
-from policies.environments.machine import check_machine, check_stable, machine_of, past_commands_needed
+from policies.environments.machine import (
+    advised_interval,
+    check_machine,
+    check_stable,
+    machine_of,
+    past_commands_needed,
+)
 from policies.environments.randomization import Band, Fixed, Posterior, Randomization, Ranges
 from policies.evaluation import Evaluation, evaluate, fresh_start_states
 from policies.limits import EPISODES, EVALUATION_MEMORY, LAYER_WIDTH, LAYERS
@@ -31,6 +37,9 @@ JUDGED = 200
 """Start states from which `train` states the expected return."""
 
 LARGEST_SEED = 2**62
+
+CHECKPOINT = "training.checkpoint"
+"""What an unfinished training is, in the policy's folder."""
 
 NARROW = 20.0
 """Bounds whose ends differ by no more than this factor say what is plausible."""
@@ -57,15 +66,17 @@ def _(command: Train) -> None:
     randomization = _randomization(command, saved, machine)
     check_machine(machine, randomization)
     history = history_for(machine, randomization) if command.history is None else command.history
+    task.check_history(history, machine.dt)
 
     from policies.training.cpu_settings import tune_cpu
     from policies.training.program import settings_for, train
 
-    settings = settings_for(machine, command.hidden, command.steps)
+    settings = settings_for(machine, command.hidden, command.steps, command.loss)
+    checkpoint = _checkpoint(command)
     _introduce(command, saved.model, machine, randomization, history)
     tune_cpu(threads=1)
     seeds = range(command.seed, command.seed + command.agents)
-    training = train(machine, randomization, settings, seeds, history, _Curve())
+    training = train(machine, randomization, settings, seeds, history, _Curve(), checkpoint)
     if command.agents > 1:
         returns = ", ".join(f"{value:.0f}" for value in training.chosen)
         logger.info(f"agent {training.best + 1} is the best on this model, by other start states: {returns}")
@@ -147,6 +158,16 @@ def _check_onnx(command: Train) -> None:
         raise InvalidInput(f"--onnx {command.onnx}: that is the policy's folder; expected a file")
     if file.parent != folder or folder.is_dir():  # else in the folder that is yet to be made
         check_outputs([command.model, command.effects], [command.onnx], command.force)
+
+
+def _checkpoint(command: Train) -> Path:
+    """Where this training is kept until it ends."""
+    file = command.out / CHECKPOINT
+    if command.force:
+        file.unlink(missing_ok=True)
+    elif file.exists():
+        logger.info(f"going on from {file}; --force begins anew")
+    return file
 
 
 def _check_numbers(command: Train) -> None:
@@ -249,6 +270,10 @@ def _introduce(command: Train, model: Model, machine: Model, randomization: Rand
         f"{name} {min(d[name] for d in draws):.3g} .. {max(d[name] for d in draws):.3g}" for name in draws[0]
     )
     logger.info(f"drawn in every episode: {spread or 'nothing'}")
+    low, high = advised_interval(machine)
+    if not low <= machine.dt <= high:
+        slow = "more than it can wait" if machine.dt > high else "which only makes its episodes long"
+        logger.info(f"a command every {machine.dt:g} s is {slow}: --dt from {low:.2g} to {high:.2g} suits this machine")
     layers = " x ".join(map(str, command.hidden))
     agents = "1 agent" if command.agents == 1 else f"{command.agents} agents"
     logger.info(f"training {agents} of {layers} for {command.steps:,} steps")
@@ -262,7 +287,10 @@ class _Curve:
     def __init__(self) -> None:
         self.begun = False
 
-    def __call__(self, steps: int, returns: Sequence[float], seconds: float) -> None:
+    def __call__(self, steps: int, returns: Sequence[float], seconds: float, left: float) -> None:
+        if not returns:
+            logger.info(f"this takes about {_span(seconds + left)} here")
+            return
         value = float(np.mean(returns))
         if not math.isfinite(value):
             return
@@ -270,7 +298,13 @@ class _Curve:
             logger.info("     step   return in training")
             self.begun = True
         bar = "#" * max(1, min(self.width, round(-value / self.most * self.width)))
-        logger.info(f"{steps:9,} {value:9.0f}  {bar:<{self.width}}  {seconds:5.0f} s")
+        ahead = f", {_span(left)} left" if left > 0.0 else ""
+        logger.info(f"{steps:9,} {value:9.0f}  {bar:<{self.width}}  {seconds:5.0f} s{ahead}")
+
+
+def _span(seconds: float) -> str:
+    """A time as people say it."""
+    return f"{seconds:.0f} s" if seconds < 90.0 else f"{seconds / 60.0:.0f} min"
 
 
 # ---- evaluate --------------------------------------------------------------------------------------------------------

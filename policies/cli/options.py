@@ -18,7 +18,10 @@ Texts = UseAppendAction[tuple[str, ...]]
 
 @dataclass(frozen=True)
 class Train:
-    """A controller for a fitted model: swing up and hold, trained on the model with all its effects."""
+    """A controller for a fitted model: swing up and hold, trained on the model with all its effects.
+
+    What is stopped, the same command goes on with.
+    """
 
     model: Annotated[Positional[Path], arg(metavar="MODEL")]
     """A model.json, as sysid writes it."""
@@ -46,7 +49,10 @@ class Train:
     """With --randomize prior: the range of a parameter, as in m=0.5:2."""
 
     steps: Annotated[int, arg(metavar="N")] = 75_000
-    """Commands that each agent gives in training: 75,000 take about two minutes on one core."""
+    """Commands that each agent gives in training. How long they take here is measured and said when it begins."""
+
+    loss: Annotated[str, arg(metavar="fast|sac")] = "fast"
+    """What teaches the networks. sac: TorchRL's SACLoss. fast: the same with its gradients written out."""
 
     hidden: Annotated[tuple[int, ...], arg(metavar="N")] = (64, 64)
     """Sizes of the network's hidden layers."""

@@ -1,4 +1,4 @@
-"""A pendulum an agent, all moved at once, on plain tensors: what a population trains on.
+"""A pendulum an agent, all moved at once, as a TorchRL environment: what a population trains on.
 
 The parameters of the model are tensors (A,), one number an agent, so one `model.advance` moves all pendulums. Agent a's
 episode e (start state, then parameters, then random torques where it has them) is drawn from a generator made from
@@ -14,7 +14,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 import torch
+from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
+from torchrl.data import Binary, Bounded, Composite, Unbounded
+from torchrl.envs import EnvBase
 
 from policies.environments import task
 from policies.environments.random_streams import Purpose, generator
@@ -37,8 +40,11 @@ class RandomTorque(JointEffect):
         return self.tau
 
 
-class BatchedPendulums:
-    """A pendulums, which see observations (A, O) float32 and take actions (A, 1) in [-1, 1], u / u_max.
+FLAGS = ("done", "truncated", "terminated")
+
+
+class BatchedPendulums(EnvBase):
+    """A pendulums, batch size (A,): observations (A, O) float32, actions (A, 1) in [-1, 1], which are u / u_max.
 
     Observed is what the model's sensors show, and the last `history` actions: O = 3 + history. The reward is of the
     state. An episode ends after `horizon` steps (by default 10 s) by truncation; nothing terminates it. What changes
@@ -62,18 +68,29 @@ class BatchedPendulums:
             )
         if not math.isfinite(model.u_max):
             raise InvalidInput(f"the model has u_max = {model.u_max}: expected a finite torque limit [N m]")
+        task.check_history(history, model.dt)
         names = {frozenset(r.sample(generator(0, Purpose.EPISODES), model)) for r in randomizations}
         if len(names) > 1:
             raise InvalidInput(
                 f"the randomizations draw different parameters: {sorted(map(sorted, names))}; expected the same"
             )
+        super().__init__(device=device, batch_size=torch.Size([len(seeds)]))
         self.base_model, self.randomizations, self.history = model, tuple(randomizations), history
-        self.device = torch.device(device)
         self.horizon = task.horizon(model.dt) if horizon is None else horizon
         self.seeds = tuple(seeds)
         self.agents = len(self.seeds)
         self.has_random_force = any(isinstance(r, RandomForce) for r in randomizations)
+        self._make_specs()
         self.forget()
+
+    def _make_specs(self) -> None:
+        shape, device = (self.agents, 1), self.device
+        seen = Unbounded((self.agents, 3 + self.history), dtype=torch.float32, device=device)
+        self.observation_spec = Composite(observation=seen, shape=self.batch_size, device=device)
+        self.action_spec = Bounded(-1.0, 1.0, shape, dtype=torch.float32, device=device)
+        self.reward_spec = Unbounded(shape, dtype=torch.float32, device=device)
+        flags = {name: Binary(1, shape, dtype=torch.bool, device=device) for name in FLAGS}
+        self.done_spec = Composite(**flags, shape=self.batch_size, device=device)
 
     def forget(self) -> None:
         """Before the first episode of every agent. From here on these tensors are written to, never replaced."""
@@ -98,12 +115,13 @@ class BatchedPendulums:
             self.sensing = tuple(tuple(0.0 * v for v in own) for own in self.model.sensing(*self.seen))
         self._kept = [*_leaves(self.state), *self._sensors(self.seen, self.sensing), *self.past]
 
-    def restart(self, which: Tensor | None = None) -> Tensor:
-        """Begin a new episode for the agents in the mask `which` (A,), or for all; returns observations (A, O)."""
-        mask = torch.ones_like(self.steps, dtype=torch.bool) if which is None else which
+    def _reset(self, tensordict: TensorDictBase | None = None, **_: Any) -> TensorDictBase:
+        """Begin a new episode for the agents in the mask "_reset" (A, 1), or for all."""
+        which = None if tensordict is None else tensordict.get("_reset", None)
+        mask = torch.ones_like(self.steps, dtype=torch.bool) if which is None else which.reshape(self.agents)
         drawn = {name: np.ones(self.agents) for name in ("theta", "theta_dot", *self.parameters_now)}
         torques = np.zeros((self.agents, self.horizon))
-        for a in range(self.agents) if which is None else torch.nonzero(mask).flatten().tolist():
+        for a in torch.nonzero(mask).flatten().tolist():
             rng = generator(self.seeds[a], Purpose.EPISODES, self.episodes[a])
             drawn["theta"][a], drawn["theta_dot"][a] = task.start_state(rng)
             own = self.randomizations[a]
@@ -122,11 +140,13 @@ class BatchedPendulums:
         for kept, new in zip(self._kept, (*_leaves(fresh), *shown, *map(torch.zeros_like, self.past)), strict=True):
             kept.copy_(torch.where(mask, new, kept))
         self.steps.masked_fill_(mask, 0)
-        return self.observe()
+        flags = {name: torch.zeros_like(mask).unsqueeze(1) for name in FLAGS}
+        return TensorDict({"observation": self._observe(), **flags}, self.batch_size, device=self.device)
 
-    def advance(self, action: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Hold action (A, 1) for dt: next observation (A, O), reward (A,), truncated (A,). Does not restart."""
-        dt, share = self.base_model.dt, action[:, 0].to(torch.float64).clamp(-1.0, 1.0)
+    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Hold the action for dt."""
+        dt = self.base_model.dt
+        share = tensordict.get("action")[:, 0].to(torch.float64).clamp(-1.0, 1.0)
         u = share * self.base_model.u_max
         reward = task.reward(self.state, u, dt).to(torch.float32)
         t = self.steps.to(torch.float64) * dt
@@ -140,10 +160,23 @@ class BatchedPendulums:
         for kept, new in zip(self._kept, [leaf.clone() for leaf in (*_leaves(after), *shown, *past)], strict=True):
             kept.copy_(new)
         self.steps.add_(1)
-        return self.observe(), reward, self.steps >= self.horizon
+        ended = (self.steps >= self.horizon).unsqueeze(1)
+        after = {
+            "observation": self._observe(),
+            "reward": reward.unsqueeze(1),
+            "done": ended,
+            "truncated": ended.clone(),
+            "terminated": torch.zeros_like(ended),
+        }
+        return TensorDict(after, self.batch_size, device=self.device)
 
-    def observe(self) -> Tensor:
-        """Observations (A, O), float32."""
+    def _set_seed(self, seed: int | None) -> None:
+        """Agent a takes seed + a, and starts at its first episode."""
+        if seed is not None:
+            self.seeds = tuple(seed + a for a in range(self.agents))
+            self.forget()
+
+    def _observe(self) -> Tensor:
         return torch.stack(task.observation(self.seen, self.past), -1).to(torch.float32)
 
     def _read(self, state: State, sensing: tuple[Memory, ...], t: Any) -> tuple[Reading, tuple[Memory, ...]]:
@@ -153,8 +186,8 @@ class BatchedPendulums:
         """What they show and remember; nothing where they show the state itself."""
         return [*seen, *(value for own in sensing for value in own)] if self.model.output_effects else []
 
-    def snapshot(self) -> dict[str, Any]:
-        """Everything that the next step depends on, as tensors, lists and numbers."""
+    def get_extra_state(self) -> dict[str, Any]:
+        """Everything that the next step depends on, as tensors, lists and numbers: what `state_dict` holds."""
         return {
             "state": [leaf.clone() for leaf in self._kept],
             "parameters": {name: values.clone() for name, values in self.parameters_now.items()},
@@ -163,16 +196,16 @@ class BatchedPendulums:
             **({"torques": self._torques.clone()} if self.has_random_force else {}),
         }
 
-    def restore(self, snapshot: dict[str, Any]) -> None:
-        """Go on from a snapshot, in place."""
-        for kept, stored in zip(self._kept, snapshot["state"], strict=True):
+    def set_extra_state(self, state: dict[str, Any]) -> None:
+        """Go on from it, in place: what `load_state_dict` does."""
+        for kept, stored in zip(self._kept, state["state"], strict=True):
             kept.copy_(stored)
         for name, values in self.parameters_now.items():
-            values.copy_(snapshot["parameters"][name])
-        self.episodes = list(snapshot["episodes"])
-        self.steps.copy_(snapshot["steps"])
+            values.copy_(state["parameters"][name])
+        self.episodes = list(state["episodes"])
+        self.steps.copy_(state["steps"])
         if self.has_random_force:
-            self._torques.copy_(snapshot["torques"])
+            self._torques.copy_(state["torques"])
 
 
 def _leaves(state: State) -> list[Any]:

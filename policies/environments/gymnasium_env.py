@@ -1,13 +1,14 @@
 """One pendulum as a gymnasium.Env: any sysid Model, the swing-up task.
 
-    env = gymnasium.make("gapfinder/Pendulum-v0", model=model)
+    env = gymnasium.make("policies:gapfinder/Pendulum-v0", model="model.json", u_max=2.0, history=3)
 
-The same interface, numbers and start states as Gymnasium's Pendulum-v1 (float64 inside, float32 observations). At
-another dt than its 0.05 s give `max_episode_steps=task.horizon(dt)` too.
+"policies:" spares the import of this package, which registers the name; Gymnasium 1 reads no entry points.
+The same interface, numbers and start states as Gymnasium's Pendulum-v1 (float64 inside, float32 observations).
 """
 
 from __future__ import annotations
 
+from os import PathLike
 from typing import Any
 
 import gymnasium
@@ -16,10 +17,14 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from policies.environments import task
+from policies.environments.machine import machine_of
 from policies.environments.randomization import RandomForce, Randomization
-from sysid import InvalidInput, Model, RodPendulum, SemiImplicitEuler
+from sysid import InvalidInput, Model, RodPendulum, SemiImplicitEuler, load
 
 Observation = NDArray[np.float32]
+
+SIZE = 200
+"""Pixels of an image."""
 
 
 def pendulum_v1() -> Model:
@@ -27,21 +32,48 @@ def pendulum_v1() -> Model:
     return Model(RodPendulum(), integrator=SemiImplicitEuler(theta_dot_max=8.0), dt=0.05, u_max=2.0)
 
 
+def make_pendulum(
+    model: Model | str | PathLike[str] | None = None,
+    u_max: float | None = None,
+    dt: float | None = None,
+    randomization: Randomization | None = None,
+    history: int = 0,
+    render_mode: str | None = None,
+) -> gymnasium.Env[Observation, NDArray[np.float32]]:
+    """What `gymnasium.make` calls: an episode of 10 s, whatever the interval between commands is.
+
+    model: a Model, the file of one, or Pendulum-v1's; u_max [N m] and dt [s] make the machine of a file as they do on
+    the command line. Raises InvalidInput for a machine that cannot be trained on.
+    """
+    if model is not None and not isinstance(model, Model):
+        model = machine_of(load(model).model, u_max, dt)
+    elif u_max is not None or dt is not None:
+        raise InvalidInput("u_max and dt are given: expected them with the file of a model only")
+    env = PendulumEnv(model, randomization, history, render_mode)
+    return gymnasium.wrappers.TimeLimit(env, task.horizon(env.model.dt))
+
+
 class PendulumEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     """Observation [cos theta, sin theta, theta_dot, *past] (3 + history,), action u (1,) [N m], clipped to +-u_max.
 
     Observed is what the model's sensors show, and the last `history` commands / u_max. `randomization` draws new
     parameters at every reset, after the start state; `info` holds them. The horizon is the TimeLimit of
-    `gymnasium.make`: a truncation, never a terminal state. Raises InvalidInput for a model without u_max and for random
-    torques.
+    `gymnasium.make`: a truncation, never a terminal state. Raises InvalidInput for a model without u_max, a history
+    longer than an episode, and random torques.
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012
 
     def __init__(
-        self, model: Model | None = None, randomization: Randomization | None = None, history: int = 0
+        self,
+        model: Model | None = None,
+        randomization: Randomization | None = None,
+        history: int = 0,
+        render_mode: str | None = None,
     ) -> None:
         self.model = self._drawn = pendulum_v1() if model is None else model
+        self.render_mode, self.metadata = render_mode, {**self.metadata, "render_fps": round(1.0 / self.model.dt)}
+        task.check_history(history, self.model.dt)
         self.randomization, self.history = randomization, history
         if isinstance(randomization, RandomForce):
             raise InvalidInput("a RandomForce acts in BatchedPendulums alone: expected another randomization")
@@ -76,6 +108,16 @@ class PendulumEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self._past = (u / self.model.u_max, *self._past)[: self.history]
         self._look()
         return self._observation(), reward, False, False, {}
+
+    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+        """The rod as it stands, upright at the top: an image (SIZE, SIZE, 3)."""
+        if self.render_mode != "rgb_array":
+            return None
+        y, x = (0.5 - np.mgrid[:SIZE, :SIZE] / SIZE) * 2.4
+        theta = float(self._state.theta)
+        along = np.clip(x * np.sin(theta) + y * np.cos(theta), 0.0, 1.0)
+        away = np.hypot(x - along * np.sin(theta), y - along * np.cos(theta))
+        return np.where((away < 0.06)[..., None], np.uint8((178, 34, 34)), np.uint8(255))
 
     def _begin(self, theta: float, theta_dot: float) -> None:
         self._state, self._steps = self._drawn.initial_state(theta, theta_dot), 0

@@ -100,6 +100,18 @@ def past_commands_needed(model: Model) -> int:
     return math.ceil(sum(late + lagged) / model.dt - 1e-6)
 
 
+def advised_interval(model: Model) -> tuple[float, float]:
+    """Between which times [s] a command should be held: 0.05 to 0.5 of 1 / omega, which is how fast the machine falls.
+
+    omega = sqrt(|dG/dtheta| / J) upright, of the gravity torque G: slower than that a controller comes late, faster
+    only makes an episode long. Infinite where no gravity acts.
+    """
+    small = 1e-4
+    slope = (model.plant.gravity_torque(small) - model.plant.gravity_torque(-small)) / (2.0 * small)
+    omega = math.sqrt(abs(float(slope)) / float(model.inertia()))
+    return (0.05 / omega, 0.5 / omega) if omega > 0.0 else (0.0, math.inf)
+
+
 def check_machine(model: Model, randomization: Randomization) -> None:
     """Raise InvalidInput where a machine cannot be simulated stably, or not by the training environment.
 

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sysid import InvalidInput
 from sysid.physics import ops
 
 if TYPE_CHECKING:
@@ -37,6 +38,12 @@ START_HIGH = (math.pi, 1.0)
 def horizon(dt: float) -> int:
     """Steps in an episode whose commands are held for dt [s]."""
     return max(1, round(DURATION / dt))
+
+
+def check_history(history: int, dt: float) -> None:
+    """Raise InvalidInput for fewer past commands than none, or more than an episode has."""
+    if not 0 <= history <= horizon(dt):
+        raise InvalidInput(f"history = {history}: expected 0 to {horizon(dt)}, the commands of an episode")
 
 
 def cost(state: State, u: Any) -> Any:

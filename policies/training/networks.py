@@ -1,116 +1,196 @@
-"""S multilayer perceptrons side by side in one flat tensor, with their forward and backward passes written out.
+"""The networks of A agents side by side, as TensorDict modules whose backward pass is written out.
 
-    h_i = max(h_{i-1} W_i + b_i, 0),   y = h_k W + b         x (S, B, in), W_i (S, in, out), b_i (S, 1, out)
+    h_i = max(h_{i-1} W_i + b_i, 0),   y = h_k W + b         x (A, B, in), W_i (A, in, out), b_i (A, 1, out)
 
-One batched product serves all networks, and no number of one network depends on another's. Inputs end with a column of
-ones, so that the first layer's bias is the last row of its weights. Results go into tensors that exist already, so a
-training step stays in the processor's cache and can be replayed as a CUDA graph.
+One batched product serves all agents, and no number of one agent depends on another's. Inputs end with a column of
+ones, so that the first layer's bias is the last row of its weights.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
+from tensordict import TensorDict, TensorDictBase
+from tensordict.nn import TensorDictModuleBase
+from torch import Tensor, nn
+from torch.distributions import Distribution
 
-Layer = tuple[Tensor, Tensor | None]
-"""W (S, in, out) and b (S, 1, out); None where the bias is the last row of W."""
+LOG_STD_BOUNDS = (-20.0, 2.0)
+"""log(std) of the policy is clamped to this (Stable-Baselines3)."""
 
 
-class Stack:
-    """`count` networks with these layer sizes; `flat` holds all their numbers, then `extra` (count, 1) where wanted."""
+def forward(x: Tensor, leaves: Sequence[Tensor]) -> list[Tensor]:
+    """x (S, B, in + 1), ending with ones, and leaves w0, w1, b1, w2, b2, ... -> [x, h_1, ..., y (S, B, out)]."""
+    passed = [x, torch.bmm(x, leaves[0])]
+    for w, b in zip(leaves[1::2], leaves[2::2], strict=True):
+        passed.append(torch.bmm(passed[-1].clamp_min_(0.0), w).add_(b))
+    return passed
 
-    def __init__(self, count: int, sizes: Sequence[int], device: torch.device, extra: bool = False) -> None:
-        self.count, self.sizes = count, tuple(sizes)
-        shapes = [(count, sizes[0] + 1, sizes[1])]
-        for n_in, n_out in pairwise(sizes[1:]):
-            shapes += [(count, n_in, n_out), (count, 1, n_out)]
-        shapes += [(count, 1)] if extra else []
-        lengths = [math.prod(shape) for shape in shapes]
-        self.flat = torch.zeros(sum(lengths), device=device)
-        pieces = [piece.view(shape) for piece, shape in zip(self.flat.split(lengths), shapes, strict=True)]
-        self.extra = pieces.pop() if extra else self.flat[:0]
-        self.layers: list[Layer] = [(pieces[0], None), *zip(pieces[1::2], pieces[2::2], strict=True)]
 
-    @property
-    def weights(self) -> list[tuple[Tensor, Tensor]]:
-        """(W, b) of every layer, the first one's taken apart; views."""
-        first = self.layers[0][0]
-        return [(first[:, :-1], first[:, -1:]), *((w, b) for w, b in self.layers[1:] if b is not None)]
+def backward(
+    passed: Sequence[Tensor], leaves: Sequence[Tensor], slope: Tensor, learned: bool = True
+) -> tuple[list[Tensor], Tensor]:
+    """dL/d leaves, if `learned`, and dL/d(x W_0), from what `forward` went through and slope = dL/dy."""
+    found: list[Tensor] = []
+    for i in reversed(range(1, len(passed) - 1)):
+        h, w = passed[i], leaves[2 * i - 1]
+        if learned:
+            found = [_of_weight(h, slope), slope.sum(1, keepdim=True), *found]
+        slope = slope * w.mT if slope.shape[-1] == 1 else torch.bmm(slope, w.mT)
+        slope = torch.ops.aten.threshold_backward.grad_input(slope, h, 0.0, grad_input=slope)
+    return ([_of_weight(passed[0], slope), *found] if learned else []), slope
+
+
+def _of_weight(x: Tensor, slope: Tensor) -> Tensor:
+    """dL/dW. A single column is several times faster as a row."""
+    if slope.shape[-1] == 1:
+        return torch.bmm(slope.mT, x).view(len(x), -1, 1)
+    return torch.bmm(x.mT, slope)
+
+
+class WrittenOutMLP(torch.autograd.Function):
+    """`forward` and `backward` for autograd: y (S, B, out) of x and leaves.
+
+    Autograd through the same products would keep more of what lies between, and take a third longer.
+    """
+
+    @staticmethod
+    def forward(ctx: Any, x: Tensor, *leaves: Tensor) -> Tensor:
+        """y."""
+        *passed, y = forward(x, leaves)
+        ctx.save_for_backward(*passed, *leaves)
+        return y
+
+    @staticmethod
+    def backward(ctx: Any, slope: Tensor) -> tuple[Tensor | None, ...]:  # type: ignore[override]
+        """dL/dx, and dL/d leaves where they learn."""
+        depth = (len(ctx.saved_tensors) + 1) // 3
+        passed, leaves = [*ctx.saved_tensors[:depth], slope], ctx.saved_tensors[depth:]
+        gradients, slope = backward(passed, leaves, slope, any(ctx.needs_input_grad[1:]))
+        of_x = torch.bmm(slope, leaves[0].mT) if ctx.needs_input_grad[0] else None
+        return of_x, *(gradients or [None] * len(leaves))
+
+
+def with_ones(*inputs: Tensor) -> Tensor:
+    """The inputs (..., .) side by side, and a column of ones."""
+    return torch.cat((*inputs, inputs[0].new_ones(()).expand(*inputs[0].shape[:-1], 1)), -1)
+
+
+def leaves_of(params: TensorDictBase) -> list[Tensor]:
+    """w0, w1, b1, w2, b2, ... among the parameters of a StackedMLP."""
+    found = {key if isinstance(key, str) else key[-1]: leaf for key, leaf in params.items(True, True)}
+    return [found[name] for name in leaf_names(len(found) // 2 + 1)]
+
+
+def leaf_names(depth: int) -> list[str]:
+    """Of so many layers."""
+    return ["w0", *(f"{kind}{i}" for i in range(1, depth) for kind in "wb")]
+
+
+def layers_of(leaves: Iterable[Any]) -> list[tuple[Any, Any]]:
+    """(W (..., in, out), b (..., 1, out)) of every layer; views."""
+    first, *rest = leaves
+    return [(first[..., :-1, :], first[..., -1:, :]), *zip(rest[::2], rest[1::2], strict=True)]
+
+
+class StackedMLP(TensorDictModuleBase):
+    """The networks of A agents; the parameters are w0 (A, in + 1, out), w1 (A, in, out), b1 (A, 1, out), ...
+
+    An actor answers observation (A, B, O) with "loc" and "log_std" of the action before tanh, each (A, B, D); a critic
+    answers observation and action with "state_action_value" (A, B). No trailing axis: see `StackedSACLoss`.
+    """
+
+    def __init__(self, agents: int, sizes: Sequence[int], in_keys: Sequence[str], out_keys: Sequence[str]) -> None:
+        super().__init__()
+        self.in_keys, self.out_keys, self.names = list(in_keys), list(out_keys), leaf_names(len(sizes) - 1)
+        self.register_parameter("w0", nn.Parameter(torch.zeros(agents, sizes[0] + 1, sizes[1])))
+        for i, (n_in, n_out) in enumerate(pairwise(sizes[1:]), 1):
+            self.register_parameter(f"w{i}", nn.Parameter(torch.zeros(agents, n_in, n_out)))
+            self.register_parameter(f"b{i}", nn.Parameter(torch.zeros(agents, 1, n_out)))
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        leaves = [getattr(self, name) for name in self.names]
+        y = WrittenOutMLP.apply(with_ones(*(tensordict.get(key) for key in self.in_keys)), *leaves)
+        answers = head(y) if len(self.out_keys) == 2 else (y.squeeze(-1),)
+        return tensordict.update(dict(zip(self.out_keys, answers, strict=True)))
+
+
+def actor_and_critic(
+    agents: int, observation: int, action: int, hidden: Sequence[int]
+) -> tuple[StackedMLP, StackedMLP]:
+    """An actor and a critic an agent, for observations and actions of these sizes."""
+    actor = StackedMLP(agents, (observation, *hidden, 2 * action), ["observation"], ["loc", "log_std"])
+    sizes = (observation + action, *hidden, 1)
+    return actor, StackedMLP(agents, sizes, ["observation", "action"], ["state_action_value"])
+
+
+class ExploringPolicy(TensorDictModuleBase):
+    """observation (A, O), noise (A, D) -> action (A, D), by an actor's weights.
+
+    The ProbabilisticActor of the loss answers the same, and takes three times as long.
+    """
+
+    in_keys = ["observation", "noise"]  # noqa: RUF012
+    out_keys = ["action"]  # noqa: RUF012
+
+    def __init__(self, leaves: Sequence[Tensor]) -> None:
+        super().__init__()
+        self.leaves = leaves
 
     @torch.no_grad()
-    def initialise(self, network: int, rng: np.random.Generator) -> None:
-        """Draw the weights of one network as `linear_init` does."""
-        leaves = [leaf[network] for layer in self.weights for leaf in layer]
-        for leaf, numbers in zip(leaves, linear_init(rng, self.sizes), strict=True):
-            leaf.copy_(torch.from_numpy(numbers))
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        loc, log_std = head(forward(with_ones(tensordict.get("observation").unsqueeze(1)), self.leaves)[-1])
+        action = torch.addcmul(loc, log_std.exp(), tensordict.get("noise").unsqueeze(1)).tanh_()
+        return tensordict.set("action", action.squeeze(1))
+
+
+def both_critics(tensordict: TensorDictBase, params: TensorDictBase) -> TensorDictBase:
+    """Q (2, A, B) by parameters (2, A, ...) of critics: one pass in place of SACLoss's loop over the two."""
+    x = with_ones(tensordict.get("observation"), tensordict.get("action"))
+    leaves = (leaf.flatten(0, 1) for leaf in leaves_of(params))
+    values = WrittenOutMLP.apply(x.expand(2, *x.shape).flatten(0, 1), *leaves).view(2, *x.shape[:-1])
+    return TensorDict({"state_action_value": values}, values.shape)
+
+
+def head(output: Tensor) -> tuple[Tensor, Tensor]:
+    """Split an actor's output (A, B, 2 D) into loc and log_std = clamp(., -20, 2)."""
+    loc, log_std = output.chunk(2, -1)
+    return loc, log_std.clamp(*LOG_STD_BOUNDS)
+
+
+class SquashedNormal(Distribution):
+    """tanh of a normal, whose standard normal noise is given instead of drawn from torch's global generator.
+
+        a = tanh(x),   x = loc + exp(log_std) noise
+        log p(a) = sum[-noise^2 / 2 - log_std - log(2 pi) / 2 - 2 (log 2 - x - softplus(-2 x))]
+
+    loc, log_std, noise (A, B, D). The last term is log(1 - tanh(x)^2), written so that it never overflows
+    (Haarnoja et al. 2018, appendix C). Same density as torchrl's TanhNormal(loc, exp(log_std)).
+    """
+
+    def __init__(self, loc: Tensor, log_std: Tensor, noise: Tensor) -> None:
+        self.loc, self.log_std, self.noise = loc, log_std, noise
+        super().__init__(loc.shape[:-1], loc.shape[-1:], validate_args=False)
+
+    def rsample_and_log_prob(self, sample_shape: Sequence[int] = ()) -> tuple[Tensor, Tensor]:
+        """The action (A, B, D) and its log probability (A, B)."""
+        x = torch.addcmul(self.loc, self.log_std.exp(), self.noise)
+        log_slope = 2.0 * (math.log(2.0) - x - nn.functional.softplus(-2.0 * x))
+        log_normal = -0.5 * self.noise**2 - self.log_std - 0.5 * math.log(2.0 * math.pi)
+        return x.tanh(), (log_normal - log_slope).sum(-1)
 
 
 def linear_init(rng: np.random.Generator, sizes: Sequence[int]) -> list[NDArray[np.float32]]:
-    """W (in, out), b (1, out) of each layer of one network, from U(-k, k), k = 1 / sqrt(in), as nn.Linear's default."""
+    """The leaves of one network, from U(-k, k), k = 1 / sqrt(in), as nn.Linear's default."""
     drawn = []
     for n_in, n_out in pairwise(sizes):
         k = 1.0 / math.sqrt(n_in)
         drawn += [rng.uniform(-k, k, (n_in, n_out)).astype(np.float32)]
         drawn += [rng.uniform(-k, k, (1, n_out)).astype(np.float32)]
-    return drawn
-
-
-def activations(count: int, batch: int, hidden: Sequence[int], device: torch.device) -> list[Tensor]:
-    """Room for the hidden activations (count, batch, size) of each layer."""
-    return [torch.zeros(count, batch, size, device=device) for size in hidden]
-
-
-def forward(x: Tensor, layers: Sequence[Layer], hidden: Sequence[Tensor], out: Tensor) -> Tensor:
-    """Fill the hidden activations (S, B, .) and `out` (S, B, out) from x (S, B, in + 1); returns `out`."""
-    for (w, b), h in zip(layers, (*hidden, out), strict=True):
-        torch.bmm(x, w, out=h)
-        if b is not None:
-            h.add_(b)
-        x = h if h is out else h.clamp_min_(0.0)
-    return out
-
-
-def backward(
-    x: Tensor,
-    layers: Sequence[Layer],
-    hidden: Sequence[Tensor],
-    slope: Tensor,
-    spare: Sequence[Tensor],
-    gradients: Sequence[Layer] | None = None,
-) -> Tensor:
-    """From slope = dL/dy (S, B, out) to dL/d(x W_0) (S, B, .), through room like `hidden`; fills `gradients` if given.
-
-    `hidden` is as `forward` left it.
-    """
-    for i in reversed(range(1, len(layers))):
-        w, h, below = layers[i][0], hidden[i - 1], spare[i - 1]
-        if gradients is not None:
-            _weight_gradients(h, slope, *gradients[i])
-        if slope.shape[-1] == 1:
-            torch.mul(slope, w.mT, out=below)
-        else:
-            torch.bmm(slope, w.mT, out=below)
-        slope = torch.ops.aten.threshold_backward.grad_input(below, h, 0.0, grad_input=below)
-    if gradients is not None:
-        _weight_gradients(x, slope, *gradients[0])
-    return slope
-
-
-def _weight_gradients(x: Tensor, slope: Tensor, w: Tensor, b: Tensor | None) -> None:
-    """dL/dW and dL/db, into w and b. A single column is several times faster as a row.
-
-    The row is a view of its own: into the column's transpose, which has the same numbers in the same order but other
-    strides, oneDNN's product writes nothing (torch 2.13).
-    """
-    if slope.shape[-1] == 1:
-        torch.bmm(slope.mT, x, out=w.view(len(w), 1, -1))
-    else:
-        torch.bmm(x.mT, slope, out=w)
-    if b is not None:
-        torch.sum(slope, 1, keepdim=True, out=b)
+    return [np.concatenate(drawn[:2]), *drawn[2:]]

@@ -4,7 +4,8 @@
     population.train(75_000)
     evaluate(population.policies()[0], machine, *start_states(seed=0))
 
-What an agent becomes depends on its own seed and randomization, not on its neighbours.
+A TorchRL program: an environment of batch size (A,), a replay buffer, a loss, two optimisers and a target update, with
+TensorDicts between them. What an agent becomes depends on its own seed and randomization, not on its neighbours.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
 
 from policies.environments.batched_pendulums import BatchedPendulums
 from policies.environments.random_streams import Purpose
@@ -26,13 +29,15 @@ from policies.limits import TRAINING_MEMORY
 from policies.network_policy import NetworkPolicy
 from policies.training.checkpoint import read_checkpoint, write_checkpoint
 from policies.training.cuda_graph import CudaGraph
+from policies.training.networks import ExploringPolicy, layers_of
+from policies.training.optimization import FastSoftUpdate, FusedAdam
 from policies.training.random_blocks import BLOCK_LENGTH, RandomBlocks
-from policies.training.replay import Replay
-from policies.training.sac import SAC, SACSettings
+from policies.training.replay import replay_buffer
+from policies.training.sac import LOSSES, SACSettings
 from sysid import InvalidInput, Model
 from sysid.limits import check_size
 
-CHECKPOINT_VERSION = 2
+CHECKPOINT_VERSION = 3
 
 
 class Population:
@@ -55,16 +60,27 @@ class Population:
         memory = settings.memory(len(seeds), 3 + history)
         check_size("bytes of memory for this training:", memory, TRAINING_MEMORY, "with fewer agents or smaller layers")
         self.seeds, self.device = tuple(int(s) for s in seeds), torch.device(device)
-        self.env = BatchedPendulums(model, randomizations, self.seeds, device=device, history=history)
-        self.agents = agents = len(self.seeds)
-        self.sac = SAC(self.seeds, settings, 3 + history, device=device)
-        self.replay = Replay(agents, min(settings.capacity, settings.steps), 3 + history, 1, device)
-        self.steps_done, self._block = 0, -1
-        self._blocks = blocks = _random_blocks(self.seeds, settings.batch, device)
-        self._exploration, self._uniform, self._normal = blocks
+        self.agents, self.steps_done, self._block = len(self.seeds), 0, -1
         self._k = torch.zeros(1, dtype=torch.long, device=self.device)
-        self._observation = self.env.restart()
-        self._return = torch.zeros(agents, dtype=torch.float64, device=self.device)
+        self._blocks = _random_blocks(self.seeds, settings.batch, device)
+        self._exploration, self._uniform, self._normal = self._blocks
+
+        self.env = BatchedPendulums(model, randomizations, self.seeds, device=device, history=history)
+        self.replay = replay_buffer(
+            min(settings.capacity, settings.steps),
+            settings.batch,
+            self.env.fake_tensordict(),
+            lambda: self._uniform.at(self._k),
+        )
+        with self.device:
+            self.loss = LOSSES[settings.loss](self.seeds, settings, 3 + history)
+        self.policy = ExploringPolicy(self.loss.actor_leaves)
+        self.critic_optimizer = FusedAdam(self.loss.critic_leaves, settings.learning_rate)
+        self.actor_optimizer = FusedAdam([*self.loss.actor_leaves, self.loss.log_alpha], settings.learning_rate)
+        self.target_update = FastSoftUpdate(self.loss, tau=settings.polyak)
+
+        self._observation = self.env.reset()["observation"]
+        self._return = torch.zeros(self.agents, dtype=torch.float64, device=self.device)
         self._curve: list[tuple[int, torch.Tensor]] = []
         self._learning_step = CudaGraph(self._learn, self.device)
 
@@ -91,7 +107,7 @@ class Population:
         if self.steps_done % self.env.horizon == 0:
             self._curve.append((self.steps_done, self._return.clone()))
             self._return.zero_()
-            self._observation.copy_(self.env.restart())
+            self._observation.copy_(self.env.reset()["observation"])
 
     def _load(self, block: int, k: int) -> None:
         """Take up the random numbers of a block, from its step k on."""
@@ -102,27 +118,37 @@ class Population:
 
     def _explore(self) -> None:
         """A step with uniform actions."""
-        self._move(self._exploration.at(self._k)[:, :1])
+        self._move(self._seen(action=self._exploration.at(self._k)[:, :1]))
         self._k.add_(1)
 
     def _learn(self) -> None:
         """A step with the policy's actions and an update. Nothing in it waits for the device or depends on the host."""
-        self._move(self.sac.act(self._observation, self._exploration.at(self._k)[:, 1:]))
+        self._move(self.policy(self._seen(noise=self._exploration.at(self._k)[:, 1:])))
+        batch = self.replay.sample()
         noise, next_noise = self._normal.at(self._k).unbind(1)
-        self.sac.update(self.replay.sample(self._uniform.at(self._k)), noise, next_noise)
+        self._update(batch.set("noise", noise).set(("next", "noise"), next_noise))
         self._k.add_(1)
 
-    def _move(self, action: torch.Tensor) -> None:
+    def _seen(self, **more: Tensor) -> TensorDict:
+        return TensorDict({"observation": self._observation, **more}, self.env.batch_size)
+
+    def _move(self, acted: TensorDictBase) -> None:
         """One step of every pendulum, remembered. A time limit is no terminal state."""
-        observation, reward, truncated = self.env.advance(action)
-        self.replay.add(self._observation, action, reward, observation, torch.zeros_like(truncated))
-        self._observation.copy_(observation)
-        self._return.add_(reward)
+        moved = self.env.step(acted)
+        self.replay.extend(moved.unsqueeze(0))
+        after = moved.get("next")
+        self._observation.copy_(after.get("observation"))
+        self._return.add_(after.get("reward").squeeze(1))
+
+    def _update(self, batch: TensorDictBase) -> None:
+        """A step of the critics, then of actor and temperature, then of the targets."""
+        self.critic_optimizer.descend(self.loss.critic_gradients(batch))
+        self.actor_optimizer.descend(self.loss.actor_gradients(batch))
+        self.target_update.step()
 
     def policies(self) -> list[NetworkPolicy]:
         """The deterministic policy of every agent as it stands now."""
-        actor = [(w.cpu().numpy().copy(), b.cpu().numpy().copy()) for w, b in self.sac.actor.weights]
-        *hidden, (weight, bias) = actor
+        *hidden, (weight, bias) = layers_of(leaf.detach().cpu().numpy().copy() for leaf in self.loss.actor_leaves)
         means = [*hidden, (weight[..., :1], bias[..., :1])]
         u_max, history = self.env.base_model.u_max, self.env.history
         return [NetworkPolicy(tuple((w[a], b[a, 0]) for w, b in means), u_max, history) for a in range(self.agents)]
@@ -138,19 +164,26 @@ class Population:
         changed then.
         """
         stored = read_checkpoint(Path(path))
-        stored.setdefault("history", 0)  # what was written before there was one
-        for name, expected in self._identity().items():
-            if stored.get(name) != expected:
+        settings = stored.get("settings")
+        was = {**stored, **(settings if isinstance(settings, dict) else {})}
+        for name, expected in {"version": CHECKPOINT_VERSION, **asdict(self.settings), **self._identity()}.items():
+            if was.get(name) != expected:
                 raise InvalidInput(
-                    f"{path} is a checkpoint with {name} = {stored.get(name)}; this population has {name} = {expected}"
+                    f"{path} is a checkpoint with {name} = {was.get(name)}; this population has {name} = {expected}"
                 )
+        for name, part in self._parts.items():
+            part.load_state_dict(stored[name])
         self.steps_done, self._block = stored["steps_done"], -1
-        self.sac.restore(stored["sac"])
-        self.replay.restore(stored["replay"])
-        self.env.restore(stored["env"])
         self._observation.copy_(stored["observation"])
         self._return.copy_(stored["return"])
         self._curve = [(step, torch.tensor(returns, dtype=torch.float64)) for step, returns in stored["curve"]]
+        self._learning_step = CudaGraph(self._learn, self.device)
+
+    @property
+    def _parts(self) -> dict[str, Any]:
+        """What a checkpoint holds the state of."""
+        names = ("env", "replay", "loss", "critic_optimizer", "actor_optimizer")
+        return {name: getattr(self, name) for name in names}
 
     def _identity(self) -> dict[str, Any]:
         """What makes this population the one it is."""
@@ -173,10 +206,8 @@ class Population:
     def _progress(self) -> dict[str, Any]:
         """What training has changed. Random streams are functions of seed and step, so they need no place here."""
         return {
+            **{name: part.state_dict() for name, part in self._parts.items()},
             "steps_done": self.steps_done,
-            "sac": self.sac.snapshot(),
-            "replay": self.replay.snapshot(),
-            "env": self.env.snapshot(),
             "observation": self._observation,
             "return": self._return,
             "curve": [[step, returns.tolist()] for step, returns in self._curve],

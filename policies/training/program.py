@@ -10,6 +10,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -24,8 +25,17 @@ from sysid import InvalidInput, Model
 CHOICE = 100
 """Start states on which the best of several agents is chosen."""
 
+CHUNK = 20
+"""Steps between two looks at the clock."""
+
+TRIAL = 100
+"""Steps with updates from which the time is told."""
+
+CHECKPOINT_SECONDS = 60.0
+"""About what a crash may cost."""
+
 TrainingCurve = tuple[tuple[int, float], ...]
-Listener = Callable[[int, Sequence[float], float], None]
+Listener = Callable[[int, Sequence[float], float, float], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,10 +58,13 @@ class TrainedPolicy:
     seconds: float
 
 
-def settings_for(model: Model, hidden: Sequence[int] = (64, 64), steps: int = 75_000) -> SACSettings:
+def settings_for(
+    model: Model, hidden: Sequence[int] = (64, 64), steps: int = 75_000, loss: str = "fast"
+) -> SACSettings:
     """The paper's settings; the discount is the same per second at every dt: 0.99 at 0.05 s."""
     gamma = 0.99 ** (model.dt / task.INTERVAL)
-    return SACSettings(hidden=tuple(hidden), steps=steps, random_steps=min(1000, math.ceil(0.1 * steps)), gamma=gamma)
+    random_steps = min(1000, math.ceil(0.1 * steps))
+    return SACSettings(hidden=tuple(hidden), steps=steps, random_steps=random_steps, gamma=gamma, loss=loss)
 
 
 def train(
@@ -60,23 +73,27 @@ def train(
     settings: SACSettings,
     seeds: Sequence[int],
     history: int = 0,
-    listener: Listener = lambda steps, returns, seconds: None,
+    listener: Listener = lambda steps, returns, seconds, left: None,
+    checkpoint: Path | None = None,
 ) -> TrainedPolicy:
-    """Train an agent a seed; `listener` hears ten times (steps done, mean return of each agent since, seconds).
+    """Train an agent a seed; `listener` hears ten times (steps done, mean return of each agent since, seconds, seconds
+    left), and before that once without returns, as soon as it is known how long the training takes.
 
-    Nothing is drawn from the start states on which a policy is judged later: the choice among the agents has its own.
-    Raises InvalidInput where the numbers run away.
+    checkpoint: written every minute and when the training is interrupted, gone on from where it is there, and removed
+    at the end. Nothing is drawn from the start states on which a policy is judged later: the choice among the agents
+    has its own. Raises InvalidInput where the numbers run away, and for a checkpoint of another training.
     """
     begin = time.monotonic()
     population = Population(model, [randomization] * len(seeds), seeds, settings, history=history)
-    for tenth in range(1, 11):
-        heard = len(population.curves[0])
-        population.train(math.ceil(tenth * settings.steps / 10) - population.steps_done)
-        new = [[value for _, value in curve[heard:]] for curve in population.curves]
-        means = [float(np.mean(values)) if values else math.nan for values in new]
-        if not all(math.isfinite(v) for values in new for v in values):
-            raise InvalidInput(f"the returns are not finite after {population.steps_done} steps: the model runs away")
-        listener(population.steps_done, means, time.monotonic() - begin)
+    if checkpoint is not None and checkpoint.exists():
+        population.resume(checkpoint)
+    try:
+        _finish(population, listener, checkpoint)
+    except KeyboardInterrupt:
+        _save(population, checkpoint)
+        raise
+    if checkpoint is not None:
+        checkpoint.unlink(missing_ok=True)
     policies = population.policies()
     starts = fresh_start_states(seeds[0], CHOICE, block=1)
     chosen = tuple(evaluate(policy, model, *starts).mean for policy in policies)
@@ -92,3 +109,40 @@ def train(
         curves=tuple(tuple(curve) for curve in population.curves),
         seconds=time.monotonic() - begin,
     )
+
+
+def _finish(population: Population, listener: Listener, checkpoint: Path | None) -> None:
+    """Train all steps that are left."""
+    steps, first, heard = population.settings.steps, population.steps_done, len(population.curves[0])
+    begin = saved = learning = time.monotonic()
+    tenths = [math.ceil(tenth * steps / 10) for tenth in range(1, 11)]
+    told = max(first, population.settings.random_steps) + TRIAL
+    while population.steps_done < steps:
+        ahead = min(mark for mark in (*tenths, told - TRIAL, told, steps) if mark > population.steps_done)
+        population.train(min(CHUNK, ahead - population.steps_done))
+        now, done = time.monotonic(), population.steps_done
+        if now - saved >= CHECKPOINT_SECONDS:
+            _save(population, checkpoint)
+            saved = time.monotonic()
+        if done <= told - TRIAL:
+            learning = now  # steps without updates tell nothing
+        left = (now - learning) / max(1, done - told + TRIAL) * (steps - done)
+        if done in tenths:
+            listener(done, _latest(population, heard), now - begin, left)
+            heard = len(population.curves[0])
+        elif done == told:
+            listener(done, (), now - begin, left)
+
+
+def _latest(population: Population, heard: int) -> list[float]:
+    """The mean return of each agent's episodes after so many; nan where there is none."""
+    new = [[value for _, value in curve[heard:]] for curve in population.curves]
+    if not all(math.isfinite(v) for values in new for v in values):
+        raise InvalidInput(f"the returns are not finite after {population.steps_done} steps: the model runs away")
+    return [float(np.mean(values)) if values else math.nan for values in new]
+
+
+def _save(population: Population, checkpoint: Path | None) -> None:
+    if checkpoint is not None and population.steps_done > 0:
+        checkpoint.parent.mkdir(exist_ok=True)
+        population.save(checkpoint)

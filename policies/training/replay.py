@@ -1,66 +1,104 @@
-"""Each agent's own memory of transitions, and even draws from it, for all agents at once.
+"""Each agent's own memory of transitions, as parts of TorchRL's ReplayBuffer that work for all agents at once.
 
 Everything that changes is a tensor on the device, the count of transitions too, so that adding and drawing can be
-replayed as parts of a CUDA graph.
+replayed as parts of a CUDA graph; TorchRL's own writer and storage count on the host.
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import Any
 
 import torch
+from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
+from torchrl.data import RandomSampler, ReplayBuffer, RoundRobinWriter
+from torchrl.data.replay_buffers import Storage
+
+KEPT = ("observation", "action", *(("next", name) for name in ("observation", "reward", "done", "terminated")))
+"""What a transition is."""
 
 
-class Batch(NamedTuple):
-    """Transitions of A agents: (A, B, O), (A, B, D), (A, B), (A, B, O), (A, B) bool."""
+def replay_buffer(capacity: int, batch: int, example: TensorDictBase, uniform: Callable[[], Tensor]) -> ReplayBuffer:
+    """A memory of `capacity` transitions an agent like `example` (A,), which `uniform` draws `batch` of for each."""
+    return ReplayBuffer(
+        storage=TransitionStorage(capacity, example.select(*KEPT)),
+        sampler=AgentSampler(uniform),
+        writer=CountingWriter(),
+        collate_fn=lambda drawn: drawn,
+        batch_size=batch,
+        dim_extend=0,
+    )
 
-    observation: Tensor
-    action: Tensor
-    reward: Tensor
-    next_observation: Tensor
-    terminated: Tensor
 
+class TransitionStorage(Storage):
+    """A ring of `capacity` transitions an agent, each a float32 row of all its entries: rows (capacity, A, row).
 
-class Replay:
-    """A ring of `capacity` transitions an agent: float32 rows [observation, action, reward, next, terminated].
-
-    rows (capacity, A, row)
+    One gather serves all entries: of a draw for 25 agents that saves two thirds of LazyTensorStorage's time. What is
+    written to a checkpoint is the filled part alone.
     """
 
-    def __init__(
-        self, agents: int, capacity: int, observation_size: int, action_size: int, device: str | torch.device = "cpu"
-    ) -> None:
-        self.agents, self.capacity = agents, capacity
-        self.widths = (observation_size, action_size, 1, observation_size, 1)
-        self.rows = torch.zeros(capacity, agents, sum(self.widths), device=device)
-        self.added = torch.zeros(1, dtype=torch.long, device=device)
-        self._agent = torch.arange(agents, device=device).unsqueeze(1)
+    ndim = 2
 
-    def add(
-        self, observation: Tensor, action: Tensor, reward: Tensor, next_observation: Tensor, terminated: Tensor
-    ) -> None:
-        """Keep one transition of every agent: (A, O), (A, D), (A,), (A, O), (A,); the oldest gives way."""
-        columns = (observation, action, reward.unsqueeze(1), next_observation, terminated.unsqueeze(1))
-        row = torch.cat([c.to(self.rows.dtype) for c in columns], 1)
-        self.rows.index_copy_(0, self.added % self.capacity, row.unsqueeze(0))
-        self.added.add_(1)
+    def __init__(self, capacity: int, example: TensorDictBase) -> None:
+        super().__init__(capacity)
+        self.entries = [(key, leaf.dtype) for key, leaf in example.items(True, True)]
+        self.widths = [example.get(key).shape[-1] for key, _ in self.entries]
+        self.rows = torch.zeros(capacity, len(example), sum(self.widths), device=example.device)
+        self.count = torch.zeros(1, dtype=torch.long, device=example.device)
 
-    def sample(self, uniform: Tensor) -> Batch:
-        """The transitions at floor(uniform * size), uniform (A, B) in [0, 1) float64: drawn with replacement."""
-        size = self.added.clamp(max=self.capacity)
-        index = (uniform * size).long() * self.agents + self._agent
-        rows = self.rows.view(-1, self.rows.shape[2]).index_select(0, index.flatten())
-        fields = rows.view(*uniform.shape, -1).split(self.widths, -1)
-        observation, action, reward, next_observation, terminated = fields
-        return Batch(observation, action, reward.squeeze(-1), next_observation, terminated.squeeze(-1) != 0.0)
+    def set(self, cursor: Tensor, data: TensorDictBase, *, set_cursor: bool = True) -> None:
+        """Keep transitions (1, A) at `cursor` (1,)."""
+        self.rows.index_copy_(0, cursor, torch.cat([data.get(key).to(self.rows.dtype) for key, _ in self.entries], -1))
+        self.count.add_(1)
 
-    def snapshot(self) -> dict[str, Any]:
+    def get(self, index: Tensor) -> TensorDict:
+        """The transitions at index (A, B), counted through all agents of the first step, then of the second, ..."""
+        rows = self.rows.view(-1, self.rows.shape[-1]).index_select(0, index.flatten())
+        columns = rows.view(*index.shape, -1).split(self.widths, -1)
+        return TensorDict(
+            {
+                key: column != 0.0 if dtype == torch.bool else column
+                for (key, dtype), column in zip(self.entries, columns, strict=True)
+            },
+            index.shape,
+        )
+
+    def __len__(self) -> int:
+        return min(int(self.count), self.max_size)
+
+    def _empty(self) -> None:
+        self.count.zero_()
+
+    def state_dict(self) -> dict[str, Any]:
         """The filled part."""
-        added = int(self.added)
-        return {"rows": self.rows[: min(added, self.capacity)].clone(), "added": added}
+        return {"rows": self.rows[: len(self)].clone(), "count": self.count.clone()}
 
-    def restore(self, snapshot: dict[str, Any]) -> None:
-        """Go on from a snapshot."""
-        self.added.fill_(snapshot["added"])
-        self.rows[: len(snapshot["rows"])] = snapshot["rows"].to(self.rows.device)
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Go on from it, in place."""
+        self.rows[: len(state_dict["rows"])] = state_dict["rows"].to(self.rows.device)
+        self.count.copy_(state_dict["count"])
+
+
+class AgentSampler(RandomSampler):
+    """Even draws with replacement, at floor(u * size) for u = uniform() (A, B) in [0, 1), float64: each agent's own."""
+
+    def __init__(self, uniform: Callable[[], Tensor]) -> None:
+        super().__init__()
+        self.uniform = uniform
+
+    def sample(self, storage: TransitionStorage, batch_size: int) -> tuple[Tensor, dict[str, Any]]:
+        """Indices (A, B)."""
+        agents = storage.rows.shape[1]
+        step = (self.uniform() * storage.count.clamp(max=storage.max_size)).long()
+        return step * agents + torch.arange(agents, device=step.device).unsqueeze(1), {}
+
+
+class CountingWriter(RoundRobinWriter):
+    """Overwrites the oldest; its place follows from the storage's count."""
+
+    def extend(self, data: TensorDictBase) -> Tensor:
+        """Keep the transitions (1, A) of a step."""
+        cursor = self._storage.count % self._storage.max_size
+        self._storage.set(cursor, data)
+        return cursor

@@ -1,4 +1,4 @@
-"""Soft actor-critic for A agents at once, with Stable-Baselines3's conventions and its gradients written out.
+"""Soft actor-critic for A agents at once, as TorchRL's losses, with Stable-Baselines3's conventions.
 
 Of agent a, with its two critics Q_i, their slow copies Q'_i, its policy pi and its temperature alpha:
 
@@ -6,41 +6,48 @@ Of agent a, with its two critics Q_i, their slow copies Q'_i, its policy pi and 
     L_critic = 1/2 sum_i mean (Q_i(s, a) - y)^2
     L_actor  = mean (alpha log pi(a|s) - min_i Q_i(s, a)),   a ~ pi(s)
     L_alpha  = -mean log_alpha (log pi(a|s) + target_entropy)
-    Q'      <- Q' + polyak (Q - Q')
 
-    a = tanh x,   x = loc + exp(log_std) noise,   d log pi / dx = 2 a,   d log pi / d log_std = -1 + 2 a (x - loc)
-
-Means run over the B transitions of the agent's own batch. The losses are those of TorchRL's SACLoss, which a test holds
-this module to (`torchrl_reference`); no graph is recorded for them, no gradient is computed that no step needs, and
-everything that a step fills lies ready in memory.
+Means run over the B transitions of the agent's own batch, and the agents' losses are summed: no gradient of one depends
+on another.
 Sources: Haarnoja et al., "Soft Actor-Critic Algorithms and Applications" (2018); Stable-Baselines3, sac.py.
 """
 
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
 import torch
-from torch import Tensor
-from torch.nn.functional import softplus
-from torch.optim.adam import adam
+from tensordict import TensorDictBase
+from torch import Tensor, nn
+from torchrl.modules import ProbabilisticActor
+from torchrl.objectives import SACLoss, ValueEstimators
 
 from policies.environments.random_streams import Purpose, generator
-from policies.training.networks import Stack, activations, backward, forward
-from policies.training.replay import Batch
+from policies.training.networks import (
+    SquashedNormal,
+    actor_and_critic,
+    backward,
+    both_critics,
+    forward,
+    head,
+    leaves_of,
+    linear_init,
+    with_ones,
+)
 from sysid import InvalidInput
-
-LOG_STD_BOUNDS = (-20.0, 2.0)
-"""log(std) of the policy is clamped to this (Stable-Baselines3)."""
 
 
 @dataclass(frozen=True)
 class SACSettings:
-    """The paper's settings, which are Stable-Baselines3's but for learning_rate; polyak is its tau."""
+    """The paper's settings, which are Stable-Baselines3's but for learning_rate; polyak is its tau.
+
+    loss: "fast" or "sac", TorchRL's SACLoss as it is
+    """
 
     hidden: tuple[int, ...] = (256, 256)
     learning_rate: float = 1e-3
@@ -52,9 +59,12 @@ class SACSettings:
     target_entropy: float = -1.0
     random_steps: int = 1000
     steps: int = 75_000
+    loss: str = "fast"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "hidden", tuple(self.hidden))
+        if self.loss not in LOSSES:
+            raise InvalidInput(f"loss = {self.loss!r}: expected one of {', '.join(LOSSES)}")
         if not self.hidden or min(self.hidden) < 1:
             raise InvalidInput(f"hidden = {self.hidden}: expected one or more layer sizes >= 1")
         if self.batch < 2:
@@ -71,180 +81,137 @@ class SACSettings:
         sizes = (observation_size + 1, *self.hidden, 2)
         weights = 14 * sum(a * b for a, b in pairwise(sizes))  # 4 copies of the actor's, 5 of each critic's
         activations = 8 * self.batch * sum(self.hidden)
-        transitions = min(self.capacity, self.steps) * (2 * observation_size + 3)
+        transitions = min(self.capacity, self.steps) * (2 * observation_size + 4)
         return 4.0 * agents * (weights + activations + transitions)
 
 
-class SAC:
-    """The learners of A agents: networks, temperatures, optimisers, and one `update`.
+class StackedSACLoss(SACLoss):
+    """TorchRL's SACLoss for data of batch size (A, B) and agents whose weights stand in stacks.
 
-    seeds (A,): agent a's initial weights come from seeds[a] alone. Critic i of agent a is network 2 a + i of
-    `critics`; log_alpha (A, 1) is the extra number of `actor`. After an update, `actor_gradients` and
-    `critic_gradients` hold the gradients of the losses above, each the agent's own.
+    seeds (A,): agent a's initial weights come from seeds[a] alone. What is drawn from the policy comes from the entries
+    "noise" and ("next", "noise") (A, B, D), standard normal.
+
+    Two things make it treat every agent alone. Critics answer with (A, B) instead of (A, B, 1), and log_alpha is
+    (A, 1): with the trailing axis, SACLoss multiplies alpha (A, 1) with log_prob (A, B, 1), which broadcasts to a
+    wrong shape, and silently to a wrong number where A = B. And the mean over B is taken before the sum over A.
     """
 
     def __init__(
-        self,
-        seeds: Sequence[int],
-        settings: SACSettings,
-        observation_size: int = 3,
-        action_size: int = 1,
-        device: str | torch.device = "cpu",
+        self, seeds: Sequence[int], settings: SACSettings, observation_size: int = 3, action_size: int = 1
     ) -> None:
-        self.settings, self.agents, self.device = settings, len(seeds), torch.device(device)
-        self.observation_size, self.action_size = observation_size, action_size
-        self.actor, self.actor_gradients = self._actor(), self._actor()
-        self.critics, self.critic_gradients, self.targets = self._critics(), self._critics(), self._critics()
+        network, critic = actor_and_critic(len(seeds), observation_size, action_size, settings.hidden)
+        actor = ProbabilisticActor(
+            network, in_keys=["loc", "log_std", "noise"], distribution_class=SquashedNormal, return_log_prob=True
+        )
+        with torch.random.fork_rng(devices=[]), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            super().__init__(
+                actor,
+                critic,
+                num_qvalue_nets=2,
+                loss_function="l2",
+                alpha_init=settings.initial_temperature,
+                target_entropy=settings.target_entropy,
+                deactivate_vmap=True,
+            )
+            self.make_value_estimator(ValueEstimators.TD0, gamma=settings.gamma)
+            self.target_leaves = leaves_of(self.target_qvalue_network_params)
+        self.actor_leaves, self.critic_leaves = map(leaves_of, (self.actor_network_params, self.qvalue_network_params))
+        self._critics, self._targets = (
+            [leaf.detach().flatten(0, 1) for leaf in leaves] for leaves in (self.critic_leaves, self.target_leaves)
+        )
+        self.log_alpha = nn.Parameter(torch.full((len(seeds), 1), math.log(settings.initial_temperature)))
+        self.settings, self._vmap_qnetworkN0 = settings, both_critics
+        self._initialise(seeds)
+
+    @torch.no_grad()
+    def _initialise(self, seeds: Sequence[int]) -> None:
+        """Actor, then both critics, from each agent's own generator."""
         for a, seed in enumerate(seeds):
             rng = generator(seed, Purpose.WEIGHTS)
-            for stack, network in ((self.actor, a), (self.critics, 2 * a), (self.critics, 2 * a + 1)):
-                stack.initialise(network, rng)
-        self.targets.flat.copy_(self.critics.flat)
-        self.log_alpha = self.actor.extra.fill_(math.log(settings.initial_temperature))
-        self.actor_optimizer = Adam(self.actor.flat, self.actor_gradients.flat, settings.learning_rate)
-        self.critic_optimizer = Adam(self.critics.flat, self.critic_gradients.flat, settings.learning_rate)
-        self._make_room()
+            for leaves in ([w[a] for w in self.actor_leaves], *([w[i, a] for w in self.critic_leaves] for i in (0, 1))):
+                sizes = [len(leaves[0]) - 1, *(w.shape[-1] for w in (leaves[0], *leaves[1::2]))]
+                for leaf, numbers in zip(leaves, linear_init(rng, sizes), strict=True):
+                    leaf.copy_(torch.from_numpy(numbers))
+        torch._foreach_copy_(self.target_leaves, self.critic_leaves)
 
-    def _actor(self) -> Stack:
-        sizes = (self.observation_size, *self.settings.hidden, 2 * self.action_size)
-        return Stack(self.agents, sizes, self.device, extra=True)
+    def _reduce_loss(self, loss: Tensor, *_: Any, **__: Any) -> Tensor:
+        """The mean over an agent's batch, the sum over agents."""
+        return loss.mean(-1).sum()
 
-    def _critics(self) -> Stack:
-        sizes = (self.observation_size + self.action_size, *self.settings.hidden, 1)
-        return Stack(2 * self.agents, sizes, self.device)
+    def qvalue_v2_loss(self, tensordict: TensorDictBase) -> tuple[Tensor, dict[str, Tensor]]:
+        """L_critic; reward and flags of TorchRL's shape (A, B, 1)."""
+        flat = tensordict.copy()
+        flat["next"].update({name: flat["next", name].squeeze(-1) for name in ("reward", "done", "terminated")})
+        loss, about = super().qvalue_v2_loss(flat)
+        return 0.5 * loss, about
 
-    def _make_room(self) -> None:
-        """Inputs end with a column of ones; s and s' are [0] and [1] of what the actor sees and answers."""
-        agents, batch, hidden, device = self.agents, self.settings.batch, self.settings.hidden, self.device
-        inputs, outputs = self.observation_size, self.action_size
-        self._seen = torch.ones(2, agents, batch, inputs + 1, device=device)
-        self._answered = torch.zeros(2, agents, batch, 2 * outputs, device=device)
-        self._judged = torch.ones(agents, 2, batch, inputs + outputs + 1, device=device)
-        self._q = torch.zeros(2 * agents, batch, 1, device=device)
-        self._actor_slope = torch.zeros(agents, batch, 2 * outputs, device=device)
-        self._actor_hidden = activations(agents, batch, hidden, device)
-        self._actor_spare = activations(agents, batch, hidden, device)
-        self._critic_hidden = activations(2 * agents, batch, hidden, device)
-        self._critic_spare = activations(2 * agents, batch, hidden, device)
+    def critic_gradients(self, tensordict: TensorDictBase) -> Sequence[Tensor]:
+        """Of L_critic, for `critic_leaves`."""
+        loss, _ = self.qvalue_v2_loss(tensordict)
+        return torch.autograd.grad(loss, self.critic_leaves)
 
-    @torch.no_grad()
-    def act(self, observation: Tensor, noise: Tensor) -> Tensor:
-        """Exploring actions (A, D) in [-1, 1] for observations (A, O) and standard normal noise (A, D)."""
-        seen = torch.cat((observation, torch.ones_like(observation[:, :1])), 1).unsqueeze(1)
-        hidden = activations(self.agents, 1, self.settings.hidden, self.device)
-        answered = forward(seen, self.actor.layers, hidden, seen.new_empty(self.agents, 1, 2 * self.action_size))
-        loc, log_std = answered.squeeze(1).chunk(2, -1)
-        return torch.addcmul(loc, log_std.clamp(*LOG_STD_BOUNDS).exp(), noise).tanh()
+    def actor_gradients(self, tensordict: TensorDictBase) -> Sequence[Tensor]:
+        """Of L_actor and L_alpha, for `actor_leaves` and log_alpha."""
+        loss, about = self.actor_loss(tensordict)
+        loss = loss + self._reduce_loss(self.alpha_loss(about["log_prob"]))
+        return torch.autograd.grad(loss, [*self.actor_leaves, self.log_alpha])
+
+
+class FastSACLoss(StackedSACLoss):
+    """The same losses, whose gradients for the training loop are written out:
+
+        a = tanh x,   x = loc + exp(log_std) noise,   d log pi / dx = 2 a,   d log pi / d log_std = -1 + 2 a (x - loc)
+
+    No graph is recorded for them, and none is computed that no step needs.
+    """
 
     @torch.no_grad()
-    def update(self, batch: Batch, noise: Tensor, next_noise: Tensor) -> None:
-        """A step of the critics, then of actor and temperature, then of the targets.
+    def critic_gradients(self, tensordict: TensorDictBase) -> Sequence[Tensor]:
+        """As StackedSACLoss has them."""
+        y = self._target(tensordict.get("next"))
+        passed = self._judge(self._critics, tensordict.get("observation"), tensordict.get("action"))
+        slope = (passed[-1].view(2, *y.shape) - y).div_(y.shape[-1]).view_as(passed[-1])
+        gradients, _ = backward(passed, self._critics, slope)
+        return [gradient.view_as(leaf) for gradient, leaf in zip(gradients, self.critic_leaves, strict=True)]
 
-        noise and next_noise (A, B, D): standard normal, for the actions drawn from pi(s) and pi(s').
-        """
-        self._seen[0, ..., :-1], self._seen[1, ..., :-1] = batch.observation, batch.next_observation
-        for k in (1, 0):  # s last: its activations stay for the actor's step
-            forward(self._seen[k], self.actor.layers, self._actor_hidden, self._answered[k])
-        loc, log_std = self._answered.chunk(2, -1)
-        within = (log_std >= LOG_STD_BOUNDS[0]) & (log_std <= LOG_STD_BOUNDS[1])
-        log_std = log_std.clamp(*LOG_STD_BOUNDS)
-        both = torch.stack((noise, next_noise))
-        spread = log_std.exp() * both
-        x = loc + spread
-        action, log_prob = x.tanh(), _log_prob(x, log_std, both)
+    def _target(self, after: TensorDictBase) -> Tensor:
+        """y (A, B)."""
+        observation, reward = after.get("observation"), after.get("reward").squeeze(-1)
+        loc, log_std = head(forward(with_ones(observation), self.actor_leaves)[-1])
+        action, log_prob = SquashedNormal(loc, log_std, after.get("noise")).rsample_and_log_prob()
+        value = self._judge(self._targets, observation, action)[-1].view(2, *reward.shape).amin(0)
+        value = (value - self.log_alpha.exp() * log_prob).masked_fill_(after.get("terminated").squeeze(-1), 0.0)
+        return reward + self.settings.gamma * value
 
-        self._critic_step(batch, action[1], log_prob[1])
-        self._actor_step(batch, action[0], log_prob[0], spread[0], within[0])
-        self.targets.flat.lerp_(self.critics.flat, self.settings.polyak)
-
-    def _critic_step(self, batch: Batch, next_action: Tensor, next_log_prob: Tensor) -> None:
-        settings = self.settings
-        value = self._judge(self.targets, batch.next_observation, next_action).amin(1)
-        value = value - self.log_alpha.exp() * next_log_prob
-        y = batch.reward + settings.gamma * value.masked_fill(batch.terminated, 0.0)
-        q = self._judge(self.critics, batch.observation, batch.action)
-        slope = (q - y.unsqueeze(1)).div_(settings.batch).view_as(self._q)
-        inputs = self._judged.flatten(0, 1)
-        gradients = self.critic_gradients.layers
-        backward(inputs, self.critics.layers, self._critic_hidden, slope, self._critic_spare, gradients)
-        self.critic_optimizer.step()
-
-    def _actor_step(self, batch: Batch, action: Tensor, log_prob: Tensor, spread: Tensor, within: Tensor) -> None:
-        settings, size = self.settings, self.action_size
-        q_slope = self._slope_of_least_q(batch.observation, action)
-        alpha = (self.log_alpha.exp() / settings.batch).unsqueeze(-1)
-        slope = 2.0 * alpha * action + q_slope * (1.0 - action * action)
-        self._actor_slope[..., :size] = slope
-        self._actor_slope[..., size:] = (slope * spread - alpha) * within
-        gradients = self.actor_gradients
-        backward(
-            self._seen[0], self.actor.layers, self._actor_hidden, self._actor_slope, self._actor_spare, gradients.layers
-        )
-        gradients.extra.copy_(log_prob.mean(1, keepdim=True).add_(settings.target_entropy).neg_())
-        self.actor_optimizer.step()
+    @torch.no_grad()
+    def actor_gradients(self, tensordict: TensorDictBase) -> Sequence[Tensor]:
+        """As StackedSACLoss has them."""
+        observation, noise = tensordict.get("observation"), tensordict.get("noise")
+        passed = forward(with_ones(observation), self.actor_leaves)
+        loc, log_std = head(passed[-1])
+        action, log_prob = SquashedNormal(loc, log_std, noise).rsample_and_log_prob()
+        alpha = (self.log_alpha.exp() / noise.shape[1]).unsqueeze(-1)
+        of_x = 2.0 * alpha * action + self._slope_of_least_q(observation, action) * (1.0 - action * action)
+        within = passed[-1].chunk(2, -1)[1] == log_std
+        slope = torch.cat((of_x, (of_x * log_std.exp() * noise - alpha) * within), -1)
+        gradients, _ = backward(passed, self.actor_leaves, slope)
+        return [*gradients, log_prob.mean(1, keepdim=True).add_(self.settings.target_entropy).neg_()]
 
     def _slope_of_least_q(self, observation: Tensor, action: Tensor) -> Tensor:
         """d/da of -mean_b min_i Q_i(s, a), (A, B, D)."""
-        q = self._judge(self.critics, observation, action)
-        first = q[:, 0] <= q[:, 1]
-        slope = torch.stack((first, ~first), 1).to(q.dtype).div_(-self.settings.batch).view_as(self._q)
-        inputs = self._judged.flatten(0, 1)
-        slope = backward(inputs, self.critics.layers, self._critic_hidden, slope, self._critic_spare)
-        of_action = self.critics.layers[0][0][:, self.observation_size : -1].mT
-        return (slope @ of_action).view(self.agents, 2, self.settings.batch, self.action_size).sum(1)
+        passed = self._judge(self._critics, observation, action)
+        q = passed[-1].view(2, *action.shape[:-1])
+        first = q[0] <= q[1]
+        slope = torch.stack((first, ~first)).to(q.dtype).div_(-q.shape[-1]).view_as(passed[-1])
+        of_action = self._critics[0][:, observation.shape[-1] : -1].mT
+        return (backward(passed, self._critics, slope, learned=False)[1] @ of_action).view(2, *action.shape).sum(0)
 
-    def _judge(self, critics: Stack, observation: Tensor, action: Tensor) -> Tensor:
-        """Q (A, 2, B) of both critics, whose inputs and activations stay."""
-        self._judged[..., : self.observation_size] = observation.unsqueeze(1)
-        self._judged[..., self.observation_size : -1] = action.unsqueeze(1)
-        inputs = self._judged.flatten(0, 1)
-        return forward(inputs, critics.layers, self._critic_hidden, self._q).view(self.agents, 2, -1)
-
-    def snapshot(self) -> dict[str, Any]:
-        """Networks, temperatures, slow copies and the optimisers' moments."""
-        return {
-            "actor": self.actor.flat,
-            "critics": self.critics.flat,
-            "targets": self.targets.flat,
-            "actor_optimizer": self.actor_optimizer.snapshot(),
-            "critic_optimizer": self.critic_optimizer.snapshot(),
-        }
-
-    def restore(self, snapshot: dict[str, Any]) -> None:
-        """Go on from a snapshot, in place."""
-        for name in ("actor", "critics", "targets"):
-            getattr(self, name).flat.copy_(snapshot[name])
-        self.actor_optimizer.restore(snapshot["actor_optimizer"])
-        self.critic_optimizer.restore(snapshot["critic_optimizer"])
+    def _judge(self, critics: Sequence[Tensor], observation: Tensor, action: Tensor) -> list[Tensor]:
+        """What passes through both critics, y (2 A, B, 1) at the end."""
+        x = with_ones(observation, action)
+        return forward(torch.cat((x, x)), critics)
 
 
-class Adam:
-    """Adam (Kingma & Ba 2015) on one tensor and its gradient, by torch's fused kernel."""
-
-    def __init__(self, numbers: Tensor, gradient: Tensor, learning_rate: float) -> None:
-        self.numbers, self.gradient, self.learning_rate = numbers, gradient, learning_rate
-        self.mean, self.square = torch.zeros_like(numbers), torch.zeros_like(numbers)
-        self.steps = torch.zeros((), device=numbers.device)
-
-    def step(self) -> None:
-        """One step against the gradient."""
-        adam(
-            [self.numbers], [self.gradient], [self.mean], [self.square], [], [self.steps],
-            fused=True, capturable=self.numbers.is_cuda, amsgrad=False, beta1=0.9, beta2=0.999, lr=self.learning_rate,
-            weight_decay=0.0, eps=1e-8, maximize=False,
-        )  # fmt: skip
-
-    def snapshot(self) -> dict[str, Tensor]:
-        """Both moments and the number of steps."""
-        return {"mean": self.mean, "square": self.square, "steps": self.steps}
-
-    def restore(self, snapshot: dict[str, Tensor]) -> None:
-        """Go on from a snapshot, in place."""
-        for name, numbers in self.snapshot().items():
-            numbers.copy_(snapshot[name])
-
-
-def _log_prob(x: Tensor, log_std: Tensor, noise: Tensor) -> Tensor:
-    """log pi of tanh(x), x = loc + exp(log_std) noise, (..., D) -> (...); it never overflows (Haarnoja, appendix C)."""
-    log_normal = -0.5 * noise * noise - log_std - 0.5 * math.log(2.0 * math.pi)
-    return (log_normal - 2.0 * (math.log(2.0) - x - softplus(-2.0 * x))).sum(-1)
+LOSSES = {"fast": FastSACLoss, "sac": StackedSACLoss}
+"""By the name that SACSettings.loss has."""

@@ -67,7 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     turns = [(PEAK, 0, 1)]
     for hidden in given.hidden:
         turns += [(SB3, hidden, 1), (SB3_TUNED, hidden, 1)] if find_spec("stable_baselines3") else []
-        turns += [(SACLOSS, hidden, 5), *((OURS, hidden, agents) for agents in given.agents)]
+        turns += [(who, hidden, agents) for agents in given.agents for who in (SACLOSS, OURS)]
     found = defaultdict(list)
     for lap in range(given.rounds):
         for who, hidden, agents in turns:
@@ -136,45 +136,26 @@ def _measured(advance: Callable[[int], None], per_step: float, seconds: float) -
     return {"rate": per_step * steps / spent, "memory": 1024.0 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss}
 
 
-def _ours(hidden: int, agents: int, seconds: float) -> dict[str, float]:
+def _ours(hidden: int, agents: int, seconds: float, loss: str = "fast") -> dict[str, float]:
     import torch
 
     from policies import Band, Population, SACSettings, tune_cpu
 
     tune_cpu(threads=1)
-    settings = SACSettings(hidden=(hidden, hidden), batch=BATCH, random_steps=10, steps=CAPACITY)
+    settings = SACSettings(hidden=(hidden, hidden), batch=BATCH, random_steps=10, steps=CAPACITY, loss=loss)
     bands = [Band({"m": 2.0, "l": 1.5}, w=0.2)] * agents
     population = Population(paper_model(), bands, range(agents), settings)
     population.train(10)
-    rows = population.replay.rows
-    rows.normal_(generator=torch.Generator().manual_seed(0))
-    rows[..., -1] = 0.0
-    population.replay.added.fill_(CAPACITY)
+    storage = population.replay.storage
+    storage.rows.normal_(generator=torch.Generator().manual_seed(0))
+    storage.rows[..., -2:] = 0.0  # nothing is terminal
+    storage.count.fill_(CAPACITY)
     return _measured(population.train, agents, seconds)
 
 
 def _sacloss(hidden: int, agents: int, seconds: float) -> dict[str, float]:
-    """TorchRL's loss on stacked weights: the update alone, always of the same batch."""
-    import torch
-
-    from policies import SACSettings, tune_cpu
-    from policies.training.replay import Batch
-    from policies.training.sac import SAC
-    from policies.training.torchrl_reference import TorchRLReference
-
-    tune_cpu(threads=1)
-    learner = TorchRLReference(SAC(range(agents), SACSettings(hidden=(hidden, hidden), batch=BATCH)))
-    numbers = torch.Generator().manual_seed(0)
-    seen, then = torch.randn(2, agents, BATCH, 3, generator=numbers)
-    action, noise, next_noise = torch.randn(3, agents, BATCH, 1, generator=numbers)
-    never = torch.zeros(agents, BATCH, dtype=torch.bool)
-    batch = Batch(seen, action.tanh(), -seen[..., 0].abs(), then, never)
-
-    def advance(steps: int) -> None:
-        for _ in range(steps):
-            learner.update(batch, noise, next_noise)
-
-    return _measured(advance, agents, seconds)
+    """The same loop with TorchRL's own SACLoss."""
+    return _ours(hidden, agents, seconds, "sac")
 
 
 def _sb3_tuned(hidden: int, agents: int, seconds: float) -> dict[str, float]:

@@ -1,8 +1,10 @@
-"""Each of a population's pendulums is the single one, and depends on its own seed alone."""
+"""A proper TorchRL environment, each of whose pendulums is the single one and depends on its own seed alone."""
 
 import numpy as np
 import pytest
 import torch
+from tensordict import TensorDict
+from torchrl.envs.utils import check_env_specs
 
 from policies.environments import task
 from policies.environments.batched_pendulums import BatchedPendulums
@@ -33,6 +35,17 @@ def make(randomizations=BANDS, seeds=(4, 5, 6), **options):
 SENSING = (Backlash(width=0.1), SensorDelay(T=0.06), AngleOffset(offset=0.05))
 
 
+def begin(env):
+    """The observations of a new episode of every agent."""
+    return env.reset()["observation"]
+
+
+def hold(env, action):
+    """Observation, reward (A,) and whether the time is over (A,), after a step."""
+    after = env.step(TensorDict({"action": action}, env.batch_size))["next"]
+    return after["observation"], after["reward"][:, 0], after["truncated"][:, 0]
+
+
 def actions(steps, agents, seed=0):
     rng = np.random.default_rng(seed)
     return torch.from_numpy(rng.uniform(-1.0, 1.0, (steps, agents, 1)).astype(np.float32))
@@ -43,7 +56,7 @@ def actions(steps, agents, seed=0):
 def test_every_agent_is_the_single_pendulum_with_its_own_parameters(effects, history):
     model = Model(RodPendulum(), effects, dt=0.04, u_max=2.0)
     env = BatchedPendulums(model, BANDS, (4, 5, 6), history=history)
-    begun = env.restart()
+    begun = begin(env)
     singles = []
     for a in range(3):
         drawn = {name: float(values[a]) for name, values in env.parameters_now.items()}
@@ -52,7 +65,7 @@ def test_every_agent_is_the_single_pendulum_with_its_own_parameters(effects, his
         np.testing.assert_allclose(begun[a].numpy(), single.reset(options=start)[0], atol=2e-5)
         singles.append(single)
     for action in actions(50, 3):
-        observation, reward, _ = env.advance(action)
+        observation, reward, _ = hold(env, action)
         for a, single in enumerate(singles):
             expected, cost, *_ = single.step(2.0 * action[a].numpy())
             np.testing.assert_allclose(observation[a].numpy(), expected, atol=2e-5)
@@ -61,8 +74,8 @@ def test_every_agent_is_the_single_pendulum_with_its_own_parameters(effects, his
 
 def test_a_new_episode_draws_new_parameters_and_a_new_start():
     env = make([PriorRange()] * 2, (1, 2))
-    first = env.restart(), env.snapshot()["parameters"]
-    second = env.restart(), env.snapshot()["parameters"]
+    first = begin(env), env.get_extra_state()["parameters"]
+    second = begin(env), env.get_extra_state()["parameters"]
     assert (first[0] != second[0]).all()
     for name in ("m", "l"):
         assert (first[1][name] != second[1][name]).all()
@@ -70,20 +83,20 @@ def test_a_new_episode_draws_new_parameters_and_a_new_start():
 
 def test_past_commands_are_observed_the_latest_first_and_forgotten_at_the_start():
     env = BatchedPendulums(paper_model(), BANDS, (4, 5, 6), history=2)
-    assert (env.restart()[:, 3:] == 0.0).all()
+    assert (begin(env)[:, 3:] == 0.0).all()
     moves = actions(4, 3)
     moves[3] *= 1.5  # beyond the limit: what was given is the limit
     for action in moves:
-        observation, *_ = env.advance(action)
+        observation, *_ = hold(env, action)
     assert torch.equal(observation[:, 3:], torch.cat((moves[3].clamp(-1.0, 1.0), moves[2]), 1))
-    assert (env.restart()[:, 3:] == 0.0).all()
+    assert (begin(env)[:, 3:] == 0.0).all()
 
 
 def test_sensors_that_show_something_else_do_not_change_the_motion_or_the_reward():
     plain, shown = (BatchedPendulums(Model(RodPendulum(), e, u_max=2.0), BANDS, (4, 5, 6)) for e in ((), SENSING))
-    plain.restart(), shown.restart()
+    begin(plain), begin(shown)
     for action in actions(20, 3):
-        (seen, reward, _), (other, same, _) = plain.advance(action), shown.advance(action)
+        (seen, reward, _), (other, same, _) = hold(plain, action), hold(shown, action)
         assert torch.equal(reward, same)
     assert torch.equal(plain.state.theta, shown.state.theta) and not torch.equal(seen, other)
 
@@ -93,8 +106,8 @@ def test_the_horizon_is_ten_seconds_and_the_return_the_same_integral_at_every_in
     for dt, steps in ((0.05, 200), (0.02, 500), (0.0125, 800)):
         env = BatchedPendulums(Model(RodPendulum(2.0, 1.5), dt=dt, u_max=2.0), [Band({"m": 2.0})], [3])
         assert env.horizon == steps
-        env.restart()
-        costs.append(sum(float(env.advance(torch.zeros(1, 1))[1]) for _ in range(steps)))
+        begin(env)
+        costs.append(sum(float(hold(env, torch.zeros(1, 1))[1]) for _ in range(steps)))
     assert costs[1:] == pytest.approx([costs[0]] * 2, rel=0.02)
 
 
@@ -102,29 +115,29 @@ def test_draws_depend_on_the_own_seed_only():
     together = make([PriorRange()] * 3, (4, 5, 6))
     alone = make([PriorRange()], (5,))
     for _ in range(3):
-        assert torch.equal(together.restart()[1], alone.restart()[0])
+        assert torch.equal(begin(together)[1], begin(alone)[0])
         assert together.parameters_now["m"][1] == alone.parameters_now["m"][0]
 
 
 def test_agents_that_share_a_seed_share_the_start_states_whatever_the_width():
     env = make([Band({"m": 2.0, "l": 1.5}, w) for w in (0.0, 0.5)], (3, 3))
     for _ in range(3):
-        observation = env.restart()
+        observation = begin(env)
         assert torch.equal(observation[0], observation[1])
 
 
 def test_a_snapshot_goes_on_where_it_was_taken():
     model = Model(RodPendulum(), (Delay(T=0.07), *SENSING), u_max=2.0)
     one, other = (BatchedPendulums(model, BANDS, (4, 5, 6), horizon=5, history=2) for _ in range(2))
-    one.restart()
+    begin(one)
     moves = actions(12, 3)
     for action in moves[:4]:
-        one.advance(action)
-    other.restore(one.snapshot())
+        hold(one, action)
+    other.load_state_dict(one.state_dict())
     for action in moves[4:]:
-        for ours, theirs in zip(one.advance(action), other.advance(action), strict=True):
+        for ours, theirs in zip(hold(one, action), hold(other, action), strict=True):
             assert torch.equal(ours, theirs)
-    assert torch.equal(one.restart(), other.restart())
+    assert torch.equal(begin(one), begin(other))
 
 
 def test_bad_input_is_named():
@@ -150,14 +163,14 @@ def test_a_pendulum_with_random_force_moves_as_one_under_the_torque_u_plus_d():
     model = Model(RodPendulum(), (Viscous(b=0.05),), dt=0.05, u_max=2.0)
     env = BatchedPendulums(model, MIXED, (4, 5, 6))
     for episode in range(2):
-        env.restart()
+        begin(env)
         states = [model.initial_state(float(env.state.theta[a]), float(env.state.theta_dot[a])) for a in range(3)]
         singles = [model.with_parameters({n: float(v[a]) for n, v in env.parameters_now.items()}) for a in range(3)]
         d = np.zeros((3, env.horizon))
         for a in (0, 2):
             d[a] = torques_of(MIXED[a], env.seeds[a], episode, model, env.horizon)
         for k, action in enumerate(actions(env.horizon, 3)):
-            env.advance(action)
+            hold(env, action)
             for a in range(3):
                 states[a] = singles[a].advance(states[a], 2.0 * float(action[a, 0]) + d[a, k])
             if k in (0, 1, 20):  # a swing-up is chaotic: rounding grows later
@@ -169,9 +182,9 @@ def test_a_random_force_goes_past_what_is_between_command_and_torque():
     """Behind a delay of two intervals the first commands do nothing, random torques act at once."""
     model = Model(RodPendulum(), (Delay(T=0.1),), dt=0.05, u_max=2.0)
     still, forced = (BatchedPendulums(model, [r], [3]) for r in (BANDS[1], RandomForce(BANDS[1], 1.0, 0.1)))
-    assert torch.equal(still.restart(), forced.restart())
+    assert torch.equal(begin(still), begin(forced))
     for env in (still, forced):
-        env.advance(torch.ones(1, 1))
+        hold(env, torch.ones(1, 1))
     d = torques_of(RandomForce(BANDS[1], 1.0, 0.1), 3, 0, model, 200)[0]
     inertia = float(model.with_parameters({"m": 1.0, "l": 1.0}).inertia())
     gained = float(forced.state.theta_dot - still.state.theta_dot)
@@ -182,60 +195,60 @@ def test_an_agent_has_a_random_force_or_not_whatever_its_neighbours_are():
     together = make(MIXED)
     alone = [make([r], (seed,)) for r, seed in zip(MIXED, (4, 5, 6), strict=True)]
     for _ in range(2):
-        begun = together.restart()
+        begun = begin(together)
         for a, env in enumerate(alone):
-            assert torch.equal(env.restart()[0], begun[a])
+            assert torch.equal(begin(env)[0], begun[a])
         for action in actions(30, 3):
-            observation, reward, _ = together.advance(action)
+            observation, reward, _ = hold(together, action)
             for a, env in enumerate(alone):
-                ours, worth, _ = env.advance(action[a : a + 1])
+                ours, worth, _ = hold(env, action[a : a + 1])
                 torch.testing.assert_close(ours[0], observation[a], rtol=0.0, atol=1e-6)
                 torch.testing.assert_close(worth[0], reward[a], rtol=1e-6, atol=1e-6)
 
 
 def test_where_nobody_has_a_random_force_nothing_is_there_and_no_torque_changes_nothing():
     plain, still = make(), make([RandomForce(r, 0.0, 0.1) for r in BANDS])
-    assert plain.model.effects == () and "torques" not in plain.snapshot()
+    assert plain.model.effects == () and "torques" not in plain.get_extra_state()
     assert [e.name for e in still.model.effects] == ["random_torque"] and "random_torque" not in CATALOGUE
     assert still.base_model.effects == ()
     for _ in range(2):
-        assert torch.equal(plain.restart(), still.restart())
+        assert torch.equal(begin(plain), begin(still))
         for action in actions(20, 3):
-            for ours, theirs in zip(plain.advance(action), still.advance(action), strict=True):
+            for ours, theirs in zip(hold(plain, action), hold(still, action), strict=True):
                 assert torch.equal(ours, theirs)
 
 
 def test_a_random_force_leaves_every_start_and_every_parameter_as_they_were():
     plain, forced = make(), make([RandomForce(r, 1.0, 0.1) for r in BANDS])
     for _ in range(3):
-        assert torch.equal(plain.restart(), forced.restart())
+        assert torch.equal(begin(plain), begin(forced))
         for name, values in plain.parameters_now.items():
             assert torch.equal(values, forced.parameters_now[name])
         for action in actions(5, 3):
-            ours, theirs = plain.advance(action)[0], forced.advance(action)[0]
+            ours, theirs = hold(plain, action)[0], hold(forced, action)[0]
         assert (ours != theirs).any(1).all()
 
 
 def test_a_snapshot_holds_the_random_torques_and_goes_on():
     one, other = (make(MIXED, horizon=9) for _ in range(2))
-    one.restart(), one.restart()
+    begin(one), begin(one)
     moves = actions(9, 3)
     for action in moves[:4]:
-        one.advance(action)
-    other.restore(one.snapshot())
+        hold(one, action)
+    other.load_state_dict(one.state_dict())
     for action in moves[4:]:
-        for ours, theirs in zip(one.advance(action), other.advance(action), strict=True):
+        for ours, theirs in zip(hold(one, action), hold(other, action), strict=True):
             assert torch.equal(ours, theirs)
-    assert torch.equal(one.restart(), other.restart())
+    assert torch.equal(begin(one), begin(other))
 
 
 def test_a_restart_of_some_leaves_the_random_torques_of_the_others():
     whole, parts = make(MIXED), make(MIXED)
-    whole.restart(), parts.restart()
+    begin(whole), begin(parts)
     for k, action in enumerate(actions(12, 3)):
         if k == 5:
-            parts.restart(torch.tensor([False, True, True]))
-        ours, theirs = whole.advance(action)[0], parts.advance(action)[0]
+            parts.reset(TensorDict({"_reset": torch.tensor([[False], [True], [True]])}, [3]))
+        ours, theirs = hold(whole, action)[0], hold(parts, action)[0]
         assert torch.equal(ours[0], theirs[0])
         assert torch.equal(ours[2], theirs[2]) == (k < 5)
 
@@ -243,7 +256,7 @@ def test_a_restart_of_some_leaves_the_random_torques_of_the_others():
 def test_agents_may_draw_the_same_parameters_in_any_order():
     one, other = Band({"m": 1.2, "l": 0.9}), Band({"l": 0.9, "m": 1.2})
     env = BatchedPendulums(paper_model(), [one, other], [3, 3])
-    env.restart()
+    begin(env)
     assert {name: float(values[1]) for name, values in env.parameters_now.items()} == {"m": 1.2, "l": 0.9}
 
 
@@ -256,11 +269,48 @@ def test_an_effect_that_an_alternative_does_not_mean_is_not_there():
     late = BatchedPendulums(Model(RodPendulum(), (Delay(T=0.13),), dt=0.05, u_max=2.0), BANDS[1:2], [7])
     met = set()
     for _ in range(6):
-        begun = [e.restart() for e in (env, rubs, late)]
+        begun = [begin(e) for e in (env, rubs, late)]
         assert torch.equal(begun[0], begun[1]) and torch.equal(begun[0], begun[2])
         meant = float(env.parameters_now["delay.T"][0]) > 0.0
         met.add(meant)
         for action in actions(40, 1):
-            ours, theirs = env.advance(action)[0], (late if meant else rubs).advance(action)[0]
+            ours, theirs = hold(env, action)[0], hold(late if meant else rubs, action)[0]
             torch.testing.assert_close(ours, theirs, rtol=0.0, atol=1e-5)
     assert met == {False, True}
+
+
+def test_torchrl_accepts_it():
+    check_env_specs(make())
+    check_env_specs(BatchedPendulums(Model(RodPendulum(), SENSING, u_max=2.0), BANDS, (4, 5, 6), history=2))
+
+
+def test_a_time_limit_truncates_and_never_terminates():
+    env = make(horizon=7)
+    out = env.rollout(20, lambda td: td.set("action", env.action_spec.rand()), break_when_any_done=False)
+    ends = torch.arange(1, 21) % 7 == 0
+    for name in ("truncated", "done"):
+        assert (out["next", name][..., 0] == ends).all()
+    assert not out["next", "terminated"].any()
+
+
+def test_a_partial_reset_leaves_the_other_agents_alone():
+    env = BatchedPendulums(Model(RodPendulum(), (Delay(T=0.07), *SENSING), u_max=2.0), BANDS, (4, 5, 6), history=2)
+    td = env.reset()
+    for action in actions(3, 3):
+        td = env.step(td.set("action", action))["next"]
+    before, episodes = [kept.clone() for kept in env._kept], list(env.episodes)
+    env.reset(td.set("_reset", torch.tensor([[False], [True], [False]])))
+    changed = torch.stack([kept != was for kept, was in zip(env._kept, before, strict=True)])
+    assert changed[0].tolist() == [False, True, False] and not changed[:, [0, 2]].any()
+    assert env.steps.tolist() == [3, 0, 3]
+    assert env.episodes == [episodes[0], episodes[1] + 1, episodes[2]]
+
+
+def test_setting_the_seed_repeats_the_rollout():
+    env = make()
+    rewards = []
+    for _ in range(2):
+        env.set_seed(11)
+        td = env.reset()
+        rewards.append(torch.stack([env.step(td.set("action", a))["next", "reward"] for a in actions(5, 3)]))
+    assert torch.equal(*rewards)

@@ -12,7 +12,7 @@ import pytest
 
 import sysid
 from policies.__main__ import main
-from policies.cli.commands import LONGEST_HISTORY, history_for, plausible_range
+from policies.cli.commands import CHECKPOINT, LONGEST_HISTORY, history_for, plausible_range
 from policies.control import references
 from policies.control.dynamic_programming import Grid
 from policies.environments.machine import past_commands_needed
@@ -207,6 +207,8 @@ def test_what_is_plausible_where_nobody_measured():
         (("paper.json", "--agents", "0"), "--agents 0"),
         (("paper.json", "--seed", "-1"), "--seed -1"),
         (("paper.json", "--hidden", "0"), "--hidden 0"),
+        (("paper.json", "--loss", "td3"), "loss = 'td3': expected one of fast, sac"),
+        (("fine.json", "--u-max", "2", "--dt", "0.5", "--history", "30"), "history = 30: expected 0 to 20"),
         (("paper.json", "--randomize", "wide"), "expected none, band:W"),
         (("paper.json", "--randomize", "band"), "'' is no number; expected band:0.3"),
         (("paper.json", "--randomize", "band:2"), "expected a relative width in [0, 1)"),
@@ -285,6 +287,36 @@ def test_a_training_that_is_stopped_writes_nothing(models, tmp_path, run, monkey
     code, _, complaint = run("train", models / "paper.json", "-o", tmp_path / "policy", *TINY)
     assert (code, complaint) == (130, "stopped\n")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_what_was_stopped_goes_on_and_not_as_another_training(models, tmp_path, run, monkeypatch):
+    from policies.training.population import Population
+
+    def stopped(self, steps):
+        go_on(self, steps)
+        raise KeyboardInterrupt
+
+    go_on, folder = Population.train, tmp_path / "policy"
+    monkeypatch.setattr(Population, "train", stopped)
+    assert run("train", models / "paper.json", "-o", folder, *TINY)[0] == 130
+    monkeypatch.setattr(Population, "train", go_on)
+    before = (folder / CHECKPOINT).read_bytes()
+    for words, complaint in ((("--loss", "sac"), "a checkpoint with loss = fast"), (("--seed", 1), "with seeds = [0]")):
+        code, _, complained = run("train", models / "paper.json", "-o", folder, *TINY, *words)
+        assert code == 2 and complaint in complained and complained.count("\n") == 1
+        assert [path.name for path in folder.iterdir()] == [CHECKPOINT]
+        assert (folder / CHECKPOINT).read_bytes() == before
+    code, said, _ = run("train", models / "paper.json", "-o", folder, *TINY)
+    assert code == 0 and f"going on from {folder / CHECKPOINT}" in said and not (folder / CHECKPOINT).exists()
+
+
+def test_the_time_is_measured_and_a_control_rate_is_advised(models, tmp_path, run):
+    words = ("-o", tmp_path / "p", "--steps", 450, "--hidden", 8, "--no-references")
+    code, said, _ = run("train", models / "paper.json", *words)
+    assert code == 0 and re.search(r"this takes about \d+ s here", said) and re.search(r"\d+ s, \d+ s left", said)
+    assert "suits this machine" not in said
+    code, said, _ = run("train", models / "fine.json", *words, "--force", "--u-max", 2, "--dt", 0.3)
+    assert "a command every 0.3 s is more than it can wait: --dt from 0.016 to 0.16 suits this machine" in said
 
 
 def test_an_effect_of_the_users_own_is_trained_on_and_needed_again(tmp_path, run):

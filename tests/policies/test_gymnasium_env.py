@@ -1,22 +1,26 @@
 """The single environment is a proper gymnasium.Env, and with the paper's model it is Gymnasium's Pendulum."""
 
+import subprocess
+import sys
+
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
 import policies
-from policies.environments.gymnasium_env import PendulumEnv
+from policies.environments.gymnasium_env import PendulumEnv, pendulum_v1
+from policies.environments.machine import machine_of
 from policies.environments.randomization import Band, Fixed, PriorRange, RandomForce
 from study.paper.protocol import paper_model
-from sysid import Delay, InvalidInput, Model, PointMassPendulum, Viscous
+from sysid import Delay, InvalidInput, Model, PointMassPendulum, Viscous, load, save
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
 @pytest.mark.parametrize("randomization", [None, PriorRange()])
 def test_gymnasium_accepts_it(randomization):
     env = gymnasium.make(policies.ENV_ID, model=paper_model(), randomization=randomization)
-    check_env(env.unwrapped, skip_render_check=True)
+    check_env(env.unwrapped)
 
 
 @pytest.mark.parametrize(("m", "l"), [(1.0, 1.0), (2.0, 1.5), (0.3, 3.0)])
@@ -63,3 +67,62 @@ def test_random_torques_are_refused_as_it_does_not_apply_them():
 def test_a_model_without_torque_limit_is_refused():
     with pytest.raises(InvalidInput, match="u_max"):
         PendulumEnv(Model(PointMassPendulum()))
+
+
+@pytest.fixture
+def file(tmp_path):
+    """A model with a delay, of another interval, without a torque limit."""
+    save(Model(PointMassPendulum(m=0.5, l=0.4), (Viscous(b=0.1), Delay(T=0.03)), dt=0.02), tmp_path / "model.json")
+    return tmp_path / "model.json"
+
+
+def test_the_file_of_a_model_is_enough_and_an_episode_takes_ten_seconds(file):
+    env = gymnasium.make(policies.ENV_ID, model=file, u_max=1.5, history=2, render_mode="rgb_array")
+    machine = machine_of(load(file).model, 1.5)
+    assert env.unwrapped.model.u_max == 1.5 and env.unwrapped.model.dt == machine.dt == 0.04
+    assert env.spec.max_episode_steps == 250
+    seen, _ = env.reset(seed=0)
+    assert seen.shape == (5,)
+    ends = [env.step(env.action_space.sample())[2:4] for _ in range(250)]
+    assert ends == [(False, False)] * 249 + [(False, True)]
+    assert env.render().shape == (200, 200, 3)
+
+
+def test_what_is_drawn_is_the_rod():
+    env = PendulumEnv(render_mode="rgb_array")
+    for theta, (row, column) in ((0.0, (40, 100)), (np.pi, (160, 100)), (np.pi / 2.0, (100, 40))):
+        env.reset(options={"theta": theta, "theta_dot": 0.0})
+        assert env.render()[row, column].tolist() == [178, 34, 34]
+        assert (env.render() == 255).all(-1).mean() > 0.9
+    assert PendulumEnv().render() is None
+
+
+def test_gymnasium_finds_it_without_an_import_of_ours(file):
+    make = f"gymnasium.make('policies:gapfinder/Pendulum-v0', model={str(file)!r}, u_max=1.0)"
+    code = f"import gymnasium; print({make}.spec.id)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == policies.ENV_ID
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        ({}, "no torque limit"),
+        ({"u_max": 1.0, "history": 300}, "history = 300: expected 0 to 250"),
+        ({"u_max": 1.0, "dt": 20.0}, "dt = 20.0"),
+    ],
+)
+def test_a_file_that_makes_no_machine_is_refused(file, options, complaint):
+    with pytest.raises(InvalidInput, match=complaint):
+        gymnasium.make(policies.ENV_ID, model=file, **options)
+    with pytest.raises(InvalidInput, match="with the file of a model only"):
+        gymnasium.make(policies.ENV_ID, model=pendulum_v1(), u_max=1.0)
+
+
+def test_stable_baselines3_trains_on_it(file):
+    sb3 = pytest.importorskip("stable_baselines3", reason="the extra [bench] is not installed")
+    env = gymnasium.make(policies.ENV_ID, model=file, u_max=1.5, history=2)
+    agent = sb3.SAC("MlpPolicy", env, learning_starts=20, batch_size=16, policy_kwargs={"net_arch": [8, 8]}, seed=0)
+    agent.learn(300)
+    action, _ = agent.predict(env.reset(seed=0)[0], deterministic=True)
+    assert agent.num_timesteps == 300 and env.action_space.contains(action)

@@ -1,74 +1,114 @@
-"""A stack is as many ordinary networks, and its backward pass is autograd's."""
+"""Stacked networks are A separate networks, with PyTorch's initialisation, autograd's gradients, TorchRL's density."""
 
 import numpy as np
 import pytest
 import torch
 from torch import nn
+from torchrl.modules import TanhNormal
 
-from policies.training.networks import Stack, activations, backward, forward
+from policies.training.networks import (
+    SquashedNormal,
+    WrittenOutMLP,
+    backward,
+    forward,
+    head,
+    layers_of,
+    linear_init,
+    with_ones,
+)
 
-CPU = torch.device("cpu")
+SIZES = [(3, 16, 1), (3, 16, 24, 2), (4, 8, 8, 8, 1)]
 
 
-def stack_of(count, sizes, extra=False):
-    stack = Stack(count, sizes, CPU, extra)
-    for network in range(count):
-        stack.initialise(network, np.random.default_rng(network))
-    return stack
+def stacked(count, sizes):
+    drawn = [linear_init(np.random.default_rng(network), sizes) for network in range(count)]
+    return [torch.from_numpy(np.stack(leaf)).requires_grad_() for leaf in zip(*drawn, strict=True)]
 
 
 def inputs(count, batch, size):
-    x = torch.randn(count, batch, size, generator=torch.Generator().manual_seed(0))
-    return torch.cat((x, torch.ones(count, batch, 1)), -1)
+    return torch.randn(count, batch, size, generator=torch.Generator().manual_seed(0)).requires_grad_()
 
 
-@pytest.mark.parametrize("sizes", [(3, 16, 1), (3, 16, 24, 2), (4, 8, 8, 8, 1)])
-def test_it_computes_what_ordinary_layers_compute(sizes):
-    stack, x = stack_of(3, sizes), inputs(3, 7, sizes[0])
-    room = activations(3, 7, sizes[1:-1], CPU)
-    out = forward(x, stack.layers, room, torch.empty(3, 7, sizes[-1]))
-    for s in range(3):
-        h = x[s, :, :-1]
-        for i, (w, b) in enumerate(stack.weights):
-            h = nn.functional.linear(h, w[s].T, b[s, 0])
-            h = torch.relu(h) if i < len(sizes) - 2 else h
-        torch.testing.assert_close(out[s], h)
-
-
-@pytest.mark.parametrize("sizes", [(3, 16, 1), (3, 16, 24, 2), (4, 8, 8, 8, 1)])
-def test_its_gradients_are_autograds(sizes):
-    stack, gradients, x = stack_of(3, sizes), Stack(3, sizes, CPU), inputs(3, 7, sizes[0])
-    room, spare = (activations(3, 7, sizes[1:-1], CPU) for _ in range(2))
-    slope = torch.randn(3, 7, sizes[-1], generator=torch.Generator().manual_seed(1))
-    forward(x, stack.layers, room, torch.empty(3, 7, sizes[-1]))
-    below = backward(x, stack.layers, room, slope.clone(), spare, gradients.layers)
-
-    layers = [(w.clone().requires_grad_(), b.clone().requires_grad_()) for w, b in stack.weights]
-    h = start = x[..., :-1].clone().requires_grad_()
+def plain(x, leaves):
+    """The same in the words of PyTorch."""
+    layers = layers_of(leaves)
     for i, (w, b) in enumerate(layers):
-        h = h @ w + b
-        h = torch.relu(h) if i < len(layers) - 1 else h
-    h.backward(slope)
-    for ours, theirs in zip(gradients.weights, layers, strict=True):
-        for leaf, reference in zip(ours, theirs, strict=True):
-            torch.testing.assert_close(leaf, reference.grad)
-    torch.testing.assert_close(below @ stack.weights[0][0].mT, start.grad)
+        x = torch.stack([nn.functional.linear(x[s], w[s].T, b[s, 0]) for s in range(len(x))])
+        x = torch.relu(x) if i < len(layers) - 1 else x
+    return x
 
 
-def test_everything_lies_in_one_tensor():
-    stack = stack_of(2, (3, 8, 8, 2), extra=True)
-    stack.extra.fill_(7.0)
-    assert stack.flat.numel() == 2 * (4 * 8 + 8 * 8 + 8 + 8 * 2 + 2 + 1)
-    assert (stack.flat[-2:] == 7.0).all()
-    stack.flat.zero_()
-    assert all((leaf == 0.0).all() for layer in stack.weights for leaf in layer)
+@pytest.mark.parametrize("sizes", SIZES)
+def test_it_computes_what_ordinary_layers_compute_and_its_gradients_are_autograds(sizes):
+    leaves, x = stacked(3, sizes), inputs(3, 7, sizes[0])
+    ours, theirs = WrittenOutMLP.apply(with_ones(x), *leaves), plain(x, leaves)
+    torch.testing.assert_close(ours, theirs)
+    slope = torch.randn(3, 7, sizes[-1], generator=torch.Generator().manual_seed(1))
+    expected = torch.autograd.grad(theirs, [x, *leaves], slope)
+    for found, reference in zip(torch.autograd.grad(ours, [x, *leaves], slope), expected, strict=True):
+        torch.testing.assert_close(found, reference)
+    fixed = [leaf.detach() for leaf in leaves]
+    (found,) = torch.autograd.grad(WrittenOutMLP.apply(with_ones(x), *fixed), [x], slope)
+    torch.testing.assert_close(found, expected[0])
+
+
+@pytest.mark.parametrize("sizes", SIZES)
+def test_without_autograd_the_gradients_are_the_same(sizes):
+    leaves, x = stacked(3, sizes), with_ones(inputs(3, 7, sizes[0])).detach()
+    slope = torch.randn(3, 7, sizes[-1], generator=torch.Generator().manual_seed(1))
+    expected = torch.autograd.grad(WrittenOutMLP.apply(x, *leaves), leaves, slope)
+    with torch.no_grad():
+        passed = forward(x, leaves)
+        found, start = backward(passed, leaves, slope.clone())
+        torch.testing.assert_close(backward(passed, leaves, slope.clone(), learned=False)[1], start)
+    for ours, theirs in zip(found, expected, strict=True):
+        torch.testing.assert_close(ours, theirs)
+
+
+def test_no_gradient_crosses_between_agents():
+    leaves = stacked(3, (3, 16, 16, 2))
+    for leaf in torch.autograd.grad(WrittenOutMLP.apply(with_ones(torch.ones(3, 5, 3)), *leaves)[1].sum(), leaves):
+        assert leaf[0].abs().max() == leaf[2].abs().max() == 0.0
+        assert leaf[1].abs().max() > 0.0
 
 
 def test_initial_weights_are_distributed_as_pytorchs():
-    stack, reference = stack_of(2, (64, 256, 1)), nn.Linear(64, 256)
-    (w, b), (last, _) = stack.weights
+    (w, b), (last, _) = layers_of(leaf.detach() for leaf in stacked(2, (64, 256, 1)))
+    reference = nn.Linear(64, 256)
     for ours, theirs in ((w, reference.weight), (b, reference.bias)):
         assert ours.abs().max() <= 1.0 / 8.0
         assert ours.std().item() == pytest.approx(theirs.std().item(), rel=0.1)
     assert last.abs().max().item() == pytest.approx(1.0 / 16.0, rel=0.05)
     assert not torch.equal(w[0], w[1])
+
+
+def test_log_std_is_clamped():
+    _, log_std = head(torch.tensor([[[0.0, -50.0]], [[0.0, 7.0]], [[0.0, 1.5]]]))
+    assert log_std.flatten().tolist() == [-20.0, 2.0, 1.5]
+
+
+def test_density_is_torchrls():
+    rng = torch.Generator().manual_seed(1)
+    loc, log_std, noise = (torch.randn(2, 50, 3, generator=rng, dtype=torch.float64) for _ in range(3))
+    action, log_prob = SquashedNormal(loc, log_std, noise).rsample_and_log_prob()
+    assert log_prob.shape == (2, 50)
+    expected = TanhNormal(loc, log_std.exp(), safe_tanh=False).log_prob(action)
+    torch.testing.assert_close(log_prob, expected, rtol=1e-6, atol=1e-5)
+
+
+def test_density_integrates_to_one():
+    noise = torch.linspace(-9.0, 9.0, 20_001, dtype=torch.float64).reshape(1, -1, 1)
+    distribution = SquashedNormal(torch.full_like(noise, 0.3), torch.full_like(noise, -0.5), noise)
+    action, log_prob = distribution.rsample_and_log_prob()
+    assert float(torch.trapezoid(log_prob.exp()[0], action[0, :, 0])) == pytest.approx(1.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("loc", [-40.0, 40.0])
+def test_a_saturated_action_keeps_a_finite_density_and_gradient(loc):
+    at = torch.full((1, 1, 1), loc, requires_grad=True)
+    log_std = torch.full((1, 1, 1), -20.0, requires_grad=True)
+    _, log_prob = SquashedNormal(at, log_std, torch.ones(1, 1, 1)).rsample_and_log_prob()
+    log_prob.sum().backward()
+    assert torch.isfinite(log_prob).all()
+    assert float(at.grad) == pytest.approx(2.0 * np.sign(loc))
+    assert float(log_std.grad) == pytest.approx(-1.0, abs=1e-5)

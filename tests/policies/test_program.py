@@ -1,5 +1,7 @@
 """Training a few agents and keeping one: the choice is by start states of its own."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -9,9 +11,13 @@ from policies.training.population import Population
 from policies.training.program import CHOICE, settings_for, train
 from policies.training.sac import SACSettings
 from study.paper.protocol import paper_model
-from sysid import Delay, Model, RodPendulum
+from sysid import Delay, InvalidInput, Model, RodPendulum
 
 SHORT = SACSettings(hidden=(16, 16), batch=32, random_steps=50, steps=430)
+
+
+def returns_of(said):
+    return said[1]
 
 
 def test_the_best_by_its_own_start_states_is_kept_and_the_curve_is_heard():
@@ -24,9 +30,11 @@ def test_the_best_by_its_own_start_states_is_kept_and_the_curve_is_heard():
     assert training.chosen == tuple(returns)
     assert training.best == int(np.argmax(returns))
     np.testing.assert_array_equal(training.policy.layers[0][0], population.policies()[training.best].layers[0][0])
-    assert [steps for steps, _, _ in heard] == list(range(43, 431, 43))
+    assert [steps for steps, returns, *_ in heard if returns] == list(range(43, 431, 43))
+    (first,) = (said for said in heard if not returns_of(said))
+    assert first[0] == 150 and first[2] + first[3] > 0.0 and heard[-1][3] == 0.0
     assert [[step for step, _ in curve] for curve in training.curves] == [[200, 400]] * 3
-    means = [means for _, means, _ in heard if np.isfinite(means[0])]
+    means = [returns_of(said) for said in heard if returns_of(said) and np.isfinite(said[1][0])]
     np.testing.assert_allclose(np.transpose(means), [[value for _, value in curve] for curve in training.curves])
     assert not set(starts[0]) & set(fresh_start_states(0, 200)[0])
 
@@ -45,3 +53,27 @@ def test_the_discount_is_the_same_per_second():
     assert at[0.05].gamma == 0.99 and at[0.05].random_steps == 1000
     assert at[0.025].gamma ** 2 == pytest.approx(0.99) and at[0.1].gamma == pytest.approx(0.99**2)
     assert settings_for(paper_model(), steps=30).random_steps == 3
+
+
+def test_a_training_that_is_stopped_goes_on_with_the_same_numbers(tmp_path, monkeypatch):
+    """Wherever it is stopped; the checkpoint is gone when it is done."""
+    model, file = paper_model(0.3, 0.6), tmp_path / "new" / "training.checkpoint"
+    whole = train(model, Fixed(), SHORT, [0, 1])
+
+    def stops(population, steps):
+        go_on(population, steps)
+        if population.steps_done >= 240:
+            raise KeyboardInterrupt
+
+    go_on = Population.train
+    monkeypatch.setattr(Population, "train", stops)
+    with pytest.raises(KeyboardInterrupt):
+        train(model, Fixed(), SHORT, [0, 1], checkpoint=file)
+    monkeypatch.setattr(Population, "train", go_on)
+    with pytest.raises(InvalidInput, match="is a checkpoint with loss = fast; this population has loss = sac"):
+        train(model, Fixed(), dataclasses.replace(SHORT, loss="sac"), [0, 1], checkpoint=file)
+    resumed = train(model, Fixed(), SHORT, [0, 1], checkpoint=file)
+    assert resumed.chosen == whole.chosen and resumed.curves == whole.curves
+    for ours, theirs in zip(resumed.policy.layers, whole.policy.layers, strict=True):
+        assert all(map(np.array_equal, ours, theirs))
+    assert not file.exists()

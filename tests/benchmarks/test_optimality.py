@@ -1,0 +1,35 @@
+"""The benchmark of quality over cost trains what it was told to, and says when the optimum was near."""
+
+import csv
+
+from policies.control import references
+from policies.control.dynamic_programming import Grid
+from policies.environments.machine import past_commands_needed
+from tests.benchmarks.optimality import COLUMNS, PLANTS, main, plant, reached
+
+
+def test_near_is_within_a_share_of_the_optimum():
+    rows = [
+        {"median": value, "optimum": -100.0, "cpu_seconds": 2.0 * k, "steps": 1000 * k}
+        for k, value in enumerate((-300.0, -104.0, -120.0, -101.0))
+    ]
+    assert reached(rows, 0.05) == "2 s, 1,000 steps"
+    assert reached(rows, 0.02) == "6 s, 3,000 steps"
+    assert reached(rows[:1], 0.05) == "never"
+
+
+def test_agents_observe_the_commands_under_way():
+    assert [past_commands_needed(plant(name)) for name in PLANTS] == [0, 0, 4]
+
+
+def test_a_table_grows_by_the_looks_of_every_plant(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(references, "FINE", Grid(60, 61, 5))
+    table = tmp_path / "table.csv"
+    words = ["--agents", "2", "--steps", "60", "--hidden", "8", "--looks", "3", "--csv", str(table)]
+    assert main([*words, "--plants", "plain", "--set", "polyak=0.02", "batch=16", "random_steps=20"]) == 0
+    with table.open() as opened:
+        rows = list(csv.DictReader(opened))
+    assert tuple(rows[0]) == COLUMNS and [row["steps"] for row in rows] == ["20", "40", "60"]
+    assert {row["settings"] for row in rows} == {"polyak=0.02 batch=16 random_steps=20"}
+    assert all(float(row["lowest"]) <= float(row["median"]) <= float(row["highest"]) < -500.0 for row in rows)
+    assert "plain: within 5 %: never; within 2 %: never" in capsys.readouterr().out
