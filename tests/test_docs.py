@@ -22,6 +22,7 @@ def said(found):
     return "\n\n".join(f"line {w.block.line}: {w.what}:\n{w.block.text}\n--- printed:\n{w.printed}" for w in found)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("path", PAGES, ids=named)
 def test_blocks_run_and_print_what_the_page_shows(path, tmp_path):
     found = list(wrong(path.read_text(encoding="utf-8"), tmp_path))
@@ -107,6 +108,7 @@ def test_links_within_the_repository_lead_somewhere(path):
                 assert anchor in slugs, f"{target}: no such heading"
 
 
+@pytest.mark.long
 def test_the_build_gives_no_warning(tmp_path):
     for module in ("sphinx", "furo", "myst_parser", "numpydoc"):
         if importlib.util.find_spec(module) is None:

@@ -22,6 +22,7 @@ def run(name, *arguments):
     )
 
 
+@pytest.mark.long
 def test_compare_sysid(tmp_path):
     numbers, figure = tmp_path / "out.json", tmp_path / "new" / "figure.png"
     done = run("compare_sysid.py", "--quick", "--seeds", "4", "--json", str(numbers), "--figure", str(figure))
@@ -119,6 +120,7 @@ def test_hidden_effect_writes_only_the_log(tmp_path):
     assert not (tmp_path / "no.png").exists()
 
 
+@pytest.mark.long
 def test_tour_runs():
     """The notebook from beginning to end; what it finds, it asserts itself. Stored without outputs."""
     nbclient = pytest.importorskip("nbclient", reason="nbclient is not installed: pip install -e '.[dev]'")
@@ -132,6 +134,7 @@ def test_tour_runs():
     assert "times the noise of the sensors" in cells[-1].outputs[0].text
 
 
+@pytest.mark.long
 def test_own_effect():
     done = run("own_effect.py")
     assert done.returncode == 0, done.stderr
@@ -140,6 +143,7 @@ def test_own_effect():
     assert "\nmissing: magnet (k = 0.30" in found
 
 
+@pytest.mark.long
 def test_real_log(tmp_path):
     """On a log that names its columns as the public ones do, from the hanging position."""
     truth = sysid.Model(sysid.GeneralJoint(J=0.15, G=3.0), (sysid.Coulomb(0.15),), dt=0.01)
@@ -167,6 +171,7 @@ def test_real_log_refuses_what_is_no_log(tmp_path):
     assert done.stderr.startswith("error: notes.csv has no t: found name, colour")
 
 
+@pytest.mark.long
 def test_hidden_effect(tmp_path):
     log, figure, report, numbers = (tmp_path / name for name in ("log", "figure.png", "report.html", "out.json"))
     files = ("--log", str(log), "--figure", str(figure), "--html", str(report), "--json", str(numbers))
@@ -225,6 +230,7 @@ def test_sim_to_real_refuses_wrong_input(arguments):
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.long
 def test_another_algorithm(tmp_path, monkeypatch):
     """TorchRL's TD3 learns from a model's file; the policy observes the commands that a delay holds back."""
     spec = importlib.util.spec_from_file_location("another_algorithm", EXAMPLES / "another_algorithm.py")

@@ -42,6 +42,7 @@ def test_it_holds_the_packages_and_nothing_else(wheel):
     assert not any(name.startswith("study/results") or "test" in Path(name).parts for name in names)
 
 
+@pytest.mark.long
 def test_installed_it_diagnoses_a_log(wheel, tmp_path):
     pip("install", "--no-index", "--no-deps", "--target", tmp_path / "site", wheel)
     away = {"cwd": tmp_path, "env": {**os.environ, "PYTHONPATH": str(tmp_path / "site")}}

@@ -92,6 +92,7 @@ def test_the_baseline_names_what_a_careful_engineer_names():
     assert sum(named) >= 5
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["coulomb", "lag"])
 def test_a_hidden_effect_is_named(name):
     case = Case("clean", (name,), "small", "mixed", "clean", 7)
@@ -103,6 +104,7 @@ def test_a_hidden_effect_is_named(name):
     assert answer.error_after < 1.1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("what", [(), ("magnet",)])
 def test_nothing_and_a_stranger_are_told_from_the_catalogue(what):
     case = Case("strangers" if what else "nothing", what, "own", "multisine", "clean", 7)

@@ -34,6 +34,7 @@ def test_a_servo_without_gains_is_no_servo(engine):
     assert np.array_equal(looped.u, own.u)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", SERVOS)
 @pytest.mark.parametrize("log", [SHORT, replace(SHORT, theta_dot=None, differenced=True), replace(SHORT, rate=200.0)])
 def test_the_log_holds_the_readings_that_its_servo_read(name, log):

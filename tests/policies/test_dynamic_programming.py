@@ -116,6 +116,7 @@ def test_a_wrong_design_is_worth_less_on_the_plant(fair):
     assert wrong < evaluate(fair, HIDDEN, *STARTS).mean - 100.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("m", "l", "published"), [(2.0, 1.5, -330.7), (1.5, 1.2, -215.2), (2.5, 2.0, -523.6), (1.0, 1.0, -139.1)]
 )

@@ -72,6 +72,7 @@ def resumed(path, population=None):
     return population
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("stop", [1, 149, 200, 333])
 def test_an_interrupted_training_ends_where_an_undisturbed_one_ends(undisturbed, tmp_path, stop):
     path = tmp_path / "population.pt"
@@ -199,6 +200,7 @@ def test_policies_are_the_actors_without_their_noise(undisturbed):
 LATE = Model(RodPendulum(), (Delay(T=0.12), SensorDelay(T=0.06), AngleOffset(0.1)), dt=0.04, u_max=2.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("model", "history"), [(paper_model(), 0), (paper_model(), 2), (LATE, 0), (LATE, 4)])
 def test_a_policy_is_worth_in_an_evaluation_what_it_is_worth_in_the_environment(model, history):
     population = Population(model, BANDS[1:2], [3], SHORT, history=history)
@@ -241,6 +243,7 @@ def test_policies_do_not_change_while_training_goes_on():
     assert policy(state, 0.0) == before != population.policies()[0](state, 0.0)
 
 
+@pytest.mark.long
 def test_a_light_pendulum_is_learned():
     """The torque lifts it at once, so a few seconds of training are enough: from below -1000 to about -30."""
     settings = SACSettings(hidden=(32, 32), batch=64, random_steps=200, steps=1200, polyak=0.02)
@@ -280,6 +283,7 @@ def test_nothing_in_a_checkpoint_is_executed(tmp_path):
     assert not trace.exists()
 
 
+@pytest.mark.long
 def test_torchrls_loss_and_the_fast_one_train_the_same_agents():
     """After 200 updates of the same seeds, to 1e-4: everything else in the loop is the same."""
     fast, sac = make(), make(settings=dataclasses.replace(SHORT, loss="sac"))
@@ -302,6 +306,7 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
 """
 
 
+@pytest.mark.long
 def test_125_agents_fit_into_two_gigabytes():
     """With the replay of the whole training, which is touched as it fills, and its copy for a checkpoint."""
     peak = subprocess.run([sys.executable, "-c", PEAK], capture_output=True, text=True, check=True)

@@ -79,6 +79,7 @@ def test_at_size_zero_it_is_the_plain_machine_and_at_its_largest_another(name):
     assert np.max(np.abs(motion(magnitude.at(magnitude.largest)) - motion(None))) > 0.05
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", MAGNITUDES)
 def test_knowing_does_not_hurt(bench, name):
     found = bench.measure(MAGNITUDES[name], 0.75 * MAGNITUDES[name].largest)

@@ -95,6 +95,7 @@ def table(path):
     return [[value for k, value in enumerate(row) if k not in times] for row in rows]
 
 
+@pytest.mark.long
 def test_killed_ten_times_and_resumed_a_study_gives_the_numbers_of_one_that_ran_through(tmp_path):
     struck, undisturbed = tmp_path / "struck", tmp_path / "undisturbed"
     study = Study(struck)

@@ -26,6 +26,7 @@ def budget():
     return Budget(plan, rollouts(plan, DELAY_LARGE, 1), 1)
 
 
+@pytest.mark.long
 def test_naming_the_effect_brings_back_at_least_half_of_what_it_cost(budget):
     """Strategy (c) end to end, with dynamic programming in the place of training."""
     plant, starts = ground_truth(DELAY_LARGE), fresh_start_states(7, 100)
@@ -41,6 +42,7 @@ def test_naming_the_effect_brings_back_at_least_half_of_what_it_cost(budget):
     assert left < 0.5 * loss
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [2000, 2015])
 def test_a_delay_of_three_samples_is_named_alone(seed):
     """To a first order it moves the readings as a stamp does, which cannot be so late: both have to be tried."""
@@ -114,6 +116,7 @@ def test_the_experiments_seeds_are_used_for_nothing_else():
     assert own.isdisjoint(range(FIRST, FIRST + MOST)) and own.isdisjoint(s for p in PRESETS.values() for s in p.seeds)
 
 
+@pytest.mark.long
 def test_what_is_unknown_or_does_not_help_is_not_believed(budget):
     """Then (c) trains as (g) does; and (d), which holds what (c) found, is no further from the rollouts."""
     plan = PLANS["mismatch-quick"]

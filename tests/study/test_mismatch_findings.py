@@ -136,6 +136,7 @@ def test_an_unfinished_experiment_is_refused(part, words):
         findings_of(PLAN, *parts)
 
 
+@pytest.mark.long
 def test_a_run_from_nothing_to_the_page(tmp_path):
     """The smoke plan's settings, three strategies: what stands in the tables is what its agents returned, and a second
     run finds nothing to do."""

@@ -45,6 +45,7 @@ def test_ten_published_estimates(run, published):
     assert found(*run) == pytest.approx(published, abs=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not PUBLISHED.is_dir(), reason="the authors' per-run results are not beside this checkout")
 @pytest.mark.parametrize("name", RUNS)
 def test_every_published_estimate(name):

@@ -84,6 +84,7 @@ def test_derivatives_are_finite_differences():
     np.testing.assert_allclose((up - down) / (2.0 * h), exact, rtol=1e-5, atol=1e-4 * np.abs(exact).max())
 
 
+@pytest.mark.long
 def test_a_late_command_is_learned_and_a_plant_that_lacks_nothing_is_left_nearly_alone():
     """At the noise on rollouts that neither the weights nor their choice saw."""
     plan = replace(PLAN, budgets=(8, 16))

@@ -60,6 +60,7 @@ def test_settings_versions_and_the_papers_numbers_are_there(page):
         assert text in page
 
 
+@pytest.mark.long
 def test_small_presets_have_a_report_too(small_answer, tmp_path):
     drawn = figures.save_all(small_answer, tmp_path)
     held = reproduce([small_answer], tmp_path)

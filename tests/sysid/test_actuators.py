@@ -51,6 +51,7 @@ def swings(truth: Model, n: int = 3, seconds: float = 6.0, about: float = 0.0, s
     return SENSOR.measure(simulate(truth, u, np.full(n, math.pi), np.zeros(n)), rng)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("actuator", ACTUATORS, ids=lambda a: a.name)
 def test_numpy_casadi_and_torch_agree(actuator: Effect, agree: Callable[..., None]) -> None:
     agree(joint(actuator, Viscous(b=0.02), Delay(T=0.013)))
@@ -122,6 +123,7 @@ def test_back_emf_hides_viscous_friction() -> None:
     assert found["viscous"].absorbed and found["coulomb"].visible
 
 
+@pytest.mark.long
 def test_dry_friction_and_a_late_command_are_found_behind_a_servo() -> None:
     servo = PositionServo(k_p=8.0, k_d=0.4)
     records = swings(joint(servo, Coulomb(tau_c=0.15), Delay(T=0.04)), n=4, about=math.pi)

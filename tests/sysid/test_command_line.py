@@ -53,6 +53,7 @@ def hidden(tmp_path_factory):
     return written(swings(plant, sysid.Coulomb(0.15)), tmp_path_factory.mktemp("hidden"))
 
 
+@pytest.mark.long
 def test_the_whole_loop(hidden, tmp_path, capsys):
     model, better, answer = (str(tmp_path / name) for name in ("model.json", "better.json", "answer.json"))
     before = [Path(f).read_bytes() for f in hidden]
@@ -83,6 +84,7 @@ def test_the_whole_loop(hidden, tmp_path, capsys):
     assert [Path(f).read_bytes() for f in hidden] == before
 
 
+@pytest.mark.long
 def test_the_answer_has_the_documented_keys(hidden, tmp_path):
     answer = tmp_path / "answer.json"
     assert main(["diagnose", *hidden, "--plant", "point", "--json", str(answer), "-o", str(tmp_path / "m.json")]) == 0
@@ -111,6 +113,7 @@ FAR = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("effects", [(), ("friction",)], ids=["plain", "friction"])
 @pytest.mark.parametrize(("plant", "kind"), FAR.values(), ids=FAR.keys())
 def test_a_fit_begins_far_off_and_arrives(plant, kind, effects, tmp_path):
@@ -139,6 +142,7 @@ def test_a_free_swing_shows_the_length_and_not_the_mass(tmp_path, capsys):
     assert abs(estimate.values["l"] - 0.8) < 4.0 * estimate.sd["l"]
 
 
+@pytest.mark.long
 def test_what_is_known_stays_fixed(hidden, tmp_path, capsys):
     out = str(tmp_path / "model.json")
     assert main(["fit", *hidden, "--plant", "point", "--set", "l=0.6", "--gravity", "9.8", "-o", out]) == 0
@@ -229,6 +233,7 @@ def test_a_window_and_another_rate(hidden, tmp_path, capsys):
     assert "at 25 Hz" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_the_next_experiment_is_what_a_rig_can_play(hidden, tmp_path, capsys):
     out, rivals = tmp_path / "play.csv", ["--plant", "point", "--between", "coulomb,viscous", "--u-max", "2"]
     short = [hidden[0], "--to", "2", *rivals, "--duration", "4", "--rollouts", "1", "-o", str(out)]
@@ -397,6 +402,7 @@ def test_a_clock_in_milliseconds_is_told_or_asked_for(hidden, tmp_path, capsys):
     assert "150 samples (3 s)" in said and "t is in milliseconds, in which theta_dot is the rate of theta" in said
 
 
+@pytest.mark.long
 def test_a_servo_told_by_its_commands(tmp_path, capsys):
     """The log has angles and goals in degrees from hanging; the answer's numbers are relative to the servo's gain."""
     rng = np.random.default_rng(1)

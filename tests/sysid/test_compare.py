@@ -103,6 +103,7 @@ def test_the_map_of_a_perfect_model_is_flat(perfect: list[Comparison]) -> None:
     assert np.mean(np.concatenate(beyond)) < 0.02
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("signal", ["steps", "multisine"])
 @pytest.mark.parametrize("lag", [1, 2, 4])
 def test_a_delay_is_named_with_its_size(lag: int, signal: str) -> None:
@@ -148,6 +149,7 @@ def test_a_stamp_of_the_next_row_is_told_from_a_delay() -> None:
     assert c.causes[0].numbers["stamp.s"]["value"] == pytest.approx(-1.0, abs=0.05)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("effect", "depends_on", "words"),
     [

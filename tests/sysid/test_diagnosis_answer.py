@@ -54,6 +54,7 @@ RANKED = {"effect", "class", "score", "p_value", "error_after"}
 NUMBER = {"value", "sd", "unit"}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", EVERY)
 def test_the_answer_is_data_of_the_documented_schema(name: str) -> None:
     found = of(name)

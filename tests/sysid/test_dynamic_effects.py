@@ -171,6 +171,7 @@ def test_slopes_of_a_step_are_the_models_derivatives():
         np.testing.assert_allclose(found.system.A[k], np.array(slope(at, u[k])), rtol=2e-3, atol=2e-4)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("effect", DYNAMIC.values(), ids=DYNAMIC.keys())
 def test_its_numbers_are_recovered_within_their_error(effect):
     assert_recovered(effect, logs(truth(effect), n=4, seconds=6.0))
@@ -187,6 +188,7 @@ def test_where_a_record_begins_its_states_are_found():
     assert held_out_error(model, [late], Sensor(0.003, 0.05)).ratio < 1.25
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("effect", [DAHL, FLEXIBLE], ids=lambda e: e.name)
 def test_it_is_named_alone(effect):
     assert_named(effect, logs(truth(effect), n=5, seconds=8.0))

@@ -125,6 +125,7 @@ def slopes_in_casadi(model, names, u):
     return found.T.reshape(len(names), len(u) + 1, 4).swapaxes(1, 2)
 
 
+@pytest.mark.long
 def test_the_slope_at_neutral_is_that_of_a_small_probe(effect):
     """The score of an effect that a model lacks is taken there, where many of them have a kink."""
     if effect.name in ("saturation", "torque_speed_limit", "stamp", "backlash"):

@@ -87,6 +87,7 @@ CONFUSED = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("effect", "rival", "u"), CONFUSED.values(), ids=CONFUSED.keys())
 def test_what_a_poor_log_confuses_comes_apart_with_the_evidence_promised(
     effect: Effect, rival: str, u: np.ndarray
@@ -277,6 +278,7 @@ def test_without_limits_the_rig_does_what_it_has_done() -> None:
     assert e.reach <= max(float(np.max(np.abs(r.theta - math.pi))) for r in records if r.theta is not None) + 1e-6
 
 
+@pytest.mark.long
 def test_what_no_model_explains_counts_as_noise() -> None:
     """Three times the noise that was claimed: evidence is a ninth, and intervals are as wide as the fit's own."""
     truth = rod().with_effect(Coulomb(tau_c=0.01))

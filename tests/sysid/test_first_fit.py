@@ -45,6 +45,7 @@ def driven(
     return [dataclasses.replace(r, u=own) for r, own in zip(SENSOR.measure(run, rng), u, strict=True)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [0, 1])
 def test_friction_far_above_gravity_and_inertia_is_found_from_a_default_joint(seed: int) -> None:
     """Neither inertia nor gravity means anything before both frictions are known."""

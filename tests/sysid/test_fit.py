@@ -122,6 +122,7 @@ def test_an_effect_begins_at_neutral_and_is_found(effect: Effect) -> None:
     assert_found(estimate, truth, estimate.names)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("effects", "sensor"),
     [

@@ -138,6 +138,7 @@ def test_a_carriage_on_warming_friction_slows_as_its_integral_says():
 WARMING = WarmingFriction(tau_c=0.04, excess=0.15, T=3.0)
 
 
+@pytest.mark.long
 def test_friction_that_falls_while_the_record_runs_is_found_and_named():
     records = logs(truth(WARMING), n=4, seconds=10.0)
     assert_recovered(WARMING, records)

@@ -94,6 +94,7 @@ def test_a_worm_gear_carries_a_weight_up_and_cannot_be_driven_back():
     assert simulate(Model(weight, dt=0.02), np.zeros(100), 0.5 * math.pi, 0.0).theta_dot[-1] > 0.5
 
 
+@pytest.mark.long
 def test_load_friction_that_knows_who_drives_is_found_and_named():
     records = logs(truth(DIRECTIONAL))
     assert_recovered(DIRECTIONAL, records)

@@ -26,10 +26,12 @@ def test_back_ends_agree_for_every_plant_without_effects(plant, integrator, agre
     agree(Model(plant, integrator=integrator, dt=0.02))
 
 
+@pytest.mark.long
 def test_back_ends_agree_for_every_effect_alone(effect, integrator, agree):
     agree(Model(RodPendulum(m=1.3, l=0.9), (effect,), integrator, dt=0.02))
 
 
+@pytest.mark.long
 def test_back_ends_agree_for_all_effects_together(plant, all_effects, agree):
     agree(Model(plant, all_effects, RK4(), dt=0.02))
 

@@ -73,18 +73,21 @@ def ratios(run, sensor, seeds=4):
     return np.array(found)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("sensor", [USUAL, LOUD], ids=["usual", "loud"])
 @pytest.mark.parametrize("torque", TORQUES)
 def test_noise_is_found_under_any_torque(torque, sensor):
     assert np.all(np.abs(ratios(truth(torque), sensor).mean(axis=0) - 1.0) < 0.03)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("hidden", HIDDEN)
 @pytest.mark.parametrize("torque", ["random", "steps"])
 def test_noise_is_found_whatever_is_hidden(torque, hidden):
     assert np.all(np.abs(ratios(truth(torque, HIDDEN[hidden]), USUAL).mean(axis=0) - 1.0) < 0.05)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "case",
     [{"torque": "random"}, {"torque": "steps", "speed": 12.0}, {"torque": "multisine", "l": 0.3}, {"torque": "free"}],
@@ -94,6 +97,7 @@ def test_noise_is_found_at_20_hz(case):
     assert np.all(np.abs(ratios(truth(**case, dt=0.05), USUAL, seeds=8).mean(axis=0) - 1.0) < 0.05)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("hidden", "within"), [("nothing", 0.02), ("coulomb", 0.02), ("backlash", 0.05)])
 def test_a_long_log_tells_more(hidden, within):
     noise = sensor_noise(USUAL.measure(truth("random", HIDDEN[hidden], seconds=25.0), np.random.default_rng(5)))
@@ -102,6 +106,7 @@ def test_a_long_log_tells_more(hidden, within):
     assert noise.sensor.theta_dot == pytest.approx(0.05, rel=within)
 
 
+@pytest.mark.long
 def test_the_stated_error_is_the_scatter_over_seeds():
     run = truth("multisine", n=4)
     found = [sensor_noise(USUAL.measure(run, np.random.default_rng(seed))) for seed in range(30)]
@@ -167,6 +172,7 @@ def with_speed(run, theta, theta_dot):
     return [Record(run.t, u, y, v).part(20, len(u) - 1) for u, y, v in zip(run.u, theta, theta_dot, strict=True)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("torque", ["multisine", "random", "free"])
 @pytest.mark.parametrize("angle", ANGLES)
 def test_a_speed_computed_from_the_angle_is_no_second_sensor(angle, torque):
@@ -191,6 +197,7 @@ def test_a_computed_speed_shows_in_a_short_and_slow_log_too():
         assert sensor_noise(with_speed(run, theta, tachometer)).sensor.theta_dot is not None
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("torque", ["multisine", "random", "free"])
 @pytest.mark.parametrize("angle", ANGLES)
 @pytest.mark.parametrize("dt", [0.02, 0.005])
@@ -235,6 +242,7 @@ def test_what_cannot_be_told_is_refused():
 ENCODERS = {"dfki_sp": 2.914e-3, "dfki_dp": 3.815e-4, "bam": 2.0 * math.pi / 4096}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("path", sorted(REAL.glob("*.csv")) or [None], ids=lambda p: p.stem if p else "none")
 def test_real_logs_show_their_encoders(path):
     if path is None:

@@ -92,6 +92,7 @@ def test_the_papers_grid_knows_the_past_too() -> None:
     assert halves.noise == pytest.approx(whole.noise, rel=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("begin", [0.0, 20.0, 1.7e9])
 def test_the_clock_of_the_log_is_no_matter(begin: float) -> None:
     """A drift begins with the rollout, whatever the log calls that instant."""
@@ -101,6 +102,7 @@ def test_the_clock_of_the_log_is_no_matter(begin: float) -> None:
     assert found.values["drift.r"] == pytest.approx(fit(rod(Drift()), [record], SENSOR, ["drift.r"]).values["drift.r"])
 
 
+@pytest.mark.long
 def test_gaps_hide_nothing_of_a_delay(tmp_path) -> None:  # type: ignore[no-untyped-def]
     """The logger paused five times: what the drive did meanwhile no row tells, and nothing is made of it."""
     files = []

@@ -70,6 +70,7 @@ def test_a_random_torque_is_found_beside_friction_and_the_numbers_stay_honest(s:
     assert sum(f.converged for f in found) >= 28
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("s", "T"), [(0.5, 0.3), (1.5, 0.1), (0.5, 1.0)])
 def test_an_estimate_tells_how_large_the_random_torque_is_and_how_long_it_remembers(s: float, T: float) -> None:
     start = DRY.with_parameters({"J": 0.4, "G": 1.5, "coulomb.tau_c": 0.05})
@@ -226,6 +227,7 @@ def test_an_untouched_log_has_no_push() -> None:
     assert find_contacts(*missing(logs(DAMPED.with_effect(Unknown(curve=magnet)), 2, 700, 0.05, 0.1))) == ()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("seconds", "seed"), [(5.0, 0), (5.0, 2), (10.0, 0)])
 def test_a_magnet_is_no_ripple_tilt_or_spring(seconds: float, seed: int) -> None:
     """Each explains a part of any torque over the angle, together even most, with a number at its bound."""

@@ -94,6 +94,7 @@ def text(page: str) -> str:
 KINDS = (*VERDICTS, "comparison")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", KINDS)
 def test_it_opens_without_a_network(pages, kind):
     page = pages[kind]

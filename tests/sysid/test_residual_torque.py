@@ -163,6 +163,7 @@ def test_a_friction_too_large_is_given_back_along_the_motion() -> None:
         assert np.mean(r.d[moving] * np.sign(r.theta_dot[:-1][moving])) == pytest.approx(0.2, abs=0.04)
 
 
+@pytest.mark.long
 def test_cost_is_linear_in_samples() -> None:
     records, _ = made(magnet, rollouts=8)
 

@@ -72,6 +72,7 @@ def of_shaken(seed: int) -> Diagnosis:
 # a random torque beside the model ----------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_an_addition_never_raises_the_held_out_error(seed: int) -> None:
     found = of_shaken(seed)
@@ -91,6 +92,7 @@ def test_what_explains_no_better_than_its_simple_parent_is_not_named(seed: int) 
     assert abs(tau_c["value"] - 0.1) < 4.0 * tau_c["sd"] < 0.04
 
 
+@pytest.mark.long
 def test_a_free_decay_under_a_constant_torque_names_dry_friction_alone() -> None:
     u = np.full((4, 250), 0.3)
     found = diagnose(rod(), shaken(truth(Coulomb(tau_c=0.08)), 0.02, 0, u), SENSOR)

@@ -53,6 +53,7 @@ def distance(estimate, truth):
     return float(e @ np.linalg.solve(estimate.covariance, e))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("sensor", "largest"), [(PAPER, 0.12), (PAPERS_ENCODER, 0.006)], ids=["paper", "encoder"])
 def test_the_papers_truth_is_recovered_within_the_stated_error(sensor, largest):
     """Cold start at (1, 1); the mean of e' P^-1 e over 6 seeds has expectation 2 and sd 0.82."""
