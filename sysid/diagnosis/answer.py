@@ -87,12 +87,14 @@ class Remaining:
     share       of the squared held-out error
     torque      RMS of the random torque that is left [N m]
     depends_on  some of "theta", "theta_dot", "torque", "time", "history"; where: over which stretch of these
+    unseen      whether it shows in held-out data alone
     """
 
     share: float
     depends_on: tuple[str, ...]
     where: str
     torque: float = 0.0
+    unseen: bool = False
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data."""
@@ -101,6 +103,7 @@ class Remaining:
             "torque": self.torque,
             "depends_on": list(self.depends_on),
             "where": self.where,
+            "unseen": self.unseen,
         }
 
 
@@ -339,6 +342,8 @@ class Diagnosis:
         )
 
     def _left(self, remaining: Remaining) -> str:
+        if remaining.unseen:
+            return "what was fitted to is explained, held-out data are not: they show what the rest of the log does not"
         what, unit = quantity("torque", self.error.units), self.error.units["torque"]
         many = f"{len(self.contacts)} stretches that a hand may have touched"
         touched = f"in {many if len(self.contacts) > 1 else self.contacts[0]}" if self.contacts else ""

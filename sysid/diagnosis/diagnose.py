@@ -353,11 +353,12 @@ class _Report:
 
     def _remaining(self, end: Fit, error: HeldOutError, torque: MissingTorque) -> Remaining | None:
         """What matters and is not explained: predictions err beyond the noise, on what was fitted to or beyond."""
-        if not self.contacts and not self._fails_elsewhere(end, error) and not self._remains(end):
-            return None
+        share = max(0.0, 1.0 - 1.0 / max(error.ratio, 1e-9) ** 2)
+        if not self.contacts and not self._remains(end):
+            elsewhere = self._fails_elsewhere(end, error)
+            return Remaining(share, (), "", torque.after, unseen=True) if elsewhere else None
         found = dependence(end, self.torques[-1])
         depends_on = (*(q for q in found.depends_on if q != "time"), "time") if self.contacts else found.depends_on
-        share = max(0.0, 1.0 - 1.0 / max(error.ratio, 1e-9) ** 2)
         return Remaining(share, depends_on, found.where, torque.after)
 
     def _remains(self, end: Fit) -> bool:

@@ -79,7 +79,13 @@ def test_the_answer_is_data_of_the_documented_schema(name: str) -> None:
         assert set(ranked) == RANKED
         assert ranked["effect"] in CATALOGUE
         assert 0.0 <= ranked["p_value"] <= 1.0
-    assert data["remaining"] is None or set(data["remaining"]) == {"share", "torque", "depends_on", "where"}
+    assert data["remaining"] is None or set(data["remaining"]) == {
+        "share",
+        "torque",
+        "depends_on",
+        "where",
+        "unseen",
+    }
     assert set(data["prediction"]) == {"before", "after"}
     assert set(data["torque"]) == {"drive", "before", "after", "explained"}
     assert 0.0 <= data["torque"]["explained"] <= 1.0

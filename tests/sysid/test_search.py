@@ -359,3 +359,5 @@ def test_what_a_small_motion_hardly_shows_is_added_where_a_large_one_shows_it() 
     assert found.error.ratio < 1.1 < found.base_error.ratio
     without = diagnose(rod(), records, SENSOR, effects=("viscous",))
     assert without.verdict == "unknown", "no model is adequate that fails on what was held out"
+    assert without.remaining is not None and without.remaining.unseen
+    assert "held-out data are not" in without.sentence
