@@ -97,6 +97,7 @@ class Bench:
         (self.plain,) = batch_returns(self.ignorant[:1], machine(substeps=substeps), *self.starts)
 
     def measure(self, magnitude: Magnitude, size: float) -> LossRow:
+        """What it costs not to know an effect of this size."""
         effect = magnitude.at(size)
         model = machine(effect, self.substeps)
         if isinstance(effect, OutputEffect):

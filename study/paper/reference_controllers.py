@@ -112,6 +112,7 @@ class ReferenceTask(Brief):
         ]
 
     def design(self) -> Policy:
+        """The controller for the machine at theta."""
         m, l = self.theta  # noqa: E741
         model = paper_model(m, l)
         if self.controller == LQR:

@@ -25,7 +25,7 @@ from sysid.errors import InvalidInput
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.fit import free
 from sysid.estimation.held_out import HeldOutError, held_out_error
-from sysid.estimation.prediction import moved
+from sysid.estimation.prediction import fitted_error
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import extended, reduced, settled
 from sysid.estimation.scores import alikeness, price, scores
@@ -157,6 +157,7 @@ class _Report:
         self.records, self.notes = records, notes
         self.search, self.base, self.held_out, self.sensor, self.contacts = search, base, held_out, sensor, contacts
         self.errors: dict[tuple[str, ...], tuple[Fit, HeldOutError]] = {(): (base, self._error(base))}
+        self.fitted = dict[Fit, float]()
         self.additions, self.unconfirmed = list[Addition](), list[str]()
         self._confirm()
         self._unmask()
@@ -370,8 +371,10 @@ class _Report:
         return error.beyond_noise and not error.ratio < self.search.settings.worse * max(self._fitted(end), 1.0)
 
     def _fitted(self, end: Fit) -> float:
-        """The error of predictions of what was fitted to, in units of the sensor noise."""
-        return moved(end.model, end.model, end, self.search.settings.window)[1]
+        """The error of predictions of what was fitted to, which several ask for."""
+        if end not in self.fitted:
+            self.fitted[end] = fitted_error(end, self.search.settings.window)
+        return self.fitted[end]
 
     def _not_identifiable(self, end: Fit) -> tuple[tuple[str, ...], ...]:
         """Parameters that no log of this kind separates, and effects that the free parameters absorb."""

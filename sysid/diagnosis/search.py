@@ -6,6 +6,7 @@ import logging
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from scipy.special import chdtrc
@@ -91,9 +92,9 @@ class Search:
             if not k:
                 trials = sorted([*trials, *self._common(now, helped)], key=lambda t: t.merit, reverse=True)
             chosen = self._chosen(now, trials)
-            for more in (self._simulated, self._composites):
+            for more in (self._simulated, partial(self._composites, trials=trials)):
                 if chosen is None and not now.undisturbed:
-                    tried = more(now, trials)
+                    tried = more(now)
                     trials = [*trials, *tried]
                     chosen = self._chosen(now, trials, tried)
             self.trials = self.trials or trials
@@ -140,7 +141,7 @@ class Search:
     def _price(self, name: str) -> float:
         return price(name, self.settings.price, self.last[name].shapes if name in self.last else 1)
 
-    def _simulated(self, now: Fit, trials: Sequence[Trial]) -> list[Trial]:
+    def _simulated(self, now: Fit) -> list[Trial]:
         """What explains a simulation's errors best: beside a large random torque a motion follows its readings
         wherever they go, and nothing is left for a sensor that reads wrong."""
         share = self.settings.quiet

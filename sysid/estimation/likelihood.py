@@ -19,8 +19,9 @@ def likelihood_ascent(now: Filter, floor: Array, angle_error: bool = True) -> Fi
     alone.
 
     Slope and curvature are differences over a factor of 1.35, which is less than a log can tell; where the curvature is
-    negative the step follows the slope, by a factor of e, or of e^2 where that is better still. An s that hardly
-    matters any more, so that the deviance goes with its square, has nothing to gain but half the slope: it may be none.
+    negative the step follows the slope, by a factor of e, or of e^2 where that is better still; an s that is too small
+    grows for as long as that helps. One that hardly matters any more, so that the deviance goes with its square, has
+    nothing to gain but half the slope: it may be none.
     """
     h, sizes = 0.3, log_sizes(now.disturbances)
     free = [i for i in range(1 + angle_error) if sizes[i] > floor[i]]

@@ -67,6 +67,13 @@ def left_out(fit: Fit, seconds: float, blocks: int, lead: float = 0.0) -> Predic
     return PredictionErrors(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
 
+def fitted_error(fit: Fit, seconds: float) -> float:
+    """RMS error of predictions of what was fitted to, in units of the sensor noise."""
+    samples = fit.samples
+    refitted = refit_windows(fit.model, samples.records, samples.sensor, windows_of(fit, seconds))
+    return PredictionErrors(*_squares(refitted)).ratio
+
+
 def moved(before: Model, after: Model, fit: Fit, seconds: float) -> tuple[float, float]:
     """RMS difference of two models' predictions, and the RMS error of the second, in units of the sensor noise."""
     records, sensor = fit.samples.records, fit.samples.sensor

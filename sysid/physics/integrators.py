@@ -15,6 +15,8 @@ from sysid.physics.ops import Value
 
 Acceleration = Callable[[Value, Value, Value, Value], Value]
 """theta_ddot(theta, theta_dot, t, drive) [rad/s^2]."""
+Slope = Callable[[Value, Value, Value], Value]
+"""theta_ddot(theta, theta_dot, t) [rad/s^2] under the drive torque of a substep."""
 Deceleration = Callable[[Value, Value, Value, Value], tuple[Value, Value]]
 """What dry friction takes from positive and from negative speed (theta, theta_dot, t, drive) [rad/s^2], both >= 0."""
 
@@ -50,30 +52,32 @@ class Integrator(ABC):
         """(theta, theta_dot) after dt [s], under drive torques [N m], one per substep."""
         h = dt / self.substeps
         for j, drive in enumerate(drives):
-            if deceleration is None:
-                first = acceleration(theta, theta_dot, t + j * h, drive)
-                theta, theta_dot = self.substep(acceleration, theta, theta_dot, t + j * h, drive, h, first)
-            else:
-                theta, theta_dot = self._dry(acceleration, deceleration, theta, theta_dot, t + j * h, drive, h)
+            theta, theta_dot = self._driven(acceleration, deceleration, theta, theta_dot, t + j * h, drive, h)
         return theta, theta_dot
 
-    def _dry(
+    def _driven(
         self,
         acceleration: Acceleration,
-        deceleration: Deceleration,
+        deceleration: Deceleration | None,
         theta: Value,
         v: Value,
         t: Value,
         drive: Value,
         h: float,
     ) -> tuple[Value, Value]:
-        """A substep with dry friction: c at its middle, the step under it, and what the joint makes of that."""
-        first = acceleration(theta, v, t, drive)
+        """A substep; with dry friction: c at its middle, the step under it, and what the joint makes of that."""
+
+        def free(theta: Value, v: Value, t: Value) -> Value:
+            return acceleration(theta, v, t, drive)
+
+        first = free(theta, v, t)
+        if deceleration is None:
+            return self.substep(free, first, theta, v, t, h)
         ahead, moved, _ = stick_slip(v, first, *deceleration(theta, v, t, drive), h)
         middle = 0.5 * (v + ahead)
         plus, minus = deceleration(theta + 0.5 * moved, middle, t + 0.5 * h, drive)
         c = ops.where(middle > 0.0, plus, -minus)
-        end, v_end = self.substep(lambda *state: acceleration(*state) - c, theta, v, t, drive, h, first - c)
+        end, v_end = self.substep(lambda *state: free(*state) - c, first - c, theta, v, t, h)
         slowed, moved, moving = stick_slip(v, (v_end - v) / h + c, plus, minus, h)
         if self.order == 1:
             return theta + h * slowed, slowed
@@ -82,16 +86,9 @@ class Integrator(ABC):
 
     @abstractmethod
     def substep(
-        self,
-        acceleration: Acceleration,
-        theta: Value,
-        theta_dot: Value,
-        t: Value,
-        drive: Value,
-        h: float,
-        first: Value,
+        self, acceleration: Slope, first: Value, theta: Value, theta_dot: Value, t: Value, h: float
     ) -> tuple[Value, Value]:
-        """(theta, theta_dot) after h [s] under a constant drive torque [N m]; `first` is the acceleration at t."""
+        """(theta, theta_dot) after h [s] under a constant drive torque; `first` is the acceleration at its begin."""
 
 
 def stick_slip(v: Value, a: Value, plus: Value, minus: Value, h: float) -> tuple[Value, Value, Value]:
@@ -127,14 +124,7 @@ class SemiImplicitEuler(Integrator):
             raise InvalidInput(f"theta_dot_max = {self.theta_dot_max}: expected a positive speed [rad/s]")
 
     def substep(
-        self,
-        acceleration: Acceleration,
-        theta: Value,
-        theta_dot: Value,
-        t: Value,
-        drive: Value,
-        h: float,
-        first: Value,
+        self, acceleration: Slope, first: Value, theta: Value, theta_dot: Value, t: Value, h: float
     ) -> tuple[Value, Value]:
         """One step of the equation above."""
         theta_dot = theta_dot + h * first
@@ -149,24 +139,17 @@ class RK4(Integrator):
     order: ClassVar[int] = 4
 
     def substep(
-        self,
-        acceleration: Acceleration,
-        theta: Value,
-        theta_dot: Value,
-        t: Value,
-        drive: Value,
-        h: float,
-        first: Value,
+        self, acceleration: Slope, first: Value, theta: Value, theta_dot: Value, t: Value, h: float
     ) -> tuple[Value, Value]:
         """One step of size h; the drive is held, so the order holds for a drive constant over a substep."""
         half = 0.5 * h
         v1, a1 = theta_dot, first
         v2 = theta_dot + half * a1
-        a2 = acceleration(theta + half * v1, v2, t + half, drive)
+        a2 = acceleration(theta + half * v1, v2, t + half)
         v3 = theta_dot + half * a2
-        a3 = acceleration(theta + half * v2, v3, t + half, drive)
+        a3 = acceleration(theta + half * v2, v3, t + half)
         v4 = theta_dot + h * a3
-        a4 = acceleration(theta + h * v3, v4, t + h, drive)
+        a4 = acceleration(theta + h * v3, v4, t + h)
         sixth = h / 6.0
         return (
             theta + sixth * (v1 + 2.0 * v2 + 2.0 * v3 + v4),

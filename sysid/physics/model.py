@@ -252,18 +252,17 @@ class Model:
 
     def joint(self, theta: Value, theta_dot: Value, t: Value, drive: Value, push: Value = 0.0) -> Joint:
         """What acts at the joint, as its effects see it."""
-
         torque = self.torque(theta, theta_dot, drive)
 
-        def load() -> Value:
-            bare, load = Joint(theta, theta_dot, t, torque, self.plant, float), self.plant.gravity_torque(theta)
-            load = load + torque + push
+        def summed() -> Value:
+            unloaded = Joint(theta, theta_dot, t, torque, self.plant, summed=float)
+            load = self.plant.gravity_torque(theta) + torque + push
             for e in self.joint_effects:
                 if not e.friction:
-                    load = load + e.torque(bare)
+                    load = load + e.torque(unloaded)
             return load
 
-        return Joint(theta, theta_dot, t, torque, self.plant, load)
+        return Joint(theta, theta_dot, t, torque, self.plant, summed)
 
     def inertia(self) -> Value:
         """J of the plant and of what the effects add [kg m^2]."""
