@@ -6,26 +6,24 @@ python -m study.main --preset paper-small   the paper's grid with small networks
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import math
 import os
 import shlex
 import signal
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from study.mismatch.plan import PLANS
-from study.paper.presets import PRESETS
+from study.presets import ABOUT, PRESETS, QUICK
 
 if TYPE_CHECKING:
     from study.pipeline.executor import Executor
-    from study.pipeline.experiment import Experiment
+    from study.pipeline.settings import RunOptions
 
 
 @dataclass(frozen=True)
@@ -35,16 +33,13 @@ class Options:
     Runs a preset end to end and writes its answer to a folder. However it is stopped, the same command resumes it.
     """
 
-    preset: Annotated[str, tyro.conf.arg(metavar=f"{{{','.join([*PRESETS, *PLANS])}}}")] = "quick"
-    """quick: 18 small agents, minutes. paper: the paper's 250 agents, 256 x 256. paper-w0: of these the 50 that train
-    at the estimate alone. paper-small: the same as paper with 64 x 64 networks, the one for CPUs. robustness: two gaps,
-    two noise levels and the prior range, the table and the text of the paper. robustness-small: the same, 64 x 64.
-    identifiers: n on grid, least squares and Kalman filter. longer, longer-small: the widest band with twice the steps.
-    mismatch: does breadth pay when the simulator lacks an effect; mismatch-quick: two of its plants, in minutes. smoke,
-    mismatch-smoke: every part once, in a minute; the numbers mean nothing."""
+    preset: Annotated[str, tyro.conf.arg(metavar=f"{{{','.join(PRESETS)}}}", help=ABOUT)] = "quick"
 
     quick: bool = False
-    """With --preset mismatch: mismatch-quick."""
+    """The quick version of --preset, where it has one."""
+
+    strategies: Annotated[str, tyro.conf.arg(metavar="NAME,...", help_behavior_hint="(default: all)")] = ""
+    """Of a preset that compares strategies these alone: names, or FILE.py:CLASS for one of your own."""
 
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR", help_behavior_hint="(default: results/PRESET)")] = None
     """Folder of the results."""
@@ -94,9 +89,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         known = ", ".join(map(_flag, dataclasses.fields(Options)))
         return _fail(f"unknown option {unknown[0]!r}: expected {known} or --help", 2)
     if options.quick:
-        if options.preset != "mismatch":
-            return _fail(f"--quick with preset {options.preset!r}: expected --preset mismatch, or --preset quick", 2)
-        options = dataclasses.replace(options, preset="mismatch-quick", quick=False)
+        if options.preset not in QUICK:
+            known = " or ".join(f"--preset {name}" for name in (*QUICK, "quick"))
+            return _fail(f"--quick with preset {options.preset!r}: expected {known}", 2)
+        options = dataclasses.replace(options, preset=f"{options.preset}-quick", quick=False)
     signal.signal(signal.SIGTERM, _interrupt)
     return _study(options)
 
@@ -112,12 +108,12 @@ def _study(options: Options) -> int:
 
     console = Console(highlight=False)
     try:
-        if options.preset not in {**PRESETS, **PLANS}:
-            raise InvalidInput(f"unknown preset {options.preset!r}: expected one of {', '.join([*PRESETS, *PLANS])}")
+        if options.preset not in PRESETS:
+            raise InvalidInput(f"unknown preset {options.preset!r}: expected one of {', '.join(PRESETS)}")
         executor = _executor(options)
         if not 0.0 <= options.checkpoint_seconds < math.inf:
             raise InvalidInput(f"--checkpoint-seconds {options.checkpoint_seconds}: expected a number of seconds >= 0")
-        with _experiment(options) as experiment:
+        with PRESETS[options.preset].experiment(_run_options(options)) as experiment:
             run(experiment, executor, console)
             experiment.publish(console)
     except KeyboardInterrupt:
@@ -130,34 +126,17 @@ def _study(options: Options) -> int:
     return 0
 
 
-@contextlib.contextmanager
-def _experiment(options: Options) -> Iterator[Experiment]:
-    """The preset's experiment, over the open folder of its results; loads what this one needs alone."""
+def _run_options(options: Options) -> RunOptions:
+    """Raises InvalidInput for a path that the system refuses."""
+    from study.pipeline.settings import RunOptions
     from sysid.data.files import place
-    from sysid.errors import InvalidInput
 
-    folder, device, seconds = options.out or Path("results", options.preset), options.device, options.checkpoint_seconds
+    folder = options.out or Path("results", options.preset)
     for path in (folder, options.import_, options.published):
         if path is not None:
             place(path, "use")
-    if options.preset in PLANS:
-        from study.mismatch.experiment import MismatchExperiment
-        from study.mismatch.mismatch_results import MismatchResults
-
-        for name, given in (("--import", options.import_), ("--published", options.published)):
-            if given is not None:
-                raise InvalidInput(f"{name} {given}: expected a preset of the paper's kind, not {options.preset}")
-        plan = PLANS[options.preset]
-        with MismatchResults(folder, plan, device) as kept:
-            yield MismatchExperiment(plan, kept, seconds)
-    else:
-        from study.paper.published_runs import read_published
-        from study.paper.sweep import Sweep, SweepResults
-
-        preset = PRESETS[options.preset]
-        theirs = read_published(options.published) if options.published else None
-        with SweepResults(folder, preset, device) as results:
-            yield Sweep(preset, results, seconds, options.import_, theirs)
+    chosen = tuple(filter(None, options.strategies.split(",")))
+    return RunOptions(folder, options.device, options.checkpoint_seconds, options.import_, options.published, chosen)
 
 
 def _executor(options: Options) -> Executor:

@@ -26,7 +26,7 @@ from policies.control.dynamic_programming import Grid
 from policies.evaluation import Policy, batch_returns, fresh_start_states
 from study.mismatch.ground_truth import DESIGN_SUBSTEPS, design, ground_truth, machine, oracle
 from study.mismatch.mismatch_results import DESIGNS, FITS, TRAININGS, Designed, Fitted, MismatchResults
-from study.mismatch.plan import STRATEGIES, Plan
+from study.mismatch.plan import STRATEGIES, Plan, TrainingPlan
 from study.mismatch.strategies import training_setups
 from study.mismatch.trainings import MismatchPopulation, TrainingSetup, agents_of, populations, training_setup_of
 from study.pipeline.executor import Brief, Link
@@ -51,7 +51,7 @@ class DesignTask(Brief):
     models   by key, as TrainingSetup.to_json; wanted: (seed, key) of what is run beside optimum and plain
     """
 
-    plan: Plan
+    plan: TrainingPlan
     plant: str
     seeds: tuple[int, ...]
     models: tuple[tuple[str, dict[str, Any]], ...]

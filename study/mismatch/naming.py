@@ -94,14 +94,14 @@ class NamingTask(Brief):
 
     def run(self, link: Link) -> list[NamingResult]:
         """One row a budget; smaller budgets are the first rollouts of larger ones."""
-        from study.mismatch.ground_truth import rollouts
+        from study.mismatch.ground_truth import rollouts, sensor
         from study.mismatch.strategies import Budget
 
         plant = self.plan.plant(self.plant)
         records = rollouts(self.plan, plant, self.seed)
         found = []
         for n in self.budgets:
-            found.append(measure(plant, n, self.seed, Budget(self.plan, records[:n], self.seed)))
+            found.append(measure(plant, n, self.seed, Budget(records[:n], sensor(self.plan), self.seed)))
             link.progress(len(found) / len(self.budgets))
         return found
 

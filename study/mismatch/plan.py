@@ -9,11 +9,16 @@ trained agent. Seeds are used for nothing else. This module loads nothing heavy.
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
-from study.pipeline.settings import StudySettings
+from study.pipeline.settings import RunOptions, StudySettings
+
+if TYPE_CHECKING:
+    from study.pipeline.experiment import Experiment
 
 MISMATCH_FORMAT = 1
 """Version of the results folder: raised whenever stored numbers change their meaning."""
@@ -154,8 +159,28 @@ class HiddenPlant:
 _NOUNS = {"coulomb": "Coulomb friction", "slew_limit": "slew limit"}
 
 
+class TrainingPlan(StudySettings):
+    """What every plan has whose agents train on setups and are run on hidden plants.
+
+    history   past commands that every agent observes
+    agents    trained together in one process on a CPU, at most
+    episodes  of every agent on a hidden plant, once trained
+    grid      angles of the dynamic programs
+    """
+
+    plants: tuple[HiddenPlant, ...]
+    history: int
+    agents: int
+    episodes: int
+    grid: int
+
+    def plant(self, name: str) -> HiddenPlant:
+        """The hidden plant of that name; raises KeyError for another."""
+        return {plant.name: plant for plant in self.plants}[name]
+
+
 @dataclass(frozen=True)
-class Plan(StudySettings):
+class Plan(TrainingPlan):
     """Everything that the experiment's numbers depend on.
 
     contrasted  seeds of every strategy that a contrast names; described: of the others, the first ones
@@ -205,9 +230,15 @@ class Plan(StudySettings):
             for n in ((0,) if strategy in FREE else self.budgets)
         )
 
-    def plant(self, name: str) -> HiddenPlant:
-        """The hidden plant of that name; raises KeyError for another."""
-        return {plant.name: plant for plant in self.plants}[name]
+    @contextlib.contextmanager
+    def experiment(self, options: RunOptions) -> Iterator[Experiment]:
+        from study.mismatch.experiment import MismatchExperiment
+        from study.mismatch.mismatch_results import MismatchResults
+
+        options.refuse_tables(self.name)
+        options.refuse_strategies(self.name)
+        with MismatchResults(options.folder, self, options.device) as results:
+            yield MismatchExperiment(self, results, options.checkpoint_seconds)
 
 
 PLAIN = HiddenPlant("plain")

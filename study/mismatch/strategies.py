@@ -37,6 +37,7 @@ from sysid import (
     InvalidInput,
     Model,
     Record,
+    Sensor,
     add,
     diagnose,
     effect,
@@ -63,7 +64,7 @@ def training_setups(
         found[strategy, 0] = _without_rollouts(strategy, plant), 0.0
     records = rollouts(plan, plant, seed) if spent else []
     for n in plan.budgets if spent else ():
-        budget = Budget(plan, records[:n], seed)
+        budget = Budget(records[:n], sensor(plan), seed, plan.band)
         for strategy in spent:
             begin = time.perf_counter()
             found[strategy, n] = budget.setup(strategy), time.perf_counter() - begin
@@ -94,17 +95,20 @@ def plausible_ranges(model: Model, name: str) -> dict[str, tuple[float, float]]:
 
 
 class Budget:
-    """n rollouts (Records) and what can be made of them; what several strategies need is made once."""
+    """n rollouts (Records) and what can be made of them; what several strategies need is made once.
 
-    def __init__(self, plan: Plan, records: Sequence[Record], seed: int) -> None:
-        self.plan, self.records, self.seed, self.sensor = plan, records, seed, sensor(plan)
+    band: half the relative width of the one about the fit
+    """
+
+    def __init__(self, records: Sequence[Record], sensor: Sensor, seed: int, band: float = 0.3) -> None:
+        self.records, self.sensor, self.seed, self.band = records, sensor, seed, band
 
     def setup(self, strategy: str) -> TrainingSetup:
         """What the strategy trains on; raises InvalidInput for an unknown strategy."""
         made: dict[str, Callable[[], TrainingSetup]] = {
             StrategyKey.GRID: self._grid,
             StrategyKey.FITTED: lambda: TrainingSetup(self.fitted.model, center(self.fitted)),
-            StrategyKey.BAND: lambda: TrainingSetup(self.fitted.model, center(self.fitted, self.plan.band)),
+            StrategyKey.BAND: lambda: TrainingSetup(self.fitted.model, center(self.fitted, self.band)),
             StrategyKey.MENDED: self._mended,
             StrategyKey.ALL_EFFECTS: self._at_once,
             StrategyKey.POSTERIOR: self._posterior,

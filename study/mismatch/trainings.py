@@ -20,7 +20,7 @@ from policies.environments.randomization import Randomization, from_json
 from policies.evaluation import batch_returns, fresh_start_states
 from study.mismatch.ground_truth import OUT_OF_CATALOGUE, ground_truth
 from study.mismatch.mismatch_results import TRAININGS, Fitted, Trained
-from study.mismatch.plan import SHARED, Plan, Trial
+from study.mismatch.plan import SHARED, Plan, TrainingPlan, Trial
 from study.mismatch.residual_network import CommandFilter, ResidualNetwork, stacked
 from study.pipeline.population_task import PopulationTask, sac_settings
 from study.pipeline.settings import device_type, digest
@@ -139,7 +139,7 @@ def agents_of(plan: Plan, fits: Sequence[Fitted]) -> tuple[dict[Trial, str], lis
     return keys, list(agents.values())
 
 
-def populations(plan: Plan, agents: Sequence[Agent], device: str = "cpu") -> list[tuple[Agent, ...]]:
+def populations(plan: TrainingPlan, agents: Sequence[Agent], device: str = "cpu") -> list[tuple[Agent, ...]]:
     """Agents that train together: of one structure, on a CPU at most plan.agents."""
     groups: dict[str, list[Agent]] = {}
     for agent in agents:
@@ -160,7 +160,7 @@ def _structure(setup: TrainingSetup) -> str:
 class MismatchPopulation(PopulationTask):
     """Agents of one structure."""
 
-    plan: Plan
+    plan: TrainingPlan
     agents: tuple[Agent, ...]
     table: ClassVar[Any] = TRAININGS
 
@@ -177,7 +177,7 @@ class MismatchPopulation(PopulationTask):
         return self.name.replace(" ", "_")
 
     @property
-    def settings(self) -> Plan:
+    def settings(self) -> TrainingPlan:
         return self.plan
 
     @property

@@ -7,10 +7,15 @@ This module loads nothing heavy, so that `python -m study.main --help` answers a
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
-from study.pipeline.settings import StudySettings, device_type
+from study.pipeline.settings import RunOptions, StudySettings, device_type
+
+if TYPE_CHECKING:
+    from study.pipeline.experiment import Experiment
 
 FORMAT = 2
 """Version of the results folder: raised whenever stored numbers or tables change their meaning."""
@@ -86,6 +91,16 @@ class Preset(StudySettings):
     resamples: int = 20_000
     companion: str | None = None
     layout: ClassVar[int] = FORMAT
+
+    @contextlib.contextmanager
+    def experiment(self, options: RunOptions) -> Iterator[Experiment]:
+        from study.paper.published_runs import read_published
+        from study.paper.sweep import Sweep, SweepResults
+
+        options.refuse_strategies(self.name)
+        theirs = read_published(options.published) if options.published else None
+        with SweepResults(options.folder, self, options.device) as results:
+            yield Sweep(self, results, options.checkpoint_seconds, options.imported, theirs)
 
     @property
     def cells(self) -> tuple[Cell, ...]:

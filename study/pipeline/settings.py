@@ -5,7 +5,41 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-from typing import Any, ClassVar
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+if TYPE_CHECKING:
+    from study.pipeline.experiment import Experiment
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """How an experiment is run: where and with what, other people's results, and a choice of strategies."""
+
+    folder: Path
+    device: str = "cpu"
+    checkpoint_seconds: float = 60.0
+    imported: Path | None = None
+    published: Path | None = None
+    strategies: tuple[str, ...] = ()
+
+    def refuse_tables(self, preset: str) -> None:
+        """Raise InvalidInput where results of the paper's kind are given to a preset of another kind."""
+        for name, given in (("--import", self.imported), ("--published", self.published)):
+            self._refuse(name, given, "the paper's kind", preset)
+
+    def refuse_strategies(self, preset: str) -> None:
+        """Raise InvalidInput where strategies are chosen for a preset that compares none."""
+        self._refuse("--strategies", ",".join(self.strategies) or None, "strategies", preset)
+
+    @staticmethod
+    def _refuse(name: str, given: object, kind: str, preset: str) -> None:
+        from sysid import InvalidInput
+
+        if given is not None:
+            raise InvalidInput(f"{name} {given}: expected a preset of {kind}, not {preset}")
 
 
 class StudySettings:
@@ -21,6 +55,10 @@ class StudySettings:
     random_steps: int
     layout: ClassVar[int]
     """FORMAT of the results folder."""
+
+    def experiment(self, options: RunOptions) -> AbstractContextManager[Experiment]:
+        """The experiment over the open folder of its results; loads what this kind needs alone."""
+        raise NotImplementedError
 
     def to_dict(self) -> dict[str, Any]:
         return json.loads(json.dumps(dataclasses.asdict(self)))  # type: ignore[call-overload]

@@ -2,7 +2,7 @@
 
 from tests.floors import ROOT, against_the_order, imported
 
-FLOORS = ("formatting", "statistics", "figure_style", "pipeline", "paper", "mismatch", "main")
+FLOORS = ("formatting", "statistics", "figure_style", "pipeline", "paper", "mismatch", "strategies", "presets", "main")
 
 
 def test_a_room_imports_from_those_above_it_only():

@@ -7,7 +7,7 @@ import pytest
 
 from policies.environments.randomization import Band
 from policies.evaluation import evaluate, fresh_start_states
-from study.mismatch.ground_truth import design, ground_truth, machine, oracle, rollouts
+from study.mismatch.ground_truth import design, ground_truth, machine, oracle, rollouts, sensor
 from study.mismatch.mismatch_results import Fitted
 from study.mismatch.naming import FIRST, MOST, steps_of
 from study.mismatch.plan import ALL_PLANTS, DELAY_LARGE, MAGNET, PLANS, STRATEGIES, Trial
@@ -23,7 +23,7 @@ SMOKE = PLANS["mismatch-smoke"]
 def budget():
     """Five rollouts of the plant whose delay costs 30 % of the return."""
     plan = PLANS["mismatch-quick"]
-    return Budget(plan, rollouts(plan, DELAY_LARGE, 1), 1)
+    return Budget(rollouts(plan, DELAY_LARGE, 1), sensor(plan), 1)
 
 
 @pytest.mark.long
@@ -47,7 +47,7 @@ def test_naming_the_effect_brings_back_at_least_half_of_what_it_cost(budget):
 def test_a_delay_of_three_samples_is_named_alone(seed):
     """To a first order it moves the readings as a stamp does, which cannot be so late: both have to be tried."""
     plan = PLANS["mismatch"]
-    found = Budget(plan, rollouts(plan, DELAY_LARGE, seed)[:10], seed).diagnosis
+    found = Budget(rollouts(plan, DELAY_LARGE, seed)[:10], sensor(plan), seed).diagnosis
     assert (found.verdict, steps_of(found)) == ("missing", ("delay",))
 
 
@@ -120,7 +120,7 @@ def test_the_experiments_seeds_are_used_for_nothing_else():
 def test_what_is_unknown_or_does_not_help_is_not_believed(budget):
     """Then (c) trains as (g) does; and (d), which holds what (c) found, is no further from the rollouts."""
     plan = PLANS["mismatch-quick"]
-    lost = Budget(plan, rollouts(plan, MAGNET, 2), 2)
+    lost = Budget(rollouts(plan, MAGNET, 2), sensor(plan), 2)
     assert lost.diagnosis.verdict == "unknown" and not lost.believed
     assert lost.setup("c").key == lost.setup("g").key
     assert budget.believed

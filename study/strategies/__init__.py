@@ -1,0 +1,16 @@
+"""Published ways to spend real rollouts, on the same rollouts.
+
+strategy     what a strategy may ask for, and what it gives back; catalogue: all of them by name, and a user's own
+plant        counts rollouts, and refuses the one beyond the budget
+session      a strategy's dialogue with plant and training, as far as there are agents
+
+The strategies:
+    identified       identify, then train once; mended by this project's diagnosis
+
+The experiment:
+    plan, experiment rounds of dialogues and populations; strategies_results: what is kept
+    on_plant         populations that learn on the plant itself
+"""
+
+from study.mismatch.trainings import TrainingSetup
+from study.strategies.strategy import Agent, Choice, Learn, Play, Situation, Strategy, Train, Tried, Try

@@ -1,0 +1,55 @@
+"""Every strategy by name, ours and a user's: `own.py:Halving` is the class Halving in the file own.py."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from study.strategies.strategy import Strategy
+
+PLACES = {
+    "prior": "identified:Prior",
+    "prior_range": "identified:WholePriorRange",
+    "point": "identified:PointEstimate",
+    "band": "identified:RelativeBand",
+    "posterior": "identified:PosteriorOfFit",
+    "designed": "identified:DesignedExcitation",
+    "mended": "identified:MendedModel",
+    "random_force": "identified:RandomForce",
+}
+"""Where each is: module of this package, and class. In the order in which they are shown."""
+
+
+@cache
+def strategy_class(name: str) -> type[Strategy]:
+    """The class of that name. Raises InvalidInput for an unknown one, and for a file without such a class."""
+    from study.strategies.strategy import Strategy
+    from sysid import InvalidInput
+
+    if name in PLACES:
+        module, _, own = PLACES[name].partition(":")
+        found: Any = getattr(importlib.import_module(f"study.strategies.{module}"), own)
+        return found
+    path, _, own = name.rpartition(":")
+    if not path.endswith(".py"):
+        raise InvalidInput(f"unknown strategy {name!r}: expected one of {', '.join(PLACES)}, or FILE.py:CLASS")
+    found = getattr(_loaded(Path(path)), own, None)
+    if not (isinstance(found, type) and issubclass(found, Strategy)):
+        raise InvalidInput(f"{path} has no strategy {own!r}: expected a subclass of study.strategies.Strategy")
+    return found
+
+
+def _loaded(path: Path) -> Any:
+    from sysid import InvalidInput
+
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    try:
+        assert spec is not None and spec.loader is not None
+        spec.loader.exec_module(module := importlib.util.module_from_spec(spec))
+    except Exception as error:
+        raise InvalidInput(f"{path} cannot be loaded ({type(error).__name__}: {error})") from None
+    return module

@@ -1,0 +1,136 @@
+"""The strategies experiment as it was fixed before any of its agents was trained: plants, budgets, seeds, contrasts.
+
+    hidden plant, sensing, n rollouts -> a strategy's dialogue -> agent -> return on the hidden plant
+
+No setting of a strategy was tuned on these plants or seeds: they are the sources' where a pendulum allows them, and
+otherwise chosen once. This module loads nothing heavy.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
+
+from study.mismatch.plan import COULOMB, DELAY_MEDIUM, MAGNET, PLAIN, HiddenPlant, TrainingPlan
+from study.strategies.catalogue import PLACES, strategy_class
+
+if TYPE_CHECKING:
+    from study.pipeline.experiment import Experiment
+    from study.pipeline.settings import RunOptions
+
+STRATEGIES_FORMAT = 1
+"""Version of the results folder: raised whenever stored numbers change their meaning."""
+
+BASELINE = "point"
+"""What the others are held against."""
+
+
+class Case(NamedTuple):
+    """A strategy on a hidden plant with a sensing and n rollouts; everything random comes from seed."""
+
+    plant: str
+    sensing: str
+    strategy: str
+    n: int
+    seed: int
+
+
+@dataclass(frozen=True)
+class StrategiesPlan(TrainingPlan):
+    """Everything that the experiment's numbers depend on.
+
+    sensings    of the plain plant; the other plants have the first one alone
+    contrasts   pairs (a, b): return of a less return of b, at the budgets `contrasted`, where all seeds are run
+    described   seeds of everything else, the first ones
+    """
+
+    name: str
+    plants: tuple[HiddenPlant, ...]
+    sensings: tuple[str, ...]
+    strategies: tuple[str, ...]
+    budgets: tuple[int, ...]
+    contrasts: tuple[tuple[str, str], ...]
+    contrasted: tuple[int, ...]
+    seeds: tuple[int, ...]
+    described: int
+    hidden: tuple[int, ...] = (64, 64)
+    steps: int = 30_000
+    random_steps: int = 1000
+    batch: int = 256
+    history: int = 4
+    agents: int = 25
+    episodes: int = 20
+    grid: int = 120
+    layout: ClassVar[int] = STRATEGIES_FORMAT
+
+    @property
+    def places(self) -> tuple[tuple[HiddenPlant, str], ...]:
+        """Every plant with each of its sensings."""
+        return tuple(
+            (plant, sensing)
+            for plant in self.plants
+            for sensing in (self.sensings if plant.effect is None else self.sensings[:1])
+        )
+
+    def budgets_of(self, strategy: str, sensing: str) -> tuple[int, ...]:
+        """Those that it can use. Raises InvalidInput for an unknown strategy."""
+        kind = strategy_class(strategy)
+        if kind.needs_angle and sensing != "encoder":
+            return ()
+        return tuple(n for n in self.budgets if kind.least <= n <= kind.most)
+
+    def seeds_of(self, strategy: str, n: int) -> tuple[int, ...]:
+        """All seeds where a contrast needs them, else the first ones."""
+        named = n in self.contrasted and any(strategy in pair for pair in self.contrasts)
+        return self.seeds if named or n == 0 else self.seeds[: self.described]
+
+    @property
+    def cases(self) -> tuple[Case, ...]:
+        """Every number of the experiment; seeds vary slowest, so that what is there after a while is balanced."""
+        return tuple(
+            Case(plant.name, sensing, strategy, n, seed)
+            for seed in self.seeds
+            for plant, sensing in self.places
+            for strategy in self.strategies
+            for n in self.budgets_of(strategy, sensing)
+            if seed in self.seeds_of(strategy, n)
+        )
+
+    def with_strategies(self, names: Sequence[str]) -> StrategiesPlan:
+        """The same plan for these strategies, and for those contrasts whose both sides are among them."""
+        for name in names:
+            strategy_class(name)
+        kept = tuple(pair for pair in self.contrasts if set(pair) <= set(names))
+        return dataclasses.replace(self, strategies=tuple(names), contrasts=kept)
+
+    @contextlib.contextmanager
+    def experiment(self, options: RunOptions) -> Iterator[Experiment]:
+        from study.strategies.experiment import StrategiesExperiment
+        from study.strategies.strategies_results import StrategiesResults
+
+        options.refuse_tables(self.name)
+        plan = self.with_strategies(options.strategies) if options.strategies else self
+        with StrategiesResults(options.folder, plan, options.device) as results:
+            yield StrategiesExperiment(plan, results, options.checkpoint_seconds)
+
+
+CONTRASTS = tuple((other, BASELINE) for other in PLACES if other not in ("prior", BASELINE))
+"""Pre-registered: every strategy against the point estimate, which is what the paper's own answer comes to."""
+
+PLANTS = (PLAIN, COULOMB, DELAY_MEDIUM, MAGNET)
+EVERY = tuple(PLACES)
+
+_ALL = (
+    StrategiesPlan("strategies", PLANTS, ("encoder", "speed"), EVERY, (0, 1, 2, 5, 10, 25, 50), CONTRASTS, (5, 25),
+                   tuple(range(4000, 4020)), described=3),
+    StrategiesPlan("strategies-quick", (DELAY_MEDIUM,), ("encoder",), EVERY, (0, 2, 5, 10), CONTRASTS, (5,),
+                   (1010, 1011), described=2, steps=15_000),
+    StrategiesPlan("strategies-smoke", (PLAIN, MAGNET), ("encoder", "speed"), EVERY, (0, 2, 5), CONTRASTS, (5,),
+                   (1010, 1011), described=1, hidden=(8, 8), steps=600, random_steps=200, batch=32, agents=8,
+                   episodes=4, grid=40),
+)  # fmt: skip
+
+PLANS = {plan.name: plan for plan in _ALL}

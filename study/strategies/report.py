@@ -1,0 +1,75 @@
+"""Publishes the strategies experiment: tables, figure, and one HTML page that opens without a network."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+
+from study.figure_style import save
+from study.mismatch.mismatch_results import DESIGNS, TRAININGS
+from study.pipeline.html_page import template
+from study.pipeline.tables import printed, write_csv
+from study.pipeline.versions import all_versions, write_record
+from study.strategies.catalogue import strategy_class
+from study.strategies.figures import strategy_lines
+from study.strategies.findings import StrategiesFindings, findings_of
+from study.strategies.plan import StrategiesPlan
+from study.strategies.sentences import sentences
+from study.strategies.strategies_results import STEPS, StrategiesResults
+from sysid.data.files import write_whole
+
+CASES = ("plant", "sensing", "strategy", "n", "seed", "return", "optimum", "best_anew", "observed", "simulated")
+"""One case: the mean return of what was deployed, and of its best candidate; steps that were simulated for it."""
+OUTCOMES = ("plant", "sensing", "strategy", "n", "seeds", "mean", "low", "high", "optimum", "rollouts", "simulated")
+"""A condition: returns over seeds with Student's interval, and means of the rest."""
+CONTRASTED = ("plant", "sensing", "n", "a", "b", "mean", "low", "high", "seeds", "p")
+"""A pre-registered contrast a - b; p is Holm's over the family."""
+
+CAPTION = (
+    "Mean return with its 95 % interval over seeds, above over the real rollouts that were spent, below over the steps "
+    "that were simulated for it. Dotted and hollow: of strategies that compare returns, their best candidate so far, "
+    "evaluated anew outside the budget."
+)
+
+
+def publish_strategies(plan: StrategiesPlan, results: StrategiesResults, console: Console) -> None:
+    """Write tables, figure and page into the results' folder and say the answers."""
+    folder, trained = results.folder, results.all(TRAININGS)
+    with console.status("drawing"):
+        found = findings_of(plan, results.all(STEPS), trained, results.all(DESIGNS))
+        said, made_with = sentences(found), [agent.versions for agent in trained]
+        write_tables(found, folder)
+        about = {"cases": len(plan.cases), "agents": len(trained), "contrasts": [" - ".join(c) for c in plan.contrasts]}
+        write_record(folder / "study.json", plan, results.device, about, found.hours, made_with)
+        figure = save(lambda: strategy_lines(found), folder / "returns.png")
+        page = template("strategies.html.j2").render(
+            findings=found, plan=plan, sentences=said, figure=figure, caption=CAPTION, agents=len(trained),
+            strategies={name: strategy_class(name) for name in plan.strategies}, versions=all_versions(made_with),
+        )  # fmt: skip
+        write_whole(folder / "report.html", page)
+    for question, text in said:
+        console.print(f"[bold]{question}[/]\n{escape(text)}\n")
+    console.print(f"report   {folder / 'report.html'}", soft_wrap=True)
+    console.print(f"figure   {figure}", soft_wrap=True)
+
+
+def write_tables(found: StrategiesFindings, folder: Path) -> None:
+    """cases.csv, outcomes.csv, contrasts.csv."""
+    cases, outcomes = [], []
+    for condition, own in found.outcomes.items():
+        columns = (own.returns, own.optima, own.best, own.observed, own.simulated)
+        for seed, *values in zip(own.seeds, *(column.tolist() for column in columns), strict=True):
+            cases.append((*condition, seed, *(None if np.isnan(value) else value for value in values)))
+        mean, rest = own.mean, (own.optima, own.rollouts, own.simulated)
+        outcomes.append((*condition, mean.seeds, mean.mean, mean.low, mean.high, *(float(np.mean(r)) for r in rest)))
+    contrasts = [
+        (c.plant, c.sensing, c.n, c.a, c.b, c.contrast.mean, c.contrast.low, c.contrast.high, c.contrast.seeds, c.p)
+        for c in found.compared
+    ]
+    for name, columns, rows in (
+        ("cases", CASES, cases), ("outcomes", OUTCOMES, outcomes), ("contrasts", CONTRASTED, contrasts)
+    ):  # fmt: skip
+        write_csv(folder / f"{name}.csv", columns, map(printed, rows))

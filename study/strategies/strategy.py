@@ -1,0 +1,175 @@
+"""A strategy to spend real rollouts: a generator that asks, observes, and says what the final agent is trained on.
+
+    class PointEstimate(Strategy):
+        def spend(self, situation):
+            records = yield Play(situation.budget)
+            estimate = fit(situation.prior, records, situation.sensor, ("m", "l"))
+            return TrainingSetup(estimate.model, center(estimate))
+
+What it may ask for                     and what it is answered
+    Play(rollouts, torques)             a Record a rollout of the plant under these torques, or under random ones
+    Try(agent, rollouts)                Tried: the same under an agent's policy, and the returns
+    Train(setups)                       an Agent a setup, trained in simulation; all of one request train together
+    Learn(rollouts, start)              an Agent that learned on the plant itself, an episode a rollout
+
+Play, Try and Learn cost rollouts. A strategy gives back a TrainingSetup, which the final agent is trained on, an Agent,
+or a Choice: one of these with the best candidate that it saw. It has to be a function of its situation and of the
+answers alone: after an interruption, and in every round, it is asked again and given the same answers as before.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Generator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from study.mismatch.trainings import TrainingSetup
+from sysid import InvalidInput, Model, Record, Sensor
+
+if TYPE_CHECKING:
+    from policies.network_policy import NetworkPolicy
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Agent:
+    """A trained agent: what its policy is stored under, and the policy."""
+
+    key: str
+    policy: NetworkPolicy
+
+
+@dataclass(frozen=True, eq=False)
+class Play:
+    """So many rollouts under torques (rollouts, N) [N m], by default uniformly random ones; at_rest: begun hanging down
+    at rest, where a machine stands that is left alone, and not from a state of the task's."""
+
+    rollouts: int
+    torques: Array | None = None
+    at_rest: bool = False
+
+
+@dataclass(frozen=True)
+class Try:
+    """So many episodes of an agent on the plant; at_rest as in Play."""
+
+    agent: Agent
+    rollouts: int = 1
+    at_rest: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Tried:
+    """What the sensors read in the episodes, and what the episodes returned."""
+
+    records: list[Record]
+    returns: Array
+
+    @property
+    def mean(self) -> float:
+        """Mean return."""
+        return float(np.mean(self.returns))
+
+
+@dataclass(frozen=True)
+class Train:
+    """An agent a setup, side by side; critics: of them as much is kept as `Learn` needs to go on."""
+
+    setups: tuple[TrainingSetup, ...]
+    critics: bool = False
+
+
+@dataclass(frozen=True)
+class Learn:
+    """Reinforcement learning on the plant, an episode a rollout; start: an agent that goes on learning, trained with
+    `critics`, or None for one that knows nothing."""
+
+    rollouts: int
+    start: Agent | None = None
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What is deployed, and of those candidates whose returns alone were compared the one that returned most.
+
+    observed   its return within the budget: of the best of many, so more than it is worth
+    """
+
+    deployed: TrainingSetup | Agent
+    best: Agent | None = None
+    observed: float = float("nan")
+
+
+Request = Play | Try | Train | Learn
+Dialogue = Generator[Request, Any, TrainingSetup | Agent | Choice]
+
+
+@dataclass
+class Situation:
+    """What a strategy knows before the first rollout.
+
+    prior      what an engineer would assume; the parameters in `names` may be anywhere within their bounds
+    sensor     the noise of the readings
+    budget     rollouts that it may spend
+    rng        for its own draws
+    simulated  steps that it has simulated itself, beside the trainings; it adds them up
+    """
+
+    prior: Model
+    sensor: Sensor
+    budget: int
+    seed: int
+    rng: np.random.Generator
+    names: tuple[str, ...] = ("m", "l")
+    simulated: int = 0
+
+    @property
+    def bounds(self) -> Array:
+        """Of the names (P, 2)."""
+        return np.array([self.prior.parameters[name].bounds for name in self.names])
+
+    @property
+    def believed(self) -> Array:
+        """The prior's own values (P,)."""
+        return np.array([float(self.prior.parameters[name].value) for name in self.names])
+
+    def model(self, values: Array) -> Model:
+        """The prior's model at values (..., P)."""
+        values = np.asarray(values)
+        return self.prior.with_parameters({name: values[..., i] for i, name in enumerate(self.names)})
+
+
+class Strategy(ABC):
+    """A way to spend rollouts. Its settings are the fields of a frozen dataclass, fixed before any agent is trained.
+
+    least, most   rollouts that it can make use of; most = 0: it spends none
+    needs_angle   whether the angle has to be read all the time, and not at the start alone
+    short         it in up to four words; source: where it was published
+    group         whose colour it has: "nothing" spent, "identified", "adapted" distributions, "compared" returns, or
+                  "plant", learning there
+    """
+
+    short: ClassVar[str]
+    source: ClassVar[str] = ""
+    group: ClassVar[str] = "identified"
+    least: ClassVar[int] = 1
+    most: ClassVar[int] = 1000
+    needs_angle: ClassVar[bool] = False
+
+    @abstractmethod
+    def spend(self, situation: Situation) -> Dialogue:
+        """Ask for rollouts and trainings, and return what the final agent is."""
+
+    @classmethod
+    def check(cls, name: str, budget: int, sensing: str) -> None:
+        """Raise InvalidInput for a budget or readings that it cannot use."""
+        if cls.needs_angle and sensing != "encoder":
+            raise InvalidInput(f"strategy {name!r} was given sensing {sensing!r}: expected encoder, it needs angles")
+        if not cls.least <= budget <= cls.most:
+            wanted = "none" if cls.most == 0 else f"at least {cls.least}"
+            raise InvalidInput(f"strategy {name!r} was given {budget} rollouts: expected {wanted}")
