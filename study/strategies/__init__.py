@@ -11,6 +11,3 @@ The experiment:
     plan, experiment rounds of dialogues and populations; strategies_results: what is kept
     on_plant         populations that learn on the plant itself
 """
-
-from study.mismatch.trainings import TrainingSetup
-from study.strategies.strategy import Agent, Choice, Learn, Play, Situation, Strategy, Train, Tried, Try

@@ -20,6 +20,13 @@ PLACES = {
     "designed": "identified:DesignedExcitation",
     "mended": "identified:MendedModel",
     "random_force": "identified:RandomForce",
+    "simopt": "simopt:SimOpt",
+    "dropo": "dropo:Dropo",
+    "bayes_sim": "bayes_sim:BayesSim",
+    "bayrn": "candidates:BayRn",
+    "cross_entropy": "candidates:CrossEntropy",
+    "fine_tuning": "learning:FineTuning",
+    "scratch": "learning:FromScratch",
 }
 """Where each is: module of this package, and class. In the order in which they are shown."""
 
@@ -39,7 +46,7 @@ def strategy_class(name: str) -> type[Strategy]:
         raise InvalidInput(f"unknown strategy {name!r}: expected one of {', '.join(PLACES)}, or FILE.py:CLASS")
     found = getattr(_loaded(Path(path)), own, None)
     if not (isinstance(found, type) and issubclass(found, Strategy)):
-        raise InvalidInput(f"{path} has no strategy {own!r}: expected a subclass of study.strategies.Strategy")
+        raise InvalidInput(f"{path} has no strategy {own!r}: expected a subclass of study.strategies.strategy.Strategy")
     return found
 
 

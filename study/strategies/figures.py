@@ -37,10 +37,11 @@ def strategy_lines(findings: StrategiesFindings) -> Figure:
         upper.set_ylim(LOWEST * optimum, optimum + 0.06 * abs(optimum))
         panel_title(upper, plant.title, SENSED[sensing], fontsize=10.0)
         shown = sorted({0, *findings.plan.budgets})
-        for strategy, (ink, mark) in looks.items():
+        for k, (strategy, (ink, mark)) in enumerate(looks.items()):
+            aside = 0.5 * (k / max(1, len(looks) - 1) - 0.5)
             line = findings.line(plant.name, sensing, strategy)
             style = {"color": ink, "marker": mark, "markersize": 5.0}
-            _line(upper, [(shown.index(n), o) for n, o in line.items()], style, bars=True)
+            _line(upper, [(shown.index(n) + aside, o) for n, o in line.items()], style, bars=True)
             _line(lower, [(float(np.mean(o.simulated)), o) for o in line.values()], style, bars=False)
         upper.set_xticks(range(len(shown)), [str(n) for n in shown])
         lower.set_xscale("log")

@@ -117,7 +117,7 @@ class StrategiesFindings:
         """The pre-registered contrasts, in the plan's order."""
         found = []
         for plant, sensing in self.plan.places:
-            for n in self.plan.contrasted:
+            for n in self.plan.contrasted if sensing == self.plan.sensings[0] else ():
                 for a, b in self.plan.contrasts:
                     sides = [self.line(plant.name, sensing, own).get(_spent(own, n)) for own in (a, b)]
                     if sides[0] is not None and sides[1] is not None:

@@ -43,8 +43,10 @@ class StrategiesPlan(TrainingPlan):
     """Everything that the experiment's numbers depend on.
 
     sensings    of the plain plant; the other plants have the first one alone
-    contrasts   pairs (a, b): return of a less return of b, at the budgets `contrasted`, where all seeds are run
-    described   seeds of everything else, the first ones
+    contrasts   pairs (a, b): return of a less return of b, with the first sensing at the budgets `contrasted`
+    seeds       of what contrasts are about, and of strategies without rollouts
+    in_rounds   of strategies that train agents on the way, the first ones, at no more than the largest of `contrasted`
+    described   of everything else, the first ones
     """
 
     name: str
@@ -55,6 +57,7 @@ class StrategiesPlan(TrainingPlan):
     contrasts: tuple[tuple[str, str], ...]
     contrasted: tuple[int, ...]
     seeds: tuple[int, ...]
+    in_rounds: int
     described: int
     hidden: tuple[int, ...] = (64, 64)
     steps: int = 30_000
@@ -80,11 +83,14 @@ class StrategiesPlan(TrainingPlan):
         kind = strategy_class(strategy)
         if kind.needs_angle and sensing != "encoder":
             return ()
-        return tuple(n for n in self.budgets if kind.least <= n <= kind.most)
+        most = min(kind.most, max(self.contrasted)) if kind.in_rounds else kind.most
+        return tuple(n for n in self.budgets if kind.least <= n <= most)
 
-    def seeds_of(self, strategy: str, n: int) -> tuple[int, ...]:
-        """All seeds where a contrast needs them, else the first ones."""
-        named = n in self.contrasted and any(strategy in pair for pair in self.contrasts)
+    def seeds_of(self, strategy: str, sensing: str, n: int) -> tuple[int, ...]:
+        """All seeds where a contrast needs them and training allows it, else the first ones."""
+        named = n in self.contrasted and sensing == self.sensings[0]
+        if strategy_class(strategy).in_rounds:
+            return self.seeds[: self.in_rounds if named else self.described]
         return self.seeds if named or n == 0 else self.seeds[: self.described]
 
     @property
@@ -96,14 +102,18 @@ class StrategiesPlan(TrainingPlan):
             for plant, sensing in self.places
             for strategy in self.strategies
             for n in self.budgets_of(strategy, sensing)
-            if seed in self.seeds_of(strategy, n)
+            if seed in self.seeds_of(strategy, sensing, n)
         )
 
     def with_strategies(self, names: Sequence[str]) -> StrategiesPlan:
-        """The same plan for these strategies, and for those contrasts whose both sides are among them."""
+        """The same plan for these strategies; a user's own are held against the baseline as ours are.
+
+        Raises InvalidInput for an unknown strategy.
+        """
         for name in names:
             strategy_class(name)
-        kept = tuple(pair for pair in self.contrasts if set(pair) <= set(names))
+        own = tuple((name, BASELINE) for name in names if name not in PLACES)
+        kept = tuple(pair for pair in (*self.contrasts, *own) if set(pair) <= set(names))
         return dataclasses.replace(self, strategies=tuple(names), contrasts=kept)
 
     @contextlib.contextmanager
@@ -125,12 +135,12 @@ EVERY = tuple(PLACES)
 
 _ALL = (
     StrategiesPlan("strategies", PLANTS, ("encoder", "speed"), EVERY, (0, 1, 2, 5, 10, 25, 50), CONTRASTS, (5, 25),
-                   tuple(range(4000, 4020)), described=3),
-    StrategiesPlan("strategies-quick", (DELAY_MEDIUM,), ("encoder",), EVERY, (0, 2, 5, 10), CONTRASTS, (5,),
-                   (1010, 1011), described=2, steps=15_000),
+                   tuple(range(4000, 4020)), in_rounds=4, described=2),
+    StrategiesPlan("strategies-quick", (DELAY_MEDIUM,), ("encoder",), EVERY, (0, 2, 10), CONTRASTS, (10,),
+                   (1010, 1011), in_rounds=2, described=2, steps=15_000),
     StrategiesPlan("strategies-smoke", (PLAIN, MAGNET), ("encoder", "speed"), EVERY, (0, 2, 5), CONTRASTS, (5,),
-                   (1010, 1011), described=1, hidden=(8, 8), steps=600, random_steps=200, batch=32, agents=8,
-                   episodes=4, grid=40),
+                   (1010, 1011), in_rounds=1, described=1, hidden=(8, 8), steps=600, random_steps=200, batch=32,
+                   agents=25, episodes=4, grid=40),
 )  # fmt: skip
 
 PLANS = {plan.name: plan for plan in _ALL}

@@ -148,6 +148,7 @@ class Strategy(ABC):
     """A way to spend rollouts. Its settings are the fields of a frozen dataclass, fixed before any agent is trained.
 
     least, most   rollouts that it can make use of; most = 0: it spends none
+    in_rounds     whether it trains agents on the way, so that the experiment can afford fewer seeds
     needs_angle   whether the angle has to be read all the time, and not at the start alone
     short         it in up to four words; source: where it was published
     group         whose colour it has: "nothing" spent, "identified", "adapted" distributions, "compared" returns, or
@@ -159,6 +160,7 @@ class Strategy(ABC):
     group: ClassVar[str] = "identified"
     least: ClassVar[int] = 1
     most: ClassVar[int] = 1000
+    in_rounds: ClassVar[bool] = False
     needs_angle: ClassVar[bool] = False
 
     @abstractmethod

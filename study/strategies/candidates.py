@@ -1,0 +1,125 @@
+"""Strategies that compare candidates by the return of an agent that was trained on each.
+
+A candidate is a band, of +- w about a centre: x in the unit cube is (m, l, w), m and l within their bounds and w from 0
+to 0.5. Its agent plays one episode on the plant, from rest hanging down: a machine that starts alike returns alike, and
+one rollout compares two policies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from policies.environments.randomization import Band
+from study.mismatch.trainings import TrainingSetup
+from study.strategies import gaussian_process
+from study.strategies.strategy import Agent, Choice, Dialogue, Situation, Strategy, Train, Try
+
+Array = NDArray[np.float64]
+
+WIDEST = 0.5
+
+DIGITS = 4
+"""Of a candidate's coordinates, so that the last bits of a library do not make another agent."""
+
+
+def band(situation: Situation, x: Array) -> TrainingSetup:
+    """What a candidate trains on."""
+    low, high = situation.bounds.T
+    x = np.clip(np.round(x, DIGITS), 0.0, 1.0)
+    center = dict(zip(situation.names, (low + x[:-1] * (high - low)).tolist(), strict=True))
+    return TrainingSetup(situation.prior, Band(center, WIDEST * float(x[-1])))
+
+
+def unit(situation: Situation, w: float) -> Array:
+    """Where the prior with a band of w is."""
+    low, high = situation.bounds.T
+    return np.append((situation.believed - low) / (high - low), w / WIDEST)
+
+
+Batch = Generator[Any, Any, tuple[list[Agent], Array]]
+
+
+def tried(situation: Situation, xs: Array) -> Batch:
+    """Agents of candidates (C, D), trained side by side, and what each returned (C,)."""
+    agents = yield Train(tuple(band(situation, x) for x in xs))
+    returns = []
+    for agent in agents:
+        returns.append((yield Try(agent)).mean)
+    return list(agents), np.array(returns)
+
+
+@dataclass(frozen=True)
+class BayRn(Strategy):
+    """Muratore et al., "Data-efficient domain randomization with Bayesian optimization", RA-L 2021.
+
+    A Gaussian process over candidates and their returns; the next candidate has the largest expected improvement. In
+    the end the agent is trained where the process has its largest mean, as the source does. BoTorch does both.
+
+    begin    random candidates before the first proposal (quasi-random; the same on all plants)
+    Changed: the distributions are bands in place of normals of every parameter, and one rollout rates a candidate,
+    where the source averages several from random starts.
+    """
+
+    begin: int = 4
+    short: ClassVar[str] = "BayRn"
+    source: ClassVar[str] = "Muratore 2021"
+    group: ClassVar[str] = "compared"
+    in_rounds: ClassVar[bool] = True
+    least: ClassVar[int] = 5
+
+    def spend(self, situation: Situation) -> Dialogue:
+        x = gaussian_process.scattered(self.begin, len(situation.names) + 1, situation.seed)
+        agents, returns = yield from tried(situation, x)
+        while len(x) < situation.budget:
+            proposed = gaussian_process.improving(x, returns, situation.seed)
+            more, values = yield from tried(situation, proposed[None])
+            x, returns, agents = np.vstack([x, proposed]), np.append(returns, values), agents + more
+        best = int(np.argmax(returns))
+        promising = gaussian_process.most_promising(x, returns, situation.seed)
+        return Choice(band(situation, promising), agents[best], float(returns[best]))
+
+
+@dataclass(frozen=True)
+class CrossEntropy(Strategy):
+    """Vuong et al., "How to pick the domain randomization parameters for sim-to-real transfer of reinforcement learning
+    policies?", 2019: the cross-entropy method over the distribution, by the returns of agents trained on it.
+
+    candidates of a generation, of which the `elite` best make the next one's normal distribution; sd of the first one
+    about the prior, in the unit cube. In the end the agent is trained at the mean of the last elite.
+    Changed: the source has 12 or more distributions a generation; so many rollouts are not to be had here.
+    """
+
+    candidates: int = 5
+    elite: int = 2
+    sd: float = 0.25
+    narrowest: float = 0.02
+    short: ClassVar[str] = "cross-entropy"
+    source: ClassVar[str] = "Vuong 2019"
+    group: ClassVar[str] = "compared"
+    in_rounds: ClassVar[bool] = True
+    least: ClassVar[int] = 5
+
+    def spend(self, situation: Situation) -> Dialogue:
+        mean, sd = unit(situation, 0.1), np.full(len(situation.names) + 1, self.sd)
+        best: tuple[float, Agent | None] = -np.inf, None
+        for _ in range(situation.budget // self.candidates):
+            x = self.generation(mean, sd, situation.rng)
+            agents, returns = yield from tried(situation, x)
+            mean, sd = self.refitted(x, returns)
+            k = int(np.argmax(returns))
+            best = max(best, (float(returns[k]), agents[k]), key=lambda own: own[0])
+        return Choice(band(situation, mean), best[1], best[0])
+
+    def generation(self, mean: Array, sd: Array, rng: np.random.Generator) -> Array:
+        """Candidates (C, D) within the unit cube."""
+        return np.clip(mean + sd * rng.standard_normal((self.candidates, len(mean))), 0.0, 1.0)
+
+    def refitted(self, x: Array, returns: Array) -> tuple[Array, Array]:
+        """Mean and sd of the elite."""
+        elite = x[np.argsort(-returns, kind="stable")[: self.elite]]
+        return np.mean(elite, axis=0), np.maximum(np.std(elite, axis=0), self.narrowest)

@@ -1,0 +1,39 @@
+"""Strategies that learn on the plant itself, an episode a rollout."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from policies.environments.randomization import PriorRange
+from study.mismatch.trainings import TrainingSetup
+from study.strategies.strategy import Dialogue, Learn, Situation, Strategy, Train
+
+
+@dataclass(frozen=True)
+class FineTuning(Strategy):
+    """An agent that was trained over the whole prior range goes on learning on the plant. Shakerimov, Alizadeh and
+    Varol, "Efficient sim-to-real transfer in reinforcement learning through domain randomization and domain
+    adaptation", IEEE Access 2023, who take 20 to 50 episodes.
+
+    Changed: SAC goes on with its actor, critics and temperature, and with the memory of the plant alone.
+    """
+
+    short: ClassVar[str] = "fine-tuning"
+    source: ClassVar[str] = "Shakerimov 2023"
+    group: ClassVar[str] = "plant"
+
+    def spend(self, situation: Situation) -> Dialogue:
+        (agent,) = yield Train((TrainingSetup(situation.prior, PriorRange(situation.names)),), critics=True)
+        return (yield Learn(situation.budget, agent))
+
+
+@dataclass(frozen=True)
+class FromScratch(Strategy):
+    """No simulator: every rollout is an episode of training."""
+
+    short: ClassVar[str] = "from scratch"
+    group: ClassVar[str] = "plant"
+
+    def spend(self, situation: Situation) -> Dialogue:
+        return (yield Learn(situation.budget))
