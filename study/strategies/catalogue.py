@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import importlib.util
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -36,6 +35,8 @@ def strategy_class(name: str) -> type[Strategy]:
     """The class of that name. Raises InvalidInput for an unknown one, and for a file without such a class."""
     from study.strategies.strategy import Strategy
     from sysid import InvalidInput
+    from sysid.data.files import read_file
+    from sysid.data.user_effects import run_file
 
     if name in PLACES:
         module, _, own = PLACES[name].partition(":")
@@ -44,19 +45,8 @@ def strategy_class(name: str) -> type[Strategy]:
     path, _, own = name.rpartition(":")
     if not path.endswith(".py"):
         raise InvalidInput(f"unknown strategy {name!r}: expected one of {', '.join(PLACES)}, or FILE.py:CLASS")
-    found = getattr(_loaded(Path(path)), own, None)
+    read_file(Path(path), "a Python file with a strategy")
+    found = getattr(run_file(Path(path).resolve(), f"{__name__}:{path}"), own, None)
     if not (isinstance(found, type) and issubclass(found, Strategy)):
         raise InvalidInput(f"{path} has no strategy {own!r}: expected a subclass of study.strategies.strategy.Strategy")
     return found
-
-
-def _loaded(path: Path) -> Any:
-    from sysid import InvalidInput
-
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    try:
-        assert spec is not None and spec.loader is not None
-        spec.loader.exec_module(module := importlib.util.module_from_spec(spec))
-    except Exception as error:
-        raise InvalidInput(f"{path} cannot be loaded ({type(error).__name__}: {error})") from None
-    return module

@@ -8,6 +8,7 @@ from importlib.machinery import ModuleSpec, SourceFileLoader
 from importlib.util import module_from_spec
 from os import PathLike
 from pathlib import Path
+from types import ModuleType
 
 import casadi
 import numpy as np
@@ -55,7 +56,7 @@ def load_effects(path: str | PathLike[str]) -> tuple[str, ...]:
     for name in [n for n, kind in CATALOGUE.items() if kind.__module__ == module]:
         del CATALOGUE[name]  # the file was loaded before, and may have changed
     try:
-        _run(path.resolve(), module)
+        run_file(path.resolve(), module)
         names = tuple(name for name, kind in CATALOGUE.items() if kind.__module__ == module)
         if not names:
             raise InvalidInput(f"{path.name} holds no effect: expected a class with @sysid.register before it")
@@ -73,8 +74,8 @@ class _Loader(SourceFileLoader):
         """Nothing: no __pycache__ beside the user's file."""
 
 
-def _run(path: Path, name: str) -> None:
-    """Execute the file as a module of that name."""
+def run_file(path: Path, name: str) -> ModuleType:
+    """Execute a user's file as a module of that name. Raises InvalidInput, in one sentence, where it raises."""
     loader = _Loader(name, str(path))
     module = module_from_spec(ModuleSpec(name, loader, origin=str(path)))
     sys.modules[name] = module  # dataclasses look their module up
@@ -86,6 +87,7 @@ def _run(path: Path, name: str) -> None:
         raise InvalidInput(f"{path.name}, line {error.lineno}: {error.msg}") from None
     except BaseException as error:
         raise blamed(error) or InvalidInput(f"{path.name} raises {_described(error)}") from None
+    return module
 
 
 def blamed(error: BaseException) -> InvalidInput | None:
