@@ -1,0 +1,163 @@
+"""The experiment of the strategies from end to end, in the small: rounds, an interruption, tables, figure, page."""
+
+import csv
+import dataclasses
+import io
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from policies import Population, SACSettings
+from policies.environments.randomization import Band
+from study.mismatch.ground_truth import PRIOR
+from study.mismatch.mismatch_results import Designed, Trained
+from study.mismatch.plan import PLAIN
+from study.pipeline.experiment import run
+from study.pipeline.settings import RunOptions
+from study.strategies.experiment import OPTIMUM
+from study.strategies.findings import findings_of
+from study.strategies.on_plant import GoesOnLearning, _read, _write, networks_of
+from study.strategies.plan import PLANS, StrategiesPlan
+from study.strategies.sentences import sentences
+from study.strategies.strategies_results import Step
+from sysid import InvalidInput
+from tests.study.inline import Inline
+
+TINY = dataclasses.replace(
+    PLANS["strategies-smoke"], name="tiny", plants=(PLAIN,), sensings=("encoder",), budgets=(0, 2, 5), described=2,
+    strategies=("prior", "point", "cross_entropy", "fine_tuning", "scratch"), steps=120, random_steps=40, batch=8,
+    in_rounds=2, contrasts=(("cross_entropy", "point"), ("fine_tuning", "point")),
+)  # fmt: skip
+
+
+class Stops(Inline):
+    """Is interrupted before the task of that number."""
+
+    def __init__(self, last):
+        super().__init__()
+        self.last = last
+
+    def execute(self, tasks, heard):
+        for task in tasks:
+            if len(self.tasks) == self.last:
+                raise KeyboardInterrupt
+            super().execute([task], heard)
+
+
+def attempt(folder, executor, plan=TINY):
+    said = io.StringIO()
+    console = Console(file=said, width=200)
+    with plan.experiment(RunOptions(folder)) as experiment:
+        run(experiment, executor, console)
+        experiment.publish(console)
+    return said.getvalue()
+
+
+def cases(folder):
+    with (folder / "cases.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    folder, executor = tmp_path_factory.mktemp("undisturbed"), Inline()
+    return folder, attempt(folder, executor), executor.tasks
+
+
+def test_an_experiment_ends_with_answers_tables_figure_and_page(undisturbed):
+    folder, said, tasks = undisturbed
+    assert "How many rollouts does it take?" in said and "What is the best return worth that was seen?" in said
+    assert len(cases(folder)) == len(TINY.cases)
+    assert (folder / "returns.png").read_bytes().startswith(b"\x89PNG")
+    page = (folder / "report.html").read_text()
+    assert "Rollouts to within 5 % of the optimum" in page and "Vuong 2019" in page
+    names = [key for task in tasks if hasattr(task, "keys") for key in task.keys]
+    assert len(names) == len(set(names))  # no agent is trained twice
+    best = {row["strategy"]: row["best_anew"] for row in cases(folder)}
+    assert best["cross_entropy"] and not best["point"]
+
+
+def test_simulated_steps_are_counted_and_real_ones_are_not(undisturbed):
+    by = {(row["strategy"], row["n"]): float(row["simulated"]) for row in cases(undisturbed[0])}
+    assert by["point", "2"] == by["prior", "0"] == by["fine_tuning", "5"] == TINY.steps
+    assert by["scratch", "5"] == 0.0
+    assert by["cross_entropy", "5"] == 6 * TINY.steps
+
+
+@pytest.mark.parametrize("last", [1, 4])
+def test_an_interrupted_experiment_comes_to_the_same_numbers(undisturbed, tmp_path, last):
+    with pytest.raises(KeyboardInterrupt):
+        attempt(tmp_path, Stops(last))
+    rest = Inline()
+    attempt(tmp_path, rest)
+    assert cases(tmp_path) == cases(undisturbed[0])
+    assert len(rest.tasks) == len(undisturbed[2]) - last
+
+
+def test_a_folder_of_other_strategies_is_refused(undisturbed):
+    with pytest.raises(InvalidInput, match="holds results of other settings of preset 'tiny'"):
+        attempt(undisturbed[0], Inline(), TINY.with_strategies(["prior", "point"]))
+
+
+def test_an_agent_that_goes_on_learning_begins_with_what_it_had(tmp_path):
+    settings, drawn = SACSettings(hidden=(8, 8), steps=60, batch=8, random_steps=20), [Band({"m": 1.0, "l": 1.0})] * 2
+    trained = Population(PRIOR, drawn, [1, 2], settings, history=4)
+    trained.train(60)
+    later = GoesOnLearning(PRIOR, drawn, [7, 8], settings, history=4)
+    for a in range(2):
+        _write(tmp_path / f"{a}.npz", networks_of(trained, a))
+        _read(tmp_path / f"{a}.npz", networks_of(later, a))
+    for one, other in zip(trained.policies(), later.policies(), strict=True):
+        for (W, b), (V, c) in zip(one.layers, other.layers, strict=True):
+            assert np.array_equal(W, V) and np.array_equal(b, c)
+    for name, leaf in networks_of(trained, 1).items():
+        assert np.array_equal(leaf, networks_of(later, 1)[name]), name
+    before = networks_of(later, 0)["critic0"].clone()
+    later.train(20)  # its own actions, no update yet
+    assert np.array_equal(before, networks_of(later, 0)["critic0"])
+    later.train(20)
+    assert not np.array_equal(before, networks_of(later, 0)["critic0"])
+
+
+def invented(returns, optimum=-100.0):
+    """Findings of returns (strategy, n) -> one a seed."""
+    seeds = (1, 2, 3, 4)
+    plan = StrategiesPlan(
+        "invented", (PLAIN,), ("encoder",), ("point", "cross_entropy"), (5, 10, 25),
+        (("cross_entropy", "point"),), (5, 10, 25), seeds, in_rounds=4, described=4,
+    )  # fmt: skip
+    steps, trained = [], []
+    for case in plan.cases:
+        key, best = f"{case.strategy}-{case.n}-{case.seed}", f"best-{case.n}-{case.seed}"
+        compares = case.strategy == "cross_entropy"
+        answer = {"deployed": key, "best": best if compares else None, "observed": -90.0 if compares else None,
+                  "rollouts": case.n, "trained": 1, "on_plant": 0, "simulated": 7}  # fmt: skip
+        steps.append(Step(*case, 0, {"setups": {}, "learn": None, "answer": answer}, 3600.0))
+        worth = returns[case.strategy, case.n] + 0.1 * case.seed
+        trained.append(Trained(key, {"plain": (worth, worth)}, (), {}, 0.0))
+        if compares:
+            trained.append(Trained(best, {"plain": (-140.0,)}, (), {}, 0.0))
+    designs = [Designed("plain", OPTIMUM, seed, (optimum,), 0.0) for seed in seeds]
+    return plan, steps, trained, designs
+
+
+def test_what_is_found_is_what_was_put_in():
+    returns = {("point", 5): -104.5, ("point", 10): -120.0, ("point", 25): -103.0,
+               ("cross_entropy", 5): -160.0, ("cross_entropy", 10): -130.0, ("cross_entropy", 25): -104.0}  # fmt: skip
+    found = findings_of(*invented(returns))
+    # the budget from which on it stays: five rollouts were luck
+    assert found.arrived("plain", "encoder", "point") == 25
+    assert found.arrived("plain", "encoder", "cross_entropy") == 25
+    assert [c.contrast.mean for c in found.compared] == pytest.approx([-55.5, -10.0, -1.0])
+    outcome = found.line("plain", "encoder", "cross_entropy")[10]
+    assert outcome.anew == pytest.approx(-140.0) and outcome.simulated[0] == 30_007
+    told = dict(sentences(found))
+    assert "SimOpt" not in str(told)
+    assert "3 contrasts" in told["Which strategy beats the point estimate?"]
+
+
+def test_an_unfinished_experiment_has_no_findings():
+    plan, steps, trained, designs = invented({(s, n): -100.0 for s in ("point", "cross_entropy") for n in (5, 10, 25)})
+    with pytest.raises(InvalidInput, match="1 of 24 cases are not done"):
+        findings_of(plan, steps[1:], trained, designs)
