@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from policies import Population
+from policies import Population, SACPopulation
 from policies.environments.randomization import Randomization, from_json
 from policies.evaluation import batch_returns, fresh_start_states
 from study.mismatch.ground_truth import OUT_OF_CATALOGUE, ground_truth
@@ -188,7 +188,7 @@ class MismatchPopulation(PopulationTask):
         setups = [training_setup_of(agent.setup) for agent in self.agents]
         drawn, seeds = [setup.drawn for setup in setups], [agent.seed for agent in self.agents]
         machine = together(setups, self.device)
-        return Population(machine, drawn, seeds, sac_settings(self.plan), self.device, self.plan.history)
+        return SACPopulation(machine, drawn, seeds, sac_settings(self.plan), self.device, self.plan.history)
 
     def answers(self, population: Population, seconds: float) -> list[Trained]:
         """The trained agents on the hidden plants, in order."""

@@ -278,28 +278,28 @@ def test_a_policy_is_replaced_only_when_asked(models, policy, tmp_path, run):
 
 
 def test_a_training_that_is_stopped_writes_nothing(models, tmp_path, run, monkeypatch):
-    from policies.training.population import Population
+    from policies.training.sac_population import SACPopulation
 
     def stopped(self, steps):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Population, "train", stopped)
+    monkeypatch.setattr(SACPopulation, "train", stopped)
     code, _, complaint = run("train", models / "paper.json", "-o", tmp_path / "policy", *TINY)
     assert (code, complaint) == (130, "stopped\n")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_what_was_stopped_goes_on_and_not_as_another_training(models, tmp_path, run, monkeypatch):
-    from policies.training.population import Population
+    from policies.training.sac_population import SACPopulation
 
     def stopped(self, steps):
         go_on(self, steps)
         raise KeyboardInterrupt
 
-    go_on, folder = Population.train, tmp_path / "policy"
-    monkeypatch.setattr(Population, "train", stopped)
+    go_on, folder = SACPopulation.train, tmp_path / "policy"
+    monkeypatch.setattr(SACPopulation, "train", stopped)
     assert run("train", models / "paper.json", "-o", folder, *TINY)[0] == 130
-    monkeypatch.setattr(Population, "train", go_on)
+    monkeypatch.setattr(SACPopulation, "train", go_on)
     before = (folder / CHECKPOINT).read_bytes()
     for words, complaint in ((("--loss", "sac"), "a checkpoint with loss = fast"), (("--seed", 1), "with seeds = [0]")):
         code, _, complained = run("train", models / "paper.json", "-o", folder, *TINY, *words)

@@ -7,9 +7,9 @@ import pytest
 
 from policies.environments.randomization import Band, Fixed
 from policies.evaluation import evaluate, fresh_start_states
-from policies.training.population import Population
 from policies.training.program import CHOICE, settings_for, train
 from policies.training.sac import SACSettings
+from policies.training.sac_population import SACPopulation
 from study.paper.protocol import paper_model
 from sysid import Delay, InvalidInput, Model, RodPendulum
 
@@ -23,7 +23,7 @@ def returns_of(said):
 def test_the_best_by_its_own_start_states_is_kept_and_the_curve_is_heard():
     model, heard = paper_model(0.3, 0.6), []
     training = train(model, Fixed(), SHORT, [0, 1, 2], 1, lambda *said: heard.append(said))
-    population = Population(model, [Fixed()] * 3, [0, 1, 2], SHORT, history=1)
+    population = SACPopulation(model, [Fixed()] * 3, [0, 1, 2], SHORT, history=1)
     population.train(430)
     starts = fresh_start_states(0, CHOICE, block=1)
     returns = [evaluate(policy, model, *starts).mean for policy in population.policies()]
@@ -65,11 +65,11 @@ def test_a_training_that_is_stopped_goes_on_with_the_same_numbers(tmp_path, monk
         if population.steps_done >= 240:
             raise KeyboardInterrupt
 
-    go_on = Population.train
-    monkeypatch.setattr(Population, "train", stops)
+    go_on = SACPopulation.train
+    monkeypatch.setattr(SACPopulation, "train", stops)
     with pytest.raises(KeyboardInterrupt):
         train(model, Fixed(), SHORT, [0, 1], checkpoint=file)
-    monkeypatch.setattr(Population, "train", go_on)
+    monkeypatch.setattr(SACPopulation, "train", go_on)
     with pytest.raises(InvalidInput, match="is a checkpoint with loss = fast; this population has loss = sac"):
         train(model, Fixed(), dataclasses.replace(SHORT, loss="sac"), [0, 1], checkpoint=file)
     resumed = train(model, Fixed(), SHORT, [0, 1], checkpoint=file)
