@@ -34,6 +34,11 @@ OPERATIONS = 200.0
 """About how many numbers a pendulum's step leaves for the way back."""
 
 
+FIRST_ACTIONS = 0.1
+"""Share of their usual size that the policy's last weights begin with: a large action is one that tanh has cut off, and
+its gradient is nothing."""
+
+
 @dataclass(frozen=True)
 class SHACSettings:
     """How agents train through the model.
@@ -123,6 +128,8 @@ class SHACLoss(LossModule):
             for leaves in (self.actor_leaves, self.value_leaves):
                 for leaf, numbers in zip(leaves, linear_init(rng, sizes), strict=True):
                     leaf[a].copy_(torch.from_numpy(numbers))
+        for leaf in self.actor_leaves[-2:]:
+            leaf.mul_(FIRST_ACTIONS)
         torch._foreach_copy_(self.target_leaves, self.value_leaves)
 
     def act(self, tensordict: TensorDictBase) -> TensorDictBase:
@@ -141,9 +148,13 @@ class SHACLoss(LossModule):
         reward = after.get("reward").squeeze(-1)
         steps = reward.shape[-1]
         discounts = gamma ** torch.arange(steps, dtype=reward.dtype, device=reward.device)
-        final = _answers(after.get("observation")[..., -1, :], [leaf.detach() for leaf in self.target_leaves])
+        final = self.value_after(after.get("observation")[..., -1, :])
         gained = self.settings.reward_scale * (reward @ discounts) + gamma**steps * final
         return -gained.mean(1).sum() / steps
+
+    def value_after(self, observation: Tensor) -> Tensor:
+        """V' (A, ...) of observations (A, ..., O)."""
+        return _answers(observation, [leaf.detach() for leaf in self.target_leaves])
 
     def actor_gradients(self, window: TensorDictBase) -> list[Tensor]:
         """Of L_actor, for `actor_leaves`; an agent's is no longer than gradient_norm; inf and nan stay."""
@@ -159,7 +170,7 @@ class SHACLoss(LossModule):
         target = td_lambda_return_estimate(
             settings.gamma,
             settings.decay,
-            _answers(after.get("observation"), self.target_leaves).unsqueeze(-1),
+            self.value_after(after.get("observation")).unsqueeze(-1),
             settings.reward_scale * after.get("reward"),
             after.get("done"),
             after.get("terminated"),
