@@ -73,6 +73,18 @@ class TrainedPolicy:
     seconds: float
 
 
+def population_of(
+    model: Model,
+    randomizations: Sequence[Randomization],
+    seeds: Sequence[int],
+    settings: TrainingSettings,
+    device: str = "cpu",
+    history: int = 0,
+) -> Population:
+    """Agents before their first step, of the algorithm that the settings belong to."""
+    return POPULATIONS[settings.algorithm](model, randomizations, seeds, settings, device, history)
+
+
 def settings_for(
     model: Model,
     hidden: Sequence[int] = (64, 64),
@@ -119,7 +131,7 @@ def train(
     has its own. Raises InvalidInput where the numbers run away, and for a checkpoint of another training.
     """
     begin = time.monotonic()
-    population = POPULATIONS[settings.algorithm](model, [randomization] * len(seeds), seeds, settings, history=history)
+    population = population_of(model, [randomization] * len(seeds), seeds, settings, history=history)
     if checkpoint is not None and checkpoint.exists():
         population.resume(checkpoint)
     try:
