@@ -14,6 +14,7 @@ PLACES = {
     "prior": "identified:Prior",
     "prior_range": "identified:WholePriorRange",
     "point": "identified:PointEstimate",
+    "grid": "identified:GridEstimate",
     "band": "identified:RelativeBand",
     "posterior": "identified:PosteriorOfFit",
     "designed": "identified:DesignedExcitation",

@@ -74,6 +74,15 @@ class PointEstimate(Identified):
     made: ClassVar[StrategyKey] = StrategyKey.FITTED
 
 
+class GridEstimate(Identified):
+    """The paper's grid search for m and l, over single steps of the same readings."""
+
+    short: ClassVar[str] = "paper's grid"
+    source: ClassVar[str] = "the paper"
+    needs_angle: ClassVar[bool] = True
+    made: ClassVar[StrategyKey] = StrategyKey.GRID
+
+
 class RelativeBand(Identified):
     """The point estimate with a band of +- 30 % about it: the paper's randomization."""
 

@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 import numpy as np
 import torch
 
-from policies import Population
+from policies import Population, SACPopulation
 from policies.environments import task
 from policies.environments.randomization import Fixed
 from policies.evaluation import batch_returns, fresh_start_states
@@ -34,7 +34,7 @@ WARM_UP = 200
 """Steps before the first update of an agent that goes on learning: an episode, with its own actions."""
 
 
-def networks_of(population: Population, a: int) -> dict[str, torch.Tensor]:
+def networks_of(population: SACPopulation, a: int) -> dict[str, torch.Tensor]:
     """Actor, critics, targets and temperature of agent a, as they stand in the population."""
     loss = population.loss
     leaves = {f"actor{i}": leaf[a] for i, leaf in enumerate(loss.actor_leaves)}
@@ -43,7 +43,7 @@ def networks_of(population: Population, a: int) -> dict[str, torch.Tensor]:
     return {name: leaf.detach() for name, leaf in {**leaves, "log_alpha": loss.log_alpha[a]}.items()}
 
 
-class GoesOnLearning(Population):
+class GoesOnLearning(SACPopulation):
     """A population whose first steps, before any update, take its own actions and not uniform ones."""
 
     def _explore(self) -> None:
@@ -55,7 +55,7 @@ class GoesOnLearning(Population):
 class StrategyPopulation(MismatchPopulation):
     """Agents of one structure, some of whose networks are kept."""
 
-    def answers(self, population: Population, seconds: float) -> list[Trained]:
+    def answers(self, population: Any, seconds: float) -> list[Trained]:
         (self.folder / NETWORKS).mkdir(exist_ok=True)
         for a, key in enumerate(self.keys):
             if key.endswith(CRITICS):
@@ -117,7 +117,7 @@ class PlantPopulation(PopulationTask):
         settings = sac_settings(self.settings)
         if not self.agents[0].start:
             settings = dataclasses.replace(settings, random_steps=min(settings.random_steps, settings.steps // 2))
-            return Population(model, drawn, seeds, settings, self.device, self.plan.history)
+            return SACPopulation(model, drawn, seeds, settings, self.device, self.plan.history)
         settings = dataclasses.replace(settings, random_steps=WARM_UP)
         population = GoesOnLearning(model, drawn, seeds, settings, self.device, self.plan.history)
         for a, agent in enumerate(self.agents):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from policies import Population, SACSettings
+from policies import SACPopulation, SACSettings
 from policies.environments.randomization import Band
 from study.mismatch.ground_truth import PRIOR
 from study.mismatch.mismatch_results import Designed, Trained
@@ -102,7 +102,7 @@ def test_a_folder_of_other_strategies_is_refused(undisturbed):
 
 def test_an_agent_that_goes_on_learning_begins_with_what_it_had(tmp_path):
     settings, drawn = SACSettings(hidden=(8, 8), steps=60, batch=8, random_steps=20), [Band({"m": 1.0, "l": 1.0})] * 2
-    trained = Population(PRIOR, drawn, [1, 2], settings, history=4)
+    trained = SACPopulation(PRIOR, drawn, [1, 2], settings, history=4)
     trained.train(60)
     later = GoesOnLearning(PRIOR, drawn, [7, 8], settings, history=4)
     for a in range(2):
