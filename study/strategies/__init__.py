@@ -6,8 +6,11 @@ session      a strategy's dialogue with plant and training, as far as there are 
 
 The strategies:
     identified       identify, then train once; mended by this project's diagnosis
+    simopt, auto_tuned, dropo, bayes_sim      adapt what is trained on; readings: states and summaries of rollouts
+    candidates       compare returns (BayRn by gaussian_process, cross-entropy method); learning: on the plant itself
 
 The experiment:
     plan, experiment rounds of dialogues and populations; strategies_results: what is kept
     on_plant         populations that learn on the plant itself
+    findings         what came out; sentences, figures, report: how it is told
 """

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from policies.environments import task
 from policies.environments.randomization import Mixture
 from study.mismatch.trainings import TrainingSetup
-from study.strategies.readings import smooth, summary
+from study.strategies.readings import read, reads_angles, smooth, summary
 from study.strategies.strategy import Dialogue, Play, Situation, Strategy
 from sysid import Record, simulate
 
@@ -46,15 +46,14 @@ class BayesSim(Strategy):
     def spend(self, situation: Situation) -> Dialogue:
         records = yield Play(situation.budget)
         drawn = self.posterior(situation, records)
-        alternatives = tuple(dict(zip(situation.names, row, strict=True)) for row in drawn.tolist())
-        return TrainingSetup(situation.prior, Mixture(alternatives))
+        return TrainingSetup(situation.prior, Mixture(tuple(map(situation.named, drawn))))
 
     def posterior(self, situation: Situation, records: Sequence[Record]) -> Array:
         """Draws (D, P) of the parameters given the records, within their bounds."""
         low, high = situation.bounds.T
         values = situation.rng.uniform(low, high, (self.simulations, len(low)))
-        seen = np.mean([self.statistics(situation, r.u, r.theta, r.theta_dot) for r in records], axis=0)
-        whole = len(records[0].theta) > 1
+        seen = np.mean([statistics(situation, r.u, r.theta, r.theta_dot) for r in records], axis=0)
+        whole = reads_angles(records[0].theta)
         simulated = self._simulated(situation, values, [len(r.u) for r in records], whole)
         network = DensityNetwork(self.components, self.width, self.epochs)
         network.fit(simulated, (values - low) / (high - low), situation.rng)
@@ -64,22 +63,21 @@ class BayesSim(Strategy):
 
     def _simulated(self, situation: Situation, values: Array, lengths: Sequence[int], whole: bool) -> Array:
         """Statistics (S, F) of as many rollouts of every set of parameters as there are real ones."""
-        total, rng, sensor, model = 0.0, situation.rng, situation.sensor, situation.model(values)
+        total, rng, model = 0.0, situation.rng, situation.model(values)
         for steps in lengths:
             u = rng.uniform(-situation.prior.u_max, situation.prior.u_max, (len(values), steps))
             theta, theta_dot = np.array([task.start_state(rng) for _ in values]).T
             run = simulate(model, u, theta, theta_dot)
             situation.simulated += u.size
-            theta = run.theta if whole else run.theta[:, :1]
-            theta = theta + (sensor.theta or 0.0) * rng.standard_normal(theta.shape)
-            theta_dot = run.theta_dot + (sensor.theta_dot or 0.0) * rng.standard_normal(run.theta_dot.shape)
-            total = total + self.statistics(situation, u, theta, theta_dot) / len(lengths)
+            seen = read(run.theta, run.theta_dot, situation.sensor, whole, rng)
+            total = total + statistics(situation, u, *seen) / len(lengths)
         return np.asarray(total)
 
-    def statistics(self, situation: Situation, u: Array, theta: Array, theta_dot: Array) -> Array:
-        """Of readings (..., N+1), smoothed; the angles enter where they were read all the time."""
-        angle, speed = smooth(theta, theta_dot, situation.sensor, situation.prior.dt)
-        return summary(u, speed, angle if theta.shape[-1] > 1 else None)
+
+def statistics(situation: Situation, u: Array, theta: Array, theta_dot: Array) -> Array:
+    """Of readings (..., N+1) under torques (..., N), smoothed; angles enter where they were read all the time."""
+    angle, speed = smooth(theta, theta_dot, situation.sensor, situation.prior.dt)
+    return summary(u, speed, angle if reads_angles(theta) else None)
 
 
 class DensityNetwork:

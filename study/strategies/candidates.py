@@ -31,7 +31,7 @@ def band(situation: Situation, x: Array) -> TrainingSetup:
     """What a candidate trains on."""
     low, high = situation.bounds.T
     x = np.clip(np.round(x, DIGITS), 0.0, 1.0)
-    center = dict(zip(situation.names, (low + x[:-1] * (high - low)).tolist(), strict=True))
+    center = situation.named(low + x[:-1] * (high - low))
     return TrainingSetup(situation.prior, Band(center, WIDEST * float(x[-1])))
 
 

@@ -21,6 +21,7 @@ PLACES = {
     "mended": "identified:MendedModel",
     "random_force": "identified:RandomForce",
     "simopt": "simopt:SimOpt",
+    "auto_tuned": "auto_tuned:AutoTuned",
     "dropo": "dropo:Dropo",
     "bayes_sim": "bayes_sim:BayesSim",
     "bayrn": "candidates:BayRn",

@@ -8,10 +8,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from policies.environments.randomization import Posterior
-from study.mismatch.trainings import TrainingSetup
 from study.strategies.extras import required
 from study.strategies.readings import REACH, smoothed, smoothing_covariance
+from study.strategies.simopt import setup_of
 from study.strategies.strategy import Dialogue, Play, Situation, Strategy
 from sysid import Record, simulate
 
@@ -54,8 +53,7 @@ class Dropo(Strategy):
     def spend(self, situation: Situation) -> Dialogue:
         records = yield Play(situation.budget)
         mean, sd = self.distribution(situation, records)
-        rows = tuple(map(tuple, np.diag(sd**2).tolist()))
-        return TrainingSetup(situation.prior, Posterior(situation.names, tuple(mean.tolist()), rows))
+        return setup_of(situation, mean, np.diag(sd**2))
 
     def distribution(self, situation: Situation, records: list[Record]) -> tuple[Array, Array]:
         """mu (P,) and sigma (P,)."""

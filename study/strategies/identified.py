@@ -34,8 +34,7 @@ class Prior(Strategy):
     most: ClassVar[int] = 0
 
     def spend(self, situation: Situation) -> Dialogue:
-        believed = dict(zip(situation.names, situation.believed.tolist(), strict=True))
-        return TrainingSetup(situation.prior, Band(believed))
+        return TrainingSetup(situation.prior, Band(situation.named(situation.believed)))
         yield  # a generator that asks for nothing
 
 

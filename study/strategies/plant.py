@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from policies.environments import task
 from policies.evaluation import Policy, rollout
+from study.strategies.readings import read
 from study.strategies.strategy import Play, Tried
 from sysid import InvalidInput, Model, Record, Sensor, State, simulate
 
@@ -65,9 +66,4 @@ class Plant:
 
     def _read(self, u: Array, theta: Array, theta_dot: Array, rng: np.random.Generator) -> Record:
         t = self.model.dt * np.arange(len(u) + 1)
-        known = theta if self.whole else theta[:1]
-        return Record(
-            t, u,
-            known + (self.sensor.theta or 0.0) * rng.standard_normal(len(known)),
-            theta_dot + (self.sensor.theta_dot or 0.0) * rng.standard_normal(len(t)),
-        )  # fmt: skip
+        return Record(t, u, *read(theta, theta_dot, self.sensor, self.whole, rng))

@@ -28,7 +28,7 @@ def smooth(theta: Array, theta_dot: Array, sensor: Sensor, dt: float) -> tuple[A
     Least squares with the weights of the sensor's errors. Where the angle was read at the start alone, it is that plus
     the integral of the speed.
     """
-    count, whole = theta_dot.shape[-1], theta.shape[-1] > 1
+    count, whole = theta_dot.shape[-1], reads_angles(theta)
     of_angles, of_speeds = _operators(count, round(dt, 9), sensor.theta if whole else None, sensor.theta_dot)
     if whole:
         angle, speed = (theta @ of_angles[i].T + theta_dot @ of_speeds[i].T for i in (0, 1))
@@ -70,6 +70,18 @@ def _projector(before: int, after: int, dt: float, theta: float | None, theta_do
     weight = np.concatenate([np.full(len(s), 1.0 / sd) for _, sd in rows])
     solved = np.linalg.pinv(np.concatenate([own / sd for own, sd in rows]))
     return (solved * weight)[:2], (solved @ solved.T)[:2, :2]
+
+
+def read(theta: Array, theta_dot: Array, sensor: Sensor, whole: bool, rng: np.random.Generator) -> tuple[Array, Array]:
+    """What a sensor makes of states (..., N+1): angles all the time if `whole`, or else at the start alone, speeds."""
+    angle = theta if whole else theta[..., :1]
+    first = angle + (sensor.theta or 0.0) * rng.standard_normal(angle.shape)
+    return first, theta_dot + (sensor.theta_dot or 0.0) * rng.standard_normal(theta_dot.shape)
+
+
+def reads_angles(theta: Array) -> bool:
+    """Whether readings of the angle (..., N+1) are more than that of the start (..., 1)."""
+    return theta.shape[-1] > 1
 
 
 def summary(u: Array, theta_dot: Array, theta: Array | None = None) -> Array:

@@ -13,7 +13,7 @@ from scipy.optimize import minimize_scalar
 from policies.environments.randomization import Posterior
 from policies.evaluation import rollout
 from study.mismatch.trainings import TrainingSetup
-from study.strategies.readings import smoothed
+from study.strategies.readings import reads_angles, smoothed
 from study.strategies.strategy import Agent, Dialogue, Situation, Strategy, Train, Tried, Try
 
 Array = NDArray[np.float64]
@@ -50,8 +50,7 @@ class SimOpt(Strategy):
     def spend(self, situation: Situation) -> Dialogue:
         mean, bounds = situation.believed, situation.bounds
         covariance = np.diag((self.sd * (bounds[:, 1] - bounds[:, 0])) ** 2)
-        rounds = min(self.rounds, situation.budget)
-        for share in (len(own) for own in np.array_split(np.arange(situation.budget), rounds)):
+        for share in situation.rounds(self.rounds):
             (agent,) = yield Train((setup_of(situation, mean, covariance),))
             tried = yield Try(agent, share, at_rest=False)
             for _ in range(self.steps):
@@ -69,7 +68,7 @@ class SimOpt(Strategy):
             starts = np.full(len(drawn), theta[0]), np.full(len(drawn), theta_dot[0])
             seen = rollout(agent.policy, situation.model(drawn), *starts, horizon=len(theta))
             situation.simulated += seen.u.size
-            whole = record.theta is not None and len(record.theta) > 1
+            whole = reads_angles(record.theta)
             off = observed(seen.theta, seen.theta_dot, whole) - observed(theta[:, None], theta_dot[:, None], whole)
             off = gaussian_filter1d(off, self.blur, axis=1)
             found += np.mean(np.abs(off) + off**2, axis=(0, 1)) / len(tried.records)

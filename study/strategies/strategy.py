@@ -138,6 +138,14 @@ class Situation:
         """The prior's own values (P,)."""
         return np.array([float(self.prior.parameters[name].value) for name in self.names])
 
+    def named(self, values: Array) -> dict[str, float]:
+        """Values (P,) by name."""
+        return dict(zip(self.names, values.tolist(), strict=True))
+
+    def rounds(self, most: int) -> list[int]:
+        """How many rollouts each of at most so many rounds has."""
+        return [len(own) for own in np.array_split(np.arange(self.budget), min(most, self.budget))]
+
     def model(self, values: Array) -> Model:
         """The prior's model at values (..., P)."""
         values = np.asarray(values)

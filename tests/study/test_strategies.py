@@ -26,6 +26,7 @@ OWN = f"{ROOT / 'examples' / 'own_strategy.py'}:TestedBand"
 ELSEWHERE = dataclasses.replace(paper_model(m=1.5, l=1.2), integrator=PRIOR.integrator)
 LIGHT = {
     "bayes_sim": {"simulations": 40, "epochs": 5, "draws": 10},
+    "auto_tuned": {"simulations": 20, "steps": 2},
     "simopt": {"samples": 20, "steps": 1},
     "dropo": {"evaluations": 20, "transitions": 20},
 }

@@ -9,7 +9,8 @@ import pytest
 from policies.evaluation import rollout
 from study.mismatch.ground_truth import PRIOR, machine
 from study.paper.protocol import paper_model
-from study.strategies.bayes_sim import BayesSim, DensityNetwork
+from study.strategies.auto_tuned import AutoTuned
+from study.strategies.bayes_sim import BayesSim, DensityNetwork, statistics
 from study.strategies.candidates import CrossEntropy
 from study.strategies.identified import designed
 from study.strategies.plant import SENSORS, Plant
@@ -20,6 +21,10 @@ from sysid import Record, fit, simulate
 
 ELSEWHERE = dataclasses.replace(paper_model(m=1.5, l=1.2), integrator=PRIOR.integrator)
 """A plant inside the family, and none of the experiment's."""
+
+
+def swing(state, t):
+    return 2.0 * np.sign(state.theta_dot)
 
 
 def situation(budget=5, sensing="encoder", seed=1):
@@ -53,10 +58,6 @@ def test_returns_that_are_all_the_same_move_nothing():
 
 def test_simopt_moves_to_the_parameters_of_the_plant():
     """Under one policy, from the distribution about the prior: three rounds, as a dialogue makes them."""
-
-    def swing(state, t):
-        return 2.0 * np.sign(state.theta_dot)
-
     rng, own, strategy = np.random.default_rng(3), situation(), SimOpt()
     seen = rollout(swing, ELSEWHERE, rng.uniform(-3, 3, 4), rng.uniform(-1, 1, 4))
     rows = [a.T for a in (seen.u[:-1], seen.theta, seen.theta_dot)]
@@ -184,3 +185,17 @@ def test_a_summary_tells_the_gain_of_a_torque():
     gain = np.array([0.1, 0.2, 0.4])[:, None]
     speed = np.concatenate([np.zeros((3, 1)), np.cumsum(gain * u, axis=1)], axis=1)
     assert summary(u, speed)[:, 2] == pytest.approx(gain[:, 0] * 4.0 / 3.0, rel=0.05)
+
+
+def test_the_search_of_auto_tuned_transfer_knows_too_high_from_too_low():
+    """Under one policy: the network's odds rise with the candidate, and the search ends near the plant's parameters."""
+    own, strategy = situation(), AutoTuned(simulations=600)
+    network = strategy.taught(own, *strategy.episodes(own, swing, whole=True))
+    records = Plant(ELSEWHERE, "encoder", 8, seed=3).run(swing, 8, at_rest=False).records
+    seen = np.array([statistics(own, r.u, r.theta, r.theta_dot) for r in records])
+    odds = [np.mean(network.odds(seen, np.full((8, 2), x)), axis=0) for x in (0.05, 0.35, 0.95)]
+    assert np.all(np.diff(odds, axis=0) > 0.0)
+    assert np.all(odds[0] < 0.2) and np.all(odds[2] > 0.8)
+    found = strategy.searched(network, seen, own.believed, own.bounds)
+    assert found[1] == pytest.approx(1.2, abs=0.1)
+    assert abs(found[0] - 1.5) < 0.5
