@@ -1,8 +1,9 @@
-"""Return over what was spent: real rollouts above, simulated steps below, a panel a plant, a line a strategy."""
+"""Return over what was spent: real rollouts, a row a group of strategies, and simulated steps."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,91 +12,150 @@ from matplotlib.lines import Line2D
 
 from study.figure_style import ACCENT, beside, panel_title
 from study.formatting import number
+from study.mismatch.plan import HiddenPlant
 from study.strategies.catalogue import strategy_class
 from study.strategies.findings import Outcome, StrategiesFindings
+from study.strategies.plan import BASELINE
 
-INKS = {"nothing": "0.45", "identified": "#0072B2", "adapted": "#D55E00", "compared": "#009E73", "plant": "#CC79A7"}
-"""Of the groups of strategies (Okabe and Ito)."""
+GROUPS = {
+    "identified": "identified",
+    "adapted": "adapted distributions",
+    "compared": "compared returns",
+    "plant": "learned on the plant",
+}
+"""A row of panels each; those that spend nothing are in all of them."""
 
-MARKS = "osD^vPX<>*"
-"""Of the strategies within a group."""
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#7F3C8D")
+"""Of the strategies of a group (Okabe and Ito)."""
 
-LOWEST = 2.2
+MARKS = "osD^vPX"
+
+LOWEST = 2.0
 """What returns less than so many times the optimum is an arrow at the lower edge."""
+
+ENOUGH = 3
+"""Seeds from which an interval is drawn."""
 
 SENSED = {"encoder": "angle and speed read", "speed": "speed read"}
 
+Look = dict[str, Any]
+
 
 def strategy_lines(findings: StrategiesFindings) -> Figure:
-    """Mean returns with 95 % intervals over seeds; hollow: the best candidate so far, evaluated anew."""
-    places = findings.plan.places
-    figure = Figure(figsize=(2.6 + 3.6 * len(places), 8.2), layout="constrained")
-    rows = figure.subplots(2, len(places), squeeze=False, sharey="col")
-    looks = _looks(findings.plan.strategies)
-    for (plant, sensing), upper, lower in zip(places, *rows, strict=True):
-        optimum = findings.optimum(plant.name)
-        upper.set_ylim(LOWEST * optimum, optimum + 0.06 * abs(optimum))
-        panel_title(upper, plant.title, SENSED[sensing], fontsize=10.0)
-        shown = sorted({0, *findings.plan.budgets})
-        for k, (strategy, (ink, mark)) in enumerate(looks.items()):
-            aside = 0.5 * (k / max(1, len(looks) - 1) - 0.5)
-            line = findings.line(plant.name, sensing, strategy)
-            style = {"color": ink, "marker": mark, "markersize": 5.0}
-            _line(upper, [(shown.index(n) + aside, o) for n, o in line.items()], style, bars=True)
-            _line(lower, [(float(np.mean(o.simulated)), o) for o in line.values()], style, bars=False)
-        upper.set_xticks(range(len(shown)), [str(n) for n in shown])
-        lower.set_xscale("log")
-        for axes in (upper, lower):
-            axes.axhline(optimum, color=ACCENT, linewidth=1.1, zorder=1)
-            axes.grid(axis="y", color="0.93", linewidth=0.8)
-            axes.set_axisbelow(True)
-        beside(upper, f"optimum {number(optimum)}", (1.0, optimum), (-4, 6), ha="right", color=ACCENT, fontsize=8.5,
-               xycoords=upper.get_yaxis_transform())  # fmt: skip
-        upper.set_xlabel("real rollouts")
-        lower.set_xlabel("simulated steps")
-    for axes in rows[:, 0]:
-        axes.set_ylabel("return on the hidden plant")
-    _key(figure, looks)
+    """Mean returns over real rollouts, with 95 % intervals over seeds; hollow: the best candidate so far, evaluated
+    anew; grey: the point estimate and what spends nothing."""
+    plan = findings.plan
+    groups = [group for group in GROUPS if any(strategy_class(s).group == group for s in plan.strategies)]
+    figure = Figure(figsize=(3.4 + 3.0 * len(plan.places), 1.0 + 2.5 * len(groups)), layout="constrained")
+    rows = figure.subplots(len(groups), len(plan.places), squeeze=False, sharex=True, sharey="col")
+    for group, panels in zip(groups, rows, strict=True):
+        own = [s for s in plan.strategies if strategy_class(s).group == group]
+        for place, axes in zip(plan.places, panels, strict=True):
+            _panel(axes, findings, place, own)
+        panels[0].set_ylabel(f"{GROUPS[group]}\nreturn")
+        _beside_panels(figure, _legend(panels[-1], own))
+    for (plant, sensing), top, bottom in zip(plan.places, rows[0], rows[-1], strict=True):
+        panel_title(top, plant.title, SENSED[sensing], fontsize=10.0)
+        bottom.set_xticks(range(len(plan.budgets)), [str(n) for n in plan.budgets])
+        bottom.set_xlabel("real rollouts")
     return figure
 
 
-def _looks(strategies: Iterable[str]) -> dict[str, tuple[str, str]]:
-    """Colour and mark of each."""
-    count: dict[str, int] = {}
-    found = {}
-    for strategy in strategies:
-        group = strategy_class(strategy).group
-        k = count[group] = count.get(group, -1) + 1
-        found[strategy] = INKS[group], MARKS[k % len(MARKS)]
-    return found
+def _panel(axes: Axes, findings: StrategiesFindings, place: tuple[HiddenPlant, str], own: Sequence[str]) -> None:
+    _frame(axes, findings.optimum(place[0].name))
+    budgets = findings.plan.budgets
+    for strategy in findings.plan.strategies:
+        context = strategy == BASELINE or strategy_class(strategy).group == "nothing"
+        if strategy in own or context:
+            line = findings.line(place[0].name, place[1], strategy)
+            points = [(float(budgets.index(n)), outcome) for n, outcome in line.items()]
+            _line(axes, points, _look(own.index(strategy)) if strategy in own else _context(strategy))
 
 
-def _line(axes: Axes, points: list[tuple[float, Outcome]], style: dict[str, object], bars: bool) -> None:
+def _frame(axes: Axes, optimum: float) -> None:
+    axes.set_ylim(LOWEST * optimum, optimum + 0.08 * abs(optimum))
+    axes.axhline(optimum, color=ACCENT, linewidth=1.1, zorder=1)
+    beside(axes, number(optimum), (0.0, optimum), (3, 5), color=ACCENT, fontsize=8.0,
+           xycoords=axes.get_yaxis_transform())  # fmt: skip
+    axes.grid(axis="y", color="0.93", linewidth=0.8)
+    axes.set_axisbelow(True)
+
+
+def _look(k: int) -> Look:
+    return {"color": COLOURS[k % len(COLOURS)], "marker": MARKS[k % len(MARKS)], "markersize": 4.5, "zorder": 4}
+
+
+def _context(strategy: str) -> Look:
+    mark = {BASELINE: "o", "prior": "x"}.get(strategy, "+")
+    return {"color": "0.6", "marker": mark, "markersize": 4.5, "zorder": 2}
+
+
+def _line(axes: Axes, points: Sequence[tuple[float, Outcome]], look: Look) -> None:
     """A strategy's means, and those of its best candidates; arrows for what is below the panel."""
     if not points:
         return
-    low, _ = axes.get_ylim()
-    x, means = np.array([at for at, _ in points]), [o.mean for _, o in points]
-    y = np.array([mean.mean for mean in means])
-    inside = y > low
-    axes.plot(x, y, linewidth=1.4, alpha=0.9, zorder=3, clip_on=True, **style)
-    if bars:
-        for at, mean in zip(x, means, strict=True):
-            if np.isfinite(mean.low):
-                axes.plot([at, at], [mean.low, mean.high], color=style["color"], linewidth=1.0, alpha=0.5, zorder=2)
-    axes.plot(x[~inside], np.full(np.sum(~inside), low), color=style["color"], marker="v", linestyle="none",
-              markersize=6.0, clip_on=False, zorder=4)  # fmt: skip
+    low = axes.get_ylim()[0]
+    x, y = np.array([at for at, _ in points]), np.array([o.mean.mean for _, o in points])
+    axes.plot(x, y, linewidth=1.4, **look)
+    if np.any(y < low):
+        arrows = {**look, "marker": "v", "linestyle": "none"}
+        axes.plot(x[y < low], np.full(np.sum(y < low), low), clip_on=False, **arrows)
+    for at, outcome in points:
+        if len(outcome.seeds) >= ENOUGH:
+            ends = [outcome.mean.low, outcome.mean.high]
+            axes.plot([at, at], ends, color=look["color"], linewidth=1.0, alpha=0.6, zorder=look["zorder"])
     anew = np.array([o.anew for _, o in points])
-    axes.plot(x, anew, linewidth=1.0, linestyle=":", zorder=3, **{**style, "markerfacecolor": "white"})
+    if np.isfinite(anew).any():
+        axes.plot(x, anew, linewidth=1.0, linestyle=":", **{**look, "markerfacecolor": "white"})
 
 
-def _key(figure: Figure, looks: dict[str, tuple[str, str]]) -> None:
-    handles = [
-        Line2D([], [], color=ink, marker=mark, markersize=5.0, linewidth=1.4, label=strategy_class(strategy).short)
-        for strategy, (ink, mark) in looks.items()
-    ]
-    handles.append(Line2D([], [], color="0.3", marker="o", markerfacecolor="white", linestyle=":", markersize=5.0,
-                          label="its best candidate, anew"))  # fmt: skip
-    handles.append(Line2D([], [], color="0.3", marker="v", linestyle="none", label="below the panel"))
-    handles.append(Line2D([], [], color=ACCENT, linewidth=1.1, label="optimum (dynamic programming)"))
-    figure.legend(handles=handles, loc="outside right center", fontsize=8.5)
+def _legend(axes: Axes, own: Sequence[str]) -> Any:
+    """Names of the group's strategies, and what is grey."""
+    named = {strategy_class(s).short: _look(k) for k, s in enumerate(own)}
+    if BASELINE not in own:
+        named[strategy_class(BASELINE).short] = _context(BASELINE)
+    named |= {strategy_class(s).short: _context(s) for s in ("prior", "prior_range")}
+    handles = [Line2D([], [], linewidth=1.4, label=name, **look) for name, look in named.items()]
+    if any(strategy_class(s).group == "compared" for s in own):
+        handles.append(Line2D([], [], color="0.3", marker="o", markerfacecolor="white", linestyle=":", markersize=4.5,
+                              label="best candidate, anew"))  # fmt: skip
+    return axes.legend(handles=handles, loc="center left", bbox_to_anchor=(1.03, 0.5), fontsize=8.5)
+
+
+def simulated_steps(findings: StrategiesFindings) -> Figure:
+    """Mean return over the steps that were simulated for it, with the largest budget of the contrasts or the largest
+    below that; what simulates nothing is left out."""
+    plan = findings.plan
+    figure = Figure(figsize=(3.4 + 3.0 * len(plan.places), 4.4), layout="constrained")
+    panels: list[Axes] = list(figure.subplots(1, len(plan.places), squeeze=False)[0])
+    looks = {
+        strategy: {"color": ink, "marker": MARKS[k % len(MARKS)], "markersize": 6.0, "linestyle": "none"}
+        for group, ink in zip(("nothing", *GROUPS), ("0.5", *COLOURS), strict=False)
+        for k, strategy in enumerate(s for s in plan.strategies if strategy_class(s).group == group)
+    }
+    for (plant, sensing), axes in zip(plan.places, panels, strict=True):
+        axes.set_xscale("log")
+        _frame(axes, findings.optimum(plant.name))
+        panel_title(axes, plant.title, SENSED[sensing], fontsize=10.0)
+        for strategy, look in looks.items():
+            _dot(axes, findings.line(plant.name, sensing, strategy), max(plan.contrasted), look)
+        axes.margins(x=0.15)
+        axes.set_xlabel("simulated steps")
+    panels[0].set_ylabel("return")
+    handles = [Line2D([], [], label=strategy_class(strategy).short, **look) for strategy, look in looks.items()]
+    _beside_panels(figure, panels[-1].legend(handles=handles, loc="center left", bbox_to_anchor=(1.03, 0.5)))
+    return figure
+
+
+def _dot(axes: Axes, line: dict[int, Outcome], most: int, look: Look) -> None:
+    within = [n for n in line if n <= most]
+    if within and (steps := float(np.mean(line[max(within)].simulated))) > 0.0:
+        value, low = line[max(within)].mean.mean, axes.get_ylim()[0]
+        axes.plot([steps], [max(value, low)], clip_on=False, alpha=0.85, **look)
+
+
+def _beside_panels(figure: Figure, *legends: Any) -> None:
+    """Room at the right for legends, which the layout would take from the last panels."""
+    for legend in legends:
+        legend.set_in_layout(False)
+    figure.get_layout_engine().set(rect=(0.0, 0.0, 1.0 - 2.0 / figure.get_figwidth(), 1.0))

@@ -112,6 +112,10 @@ class StrategiesFindings:
         own = [o for c, o in self.outcomes.items() if c.plant == plant]
         return float(np.mean(max(own, key=lambda o: len(o.seeds)).optima))
 
+    def contrast(self, plant: str, n: int, a: str) -> Compared | None:
+        """That of a strategy against its counterpart; None where none was planned."""
+        return next((c for c in self.compared if (c.plant, c.n, c.a) == (plant, n, a)), None)
+
     @cached_property
     def compared(self) -> tuple[Compared, ...]:
         """The pre-registered contrasts, in the plan's order."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from study.pipeline.html_page import template
 from study.pipeline.tables import printed, write_csv
 from study.pipeline.versions import all_versions, write_record
 from study.strategies.catalogue import strategy_class
-from study.strategies.figures import strategy_lines
+from study.strategies.figures import simulated_steps, strategy_lines
 from study.strategies.findings import StrategiesFindings, findings_of
 from study.strategies.plan import StrategiesPlan
 from study.strategies.sentences import sentences
@@ -28,11 +29,15 @@ OUTCOMES = ("plant", "sensing", "strategy", "n", "seeds", "mean", "low", "high",
 CONTRASTED = ("plant", "sensing", "n", "a", "b", "mean", "low", "high", "seeds", "p")
 """A pre-registered contrast a - b; p is Holm's over the family."""
 
-CAPTION = (
-    "Mean return with its 95 % interval over seeds, above over the real rollouts that were spent, below over the steps "
-    "that were simulated for it. Dotted and hollow: of strategies that compare returns, their best candidate so far, "
-    "evaluated anew outside the budget."
-)
+FIGURES = {
+    "returns": (strategy_lines, "Mean return over the real rollouts that were spent, a row a group of strategies, with "
+        "its 95 % interval where there are three seeds. Dotted and hollow: of strategies that compare returns, their "
+        "best candidate so far, evaluated anew outside the budget. Grey: the point estimate and what spends nothing. "
+        "Red: the optimum. Arrows are below the panel."),
+    "simulated": (simulated_steps, "The same means over the steps that were simulated for them, trainings on the way "
+        "included, at the largest budget of the contrasts."),
+}  # fmt: skip
+"""Of the page, by name: what draws it, and what stands below."""
 
 
 def publish_strategies(plan: StrategiesPlan, results: StrategiesResults, console: Console) -> None:
@@ -44,16 +49,17 @@ def publish_strategies(plan: StrategiesPlan, results: StrategiesResults, console
         write_tables(found, folder)
         about = {"cases": len(plan.cases), "agents": len(trained), "contrasts": [" - ".join(c) for c in plan.contrasts]}
         write_record(folder / "study.json", plan, results.device, about, found.hours, made_with)
-        figure = save(lambda: strategy_lines(found), folder / "returns.png")
+        figures = {name: save(partial(draw, found), folder / f"{name}.png") for name, (draw, _) in FIGURES.items()}
         page = template("strategies.html.j2").render(
-            findings=found, plan=plan, sentences=said, figure=figure, caption=CAPTION, agents=len(trained),
+            findings=found, plan=plan, sentences=said, agents=len(trained),
+            figures={path: FIGURES[name][1] for name, path in figures.items()},
             strategies={name: strategy_class(name) for name in plan.strategies}, versions=all_versions(made_with),
         )  # fmt: skip
         write_whole(folder / "report.html", page)
     for question, text in said:
         console.print(f"[bold]{question}[/]\n{escape(text)}\n")
     console.print(f"report   {folder / 'report.html'}", soft_wrap=True)
-    console.print(f"figure   {figure}", soft_wrap=True)
+    console.print(f"figures  {', '.join(map(str, figures.values()))}", soft_wrap=True)
 
 
 def write_tables(found: StrategiesFindings, folder: Path) -> None:

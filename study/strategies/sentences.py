@@ -37,8 +37,8 @@ def _arrivals(findings: StrategiesFindings) -> str:
         first = [strategy_class(s).short for s, n in there.items() if n == least]
         told.append(
             f"{where} ({sensing}) {_listed(first)} {'comes' if len(first) == 1 else 'come'} within {percent(NEAR)} of "
-            f"the optimum with {least} rollouts, and {len(there)} of {len(own)} strategies within the budgets that "
-            "were run."
+            f"the optimum with {least} rollout{'s' * (least != 1)}, and {len(there)} of {len(own)} do so within the "
+            "budgets that were run."
         )
     return " ".join(told) + _caution(findings)
 

@@ -21,7 +21,17 @@ from study.strategies.plan import STRATEGIES_FORMAT, Case
 NETWORKS = "networks"
 """Folder of the critics of agents that go on learning on a plant."""
 
-OUTPUTS = ("study.json", "cases.csv", "outcomes.csv", "contrasts.csv", "report.html", "returns.png", FOLDER, NETWORKS)
+OUTPUTS = (
+    "study.json",
+    "cases.csv",
+    "outcomes.csv",
+    "contrasts.csv",
+    "report.html",
+    "returns.png",
+    "simulated.png",
+    FOLDER,
+    NETWORKS,
+)
 """What the experiment writes beside its database; never over files of somebody else."""
 
 
