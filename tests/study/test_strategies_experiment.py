@@ -3,6 +3,7 @@
 import csv
 import dataclasses
 import io
+import warnings
 
 import numpy as np
 import pytest
@@ -10,12 +11,14 @@ from rich.console import Console
 
 from policies import SACPopulation, SACSettings
 from policies.environments.randomization import Band
+from study.figure_style import save
 from study.mismatch.ground_truth import PRIOR
 from study.mismatch.mismatch_results import Designed, Trained
 from study.mismatch.plan import PLAIN
 from study.pipeline.experiment import run
 from study.pipeline.settings import RunOptions
 from study.strategies.experiment import OPTIMUM
+from study.strategies.figures import simulated_steps, strategy_lines
 from study.strategies.findings import findings_of
 from study.strategies.on_plant import GoesOnLearning, _read, _write, networks_of
 from study.strategies.plan import PLANS, StrategiesPlan
@@ -145,16 +148,27 @@ def invented(returns, optimum=-100.0):
 def test_what_is_found_is_what_was_put_in():
     returns = {("point", 5): -104.5, ("point", 10): -120.0, ("point", 25): -103.0,
                ("cross_entropy", 5): -160.0, ("cross_entropy", 10): -130.0, ("cross_entropy", 25): -104.0}  # fmt: skip
-    found = findings_of(*invented(returns))
+    plan, *results = invented(returns)
+    found = findings_of(plan, *results)
     # the budget from which on it stays: five rollouts were luck
     assert found.arrived("plain", "encoder", "point") == 25
     assert found.arrived("plain", "encoder", "cross_entropy") == 25
     assert [c.contrast.mean for c in found.compared] == pytest.approx([-55.5, -10.0, -1.0])
     outcome = found.line("plain", "encoder", "cross_entropy")[10]
-    assert outcome.anew == pytest.approx(-140.0) and outcome.simulated[0] == 30_007
+    assert outcome.anew == pytest.approx(-140.0) and outcome.simulated[0] == plan.steps + 7
     told = dict(sentences(found))
     assert "SimOpt" not in str(told)
     assert "3 contrasts" in told["Which strategy beats the point estimate?"]
+
+
+@pytest.mark.parametrize("draw", [strategy_lines, simulated_steps])
+@pytest.mark.parametrize("worth", [-110.0, -900.0])
+def test_figures_have_room_for_all_that_is_in_them(tmp_path, draw, worth):
+    """Also where every mean is below the panel; matplotlib warns where it gives up."""
+    found = findings_of(*invented({(s, n): worth for s in ("point", "cross_entropy") for n in (5, 10, 25)}))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert save(lambda: draw(found), tmp_path / "figure.png").stat().st_size > 10_000
 
 
 def test_an_unfinished_experiment_has_no_findings():
