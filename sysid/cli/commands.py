@@ -222,6 +222,7 @@ def _read(options: LogOptions, model: Model) -> Log:
         time_unit=options.time_unit,
         plant=model.plant,
         command=command_of(model),
+        joint=options.joint,
     )
 
 

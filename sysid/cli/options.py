@@ -21,8 +21,9 @@ class LogOptions:
     """How the log is read."""
 
     files: Files = ()
-    """CSV, .npz or .mat with columns t [s], theta [rad] and/or theta_dot [rad/s], torque [N m] (none: a free swing),
-    rollout (where a file has several); of a linear axis [m], [m/s], [N]. Several files are several rollouts."""
+    """CSV, .npz, .mat or Parquet with columns t [s], theta [rad] and/or theta_dot [rad/s], torque [N m] (none: a free
+    swing), rollout (where a file has several); of a linear axis [m], [m/s], [N]; ROS 2 bags and MCAP. Several files are
+    several rollouts."""
 
     columns: Annotated[str, arg(metavar="t=NAME,...", help_behavior_hint="")] = ""
     """The file's own names of columns, as in t=time_s,theta=angle_rad,torque=i_meas; "theta_dot=" leaves one out."""
@@ -57,6 +58,9 @@ class LogOptions:
 
     time_unit: Annotated[Literal["s", "ms", "us"] | None, arg(metavar="{s,ms,us}", help_behavior_hint="")] = None
     """What the log's time counts; by default what the name of the column or the speed shows."""
+
+    joint: Annotated[str, arg(metavar="NAME", help_behavior_hint="")] = ""
+    """The joint of a ROS 2 bag or an MCAP file, where it has several (sensor_msgs/JointState; effort is the torque)."""
 
     noise: Annotated[str, arg(metavar="theta=SD,theta_dot=SD", help_behavior_hint="")] = ""
     """Noise of the sensors [rad], [rad/s] (of an axis [m], [m/s]); by default it is found without any model."""
