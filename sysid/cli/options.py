@@ -131,6 +131,9 @@ class Compare:
     figure: File = None
     """Draw the answer here (.png, .pdf, .svg)."""
 
+    parquet: File = None
+    """Write the whole log here as Parquet: measured, predicted over 1 s, residual, and the torque that is lacking."""
+
 
 @dataclass(frozen=True)
 class Diagnose:
@@ -204,6 +207,38 @@ class Experiment:
 
 
 @dataclass(frozen=True)
+class Export:
+    """A model for a simulator: MuJoCo's MJCF, or URDF; and a sentence on each thing that the file cannot say."""
+
+    model: Annotated[Positional[Path], arg(metavar="MODEL")]
+    """A model.json."""
+
+    to: Annotated[Path, arg(metavar="FILE")]
+    """Write it here: .xml is MJCF, .urdf is URDF."""
+
+    format: Annotated[
+        Literal["mjcf", "urdf"] | None,
+        arg(metavar="{mjcf,urdf}", help_behavior_hint="(default: by the ending of --to)"),
+    ] = None
+    """The language, where the ending does not say it."""
+
+    into: File = None
+    """An MJCF file of your own: what is written is that file, with other numbers at one joint and its actuator."""
+
+    joint: Annotated[str, arg(metavar="NAME")] = "hinge"
+    """The joint's name, of --into the one that is changed."""
+
+    effects: File = None
+    """A Python file with effects of your own that the model has; it is run."""
+
+    force: Switch = False
+    """Write over a file that is there."""
+
+    json: File = None
+    """Write the answer here."""
+
+
+@dataclass(frozen=True)
 class Effects:
     """The catalogue: formula, parameters, units, and what each effect is confused with."""
 
@@ -217,5 +252,6 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "diagnose": Diagnose,
     "add": Add,
     "experiment": Experiment,
+    "export": Export,
     "effects": Effects,
 }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ import numpy as np
 
 from sysid.data import guarded, npz_file, text_files
 from sysid.data.bag import MCAP
-from sysid.data.files import check_input, place
+from sysid.data.files import check_input, check_installed, place
 from sysid.data.table import Table, Window, column, rows_of, seconds
 from sysid.errors import InvalidInput, printable
 
@@ -87,12 +86,8 @@ def _file(path: Path, title: str, joint: str) -> Source:
         return Source(path.name, title, partial(text_files.header, path), partial(text_files.load, path))
     if kind == "npz":
         return _arrays(path.name, title, partial(npz_file.read, path))
-    package = NEEDS.get(kind)
-    if package is not None and importlib.util.find_spec(package) is None:
-        raise InvalidInput(
-            f"{path.name}: reading its format ({kind}) needs the package {package}, which is not installed: "
-            "pip install 'gapfinder[files]'"
-        )
+    if kind in NEEDS:
+        check_installed(NEEDS[kind], "files", f"{path.name}: reading its format ({kind})")
     return _arrays(path.name, title, partial(guarded.read, kind, path, joint=joint))
 
 
