@@ -142,10 +142,18 @@ def _(command: Experiment) -> None:
 @_run.register
 def _(command: Export) -> None:
     from sysid.estimation.saved_model import load_model
-    from sysid.export.formats import export
+    from sysid.export.mjcf import to_mjcf
+    from sysid.export.urdf import to_urdf
 
+    endings, ending = {".xml": "mjcf", ".urdf": "urdf"}, command.to.suffix.lower()
+    language = command.format or endings.get(ending)
+    if language is None:
+        raise InvalidInput(f"{command.to.name} ends with none of {', '.join(endings)}: expected one, or --format")
+    if language == "urdf" and command.into is not None:
+        raise InvalidInput(f"--into changes a file of MJCF: expected --to FILE.xml, not {command.to.name}")
     check_outputs([command.model, command.into], [command.to, command.json], command.force)
-    exported = export(load_model(command.model), command.to, command.format, command.joint, command.into)
+    model, joint = load_model(command.model), command.joint
+    exported = to_urdf(model, joint) if language == "urdf" else to_mjcf(model, joint, command.into)
     logger.info(exported)
     write_json(command.json, exported.to_dict())
     write(command.to, exported.save)

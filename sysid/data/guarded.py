@@ -128,19 +128,18 @@ def _limit() -> None:
 def _answer(out: IO[bytes], kind: str, path: str, columns: dict[str, str] | None, joint: str) -> None:
     from sysid.data.foreign_files import READERS
 
-    name = Path(path).name
+    name, arrays, answer = Path(path).name, dict[str, Any](), dict[str, Any]()
     try:
         found = READERS[kind](Path(path), columns, joint)
         if columns is None:
-            out.write(json.dumps({"names": list(found)}).encode() + b"\n")
-            return
-        arrays = {ours: column(name, columns[ours], values) for ours, values in found.items()}
+            answer["names"] = list(found)
+        else:
+            arrays = {ours: column(name, columns[ours], values) for ours, values in found.items()}
+            answer["columns"] = {ours: len(values) for ours, values in arrays.items()}
     except InvalidInput as refusal:
-        out.write(json.dumps({"refused": str(refusal)}).encode() + b"\n")
-        return
+        answer["refused"] = str(refusal)
     except MemoryError:
-        out.write(json.dumps({"refused": f"{name} needs more memory than its reader is given"}).encode() + b"\n")
-        return
-    out.write(json.dumps({"columns": {ours: len(values) for ours, values in arrays.items()}}).encode() + b"\n")
+        answer["refused"] = f"{name} needs more memory than its reader is given"
+    out.write(json.dumps(answer).encode() + b"\n")
     for values in arrays.values():
         out.write(values.tobytes())

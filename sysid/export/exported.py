@@ -37,7 +37,7 @@ class Exported:
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the file. Raises InvalidInput where it cannot be written."""
-        save_file(path if isinstance(path, str) else Path(path), self.text)
+        save_file(Path(path), self.text)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, ready for JSON."""
@@ -62,13 +62,6 @@ def left_out(effect: Effect, language: str) -> str:
 def number(*values: float) -> str:
     """Numbers as an attribute holds them."""
     return " ".join(f"{value:.12g}" for value in values)
-
-
-def element(tag: str, *inside: ElementTree.Element, **attributes: str) -> ElementTree.Element:
-    """An element with others inside."""
-    made = ElementTree.Element(tag, attributes)
-    made.extend(inside)
-    return made
 
 
 def text_of(root: ElementTree.Element) -> str:

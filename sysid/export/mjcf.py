@@ -6,15 +6,18 @@ import math
 from collections.abc import Iterator
 from os import PathLike
 from pathlib import Path
-from xml.etree.ElementTree import Element, tostring
+from xml.etree.ElementTree import Element, SubElement, tostring
 
 from sysid.errors import InvalidInput, excerpt
-from sysid.export.exported import Exported, element, left_out, number, parsed, text_of
+from sysid.export.exported import Exported, left_out, number, parsed, text_of
 from sysid.export.mechanism import Mechanism, mechanism
 from sysid.physics.model import Model
 
 STEP, FRICTION_STEP = 1e-3, 2.5e-4
 """The longest step [s] of a file of our own, without and with dry friction."""
+OPTION = {"integrator": "RK4", "iterations": "50", "tolerance": "1e-12"}
+SHAPE = {"type": "capsule", "contype": "0", "conaffinity": "0"}
+"""What is seen of a link; it touches nothing and weighs nothing."""
 DEFAULT_STEP = 2e-3
 """MuJoCo's step [s], where a file names none."""
 
@@ -69,39 +72,19 @@ def _step(own: Mechanism, dt: float) -> float:
 
 
 def _document(own: Mechanism, joint: str, step: float) -> Element:
-    link = own.body
+    link, size = own.body, max(2.0 * own.body.center, 0.1)
     gravity = number(link.gravity * math.sin(own.tilt), 0.0, -link.gravity * math.cos(own.tilt))
     turning = {"type": "hinge", "axis": "0 1 0"} if own.turns else {"type": "slide", "axis": "1 0 0"}
-    size = max(2.0 * link.center, 0.1)
-    return element(
-        "mujoco",
-        element("compiler", angle="radian"),
-        element("option", timestep=number(step), gravity=gravity, integrator="RK4", iterations="50", tolerance="1e-12"),
-        element(
-            "worldbody",
-            element(
-                "body",
-                element("joint", name=joint, **turning, **_of_joint(own, step, 1.0)),
-                element(
-                    "inertial",
-                    pos=number(0.0, 0.0, link.center),
-                    mass=number(link.mass),
-                    diaginertia=number(*(link.inertia,) * 3),
-                ),
-                element(
-                    "geom",
-                    type="capsule",
-                    fromto=number(0.0, 0.0, 0.0, 0.0, 0.0, size),
-                    size=number(0.03 * size),
-                    contype="0",
-                    conaffinity="0",
-                ),
-                name="link",
-            ),
-        ),
-        element("actuator", element("general", name="drive", joint=joint, **_of_general(own, step))),
-        model="gapfinder",
-    )
+    inertia, ends = number(*[link.inertia] * 3), number(0.0, 0.0, 0.0, 0.0, 0.0, size)
+    root = Element("mujoco", model="gapfinder")
+    SubElement(root, "compiler", angle="radian")
+    SubElement(root, "option", OPTION, timestep=number(step), gravity=gravity)
+    arm = SubElement(SubElement(root, "worldbody"), "body", name="link")
+    SubElement(arm, "joint", turning | _of_joint(own, step, 1.0), name=joint)
+    SubElement(arm, "inertial", pos=number(0.0, 0.0, link.center), mass=number(link.mass), diaginertia=inertia)
+    SubElement(arm, "geom", SHAPE, fromto=ends, size=number(0.03 * size))
+    SubElement(SubElement(root, "actuator"), "general", _of_general(own, step), name="drive", joint=joint)
+    return root
 
 
 def _of_joint(own: Mechanism, step: float, per_radian: float) -> dict[str, str]:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from xml.etree.ElementTree import Element
+from xml.etree.ElementTree import Element, SubElement
 
-from sysid.export.exported import Exported, element, left_out, number, text_of
+from sysid.export.exported import Exported, left_out, number, text_of
 from sysid.export.mechanism import Mechanism, mechanism
 from sysid.physics.model import Model
 
@@ -39,51 +39,40 @@ def to_urdf(model: Model, joint: str = "hinge") -> Exported:
 
 
 def _document(own: Mechanism, joint: str) -> Element:
-    link, inertia = own.body, number(own.body.inertia + own.armature)
+    inertia = number(own.body.inertia + own.armature)
     limit = min(own.force_limit, own.gain * min(own.limit, own.scale * own.u_max))
-    about = {"ixx": inertia, "iyy": inertia, "izz": inertia, "ixy": "0", "ixz": "0", "iyz": "0"}
-    inertial = element(
-        "inertial",
-        element("origin", xyz=number(0.0, 0.0, link.center)),
-        element("mass", value=number(link.mass)),
-        element("inertia", **about),
-    )
-    bounds = {"effort": number(limit if math.isfinite(limit) else 1e6), "velocity": "1e6"}
-    if not own.turns:
-        bounds |= {"lower": "-1e6", "upper": "1e6"}
-    return element(
-        "robot",
-        element("link", name="base"),
-        element("link", inertial, name="link"),
-        element(
-            "joint",
-            element("parent", link="base"),
-            element("child", link="link"),
-            element("origin", xyz="0 0 0", rpy=number(0.0, own.tilt, 0.0)),
-            element("axis", xyz="0 1 0" if own.turns else "1 0 0"),
-            element("dynamics", damping=number(own.damping), friction=number(own.friction)),
-            element("limit", **bounds),
-            name=joint,
-            type="continuous" if own.turns else "prismatic",
-        ),
-        name="gapfinder",
-    )
+    root = Element("robot", name="gapfinder")
+    SubElement(root, "link", name="base")
+    inertial = SubElement(SubElement(root, "link", name="link"), "inertial")
+    SubElement(inertial, "origin", xyz=number(0.0, 0.0, own.body.center))
+    SubElement(inertial, "mass", value=number(own.body.mass))
+    SubElement(inertial, "inertia", ixx=inertia, iyy=inertia, izz=inertia, ixy="0", ixz="0", iyz="0")
+    made = SubElement(root, "joint", name=joint, type="continuous" if own.turns else "prismatic")
+    SubElement(made, "parent", link="base")
+    SubElement(made, "child", link="link")
+    SubElement(made, "origin", xyz="0 0 0", rpy=number(0.0, own.tilt, 0.0))
+    SubElement(made, "axis", xyz="0 1 0" if own.turns else "1 0 0")
+    SubElement(made, "dynamics", damping=number(own.damping), friction=number(own.friction))
+    ends = {} if own.turns else {"lower": "-1e6", "upper": "1e6"}
+    SubElement(made, "limit", ends, effort=number(limit if math.isfinite(limit) else 1e6), velocity="1e6")
+    return root
+
+
+WORDS = {
+    "armature": "a rotor's inertia: it is part of the link's",
+    "stiffness": "a spring",
+    "bias": "a constant torque",
+    "delay": "a delay of the torque",
+    "lag": "a lag of the torque",
+    "position_gain": "a servo",
+    "speed_gain": "a torque of the drive that falls with speed",
+}
 
 
 def _unsaid(own: Mechanism) -> Iterator[str]:
     """What a mechanism has beyond URDF."""
-    words = {
-        "stiffness": "a spring",
-        "bias": "a constant torque",
-        "delay": "a delay of the torque",
-        "lag": "a lag of the torque",
-        "position_gain": "a servo",
-        "speed_gain": "a torque that falls with speed",
-    }
-    for name, what in words.items():
+    for name, what in WORDS.items():
         if getattr(own, name):
-            yield f"{name} = {number(getattr(own, name))} is not in the file: URDF has no word for {what}."
+            yield f"{name} = {number(getattr(own, name))}: URDF has no word for {what}."
     if own.gain * own.scale != 1.0:
-        yield f"A command makes {number(own.gain * own.scale)} times its size in torque: URDF's effort is the torque."
-    if own.armature:
-        yield f"The rotor's inertia ({number(own.armature)}) is part of the link's: URDF has no word for it."
+        yield f"URDF's effort is a torque, and a command of 1 makes {number(own.gain * own.scale)} of it."

@@ -309,7 +309,7 @@ def test_the_ending_or_the_option_says_the_language(folder, tmp_path, capsys):
         assert "drag (c = 0.01 N m s^2/rad^2) is not in the file" in capsys.readouterr().out
     words = ["export", str(folder / "model.json"), "--to"]
     for more, message in (
-        ([str(tmp_path / "arm.txt")], "arm.txt ends with none of .xml, .urdf: expected one of these, or --format"),
+        ([str(tmp_path / "arm.txt")], "arm.txt ends with none of .xml, .urdf: expected one, or --format"),
         ([str(tmp_path / "arm.xml")], "arm.xml is there already: expected another name, or --force"),
         ([str(folder / "model.json"), "--format", "mjcf", "--force"], "model.json is read by this command"),
         ([str(tmp_path / "no.urdf"), "--into", str(tmp_path / "arm.xml")], "--into changes a file of MJCF"),
