@@ -167,8 +167,8 @@ def _changed(own: Mechanism, joint: str, path: Path) -> tuple[str, float, list[s
 def _kept(own: Mechanism) -> Iterator[str]:
     link = own.body
     yield (
-        f"The body is as it was: the model's has {link.mass:.4g} kg, its center {link.center:.4g} from the axis, and an "
-        f"inertia of {link.inertia:.4g} about that (SI units)."
+        f"The body is as it was: the model's has {link.mass:.4g} kg, its center {link.center:.4g} from the axis, "
+        f"and an inertia of {link.inertia:.4g} about that (SI units)."
     )
     if own.stiffness:
         yield "springref is the angle at which the spring is slack, from upright: shift it where 0 is elsewhere."
