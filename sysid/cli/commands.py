@@ -154,7 +154,8 @@ def _(command: Export) -> None:
     check_outputs([command.model, command.into], [command.to, command.json], command.force)
     model, joint = load_model(command.model), command.joint
     exported = to_urdf(model, joint) if language == "urdf" else to_mjcf(model, joint, command.into)
-    logger.info(exported)
+    for sentence in exported.sentences:
+        logger.info(sentence)
     write_json(command.json, exported.to_dict())
     write(command.to, exported.save)
 

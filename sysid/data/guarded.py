@@ -7,6 +7,7 @@ and the columns' bytes; when it has ended, or takes too long, the file is refuse
 
 from __future__ import annotations
 
+import atexit
 import json
 import os
 import subprocess
@@ -69,8 +70,11 @@ class Reader:
     def end(self) -> None:
         """End the process, and leave nothing of it."""
         self.process.kill()
-        with suppress(BrokenPipeError):
-            self.process.communicate()
+        self.process.wait()
+        for pipe in (self.process.stdin, self.process.stdout):
+            with suppress(OSError):
+                assert pipe
+                pipe.close()
 
 
 def _whole(content: bytes, size: int = 1) -> bytes:
@@ -92,6 +96,7 @@ def read(kind: str, path: Path, columns: Mapping[str, str] | None = None, joint:
     with _lock:
         if _reader is None or not _reader.ready:
             _reader = Reader()
+            atexit.register(_reader.end)
         question = {"kind": kind, "path": os.fspath(path.absolute()), "columns": columns, "joint": joint}
         try:
             answer = _reader.ask(question)

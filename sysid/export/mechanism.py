@@ -67,7 +67,7 @@ class Mechanism:
 
 
 def body(plant: Plant) -> Body:
-    """The link of a plant; of an inertia and a gravity torque alone, the uniform rod that moves alike."""
+    """The link of a plant; of an inertia and a gravity torque alone, a rod that moves alike."""
     try:
         numbers = {name: float(p.value) for name, p in plant.parameters.items()}
         J, G = float(plant.inertia()), float(plant.gravity_torque(0.5 * math.pi))
@@ -78,11 +78,11 @@ def body(plant: Plant) -> Body:
     if isinstance(plant, PointMassPendulum | RodPendulum):
         m, g = numbers["m"], numbers["g"]
         center = numbers["l"] * (0.5 if isinstance(plant, RodPendulum) else 1.0)
-        return Body(m, center, max(J - m * center**2, 1e-9 * J), g)
+        return Body(m, center, max(J - m * center**2, 1e-6 * J), g)
     if G <= 0.0:
         return Body(1.0, 0.0, J, GRAVITY)
-    center = 0.75 * J * GRAVITY / G
-    return Body(G / (GRAVITY * center), center, 0.25 * J, GRAVITY)
+    center = min(0.75 * J * GRAVITY / G, 1.0)
+    return Body(G / (GRAVITY * center), center, J - center * G / GRAVITY, GRAVITY)
 
 
 def _limited(value: float) -> float:

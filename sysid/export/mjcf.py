@@ -80,10 +80,10 @@ def _document(own: Mechanism, joint: str, step: float) -> Element:
     SubElement(root, "compiler", angle="radian")
     SubElement(root, "option", OPTION, timestep=number(step), gravity=gravity)
     arm = SubElement(SubElement(root, "worldbody"), "body", name="link")
-    SubElement(arm, "joint", turning | _of_joint(own, step, 1.0), name=joint)
+    SubElement(arm, "joint", {"name": joint} | turning | _of_joint(own, step, 1.0))
     SubElement(arm, "inertial", pos=number(0.0, 0.0, link.center), mass=number(link.mass), diaginertia=inertia)
     SubElement(arm, "geom", SHAPE, fromto=ends, size=number(0.03 * size))
-    SubElement(SubElement(root, "actuator"), "general", _of_general(own, step), name="drive", joint=joint)
+    SubElement(SubElement(root, "actuator"), "general", {"name": "drive", "joint": joint} | _of_general(own, step))
     return root
 
 

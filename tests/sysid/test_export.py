@@ -9,13 +9,16 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import sysid
 from sysid import InvalidInput, Model, to_mjcf, to_urdf
 from sysid.__main__ import main
 from sysid.physics.effects import ACTUATORS, CATALOGUE
 from sysid.planning.excitation import multisine
-from tests.hostile_input.answering import answered
+from tests.benchmarks import mujoco_truth
+from tests.hostile_input.answering import answered, many
 from tests.sysid.written import MODEL, SENSOR, rollouts, same
 
 NOISE = 0.003
@@ -91,6 +94,21 @@ def test_mujoco_plays_what_the_model_does(name, plant):
         u, theta = commands(seed, model)
         off = np.abs(played(exported.text, u, theta, model.dt) - sysid.simulate(model, u, theta, 0.0).theta)
         assert off.max() < (NOISE if soft else 3e-4)
+
+
+@pytest.mark.parametrize(
+    "name", ["viscous.b", "coulomb.tau_c", "spring.k", "tilt.alpha", "saturation.limit", "delay.T"]
+)
+def test_the_file_is_the_one_that_a_hand_wrote(name):
+    """The benchmarks have a file of their own, made without any of our physics: both play the same."""
+    pytest.importorskip("mujoco")
+    numbers = {"m": 1.1, "l": 0.9, "g": 9.81, name: {"delay.T": 0.06, "saturation.limit": 1.0}.get(name, 0.15)}
+    owner, _, field = name.partition(".")
+    model = Model(sysid.RodPendulum(m=1.1, l=0.9, g=9.81), (sysid.effect(owner, **{field: numbers[name]}),), dt=0.02)
+    u, theta = commands(1, model)
+    step = float(next(ElementTree.fromstring(to_mjcf(model).text).iter("option")).get("timestep"))
+    theirs = mujoco_truth.simulate(numbers, u[None], theta, 0.0, model.dt, step=step).theta[0]
+    np.testing.assert_allclose(played(to_mjcf(model).text, u, theta, model.dt), theirs, atol=1e-4)
 
 
 def test_the_largest_command_is_the_range_of_the_control_and_the_joint_has_its_name():
@@ -260,6 +278,17 @@ def test_what_is_no_users_file_is_refused(name, tmp_path):
     assert not answered(to_mjcf, Model(ROD), "shoulder", path)
     with pytest.raises(InvalidInput, match=message):
         to_mjcf(Model(ROD), "shoulder", path)
+
+
+@many
+@given(changes=st.lists(st.tuples(st.integers(0, 5000), st.sampled_from(list(b'<>&"/=!- \0\xff9xN'))), max_size=6))
+def test_a_damaged_file_is_refused_or_changed(tmp_path_factory, changes):
+    content = bytearray(ROBOT.format(angle="degree", integrator="RK4", gear="2").encode())
+    for place, byte in changes:
+        content[place % len(content)] = byte
+    path = tmp_path_factory.getbasetemp() / "robot.xml"
+    path.write_bytes(content)
+    answered(to_mjcf, Model(ROD, MAPPED["all"]), "shoulder", path)
 
 
 # ---- URDF --------------------------------------------------------------------------------------------------------
