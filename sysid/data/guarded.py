@@ -38,7 +38,7 @@ class Reader:
     def __init__(self) -> None:
         self.owner = os.getpid()
         self.process = subprocess.Popen(
-            [sys.executable, "-I", "-c", PROGRAM, *sys.path],
+            [sys.executable, "-I", "-c", PROGRAM, *map(str, sys.path)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
@@ -68,7 +68,9 @@ class Reader:
             late.cancel()
 
     def end(self) -> None:
-        """End the process, and leave nothing of it."""
+        """End the process, and leave nothing of it; its owner alone may."""
+        if self.owner != os.getpid():
+            return
         self.process.kill()
         self.process.wait()
         for pipe in (self.process.stdin, self.process.stdout):

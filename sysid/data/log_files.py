@@ -14,7 +14,7 @@ import numpy as np
 
 from sysid.data import guarded, npz_file, text_files
 from sysid.data.bag import MCAP
-from sysid.data.files import check_input, check_installed, place
+from sysid.data.files import check_input, check_installed, named, place
 from sysid.data.table import Table, Window, column, rows_of, seconds
 from sysid.errors import InvalidInput, printable
 
@@ -103,14 +103,12 @@ def _arrays(name: str, title: str, read: Callable[[Mapping[str, str] | None], Ma
 
 def _kind(path: Path) -> str:
     """The format of a file, by its content. Raises InvalidInput for what cannot be read."""
-    if place(path, "read").is_dir() and (path / "metadata.yaml").exists():
-        return "bag"
-    check_input(path, "a log file", math.inf)
-    try:
+    with named(path, "read"):
+        if place(path, "read").is_dir() and (path / "metadata.yaml").exists():
+            return "bag"
+        check_input(path, "a log file", math.inf)
         with path.open("rb") as file:
             begin = file.read(1024)
-    except OSError as error:
-        raise InvalidInput(f"cannot read {path}: {error.strerror}") from None
     for mark, kind in BEGINS.items():
         if begin.startswith(mark):
             if kind == "bag of ROS 1":
@@ -138,9 +136,7 @@ def _frame(frame: Any, name: str, columns: Mapping[str, str] | None) -> dict[str
         try:
             frame = frame.reset_index()
         except ValueError:
-            raise InvalidInput(
-                f"{name}: its index and a column have the same name: expected names that differ"
-            ) from None
+            raise InvalidInput(f"{name}: its index has the name of a column: expected names that differ") from None
     names = [printable(str(title)) for title in frame.columns]
     if len(set(names)) < len(names):
         raise InvalidInput(f"{name}: a column comes twice: expected names that differ")

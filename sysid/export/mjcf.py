@@ -50,6 +50,8 @@ def to_mjcf(model: Model, joint: str = "hinge", into: str | PathLike[str] | None
     own = mechanism(model)
     if into is None:
         step, said = _step(own, model.dt), list[str]()
+        if 0.0 < own.lag <= step:
+            said.append(f"The lag of {number(own.lag)} s is not in the file: a step takes {number(step)} s.")
         text = text_of(_document(own, joint, step))
     else:
         text, step, said = _changed(own, joint, Path(into))
@@ -89,7 +91,9 @@ def _document(own: Mechanism, joint: str, step: float) -> Element:
 
 def _of_joint(own: Mechanism, step: float, per_radian: float) -> dict[str, str]:
     """The attributes of the joint; angles in units of which there are so many to a radian."""
-    found = {"damping": number(own.damping), "frictionloss": number(own.friction), "armature": number(own.armature)}
+    found = {"damping": number(own.damping), "frictionloss": number(own.friction)}
+    if own.armature:
+        found["armature"] = number(own.armature)
     if own.friction:
         found |= {"solreffriction": number(2.0 * step, 1.0), "solimpfriction": "0.9999 0.9999 0.001"}
     if own.stiffness:
@@ -112,7 +116,7 @@ def _of_general(own: Mechanism, step: float) -> dict[str, str]:
         found |= {"ctrllimited": "true", "ctrlrange": number(-control, control)}
     if math.isfinite(force):
         found |= {"forcelimited": "true", "forcerange": number(own.bias - force, own.bias + force)}
-    if own.lag:
+    if own.lag > step:
         found |= {"dyntype": "filter", "dynprm": number(own.lag)}
     return found | _of_delay(own, step, 0.5)
 
@@ -157,10 +161,8 @@ def _changed(own: Mechanism, joint: str, path: Path) -> tuple[str, float, list[s
     inherited = any(e.get("gear") for group in root.iter("default") for e in group)  # which gear, MuJoCo knows alone
     drives = [e for group in root.iter("actuator") for e in group if e.get("joint") == joint]
     early = 0.5 * any(e.get("integrator") == "RK4" for e in root.iter("option"))
-    said = [
-        *_kept(own),
-        *(_driven(own, drives[0], step, early, inherited) if len(drives) == 1 else [_undriven(len(drives))]),
-    ]
+    said = list(_kept(own))
+    said += _driven(own, drives[0], step, early, inherited) if len(drives) == 1 else [_undriven(len(drives))]
     return before + tostring(root, encoding="unicode") + behind, step, said
 
 

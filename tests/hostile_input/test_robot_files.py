@@ -203,3 +203,9 @@ def test_a_pickle_in_any_file_stays_one(tmp_path):
         (tmp_path / "log").write_bytes(kind)
         assert not answered(sysid.read, tmp_path / "log")
     assert not (tmp_path / "sprung").exists()
+
+
+def test_what_a_sentence_shows_of_a_name_is_short_whatever_it_is_made_of():
+    for name in ("\0" * 700, "\x1b" * 10**5, "x" * 10**5, "\u202e" * 300):
+        assert len(str(sysid.InvalidInput(f"no column {name!r}"))) <= 800
+        assert len(str(sysid.InvalidInput(f"no column {name}"))) <= 800

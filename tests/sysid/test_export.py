@@ -42,6 +42,7 @@ MAPPED = {
     "delay": (sysid.Delay(0.06),),
     "delay of no whole steps": (sysid.Delay(0.05003),),
     "lag": (sysid.Lag(0.07),),
+    "lag of less than a step": (sysid.Lag(1e-5),),
     "lag and saturation": (sysid.Lag(0.07), sysid.Saturation(1.0)),
     "current": (sysid.TorqueConstant(2.0), sysid.Saturation(0.4)),
     "voltage": (sysid.DCMotor(1.5, 0.3), sysid.Saturation(1.0)),
