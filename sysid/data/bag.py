@@ -9,6 +9,7 @@ import math
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -54,7 +55,8 @@ def read_bag(path: Path, columns: Mapping[str, str] | None, joint: str) -> dict[
 
     Raises InvalidInput, in a sentence that lists them, where there are several joints and none is named.
     """
-    content = _content(path)
+    files = sorted(path.iterdir()) if path.is_dir() else [path]
+    content = _content(path, tuple((file, file.stat().st_mtime_ns, file.stat().st_size) for file in files))
     own = _joint(path, content, joint)
     found: dict[str, Any] = {name: np.array([getattr(row, name) for row in own]) for name in READINGS}
     found = {n: v for n, v in found.items() if n == "torque" or np.isfinite(v).any()}
@@ -75,7 +77,9 @@ def read_bag(path: Path, columns: Mapping[str, str] | None, joint: str) -> dict[
     }
 
 
-def _content(path: Path) -> Content:
+@lru_cache(maxsize=1)
+def _content(path: Path, files: tuple[Any, ...]) -> Content:
+    """What a bag holds; it is asked for its names, and then for its columns. files: what shows that it is another."""
     from rosbags.typesys import Stores, get_typestore
 
     types, joints, numbers = get_typestore(Stores.ROS2_HUMBLE), defaultdict(list), defaultdict(list)
@@ -86,7 +90,7 @@ def _content(path: Path) -> Content:
             message: Any = types.deserialize_cdr(raw, connection.msgtype)
             if connection.msgtype == STATES:
                 for name, row in _rows(message, written):
-                    joints[connection.topic, printable(name)].append(row)
+                    joints[connection.topic, name].append(row)
                     size += 1
             else:
                 for name, value in _numbers(connection.topic, message.data):
@@ -114,9 +118,10 @@ def _opened(path: Path) -> Iterator[Any]:
 
 
 def _rows(message: Any, written: int) -> Iterator[tuple[str, Row]]:
-    stamped = 10**9 * message.header.stamp.sec + message.header.stamp.nanosec
-    for i, name in enumerate(message.name):
-        values = (float(v[i]) if i < len(v) else math.nan for v in (message.position, message.velocity, message.effort))
+    stamped, names = 10**9 * message.header.stamp.sec + message.header.stamp.nanosec, message.name
+    series = (message.position, message.velocity, message.effort)
+    filled = (values.tolist() + [math.nan] * (len(names) - len(values)) for values in series)
+    for name, *values in zip(names, *filled, strict=False):
         yield name, Row(written, stamped, *values)
 
 
@@ -132,7 +137,8 @@ def _joint(path: Path, content: Content, joint: str) -> Sequence[Row]:
     """The rows of the joint that is asked for, in the order of its stamps as they were written."""
     read = {key: rows for key, rows in content.joints.items() if any(not row.silent for row in rows)}
     often = Counter(name for _, name in read)
-    named = {(name if often[name] == 1 else f"{topic}:{name}"): rows for (topic, name), rows in read.items()}
+    called = {(topic, name): name if often[name] == 1 else f"{topic}:{name}" for topic, name in read}
+    named = {printable(called[key]): rows for key, rows in read.items()}
     if not named:
         raise InvalidInput(f"{path.name} has no joint with positions or velocities: expected messages {STATES}")
     if joint in named or (not joint and len(named) == 1):
