@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -10,8 +11,10 @@ from xml.etree import ElementTree
 from xml.parsers import expat
 
 from sysid.data.files import read_file, save_file
+from sysid.diagnosis.findings import spaced_unit
 from sysid.errors import InvalidInput, printable
 from sysid.physics.effects.effect import Effect, OutputEffect
+from sysid.physics.model import Model
 
 DEEPEST = 200
 """Elements within each other in a file."""
@@ -47,9 +50,14 @@ class Exported:
         return "\n".join(self.sentences)
 
 
-def left_out(effect: Effect, language: str) -> str:
-    """What is said of an effect that a language has no word for."""
-    numbers = ", ".join(f"{name} = {float(p.value):.4g} {p.unit}".rstrip(" 1") for name, p in effect.parameters.items())
+def left_out(model: Model, said: Container[type[Effect]], language: str) -> tuple[str, ...]:
+    """A sentence on each effect that does something and is none of those that a language says."""
+    return tuple(_left_out(model, e, language) for e in model.effects if type(e) not in said and not e.idle)
+
+
+def _left_out(model: Model, effect: Effect, language: str) -> str:
+    parameters = (model.parameters[name] for name in model.names_of(effect.name))
+    numbers = ", ".join(f"{p.field} = {float(p.value):.4g}{spaced_unit(p.unit)}" for p in parameters)
     if effect.of_log:
         reason = "it belongs to the log, not to the machine"
     elif isinstance(effect, OutputEffect):

@@ -42,7 +42,7 @@ class Mechanism:
         force = clip(gain drive - position_gain theta - speed_gain theta_dot, -force_limit, force_limit)
         drive = clip(scale u, -limit, limit), u clipped at u_max, `delay` [s] late and lagging by `lag` [s]
 
-    Gravity leans by `tilt` [rad], J has `armature` beside the body's; `left_out` are the effects that are none of this.
+    Gravity leans by `tilt` [rad], and J has `armature` beside the body's.
     """
 
     turns: bool
@@ -63,7 +63,6 @@ class Mechanism:
     position_gain: float = 0.0
     speed_gain: float = 0.0
     force_limit: float = math.inf
-    left_out: tuple[Effect, ...] = ()
 
 
 def body(plant: Plant) -> Body:
@@ -119,9 +118,7 @@ def mechanism(model: Model) -> Mechanism:
     found = Mechanism(model.plant.turns, body(model.plant), model.u_max)
     others = tuple(e for e in model.effects if e not in model.input_effects)
     for effect in (*model.input_effects, *others):
-        if type(effect) not in TERMS:
-            found = dataclasses.replace(found, left_out=(*found.left_out, effect))
-        elif not effect.idle:
+        if type(effect) in TERMS and not effect.idle:
             changes: dict[str, Any] = {k: float(v) for k, v in TERMS[type(effect)](effect, found).items()}
             found = dataclasses.replace(found, **changes)
     return found

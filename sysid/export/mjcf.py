@@ -10,7 +10,10 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 
 from sysid.errors import InvalidInput, excerpt
 from sysid.export.exported import Exported, left_out, number, parsed, text_of
-from sysid.export.mechanism import Mechanism, mechanism
+from sysid.export.mechanism import TERMS, Mechanism, mechanism
+from sysid.physics.effects.actuation import Lag
+from sysid.physics.effects.disturbance import TorqueBias
+from sysid.physics.effects.load import Tilt
 from sysid.physics.model import Model
 
 STEP, FRICTION_STEP = 1e-3, 2.5e-4
@@ -53,9 +56,10 @@ def to_mjcf(model: Model, joint: str = "hinge", into: str | PathLike[str] | None
         if 0.0 < own.lag <= step:
             said.append(f"The lag of {number(own.lag)} s is not in the file: a step takes {number(step)} s.")
         text = text_of(_document(own, joint, step))
+        said += left_out(model, TERMS, "MJCF")
     else:
         text, step, said = _changed(own, joint, Path(into))
-    said += [left_out(effect, "MJCF") for effect in own.left_out]
+        said += left_out(model, TERMS.keys() - {Tilt, TorqueBias, Lag}, "a joint of MJCF")
     if own.friction:
         said.append(
             f"MuJoCo's dry friction is soft, and a joint at rest creeps: solreffriction is as stiff as steps of "
@@ -174,8 +178,6 @@ def _kept(own: Mechanism) -> Iterator[str]:
     )
     if own.stiffness:
         yield "springref is the angle at which the spring is slack, from upright: shift it where 0 is elsewhere."
-    if own.tilt:
-        yield f"tilt ({number(own.tilt)} rad) is not in the file: it would turn the gravity of all bodies."
 
 
 def _undriven(count: int) -> str:
@@ -192,9 +194,6 @@ def _driven(own: Mechanism, drive: Element, step: float, early: float, inherited
         yield f"The actuator <{drive.tag}> takes another command than the model's: only its delay was changed."
     for name, value in _of_delay(own, step, early).items():
         drive.set(name, value)
-    for name, what in (("bias", "constant torque"), ("lag", "lag of the torque")):
-        if getattr(own, name):
-            yield f"The {what} ({number(getattr(own, name))}) is not in the file: it would be another actuator."
 
 
 def _takes_command(own: Mechanism, drive: Element) -> bool:

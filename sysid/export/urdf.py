@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from xml.etree.ElementTree import Element, SubElement
 
 from sysid.export.exported import Exported, left_out, number, text_of
 from sysid.export.mechanism import Mechanism, mechanism
+from sysid.physics.effects.actuation import BackEmf, Saturation
+from sysid.physics.effects.friction import Coulomb, Viscous
+from sysid.physics.effects.load import RotorInertia, Tilt
 from sysid.physics.model import Model
+
+SAID = {Viscous, BackEmf, Coulomb, RotorInertia, Tilt, Saturation}
+"""The effects that URDF has words for."""
 
 
 def to_urdf(model: Model, joint: str = "hinge") -> Exported:
@@ -33,9 +38,7 @@ def to_urdf(model: Model, joint: str = "hinge") -> Exported:
     InvalidInput
         For a model of many machines.
     """
-    own = mechanism(model)
-    said = [*_unsaid(own), *(left_out(effect, "URDF") for effect in own.left_out)]
-    return Exported("URDF", text_of(_document(own, joint)), tuple(said))
+    return Exported("URDF", text_of(_document(mechanism(model), joint)), left_out(model, SAID, "URDF"))
 
 
 def _document(own: Mechanism, joint: str) -> Element:
@@ -56,23 +59,3 @@ def _document(own: Mechanism, joint: str) -> Element:
     ends = {} if own.turns else {"lower": "-1e6", "upper": "1e6"}
     SubElement(made, "limit", ends, effort=number(limit if math.isfinite(limit) else 1e6), velocity="1e6")
     return root
-
-
-WORDS = {
-    "armature": "a rotor's inertia: it is part of the link's",
-    "stiffness": "a spring",
-    "bias": "a constant torque",
-    "delay": "a delay of the torque",
-    "lag": "a lag of the torque",
-    "position_gain": "a servo",
-    "speed_gain": "a torque of the drive that falls with speed",
-}
-
-
-def _unsaid(own: Mechanism) -> Iterator[str]:
-    """What a mechanism has beyond URDF."""
-    for name, what in WORDS.items():
-        if getattr(own, name):
-            yield f"{name} = {number(getattr(own, name))}: URDF has no word for {what}."
-    if own.gain * own.scale != 1.0:
-        yield f"URDF's effort is a torque, and a command of 1 makes {number(own.gain * own.scale)} of it."

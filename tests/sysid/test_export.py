@@ -151,6 +151,8 @@ def test_what_belongs_to_the_log_or_the_sensor_is_said_to():
     assert "it is of the sensor" in backlash
     assert drag == "drag (c = 0.02 N m s^2/rad^2) is not in the file: MJCF has no word for air drag."
     assert "tau_c = 0.1 N m, excess = 0.05 N m" in stribeck
+    (drag, gain) = to_urdf(Model(sysid.LinearAxis(), (sysid.Drag(0.02), sysid.TorqueGain(1.1)))).sentences
+    assert drag.startswith("drag (c = 0.02 N s^2/m^2)") and gain.startswith("torque_gain (c = 1.1) is not in the file")
 
 
 def test_many_machines_are_refused():
@@ -227,8 +229,8 @@ def test_a_users_file_is_kept_but_for_the_joint_and_its_actuator(tmp_path):
     said = " ".join(exported.sentences)
     for what in (
         "The body is as it was",
-        "tilt (0.05 rad) is not in the file",
-        "The constant torque (0.1) is not in the",
+        "tilt (alpha = 0.05 rad) is not in the file",
+        "joint of MJCF has no word for a constant torque",
     ):
         assert what in said
 
