@@ -23,7 +23,7 @@ from study.paper.protocol import paper_model
 from sysid import Coulomb, Delay, Lag, Model, RodPendulum, Sensor, Spring, Stamp
 
 ROOT = Path(__file__).parents[2]
-TINY = ("--algorithm", "sac", "--steps", "60", "--hidden", "8", "8", "--no-references")
+TINY = ("--algorithm", "sac", "--agents", "1", "--steps", "60", "--hidden", "8", "8", "--no-references")
 
 
 @pytest.fixture(scope="module")
