@@ -30,7 +30,7 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#7
 
 MARKS = "osD^vPX"
 
-LOWEST = 2.0
+LOWEST = 3.0
 """What returns less than so many times the optimum is an arrow at the lower edge."""
 
 ENOUGH = 3
@@ -119,6 +119,10 @@ def _legend(axes: Axes, own: Sequence[str]) -> Any:
     if any(strategy_class(s).group == "compared" for s in own):
         handles.append(Line2D([], [], color="0.3", marker="o", markerfacecolor="white", linestyle=":", markersize=4.5,
                               label="best candidate, anew"))  # fmt: skip
+    return _at_right(axes, handles)
+
+
+def _at_right(axes: Axes, handles: Sequence[Line2D]) -> Any:
     return axes.legend(handles=handles, loc="center left", bbox_to_anchor=(1.03, 0.5), fontsize=8.5)
 
 
@@ -143,7 +147,7 @@ def simulated_steps(findings: StrategiesFindings) -> Figure:
         axes.set_xlabel("simulated steps")
     panels[0].set_ylabel("return")
     handles = [Line2D([], [], label=strategy_class(strategy).short, **look) for strategy, look in looks.items()]
-    _beside_panels(figure, panels[-1].legend(handles=handles, loc="center left", bbox_to_anchor=(1.03, 0.5)))
+    _beside_panels(figure, _at_right(panels[-1], handles))
     return figure
 
 

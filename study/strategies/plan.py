@@ -136,7 +136,7 @@ EVERY = tuple(PLACES)
 _ALL = (
     StrategiesPlan("strategies", PLANTS, ("encoder", "speed"), EVERY, (0, 1, 2, 5, 10, 25, 50), CONTRASTS, (5, 25),
                    tuple(range(4000, 4020)), in_rounds=4, described=2),
-    StrategiesPlan("strategies-quick", (DELAY_MEDIUM,), ("encoder",), EVERY, (0, 2, 10), CONTRASTS, (10,),
+    StrategiesPlan("strategies-quick", (PLAIN,), ("encoder",), EVERY, (0, 2, 10), CONTRASTS, (10,),
                    (1010, 1011), in_rounds=2, described=2, steps=12_000),
     StrategiesPlan("strategies-smoke", (PLAIN, MAGNET), ("encoder", "speed"), EVERY, (0, 2, 5), CONTRASTS, (5,),
                    (1010, 1011), in_rounds=1, described=1, hidden=(8, 8), steps=600, random_steps=200, batch=32,

@@ -74,7 +74,7 @@ def _curse(findings: StrategiesFindings) -> str:
 
 def _caution(findings: StrategiesFindings) -> str:
     seeds = len(findings.plan.seeds)
-    return f" With {seeds} seeds these are no findings yet." if seeds < FEW else ""
+    return f" With {seeds} seed{'s' * (seeds != 1)} these are no findings yet." if seeds < FEW else ""
 
 
 def _listed(names: list[str]) -> str:
