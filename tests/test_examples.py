@@ -135,6 +135,18 @@ def test_tour_runs():
 
 
 @pytest.mark.long
+def test_own_strategy(tmp_path):
+    """A user's strategy beside one of ours, from its dialogue to the page."""
+    command = [sys.executable, str(EXAMPLES / "own_strategy.py")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=1800, check=False, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "Which strategy beats the point estimate?" in done.stdout
+    cases = (tmp_path / "results" / "own_strategy" / "cases.csv").read_text()
+    assert "own_strategy.py:TestedBand,5," in cases
+    assert "tested band" in (tmp_path / "results" / "own_strategy" / "report.html").read_text()
+
+
+@pytest.mark.long
 def test_own_effect():
     done = run("own_effect.py")
     assert done.returncode == 0, done.stderr
