@@ -58,7 +58,19 @@ def test_every_public_name_exists():
     assert fresh("import sysid; print([n for n in sysid.__all__ if not hasattr(sysid, n)])") == "[]"
 
 
-FLOORS = ("errors", "limits", "version", "physics", "data", "estimation", "planning", "diagnosis", "report", "cli")
+FLOORS = (
+    "errors",
+    "limits",
+    "version",
+    "physics",
+    "data",
+    "estimation",
+    "planning",
+    "diagnosis",
+    "report",
+    "cli",
+    "web",
+)
 
 
 def modules(node: ast.AST) -> list[str]:
