@@ -111,6 +111,16 @@ class Workbench:
             self.jobs.cancel(session)
             self.go(session, state.nodes[state.at].parent)
 
+    def beside(self, session: Session, node: int) -> None:
+        """Compare the model that is looked at with another of the history; once more: no longer."""
+        session.change(beside=None if session.state.beside == node else node)
+
+    def plan(self, session: Session) -> None:
+        """Ask for the next experiment."""
+        state = session.state
+        if state.at is not None and self.jobs.running(session) is None:
+            self.jobs.begin(session, state.at, "--next")
+
     def cancel(self, session: Session) -> None:
         """End what is under way."""
         self.jobs.cancel(session)
@@ -128,12 +138,11 @@ class Workbench:
         there = {n: "" if folder is None or not (folder / n).is_file() else str((folder / n).stat().st_mtime_ns)
                  for n in (FAILS, SERIES, EFFECTS, MODEL, REPORT)}  # fmt: skip
         own, known = session.identifier, [(session.of(k) / FAILS).is_file() for k in range(len(state.nodes))]
-        running = self.jobs.running(session)
         return {
             "log": f"{own} {state.titles} {bool(state.nodes)}",
             "fails": f"{own} {state.at} {there[FAILS]}",
             "effects": f"{own} {state.at} {there[EFFECTS]} {there[FAILS]}",
-            "ladder": f"{own} {state.at} {state.nodes} {known} {running}",
+            "ladder": f"{own} {state.at} {state.nodes} {known} {state.beside}",
             "take": f"{own} {state.at} {there[MODEL]} {there[REPORT]} {take_part.stamp(session)}",
         }
 
@@ -159,7 +168,7 @@ class Workbench:
         if name == "log":
             return log_part.form(session, self.most)
         if name == "ladder":
-            return layout.ladder(*self.history(session), self.jobs.running(session))
+            return layout.ladder(state, self.history(session))
         if name == "take":
             return take_part.take(session)
         found = session.read(state.at, FAILS)
@@ -170,15 +179,14 @@ class Workbench:
             )
         return layout.effects(session.read(state.at, EFFECTS), None if found is None else found["ratio"])
 
-    def history(self, session: Session) -> tuple[Any, list[dict[str, Any]], int | None]:
-        """The state, and of each model its label, error and number."""
-        state = session.state
+    def history(self, session: Session) -> list[dict[str, Any]]:
+        """Of each model its label, error and the model that it was made of."""
         found = []
-        for k, node in enumerate(state.nodes):
+        for k, node in enumerate(session.state.nodes):
             seen = session.read(k, FAILS)
             found.append({"node": k, "label": f"+ {node.added}" if node.added else "as it came", "parent": node.parent,
                           "error": None if seen is None else seen["ratio"]})  # fmt: skip
-        return state, found, state.at
+        return found
 
     def marked(
         self, session: Session, region: Mapping[str, tuple[float, float]], channel: str, over: str

@@ -65,10 +65,11 @@ def do(bench: Workbench, own: Session | None, clicked: Mapping[str, Any]) -> Ses
             return None
         if clicked["do"] == "add":
             bench.add(own, clicked["effect"])
-        elif clicked["do"] == "go":
-            bench.go(own, clicked["node"])
+        elif clicked["do"] in ("go", "beside"):
+            {"go": bench.go, "beside": bench.beside}[clicked["do"]](own, clicked["node"])
         else:
-            {"fit": bench.fit, "undo": bench.undo, "cancel": bench.cancel}.get(clicked["do"], lambda _: None)(own)
+            simple = {"fit": bench.fit, "undo": bench.undo, "cancel": bench.cancel, "plan": bench.plan}
+            simple.get(clicked["do"], lambda _: None)(own)
     return None
 
 

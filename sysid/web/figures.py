@@ -42,7 +42,13 @@ BASE = {
     },
     "showlegend": False,
 }
-AXIS = {"gridcolor": "rgba(128,128,128,0.18)", "zeroline": False, "linecolor": "rgba(128,128,128,0.6)", "ticks": ""}
+AXIS = {
+    "gridcolor": "rgba(128,128,128,0.18)",
+    "zeroline": False,
+    "linecolor": "rgba(128,128,128,0.6)",
+    "ticks": "",
+    "hoverformat": ".3g",
+}
 DIVERGING = [[0.0, ORANGE], [0.5, "rgba(128,128,128,0.06)"], [1.0, BLUE]]
 
 
@@ -285,7 +291,7 @@ def _log_range(values: Sequence[float]) -> dict[str, Any]:
 
 def ladder(paths: Sequence[tuple[str, Sequence[tuple[str, float | None]]]], height: int = 230) -> go.Figure:
     """The error on held-out data, a bar a model, down to the noise; of one path through the history, or of two."""
-    figure = blank(height, barmode="group", showlegend=len(paths) > 1, bargap=0.35)
+    figure = blank(height, barmode="group", showlegend=len(paths) > 1, bargap=0.35 if len(paths[0][1]) > 1 else 0.65)
     seen: list[float] = []
     for (name, steps), colour in zip(paths, (BLUE, ORANGE), strict=False):
         x, y = [label for label, _ in steps], [error for _, error in steps]

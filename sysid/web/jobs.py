@@ -30,14 +30,14 @@ class Jobs:
     def __init__(self, effects: Path | None = None) -> None:
         self._effects, self._jobs, self._lock = effects, dict[str, Job](), threading.RLock()
 
-    def begin(self, session: Session, node: int) -> None:
-        """Work on a model; what was worked on in this session before is cancelled."""
+    def begin(self, session: Session, node: int, *more: str) -> None:
+        """Work on a model; what was worked on in this session before is cancelled. `more`: "--next" plans, too."""
         with self._lock:
             self.cancel(session)
             folder = session.of(node)
             for name in (ERROR, PROGRESS):
                 (folder / name).unlink(missing_ok=True)
-            command = [sys.executable, "-m", "sysid.web.work", str(session.folder), str(node)]
+            command = [sys.executable, "-m", "sysid.web.work", str(session.folder), str(node), *more]
             command += [str(self._effects)] if self._effects else []
             with (folder / "work.log").open("wb") as log:
                 process = subprocess.Popen(

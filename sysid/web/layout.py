@@ -11,6 +11,7 @@ from sysid.diagnosis.findings import quantity
 from sysid.report.formatting import multiple
 from sysid.web import figures
 from sysid.web.samples import SAMPLES_BY_NAME
+from sysid.web.session import State
 
 PARTS = ("log", "fails", "effects", "ladder", "take")
 """The five sections, in the order in which they are read."""
@@ -235,26 +236,38 @@ def upload(most: int) -> dcc.Upload:
 # ---- add it ----------------------------------------------------------------------------------------------------------
 
 
-def ladder(state: Any, history: Sequence[Mapping[str, Any]], at: int | None, running: int | None) -> Any:
+def ladder(state: State, history: Sequence[Mapping[str, Any]]) -> Any:
     """The error falling, model by model; the way back, and the other ways that were tried."""
-    if not history or at is None:
+    if not history or state.at is None:
         return part("ladder", None)
-    path = [history[k] for k in state.path(at)]
-    steps = [(own["label"], own["error"]) for own in path]
-    others = [own for own in history if own["node"] not in {p["node"] for p in path}]
-    ways = [html.Li(html.Button([o["label"], html.Small(_from(history, o))], id={"do": "go", "node": o["node"]}))
-            for o in others]  # fmt: skip
+
+    def way(node: int) -> list[tuple[str, float | None]]:
+        return [(history[k]["label"], history[k]["error"]) for k in state.path(node)]
+
+    ends = [state.at] if state.beside is None else [state.at, state.beside]
+    names = ["this model", *(_ways_name(state, node) for node in ends[1:])]
+    others = [own for own in history if own["node"] not in state.path(state.at)]
     return [
-        graph(figures.ladder([("this way", steps)])),
-        html.Div([html.Button("Undo", id={"do": "undo"}, disabled=len(path) < 2)], className="buttons"),
-        *([html.P("Also tried:", className="quiet"), html.Ul(ways, className="ways")] if ways else []),
+        graph(figures.ladder([(name, way(node)) for name, node in zip(names, ends, strict=True)])),
+        html.Div([html.Button("Undo", id={"do": "undo"}, disabled=len(way(state.at)) < 2)], className="buttons"),
+        *([html.P("Also tried:", className="quiet")] if others else []),
+        html.Ul([html.Li(_other(state, own)) for own in others], className="ways"),
     ]
 
 
-def _from(history: Sequence[Mapping[str, Any]], own: Mapping[str, Any]) -> str:
-    error = "" if own["error"] is None else f" error {_multiple(own['error'])}"
-    before = "" if own["parent"] is None else f" after {history[own['parent']]['label'].removeprefix('+ ')}"
-    return before + error
+def _other(state: State, own: Mapping[str, Any]) -> list[Any]:
+    """Another model of the history: go there, or hold it beside the one that is looked at."""
+    error = "" if own["error"] is None else f"error {_multiple(own['error'])}"
+    label, beside = _ways_name(state, own["node"]), state.beside == own["node"]
+    return [
+        html.Button([label, html.Small(error)], id={"do": "go", "node": own["node"]}),
+        html.Button("Stop comparing" if beside else "Compare", id={"do": "beside", "node": own["node"]},
+                    **{"aria-label": f"compare with {label}"}),
+    ]  # fmt: skip
+
+
+def _ways_name(state: State, node: int) -> str:
+    return " + ".join(["", *state.added(node)]).strip() or "as it came"
 
 
 def part(name: str, _: None) -> Any:

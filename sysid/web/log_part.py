@@ -155,7 +155,7 @@ def form(session: Session, most: int) -> list[Any]:
             open=bool(preview(session).error) or not state.nodes,
         ),
         html.Button("Begin anew with these settings" if state.nodes else "Fit a model to this log", id={"do": "fit"},
-                    className="main wide"),
+                    className="wide" if state.nodes else "main wide"),
         upload(most),
     ]  # fmt: skip
 

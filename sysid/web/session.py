@@ -23,12 +23,15 @@ from sysid.data.json_file import read_json
 from sysid.errors import InvalidInput
 
 ENDINGS = (".csv", ".tsv", ".txt", ".npz", ".mat")
-MODEL, FAILS, SERIES, EFFECTS, REPORT, ERROR = (
+BEGUN, MODEL, FAILS, SERIES, EFFECTS, REPORT, NEXT, PLANNED, ERROR = (
+    "begun.json",
     "model.json",
     "fails.json",
     "series.npz",
     "effects.json",
     "report.html",
+    "next_experiment.csv",
+    "planned.json",
     "error.json",
 )
 
@@ -43,7 +46,8 @@ class Node:
 
 @dataclass(frozen=True)
 class State:
-    """What session.json holds; `titles` are the names under which files came, `own` the user's own effects."""
+    """What session.json holds; `titles` are the names under which files came, `beside` is the model that the
+    one at which one is is compared with, `own` are the user's own effects."""
 
     title: str = ""
     log: dict[str, Any] = field(default_factory=dict)
@@ -51,6 +55,7 @@ class State:
     titles: tuple[str, ...] = ()
     nodes: tuple[Node, ...] = ()
     at: int | None = None
+    beside: int | None = None
     own: tuple[dict[str, Any], ...] = ()
 
     @property
@@ -140,12 +145,14 @@ class Session:
         state = self.state
         number = len(state.nodes) - 1
         shutil.rmtree(self.of(number), ignore_errors=True)
-        self.change(nodes=state.nodes[:-1], at=state.nodes[number].parent if state.at == number else state.at)
+        self.change(
+            nodes=state.nodes[:-1], at=state.nodes[number].parent if state.at == number else state.at, beside=None
+        )
 
     def begin_anew(self) -> None:
         """Forget all models."""
         shutil.rmtree(self.folder / "models", ignore_errors=True)
-        self.change(nodes=(), at=None)
+        self.change(nodes=(), at=None, beside=None)
 
 
 class Sessions:

@@ -1,6 +1,6 @@
 """The work behind a model of the history: its fit, where it fails, what it is missing, and the report.
 
-    python -m sysid.web.work SESSION_FOLDER NUMBER [EFFECTS.py]
+    python -m sysid.web.work SESSION_FOLDER NUMBER [--next] [EFFECTS.py]
 
 It runs beside the server, writes each answer as a file when it is known, and says in progress.json what it does.
 """
@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 from io import BytesIO
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -28,8 +29,8 @@ from sysid.data.files import write_whole
 from sysid.data.record import Record
 from sysid.data.user_effects import blamed, load_effects
 from sysid.diagnosis.add import add
-from sysid.diagnosis.answer import Diagnosis
-from sysid.diagnosis.compare import compare
+from sysid.diagnosis.answer import Diagnosis, MissingTorque, Step
+from sysid.diagnosis.compare import Comparison, compare
 from sysid.diagnosis.diagnose import diagnose
 from sysid.diagnosis.findings import chance, numbers_of
 from sysid.diagnosis.predictions import throughout
@@ -38,16 +39,24 @@ from sysid.diagnosis.residual_torque import ResidualTorque, residual_torque
 from sysid.diagnosis.search_settings import DEFAULT
 from sysid.errors import InvalidInput
 from sysid.estimation.estimate import Estimate
-from sysid.estimation.held_out import finite
+from sysid.estimation.held_out import finite, held_out_error
 from sysid.estimation.saved_model import load, save
 from sysid.physics.effects import CATALOGUE
+from sysid.planning.experiment import limits_of, next_experiment
 from sysid.report.formatting import measured
-from sysid.web.session import EFFECTS, ERROR, FAILS, MODEL, REPORT, SERIES, Session
+from sysid.web.script import begun_with
+from sysid.web.session import BEGUN, EFFECTS, ERROR, FAILS, MODEL, NEXT, PLANNED, REPORT, SERIES, Session
 
 PROGRESS = "progress.json"
 STEP = replace(DEFAULT, steps=1)
 """One addition at a time: the next one is chosen by whoever looks at the page."""
-FITTING, COMPARING, TESTING, REPORTING = "fitting", "looking where it fails", "testing effects", "writing the report"
+FITTING, COMPARING, TESTING, REPORTING, PLANNING = (
+    "fitting",
+    "looking where it fails",
+    "testing effects",
+    "writing the report",
+    "planning the next experiment",
+)
 
 
 class Progress(logging.Handler):
@@ -124,6 +133,7 @@ class Work:
         task = self.task
         if self.node.parent is None:
             estimate = task.fitted()
+            self._write(BEGUN, begun_with(task.model, task.names))
         else:
             before = load(self.session.of(self.node.parent) / MODEL).estimate
             hold_out = self.state.log_options.hold_out
@@ -211,7 +221,60 @@ class Work:
     def _report(self) -> None:
         from sysid.report.write import write_report
 
-        write_report(self.diagnosis, self.folder / REPORT)
+        write_report(self._walk(), self.folder / REPORT)
+
+    def _walk(self) -> Diagnosis | Comparison:
+        """The way from the first model to this one, where nothing is left to add; else where this one fails."""
+        found, path = self.diagnosis, self.state.path(self.number)
+        if found.mended:
+            return compare(self.estimate, self.task.held_out, self.task.sensor)
+        first = load(self.session.of(path[0]) / MODEL).estimate
+        if len(path) == 1 or first is None:
+            return found
+        ranking = self.session.read(path[0], EFFECTS)
+        steps = tuple(self._step(before, k) for before, k in pairwise(path))
+        return replace(
+            found,
+            verdict={"adequate": "missing", "unknown": "partly"}.get(found.verdict, found.verdict),
+            base=first,
+            base_error=held_out_error(first.model, self.task.held_out, self.task.sensor),
+            steps=tuple(s for s in steps if not CATALOGUE[s.effect].of_log),
+            conventions=tuple(s for s in steps if CATALOGUE[s.effect].of_log),
+            ranking=tuple(
+                Ranked(r["effect"], (r["effect"], *r["alike"]), r["score"], r["p_value"], r.get("error"))
+                for r in (*ranking["rows"], *ranking["others"])
+            ),
+            torque=MissingTorque(0.0, 0.0, 0.0),
+        )
+
+    def _step(self, before: int, after: int) -> Step:
+        """One addition of the way."""
+        name, ranked = self.state.nodes[after].added, self.session.read(before, EFFECTS) or {"rows": [], "others": []}
+        own = next(
+            (r for r in (*ranked["rows"], *ranked["others"]) if r["effect"] == name), {"alike": [], "p_value": 1.0}
+        )
+        ratios = [self.session.read(k, FAILS)["ratio"] for k in (before, after)]
+        return Step(
+            effect=name,
+            alike=(name, *own["alike"]),
+            rivals=(),
+            parameters=numbers_of(self.estimate, name),
+            error_before=math.inf if ratios[0] is None else ratios[0],
+            error_after=math.inf if ratios[1] is None else ratios[1],
+            p_value=own["p_value"],
+            estimate=load(self.session.of(after) / MODEL).estimate or self.estimate,
+        )
+
+    def experiment(self) -> None:
+        """What to play next: what tells alike effects apart, or else what narrows the widest interval."""
+        found = self.session.read(self.number, EFFECTS)
+        best = found["rows"][0] if found and found["next"] else None
+        rivals = [best["effect"], *best["alike"][:1]] if best and best["alike"] else []
+        limits = limits_of(self.task.log, self.estimate.model)
+        planned = next_experiment(self.estimate, rivals, limits, self.task.sensor, self.task.training)
+        if planned.u.size:
+            planned.write_csv(self.folder / NEXT)
+        self._write(PLANNED, {"sentence": str(planned)})
 
     def _write(self, name: str, data: Any) -> None:
         write_whole(self.folder / name, json.dumps(data, allow_nan=False))
@@ -247,6 +310,8 @@ def _named(candidate: Ranked) -> dict[str, Any]:
         "formula": kind.formula,
         "chance": chance(candidate.p_value),
         "alike": list(candidate.alike[1:]),
+        "score": candidate.score,
+        "p_value": candidate.p_value,
     }
 
 
@@ -278,11 +343,15 @@ def main(arguments: Sequence[str]) -> int:
     logger.setLevel(logging.DEBUG)
     progress.show("reading the log")
     try:
-        for file in arguments[2:]:
+        for file in (a for a in arguments[2:] if a != "--next"):
             load_effects(file)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)
-            Work(session, number, progress).run()
+            work = Work(session, number, progress)
+            work.run()
+            if "--next" in arguments:
+                progress.enter(PLANNING)
+                work.experiment()
     except Exception as error:
         known = error if isinstance(error, InvalidInput) else blamed(error)
         said = str(known or f"the {progress.part} failed with {type(error).__name__}: {error}")

@@ -21,7 +21,8 @@ from sysid.web import figures, log_part, samples
 from sysid.web.bench import Workbench
 from sysid.web.callbacks import do, picture, region_of, session_name, zoomed
 from sysid.web.jobs import Jobs, finished
-from sysid.web.session import EFFECTS, FAILS, MODEL, REPORT, SERIES, Session, Sessions
+from sysid.web.script import script
+from sysid.web.session import EFFECTS, FAILS, MODEL, NEXT, PLANNED, REPORT, SERIES, Session, Sessions
 
 
 def waited(bench: Workbench, session: Session, seconds: float = 120.0) -> str:
@@ -271,3 +272,35 @@ def test_a_session_that_another_wrote_is_refused(bench: Workbench) -> None:
 def test_reports_are_written_without_scripts(walked: tuple[Workbench, Session]) -> None:
     _, session = walked
     assert "<script" not in (session.of(0) / REPORT).read_text()
+
+
+@pytest.mark.long
+def test_the_lines_repeat_every_click(walked: tuple[Workbench, Session], tmp_path: Path) -> None:
+    _, session = walked
+    begun = session.read(0, "begun.json")
+    lines = script(session.state, begun, 1).replace("model.json", str(tmp_path / "again.json"))
+    exec(compile(lines, "lines", "exec"), {})
+    here, again = load(session.of(1) / MODEL).estimate, load(tmp_path / "again.json").estimate
+    assert here is not None
+    assert again is not None
+    assert here.values == again.values
+
+
+@pytest.mark.long
+def test_the_report_tells_the_way_that_was_gone(walked: tuple[Workbench, Session]) -> None:
+    _, session = walked
+    text = (session.of(1) / REPORT).read_text()
+    assert "missing" in text
+    assert "coulomb" in text
+    before = session.read(0, FAILS)["ratio"]
+    assert f"{before:.2f}" in text
+
+
+@pytest.mark.long
+def test_the_next_experiment_is_planned_and_written(walked: tuple[Workbench, Session]) -> None:
+    bench, session = walked
+    session.change(at=1)
+    bench.plan(session)
+    assert waited(bench, session) == ""
+    assert session.read(1, PLANNED)["sentence"]
+    assert (session.of(1) / NEXT).read_text().startswith("rollout,t,torque")
