@@ -6,6 +6,7 @@ import base64
 import binascii
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from sysid.errors import InvalidInput
 from sysid.web import figures, layout, log_part, take_part
 from sysid.web.jobs import Jobs, finished
 from sysid.web.layout import PARTS
+from sysid.web.own_effect import OwnEffect, suggested
 from sysid.web.samples import SAMPLES_BY_NAME, sample
 from sysid.web.session import EFFECTS, ENDINGS, FAILS, MODEL, REPORT, SERIES, Session, Sessions
 
@@ -95,6 +97,16 @@ class Workbench:
             self.go(session, known[0])
             return
         self.jobs.begin(session, session.add_node(state.at, effect))
+
+    def try_own(self, session: Session, own: OwnEffect) -> None:
+        """Add an effect that the user wrote; raises InvalidInput where it is none."""
+        own.checked()
+        state = session.state
+        others = tuple(o for o in state.own if o["name"] != own.name)
+        if asdict(own) not in state.own and any(node.added == own.name for node in state.nodes):
+            raise InvalidInput(f"another {own.name!r} was added before: give this one another name")
+        session.change(own=(*others, asdict(own)))
+        self.add(session, own.name)
 
     def go(self, session: Session, node: int | None) -> None:
         """Look at another model of the history."""
@@ -177,7 +189,10 @@ class Workbench:
             return layout.fails(
                 found, figures.series(session.of(state.at) / SERIES) if ready and state.at is not None else None
             )
-        return layout.effects(session.read(state.at, EFFECTS), None if found is None else found["ratio"])
+        known = session.read(state.at, EFFECTS)
+        own = OwnEffect(**state.own[-1]) if state.own else suggested(found)
+        return [*layout.effects(known, None if found is None else found["ratio"]),
+                *(layout.own_effect(own, known) if known is not None else [])]  # fmt: skip
 
     def history(self, session: Session) -> list[dict[str, Any]]:
         """Of each model its label, error and the model that it was made of."""

@@ -16,6 +16,7 @@ from sysid.web import figures, layout, log_part
 from sysid.web.bench import Workbench
 from sysid.web.layout import PARTS
 from sysid.web.log_part import OURS, preview
+from sysid.web.own_effect import OwnEffect
 from sysid.web.session import EFFECTS, FAILS, SERIES, Session
 
 SETTINGS = (*(f"set-{c}" for c in OURS), "set-plant", "set-input", "set-zero", "set-signs", "set-known")
@@ -182,6 +183,17 @@ class Page:
         except InvalidInput as error:
             return no_update, html.P(str(error), className="error", role="alert")
 
+    def own(self, clicks: int | None, name: str, formula: str, shapes: str, search: str | None) -> tuple[Any, str]:
+        """The user's own effect is tried."""
+        own = self.session(search)
+        if not clicks or own is None:
+            return no_update, ""
+        try:
+            self.bench.try_own(own, OwnEffect((name or "").strip(), formula or "", shapes or ""))
+        except InvalidInput as error:
+            return no_update, str(error)
+        return f"own {time.time()}", ""
+
     def choose(self, search: str | None) -> Any:
         """The sessions to choose from."""
         return layout.sessions([(s.identifier, s.state.title) for s in self.bench.sessions.all()], session_name(search))
@@ -211,6 +223,9 @@ def join(app: Dash, bench: Workbench) -> None:
     dropped = [Output("url", "search", allow_duplicate=True), Output("work", "children", allow_duplicate=True)]
     files = [Input("upload", "contents"), State("upload", "filename")]
     app.callback(dropped, files, **once)(page.drop)
+    wrote = [State(f"own-{k}", "value") for k in ("name", "formula", "shapes")]
+    tried = [Output("act", "data", allow_duplicate=True), Output("own-message", "children")]
+    app.callback(tried, Input("own-try", "n_clicks"), [*wrote, url], **once)(page.own)
     app.callback(Output("sessions", "children"), Input("url", "search"))(page.choose)
 
 

@@ -10,6 +10,7 @@ from dash import dcc, html
 from sysid.diagnosis.findings import quantity
 from sysid.report.formatting import multiple
 from sysid.web import figures
+from sysid.web.own_effect import FUNCTIONS, VARIABLES, OwnEffect
 from sysid.web.samples import SAMPLES_BY_NAME
 from sysid.web.session import State
 
@@ -115,10 +116,10 @@ def _multiple(ratio: float | None) -> str:
 # ---- what is missing -------------------------------------------------------------------------------------------------
 
 
-def effects(found: Mapping[str, Any] | None, error: float | None) -> Any:
+def effects(found: Mapping[str, Any] | None, error: float | None) -> list[Any]:
     """The ranked effects, a row each, and what is ruled out."""
     if found is None:
-        return html.P("The effects of the catalogue are ranked once the model is fitted.", className="quiet")
+        return [html.P("The effects of the catalogue are ranked once the model is fitted.", className="quiet")]
     rows = [row(own, error, own["effect"] in found["next"]) for own in found["rows"]]
     return [html.P(summary(found), className="summary"), *([_together(found)] if len(found["next"]) > 1 else []),
             html.Div(rows[:FIRST], className="rows"), *_tried(rows[FIRST:]), *_others(found)]  # fmt: skip
@@ -203,6 +204,32 @@ def _others(found: Mapping[str, Any]) -> list[Any]:
     if groups:
         parts.append(html.Details([html.Summary("What this motion cannot tell apart"), html.Ul(groups)]))
     return parts
+
+
+def own_effect(own: OwnEffect, found: Mapping[str, Any]) -> list[Any]:
+    """The editor of the user's own effect, open where no known one explains the rest."""
+    fields = (
+        ("own-name", "name", own.name, "my_effect"),
+        ("own-formula", "torque =", own.formula, "-b * theta_dot"),
+        ("own-shapes", "values to try", own.shapes, "w = 0.2, 0.5; c = 3"),
+    )
+    hint = f"Of {', '.join(VARIABLES)} and numbers of your own, with + - * / ** and {', '.join(FUNCTIONS)}."
+    return [
+        html.Details(
+            [
+                html.Summary("Your own effect"),
+                *(
+                    html.Label([html.Span(label), dcc.Input(id=k, value=v, placeholder=like, className="code")])
+                    for k, label, v, like in fields
+                ),
+                html.P(hint, className="hint"),
+                html.Button("Try it", id="own-try"),
+                html.P(id="own-message", className="error", role="alert"),
+            ],
+            open=not found["next"] and found["verdict"] in ("unknown", "partly"),
+            className="own",
+        )
+    ]
 
 
 # ---- log -------------------------------------------------------------------------------------------------------------

@@ -30,7 +30,7 @@ class Magnet(JointEffect):
 
     def torque(self, joint: Joint) -> Value:
         x = (joint.theta - math.pi - 0.5) / 0.25
-        return -0.4 * x * ops.exp(-x * x)
+        return -0.8 * x * ops.exp(-x * x)
 
 
 @dataclass(frozen=True)

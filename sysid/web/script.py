@@ -12,8 +12,10 @@ from sysid.physics.model import Model
 from sysid.physics.plants import Plant
 from sysid.web.session import State
 
-READ = {"zero": None, "flip_torque": None, "degrees": None, "begin": None, "end": None, "dt": None, "time_unit": None}
-"""The options of a log that `sysid.read` takes under the same name."""
+READ = {k: k for k in ("columns", "zero", "flip_torque", "degrees", "begin", "end", "dt", "time_unit")} | {
+    "input": "command"
+}
+"""The options of a log, and what `sysid.read` calls them."""
 
 
 def begun_with(model: Model, names: Sequence[str]) -> dict[str, Any]:
@@ -35,42 +37,37 @@ def _effect(own: Effect) -> str:
     return f"effect({own.name!r}{numbers})" if own.name in known else f"# {own.name} is not known here"
 
 
-def script(state: State, begun: Mapping[str, Any], node: int, own_effects: str = "") -> str:
-    """The lines: read, fit, add what was added, say what is missing next, save."""
-    options = {k: state.log[k] for k in READ if k in state.log}
-    options |= {"columns": state.log["columns"]} if "columns" in state.log else {}
-    options |= {"command": state.log["input"]} if "input" in state.log else {}
+def script(state: State, begun: Mapping[str, Any], node: int, own: Sequence[str] = ()) -> str:
+    """The lines: read, fit, add what was added, say what is missing next, save; `own` are classes of own effects."""
     files = [Path(f).name if t == Path(f).name else f for f, t in zip(state.log["files"], state.titles, strict=True)]
-    told = "".join(f", {k}={v!r}" for k, v in options.items())
-    hold_out = state.log.get("hold_out")
-    more = "" if hold_out is None else f", {hold_out!r}"
-    noise = _noise(state.log.get("noise", ""))
-    thinned = "whole" if state.log.get("dt") is not None else "whole.thinned()"
-    added = "\n".join(
-        f"estimate = sysid.add(estimate, {name!r}, log, sensor{more}).estimate" for name in state.added(node)
-    )
-    effects = ", ".join(begun["effects"])
-    return f"""\
-{"import dataclasses" + chr(10) if "dataclasses" in noise else ""}
-import sysid
-from sysid.estimation.initial_guess import initial_guess
-{"from sysid import effect" + chr(10) if effects else ""}{own_effects}
-plant = {begun["plant"]}
-whole = sysid.read({files!r}{told}, plant=plant)
-log = {thinned}
-sensor = {noise}
-training, held_out = sysid.split(log{more})
-names = {begun["names"]!r}
-model = sysid.Model(plant, ({effects}{"," if effects else ""}), sysid.RK4(substeps={begun["substeps"]}), dt=log.dt)
-estimate = sysid.fit(initial_guess(model, names, training, sensor), training, sensor, names)
-{added}{chr(10) if added else ""}print(sysid.compare(estimate, held_out, sensor))
-print(sysid.diagnose(estimate, log, sensor{more}))  # what is missing now
-sysid.save(estimate, "model.json")
-"""
+    more = f", {state.log['hold_out']!r}" if "hold_out" in state.log else ""
+    given = state.log.get("noise", "")
+    effects = "".join(f"sysid.{e}, " for e in begun["effects"])
+    parts = [
+        *(["import dataclasses", ""] if own or given else []),
+        "import sysid",
+        "from sysid.estimation.initial_guess import initial_guess",
+        *(f"\n\n{text}" for text in own),
+        "",
+        f"plant = {begun['plant']}",
+        f"whole = sysid.read({files!r}{_options(state)}, plant=plant)",
+        "log = whole" if "dt" in state.log else "log = whole.thinned()",
+        "sensor = sysid.sensor_noise(whole).sensor",
+        *([f"sensor = dataclasses.replace(sensor, {given})"] if given else []),
+        f"training, held_out = sysid.split(log{more})",
+        f"names = {begun['names']!r}",
+        f"model = sysid.Model(plant, ({effects}), sysid.RK4(substeps={begun['substeps']}), dt=log.dt)",
+        "model = initial_guess(model, names, training, sensor)",
+        "estimate = sysid.fit(model, training, sensor, names)",
+        *(f"estimate = sysid.add(estimate, {name!r}, log, sensor{more}).estimate" for name in state.added(node)),
+        "print(sysid.compare(estimate, held_out, sensor))",
+        f"print(sysid.diagnose(estimate, log, sensor{more}))  # what is missing now",
+        'sysid.save(estimate, "model.json")',
+    ]
+    return "\n".join(parts) + "\n"
 
 
-def _noise(told: str) -> str:
-    """The sensor: what the user gave, else what the log shows."""
-    given = ", ".join(pair.strip() for pair in told.split(",") if pair.strip())
-    found = "sysid.sensor_noise(whole).sensor"
-    return f"dataclasses.replace({found}, {given})" if given else found
+def _options(state: State) -> str:
+    """How the log is read, as arguments of `sysid.read`."""
+    found = {READ[k]: v for k, v in state.log.items() if k in READ}
+    return "".join(f", {k}={v!r}" for k, v in found.items())

@@ -6,6 +6,7 @@ from typing import Any
 
 from dash import dcc, html
 
+from sysid.web.own_effect import OwnEffect
 from sysid.web.script import script
 from sysid.web.session import BEGUN, MODEL, NEXT, PLANNED, REPORT, Session
 
@@ -54,7 +55,8 @@ def _lines(session: Session, at: int) -> list[Any]:
     begun = session.read(state.path(at)[0], BEGUN)
     if begun is None:
         return []
-    lines = script(state, begun, at)
+    own = [OwnEffect(**o).source() for o in state.own if o["name"] in state.added(at)]
+    lines = script(state, begun, at, own)
     environment = 'gymnasium.make("policies:gapfinder/Pendulum-v0", model="model.json")'
     return [
         html.Details(

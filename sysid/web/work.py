@@ -44,6 +44,7 @@ from sysid.estimation.saved_model import load, save
 from sysid.physics.effects import CATALOGUE
 from sysid.planning.experiment import limits_of, next_experiment
 from sysid.report.formatting import measured
+from sysid.web.own_effect import OwnEffect
 from sysid.web.script import begun_with
 from sysid.web.session import BEGUN, EFFECTS, ERROR, FAILS, MODEL, NEXT, PLANNED, REPORT, SERIES, Session
 
@@ -249,10 +250,10 @@ class Work:
 
     def _step(self, before: int, after: int) -> Step:
         """One addition of the way."""
-        name, ranked = self.state.nodes[after].added, self.session.read(before, EFFECTS) or {"rows": [], "others": []}
-        own = next(
-            (r for r in (*ranked["rows"], *ranked["others"]) if r["effect"] == name), {"alike": [], "p_value": 1.0}
-        )
+        name = self.state.nodes[after].added
+        ranked = self.session.read(before, EFFECTS) or {"rows": [], "others": []}
+        none: dict[str, Any] = {"alike": [], "p_value": 1.0}
+        own = next((r for r in (*ranked["rows"], *ranked["others"]) if r["effect"] == name), none)
         ratios = [self.session.read(k, FAILS)["ratio"] for k in (before, after)]
         return Step(
             effect=name,
@@ -347,6 +348,8 @@ def main(arguments: Sequence[str]) -> int:
             load_effects(file)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)
+            for own in session.state.own:
+                OwnEffect(**own).register()
             work = Work(session, number, progress)
             work.run()
             if "--next" in arguments:

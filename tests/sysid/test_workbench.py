@@ -21,8 +21,9 @@ from sysid.web import figures, log_part, samples
 from sysid.web.bench import Workbench
 from sysid.web.callbacks import do, picture, region_of, session_name, zoomed
 from sysid.web.jobs import Jobs, finished
+from sysid.web.own_effect import OwnEffect
 from sysid.web.script import script
-from sysid.web.session import EFFECTS, FAILS, MODEL, NEXT, PLANNED, REPORT, SERIES, Session, Sessions
+from sysid.web.session import BEGUN, EFFECTS, FAILS, MODEL, NEXT, PLANNED, REPORT, SERIES, Session, Sessions
 
 
 def waited(bench: Workbench, session: Session, seconds: float = 120.0) -> str:
@@ -275,9 +276,33 @@ def test_reports_are_written_without_scripts(walked: tuple[Workbench, Session]) 
 
 
 @pytest.mark.long
+def test_an_effect_that_the_user_writes_is_fitted_like_ours(walked: tuple[Workbench, Session]) -> None:
+    bench, session = walked
+    session.change(at=0)
+    with pytest.raises(InvalidInput, match="not understood"):
+        bench.try_own(session, OwnEffect("mine", "__import__('os').system('x')"))
+    with pytest.raises(InvalidInput, match="in the catalogue"):
+        bench.try_own(session, OwnEffect("coulomb", "-a * theta_dot"))
+    assert session.state.at == 0
+    own = OwnEffect("grip", "-a * tanh(theta_dot / v)", "v = 0.05, 0.2")
+    bench.try_own(session, own)
+    assert waited(bench, session) == ""
+    node = session.state.at
+    assert session.state.added(node) == ("grip",)
+    assert session.read(node, FAILS)["ratio"] < 1.3
+    sizes = {p["name"]: p["said"] for p in session.read(node, FAILS)["parameters"]}
+    assert abs(float(sizes["grip.a"].partition(" ")[0]) - 0.15) < 0.02
+    with pytest.raises(InvalidInput, match="another name"):
+        bench.try_own(session, OwnEffect("grip", "-a * theta_dot"))
+    lines = script(session.state, session.read(0, BEGUN), 2, [own.source()])
+    compile(lines, "lines", "exec")
+    session.drop_last_node()
+
+
+@pytest.mark.long
 def test_the_lines_repeat_every_click(walked: tuple[Workbench, Session], tmp_path: Path) -> None:
     _, session = walked
-    begun = session.read(0, "begun.json")
+    begun = session.read(0, BEGUN)
     lines = script(session.state, begun, 1).replace("model.json", str(tmp_path / "again.json"))
     exec(compile(lines, "lines", "exec"), {})
     here, again = load(session.of(1) / MODEL).estimate, load(tmp_path / "again.json").estimate
