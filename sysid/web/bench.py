@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import binascii
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -19,10 +19,11 @@ from sysid.data.record import write_csv
 from sysid.errors import InvalidInput
 from sysid.web import figures, layout, log_part, take_part
 from sysid.web.jobs import Jobs, finished
-from sysid.web.layout import PARTS
+from sysid.web.layout import STAMPED
 from sysid.web.own_effect import OwnEffect, suggested
 from sysid.web.samples import SAMPLES_BY_NAME, sample
 from sysid.web.session import EFFECTS, ENDINGS, FAILS, MODEL, REPORT, SERIES, Session, Sessions
+from sysid.web.training import Trainings
 
 LARGEST_UPLOAD = 64 << 20
 """Bytes of the files that are dropped at once."""
@@ -33,6 +34,7 @@ class Workbench:
 
     def __init__(self, sessions: Sessions, jobs: Jobs, most: int = LARGEST_UPLOAD) -> None:
         self.sessions, self.jobs, self.most = sessions, jobs, most
+        self.trainings = Trainings(jobs.effects)
         self.messages: dict[str, str] = {}
 
     # ---- logs
@@ -143,7 +145,7 @@ class Workbench:
     def stamps(self, session: Session | None) -> dict[str, str]:
         """What each part of the page rests on, as a text that changes with it."""
         if session is None:
-            return dict.fromkeys(PARTS, "none")
+            return dict.fromkeys(STAMPED, "none")
         state, folder = session.state, None
         if state.at is not None:
             folder = session.of(state.at)
@@ -156,7 +158,18 @@ class Workbench:
             "effects": f"{own} {state.at} {there[EFFECTS]} {there[FAILS]}",
             "ladder": f"{own} {state.at} {state.nodes} {known} {state.beside}",
             "take": f"{own} {state.at} {there[MODEL]} {there[REPORT]} {take_part.stamp(session)}",
+            "train": f"{own} {state.at} {there[FAILS]} {take_part.training_stamp(session)} "
+            f"{self.trainings.running(session)}",
         }
+
+    def busy(self, session: Session) -> bool:
+        """Whether something is under way that the page watches."""
+        return self.jobs.running(session) is not None or self.trainings.running(session)
+
+    def end(self) -> None:
+        """End everything that is under way."""
+        self.jobs.end()
+        self.trainings.end()
 
     def work(self, session: Session | None) -> Any:
         """What is under way, or what went wrong last."""
@@ -175,24 +188,28 @@ class Workbench:
     def part(self, name: str, session: Session | None) -> Any:
         """What a section of the page shows."""
         if session is None:
-            return layout.begin(self.most) if name == "log" else layout.part(name, None)
+            return layout.begin(self.most) if name == "log" else layout.part(name)
+        show: dict[str, Callable[[Session], Any]] = {
+            "log": lambda own: log_part.form(own, self.most),
+            "fails": self._fails,
+            "effects": self._effects,
+            "ladder": lambda own: layout.ladder(own.state, self.history(own)),
+            "take": take_part.take,
+            "train": lambda own: take_part.train(own, self.trainings.running(own)),
+        }
+        return show[name](session)
+
+    def _fails(self, session: Session) -> Any:
+        at = session.state.at
+        found = session.read(at, FAILS)
+        return layout.fails(found, None if found is None or at is None else figures.series(session.of(at) / SERIES))
+
+    def _effects(self, session: Session) -> Any:
         state = session.state
-        if name == "log":
-            return log_part.form(session, self.most)
-        if name == "ladder":
-            return layout.ladder(state, self.history(session))
-        if name == "take":
-            return take_part.take(session)
-        found = session.read(state.at, FAILS)
-        if name == "fails":
-            ready = found is not None and state.at is not None
-            return layout.fails(
-                found, figures.series(session.of(state.at) / SERIES) if ready and state.at is not None else None
-            )
-        known = session.read(state.at, EFFECTS)
+        found, known = session.read(state.at, FAILS), session.read(state.at, EFFECTS)
         own = OwnEffect(**state.own[-1]) if state.own else suggested(found)
-        return [*layout.effects(known, None if found is None else found["ratio"]),
-                *(layout.own_effect(own, known) if known is not None else [])]  # fmt: skip
+        rows = layout.effects(known, None if found is None else found["ratio"])
+        return rows if known is None else [*rows, *layout.own_effect(own, known)]
 
     def history(self, session: Session) -> list[dict[str, Any]]:
         """Of each model its label, error and the model that it was made of."""

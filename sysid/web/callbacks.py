@@ -14,7 +14,7 @@ from dash import ALL, MATCH, Dash, Input, Output, Patch, State, ctx, html, no_up
 from sysid.errors import InvalidInput
 from sysid.web import figures, layout, log_part
 from sysid.web.bench import Workbench
-from sysid.web.layout import PARTS
+from sysid.web.layout import STAMPED
 from sysid.web.log_part import OURS, preview
 from sysid.web.own_effect import OwnEffect
 from sysid.web.session import EFFECTS, FAILS, SERIES, Session
@@ -69,7 +69,8 @@ def do(bench: Workbench, own: Session | None, clicked: Mapping[str, Any]) -> Ses
         elif clicked["do"] in ("go", "beside"):
             {"go": bench.go, "beside": bench.beside}[clicked["do"]](own, clicked["node"])
         else:
-            simple = {"fit": bench.fit, "undo": bench.undo, "cancel": bench.cancel, "plan": bench.plan}
+            simple = {"fit": bench.fit, "undo": bench.undo, "cancel": bench.cancel, "plan": bench.plan,
+                      "untrain": bench.trainings.cancel}  # fmt: skip
             simple.get(clicked["do"], lambda _: None)(own)
     return None
 
@@ -106,8 +107,8 @@ class Page:
         """What is new: stamps of the parts, what is under way, and when to ask again."""
         own = self.session(search)
         now, stamps = self.bench.work(own), self.bench.stamps(own)
-        new = [no_update if stamps[p] == s else stamps[p] for p, s in zip(PARTS, seen, strict=True)]
-        return [*new, now, SLOW if own is None or self.bench.jobs.running(own) is None else QUICK]
+        new = [no_update if stamps[p] == s else stamps[p] for p, s in zip(STAMPED, seen, strict=True)]
+        return [*new, now, QUICK if own is not None and self.bench.busy(own) else SLOW]
 
     def part(self, name: str, search: str | None) -> Any:
         """A section anew."""
@@ -183,6 +184,17 @@ class Page:
         except InvalidInput as error:
             return no_update, html.P(str(error), className="error", role="alert")
 
+    def train(self, clicks: int | None, u_max: Any, search: str | None) -> tuple[Any, str]:
+        """A training begins."""
+        own = self.session(search)
+        if not clicks or own is None or own.state.at is None:
+            return no_update, ""
+        try:
+            self.bench.trainings.begin(own, own.state.at, float(u_max or 0.0))
+        except (InvalidInput, ValueError) as error:
+            return no_update, str(error)
+        return f"train {time.time()}", ""
+
     def own(self, clicks: int | None, name: str, formula: str, shapes: str, search: str | None) -> tuple[Any, str]:
         """The user's own effect is tried."""
         own = self.session(search)
@@ -202,11 +214,11 @@ class Page:
 def join(app: Dash, bench: Workbench) -> None:
     """Register all callbacks of the page."""
     page, url, once = Page(bench), State("url", "search"), {"prevent_initial_call": True}
-    stamps = [Output(f"seen-{p}", "data") for p in PARTS]
-    seen = [State(f"seen-{p}", "data") for p in PARTS]
+    stamps = [Output(f"seen-{p}", "data") for p in STAMPED]
+    seen = [State(f"seen-{p}", "data") for p in STAMPED]
     now = [Input("tick", "n_intervals"), Input("url", "search"), Input("act", "data")]
     app.callback([*stamps, Output("work", "children"), Output("tick", "interval")], now, seen)(page.look)
-    for part in PARTS:
+    for part in STAMPED:
         show = partial(_part, page, part)
         app.callback(Output(f"part-{part}", "children"), Input(f"seen-{part}", "data"), url)(show)
     buttons = [Input({"do": ALL, **more}, "n_clicks") for more in ({}, {"effect": ALL}, {"name": ALL}, {"node": ALL})]
@@ -226,6 +238,8 @@ def join(app: Dash, bench: Workbench) -> None:
     wrote = [State(f"own-{k}", "value") for k in ("name", "formula", "shapes")]
     tried = [Output("act", "data", allow_duplicate=True), Output("own-message", "children")]
     app.callback(tried, Input("own-try", "n_clicks"), [*wrote, url], **once)(page.own)
+    begun = [Output("act", "data", allow_duplicate=True), Output("train-message", "children")]
+    app.callback(begun, Input("train", "n_clicks"), [State("train-u-max", "value"), url], **once)(page.train)
     app.callback(Output("sessions", "children"), Input("url", "search"))(page.choose)
 
 

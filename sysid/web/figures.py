@@ -303,3 +303,18 @@ def ladder(paths: Sequence[tuple[str, Sequence[tuple[str, float | None]]]], heig
     noise_line(figure)
     figure.update_yaxes(title="error / sensor noise", **_log_range(seen))
     return figure
+
+
+# ---- take it along ---------------------------------------------------------------------------------------------------
+
+
+def learning(points: Sequence[tuple[int, float]], optimum: float | None, height: int = 200) -> go.Figure:
+    """The return in training over commands given, and the best that any controller can have."""
+    figure = blank(height)
+    figure.add_scatter(x=[x for x, _ in points], y=[y for _, y in points], mode="lines+markers", line={"color": BLUE})
+    if optimum is not None:
+        said = {"text": "optimum", "font": {"color": GREEN}}
+        figure.add_hline(y=optimum, line={"color": GREEN, "width": 2}, annotation=said)
+    figure.update_xaxes(title="commands given", rangemode="tozero")
+    figure.update_yaxes(title="return of an episode")
+    return figure

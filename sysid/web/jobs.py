@@ -28,7 +28,7 @@ class Jobs:
     """The processes of all sessions. `effects` is a file with the user's own, named on the command line."""
 
     def __init__(self, effects: Path | None = None) -> None:
-        self._effects, self._jobs, self._lock = effects, dict[str, Job](), threading.RLock()
+        self.effects, self._jobs, self._lock = effects, dict[str, Job](), threading.RLock()
 
     def begin(self, session: Session, node: int, *more: str) -> None:
         """Work on a model; what was worked on in this session before is cancelled. `more`: "--next" plans, too."""
@@ -38,7 +38,7 @@ class Jobs:
             for name in (ERROR, PROGRESS):
                 (folder / name).unlink(missing_ok=True)
             command = [sys.executable, "-m", "sysid.web.work", str(session.folder), str(node), *more]
-            command += [str(self._effects)] if self._effects else []
+            command += [str(self.effects)] if self.effects else []
             with (folder / "work.log").open("wb") as log:
                 process = subprocess.Popen(
                     command,
@@ -46,7 +46,7 @@ class Jobs:
                     stdout=log,
                     stderr=log,
                     start_new_session=True,
-                    env=_environment(),
+                    env=environment(),
                 )
             self._jobs[session.identifier] = Job(node, process)
 
@@ -56,10 +56,7 @@ class Jobs:
             job = self._jobs.pop(session.identifier, None)
             if job is None:
                 return
-            if job.process.poll() is None:
-                with suppress(ProcessLookupError):
-                    os.killpg(job.process.pid, signal.SIGKILL)
-                job.process.wait()
+            kill(job.process)
             if not (session.of(job.node) / MODEL).is_file() and job.node == len(session.state.nodes) - 1:
                 session.drop_last_node()
 
@@ -98,9 +95,7 @@ class Jobs:
         """Cancel everything."""
         with self._lock:
             for job in self._jobs.values():
-                if job.process.poll() is None:
-                    with suppress(ProcessLookupError):
-                        os.killpg(job.process.pid, signal.SIGKILL)
+                kill(job.process)
             self._jobs.clear()
 
 
@@ -109,6 +104,14 @@ def finished(session: Session, node: int) -> bool:
     return all((session.of(node) / name).is_file() for name in (MODEL, EFFECTS, REPORT))
 
 
-def _environment() -> dict[str, str]:
+def kill(process: subprocess.Popen[bytes]) -> None:
+    """End a process and those that it began."""
+    if process.poll() is None:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+
+
+def environment() -> dict[str, str]:
     """One thread: the server has to answer meanwhile."""
     return {**os.environ, **{f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL")}}

@@ -16,6 +16,8 @@ from sysid.web.session import State
 
 PARTS = ("log", "fails", "effects", "ladder", "take")
 """The five sections, in the order in which they are read."""
+STAMPED = (*PARTS, "train")
+"""What is shown anew when it changes; a training has a place of its own in the last section."""
 TITLES = {
     "log": "Log",
     "fails": "Where it fails",
@@ -40,7 +42,7 @@ def page() -> html.Div:
         [
             dcc.Location(id="url", refresh=False),
             dcc.Interval(id="tick", interval=400, disabled=False),
-            *(dcc.Store(id=f"seen-{part}") for part in PARTS),
+            *(dcc.Store(id=f"seen-{part}") for part in STAMPED),
             dcc.Store(id="act"),
             html.Header(
                 [
@@ -61,7 +63,11 @@ def page() -> html.Div:
 def section(part: str) -> html.Section:
     """A section with its heading; what it holds comes later."""
     return html.Section(
-        [html.H2(TITLES[part], id=f"head-{part}"), html.Div(id=f"part-{part}")],
+        [
+            html.H2(TITLES[part], id=f"head-{part}"),
+            html.Div(id=f"part-{part}"),
+            *([html.Div(id="part-train")] if part == PARTS[-1] else []),
+        ],
         id=part,
         **{"aria-labelledby": f"head-{part}"},
     )
@@ -266,7 +272,7 @@ def upload(most: int) -> dcc.Upload:
 def ladder(state: State, history: Sequence[Mapping[str, Any]]) -> Any:
     """The error falling, model by model; the way back, and the other ways that were tried."""
     if not history or state.at is None:
-        return part("ladder", None)
+        return part("ladder")
 
     def way(node: int) -> list[tuple[str, float | None]]:
         return [(history[k]["label"], history[k]["error"]) for k in state.path(node)]
@@ -297,12 +303,13 @@ def _ways_name(state: State, node: int) -> str:
     return " + ".join(["", *state.added(node)]).strip() or "as it came"
 
 
-def part(name: str, _: None) -> Any:
+def part(name: str) -> Any:
     """What a section shows before there is anything."""
     said = {
         "fails": "Here is shown how far a model is off, and where.",
         "effects": "Here stand the effects that would explain it, the best first.",
         "ladder": "Here the error falls, effect by effect, down to the noise of the sensors.",
+        "train": "",
         "take": "Here the mended model waits to be taken along.",
     }
     return html.P(said[name], className="quiet")

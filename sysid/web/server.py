@@ -153,4 +153,4 @@ def serve(command: Command) -> None:
     try:
         server.serve_forever()
     finally:
-        bench.jobs.end()
+        bench.end()

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from dash import dcc, html
 
+from sysid.web import figures, layout
 from sysid.web.own_effect import OwnEffect
 from sysid.web.script import script
-from sysid.web.session import BEGUN, MODEL, NEXT, PLANNED, REPORT, Session
+from sysid.web.session import BEGUN, FAILS, MODEL, NEXT, PLANNED, REPORT, Session
+from sysid.web.training import OPTIMUM, OWN, SAID, available, heard
 
 DOWNLOADS = {MODEL: "application/json", REPORT: "text/html", NEXT: "text/csv"}
 """The answers that can be downloaded, and what they are."""
@@ -68,3 +71,42 @@ def _lines(session: Session, at: int) -> list[Any]:
         ),
         html.Details([html.Summary("As a Gymnasium environment"), html.Pre(environment)]),
     ]
+
+
+# ---- training --------------------------------------------------------------------------------------------------------
+
+
+def training_stamp(session: Session) -> str:
+    """How much a training has said."""
+    at = session.state.at
+    said = None if at is None else session.of(at) / SAID
+    return str(said.stat().st_size) if said is not None and said.is_file() else ""
+
+
+def train(session: Session, running: bool) -> Any:
+    """Train a policy on the model that is looked at, and its curve against the optimum."""
+    at = session.state.at
+    found = session.read(at, FAILS)
+    if at is None or found is None or not found["turns"]:
+        return ""
+    if not available():
+        return html.P("A policy can be trained here where the package policies is installed.", className="quiet")
+    said = heard(session, at)
+    u_max = dcc.Input(id="train-u-max", type="number", value=float(f"{found['u_max']:.3g}"), min=0)
+    button = html.Button("Stop", id={"do": "untrain"}) if running else html.Button("Train", id="train")
+    return [
+        html.H3("A policy for this model"),
+        html.Div([html.Label([html.Span("torque up to [N m]"), u_max]), button], className="training"),
+        html.P(id="train-message", className="error", role="alert"),
+        *([] if said is None else [layout.graph(figures.learning(said["points"], said["returns"].get(OPTIMUM)))]),
+        *([] if said is None else [html.P(_said(said, running), className="quiet")]),
+    ]
+
+
+def _said(said: Mapping[str, Any], running: bool) -> str:
+    """Where a training is, or what it came to."""
+    returns = said["returns"]
+    if OWN in returns:
+        best = f"; the optimum has {returns[OPTIMUM]:.0f}" if OPTIMUM in returns else ""
+        return f"The policy earns {returns[OWN]:.0f} an episode{best}. It lies in the session's folder."
+    return str(said["last"]) if running or not said["points"] else "stopped"

@@ -32,7 +32,7 @@ from sysid.diagnosis.add import add
 from sysid.diagnosis.answer import Diagnosis, MissingTorque, Step
 from sysid.diagnosis.compare import Comparison, compare
 from sysid.diagnosis.diagnose import diagnose
-from sysid.diagnosis.findings import chance, numbers_of
+from sysid.diagnosis.findings import chance, numbers_of, spaced_unit
 from sysid.diagnosis.predictions import throughout
 from sysid.diagnosis.ranked import Ranked
 from sysid.diagnosis.residual_torque import ResidualTorque, residual_torque
@@ -152,6 +152,7 @@ class Work:
             "command_unit": model.command_unit,
             "turns": model.plant.turns,
             "reach": self._reach(torque),
+            "u_max": float(max(np.max(np.abs(r.u)) for r in task.log)),
             "torque": torque.to_dict(series=False) | {"sentence": torque.sentence},
             "parameters": _parameters(self.estimate),
             "status": self.estimate.status,
@@ -321,7 +322,7 @@ def _row(candidate: Ranked, found: Diagnosis) -> dict[str, Any]:
     step = next((s for s in (*found.steps, *found.conventions) if s.effect == candidate.effect), None)
     numbers = candidate.parameters if step is None else numbers_of(step.estimate, candidate.effect)
     sizes = [
-        {"name": n.partition(".")[2], "said": measured(v["value"], v["sd"]), "unit": v["unit"]}
+        {"name": n.partition(".")[2], "said": measured(v["value"], v["sd"]), "unit": spaced_unit(v["unit"]).strip()}
         for n, v in numbers.items()
     ]
     torque = candidate.torque

@@ -24,6 +24,7 @@ from sysid.web.jobs import Jobs, finished
 from sysid.web.own_effect import OwnEffect
 from sysid.web.script import script
 from sysid.web.session import BEGUN, EFFECTS, FAILS, MODEL, NEXT, PLANNED, REPORT, SERIES, Session, Sessions
+from sysid.web.training import heard
 
 
 def waited(bench: Workbench, session: Session, seconds: float = 120.0) -> str:
@@ -44,7 +45,7 @@ def uploaded(bench: Workbench, *files: Path) -> Session:
 def bench(tmp_path: Path) -> Iterator[Workbench]:
     made = Workbench(Sessions(tmp_path / "sessions"), Jobs(), most=1 << 20)
     yield made
-    made.jobs.end()
+    made.end()
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +63,7 @@ def walked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Workbench
     bench.add(session, "coulomb")
     assert waited(bench, session) == ""
     yield bench, session
-    bench.jobs.end()
+    bench.end()
 
 
 # ---- the loop --------------------------------------------------------------------------------------------------------
@@ -329,3 +330,35 @@ def test_the_next_experiment_is_planned_and_written(walked: tuple[Workbench, Ses
     assert waited(bench, session) == ""
     assert session.read(1, PLANNED)["sentence"]
     assert (session.of(1) / NEXT).read_text().startswith("rollout,t,torque")
+
+
+@pytest.mark.long
+def test_a_policy_is_trained_and_its_curve_is_heard(walked: tuple[Workbench, Session]) -> None:
+    pytest.importorskip("policies")
+    bench, session = walked
+    with pytest.raises(InvalidInput, match="above 0"):
+        bench.trainings.begin(session, 0, 0.0)
+    bench.trainings.begin(session, 0, 2.0, steps=2_000)
+    assert bench.busy(session)
+    end = time.monotonic() + 120.0
+    while time.monotonic() < end and len((heard(session, 0) or {"points": []})["points"]) < 1:
+        time.sleep(0.5)
+    found = heard(session, 0)
+    assert found is not None
+    assert found["points"][0][0] > 0
+    bench.trainings.cancel(session)
+    assert not bench.busy(session)
+
+
+def test_what_a_training_says_is_understood(tmp_path: Path) -> None:
+    session = Session(tmp_path)
+    session.of(0).mkdir(parents=True)
+    (session.of(0) / "training.txt").write_text(
+        "training 1 agent\n     step   return in training\n    5,000     -1204  ########   12 s, 2 min left\n"
+        "  this policy                       -207.2  [-222.3, -192.2]\n"
+        "  optimum (dynamic programming)     -149.2  [-160.6, -137.8]\n"
+    )
+    found = heard(session, 0)
+    assert found is not None
+    assert found["points"] == [(5000, -1204.0)]
+    assert found["returns"] == {"this policy": -207.2, "optimum (dynamic programming)": -149.2}

@@ -38,7 +38,7 @@ def site(tmp_path: Path) -> Iterator[str]:
     server, bench = make(tmp_path / "sessions", "127.0.0.1", 0)
     threading.Thread(target=server.serve_forever, daemon=True).start()
     yield f"http://127.0.0.1:{server.server_port}"
-    bench.jobs.end()
+    bench.end()
     server.shutdown()
     server.server_close()
 
