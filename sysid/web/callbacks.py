@@ -19,7 +19,16 @@ from sysid.web.log_part import OURS, preview
 from sysid.web.own_effect import OwnEffect
 from sysid.web.session import EFFECTS, FAILS, SERIES, Session
 
-SETTINGS = (*(f"set-{c}" for c in OURS), "set-plant", "set-input", "set-zero", "set-signs", "set-known")
+SETTINGS = (
+    *(f"set-{c}" for c in OURS),
+    "set-plant",
+    "set-input",
+    "set-zero",
+    "set-signs",
+    "set-begin",
+    "set-end",
+    "set-known",
+)
 """The controls of the form, in the order in which they are handed over."""
 QUICK, SLOW = 400, 3_000
 """How often [ms] the page asks what is new, while something is under way and else."""

@@ -18,8 +18,10 @@ from sysid.report.formatting import multiple
 
 MOST = 5_000
 """Points of a series that a page is sent."""
-MARKED = 1_500
+MARKED = 600
 """Points of a selection that are marked in each picture."""
+DOTS = 1_200
+"""Samples that are drawn as dots."""
 BLUE, ORANGE, GREEN, GREY, YELLOW = "#3d7eff", "#e8702a", "#1a9b6c", "#8a8f98", "#d99a00"
 SIGMA_99 = 2.5758
 BASE = {
@@ -136,9 +138,9 @@ def course(found: Mapping[str, Any], s: Series, channel: str = "theta", begin: f
     figure = make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.06, row_heights=[0.58, 0.42])
     figure.update_layout({**BASE, "height": height, "showlegend": True, "selectdirection": "h"})
     lines = course_lines(s, channel, begin, end)
-    dots = {"mode": "markers", "marker": {"color": GREY, "size": 2.5}, "name": "measured"}
-    figure.add_scatter(**lines[READ], **dots, row=1, col=1)
-    said = {"mode": "lines", "line": {"color": BLUE, "width": 1.4}, "name": "model, 1 s ahead"}
+    read = {"mode": "lines", "line": {"color": "rgba(138,143,152,0.75)", "width": 3.5}, "name": "measured"}
+    figure.add_scatter(**lines[READ], **read, row=1, col=1)
+    said = {"mode": "lines", "line": {"color": BLUE, "width": 1.3}, "name": "model, 1 s ahead"}
     figure.add_scatter(**lines[SAID], **said, row=1, col=1)
     edge: dict[str, Any] = {"mode": "lines", "line": {"width": 0}, "hoverinfo": "skip", "showlegend": False}
     figure.add_scatter(**lines[LOW], **edge, row=2, col=1)
@@ -159,11 +161,11 @@ def course(found: Mapping[str, Any], s: Series, channel: str = "theta", begin: f
     return figure
 
 
-def course_lines(s: Series, channel: str, begin: float = -np.inf, end: float = np.inf) -> list[dict[str, Array]]:
+def course_lines(s: Series, channel: str, begin: float = -np.inf, end: float = np.inf) -> list[dict[str, Any]]:
     """The series of `course` in its order, thinned within a stretch of time."""
-    half = SIGMA_99 * s["sd"]
+    half = SIGMA_99 * s["sd"]  # nan at the last sample of a rollout, where lines end
     shown = (
-        (s["t"], s[f"read_{channel}"]),
+        (s["t"], np.where(np.isnan(s["d"]), np.nan, s[f"read_{channel}"])),
         (s["said_t"], s[f"said_{channel}"]),
         (s["t"], s["d"] - half),
         (s["t"], s["d"] + half),
@@ -172,7 +174,7 @@ def course_lines(s: Series, channel: str, begin: float = -np.inf, end: float = n
     found = []
     for k, line in enumerate(shown):
         t, y = thinned(*line, MOST if k < LOW else MOST // 2, begin, end)
-        found.append({"x": t, "y": y})
+        found.append({"x": t.astype(np.float32), "y": y.astype(np.float32)})
     return found
 
 
@@ -186,7 +188,7 @@ def state_map(found: Mapping[str, Any], s: Series, height: int = 270) -> go.Figu
     z = np.array([[np.nan if v is None else v for v in row] for row in cells["torque"]], dtype=float).T
     reach = max(float(np.nanquantile(np.abs(z), 0.95)) if np.any(np.isfinite(z)) else 0.0, 0.7 * found["reach"])
     figure = blank(height)
-    at = np.linspace(0, len(s) - 1, min(len(s), 2_000)).astype(int)
+    at = np.linspace(0, len(s) - 1, min(len(s), DOTS)).astype(int)
     figure.add_heatmap(
         x=cells["theta"], y=cells["theta_dot"], z=z, zmin=-reach or -1.0, zmax=reach or 1.0, colorscale=DIVERGING,
         colorbar={"title": {"text": f"[{units['torque']}]"}, "thickness": 10, "len": 0.9, "outlinewidth": 0},
@@ -209,7 +211,7 @@ def over(found: Mapping[str, Any], s: Series, name: str, curve: Mapping[str, Any
     """The residual torque over one quantity: samples, means with their 99 % band, perhaps an effect's curve."""
     units = found["quantities"]
     figure = blank(height)
-    at = np.linspace(0, len(s) - 1, min(len(s), 2_000)).astype(int)
+    at = np.linspace(0, len(s) - 1, min(len(s), DOTS)).astype(int)
     dots = {"color": GREY, "size": 2.5, "opacity": 0.4}
     figure.add_scatter(x=s[name][at], y=s["d"][at], mode="markers", marker=dots, hoverinfo="skip")
     means = found["torque"]["over"][name]

@@ -108,12 +108,17 @@ def changed(state: State, values: Mapping[str, Any], found: Mapping[str, str]) -
         for ours in OURS
         if (values.get(ours) or "") != (found.get(ours) or "") or ours in found
     ]
-    log = {k: v for k, v in state.log.items() if k not in ("columns", "zero", "flip_torque", "degrees", "input")}
+    log = {
+        k: v
+        for k, v in state.log.items()
+        if k not in ("columns", "zero", "flip_torque", "degrees", "input", "begin", "end")
+    }
     told = ",".join(p for p in pairs if p != "=")
     log |= {"columns": told} if told else {}
     log |= {"zero": "hanging"} if values.get("zero") == "hanging" else {}
     log |= {"flip_torque": True} if "flip" in values.get("signs", ()) else {}
     log |= {"degrees": True} if "degrees" in values.get("signs", ()) else {}
+    log |= {k: float(values[k]) for k in ("begin", "end") if values.get(k) is not None}
     log |= {"input": values["input"]} if values.get("input", "torque") != "torque" else {}
     start = {k: v for k, v in state.start.items() if k not in ("plant", "set")}
     start |= {"plant": values["plant"]} if values.get("plant", "rod") != "rod" else {}
@@ -149,6 +154,9 @@ def form(session: Session, most: int) -> list[Any]:
                                                        id="set-zero", inline=True, className="choice")),
                 dcc.Checklist([{"label": "a positive command lowers the angle", "value": "flip"},
                                {"label": "angles are in degrees", "value": "degrees"}], signs, id="set-signs"),
+                html.Div([_labelled(f"{word} [s]", dcc.Input(id=f"set-{k}", type="number", debounce=True,
+                                                             value=state.log.get(k)))
+                          for word, k in (("from", "begin"), ("to", "end"))], className="fields"),
                 _labelled("known numbers", dcc.Input(id="set-known", value=", ".join(state.start.get("set", ())),
                                                      placeholder="l=0.45, m=0.5", debounce=True)),
             ],

@@ -17,7 +17,7 @@ from sysid.cli.log_settings import settled
 from sysid.cli.options import Workbench as Command
 from sysid.data.user_effects import load_effects
 from sysid.errors import InvalidInput
-from sysid.web import layout
+from sysid.web import figures, layout
 from sysid.web.bench import LARGEST_UPLOAD, Workbench
 from sysid.web.callbacks import join
 from sysid.web.jobs import Jobs
@@ -116,6 +116,7 @@ def make_app(bench: Workbench, door: Door) -> Dash:
         return flask.send_file(session.of(node) / name, DOWNLOADS[name], as_attachment=True, download_name=name)
 
     join(app, bench)
+    figures.empty("").to_json()  # loads what plotly loads when first asked, which threads must not do side by side
     return app
 
 
