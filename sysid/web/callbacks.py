@@ -191,7 +191,7 @@ class Page:
         try:
             return f"?session={self.bench.upload(titles, contents).identifier}", ""
         except InvalidInput as error:
-            return no_update, html.P(str(error), className="error", role="alert")
+            return no_update, str(error)
 
     def train(self, clicks: int | None, u_max: Any, search: str | None) -> tuple[Any, str]:
         """A training begins."""
@@ -241,7 +241,7 @@ def join(app: Dash, bench: Workbench) -> None:
     app.callback(Output("preview", "children"), [Input(s, "value") for s in SETTINGS], url)(page.settings)
     cursor = [Input("cursor", "value"), Input("readings", "hoverData")]
     app.callback([Output("machine", "figure"), Output("readings", "figure")], cursor, url, **once)(page.move)
-    dropped = [Output("url", "search", allow_duplicate=True), Output("work", "children", allow_duplicate=True)]
+    dropped = [Output("url", "search", allow_duplicate=True), Output("upload-message", "children")]
     files = [Input("upload", "contents"), State("upload", "filename")]
     app.callback(dropped, files, **once)(page.drop)
     wrote = [State(f"own-{k}", "value") for k in ("name", "formula", "shapes")]

@@ -18,9 +18,9 @@ from sysid.report.formatting import multiple
 
 MOST = 5_000
 """Points of a series that a page is sent."""
-MARKED = 600
+MARKED = 400
 """Points of a selection that are marked in each picture."""
-DOTS = 1_200
+DOTS = 600
 """Samples that are drawn as dots."""
 BLUE, ORANGE, GREEN, GREY, YELLOW = "#3d7eff", "#e8702a", "#1a9b6c", "#8a8f98", "#d99a00"
 SIGMA_99 = 2.5758

@@ -258,12 +258,18 @@ def begin(most: int) -> list[Any]:
     ]
 
 
-def upload(most: int) -> dcc.Upload:
-    """Where files are dropped."""
-    return dcc.Upload(
-        html.Button(["Drop log files here, or choose them", html.Small(f"CSV, .npz or .mat; {most >> 20} MB at most")]),
-        id="upload", multiple=True, className="upload",
-    )  # fmt: skip
+def upload(most: int) -> html.Div:
+    """Where files are dropped, and what is said of those that cannot be taken."""
+    about = f"CSV, .npz or .mat; {most >> 20} MB at most"
+    place = html.Button(["Drop log files here, or choose them", html.Small(about)])
+    said = {"className": "error", "role": "alert"}
+    return html.Div(
+        [
+            dcc.Upload(place, id="upload", multiple=True, className="upload"),
+            html.P(id="upload-refusal", **said, **{"data-most": most}),
+            html.P(id="upload-message", **said),
+        ]
+    )
 
 
 # ---- add it ----------------------------------------------------------------------------------------------------------

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +19,12 @@ from plotly.subplots import make_subplots
 
 from sysid.cli.commands import read_log
 from sysid.cli.starting_model import begun
+from sysid.data.files import write_whole
 from sysid.data.log_files import header
-from sysid.data.logs import Log, likely_columns, named_columns
+from sysid.data.logs import likely_columns, named_columns
+from sysid.data.record import Record
 from sysid.errors import InvalidInput
+from sysid.physics.ops import Array
 from sysid.web import figures
 from sysid.web.layout import graph, upload
 from sysid.web.session import Session, State
@@ -36,30 +41,30 @@ MOST_PREVIEWED = 2_000
 """Points of each preview."""
 
 
-@dataclass(frozen=True, eq=False)
-class Preview:
-    """What the settings make of the files: the log, or the sentence on why there is none."""
+@dataclass(frozen=True)
+class About:
+    """What is said of a log: what was read, what was noted, or why it cannot be read; and in which units."""
 
-    log: Log | None
+    said: str
+    notes: tuple[str, ...]
     error: str
     turns: bool
     units: Mapping[str, str]
     command: str
 
-    def series(self) -> dict[str, np.ndarray]:
-        """t, theta, torque of all rollouts, one after the other with gaps."""
-        t, theta, torque, begin = [], [], [], 0.0
-        for r in self.log or ():
-            t.append(np.append(r.t - r.t[0] + begin, math.nan))
-            known = r.theta if r.has_angles and r.theta is not None else np.full(len(r) + 1, math.nan)
-            theta.append(np.append(known, math.nan))
-            torque.append(np.append(r.u, [r.u[-1], math.nan]))
-            begin += float(r.t[-1] - r.t[0]) * 1.03
-        return {"t": np.concatenate(t), "theta": np.concatenate(theta), "torque": np.concatenate(torque)}
+
+@dataclass(frozen=True, eq=False)
+class Preview:
+    """What the settings make of the files: t, theta, torque (K,) of all rollouts one after the other, nan between."""
+
+    about: About
+    t: Array
+    theta: Array
+    torque: Array
 
 
 def preview(session: Session) -> Preview:
-    """What the session's settings make of its files; kept as long as neither changes."""
+    """What the session's settings make of its files; kept, also in its folder, as long as neither changes."""
     state = session.state
     stamps = [Path(f).stat().st_mtime_ns if Path(f).is_file() else 0 for f in state.log.get("files", ())]
     return _previewed(json.dumps([state.log, state.start, stamps]), session)
@@ -67,7 +72,19 @@ def preview(session: Session) -> Preview:
 
 @lru_cache(maxsize=16)
 def _previewed(key: str, session: Session) -> Preview:
-    state = session.state
+    path = session.folder / "preview.npz"
+    with suppress(OSError, ValueError, KeyError, TypeError), np.load(path, allow_pickle=False) as file:
+        if str(file["key"]) == key:
+            about = json.loads(str(file["about"]))
+            return Preview(About(**about | {"notes": tuple(about["notes"])}), file["t"], file["theta"], file["torque"])
+    found, content = _read(session.state), BytesIO()
+    columns: dict[str, Any] = {"t": found.t, "theta": found.theta, "torque": found.torque}
+    np.savez(content, key=key, about=json.dumps(asdict(found.about)), **columns)
+    write_whole(path, content.getvalue())
+    return found
+
+
+def _read(state: State) -> Preview:
     model, error, log = None, "", None
     try:
         model, _, _ = begun(replace(state.model_options, set=()), state.log_options.input)
@@ -78,7 +95,20 @@ def _previewed(key: str, session: Session) -> Preview:
         error = "this log needs more memory than there is: expected a shorter one"
     if model is None:
         model, _, _ = begun(replace(state.model_options, set=()), None)
-    return Preview(log, error, model.plant.turns, model.plant.quantities, model.command_unit)
+    said, notes = ("", ()) if log is None else (str(log).partition(";")[0], log.notes)
+    about = About(said, notes, error, model.plant.turns, dict(model.plant.quantities), model.command_unit)
+    return Preview(about, *_joined(log or ()))
+
+
+def _joined(records: Sequence[Record]) -> tuple[Array, Array, Array]:
+    t, theta, torque, begin = [np.zeros(0)], [np.zeros(0)], [np.zeros(0)], 0.0
+    for r in records:
+        t.append(np.append(r.t - r.t[0] + begin, math.nan))
+        known = r.theta if r.has_angles and r.theta is not None else np.full(len(r) + 1, math.nan)
+        theta.append(np.append(known, math.nan))
+        torque.append(np.append(r.u, [r.u[-1], math.nan]))
+        begin += float(r.t[-1] - r.t[0]) * 1.03
+    return np.concatenate(t), np.concatenate(theta), np.concatenate(torque)
 
 
 def columns(session: Session) -> tuple[tuple[str, ...], dict[str, str]]:
@@ -160,7 +190,7 @@ def form(session: Session, most: int) -> list[Any]:
                 _labelled("known numbers", dcc.Input(id="set-known", value=", ".join(state.start.get("set", ())),
                                                      placeholder="l=0.45, m=0.5", debounce=True)),
             ],
-            open=bool(preview(session).error) or not state.nodes,
+            open=bool(preview(session).about.error) or not state.nodes,
         ),
         html.Button("Begin anew with these settings" if state.nodes else "Fit a model to this log", id={"do": "fit"},
                     className="wide" if state.nodes else "main wide"),
@@ -182,10 +212,11 @@ def _choice(identifier: str, choices: Mapping[str, str], value: str) -> dcc.Drop
 
 def previewed(found: Preview) -> list[Any]:
     """The angle and the command over time, the machine at the cursor, and what looks unlikely."""
-    if found.log is None:
-        return [html.P(found.error, className="error", role="alert")]
-    notes = [html.Li(note) for note in found.log.notes]
-    end = float(np.nanmax(found.series()["t"]))
+    about = found.about
+    if about.error:
+        return [html.P(about.error, className="error", role="alert")]
+    notes = [html.Li(note) for note in about.notes]
+    end = float(np.nanmax(found.t))
     return [
         html.Div(
             [graph(machine(found, 0.0), id="machine"),
@@ -194,27 +225,26 @@ def previewed(found: Preview) -> list[Any]:
         ),
         html.Div(dcc.Slider(0.0, end, value=0.0, id="cursor", marks=None, step=end / 500.0, updatemode="drag",
                             allow_direct_input=False), className="cursor", **{"aria-label": "cursor along the log"}),
-        html.P(str(found.log).partition(";")[0], className="quiet"),
+        html.P(about.said, className="quiet"),
         *([html.Ul(notes, className="notes")] if notes else []),
     ]  # fmt: skip
 
 
 def readings(found: Preview) -> go.Figure:
     """Angle and command over time."""
-    s = found.series()
-    figure = make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.08)
+    about, figure = found.about, make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.08)
     figure.update_layout(
         {**figures.BASE, "height": 230, "margin": {"l": 44, "r": 4, "t": 6, "b": 34}, "hovermode": "x"}
     )
-    for row, (name, colour) in enumerate((("theta", figures.BLUE), ("torque", figures.GREY)), start=1):
-        t, y = figures.thinned(s["t"], s[name], MOST_PREVIEWED)
+    for row, (series, colour) in enumerate(((found.theta, figures.BLUE), (found.torque, figures.GREY)), start=1):
+        t, y = figures.thinned(found.t, series, MOST_PREVIEWED)
         figure.add_scatter(x=t, y=y, mode="lines", line={"color": colour, "width": 1}, row=row, col=1, hoverinfo="none")
     figure.update_xaxes(**figures.AXIS)
     figure.update_yaxes(**figures.AXIS)
     figure.update_layout(font={"size": 10})
     figure.update_xaxes(title="time [s]", row=2)
-    figure.update_yaxes(title=f"{'angle' if found.turns else 'position'} [{found.units['theta']}]", row=1)
-    figure.update_yaxes(title=f"command [{found.command}]", row=2)
+    figure.update_yaxes(title=f"{'angle' if about.turns else 'position'} [{about.units['theta']}]", row=1)
+    figure.update_yaxes(title=f"command [{about.command}]", row=2)
     figure.add_vline(x=0.0, line={"color": figures.YELLOW, "width": 1.5})
     return figure
 
@@ -227,7 +257,7 @@ def machine(found: Preview, t: float) -> go.Figure:
     figure.update_yaxes(visible=False, range=[-1.25, 1.25], scaleanchor="x", fixedrange=True)
     figure.add_scatter(x=x, y=y, mode="lines+markers", hoverinfo="skip", line={"color": figures.BLUE, "width": 7},
                        marker={"size": [10, 16], "color": [figures.GREY, figures.BLUE], "opacity": 1})  # fmt: skip
-    if found.turns:
+    if found.about.turns:
         figure.add_annotation(x=-1.1, y=-1.1, ax=-1.1, ay=-0.6, axref="x", ayref="y", text="g", showarrow=True,
                               arrowhead=2, arrowcolor=figures.GREY)  # fmt: skip
     return figure
@@ -235,12 +265,11 @@ def machine(found: Preview, t: float) -> go.Figure:
 
 def arm(found: Preview, t: float) -> tuple[list[float], list[float]]:
     """Where the arm begins and ends at an instant, or where a carriage is."""
-    s = found.series()
-    known = np.flatnonzero(np.isfinite(s["t"]) & np.isfinite(s["theta"]))
+    known = np.flatnonzero(np.isfinite(found.t) & np.isfinite(found.theta))
     if not len(known):
         return [0.0, 0.0], [0.0, 0.0]
-    theta = float(s["theta"][known[np.argmin(np.abs(s["t"][known] - t))]])
-    if found.turns:
+    theta = float(found.theta[known[np.argmin(np.abs(found.t[known] - t))]])
+    if found.about.turns:
         return [0.0, math.sin(theta)], [0.0, math.cos(theta)]
-    reach = float(np.nanmax(np.abs(s["theta"]))) or 1.0
+    reach = float(np.nanmax(np.abs(found.theta))) or 1.0
     return [0.0, theta / reach], [0.0, 0.0]

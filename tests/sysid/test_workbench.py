@@ -5,9 +5,11 @@ from __future__ import annotations
 import base64
 import json
 import time
+import zipfile
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -204,7 +206,7 @@ def test_columns_of_other_names_are_taken_for_what_they_look_like(bench: Workben
     np.savetxt(log, rows, delimiter=",", header="time_s,angle_rad,speed,effort", comments="")
     session = uploaded(bench, log)
     found = log_part.preview(session)
-    assert found.error == ""
+    assert found.about.error == ""
     assert session.state.log["columns"] == "t=time_s,theta=angle_rad,theta_dot=speed,torque=effort"
 
 
@@ -214,22 +216,59 @@ def test_a_log_that_hangs_upside_down_is_drawn_so_and_doubted(bench: Workbench, 
     write_csv(replace(record, theta=record.theta - np.pi), tmp_path / "turned.csv")
     session = uploaded(bench, tmp_path / "turned.csv")
     found = log_part.preview(session)
-    assert found.log is not None
+    assert not found.about.error
     assert log_part.arm(found, 0.0)[1][1] > 0.5
-    assert any("hanging" in note for note in found.log.notes)
+    assert any("hanging" in note for note in found.about.notes)
     values = {c: c for c in ("t", "theta", "theta_dot")} | {"torque": "u", "zero": "hanging", "plant": "rod"}
     session.save(log_part.changed(session.state, values | {"signs": []}, log_part.columns(session)[1]))
     found = log_part.preview(session)
-    assert found.log is not None
+    assert not found.about.error
     assert log_part.arm(found, 0.0)[1][1] < -0.5
-    assert not any("hanging" in note for note in found.log.notes)
+    assert not any("hanging" in note for note in found.about.notes)
+
+
+def test_a_preview_is_read_once(bench: Workbench, tmp_path: Path) -> None:
+    write_csv(samples.sample("friction")[0], tmp_path / "swing.csv")
+    session = uploaded(bench, tmp_path / "swing.csv")
+    first = log_part.preview(session)
+    log_part._previewed.cache_clear()
+    again = log_part.preview(session)
+    assert again.about == first.about
+    assert np.array_equal(again.theta, first.theta, equal_nan=True)
+
+
+def bomb(path: Path) -> None:
+    """An .npz whose array claims ten gigabytes."""
+    header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (1342177280,), }"
+    content = b"\x93NUMPY\x01\x00" + (118).to_bytes(2, "little") + header.ljust(117) + b"\n"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        for name in ("t", "theta"):
+            file.writestr(f"{name}.npy", content + bytes(1 << 24))
+
+
+@pytest.mark.parametrize(
+    ("name", "write"),
+    [
+        ("pickled.npz", lambda f: np.savez(f, t=np.array([{}], dtype=object), theta=np.array([{}], dtype=object))),
+        ("bomb.npz", bomb),
+        ("cut.npz", lambda f: f.write_bytes(b"PK\x03\x04" + bytes(100))),
+        ("claims.csv", lambda f: f.write_text("t,theta\n0,1e308\n1,-1e308\n2,nan\n")),
+        ("empty.csv", lambda f: f.write_bytes(b"")),
+        ("binary.csv", lambda f: f.write_bytes(bytes(range(256)) * 9)),
+        ("wrong.mat", lambda f: f.write_bytes(b"MATLAB 5.0" + bytes(300))),
+    ],
+)
+def test_a_hostile_log_harms_nothing(bench: Workbench, tmp_path: Path, name: str, write: Any) -> None:
+    write(tmp_path / name)
+    session = uploaded(bench, tmp_path / name)
+    shown = str(bench.part("log", session)) + str(log_part.previewed(log_part.preview(session)))
+    assert "error" in shown
 
 
 def test_what_is_no_log_is_one_sentence(bench: Workbench, tmp_path: Path) -> None:
     (tmp_path / "x.csv").write_text("t,theta\n0,=cmd()\n1,<script>alert(1)</script>\n")
     found = log_part.preview(uploaded(bench, tmp_path / "x.csv"))
-    assert found.log is None
-    assert "expected a number" in found.error
+    assert "expected a number" in found.about.error
 
 
 # ---- safety ----------------------------------------------------------------------------------------------------------
