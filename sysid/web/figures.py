@@ -43,6 +43,7 @@ BASE = {
         "bgcolor": "rgba(0,0,0,0)",
     },
     "showlegend": False,
+    "modebar": {"bgcolor": "rgba(0,0,0,0)", "color": GREY, "activecolor": BLUE},
 }
 AXIS = {
     "gridcolor": "rgba(128,128,128,0.18)",

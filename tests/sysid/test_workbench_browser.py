@@ -114,19 +114,18 @@ def test_a_real_log_is_dropped_read_and_looked_at(page: Any, site: str) -> None:
     page.reload()
     page.locator("article.row").first.wait_for(timeout=LONG)
     drag(page, "#over", 0.6, 0.9)
-    for plot in ("#course", "#map"):
-        assert page.locator(f"{plot} .scatterlayer .point").count() > 0
+    page.locator("#course .scatterlayer .point").first.wait_for(timeout=LONG)
+    assert page.locator("#map .scatterlayer .trace").nth(1).locator(".point").count() > 0
 
 
 def drag(page: Any, plot: str, begin: float, end: float) -> None:
-    """Select a part of a plot by its shares of the width, and wait for what lights up."""
+    """Select a part of a plot by its shares of the width."""
     page.locator(plot).scroll_into_view_if_needed()
     box = page.locator(f"{plot} .nsewdrag").first.bounding_box()
-    page.mouse.move(box["x"] + begin * box["width"], box["y"] + 5)
+    page.mouse.move(box["x"] + begin * box["width"], box["y"] + 0.3 * box["height"])
     page.mouse.down()
     page.mouse.move(box["x"] + end * box["width"], box["y"] + box["height"] - 5, steps=4)
-    with page.expect_response("**/_dash-update-component*"):
-        page.mouse.up()
+    page.mouse.up()
 
 
 def test_what_is_too_large_or_no_log_is_said(page: Any, site: str, tmp_path: Path) -> None:
@@ -151,11 +150,15 @@ def test_a_click_is_answered_and_the_page_is_painted_soon(
     threading.Thread(target=server.serve_forever, daemon=True).start()
     session = long_session(bench, tmp_path, 100_000)
     page = browser.new_page(viewport={"width": 1280, "height": 800})
+    inspector = page.context.new_cdp_session(page)
+    inspector.send("Performance.enable", {"timeDomain": "threadTicks"})
     try:
         page.goto(f"http://127.0.0.1:{server.server_port}/?session={session.identifier}")
         page.locator("#over .main-svg").first.wait_for(timeout=LONG)
         paint = page.evaluate("performance.getEntriesByName('first-contentful-paint')[0].startTime") / 1e3
         drawn = page.evaluate("performance.now()") / 1e3
+        metrics = inspector.send("Performance.getMetrics")["metrics"]
+        work = next(m["value"] for m in metrics if m["name"] == "TaskDuration")
         page.wait_for_timeout(1_500)
         clicks = []
         for what in ("speed", "angle") * 4:
@@ -168,7 +171,8 @@ def test_a_click_is_answered_and_the_page_is_painted_soon(
         page.close()
         bench.end()
         server.shutdown()
-    numbers = {"first paint": paint, "all plots": drawn, "click, median": statistics.median(clicks)}
+    numbers = {"first paint": paint, "all plots": drawn, "of the browser's CPU": work}
+    numbers["click, median"] = statistics.median(clicks)
     with capsys.disabled():
         print("\n100,000 samples: " + ", ".join(f"{k} {v:.2f} s" for k, v in numbers.items()))
     for name, seconds in numbers.items():
