@@ -1,7 +1,7 @@
 """Controllers for the pendulum: environments, training and references, over the models of sysid.
 
 environments   a model as gymnasium.Env and as TorchRL's EnvBase; task and randomization
-training       soft actor-critic for a population of agents, and the program that trains one policy
+training       populations of agents, by the gradient through the model or by soft actor-critic; the program of one policy
 control        LQR, energy swing-up and dynamic programming
 evaluation     what a policy is worth on a model
 storage        a policy as a file, and as ONNX         cli   the command line
@@ -47,7 +47,10 @@ _MODULES = {
     "CpuSettings": "training.cpu_settings",
     "tune_cpu": "training.cpu_settings",
     "Population": "training.population",
+    "SACPopulation": "training.sac_population",
     "SACSettings": "training.sac",
+    "SHACPopulation": "training.shac_population",
+    "SHACSettings": "training.shac",
     "SavedPolicy": "storage.policy_file",
     "load_policy": "storage.policy_file",
     "save_policy": "storage.policy_file",

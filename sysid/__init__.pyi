@@ -17,6 +17,10 @@ from .estimation.fisher_information import fisher_information
 from .estimation.fit import fit
 from .estimation.identifiers import GridSearch, Identifier, LeastSquares, UnscentedKalman
 from .estimation.saved_model import SavedModel, load, load_model, save
+from .export.exported import Exported
+from .export.mjcf import to_mjcf
+from .export.predictions import write_predictions
+from .export.urdf import to_urdf
 from .physics import ops
 from .physics.effects.actuation import BackEmf, DeadZone, Delay, Lag, Saturation, Stamp, TorqueGain, TorqueSpeedLimit
 from .physics.effects.actuators import DCMotor, PositionServo, TorqueConstant
@@ -86,6 +90,7 @@ __all__ = [
     "Eccentricity",
     "Effect",
     "Estimate",
+    "Exported",
     "Extent",
     "FilteredSpeed",
     "FlexibleTransmission",
@@ -155,5 +160,8 @@ __all__ = [
     "sensor_noise",
     "simulate",
     "split",
+    "to_mjcf",
+    "to_urdf",
     "write_csv",
+    "write_predictions",
 ]

@@ -25,11 +25,11 @@ def printable(text: str, longest: int = 10 * LONGEST) -> str:
 
     Of a longer line its begin and its end are left.
     """
-    text = "\n".join(
+    foreign = {c for c in set(text) - {"\n"} if unicodedata.category(c)[0] == "C"}
+    text = text.translate({ord(c): c.encode("unicode_escape").decode() for c in foreign})
+    return "\n".join(
         line if len(line) <= longest else f"{line[: 2 * LONGEST]} ... {line[-LONGEST:]}" for line in text.split("\n")
     )
-    foreign = {c for c in set(text) - {"\n"} if unicodedata.category(c)[0] == "C"}
-    return text.translate({ord(c): c.encode("unicode_escape").decode() for c in foreign})
 
 
 def excerpt(value: Any) -> str:

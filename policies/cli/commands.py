@@ -71,9 +71,12 @@ def _(command: Train) -> None:
     from policies.training.cpu_settings import tune_cpu
     from policies.training.program import settings_for, train
 
-    settings = settings_for(machine, command.hidden, command.steps, command.loss)
+    settings = settings_for(machine, command.hidden, command.steps, command.algorithm, command.loss)
     checkpoint = _checkpoint(command)
     _introduce(command, saved.model, machine, randomization, history)
+    layers = " x ".join(map(str, command.hidden))
+    agents = "1 agent" if command.agents == 1 else f"{command.agents} agents"
+    logger.info(f"training {agents} of {layers} by {command.algorithm} for {settings.steps:,} steps")
     tune_cpu(threads=1)
     seeds = range(command.seed, command.seed + command.agents)
     training = train(machine, randomization, settings, seeds, history, _Curve(), checkpoint)
@@ -85,6 +88,7 @@ def _(command: Train) -> None:
     about = {
         "model_file": command.model.name,
         "randomization": randomization.to_json(),
+        "algorithm": settings.algorithm,
         "settings": dataclasses.asdict(settings),
         "seeds": list(training.seeds),
         "best": training.best,
@@ -171,7 +175,9 @@ def _checkpoint(command: Train) -> Path:
 
 
 def _check_numbers(command: Train) -> None:
-    _check_whole("--steps", command.steps, 1, 10**9)
+    _check_whole("--steps", 1 if command.steps is None else command.steps, 1, 10**9)
+    if command.algorithm == "shac" and command.loss != "fast":
+        raise InvalidInput(f"--loss {command.loss}: expected --algorithm sac with it")
     _check_whole("--agents", command.agents, 1, 1000)
     _check_whole("--seed", command.seed, 0, LARGEST_SEED)
     _check_whole("--history", command.history or 0, 0, LONGEST_HISTORY)
@@ -274,9 +280,6 @@ def _introduce(command: Train, model: Model, machine: Model, randomization: Rand
     if not low <= machine.dt <= high:
         slow = "more than it can wait" if machine.dt > high else "which only makes its episodes long"
         logger.info(f"a command every {machine.dt:g} s is {slow}: --dt from {low:.2g} to {high:.2g} suits this machine")
-    layers = " x ".join(map(str, command.hidden))
-    agents = "1 agent" if command.agents == 1 else f"{command.agents} agents"
-    logger.info(f"training {agents} of {layers} for {command.steps:,} steps")
 
 
 class _Curve:

@@ -48,17 +48,25 @@ class Train:
     range: Annotated[Texts, arg(metavar="NAME=LOW:HIGH", help_behavior_hint="(repeatable)")] = ()
     """With --randomize prior: the range of a parameter, as in m=0.5:2."""
 
-    steps: Annotated[int, arg(metavar="N")] = 75_000
+    algorithm: Annotated[str, arg(metavar="shac|sac")] = "shac"
+    """How agents learn. shac: from the gradient of the return through the model. sac: soft actor-critic, from
+    transitions alone, as in the paper."""
+
+    steps: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: 2,048,000 of shac, 75,000 of sac)")] = (
+        None
+    )
     """Commands that each agent gives in training. How long they take here is measured and said when it begins."""
 
     loss: Annotated[str, arg(metavar="fast|sac")] = "fast"
-    """What teaches the networks. sac: TorchRL's SACLoss. fast: the same with its gradients written out."""
+    """With --algorithm sac, what teaches the networks. sac: TorchRL's SACLoss. fast: the same with its gradients
+    written out."""
 
     hidden: Annotated[tuple[int, ...], arg(metavar="N")] = (64, 64)
     """Sizes of the network's hidden layers."""
 
-    agents: Annotated[int, arg(metavar="A")] = 1
-    """Agents trained side by side, of seeds SEED, SEED + 1, ...; the best on the model is kept."""
+    agents: Annotated[int, arg(metavar="A")] = 4
+    """Agents trained side by side, of seeds SEED, SEED + 1, ...; the best on the model is kept. A few take hardly longer
+    than one, and not every one gets near the best that is possible."""
 
     seed: Annotated[int, arg(metavar="S")] = 0
     """Where all random numbers of the training come from."""

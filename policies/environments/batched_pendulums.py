@@ -2,13 +2,13 @@
 
 The parameters of the model are tensors (A,), one number an agent, so one `model.advance` moves all pendulums. Agent a's
 episode e (start state, then parameters, then random torques where it has them) is drawn from a generator made from
-(seeds[a], e) alone.
+(seeds[a], e) alone. An agent may have E pendulums; they share its episodes out among them.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -49,8 +49,14 @@ class BatchedPendulums(EnvBase):
     Observed is what the model's sensors show, and the last `history` actions: O = 3 + history. The reward is of the
     state. An episode ends after `horizon` steps (by default 10 s) by truncation; nothing terminates it. What changes
     is written to in place, so that a step can be replayed as a graph. Where an agent has a random force, `model` has a
-    random torque beyond base_model, zero for agents that are not; past the horizon the last one stays. Raises
-    InvalidInput if there are not as many seeds as randomizations, or the model has no u_max.
+    random torque beyond base_model, zero for agents that are not; past the horizon the last one stays.
+
+    environments: pendulums of each agent, E; the batch size is (A, E) then. Pendulum e of an agent has its episodes
+    e, e + E, ...
+    differentiable: what changes is replaced in place of written to, so that gradients flow back through steps, from
+    rewards and observations to actions, until `detach_state` cuts them.
+
+    Raises InvalidInput if there are not as many seeds as randomizations, or the model has no u_max.
     """
 
     def __init__(
@@ -61,6 +67,8 @@ class BatchedPendulums(EnvBase):
         horizon: int | None = None,
         device: str = "cpu",
         history: int = 0,
+        environments: int | None = None,
+        differentiable: bool = False,
     ) -> None:
         if not randomizations or len(randomizations) != len(seeds):
             raise InvalidInput(
@@ -74,7 +82,9 @@ class BatchedPendulums(EnvBase):
             raise InvalidInput(
                 f"the randomizations draw different parameters: {sorted(map(sorted, names))}; expected the same"
             )
-        super().__init__(device=device, batch_size=torch.Size([len(seeds)]))
+        shape = (len(seeds),) if environments is None else (len(seeds), environments)
+        super().__init__(device=device, batch_size=torch.Size(shape))
+        self.environments, self.differentiable = environments or 1, differentiable
         self.base_model, self.randomizations, self.history = model, tuple(randomizations), history
         self.horizon = task.horizon(model.dt) if horizon is None else horizon
         self.seeds = tuple(seeds)
@@ -84,8 +94,8 @@ class BatchedPendulums(EnvBase):
         self.forget()
 
     def _make_specs(self) -> None:
-        shape, device = (self.agents, 1), self.device
-        seen = Unbounded((self.agents, 3 + self.history), dtype=torch.float32, device=device)
+        shape, device = (*self.batch_size, 1), self.device
+        seen = Unbounded((*self.batch_size, 3 + self.history), dtype=torch.float32, device=device)
         self.observation_spec = Composite(observation=seen, shape=self.batch_size, device=device)
         self.action_spec = Bounded(-1.0, 1.0, shape, dtype=torch.float32, device=device)
         self.reward_spec = Unbounded(shape, dtype=torch.float32, device=device)
@@ -93,77 +103,100 @@ class BatchedPendulums(EnvBase):
         self.done_spec = Composite(**flags, shape=self.batch_size, device=device)
 
     def forget(self) -> None:
-        """Before the first episode of every agent. From here on these tensors are written to, never replaced."""
-        self.episodes = [0] * self.agents
-        self.steps = torch.zeros(self.agents, dtype=torch.long, device=self.device)
+        """Before the first episode of every agent."""
+        self.episodes = [e for _ in range(self.agents) for e in range(self.environments)]
+        self.steps = torch.zeros(self.batch_size, dtype=torch.long, device=self.device)
         drawn = self.randomizations[0].sample(generator(0, Purpose.EPISODES), self.base_model)
-        ones = torch.ones(self.agents, dtype=torch.float64, device=self.device)
+        ones = torch.ones(self.batch_size, dtype=torch.float64, device=self.device)
         self.parameters_now = {name: ones.clone() for name in drawn}
         self.model = self.base_model.with_parameters(self.parameters_now)
         if self.has_random_force:
-            self._torques = ones.new_zeros(self.agents, self.horizon)
+            self._torques = ones.new_zeros(*self.batch_size, self.horizon)
             self._torque = 0.0 * ones
             self.model = self.model.with_effect(RandomTorque(self._torque))
-        at_rest = self.model.initial_state(0.0 * ones, 0.0 * ones)
-        memory = tuple(tuple((0.0 * ones).add_(v) for v in own) for own in at_rest.memory)
-        self.state = State(at_rest.theta.clone(), at_rest.theta_dot.clone(), memory)
-        self.past = tuple(0.0 * ones for _ in range(self.history))
+        state = self.model.initial_state(0.0 * ones, 0.0 * ones)
+        sensing = self.model.sensing(state.theta, state.theta_dot) if self.model.output_effects else ()
+        self._memories = [len(own) for own in state.memory], [len(own) for own in sensing]
+        sensed = [0.0, 0.0] if self.model.output_effects else []
+        numbers = [*_leaves(state), *sensed, *(v for own in sensing for v in own), *[0.0] * self.history]
+        self._take_up([0.0 * ones + number for number in numbers])
+
+    def _take_up(self, numbers: list[Any]) -> None:
+        """State, sensors and past commands are views of these from here on."""
+        self._kept, rest = numbers, iter(numbers)
+        of_state, of_sensors = self._memories
+        self.state = State(next(rest), next(rest), _split(rest, of_state))
         self.seen = Reading(self.state.theta, self.state.theta_dot)
-        self.sensing: tuple[Memory, ...] = ()
         if self.model.output_effects:
-            self.seen = Reading(0.0 * ones, 0.0 * ones)
-            self.sensing = tuple(tuple(0.0 * v for v in own) for own in self.model.sensing(*self.seen))
-        self._kept = [*_leaves(self.state), *self._sensors(self.seen, self.sensing), *self.past]
+            self.seen = Reading(next(rest), next(rest))
+        self.sensing = _split(rest, of_sensors)
+        self.past = tuple(rest)
+
+    def _keep(self, numbers: Sequence[Any]) -> None:
+        """Go on from these."""
+        if self.differentiable:
+            self._take_up(list(numbers))
+            return
+        # apart first: a delay's line passes the very tensors on that are written to
+        for kept, new in zip(self._kept, [number.clone() for number in numbers], strict=True):
+            kept.copy_(new)
+
+    def detach_state(self) -> None:
+        """Gradients end here: what follows does not depend on what was before."""
+        self._keep([number.detach() for number in self._kept])
 
     def _reset(self, tensordict: TensorDictBase | None = None, **_: Any) -> TensorDictBase:
-        """Begin a new episode for the agents in the mask "_reset" (A, 1), or for all."""
+        """Begin a new episode for the pendulums in the mask "_reset" (A, 1), or for all."""
         which = None if tensordict is None else tensordict.get("_reset", None)
-        mask = torch.ones_like(self.steps, dtype=torch.bool) if which is None else which.reshape(self.agents)
-        drawn = {name: np.ones(self.agents) for name in ("theta", "theta_dot", *self.parameters_now)}
-        torques = np.zeros((self.agents, self.horizon))
-        for a in torch.nonzero(mask).flatten().tolist():
-            rng = generator(self.seeds[a], Purpose.EPISODES, self.episodes[a])
-            drawn["theta"][a], drawn["theta_dot"][a] = task.start_state(rng)
+        mask = torch.ones_like(self.steps, dtype=torch.bool) if which is None else which.reshape(self.batch_size)
+        pendulums = len(self.episodes)
+        drawn = {name: np.ones(pendulums) for name in ("theta", "theta_dot", *self.parameters_now)}
+        torques = np.zeros((pendulums, self.horizon))
+        for i in torch.nonzero(mask.flatten()).flatten().tolist():
+            a = i // self.environments
+            rng = generator(self.seeds[a], Purpose.EPISODES, self.episodes[i])
+            drawn["theta"][i], drawn["theta_dot"][i] = task.start_state(rng)
             own = self.randomizations[a]
             for name, value in own.sample(rng, self.base_model).items():
-                drawn[name][a] = value
+                drawn[name][i] = value
             if isinstance(own, RandomForce):
-                torques[a] = own.torques(rng, self.horizon, self.base_model.dt)
-            self.episodes[a] += 1
-        there = {name: torch.from_numpy(numbers).to(self.device) for name, numbers in drawn.items()}
+                torques[i] = own.torques(rng, self.horizon, self.base_model.dt)
+            self.episodes[i] += self.environments
+        there = {name: self._laid_out(numbers) for name, numbers in drawn.items()}
         for name, values in self.parameters_now.items():
             values.copy_(torch.where(mask, there[name], values))
         if self.has_random_force:
-            self._torques.copy_(torch.where(mask[:, None], torch.from_numpy(torques).to(self.device), self._torques))
+            self._torques.copy_(torch.where(mask.unsqueeze(-1), self._laid_out(torques), self._torques))
         fresh = self.model.initial_state(there["theta"], there["theta_dot"])
         shown = self._sensors(*self._read(fresh, self.model.sensing(fresh.theta, fresh.theta_dot), 0.0))
-        for kept, new in zip(self._kept, (*_leaves(fresh), *shown, *map(torch.zeros_like, self.past)), strict=True):
-            kept.copy_(torch.where(mask, new, kept))
+        begun = (*_leaves(fresh), *shown, *map(torch.zeros_like, self.past))
+        self._keep([torch.where(mask, new, kept) for kept, new in zip(self._kept, begun, strict=True)])
         self.steps.masked_fill_(mask, 0)
-        flags = {name: torch.zeros_like(mask).unsqueeze(1) for name in FLAGS}
+        flags = {name: torch.zeros_like(mask).unsqueeze(-1) for name in FLAGS}
         return TensorDict({"observation": self._observe(), **flags}, self.batch_size, device=self.device)
+
+    def _laid_out(self, numbers: np.ndarray) -> Tensor:
+        """Numbers of all pendulums (A E, ...) as a tensor (A, E, ...)."""
+        return torch.from_numpy(numbers).to(self.device).view(*self.batch_size, *numbers.shape[1:])
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Hold the action for dt."""
         dt = self.base_model.dt
-        share = tensordict.get("action")[:, 0].to(torch.float64).clamp(-1.0, 1.0)
+        share = tensordict.get("action")[..., 0].to(torch.float64).clamp(-1.0, 1.0)
         u = share * self.base_model.u_max
         reward = task.reward(self.state, u, dt).to(torch.float32)
         t = self.steps.to(torch.float64) * dt
         if self.has_random_force:
-            k = self.steps.clamp(max=self.horizon - 1).unsqueeze(1)
-            self._torque.copy_(self._torques.gather(1, k).squeeze(1))
+            k = self.steps.clamp(max=self.horizon - 1).unsqueeze(-1)
+            self._torque.copy_(self._torques.gather(-1, k).squeeze(-1))
         after = self.model.advance(self.state, u, t)
         shown = self._sensors(*self._read(after, self.sensing, t + dt))
-        past = (share, *self.past)[: self.history]
-        # apart first: a delay's line passes the very tensors on that are written to
-        for kept, new in zip(self._kept, [leaf.clone() for leaf in (*_leaves(after), *shown, *past)], strict=True):
-            kept.copy_(new)
+        self._keep([*_leaves(after), *shown, *(share, *self.past)[: self.history]])
         self.steps.add_(1)
-        ended = (self.steps >= self.horizon).unsqueeze(1)
+        ended = (self.steps >= self.horizon).unsqueeze(-1)
         after = {
             "observation": self._observe(),
-            "reward": reward.unsqueeze(1),
+            "reward": reward.unsqueeze(-1),
             "done": ended,
             "truncated": ended.clone(),
             "terminated": torch.zeros_like(ended),
@@ -198,8 +231,7 @@ class BatchedPendulums(EnvBase):
 
     def set_extra_state(self, state: dict[str, Any]) -> None:
         """Go on from it, in place: what `load_state_dict` does."""
-        for kept, stored in zip(self._kept, state["state"], strict=True):
-            kept.copy_(stored)
+        self._keep(state["state"])
         for name, values in self.parameters_now.items():
             values.copy_(state["parameters"][name])
         self.episodes = list(state["episodes"])
@@ -211,3 +243,8 @@ class BatchedPendulums(EnvBase):
 def _leaves(state: State) -> list[Any]:
     """Angle, speed and every number that an effect remembers."""
     return [state.theta, state.theta_dot, *(value for own in state.memory for value in own)]
+
+
+def _split(numbers: Iterator[Any], sizes: Sequence[int]) -> tuple[Memory, ...]:
+    """The next numbers, in groups of these sizes."""
+    return tuple(tuple(next(numbers) for _ in range(size)) for size in sizes)

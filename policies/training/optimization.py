@@ -13,8 +13,8 @@ from torchrl.objectives import SoftUpdate
 class FusedAdam(torch.optim.Adam):
     """torch's fused Adam, called without hooks, groups and checks: of a small network's step that saves a twentieth."""
 
-    def __init__(self, numbers: Sequence[Tensor], rate: float) -> None:
-        super().__init__(numbers, rate, fused=True, capturable=numbers[0].is_cuda)
+    def __init__(self, numbers: Sequence[Tensor], rate: float, forgetting: float = 0.999) -> None:
+        super().__init__(numbers, rate, betas=(0.9, forgetting), fused=True, capturable=numbers[0].is_cuda)
         for number in numbers:
             self.state[number] = {
                 "step": torch.zeros((), device=number.device),
@@ -31,13 +31,14 @@ class FusedAdam(torch.optim.Adam):
     @torch.no_grad()
     def step(self, closure: None = None) -> None:  # type: ignore[override]
         """One step against the gradients."""
-        numbers, rate = self.param_groups[0]["params"], self.param_groups[0]["lr"]
+        group = self.param_groups[0]
+        numbers, (mean, square) = group["params"], group["betas"]
         names = ("exp_avg", "exp_avg_sq", "step")
         means, squares, steps = ([self.state[number][name] for number in numbers] for name in names)
         torch._foreach_add_(steps, 1.0)
         torch._fused_adam_(
             numbers, [number.grad for number in numbers], means, squares, [], steps,
-            lr=rate, beta1=0.9, beta2=0.999, weight_decay=0.0, eps=1e-8, amsgrad=False, maximize=False,
+            lr=group["lr"], beta1=mean, beta2=square, weight_decay=0.0, eps=1e-8, amsgrad=False, maximize=False,
         )  # fmt: skip
 
     step.hooked = True  # type: ignore[attr-defined]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +18,11 @@ from policies.environments import task
 from policies.environments.randomization import Randomization
 from policies.evaluation import evaluate, fresh_start_states
 from policies.network_policy import NetworkPolicy
-from policies.training.population import Population
+from policies.training.population import Population, TrainingSettings
 from policies.training.sac import SACSettings
+from policies.training.sac_population import SACPopulation
+from policies.training.shac import SHACSettings
+from policies.training.shac_population import SHACPopulation
 from sysid import InvalidInput, Model
 
 CHOICE = 100
@@ -28,8 +31,20 @@ CHOICE = 100
 CHUNK = 20
 """Steps between two looks at the clock."""
 
-TRIAL = 100
-"""Steps with updates from which the time is told."""
+TRIAL = 100, 0.005
+"""Steps with updates from which the time is told: at least so many, and that share of all."""
+
+WINDOW = 0.8, 32
+"""A window of SHAC [s], and its steps at most."""
+
+WINDOWS = 2000
+"""Windows of a training by SHAC."""
+
+STEPS = 75_000
+"""Of a training by SAC."""
+
+POPULATIONS: dict[str, type[Population]] = {"shac": SHACPopulation, "sac": SACPopulation}
+"""By the algorithm's name."""
 
 CHECKPOINT_SECONDS = 60.0
 """About what a crash may cost."""
@@ -50,7 +65,7 @@ class TrainedPolicy:
     policy: NetworkPolicy
     model: Model
     randomization: Randomization
-    settings: SACSettings
+    settings: TrainingSettings
     seeds: tuple[int, ...]
     best: int
     chosen: tuple[float, ...]
@@ -58,19 +73,51 @@ class TrainedPolicy:
     seconds: float
 
 
+def population_of(
+    model: Model,
+    randomizations: Sequence[Randomization],
+    seeds: Sequence[int],
+    settings: TrainingSettings,
+    device: str = "cpu",
+    history: int = 0,
+) -> Population:
+    """Agents before their first step, of the algorithm that the settings belong to."""
+    return POPULATIONS[settings.algorithm](model, randomizations, seeds, settings, device, history)
+
+
 def settings_for(
-    model: Model, hidden: Sequence[int] = (64, 64), steps: int = 75_000, loss: str = "fast"
-) -> SACSettings:
-    """The paper's settings; the discount is the same per second at every dt: 0.99 at 0.05 s."""
-    gamma = 0.99 ** (model.dt / task.INTERVAL)
-    random_steps = min(1000, math.ceil(0.1 * steps))
-    return SACSettings(hidden=tuple(hidden), steps=steps, random_steps=random_steps, gamma=gamma, loss=loss)
+    model: Model,
+    hidden: Sequence[int] = (64, 64),
+    steps: int | None = None,
+    algorithm: str = "shac",
+    loss: str = "fast",
+) -> TrainingSettings:
+    """How agents of a machine are trained: discounts and windows are the same in seconds at every dt.
+
+    algorithm   "shac", through the gradient of the model; "sac", from its transitions alone, as in the paper
+    steps       environment steps of each agent; by default as many as the algorithm needs
+    loss        of sac: "fast" or "sac", TorchRL's SACLoss as it is
+
+    Raises InvalidInput for an algorithm that does not exist.
+    """
+    intervals = model.dt / task.INTERVAL
+    if algorithm == "sac":
+        steps = STEPS if steps is None else steps
+        random_steps = min(1000, math.ceil(0.1 * steps))
+        gamma = SACSettings().gamma ** intervals
+        return SACSettings(hidden=tuple(hidden), steps=steps, random_steps=random_steps, gamma=gamma, loss=loss)
+    if algorithm != "shac":
+        raise InvalidInput(f"algorithm {algorithm!r}: expected one of {', '.join(POPULATIONS)}")
+    seconds, most = WINDOW
+    own = SHACSettings(hidden=tuple(hidden), horizon=max(1, min(most, round(seconds / model.dt))))
+    steps = WINDOWS * own.window if steps is None else steps
+    return replace(own, steps=steps, gamma=own.gamma**intervals, decay=own.decay**intervals)
 
 
 def train(
     model: Model,
     randomization: Randomization,
-    settings: SACSettings,
+    settings: TrainingSettings,
     seeds: Sequence[int],
     history: int = 0,
     listener: Listener = lambda steps, returns, seconds, left: None,
@@ -84,7 +131,7 @@ def train(
     has its own. Raises InvalidInput where the numbers run away, and for a checkpoint of another training.
     """
     begin = time.monotonic()
-    population = Population(model, [randomization] * len(seeds), seeds, settings, history=history)
+    population = population_of(model, [randomization] * len(seeds), seeds, settings, history=history)
     if checkpoint is not None and checkpoint.exists():
         population.resume(checkpoint)
     try:
@@ -113,24 +160,28 @@ def train(
 
 def _finish(population: Population, listener: Listener, checkpoint: Path | None) -> None:
     """Train all steps that are left."""
-    steps, first, heard = population.settings.steps, population.steps_done, len(population.curves[0])
+    settings, heard = population.settings, len(population.curves[0])
+    steps, trial = settings.steps, max(TRIAL[0], math.ceil(TRIAL[1] * settings.steps))
     begin = saved = learning = time.monotonic()
-    tenths = [math.ceil(tenth * steps / 10) for tenth in range(1, 11)]
-    told = max(first, population.settings.random_steps) + TRIAL
+    without = first = max(population.steps_done, settings.random_steps)
+    marks = [mark for tenth in range(1, 11) if (mark := math.ceil(tenth * steps / 10)) > population.steps_done]
+    told = False
     while population.steps_done < steps:
-        ahead = min(mark for mark in (*tenths, told - TRIAL, told, steps) if mark > population.steps_done)
+        ahead = min(mark for mark in (first, first + trial, marks[0]) if mark > population.steps_done)
         population.train(min(CHUNK, ahead - population.steps_done))
         now, done = time.monotonic(), population.steps_done
         if now - saved >= CHECKPOINT_SECONDS:
             _save(population, checkpoint)
             saved = time.monotonic()
-        if done <= told - TRIAL:
-            learning = now  # steps without updates tell nothing
-        left = (now - learning) / max(1, done - told + TRIAL) * (steps - done)
-        if done in tenths:
+        if done <= first:
+            learning, without = now, done  # steps without updates tell nothing
+        left = (now - learning) / max(1, done - without) * (steps - done)
+        if done >= marks[0]:
+            marks = [mark for mark in marks if mark > done]
             listener(done, _latest(population, heard), now - begin, left)
             heard = len(population.curves[0])
-        elif done == told:
+        elif not told and done >= first + trial:
+            told = True
             listener(done, (), now - begin, left)
 
 

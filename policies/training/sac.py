@@ -19,7 +19,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from tensordict import TensorDictBase
@@ -48,6 +48,8 @@ class SACSettings:
 
     loss: "fast" or "sac", TorchRL's SACLoss as it is
     """
+
+    algorithm: ClassVar[str] = "sac"
 
     hidden: tuple[int, ...] = (256, 256)
     learning_rate: float = 1e-3

@@ -18,11 +18,12 @@ import numpy as np
 from policies import Population
 from policies.environments.randomization import Randomization, from_json
 from policies.evaluation import batch_returns, fresh_start_states
+from policies.training.program import population_of
 from study.mismatch.ground_truth import OUT_OF_CATALOGUE, ground_truth
 from study.mismatch.mismatch_results import TRAININGS, Fitted, Trained
 from study.mismatch.plan import SHARED, Plan, Trial
 from study.mismatch.residual_network import CommandFilter, ResidualNetwork, stacked
-from study.pipeline.population_task import PopulationTask, sac_settings
+from study.pipeline.population_task import PopulationTask, training_settings
 from study.pipeline.settings import device_type, digest
 from study.pipeline.versions import versions
 from sysid import InvalidInput, Model
@@ -188,7 +189,7 @@ class MismatchPopulation(PopulationTask):
         setups = [training_setup_of(agent.setup) for agent in self.agents]
         drawn, seeds = [setup.drawn for setup in setups], [agent.seed for agent in self.agents]
         machine = together(setups, self.device)
-        return Population(machine, drawn, seeds, sac_settings(self.plan), self.device, self.plan.history)
+        return population_of(machine, drawn, seeds, training_settings(self.plan), self.device, self.plan.history)
 
     def answers(self, population: Population, seconds: float) -> list[Trained]:
         """The trained agents on the hidden plants, in order."""

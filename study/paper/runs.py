@@ -201,12 +201,12 @@ class SweepPopulation(PopulationTask):
         return self.cells
 
     def population(self) -> Population:
-        from policies import Population
+        from policies import SACPopulation
 
         points = [self.preset.point(cell.point) for cell in self.cells]
         drawn = [_randomization(*own) for own in zip(points, self.cells, self.estimates, strict=True)]
         seeds = [cell.seed for cell in self.cells]
-        return Population(paper_model(), drawn, seeds, sac_settings(self.preset), self.device)
+        return SACPopulation(paper_model(), drawn, seeds, sac_settings(self.preset), self.device)
 
     def answers(self, population: Population, seconds: float) -> list[Run]:
         """The finished runs, in the order of the cells."""

@@ -27,6 +27,7 @@ from sysid.data.files import partial
 
 if TYPE_CHECKING:
     from policies import Population, SACSettings
+    from policies.training.population import TrainingSettings
 
 CHUNK = 20
 """Training steps between two looks at the clock and at the driver."""
@@ -134,6 +135,15 @@ class PopulationTask(ABC):
             if stop:
                 raise Stopped
         return self.seconds_before + time.monotonic() - begin
+
+
+def training_settings(settings: StudySettings) -> TrainingSettings:
+    """Of the agents of a preset or plan, by its algorithm."""
+    if settings.algorithm == "sac":
+        return sac_settings(settings)
+    from policies import SHACSettings
+
+    return SHACSettings(hidden=settings.hidden, steps=settings.steps)
 
 
 def sac_settings(settings: StudySettings) -> SACSettings:

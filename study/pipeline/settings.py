@@ -11,10 +11,12 @@ from typing import Any, ClassVar
 class StudySettings:
     """Everything that the numbers of a study depend on, under a name, as frozen plain data: a preset, a plan.
 
-    hidden, steps, batch, random_steps   how its agents are trained; `policies.SACSettings` says what each number is
+    algorithm                            that trains its agents, "sac" or "shac"
+    hidden, steps, batch, random_steps   how; `policies.SACSettings` says what each number is
     """
 
     name: str
+    algorithm: str = "sac"
     hidden: tuple[int, ...]
     steps: int
     batch: int
@@ -23,7 +25,10 @@ class StudySettings:
     """FORMAT of the results folder."""
 
     def to_dict(self) -> dict[str, Any]:
-        return json.loads(json.dumps(dataclasses.asdict(self)))  # type: ignore[call-overload]
+        data = json.loads(json.dumps(dataclasses.asdict(self)))  # type: ignore[call-overload]
+        if data.get("algorithm") == "sac":  # results from before there was another do not name it
+            del data["algorithm"]
+        return data
 
     @property
     def fingerprint(self) -> str:

@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import logging
-import shlex
-import sys
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial, singledispatch
-from io import BytesIO
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sysid.cli.log_settings import settled
-from sysid.cli.options import Add, Compare, Diagnose, Effects, Experiment, Fit, LogOptions
+from sysid.cli.options import Add, Compare, Diagnose, Effects, Experiment, Export, Fit, LogOptions
+from sysid.cli.outputs import draw, write, write_json, write_model, write_report
 from sysid.cli.starting_model import begun, command_of, numbers_of, sampled, shown
-from sysid.data.files import check_outputs, save_file
+from sysid.data.files import check_outputs
 from sysid.data.logs import Log, read
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
@@ -39,8 +34,8 @@ logger = logging.getLogger(__name__)
 
 def run(command: Any) -> None:
     """Run a command of sysid.options, completed by the log's log.toml. Raises InvalidInput for bad input."""
-    effects = command.effects if isinstance(command, Effects) else command.start.effects
-    if not isinstance(command, Effects):
+    effects = command.effects if isinstance(command, Effects | Export) else command.start.effects
+    if not isinstance(command, Effects | Export):
         log, start, said = settled(command.log, command.start)
         if said:
             logger.info(said)
@@ -67,8 +62,8 @@ def _(command: Fit) -> None:
     logger.info(estimate)
     logger.info(f"  on held-out data: {error}")
     task.doubt(error.theta)
-    _write_json(command.json, {**estimate.to_dict(), "held_out_error": error.to_dict()})
-    _write_model(command.out, estimate)
+    write_json(command.json, {**estimate.to_dict(), "held_out_error": error.to_dict()})
+    write_model(command.out, estimate)
 
 
 @_run.register
@@ -80,9 +75,13 @@ def _(command: Compare) -> None:
     comparison = compare(model, task.held_out, task.sensor, task.names)
     logger.info(comparison)
     task.doubt(comparison.one_second.theta)
-    _write_json(command.json, comparison.to_dict())
-    _write(command.figure, partial(_draw, comparison))
-    _write_report(command.html, comparison)
+    write_json(command.json, comparison.to_dict())
+    write(command.figure, partial(draw, comparison))
+    write_report(command.html, comparison)
+    if command.parquet is not None:
+        from sysid.export.predictions import write_predictions
+
+        write(command.parquet, partial(write_predictions, model, task.log, task.sensor))
 
 
 @_run.register
@@ -105,9 +104,9 @@ def _(command: Diagnose) -> None:
     )
     logger.info(diagnosis)
     task.doubt(diagnosis.error.theta)
-    _write_json(command.json, diagnosis.to_dict())
-    _write_model(command.out, diagnosis.estimate)
-    _write_report(command.html, diagnosis)
+    write_json(command.json, diagnosis.to_dict())
+    write_model(command.out, diagnosis.estimate)
+    write_report(command.html, diagnosis)
 
 
 @_run.register
@@ -119,8 +118,8 @@ def _(command: Add) -> None:
     task = Task.of(command)
     added = add(task.fitted(), command.effect, task.log, task.sensor, command.log.hold_out)
     logger.info(added)
-    _write_json(command.json, added.to_dict())
-    _write_model(command.out, added.estimate)
+    write_json(command.json, added.to_dict())
+    write_model(command.out, added.estimate)
 
 
 @_run.register
@@ -133,11 +132,32 @@ def _(command: Experiment) -> None:
     limits = _limits(command, task.log, estimate.model)
     experiment = next_experiment(estimate, rivals, limits, task.sensor, task.training)
     logger.info(experiment)
-    _write_json(command.json, experiment.to_dict())
+    write_json(command.json, experiment.to_dict())
     if command.out is not None and not experiment.u.size:
         logger.info(f"{command.out} was not written: there is nothing to play")
     else:
-        _write(command.out, experiment.write_csv)
+        write(command.out, experiment.write_csv)
+
+
+@_run.register
+def _(command: Export) -> None:
+    from sysid.estimation.saved_model import load_model
+    from sysid.export.mjcf import to_mjcf
+    from sysid.export.urdf import to_urdf
+
+    endings, ending = {".xml": "mjcf", ".urdf": "urdf"}, command.to.suffix.lower()
+    language = command.format or endings.get(ending)
+    if language is None:
+        raise InvalidInput(f"{command.to.name} ends with none of {', '.join(endings)}: expected one, or --format")
+    if language == "urdf" and command.into is not None:
+        raise InvalidInput(f"--into changes a file of MJCF: expected --to FILE.xml, not {command.to.name}")
+    check_outputs([command.model, command.into], [command.to, command.json], command.force)
+    model, joint = load_model(command.model), command.joint
+    exported = to_urdf(model, joint) if language == "urdf" else to_mjcf(model, joint, command.into)
+    for sentence in exported.sentences:
+        logger.info(sentence)
+    write_json(command.json, exported.to_dict())
+    write(command.to, exported.save)
 
 
 @_run.register
@@ -173,7 +193,7 @@ class Task:
     @classmethod
     def of(cls, command: Fit | Compare | Diagnose | Add | Experiment) -> Task:
         """Read everything, and say what was read. Raises InvalidInput before anything expensive."""
-        outputs = [getattr(command, name, None) for name in ("out", "json", "html", "figure")]
+        outputs = [getattr(command, name, None) for name in ("out", "json", "html", "figure", "parquet")]
         check_outputs([*command.log.files, command.log.settings, command.start.model, command.start.effects], outputs)
         model, names, added = begun(command.start, command.log.input)
         given = command.start.model is not None
@@ -223,6 +243,7 @@ def read_log(options: LogOptions, model: Model) -> Log:
         time_unit=options.time_unit,
         plant=model.plant,
         command=command_of(model),
+        joint=options.joint,
     )
 
 
@@ -267,43 +288,3 @@ def _limits(options: Experiment, log: Log, model: Model) -> Limits:
     if options.u_max is None:
         raise InvalidInput("the log has no torque to go by: give --u-max")
     return Limits(**given)
-
-
-# ---- files -----------------------------------------------------------------------------------------------------------
-
-
-def _write(path: Path | None, save: Callable[[Path], None]) -> None:
-    """Write a file that was asked for, and say so."""
-    if path is not None:
-        save(path)
-        logger.info(f"wrote {path}")
-
-
-def _write_json(path: Path | None, data: dict[str, Any]) -> None:
-    _write(path, lambda own: save_file(own, json.dumps(data, indent=1, allow_nan=False) + "\n"))
-
-
-def _write_model(path: Path | None, estimate: Estimate) -> None:
-    from sysid.estimation.saved_model import save
-
-    _write(path, partial(save, estimate))
-
-
-def _write_report(path: Path | None, answer: Any) -> None:
-    def save(own: Path) -> None:
-        from sysid.report.write import write_report
-
-        write_report(answer, own, shlex.join(["python", "-m", "sysid", *sys.argv[1:]]))
-
-    _write(path, save)
-
-
-def _draw(comparison: Any, path: Path) -> None:
-    from sysid.report.comparison_figure import plot_comparison
-
-    content = BytesIO()
-    try:
-        plot_comparison(comparison).savefig(content, format=path.suffix.removeprefix(".") or "png")
-    except ValueError as error:
-        raise InvalidInput(f"cannot write {path}: {error}") from None
-    save_file(path, content.getvalue())

@@ -21,8 +21,9 @@ class LogOptions:
     """How the log is read."""
 
     files: Files = ()
-    """CSV, .npz or .mat with columns t [s], theta [rad] and/or theta_dot [rad/s], torque [N m] (none: a free swing),
-    rollout (where a file has several); of a linear axis [m], [m/s], [N]. Several files are several rollouts."""
+    """CSV, .npz, .mat or Parquet with columns t [s], theta [rad] and/or theta_dot [rad/s], torque [N m] (none: a free
+    swing), rollout (where a file has several); of a linear axis [m], [m/s], [N]; ROS 2 bags and MCAP. Several files are
+    several rollouts."""
 
     columns: Annotated[str, arg(metavar="t=NAME,...", help_behavior_hint="")] = ""
     """The file's own names of columns, as in t=time_s,theta=angle_rad,torque=i_meas; "theta_dot=" leaves one out."""
@@ -57,6 +58,9 @@ class LogOptions:
 
     time_unit: Annotated[Literal["s", "ms", "us"] | None, arg(metavar="{s,ms,us}", help_behavior_hint="")] = None
     """What the log's time counts; by default what the name of the column or the speed shows."""
+
+    joint: Annotated[str, arg(metavar="NAME", help_behavior_hint="")] = ""
+    """The joint of a ROS 2 bag or an MCAP file, where it has several (sensor_msgs/JointState; effort is the torque)."""
 
     noise: Annotated[str, arg(metavar="theta=SD,theta_dot=SD", help_behavior_hint="")] = ""
     """Noise of the sensors [rad], [rad/s] (of an axis [m], [m/s]); by default it is found without any model."""
@@ -126,6 +130,9 @@ class Compare:
 
     figure: File = None
     """Draw the answer here (.png, .pdf, .svg)."""
+
+    parquet: File = None
+    """Write the whole log here as Parquet: measured, predicted over 1 s, residual, and the torque that is lacking."""
 
 
 @dataclass(frozen=True)
@@ -219,6 +226,38 @@ class Workbench:
 
 
 @dataclass(frozen=True)
+class Export:
+    """A model for a simulator: MuJoCo's MJCF, or URDF; and a sentence on each thing that the file cannot say."""
+
+    model: Annotated[Positional[Path], arg(metavar="MODEL")]
+    """A model.json."""
+
+    to: Annotated[Path, arg(metavar="FILE")]
+    """Write it here: .xml is MJCF, .urdf is URDF."""
+
+    format: Annotated[
+        Literal["mjcf", "urdf"] | None,
+        arg(metavar="{mjcf,urdf}", help_behavior_hint="(default: by the ending of --to)"),
+    ] = None
+    """The language, where the ending does not say it."""
+
+    into: File = None
+    """An MJCF file of your own: what is written is that file, with other numbers at one joint and its actuator."""
+
+    joint: Annotated[str, arg(metavar="NAME")] = "hinge"
+    """The joint's name, of --into the one that is changed."""
+
+    effects: File = None
+    """A Python file with effects of your own that the model has; it is run."""
+
+    force: Switch = False
+    """Write over a file that is there."""
+
+    json: File = None
+    """Write the answer here."""
+
+
+@dataclass(frozen=True)
 class Effects:
     """The catalogue: formula, parameters, units, and what each effect is confused with."""
 
@@ -232,6 +271,7 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "diagnose": Diagnose,
     "add": Add,
     "experiment": Experiment,
+    "export": Export,
     "effects": Effects,
     "workbench": Workbench,
 }

@@ -6,6 +6,7 @@ sentence. A full disk or a power cut never leaves half of a file in the place of
 
 from __future__ import annotations
 
+import importlib.util
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -107,3 +108,11 @@ def write_whole(path: Path, content: bytes | str) -> None:
     except OSError as error:
         growing.unlink(missing_ok=True)
         raise OSError(error.errno, error.strerror, str(path)) from error
+
+
+def check_installed(package: str, extra: str, doing: str) -> None:
+    """Raise InvalidInput where a package of an extra is not installed; doing: what needs it."""
+    if importlib.util.find_spec(package) is None:
+        raise InvalidInput(
+            f"{doing} needs the package {package}, which is not installed: pip install 'gapfinder[{extra}]'"
+        )

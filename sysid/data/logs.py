@@ -7,21 +7,22 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
-from pathlib import Path
-from typing import Literal, get_args, overload
+from typing import Any, Literal, get_args, overload
 
 import numpy as np
 
 from sysid.data import checks, log_files, resampling
-from sysid.data.log_files import Table
+from sysid.data.log_files import Source
 from sysid.data.record import Record
 from sysid.data.resampling import Rows
+from sysid.data.table import Table, Window
 from sysid.data.time_unit import FEWEST, PER_SECOND, WORDS, TimeUnit, found_unit, named_unit
 from sysid.errors import InvalidInput
 from sysid.limits import LOG_ROWS, RAW_ROWS
 from sysid.physics.plants import Plant
 
-File = str | PathLike[str]
+File = str | PathLike[str] | Any
+"""A path, or a pandas DataFrame."""
 Command = Literal["torque", "current", "voltage", "position"]
 """What a machine was told: see `sysid.physics.effects.actuators`."""
 NAMES = ("t", "theta", "theta_dot", "torque", "rollout")
@@ -124,6 +125,7 @@ def read(
     time_unit: TimeUnit | None = None,
     plant: Plant | None = None,
     command: Command = "torque",
+    joint: str = "",
 ) -> Log:
     """Read logs, one or several rollouts a file, into records: theta = 0 upright, SI units, evenly sampled.
 
@@ -132,8 +134,9 @@ def read(
 
     Parameters
     ----------
-    *paths : path, or iterable of paths
-        CSV, .npz or .mat files.
+    *paths : path or DataFrame, or iterable of these
+        CSV, .npz, .mat, HDF5 and Parquet files, ROS 2 bags and MCAP, told by their content; pandas DataFrames, whose
+        index is a column where it has a name. Time stamps become seconds since the first row.
     columns : str or mapping, optional
         "t=time_s,theta=angle_rad,...", or the same as a mapping: the file's names for t [s], theta [rad], theta_dot
         [rad/s] (one of the two is enough), torque [N m] (held from its row's time to the next; none: a free swing) and
@@ -155,6 +158,8 @@ def read(
     command : {"torque", "current", "voltage", "position"}
         What column "torque" (or "command") holds: a torque, a current [A], a voltage [V] or duty cycle, or the position
         that a servo was told, which is converted as the angle is. The model needs the actuator that goes with it.
+    joint : str
+        The joint of a bag's sensor_msgs/JointState, where it has several; its effort is the torque.
 
     Returns
     -------
@@ -169,19 +174,19 @@ def read(
     _check_choice("zero", zero, ("upright", "hanging"))
     _check_choice("command", command, get_args(Command))
     _check_choice("time_unit", "s" if time_unit is None else time_unit, tuple(PER_SECOND))
-    files, wanted, window = _files(paths), _wanted(columns), _window(begin, end, dt)
+    sources, wanted, window = log_files.sources(paths, joint), _wanted(columns), _window(begin, end, dt)
     rollouts: list[Rows] = []
     notes: list[str] = []
-    for path, title in zip(files, _titles(files), strict=True):
-        chosen = _chosen(path, log_files.header(path), wanted)
-        table = _timed(path, chosen, window, time_unit, notes)
+    for source in sources:
+        chosen = _chosen(source.name, source.names(), wanted)
+        table = _timed(source, chosen, window, time_unit, notes)
         if len(table["t"]) == 0:
             span = f" between {window.begin:g} and {window.end:g} s" if begin is not None or end is not None else ""
-            raise InvalidInput(f"{path.name} has no rows{span}")
-        checks.check_magnitude(path.name, table, chosen)
-        table = _complete(path, table, chosen, notes)
-        checks.check_time(path.name, table, chosen)
-        for name, part in _rollouts(title, table):
+            raise InvalidInput(f"{source.name} has no rows{span}")
+        checks.check_magnitude(source.name, table, chosen)
+        table = _complete(source.name, table, chosen, notes)
+        checks.check_time(source.name, table, chosen)
+        for name, part in _rollouts(source.title, table):
             whole = np.all([np.isfinite(column) for column in part.values()], axis=0)
             notes += checks.check_columns(name, {key: column[whole] for key, column in part.items()})
             rollouts.append(_rows(name, _converted(part, zero, flip_torque, degrees, command)))
@@ -194,26 +199,11 @@ def _check_choice(name: str, value: str, choices: Sequence[str]) -> None:
         raise InvalidInput(f"{name} = {value!r}: expected one of {', '.join(choices)}")
 
 
-def _files(paths: Sequence[File | Iterable[File]]) -> list[Path]:
-    files: list[Path] = []
-    for path in paths:
-        files += [Path(path)] if isinstance(path, str | PathLike) else [Path(p) for p in path]
-    if not files:
-        raise InvalidInput("no log was given: expected one or more CSV, .npz or .mat files")
-    return files
-
-
-def _titles(files: Sequence[Path]) -> list[str]:
-    """What rollouts are called: their file's name, and where several files have it their folder's before it."""
-    stems = [path.stem for path in files]
-    return [f"{path.parent.name}/{path.stem}" if stems.count(path.stem) > 1 else path.stem for path in files]
-
-
-def _window(begin: float | None, end: float | None, dt: float | None) -> log_files.Window:
+def _window(begin: float | None, end: float | None, dt: float | None) -> Window:
     low, high = -math.inf if begin is None else begin, math.inf if end is None else end
     if not low < high:
         raise InvalidInput(f"the window from {low:g} to {high:g} s is empty: expected begin < end")
-    return log_files.Window(low, high, LOG_ROWS if dt is None else RAW_ROWS)
+    return Window(low, high, LOG_ROWS if dt is None else RAW_ROWS)
 
 
 # ---- columns ---------------------------------------------------------------------------------------------------------
@@ -241,17 +231,17 @@ def _pairs(text: str) -> list[tuple[str, str]]:
     return [(ours.strip(), theirs.strip()) for ours, _, theirs in pairs]
 
 
-def _chosen(path: Path, found: Sequence[str], wanted: Mapping[str, str]) -> dict[str, str]:
+def _chosen(name: str, found: Sequence[str], wanted: Mapping[str, str]) -> dict[str, str]:
     """{our name: the file's name} of the columns to read; raises InvalidInput that says which were found."""
-    listed = ", ".join(name for name in found if name) or "none"
+    listed = ", ".join(title for title in found if title) or "none"
     for ours, theirs in wanted.items():
         if theirs and theirs not in found:
-            raise InvalidInput(f"{path.name} has no column {theirs!r} for {ours}: found {listed}")
+            raise InvalidInput(f"{name} has no column {theirs!r} for {ours}: found {listed}")
     chosen = {ours: theirs for ours, theirs in (named_columns(found) | dict(wanted)).items() if theirs}
     if "t" in chosen and ("theta" in chosen or "theta_dot" in chosen):
         return chosen
     missing = "no t" if "t" not in chosen else "neither theta nor theta_dot"
-    raise InvalidInput(f"{path.name} has {missing}: found {listed}{_suggestion(found, chosen)}")
+    raise InvalidInput(f"{name} has {missing}: found {listed}{_suggestion(found, chosen)}")
 
 
 def named_columns(found: Sequence[str]) -> dict[str, str]:
@@ -283,29 +273,27 @@ def likely_columns(found: Sequence[str], chosen: Mapping[str, str]) -> dict[str,
 # ---- time ------------------------------------------------------------------------------------------------------------
 
 
-def _timed(
-    path: Path, chosen: Mapping[str, str], window: log_files.Window, unit: TimeUnit | None, notes: list[str]
-) -> Table:
+def _timed(source: Source, chosen: Mapping[str, str], window: Window, unit: TimeUnit | None, notes: list[str]) -> Table:
     """The columns of the rows in the window, t in seconds whatever the file counts; a note where it was converted."""
     reason, named = "", named_unit(chosen["t"])
-    table = log_files.load(path, chosen, _counted(window, unit or "s"))
+    table = source.load(chosen, _counted(window, unit or "s"))
     if unit is None:
-        unit, reason = found_unit(path.name, chosen["t"], table)
+        unit, reason = found_unit(source.name, chosen["t"], table)
         bounded = math.isfinite(window.begin) or math.isfinite(window.end)
         if unit == "s" and bounded and len(table["t"]) < FEWEST:  # of a clock that counts faster, next to nothing
             for other in (named,) if named else (u for u in PER_SECOND if u != "s"):
-                rows = log_files.load(path, chosen, _counted(window, other))
-                if found_unit(path.name, chosen["t"], rows)[0] == other:
-                    unit, reason = found_unit(path.name, chosen["t"], rows)
+                rows = source.load(chosen, _counted(window, other))
+                if found_unit(source.name, chosen["t"], rows)[0] == other:
+                    unit, reason = found_unit(source.name, chosen["t"], rows)
         if unit != "s" and bounded:
-            table = log_files.load(path, chosen, _counted(window, unit))
+            table = source.load(chosen, _counted(window, unit))
         note = f"t is in {WORDS[unit]}, {reason}: converted to seconds"
         if unit != "s" and note not in notes:
             notes.append(note)
     return table | {"t": table["t"] / PER_SECOND[unit]}
 
 
-def _counted(window: log_files.Window, unit: TimeUnit) -> log_files.Window:
+def _counted(window: Window, unit: TimeUnit) -> Window:
     """The window in units of the file's clock."""
     return window._replace(begin=window.begin * PER_SECOND[unit], end=window.end * PER_SECOND[unit])
 
@@ -313,7 +301,7 @@ def _counted(window: log_files.Window, unit: TimeUnit) -> log_files.Window:
 # ---- rows ------------------------------------------------------------------------------------------------------------
 
 
-def _complete(path: Path, table: Table, titles: Mapping[str, str], notes: list[str]) -> Table:
+def _complete(log: str, table: Table, titles: Mapping[str, str], notes: list[str]) -> Table:
     """The table without the rows that lack a time or a torque; the last torque of a rollout may be missing.
 
     In rows that lack a reading all readings are nan: their torque acted all the same.
@@ -323,8 +311,8 @@ def _complete(path: Path, table: Table, titles: Mapping[str, str], notes: list[s
     for name in list(table):
         if np.all(bad[name]) and len(table["t"]) > 1:
             if name not in ("theta", "theta_dot") or not {"theta", "theta_dot"} <= set(table):
-                raise InvalidInput(f"{path.name}: column {titles[name]!r} for {name} holds no numbers")
-            notes.append(f"{path.name}: column {titles[name]!r} is empty and left out")
+                raise InvalidInput(f"{log}: column {titles[name]!r} for {name} holds no numbers")
+            notes.append(f"{log}: column {titles[name]!r} is empty and left out")
             del table[name], bad[name]
     if "torque" in table:
         last = (
@@ -338,7 +326,7 @@ def _complete(path: Path, table: Table, titles: Mapping[str, str], notes: list[s
     if np.mean(lost) > FEW:
         worst = max(bad, key=lambda name: int(bad[name].sum()))
         raise InvalidInput(
-            f"{path.name}: {lost.sum()} of {len(lost)} rows lack a number, most often {titles[worst]!r}: "
+            f"{log}: {lost.sum()} of {len(lost)} rows lack a number, most often {titles[worst]!r}: "
             "expected a few at most"
         )
     readings = [name for name in ("theta", "theta_dot") if name in table]
@@ -346,7 +334,7 @@ def _complete(path: Path, table: Table, titles: Mapping[str, str], notes: list[s
     lost = np.any([bad[name] for name in bad if name not in readings], axis=0)
     for rows, what in ((lost, "a number left out"), (unread & ~lost, "a reading")):
         if np.any(rows):
-            notes.append(f"{path.name}: {rows.sum()} row{'s' * (int(rows.sum()) != 1)} without {what}")
+            notes.append(f"{log}: {rows.sum()} row{'s' * (int(rows.sum()) != 1)} without {what}")
     table |= {name: np.where(unread, np.nan, table[name]) for name in readings}
     return {name: column[~lost] for name, column in table.items()}
 

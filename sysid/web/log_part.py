@@ -20,7 +20,7 @@ from plotly.subplots import make_subplots
 from sysid.cli.commands import read_log
 from sysid.cli.starting_model import begun
 from sysid.data.files import write_whole
-from sysid.data.log_files import header
+from sysid.data.log_files import sources
 from sysid.data.logs import likely_columns, named_columns
 from sysid.data.record import Record
 from sysid.errors import InvalidInput
@@ -114,7 +114,7 @@ def _joined(records: Sequence[Record]) -> tuple[Array, Array, Array]:
 def columns(session: Session) -> tuple[tuple[str, ...], dict[str, str]]:
     """The names of the first file's columns, and which of them are taken for what."""
     state = session.state
-    found = header(Path(state.log["files"][0]))
+    found = sources(state.log["files"][:1], state.log.get("joint", ""))[0].names()
     told = dict(pair.split("=", 1) for pair in state.log.get("columns", "").split(",") if "=" in pair)
     own = named_columns(found) | told
     return found, {ours: theirs for ours, theirs in (likely_columns(found, own) | own).items() if theirs}

@@ -12,7 +12,7 @@ from sysid.physics.model import Model
 from sysid.physics.plants import Plant
 from sysid.web.session import State
 
-READ = {k: k for k in ("columns", "zero", "flip_torque", "degrees", "begin", "end", "dt", "time_unit")} | {
+READ = {k: k for k in ("columns", "zero", "flip_torque", "degrees", "begin", "end", "dt", "time_unit", "joint")} | {
     "input": "command"
 }
 """The options of a log, and what `sysid.read` calls them."""

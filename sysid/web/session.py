@@ -22,8 +22,8 @@ from sysid.data.files import write_whole
 from sysid.data.json_file import read_json
 from sysid.errors import InvalidInput
 
-ENDINGS = (".csv", ".tsv", ".txt", ".npz", ".mat")
-BEGUN, MODEL, FAILS, SERIES, EFFECTS, REPORT, NEXT, PLANNED, ERROR = (
+ENDINGS = (".csv", ".tsv", ".txt", ".npz", ".mat", ".h5", ".parquet", ".mcap", ".db3", ".bag")
+BEGUN, MODEL, FAILS, SERIES, EFFECTS, REPORT, NEXT, PLANNED, MJCF, URDF, EXPORTED, ERROR = (
     "begun.json",
     "model.json",
     "fails.json",
@@ -32,6 +32,9 @@ BEGUN, MODEL, FAILS, SERIES, EFFECTS, REPORT, NEXT, PLANNED, ERROR = (
     "report.html",
     "next_experiment.csv",
     "planned.json",
+    "model.xml",
+    "model.urdf",
+    "exported.json",
     "error.json",
 )
 

@@ -10,10 +10,10 @@ from dash import dcc, html
 from sysid.web import figures, layout
 from sysid.web.own_effect import OwnEffect
 from sysid.web.script import script
-from sysid.web.session import BEGUN, FAILS, MODEL, NEXT, PLANNED, REPORT, Session
+from sysid.web.session import BEGUN, EXPORTED, FAILS, MJCF, MODEL, NEXT, PLANNED, REPORT, URDF, Session
 from sysid.web.training import OPTIMUM, OWN, SAID, available, heard
 
-DOWNLOADS = {MODEL: "application/json", REPORT: "text/html", NEXT: "text/csv"}
+DOWNLOADS = {MODEL: "application/json", REPORT: "text/html", NEXT: "text/csv", MJCF: "text/xml", URDF: "text/xml"}
 """The answers that can be downloaded, and what they are."""
 
 
@@ -33,13 +33,27 @@ def take(session: Session) -> Any:
         _link(session, at, MODEL, "the model, for policies and everything else"),
         _link(session, at, REPORT, "one page that opens offline"),
     ]
-    return [html.Div(links, className="links"), *_experiment(session, at), *_lines(session, at)]
+    links = [html.Div(links, className="links"), *_simulators(session, at)]
+    return [*links, *_experiment(session, at), *_lines(session, at)]
+
+
+def _simulators(session: Session, at: int) -> list[Any]:
+    """The model for MuJoCo and as URDF, with what these cannot express."""
+    sentences = session.read(at, EXPORTED) or {}
+    found: list[Any] = []
+    for name, about in ((MJCF, "for MuJoCo"), (URDF, "for ROS")):
+        if (session.of(at) / name).is_file():
+            found.append(_link(session, at, name, about))
+        if sentences.get(name):
+            said = [html.Li(sentence) for sentence in sentences[name]]
+            found.append(html.Details([html.Summary(f"{name} cannot say all of it"), html.Ul(said)]))
+    return [html.Div(found, className="links")]
 
 
 def _link(session: Session, node: int, file: str, about: str) -> Any:
     if not (session.of(node) / file).is_file():
         return html.Span([file, html.Small("is being written")], className="link waiting")
-    address, name = f"/download/{session.identifier}/{node}/{file}", file.partition(".")[0]
+    address, name = f"/download/{session.identifier}/{node}/{file}", file.replace(".", "-")
     return html.A([file, html.Small(about)], href=address, download=file, className="link", id=f"get-{name}")
 
 

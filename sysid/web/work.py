@@ -41,12 +41,29 @@ from sysid.errors import InvalidInput
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.held_out import finite, held_out_error
 from sysid.estimation.saved_model import load, save
+from sysid.export.mjcf import to_mjcf
+from sysid.export.urdf import to_urdf
 from sysid.physics.effects import CATALOGUE
+from sysid.physics.model import Model
 from sysid.planning.experiment import limits_of, next_experiment
 from sysid.report.formatting import measured
 from sysid.web.own_effect import OwnEffect
 from sysid.web.script import begun_with
-from sysid.web.session import BEGUN, EFFECTS, ERROR, FAILS, MODEL, NEXT, PLANNED, REPORT, SERIES, Session
+from sysid.web.session import (
+    BEGUN,
+    EFFECTS,
+    ERROR,
+    EXPORTED,
+    FAILS,
+    MJCF,
+    MODEL,
+    NEXT,
+    PLANNED,
+    REPORT,
+    SERIES,
+    URDF,
+    Session,
+)
 
 PROGRESS = "progress.json"
 STEP = replace(DEFAULT, steps=1)
@@ -140,6 +157,19 @@ class Work:
             hold_out = self.state.log_options.hold_out
             estimate = add(before or task.model, self.node.added, task.log, task.sensor, hold_out).estimate
         save(estimate, self.folder / MODEL)
+        self._export(estimate.model)
+
+    def _export(self, model: Model) -> None:
+        """The model for simulators, and what their languages cannot say."""
+        sentences = {}
+        for name, export in ((MJCF, to_mjcf), (URDF, to_urdf)):
+            try:
+                found = export(model)
+                found.save(self.folder / name)
+                sentences[name] = list(found.sentences)
+            except InvalidInput as error:
+                sentences[name] = [str(error)]
+        self._write(EXPORTED, sentences)
 
     def _fails(self) -> None:
         task, model = self.task, self.estimate.model

@@ -25,11 +25,14 @@ def test_agents_observe_the_commands_under_way():
 def test_a_table_grows_by_the_looks_of_every_plant(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(references, "FINE", Grid(60, 61, 5))
     table = tmp_path / "table.csv"
-    words = ["--agents", "2", "--steps", "60", "--hidden", "8", "--looks", "3", "--csv", str(table)]
-    assert main([*words, "--plants", "plain", "--set", "polyak=0.02", "batch=16", "random_steps=20"]) == 0
+    words = ["--plants", "plain", "--agents", "2", "--looks", "3", "--csv", str(table)]
+    of_sac = ("hidden=8", "batch=16", "random_steps=20")
+    assert main([*words, "--algorithm", "sac", "--steps", "60", "--set", *of_sac]) == 0
+    assert main([*words, "--set", "hidden=8", "environments=4", "horizon=5", "--steps", "60"]) == 0
     with table.open() as opened:
         rows = list(csv.DictReader(opened))
-    assert tuple(rows[0]) == COLUMNS and [row["steps"] for row in rows] == ["20", "40", "60"]
-    assert {row["settings"] for row in rows} == {"polyak=0.02 batch=16 random_steps=20"}
+    assert tuple(rows[0]) == COLUMNS and [row["steps"] for row in rows] == 2 * ["20", "40", "60"]
+    assert [row["algorithm"] for row in rows] == 3 * ["sac"] + 3 * ["shac"]
+    assert {row["settings"] for row in rows[:3]} == {" ".join(of_sac)}
     assert all(float(row["lowest"]) <= float(row["median"]) <= float(row["highest"]) < -500.0 for row in rows)
     assert "plain: within 5 %: never; within 2 %: never" in capsys.readouterr().out

@@ -139,12 +139,12 @@ def _measured(advance: Callable[[int], None], per_step: float, seconds: float) -
 def _ours(hidden: int, agents: int, seconds: float, loss: str = "fast") -> dict[str, float]:
     import torch
 
-    from policies import Band, Population, SACSettings, tune_cpu
+    from policies import Band, SACPopulation, SACSettings, tune_cpu
 
     tune_cpu(threads=1)
     settings = SACSettings(hidden=(hidden, hidden), batch=BATCH, random_steps=10, steps=CAPACITY, loss=loss)
     bands = [Band({"m": 2.0, "l": 1.5}, w=0.2)] * agents
-    population = Population(paper_model(), bands, range(agents), settings)
+    population = SACPopulation(paper_model(), bands, range(agents), settings)
     population.train(10)
     storage = population.replay.storage
     storage.rows.normal_(generator=torch.Generator().manual_seed(0))

@@ -23,7 +23,7 @@ from study.paper.protocol import paper_model
 from sysid import Coulomb, Delay, Lag, Model, RodPendulum, Sensor, Spring, Stamp
 
 ROOT = Path(__file__).parents[2]
-TINY = ("--steps", "60", "--hidden", "8", "8", "--no-references")
+TINY = ("--algorithm", "sac", "--agents", "1", "--steps", "60", "--hidden", "8", "8", "--no-references")
 
 
 @pytest.fixture(scope="module")
@@ -69,12 +69,12 @@ def run(capsys):
 def test_the_whole_way(models, tmp_path, run, monkeypatch):
     monkeypatch.setattr(references, "COARSE", Grid(60, 61, 5, memory=3))
     folder, answer = tmp_path / "policy", tmp_path / "answer.json"
-    options = ("--u-max", 2, "--randomize", "posterior", "--agents", 2, "--steps", 420, "--hidden", 8, 8)
+    options = ("--u-max", 2, "--randomize", "posterior", "--agents", 2, "--steps", 40_000, "--hidden", 8, 8)
     code, said, _ = run("train", models / "fitted.json", "-o", folder, *options)
     assert code == 0
     assert "and its last 3 commands" in said and "agent" in said and "is the best on this model" in said
     curve = [line for line in said.splitlines() if " s" in line and "#" in line]
-    assert len(curve) == 2  # the tenths in which an episode ended
+    assert len(curve) == 3  # the tenths in which the first pendulum's episodes ended
     assert "swing-up, then LQR" in said and "designed without delay, coulomb" in said
 
     saved = load_policy(folder)
@@ -207,7 +207,9 @@ def test_what_is_plausible_where_nobody_measured():
         (("paper.json", "--agents", "0"), "--agents 0"),
         (("paper.json", "--seed", "-1"), "--seed -1"),
         (("paper.json", "--hidden", "0"), "--hidden 0"),
-        (("paper.json", "--loss", "td3"), "loss = 'td3': expected one of fast, sac"),
+        (("paper.json", "--algorithm", "sac", "--loss", "td3"), "loss = 'td3': expected one of fast, sac"),
+        (("paper.json", "--loss", "sac"), "--loss sac: expected --algorithm sac with it"),
+        (("paper.json", "--algorithm", "ppo"), "algorithm 'ppo': expected one of shac, sac"),
         (("fine.json", "--u-max", "2", "--dt", "0.5", "--history", "30"), "history = 30: expected 0 to 20"),
         (("paper.json", "--randomize", "wide"), "expected none, band:W"),
         (("paper.json", "--randomize", "band"), "'' is no number; expected band:0.3"),
@@ -278,28 +280,28 @@ def test_a_policy_is_replaced_only_when_asked(models, policy, tmp_path, run):
 
 
 def test_a_training_that_is_stopped_writes_nothing(models, tmp_path, run, monkeypatch):
-    from policies.training.population import Population
+    from policies.training.sac_population import SACPopulation
 
     def stopped(self, steps):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Population, "train", stopped)
+    monkeypatch.setattr(SACPopulation, "train", stopped)
     code, _, complaint = run("train", models / "paper.json", "-o", tmp_path / "policy", *TINY)
     assert (code, complaint) == (130, "stopped\n")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_what_was_stopped_goes_on_and_not_as_another_training(models, tmp_path, run, monkeypatch):
-    from policies.training.population import Population
+    from policies.training.sac_population import SACPopulation
 
     def stopped(self, steps):
         go_on(self, steps)
         raise KeyboardInterrupt
 
-    go_on, folder = Population.train, tmp_path / "policy"
-    monkeypatch.setattr(Population, "train", stopped)
+    go_on, folder = SACPopulation.train, tmp_path / "policy"
+    monkeypatch.setattr(SACPopulation, "train", stopped)
     assert run("train", models / "paper.json", "-o", folder, *TINY)[0] == 130
-    monkeypatch.setattr(Population, "train", go_on)
+    monkeypatch.setattr(SACPopulation, "train", go_on)
     before = (folder / CHECKPOINT).read_bytes()
     for words, complaint in ((("--loss", "sac"), "a checkpoint with loss = fast"), (("--seed", 1), "with seeds = [0]")):
         code, _, complained = run("train", models / "paper.json", "-o", folder, *TINY, *words)
@@ -310,8 +312,9 @@ def test_what_was_stopped_goes_on_and_not_as_another_training(models, tmp_path, 
     assert code == 0 and f"going on from {folder / CHECKPOINT}" in said and not (folder / CHECKPOINT).exists()
 
 
-def test_the_time_is_measured_and_a_control_rate_is_advised(models, tmp_path, run):
-    words = ("-o", tmp_path / "p", "--steps", 450, "--hidden", 8, "--no-references")
+@pytest.mark.parametrize(("algorithm", "steps"), [("sac", 450), ("shac", 30_000)])
+def test_the_time_is_measured_and_a_control_rate_is_advised(algorithm, steps, models, tmp_path, run):
+    words = ("-o", tmp_path / "p", "--algorithm", algorithm, "--steps", steps, "--hidden", 8, "--no-references")
     code, said, _ = run("train", models / "paper.json", *words)
     assert code == 0 and re.search(r"this takes about \d+ s here", said) and re.search(r"\d+ s, \d+ s left", said)
     assert "suits this machine" not in said

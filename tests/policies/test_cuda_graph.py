@@ -7,8 +7,8 @@ from torch.utils._python_dispatch import TorchDispatchMode
 
 from policies.environments.randomization import Band, PriorRange, RandomForce
 from policies.training.cuda_graph import CudaGraph
-from policies.training.population import Population
 from policies.training.sac import SACSettings
+from policies.training.sac_population import SACPopulation
 from study.paper.protocol import paper_model
 from sysid import Delay, Lag, Model, RodPendulum, SensorDelay
 
@@ -24,7 +24,7 @@ MODELS = {
 
 
 def make(name="paper"):
-    population = Population(
+    population = SACPopulation(
         MODELS[name], RANDOM_FORCES if name == "forced" else BANDS, (0, 1), SHORT, history=3 if name == "history" else 0
     )
     population.train(30)
@@ -82,7 +82,7 @@ def test_work_on_a_cpu_is_called_as_it_is():
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
 @pytest.mark.parametrize("randomizations", [BANDS, RANDOM_FORCES])
 def test_a_graph_on_a_gpu_does_what_the_steps_do(randomizations):
-    here, there = (Population(paper_model(), randomizations, (0, 1), SHORT, device=d) for d in ("cpu", "cuda"))
+    here, there = (SACPopulation(paper_model(), randomizations, (0, 1), SHORT, device=d) for d in ("cpu", "cuda"))
     here.train(60), there.train(60)
     assert there._learning_step._graph is not None
     torch.testing.assert_close(here.replay.storage.rows, there.replay.storage.rows.cpu(), rtol=1e-3, atol=1e-3)

@@ -13,8 +13,8 @@ from policies.environments import task
 from policies.environments.randomization import Band, PriorRange, RandomForce
 from policies.evaluation import evaluate, start_states
 from policies.network_policy import NetworkPolicy
-from policies.training.population import Population
 from policies.training.sac import SACSettings
+from policies.training.sac_population import SACPopulation
 from study.paper.protocol import paper_model
 from sysid import AngleOffset, Delay, InvalidInput, Model, RodPendulum, SensorDelay, State
 
@@ -27,7 +27,7 @@ ACTION, REWARD = 3, 7
 
 
 def make(randomizations=BANDS, seeds=(0, 1, 0), settings=SHORT, **options):
-    return Population(paper_model(), randomizations, seeds, settings, **options)
+    return SACPopulation(paper_model(), randomizations, seeds, settings, **options)
 
 
 def weights(population):
@@ -101,10 +101,10 @@ def test_a_population_goes_back_to_a_checkpoint_of_its_own_past(undisturbed, tmp
 
 def test_a_model_with_memory_is_resumed_too(tmp_path):
     model = Model(RodPendulum(), (Delay(T=0.12),), dt=0.05, u_max=2.0)
-    one = Population(model, BANDS[:1], [0], SHORT)
+    one = SACPopulation(model, BANDS[:1], [0], SHORT)
     one.train(30)
     one.save(tmp_path / "one.pt")
-    other = Population(model, BANDS[:1], [0], SHORT)
+    other = SACPopulation(model, BANDS[:1], [0], SHORT)
     other.resume(tmp_path / "one.pt")
     one.train(30), other.train(30)
     assert torch.equal(rows(one), rows(other))
@@ -203,7 +203,7 @@ LATE = Model(RodPendulum(), (Delay(T=0.12), SensorDelay(T=0.06), AngleOffset(0.1
 @pytest.mark.long
 @pytest.mark.parametrize(("model", "history"), [(paper_model(), 0), (paper_model(), 2), (LATE, 0), (LATE, 4)])
 def test_a_policy_is_worth_in_an_evaluation_what_it_is_worth_in_the_environment(model, history):
-    population = Population(model, BANDS[1:2], [3], SHORT, history=history)
+    population = SACPopulation(model, BANDS[1:2], [3], SHORT, history=history)
     population.train(300)
     (policy,), env = population.policies(), population.env
     assert policy.history == history
@@ -230,7 +230,7 @@ def test_a_policy_that_observes_its_past_does_not_act_without_it():
 def test_a_checkpoint_of_another_history_is_refused(tmp_path):
     make().save(tmp_path / "population.pt")
     with pytest.raises(InvalidInput, match="with history = 0; this population has history = 2"):
-        resumed(tmp_path / "population.pt", Population(paper_model(), BANDS, (0, 1, 0), SHORT, history=2))
+        resumed(tmp_path / "population.pt", SACPopulation(paper_model(), BANDS, (0, 1, 0), SHORT, history=2))
 
 
 def test_policies_do_not_change_while_training_goes_on():
@@ -296,11 +296,11 @@ def test_torchrls_loss_and_the_fast_one_train_the_same_agents():
 
 PEAK = """
 import resource
-from policies import Band, Population, SACSettings, tune_cpu
+from policies import Band, SACPopulation, SACSettings, tune_cpu
 
 tune_cpu(threads=1)
 from study.paper.protocol import paper_model
-agents = Population(paper_model(), [Band({"m": 2.0, "l": 1.5})] * 125, range(125), SACSettings(hidden=(64, 64)))
+agents = SACPopulation(paper_model(), [Band({"m": 2.0, "l": 1.5})] * 125, range(125), SACSettings(hidden=(64, 64)))
 agents.train(agents.settings.random_steps + 5)
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
 """
@@ -329,7 +329,7 @@ def test_a_checkpoint_of_another_population_is_refused(tmp_path, name, others):
     path = tmp_path / "population.pt"
     make().save(path)
     with pytest.raises(InvalidInput, match=f"with {name} = "):
-        resumed(path, Population(*others))
+        resumed(path, SACPopulation(*others))
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")

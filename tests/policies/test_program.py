@@ -7,9 +7,9 @@ import pytest
 
 from policies.environments.randomization import Band, Fixed
 from policies.evaluation import evaluate, fresh_start_states
-from policies.training.population import Population
-from policies.training.program import CHOICE, settings_for, train
+from policies.training.program import CHOICE, POPULATIONS, settings_for, train
 from policies.training.sac import SACSettings
+from policies.training.sac_population import SACPopulation
 from study.paper.protocol import paper_model
 from sysid import Delay, InvalidInput, Model, RodPendulum
 
@@ -23,7 +23,7 @@ def returns_of(said):
 def test_the_best_by_its_own_start_states_is_kept_and_the_curve_is_heard():
     model, heard = paper_model(0.3, 0.6), []
     training = train(model, Fixed(), SHORT, [0, 1, 2], 1, lambda *said: heard.append(said))
-    population = Population(model, [Fixed()] * 3, [0, 1, 2], SHORT, history=1)
+    population = SACPopulation(model, [Fixed()] * 3, [0, 1, 2], SHORT, history=1)
     population.train(430)
     starts = fresh_start_states(0, CHOICE, block=1)
     returns = [evaluate(policy, model, *starts).mean for policy in population.policies()]
@@ -49,10 +49,26 @@ def test_an_agent_is_the_same_alone():
 
 
 def test_the_discount_is_the_same_per_second():
-    at = {dt: settings_for(Model(RodPendulum(), dt=dt, u_max=1.0)) for dt in (0.05, 0.025, 0.1)}
-    assert at[0.05].gamma == 0.99 and at[0.05].random_steps == 1000
-    assert at[0.025].gamma ** 2 == pytest.approx(0.99) and at[0.1].gamma == pytest.approx(0.99**2)
-    assert settings_for(paper_model(), steps=30).random_steps == 3
+    for algorithm in POPULATIONS:
+        at = {
+            dt: settings_for(Model(RodPendulum(), dt=dt, u_max=1.0), algorithm=algorithm) for dt in (0.05, 0.025, 0.1)
+        }
+        assert at[0.05].gamma == 0.99
+        assert at[0.025].gamma ** 2 == pytest.approx(0.99) and at[0.1].gamma == pytest.approx(0.99**2)
+    assert settings_for(paper_model(), algorithm="sac").random_steps == 1000
+    assert settings_for(paper_model(), steps=30, algorithm="sac").random_steps == 3
+
+
+def test_a_window_of_shac_is_as_long_in_seconds():
+    at = {dt: settings_for(Model(RodPendulum(), dt=dt, u_max=1.0)) for dt in (0.05, 0.04, 0.1, 0.002)}
+    assert {dt: settings.horizon for dt, settings in at.items()} == {0.05: 16, 0.04: 20, 0.1: 8, 0.002: 32}
+    assert at[0.1].decay == pytest.approx(at[0.05].decay ** 2)
+    assert at[0.1].steps == 2000 * 64 * 8
+
+
+def test_an_algorithm_that_does_not_exist_is_named():
+    with pytest.raises(InvalidInput, match="algorithm 'ppo': expected one of shac, sac"):
+        settings_for(paper_model(), algorithm="ppo")
 
 
 def test_a_training_that_is_stopped_goes_on_with_the_same_numbers(tmp_path, monkeypatch):
@@ -65,11 +81,11 @@ def test_a_training_that_is_stopped_goes_on_with_the_same_numbers(tmp_path, monk
         if population.steps_done >= 240:
             raise KeyboardInterrupt
 
-    go_on = Population.train
-    monkeypatch.setattr(Population, "train", stops)
+    go_on = SACPopulation.train
+    monkeypatch.setattr(SACPopulation, "train", stops)
     with pytest.raises(KeyboardInterrupt):
         train(model, Fixed(), SHORT, [0, 1], checkpoint=file)
-    monkeypatch.setattr(Population, "train", go_on)
+    monkeypatch.setattr(SACPopulation, "train", go_on)
     with pytest.raises(InvalidInput, match="is a checkpoint with loss = fast; this population has loss = sac"):
         train(model, Fixed(), dataclasses.replace(SHORT, loss="sac"), [0, 1], checkpoint=file)
     resumed = train(model, Fixed(), SHORT, [0, 1], checkpoint=file)

@@ -111,8 +111,12 @@ def test_the_plan_is_balanced_and_its_seeds_are_matched():
 
 
 def test_the_experiments_seeds_are_used_for_nothing_else():
-    own = set(PLANS["mismatch"].seeds)
-    assert own.isdisjoint(s for name, plan in PLANS.items() if name != "mismatch" for s in plan.seeds)
+    """But by its second asking, with agents of another algorithm on the same rollouts."""
+    own, asked_again = PLANS["mismatch"], PLANS["mismatch-shac"]
+    assert asked_again.seeds == own.seeds and set(asked_again.plants) < set(own.plants)
+    others = [plan for plan in PLANS.values() if plan not in (own, asked_again)]
+    own = set(own.seeds)
+    assert own.isdisjoint(s for plan in others for s in plan.seeds)
     assert own.isdisjoint(range(FIRST, FIRST + MOST)) and own.isdisjoint(s for p in PRESETS.values() for s in p.seeds)
 
 

@@ -68,6 +68,7 @@ FLOORS = (
     "planning",
     "diagnosis",
     "report",
+    "export",
     "cli",
     "web",
 )

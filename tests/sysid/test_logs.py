@@ -192,8 +192,8 @@ REFUSED = {
     ),
     "back.csv": ("t,theta\n" + "".join(f"{-k},1\n" for k in range(9)), "'t' goes backwards in 100% of the rows"),
     "binary.csv": (b"\x89PNG\r\n\x1a\n\x00\x00\x00", "binary.csv is not a text file: expected CSV in UTF-8"),
-    "no.npz": (b"PK nothing of the kind", "no.npz is not an .npz file of plain arrays"),
-    "no.mat": (b"nothing of the kind", "no.mat is not a .mat file"),
+    "no.npz": (b"PK\3\4 nothing of the kind", "no.npz is not an .npz file of plain arrays"),
+    "no.mat": (b"MATLAB".ljust(124) + b"\0\1IM nothing of the kind", "no.mat is not a .mat file"),
 }
 
 
@@ -244,7 +244,7 @@ def test_logs_of_different_rates_are_refused_until_a_rate_is_given(tmp_path):
 
 def test_too_many_rows_are_refused_before_they_are_read(tmp_path, monkeypatch):
     monkeypatch.setattr("sysid.data.logs.LOG_ROWS", 5_000)
-    monkeypatch.setattr("sysid.data.log_files.CHUNK", 1 << 16)
+    monkeypatch.setattr("sysid.data.text_files.CHUNK", 1 << 16)
     t = 0.001 * np.arange(40_000)
     path = write(tmp_path / "log.csv", {"t": t, "theta": np.sin(t)})
     with pytest.raises(

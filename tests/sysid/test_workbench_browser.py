@@ -91,9 +91,9 @@ def test_the_hidden_friction_is_found_and_added_by_clicks(page: Any, site: str, 
     bars = page.locator("#part-ladder .bartext").all_text_contents()
     assert float(bars[0]) > 3.0
     assert float(bars[1]) < 1.1
-    page.locator("#get-report").wait_for(timeout=LONG)
+    page.locator("#get-report-html").wait_for(timeout=LONG)
     with page.expect_download() as waiting:
-        page.locator("#get-report").click()
+        page.locator("#get-report-html").click()
     waiting.value.save_as(tmp_path / "report.html")
     text = (tmp_path / "report.html").read_text()
     assert "coulomb" in text

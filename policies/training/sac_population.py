@@ -1,0 +1,152 @@
+"""Soft actor-critic as a TorchRL program: an environment of batch size (A,), a replay buffer, a loss, two optimisers
+and a target update, with TensorDicts between them.
+
+    population = SACPopulation(model, [Band({"m": 2.0, "l": 1.5}, w=0.1)] * 3, seeds=[0, 1, 2])
+    population.train(75_000)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
+
+from policies.environments.random_streams import Purpose
+from policies.environments.randomization import Randomization
+from policies.training.cuda_graph import CudaGraph
+from policies.training.networks import ExploringPolicy
+from policies.training.optimization import FastSoftUpdate, FusedAdam
+from policies.training.population import Population
+from policies.training.random_blocks import BLOCK_LENGTH, RandomBlocks
+from policies.training.replay import replay_buffer
+from policies.training.sac import LOSSES, SACSettings
+from sysid import Model
+
+
+class SACPopulation(Population):
+    """Soft actor-critic agents, trained together, each with one pendulum and a memory of transitions.
+
+    model: the pendulum whose parameters the randomizations draw; randomizations (A,), seeds (A,); history: how many
+    past commands the agents observe.
+    """
+
+    parts: ClassVar[tuple[str, ...]] = ("env", "replay", "loss", "critic_optimizer", "actor_optimizer")
+    settings: SACSettings
+
+    def __init__(
+        self,
+        model: Model,
+        randomizations: Sequence[Randomization],
+        seeds: Sequence[int],
+        settings: SACSettings | None = None,
+        device: str = "cpu",
+        history: int = 0,
+    ) -> None:
+        settings = SACSettings() if settings is None else settings
+        super().__init__(model, randomizations, seeds, settings, device, history)
+        self._block = -1
+        self._k = torch.zeros(1, dtype=torch.long, device=self.device)
+        self._blocks = _random_blocks(self.seeds, settings.batch, device)
+        self._exploration, self._uniform, self._normal = self._blocks
+        self.replay = replay_buffer(
+            min(settings.capacity, settings.steps),
+            settings.batch,
+            self.env.fake_tensordict(),
+            lambda: self._uniform.at(self._k),
+        )
+        with self.device:
+            self.loss = LOSSES[settings.loss](self.seeds, settings, 3 + history)
+        self.actor_leaves = self.loss.actor_leaves
+        self.policy = ExploringPolicy(self.loss.actor_leaves)
+        self.critic_optimizer = FusedAdam(self.loss.critic_leaves, settings.learning_rate)
+        self.actor_optimizer = FusedAdam([*self.loss.actor_leaves, self.loss.log_alpha], settings.learning_rate)
+        self.target_update = FastSoftUpdate(self.loss, tau=settings.polyak)
+        self._learning_step = CudaGraph(self._learn, self.device)
+
+    def train(self, steps: int) -> None:
+        """Advance every agent by `steps` environment steps, but not beyond settings.steps."""
+        for _ in range(min(steps, self.settings.steps - self.steps_done)):
+            self._step()
+
+    def _step(self) -> None:
+        block, k = divmod(self.steps_done, BLOCK_LENGTH)
+        if block != self._block:
+            self._load(block, k)
+        if self.steps_done >= self.settings.random_steps:
+            self._learning_step()
+        else:
+            self._explore()
+        self.steps_done += 1
+        if self.steps_done % self.env.horizon == 0:
+            self._curve.append((self.steps_done, self.returns.clone()))
+            self.returns.zero_()
+            self.observation.copy_(self.env.reset()["observation"])
+
+    def _load(self, block: int, k: int) -> None:
+        """Take up the random numbers of a block, from its step k on."""
+        for numbers in self._blocks:
+            numbers.load(block)
+        self._block = block
+        self._k.fill_(k)
+
+    def _explore(self) -> None:
+        """A step with uniform actions."""
+        self._move(self._seen(action=self._exploration.at(self._k)[:, :1]))
+        self._k.add_(1)
+
+    def _learn(self) -> None:
+        """A step with the policy's actions and an update. Nothing in it waits for the device or depends on the host."""
+        self._move(self.policy(self._seen(noise=self._exploration.at(self._k)[:, 1:])))
+        batch = self.replay.sample()
+        noise, next_noise = self._normal.at(self._k).unbind(1)
+        self._update(batch.set("noise", noise).set(("next", "noise"), next_noise))
+        self._k.add_(1)
+
+    def _seen(self, **more: Tensor) -> TensorDict:
+        return TensorDict({"observation": self.observation, **more}, self.env.batch_size)
+
+    def _move(self, acted: TensorDictBase) -> None:
+        """One step of every pendulum, remembered. A time limit is no terminal state."""
+        moved = self.env.step(acted)
+        self.replay.extend(moved.unsqueeze(0))
+        after = moved.get("next")
+        self.observation.copy_(after.get("observation"))
+        self.returns.add_(after.get("reward").squeeze(1))
+
+    def _update(self, batch: TensorDictBase) -> None:
+        """A step of the critics, then of actor and temperature, then of the targets."""
+        self.critic_optimizer.descend(self.loss.critic_gradients(batch))
+        self.actor_optimizer.descend(self.loss.actor_gradients(batch))
+        self.target_update.step()
+
+    def resumed(self) -> None:
+        """Random numbers are loaded anew."""
+        self._block = -1
+        self._learning_step = CudaGraph(self._learn, self.device)
+
+
+def _random_blocks(seeds: Sequence[int], batch: int, device: str) -> tuple[RandomBlocks, RandomBlocks, RandomBlocks]:
+    """Exploration (A, 2), draws from the memory (A, B) and the noise of the losses (A, 2, B, 1), for every step."""
+
+    def uniform(rng: np.random.Generator, length: int) -> NDArray:
+        return rng.random((length, batch))
+
+    def normal(rng: np.random.Generator, length: int) -> NDArray:
+        return rng.standard_normal((length, 2, batch, 1), dtype=np.float32)
+
+    return (
+        RandomBlocks(seeds, Purpose.EXPLORATION, _exploration, device),
+        RandomBlocks(seeds, Purpose.REPLAY, uniform, device),
+        RandomBlocks(seeds, Purpose.LOSS, normal, device),
+    )
+
+
+def _exploration(rng: np.random.Generator, length: int) -> NDArray[np.float32]:
+    """(length, 2): a uniform action in [-1, 1] and the normal noise of the policy's action, for each step."""
+    uniform = rng.uniform(-1.0, 1.0, length)
+    return np.stack((uniform, rng.standard_normal(length)), 1).astype(np.float32)

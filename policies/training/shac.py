@@ -1,0 +1,194 @@
+"""Short-horizon actor-critic (SHAC) for A agents at once: the gradient of the return goes through the model.
+
+E pendulums of agent a move for T steps from where they are, under its policy pi with noise, and its value function V,
+with a slow copy V', says what comes after:
+
+    J        = mean_E (sum_{t < T} gamma^t r_t + gamma^T V'(s_T)),   a_t = tanh(pi(s_t) + noise std)
+    L_actor  = -J / T,                          whose gradient is taken through rewards, observations and the dynamics
+    L_value  = 1/2 mean (V(s_t) - R_t)^2,       R_t: TD(lambda) returns of V'
+
+The model is differentiable, so that a gradient costs no more than twice the motion, and has none of the noise that an
+estimate from returns has. Short windows keep it from growing without bound along the motion; V' carries it on.
+Source: Xu et al., "Accelerated Policy Learning with Parallel Differentiable Simulation" (2022).
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import ClassVar
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
+from torchrl.objectives import LossModule
+from torchrl.objectives.value.functional import td_lambda_return_estimate
+
+from policies.environments.random_streams import Purpose, generator
+from policies.training.networks import StackedMLP, WrittenOutMLP, leaves_of, linear_init, with_ones
+from sysid import InvalidInput
+
+OPERATIONS = 200.0
+"""About how many numbers a pendulum's step leaves for the way back."""
+
+
+FIRST_ACTIONS = 0.1
+"""Share of their usual size that the policy's last weights begin with: a large action is one that tanh has cut off, and
+its gradient is nothing."""
+
+
+@dataclass(frozen=True)
+class SHACSettings:
+    """How agents train through the model.
+
+    learning_rate   of policy and value function at the beginning; it falls in a straight line to a fiftieth
+    environments    pendulums of each agent
+    horizon         steps of a window
+    decay           lambda of the returns that the value function learns
+    noise           sd of the policy's action before tanh
+    reward_scale    what rewards are multiplied with, so that values are of the size of 10
+    polyak          share of the way that the slow copy goes after each window
+    minibatches     updates of the value function in each window
+    gradient_norm   to which longer gradients of the policy are cut
+    steps           of each agent, summed over its pendulums
+    """
+
+    algorithm: ClassVar[str] = "shac"
+    random_steps: ClassVar[int] = 0
+    hidden: tuple[int, ...] = (64, 64)
+    learning_rate: float = 1e-2
+    environments: int = 64
+    horizon: int = 16
+    gamma: float = 0.99
+    decay: float = 0.95
+    noise: float = 0.37
+    reward_scale: float = 0.02
+    polyak: float = 0.2
+    minibatches: int = 4
+    gradient_norm: float = 1.0
+    steps: int = 2_048_000
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "hidden", tuple(self.hidden))
+        if not self.hidden or min(self.hidden) < 1:
+            raise InvalidInput(f"hidden = {self.hidden}: expected one or more layer sizes >= 1")
+        for name in ("learning_rate", "environments", "horizon", "reward_scale", "minibatches", "gradient_norm"):
+            if not getattr(self, name) > 0:
+                raise InvalidInput(f"{name} = {getattr(self, name)}: expected a positive number")
+        for name in ("gamma", "decay", "polyak"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise InvalidInput(f"{name} = {getattr(self, name)}: expected a number in [0, 1]")
+        if not self.steps > 0 or not self.noise >= 0.0:
+            raise InvalidInput(f"steps = {self.steps}, noise = {self.noise}: expected a positive number, and one >= 0")
+        if self.environments % self.minibatches:
+            raise InvalidInput(
+                f"minibatches = {self.minibatches}: expected a number that divides the {self.environments} environments"
+            )
+
+    @property
+    def window(self) -> int:
+        """Steps of each agent between two updates of its policy."""
+        return self.environments * self.horizon
+
+    def memory(self, agents: int, observation_size: int) -> float:
+        """Bytes that the networks take with their optimisers, and a window on its way back."""
+        sizes = (observation_size, *self.hidden, 1)
+        weights = 9 * sum(a * b for a, b in pairwise(sizes))
+        window = self.window * (4 * sum(self.hidden) + 2 * OPERATIONS)
+        return 4.0 * agents * (weights + window)
+
+
+class SHACLoss(LossModule):
+    """The losses of windows (A, E, T), TensorDicts as TorchRL's environments give them.
+
+    seeds (A,): agent a's initial weights come from seeds[a] alone.
+    """
+
+    def __init__(self, seeds: Sequence[int], settings: SHACSettings, observation_size: int = 3) -> None:
+        super().__init__()
+        sizes = (observation_size, *settings.hidden, 1)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            actor = StackedMLP(len(seeds), sizes, ["observation"], ["loc"])
+            value = StackedMLP(len(seeds), sizes, ["observation"], ["state_value"])
+            self.convert_to_functional(actor, "actor_network")
+            self.convert_to_functional(value, "value_network", create_target_params=True)
+            self.target_leaves = leaves_of(self.target_value_network_params)
+        self.actor_leaves, self.value_leaves = map(leaves_of, (self.actor_network_params, self.value_network_params))
+        self.settings = settings
+        self._initialise(seeds, sizes)
+
+    @torch.no_grad()
+    def _initialise(self, seeds: Sequence[int], sizes: Sequence[int]) -> None:
+        """Actor, then value function, from each agent's own generator."""
+        for a, seed in enumerate(seeds):
+            rng = generator(seed, Purpose.WEIGHTS)
+            for leaves in (self.actor_leaves, self.value_leaves):
+                for leaf, numbers in zip(leaves, linear_init(rng, sizes), strict=True):
+                    leaf[a].copy_(torch.from_numpy(numbers))
+        for leaf in self.actor_leaves[-2:]:
+            leaf.mul_(FIRST_ACTIONS)
+        torch._foreach_copy_(self.target_leaves, self.value_leaves)
+
+    def act(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """observation (A, E, O) and noise (A, E, 1), standard normal -> action (A, E, 1)."""
+        loc = _answers(tensordict.get("observation"), self.actor_leaves)
+        return tensordict.set("action", (loc.unsqueeze(-1) + self.settings.noise * tensordict.get("noise")).tanh())
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """loss_actor, of a window through which gradients flow, and loss_value, each summed over agents."""
+        losses = {"loss_actor": self.actor_loss(tensordict), "loss_value": self.value_loss(self.taught(tensordict))}
+        return TensorDict(losses, [])
+
+    def actor_loss(self, window: TensorDictBase) -> Tensor:
+        """L_actor."""
+        after, gamma = window.get("next"), self.settings.gamma
+        reward = after.get("reward").squeeze(-1)
+        steps = reward.shape[-1]
+        discounts = gamma ** torch.arange(steps, dtype=reward.dtype, device=reward.device)
+        final = self.value_after(after.get("observation")[..., -1, :])
+        gained = self.settings.reward_scale * (reward @ discounts) + gamma**steps * final
+        return -gained.mean(1).sum() / steps
+
+    def value_after(self, observation: Tensor) -> Tensor:
+        """V' (A, ...) of observations (A, ..., O)."""
+        return _answers(observation, [leaf.detach() for leaf in self.target_leaves])
+
+    def actor_gradients(self, window: TensorDictBase) -> list[Tensor]:
+        """Of L_actor, for `actor_leaves`; an agent's is no longer than gradient_norm; inf and nan stay."""
+        gradients = torch.autograd.grad(self.actor_loss(window), self.actor_leaves)
+        norm = torch.stack([gradient.flatten(1).norm(dim=1) for gradient in gradients]).norm(dim=0)
+        share = (self.settings.gradient_norm / norm).clamp(max=1.0).view(-1, 1, 1)
+        return [gradient * share for gradient in gradients]
+
+    @torch.no_grad()
+    def taught(self, window: TensorDictBase) -> TensorDict:
+        """What the value function learns: "observation" (A, E, T, O) and "value_target" (A, E, T), R_t."""
+        after, settings = window.get("next").detach(), self.settings
+        target = td_lambda_return_estimate(
+            settings.gamma,
+            settings.decay,
+            self.value_after(after.get("observation")).unsqueeze(-1),
+            settings.reward_scale * after.get("reward"),
+            after.get("done"),
+            after.get("terminated"),
+        )
+        seen = window.get("observation").detach()
+        return TensorDict({"observation": seen, "value_target": target.squeeze(-1)}, window.batch_size)
+
+    def value_loss(self, taught: TensorDictBase) -> Tensor:
+        """L_value."""
+        error = _answers(taught.get("observation"), self.value_leaves) - taught.get("value_target")
+        return 0.5 * (error * error).mean((1, 2)).sum()
+
+    def value_gradients(self, taught: TensorDictBase) -> Sequence[Tensor]:
+        """Of L_value, for `value_leaves`."""
+        return torch.autograd.grad(self.value_loss(taught), self.value_leaves)
+
+
+def _answers(observation: Tensor, leaves: Sequence[Tensor]) -> Tensor:
+    """The one output (A, ...) of the agents' networks for observations (A, ..., O)."""
+    y = WrittenOutMLP.apply(with_ones(observation.flatten(1, -2)), *leaves)
+    return y.view(observation.shape[:-1])

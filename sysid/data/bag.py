@@ -1,0 +1,155 @@
+"""ROS 2 bags and MCAP: the joint of a robot in messages sensor_msgs/JointState, and topics of numbers beside them.
+
+Messages are read by ROS 2's own definitions, whatever the file says that they are.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sysid.errors import InvalidInput, printable
+from sysid.limits import RAW_ROWS, check_size
+from sysid.physics.ops import Array
+
+MCAP = b"\x89MCAP0\r\n"
+"""What such a file begins with."""
+STATES = "sensor_msgs/msg/JointState"
+NUMBERS = ("std_msgs/msg/Float64", "std_msgs/msg/Float64MultiArray")
+READINGS = ("theta", "theta_dot", "torque")
+"""What the positions, velocities and efforts of a joint are called here."""
+
+
+class Row(NamedTuple):
+    """A joint in a message: when it was written to the file and when it was stamped [ns], and what it said."""
+
+    written: int
+    stamped: int
+    theta: float
+    theta_dot: float
+    torque: float
+
+    @property
+    def silent(self) -> bool:
+        """Whether it says nothing of where the joint is or how fast."""
+        return math.isnan(self.theta) and math.isnan(self.theta_dot)
+
+
+class Content(NamedTuple):
+    """The rows of each joint by (topic, name), and of each number of other topics (when it was written, its value)."""
+
+    joints: dict[tuple[str, str], list[Row]]
+    numbers: dict[str, list[tuple[int, float]]]
+
+
+def read_bag(path: Path, columns: Mapping[str, str] | None, joint: str) -> dict[str, Any]:
+    """A joint's t [s] since its first message, theta, theta_dot, torque, and the numbers of other topics held as last
+    sent: all names, or the columns that are wanted.
+
+    Raises InvalidInput, in a sentence that lists them, where there are several joints and none is named.
+    """
+    files = sorted(path.iterdir()) if path.is_dir() else [path]
+    content = _content(path, tuple((file, file.stat().st_mtime_ns, file.stat().st_size) for file in files))
+    own = _joint(path, content, joint)
+    found: dict[str, Any] = {name: np.array([getattr(row, name) for row in own]) for name in READINGS}
+    found = {n: v for n, v in found.items() if n == "torque" or np.isfinite(v).any()}
+    if columns is None:
+        return dict.fromkeys(("t", *found, *content.numbers))
+    if columns.get("torque") == "torque" and not np.isfinite(found["torque"]).any():
+        topics = ", ".join(content.numbers) or "none"
+        raise InvalidInput(
+            f"{path.name}: the joint's efforts are empty: name the topic that commands it, as in "
+            f"torque=/commands[0], or leave the torque out (torque=) for a free swing; topics of numbers: {topics}"
+        )
+    written = np.array([row.written for row in own])
+    clock = np.array([row.stamped for row in own])
+    clock = clock if clock.any() else written  # a robot that does not stamp
+    found["t"] = (clock - clock[0]) / 1e9
+    return {
+        ours: found[name] if name in found else _held(content.numbers[name], written) for ours, name in columns.items()
+    }
+
+
+@lru_cache(maxsize=1)
+def _content(path: Path, files: tuple[Any, ...]) -> Content:
+    """What a bag holds; it is asked for its names, and then for its columns. files: what shows that it is another."""
+    from rosbags.typesys import Stores, get_typestore
+
+    types, joints, numbers = get_typestore(Stores.ROS2_HUMBLE), defaultdict(list), defaultdict(list)
+    size = 0
+    with _opened(path) as reader:
+        wanted = [c for c in reader.connections if c.msgtype in (STATES, *NUMBERS)]
+        for connection, written, raw in reader.messages(wanted) if wanted else ():
+            message: Any = types.deserialize_cdr(raw, connection.msgtype)
+            if connection.msgtype == STATES:
+                for name, row in _rows(message, written):
+                    joints[connection.topic, name].append(row)
+                    size += 1
+            else:
+                for name, value in _numbers(connection.topic, message.data):
+                    numbers[name].append((written, value))
+                    size += 1
+            check_size(f"{path.name}: numbers in its messages:", size, RAW_ROWS)
+    return Content(joints, numbers)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """A bag's folder, or a file of one by what it holds: whatever it is called."""
+    from rosbags.rosbag2 import Reader
+
+    plugin = "dir"
+    if path.is_file():
+        with path.open("rb") as file:
+            plugin = ".mcap" if file.read(len(MCAP)) == MCAP else ".db3"
+    storage = Reader.STORAGE_PLUGINS[plugin](path)
+    storage.open()
+    try:
+        yield storage
+    finally:
+        storage.close()
+
+
+def _rows(message: Any, written: int) -> Iterator[tuple[str, Row]]:
+    stamped, names = 10**9 * message.header.stamp.sec + message.header.stamp.nanosec, message.name
+    series = (message.position, message.velocity, message.effort)
+    filled = (values.tolist() + [math.nan] * (len(names) - len(values)) for values in series)
+    for name, *values in zip(names, *filled, strict=False):
+        yield name, Row(written, stamped, *values)
+
+
+def _numbers(topic: str, data: Any) -> Iterator[tuple[str, float]]:
+    """The numbers of a message by the names of their columns."""
+    if np.ndim(data) == 0:
+        yield printable(topic), float(data)
+    else:
+        yield from ((f"{printable(topic)}[{i}]", float(value)) for i, value in enumerate(data))
+
+
+def _joint(path: Path, content: Content, joint: str) -> Sequence[Row]:
+    """The rows of the joint that is asked for, in the order of its stamps as they were written."""
+    read = {key: rows for key, rows in content.joints.items() if any(not row.silent for row in rows)}
+    often = Counter(name for _, name in read)
+    called = {(topic, name): name if often[name] == 1 else f"{topic}:{name}" for topic, name in read}
+    named = {printable(called[key]): rows for key, rows in read.items()}
+    if not named:
+        raise InvalidInput(f"{path.name} has no joint with positions or velocities: expected messages {STATES}")
+    if joint in named or (not joint and len(named) == 1):
+        return named[joint or next(iter(named))]
+    came = f"no joint {joint!r}" if joint else f"{len(named)} joints"
+    raise InvalidInput(f"{path.name} has {came}: expected one of {', '.join(named)} (--joint, joint=)")
+
+
+def _held(sent: Sequence[tuple[int, float]], written: Array) -> Array:
+    """The last number that was sent before each instant; nan before the first."""
+    times, values = (np.array(v) for v in zip(*sent, strict=True))
+    order = np.argsort(times, kind="stable")
+    last = np.searchsorted(times[order], written, side="right") - 1
+    return np.where(last >= 0, values[order][last], math.nan)

@@ -1,0 +1,124 @@
+"""What reads the formats of other programs: Matlab's .mat, HDF5, Parquet, ROS 2 bags and MCAP.
+
+These are called where a crash harms nothing: see `sysid.data.guarded`. Each takes a path, the columns that are wanted,
+{our name: the file's name} or None for the names alone, and the name of a joint. No reader loads a pickle.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sysid.data.bag import read_bag
+from sysid.data.table import seconds
+from sysid.errors import InvalidInput
+from sysid.limits import RAW_ROWS, check_size
+
+Columns = Mapping[str, str] | None
+
+
+@contextmanager
+def foreign(path: Path, expected: str) -> Iterator[None]:
+    """Whatever a reader of foreign bytes stumbles over becomes one sentence: a damaged file may raise anything."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    except (InvalidInput, MemoryError):
+        raise
+    except Exception:
+        raise InvalidInput(f"{path.name} is not {expected}") from None
+
+
+def _mat(path: Path, columns: Columns, joint: str) -> dict[str, Any]:
+    """A .mat file of MATLAB's versions 4 to 7.2; the fields of its structs count as columns."""
+    from scipy.io import loadmat, whosmat
+
+    with foreign(path, "a .mat file: expected one as MATLAB's save makes it"):
+        for name, shape, _ in whosmat(path):
+            check_size(f"{path.name}: numbers in {name!r}:", math.prod(shape), RAW_ROWS)
+        content = loadmat(path, simplify_cells=True)
+        arrays: dict[str, Any] = {}
+        for name, value in content.items():
+            if not name.startswith("__"):
+                arrays.update(value if isinstance(value, dict) else {name: value})
+        return arrays if columns is None else {ours: arrays[name] for ours, name in columns.items()}
+
+
+def _hdf5(path: Path, columns: Columns, joint: str) -> dict[str, Any]:
+    """An HDF5 file, as MATLAB's version 7.3 is one; the members of its groups (structs) count as columns.
+
+    Only what the file itself holds is read: no link and no storage leads out of it.
+    """
+    import h5py
+
+    with foreign(path, "an HDF5 or MATLAB v7.3 file that is whole"), h5py.File(path, "r") as file:
+        found: dict[str, Any] = {}
+        for name, item in _members(h5py, file):
+            found.update(dict(_members(h5py, item)) if isinstance(item, h5py.Group) else {name: item})
+        sets = {name: item for name, item in found.items() if isinstance(item, h5py.Dataset)}
+        if columns is None:
+            return dict.fromkeys(sets)
+        for name in columns.values():
+            check_size(f"{path.name}: numbers in {name!r}:", math.prod(sets[name].shape or ()), RAW_ROWS)
+            if sets[name].is_virtual or sets[name].external:
+                raise InvalidInput(f"{path.name}: {name!r} lies in other files: expected it in this one")
+        return {ours: sets[name][()] for ours, name in columns.items()}
+
+
+def _members(h5py: Any, group: Any) -> Iterator[tuple[str, Any]]:
+    """What a group itself holds: what MATLAB keeps for its own use, and links to elsewhere, are left out."""
+    for name in group:
+        if not name.startswith("#") and isinstance(group.get(name, getlink=True), h5py.HardLink):
+            yield name, group[name]
+
+
+def _parquet(path: Path, columns: Columns, joint: str) -> dict[str, Any]:
+    """A Parquet file; time stamps become seconds since the first row."""
+    from pyarrow import parquet
+
+    with foreign(path, "a Parquet file that is whole"):
+        file = parquet.ParquetFile(path)
+        names = file.schema_arrow.names
+        if columns is None:
+            if len(set(names)) < len(names):
+                raise InvalidInput(f"{path.name}: a column comes twice: expected names that differ")
+            return dict.fromkeys(names)
+        check_size(f"{path.name}: rows:", file.metadata.num_rows, RAW_ROWS)
+        table = file.read(list(dict.fromkeys(columns.values())), use_threads=False)
+        return {ours: _numbers(path, name, table[name]) for ours, name in columns.items()}
+
+
+def _numbers(path: Path, name: str, values: Any) -> Any:
+    """The values of a column of a Parquet file, nan where it has none."""
+    import pyarrow as pa
+
+    kind, types = values.type, pa.types
+    if types.is_timestamp(kind) or types.is_duration(kind):
+        unit = pa.duration("ns") if types.is_duration(kind) else pa.timestamp("ns", kind.tz)
+        whole = values.cast(unit).cast(pa.int64()).fill_null(0).to_numpy()
+        return seconds(whole, values.is_null().to_numpy())
+    if not (types.is_integer(kind) or types.is_floating(kind) or types.is_boolean(kind) or types.is_null(kind)):
+        raise InvalidInput(f"{path.name}: {name!r} holds {kind}, not numbers: expected numbers")
+    if types.is_boolean(kind):
+        values = values.cast(pa.int8())
+    return np.asarray(values.cast(pa.float64(), safe=False).to_numpy(), dtype=float)
+
+
+def _bag(path: Path, columns: Columns, joint: str) -> dict[str, Any]:
+    with foreign(path, "a ROS 2 bag or MCAP file that is whole: expected messages of ROS 2, serialized as CDR"):
+        return read_bag(path, columns, joint)
+
+
+READERS: dict[str, Callable[[Path, Columns, str], dict[str, Any]]] = {
+    "mat": _mat,
+    "hdf5": _hdf5,
+    "parquet": _parquet,
+    "bag": _bag,
+}

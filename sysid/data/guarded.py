@@ -1,0 +1,152 @@
+"""Reading in a process of its own what a compiled library parses: damaged bytes may crash it, stall it, or make it ask
+for all the memory there is.
+
+One such process serves all reads of a program. It is told a question in a line of JSON, and answers with a line of JSON
+and the columns' bytes; when it has ended, or takes too long, the file is refused and the next question starts another.
+"""
+
+from __future__ import annotations
+
+import atexit
+import json
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from sysid.data.table import column
+from sysid.errors import InvalidInput
+
+MEMORY = 6 << 30
+"""Bytes that the process may take."""
+LARGEST_FILE = 1 << 31
+"""Bytes of a file that it may write, where a compressed bag is unpacked."""
+SECONDS = 120.0
+"""How long a question may take."""
+PROGRAM = "import sys; sys.path[:] = sys.argv[1:]; from sysid.data.guarded import serve; serve()"
+
+
+class Reader:
+    """The process that reads, of one owner."""
+
+    def __init__(self) -> None:
+        self.owner = os.getpid()
+        self.process = subprocess.Popen(
+            [sys.executable, "-I", "-c", PROGRAM, *map(str, sys.path)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+        )
+
+    @property
+    def ready(self) -> bool:
+        """Whether it can be asked: it runs, and is no copy that a fork has made."""
+        return self.owner == os.getpid() and self.process.poll() is None
+
+    def ask(self, question: Mapping[str, Any]) -> dict[str, Any]:
+        """The answer to a question, its columns as arrays. Raises EOFError where the process ends over it."""
+        assert self.process.stdin and self.process.stdout
+        late = threading.Timer(SECONDS, self.process.kill)
+        late.start()
+        try:
+            self.process.stdin.write(json.dumps(question).encode() + b"\n")
+            self.process.stdin.flush()
+            answer: dict[str, Any] = json.loads(_whole(self.process.stdout.readline()))
+            for title, size in answer.get("columns", {}).items():
+                bytes_ = _whole(self.process.stdout.read(8 * size), 8 * size)
+                answer["columns"][title] = np.frombuffer(bytes_).copy()
+            return answer
+        except (BrokenPipeError, ValueError):
+            raise EOFError from None
+        finally:
+            late.cancel()
+
+    def end(self) -> None:
+        """End the process, and leave nothing of it; its owner alone may."""
+        if self.owner != os.getpid():
+            return
+        self.process.kill()
+        self.process.wait()
+        for pipe in (self.process.stdin, self.process.stdout):
+            with suppress(OSError):
+                assert pipe
+                pipe.close()
+
+
+def _whole(content: bytes, size: int = 1) -> bytes:
+    if len(content) < size:
+        raise EOFError
+    return content
+
+
+_reader: Reader | None = None
+_lock = threading.Lock()
+
+
+def read(kind: str, path: Path, columns: Mapping[str, str] | None = None, joint: str = "") -> dict[str, Any]:
+    """What a reader of `sysid.data.foreign_files` finds: all names, or the columns {our name: the file's name}.
+
+    Raises InvalidInput as the reader does, and where it crashes, takes too long or needs too much memory.
+    """
+    global _reader  # noqa: PLW0603 - the process is started once
+    with _lock:
+        if _reader is None or not _reader.ready:
+            _reader = Reader()
+            atexit.register(_reader.end)
+        question = {"kind": kind, "path": os.fspath(path.absolute()), "columns": columns, "joint": joint}
+        try:
+            answer = _reader.ask(question)
+        except BaseException as error:
+            _reader.end()
+            if not isinstance(error, EOFError):
+                raise
+            raise InvalidInput(
+                f"{path.name} crashes or stalls the reader of its format: it is damaged, or not what it claims to be"
+            ) from None
+    if "refused" in answer:
+        raise InvalidInput(answer["refused"])
+    return answer["columns"] if columns is not None else dict.fromkeys(answer["names"])
+
+
+def serve() -> None:
+    """Answer questions from the standard input until it ends. What libraries print goes nowhere."""
+    _limit()
+    out = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    for line in sys.stdin.buffer:
+        _answer(out, **json.loads(line))
+        out.flush()
+
+
+def _limit() -> None:
+    with suppress(ImportError, ValueError, OSError):
+        import resource  # not on Windows
+
+        for what, most in ((resource.RLIMIT_AS, MEMORY), (resource.RLIMIT_FSIZE, LARGEST_FILE)):
+            resource.setrlimit(what, (most, most))
+
+
+def _answer(out: IO[bytes], kind: str, path: str, columns: dict[str, str] | None, joint: str) -> None:
+    from sysid.data.foreign_files import READERS
+
+    name, arrays, answer = Path(path).name, dict[str, Any](), dict[str, Any]()
+    try:
+        found = READERS[kind](Path(path), columns, joint)
+        if columns is None:
+            answer["names"] = list(found)
+        else:
+            arrays = {ours: column(name, columns[ours], values) for ours, values in found.items()}
+            answer["columns"] = {ours: len(values) for ours, values in arrays.items()}
+    except InvalidInput as refusal:
+        answer["refused"] = str(refusal)
+    except MemoryError:
+        answer["refused"] = f"{name} needs more memory than its reader is given"
+    out.write(json.dumps(answer).encode() + b"\n")
+    for values in arrays.values():
+        out.write(values.tobytes())

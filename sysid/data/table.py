@@ -1,0 +1,68 @@
+"""Tables: named columns of numbers, the rows of them that are wanted, and what may be a column."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sysid.errors import InvalidInput, excerpt
+from sysid.limits import LOG_ROWS
+from sysid.physics.ops import Array
+
+Table = dict[str, Array]
+
+
+class Window(NamedTuple):
+    """The rows that are wanted: begin <= t <= end [s], and no more than `most` of them."""
+
+    begin: float = -math.inf
+    end: float = math.inf
+    most: int = LOG_ROWS
+
+
+def check_kept(name: str, kept: int, rows: int, most: int) -> None:
+    """Raise InvalidInput where more rows are kept than are wanted at most, of about `rows` in a log of that name."""
+    if kept > most:
+        raise InvalidInput(
+            f"{name} has about {_round(rows):,} rows, and more than {most:,} of them were asked for: "
+            "cut a window (begin, end) or ask for a longer sample interval (dt)"
+        )
+
+
+def _round(rows: float) -> int:
+    size = 10 ** max(int(math.log10(max(rows, 1.0))) - 1, 0)
+    return int(round(rows / size) * size)
+
+
+def column(name: str, title: str, values: Any) -> Array:
+    """An array of numbers as a column (K,), also from (K, 1) and (1, K); raises InvalidInput for anything else."""
+    array = np.asarray(values)
+    if array.dtype.kind not in "fiub":
+        raise InvalidInput(f"{name}: {excerpt(title)} holds {array.dtype}, not numbers: expected an array of numbers")
+    array = np.squeeze(array.astype(float))
+    if array.ndim > 1:
+        raise InvalidInput(f"{name}: {excerpt(title)} has shape {array.shape}: expected one dimension")
+    return np.atleast_1d(array)
+
+
+def seconds(nanoseconds: Any, missing: Any) -> Array:
+    """Whole nanoseconds (K,) as seconds since the first that is not missing; nan where they are missing."""
+    known = np.flatnonzero(~missing)
+    begin = nanoseconds[known[0]] if len(known) else 0
+    return np.where(missing, np.nan, (nanoseconds - begin) / 1e9)
+
+
+def rows_of(name: str, columns: Mapping[str, Array], window: Window) -> Table:
+    """The rows of columns (K,) inside a window; a torque or a speed of K - 1 rows gets one more."""
+    table, rows = dict(columns), len(columns["t"])
+    for title, values in columns.items():
+        if title in ("torque", "theta_dot") and len(values) == rows - 1:
+            table[title] = np.append(values, math.nan)
+        elif len(values) != rows:
+            raise InvalidInput(f"{name} is ragged: {title} has {len(values)} values, t has {rows}")
+    inside = ~((table["t"] < window.begin) | (table["t"] > window.end))
+    check_kept(name, int(inside.sum()), inside.size, window.most)
+    return {title: values[inside] for title, values in table.items()}

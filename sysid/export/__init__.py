@@ -1,0 +1,1 @@
+"""What other programs read: MuJoCo's MJCF, URDF, and a log with its predictions as Parquet."""

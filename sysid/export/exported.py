@@ -1,0 +1,120 @@
+"""The answer of an export: a text in another program's language, and a sentence on each thing that it cannot say."""
+
+from __future__ import annotations
+
+from collections.abc import Container
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+from xml.parsers import expat
+
+from sysid.data.files import read_file, save_file
+from sysid.diagnosis.findings import spaced_unit
+from sysid.errors import InvalidInput, printable
+from sysid.physics.effects.effect import Effect, OutputEffect
+from sysid.physics.model import Model
+
+DEEPEST = 200
+"""Elements within each other in a file."""
+
+
+@dataclass(frozen=True)
+class Exported:
+    """A model in the language of another program.
+
+    Attributes
+    ----------
+    format : str
+        "MJCF" or "URDF".
+    text : str
+        The file.
+    sentences : tuple of str
+        What the file says in another way than the model, or not at all, a sentence each.
+    """
+
+    format: str
+    text: str
+    sentences: tuple[str, ...]
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the file. Raises InvalidInput where it cannot be written."""
+        save_file(Path(path), self.text)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, ready for JSON."""
+        return {"format": self.format, "text": self.text, "sentences": list(self.sentences)}
+
+    def __str__(self) -> str:
+        return "\n".join(self.sentences)
+
+
+def left_out(model: Model, said: Container[type[Effect]], language: str) -> tuple[str, ...]:
+    """A sentence on each effect that does something and is none of those that a language says."""
+    return tuple(_left_out(model, e, language) for e in model.effects if type(e) not in said and not e.idle)
+
+
+def _left_out(model: Model, effect: Effect, language: str) -> str:
+    parameters = (model.parameters[name] for name in model.names_of(effect.name))
+    numbers = ", ".join(f"{p.field} = {float(p.value):.4g}{spaced_unit(p.unit)}" for p in parameters)
+    if effect.of_log:
+        reason = "it belongs to the log, not to the machine"
+    elif isinstance(effect, OutputEffect):
+        reason = "it is of the sensor, and a simulator's joint shows its true state"
+    else:
+        reason = f"{language} has no word for {effect.words or effect.formula or 'it'}"
+    return f"{effect.name} ({numbers}) is not in the file: {reason}."
+
+
+def number(*values: float) -> str:
+    """Numbers as an attribute holds them."""
+    return " ".join(f"{value:.12g}" for value in values)
+
+
+def text_of(root: ElementTree.Element) -> str:
+    """A document of our own, indented."""
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def parsed(path: Path) -> tuple[str, ElementTree.Element, str]:
+    """A user's XML file: what stands before its root, the root with its comments, and what stands behind it.
+
+    Raises InvalidInput for a file that cannot be read, is no XML, or declares a document type: entities expand.
+    """
+    content = read_file(path, "an XML file")
+    try:
+        begin, end = _root(path, content)
+        builder = ElementTree.TreeBuilder(insert_comments=True)
+        root = ElementTree.fromstring(content.decode("utf-8-sig"), ElementTree.XMLParser(target=builder))
+        return content[:begin].decode("utf-8-sig"), root, content[end:].decode()
+    except InvalidInput:
+        raise
+    except (expat.ExpatError, ElementTree.ParseError, ValueError) as error:
+        raise InvalidInput(f"{path.name} is not XML in UTF-8: {printable(str(error), 100)}") from None
+
+
+def _root(path: Path, content: bytes) -> tuple[int, int]:
+    """Where the root begins and ends; raises InvalidInput for what may cost more than it is."""
+    parser, depth, span = expat.ParserCreate(), 0, [0, 0]
+
+    def refuse(*_: Any) -> None:
+        raise InvalidInput(f"{path.name} declares a document type (DOCTYPE): expected XML without one")
+
+    def enter(*_: Any) -> None:
+        nonlocal depth
+        span[0] = span[0] if depth else parser.CurrentByteIndex
+        depth += 1
+        if depth > DEEPEST:
+            raise InvalidInput(f"{path.name} has more than {DEEPEST} elements within each other")
+
+    def leave(*_: Any) -> None:
+        nonlocal depth
+        depth -= 1
+        at = parser.CurrentByteIndex
+        span[1] = content.index(b">", at) + 1 if content[at : at + 2] == b"</" else at
+
+    parser.StartDoctypeDeclHandler, parser.StartElementHandler, parser.EndElementHandler = refuse, enter, leave
+    parser.Parse(content, True)
+    return span[0], span[1]

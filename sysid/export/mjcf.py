@@ -1,0 +1,226 @@
+"""MJCF: a model as MuJoCo simulates it, in a file of its own or put into a user's."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from os import PathLike
+from pathlib import Path
+from xml.etree.ElementTree import Element, SubElement, tostring
+
+from sysid.errors import InvalidInput, excerpt
+from sysid.export.exported import Exported, left_out, number, parsed, text_of
+from sysid.export.mechanism import TERMS, Mechanism, mechanism
+from sysid.physics.effects.actuation import Lag
+from sysid.physics.effects.disturbance import TorqueBias
+from sysid.physics.effects.load import Tilt
+from sysid.physics.model import Model
+
+STEP, FRICTION_STEP = 1e-3, 2.5e-4
+"""The longest step [s] of a file of our own, without and with dry friction."""
+OPTION = {"integrator": "RK4", "iterations": "50", "tolerance": "1e-12"}
+SHAPE = {"type": "capsule", "contype": "0", "conaffinity": "0"}
+"""What is seen of a link; it touches nothing and weighs nothing."""
+DEFAULT_STEP = 2e-3
+"""MuJoCo's step [s], where a file names none."""
+
+
+def to_mjcf(model: Model, joint: str = "hinge", into: str | PathLike[str] | None = None) -> Exported:
+    """A model as MJCF, MuJoCo's language: damping, friction, inertia, springs, and the actuator with its delay.
+
+    In a file of its own the joint's qpos is theta, so that 0 is upright, and ctrl is the model's command.
+
+    Parameters
+    ----------
+    model : Model
+        A model of one machine, as `Estimate.model` is.
+    joint : str
+        The joint's name, in a file of the user's the one that is changed.
+    into : path, optional
+        A user's MJCF file: what is returned is that file, in which only the attributes of the joint and of its actuator
+        are others.
+
+    Returns
+    -------
+    Exported
+        The text, and a sentence on each thing that it cannot say.
+
+    Raises
+    ------
+    InvalidInput
+        For a model of many machines, and a file that is not MJCF or has no such joint.
+    """
+    own = mechanism(model)
+    if into is None:
+        step, said = _step(own, model.dt), list[str]()
+        if 0.0 < own.lag <= step:
+            said.append(f"The lag of {number(own.lag)} s is not in the file: a step takes {number(step)} s.")
+        text = text_of(_document(own, joint, step))
+        said += left_out(model, TERMS, "MJCF")
+    else:
+        text, step, said = _changed(own, joint, Path(into))
+        said += left_out(model, TERMS.keys() - {Tilt, TorqueBias, Lag}, "a joint of MJCF")
+    if own.friction:
+        said.append(
+            f"MuJoCo's dry friction is soft, and a joint at rest creeps: solreffriction is as stiff as steps of "
+            f"{number(step)} s allow; set it to two steps where you take others, the smaller the better."
+        )
+    if own.delay:
+        said.append("The actuator's attribute delay needs a recent MuJoCo (4.0 has it): older ones refuse the file.")
+    return Exported("MJCF", text, tuple(said))
+
+
+def _step(own: Mechanism, dt: float) -> float:
+    return dt / math.ceil(dt / (FRICTION_STEP if own.friction else STEP) - 1e-9)
+
+
+# ---- a file of our own -----------------------------------------------------------------------------------------------
+
+
+def _document(own: Mechanism, joint: str, step: float) -> Element:
+    link, size = own.body, max(2.0 * own.body.center, 0.1)
+    gravity = number(link.gravity * math.sin(own.tilt), 0.0, -link.gravity * math.cos(own.tilt))
+    turning = {"type": "hinge", "axis": "0 1 0"} if own.turns else {"type": "slide", "axis": "1 0 0"}
+    inertia, ends = number(*[link.inertia] * 3), number(0.0, 0.0, 0.0, 0.0, 0.0, size)
+    root = Element("mujoco", model="gapfinder")
+    SubElement(root, "compiler", angle="radian")
+    SubElement(root, "option", OPTION, timestep=number(step), gravity=gravity)
+    arm = SubElement(SubElement(root, "worldbody"), "body", name="link")
+    SubElement(arm, "joint", {"name": joint} | turning | _of_joint(own, step, 1.0))
+    SubElement(arm, "inertial", pos=number(0.0, 0.0, link.center), mass=number(link.mass), diaginertia=inertia)
+    SubElement(arm, "geom", SHAPE, fromto=ends, size=number(0.03 * size))
+    SubElement(SubElement(root, "actuator"), "general", {"name": "drive", "joint": joint} | _of_general(own, step))
+    return root
+
+
+def _of_joint(own: Mechanism, step: float, per_radian: float) -> dict[str, str]:
+    """The attributes of the joint; angles in units of which there are so many to a radian."""
+    found = {"damping": number(own.damping), "frictionloss": number(own.friction)}
+    if own.armature:
+        found["armature"] = number(own.armature)
+    if own.friction:
+        found |= {"solreffriction": number(2.0 * step, 1.0), "solimpfriction": "0.9999 0.9999 0.001"}
+    if own.stiffness:
+        found |= {"stiffness": number(own.stiffness), "springref": number(per_radian * own.rest)}
+    return found
+
+
+def _of_general(own: Mechanism, step: float) -> dict[str, str]:
+    """The attributes of a general actuator whose control is the model's command."""
+    found = {"gainprm": number(own.gain * own.scale)}
+    if own.bias or own.position_gain or own.speed_gain:
+        bias = number(own.bias, -own.position_gain, -own.speed_gain)
+        found |= {"biastype": "affine", "biasprm": bias}
+    force, control = own.force_limit, own.u_max
+    if own.lag or own.speed_gain:  # what is limited is not the force
+        control = min(control, own.limit / own.scale)
+    else:
+        force = min(force, own.gain * own.limit)
+    if math.isfinite(control):
+        found |= {"ctrllimited": "true", "ctrlrange": number(-control, control)}
+    if math.isfinite(force):
+        found |= {"forcelimited": "true", "forcerange": number(own.bias - force, own.bias + force)}
+    if own.lag > step:
+        found |= {"dyntype": "filter", "dynprm": number(own.lag)}
+    return found | _of_delay(own, step, 0.5)
+
+
+def _of_delay(own: Mechanism, step: float, early: float) -> dict[str, str]:
+    """The delay, longer by as many steps as MuJoCo answers early: between samples it interpolates, and RK4 sees that.
+
+    Where a step holds its first control, that makes up for it.
+    """
+    if not own.delay:
+        return {}
+    return {
+        "delay": number(own.delay + early * step),
+        "nsample": str(math.ceil(own.delay / step) + 2),
+        "interp": "linear",
+    }
+
+
+# ---- a user's file ---------------------------------------------------------------------------------------------------
+
+
+def _changed(own: Mechanism, joint: str, path: Path) -> tuple[str, float, list[str]]:
+    """The user's file with the joint's and its actuator's numbers, its step [s], and what that leaves out."""
+    before, root, behind = parsed(path)
+    if root.tag != "mujoco":
+        raise InvalidInput(f"{path.name} is a file of <{root.tag}>: expected MJCF, whose root is <mujoco>")
+    named = {e.get("name", ""): e for e in root.iter("joint") if e.get("name") and e.get("joint") is None}
+    if joint not in named:
+        listed = ", ".join(name for name in named) or "none"
+        raise InvalidInput(f"{path.name} has no joint {excerpt(joint)}: found {listed} (included files are not read)")
+    try:
+        step = float(next((e.get("timestep", "") for e in root.iter("option") if e.get("timestep")), DEFAULT_STEP))
+    except ValueError:
+        raise InvalidInput(f"{path.name}: the timestep of <option> is no number") from None
+    degrees = all(e.get("angle", "degree") == "degree" for e in root.iter("compiler"))
+    turns = named[joint].get("type", "hinge") == "hinge"
+    if turns != own.turns:
+        raise InvalidInput(f"{path.name}: joint {joint!r} {'turns' if turns else 'slides'}, and the model does not")
+    per_radian = math.degrees(1.0) if degrees and turns else 1.0
+    for name, value in _of_joint(own, step, per_radian).items():
+        named[joint].set(name, value)
+    inherited = any(e.get("gear") for group in root.iter("default") for e in group)  # which gear, MuJoCo knows alone
+    drives = [e for group in root.iter("actuator") for e in group if e.get("joint") == joint]
+    early = 0.5 * any(e.get("integrator") == "RK4" for e in root.iter("option"))
+    said = list(_kept(own))
+    said += _driven(own, drives[0], step, early, inherited) if len(drives) == 1 else [_undriven(len(drives))]
+    return before + tostring(root, encoding="unicode") + behind, step, said
+
+
+def _kept(own: Mechanism) -> Iterator[str]:
+    link = own.body
+    yield (
+        f"The body is as it was: the model's has {link.mass:.4g} kg, its center {link.center:.4g} from the axis, "
+        f"and an inertia of {link.inertia:.4g} about that (SI units)."
+    )
+    if own.stiffness:
+        yield "springref is the angle at which the spring is slack, from upright: shift it where 0 is elsewhere."
+
+
+def _undriven(count: int) -> str:
+    return f"{count or 'No'} actuator{'s' * (count != 1)} of this joint: expected one; none was changed."
+
+
+def _driven(own: Mechanism, drive: Element, step: float, early: float, inherited: bool) -> Iterator[str]:
+    """Change a user's actuator; yields what it cannot be made to do."""
+    if inherited and drive.get("gear") is None:
+        yield "The gear may come from a default: only the actuator's delay was changed; give it a gear of its own."
+    elif _takes_command(own, drive):
+        _set_drive(own, drive)
+    else:
+        yield f"The actuator <{drive.tag}> takes another command than the model's: only its delay was changed."
+    for name, value in _of_delay(own, step, early).items():
+        drive.set(name, value)
+
+
+def _takes_command(own: Mechanism, drive: Element) -> bool:
+    """Whether a user's actuator is told what the model is."""
+    if own.position_gain:
+        return drive.tag == "position"
+    plain = drive.get("gainprm", "1").split()[:1] == ["1"] and drive.get("biastype", "none") == "none"
+    return not own.speed_gain and (drive.tag == "motor" or (drive.tag == "general" and plain))
+
+
+def _set_drive(own: Mechanism, drive: Element) -> None:
+    """Gains and limits, which MuJoCo counts before the gear."""
+    try:
+        gear = float(drive.get("gear", "1").split()[0])
+        if not 0.0 < abs(gear) < math.inf:
+            raise ValueError
+    except (ValueError, IndexError):
+        raise InvalidInput(
+            f"the gear of actuator <{drive.tag}> is {excerpt(drive.get('gear'))}: expected a number"
+        ) from None
+    if drive.tag == "position":
+        drive.set("kp", number(own.gain / gear**2))
+        drive.set("kv", number(own.speed_gain / gear**2))
+    elif own.gain * own.scale != 1.0:
+        gear *= own.gain * own.scale
+        drive.set("gear", number(gear))
+    force = min(own.force_limit, own.gain * own.limit) / abs(gear)
+    if math.isfinite(force):
+        drive.set("forcelimited", "true")
+        drive.set("forcerange", number(-force, force))

@@ -1,0 +1,61 @@
+"""URDF: a model as robots are described to ROS: a link's inertia, and the joint's damping and friction."""
+
+from __future__ import annotations
+
+import math
+from xml.etree.ElementTree import Element, SubElement
+
+from sysid.export.exported import Exported, left_out, number, text_of
+from sysid.export.mechanism import Mechanism, mechanism
+from sysid.physics.effects.actuation import BackEmf, Saturation
+from sysid.physics.effects.friction import Coulomb, Viscous
+from sysid.physics.effects.load import RotorInertia, Tilt
+from sysid.physics.model import Model
+
+SAID = {Viscous, BackEmf, Coulomb, RotorInertia, Tilt, Saturation}
+"""The effects that URDF has words for."""
+
+
+def to_urdf(model: Model, joint: str = "hinge") -> Exported:
+    """A model as URDF, the robot description of ROS: inertia, damping, dry friction, a leaning base and the limit.
+
+    The joint's position is theta, so that 0 is upright.
+
+    Parameters
+    ----------
+    model : Model
+        A model of one machine, as `Estimate.model` is.
+    joint : str
+        The joint's name.
+
+    Returns
+    -------
+    Exported
+        The text, and a sentence on each thing that it cannot say.
+
+    Raises
+    ------
+    InvalidInput
+        For a model of many machines.
+    """
+    return Exported("URDF", text_of(_document(mechanism(model), joint)), left_out(model, SAID, "URDF"))
+
+
+def _document(own: Mechanism, joint: str) -> Element:
+    inertia = number(own.body.inertia + own.armature)
+    limit = min(own.force_limit, own.gain * min(own.limit, own.scale * own.u_max))
+    root = Element("robot", name="gapfinder")
+    SubElement(root, "link", name="base")
+    inertial = SubElement(SubElement(root, "link", name="link"), "inertial")
+    SubElement(inertial, "origin", xyz=number(0.0, 0.0, own.body.center))
+    SubElement(inertial, "mass", value=number(own.body.mass))
+    SubElement(inertial, "inertia", ixx=inertia, iyy=inertia, izz=inertia, ixy="0", ixz="0", iyz="0")
+    made = SubElement(root, "joint", name=joint, type="continuous" if own.turns else "prismatic")
+    SubElement(made, "parent", link="base")
+    SubElement(made, "child", link="link")
+    SubElement(made, "origin", xyz="0 0 0", rpy=number(0.0, own.tilt, 0.0))
+    SubElement(made, "axis", xyz="0 1 0" if own.turns else "1 0 0")
+    SubElement(made, "dynamics", damping=number(own.damping), friction=number(own.friction))
+    ends = {} if own.turns else {"lower": "-1e6", "upper": "1e6"}
+    SubElement(made, "limit", ends, effort=number(limit if math.isfinite(limit) else 1e6), velocity="1e6")
+    return root
