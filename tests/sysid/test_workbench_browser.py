@@ -24,7 +24,7 @@ from sysid.web.session import SERIES  # noqa: E402
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 LOG = Path(__file__).parents[3] / "shared" / "data" / "logs" / "dfki_sp_energy_shaping.csv"
-LONG = 100_000
+LONG = 300_000
 """Milliseconds that an answer may take on a busy machine."""
 
 pytestmark = [
