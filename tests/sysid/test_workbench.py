@@ -385,6 +385,7 @@ def test_a_policy_is_trained_and_its_curve_is_heard(walked: tuple[Workbench, Ses
     found = heard(session, 0)
     assert found is not None
     assert found["returns"][OPTIMUM] > found["returns"][OWN]
+    session.change(at=0)
     assert "optimum" in str(bench.part("train", session))
     bench.trainings.cancel(session)
     assert not bench.busy(session)
