@@ -1,7 +1,7 @@
 """From a log to a verdict, to a policy, to the return that it promised and the one that a machine gave it.
 
     python examples/sim_to_real.py                    the optimal policies: a minute
-    python examples/sim_to_real.py --train 75000      trained ones (SAC), which the machine gets as ONNX: some minutes
+    python examples/sim_to_real.py --train 1000000    trained ones, which the machine gets as ONNX: some minutes
 
 The machine is an arm in another simulator, MuJoCo. Its joint has damping and dry friction, each command acts 0.12 s
 late, the angle comes in an encoder's steps and the speed with noise. The rest of this file knows that from nowhere but

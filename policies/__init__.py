@@ -1,7 +1,7 @@
 """Controllers for the pendulum: environments, training and references, over the models of sysid.
 
 environments   a model as gymnasium.Env and as TorchRL's EnvBase; task and randomization
-training       populations of agents, by the gradient through the model or by soft actor-critic; the program of one policy
+training       populations of agents, by the gradient through the model or by SAC, and the program of one policy
 control        LQR, energy swing-up and dynamic programming
 evaluation     what a policy is worth on a model
 storage        a policy as a file, and as ONNX         cli   the command line

@@ -65,8 +65,8 @@ class Train:
     """Sizes of the network's hidden layers."""
 
     agents: Annotated[int, arg(metavar="A")] = 4
-    """Agents trained side by side, of seeds SEED, SEED + 1, ...; the best on the model is kept. A few take hardly longer
-    than one, and not every one gets near the best that is possible."""
+    """Agents trained side by side, of seeds SEED, SEED + 1, ...; the best on the model is kept. A few take hardly
+    longer than one, and not every one gets near what is possible."""
 
     seed: Annotated[int, arg(metavar="S")] = 0
     """Where all random numbers of the training come from."""

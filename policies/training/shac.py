@@ -4,11 +4,13 @@ E pendulums of agent a move for T steps from where they are, under its policy pi
 with a slow copy V', says what comes after:
 
     J        = mean_E (sum_{t < T} gamma^t r_t + gamma^T V'(s_T)),   a_t = tanh(pi(s_t) + noise std)
-    L_actor  = -J / T,                          whose gradient is taken through rewards, observations and the dynamics
+    L_actor  = -J / T + p mean max(|pi| - 2.5, 0)^2,   whose gradient is taken through rewards, observations and motion
     L_value  = 1/2 mean (V(s_t) - R_t)^2,       R_t: TD(lambda) returns of V'
 
 The model is differentiable, so that a gradient costs no more than twice the motion, and has none of the noise that an
-estimate from returns has. Short windows keep it from growing without bound along the motion; V' carries it on.
+estimate from returns has. Short windows keep it from growing without bound along the motion; V' carries it on. Where
+tanh has come to its end nothing is left of the gradient, and a policy that hangs at full torque would hang there for
+ever: the second term of L_actor brings it back. It fades away with the learning rate.
 Source: Xu et al., "Accelerated Policy Learning with Parallel Differentiable Simulation" (2022).
 """
 
@@ -20,6 +22,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import ClassVar
 
+import numpy as np
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
@@ -34,6 +37,9 @@ OPERATIONS = 200.0
 """About how many numbers a pendulum's step leaves for the way back."""
 
 
+BEND = 2.5
+"""|pi| from which tanh is hardly more than flat: 0.987."""
+
 FIRST_ACTIONS = 0.1
 """Share of their usual size that the policy's last weights begin with: a large action is one that tanh has cut off, and
 its gradient is nothing."""
@@ -47,7 +53,8 @@ class SHACSettings:
     environments    pendulums of each agent
     horizon         steps of a window
     decay           lambda of the returns that the value function learns
-    noise           sd of the policy's action before tanh
+    noise           sd of the policy's action before tanh, at the beginning and at the end
+    saturation      p at the beginning
     reward_scale    what rewards are multiplied with, so that values are of the size of 10
     polyak          share of the way that the slow copy goes after each window
     minibatches     updates of the value function in each window
@@ -63,7 +70,8 @@ class SHACSettings:
     horizon: int = 16
     gamma: float = 0.99
     decay: float = 0.95
-    noise: float = 0.37
+    noise: tuple[float, float] = (0.6, 0.1)
+    saturation: float = 0.1
     reward_scale: float = 0.02
     polyak: float = 0.2
     minibatches: int = 4
@@ -71,17 +79,27 @@ class SHACSettings:
     steps: int = 2_048_000
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "hidden", tuple(self.hidden))
+        for name in ("hidden", "noise"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
         if not self.hidden or min(self.hidden) < 1:
             raise InvalidInput(f"hidden = {self.hidden}: expected one or more layer sizes >= 1")
-        for name in ("learning_rate", "environments", "horizon", "reward_scale", "minibatches", "gradient_norm"):
+        for name in (
+            "learning_rate",
+            "environments",
+            "horizon",
+            "reward_scale",
+            "minibatches",
+            "gradient_norm",
+            "steps",
+        ):
             if not getattr(self, name) > 0:
                 raise InvalidInput(f"{name} = {getattr(self, name)}: expected a positive number")
         for name in ("gamma", "decay", "polyak"):
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise InvalidInput(f"{name} = {getattr(self, name)}: expected a number in [0, 1]")
-        if not self.steps > 0 or not self.noise >= 0.0:
-            raise InvalidInput(f"steps = {self.steps}, noise = {self.noise}: expected a positive number, and one >= 0")
+        for name in ("noise", "saturation"):
+            if not min(np.atleast_1d(getattr(self, name))) >= 0.0:
+                raise InvalidInput(f"{name} = {getattr(self, name)}: expected no negative number")
         if self.environments % self.minibatches:
             raise InvalidInput(
                 f"minibatches = {self.minibatches}: expected a number that divides the {self.environments} environments"
@@ -103,7 +121,7 @@ class SHACSettings:
 class SHACLoss(LossModule):
     """The losses of windows (A, E, T), TensorDicts as TorchRL's environments give them.
 
-    seeds (A,): agent a's initial weights come from seeds[a] alone.
+    seeds (A,): agent a's initial weights come from seeds[a] alone. progress: the share of the training that is done.
     """
 
     def __init__(self, seeds: Sequence[int], settings: SHACSettings, observation_size: int = 3) -> None:
@@ -117,7 +135,7 @@ class SHACLoss(LossModule):
             self.convert_to_functional(value, "value_network", create_target_params=True)
             self.target_leaves = leaves_of(self.target_value_network_params)
         self.actor_leaves, self.value_leaves = map(leaves_of, (self.actor_network_params, self.value_network_params))
-        self.settings = settings
+        self.settings, self.progress = settings, 0.0
         self._initialise(seeds, sizes)
 
     @torch.no_grad()
@@ -133,9 +151,11 @@ class SHACLoss(LossModule):
         torch._foreach_copy_(self.target_leaves, self.value_leaves)
 
     def act(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """observation (A, E, O) and noise (A, E, 1), standard normal -> action (A, E, 1)."""
-        loc = _answers(tensordict.get("observation"), self.actor_leaves)
-        return tensordict.set("action", (loc.unsqueeze(-1) + self.settings.noise * tensordict.get("noise")).tanh())
+        """observation (A, E, O) and noise (A, E, 1), standard normal -> loc, which is pi, and action (A, E, 1)."""
+        loc = _answers(tensordict.get("observation"), self.actor_leaves).unsqueeze(-1)
+        first, last = self.settings.noise
+        sd = first + (last - first) * self.progress
+        return tensordict.set("loc", loc).set("action", (loc + sd * tensordict.get("noise")).tanh())
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """loss_actor, of a window through which gradients flow, and loss_value, each summed over agents."""
@@ -150,7 +170,9 @@ class SHACLoss(LossModule):
         discounts = gamma ** torch.arange(steps, dtype=reward.dtype, device=reward.device)
         final = self.value_after(after.get("observation")[..., -1, :])
         gained = self.settings.reward_scale * (reward @ discounts) + gamma**steps * final
-        return -gained.mean(1).sum() / steps
+        beyond = (window.get("loc").abs() - BEND).clamp_min(0.0)
+        bent = self.settings.saturation * (1.0 - self.progress) * (beyond * beyond).mean((1, 2, 3))
+        return (bent - gained.mean(1) / steps).sum()
 
     def value_after(self, observation: Tensor) -> Tensor:
         """V' (A, ...) of observations (A, ..., O)."""

@@ -90,7 +90,7 @@ class SHACPopulation(Population):
         self._begin_anew(window)
 
     def _set_rate(self) -> None:
-        done = self.steps_done / self.settings.steps
+        self.loss.progress = done = self.steps_done / self.settings.steps
         for optimizer in (self.value_optimizer, self.actor_optimizer):
             optimizer.param_groups[0]["lr"] = self.settings.learning_rate * (1.0 - (1.0 - LAST_RATE) * done)
 

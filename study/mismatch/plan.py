@@ -224,8 +224,8 @@ QUICK_STRATEGIES = tuple(StrategyKey[name] for name in ("PRIOR", "FITTED", "BAND
 
 _ALL = (
     Plan("mismatch", ALL_PLANTS, tuple(STRATEGIES), (5, 50), tuple(range(3000, 3020)), described=5),
-    Plan("mismatch-shac", (COULOMB, DELAY_MEDIUM, DELAY_LARGE), tuple(RUNGS), (5,), tuple(range(3000, 3020)),
-         described=20, algorithm="shac", steps=2_048_000, agents=20),
+    Plan("mismatch-shac", (COULOMB, DELAY_MEDIUM, DELAY_LARGE), tuple(RUNGS), (5,), tuple(range(3000, 3010)),
+         described=10, algorithm="shac", steps=2_048_000, agents=20),
     Plan("mismatch-quick", (DELAY_LARGE, MAGNET), QUICK_STRATEGIES, (5,), (1000, 1001, 1002), described=3),
     Plan("mismatch-smoke", (DELAY_LARGE, MAGNET), tuple(STRATEGIES), (2,), (1000, 1001), described=1, hidden=(8, 8),
          steps=800, random_steps=200, batch=32, agents=4, episodes=4, grid=40),

@@ -85,7 +85,8 @@ class PopulationTask(ABC):
     def work(self) -> float:
         """About how many seconds it takes on one core; only the time left is computed from it."""
         weights = sum(a * b for a, b in pairwise(self.settings.hidden))
-        return self.settings.steps * len(self.keys) * (0.5e-3 + 5.5e-8 * weights)
+        a_step = 0.5e-3 + 5.5e-8 * weights if self.settings.algorithm == "sac" else 2e-6 + 1e-9 * weights
+        return self.settings.steps * len(self.keys) * a_step
 
     @property
     def gpus(self) -> int:

@@ -1,6 +1,7 @@
 """Short-horizon actor-critic: its gradient is that of the simulated return, and its agents get near the optimum."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -53,6 +54,18 @@ def test_the_gradient_is_that_of_the_simulated_return(effects):
             ends.append(float(loss.actor_loss(fresh_window(population)).detach().double()))
         values[where] = kept
         assert (ends[0] - ends[1]) / (2.0 * step) == pytest.approx(float(gradient.view(-1)[where]), rel=0.03, abs=1e-5)
+
+
+def test_a_policy_that_hangs_at_full_torque_is_brought_back():
+    """Where tanh is flat the return says nothing; the other term does, until the training ends."""
+    population = make(history=1)
+    loss, leaf = population.loss, population.loss.actor_leaves[-1]
+    leaf.data.fill_(-40.0)
+    (gradient,) = torch.autograd.grad(loss.actor_loss(fresh_window(population)), [leaf])
+    assert (gradient < -1.0).all()  # downhill is up, towards 0
+    loss.progress = 1.0
+    (gradient,) = torch.autograd.grad(loss.actor_loss(fresh_window(population)), [leaf])
+    assert (gradient == 0.0).all()
 
 
 def test_a_long_gradient_is_cut_and_another_is_left_alone():
@@ -170,11 +183,12 @@ def test_a_motion_that_runs_away_is_told():
         ({"hidden": ()}, "one or more layer sizes"),
         ({"decay": 1.5}, "decay = 1.5"),
         ({"horizon": 0}, "horizon = 0"),
-        ({"noise": -1.0}, "noise = -1.0"),
+        ({"noise": (0.1, -1.0)}, "noise = (0.1, -1.0): expected no negative number"),
+        ({"saturation": -1.0}, "saturation = -1.0"),
     ],
 )
 def test_bad_settings_are_named(changes, message):
-    with pytest.raises(InvalidInput, match=message):
+    with pytest.raises(InvalidInput, match=re.escape(message)):
         SHACSettings(**changes)
 
 
