@@ -1,6 +1,7 @@
-"""The command line: fit, compare, diagnose, add, experiment, effects.
+"""The command line: fit, compare, diagnose, add, experiment, effects, and the workbench, a page for all of these.
 
 python -m sysid diagnose swing*.csv               the whole loop
+python -m sysid workbench swing*.csv              the same on a local page, by clicks
 python -m sysid fit swing*.csv -o model.json      step by step, the other commands take --model model.json
 """
 
@@ -12,7 +13,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from sysid.cli.command_line import answer
-from sysid.cli.options import COMMANDS
+from sysid.cli.options import COMMANDS, Workbench
+from sysid.errors import InvalidInput
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -22,11 +24,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(command: Any) -> None:
+    if isinstance(command, Workbench):
+        _serve(command)
+        return
     from sysid.cli.commands import run
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # a fit may try numbers with which the motion runs away
         run(command)
+
+
+def _serve(command: Workbench) -> None:
+    try:
+        from sysid.web.server import serve
+    except ModuleNotFoundError as error:
+        needs = f"the workbench needs dash and plotly, and there is no {error.name}"
+        raise InvalidInput(f"{needs}: expected the extra web, pip install 'gapfinder[web]'") from None
+    serve(command)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 import importlib.util
 import json
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -256,3 +257,14 @@ def test_another_algorithm(tmp_path, monkeypatch):
     assert example.train(machine, 0).history == 2
     assert after.mean > 0.7 * before.mean, (before, after)
     assert len((EXAMPLES / "another_algorithm.py").read_text().splitlines()) <= 60
+
+
+@pytest.mark.long
+def test_workbench(tmp_path):
+    pytest.importorskip("dash", reason="the workbench needs the extra web")
+    pytest.importorskip("playwright", reason="a browser is driven by playwright, of the extra dev")
+    if not (shutil.which("chromium") or shutil.which("chromium-browser")):
+        pytest.skip("no Chromium is installed: apt-get install chromium")
+    done = run("workbench.py", "--folder", str(tmp_path))
+    assert done.returncode == 0, done.stderr
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["workbench_mended.png", "workbench_missing.png"]

@@ -197,7 +197,7 @@ class Task:
         check_outputs([*command.log.files, command.log.settings, command.start.model, command.start.effects], outputs)
         model, names, added = begun(command.start, command.log.input)
         given = command.start.model is not None
-        whole = _read(command.log, model)
+        whole = read_log(command.log, model)
         log = whole.thinned() if command.log.dt is None else whole
         logger.info(log)
         sensor = _sensor(command.log, whole, model.plant)
@@ -229,7 +229,8 @@ class Task:
             logger.info("  the error is far above any noise: check columns, units, --zero, --flip-torque and --plant")
 
 
-def _read(options: LogOptions, model: Model) -> Log:
+def read_log(options: LogOptions, model: Model) -> Log:
+    """The log as the options say, for a model of what it is of."""
     return read(
         *options.files,
         columns=options.columns or None,

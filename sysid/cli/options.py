@@ -207,6 +207,25 @@ class Experiment:
 
 
 @dataclass(frozen=True)
+class Workbench:
+    """A local web page for all of this: see where the model fails, click the missing effect, watch the error fall."""
+
+    log: LogOptions = field(default_factory=LogOptions)
+    start: ModelOptions = field(default_factory=ModelOptions)
+    port: int = 8050
+    """Where the page is: http://127.0.0.1:PORT (0: a free one)."""
+
+    host: str = "127.0.0.1"
+    """The address that it listens on; on any but this machine's own it wants a token."""
+
+    folder: Annotated[Path, arg(metavar="FOLDER")] = Path("workbench")
+    """Where sessions are kept; nothing is written elsewhere."""
+
+    token: Annotated[str, arg(metavar="TEXT", help_behavior_hint="")] = ""
+    """What a browser has to know; where one is needed and none is given, one is made up and printed."""
+
+
+@dataclass(frozen=True)
 class Export:
     """A model for a simulator: MuJoCo's MJCF, or URDF; and a sentence on each thing that the file cannot say."""
 
@@ -254,4 +273,5 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "experiment": Experiment,
     "export": Export,
     "effects": Effects,
+    "workbench": Workbench,
 }

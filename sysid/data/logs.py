@@ -237,26 +237,37 @@ def _chosen(name: str, found: Sequence[str], wanted: Mapping[str, str]) -> dict[
     for ours, theirs in wanted.items():
         if theirs and theirs not in found:
             raise InvalidInput(f"{name} has no column {theirs!r} for {ours}: found {listed}")
-    own = {ours: ours for ours in NAMES if ours in found}
-    for other in ("u", "command"):
-        if "torque" not in own and other in found:
-            own["torque"] = other
-    chosen = {ours: theirs for ours, theirs in (own | dict(wanted)).items() if theirs}
+    chosen = {ours: theirs for ours, theirs in (named_columns(found) | dict(wanted)).items() if theirs}
     if "t" in chosen and ("theta" in chosen or "theta_dot" in chosen):
         return chosen
     missing = "no t" if "t" not in chosen else "neither theta nor theta_dot"
     raise InvalidInput(f"{name} has {missing}: found {listed}{_suggestion(found, chosen)}")
 
 
+def named_columns(found: Sequence[str]) -> dict[str, str]:
+    """{our name: the file's name} of the columns that are called as we call them."""
+    own = {name: name for name in NAMES if name in found}
+    for other in ("u", "command"):
+        if "torque" not in own and other in found:
+            own["torque"] = other
+    return own
+
+
 def _suggestion(found: Sequence[str], chosen: Mapping[str, str]) -> str:
     """The names that look like what is missing, in the form in which they can be given."""
-    pairs, free = [], [name for name in found if name not in chosen.values()]
+    pairs = [f"{ours}={theirs}" for ours, theirs in likely_columns(found, chosen).items()]
+    return f"; say which is which, perhaps columns {','.join(pairs)}" if pairs else "; say which is which (columns)"
+
+
+def likely_columns(found: Sequence[str], chosen: Mapping[str, str]) -> dict[str, str]:
+    """{our name: the file's name} of what is not chosen yet, by what the file's names look like."""
+    likely, free = {}, [name for name in found if name not in chosen.values()]
     for ours, pattern in LOOKS_LIKE.items():
         match = next((name for name in free if re.search(pattern, name.lower())), None) if ours not in chosen else None
         if match:
             free.remove(match)
-            pairs.append(f"{ours}={match}")
-    return f"; say which is which, perhaps columns {','.join(pairs)}" if pairs else "; say which is which (columns)"
+            likely[ours] = match
+    return likely
 
 
 # ---- time ------------------------------------------------------------------------------------------------------------

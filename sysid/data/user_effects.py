@@ -61,7 +61,7 @@ def load_effects(path: str | PathLike[str]) -> tuple[str, ...]:
         if not names:
             raise InvalidInput(f"{path.name} holds no effect: expected a class with @sysid.register before it")
         for name in names:
-            _check(CATALOGUE[name], path.resolve())
+            check_effect(CATALOGUE[name], path.name)
     except BaseException:
         CATALOGUE.clear()
         CATALOGUE.update(before)
@@ -110,8 +110,8 @@ def _described(error: BaseException) -> str:
     return f"{type(error).__name__}: {message[:LONGEST]}" if message else type(error).__name__
 
 
-def _check(kind: type[Effect], path: Path) -> None:
-    """Raise InvalidInput, with the effect's name, where it cannot be simulated, fitted or screened."""
+def check_effect(kind: type[Effect], source: str) -> None:
+    """Raise InvalidInput, with the effect's name and source, where it cannot be simulated, fitted or screened."""
     try:
         with np.errstate(all="ignore"):
             problem = _problem(kind)
@@ -120,7 +120,7 @@ def _check(kind: type[Effect], path: Path) -> None:
     except BaseException as error:
         problem = str(blamed(error) or f"it raises {_described(error)}")
     if problem:
-        raise InvalidInput(f"effect {kind.name!r} of {path.name}: {problem}")
+        raise InvalidInput(f"effect {kind.name!r} of {source}: {problem}")
 
 
 def _problem(kind: type[Effect]) -> str:

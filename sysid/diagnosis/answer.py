@@ -14,6 +14,7 @@ from sysid.diagnosis.compare import Comparison, compare
 from sysid.diagnosis.contacts import Contact
 from sysid.diagnosis.findings import chance, dependence_on, quantity, with_numbers
 from sysid.diagnosis.predictions import Prediction, typical
+from sysid.diagnosis.ranked import Ranked
 from sysid.diagnosis.residual_torque import ResidualTorque, residual_torque
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.held_out import HeldOutError, finite
@@ -55,28 +56,6 @@ class Step:
             "error_before": finite(self.error_before),
             "error_after": finite(self.error_after),
             "p_value": self.p_value,
-        }
-
-
-@dataclass(frozen=True)
-class Ranked:
-    """A candidate of the first round: its score (expected decrease of -2 log likelihood), Holm's p-value, the
-    held-out error with it (None: not refitted), and those that the log cannot tell from it."""
-
-    effect: str
-    alike: tuple[str, ...]
-    score: float
-    p_value: float
-    error_after: float | None
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data."""
-        return {
-            "effect": self.effect,
-            "class": list(self.alike),
-            "score": self.score,
-            "p_value": self.p_value,
-            "error_after": finite(self.error_after),
         }
 
 

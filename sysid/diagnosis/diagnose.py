@@ -13,11 +13,12 @@ from scipy.special import chdtrc
 from sysid.data.logs import notes_of
 from sysid.data.record import Record, check_records, unique_names
 from sysid.data.sensor import Sensor
-from sysid.diagnosis.answer import Diagnosis, MissingTorque, Ranked, Remaining, Step
+from sysid.diagnosis.answer import Diagnosis, MissingTorque, Remaining, Step
 from sysid.diagnosis.channels import relied_on
 from sysid.diagnosis.contacts import Contact, find_contacts
 from sysid.diagnosis.dependence import dependence
 from sysid.diagnosis.findings import numbers_of
+from sysid.diagnosis.ranked import Ranked
 from sysid.diagnosis.residual_torque import missing_torque
 from sysid.diagnosis.search import Addition, Search
 from sysid.diagnosis.search_settings import DEFAULT, SearchSettings
@@ -257,7 +258,7 @@ class _Report:
             error=error,
             steps=machine,
             conventions=tuple(s for s in steps if CATALOGUE[s.effect].of_log),
-            ranking=self._ranking(),
+            ranking=self._ranking(torque.before),
             remaining=remaining,
             not_identifiable=self._not_identifiable(end),
             ruled_out=self._ruled_out(),
@@ -315,7 +316,7 @@ class _Report:
             first = last if last == k + 1 else first
         return tuple(steps)
 
-    def _ranking(self) -> tuple[Ranked, ...]:
+    def _ranking(self, missing: float) -> tuple[Ranked, ...]:
         """The first round: those that were fitted by what came out, then the others by what they promise."""
         first, each = self.search.first, self.search.settings.price
         fitted = {t.effects[0]: t for t in self.search.trials if len(t.effects) == 1}
@@ -333,6 +334,9 @@ class _Report:
                 fitted[name].merit if name in fitted else merit[name],
                 self._p_value(name),
                 self._error(fitted[name].fit).ratio if name in fitted else None,
+                fitted[name].fit if name in fitted else None,
+                self.base,
+                missing,
             )
             for name in order
         )

@@ -52,6 +52,15 @@ def typical(
     return tuple(predicted(f, groups[i].tolist(), m[i]) for f, m in zip(fits, mean, strict=True))
 
 
+def throughout(model: Model, records: Sequence[Record], sensor: Sensor, ahead: float = 1.0) -> tuple[Prediction, ...]:
+    """A model on all of each record, `ahead` [s] at a time, each window from its refitted state."""
+    fit = refit_windows(model, records, sensor, cut(records, ahead, lead_of(model)))
+    windows = error_of(fit, ahead).windows
+    owner = np.array([w.record for w in fit.response.windows])
+    own = (np.flatnonzero(owner == k).tolist() for k in range(len(records)))
+    return tuple(predicted(fit, at, float(np.sqrt(np.mean([windows[k].ratio ** 2 for k in at])))) for at in own)
+
+
 def predicted(fit: Refit, windows: Sequence[int], ratio: float) -> Prediction:
     """Windows of one record, one after the other; behind each a nan, so that no line leads over."""
     response, times, commands = fit.response, list[Array](), list[Array]()

@@ -70,6 +70,7 @@ FLOORS = (
     "report",
     "export",
     "cli",
+    "web",
 )
 
 

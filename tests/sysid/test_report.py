@@ -16,8 +16,9 @@ import pytest
 
 from sysid import Coulomb, InvalidInput, LinearAxis, Model, Record, RodPendulum, Sensor, compare, fit, simulate
 from sysid.data.splitting import split
-from sysid.diagnosis.answer import Diagnosis, Ranked, Remaining, Step
+from sysid.diagnosis.answer import Diagnosis, Remaining, Step
 from sysid.diagnosis.predictions import typical
+from sysid.diagnosis.ranked import Ranked
 from sysid.estimation.held_out import held_out_error
 from sysid.planning.excitation import steps
 from sysid.planning.planned_experiment import Experiment

@@ -1,0 +1,124 @@
+"""Ranked: an effect that may be missing, with its evidence and what it would do to the model."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from sysid.diagnosis.dependence import coordinates
+from sysid.diagnosis.findings import numbers_of
+from sysid.diagnosis.predictions import LONGEST_STRETCH
+from sysid.diagnosis.residual_torque import missing_torque
+from sysid.estimation.held_out import finite
+from sysid.estimation.linearisation import LinearisedModel
+from sysid.estimation.prediction_error import Fit
+from sysid.physics.ops import Array
+
+_BINS = 48
+_RAREST = 0.005
+_LEAST_SHARE = 0.3
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """A candidate of the first round: its score (expected decrease of -2 log likelihood), Holm's p-value, the
+    held-out error with it (None: not refitted), and those that the log cannot tell from it.
+
+    fit, base   the fits with it and without, where it was refitted
+    missing     RMS of the torque [N m] that is missing without it
+    """
+
+    effect: str
+    alike: tuple[str, ...]
+    score: float
+    p_value: float
+    error_after: float | None
+    fit: Fit | None = None
+    base: Fit | None = None
+    missing: float = 0.0
+
+    @cached_property
+    def parameters(self) -> dict[str, dict[str, Any]]:
+        """Its fitted numbers {name: {value, sd, unit}}; none where it was not refitted."""
+        return {} if self.fit is None else numbers_of(self.fit.estimate(), self.effect)
+
+    @cached_property
+    def explained(self) -> float | None:
+        """The share of the missing torque that it explains, as MissingTorque has it; None where it was not refitted."""
+        if self.fit is None or self.base is None or not self.missing > 0.0:
+            return None
+        left = float(np.nanmean(missing_torque(self.fit, self.base) ** 2))
+        return max(0.0, 1.0 - left / self.missing**2)
+
+    @cached_property
+    def torque(self) -> EffectTorque | None:
+        """Its torque over the quantity that it acts on; None where it was not refitted or is no torque."""
+        return None if self.fit is None else effect_torque(self.fit, self.effect)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data."""
+        return {
+            "effect": self.effect,
+            "class": list(self.alike),
+            "score": self.score,
+            "p_value": self.p_value,
+            "error_after": finite(self.error_after),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class EffectTorque:
+    """The torque (B,) [N m] of an effect over the quantity that it is a function of.
+
+    over   "theta" (its place), "theta_dot" or "torque": the mean torque at x (B,) of it; "time", where none of these
+           tells much of it: the torque at instants x (B,) [s] of `record`, where it is large
+    share  of its mean square that the quantity tells
+    """
+
+    over: str
+    x: Array
+    mean: Array
+    share: float
+    record: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data."""
+        return {**vars(self), "x": self.x.tolist(), "mean": self.mean.tolist()}
+
+
+def effect_torque(fit: Fit, name: str) -> EffectTorque | None:
+    """The torque by which an effect of a fitted model changes the speed along the motion, over the quantity that tells
+    most of it; None of an effect that changes readings alone."""
+    without = LinearisedModel(fit.samples, fit.model.without_effect(name), fit.motion)
+    inside = fit.samples.follows
+    gained = (fit.linearised.ends[:, 1] - without.ends[:, 1])[inside] / fit.samples.dt
+    torque = fit.inertia * gained
+    if not float(np.std(torque)) > 0.0 or not np.all(np.isfinite(torque)):
+        return None
+    at = {name: x[inside] for name, x in coordinates(fit).items()}
+    best = max((_over(name, x, torque) for name, x in at.items() if name != "time"), key=lambda own: own.share)
+    return best if best.share > _LEAST_SHARE else _over_time(fit, at["time"], torque)
+
+
+def _over_time(fit: Fit, t: Array, torque: Array) -> EffectTorque:
+    """At most LONGEST_STRETCH of the record in which it is largest."""
+    number = fit.samples.number[fit.samples.follows]
+    size = np.bincount(number, torque**2) / np.maximum(np.bincount(number), 1)
+    own = np.flatnonzero(number == int(np.argmax(size)))
+    own = own[t[own] <= t[own[0]] + LONGEST_STRETCH]
+    return EffectTorque("time", t[own], torque[own], 1.0, fit.samples.records[int(number[own[0]])].name)
+
+
+def _over(name: str, x: Array, torque: Array) -> EffectTorque:
+    low, high = np.quantile(x, [_RAREST, 1.0 - _RAREST])
+    edges = np.linspace(low, max(high, low + 1e-9), _BINS + 1)
+    place = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, _BINS - 1)
+    count = np.bincount(place, minlength=_BINS)
+    mean = np.bincount(place, torque, minlength=_BINS) / np.maximum(count, 1)
+    share = 1.0 - float(np.mean((torque - mean[place]) ** 2)) / float(np.mean(torque**2))
+    middle, met = 0.5 * (edges[1:] + edges[:-1]), count > 0
+    return EffectTorque(name, middle[met], mean[met], share if math.isfinite(share) else 0.0)

@@ -1,0 +1,323 @@
+"""The pictures of the workbench, for plotly: what answers hold, thinned so that peaks survive."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+from numpy.typing import NDArray
+from plotly.subplots import make_subplots
+
+from sysid.diagnosis.findings import quantity
+from sysid.physics.ops import Array
+from sysid.report.formatting import multiple
+
+MOST = 5_000
+"""Points of a series that a page is sent."""
+MARKED = 400
+"""Points of a selection that are marked in each picture."""
+DOTS = 600
+"""Samples that are drawn as dots."""
+BLUE, ORANGE, GREEN, GREY, YELLOW = "#3d7eff", "#e8702a", "#1a9b6c", "#8a8f98", "#d99a00"
+SIGMA_99 = 2.5758
+BASE = {
+    "template": None,
+    "paper_bgcolor": "rgba(0,0,0,0)",
+    "plot_bgcolor": "rgba(0,0,0,0)",
+    "font": {"family": "system-ui, sans-serif", "size": 12, "color": "#808080"},
+    "margin": {"l": 60, "r": 12, "t": 12, "b": 42},
+    "hoverlabel": {"font": {"family": "system-ui, sans-serif"}},
+    "uirevision": "kept",
+    "dragmode": "select",
+    "legend": {
+        "orientation": "h",
+        "font": {"size": 11},
+        "traceorder": "normal",
+        "x": 0,
+        "y": 1.0,
+        "yanchor": "bottom",
+        "bgcolor": "rgba(0,0,0,0)",
+    },
+    "showlegend": False,
+    "modebar": {"bgcolor": "rgba(0,0,0,0)", "color": GREY, "activecolor": BLUE},
+}
+AXIS = {
+    "gridcolor": "rgba(128,128,128,0.18)",
+    "zeroline": False,
+    "linecolor": "rgba(128,128,128,0.6)",
+    "ticks": "",
+    "hoverformat": ".3g",
+}
+DIVERGING = [[0.0, ORANGE], [0.5, "rgba(128,128,128,0.06)"], [1.0, BLUE]]
+
+
+class Series:
+    """All samples of a log as a model sees them, rollout after rollout on one axis of time."""
+
+    def __init__(self, path: Path) -> None:
+        with np.load(path, allow_pickle=False) as file:
+            self.columns: dict[str, Array] = {name: file[name] for name in file.files}
+
+    def __getitem__(self, name: str) -> Array:
+        return self.columns[name]
+
+    def __len__(self) -> int:
+        return len(self["t"])
+
+    def within(self, region: Mapping[str, tuple[float, float]]) -> NDArray[np.bool_]:
+        """The samples whose quantities lie in these ranges."""
+        inside = np.ones(len(self), dtype=bool)
+        for name, (low, high) in region.items():
+            inside &= (self[name] >= min(low, high)) & (self[name] <= max(low, high))
+        return inside
+
+
+@lru_cache(maxsize=8)
+def _loaded(path: Path, changed: int) -> Series:
+    return Series(path)
+
+
+def series(path: Path) -> Series:
+    """The samples in a file, kept as long as it does not change."""
+    return _loaded(path, path.stat().st_mtime_ns)
+
+
+def thinned(t: Array, y: Array, most: int = MOST, begin: float = -np.inf, end: float = np.inf) -> tuple[Array, Array]:
+    """At most `most` points of a series within [begin, end]: of each stretch its smallest and its largest value."""
+    first, last = np.searchsorted(np.nan_to_num(t, nan=np.inf), [begin, end]) if np.isfinite(begin) else (0, len(t))
+    t, y = t[max(first - 1, 0) : last + 1], y[max(first - 1, 0) : last + 1]
+    if len(t) <= most:
+        return t, y
+    pieces = most // 2
+    edges = np.linspace(0, len(t), pieces + 1).astype(int)[:-1]
+    low, high = np.where(np.isnan(y), np.inf, y), np.where(np.isnan(y), -np.inf, y)
+    width = int(np.max(np.diff(np.append(edges, len(t)))))
+    rows = np.minimum(edges[:, None] + np.arange(width), np.append(edges[1:], len(t))[:, None] - 1)
+    at = np.sort(np.stack([_pick(rows, low, np.argmin), _pick(rows, high, np.argmax)], axis=1), axis=1).ravel()
+    return t[at], y[at]
+
+
+def _pick(rows: NDArray[np.intp], y: Array, best: Any) -> NDArray[np.intp]:
+    picked: NDArray[np.intp] = rows[np.arange(len(rows)), best(y[rows], axis=1)]
+    return picked
+
+
+def axis_title(name: str, units: Mapping[str, str]) -> str:
+    """A quantity with its unit."""
+    return f"{quantity(name, units)} [{units[name]}]"
+
+
+def blank(height: int, **more: Any) -> go.Figure:
+    """A figure in the page's style."""
+    figure = go.Figure(layout={**BASE, "height": height, **more})
+    figure.update_xaxes(**AXIS)
+    figure.update_yaxes(**AXIS)
+    return figure
+
+
+def empty(text: str, height: int = 200) -> go.Figure:
+    """A place where nothing is to be seen yet."""
+    figure = blank(height, xaxis={"visible": False}, yaxis={"visible": False})
+    figure.add_annotation(text=text, showarrow=False, xref="paper", yref="paper", x=0.5, y=0.5)
+    return figure
+
+
+# ---- where it fails --------------------------------------------------------------------------------------------------
+
+READ, SAID, LOW, BAND, D, MARKS_ABOVE, MARKS_BELOW = range(7)
+"""The traces of `course`, in their order."""
+
+
+def course(found: Mapping[str, Any], s: Series, channel: str = "theta", begin: float = -np.inf, end: float = np.inf,
+           height: int = 380) -> go.Figure:  # fmt: skip
+    """Measured against simulated, and the residual torque with its band below, on one axis of time."""
+    units = found["quantities"]
+    figure = make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.06, row_heights=[0.58, 0.42])
+    figure.update_layout({**BASE, "height": height, "showlegend": True, "selectdirection": "h"})
+    lines = course_lines(s, channel, begin, end)
+    read = {"mode": "lines", "line": {"color": "rgba(138,143,152,0.75)", "width": 3.5}, "name": "measured"}
+    figure.add_scatter(**lines[READ], **read, row=1, col=1)
+    said = {"mode": "lines", "line": {"color": BLUE, "width": 1.3}, "name": "model, 1 s ahead"}
+    figure.add_scatter(**lines[SAID], **said, row=1, col=1)
+    edge: dict[str, Any] = {"mode": "lines", "line": {"width": 0}, "hoverinfo": "skip", "showlegend": False}
+    figure.add_scatter(**lines[LOW], **edge, row=2, col=1)
+    figure.add_scatter(**lines[BAND], **edge, fill="tonexty", fillcolor="rgba(232,112,42,0.28)", row=2, col=1)
+    torque = quantity("torque", units)
+    line = {"mode": "lines", "line": {"color": ORANGE, "width": 1.2}, "name": f"residual {torque}"}
+    figure.add_scatter(**lines[D], **line, row=2, col=1)
+    for row in (1, 2):
+        figure.add_scatter(x=[], y=[], **_marks(), row=row, col=1)
+    for place in found["rollouts"]:
+        for low, high in place["unseen"]:
+            figure.add_vrect(x0=low, x1=high, fillcolor=GREEN, opacity=0.07, line_width=0, layer="below")
+    figure.update_xaxes(**AXIS)
+    figure.update_yaxes(**AXIS)
+    figure.update_yaxes(title=axis_title(channel, units), row=1)
+    figure.update_yaxes(title=f"residual [{units['torque']}]", row=2, range=_residual_range(found, 1.5))
+    figure.update_xaxes(title="time [s], rollout after rollout", row=2)
+    return figure
+
+
+def course_lines(s: Series, channel: str, begin: float = -np.inf, end: float = np.inf) -> list[dict[str, Any]]:
+    """The series of `course` in its order, thinned within a stretch of time."""
+    half = SIGMA_99 * s["sd"]  # nan at the last sample of a rollout, where lines end
+    shown = (
+        (s["t"], np.where(np.isnan(s["d"]), np.nan, s[f"read_{channel}"])),
+        (s["said_t"], s[f"said_{channel}"]),
+        (s["t"], s["d"] - half),
+        (s["t"], s["d"] + half),
+        (s["t"], s["d"]),
+    )
+    found = []
+    for k, line in enumerate(shown):
+        t, y = thinned(*line, MOST if k < LOW else MOST // 2, begin, end)
+        found.append({"x": t.astype(np.float32), "y": y.astype(np.float32)})
+    return found
+
+
+def _marks() -> dict[str, Any]:
+    return {"mode": "markers", "marker": {"color": YELLOW, "size": 4}, "hoverinfo": "skip", "showlegend": False}
+
+
+def state_map(found: Mapping[str, Any], s: Series, height: int = 270) -> go.Figure:
+    """The mean residual torque over angle and speed, and the samples as dots that can be selected."""
+    units, cells = found["quantities"], found["torque"]["map"]
+    z = np.array([[np.nan if v is None else v for v in row] for row in cells["torque"]], dtype=float).T
+    reach = max(float(np.nanquantile(np.abs(z), 0.95)) if np.any(np.isfinite(z)) else 0.0, 0.7 * found["reach"])
+    figure = blank(height)
+    at = np.linspace(0, len(s) - 1, min(len(s), DOTS)).astype(int)
+    figure.add_heatmap(
+        x=cells["theta"], y=cells["theta_dot"], z=z, zmin=-reach or -1.0, zmax=reach or 1.0, colorscale=DIVERGING,
+        colorbar={"title": {"text": f"[{units['torque']}]"}, "thickness": 10, "len": 0.9, "outlinewidth": 0},
+        hovertemplate="%{z:.3g}<extra></extra>",
+    )  # fmt: skip
+    dots = {"color": GREY, "size": 2, "opacity": 0.35}
+    figure.add_scatter(x=s["theta"][at], y=s["theta_dot"][at], mode="markers", marker=dots, hoverinfo="skip")
+    figure.add_scatter(x=[], y=[], **_marks())
+    figure.update_xaxes(title=axis_title("theta", units), range=_range(cells["theta"]))
+    figure.update_yaxes(title=axis_title("theta_dot", units), range=_range(cells["theta_dot"]))
+    return figure
+
+
+def _range(edges: Sequence[float]) -> list[float]:
+    return [edges[0], edges[-1]]
+
+
+def over(found: Mapping[str, Any], s: Series, name: str, curve: Mapping[str, Any] | None = None,
+         height: int = 270) -> go.Figure:  # fmt: skip
+    """The residual torque over one quantity: samples, means with their 99 % band, perhaps an effect's curve."""
+    units = found["quantities"]
+    figure = blank(height)
+    at = np.linspace(0, len(s) - 1, min(len(s), DOTS)).astype(int)
+    dots = {"color": GREY, "size": 2.5, "opacity": 0.4}
+    figure.add_scatter(x=s[name][at], y=s["d"][at], mode="markers", marker=dots, hoverinfo="skip")
+    means = found["torque"]["over"][name]
+    mean, sd, edges = (
+        np.array([np.nan if v is None else v for v in means[k]], dtype=float) for k in ("mean", "sd", "edges")
+    )
+    count = np.array(means["count"])
+    seen = np.isfinite(mean) & (count >= 0.002 * count.sum())
+    figure.add_scatter(
+        x=(0.5 * (edges[1:] + edges[:-1]))[seen], y=mean[seen], mode="markers", name="mean residual",
+        marker={"color": ORANGE, "size": 6}, error_y={"array": SIGMA_99 * sd[seen], "thickness": 1, "width": 0},
+    )  # fmt: skip
+    figure.add_scatter(x=[], y=[], **_marks())
+    if curve is not None:
+        figure.add_scatter(
+            x=curve["x"], y=curve["mean"], mode="lines", line={"color": BLUE, "width": 2.5}, name="effect"
+        )
+    figure.update_xaxes(title=axis_title(name, units))
+    figure.update_yaxes(title=f"residual {axis_title('torque', units)}", range=_residual_range(found, 1.15))
+    return figure
+
+
+def _residual_range(found: Mapping[str, Any], room: float) -> list[float]:
+    """One scale for all models of a history: that of the first, whose residual is the largest."""
+    reach = room * found["reach"] or 1.0
+    return [-reach, reach]
+
+
+def in_time(found: Mapping[str, Any], s: Series, curve: Mapping[str, Any], height: int = 270) -> go.Figure:
+    """The residual torque over a stretch of time, and an effect's torque through it."""
+    place = next(
+        (p for p in found["rollouts"] if p["name"] == curve["record"].partition(", ")[0]), found["rollouts"][0]
+    )
+    shift = place["begin"] - place["first"]
+    x = np.array(curve["x"]) + shift
+    units, figure = found["quantities"], blank(height, showlegend=True)
+    t, d = thinned(s["t"], s["d"], 1_500, float(x[0]), float(x[-1]))
+    figure.add_scatter(x=t - shift, y=d, mode="lines", line={"color": ORANGE, "width": 1.2}, name="residual")
+    figure.add_scatter(x=curve["x"], y=curve["mean"], mode="lines", line={"color": BLUE, "width": 1.8}, name="effect")
+    figure.update_xaxes(title=f"time [s] of {place['name']}")
+    figure.update_yaxes(title=f"residual {axis_title('torque', units)}")
+    return figure
+
+
+def horizons(found: Mapping[str, Any], height: int = 230) -> go.Figure:
+    """The error over windows of every length, in units of the noise."""
+    figure = blank(height)
+    names = list(found["errors"])
+    ratios = [found["errors"][n]["ratio"] for n in names]
+    said = [multiple(r) if r is not None else "" for r in ratios]
+    figure.add_bar(
+        x=[n.replace("_", " ") for n in names], y=ratios, marker={"color": BLUE}, text=said, textposition="outside",
+        cliponaxis=False, hoverinfo="skip",
+    )  # fmt: skip
+    noise_line(figure)
+    figure.update_xaxes(title="predicted over")
+    figure.update_yaxes(title="error / sensor noise", **_log_range([r for r in ratios if r]))
+    return figure
+
+
+def noise_line(figure: go.Figure) -> None:
+    """Where a perfect model would be."""
+    figure.add_hline(y=1.0, line={"color": GREEN, "width": 2})
+
+
+def _log_range(values: Sequence[float]) -> dict[str, Any]:
+    top = max([2.0, *values])
+    ticks = [v for v in (0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 10_000, 100_000) if v <= 2.2 * top]
+    return {
+        "type": "log",
+        "range": [np.log10(0.6), np.log10(1.7 * top)],
+        "tickvals": ticks,
+        "ticktext": [f"{v:g}" for v in ticks],
+    }
+
+
+# ---- add it ----------------------------------------------------------------------------------------------------------
+
+
+def ladder(paths: Sequence[tuple[str, Sequence[tuple[str, float | None]]]], height: int = 230) -> go.Figure:
+    """The error on held-out data, a bar a model, down to the noise; of one path through the history, or of two."""
+    figure = blank(height, barmode="group", showlegend=len(paths) > 1, bargap=0.35 if len(paths[0][1]) > 1 else 0.65)
+    seen: list[float] = []
+    for (name, steps), colour in zip(paths, (BLUE, ORANGE), strict=False):
+        x, y = [label for label, _ in steps], [error for _, error in steps]
+        seen += [v for v in y if v]
+        figure.add_bar(
+            x=x, y=y, name=name, marker={"color": colour}, text=[multiple(v) if v else "" for v in y],
+            textposition="outside", cliponaxis=False, hoverinfo="skip",
+        )  # fmt: skip
+    noise_line(figure)
+    figure.update_yaxes(title="error / sensor noise", **_log_range(seen))
+    return figure
+
+
+# ---- take it along ---------------------------------------------------------------------------------------------------
+
+
+def learning(points: Sequence[tuple[int, float]], optimum: float | None, height: int = 200) -> go.Figure:
+    """The return in training over commands given, and the best that any controller can have."""
+    figure = blank(height)
+    figure.add_scatter(x=[x for x, _ in points], y=[y for _, y in points], mode="lines+markers", line={"color": BLUE})
+    if optimum is not None:
+        said = {"text": "optimum", "font": {"color": GREEN}}
+        figure.add_hline(y=optimum, line={"color": GREEN, "width": 2}, annotation=said)
+    figure.update_xaxes(title="commands given", rangemode="tozero")
+    figure.update_yaxes(title="return of an episode")
+    return figure

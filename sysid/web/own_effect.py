@@ -1,0 +1,287 @@
+"""A user's own effect out of a formula that is parsed and never run as code.
+
+    tau = -a * exp(-((theta - c) / w) ** 2)        c = 2, 3, 4; w = 0.3
+
+Names that are no variable are the effect's numbers: those at which 0 the formula vanishes are sizes, which a fit begins
+at nothing; the others are shapes, of which values to try are given.
+"""
+
+from __future__ import annotations
+
+import ast
+import keyword
+import math
+import operator
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, make_dataclass
+from typing import Any
+
+import numpy as np
+
+from sysid.data.user_effects import check_effect
+from sysid.errors import InvalidInput, excerpt
+from sysid.physics import ops
+from sysid.physics.effects import CATALOGUE, Effect, Joint, JointEffect, register
+from sysid.physics.ops import Value
+from sysid.physics.parameters import parameter
+
+VARIABLES = {"theta": "rad", "theta_dot": "rad/s", "t": "s", "drive": "N m"}
+"""What a formula may depend on: the joint's angle and speed, the time, and the drive torque."""
+FUNCTIONS: dict[str, tuple[Callable[..., Value], int]] = {
+    "sin": (ops.sin, 1),
+    "cos": (ops.cos, 1),
+    "tanh": (ops.tanh, 1),
+    "exp": (ops.exp, 1),
+    "sqrt": (ops.sqrt, 1),
+    "abs": (ops.abs, 1),
+    "wrap": (ops.wrap, 1),
+    "minimum": (ops.minimum, 2),
+    "maximum": (ops.maximum, 2),
+}
+OPERATIONS: dict[type[ast.AST], Callable[..., Value]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.UAdd: operator.pos,
+    ast.USub: operator.neg,
+}
+LONGEST, DEEPEST, MOST_NUMBERS, LARGEST_POWER = 400, 24, 6, 8
+MODULE = f"{__name__}:made"
+"""The module that effects made here say they come from: it is no file."""
+
+
+@dataclass(frozen=True)
+class OwnEffect:
+    """What a user wrote: a name, a formula for the torque [N m], and values to try the shapes at."""
+
+    name: str
+    formula: str
+    shapes: str = ""
+
+    def checked(self) -> type[Effect]:
+        """Its class; raises InvalidInput where it cannot be simulated, fitted or told from one of the catalogue."""
+        kind = made(self)
+        if CATALOGUE.get(kind.name, kind).__module__ != MODULE:
+            raise InvalidInput(f"an effect named {kind.name!r} is in the catalogue: give yours another name")
+        check_effect(kind, "your formula")
+        return kind
+
+    def register(self) -> None:
+        """Put it into the catalogue, in the place of an older one of the name."""
+        kind = self.checked()
+        CATALOGUE.pop(kind.name, None)
+        register(kind)
+
+    def source(self) -> str:
+        """The same effect as a class in Python."""
+        tree, shapes = parsed(self.formula), _values(self.shapes)
+        numbers = _numbers(tree)
+        sizes = _sizes(tree, numbers, shapes)
+        lines = [
+            f'    {n}: float = sysid.parameter(0.0, unit="1", neutral=0.0)' if n in sizes else
+            f'    {n}: float = sysid.parameter({shapes[n][0]!r}, unit="1", probe={shapes[n]!r})'
+            for n in numbers
+        ]  # fmt: skip
+        written = ast.unparse(_Qualified().visit(ast.fix_missing_locations(parsed(self.formula))))
+        title = "".join(part.capitalize() for part in self.name.split("_"))
+        return "\n".join(
+            ["@sysid.register", "@dataclasses.dataclass(frozen=True, eq=False)", f"class {title}(sysid.JointEffect):",
+             f'    name = "{self.name}"', *lines, "", "    def torque(self, joint):", f"        return {written}", ""]
+        )  # fmt: skip
+
+
+def parsed(formula: str) -> ast.expr:
+    """The formula as a tree of what is allowed; raises InvalidInput, with what is not."""
+    text = formula.partition("=")[2] if formula.strip().startswith("tau") and "=" in formula else formula
+    if not text.strip() or len(text) > LONGEST:
+        raise InvalidInput(f"the formula has {len(text)} characters: expected 1 to {LONGEST}, as in -b * theta_dot")
+    try:
+        tree = ast.parse(text.strip().replace("^", "**"), mode="eval").body
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        raise InvalidInput(f"{excerpt(text.strip())} is no formula: expected one as in -b * theta_dot") from None
+    _check(tree, DEEPEST)
+    return tree
+
+
+def _check(tree: ast.AST, depth: int) -> None:
+    if depth == 0:
+        raise InvalidInput("the formula is nested too deep: expected fewer brackets")
+    for part in _parts(tree):
+        _check(part, depth - 1)
+
+
+def _parts(tree: ast.AST) -> Sequence[ast.AST]:
+    """The operands of a node that is allowed."""
+    match tree:
+        case ast.Constant(value=bool() | complex()):
+            pass
+        case ast.Constant(value=int() | float() as number) if abs(number) < 1e9:
+            return ()
+        case ast.Name(id=name) if name not in FUNCTIONS and len(name) <= 24 and not name.startswith("_"):
+            return ()
+        case ast.UnaryOp(op=op, operand=own) if type(op) in OPERATIONS:
+            return (own,)
+        case ast.BinOp(left=left, op=ast.Pow(), right=right) if _power(right) is not None:
+            return (left,)
+        case ast.BinOp(left=left, op=op, right=right) if type(op) in OPERATIONS:
+            return (left, right)
+        case ast.Call(func=ast.Name(id=name), args=args, keywords=[]) if name in FUNCTIONS:
+            if len(args) == FUNCTIONS[name][1]:
+                return args
+    raise InvalidInput(
+        f"{excerpt(ast.unparse(tree))} is not understood: expected numbers, {', '.join(VARIABLES)}, names of your own, "
+        f"+ - * /, ** with a whole number up to {LARGEST_POWER}, and {', '.join(FUNCTIONS)}"
+    )
+
+
+def _power(tree: ast.AST) -> int | None:
+    """A whole number that a power may have."""
+    if isinstance(tree, ast.UnaryOp) and isinstance(tree.op, ast.USub):
+        own = _power(tree.operand)
+        return None if own is None else -own
+    fits = isinstance(tree, ast.Constant) and type(tree.value) is int and 0 < tree.value <= LARGEST_POWER
+    return tree.value if fits and isinstance(tree, ast.Constant) and isinstance(tree.value, int) else None
+
+
+def value(tree: ast.AST, names: Mapping[str, Value]) -> Value:
+    """What a formula is worth, whatever its names hold: floats, arrays, CasADi's symbols or tensors."""
+    match tree:
+        case ast.Constant(value=int() | float() as number):
+            return float(number)
+        case ast.Name(id=name):
+            return names[name]
+        case ast.UnaryOp(op=op, operand=own):
+            return OPERATIONS[type(op)](value(own, names))
+        case ast.BinOp(left=left, op=ast.Pow(), right=right):
+            return value(left, names) ** (_power(right) or 1)
+        case ast.BinOp(left=left, op=op, right=right):
+            return OPERATIONS[type(op)](value(left, names), value(right, names))
+        case ast.Call(func=ast.Name(id=name), args=args):
+            return FUNCTIONS[name][0](*(value(a, names) for a in args))
+    raise InvalidInput("this is no part of a formula")
+
+
+def made(own: OwnEffect) -> type[Effect]:
+    """The effect's class."""
+    if not own.name.isidentifier() or keyword.iskeyword(own.name) or not own.name.islower() or len(own.name) > 40:
+        raise InvalidInput(f"{excerpt(own.name)} is no name: expected small letters and _, as in magnet_beside")
+    tree, shapes = parsed(own.formula), _values(own.shapes)
+    numbers = _numbers(tree)
+    sizes = _sizes(tree, numbers, shapes)
+    if not numbers or not sizes:
+        raise InvalidInput(
+            "no number of the formula makes it vanish at 0: expected a size before it, as in a * sin(theta)"
+        )
+
+    def torque(self: Any, joint: Joint) -> Value:
+        seen = {"theta": joint.theta, "theta_dot": joint.theta_dot, "t": joint.t, "drive": joint.drive}
+        return value(tree, seen | {n: getattr(self, n) for n in numbers})
+
+    fields = [
+        (n, Any, parameter(0.0, unit="1", bounds=(-1e6, 1e6), neutral=0.0) if n in sizes else
+         parameter(shapes[n][0], unit="1", bounds=_bounds(shapes[n]), probe=shapes[n]))
+        for n in numbers
+    ]  # fmt: skip
+    said = {"name": own.name, "formula": f"tau = {ast.unparse(tree)}", "words": own.name.replace("_", " ")}
+    kind = make_dataclass(
+        "Own",
+        fields,
+        bases=(JointEffect,),
+        frozen=True,
+        eq=False,
+        namespace={**said, "torque": torque, "__module__": MODULE},
+    )
+    kind.__doc__ = said["formula"]
+    return kind
+
+
+def _numbers(tree: ast.AST) -> tuple[str, ...]:
+    """The names that are no variable."""
+    found = dict.fromkeys(n.id for n in ast.walk(tree) if isinstance(n, ast.Name) and n.id not in FUNCTIONS)
+    names = tuple(n for n in found if n not in VARIABLES)
+    if len(names) > MOST_NUMBERS:
+        raise InvalidInput(f"the formula has {len(names)} numbers: expected {MOST_NUMBERS} at most")
+    for name in names:
+        if hasattr(JointEffect, name) or name in ("bounds", "joint"):
+            raise InvalidInput(f"{name!r} cannot be a number's name: expected another, as a or tau_c")
+    return names
+
+
+def _sizes(tree: ast.AST, numbers: Sequence[str], shapes: Mapping[str, Sequence[float]]) -> tuple[str, ...]:
+    """The numbers in which the formula is linear and at which 0 it vanishes: one alone, or several together.
+
+    Raises InvalidInput where others have no values to try.
+    """
+    rng = np.random.default_rng(0)
+    seen: dict[str, Value] = {n: rng.uniform(0.5, 3.0, 20) for n in (*VARIABLES, *numbers)}
+
+    def at(names: Sequence[str], times: float) -> Value:
+        with np.errstate(all="ignore"):
+            return np.asarray(value(tree, seen | {n: times * seen[n] for n in names}))
+
+    free = [n for n in numbers if n not in shapes]
+    linear = [n for n in free if np.allclose(at([n], 2.0) - at([n], 1.0), at([n], 1.0) - at([n], 0.0), rtol=1e-6)]
+    alone = [n for n in linear if not np.any(at([n], 0.0))]
+    together = linear if linear and not np.any(at(linear, 0.0)) else []
+    sizes = tuple(alone[:1] or together)
+    if sizes and (missing := [n for n in free if n not in sizes]):
+        one = missing[0]
+        raise InvalidInput(f"{', '.join(missing)}: expected values to try, as in {one} = 0.1, 0.5, 2")
+    return sizes
+
+
+def _values(text: str) -> dict[str, tuple[float, ...]]:
+    """{name: values} of "c = 2, 3; w = 0.3"."""
+    found = {}
+    for line in (part.strip() for part in text.replace("\n", ";").split(";") if part.strip()):
+        name, equals, numbers = (part.strip() for part in line.partition("="))
+        try:
+            own = tuple(float(n) for n in numbers.replace(",", " ").split())
+        except ValueError:
+            own = ()
+        if not equals or not 0 < len(own) <= 12 or not all(abs(v) < 1e6 for v in own):
+            raise InvalidInput(f"{excerpt(line)}: expected a shape and values to try, as in w = 0.2, 0.5")
+        found[name] = own
+    return found
+
+
+def _bounds(values: Sequence[float]) -> tuple[float, float]:
+    """What a shape may be: around what is tried; a shape that is tried above 0 alone stays there."""
+    low, high = min(values), max(values)
+    room = 2.0 * max(high - low, abs(high), abs(low), 0.1)
+    return (low / 20.0 if low > 0.0 else low - room), high + room
+
+
+class _Qualified(ast.NodeTransformer):
+    """Names as a class's method writes them."""
+
+    def visit_Name(self, node: ast.Name) -> ast.AST:
+        owner = "sysid.ops" if node.id in FUNCTIONS else "joint" if node.id in VARIABLES else "self"
+        return ast.parse(f"{owner}.{node.id}", mode="eval").body
+
+
+def suggested(found: Mapping[str, Any] | None) -> OwnEffect:
+    """A form for the residual torque of a model, by what it depends on and where it is strongest."""
+    torque = {} if found is None else found["torque"]
+    on = (torque.get("depends_on") or ["time"])[0]
+    if on in ("theta", "theta_dot", "torque"):
+        over = torque["over"][on]
+        mean = [abs(v or 0.0) for v in over["mean"]]
+        peak = over["edges"][mean.index(max(mean))]
+        width = (over["edges"][-1] - over["edges"][0]) / 12.0
+    if on == "theta":
+        near = ", ".join(f"{peak + k * width:.2g}" for k in (-1, 0, 1))
+        bump = "exp(-(wrap(theta - c) / w) ** 2)"
+        return OwnEffect(
+            "my_effect", f"(a + b * wrap(theta - c)) * {bump}", f"c = {near}; w = {width / 2:.2g}, {2 * width:.2g}"
+        )
+    if on == "theta_dot":
+        return OwnEffect("my_effect", "-a * tanh(theta_dot / v) - b * theta_dot", "v = 0.05, 0.5")
+    if on == "torque":
+        return OwnEffect("my_effect", "a * drive + b * drive ** 3", "")
+    return OwnEffect(
+        "my_effect",
+        "a * sin(w * t) + b * cos(w * t)",
+        f"w = {', '.join(f'{math.tau * k:.3g}' for k in (0.1, 0.5, 1, 2))}",
+    )

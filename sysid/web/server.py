@@ -1,0 +1,157 @@
+"""The server of the workbench: who may ask, what is answered, and nothing else."""
+
+from __future__ import annotations
+
+import hmac
+import logging
+import secrets
+from ipaddress import ip_address
+from pathlib import Path
+from typing import Any
+
+import flask
+from dash import Dash
+from werkzeug.serving import BaseWSGIServer, make_server
+
+from sysid.cli.log_settings import settled
+from sysid.cli.options import Workbench as Command
+from sysid.data.user_effects import load_effects
+from sysid.errors import InvalidInput
+from sysid.web import figures, layout
+from sysid.web.bench import LARGEST_UPLOAD, Workbench
+from sysid.web.callbacks import join
+from sysid.web.jobs import Jobs
+from sysid.web.session import Sessions
+from sysid.web.take_part import DOWNLOADS
+
+logger = logging.getLogger(__name__)
+
+COOKIE = "gapfinder_token"
+POLICY = (
+    "default-src 'self'; script-src 'self' 'unsafe-inline'; style-src 'self' 'unsafe-inline'; "
+    "img-src 'self' data: blob:; font-src 'self' data:; frame-ancestors 'none'; base-uri 'none'; form-action 'self'"
+)
+"""What a browser may load for the page: nothing from elsewhere."""
+LOCAL = ("127.0.0.1", "localhost", "[::1]")
+
+
+class Door:
+    """Who may ask: addresses that name this server, pages that came from it, and where it is open to others, a token.
+
+    A foreign page that makes its own name point here (DNS rebinding) still sends its own name as Host.
+    """
+
+    def __init__(self, token: str = "") -> None:
+        self.token, self.any_host, self.hosts = token, False, set[str]()
+
+    def listen(self, host: str, port: int) -> None:
+        """Admit the names of the address that the server listens on."""
+        own = (*LOCAL, f"[{host}]" if ":" in host else host)
+        self.hosts = {f"{name}:{port}" for name in own} | (set(own) if port == 80 else set())
+        self.any_host = host in ("0.0.0.0", "::")
+
+    def refusal(self, request: flask.Request) -> tuple[str, int] | None:
+        """Why a request is refused, with its status; None where it is not."""
+        host, origin = request.host, request.headers.get("Origin")
+        if host not in self.hosts and not (self.any_host and _is_address(host)):
+            return f"The address says {host!r}: expected {sorted(self.hosts)[0]} or another name of this server.", 403
+        if origin is not None and origin.partition("://")[2] != host:
+            return f"A page of {origin} asked: expected one of this server.", 403
+        if self.token and not self._known(request):
+            return "This workbench wants a token: open the address that it printed when it was started.", 401
+        return None
+
+    def _known(self, request: flask.Request) -> bool:
+        given = (request.args.get("token"), request.cookies.get(COOKIE))
+        return any(t is not None and hmac.compare_digest(t.encode(), self.token.encode()) for t in given)
+
+
+def _is_address(host: str) -> bool:
+    name = host.rpartition(":")[0] if not host.endswith("]") and ":" in host else host
+    try:
+        ip_address(name.strip("[]"))
+    except ValueError:
+        return False
+    return True
+
+
+def make_app(bench: Workbench, door: Door) -> Dash:
+    """The page and its callbacks."""
+    app = Dash(
+        __name__,
+        title="gapfinder workbench",
+        update_title="",
+        serve_locally=True,
+        suppress_callback_exceptions=True,
+        assets_folder=str(Path(__file__).parent / "assets"),
+        meta_tags=[{"name": "viewport", "content": "width=device-width, initial-scale=1"}],
+    )
+    app.layout = layout.page()
+    server: flask.Flask = app.server
+    server.config["MAX_CONTENT_LENGTH"] = bench.most * 4 // 3 + (1 << 20)
+
+    @server.before_request
+    def check() -> Any:
+        refused = door.refusal(flask.request)
+        return None if refused is None else flask.Response(refused[0], refused[1], mimetype="text/plain")
+
+    @server.after_request
+    def guard(response: flask.Response) -> flask.Response:
+        response.headers["Content-Security-Policy"] = POLICY
+        response.headers["X-Content-Type-Options"] = "nosniff"
+        response.headers["Referrer-Policy"] = "no-referrer"
+        if door.token and flask.request.args.get("token"):
+            response.set_cookie(COOKIE, door.token, httponly=True, samesite="Strict")
+        return response
+
+    @server.errorhandler(413)
+    def too_large(_: Any) -> flask.Response:
+        return flask.Response(f"More than {bench.most >> 20} MB came: expected less.", 413, mimetype="text/plain")
+
+    @server.get("/download/<identifier>/<int:node>/<name>")
+    def download(identifier: str, node: int, name: str) -> Any:
+        session = bench.sessions.find(identifier)
+        if session is None or name not in DOWNLOADS or not (session.of(node) / name).is_file():
+            return flask.Response("There is no such answer.", 404, mimetype="text/plain")
+        return flask.send_file(session.of(node) / name, DOWNLOADS[name], as_attachment=True, download_name=name)
+
+    join(app, bench)
+    figures.empty("").to_json()  # loads what plotly loads when first asked, which threads must not do side by side
+    return app
+
+
+def make(folder: Path, host: str, port: int, token: str = "", effects: Path | None = None,
+         most: int = LARGEST_UPLOAD) -> tuple[BaseWSGIServer, Workbench]:  # fmt: skip
+    """A server that listens, and its workbench; port 0 takes a free one. Raises InvalidInput where it cannot."""
+    bench = Workbench(Sessions(folder), Jobs(effects), most)
+    door = Door(token)
+    app = make_app(bench, door)
+    try:
+        server = make_server(host, port, app.server, threaded=True)
+    except (OSError, SystemExit) as error:
+        raise InvalidInput(f"cannot listen on {host}, port {port}: {error}: give another --port") from None
+    door.listen(host, server.server_port)
+    logging.getLogger("werkzeug").setLevel(logging.ERROR)
+    return server, bench
+
+
+def serve(command: Command) -> None:
+    """Serve until it is stopped; a log that was given has a session, the one that it had before if it had one."""
+    log, start, said = settled(command.log, command.start) if command.log.files else (command.log, command.start, "")
+    if said:
+        logger.info(said)
+    if start.effects is not None:
+        logger.info(f"effects of {start.effects.name}: {', '.join(load_effects(start.effects))}")
+    host, folder = command.host, command.folder
+    local = host in ("127.0.0.1", "localhost", "::1")
+    token = command.token or ("" if local else secrets.token_urlsafe(16))
+    server, bench = make(folder, host, command.port, token, start.effects)
+    query = [f"session={bench.open(log, start).identifier}"] if log.files else []
+    query += [f"token={token}"] if token else []
+    shown = f"[{host}]" if ":" in host else host
+    address = f"http://{shown}:{server.server_port}/{'?' if query else ''}{'&'.join(query)}"
+    logger.info(f"the workbench is at {address} (Ctrl+C ends it); it writes into {folder} alone")
+    try:
+        server.serve_forever()
+    finally:
+        bench.end()

@@ -1,0 +1,398 @@
+"""The work behind a model of the history: its fit, where it fails, what it is missing, and the report.
+
+    python -m sysid.web.work SESSION_FOLDER NUMBER [--next] [EFFECTS.py]
+
+It runs beside the server, writes each answer as a file when it is known, and says in progress.json what it does.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+import sys
+import time
+import warnings
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+from io import BytesIO
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sysid.cli.commands import Task
+from sysid.cli.options import Fit, ModelOptions
+from sysid.data.files import write_whole
+from sysid.data.record import Record
+from sysid.data.user_effects import blamed, load_effects
+from sysid.diagnosis.add import add
+from sysid.diagnosis.answer import Diagnosis, MissingTorque, Step
+from sysid.diagnosis.compare import Comparison, compare
+from sysid.diagnosis.diagnose import diagnose
+from sysid.diagnosis.findings import chance, numbers_of, spaced_unit
+from sysid.diagnosis.predictions import throughout
+from sysid.diagnosis.ranked import Ranked
+from sysid.diagnosis.residual_torque import ResidualTorque, residual_torque
+from sysid.diagnosis.search_settings import DEFAULT
+from sysid.errors import InvalidInput
+from sysid.estimation.estimate import Estimate
+from sysid.estimation.held_out import finite, held_out_error
+from sysid.estimation.saved_model import load, save
+from sysid.export.mjcf import to_mjcf
+from sysid.export.urdf import to_urdf
+from sysid.physics.effects import CATALOGUE
+from sysid.physics.model import Model
+from sysid.planning.experiment import limits_of, next_experiment
+from sysid.report.formatting import measured
+from sysid.web.own_effect import OwnEffect
+from sysid.web.script import begun_with
+from sysid.web.session import (
+    BEGUN,
+    EFFECTS,
+    ERROR,
+    EXPORTED,
+    FAILS,
+    MJCF,
+    MODEL,
+    NEXT,
+    PLANNED,
+    REPORT,
+    SERIES,
+    URDF,
+    Session,
+)
+
+PROGRESS = "progress.json"
+STEP = replace(DEFAULT, steps=1)
+"""One addition at a time: the next one is chosen by whoever looks at the page."""
+FITTING, COMPARING, TESTING, REPORTING, PLANNING = (
+    "fitting",
+    "looking where it fails",
+    "testing effects",
+    "writing the report",
+    "planning the next experiment",
+)
+
+
+class Progress(logging.Handler):
+    """Keeps what is being done in a file, and what was noted on the way."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__()
+        self.folder, self.part, self.notes, self.began = folder, FITTING, list[str](), time.time()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Take up one message: notes are kept, what is being done is shown until the next."""
+        if record.levelno >= logging.INFO:
+            self.notes.append(record.getMessage())
+        else:
+            self.show(record.getMessage())
+
+    def show(self, text: str = "") -> None:
+        """Write what is being done."""
+        seen = {"part": self.part, "text": text, "began": self.began}
+        write_whole(self.folder / PROGRESS, json.dumps(seen))
+
+    def enter(self, part: str) -> None:
+        """The next part of the work begins."""
+        self.part = part
+        self.show()
+
+
+class Work:
+    """One model of the history, worked on until all its answers are there."""
+
+    def __init__(self, session: Session, number: int, progress: Progress) -> None:
+        self.session, self.number, self.progress = session, number, progress
+        self.folder, self.state = session.of(number), session.state
+        self.node = self.state.nodes[number]
+
+    @cached_property
+    def task(self) -> Task:
+        """The log, its noise and the model to begin with: the one before, where there is one."""
+        log, start = replace(self.state.log_options, settings=Path("none")), self.state.model_options
+        if (self.folder / MODEL).is_file():
+            start = ModelOptions(model=self.folder / MODEL)
+        elif self.node.parent is not None:
+            start = ModelOptions(model=self.session.of(self.node.parent) / MODEL)
+        return Task.of(Fit(log=replace(log, settings=None), start=start))
+
+    def run(self) -> None:
+        """Everything that is not there yet, in the order in which a page shows it."""
+        parts = (
+            (FITTING, MODEL, self._fit),
+            (COMPARING, FAILS, self._fails),
+            (TESTING, EFFECTS, self._effects),
+            (REPORTING, REPORT, self._report),
+        )
+        for part, file, do in parts:
+            if not (self.folder / file).is_file():
+                self.progress.enter(part)
+                do()
+
+    @cached_property
+    def estimate(self) -> Estimate:
+        """The fitted model."""
+        saved = load(self.folder / MODEL).estimate
+        if saved is None:
+            raise InvalidInput(f"{MODEL} of model {self.number} holds no fit: expected one that the workbench wrote")
+        return saved
+
+    @cached_property
+    def diagnosis(self) -> Diagnosis:
+        """What it lacks next."""
+        t = self.task
+        return diagnose(self.estimate, t.log, t.sensor, self.state.log_options.hold_out, settings=STEP)
+
+    def _fit(self) -> None:
+        task = self.task
+        if self.node.parent is None:
+            estimate = task.fitted()
+            self._write(BEGUN, begun_with(task.model, task.names))
+        else:
+            before = load(self.session.of(self.node.parent) / MODEL).estimate
+            hold_out = self.state.log_options.hold_out
+            estimate = add(before or task.model, self.node.added, task.log, task.sensor, hold_out).estimate
+        save(estimate, self.folder / MODEL)
+        self._export(estimate.model)
+
+    def _export(self, model: Model) -> None:
+        """The model for simulators, and what their languages cannot say."""
+        sentences = {}
+        for name, export in ((MJCF, to_mjcf), (URDF, to_urdf)):
+            try:
+                found = export(model)
+                found.save(self.folder / name)
+                sentences[name] = list(found.sentences)
+            except InvalidInput as error:
+                sentences[name] = [str(error)]
+        self._write(EXPORTED, sentences)
+
+    def _fails(self) -> None:
+        task, model = self.task, self.estimate.model
+        compared = compare(self.estimate, task.held_out, task.sensor)
+        torque = residual_torque(model, task.log, task.sensor)
+        found = compared.to_dict() | {
+            "ratio": finite(compared.ratio),
+            "off": compared.off,
+            "quantities": dict(model.plant.quantities),
+            "command_unit": model.command_unit,
+            "turns": model.plant.turns,
+            "reach": self._reach(torque),
+            "u_max": float(max(np.max(np.abs(r.u)) for r in task.log)),
+            "torque": torque.to_dict(series=False) | {"sentence": torque.sentence},
+            "parameters": _parameters(self.estimate),
+            "status": self.estimate.status,
+            "log": str(task.log),
+            "notes": self.progress.notes,
+            "rollouts": _places(task.log, task.held_out),
+        }
+        self._series(torque)
+        self._write(FAILS, found)
+
+    def _reach(self, torque: ResidualTorque) -> float:
+        """How far the residual torque reaches, or that of a model before reached: all are drawn on one scale."""
+        own = float(np.quantile(np.abs(np.concatenate([r.d for r in torque.records])), 0.998))
+        before = self.session.read(self.node.parent, FAILS)
+        return own if before is None else max(own, before["reach"])
+
+    def _series(self, torque: ResidualTorque) -> None:
+        """All samples, rollout after rollout: t, readings, the motion, the residual torque; and the predictions."""
+        task, model = self.task, self.estimate.model
+        begins = [place["begin"] - place["first"] for place in _places(task.log, task.held_out)]
+        columns: dict[str, list[Any]] = {}
+
+        def put(**values: Any) -> None:
+            for name, value in values.items():
+                columns.setdefault(name, []).append(value)
+
+        for k, (record, own) in enumerate(zip(task.log, torque.records, strict=True)):
+            nothing = np.full(len(record) + 1, math.nan)
+            angle = record.theta if record.has_angles and record.theta is not None else nothing
+            speed = nothing if record.theta_dot is None else record.theta_dot
+            put(t=record.t + begins[k], theta=model.plant.place(own.theta), theta_dot=own.theta_dot)
+            put(read_theta=angle, read_theta_dot=speed, torque=np.append(record.u, record.u[-1]))
+            put(d=np.append(own.d, math.nan), sd=np.append(own.sd, math.nan))
+        for k, path in enumerate(throughout(model, task.log, task.sensor)):
+            nothing = np.full(len(path.t), math.nan)
+            put(said_t=path.t + begins[k])
+            put(**{f"said_{c}": path.model.get(c, nothing) for c in ("theta", "theta_dot")})
+        content = BytesIO()
+        series: dict[str, Any] = {name: np.concatenate(parts) for name, parts in columns.items()}
+        np.savez(content, **series)
+        write_whole(self.folder / SERIES, content.getvalue())
+
+    def _effects(self) -> None:
+        found = self.diagnosis
+        chosen = [s.effect for s in (*found.conventions, *found.steps)]
+        rows = [_row(r, found) for r in found.ranking if r.fit is not None]
+        shown = {row["effect"] for row in rows}
+        self._write(
+            EFFECTS,
+            {
+                "verdict": found.verdict,
+                "finding": found.finding,
+                "next": chosen,
+                "rows": sorted(rows, key=lambda row: row["effect"] not in chosen),
+                "others": [_named(r) for r in found.ranking if r.effect not in shown],
+                "ruled_out": {} if chosen else found.ruled_out,
+                "negligible": list(found.negligible),
+                "unconfirmed": list(found.unconfirmed),
+                "remaining": None if found.remaining is None else found.remaining.to_dict(),
+                "not_identifiable": [list(group) for group in found.not_identifiable],
+                "contacts": [str(c) for c in found.contacts],
+                "torque": found.torque.to_dict(),
+                "error": finite(found.base_error.ratio),
+                "seconds": found.seconds,
+            },
+        )
+
+    def _report(self) -> None:
+        from sysid.report.write import write_report
+
+        write_report(self._walk(), self.folder / REPORT)
+
+    def _walk(self) -> Diagnosis | Comparison:
+        """The way from the first model to this one, where nothing is left to add; else where this one fails."""
+        found, path = self.diagnosis, self.state.path(self.number)
+        if found.mended:
+            return compare(self.estimate, self.task.held_out, self.task.sensor)
+        first = load(self.session.of(path[0]) / MODEL).estimate
+        if len(path) == 1 or first is None:
+            return found
+        ranking = self.session.read(path[0], EFFECTS)
+        steps = tuple(self._step(before, k) for before, k in pairwise(path))
+        return replace(
+            found,
+            verdict={"adequate": "missing", "unknown": "partly"}.get(found.verdict, found.verdict),
+            base=first,
+            base_error=held_out_error(first.model, self.task.held_out, self.task.sensor),
+            steps=tuple(s for s in steps if not CATALOGUE[s.effect].of_log),
+            conventions=tuple(s for s in steps if CATALOGUE[s.effect].of_log),
+            ranking=tuple(
+                Ranked(r["effect"], (r["effect"], *r["alike"]), r["score"], r["p_value"], r.get("error"))
+                for r in (*ranking["rows"], *ranking["others"])
+            ),
+            torque=MissingTorque(0.0, 0.0, 0.0),
+        )
+
+    def _step(self, before: int, after: int) -> Step:
+        """One addition of the way."""
+        name = self.state.nodes[after].added
+        ranked = self.session.read(before, EFFECTS) or {"rows": [], "others": []}
+        none: dict[str, Any] = {"alike": [], "p_value": 1.0}
+        own = next((r for r in (*ranked["rows"], *ranked["others"]) if r["effect"] == name), none)
+        ratios = [self.session.read(k, FAILS)["ratio"] for k in (before, after)]
+        return Step(
+            effect=name,
+            alike=(name, *own["alike"]),
+            rivals=(),
+            parameters=numbers_of(self.estimate, name),
+            error_before=math.inf if ratios[0] is None else ratios[0],
+            error_after=math.inf if ratios[1] is None else ratios[1],
+            p_value=own["p_value"],
+            estimate=load(self.session.of(after) / MODEL).estimate or self.estimate,
+        )
+
+    def experiment(self) -> None:
+        """What to play next: what tells alike effects apart, or else what narrows the widest interval."""
+        found = self.session.read(self.number, EFFECTS)
+        best = found["rows"][0] if found and found["next"] else None
+        rivals = [best["effect"], *best["alike"][:1]] if best and best["alike"] else []
+        limits = limits_of(self.task.log, self.estimate.model)
+        planned = next_experiment(self.estimate, rivals, limits, self.task.sensor, self.task.training)
+        if planned.u.size:
+            planned.write_csv(self.folder / NEXT)
+        self._write(PLANNED, {"sentence": str(planned)})
+
+    def _write(self, name: str, data: Any) -> None:
+        write_whole(self.folder / name, json.dumps(data, allow_nan=False))
+
+
+def _parameters(estimate: Estimate) -> list[dict[str, Any]]:
+    """The fitted numbers, as a table shows them."""
+    sd, known = estimate.sd, estimate.model.parameters
+    return [
+        {"name": n, "said": measured(v, sd[n]), "unit": known[n].unit, "at_bound": n in estimate.at_bound}
+        for n, v in estimate.values.items()
+    ]
+
+
+def _places(records: Sequence[Record], held_out: Sequence[Record]) -> list[dict[str, Any]]:
+    """Where each rollout lies on one axis of time [s], with a gap between them, and which of it no fit has seen."""
+    gap = 0.03 * max(float(r.t[-1] - r.t[0]) for r in records)
+    found, begin = [], 0.0
+    for r in records:
+        first, shift = float(r.t[0]), begin - float(r.t[0])
+        own = [h for h in held_out if h.name == r.name or h.name.startswith(f"{r.name}, ")]
+        unseen = [[float(h.t[0]) + shift, float(h.t[-1]) + shift] for h in own]
+        found.append({"name": r.name, "begin": begin, "first": first, "unseen": unseen})
+        begin += float(r.t[-1]) - first + gap
+    return found
+
+
+def _named(candidate: Ranked) -> dict[str, Any]:
+    kind = CATALOGUE[candidate.effect]
+    return {
+        "effect": candidate.effect,
+        "words": kind.words or candidate.effect.replace("_", " "),
+        "formula": kind.formula,
+        "chance": chance(candidate.p_value),
+        "alike": list(candidate.alike[1:]),
+        "score": candidate.score,
+        "p_value": candidate.p_value,
+    }
+
+
+def _row(candidate: Ranked, found: Diagnosis) -> dict[str, Any]:
+    """What a row says of an effect that was refitted."""
+    step = next((s for s in (*found.steps, *found.conventions) if s.effect == candidate.effect), None)
+    numbers = candidate.parameters if step is None else numbers_of(step.estimate, candidate.effect)
+    sizes = [
+        {"name": n.partition(".")[2], "said": measured(v["value"], v["sd"]), "unit": spaced_unit(v["unit"]).strip()}
+        for n, v in numbers.items()
+    ]
+    torque = candidate.torque
+    return _named(candidate) | {
+        "alike": list((candidate if step is None else step).alike[1:]),
+        "sizes": sizes,
+        "explained": candidate.explained,
+        "error": finite(candidate.error_after),
+        "chance": chance(candidate.p_value if step is None else step.p_value),
+        "torque": None if torque is None else torque.to_dict(),
+    }
+
+
+def main(arguments: Sequence[str]) -> int:
+    """The work on one model; where it cannot be done, error.json says why in one sentence."""
+    folder, number = Path(arguments[0]), int(arguments[1])
+    session = Session(folder)
+    progress, logger = Progress(session.of(number)), logging.getLogger("sysid")
+    logger.addHandler(progress)
+    logger.setLevel(logging.DEBUG)
+    progress.show("reading the log")
+    try:
+        for file in (a for a in arguments[2:] if a != "--next"):
+            load_effects(file)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)
+            for own in session.state.own:
+                OwnEffect(**own).register()
+            work = Work(session, number, progress)
+            work.run()
+            if "--next" in arguments:
+                progress.enter(PLANNING)
+                work.experiment()
+    except Exception as error:
+        known = error if isinstance(error, InvalidInput) else blamed(error)
+        said = str(known or f"the {progress.part} failed with {type(error).__name__}: {error}")
+        write_whole(session.of(number) / ERROR, json.dumps({"part": progress.part, "message": said}))
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

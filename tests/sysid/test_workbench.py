@@ -1,0 +1,405 @@
+"""The workbench: what its clicks do, what its pictures keep, and who may ask."""
+
+from __future__ import annotations
+
+import base64
+import json
+import time
+import zipfile
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dash", reason="the workbench needs the extra web")
+
+from sysid.data.record import write_csv
+from sysid.errors import InvalidInput
+from sysid.estimation.saved_model import load
+from sysid.web import figures, log_part, samples
+from sysid.web.bench import Workbench
+from sysid.web.callbacks import do, picture, region_of, session_name, zoomed
+from sysid.web.jobs import Jobs, finished
+from sysid.web.own_effect import OwnEffect
+from sysid.web.script import script
+from sysid.web.session import BEGUN, EFFECTS, FAILS, MODEL, NEXT, PLANNED, REPORT, SERIES, Session, Sessions
+from sysid.web.training import OPTIMUM, OWN, heard
+
+
+def waited(bench: Workbench, session: Session, seconds: float = 120.0) -> str:
+    """Wait for the work under way; returns what went wrong."""
+    end = time.monotonic() + seconds
+    while bench.jobs.running(session) is not None and time.monotonic() < end:
+        time.sleep(0.1)
+    return bench.jobs.message(session)
+
+
+def uploaded(bench: Workbench, *files: Path) -> Session:
+    """A session of files that were dropped."""
+    contents = [f"data:text/csv;base64,{base64.b64encode(f.read_bytes()).decode()}" for f in files]
+    return bench.upload([f.name for f in files], contents)
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[Workbench]:
+    made = Workbench(Sessions(tmp_path / "sessions"), Jobs(), most=1 << 20)
+    yield made
+    made.end()
+
+
+@pytest.fixture(scope="module")
+def walked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Workbench, Session]]:
+    """A short log of a sticky joint, fitted, and dry friction added."""
+    folder = tmp_path_factory.mktemp("walked")
+    files = [folder / f"swing{k}.csv" for k in range(4)]
+    for record, file in zip(samples.sample("friction"), files, strict=False):
+        write_csv(record.head(200), file)
+    bench = Workbench(Sessions(folder / "sessions"), Jobs())
+    session = uploaded(bench, *files)
+    bench.fit(session)
+    assert waited(bench, session) == ""
+    assert session.read(0, EFFECTS)["next"] == ["coulomb"]
+    bench.add(session, "coulomb")
+    assert waited(bench, session) == ""
+    yield bench, session
+    bench.end()
+
+
+# ---- the loop --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.long
+def test_the_error_falls_to_the_noise_by_the_effect_that_was_hidden(walked: tuple[Workbench, Session]) -> None:
+    _, session = walked
+    before, after = (session.read(k, FAILS)["ratio"] for k in (0, 1))
+    assert before > 2.0
+    assert after < 1.1
+    estimate = load(session.of(1) / MODEL).estimate
+    assert estimate is not None
+    assert abs(estimate.values["coulomb.tau_c"] - 0.15) < 4.0 * estimate.sd["coulomb.tau_c"] + 1e-3
+    found = session.read(1, EFFECTS)
+    assert found["verdict"] == "adequate"
+    assert not found["next"]
+    assert found["ruled_out"]
+
+
+@pytest.mark.long
+def test_a_row_says_how_large_an_effect_is_and_what_it_explains(walked: tuple[Workbench, Session]) -> None:
+    _, session = walked
+    own = session.read(0, EFFECTS)["rows"][0]
+    assert own["effect"] == "coulomb"
+    assert own["explained"] > 0.9
+    assert own["error"] < 1.1
+    assert own["torque"]["over"] == "theta_dot"
+    x, y = (np.array(own["torque"][k]) for k in ("x", "mean"))
+    assert np.allclose(np.abs(y[np.abs(x) > 1.0]), 0.15, atol=0.02)
+    session.change(at=0)
+    assert len(picture(session, "coulomb").data) == 4
+
+
+@pytest.mark.long
+def test_undo_leads_back_and_what_was_tried_is_kept(walked: tuple[Workbench, Session]) -> None:
+    bench, session = walked
+    session.change(at=1)
+    do(bench, session, {"do": "undo"})
+    assert session.state.at == 0
+    do(bench, session, {"do": "add", "effect": "coulomb"})
+    assert session.state.at == 1
+    assert len(session.state.nodes) == 2
+    assert session.state.added(1) == ("coulomb",)
+
+
+@pytest.mark.long
+def test_a_refit_that_fails_leaves_the_page_as_it_was_with_one_sentence(walked: tuple[Workbench, Session]) -> None:
+    bench, session = walked
+    session.change(at=1)
+    before = bench.stamps(session)["fails"]
+    bench.add(session, "no such effect")
+    assert "unknown effect" in waited(bench, session)
+    assert bench.stamps(session)["fails"] == before
+    assert len(session.state.nodes) == 2
+
+
+@pytest.mark.long
+def test_a_cancelled_refit_is_taken_back(walked: tuple[Workbench, Session]) -> None:
+    bench, session = walked
+    session.change(at=0)
+    bench.add(session, "viscous")
+    assert bench.jobs.running(session) == 2
+    bench.cancel(session)
+    assert bench.jobs.running(session) is None
+    assert len(session.state.nodes) == 2
+    assert session.state.at == 0
+
+
+@pytest.mark.long
+def test_a_session_survives_a_restart(walked: tuple[Workbench, Session]) -> None:
+    bench, session = walked
+    again = Workbench(Sessions(bench.sessions.folder), Jobs())
+    found = again.sessions.find(session.identifier)
+    assert found is not None
+    assert found.state == session.state
+    assert finished(found, 1)
+    assert again.stamps(found) == bench.stamps(session)
+
+
+@pytest.mark.long
+def test_a_selection_marks_the_same_samples_in_all_plots(walked: tuple[Workbench, Session]) -> None:
+    bench, session = walked
+    session.change(at=0)
+    region = region_of("over", {"range": {"x": [1.0, 2.0], "y": [-9.0, 9.0]}}, "theta_dot")
+    course, states, over = (
+        p.to_plotly_json()["operations"] for p in bench.marked(session, region, "theta", "theta_dot")
+    )
+    speeds = np.array(over[0]["params"]["value"])
+    assert len(speeds) > 10
+    assert np.all((speeds >= 1.0) & (speeds <= 2.0))
+    assert np.array_equal(np.array(states[1]["params"]["value"]), speeds)
+    s = figures.series(session.of(0) / SERIES)
+    assert np.array_equal(np.array(course[0]["params"]["value"]), s["t"][s.within(region)])
+
+
+# ---- pictures --------------------------------------------------------------------------------------------------------
+
+
+def test_thinning_keeps_every_peak_and_the_order_of_time() -> None:
+    rng = np.random.default_rng(0)
+    t, y = np.arange(100_000.0), rng.standard_normal(100_000)
+    y[54_321] = 40.0
+    y[777] = -40.0
+    x, z = figures.thinned(t, y)
+    assert len(x) <= figures.MOST
+    assert np.all(np.diff(x) >= 0.0)
+    assert z.max() == 40.0
+    assert z.min() == -40.0
+    x, z = figures.thinned(t, y, begin=54_000.0, end=54_400.0)
+    assert len(x) == 402
+    assert z.max() == 40.0
+
+
+def test_thinning_leaves_out_no_gap() -> None:
+    t = np.arange(20_000.0)
+    y = np.where((t > 5_000.0) & (t < 9_000.0), np.nan, t)
+    x, z = figures.thinned(t, y)
+    assert np.all(np.isnan(z[(x > 5_000.0) & (x < 9_000.0)]))
+    assert np.nanmax(z) == 19_999.0
+
+
+def test_a_zoom_that_moves_no_time_changes_nothing(tmp_path: Path) -> None:
+    series = {k: np.arange(9.0) for k in ("t", "theta", "read_theta", "said_t", "said_theta", "d", "sd")}
+    np.savez(tmp_path / "s.npz", **series)
+    s = figures.Series(tmp_path / "s.npz")
+    assert zoomed(s, "theta", {"yaxis.range[0]": 0.0}) is None
+    assert zoomed(s, "theta", {"xaxis.range[0]": 2.0, "xaxis.range[1]": 4.0}) is not None
+
+
+# ---- logs ------------------------------------------------------------------------------------------------------------
+
+
+def test_columns_of_other_names_are_taken_for_what_they_look_like(bench: Workbench, tmp_path: Path) -> None:
+    log = tmp_path / "rig.csv"
+    t = np.arange(200) * 0.02
+    rows = np.column_stack([t, 0.3 * np.sin(3.0 * t), 0.9 * np.cos(3.0 * t), 0.1 * np.ones_like(t)])
+    np.savetxt(log, rows, delimiter=",", header="time_s,angle_rad,speed,effort", comments="")
+    session = uploaded(bench, log)
+    found = log_part.preview(session)
+    assert found.about.error == ""
+    assert session.state.log["columns"] == "t=time_s,theta=angle_rad,theta_dot=speed,torque=effort"
+
+
+def test_a_log_that_hangs_upside_down_is_drawn_so_and_doubted(bench: Workbench, tmp_path: Path) -> None:
+    record = samples.sample("friction")[0]
+    assert record.theta is not None
+    write_csv(replace(record, theta=record.theta - np.pi), tmp_path / "turned.csv")
+    session = uploaded(bench, tmp_path / "turned.csv")
+    found = log_part.preview(session)
+    assert not found.about.error
+    assert log_part.arm(found, 0.0)[1][1] > 0.5
+    assert any("hanging" in note for note in found.about.notes)
+    values = {c: c for c in ("t", "theta", "theta_dot")} | {"torque": "u", "zero": "hanging", "plant": "rod"}
+    session.save(log_part.changed(session.state, values | {"signs": []}, log_part.columns(session)[1]))
+    found = log_part.preview(session)
+    assert not found.about.error
+    assert log_part.arm(found, 0.0)[1][1] < -0.5
+    assert not any("hanging" in note for note in found.about.notes)
+
+
+def test_a_preview_is_read_once(bench: Workbench, tmp_path: Path) -> None:
+    write_csv(samples.sample("friction")[0], tmp_path / "swing.csv")
+    session = uploaded(bench, tmp_path / "swing.csv")
+    first = log_part.preview(session)
+    log_part._previewed.cache_clear()
+    again = log_part.preview(session)
+    assert again.about == first.about
+    assert np.array_equal(again.theta, first.theta, equal_nan=True)
+
+
+def bomb(path: Path) -> None:
+    """An .npz whose array claims ten gigabytes."""
+    header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (1342177280,), }"
+    content = b"\x93NUMPY\x01\x00" + (118).to_bytes(2, "little") + header.ljust(117) + b"\n"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        for name in ("t", "theta"):
+            file.writestr(f"{name}.npy", content + bytes(1 << 24))
+
+
+@pytest.mark.parametrize(
+    ("name", "write"),
+    [
+        ("pickled.npz", lambda f: np.savez(f, t=np.array([{}], dtype=object), theta=np.array([{}], dtype=object))),
+        ("bomb.npz", bomb),
+        ("cut.npz", lambda f: f.write_bytes(b"PK\x03\x04" + bytes(100))),
+        ("claims.csv", lambda f: f.write_text("t,theta\n0,1e308\n1,-1e308\n2,nan\n")),
+        ("empty.csv", lambda f: f.write_bytes(b"")),
+        ("binary.csv", lambda f: f.write_bytes(bytes(range(256)) * 9)),
+        ("wrong.mat", lambda f: f.write_bytes(b"MATLAB 5.0" + bytes(300))),
+    ],
+)
+def test_a_hostile_log_harms_nothing(bench: Workbench, tmp_path: Path, name: str, write: Any) -> None:
+    write(tmp_path / name)
+    session = uploaded(bench, tmp_path / name)
+    shown = str(bench.part("log", session)) + str(log_part.previewed(log_part.preview(session)))
+    assert "error" in shown
+
+
+def test_what_is_no_log_is_one_sentence(bench: Workbench, tmp_path: Path) -> None:
+    (tmp_path / "x.csv").write_text("t,theta\n0,=cmd()\n1,<script>alert(1)</script>\n")
+    found = log_part.preview(uploaded(bench, tmp_path / "x.csv"))
+    assert "expected a number" in found.about.error
+
+
+# ---- safety ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("title", ["../../etc/passwd.csv", "/tmp/x.csv", "a\0b.csv", "..csv", "con:<b>.csv"])
+def test_the_name_of_a_file_never_becomes_a_path(bench: Workbench, title: str) -> None:
+    session = bench.upload([title], ["data:,dCx0aGV0YQo="])
+    written = [p for p in bench.sessions.folder.parent.rglob("*") if p.is_file()]
+    assert sorted(p.name for p in written) == ["log1.csv", "session.json"]
+    assert all(session.folder in p.parents for p in written)
+
+
+def test_an_upload_has_a_limit(bench: Workbench) -> None:
+    with pytest.raises(InvalidInput, match="more than 1 MB"):
+        bench.upload(["x.csv"], ["data:," + "A" * (3 << 20)])
+    with pytest.raises(InvalidInput, match="ends in"):
+        bench.upload(["x.pkl"], ["data:,AAAA"])
+    with pytest.raises(InvalidInput, match="no file"):
+        bench.upload(["x.csv"], ["data:,???"])
+    assert not bench.sessions.all()
+
+
+@pytest.mark.parametrize("name", ["..", "../x", "0123456", "0123456g", "", None, "0123456789", "%2e%2e"])
+def test_no_other_name_is_a_session(bench: Workbench, name: str | None) -> None:
+    assert bench.sessions.find(name) is None
+
+
+def test_an_address_names_a_session() -> None:
+    assert session_name("?session=0123abcd&token=x") == "0123abcd"
+    assert session_name(None) is None
+
+
+def test_a_session_that_another_wrote_is_refused(bench: Workbench) -> None:
+    session = bench.sessions.new("x")
+    (session.folder / "session.json").write_text(json.dumps({"__reduce__": 1}))
+    with pytest.raises(InvalidInput, match="no session of this version"):
+        _ = session.state
+
+
+@pytest.mark.long
+def test_reports_are_written_without_scripts(walked: tuple[Workbench, Session]) -> None:
+    _, session = walked
+    assert "<script" not in (session.of(0) / REPORT).read_text()
+
+
+@pytest.mark.long
+def test_an_effect_that_the_user_writes_is_fitted_like_ours(walked: tuple[Workbench, Session]) -> None:
+    bench, session = walked
+    session.change(at=0)
+    with pytest.raises(InvalidInput, match="not understood"):
+        bench.try_own(session, OwnEffect("mine", "__import__('os').system('x')"))
+    with pytest.raises(InvalidInput, match="in the catalogue"):
+        bench.try_own(session, OwnEffect("coulomb", "-a * theta_dot"))
+    assert session.state.at == 0
+    own = OwnEffect("grip", "-a * tanh(theta_dot / v)", "v = 0.05, 0.2")
+    bench.try_own(session, own)
+    assert waited(bench, session) == ""
+    node = session.state.at
+    assert session.state.added(node) == ("grip",)
+    assert session.read(node, FAILS)["ratio"] < 1.3
+    sizes = {p["name"]: p["said"] for p in session.read(node, FAILS)["parameters"]}
+    assert abs(float(sizes["grip.a"].partition(" ")[0]) - 0.15) < 0.02
+    with pytest.raises(InvalidInput, match="another name"):
+        bench.try_own(session, OwnEffect("grip", "-a * theta_dot"))
+    lines = script(session.state, session.read(0, BEGUN), 2, [own.source()])
+    compile(lines, "lines", "exec")
+    session.drop_last_node()
+
+
+@pytest.mark.long
+def test_the_lines_repeat_every_click(walked: tuple[Workbench, Session], tmp_path: Path) -> None:
+    _, session = walked
+    begun = session.read(0, BEGUN)
+    lines = script(session.state, begun, 1).replace("model.json", str(tmp_path / "again.json"))
+    exec(compile(lines, "lines", "exec"), {})
+    here, again = load(session.of(1) / MODEL).estimate, load(tmp_path / "again.json").estimate
+    assert here is not None
+    assert again is not None
+    assert here.values == again.values
+
+
+@pytest.mark.long
+def test_the_report_tells_the_way_that_was_gone(walked: tuple[Workbench, Session]) -> None:
+    _, session = walked
+    text = (session.of(1) / REPORT).read_text()
+    assert "missing" in text
+    assert "coulomb" in text
+    before = session.read(0, FAILS)["ratio"]
+    assert f"{before:.2f}" in text
+
+
+@pytest.mark.long
+def test_the_next_experiment_is_planned_and_written(walked: tuple[Workbench, Session]) -> None:
+    bench, session = walked
+    session.change(at=1)
+    bench.plan(session)
+    assert waited(bench, session) == ""
+    assert session.read(1, PLANNED)["sentence"]
+    assert (session.of(1) / NEXT).read_text().startswith("rollout,t,torque")
+
+
+@pytest.mark.long
+def test_a_policy_is_trained_and_its_curve_is_heard(walked: tuple[Workbench, Session]) -> None:
+    pytest.importorskip("policies")
+    bench, session = walked
+    with pytest.raises(InvalidInput, match="above 0"):
+        bench.trainings.begin(session, 0, 0.0)
+    bench.trainings.begin(session, 0, 2.0, steps=2_000)
+    assert bench.busy(session)
+    end = time.monotonic() + 240.0
+    while time.monotonic() < end and bench.busy(session):
+        time.sleep(0.5)
+    found = heard(session, 0)
+    assert found is not None
+    assert found["returns"][OPTIMUM] > found["returns"][OWN]
+    session.change(at=0)
+    assert "optimum" in str(bench.part("train", session))
+    bench.trainings.cancel(session)
+    assert not bench.busy(session)
+
+
+def test_what_a_training_says_is_understood(tmp_path: Path) -> None:
+    session = Session(tmp_path)
+    session.of(0).mkdir(parents=True)
+    (session.of(0) / "training.txt").write_text(
+        "training 1 agent\n     step   return in training\n    5,000     -1204  ########   12 s, 2 min left\n"
+        "  this policy                       -207.2  [-222.3, -192.2]\n"
+        "  optimum (dynamic programming)     -149.2  [-160.6, -137.8]\n"
+    )
+    found = heard(session, 0)
+    assert found is not None
+    assert found["points"] == [(5000, -1204.0)]
+    assert found["returns"] == {"this policy": -207.2, "optimum (dynamic programming)": -149.2}
