@@ -52,7 +52,7 @@ def test_a_learning_step_never_waits_for_the_device(name):
         population._learn()
     assert waiting.found == []
     with Waiting() as waiting:
-        float(population._return[0])
+        float(population.loss.log_alpha[0].detach())
     assert waiting.found != []
 
 
