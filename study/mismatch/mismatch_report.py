@@ -21,11 +21,11 @@ from study.pipeline.tables import printed, write_csv
 from study.pipeline.versions import all_versions, write_record
 from sysid.data.files import write_whole
 
-TRIALS = ("plant", "way", "n", "seed", "mean")
+TRIALS = ("plant", "strategy", "n", "seed", "mean")
 """The mean return of one agent on a hidden plant."""
 OUTCOMES = (
-    "plant", "way", "n", "seeds", "mean", "low", "high", "median", "gap", "structure", "identification", "training",
-    "tables",
+    "plant", "strategy", "n", "seeds", "mean", "low", "high", "median", "gap", "structure", "identification",
+    "training", "tables",
 )  # fmt: skip
 """A strategy at a plant and a budget: returns over seeds, with Student's interval, the gap to the optimum from the same
 start states, and its parts over as many seeds as there are tables for."""

@@ -1,6 +1,6 @@
 """The results of the mismatch experiment: one SQLite file, tied to one plan, device and version.
 
-FITS        what a strategy (in the column `way`) made of n rollouts of a hidden plant, by (plant, strategy, n, seed)
+FITS        what a strategy made of n rollouts of a hidden plant, by (plant, strategy, n, seed)
 TRAININGS   returns on the hidden plants of an agent, by the key of what it was trained on; its weights lie in files
 DESIGNS     returns on a hidden plant of a near-optimal policy, by the key of the model that it was designed on
 """
@@ -66,7 +66,7 @@ class Designed:
     seconds: float
 
 
-FITS = Table("fits", Fitted, "plant TEXT, way TEXT, n INTEGER, seed INTEGER, payload TEXT, seconds REAL", keys=4)
+FITS = Table("fits", Fitted, "plant TEXT, strategy TEXT, n INTEGER, seed INTEGER, payload TEXT, seconds REAL", keys=4)
 TRAININGS = Table("trainings", Trained, "key TEXT, returns TEXT, curve TEXT, versions TEXT, seconds REAL", keys=1)
 DESIGNS = Table("designs", Designed, "plant TEXT, model TEXT, seed INTEGER, returns TEXT, seconds REAL", keys=3)
 

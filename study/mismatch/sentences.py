@@ -104,7 +104,7 @@ def _all(findings: MismatchFindings, begin: str, changes: Sequence[Change]) -> s
 
 
 def _after_that(findings: MismatchFindings) -> str:
-    """(f) - (c): breadth after the diagnosis."""
+    """The posterior against its centre: breadth after the diagnosis."""
     found = {
         (plant.name, n): contrast
         for plant in findings.plan.plants
@@ -135,7 +135,7 @@ def _rollouts(findings: MismatchFindings, rows: Sequence[NamingResult]) -> str:
 
 
 def _split(findings: MismatchFindings) -> str:
-    """What is left of the gap at the largest budget, for b and c: with agents, and with designs on their models."""
+    """What is left of the gap at the largest budget, fitted and mended: with agents, and by design on their models."""
     n, parts = max(findings.plan.budgets), []
     for plant in findings.plan.plants:
         both = (

@@ -63,9 +63,7 @@ class StudySettings:
         raise NotImplementedError
 
     def to_dict(self) -> dict[str, Any]:
-        data = json.loads(json.dumps(dataclasses.asdict(self)))  # type: ignore[call-overload]
-        if data.get("algorithm") == "sac":  # results from before there was another do not name it
-            del data["algorithm"]
+        data: dict[str, Any] = json.loads(json.dumps(dataclasses.asdict(self)))  # type: ignore[call-overload]
         return data
 
     @property

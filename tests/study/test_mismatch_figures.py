@@ -27,7 +27,7 @@ from study.statistics import paired_t
 
 OPTIMUM, SEED_STEP = -360.0, 3.0
 STRUCTURE = {"plain": 0.0, "coulomb": 15.0, "delay_medium": 40.0, "delay_large": 150.0, "magnet": 140.0, "slew": 120.0}
-IDENTIFICATION = {"z": 400.0, "e": 250.0, "a": 60.0}
+IDENTIFICATION = {"prior": 400.0, "breadth": 250.0, "grid": 60.0}
 TRAINING = 12.0
 
 
@@ -37,13 +37,13 @@ def invented(plan):
     conditions = dict.fromkeys(Condition(*trial[:3]) for trial in plan.trials)
     for condition in conditions:
         seeds = plan.seeds_of(condition.strategy)
-        spared = condition.strategy == "h" or (
+        spared = condition.strategy == "oracle" or (
             condition.strategy in "cdf" and condition.plant not in ("magnet", "slew")
         )
         structure = 0.0 if spared else STRUCTURE[condition.plant]
         identification = (
             IDENTIFICATION.get(condition.strategy, 2.0 + 50.0 / max(condition.n, 5))
-            if condition.strategy != "h"
+            if condition.strategy != "oracle"
             else 0.0
         )
         reached = (
@@ -127,9 +127,7 @@ def test_every_mean_is_a_dot_or_a_number_at_the_edge(answer):
 def test_every_way_stands_in_a_row_of_its_own_in_words(answer):
     figure = drawn(lambda: strategy_returns(answer))
     labels = [label.get_text() for label in figure.axes[0].get_yticklabels()]
-    assert labels == [
-        f"{STRATEGIES[strategy].short}  ({strategy})" for strategy in STRATEGIES if strategy in answer.plan.strategies
-    ]
+    assert labels == [STRATEGIES[strategy].short for strategy in STRATEGIES if strategy in answer.plan.strategies]
 
 
 def test_the_ladder_is_a_share_of_the_optimum_and_its_bars_add_up_to_the_gap(answer):
@@ -138,12 +136,15 @@ def test_the_ladder_is_a_share_of_the_optimum_and_its_bars_add_up_to_the_gap(ans
     n = max(answer.plan.budgets)
     for line, plant in zip([c[0] for c in left.containers], answer.plan.plants, strict=True):
         means = [
-            answer.outcomes[Condition(plant.name, w, 0 if w in FREE else n)].mean.mean for w in ("z", "b", "c", "h")
+            answer.outcomes[Condition(plant.name, w, 0 if w in FREE else n)].mean.mean
+            for w in ("prior", "fitted", "mended", "oracle")
         ]
         np.testing.assert_allclose(line.get_ydata().astype(float), [100.0 * OPTIMUM / mean for mean in means])
     bars = np.array([bar.get_width() for bar in right.patches]).reshape(-1, len(PARTS))
     splits = [
-        answer.outcomes[Condition(p.name, strategy, n)].split for p in answer.plan.plants for strategy in ("b", "c")
+        answer.outcomes[Condition(p.name, strategy, n)].split
+        for p in answer.plan.plants
+        for strategy in ("fitted", "mended")
     ]
     np.testing.assert_allclose(bars.sum(axis=1), [split.gap for split in splits])
     np.testing.assert_allclose(bars[:, 0], [split.structure for split in splits])
@@ -175,11 +176,11 @@ class Leaning:
 
 def test_trajectories_are_those_whose_return_stands_above_them():
     model, starts = paper_model(m=2.0, l=1.5), fresh_start_states(3, 4)
-    policies = {"b": Leaning(-3.0), "c": Leaning(3.0)}
-    figure = drawn(lambda: trajectories("A delay", model, policies, starts, {"b": "fitted"}))
+    policies = {"fitted": Leaning(-3.0), "mended": Leaning(3.0)}
+    figure = drawn(lambda: trajectories("A delay", model, policies, starts, {"fitted": "m and l alone"}))
     upper, other, lower, _ = figure.axes
-    said = [re.search(rf"^(\S+): {MINUS}(\d+) ", axes.get_title(loc="left")).groups() for axes in (upper, other)]
-    assert [name for name, _ in said] == ["fitted", "c"]
+    said = [re.search(rf"^(.+): {MINUS}(\d+) ", axes.get_title(loc="left")).groups() for axes in (upper, other)]
+    assert [name for name, _ in said] == ["m and l alone", "mended"]
     for (_, value), policy in zip(said, policies.values(), strict=True):
         assert -int(value) == pytest.approx(evaluate(policy, model, *starts).mean, abs=0.51)
     lines = upper.lines[1:]
@@ -203,12 +204,13 @@ def test_the_naming_figure_shows_rates_and_errors_in_percent():
 
 def test_the_pair_that_is_shown_is_neither_the_best_nor_the_worst_where_mending_gained_most():
     found = invented(PLANS["mismatch"])
-    c = found.outcomes[Condition("delay_large", "c", 50)]
+    c = found.outcomes[Condition("delay_large", "mended", 50)]
     outcome = replace(c, returns=c.returns + 10.0 * np.arange(20.0))
-    gains = outcome.returns - found.outcomes[Condition("delay_large", "b", 50)].returns
+    gains = outcome.returns - found.outcomes[Condition("delay_large", "fitted", 50)].returns
     compared = tuple(
         replace(row, contrast=replace(row.contrast, mean=float(gains.mean())), median=float(np.median(gains)))
-        if (row.plant, row.n, row.a, row.b) == ("delay_large", 50, "c", "b") else row for row in found.compared
+        if (row.plant, row.n, row.a, row.b) == ("delay_large", 50, "mended", "fitted")
+        else row for row in found.compared
     )  # fmt: skip
     pair = telling(replace(found, outcomes=found.outcomes | {c.condition: outcome}, compared=compared))
     assert (pair.plant, pair.n) == ("delay_large", 50)

@@ -24,9 +24,9 @@ from sysid import InvalidInput
 from tests.study.inline import Inline
 
 PLAN = dataclasses.replace(
-    PLANS["mismatch-quick"], seeds=(1, 2, 3, 4), described=4, strategies=("z", "b", "b+", "c", "h")
+    PLANS["mismatch-quick"], seeds=(1, 2, 3, 4), described=4, strategies=("prior", "fitted", "band", "mended", "oracle")
 )
-RETURNS = {"z": -900.0, "b": -500.0, "b+": -520.0, "c": -400.0, "h": -380.0}
+RETURNS = {"prior": -900.0, "fitted": -500.0, "band": -520.0, "mended": -400.0, "oracle": -380.0}
 
 
 def invented():
@@ -35,19 +35,19 @@ def invented():
     for trial in PLAN.trials:
         plant, seed = PLAN.plant(trial.plant), trial.seed
         theta = {"m": 1.0 + 0.1 * seed, "l": 1.2 + 0.01 * len(trial.strategy)}
-        named = trial.strategy == "c" and plant.effect == "delay"
-        if trial.strategy == "h":
+        named = trial.strategy == "mended" and plant.effect == "delay"
+        if trial.strategy == "oracle":
             setup = TrainingSetup(oracle(plant), Fixed())
-        elif trial.strategy == "z":
+        elif trial.strategy == "prior":
             setup = TrainingSetup(PRIOR, Fixed())
-        elif trial.strategy == "c":
+        elif trial.strategy == "mended":
             model = oracle(plant) if named else PRIOR
             setup = TrainingSetup(model.with_parameters(theta), Fixed(), "missing" if named else "unknown",
                             ("delay",) if named else (), {"believed": named})  # fmt: skip
         else:
             setup = TrainingSetup(PRIOR.with_parameters(theta), Fixed())
         fits.append(Fitted(*trial, setup.to_json(), 1.0))
-        if trial.strategy in ("z", "b", "c"):
+        if trial.strategy in ("prior", "fitted", "mended"):
             designs.append(Designed(plant.name, model_key(setup), seed, (-450.0 - seed,) * 2, 1.0))
     for plant in PLAN.plants:
         for seed in PLAN.seeds:
@@ -72,10 +72,10 @@ def test_the_parts_of_a_gap_add_up_seed_by_seed(found):
         split = outcome.split
         assert split is not None and split.seeds == len(PLAN.seeds)
         assert split.gap == pytest.approx(outcome.gap)
-        if condition.strategy == "h":
+        if condition.strategy == "oracle":
             assert (split.structure, split.identification) == (0.0, 0.0)
         else:
-            knows = condition.strategy == "c" and condition.plant == "delay_large"
+            knows = condition.strategy == "mended" and condition.plant == "delay_large"
             assert split.structure == pytest.approx(0.0 if knows else 80.0)
             assert split.identification == pytest.approx(100.0 if knows else 20.0)
 
@@ -96,8 +96,10 @@ def test_contrasts_are_those_of_the_plan_paired_and_raised_by_holm(found):
 
 
 def test_contrasts_together_are_their_mean_and_no_wider_than_the_widest(found):
-    rows = [c for c in found.compared if (c.a, c.b) == ("b+", "b")]
-    every = np.array([[found.outcomes[c.plant, strategy, c.n].returns for c in rows] for strategy in ("b+", "b")])
+    rows = [c for c in found.compared if (c.a, c.b) == ("band", "fitted")]
+    every = np.array(
+        [[found.outcomes[c.plant, strategy, c.n].returns for c in rows] for strategy in ("band", "fitted")]
+    )
     together = found.together(rows)
     assert (len(rows), together.seeds) == (2, len(PLAN.seeds))
     assert together.mean == pytest.approx(np.mean([c.contrast.mean for c in rows]))
@@ -142,7 +144,7 @@ def test_a_run_from_nothing_to_the_page(tmp_path):
     run finds nothing to do."""
     smoke = PLANS["mismatch-smoke"]
     plan = dataclasses.replace(
-        smoke, plants=smoke.plants[:1], strategies=("z", "b", "c"), seeds=(1000, 1001), described=2
+        smoke, plants=smoke.plants[:1], strategies=("prior", "fitted", "mended"), seeds=(1000, 1001), described=2
     )
     out = io.StringIO()
     write_naming(tmp_path / NAMING_TABLE, [NamingResult("delay_large", 2, 1, "missing", ("delay",), True, 0.2, 0.01)])
@@ -159,13 +161,13 @@ def test_a_run_from_nothing_to_the_page(tmp_path):
         list(csv.DictReader((tmp_path / f"{name}.csv").read_text().splitlines()))
         for name in ("trials", "outcomes", "contrasts")
     )
-    written = {(row["plant"], row["way"], int(row["n"]), int(row["seed"])): float(row["mean"]) for row in trials}
+    written = {(row["plant"], row["strategy"], int(row["n"]), int(row["seed"])): float(row["mean"]) for row in trials}
     reached = {tuple(trial): float(np.mean(trained[keys[trial]][trial.plant])) for trial in plan.trials}
     assert written == pytest.approx(reached, rel=1e-5)
     for row in outcomes:
         parts = sum(float(row[part]) for part in ("structure", "identification", "training"))
         assert float(row["gap"]) == pytest.approx(parts, rel=1e-4)
-    assert {(row["a"], row["b"]) for row in contrasts} == {("c", "b")}
+    assert {(row["a"], row["b"]) for row in contrasts} == {("mended", "fitted")}
     record = json.loads((tmp_path / "study.json").read_text())
     assert record["contrasts"] == [f"{a} - {b}" for a, b in CONTRASTS]
     for figure in ("returns", "ladder", "naming", "trajectories"):

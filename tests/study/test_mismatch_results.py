@@ -11,7 +11,7 @@ from study.paper.sweep import SweepResults
 from sysid import InvalidInput
 
 MODEL = {"effects": [{"name": "delay", "T": 0.126}], "sd": [0.1, 1e-17], "unit": None}
-FITTED = Fitted("delay_medium", "c", 5, 1, {"model": MODEL, "verdict": "delay"}, 7.5)
+FITTED = Fitted("delay_medium", "mended", 5, 1, {"model": MODEL, "verdict": "delay"}, 7.5)
 TRAINED = Trained("0f3a", {"plain": (-1.25, -2.5), "magnet": (-0.1,)}, ((200, -3.5), (400, -2.0)), {"torch": "2"}, 9.0)
 DESIGNED = Designed("magnet", "0f3a", 1, (-1.0, -2.0), 3.0)
 ALL = {"fits": (FITS, FITTED), "trainings": (TRAININGS, TRAINED), "designs": (DESIGNS, DESIGNED)}
@@ -57,11 +57,11 @@ def test_answers_are_kept_all_or_none(table, tmp_path):
 
 
 @pytest.mark.parametrize("field", ["plant", "strategy", "n", "seed"])
-def test_every_rollout_of_every_way_has_its_own_fit(field, tmp_path):
-    other = dataclasses.replace(FITTED, **{field: 0 if field in ("n", "seed") else "a"})
+def test_every_rollout_of_every_strategy_has_its_own_fit(field, tmp_path):
+    other = dataclasses.replace(FITTED, **{field: 0 if field in ("n", "seed") else "another"})
     with MismatchResults(tmp_path, SMOKE) as results:
         results.add(FITS, [FITTED, other])
-        assert results.all(FITS) == [other, FITTED]
+        assert results.all(FITS) == sorted([other, FITTED], key=lambda fit: fit.trial)
 
 
 def test_a_finished_population_has_no_progress_left(tmp_path):
@@ -78,8 +78,8 @@ def test_a_finished_population_has_no_progress_left(tmp_path):
 
 def test_the_folder_of_another_kind_is_refused(tmp_path):
     MismatchResults(tmp_path / "mismatch", SMOKE).close()
-    with pytest.raises(InvalidInput, match="format 'mismatch 1', expected '2'"):
+    with pytest.raises(InvalidInput, match="format 'mismatch 2', expected '2'"):
         SweepResults(tmp_path / "mismatch", SMOKE)
     SweepResults(tmp_path / "study", SMOKE).close()
-    with pytest.raises(InvalidInput, match="format '2', expected 'mismatch 1'"):
+    with pytest.raises(InvalidInput, match="format '2', expected 'mismatch 2'"):
         MismatchResults(tmp_path / "study", SMOKE)

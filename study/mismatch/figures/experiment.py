@@ -16,7 +16,7 @@ from matplotlib.ticker import MaxNLocator
 from study.figure_style import ACCENT, beside, panel_title
 from study.formatting import capital, number
 from study.mismatch.findings import Condition, MismatchFindings, Split, StrategyOutcome
-from study.mismatch.plan import FREE, RUNGS, SHARED, STRATEGIES, HiddenPlant, StrategyKey
+from study.mismatch.plan import FREE, LADDER, SHARED, STRATEGIES, HiddenPlant, StrategyKey
 from study.statistics import Contrast
 
 INKS = {"nothing": "0.45", "plain": "#0072B2", "mended": "#D55E00", "oracle": "0.1"}
@@ -48,7 +48,7 @@ def strategy_returns(findings: MismatchFindings) -> Figure:
         axes.grid(axis="x", color="0.92", linewidth=0.8)
         axes.set_axisbelow(True)
     first = panels[0]
-    first.set_yticks(list(rows.values()), [f"{STRATEGIES[strategy].short}  ({strategy})" for strategy in rows])
+    first.set_yticks(list(rows.values()), [STRATEGIES[strategy].short for strategy in rows])
     for label, strategy in zip(first.get_yticklabels(), rows, strict=True):
         label.set_color(_ink(strategy))
     first.set_ylim(max(rows.values()) + 0.7, -0.7)
@@ -121,7 +121,7 @@ def ladder(findings: MismatchFindings) -> Figure:
 
 
 def _climb(axes: Axes, findings: MismatchFindings) -> None:
-    rungs = [strategy for strategy in RUNGS if strategy in findings.plan.strategies]
+    rungs = [strategy for strategy in LADDER if strategy in findings.plan.strategies]
     inks = _plant_inks(findings)
     for k, plant in enumerate(findings.plan.plants):
         means = [_at_most(findings, plant, strategy).mean for strategy in rungs]
@@ -131,7 +131,7 @@ def _climb(axes: Axes, findings: MismatchFindings) -> None:
         axes.errorbar(x, shares, np.transpose(bars), color=inks[plant.name], marker="o", markersize=5, linewidth=1.8,
                       elinewidth=1.1, zorder=3, label=plant.title)  # fmt: skip
     axes.axhline(100.0, color=ACCENT, linewidth=1.1, zorder=1)
-    axes.set_xticks(range(len(rungs)), [f"{RUNGS[strategy]}\n({strategy})" for strategy in rungs])
+    axes.set_xticks(range(len(rungs)), rungs)
     axes.set_ylim(0.0, 106.0)
     axes.set_ylabel("share of the optimum, J* / J [%]")
     axes.set_title(f"From the prior to the oracle, {max(findings.plan.budgets)} rollouts")
@@ -173,7 +173,7 @@ def _splits(axes: Axes, findings: MismatchFindings) -> None:
                 axes.text(0.0, y, " no table stands for this model", va="center", fontsize=8.0, color="0.5")
             else:
                 _stack(axes, split, y)
-            ticks.append((y, f"{RUNGS[strategy]} ({strategy})"))
+            ticks.append((y, strategy))
             y += 1.0
         y += 1.1
     axes.axvline(0.0, color=ACCENT, linewidth=1.1, zorder=3)

@@ -21,7 +21,7 @@ from study.mismatch.figures.experiment import ladder, strategy_returns
 from study.mismatch.findings import Condition, MismatchFindings
 from study.mismatch.ground_truth import ground_truth
 from study.mismatch.mismatch_results import Fitted
-from study.mismatch.plan import RUNGS, StrategyKey, Trial
+from study.mismatch.plan import StrategyKey, Trial
 from study.mismatch.trainings import agents_of
 from study.pipeline.policy_files import FOLDER, read_policies
 from sysid import Model, State, ops
@@ -138,6 +138,5 @@ def _trajectories(
     plant = findings.plan.plant(shown.plant)
     theta, theta_dot = fresh_start_states(shown.seed, findings.plan.episodes)
     title = f"{capital(plant.title)}, {shown.n} rollouts, seed {shown.seed}"
-    labels = {strategy: f"{RUNGS[strategy]} ({strategy})" for strategy in policies}
     starts = (theta[:SHOWN_EPISODES], theta_dot[:SHOWN_EPISODES])
-    return save(lambda: trajectories(title, ground_truth(plant), policies, starts, labels), path)
+    return save(lambda: trajectories(title, ground_truth(plant), policies, starts), path)
