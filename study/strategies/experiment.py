@@ -32,7 +32,7 @@ from study.strategies.catalogue import strategy_class
 from study.strategies.on_plant import Learner, PlantPopulation, StrategyPopulation
 from study.strategies.plan import Case, StrategiesPlan
 from study.strategies.plant import Plant
-from study.strategies.session import Finished, Waiting, advance, key_of
+from study.strategies.session import CRITICS, Finished, Waiting, advance, key_of
 from study.strategies.strategies_results import STEPS, Step, StrategiesResults
 from study.strategies.strategy import Agent, Situation
 from sysid import InvalidInput
@@ -67,7 +67,7 @@ class StepTask(Brief):
         found = []
         for case in self.cases:
             begin = time.perf_counter()
-            payload = payload_of(case, reached(self.plan, case, policies.get))
+            payload = payload_of(self.plan, case, reached(self.plan, case, policies.get))
             found.append(Step(*case, self.round, payload, time.perf_counter() - begin))
             link.progress(len(found) / len(self.cases))
         return found
@@ -98,7 +98,7 @@ def reached(plan: StrategiesPlan, case: Case, found: Any) -> Waiting | Finished:
         raise InvalidInput(f"strategy {case.strategy!r} on {case.plant}, seed {case.seed}: {error}") from None
 
 
-def payload_of(case: Case, came: Waiting | Finished) -> dict[str, Any]:
+def payload_of(plan: StrategiesPlan, case: Case, came: Waiting | Finished) -> dict[str, Any]:
     """A step as plain data."""
     if isinstance(came, Waiting):
         setups = {key: setup.to_json() for key, setup in came.setups.items()}
@@ -106,14 +106,14 @@ def payload_of(case: Case, came: Waiting | Finished) -> dict[str, Any]:
     deployed, best = came.choice.deployed, came.choice.best
     own = deployed.key if isinstance(deployed, Agent) else key_of(deployed, case.seed)
     setups = {} if isinstance(deployed, Agent) else {own: deployed.to_json()}
+    trained = {*came.keys, *setups}
+    learners = sum(key.endswith(CRITICS) for key in trained)
     answer = {
         "deployed": own,
         "best": best.key if best else None,
         "observed": came.choice.observed if best else None,
         "rollouts": came.rollouts,
-        "trained": len({*came.keys, own}),
-        "on_plant": came.on_plant,
-        "simulated": came.simulated,
+        "simulated": came.simulated + (len(trained) - learners) * plan.steps + learners * plan.learner_steps,
     }
     return {"setups": setups, "learn": None, "answer": answer}
 
@@ -187,8 +187,10 @@ class StrategiesExperiment(Experiment):
                 learners.setdefault(key, Learner(key, start, rollouts, step.seed, step.plant))
         plants = tuple(plant.name for plant in self.plan.plants)
         trainees = [Trainee(key, own, seed, plants) for key, (own, seed) in setups.items() if key not in known]
-        together = populations(self.plan, trainees, self.results.device)
-        tasks: list[PopulationTask] = [StrategyPopulation(self.plan, own, **self.training) for own in together]
+        tasks = list[PopulationTask]()
+        for goes_on, plan in ((False, self.plan), (True, self.plan.of_learners)):
+            own = [trainee for trainee in trainees if trainee.key.endswith(CRITICS) == goes_on]
+            tasks += [StrategyPopulation(plan, g, **self.training) for g in populations(plan, own, self.results.device)]
         fresh = [learner for key, learner in learners.items() if key not in known]
         return tasks + PlantPopulation.tasks(self.plan, fresh, **self.training)
 

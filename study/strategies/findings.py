@@ -41,7 +41,7 @@ class Outcome:
     returns    of what was deployed; optima from the same start states
     best       of the candidate that had returned most within the budget, evaluated anew; observed: what it had returned
                there. Both nan for strategies that compare no returns.
-    simulated  environment steps of its trainings and simulations; rollouts: that it spent
+    simulated  environment steps of its agents and of its own simulations; rollouts: that it spent
     """
 
     seeds: tuple[int, ...]
@@ -166,13 +166,8 @@ def findings_of(
             optima=np.array([optima[condition.plant, case.seed] for case in own]),
             best=np.array([worth(a["best"], condition.plant) for a in given]),
             observed=np.array([np.nan if a["observed"] is None else a["observed"] for a in given]),
-            simulated=np.array([float(_simulated(plan, a)) for a in given]),
+            simulated=np.array([float(a["simulated"]) for a in given]),
             rollouts=np.array([float(a["rollouts"]) for a in given]),
         )
     seconds = sum(own.seconds for table in (steps, trained, designs) for own in table)  # type: ignore[attr-defined]
     return StrategiesFindings(plan, outcomes, seconds / 3600.0)
-
-
-def _simulated(plan: StrategiesPlan, answer: dict[str, float]) -> float:
-    """Environment steps: of every agent that was trained in simulation, and of the strategy's own simulations."""
-    return (answer["trained"] - answer["on_plant"]) * plan.steps + answer["simulated"]

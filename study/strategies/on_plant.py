@@ -105,7 +105,7 @@ class PlantPopulation(PopulationTask):
 
     @property
     def settings(self) -> StrategiesPlan:
-        return dataclasses.replace(self.plan, steps=self.agents[0].rollouts * task.HORIZON)
+        return dataclasses.replace(self.plan, algorithm="sac", steps=self.agents[0].rollouts * task.HORIZON)
 
     @property
     def keys(self) -> tuple[str, ...]:

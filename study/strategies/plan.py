@@ -47,6 +47,8 @@ class StrategiesPlan(TrainingPlan):
     seeds       of what contrasts are about, and of strategies without rollouts
     in_rounds   of strategies that train agents on the way, the first ones, at no more than the largest of `contrasted`
     described   of everything else, the first ones
+    steps       of agents that train in simulation, by `algorithm`; learner_steps: of those that go on learning on the
+                plant afterwards, which learn by SAC, since a real plant has no gradient
     """
 
     name: str
@@ -60,7 +62,9 @@ class StrategiesPlan(TrainingPlan):
     in_rounds: int
     described: int
     hidden: tuple[int, ...] = (64, 64)
-    steps: int = 25_000
+    algorithm: str = "shac"
+    steps: int = 2_048_000
+    learner_steps: int = 25_000
     random_steps: int = 1000
     batch: int = 256
     history: int = 4
@@ -68,6 +72,11 @@ class StrategiesPlan(TrainingPlan):
     episodes: int = 20
     grid: int = 120
     layout: ClassVar[int] = STRATEGIES_FORMAT
+
+    @property
+    def of_learners(self) -> StrategiesPlan:
+        """The plan of agents whose critics are kept, to go on learning with."""
+        return dataclasses.replace(self, algorithm="sac", steps=self.learner_steps)
 
     @property
     def places(self) -> tuple[tuple[HiddenPlant, str], ...]:
@@ -137,10 +146,11 @@ _ALL = (
     StrategiesPlan("strategies", PLANTS, ("encoder", "speed"), EVERY, (0, 1, 2, 5, 10, 25, 50), CONTRASTS, (5, 25),
                    tuple(range(4000, 4020)), in_rounds=4, described=2),
     StrategiesPlan("strategies-quick", (PLAIN,), ("encoder",), EVERY, (0, 2, 10), CONTRASTS, (10,),
-                   (1010, 1011), in_rounds=2, described=2, steps=12_000),
+                   (1010, 1011), in_rounds=2, described=2, steps=1_024_000,
+                   learner_steps=12_000),
     StrategiesPlan("strategies-smoke", (PLAIN, MAGNET), ("encoder", "speed"), EVERY, (0, 2, 5), CONTRASTS, (5,),
-                   (1010, 1011), in_rounds=1, described=1, hidden=(8, 8), steps=600, random_steps=200, batch=32,
-                   agents=25, episodes=4, grid=40),
+                   (1010, 1011), in_rounds=1, described=1, hidden=(8, 8), steps=4096, learner_steps=600,
+                   random_steps=200, batch=32, agents=25, episodes=4, grid=40),
 )  # fmt: skip
 
 PLANS = {plan.name: plan for plan in _ALL}

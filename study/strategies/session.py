@@ -34,13 +34,12 @@ class Waiting:
 
 @dataclass(frozen=True)
 class Finished:
-    """What the strategy gave back; rollouts: that it spent; keys: of the agents that it trained on the way, in order;
-    on_plant: how many of these learned on the plant; simulated: steps of the strategy's own simulations."""
+    """What the strategy gave back; rollouts: that it spent; keys: of the agents that it trained in simulation, in
+    order; simulated: steps of the strategy's own simulations."""
 
     choice: Choice
     rollouts: int
     keys: tuple[str, ...]
-    on_plant: int
     simulated: int
 
 
@@ -58,7 +57,7 @@ def advance(strategy: Strategy, situation: Situation, plant: Plant, found: Found
 
     Raises InvalidInput for a request that is none, and where the plant refuses.
     """
-    dialogue, answer, keys, on_plant = strategy.spend(situation), None, [], 0
+    dialogue, answer, keys = strategy.spend(situation), None, []
     while True:
         try:
             request: Request = dialogue.send(answer)
@@ -67,7 +66,7 @@ def advance(strategy: Strategy, situation: Situation, plant: Plant, found: Found
             if not isinstance(choice.deployed, TrainingSetup | Agent):
                 kind = type(choice.deployed).__name__
                 raise InvalidInput(f"a strategy gave back a {kind}: expected a TrainingSetup or an Agent") from None
-            return Finished(choice, plant.spent, tuple(keys), on_plant, situation.simulated)
+            return Finished(choice, plant.spent, tuple(keys), situation.simulated)
         match request:
             case Play():
                 answer = plant.play(request)
@@ -85,8 +84,6 @@ def advance(strategy: Strategy, situation: Situation, plant: Plant, found: Found
                 key = f"{digest([where, start, request.rollouts])}-{situation.seed}"
                 if found(key) is None:
                     return Waiting({}, learn=(key, start, request.rollouts))
-                keys.append(key)
-                on_plant += 1
                 answer = _agent(key, found)
             case _:
                 raise InvalidInput(f"a strategy asked for {request!r}: expected Play, Try, Train or Learn")
