@@ -20,7 +20,8 @@ ROOT = Path(__file__).resolve().parents[2]
 STEPS = 5000
 """So many that ten kills hit training."""
 STUDY = f"""
-import dataclasses, sys
+import dataclasses, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)  # what runs in the background of a shell ignores it
 from study import main
 from study.paper import presets
 presets.PRESETS["smoke"] = dataclasses.replace(presets.SMOKE, steps={STEPS})
