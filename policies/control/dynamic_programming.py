@@ -93,11 +93,13 @@ class Optimal:
     f is the step of `model`, the one designed on; x = (theta, theta_dot, *memory), what its input path remembers
     included. values (N + 1, T, D, *M) float32 hold V_k at the nodes, multilinear between them. The policy applies f to
     the state as it is, so it acts well on a coarse grid too.
+    With `draws` f is one of theirs, drawn anew at every step, and what is minimised is the mean.
     """
 
     model: Model
     grid: Grid
     values: NDArray[np.float32]
+    draws: tuple[Model, ...] = ()
 
     @property
     def horizon(self) -> int:
@@ -126,9 +128,9 @@ class Optimal:
             memory = tuple(tuple(np.asarray(v)[..., None] for v in own) for own in state.memory)
         now = State(np.asarray(state.theta)[..., None], np.asarray(state.theta_dot)[..., None], memory)
         torques = self.grid.torques(self.model.u_max)
-        after = self.model.advance(now, torques, t)
+        later = [model.advance(now, torques, t) for model in self.draws or (self.model,)]
         paid = -task.reward(now, torques, self.model.dt)
-        total = paid + self.cost_to_go(after.theta, after.theta_dot, k + 1, _flat(after))
+        total = paid + sum(self.cost_to_go(x.theta, x.theta_dot, k + 1, _flat(x)) for x in later) / len(later)
         return torques[np.argmin(total, axis=-1)]
 
     def __str__(self) -> str:
@@ -136,13 +138,14 @@ class Optimal:
         return f"optimal for {self.model}: {sizes} states, {self.grid.u} torques, {self.horizon} steps"
 
 
-def solve(model: Model, grid: Grid | None = None, horizon: int | None = None) -> Optimal:
+def solve(model: Model, grid: Grid | None = None, horizon: int | None = None, draws: Sequence[Model] = ()) -> Optimal:
     """Dynamic programming, backwards from the last step, for the task's cost on the model.
 
     Interpolation at f(x, u) is the same linear map of V_{k+1} at every k: a sparse matrix a torque, with 2^D entries a
     row, built once from the model's own step, and for effects that depend on time at every k. Sensing is left out: the
     policy acts on the state.
     horizon   steps in an episode, by default those of 10 s
+    draws     models that the machine may be: which one moves it is drawn anew at every step
 
     Raises InvalidInput for a model without torque limit, with a parameter that is not one number, whose input path
     remembers too much for the grid (`predictive` takes whole samples of a delay out), or whose torques wind up
@@ -153,18 +156,19 @@ def solve(model: Model, grid: Grid | None = None, horizon: int | None = None) ->
     _check(model, grid, horizon)
     axes = _axes(model, grid)
     shape, size = tuple(axis.count for axis in axes), math.prod(axis.count for axis in axes)
-    kept = list(_stages(model, grid, 0.0)) if is_steady(model) else None
+    moving = tuple(draws) or (model,)
+    kept = list(_stages(moving, axes, grid, 0.0)) if all(map(is_steady, moving)) else None
 
     values = np.zeros((horizon + 1, *shape), dtype=np.float32)
     best, total = np.empty(size, dtype=np.float32), np.empty(size, dtype=np.float32)
     for k in reversed(range(horizon)):
         later = values[k + 1].ravel()
         best.fill(np.inf)
-        for cost, expectation in kept or _stages(model, grid, k * model.dt):
+        for cost, expectation in kept or _stages(moving, axes, grid, k * model.dt):
             np.add(cost, expectation @ later, out=total)
             np.minimum(best, total, out=best)
         values[k] = best.reshape(shape)
-    return Optimal(model=model, grid=grid, values=values)
+    return Optimal(model=model, grid=grid, values=values, draws=tuple(draws))
 
 
 def _check(model: Model, grid: Grid, horizon: int) -> None:
@@ -198,22 +202,29 @@ def _axes(model: Model, grid: Grid) -> tuple[Axis, ...]:
     return (*grid.axes, *(Axis(2.0 * reach, grid.memory),) * remembered)
 
 
-def _stages(model: Model, grid: Grid, t: float) -> Iterator[Stage]:
+def _stages(models: Sequence[Model], axes: Sequence[Axis], grid: Grid, t: float) -> Iterator[Stage]:
     """For each torque the cost at every node, and the matrix that interpolates the table one step on."""
-    axes = _axes(model, grid)
-    size = math.prod(axis.count for axis in axes)
+    model, counts = models[0], [axis.count for axis in axes]
     theta, theta_dot, *rest = np.ix_(*(axis.nodes for axis in axes))
     numbers = iter(rest)
     memory = tuple(tuple(next(numbers) for _ in own) for own in model.rest())
+    now = State(theta, theta_dot, memory)
     for u in grid.torques(model.u_max).tolist():
-        now = State(theta, theta_dot, memory)
-        after = model.advance(now, u, t)
-        nodes, weights = corners(axes, (after.theta, after.theta_dot, *_flat(after)))
-        width = nodes.shape[-1]
-        rows = np.arange(0, width * size + 1, width, dtype=np.int32)
-        paid = np.broadcast_to(-task.reward(now, u, model.dt), [axis.count for axis in axes])
-        nodes, weights = (np.broadcast_to(x, (*paid.shape, width)).ravel() for x in (nodes, weights))
-        yield paid.astype(np.float32).ravel(), csr_array((weights, nodes, rows), shape=(size, size))
+        paid = np.broadcast_to(-task.reward(now, u, model.dt), counts)
+        first, *others = (_interpolation(axes, own.advance(now, u, t)) for own in models)
+        mean = sum(others, start=first) / np.float32(len(models)) if others else first
+        yield paid.astype(np.float32).ravel(), mean
+
+
+def _interpolation(axes: Sequence[Axis], after: State) -> csr_array:
+    """The matrix that reads the table where the nodes go; its weights are float32 as the table is."""
+    counts = [axis.count for axis in axes]
+    size = math.prod(counts)
+    nodes, weights = corners(axes, (after.theta, after.theta_dot, *_flat(after)))
+    width = nodes.shape[-1]
+    rows = np.arange(0, width * size + 1, width, dtype=np.int32)
+    nodes, weights = (np.broadcast_to(x, (*counts, width)).ravel() for x in (nodes, weights))
+    return csr_array((weights, nodes, rows), shape=(size, size))
 
 
 def _flat(state: State) -> tuple[Value, ...]:

@@ -15,6 +15,7 @@ What is left of the delay below a sample, and a lag, are numbers that the input 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,15 +61,19 @@ class Predictive:
         return f"{self.optimal}, on the state predicted {self.ahead} samples ahead"
 
 
-def design_predictive(model: Model, grid: Grid | None = None, horizon: int | None = None) -> Predictive:
+def design_predictive(
+    model: Model, grid: Grid | None = None, horizon: int | None = None, draws: Sequence[Model] = ()
+) -> Predictive:
     """The near-optimal policy for the machine (not the log) that the model describes; it acts on the joint's state.
 
     horizon   steps in an episode, by default those of 10 s
+    draws     models that the machine may be, with the same input path: which one it is is drawn anew at every step
 
     Raises InvalidInput as `solve` does.
     """
     core, ahead = without_dead_time(model.machine)
-    optimal = solve(core, grid, horizon)
+    others = [without_dead_time(own.machine)[0] for own in draws]
+    optimal = solve(core, grid, horizon, others)
     remembered = sum(_remembered(e, model.dt) for e in core.input_effects)
     return Predictive(optimal, ahead, ahead + int(min(remembered, optimal.horizon)))
 

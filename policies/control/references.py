@@ -83,14 +83,20 @@ def _optimal(model: Model) -> Policy:
 
     turns, third_axis = table_shape(model)
     grid = COARSE if turns > 1 or third_axis or task.horizon(model.dt) > LONG else FINE
-    return design_predictive(model, dataclasses.replace(grid, theta_dot_max=_fastest(model), turns=turns))
+    return design_predictive(model, spanning(grid, model))
 
 
-def _fastest(model: Model) -> float:
-    """Where the speed is clipped; else 1.5 times that of a fall from the upright."""
+def spanning(grid: Grid, model: Model) -> Grid:
+    """The same nodes over the speeds that the model reaches, and over the turns that its torques tell apart.
+
+    The speed reaches to where it is clipped, else to 1.5 times that of a fall from the upright.
+    """
+    from policies.control.design_model import table_shape
+
     clipped = getattr(model.integrator, "theta_dot_max", math.inf)
     G = abs(float(model.plant.gravity_torque(0.5 * math.pi)))
-    return min(clipped, max(SPEED, 1.5 * math.sqrt(1.0 + 4.0 * G / float(model.inertia()))))
+    fastest = min(clipped, max(SPEED, 1.5 * math.sqrt(1.0 + 4.0 * G / float(model.inertia()))))
+    return dataclasses.replace(grid, theta_dot_max=fastest, turns=table_shape(model)[0])
 
 
 def _swing_up(model: Model) -> Policy:

@@ -20,7 +20,7 @@ import tyro
 from sysid.errors import InvalidInput, printable
 from sysid.version import version
 
-PACKAGES = ("sysid", "policies")
+PACKAGES = ("sysid", "policies", "study.worth")
 """The loggers that a command line listens to."""
 
 
@@ -74,10 +74,7 @@ def answer(
     about: str,
     arguments: Sequence[str] | None = None,
 ) -> int:
-    """Read one of the commands and run it; returns the exit code: 0 answered, 2 bad input, 130 stopped.
-
-    run loads what is heavy, when it is called: numpy's library has its threads set by then.
-    """
+    """Read one of the commands and run it; returns the exit code of `carry_out`."""
     given = sys.argv[1:] if arguments is None else list(arguments)
     if given == ["--version"]:
         print(version())
@@ -89,6 +86,14 @@ def answer(
         args=given,
         config=(tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes),
     )
+    return carry_out(command, run)
+
+
+def carry_out(command: Any, run: Callable[[Any], None]) -> int:
+    """Run a command; returns the exit code: 0 answered, 2 bad input, 130 stopped.
+
+    run loads what is heavy, when it is called: numpy's library has its threads set by then.
+    """
     # small matrices: threads would only wait for each other
     for library in ("OMP", "OPENBLAS", "MKL"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")

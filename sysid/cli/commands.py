@@ -6,12 +6,13 @@ import dataclasses
 import logging
 from dataclasses import dataclass
 from functools import partial, singledispatch
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from sysid.cli.log_settings import settled
-from sysid.cli.options import Add, Compare, Diagnose, Effects, Experiment, Export, Fit, LogOptions
+from sysid.cli.options import Add, Compare, Diagnose, Effects, Experiment, Export, Fit, LogOptions, ModelOptions
 from sysid.cli.outputs import draw, write, write_json, write_model, write_report
 from sysid.cli.starting_model import begun, command_of, numbers_of, sampled, shown
 from sysid.data.files import check_outputs
@@ -32,19 +33,42 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 
+class OnLog(Protocol):
+    """A command on a log and a model to begin with."""
+
+    @property
+    def log(self) -> LogOptions:
+        """How the log is read."""
+
+    @property
+    def start(self) -> ModelOptions:
+        """The model to begin with."""
+
+
 def run(command: Any) -> None:
-    """Run a command of sysid.options, completed by the log's log.toml. Raises InvalidInput for bad input."""
-    effects = command.effects if isinstance(command, Effects | Export) else command.start.effects
-    if not isinstance(command, Effects | Export):
-        log, start, said = settled(command.log, command.start)
-        if said:
-            logger.info(said)
-        command = dataclasses.replace(command, log=log, start=start)
-    if effects is not None:
+    """Run a command of sysid.cli.options. Raises InvalidInput for bad input."""
+    if isinstance(command, Effects | Export):
+        register_effects(command.effects)
+    else:
+        command = completed(command)
+    _run(command)
+
+
+def completed(command: Any) -> Any:
+    """A command with what the log's log.toml says; the user's own effects are registered."""
+    log, start, said = settled(command.log, command.start)
+    if said:
+        logger.info(said)
+    register_effects(start.effects)
+    return dataclasses.replace(command, log=log, start=start)
+
+
+def register_effects(file: Path | None) -> None:
+    """Run a user's file of effects, and name them."""
+    if file is not None:
         from sysid.data.user_effects import load_effects
 
-        logger.info(f"effects of {effects.name}: {', '.join(load_effects(effects))}")
-    _run(command)
+        logger.info(f"effects of {file.name}: {', '.join(load_effects(file))}")
 
 
 @singledispatch
@@ -191,7 +215,7 @@ class Task:
     known: bool
 
     @classmethod
-    def of(cls, command: Fit | Compare | Diagnose | Add | Experiment) -> Task:
+    def of(cls, command: OnLog) -> Task:
         """Read everything, and say what was read. Raises InvalidInput before anything expensive."""
         outputs = [getattr(command, name, None) for name in ("out", "json", "html", "figure", "parquet")]
         check_outputs([*command.log.files, command.log.settings, command.start.model, command.start.effects], outputs)

@@ -154,8 +154,10 @@ class Fit:
                 noise[channel] = float(np.sqrt(np.mean((e[read, k] / samples.weight[read, k]) ** 2)))
         known, torque = bool(np.all(np.isfinite(self.covariance))), self.likeliest_torque
         status = "converged" if self.converged else "stopped before it converged: begin nearer, or free fewer numbers"
-        if not self.undisturbed:
+        if torque.s:
             status = f"{status}; the model lacks something: a random torque acts beside it"
+        elif torque.sigma_o:
+            status = f"{status}; neighbouring readings of the angle share an error beside their noise"
         if not known:
             status = f"{status}; yet the records do not determine {', '.join(self.names)}"
         return Estimate(

@@ -252,6 +252,28 @@ def precision(scale: Array) -> Goal:
     )
 
 
+def expected_cost(weight: Array, covariance: Array) -> Goal:
+    """What the errors e of the free parameters will cost, as a negative number.
+
+        E e'We = tr(W C'),   C' = (C^-1 + F)^-1
+
+    weight W (P, P), covariance C (P, P) before the log, which tells F. A linear-optimal design (Atkinson and Fedorov,
+    Optimum Experimental Designs).
+    """
+    value, vector = np.linalg.eigh(covariance)
+    root = vector * np.sqrt(np.maximum(value, 0.0))
+    return Goal(
+        lambda pool: [pool.precision()],
+        lambda parts: (
+            -np.trace(
+                root.T @ weight @ root @ np.linalg.inv(np.eye(len(root)) + root.T @ parts[0].F @ root),
+                axis1=-2,
+                axis2=-1,
+            )
+        ),
+    )
+
+
 def yardsticks(model: Model, names: Sequence[str]) -> Array:
     """What a parameter's interval is compared with: its own size; for an effect that may be nothing, 0.01 at least."""
     known = model.parameters

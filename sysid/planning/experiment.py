@@ -22,12 +22,14 @@ from sysid.estimation.solver import fit
 from sysid.limits import PLANNED_ROLLOUTS, PLANNED_SAMPLES, check_size
 from sysid.physics.effects import Effect
 from sysid.physics.model import Model
+from sysid.physics.ops import Array
 from sysid.planning.design import (
     ROUGHLY,
     UNDETERMINED,
     Conditions,
     Hypothesis,
     Pool,
+    expected_cost,
     precision,
     search,
     separation,
@@ -47,6 +49,7 @@ def next_experiment(
     sensor: Sensor | None = None,
     records: Sequence[Record] = (),
     rng: np.random.Generator | None = None,
+    cost: Array | None = None,
 ) -> Experiment:
     """The torque signal, within the limits, that best tells rivals apart, or that best narrows the widest interval.
 
@@ -61,9 +64,11 @@ def next_experiment(
     sensor   noise of the readings; by default the estimate's, else found from the records
     records  the log at hand: sizes of the rivals and the random torque come from it, and what it tells itself is said
     rng      by default seeded with 0: the same question gets the same answer
+    cost     W (P, P) of an estimate's parameters, without rivals: what errors e of them cost, e'We, is made small in
+             place of the widest interval
 
     The answer is of kind "none" where nothing that is played tells more than the log. Raises InvalidInput for unknown
-    names, and where sizes, limits or noise cannot be known.
+    names, where sizes, limits or noise cannot be known, and for a cost of another shape or beside rivals.
     """
     estimate = model if isinstance(model, Estimate) else None
     model, names = (model, free(model)) if isinstance(model, Model) else (model.model, model.names)
@@ -72,14 +77,27 @@ def next_experiment(
     sensor = sensor or (estimate.sensor if estimate else None) or _noise(records)
     conditions = Conditions(_limits(limits, model, records), sensor)
     rng = np.random.default_rng(0) if rng is None else rng
+    if cost is not None:
+        _check_cost(cost, names, estimate, rivals)
     with np.errstate(over="ignore", invalid="ignore"):  # a motion may run away
         if not rivals:
             known, conditions = _known(model, names, estimate, records, conditions)
+            if cost is not None and known is not None:
+                return _lowering(cost, known, conditions, rng)
             return _narrowing(known.model if known else model, names, known, conditions, rng)
         if never(names_of(rivals)):
             return non_torque_experiment(model, names_of(rivals), conditions, rng)
         first = first_fit if estimate is None else partial(fit, settings=ROUGHLY)  # an estimate's numbers are near
         return _telling(hypotheses_of(model, names, rivals, records, conditions, first), names_of(rivals), rng)
+
+
+def _check_cost(cost: Array, names: tuple[str, ...], estimate: Estimate | None, rivals: Sequence[str | Effect]) -> None:
+    if rivals:
+        raise InvalidInput("a cost of errors has no rivals: expected one or the other")
+    if estimate is None or not np.all(np.isfinite(estimate.covariance)):
+        raise InvalidInput("a cost of errors needs an estimate with a finite covariance: expected what `fit` returns")
+    if np.shape(cost) != (len(names), len(names)):
+        raise InvalidInput(f"cost has shape {np.shape(cost)}: expected {(len(names), len(names))}, those of {names}")
 
 
 def _noise(records: Sequence[Record]) -> Sensor:
@@ -257,6 +275,16 @@ def _narrowing(
     told = f"it narrows the widest 95 % interval, that of {names[k]}, to +-{after:.2g} {unit}"
     told += "" if before is None else f" where this log had +-{before:.2g}"
     return _played(pool, told, separates=names, measure="interval", before=before, after=after, widest=names[k])
+
+
+def _lowering(cost: Array, known: Estimate, conditions: Conditions, rng: np.random.Generator) -> Experiment:
+    names, goal = known.names, expected_cost(cost, known.covariance)
+    hypotheses = [_at(Hypothesis("model", known.model, names), conditions.limits.dt)]
+    pool = Pool(hypotheses, search(goal, hypotheses, conditions, rng)[0], conditions)
+    told = pool.precision().together()
+    before, after = float(np.trace(cost @ known.covariance)), -float(goal.value([told])[0])
+    sentence = f"it lowers what the errors of {', '.join(names)} are expected to cost from {before:.2g} to {after:.2g}"
+    return _played(pool, sentence, separates=names, measure="cost", before=before, after=after, information=told.F[0])
 
 
 def _played(pool: Pool, told: str, **answer: Any) -> Experiment:

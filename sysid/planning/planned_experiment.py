@@ -42,16 +42,18 @@ class Experiment:
     description  one sentence
     separates    the effects or the parameters that it tells apart
     measure      "evidence": expected decrease of -2 log likelihood, right effect against the best rival (16 decide);
-                 "interval": half width of the widest 95 % interval, that of parameter `widest`
+                 "interval": half width of the widest 95 % interval, that of parameter `widest`;
+                 "cost": what the errors of the parameters are expected to cost
     before       that number on the log at hand (None: no log was given, or it was infinite)
     after        the same expected of a log of this experiment alone, beside the random torque that the log at hand
-                 shows (None: not known, or there is nothing to play)
+                 shows (None: not known, or there is nothing to play); of a cost, of both logs together
     u (n, N)     [N m] torque of each rollout, held over dt [s]
     theta, theta_dot (n, N+1)  [rad], [rad/s] the predicted motion; a rollout starts at rest at theta[:, 0]
     reach        [rad] its farthest way from rest, speed [rad/s] its fastest
     contests     the evidence pair by pair; before and after are the least of it
     unit         of theta: m for a linear axis
     payload      (mass [kg], distance from the axis [m]) that hangs on the joint in the second half of the rollouts
+    information (P, P)  what it tells of the free parameters, in inverse squares of their units (of an interval, a cost)
     """
 
     kind: str
@@ -69,6 +71,7 @@ class Experiment:
     payload: tuple[float, float] | None = None
     contests: tuple[Discrimination, ...] = ()
     unit: str = "rad"
+    information: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     @classmethod
     def played(cls, model: Model, u: Array, states: Array, **answer: Any) -> Experiment:

@@ -159,3 +159,24 @@ def test_a_table_that_would_not_fit_over_all_steps_is_refused():
 def test_it_says_why_a_model_has_no_table(model, reason):
     with pytest.raises(InvalidInput, match=reason):
         solve(model, COARSE)
+
+
+def test_a_policy_for_one_machine_drawn_twice_is_that_machines(coarse):
+    twice = solve(coarse.model, COARSE, horizon=60, draws=[coarse.model, coarse.model])
+    np.testing.assert_allclose(twice.values, coarse.values, rtol=1e-5, atol=1e-4)
+
+
+def test_a_policy_for_several_machines_keeps_its_promise_where_one_is_drawn_at_every_step():
+    machines = [paper_model(m=1.0, l=1.5), paper_model(m=3.0, l=1.5)]
+    grid = Grid(theta=150, theta_dot=151, u=11)
+    policy = solve(paper_model(m=2.0, l=1.5), grid, horizon=60, draws=machines)
+    rng, theta, theta_dot = np.random.default_rng(0), *start_states(0)
+    theta, theta_dot = (np.tile(x, 50) for x in (theta, theta_dot))
+    state, cost = State(theta, theta_dot), np.zeros(len(theta))
+    for k in range(60):
+        u = policy(state, 0.05 * k)
+        cost -= task.reward(state, u)
+        light, heavy = (machine.advance(state, u) for machine in machines)
+        first = rng.random(len(theta)) < 0.5
+        state = State(*(np.where(first, a, b) for a, b in zip(light[:2], heavy[:2], strict=True)))
+    assert np.mean(cost) == pytest.approx(np.mean(policy.cost_to_go(*start_states(0))), rel=0.02)

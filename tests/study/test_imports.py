@@ -2,7 +2,18 @@
 
 from tests.floors import ROOT, against_the_order, imported
 
-FLOORS = ("formatting", "statistics", "figure_style", "pipeline", "paper", "mismatch", "strategies", "presets", "main")
+FLOORS = (
+    "formatting",
+    "statistics",
+    "figure_style",
+    "pipeline",
+    "paper",
+    "mismatch",
+    "strategies",
+    "worth",
+    "presets",
+    "main",
+)
 
 
 def test_a_room_imports_from_those_above_it_only():

@@ -130,6 +130,39 @@ def test_the_widest_interval_shrinks_as_promised(theta_max: float) -> None:
     assert 1.96 * np.sqrt(np.mean(off**2)) < 1.7 * e.after  # 99.9 % of six draws
 
 
+def test_what_errors_cost_falls_as_promised_and_where_it_is_high() -> None:
+    truth = rod()
+    before = log(truth, in_phase())
+    estimate = fit(truth, before, SENSOR, NAMES)
+    planned = [
+        next_experiment(estimate, limits=Limits(2.0, 2.0, theta_max=1.0), cost=np.diag(weight))
+        for weight in ((1.0, 0.0), (0.0, 1.0))
+    ]
+    for k, e in enumerate(planned):
+        assert e.measure == "cost"
+        assert e.before == pytest.approx(estimate.covariance[k, k])
+        both = [fit(truth, [*before, *played(e, truth, seed)], SENSOR, NAMES) for seed in range(4)]
+        assert np.mean([x.covariance[k, k] for x in both]) == pytest.approx(e.after, rel=0.15)
+        other = np.linalg.inv(np.linalg.inv(estimate.covariance) + planned[1 - k].information)[k, k]
+        assert e.after is not None
+        assert e.after < 1.001 * other, "the other plan serves this cost better"
+
+
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        ({"cost": np.eye(3)}, "cost has shape"),
+        ({"cost": np.eye(2), "rivals": ("coulomb", "viscous")}, "a cost of errors has no rivals"),
+    ],
+)
+def test_a_cost_that_says_nothing_is_refused(given: dict, sentence: str) -> None:
+    estimate = fit(rod(), log(rod(), slow_sines()), SENSOR, NAMES)
+    with pytest.raises(InvalidInput, match=sentence):
+        next_experiment(estimate, limits=LIMITS, **given)
+    with pytest.raises(InvalidInput, match="needs an estimate"):
+        next_experiment(rod(), limits=LIMITS, sensor=SENSOR, cost=np.eye(2))
+
+
 def test_first_order_evidence_is_that_of_the_scores() -> None:
     """lambda (1 - rho^2), with z_perp as the scores take it, once the truth's own motion is the nominal one."""
     small = 1e-5

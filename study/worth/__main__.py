@@ -1,0 +1,99 @@
+"""Measure again, or train? What further rollouts are worth, told before they are measured.
+
+python -m study.worth swing*.csv --model model.json               the price of a rollout below which measuring pays
+python -m study.worth swing*.csv --model model.json --price 3     whether to measure, where a rollout costs 3
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import logging
+import sys
+from collections.abc import Sequence
+from functools import partial
+from typing import TYPE_CHECKING
+
+import tyro
+
+from study.worth.options import WorthOptions
+from sysid.cli.command_line import carry_out
+from sysid.errors import InvalidInput
+
+if TYPE_CHECKING:
+    from sysid.cli.commands import Task
+    from sysid.estimation.estimate import Estimate
+
+logger = logging.getLogger(__name__ if __name__ != "__main__" else "study.worth")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit code: 0 answered, 2 bad input, 130 stopped."""
+    config = (tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes)
+    command = tyro.cli(WorthOptions, prog="python -m study.worth", args=arguments, config=config)
+    return carry_out(command, run)
+
+
+def run(command: WorthOptions) -> None:
+    """Answer the command. Raises InvalidInput for bad input."""
+    import numpy as np
+
+    from study.worth.decision import SwingUp
+    from study.worth.value_of_information import worth_of_rollouts
+    from sysid.cli.commands import Task, completed
+    from sysid.cli.outputs import write, write_json
+    from sysid.planning.experiment import limits_of, next_experiment
+
+    command = completed(command)
+    task = Task.of(command)
+    estimate = _estimate(command, task)
+    logger.info(estimate)
+    if not estimate.success:
+        raise InvalidInput(f"the fit cannot be used ({estimate.status}): expected one that converged")
+    logger.debug("drawing machines and making policies for them")
+    decision = SwingUp.of(estimate.model, estimate.names, command.u_max)
+    limits = dataclasses.replace(limits_of(tuple(task.log), estimate.model), rollouts=1)
+    found = worth_of_rollouts(
+        estimate,
+        _rollouts(task),
+        decision,
+        lambda cost: next_experiment(estimate, limits=limits, sensor=task.sensor, cost=cost),
+        command.price,
+        command.further,
+        command.draws,
+        np.random.default_rng(command.seed),
+    )
+    logger.info(found)
+    write_json(command.json, found.to_dict())
+    if found.experiment is None:
+        unwritten = [str(path) for path in (command.out, command.figure) if path is not None]
+        if unwritten:
+            logger.info(f"{' and '.join(unwritten)} not written: nothing is worth measuring")
+        return
+    logger.info(f"the designed rollout: {found.experiment}")
+    write(command.out, found.experiment.write_csv)
+    if command.figure is not None:
+        from study.figure_style import save
+        from study.worth.figure import draw
+
+        write(command.figure, partial(save, partial(draw, found)))
+
+
+def _estimate(command: WorthOptions, task: Task) -> Estimate:
+    """What is known: the estimate in --model where it holds one and nothing was added, else a fit."""
+    if task.known and command.start.model is not None:
+        from sysid.estimation.saved_model import load
+
+        saved = load(command.start.model)
+        if saved.estimate is not None:
+            return saved.estimate
+    return task.fitted()
+
+
+def _rollouts(task: Task) -> float:
+    """How many rollouts a fit saw: those of the log, less what was held out."""
+    seen, all_ = (sum(len(record.u) for record in records) for records in (task.training, task.log))
+    return len(task.log) * seen / all_
+
+
+if __name__ == "__main__":
+    sys.exit(main())

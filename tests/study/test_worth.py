@@ -1,0 +1,201 @@
+"""What further rollouts are worth: laws of a problem whose answer is known, the paper's plant, and the command line."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from study.paper.protocol import averaged_sensor, paper_model, paper_rollouts, transitions
+from study.worth.__main__ import main
+from study.worth.decision import SwingUp
+from study.worth.posterior import BoundedNormal
+from study.worth.value_of_information import AS_BEFORE, DESIGNED, Worth, cost_of_errors, worth_of_rollouts
+from sysid import Estimate, GridSearch, InvalidInput, Sensor, fit
+from sysid.planning.experiment import next_experiment
+from sysid.planning.planned_experiment import Experiment
+from sysid.planning.signals import Limits
+from tests.sysid.written import rollouts as measured
+from tests.sysid.written import table, write
+
+COST = np.array([[30.0, 5.0], [5.0, 2.0]])
+COVARIANCE = np.array([[0.04, 0.01], [0.01, 0.09]])
+
+
+@dataclass(frozen=True)
+class Quadratic:
+    """A problem in which an error e of the parameters costs e'We, whatever they are."""
+
+    cost: np.ndarray
+    offset: float = -100.0
+
+    def returns(self, believed: np.ndarray, true: np.ndarray) -> np.ndarray:
+        e = believed - true
+        return self.offset - np.einsum("ki,ij,kj->k", e, self.cost, e)
+
+    def randomized(self, draws: np.ndarray, true: np.ndarray) -> np.ndarray:
+        return self.returns(np.broadcast_to(np.mean(draws, axis=0), true.shape), true)
+
+
+def estimate(covariance: np.ndarray = COVARIANCE) -> Estimate:
+    return Estimate(paper_model(1.5, 1.5), ("m", "l"), covariance, {}, True, "converged", 0.0, 400, "test")
+
+
+def files(folder: Path, sensor: Sensor) -> list[str]:
+    """Two short logs of a rod."""
+    records = measured(2, 1.0, sensor=sensor)
+    return [str(write(folder / f"swing{i}.csv", table(record))) for i, record in enumerate(records)]
+
+
+def played(information: np.ndarray) -> Callable[[np.ndarray], Experiment]:
+    return lambda cost: Experiment("steps", "play steps.", ("m", "l"), "cost", information=information)
+
+
+def test_a_quadratic_cost_is_worth_what_its_trace_says() -> None:
+    """V* - V0 = tr(W C), and Vh - V0 = tr(W (C - C')), C' = (C^-1 + F)^-1."""
+    designed = np.array([[400.0, 0.0], [0.0, 1.0]])
+    found = worth_of_rollouts(
+        estimate(), 5, Quadratic(COST), played(designed), further=(1, 4, 1000), draws=1200, rng=np.random.default_rng(1)
+    )
+    assert found.perfect.value == pytest.approx(np.trace(COST @ COVARIANCE), abs=4.0 * found.perfect.sem)
+    precision = np.linalg.inv(COVARIANCE)
+    assert {(own.kind, own.rollouts) for own in found.further} == {
+        (kind, h) for kind in (AS_BEFORE, DESIGNED) for h in (1, 4, 1000)
+    }
+    for own in found.further:
+        told = own.rollouts * (precision / 5.0 if own.kind == AS_BEFORE else designed)
+        right = np.trace(COST @ (COVARIANCE - np.linalg.inv(precision + told)))
+        assert own.gain.value == pytest.approx(right, abs=4.0 * own.gain.sem)
+    last = next(own for own in found.further if own.kind == AS_BEFORE and own.rollouts == 1000)
+    assert last.gain.value == pytest.approx(found.perfect.value, rel=0.05)
+
+
+def test_a_rollout_is_worth_measuring_below_its_break_even_price_and_not_above() -> None:
+    def at(price: float | None) -> Worth:
+        return worth_of_rollouts(estimate(), 1, Quadratic(COST), price=price, draws=500)
+
+    price = at(None).break_even
+    assert price > 0.3
+    cheap, dear, unthinkable = at(0.9 * price), at(1.1 * price), at(100.0)
+    assert cheap.best is not None
+    assert cheap.advice.startswith("Measure first: ")
+    assert dear.best is None
+    assert dear.advice.startswith("Train now")
+    assert unthinkable.settled
+    assert not unthinkable.further
+    assert "one rollout costs 100" in unthinkable.advice
+
+
+def test_what_is_known_well_enough_asks_for_no_experiment() -> None:
+    def never(cost: np.ndarray) -> Experiment:
+        raise AssertionError("nothing was to be planned")
+
+    found = worth_of_rollouts(estimate(1e-6 * COVARIANCE), 5, Quadratic(COST), never)
+    assert found.settled
+    assert found.advice.startswith("Train now, with --randomize none: ")
+
+
+def test_the_cost_of_errors_is_found_from_losses() -> None:
+    posterior = BoundedNormal.of(estimate(np.diag([0.01, 0.04])))
+    true = posterior.draws(np.random.default_rng(0), 400)
+    cost = np.diag([7.0, 3.0])
+    loss = np.einsum("ki,ij,kj->k", true - 1.5, cost, true - 1.5)
+    assert cost_of_errors(posterior, true, loss) == pytest.approx(cost, rel=0.02, abs=0.05)
+    assert np.trace(cost_of_errors(posterior, true, 0.0 * loss)) > 0.0
+
+
+@pytest.mark.parametrize("covariance", [COVARIANCE, 9.0 * np.eye(2)])
+def test_what_is_drawn_lies_within_bounds_and_about_the_centre(covariance: np.ndarray) -> None:
+    posterior = BoundedNormal(np.array([2.5, 1.0]), covariance, np.full(2, 0.3), np.full(2, 3.0))
+    drawn = posterior.draws(np.random.default_rng(3), 3000)
+    assert np.all((drawn >= 0.3) & (drawn <= 3.0))
+    sem = np.std(drawn, axis=0) / math.sqrt(len(drawn))
+    assert np.all(np.abs(np.mean(drawn, axis=0) - posterior.centre) < 6.0 * sem)
+
+
+def test_what_will_be_believed_covers_the_truth() -> None:
+    """(mean' - p)' C'^-1 (mean' - p) is chi-square of two numbers where p is drawn from what is believed now."""
+    wide = BoundedNormal(np.array([1.0, 2.0]), COVARIANCE, np.full(2, -9.0), np.full(2, 9.0))
+    rng, F = np.random.default_rng(4), np.array([[30.0, 10.0], [10.0, 40.0]])
+    distances = []
+    for p, z in zip(wide.draws(rng, 2000), rng.standard_normal((2000, 2)), strict=True):
+        after = wide.after(F, p, z)
+        distances.append((after.mean - p) @ np.linalg.solve(after.covariance, after.mean - p))
+    assert np.mean(distances) == pytest.approx(2.0, abs=4.0 * 2.0 / math.sqrt(2000))
+
+
+def test_the_papers_grid_has_to_go_on_and_least_squares_is_done_after_one() -> None:
+    truth = paper_model(2.0, 1.5)
+    rollouts = paper_rollouts(truth, 5, np.random.default_rng(0))
+    grid = GridSearch().fit(paper_model(), transitions(rollouts))
+    exact = fit(paper_model(), [rollouts[0].averaged], averaged_sensor(1.0), ("m", "l"))
+
+    def advised(found: Estimate, n: int) -> Worth:
+        def design(cost: np.ndarray) -> Experiment:
+            return next_experiment(found, limits=Limits(2.0, 10.0), sensor=Sensor(theta_dot=0.7), cost=cost)
+
+        decision = SwingUp.of(found.model, found.names, episodes=20)
+        return worth_of_rollouts(found, n, decision, design, price=3.0, further=(1,), draws=12)
+
+    measure, train = advised(grid, 5), advised(exact, 1)
+    assert measure.best is not None
+    assert measure.best.kind == DESIGNED
+    assert train.settled
+    assert train.perfect.value < 3.0
+
+
+def test_machines_side_by_side_return_what_each_returns_alone() -> None:
+    decision = SwingUp.of(paper_model(2.0, 1.5), ("m", "l"), episodes=4)
+    believed, true = np.array([[2.0, 1.5], [1.0, 1.0]]), np.array([[1.8, 1.4], [1.0, 1.2]])
+    together = decision.returns(believed, true)
+    alone = [decision.returns(believed[i : i + 1], true[i : i + 1])[0] for i in range(2)]
+    assert together == pytest.approx(alone, abs=1e-9)
+    same = decision.returns(np.tile(believed[:1], (2, 1)), true)
+    assert same == pytest.approx([alone[0], decision.returns(believed[:1], true[1:])[0]], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "sentence"),
+    [
+        ({"rollouts": 0.0}, "rollouts = 0.0: expected a positive number"),
+        ({"price": -1.0}, "price = -1.0: expected"),
+        ({"price": math.nan}, "price = nan: expected"),
+        ({"further": ()}, "further rollouts (): expected"),
+        ({"further": (0,)}, "further rollouts (0,): expected whole numbers from 1"),
+        ({"draws": 2}, "draws = 2: expected at least 4"),
+        ({"draws": 10**9}, "draws ="),
+        ({"covariance": np.diag([np.inf, 1.0])}, "the log does not determine m"),
+    ],
+)
+def test_numbers_that_make_no_sense_are_refused(numbers: dict, sentence: str) -> None:
+    given = {"rollouts": 5.0, "covariance": COVARIANCE} | numbers
+    own = estimate(given.pop("covariance"))
+    with pytest.raises(InvalidInput) as refusal:
+        worth_of_rollouts(own, given.pop("rollouts"), Quadratic(COST), **given)
+    assert str(refusal.value).startswith(sentence)
+
+
+def test_the_command_tells_what_to_do_and_writes_it(tmp_path, capsys) -> None:
+    log = files(tmp_path, Sensor(theta=0.05, theta_dot=2.0))
+    outputs = {name: tmp_path / name for name in ("w.json", "next.csv", "w.png")}
+    written = [f"--{kind}={outputs[name]}" for kind, name in zip(("json", "out", "figure"), outputs, strict=True)]
+    code = main([*log, "--u-max", "2", "--draws", "4", "--further", "1", *written])
+    said = capsys.readouterr().out
+    assert code == 0
+    answer = json.loads(outputs["w.json"].read_text())
+    assert answer["schema"] == "gapfinder/worth/1"
+    assert answer["advice"] in said
+    assert outputs["next.csv"].exists() == outputs["w.png"].exists() == bool(answer["further"])
+
+
+def test_a_model_without_a_torque_limit_is_one_sentence(tmp_path, capsys) -> None:
+    log = files(tmp_path, Sensor(theta=0.01, theta_dot=0.1))
+    assert main([*log, "--json", str(tmp_path / "w.json")]) == 2
+    said = capsys.readouterr()
+    assert "the model has no torque limit: give one with --u-max" in said.err
+    assert not (tmp_path / "w.json").exists()
