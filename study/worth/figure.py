@@ -21,7 +21,8 @@ def draw(worth: Worth) -> Figure:
         own = [x for x in worth.further if x.kind == kind]
         at = [0.0, *(places[x.rollouts] + 0.06 * (shift - 0.5) for x in own)]
         values, errors = [0.0, *(x.gain.value for x in own)], [0.0, *(x.gain.sem for x in own)]
-        axes.errorbar(at, values, errors, color=COLOURS[kind], marker="o", capsize=0, label=f"rollouts {kind}")
+        label = f"{kind} rollouts" if kind == DESIGNED else f"rollouts {kind}"
+        axes.errorbar(at, values, errors, color=COLOURS[kind], marker="o", capsize=0, label=label)
     axes.axhline(worth.perfect.value, color=ACCENT)
     beside(axes, "the machine known perfectly", (0.0, worth.perfect.value), (4, 7), color=ACCENT)
     if worth.price is not None:
