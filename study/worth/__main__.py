@@ -38,13 +38,17 @@ def run(command: WorthOptions) -> None:
     import numpy as np
 
     from study.worth.decision import SwingUp
-    from study.worth.value_of_information import worth_of_rollouts
+    from study.worth.value_of_information import check_question, worth_of_rollouts
     from sysid.cli.commands import Task, completed
     from sysid.cli.outputs import write, write_json
     from sysid.planning.experiment import limits_of, next_experiment
 
+    check_question(command.price, command.further, command.draws)
+    if command.seed < 0:
+        raise InvalidInput(f"--seed {command.seed}: expected a whole number, 0 or more")
     command = completed(command)
     task = Task.of(command)
+    SwingUp.of(task.model, task.names, command.u_max)  # raises before anything is fitted
     estimate = _estimate(command, task)
     logger.info(estimate)
     if not estimate.success:

@@ -195,15 +195,9 @@ def worth_of_rollouts(
     After further rollouts the policy is one for the posterior's mean; now it is the better of that and of one for the
     whole posterior. Raises InvalidInput for an estimate without finite covariance, and numbers that make no sense.
     """
-    if not further or any(not 1 <= h <= 10_000 for h in further):
-        raise InvalidInput(f"further rollouts {tuple(further)}: expected whole numbers from 1 to 10000")
-    check_size("draws =", draws, MOST_DRAWS)
-    if draws < 4:
-        raise InvalidInput(f"draws = {draws}: expected at least 4")
+    check_question(price, further, draws)
     if not 0.0 < rollouts < math.inf:
         raise InvalidInput(f"rollouts = {rollouts}: expected a positive number, those that the estimate came from")
-    if price is not None and not 0.0 <= price < math.inf:
-        raise InvalidInput(f"price = {price}: expected what a rollout costs in units of the return, 0 or more")
     posterior, rng = BoundedNormal.of(estimate), np.random.default_rng(0) if rng is None else rng
     true, noise = posterior.draws(rng, draws), rng.standard_normal((draws, len(posterior.mean)))
     best = decision.returns(true, true)
@@ -227,6 +221,17 @@ def worth_of_rollouts(
         for h in further
     ]
     return replace(answer, further=tuple(gains), experiment=experiment)
+
+
+def check_question(price: float | None, further: Sequence[int], draws: int) -> None:
+    """Raise InvalidInput for a price, numbers of rollouts or draws that make no sense."""
+    if not further or any(not 1 <= h <= 10_000 for h in further):
+        raise InvalidInput(f"further rollouts {tuple(further)}: expected whole numbers from 1 to 10000")
+    check_size("draws =", draws, MOST_DRAWS)
+    if draws < 4:
+        raise InvalidInput(f"draws = {draws}: expected at least 4")
+    if price is not None and not 0.0 <= price < math.inf:
+        raise InvalidInput(f"price = {price}: expected what a rollout costs in units of the return, 0 or more")
 
 
 def cost_of_errors(posterior: BoundedNormal, true: Array, loss: Array) -> Array:
