@@ -6,7 +6,8 @@ session      a strategy's dialogue with plant and training, as far as there are 
 
 The strategies:
     identified       identify, then train once; mended by this project's diagnosis
-    simopt, auto_tuned, dropo, bayes_sim      adapt what is trained on; readings: states and summaries of rollouts
+    simopt, auto_tuned, adapt_sim, dropo, bayes_sim      adapt what is trained on
+    readings         states and summaries of rollouts
     candidates       compare returns (BayRn by gaussian_process, cross-entropy method); learning: on the plant itself
 
 The experiment:

@@ -16,7 +16,7 @@ from study.mismatch.plan import StrategyKey
 from study.mismatch.strategies import Budget, center
 from study.mismatch.trainings import TrainingSetup
 from study.strategies.strategy import Dialogue, Play, Situation, Strategy
-from sysid import Estimate, fit
+from sysid import Estimate, UnscentedKalman, fit
 from sysid.planning.design import Conditions, Hypothesis, precision, search, yardsticks
 from sysid.planning.signals import Limits
 
@@ -107,6 +107,19 @@ class MendedModel(Identified):
     source: ClassVar[str] = "this project"
     needs_angle: ClassVar[bool] = True
     made: ClassVar[StrategyKey] = StrategyKey.MENDED
+
+
+@dataclass(frozen=True)
+class KalmanEstimate(Strategy):
+    """The estimate of m and l by an unscented Kalman filter over the same readings, and training there."""
+
+    short: ClassVar[str] = "Kalman filter"
+    needs_angle: ClassVar[bool] = True
+
+    def spend(self, situation: Situation) -> Dialogue:
+        records = yield Play(situation.budget)
+        found = UnscentedKalman(situation.names, situation.sensor).fit(situation.prior, records)
+        return TrainingSetup(found.model, center(found))
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ ELSEWHERE = dataclasses.replace(paper_model(m=1.5, l=1.2), integrator=PRIOR.inte
 LIGHT = {
     "bayes_sim": {"simulations": 40, "epochs": 5, "draws": 10},
     "auto_tuned": {"simulations": 20, "steps": 2},
+    "adapt_sim": {"levels": 3, "episodes": 2},
     "simopt": {"samples": 20, "steps": 1},
     "dropo": {"evaluations": 20, "transitions": 20},
 }

@@ -6,15 +6,18 @@ import math
 import numpy as np
 import pytest
 
-from policies.evaluation import rollout
+from policies.control.dynamic_programming import solve
+from policies.environments import task
+from policies.evaluation import evaluate, rollout
 from study.mismatch.ground_truth import PRIOR, machine
 from study.paper.protocol import paper_model
+from study.strategies.adapt_sim import TABLE, AdaptSim, Levels
 from study.strategies.auto_tuned import AutoTuned
 from study.strategies.bayes_sim import BayesSim, DensityNetwork, statistics
 from study.strategies.candidates import CrossEntropy
 from study.strategies.identified import designed
 from study.strategies.plant import SENSORS, Plant
-from study.strategies.readings import smoothed, smoothing_covariance, summary
+from study.strategies.readings import read, smoothed, smoothing_covariance, summary
 from study.strategies.simopt import SimOpt, reps_weights, weighted_normal
 from study.strategies.strategy import Agent, Play, Situation, Tried
 from sysid import Record, fit, simulate
@@ -185,6 +188,43 @@ def test_a_summary_tells_the_gain_of_a_torque():
     gain = np.array([0.1, 0.2, 0.4])[:, None]
     speed = np.concatenate([np.zeros((3, 1)), np.cumsum(gain * u, axis=1)], axis=1)
     assert summary(u, speed)[:, 2] == pytest.approx(gain[:, 0] * 4.0 / 3.0, rel=0.05)
+
+
+def test_the_steps_that_adaptation_is_taught_lead_to_the_target_from_everywhere():
+    """Where a policy loses the square of its distance from the target."""
+    grid = Levels(np.array([[0.3, 3.0], [1.0, 5.0]]), 5)
+    distance = np.sum((grid.unit[:, None] - grid.unit) ** 2, axis=-1)
+    worth = grid.worth_of_steps(-1.0 - distance, discount=0.9)
+    for target in (0, 12, 24):
+        unit = grid.unit.copy()
+        for _ in range(4):
+            place = np.rint(unit * 4.0).astype(int) @ (5, 1)
+            unit = grid.stepped(unit, grid.steps[np.argmax(worth[place, target], axis=-1)])
+        assert unit == pytest.approx(np.broadcast_to(grid.unit[target], unit.shape))
+
+
+def test_adaptation_leads_to_policies_that_do_well_on_machines_it_has_not_seen():
+    own, strategy = situation(), AdaptSim(levels=5, episodes=4)
+    adaptation = strategy.taught(own, whole=True)
+    rng, lost = np.random.default_rng(2), []
+    for truth in ((1.5, 1.2), (2.0, 1.5), (2.5, 2.2), (1.2, 2.0)):
+        target = paper_model(*truth)
+        starts = np.array([task.start_state(rng) for _ in range(20)]).T
+
+        def returned(values, target=target, starts=starts):
+            return evaluate(solve(paper_model(*values), TABLE), target, *starts).mean
+
+        values = own.believed
+        before = returned(values)
+        for _ in range(4):
+            run = rollout(solve(paper_model(*values), TABLE), target, *starts[:, :5])
+            readings = read(run.theta.T, run.theta_dot.T, own.sensor, True, rng)
+            values = adaptation.moved(statistics(own, run.u[:-1].T, *readings), values)
+        best = returned(truth)
+        lost.append([(best - own_return) / abs(best) for own_return in (before, returned(values))])
+    before, after = np.median(lost, axis=0)
+    assert before > 0.3
+    assert after < 0.1
 
 
 def test_the_search_of_auto_tuned_transfer_knows_too_high_from_too_low():
