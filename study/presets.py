@@ -18,6 +18,6 @@ gaps, two noise levels and the prior range, the table and the text of the paper.
 identifiers: n on grid, least squares and Kalman filter. longer, longer-small: the widest band with twice the steps.
 mismatch: does breadth pay when the simulator lacks an effect; mismatch-quick: two of its plants, in minutes.
 strategies: published ways to spend rollouts, on the same rollouts; strategies-once: those that train one agent;
-strategies-quick: in minutes. smoke, mismatch-
-smoke, strategies-smoke: every part once, in a minute; the numbers mean nothing."""
+strategies-quick: in minutes. smoke, mismatch-smoke, strategies-smoke: every part once, in a minute; the numbers
+mean nothing."""
 """What they are, for the command line."""

@@ -1,13 +1,14 @@
-"""What is known of a machine's parameters: a normal distribution, cut off where its bounds are."""
+"""What is known of a machine's parameters: a normal distribution in coordinates of its motion, within their bounds."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from study.worth.coordinates import Coordinates
 from sysid import Estimate, InvalidInput
 
 Array = NDArray[np.float64]
@@ -21,12 +22,12 @@ FEW = 20
 
 @dataclass(frozen=True, eq=False)
 class BoundedNormal:
-    """The normal distribution of P parameters with mean (P,) and covariance (P, P), within low (P,) and high (P,)."""
+    """x ~ N(mean (P,), covariance (P, P)), where the parameters p(x) lie within bounds (P, 2)."""
 
+    coordinates: Coordinates
     mean: Array
     covariance: Array
-    low: Array
-    high: Array
+    bounds: Array
 
     @classmethod
     def of(cls, estimate: Estimate) -> BoundedNormal:
@@ -37,9 +38,10 @@ class BoundedNormal:
                 f"the log does not determine {', '.join(lost)}: expected a fit with finite intervals; fix what is "
                 "known (--set), or measure first (sysid experiment)"
             )
-        parameters = estimate.model.parameters
-        low, high = np.array([parameters[name].bounds for name in estimate.names]).T
-        return cls(np.array(list(estimate.values.values())), estimate.covariance, low, high)
+        coordinates = Coordinates.of(estimate.model, estimate.names)
+        bounds = np.array([estimate.model.parameters[name].bounds for name in estimate.names])
+        slope = coordinates.slope
+        return cls(coordinates, coordinates.origin, slope @ estimate.covariance @ slope.T, bounds)
 
     @cached_property
     def root(self) -> Array:
@@ -54,30 +56,39 @@ class BoundedNormal:
         for _ in range(8):
             found = np.concatenate([found, self._within(rng.standard_normal((TRIED, len(self.mean))))])
             if len(found) >= count:
-                return found[:count]
-        drawn = self.mean + rng.standard_normal((count, len(self.mean))) @ self.root.T
-        return np.concatenate([found, np.clip(drawn, self.low, self.high)])[:count]
+                return self.coordinates.parameters(found[:count])
+        near = np.clip(self.coordinates.fitted, *self.bounds.T)
+        missing = np.broadcast_to(near, (count - len(found), len(near)))
+        return np.concatenate([self.coordinates.parameters(found), missing])
 
     @cached_property
     def centre(self) -> Array:
-        """The mean (P,) of what lies within the bounds."""
+        """The parameters (P,) at the mean of what lies within the bounds."""
         found = self._within(np.random.default_rng(0).standard_normal((TRIED, len(self.mean))))
         if len(found) == TRIED:
-            return self.mean
-        return np.asarray(np.mean(found, axis=0) if len(found) >= FEW else np.clip(self.mean, self.low, self.high))
+            return self.coordinates.parameters(self.mean)
+        if len(found) < FEW:
+            positive = np.where(self.coordinates.is_shown, np.maximum(self.mean, 1e-3), self.mean)
+            return np.clip(self.coordinates.parameters(positive), *self.bounds.T)
+        return np.clip(self.coordinates.parameters(np.mean(found, axis=0)), *self.bounds.T)
 
     def _within(self, z: Array) -> Array:
-        drawn = self.mean + z @ self.root.T
-        return drawn[np.all((drawn >= self.low) & (drawn <= self.high), axis=1)]
+        """Those x (D, P) of standard normal z whose parameters are within the bounds."""
+        x = self.mean + z @ self.root.T
+        p, (low, high) = self.coordinates.parameters(x), self.bounds.T
+        return x[np.all((p >= low) & (p <= high), axis=1)]
 
     def after(self, information: Array, true: Array, z: Array) -> BoundedNormal:
-        """What will be known after a log that tells F (P, P) of parameters `true` (P,), with noise z (P,) ~ N(0, 1).
+        """What will be known after a log that tells F (P, P) of the parameters, where these are `true` (P,).
 
-        C' = (C^-1 + F)^-1,    mean' = mean + C' (F (true - mean) + F^(1/2) z)
+            C' = (C^-1 + F)^-1,    mean' = mean + C' (F (x_true - mean) + F^(1/2) z)
+
+        in coordinates x; z (P,) ~ N(0, 1) is the log's noise.
         """
-        R = self.root
-        covariance = R @ np.linalg.inv(np.eye(len(R)) + R.T @ information @ R) @ R.T
-        value, vector = np.linalg.eigh(information)
+        R, back = self.root, np.linalg.inv(self.coordinates.slope)
+        F = back.T @ information @ back
+        covariance = R @ np.linalg.inv(np.eye(len(R)) + R.T @ F @ R) @ R.T
+        value, vector = np.linalg.eigh(F)
         noise = vector @ (np.sqrt(np.maximum(value, 0.0)) * z)
-        mean = self.mean + covariance @ (information @ (true - self.mean) + noise)
-        return BoundedNormal(mean, covariance, self.low, self.high)
+        mean = self.mean + covariance @ (F @ (self.coordinates.numbers(true) - self.mean) + noise)
+        return replace(self, mean=mean, covariance=covariance)

@@ -210,7 +210,7 @@ def worth_of_rollouts(
     if answer.settled:
         return answer
 
-    told = {AS_BEFORE: np.linalg.pinv(posterior.covariance, hermitian=True) / rollouts}
+    told = {AS_BEFORE: np.linalg.pinv(estimate.covariance, hermitian=True) / rollouts}
     experiment = None
     if design is not None:
         experiment = design(cost_of_errors(posterior, true, best - for_mean))
@@ -235,14 +235,15 @@ def check_question(price: float | None, further: Sequence[int], draws: int) -> N
 
 
 def cost_of_errors(posterior: BoundedNormal, true: Array, loss: Array) -> Array:
-    """W (P, P) of loss ~ e'We, e = true - mean (K, P): along the posterior's principal axes, none of them negative.
+    """W (P, P) of loss ~ e'We for errors e of the parameters, small ones.
 
-    Where nothing is lost yet every axis counts alike.
+    In the coordinates of the posterior it is a sum over its principal axes, with weights that are not negative. Where
+    nothing is lost yet every axis counts alike.
     """
-    e = (true - posterior.centre) @ np.linalg.pinv(posterior.root).T
-    share, _ = nnls(e**2, np.maximum(loss, 0.0))
-    inverse = np.linalg.pinv(posterior.root)
-    cost: Array = inverse.T @ np.diag(share if np.any(share > 0.0) else np.ones(len(share))) @ inverse
+    numbers, inverse = posterior.coordinates.numbers, np.linalg.pinv(posterior.root)
+    share, _ = nnls(((numbers(true) - numbers(posterior.centre)) @ inverse.T) ** 2, np.maximum(loss, 0.0))
+    axes = inverse @ posterior.coordinates.slope
+    cost: Array = axes.T @ np.diag(share if np.any(share > 0.0) else np.ones(len(share))) @ axes
     return cost
 
 

@@ -25,7 +25,7 @@ from sysid import Estimate, GridSearch, fit
 
 FIXED = (1, 2, 5, 10, 25)
 MOST = 25
-FURTHER, DRAWS = (1, 4), 16
+FURTHER, DRAWS = (1, 4), 24
 NAMES = ("m", "l")
 
 

@@ -1,0 +1,93 @@
+"""The coordinates in which what is known of a machine's parameters is normal: those in which its motion is linear.
+
+    theta_ddot = u / J + (G / J) sin theta + ...
+
+A torque tells of 1/J, not of J: a log of weak torques leaves room for a far heavier machine, and hardly for a lighter
+one. So 1/J and G/J, in units of their fitted values, stand for the one or two parameters of the plant that are free,
+which they are products of powers of. All other parameters stand for themselves.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid import Model
+
+Array = NDArray[np.float64]
+
+STEP = 1e-6
+"""Relative change of a parameter that its power in 1/J and G/J is told from."""
+
+
+@dataclass(frozen=True, eq=False)
+class Coordinates:
+    """x (P,) of parameters p (P,).
+
+    x_i = prod_j (p_j / fitted_j)^power_ij   for i, j in `shown`,    x_i = p_i   for the others
+    """
+
+    fitted: Array
+    shown: tuple[int, ...] = ()
+    power: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    @classmethod
+    def of(cls, model: Model, names: tuple[str, ...]) -> Coordinates:
+        """Those of the free parameters `names` of a fitted model."""
+        values = {name: float(model.parameters[name].value) for name in names}
+        fitted, plant = np.array(list(values.values())), set(model.plant.parameters)
+        shown = tuple(i for i, (name, value) in enumerate(values.items()) if name in plant and value > 0.0)
+        if len(shown) not in (1, 2):
+            return cls(fitted)
+
+        def logs(**moved: float) -> Array:
+            plant = model.with_parameters(moved).plant
+            J, G = float(plant.inertia()), abs(float(plant.gravity_torque(0.5 * math.pi)))
+            return np.array([-math.log(J), math.log(max(G, 1e-300) / J)])
+
+        def powers(i: int) -> Array:
+            upwards = fitted[i] * (1.0 + STEP) <= model.parameters[names[i]].bounds[1]
+            share = 1.0 + STEP if upwards else 1.0 - STEP
+            return (logs(**{names[i]: share * fitted[i]}) - logs()) / math.log(share)
+
+        power = np.array([powers(i) for i in shown]).T
+        if len(shown) == 1:
+            power = power[np.argmax(np.abs(power[:, 0]))][None]
+        return cls(fitted, shown, power) if abs(np.linalg.det(power)) > 1e-3 else cls(fitted)
+
+    @property
+    def _at(self) -> list[int]:
+        return list(self.shown)
+
+    @property
+    def is_shown(self) -> NDArray[np.bool_]:
+        """Which coordinates (P,) are 1/J or G/J."""
+        return np.isin(np.arange(len(self.fitted)), self._at)
+
+    @property
+    def origin(self) -> Array:
+        """x (P,) of the fitted parameters."""
+        return self.numbers(self.fitted)
+
+    @property
+    def slope(self) -> Array:
+        """dx/dp (P, P) at the fitted parameters."""
+        slope = np.eye(len(self.fitted))
+        slope[np.ix_(self._at, self._at)] = self.power / self.fitted[self._at]
+        return slope
+
+    def numbers(self, p: Array) -> Array:
+        """x (..., P) of parameters p (..., P)."""
+        x = np.array(p, dtype=float)
+        x[..., self._at] = np.exp(np.log(x[..., self._at] / self.fitted[self._at]) @ self.power.T)
+        return x
+
+    def parameters(self, x: Array) -> Array:
+        """p (..., P) of x (..., P), nan where 1/J or G/J is not positive."""
+        p = np.array(x, dtype=float)
+        logs = np.log(np.where(p[..., self._at] > 0.0, p[..., self._at], np.nan))
+        p[..., self._at] = self.fitted[self._at] * np.exp(logs @ np.linalg.pinv(self.power).T)
+        return p
