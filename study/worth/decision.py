@@ -21,7 +21,7 @@ from sysid import Model, OutputEffect
 Array = NDArray[np.float64]
 
 TABLE = Grid(120, 121, u=5, memory=3)
-"""A coarse one plans with a margin, as trained agents do; more torques and memory change returns by 0.01 %."""
+"""More torques and memory change returns by 0.01 %."""
 
 
 class Decision(Protocol):
@@ -43,18 +43,27 @@ class SwingUp:
     machine    the fitted model as a policy meets it, which acts on the state: sensing is left out
     names      of the P parameters; one that the machine does not have (of a sensor's zero, of the log) changes nothing
     episodes   start states, the same for all
+    table      of the optimum; a coarse one plans with a margin, as trained agents do
     """
 
     machine: Model
     names: tuple[str, ...]
     episodes: int = 40
+    table: Grid = TABLE
 
     @classmethod
-    def of(cls, model: Model, names: Sequence[str], u_max: float | None = None, episodes: int = 40) -> SwingUp:
+    def of(
+        cls,
+        model: Model,
+        names: Sequence[str],
+        u_max: float | None = None,
+        episodes: int = 40,
+        table: Grid = TABLE,
+    ) -> SwingUp:
         """On a fitted model, with commands up to u_max [N m]. Raises InvalidInput as `machine_of` does."""
         machine = machine_of(model, u_max)
         moving = tuple(e for e in machine.effects if not isinstance(e, OutputEffect))
-        return cls(dataclasses.replace(machine, effects=moving), tuple(names), episodes)
+        return cls(dataclasses.replace(machine, effects=moving), tuple(names), episodes, table)
 
     def returns(self, believed: Array, true: Array) -> Array:
         """As Decision says."""
@@ -76,7 +85,7 @@ class SwingUp:
 
     @cached_property
     def _grid(self) -> Grid:
-        return spanning(TABLE, self.machine)
+        return spanning(self.table, self.machine)
 
     def _model(self, parameters: Array) -> Model:
         return self.machine.with_parameters({self.names[i]: float(parameters[i]) for i in self._kept})

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from policies.control.dynamic_programming import Grid
 from study.paper.protocol import BOUNDS, PaperRollout, averaged_sensor, paper_model, paper_rollouts, transitions
 from study.pipeline.tables import read_table, write_table
 from study.worth.decision import SwingUp
@@ -25,7 +26,7 @@ from sysid import Estimate, GridSearch, fit
 
 FIXED = (1, 2, 5, 10, 25)
 MOST = 25
-FURTHER, DRAWS = (1, 4), 24
+FURTHER, DRAWS, EPISODES, TABLE = (1, 4), 24, 20, Grid(80, 81, u=5)
 NAMES = ("m", "l")
 
 
@@ -67,7 +68,7 @@ def case(identifier: str, seed: int, price: float) -> Case:
             estimates[n] = identified(identifier, rollouts[:n])
         return estimates[n]
 
-    decision = SwingUp.of(after(1).model, NAMES)
+    decision = SwingUp.of(after(1).model, NAMES, episodes=EPISODES, table=TABLE)
     n = 1
     while n < MOST:
         advice = worth_of_rollouts(after(n), n, decision, price=price, further=FURTHER, draws=DRAWS)
