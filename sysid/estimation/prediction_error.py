@@ -138,11 +138,17 @@ class Fit:
     def likeliest_torque(self) -> Disturbances:
         """The disturbances under which the log is likeliest, beside these numbers; NONE where it needs none.
 
+        There is no torque among them where an error of the angle alone does as well.
+
         Those of the fit may have another correlation time, under which its numbers predict better.
         """
         if self.undisturbed:
             return NONE
-        return maximum_likelihood(self.linearised.system, (self.disturbances.with_memory(T) for T in MEMORIES))
+        system = self.linearised.system
+        found = maximum_likelihood(system, (self.disturbances.with_memory(T) for T in MEMORIES))
+        still = replace(found, s=0.0)
+        needed = system.filter(still).deviance - system.filter(found).deviance >= NUMBERS_GAIN
+        return found if needed else still
 
     def estimate(self, method: str = "prediction error") -> Estimate:
         """The answer of an identifier."""

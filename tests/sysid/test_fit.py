@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from scipy.stats import chi2
 
 from sysid import (
@@ -136,6 +138,20 @@ def test_a_log_without_noise_gives_the_exact_numbers(effects: tuple[Effect, ...]
     for name in estimate.names:
         assert estimate.values[name] == pytest.approx(truth.parameters[name].value, rel=1e-3)
     assert "lacks" not in estimate.status
+
+
+def test_an_error_of_the_angle_alone_is_no_random_torque(clean: list[Record]) -> None:
+    """Neighbouring readings of the angle share an error of 0.01 rad that is forgotten in 0.05 s."""
+    rng, kept = np.random.default_rng(0), math.exp(-DT / 0.05)
+    shared = []
+    for record in clean:
+        error = lfilter([1.0], [1.0, -kept], 0.01 * math.sqrt(1.0 - kept**2) * rng.standard_normal(len(record.t)))
+        assert record.theta is not None
+        shared.append(replace(record, theta=record.theta + error))
+    estimate = fit(rod(), shared, SENSOR)
+    assert estimate.random_torque == 0.0
+    assert "lacks" not in estimate.status
+    assert "neighbouring readings of the angle share an error" in estimate.status
 
 
 def test_a_model_that_lacks_something_says_so_and_how_much(clean: list[Record]) -> None:
