@@ -28,11 +28,10 @@ class Decision(Protocol):
     """A problem in which a policy is made for what is believed, and earns what is true."""
 
     def returns(self, believed: Array, true: Array) -> Array:
-        """The return (K,) of the policy made for each row of believed (K, P), on the machine of that row of true."""
-        ...
+        """The return (K,) of the policy made for each believed (K, D, P), on the machine of that row of true (K, P).
 
-    def randomized(self, draws: Array, true: Array) -> Array:
-        """The return (K,) on the machines true (K, P) of one policy made for all draws (D, P) alike."""
+        The policy is for one set of parameters, or for D of them alike.
+        """
         ...
 
 
@@ -67,17 +66,22 @@ class SwingUp:
 
     def returns(self, believed: Array, true: Array) -> Array:
         """As Decision says."""
-        rows, which = np.unique(believed[:, self._kept], axis=0, return_inverse=True)
-        designed = [design_predictive(self._model(believed[which == i][0]), self._grid) for i in range(len(rows))]
-        return self._worth(designed if len(rows) == 1 else [designed[i] for i in which], true)
+        kept = believed[..., self._kept]
+        _, first, which = np.unique(kept.reshape(len(kept), -1), axis=0, return_index=True, return_inverse=True)
+        designed = [self._policy(believed[i]) for i in first]
+        return self._worth(designed if len(designed) == 1 else [designed[i] for i in which.ravel()], true)
 
-    def randomized(self, draws: Array, true: Array) -> Array:
-        """As Decision says; what the input path remembers keeps its mean, since a policy counts on it."""
-        mean = self._model(np.mean(draws, axis=0))
+    def _policy(self, believed: Array) -> Predictive:
+        """For one set of parameters or for several (D, P), of which one is drawn anew at every step.
+
+        What the input path remembers keeps its mean among these, since a policy counts on it.
+        """
+        mean = self._model(np.mean(believed, axis=0))
+        if len(believed) == 1:
+            return design_predictive(mean, self._grid)
         remembering = [e.name for e in mean.input_effects if e.rest(mean.dt)]
-        kept = {n: mean.parameters[n].value for name in remembering for n in mean.names_of(name)}
-        others = [self._model(draw).with_parameters(kept) for draw in draws]
-        return self._worth([design_predictive(mean, self._grid, draws=others)], true)
+        same = {n: mean.parameters[n].value for name in remembering for n in mean.names_of(name)}
+        return design_predictive(mean, self._grid, draws=[self._model(p).with_parameters(same) for p in believed])
 
     @cached_property
     def _kept(self) -> list[int]:

@@ -2,9 +2,9 @@
 
 With parameters p known as a posterior, and R(a, p) the return on the machine p of the policy made for the numbers a:
 
-    now            V0 = E_p R(mean, p)
-    perfect        V* = E_p R(p, p);           V* - V0 bounds what any measurement can be worth (EVPI)
-    h rollouts     Vh = E_p E_y R(mean | y, p), y what they will show of p;        Vh - V0 is their worth (EVSI)
+    now            V0 = E_p R(b, p)            b what is believed: the mean of p, or several draws of it alike
+    perfect        V* = E_p R(p, p)            V* - V0 bounds what any measurement can be worth (EVPI)
+    h rollouts     Vh = E_p E_y R(b | y, p)    y what they will show of p; Vh - V0 is their worth (EVSI)
 
 Expectations are means over draws of p, the same for all; y is what the linearised fit will be told: information F of p
 with normal noise. A rollout like those at hand tells a share of what they told, F = C^-1 / n; a designed one what its
@@ -37,8 +37,8 @@ Design = Callable[[Array], Experiment]
 SCHEMA = "gapfinder/worth/1"
 AS_BEFORE, DESIGNED = "like those of the log", "designed"
 MOST_DRAWS = 10_000
-RANDOMIZED = 8
-"""Draws that the policy for the whole posterior is made for."""
+SEVERAL = 6
+"""Draws that a policy for the whole posterior is made for."""
 
 NEGLIGIBLE = 1e-3
 """Share of the return below which nothing is looked for: a table of the optimum is no finer."""
@@ -192,20 +192,21 @@ def worth_of_rollouts(
     draws    machines drawn from the posterior: standard errors fall as their root
     rng      by default seeded with 0: the same question gets the same answer
 
-    After further rollouts the policy is one for the posterior's mean; now it is the better of that and of one for the
-    whole posterior. Raises InvalidInput for an estimate without finite covariance, and numbers that make no sense.
+    The policy is the one for the posterior's mean, or one for several draws of it alike where that is better for sure
+    now; after further rollouts it is of the same kind. Raises InvalidInput for an estimate without finite covariance,
+    and numbers that make no sense.
     """
     check_question(price, further, draws)
     if not 0.0 < rollouts < math.inf:
         raise InvalidInput(f"rollouts = {rollouts}: expected a positive number, those that the estimate came from")
     posterior, rng = BoundedNormal.of(estimate), np.random.default_rng(0) if rng is None else rng
     true, noise = posterior.draws(rng, draws), rng.standard_normal((draws, len(posterior.mean)))
-    best = decision.returns(true, true)
-    for_mean = decision.returns(np.broadcast_to(posterior.centre, true.shape), true)
-    for_all = decision.randomized(posterior.draws(rng, RANDOMIZED), true)
-    better = Mean.of(for_all - for_mean)
+    best = decision.returns(true[:, None], true)
+    for_mean = _for_all_machines(decision, posterior.centre[None], true)
+    for_several = _for_all_machines(decision, posterior.draws(rng, SEVERAL), true)
+    better = Mean.of(for_several - for_mean)
     randomized = better.value > SURE * better.sem
-    now = for_all if randomized else for_mean
+    now = for_several if randomized else for_mean
     answer = Worth(estimate.names, rollouts, Mean.of(now), randomized, Mean.of(best - now), price=price)
     if answer.settled:
         return answer
@@ -216,7 +217,7 @@ def worth_of_rollouts(
         experiment = design(cost_of_errors(posterior, true, best - for_mean))
         told[DESIGNED] = experiment.information
     gains = [
-        Further(kind, h, Mean.of(decision.returns(_after(posterior, h * F, true, noise), true) - now))
+        Further(kind, h, Mean.of(decision.returns(_after(posterior, h * F, true, noise, randomized), true) - now))
         for kind, F in told.items()
         for h in further
     ]
@@ -247,7 +248,14 @@ def cost_of_errors(posterior: BoundedNormal, true: Array, loss: Array) -> Array:
     return cost
 
 
-def _after(posterior: BoundedNormal, information: Array, true: Array, noise: Array) -> Array:
-    """The means (K, P) of what will be believed about each machine."""
-    pairs: Sequence[tuple[Array, Array]] = list(zip(true, noise, strict=True))
-    return np.array([posterior.after(information, p, z).centre for p, z in pairs])
+def _for_all_machines(decision: Decision, believed: Array, true: Array) -> Array:
+    """The returns (K,) of one policy, made for believed (D, P)."""
+    return decision.returns(np.broadcast_to(believed, (len(true), *believed.shape)), true)
+
+
+def _after(posterior: BoundedNormal, information: Array, true: Array, noise: Array, randomized: bool) -> Array:
+    """What the policies (K, D, P) will be made for, each after the log of its machine: its mean, or several draws."""
+    known = [posterior.after(information, p, z) for p, z in zip(true, noise, strict=True)]
+    if not randomized:
+        return np.array([own.centre[None] for own in known])
+    return np.array([own.draws(np.random.default_rng(i), SEVERAL) for i, own in enumerate(known)])

@@ -4,8 +4,9 @@
 
 A hidden plant is the paper's, m and l uniform within their bounds (0.3 to 3 kg and m), and is measured with its random
 torques. What is lost on it is the optimum less the return of the policy made for the estimate, and the price of the
-rollouts. Whoever follows the advice begins with one rollout, and measures as many more as it says until it says to
-train; the others measure a fixed number. Policies are made by dynamic programming, on the same tables for all.
+rollouts. Whoever follows the advice begins with one rollout, measures as many more as it says until it says to train,
+and trains on what it says; the others measure a fixed number, and train at the mean. Policies are made by dynamic
+programming, on the same tables for all.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from study.paper.protocol import BOUNDS, PaperRollout, averaged_sensor, paper_mo
 from study.pipeline.tables import read_table, write_table
 from study.worth.decision import SwingUp
 from study.worth.posterior import BoundedNormal
-from study.worth.value_of_information import worth_of_rollouts
+from study.worth.value_of_information import SEVERAL, worth_of_rollouts
 from sysid import Estimate, GridSearch, fit
 
 FIXED = (1, 2, 5, 10, 25)
@@ -68,18 +69,19 @@ def case(identifier: str, seed: int, price: float) -> Case:
             estimates[n] = identified(identifier, rollouts[:n])
         return estimates[n]
 
-    decision = SwingUp.of(after(1).model, NAMES, episodes=EPISODES, table=TABLE)
+    decision, rng = SwingUp.of(after(1).model, NAMES, episodes=EPISODES, table=TABLE), np.random.default_rng(seed)
     n = 1
-    while n < MOST:
+    while True:
         advice = worth_of_rollouts(after(n), n, decision, price=price, further=FURTHER, draws=DRAWS)
-        if advice.best is None:
+        if advice.best is None or n == MOST:
             break
         n = min(MOST, n + advice.best.rollouts)
-    tried = (n, *FIXED)
-    believed = np.array([truth, *(BoundedNormal.of(after(k)).centre for k in tried)])
-    returns = decision.returns(believed, np.broadcast_to(truth, believed.shape))
-    losses = (returns[0] - returns[1:]).tolist()
-    return Case(identifier, seed, price, *truth.tolist(), float(returns[0]), n, *losses)
+    known = BoundedNormal.of(after(n))
+    deployed = known.draws(rng, SEVERAL) if advice.randomized else known.centre[None]
+    tried = [truth[None], deployed, *(BoundedNormal.of(after(k)).centre[None] for k in FIXED)]
+    returns = [float(decision.returns(believed[None], truth[None])[0]) for believed in tried]
+    losses = [returns[0] - own for own in returns[1:]]
+    return Case(identifier, seed, price, *truth.tolist(), returns[0], n, *losses)
 
 
 def told(cases: list[Case]) -> str:

@@ -47,11 +47,8 @@ class Quadratic:
     offset: float = -100.0
 
     def returns(self, believed: np.ndarray, true: np.ndarray) -> np.ndarray:
-        e = believed - true
+        e = np.mean(believed, axis=1) - true
         return self.offset - np.einsum("ki,ij,kj->k", e, self.cost, e)
-
-    def randomized(self, draws: np.ndarray, true: np.ndarray) -> np.ndarray:
-        return self.returns(np.broadcast_to(np.mean(draws, axis=0), true.shape), true)
 
 
 def estimate(covariance: np.ndarray = COVARIANCE) -> Estimate:
@@ -206,11 +203,11 @@ def test_the_papers_grid_has_to_go_on_and_least_squares_is_done_after_one() -> N
 
 def test_machines_side_by_side_return_what_each_returns_alone() -> None:
     decision = SwingUp.of(paper_model(2.0, 1.5), ("m", "l"), episodes=4)
-    believed, true = np.array([[2.0, 1.5], [1.0, 1.0]]), np.array([[1.8, 1.4], [1.0, 1.2]])
+    believed, true = np.array([[[2.0, 1.5]], [[1.0, 1.0]]]), np.array([[1.8, 1.4], [1.0, 1.2]])
     together = decision.returns(believed, true)
     alone = [decision.returns(believed[i : i + 1], true[i : i + 1])[0] for i in range(2)]
     assert together == pytest.approx(alone, abs=1e-9)
-    same = decision.returns(np.tile(believed[:1], (2, 1)), true)
+    same = decision.returns(np.tile(believed[:1], (2, 1, 1)), true)
     assert same == pytest.approx([alone[0], decision.returns(believed[:1], true[1:])[0]], abs=1e-9)
 
 
