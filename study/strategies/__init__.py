@@ -7,7 +7,7 @@ session      a strategy's dialogue with plant and training, as far as there are 
 The strategies:
     identified       identify, then train once; mended by this project's diagnosis
     simopt, auto_tuned, adapt_sim, dropo, bayes_sim      adapt what is trained on
-    readings         states and summaries of rollouts
+    readings         states and summaries of rollouts; episode_network: what two of these learn from
     candidates       compare returns (BayRn by gaussian_process, cross-entropy method); learning: on the plant itself
 
 The experiment:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache, cached_property
-from itertools import pairwise, product
+from itertools import product
 from typing import ClassVar
 
 import numpy as np
@@ -16,6 +16,7 @@ from policies.environments.randomization import Band
 from policies.evaluation import rollout
 from study.mismatch.trainings import TrainingSetup
 from study.strategies.bayes_sim import statistics
+from study.strategies.episode_network import EpisodeNetwork
 from study.strategies.readings import read, reads_angles
 from study.strategies.strategy import Dialogue, Situation, Strategy, Train, Try
 from sysid import Model, Sensor, State
@@ -151,40 +152,17 @@ class AdaptationPolicy:
     """What each step is worth, from statistics of episodes (N, F) and the place x (N, P) of their policy."""
 
     def __init__(self, levels: Levels, simulated: int, width: int = 64, epochs: int = 400) -> None:
-        self.levels, self.simulated, self.width, self.epochs = levels, simulated, width, epochs
+        self.levels, self.simulated, self.network = levels, simulated, EpisodeNetwork(width, epochs)
 
     def fit(self, seen: Array, x: Array, worth: Array, rng: np.random.Generator) -> None:
-        """Regression by a network of two hidden layers, on all data at once; worth (N, A) less its mean is learned."""
-        import torch
-
-        self.shift, self.scale = np.mean(seen, axis=0), np.std(seen, axis=0) + 1e-9
+        """Regression; what is learned of worth (N, A) is how far a step is from the others, not how well all do."""
         advantage = worth - np.mean(worth, axis=1, keepdims=True)
         advantage /= np.std(advantage, axis=1, keepdims=True) + 0.02
-        sizes = (seen.shape[1] + x.shape[1], self.width, self.width, worth.shape[1])
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(int(rng.integers(2**31)))
-            layers = [torch.nn.Linear(a, b) for a, b in pairwise(sizes)]
-            tanh = torch.nn.Tanh()
-            self.network = torch.nn.Sequential(layers[0], tanh, layers[1], tanh, layers[2]).double()
-        inputs, targets = self._inputs(seen, x), torch.as_tensor(advantage)
-        optimizer = torch.optim.Adam(self.network.parameters(), lr=1e-2)
-        for _ in range(self.epochs):
-            optimizer.zero_grad()
-            torch.nn.functional.mse_loss(self.network(inputs), targets).backward()
-            optimizer.step()
+        self.network.fit(seen, x, advantage, "mse_loss", rng)
 
     def moved(self, seen: Array, values: Array) -> Array:
         """The values (P,) after the step that the episodes of their policy, in the mean, find worth most."""
-        import torch
-
         low, high = self.levels.bounds.T
         x = (values - low) / (high - low)
-        with torch.no_grad():
-            worth = self.network(self._inputs(seen, np.tile(x, (len(seen), 1)))).numpy()
-        step = self.levels.steps[int(np.argmax(np.mean(worth, axis=0)))]
+        step = self.levels.steps[int(np.argmax(np.mean(self.network.answers(seen, x), axis=0)))]
         return np.asarray(low + np.round(self.levels.stepped(x, step), 4) * (high - low))
-
-    def _inputs(self, seen: Array, x: Array):  # type: ignore[no-untyped-def]
-        import torch
-
-        return torch.as_tensor(np.concatenate([(seen - self.shift) / self.scale, 2.0 * x - 1.0], axis=1))

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from policies.environments import task
 from policies.environments.randomization import Band
 from policies.evaluation import Policy, rollout
 from study.mismatch.trainings import TrainingSetup
 from study.strategies.bayes_sim import statistics
+from study.strategies.episode_network import EpisodeNetwork
 from study.strategies.readings import read, reads_angles
 from study.strategies.strategy import Dialogue, Situation, Strategy, Train, Try
 
@@ -89,33 +90,12 @@ class TooHigh:
     """Odds (N, P) that a candidate x (N, P) in the unit cube is above what the statistics (N, F) were made with."""
 
     def __init__(self, width: int = 32, epochs: int = 300) -> None:
-        self.width, self.epochs = width, epochs
+        self.network = EpisodeNetwork(width, epochs)
 
     def fit(self, seen: Array, x: Array, above: NDArray[np.bool_], rng: np.random.Generator) -> None:
-        """Logistic regression by a network of two hidden layers, on all data at once."""
-        import torch
-
-        self.shift, self.scale = np.mean(seen, axis=0), np.std(seen, axis=0) + 1e-9
-        inputs, sizes = self._inputs(seen, x), (seen.shape[1] + x.shape[1], self.width, self.width, x.shape[1])
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(int(rng.integers(2**31)))
-            layers = [torch.nn.Linear(a, b) for a, b in pairwise(sizes)]
-            tanh = torch.nn.Tanh()
-            self.network = torch.nn.Sequential(layers[0], tanh, layers[1], tanh, layers[2]).double()
-        targets, optimizer = torch.as_tensor(above.astype(float)), torch.optim.Adam(self.network.parameters(), lr=1e-2)
-        for _ in range(self.epochs):
-            optimizer.zero_grad()
-            torch.nn.functional.binary_cross_entropy_with_logits(self.network(inputs), targets).backward()
-            optimizer.step()
+        """Logistic regression."""
+        self.network.fit(seen, x, above.astype(float), "binary_cross_entropy_with_logits", rng)
 
     def odds(self, seen: Array, x: Array) -> Array:
-        import torch
-
-        with torch.no_grad():
-            found: Array = torch.sigmoid(self.network(self._inputs(seen, x))).numpy()
-        return found
-
-    def _inputs(self, seen: Array, x: Array):  # type: ignore[no-untyped-def]
-        import torch
-
-        return torch.as_tensor(np.concatenate([(seen - self.shift) / self.scale, 2.0 * x - 1.0], axis=1))
+        """Of candidates."""
+        return np.asarray(expit(self.network.answers(seen, x)))

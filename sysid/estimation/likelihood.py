@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
-from dataclasses import replace
 
 import numpy as np
 
 from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.kalman import Filter, LinearSystem
 from sysid.physics.ops import Array
-
-FLOOR = -40.0
-"""log of a size below which it counts as none."""
 
 IDLE = 5.0
 """Decrease of the deviance below which s may be none at once, and need not shrink step by step."""
@@ -61,16 +56,14 @@ def likelihood_ascent(now: Filter, floor: Array, angle_error: bool = True) -> Fi
 
 
 def maximum_likelihood(system: LinearSystem, begins: Iterable[Disturbances], angle_error: bool = True) -> Disturbances:
-    """The likeliest of disturbances about the same motion, each first moved to likelier sizes; at the floor is none."""
-    floor, ends = np.array([FLOOR, FLOOR]), list[Filter]()
+    """The likeliest of disturbances about the same motion, each first moved to likelier sizes."""
+    floor, ends = np.array([-40.0, -40.0]), list[Filter]()
     for begun in begins:
         trial = system.filter(begun)
         for _ in range(3):
             trial = likelihood_ascent(trial, floor, angle_error)
         ends.append(trial)
-    found = min(ends, key=lambda own: own.deviance).disturbances
-    s, sigma_o = (size if size > math.exp(FLOOR + 1.0) else 0.0 for size in (found.s, found.sigma_o))
-    return replace(found, s=s, sigma_o=sigma_o)
+    return min(ends, key=lambda own: own.deviance).disturbances
 
 
 def log_sizes(disturbances: Disturbances) -> Array:
