@@ -17,7 +17,7 @@ train at the estimate alone. paper-small: the same as paper with 64 x 64 network
 gaps, two noise levels and the prior range, the table and the text of the paper. robustness-small: the same, 64 x 64.
 identifiers: n on grid, least squares and Kalman filter. longer, longer-small: the widest band with twice the steps.
 mismatch: does breadth pay when the simulator lacks an effect; mismatch-quick: two of its plants, in minutes.
-strategies: published ways to spend rollouts, on the same rollouts; strategies-once: those that train one agent;
-strategies-quick: in minutes. smoke, mismatch-smoke, strategies-smoke: every part once, in a minute; the numbers
+strategies: published ways to spend rollouts, on the same rollouts; strategies-small: with five rollouts of two
+plants; strategies-quick: in minutes. smoke, mismatch-smoke, strategies-smoke: every part once, in a minute; the numbers
 mean nothing."""
 """What they are, for the command line."""

@@ -141,18 +141,11 @@ CONTRASTS = tuple((other, BASELINE) for other in PLACES if other not in ("prior"
 
 PLANTS = (PLAIN, COULOMB, DELAY_MEDIUM, MAGNET)
 EVERY = tuple(PLACES)
-ONCE = (
-    *("prior", "prior_range", "point", "grid", "kalman", "band", "posterior", "designed", "mended", "random_force"),
-    *("dropo", "bayes_sim"),
-)
-"""Those that train one agent, after the last rollout."""
-
 _ALL = (
     StrategiesPlan("strategies", PLANTS, ("encoder", "speed"), EVERY, (0, 1, 2, 5, 10, 25, 50), CONTRASTS, (5, 25),
                    tuple(range(4000, 4020)), in_rounds=4, described=2),
-    StrategiesPlan("strategies-once", (PLAIN, DELAY_MEDIUM), ("encoder",), ONCE, (0, 5),
-                   tuple(pair for pair in CONTRASTS if pair[0] in ONCE), (5,), tuple(range(4100, 4110)), in_rounds=0,
-                   described=10),
+    StrategiesPlan("strategies-small", (PLAIN, DELAY_MEDIUM), ("encoder",), EVERY, (0, 5), CONTRASTS, (5,),
+                   tuple(range(4100, 4110)), in_rounds=3, described=10),
     StrategiesPlan("strategies-quick", (PLAIN,), ("encoder",), EVERY, (0, 2, 10), CONTRASTS, (10,),
                    (1010, 1011), in_rounds=2, described=2, steps=1_024_000,
                    learner_steps=12_000),
