@@ -15,7 +15,7 @@ from study.pipeline.html_page import template
 from study.pipeline.tables import printed, write_csv
 from study.pipeline.versions import all_versions, write_record
 from study.strategies.catalogue import strategy_class
-from study.strategies.figures import simulated_steps, strategy_lines
+from study.strategies.figures import simulated_steps, strategy_returns
 from study.strategies.findings import StrategiesFindings, findings_of
 from study.strategies.plan import StrategiesPlan
 from study.strategies.sentences import sentences
@@ -30,10 +30,10 @@ CONTRASTED = ("plant", "sensing", "n", "a", "b", "mean", "low", "high", "seeds",
 """A pre-registered contrast a - b; p is Holm's over the family."""
 
 FIGURES = {
-    "returns": (strategy_lines, "Mean return over the real rollouts that were spent, a row a group of strategies, with "
-        "its 95 % interval where there are three seeds. Dotted and hollow: of strategies that compare returns, their "
-        "best candidate so far, evaluated anew outside the budget. Grey: the point estimate and what spends nothing. "
-        "Red: the optimum. Arrows are below the panel."),
+    "returns": (strategy_returns, "Mean return for the real rollouts that were spent, strategies of a group together, "
+        "with its 95 % interval where there are three seeds. Hollow: of strategies that compare returns, their best "
+        "candidate so far, evaluated anew outside the budget. Grey: the point estimate and what spends nothing. "
+        "Red: the optimum. Arrows are outside the panel."),
     "simulated": (simulated_steps, "The same means over the steps that were simulated for them, trainings on the way "
         "included, at the largest budget of the contrasts."),
 }  # fmt: skip

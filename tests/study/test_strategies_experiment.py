@@ -17,8 +17,9 @@ from study.mismatch.mismatch_results import Designed, Trained
 from study.mismatch.plan import PLAIN
 from study.pipeline.experiment import run
 from study.pipeline.settings import RunOptions
+from study.strategies.catalogue import PLACES, strategy_class
 from study.strategies.experiment import OPTIMUM
-from study.strategies.figures import simulated_steps, strategy_lines
+from study.strategies.figures import COLOURS, MARKS, simulated_steps, strategy_returns
 from study.strategies.findings import findings_of
 from study.strategies.on_plant import GoesOnLearning, _read, _write, networks_of
 from study.strategies.plan import PLANS, StrategiesPlan
@@ -124,12 +125,12 @@ def test_an_agent_that_goes_on_learning_begins_with_what_it_had(tmp_path):
     assert not np.array_equal(before, networks_of(later, 0)["critic0"])
 
 
-def invented(returns, optimum=-100.0):
+def invented(returns, optimum=-100.0, budgets=(5, 10, 25)):
     """Findings of returns (strategy, n) -> one a seed."""
     seeds = (1, 2, 3, 4)
     plan = StrategiesPlan(
-        "invented", (PLAIN,), ("encoder",), ("point", "cross_entropy"), (5, 10, 25),
-        (("cross_entropy", "point"),), (5, 10, 25), seeds, in_rounds=4, described=4,
+        "invented", (PLAIN,), ("encoder",), ("point", "cross_entropy"), budgets,
+        (("cross_entropy", "point"),), budgets, seeds, in_rounds=4, described=4,
     )  # fmt: skip
     steps, trained = [], []
     for case in plan.cases:
@@ -162,14 +163,33 @@ def test_what_is_found_is_what_was_put_in():
     assert "3 contrasts" in told["Which strategy beats the point estimate?"]
 
 
-@pytest.mark.parametrize("draw", [strategy_lines, simulated_steps])
+@pytest.mark.parametrize("draw", [strategy_returns, simulated_steps])
 @pytest.mark.parametrize("worth", [-110.0, -900.0])
-def test_figures_have_room_for_all_that_is_in_them(tmp_path, draw, worth):
-    """Also where every mean is below the panel; matplotlib warns where it gives up."""
-    found = findings_of(*invented({(s, n): worth for s in ("point", "cross_entropy") for n in (5, 10, 25)}))
+@pytest.mark.parametrize("budgets", [(5, 10, 25), (5,)])
+def test_figures_have_room_for_all_that_is_in_them(tmp_path, draw, worth, budgets):
+    """Also where every mean is outside the panel; matplotlib warns where it gives up."""
+    returns = {(s, n): worth for s in ("point", "cross_entropy") for n in budgets}
+    found = findings_of(*invented(returns, budgets=budgets))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert save(lambda: draw(found), tmp_path / "figure.png").stat().st_size > 10_000
+
+
+def test_with_one_budget_every_strategy_has_a_row_with_its_mean():
+    returns = {("point", 5): -104.5, ("cross_entropy", 5): -160.0}
+    figure = strategy_returns(findings_of(*invented(returns, budgets=(5,))))
+    axes = figure.axes[0]
+    rows = {label.get_text(): at for at, label in zip(axes.get_yticks(), axes.get_yticklabels(), strict=True)}
+    drawn = {(line.get_xdata()[0], line.get_ydata()[0]) for line in axes.lines if len(line.get_xdata()) == 1}
+    found = {row: {round(x, 2) for x, y in drawn if y == at} for row, at in rows.items()}
+    assert found == {"point estimate": {-104.25}, "cross-entropy": {-159.75, -140.0}}
+
+
+def test_no_two_strategies_look_alike():
+    groups = {}
+    for name in PLACES:
+        groups.setdefault(strategy_class(name).group, []).append(name)
+    assert max(map(len, groups.values())) <= min(len(COLOURS), len(MARKS))
 
 
 def test_an_unfinished_experiment_has_no_findings():
