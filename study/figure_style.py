@@ -56,4 +56,5 @@ def panel_title(axes: Axes, title: str, *about: str, **style: Any) -> None:
 
 
 def width_colours(count: int) -> list[tuple[float, ...]]:
+    """A colour for each of so many widths, from dark to light (count, 4)."""
     return [COLOURS(0.15 + 0.7 * k / max(1, count - 1)) for k in range(count)]

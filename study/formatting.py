@@ -37,8 +37,10 @@ def capital(text: str) -> str:
 def bracketed(
     mean: float, low: float, high: float, digits: int = 0, write: Callable[[float, int], str] = number
 ) -> str:
+    """A mean with its interval: `12 [10, 14]`."""
     return f"{write(mean, digits)} {interval(low, high, digits, write)}"
 
 
 def interval(low: float, high: float, digits: int = 0, write: Callable[[float, int], str] = number) -> str:
+    """Both ends of an interval in brackets."""
     return f"[{write(low, digits)}, {write(high, digits)}]"

@@ -156,6 +156,7 @@ def _between(rows: Sequence[LossRow], target: float) -> float | None:
 
 
 def rounded(size: float) -> float:
+    """A size to three digits, as tables print it."""
     return float(f"{size:.3g}")
 
 

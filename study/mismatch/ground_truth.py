@@ -135,6 +135,7 @@ def oracle(plant: HiddenPlant) -> Model:
 
 
 def sensor(plan: Plan) -> Sensor:
+    """The sensor that reads the hidden plant."""
     return Sensor(theta=plan.sd[0], theta_dot=plan.sd[1])
 
 

@@ -31,6 +31,7 @@ class Magnitude:
     numbers: Callable[[float], dict[str, float]] = field(repr=False)
 
     def at(self, size: float) -> Effect:
+        """The effect at a size [unit]."""
         from sysid import effect
 
         return effect(self.effect, **self.numbers(size))

@@ -70,9 +70,11 @@ class PointFindings:
         return table
 
     def returns(self, key: Key) -> Array:
+        """Mean returns (S,) of a cell's runs, sorted by seed."""
         return np.array([run.mean for run in self.cells[key]])
 
     def mean(self, key: Key) -> float:
+        """Mean return of a cell over its seeds."""
         return float(np.mean(self.returns(key)))
 
     @cached_property
@@ -113,6 +115,7 @@ class PointFindings:
         return paired_bootstrap(a, b, np.random.default_rng(BOOTSTRAP_SEED), self.preset.resamples)
 
     def contrast(self, a: Key, b: Key) -> Contrast:
+        """J(a) - J(b) of two cells, paired over seeds, by the bootstrap."""
         return self._paired(self.returns(a), self.returns(b))
 
     def contrasts(self) -> list[tuple[str, Contrast, Contrast, float]]:

@@ -73,9 +73,11 @@ class Outcomes:
         return tuple(dict.fromkeys(spot.point for spot in self.table))
 
     def budgets(self, point: str) -> tuple[int, ...]:
+        """Budgets that an operating point was run with, ascending."""
         return tuple(sorted({spot.n for spot in self.table if spot.point == point}))
 
     def seeds(self, *spots: Spot) -> tuple[int, ...]:
+        """Seeds that all of these cells share, ascending."""
         return tuple(sorted(set.intersection(*(set(self.table.get(spot, {})) for spot in spots))))
 
     def returns(self, spot: Spot, seeds: Sequence[int] | None = None, *, fresh: bool = False) -> NDArray[np.float64]:

@@ -64,6 +64,7 @@ class Reproduction:
     figures: Mapping[str, Path]
 
     def sentences(self) -> list[tuple[str, str]]:
+        """Pairs of question and answer."""
         said = self.agreement.sentences() if self.agreement else []
         return said + [("What is a rollout worth to a good identifier?", self.identifiers)] * bool(self.identifiers)
 

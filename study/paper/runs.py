@@ -46,6 +46,7 @@ ESTIMATES = Table("estimates", Estimated, "point TEXT, n INTEGER, seed INTEGER, 
 
 
 def hidden_plant(truth: Theta) -> Model:
+    """The paper's pendulum with that mass [kg] and length [m]."""
     m, l = truth  # noqa: E741
     return paper_model(m, l)
 

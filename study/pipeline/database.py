@@ -161,6 +161,7 @@ class Database:
             return [table.value(row) for row in self.db.execute(f"SELECT * FROM {table.name} ORDER BY {table.key}")]
 
     def note_training(self, population: int | str, seconds: float) -> None:
+        """Keep the seconds that a population has trained for. Raises OSError as `transaction` does."""
         with self.transaction() as db:
             db.execute(f"INSERT OR REPLACE INTO {self.progress} VALUES (?, ?)", (population, seconds))
 

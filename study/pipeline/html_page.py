@@ -29,6 +29,7 @@ def template(name: str) -> jinja2.Template:
 
 
 def embedded(file: Path) -> str:
+    """A PNG file as a data URL, so that a page needs no other file."""
     return "data:image/png;base64," + base64.b64encode(file.read_bytes()).decode()
 
 

@@ -31,6 +31,8 @@ class Processes:
     workers: int
 
     def execute(self, tasks: Sequence[Task], heard: Heard) -> None:
+        """Run the tasks and tell `heard` what each says. Raises WorkerFailed where a task raises an error or its
+        processes die again and again."""
         waiting = deque(Supervised(task, heard) for task in tasks)
         running: dict[Connection, _Worker] = {}
         try:

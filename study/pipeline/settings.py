@@ -63,6 +63,7 @@ class StudySettings:
         raise NotImplementedError
 
     def to_dict(self) -> dict[str, Any]:
+        """Every setting as plain JSON values."""
         data: dict[str, Any] = json.loads(json.dumps(dataclasses.asdict(self)))  # type: ignore[call-overload]
         return data
 
