@@ -20,7 +20,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 
-from study.figure_style import save
+from study.figure_style import save_figure
 from study.paper import claims
 from study.paper.agreement import Agreement
 from study.paper.figures.publication import identification
@@ -38,14 +38,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error(f"--seeds {options.seeds}: expected at least 2, one says nothing of scatter")
     begin = time.perf_counter()
     found = scatter(np.random.default_rng(0), options.seeds)
-    answers = (claims.rate(found), claims.bias(found), claims.floor(found), claims.plateau(), claims.monotone())
+    answers = (claims.rate(found), claims.bias(found), claims.error_floor(found), claims.plateau(), claims.monotone())
     for claim in (*answers, claims.starts()):
         print(f'"{claim.quote}" ({claim.place}): {claim.verdict}.\n{claim.answer}\n')
     print(f"Which published claims of significance stand?\n{Agreement(Outcomes({})).significance()}\n")
     print(f"{time.perf_counter() - begin:.0f} s")
     if options.figure:
         try:
-            save(lambda: identification(found), options.figure)
+            save_figure(lambda: identification(found), options.figure)
         except (OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or error
             parser.error(f"--figure {options.figure}: cannot write ({reason})")

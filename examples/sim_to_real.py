@@ -98,7 +98,7 @@ def trained(model: sysid.Model, seed: int, steps: int) -> Policy:
     from onnx.reference import ReferenceEvaluator
 
     from policies.environments.randomization import Fixed
-    from policies.storage.onnx_file import graph
+    from policies.storage.onnx_file import onnx_model
     from policies.training.program import settings_for, train
 
     def policy(state: sysid.State, t: float, past: np.ndarray | None = None) -> np.ndarray:
@@ -107,7 +107,7 @@ def trained(model: sysid.Model, seed: int, steps: int) -> Policy:
 
     policy.history = past_commands_needed(model)
     agent = train(model, Fixed(), settings_for(model, steps=steps), [seed], policy.history).policy
-    network = ReferenceEvaluator(graph(agent, model.dt))
+    network = ReferenceEvaluator(onnx_model(agent, model.dt))
     return policy
 
 

@@ -32,7 +32,7 @@ ACCENT = "#c8102e"
 PAPER_WHITE = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
 
 
-def save(draw: Callable[[], Figure], path: Path) -> Path:
+def save_figure(draw: Callable[[], Figure], path: Path) -> Path:
     """Draw a figure in the study's style into a PNG file; returns the path."""
     with matplotlib.rc_context(STYLE):
         figure = draw()
@@ -43,7 +43,9 @@ def save(draw: Callable[[], Figure], path: Path) -> Path:
     return path
 
 
-def beside(axes: Axes, text: str, at: tuple[float, float], shift: tuple[float, float] = (4, 0), **style: Any) -> None:
+def annotate_beside(
+    axes: Axes, text: str, at: tuple[float, float], shift: tuple[float, float] = (4, 0), **style: Any
+) -> None:
     """A note so many points beside a place of an axis."""
     axes.annotate(text, at, shift, **{"textcoords": "offset points", "va": "center", "fontsize": 9.0} | style)
 
@@ -52,7 +54,7 @@ def panel_title(axes: Axes, title: str, *about: str, **style: Any) -> None:
     """What a panel shows, with lines about it below; empty ones are left out."""
     axes.set_title(capital(title), pad=30, **style)
     lines = "\n".join(filter(None, about))
-    beside(axes, lines, (0.0, 1.0), (0, 26), xycoords="axes fraction", va="top", fontsize=8.5, color="0.4")
+    annotate_beside(axes, lines, (0.0, 1.0), (0, 26), xycoords="axes fraction", va="top", fontsize=8.5, color="0.4")
 
 
 def width_colours(count: int) -> list[tuple[float, ...]]:

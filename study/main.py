@@ -129,12 +129,12 @@ def _study(options: Options) -> int:
 def _run_options(options: Options) -> RunOptions:
     """Raises InvalidInput for a path that the system refuses."""
     from study.pipeline.settings import RunOptions
-    from sysid.data.files import place
+    from sysid.data.files import full_path
 
     folder = options.out or Path("results", options.preset)
     for path in (folder, options.import_, options.published):
         if path is not None:
-            place(path, "use")
+            full_path(path, "use")
     chosen = tuple(filter(None, options.strategies.split(",")))
     return RunOptions(folder, options.device, options.checkpoint_seconds, options.import_, options.published, chosen)
 

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from sysid.cli.command_line import answer
-from sysid.cli.options import COMMANDS, Workbench
+from sysid.cli.options import COMMANDS, WorkbenchCommand
 from sysid.errors import InvalidInput
 
 
@@ -24,7 +24,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(command: Any) -> None:
-    if isinstance(command, Workbench):
+    if isinstance(command, WorkbenchCommand):
         _serve(command)
         return
     from sysid.cli.commands import run
@@ -34,7 +34,7 @@ def _run(command: Any) -> None:
         run(command)
 
 
-def _serve(command: Workbench) -> None:
+def _serve(command: WorkbenchCommand) -> None:
     try:
         from sysid.web.server import serve
     except ModuleNotFoundError as error:

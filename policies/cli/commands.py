@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from policies.cli.options import Evaluate, Export, Train
+from policies.cli.options import EvaluateCommand, ExportPolicyCommand, TrainCommand
 from policies.control.references import ReferenceReturn, references
 from policies.environments import task
 from policies.environments.machine import (
@@ -28,7 +28,7 @@ from policies.evaluation import Evaluation, evaluate, fresh_start_states
 from policies.limits import EPISODES, EVALUATION_MEMORY, LAYER_WIDTH, LAYERS
 from policies.storage.policy_file import DESCRIPTION, LONGEST_HISTORY, WEIGHTS, SavedPolicy, load_policy, save_policy
 from sysid import InvalidInput, Model, Parameter, SavedModel, load
-from sysid.data.files import check_outputs, place, save_file
+from sysid.data.files import check_outputs, full_path, save_file
 from sysid.limits import check_size
 
 logger = logging.getLogger(__name__)
@@ -52,7 +52,7 @@ def run(command: Any) -> None:
 
 
 @run.register
-def _(command: Train) -> None:
+def _(command: TrainCommand) -> None:
     _check_numbers(command)
     _check_folder(command.out, [command.model, command.effects, command.onnx], command.force)
     _check_onnx(command)
@@ -107,7 +107,7 @@ def _(command: Train) -> None:
 
 
 @run.register
-def _(command: Evaluate) -> None:
+def _(command: EvaluateCommand) -> None:
     _check_whole("--episodes", command.episodes, 2, EPISODES)
     _check_whole("--seed", command.seed, 0, LARGEST_SEED)
     inputs = [command.model, command.effects, command.policy / DESCRIPTION, command.policy / WEIGHTS]
@@ -141,7 +141,7 @@ def _(command: Evaluate) -> None:
 
 
 @run.register
-def _(command: Export) -> None:
+def _(command: ExportPolicyCommand) -> None:
     from policies.storage.onnx_file import require_onnx
 
     inputs = [command.effects, command.policy / DESCRIPTION, command.policy / WEIGHTS]
@@ -154,17 +154,17 @@ def _(command: Export) -> None:
 # ---- train -----------------------------------------------------------------------------------------------------------
 
 
-def _check_onnx(command: Train) -> None:
+def _check_onnx(command: TrainCommand) -> None:
     if command.onnx is None:
         return
-    file, folder = place(command.onnx, "write"), place(command.out, "write")
+    file, folder = full_path(command.onnx, "write"), full_path(command.out, "write")
     if file == folder:
         raise InvalidInput(f"--onnx {command.onnx}: that is the policy's folder; expected a file")
     if file.parent != folder or folder.is_dir():  # else in the folder that is yet to be made
         check_outputs([command.model, command.effects], [command.onnx], command.force)
 
 
-def _checkpoint(command: Train) -> Path:
+def _checkpoint(command: TrainCommand) -> Path:
     """Where this training is kept until it ends."""
     file = command.out / CHECKPOINT
     if command.force:
@@ -174,7 +174,7 @@ def _checkpoint(command: Train) -> Path:
     return file
 
 
-def _check_numbers(command: Train) -> None:
+def _check_numbers(command: TrainCommand) -> None:
     _check_whole("--steps", 1 if command.steps is None else command.steps, 1, 10**9)
     if command.algorithm == "shac" and command.loss != "fast":
         raise InvalidInput(f"--loss {command.loss}: expected --algorithm sac with it")
@@ -191,7 +191,7 @@ def _check_whole(option: str, number: int, low: int, high: int) -> None:
         raise InvalidInput(f"{option} {number}: expected a whole number from {low} to {high:g}")
 
 
-def _randomization(command: Train, saved: SavedModel, machine: Model) -> Randomization:
+def _randomization(command: TrainCommand, saved: SavedModel, machine: Model) -> Randomization:
     """What --randomize says, of the parameters that a fit may move."""
     parameters = machine.parameters
     names = [name for name in saved.free if name in parameters]
@@ -261,7 +261,7 @@ def history_for(machine: Model, randomization: Randomization) -> int:
     return min(LONGEST_HISTORY, wanted)
 
 
-def _introduce(command: Train, model: Model, machine: Model, randomization: Randomization, history: int) -> None:
+def _introduce(command: TrainCommand, model: Model, machine: Model, randomization: Randomization, history: int) -> None:
     numbers = ", ".join(f"{name} = {p.value:.4g} {p.unit}" for name, p in machine.parameters.items())
     logger.info(f"{command.model.name}: {type(machine.plant).__name__}, {numbers}; torque up to {machine.u_max:g} N m")
     left_out = [e.name for e in model.effects if e.of_log]
@@ -351,7 +351,7 @@ def _plain(evaluation: Evaluation) -> dict[str, Any]:
 
 
 def _check_folder(folder: Path, inputs: Sequence[Path | None], force: bool) -> None:
-    full = place(folder, "write")
+    full = full_path(folder, "write")
     if full.exists() and not full.is_dir():
         raise InvalidInput(f"{folder} is a file: expected a folder for the policy")
     if full.is_dir():

@@ -17,7 +17,7 @@ Texts = UseAppendAction[tuple[str, ...]]
 
 
 @dataclass(frozen=True)
-class Train:
+class TrainCommand:
     """A controller for a fitted model: swing up and hold, trained on the model with all its effects.
 
     What is stopped, the same command goes on with.
@@ -85,7 +85,7 @@ class Train:
 
 
 @dataclass(frozen=True)
-class Evaluate:
+class EvaluateCommand:
     """What a policy is worth: on the model it was trained on, and on another: the transfer gap."""
 
     policy: Folder
@@ -114,7 +114,7 @@ class Evaluate:
 
 
 @dataclass(frozen=True)
-class Export:
+class ExportPolicyCommand:
     """A policy as ONNX, for a controller that knows nothing of Python."""
 
     policy: Folder
@@ -132,4 +132,8 @@ class Export:
     """Write over a file that is there."""
 
 
-COMMANDS: dict[str, Callable[..., Any]] = {"train": Train, "evaluate": Evaluate, "export": Export}
+COMMANDS: dict[str, Callable[..., Any]] = {
+    "train": TrainCommand,
+    "evaluate": EvaluateCommand,
+    "export": ExportPolicyCommand,
+}

@@ -42,7 +42,7 @@ def write_onnx(policy: NetworkPolicy, dt: float, path: str | PathLike[str]) -> f
     package onnx.
     """
     require_onnx()
-    model = graph(policy, dt)
+    model = onnx_model(policy, dt)
     difference = largest_difference(policy, model)
     if not difference <= ONNX_TOLERANCE:
         raise InvalidInput(f"the ONNX graph differs from the policy by {difference:.2g} u_max: nothing was written")
@@ -50,7 +50,7 @@ def write_onnx(policy: NetworkPolicy, dt: float, path: str | PathLike[str]) -> f
     return difference
 
 
-def graph(policy: NetworkPolicy, dt: float) -> ModelProto:
+def onnx_model(policy: NetworkPolicy, dt: float) -> ModelProto:
     """The policy as an ONNX model, checked to be a valid one."""
     import onnx
     from onnx import TensorProto, helper, numpy_helper

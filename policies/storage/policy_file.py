@@ -39,7 +39,7 @@ from policies.limits import LAYER_WIDTH, LAYERS
 from policies.network_policy import NetworkPolicy
 from sysid import InvalidInput, Model
 from sysid.data.files import named, read_file, save_file
-from sysid.data.json_file import count, mapping, number, read_json, sequence, text
+from sysid.data.json_file import count, mapping, number_in, read_json, sequence, text
 from sysid.errors import excerpt
 from sysid.estimation.saved_model import from_dict, to_dict
 from sysid.limits import check_size
@@ -109,7 +109,7 @@ def load_policy(folder: str | PathLike[str]) -> SavedPolicy:
 
 
 def _policy(data: Mapping[str, Any], weights: bytes) -> SavedPolicy:
-    history, dt, u_max = count(data, "history"), number(data, "dt"), number(data, "u_max")
+    history, dt, u_max = count(data, "history"), number_in(data, "dt"), number_in(data, "u_max")
     if history > LONGEST_HISTORY:
         raise InvalidInput(f"it observes {history:,} past commands: expected at most {LONGEST_HISTORY}")
     names = list(task.observation_names(history))

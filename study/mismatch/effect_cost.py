@@ -33,7 +33,7 @@ import numpy as np
 
 from policies.control.dynamic_programming import Grid, solve
 from policies.evaluation import batch_returns, fresh_start_states, start_states
-from study.mismatch.ground_truth import BLUNT, DESIGN_SUBSTEPS, design, machine
+from study.mismatch.ground_truth import BLUNT, DESIGN_SUBSTEPS, design, hidden_machine
 from study.mismatch.magnitudes import MAGNITUDES, Magnitude
 from study.pipeline.tables import read_table, write_table
 from study.statistics import sem
@@ -83,23 +83,23 @@ class LossRow:
 class Bench:
     """The plain machine's designers, and what they are worth there; measures one magnitude at one size at a time.
 
-    substeps   of the machine, where others are wanted than `machine` takes
+    substeps   of the machine, where others are wanted than `hidden_machine` takes
     """
 
     def __init__(
         self, blunt: Grid = BLUNT, sharp: Grid = SHARP, episodes: int = EPISODES, substeps: int | None = None
     ) -> None:
         self.grid, self.substeps = blunt, substeps
-        self.ignorant = tuple(solve(machine(substeps=DESIGN_SUBSTEPS), grid) for grid in (blunt, sharp))
+        self.ignorant = tuple(solve(hidden_machine(substeps=DESIGN_SUBSTEPS), grid) for grid in (blunt, sharp))
         groups = [fresh_start_states(SEED, episodes), *(start_states(seed) for seed in PAPER_SEEDS)]
         self.starts = tuple(np.concatenate(columns) for columns in zip(*groups, strict=True))
         self.fresh = np.arange(len(self.starts[0])) < episodes
-        (self.plain,) = batch_returns(self.ignorant[:1], machine(substeps=substeps), *self.starts)
+        (self.plain,) = batch_returns(self.ignorant[:1], hidden_machine(substeps=substeps), *self.starts)
 
     def measure(self, magnitude: Magnitude, size: float) -> LossRow:
         """What it costs not to know an effect of this size."""
         effect = magnitude.at(size)
-        model = machine(effect, self.substeps)
+        model = hidden_machine(effect, self.substeps)
         if isinstance(effect, OutputEffect):
             ignorant, sharp = batch_returns(self.ignorant, model, *self.starts)
             aware = self.plain
@@ -132,7 +132,7 @@ def write_losses(path: Path, rows: Iterable[LossRow]) -> None:
 
 def explore(magnitude: Magnitude, measure: Callable[[Magnitude, float], LossRow]) -> list[LossRow]:
     """Rows over the plausible sizes, then nearer and nearer to those at which the loss passes each target."""
-    rows = {size: measure(magnitude, size) for size in (rounded(share * magnitude.largest) for share in STEPS)}
+    rows = {size: measure(magnitude, size) for size in (three_digits(share * magnitude.largest) for share in STEPS)}
     for target in TARGETS:
         for _ in range(6):
             size = _between(sorted(rows.values(), key=lambda row: row.size), target)
@@ -152,10 +152,10 @@ def _between(rows: Sequence[LossRow], target: float) -> float | None:
     if min(abs(row.percent - target) for row in (low, high)) < max(0.45, 0.1 * target):
         return None
     share = (target - low.percent) / (high.percent - low.percent)
-    return rounded(low.size + min(max(share, 0.3), 0.7) * (high.size - low.size))
+    return three_digits(low.size + min(max(share, 0.3), 0.7) * (high.size - low.size))
 
 
-def rounded(size: float) -> float:
+def three_digits(size: float) -> float:
     """A size to three digits, as tables print it."""
     return float(f"{size:.3g}")
 
@@ -169,10 +169,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         options.out.mkdir(parents=True, exist_ok=True)
         rows = _measured(options.out / LOSS_TABLE, options.effects)
-        from study.figure_style import save
+        from study.figure_style import save_figure
         from study.mismatch.figures.effect_cost import draw_effect_cost
 
-        save(lambda: draw_effect_cost(rows), options.out / LOSS_FIGURE)
+        save_figure(lambda: draw_effect_cost(rows), options.out / LOSS_FIGURE)
     except (InvalidInput, OSError) as error:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         return 2

@@ -24,13 +24,13 @@ from rich.console import Console
 
 from policies.control.dynamic_programming import Grid
 from policies.evaluation import Policy, batch_returns, fresh_start_states
-from study.mismatch.ground_truth import DESIGN_SUBSTEPS, design, ground_truth, machine, oracle
+from study.mismatch.ground_truth import DESIGN_SUBSTEPS, design, ground_truth, hidden_machine, oracle
 from study.mismatch.mismatch_results import DESIGNS, FITS, TRAININGS, Designed, Fitted, MismatchResults
 from study.mismatch.plan import STRATEGIES, Plan, TrainingPlan
 from study.mismatch.strategies import training_setups
 from study.mismatch.trainings import MismatchPopulation, TrainingSetup, agents_of, populations, training_setup_of
 from study.pipeline.executor import Brief, Link
-from study.pipeline.experiment import Experiment, Stage
+from study.pipeline.experiment import Stage, StudyExperiment
 from study.pipeline.population_task import left
 from study.pipeline.settings import digest
 from sysid import InvalidInput, Model
@@ -84,7 +84,7 @@ class DesignTask(Brief):
 
     def _designs(self, link: Link) -> dict[str, Policy]:
         models: list[tuple[str, Model]] = [(OPTIMUM, oracle(self.plan.plant(self.plant)))]
-        models.append((PLAIN, machine(substeps=DESIGN_SUBSTEPS)))
+        models.append((PLAIN, hidden_machine(substeps=DESIGN_SUBSTEPS)))
         models += [(key, training_setup_of(data).model) for key, data in self.models]
         grid, made = Grid(theta=self.plan.grid, theta_dot=self.plan.grid + 1), dict[str, Policy]()
         for k, (key, model) in enumerate(models):
@@ -129,7 +129,7 @@ class FitTask(Brief):
 
 
 @dataclass(eq=False)
-class MismatchExperiment(Experiment):
+class MismatchExperiment(StudyExperiment):
     """A plan with its results: every strategy makes something of the rollouts, which is trained on and designed on."""
 
     plan: Plan

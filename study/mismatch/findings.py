@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from study.mismatch.experiment import OPTIMUM, PLAIN, model_key
 from study.mismatch.mismatch_results import Designed, Fitted, Trained
 from study.mismatch.naming_results import names
-from study.mismatch.plan import CONTRASTS, FREE, STRATEGIES, HiddenPlant, Plan, StrategyKey, Trial
+from study.mismatch.plan import CONTRASTS, FREE, STRATEGIES, HiddenPlant, Plan, StrategyKey, TrialKey
 from study.mismatch.trainings import TrainingSetup, agents_of, training_setup_of
 from study.statistics import Contrast, holm, paired_t, sem, student
 from sysid import InvalidInput
@@ -21,7 +21,7 @@ from sysid import InvalidInput
 Array = NDArray[np.float64]
 
 
-class Condition(NamedTuple):
+class TrialCondition(NamedTuple):
     """A strategy at a plant and a budget (0 for strategies without rollouts)."""
 
     plant: str
@@ -29,7 +29,7 @@ class Condition(NamedTuple):
     n: int
 
     @classmethod
-    def of(cls, plant: str, strategy: str, n: int) -> Condition:
+    def of(cls, plant: str, strategy: str, n: int) -> TrialCondition:
         """With n rollouts where the strategy spends any."""
         return cls(plant, strategy, 0 if strategy in FREE else n)
 
@@ -72,7 +72,7 @@ class StrategyOutcome:
     """What a condition came to: returns (S,) of the seeds, each a mean over its start states, optima (S,) from the same
     start states, and the parts of the gap; None where no table stands for what was trained on."""
 
-    condition: Condition
+    condition: TrialCondition
     seeds: tuple[int, ...]
     returns: Array
     optima: Array
@@ -95,7 +95,7 @@ class StrategyOutcome:
 
 
 @dataclass(frozen=True)
-class Compared:
+class TrialContrast:
     """A pre-registered contrast J(a) - J(b) over matched seeds; p: Holm's over the whole family; median of the
     differences."""
 
@@ -124,31 +124,31 @@ class MismatchFindings:
     """
 
     plan: Plan
-    outcomes: dict[Condition, StrategyOutcome]
+    outcomes: dict[TrialCondition, StrategyOutcome]
     optima: dict[str, float]
-    compared: tuple[Compared, ...]
+    compared: tuple[TrialContrast, ...]
     verdicts: dict[tuple[str, int], Counter[Verdict]]
     hours: float
 
     def difference(self, plant: str, a: str, b: str, n: int) -> Contrast | None:
         """J(a) - J(b) over the seeds that both have, planned or not; None where a strategy is not in the plan."""
-        one, other = (self.outcomes.get(Condition(plant, key, n)) for key in (a, b))
+        one, other = (self.outcomes.get(TrialCondition(plant, key, n)) for key in (a, b))
         if one is None or other is None:
             return None
         shared = sorted(set(one.seeds) & set(other.seeds))
         return paired_t(*(o.returns[[o.seeds.index(s) for s in shared]] for o in (one, other)))
 
-    def together(self, rows: Sequence[Compared]) -> Contrast:
+    def together(self, rows: Sequence[TrialContrast]) -> Contrast:
         """The mean of some of the plan's contrasts: paired over seeds, each seed's differences averaged first. It was
         not pre-registered."""
         sides = (
-            [self.outcomes[Condition.of(row.plant, strategy, row.n)].returns for row in rows]
+            [self.outcomes[TrialCondition.of(row.plant, strategy, row.n)].returns for row in rows]
             for strategy in (rows[0].a, rows[0].b)
         )
         return paired_t(*(np.mean(side, axis=0) for side in sides))
 
 
-def findings_of(
+def mismatch_findings(
     plan: Plan, fits: Sequence[Fitted], trained: Sequence[Trained], designs: Sequence[Designed]
 ) -> MismatchFindings:
     """The answer from the results; raises InvalidInput where some are missing."""
@@ -157,9 +157,9 @@ def findings_of(
     agents = {agent.key: agent for agent in trained}
     models = {f.trial: training_setup_of(f.payload) for f in fits}
     designed = {(d.plant, d.model, d.seed): float(np.mean(d.returns)) for d in designs}
-    trials: dict[Condition, list[Trial]] = {}
+    trials: dict[TrialCondition, list[TrialKey]] = {}
     for trial in plan.trials:
-        trials.setdefault(Condition(*trial[:3]), []).append(trial)
+        trials.setdefault(TrialCondition(*trial[:3]), []).append(trial)
     outcomes = {}
     for condition, own in trials.items():
         returns = np.array([float(np.mean(agents[keys[t]].returns[t.plant])) for t in own])
@@ -192,9 +192,9 @@ def _check(plan: Plan, fits: Sequence[Fitted], trained: Sequence[Trained], desig
 
 def _split(
     plant: HiddenPlant,
-    trials: Sequence[Trial],
+    trials: Sequence[TrialKey],
     returns: Array,
-    training_setups: Mapping[Trial, TrainingSetup],
+    training_setups: Mapping[TrialKey, TrainingSetup],
     designed: Mapping[tuple[str, str, int], float],
 ) -> Split | None:
     """The mean parts over the seeds for whose models a table stands; None where none does."""
@@ -217,17 +217,17 @@ def _split(
     return Split(*np.mean(rows, axis=0).tolist(), len(rows)) if rows else None
 
 
-def _compared(plan: Plan, outcomes: Mapping[Condition, StrategyOutcome]) -> list[Compared]:
+def _compared(plan: Plan, outcomes: Mapping[TrialCondition, StrategyOutcome]) -> list[TrialContrast]:
     found = []
     for plant in plan.plants:
         for a, b in CONTRASTS:
             if a not in plan.strategies or b not in plan.strategies:
                 continue
             for n in (0,) if a in FREE and b in FREE else plan.budgets:
-                one, other = (outcomes[Condition.of(plant.name, strategy, n)].returns for strategy in (a, b))
+                one, other = (outcomes[TrialCondition.of(plant.name, strategy, n)].returns for strategy in (a, b))
                 found.append((plant.name, n, a, b, paired_t(one, other), float(np.median(one - other))))
     adjusted = holm({k: row[4].p for k, row in enumerate(found)})
-    return [Compared(*row, adjusted[k]) for k, row in enumerate(found)]
+    return [TrialContrast(*row, adjusted[k]) for k, row in enumerate(found)]
 
 
 def _verdicts(fits: Sequence[Fitted]) -> dict[tuple[str, int], Counter[Verdict]]:

@@ -94,7 +94,7 @@ PRIOR = dataclasses.replace(paper_model(), integrator=RK4(substeps=DESIGN_SUBSTE
 """What an engineer would assume without data; the paper's numbers, integrated so that steps of 25 ms are no gap."""
 
 
-def machine(effect: Effect | None = None, substeps: int | None = None) -> Model:
+def hidden_machine(effect: Effect | None = None, substeps: int | None = None) -> Model:
     """The hidden machine; by default in steps of 5 ms, or of 0.2 ms where something makes it stick."""
     plain = paper_model(m=2.0, l=1.5)
     model = plain if effect is None else plain.with_effect(effect)
@@ -126,12 +126,12 @@ def effect_of(plant: HiddenPlant) -> Effect | None:
 
 def ground_truth(plant: HiddenPlant) -> Model:
     """The plant as a real machine moves."""
-    return machine(effect_of(plant))
+    return hidden_machine(effect_of(plant))
 
 
 def oracle(plant: HiddenPlant) -> Model:
     """The plant in the steps that every agent trains on."""
-    return machine(effect_of(plant), substeps=DESIGN_SUBSTEPS)
+    return hidden_machine(effect_of(plant), substeps=DESIGN_SUBSTEPS)
 
 
 def sensor(plan: Plan) -> Sensor:

@@ -11,13 +11,13 @@ from rich.markup import escape
 
 from study.mismatch import naming
 from study.mismatch.figures.trajectories import draw_figures
-from study.mismatch.findings import MismatchFindings, findings_of
+from study.mismatch.findings import MismatchFindings, mismatch_findings
 from study.mismatch.mismatch_results import DESIGNS, FITS, TRAININGS, MismatchResults
 from study.mismatch.naming_results import NAMING_TABLE, NamingResult, naming_table, read_naming
 from study.mismatch.plan import CONTRASTS, STRATEGIES, Plan
-from study.mismatch.sentences import sentences
+from study.mismatch.sentences import mismatch_sentences
 from study.pipeline.html_page import template
-from study.pipeline.tables import printed, write_csv
+from study.pipeline.tables import printed, write_rows
 from study.pipeline.versions import all_versions, write_record
 from sysid.data.files import write_whole
 
@@ -55,23 +55,23 @@ def publish_mismatch(plan: Plan, results: MismatchResults, console: Console) -> 
     folder, trained, fits = results.folder, results.all(TRAININGS), results.all(FITS)
     naming_rows = read_naming(folder / NAMING_TABLE)
     with console.status("drawing"):
-        found = findings_of(plan, fits, trained, results.all(DESIGNS))
-        said = sentences(found, naming_rows)
+        found = mismatch_findings(plan, fits, trained, results.all(DESIGNS))
+        said = mismatch_sentences(found, naming_rows)
         made_with = [agent.versions for agent in trained]
-        write_tables(found, folder)
+        write_mismatch_tables(found, folder)
         about = {"trials": len(plan.trials), "agents": len(trained), "contrasts": [f"{a} - {b}" for a, b in CONTRASTS]}
         write_record(folder / "study.json", plan, results.device, about, found.hours, made_with)
         figures = draw_figures(found, fits, folder)
         if naming_rows:
             figures["naming"] = naming.draw_naming(naming_rows, folder)
-        write_whole(folder / "report.html", page(found, said, figures, all_versions(made_with), naming_rows))
+        write_whole(folder / "report.html", mismatch_page(found, said, figures, all_versions(made_with), naming_rows))
     for question, text in said:
         console.print(f"[bold]{question}[/]\n{escape(text)}\n")
     console.print(f"report   {folder / 'report.html'}", soft_wrap=True)
     console.print(f"figures  {', '.join(map(str, figures.values()))}", soft_wrap=True)
 
 
-def write_tables(found: MismatchFindings, folder: Path) -> None:
+def write_mismatch_tables(found: MismatchFindings, folder: Path) -> None:
     """trials.csv, outcomes.csv, contrasts.csv."""
     trials, outcomes = [], []
     for condition, own in found.outcomes.items():
@@ -88,10 +88,10 @@ def write_tables(found: MismatchFindings, folder: Path) -> None:
     for name, columns, rows in (
         ("trials", TRIALS, trials), ("outcomes", OUTCOMES, outcomes), ("contrasts", CONTRASTED, contrasts)
     ):  # fmt: skip
-        write_csv(folder / f"{name}.csv", columns, map(printed, rows))
+        write_rows(folder / f"{name}.csv", columns, map(printed, rows))
 
 
-def page(
+def mismatch_page(
     findings: MismatchFindings,
     sentences: Sequence[tuple[str, str]],
     figures: Mapping[str, Path],

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from study.mismatch.plan import MISMATCH_FORMAT, Trial
+from study.mismatch.plan import MISMATCH_FORMAT, TrialKey
 from study.pipeline.database import Database, identity
 from study.pipeline.policy_files import FOLDER
 from study.pipeline.settings import StudySettings
-from study.pipeline.tables import Table
+from study.pipeline.tables import ResultTable
 
 OUTPUTS = (
     "study.json", "trials.csv", "outcomes.csv", "contrasts.csv", "report.html", FOLDER,
@@ -40,8 +40,8 @@ class Fitted:
     seconds: float
 
     @property
-    def trial(self) -> Trial:
-        return Trial(self.plant, self.strategy, self.n, self.seed)
+    def trial(self) -> TrialKey:
+        return TrialKey(self.plant, self.strategy, self.n, self.seed)
 
 
 @dataclass(frozen=True)
@@ -66,9 +66,11 @@ class Designed:
     seconds: float
 
 
-FITS = Table("fits", Fitted, "plant TEXT, strategy TEXT, n INTEGER, seed INTEGER, payload TEXT, seconds REAL", keys=4)
-TRAININGS = Table("trainings", Trained, "key TEXT, returns TEXT, curve TEXT, versions TEXT, seconds REAL", keys=1)
-DESIGNS = Table("designs", Designed, "plant TEXT, model TEXT, seed INTEGER, returns TEXT, seconds REAL", keys=3)
+FITS = ResultTable(
+    "fits", Fitted, "plant TEXT, strategy TEXT, n INTEGER, seed INTEGER, payload TEXT, seconds REAL", keys=4
+)
+TRAININGS = ResultTable("trainings", Trained, "key TEXT, returns TEXT, curve TEXT, versions TEXT, seconds REAL", keys=1)
+DESIGNS = ResultTable("designs", Designed, "plant TEXT, model TEXT, seed INTEGER, returns TEXT, seconds REAL", keys=3)
 
 
 class MismatchResults(Database):

@@ -33,7 +33,7 @@ from study.mismatch.naming_results import (
 )  # fmt: skip
 from study.mismatch.plan import PLAIN, HiddenPlant, Plan
 from study.pipeline.executor import Brief
-from study.pipeline.experiment import Experiment, Stage
+from study.pipeline.experiment import Stage, StudyExperiment
 from sysid import InvalidInput
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ class NamingTask(Brief):
         return found
 
 
-class NamingExperiment(Experiment):
+class NamingExperiment(StudyExperiment):
     """The rows of a table that are measured up to so many seeds, each kept as soon as it is known."""
 
     def __init__(self, plan: Plan, path: Path, budgets: Sequence[int], seeds: int) -> None:
@@ -147,10 +147,10 @@ class NamingExperiment(Experiment):
 
 def draw_naming(rows: Sequence[NamingResult], folder: Path) -> Path:
     """Draw the rates and errors into a folder; returns the file."""
-    from study.figure_style import save
+    from study.figure_style import save_figure
     from study.mismatch.figures.naming import naming
 
-    return save(lambda: naming(rows), folder / FIGURE)
+    return save_figure(lambda: naming(rows), folder / FIGURE)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

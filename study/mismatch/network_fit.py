@@ -117,7 +117,7 @@ class Weights:
         return replace(self.base, effects=(*self.base.effects, *learned))
 
 
-class Linearisation(NamedTuple):
+class WindowSensitivities(NamedTuple):
     """Residuals e (K, R) of K windows, and their derivatives S_x (K, R, 2), S_p (K, R, P) with respect to the windows'
     starts and to the weights."""
 
@@ -142,13 +142,13 @@ class Windows:
         e = (self.response.y - np.swapaxes(states, 1, 2)) * self.response.weight
         return e.reshape(len(starts), -1), states
 
-    def linearise(self, p: Array, starts: Array) -> Linearisation:
+    def linearise(self, p: Array, starts: Array) -> WindowSensitivities:
         """Residuals and derivatives at weights p (P,) and starts (K, 2)."""
         e, states = self.residual(p, starts)
         A, G = self._slopes(p, states)
         Z = propagate(A, G)
         S = (np.swapaxes(Z, 1, 2) * self.response.weight[..., None]).reshape(*e.shape, Z.shape[-1])
-        return Linearisation(e, S[..., :2], S[..., 2:])
+        return WindowSensitivities(e, S[..., :2], S[..., 2:])
 
     def _states(self, model: Model, starts: Array) -> Array:
         K, L, _ = self.commands.shape
@@ -212,7 +212,7 @@ def _descend(windows: Windows, p: Array, starts: Array, decay: Array, damping: f
     return p, starts, damping
 
 
-def _beside_starts(lin: Linearisation) -> tuple[Array, Array]:
+def _beside_starts(lin: WindowSensitivities) -> tuple[Array, Array]:
     """What of the residuals (K R,) and of their slopes to the weights (K R, P) lies beside the columns of S_x: the
     starts of all windows eliminated."""
     Q, _ = np.linalg.qr(lin.S_x)
@@ -223,7 +223,7 @@ def _beside_starts(lin: Linearisation) -> tuple[Array, Array]:
     return flat[:, 0], flat[:, 1:]
 
 
-def _start_steps(lin: Linearisation, dp: Array) -> Array:
+def _start_steps(lin: WindowSensitivities, dp: Array) -> Array:
     """The step of the starts (K, 2) that goes with dp; at most half a radian and three times that a second."""
     dx = np.linalg.pinv(lin.S_x, rcond=1e-9) @ (lin.e - lin.S_p @ dp)[..., None]
     return np.clip(dx[..., 0], [-0.5, -3.0], [0.5, 3.0])

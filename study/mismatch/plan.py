@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 from study.pipeline.settings import RunOptions, StudySettings
 
 if TYPE_CHECKING:
-    from study.pipeline.experiment import Experiment
+    from study.pipeline.experiment import StudyExperiment
 
 MISMATCH_FORMAT = 2
 """Version of the results folder: raised whenever stored numbers change their meaning."""
@@ -41,7 +41,7 @@ class StrategyKey(StrEnum):
 
 
 @dataclass(frozen=True)
-class Strategy:
+class TrialStrategy:
     """A strategy to spend rollouts.
 
     short, words   it in up to five words, and in full
@@ -57,28 +57,29 @@ class Strategy:
 
 
 _STRATEGIES = (
-    Strategy(StrategyKey.PRIOR, "nothing", "prior", "no rollouts: trained at the prior", StrategyKey.PRIOR),
-    Strategy(StrategyKey.BREADTH, "nothing", "breadth over m, l and effects",
+    TrialStrategy(StrategyKey.PRIOR, "nothing", "prior", "no rollouts: trained at the prior", StrategyKey.PRIOR),
+    TrialStrategy(StrategyKey.BREADTH, "nothing", "breadth over m, l and effects",
         "no rollouts: breadth over m, l and one effect of any kind within its plausible range"),
-    Strategy(StrategyKey.GRID, "plain", "grid, m and l", "the paper's grid search for m and l", StrategyKey.GRID),
-    Strategy(StrategyKey.FITTED, "plain", "least squares, m and l", "least squares for m and l", StrategyKey.FITTED),
-    Strategy(StrategyKey.BAND, "plain", "least squares, band w = 0.3", "least squares for m and l, band w = 0.3",
+    TrialStrategy(StrategyKey.GRID, "plain", "grid, m and l", "the paper's grid search for m and l", StrategyKey.GRID),
+    TrialStrategy(StrategyKey.FITTED, "plain", "least squares, m and l", "least squares for m and l",
         StrategyKey.FITTED),
-    Strategy(StrategyKey.RANDOM_FORCE, "plain", "least squares, random torques",
+    TrialStrategy(StrategyKey.BAND, "plain", "least squares, band w = 0.3", "least squares for m and l, band w = 0.3",
+        StrategyKey.FITTED),
+    TrialStrategy(StrategyKey.RANDOM_FORCE, "plain", "least squares, random torques",
         "least squares for m and l, random torques in training", StrategyKey.FITTED),
-    Strategy(StrategyKey.NETWORK, "plain", "least squares, learned torque",
+    TrialStrategy(StrategyKey.NETWORK, "plain", "least squares, learned torque",
         "least squares for m and l, a learned command filter and residual torque"),
-    Strategy(StrategyKey.ALL_EFFECTS, "mended", "all effects at once",
+    TrialStrategy(StrategyKey.ALL_EFFECTS, "mended", "all effects at once",
         "least squares for m, l and all effects at once"),
-    Strategy(StrategyKey.MENDED, "mended", "diagnosed and mended",
+    TrialStrategy(StrategyKey.MENDED, "mended", "diagnosed and mended",
         "diagnosed: the missing effect named, added, refitted; where it is unknown, random torques",
         StrategyKey.MENDED),
-    Strategy(StrategyKey.POSTERIOR, "mended", "diagnosed, posterior",
+    TrialStrategy(StrategyKey.POSTERIOR, "mended", "diagnosed, posterior",
         "diagnosed, parameters drawn from the fit's covariance", StrategyKey.MENDED),
-    Strategy(StrategyKey.ORACLE, "oracle", "the plant itself", "the hidden plant itself: an oracle"),
+    TrialStrategy(StrategyKey.ORACLE, "oracle", "the plant itself", "the hidden plant itself: an oracle"),
 )  # fmt: skip
 
-STRATEGIES: dict[str, Strategy] = {strategy.key: strategy for strategy in _STRATEGIES}
+STRATEGIES: dict[str, TrialStrategy] = {strategy.key: strategy for strategy in _STRATEGIES}
 """Every strategy, in the order in which they are shown."""
 
 LADDER = (StrategyKey.PRIOR, StrategyKey.FITTED, StrategyKey.MENDED, StrategyKey.ORACLE)
@@ -101,7 +102,7 @@ CONTRASTS = (
 """Pre-registered differences of return, at every plant and budget; their p-values are one family for Holm."""
 
 
-class Trial(NamedTuple):
+class TrialKey(NamedTuple):
     """One number: on a hidden plant, a strategy spends n rollouts; everything random comes from seed."""
 
     plant: str
@@ -215,10 +216,10 @@ class Plan(TrainingPlan):
         return self.seeds if contrasted else self.seeds[: self.described]
 
     @property
-    def trials(self) -> tuple[Trial, ...]:
+    def trials(self) -> tuple[TrialKey, ...]:
         """Every number of the experiment. Seeds vary slowest, so that what is there after a while is balanced."""
         return tuple(
-            Trial(plant.name, strategy, n, seed)
+            TrialKey(plant.name, strategy, n, seed)
             for seed in self.seeds
             for plant in self.plants
             for strategy in self.strategies
@@ -227,7 +228,7 @@ class Plan(TrainingPlan):
         )
 
     @contextlib.contextmanager
-    def experiment(self, options: RunOptions) -> Iterator[Experiment]:
+    def experiment(self, options: RunOptions) -> Iterator[StudyExperiment]:
         from study.mismatch.experiment import MismatchExperiment
         from study.mismatch.mismatch_results import MismatchResults
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from study.formatting import number, percent
-from study.mismatch.findings import Compared, Condition, MismatchFindings, Verdict
+from study.mismatch.findings import MismatchFindings, TrialCondition, TrialContrast, Verdict
 from study.mismatch.naming_results import NamingResult, naming_errors, naming_rates
 from study.mismatch.plan import StrategyKey
 
@@ -40,7 +40,7 @@ class Change:
         listed = by_plant(findings, ((row.plant, row.n, self._cell(findings, row)) for row in rows))
         return self.text.format(counted=counted, listed=listed, verdict=verdict, band=percent(findings.plan.band))
 
-    def _cell(self, findings: MismatchFindings, row: Compared) -> str:
+    def _cell(self, findings: MismatchFindings, row: TrialContrast) -> str:
         """A change with its interval, and how many of the seeds had such a verdict."""
         if self.verdict is None:
             return str(row.contrast)
@@ -78,7 +78,7 @@ ORACLE = (
 )
 
 
-def sentences(findings: MismatchFindings, rows: Sequence[NamingResult] = ()) -> list[tuple[str, str]]:
+def mismatch_sentences(findings: MismatchFindings, rows: Sequence[NamingResult] = ()) -> list[tuple[str, str]]:
     """(question, answer), as far as the plan asked for it.
 
     rows: of the naming study, where they are there.
@@ -139,7 +139,8 @@ def _split(findings: MismatchFindings) -> str:
     n, parts = max(findings.plan.budgets), []
     for plant in findings.plan.plants:
         both = (
-            findings.outcomes.get(Condition(plant.name, key, n)) for key in (StrategyKey.FITTED, StrategyKey.MENDED)
+            findings.outcomes.get(TrialCondition(plant.name, key, n))
+            for key in (StrategyKey.FITTED, StrategyKey.MENDED)
         )
         splits = [outcome.split for outcome in both if outcome and outcome.split]
         if plant.effect and len(splits) == 2:

@@ -21,7 +21,7 @@ from policies.evaluation import batch_returns, fresh_start_states
 from policies.training.program import population_of
 from study.mismatch.ground_truth import OUT_OF_CATALOGUE, ground_truth
 from study.mismatch.mismatch_results import TRAININGS, Fitted, Trained
-from study.mismatch.plan import SHARED, Plan, TrainingPlan, Trial
+from study.mismatch.plan import SHARED, Plan, TrainingPlan, TrialKey
 from study.mismatch.residual_network import CommandFilter, ResidualNetwork, stacked
 from study.pipeline.population_task import PopulationTask, training_settings
 from study.pipeline.settings import device_type, digest
@@ -116,7 +116,7 @@ def together(setups: Sequence[TrainingSetup], device: str = "cpu") -> Model:
 
 
 @dataclass(frozen=True)
-class Agent:
+class AgentToTrain:
     """One agent: what it trains on (TrainingSetup.to_json), its seed, and the hidden plants that it is run on."""
 
     key: str
@@ -125,24 +125,26 @@ class Agent:
     plants: tuple[str, ...]
 
 
-def agents_of(plan: Plan, fits: Sequence[Fitted]) -> tuple[dict[Trial, str], list[Agent]]:
+def agents_of(plan: Plan, fits: Sequence[Fitted]) -> tuple[dict[TrialKey, str], list[AgentToTrain]]:
     """The key of the agent behind every trial, and the agents in the order of trials; equal setups share an agent."""
     made = {f.trial: f.payload for f in fits}
-    keys: dict[Trial, str] = {}
-    agents: dict[str, Agent] = {}
+    keys: dict[TrialKey, str] = {}
+    agents: dict[str, AgentToTrain] = {}
     for trial in plan.trials:
         payload = made[trial]
         key = keys[trial] = f"{training_setup_of(payload).key}-{trial.seed}"
         plants = tuple(p.name for p in plan.plants) if trial.strategy in SHARED else (trial.plant,)
         known = agents.get(key)
         together = plants if known is None else tuple(dict.fromkeys((*known.plants, *plants)))
-        agents[key] = Agent(key, payload, trial.seed, together)
+        agents[key] = AgentToTrain(key, payload, trial.seed, together)
     return keys, list(agents.values())
 
 
-def populations(plan: TrainingPlan, agents: Sequence[Agent], device: str = "cpu") -> list[tuple[Agent, ...]]:
+def populations(
+    plan: TrainingPlan, agents: Sequence[AgentToTrain], device: str = "cpu"
+) -> list[tuple[AgentToTrain, ...]]:
     """Agents that train together: of one structure, on a CPU at most plan.agents."""
-    groups: dict[str, list[Agent]] = {}
+    groups: dict[str, list[AgentToTrain]] = {}
     for agent in agents:
         groups.setdefault(_structure(training_setup_of(agent.setup)), []).append(agent)
     size = plan.agents if device_type(device) == "cpu" else len(agents)
@@ -162,7 +164,7 @@ class MismatchPopulation(PopulationTask):
     """Agents of one structure."""
 
     plan: TrainingPlan
-    agents: tuple[Agent, ...]
+    agents: tuple[AgentToTrain, ...]
     table: ClassVar[Any] = TRAININGS
 
     @property

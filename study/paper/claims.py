@@ -92,7 +92,7 @@ def bias(found: Scatter) -> Claim:
     return Claim("bias", FAILS if small else IN_PART if inputs.significant else OPEN, text)
 
 
-def floor(found: Scatter) -> Claim:
+def error_floor(found: Scatter) -> Claim:
     """Is there a floor at 5 rollouts for sigma = 0.5, and at 50 for sigma = 2?"""
     last = found.budgets[-1]
     quiet, loud = (

@@ -25,7 +25,7 @@ CANDIDATES, LEAST, WORK = 1500, 250, 4_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
+class Transitions:
     """One-step samples (K,): noisy speeds before and after [rad/s], sine of the angle, torque [N m]."""
 
     before: Array
@@ -33,7 +33,7 @@ class Samples:
     sine: Array
     u: Array
 
-    def read(self, noise: Array, *, clean_inputs: bool = False) -> Samples:
+    def read(self, noise: Array, *, clean_inputs: bool = False) -> Transitions:
         """The same with noise (2, K) [rad/s]; clean inputs: all of its variance is on the later reading."""
         first, second = noise
         if clean_inputs:
@@ -52,7 +52,7 @@ class OneStepGrid:
         self.a = np.broadcast_to(cells.move(0.5 * np.pi, 0.0, (0.0,))[1], self.m.shape)
         self.b = np.broadcast_to(cells.move(0.0, 0.0, (1.0,))[1], self.m.shape)
 
-    def search(self, samples: Samples, ends: Sequence[int], limit: float = 8.0) -> Array:
+    def search(self, samples: Transitions, ends: Sequence[int], limit: float = 8.0) -> Array:
         """theta_hat (len(ends), 2) of the first `ends` samples each; limit: where speeds clip [rad/s]."""
         x, y, s, u = samples.before, samples.after, samples.sine, samples.u
         d = y - x
@@ -73,7 +73,7 @@ class OneStepGrid:
         return np.array(found)
 
 
-def noise_free_rollouts(truth: tuple[float, float], n: int, rng: np.random.Generator) -> tuple[Samples, Array]:
+def noise_free_rollouts(truth: tuple[float, float], n: int, rng: np.random.Generator) -> tuple[Transitions, Array]:
     """What n rollouts from the paper's start states under its torques go through on the plant at truth (m, l), and unit
     noise (2, K) for both readings."""
     model = paper_model(*truth)
@@ -82,7 +82,7 @@ def noise_free_rollouts(truth: tuple[float, float], n: int, rng: np.random.Gener
     run = simulate(model, u, theta, theta_dot)
     speed, sine = run.theta_dot, np.sin(run.theta[:, :ROLLOUT_LENGTH])
     noise = rng.standard_normal((2, n * ROLLOUT_LENGTH))
-    return Samples(speed[:, :-1].ravel(), speed[:, 1:].ravel(), sine.ravel(), u.ravel()), noise
+    return Transitions(speed[:, :-1].ravel(), speed[:, 1:].ravel(), sine.ravel(), u.ravel()), noise
 
 
 @dataclass(frozen=True, eq=False)

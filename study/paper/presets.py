@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 from study.pipeline.settings import RunOptions, StudySettings, device_type
 
 if TYPE_CHECKING:
-    from study.pipeline.experiment import Experiment
+    from study.pipeline.experiment import StudyExperiment
 
 FORMAT = 2
 """Version of the results folder: raised whenever stored numbers or tables change their meaning."""
@@ -93,7 +93,7 @@ class Preset(StudySettings):
     layout: ClassVar[int] = FORMAT
 
     @contextlib.contextmanager
-    def experiment(self, options: RunOptions) -> Iterator[Experiment]:
+    def experiment(self, options: RunOptions) -> Iterator[StudyExperiment]:
         from study.paper.published_runs import read_published
         from study.paper.sweep import Sweep, SweepResults
 

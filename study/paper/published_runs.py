@@ -45,7 +45,7 @@ class RunRow:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class RunOutcome:
     """What a run came to: mean return, ||theta_hat - truth||, theta_hat (m [kg], l [m]).
 
     fresh: mean return from start states that no other seed shares; nan where that was not evaluated.
@@ -61,7 +61,7 @@ class Outcome:
 class Outcomes:
     """Runs by cell and seed; `missing` names the files that were expected and not there."""
 
-    table: Mapping[Spot, Mapping[int, Outcome]]
+    table: Mapping[Spot, Mapping[int, RunOutcome]]
     missing: tuple[str, ...] = ()
 
     def __contains__(self, spot: object) -> bool:
@@ -106,9 +106,9 @@ class Outcomes:
         return Outcomes({**other.table, **self.table}, self.missing)
 
 
-def outcomes(rows: Iterable[tuple[Spot, int, Outcome]]) -> Outcomes:
+def outcomes(rows: Iterable[tuple[Spot, int, RunOutcome]]) -> Outcomes:
     """The table of runs (cell, seed, outcome); raises InvalidInput where one comes twice."""
-    table: dict[Spot, dict[int, Outcome]] = {}
+    table: dict[Spot, dict[int, RunOutcome]] = {}
     for spot, seed, outcome in rows:
         if seed in table.setdefault(spot, {}):
             raise InvalidInput(f"{spot.point}: n = {spot.n}, w = {spot.w:g}, seed {seed} comes twice: expected it once")
@@ -126,7 +126,7 @@ def read_runs(path: Path, point: str = "main") -> Outcomes:
         theta = row.theta_hat_mass, row.theta_hat_length
         if not all(map(math.isfinite, (row.eval_return_mean, row.id_error, *theta, row.w))):
             raise InvalidInput(f"{path}, line {line} holds NaN or infinity: expected finite numbers")
-        outcome = Outcome(row.eval_return_mean, row.id_error, theta, row.eval_return_fresh)
+        outcome = RunOutcome(row.eval_return_mean, row.id_error, theta, row.eval_return_fresh)
         rows.append((Spot(row.point or point, row.n, row.w), row.seed, outcome))
     try:
         return outcomes(rows)

@@ -23,7 +23,7 @@ from study.paper.presets import Preset, Theta
 from study.paper.protocol import paper_model
 from study.paper.runs import hidden_plant
 from study.pipeline.executor import Brief, Link
-from study.pipeline.tables import Table
+from study.pipeline.tables import ResultTable
 from study.pipeline.versions import versions
 
 OPTIMAL, LQR, SWING_UP = "optimal", "lqr", "swing_up_lqr"
@@ -69,7 +69,7 @@ class Rating:
 
 RATINGS = "ratings.csv"
 """The table of references, seed by seed."""
-REFERENCES = Table(
+REFERENCES = ResultTable(
     "controllers",
     Reference,
     "controller TEXT, m REAL, l REAL, truth_m REAL, truth_l REAL, seed INTEGER, returns TEXT, versions TEXT, "

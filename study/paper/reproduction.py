@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from study.figure_style import save
+from study.figure_style import save_figure
 from study.paper import claims
 from study.paper.agreement import Agreement
 from study.paper.claims import Claim
@@ -23,7 +23,7 @@ from study.paper.findings import PointFindings
 from study.paper.identification_scatter import Scatter
 from study.paper.presets import PRESETS, Preset
 from study.paper.published_numbers import CELLS, EPISODES, POINTS, ROBUSTNESS, SEEDS, URL, Spot
-from study.paper.published_runs import Outcome, Outcomes, outcomes, read_runs
+from study.paper.published_runs import Outcomes, RunOutcome, outcomes, read_runs
 from study.paper.reference_controllers import OPTIMAL
 from study.paper.saturation_budget import budget_curves, paragraph
 from study.statistics import Contrast, paired_bootstrap
@@ -81,7 +81,7 @@ def reproduce(
     preset = found[0].preset
     base = PRESETS.get(preset.companion or "", preset)
     own = outcomes(
-        (Spot(*run.cell[:3]), run.cell.seed, Outcome(run.mean, run.id_error, run.theta_hat, run.fresh_mean))
+        (Spot(*run.cell[:3]), run.cell.seed, RunOutcome(run.mean, run.id_error, run.theta_hat, run.fresh_mean))
         for answer in found
         for run in answer.runs
     )
@@ -108,7 +108,7 @@ def reproduce(
 
     said = _claims(found, own if preset.steps == base.steps else None, scatter, fresh_optimum)
     said += _undertraining(found, _longer(preset, base, {preset.name: own, **siblings}))
-    files = {name: save(draw, folder / f"{name}.png") for name, draw in drawings.items()}
+    files = {name: save_figure(draw, folder / f"{name}.png") for name, draw in drawings.items()}
     return Reproduction(agreement, said, paragraph(curves, wider, allowed), _short(main), notes, files)
 
 
@@ -131,7 +131,7 @@ def _claims(
 
     names = [answer.point.name for answer in alike]
     starts = claims.starts(SEEDS, swept, names, optima if alike and fresh_optimum else None)
-    identified = [claims.rate(scatter), claims.bias(scatter), claims.floor(scatter)] if scatter else []
+    identified = [claims.rate(scatter), claims.bias(scatter), claims.error_floor(scatter)] if scatter else []
     return [*identified, claims.plateau(swept), claims.monotone(swept), starts]
 
 

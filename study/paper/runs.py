@@ -22,7 +22,7 @@ from study.paper.presets import Cell, Point, Preset, Theta
 from study.paper.protocol import PaperRollout, averaged_sensor, paper_model, paper_rollouts, transitions
 from study.pipeline.executor import Brief, Link
 from study.pipeline.population_task import PopulationTask, sac_settings
-from study.pipeline.tables import Table
+from study.pipeline.tables import ResultTable
 from study.pipeline.versions import versions
 from sysid import Estimate, GridSearch, InvalidInput, LeastSquares, Model, UnscentedKalman
 
@@ -42,7 +42,9 @@ class Estimated(NamedTuple):
     seconds: float
 
 
-ESTIMATES = Table("estimates", Estimated, "point TEXT, n INTEGER, seed INTEGER, m REAL, l REAL, seconds REAL", keys=3)
+ESTIMATES = ResultTable(
+    "estimates", Estimated, "point TEXT, n INTEGER, seed INTEGER, m REAL, l REAL, seconds REAL", keys=3
+)
 
 
 def hidden_plant(truth: Theta) -> Model:
@@ -157,7 +159,7 @@ class Run:
         return Evaluation(np.array(self.fresh_returns)).mean if self.fresh_returns else math.nan
 
 
-RUNS = Table(
+RUNS = ResultTable(
     "runs",
     Run,
     "point TEXT, n INTEGER, w REAL, seed INTEGER, population INTEGER, theta_hat_m REAL, theta_hat_l REAL, "

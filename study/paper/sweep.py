@@ -21,7 +21,7 @@ from study.paper.reference_controllers import REFERENCES, Designs, reference_tas
 from study.paper.runs import ESTIMATES, RUNS, IdentificationTask, Run, SweepPopulation
 from study.pipeline.database import Database, identity
 from study.pipeline.executor import Task
-from study.pipeline.experiment import Experiment, Stage
+from study.pipeline.experiment import Stage, StudyExperiment
 from study.pipeline.policy_files import FOLDER
 from study.pipeline.population_task import left
 
@@ -79,7 +79,7 @@ class SweepResults(Database):
 
 
 @dataclass(eq=False)
-class Sweep(Experiment):
+class Sweep(StudyExperiment):
     """A preset with its results; imported: a file whose finished runs are taken up; theirs: the authors' runs, which
     ours are paired with in the report."""
 

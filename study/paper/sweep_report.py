@@ -37,7 +37,7 @@ from study.paper.reproduction import REPRODUCTION_CAPTIONS, Reproduction, reprod
 from study.paper.runs import RUNS
 from study.paper.sweep import SweepResults
 from study.pipeline.html_page import template
-from study.pipeline.tables import write_csv
+from study.pipeline.tables import write_rows
 from study.pipeline.versions import all_versions, write_record
 from sysid.data.files import write_whole
 
@@ -52,7 +52,7 @@ def write_runs(found: Sequence[PointFindings], path: Path) -> None:
         for point_findings in found
         for r in sorted(point_findings.runs, key=lambda r: r.cell)
     ]  # fmt: skip
-    write_csv(path, [f.name for f in fields(RunRow)], rows)
+    write_rows(path, [f.name for f in fields(RunRow)], rows)
 
 
 def write_references(found: Sequence[PointFindings], path: Path) -> None:
@@ -66,13 +66,13 @@ def write_references(found: Sequence[PointFindings], path: Path) -> None:
         for truth, answer in {answer.point.truth: answer for answer in found}.items()
         for controller in CONTROLLERS
     ]
-    write_csv(path, REFERENCE_COLUMNS, rows)
+    write_rows(path, REFERENCE_COLUMNS, rows)
 
 
 def write_ratings(preset: Preset, references: Sequence[Reference], path: Path) -> None:
     """One row a reference controller and seed: what an import of these runs need not compute again."""
     rows = (Rating(r.controller, *r.theta, *r.truth, r.seed, r.mean, preset.grid, preset.episodes) for r in references)
-    write_csv(path, [f.name for f in fields(Rating)], map(astuple, rows))
+    write_rows(path, [f.name for f in fields(Rating)], map(astuple, rows))
 
 
 def write_study(found: Sequence[PointFindings], device: str, path: Path) -> None:
@@ -117,7 +117,7 @@ def publish_sweep(
             identified = scatter(np.random.default_rng(0))
             optimum = partial(fresh_optimum, preset, paper.POINTS["main"].truth)
         reproduction = reproduce(found, folder, theirs, identified, optimum)
-        write_report(found, drawn, folder / "report.html", reproduction)
+        write_sweep_report(found, drawn, folder / "report.html", reproduction)
     for answer in found:
         console.print()
         if len(found) > 1:
@@ -143,7 +143,7 @@ def title(point: Point) -> str:
     )
 
 
-def write_report(
+def write_sweep_report(
     found: Sequence[PointFindings], drawn: Sequence[Mapping[str, Path]], path: Path, reproduction: Reproduction
 ) -> None:
     """Write the self-contained report: a section a point, with the figures of these files (one mapping a point), and

@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any, Self
 
 from study.pipeline.settings import StudySettings, device_type
-from study.pipeline.tables import R, Table
-from study.pipeline.versions import version
+from study.pipeline.tables import R, ResultTable
+from study.pipeline.versions import installed_version
 from sysid import InvalidInput
 from sysid.errors import excerpt
 
@@ -31,7 +31,7 @@ def identity(settings: StudySettings, layout: str, device: str) -> dict[str, str
     """What a results folder is tied to; layout: which tables it has, and in which version."""
     return {
         "preset": settings.name,
-        "gapfinder": version("gapfinder"),
+        "gapfinder": installed_version("gapfinder"),
         "format": layout,
         "fingerprint": settings.fingerprint,
         "settings": json.dumps(settings.to_dict()),
@@ -53,7 +53,7 @@ class Database:
         self,
         folder: Path,
         identity: Mapping[str, str],
-        tables: Sequence[Table[Any]] = (),
+        tables: Sequence[ResultTable[Any]] = (),
         outputs: Collection[str] = (),
         progress: str = PROGRESS,
     ) -> None:
@@ -146,7 +146,7 @@ class Database:
             self._undo()
             raise
 
-    def add(self, table: Table[R], values: Iterable[R], finished: Iterable[int | str] = ()) -> None:
+    def add(self, table: ResultTable[R], values: Iterable[R], finished: Iterable[int | str] = ()) -> None:
         """Keep values in place of those with the same keys, and forget the progress of finished populations; all or
         nothing. Raises OSError as `transaction` does."""
         with self.transaction() as db:
@@ -155,7 +155,7 @@ class Database:
             for population in finished:
                 db.execute(f"DELETE FROM {self.progress} WHERE population = ?", (population,))
 
-    def all(self, table: Table[R]) -> list[R]:
+    def all(self, table: ResultTable[R]) -> list[R]:
         """Everything in a table, sorted by its keys."""
         with readable(self.path):
             return [table.value(row) for row in self.db.execute(f"SELECT * FROM {table.name} ORDER BY {table.key}")]

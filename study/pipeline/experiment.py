@@ -31,7 +31,7 @@ class Stage:
     about: str = ""
 
 
-class Experiment(ABC):
+class StudyExperiment(ABC):
     """A plan with the folder of its results."""
 
     results: Database
@@ -61,7 +61,7 @@ class Experiment(ABC):
         """Write tables, figures and report from finished results, and say what was found."""
 
 
-def run(experiment: Experiment, executor: Executor, console: Console) -> None:
+def run(experiment: StudyExperiment, executor: Executor, console: Console) -> None:
     """Finish every task whose answer the results lack.
 
     Raises WorkerFailed where a task fails, after the others have saved; what is finished stays in the results.

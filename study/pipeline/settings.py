@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 if TYPE_CHECKING:
-    from study.pipeline.experiment import Experiment
+    from study.pipeline.experiment import StudyExperiment
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class StudySettings:
     layout: ClassVar[int]
     """FORMAT of the results folder."""
 
-    def experiment(self, options: RunOptions) -> AbstractContextManager[Experiment]:
+    def experiment(self, options: RunOptions) -> AbstractContextManager[StudyExperiment]:
         """The experiment over the open folder of its results; loads what this kind needs alone."""
         raise NotImplementedError
 

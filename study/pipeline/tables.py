@@ -28,7 +28,7 @@ R = TypeVar("R")
 
 
 @dataclass(frozen=True)
-class Table(Generic[R]):
+class ResultTable(Generic[R]):
     """A table of values of a kind; columns: as in CREATE TABLE, the first `keys` of them tell rows apart."""
 
     name: str
@@ -125,10 +125,10 @@ def _row(
 def write_table(kind: type[R], path: Path, rows: Iterable[R]) -> None:
     """The rows as a CSV file; whole or not at all."""
     names = [f.name for f in dataclasses.fields(kind)]
-    write_csv(path, names, (printed(getattr(row, name) for name in names) for row in rows))
+    write_rows(path, names, (printed(getattr(row, name) for name in names) for row in rows))
 
 
-def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+def write_rows(path: Path, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
     """Rows of plain values as a CSV file; whole or not at all."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")

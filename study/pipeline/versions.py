@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 PACKAGES = ("gapfinder", "numpy", "scipy", "torch", "torchrl", "tensordict", "control")
 
 
-def version(package: str) -> str:
+def installed_version(package: str) -> str:
     """Its installed version, or "not installed"."""
     try:
         return metadata.version(package)
@@ -25,7 +25,9 @@ def version(package: str) -> str:
 
 def versions() -> dict[str, str]:
     """Python, the processor's architecture and PACKAGES."""
-    return {"python": platform.python_version(), "machine": platform.machine()} | {p: version(p) for p in PACKAGES}
+    return {"python": platform.python_version(), "machine": platform.machine()} | {
+        p: installed_version(p) for p in PACKAGES
+    }
 
 
 def all_versions(found: Iterable[Mapping[str, str]]) -> dict[str, str]:
@@ -63,7 +65,7 @@ def write_record(
 
 def foreign_sysid() -> str | None:
     """A sentence where a foreign distribution named `sysid` is installed; it has files of our package's name."""
-    found = version("sysid")
+    found = installed_version("sysid")
     if found == "not installed":
         return None
     return (

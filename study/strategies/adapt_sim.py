@@ -17,7 +17,7 @@ from policies.evaluation import rollout
 from study.mismatch.trainings import TrainingSetup
 from study.strategies.bayes_sim import statistics
 from study.strategies.episode_network import EpisodeNetwork
-from study.strategies.readings import read, reads_angles
+from study.strategies.readings import reads_angles, sensed
 from study.strategies.strategy import Dialogue, Situation, Strategy, Train, Try
 from sysid import Model, Sensor, State
 
@@ -88,7 +88,7 @@ class AdaptSim(Strategy):
             policy = solve(situation.prior.with_parameters(situation.named(own)), TABLE)
             run = rollout(policy, model, *starts)
             situation.simulated += run.u.size
-            readings = read(run.theta.T, run.theta_dot.T, situation.sensor, whole, rng)
+            readings = sensed(run.theta.T, run.theta_dot.T, situation.sensor, whole, rng)
             seen.append(statistics(situation, run.u[:-1].T, *readings).reshape(count, self.episodes, -1))
             reward = task.reward(State(run.theta, run.theta_dot), run.u, model.dt)
             returns[i] = np.mean(np.sum(reward, axis=0).reshape(count, self.episodes), axis=1)

@@ -15,7 +15,7 @@ from policies.evaluation import Policy, rollout
 from study.mismatch.trainings import TrainingSetup
 from study.strategies.bayes_sim import statistics
 from study.strategies.episode_network import EpisodeNetwork
-from study.strategies.readings import read, reads_angles
+from study.strategies.readings import reads_angles, sensed
 from study.strategies.strategy import Dialogue, Situation, Strategy, Train, Try
 
 Array = NDArray[np.float64]
@@ -64,7 +64,7 @@ class AutoTuned(Strategy):
         starts = np.array([task.start_state(rng) for _ in values]).T
         run = rollout(policy, situation.model(values), *starts)
         situation.simulated += run.u.size
-        seen = read(run.theta.T, run.theta_dot.T, situation.sensor, whole, rng)
+        seen = sensed(run.theta.T, run.theta_dot.T, situation.sensor, whole, rng)
         return statistics(situation, run.u[:-1].T, *seen), values
 
     def taught(self, situation: Situation, seen: Array, values: Array) -> TooHigh:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from policies.environments import task
 from policies.environments.randomization import Mixture
 from study.mismatch.trainings import TrainingSetup
-from study.strategies.readings import read, reads_angles, smooth, summary
+from study.strategies.readings import reads_angles, sensed, smooth, summary_statistics
 from study.strategies.strategy import Dialogue, Play, Situation, Strategy
 from sysid import Record, simulate
 
@@ -69,7 +69,7 @@ class BayesSim(Strategy):
             theta, theta_dot = np.array([task.start_state(rng) for _ in values]).T
             run = simulate(model, u, theta, theta_dot)
             situation.simulated += u.size
-            seen = read(run.theta, run.theta_dot, situation.sensor, whole, rng)
+            seen = sensed(run.theta, run.theta_dot, situation.sensor, whole, rng)
             total = total + statistics(situation, u, *seen) / len(lengths)
         return np.asarray(total)
 
@@ -77,7 +77,7 @@ class BayesSim(Strategy):
 def statistics(situation: Situation, u: Array, theta: Array, theta_dot: Array) -> Array:
     """Of readings (..., N+1) under torques (..., N), smoothed; angles enter where they were read all the time."""
     angle, speed = smooth(theta, theta_dot, situation.sensor, situation.prior.dt)
-    return summary(u, speed, angle if reads_angles(theta) else None)
+    return summary_statistics(u, speed, angle if reads_angles(theta) else None)
 
 
 class DensityNetwork:

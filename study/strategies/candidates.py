@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from policies.environments.randomization import Band
 from study.mismatch.trainings import TrainingSetup
 from study.strategies import gaussian_process
-from study.strategies.strategy import Agent, Choice, Dialogue, Situation, Strategy, Train, Try
+from study.strategies.strategy import Choice, Dialogue, Situation, Strategy, Train, TrainedAgent, Try
 
 Array = NDArray[np.float64]
 
@@ -41,7 +41,7 @@ def unit(situation: Situation, w: float) -> Array:
     return np.append((situation.believed - low) / (high - low), w / WIDEST)
 
 
-Batch = Generator[Any, Any, tuple[list[Agent], Array]]
+Batch = Generator[Any, Any, tuple[list[TrainedAgent], Array]]
 
 
 def tried(situation: Situation, xs: Array) -> Batch:
@@ -106,7 +106,7 @@ class CrossEntropy(Strategy):
 
     def spend(self, situation: Situation) -> Dialogue:
         mean, sd = unit(situation, 0.1), np.full(len(situation.names) + 1, self.sd)
-        best: tuple[float, Agent | None] = -np.inf, None
+        best: tuple[float, TrainedAgent | None] = -np.inf, None
         for _ in range(situation.budget // self.candidates):
             x = self.generation(mean, sd, situation.rng)
             agents, returns = yield from tried(situation, x)

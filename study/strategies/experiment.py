@@ -21,20 +21,20 @@ from policies.network_policy import NetworkPolicy
 from study.mismatch.experiment import OPTIMUM, TOGETHER, DesignTask
 from study.mismatch.ground_truth import PRIOR, ground_truth
 from study.mismatch.mismatch_results import DESIGNS, TRAININGS
-from study.mismatch.trainings import Agent as Trainee
+from study.mismatch.trainings import AgentToTrain as Trainee
 from study.mismatch.trainings import populations
 from study.pipeline.executor import Brief, Link, Task
-from study.pipeline.experiment import Experiment, Stage
+from study.pipeline.experiment import Stage, StudyExperiment
 from study.pipeline.policy_files import FOLDER, read_policies
 from study.pipeline.population_task import PopulationTask, left
 from study.pipeline.settings import digest
 from study.strategies.catalogue import strategy_class
 from study.strategies.on_plant import Learner, PlantPopulation, StrategyPopulation
 from study.strategies.plan import Case, StrategiesPlan
-from study.strategies.plant import Plant
+from study.strategies.plant import BudgetedPlant
 from study.strategies.session import CRITICS, Finished, Waiting, advance, key_of
-from study.strategies.strategies_results import STEPS, Step, StrategiesResults
-from study.strategies.strategy import Agent, Situation
+from study.strategies.strategies_results import STEPS, CaseRound, StrategiesResults
+from study.strategies.strategy import Situation, TrainedAgent
 from sysid import InvalidInput
 
 Kept = tuple[tuple[str, str], ...]
@@ -62,13 +62,13 @@ class StepTask(Brief):
     def work(self) -> float:
         return sum(0.5 + 0.3 * case.n for case in self.cases)
 
-    def run(self, link: Link) -> list[Step]:
+    def run(self, link: Link) -> list[CaseRound]:
         policies = _Policies(self.folder, dict(self.agents))
         found = []
         for case in self.cases:
             begin = time.perf_counter()
             payload = payload_of(self.plan, case, reached(self.plan, case, policies.get))
-            found.append(Step(*case, self.round, payload, time.perf_counter() - begin))
+            found.append(CaseRound(*case, self.round, payload, time.perf_counter() - begin))
             link.progress(len(found) / len(self.cases))
         return found
 
@@ -89,7 +89,7 @@ def reached(plan: StrategiesPlan, case: Case, found: Any) -> Waiting | Finished:
     """How far a case's dialogue comes with the agents that are found. Raises InvalidInput as `advance` does."""
     kind = strategy_class(case.strategy)
     kind.check(case.strategy, case.n, case.sensing)
-    plant = Plant(ground_truth(plan.plant(case.plant)), case.sensing, case.n, case.seed)
+    plant = BudgetedPlant(ground_truth(plan.plant(case.plant)), case.sensing, case.n, case.seed)
     rng = np.random.default_rng([case.seed, int(digest(case.strategy), 16)])
     situation = Situation(PRIOR, plant.sensor, case.n, case.seed, rng)
     try:
@@ -104,8 +104,8 @@ def payload_of(plan: StrategiesPlan, case: Case, came: Waiting | Finished) -> di
         setups = {key: setup.to_json() for key, setup in came.setups.items()}
         return {"setups": setups, "learn": came.learn}
     deployed, best = came.choice.deployed, came.choice.best
-    own = deployed.key if isinstance(deployed, Agent) else key_of(deployed, case.seed)
-    setups = {} if isinstance(deployed, Agent) else {own: deployed.to_json()}
+    own = deployed.key if isinstance(deployed, TrainedAgent) else key_of(deployed, case.seed)
+    setups = {} if isinstance(deployed, TrainedAgent) else {own: deployed.to_json()}
     trained = {*came.keys, *setups}
     learners = sum(key.endswith(CRITICS) for key in trained)
     answer = {
@@ -119,7 +119,7 @@ def payload_of(plan: StrategiesPlan, case: Case, came: Waiting | Finished) -> di
 
 
 @dataclass(eq=False)
-class StrategiesExperiment(Experiment):
+class StrategiesExperiment(StudyExperiment):
     """A plan with its results."""
 
     plan: StrategiesPlan
@@ -151,7 +151,7 @@ class StrategiesExperiment(Experiment):
 
         publish_strategies(self.plan, self.results, console)
 
-    def _round(self, current: int) -> list[Step]:
+    def _round(self, current: int) -> list[CaseRound]:
         """What was reached in that round, in the plan's order."""
         found = {step.case: step for step in self.results.all(STEPS) if step.round == current}
         return [found[case] for case in self.plan.cases if case in found]
@@ -175,7 +175,7 @@ class StrategiesExperiment(Experiment):
             kept = tuple((key, stems[key]) for key in keys)
             yield StepTask(self.plan, current, tuple(cases), kept, self.results.folder.resolve())
 
-    def _populations(self, waited: Sequence[Step], known: dict[str, str]) -> list[PopulationTask]:
+    def _populations(self, waited: Sequence[CaseRound], known: dict[str, str]) -> list[PopulationTask]:
         """Of the agents that no round before waited for, each of which is run on every plant."""
         setups: dict[str, tuple[dict[str, Any], int]] = {}
         learners: dict[str, Learner] = {}

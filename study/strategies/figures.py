@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from study.figure_style import ACCENT, beside, panel_title
+from study.figure_style import ACCENT, annotate_beside, panel_title
 from study.formatting import number
 from study.mismatch.plan import HiddenPlant
 from study.strategies.catalogue import strategy_class
@@ -41,7 +41,7 @@ SENSED = {"encoder": "angle and speed read", "speed": "speed read"}
 Look = dict[str, Any]
 
 
-def strategy_returns(findings: StrategiesFindings) -> Figure:
+def returns_of_strategies(findings: StrategiesFindings) -> Figure:
     """Mean returns with 95 % intervals over seeds: over the real rollouts where there are several budgets, and a row a
     strategy where there is one. Hollow: the best candidate so far, evaluated anew."""
     return _lines(findings) if sum(n > 0 for n in findings.plan.budgets) > 1 else _rows(findings)
@@ -60,7 +60,7 @@ def _rows(findings: StrategiesFindings) -> Figure:
         last = {s: line[max(line)] for s, line in lines.items()}
         axes.set_xlim(*_limits(optimum, list(last.values())))
         axes.axvline(optimum, color=ACCENT, linewidth=1.1, zorder=1)
-        beside(axes, number(optimum), (optimum, 1.0), (0, 6), color=ACCENT, fontsize=8.0, ha="center",
+        annotate_beside(axes, number(optimum), (optimum, 1.0), (0, 6), color=ACCENT, fontsize=8.0, ha="center",
                xycoords=axes.get_xaxis_transform())  # fmt: skip
         if BASELINE in last:
             axes.axvline(last[BASELINE].mean.mean, color="0.7", linewidth=1.0, linestyle="--", zorder=1)
@@ -83,7 +83,7 @@ def _row(axes: Axes, at: int, outcome: Outcome, ink: str) -> None:
     low, mean = axes.get_xlim()[0], outcome.mean
     if mean.mean < low:
         axes.plot([low], [at], color=ink, marker="<", markersize=6.0, clip_on=False, zorder=4)
-        beside(axes, number(mean.mean), (low, at), (8, 0), color=ink, fontsize=8.0)
+        annotate_beside(axes, number(mean.mean), (low, at), (8, 0), color=ink, fontsize=8.0)
         return
     if len(outcome.seeds) >= ENOUGH:
         axes.plot([max(low, mean.low), mean.high], [at, at], color=ink, linewidth=1.6, alpha=0.6, zorder=3)
@@ -136,7 +136,7 @@ def _frame(axes: Axes, findings: StrategiesFindings, place: tuple[HiddenPlant, s
     own = [o for c, o in findings.outcomes.items() if (c.plant, c.sensing) == (place[0].name, place[1])]
     axes.set_ylim(*_limits(optimum, own))
     axes.axhline(optimum, color=ACCENT, linewidth=1.1, zorder=1)
-    beside(axes, number(optimum), (0.0, optimum), (3, 5), color=ACCENT, fontsize=8.0,
+    annotate_beside(axes, number(optimum), (0.0, optimum), (3, 5), color=ACCENT, fontsize=8.0,
            xycoords=axes.get_yaxis_transform())  # fmt: skip
     axes.grid(axis="y", color="0.93", linewidth=0.8)
     axes.set_axisbelow(True)

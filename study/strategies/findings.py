@@ -16,7 +16,7 @@ from study.mismatch.mismatch_results import Designed, Trained
 from study.statistics import Contrast, holm, paired_t, sem, student
 from study.strategies.catalogue import strategy_class
 from study.strategies.plan import Case, StrategiesPlan
-from study.strategies.strategies_results import Step
+from study.strategies.strategies_results import CaseRound
 from sysid import InvalidInput
 
 Array = NDArray[np.float64]
@@ -25,7 +25,7 @@ NEAR = 0.05
 """Within so much of the optimum a strategy has arrived."""
 
 
-class Condition(NamedTuple):
+class CaseCondition(NamedTuple):
     """A strategy on a plant with a sensing and so many rollouts."""
 
     plant: str
@@ -69,7 +69,7 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class Compared:
+class StrategyContrast:
     """A pre-registered contrast J(a) - J(b) with n rollouts; p: Holm's over the whole family."""
 
     plant: str
@@ -91,7 +91,7 @@ class StrategiesFindings:
     """The experiment's answer; hours: what workers spent."""
 
     plan: StrategiesPlan
-    outcomes: dict[Condition, Outcome]
+    outcomes: dict[CaseCondition, Outcome]
     hours: float
 
     def line(self, plant: str, sensing: str, strategy: str) -> dict[int, Outcome]:
@@ -112,12 +112,12 @@ class StrategiesFindings:
         own = [o for c, o in self.outcomes.items() if c.plant == plant]
         return float(np.mean(max(own, key=lambda o: len(o.seeds)).optima))
 
-    def contrast(self, plant: str, n: int, a: str) -> Compared | None:
+    def contrast(self, plant: str, n: int, a: str) -> StrategyContrast | None:
         """That of a strategy against its counterpart; None where none was planned."""
         return next((c for c in self.compared if (c.plant, c.n, c.a) == (plant, n, a)), None)
 
     @cached_property
-    def compared(self) -> tuple[Compared, ...]:
+    def compared(self) -> tuple[StrategyContrast, ...]:
         """The pre-registered contrasts, in the plan's order."""
         found = []
         for plant, sensing in self.plan.places:
@@ -127,7 +127,7 @@ class StrategiesFindings:
                     if sides[0] is not None and sides[1] is not None:
                         found.append((plant.name, sensing, n, a, b, _paired(*sides)))  # type: ignore[arg-type]
         adjusted = holm({k: row[-1].p for k, row in enumerate(found)})
-        return tuple(Compared(*row, adjusted[k]) for k, row in enumerate(found))
+        return tuple(StrategyContrast(*row, adjusted[k]) for k, row in enumerate(found))
 
 
 def _spent(strategy: str, n: int) -> int:
@@ -140,8 +140,8 @@ def _paired(one: Outcome, other: Outcome) -> Contrast:
     return paired_t(*(o.returns[[o.seeds.index(s) for s in shared]] for o in (one, other)))
 
 
-def findings_of(
-    plan: StrategiesPlan, steps: Sequence[Step], trained: Sequence[Trained], designs: Sequence[Designed]
+def strategies_findings(
+    plan: StrategiesPlan, steps: Sequence[CaseRound], trained: Sequence[Trained], designs: Sequence[Designed]
 ) -> StrategiesFindings:
     """The answer from the results; raises InvalidInput where some are missing."""
     answers = {step.case: step.payload["answer"] for step in steps if "answer" in step.payload}
@@ -154,9 +154,9 @@ def findings_of(
     def worth(key: str | None, plant: str) -> float:
         return float("nan") if key is None else float(np.mean(agents[key].returns[plant]))
 
-    cases: dict[Condition, list[Case]] = {}
+    cases: dict[CaseCondition, list[Case]] = {}
     for case in plan.cases:
-        cases.setdefault(Condition(*case[:4]), []).append(case)
+        cases.setdefault(CaseCondition(*case[:4]), []).append(case)
     outcomes = {}
     for condition, own in cases.items():
         given = [answers[case] for case in own]

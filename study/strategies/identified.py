@@ -25,7 +25,7 @@ SPLIT_ROLLOUTS = 1
 
 
 @dataclass(frozen=True)
-class Prior(Strategy):
+class PriorAlone(Strategy):
     """No rollouts: the agent is trained at what an engineer would assume."""
 
     short: ClassVar[str] = "prior"
@@ -90,7 +90,7 @@ class RelativeBand(Identified):
     made: ClassVar[StrategyKey] = StrategyKey.BAND
 
 
-class RandomForce(Identified):
+class UnderRandomForce(Identified):
     """The point estimate, and random torques in training. Valassakis, Ding and Johns, "Crossing the gap", IROS 2020;
     size and memory of the torques are those that the rollouts leave unexplained, where the source tunes them."""
 

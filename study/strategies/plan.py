@@ -18,7 +18,7 @@ from study.mismatch.plan import COULOMB, DELAY_MEDIUM, MAGNET, PLAIN, HiddenPlan
 from study.strategies.catalogue import PLACES, strategy_class
 
 if TYPE_CHECKING:
-    from study.pipeline.experiment import Experiment
+    from study.pipeline.experiment import StudyExperiment
     from study.pipeline.settings import RunOptions
 
 STRATEGIES_FORMAT = 1
@@ -126,7 +126,7 @@ class StrategiesPlan(TrainingPlan):
         return dataclasses.replace(self, strategies=tuple(names), contrasts=kept)
 
     @contextlib.contextmanager
-    def experiment(self, options: RunOptions) -> Iterator[Experiment]:
+    def experiment(self, options: RunOptions) -> Iterator[StudyExperiment]:
         from study.strategies.experiment import StrategiesExperiment
         from study.strategies.strategies_results import StrategiesResults
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from policies.environments import task
 from policies.evaluation import Policy, rollout
-from study.strategies.readings import read
+from study.strategies.readings import sensed
 from study.strategies.strategy import Play, Tried
 from sysid import InvalidInput, Model, Record, Sensor, State, simulate
 
@@ -22,7 +22,7 @@ SENSORS = {"speed": Sensor(theta=0.001, theta_dot=1.0), "encoder": Sensor(theta=
 """The paper's, which reads the speed and is told the angle at the start alone; and with an encoder beside it."""
 
 
-class Plant:
+class BudgetedPlant:
     """A hidden model that grants `budget` rollouts of `steps` control intervals."""
 
     def __init__(self, model: Model, sensing: str, budget: int, seed: int, steps: int = task.HORIZON) -> None:
@@ -66,4 +66,4 @@ class Plant:
 
     def _read(self, u: Array, theta: Array, theta_dot: Array, rng: np.random.Generator) -> Record:
         t = self.model.dt * np.arange(len(u) + 1)
-        return Record(t, u, *read(theta, theta_dot, self.sensor, self.whole, rng))
+        return Record(t, u, *sensed(theta, theta_dot, self.sensor, self.whole, rng))

@@ -72,7 +72,9 @@ def _projector(before: int, after: int, dt: float, theta: float | None, theta_do
     return (solved * weight)[:2], (solved @ solved.T)[:2, :2]
 
 
-def read(theta: Array, theta_dot: Array, sensor: Sensor, whole: bool, rng: np.random.Generator) -> tuple[Array, Array]:
+def sensed(
+    theta: Array, theta_dot: Array, sensor: Sensor, whole: bool, rng: np.random.Generator
+) -> tuple[Array, Array]:
     """What a sensor makes of states (..., N+1): angles all the time if `whole`, or else at the start alone, speeds."""
     angle = theta if whole else theta[..., :1]
     first = angle + (sensor.theta or 0.0) * rng.standard_normal(angle.shape)
@@ -84,7 +86,7 @@ def reads_angles(theta: Array) -> bool:
     return theta.shape[-1] > 1
 
 
-def summary(u: Array, theta_dot: Array, theta: Array | None = None) -> Array:
+def summary_statistics(u: Array, theta_dot: Array, theta: Array | None = None) -> Array:
     """Statistics (..., F) of speeds (..., N+1) under torques u (..., N), and of angles (..., N+1) where they are known.
 
     Of the change d of the speed from an instant to the next: its mean, the log of its variance, and its mean products

@@ -9,16 +9,16 @@ import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
-from study.figure_style import save
+from study.figure_style import save_figure
 from study.mismatch.mismatch_results import DESIGNS, TRAININGS
 from study.pipeline.html_page import template
-from study.pipeline.tables import printed, write_csv
+from study.pipeline.tables import printed, write_rows
 from study.pipeline.versions import all_versions, write_record
 from study.strategies.catalogue import strategy_class
-from study.strategies.figures import simulated_steps, strategy_returns
-from study.strategies.findings import StrategiesFindings, findings_of
+from study.strategies.figures import returns_of_strategies, simulated_steps
+from study.strategies.findings import StrategiesFindings, strategies_findings
 from study.strategies.plan import StrategiesPlan
-from study.strategies.sentences import sentences
+from study.strategies.sentences import strategies_sentences
 from study.strategies.strategies_results import STEPS, StrategiesResults
 from sysid.data.files import write_whole
 
@@ -30,10 +30,10 @@ CONTRASTED = ("plant", "sensing", "n", "a", "b", "mean", "low", "high", "seeds",
 """A pre-registered contrast a - b; p is Holm's over the family."""
 
 FIGURES = {
-    "returns": (strategy_returns, "Mean return for the real rollouts that were spent, strategies of a group together, "
-        "with its 95 % interval where there are three seeds. Hollow: of strategies that compare returns, their best "
-        "candidate so far, evaluated anew outside the budget. Grey: the point estimate and what spends nothing. "
-        "Red: the optimum. Arrows are outside the panel."),
+    "returns": (returns_of_strategies, "Mean return for the real rollouts that were spent, strategies of a group "
+        "together, with its 95 % interval where there are three seeds. Hollow: of strategies that compare returns, "
+        "their best candidate so far, evaluated anew outside the budget. Grey: the point estimate and what spends "
+        "nothing. Red: the optimum. Arrows are outside the panel."),
     "simulated": (simulated_steps, "The same means over the steps that were simulated for them, trainings on the way "
         "included, at the largest budget of the contrasts."),
 }  # fmt: skip
@@ -44,12 +44,14 @@ def publish_strategies(plan: StrategiesPlan, results: StrategiesResults, console
     """Write tables, figure and page into the results' folder and say the answers."""
     folder, trained = results.folder, results.all(TRAININGS)
     with console.status("drawing"):
-        found = findings_of(plan, results.all(STEPS), trained, results.all(DESIGNS))
-        said, made_with = sentences(found), [agent.versions for agent in trained]
-        write_tables(found, folder)
+        found = strategies_findings(plan, results.all(STEPS), trained, results.all(DESIGNS))
+        said, made_with = strategies_sentences(found), [agent.versions for agent in trained]
+        write_strategies_tables(found, folder)
         about = {"cases": len(plan.cases), "agents": len(trained), "contrasts": [" - ".join(c) for c in plan.contrasts]}
         write_record(folder / "study.json", plan, results.device, about, found.hours, made_with)
-        figures = {name: save(partial(draw, found), folder / f"{name}.png") for name, (draw, _) in FIGURES.items()}
+        figures = {
+            name: save_figure(partial(draw, found), folder / f"{name}.png") for name, (draw, _) in FIGURES.items()
+        }
         page = template("strategies.html.j2").render(
             findings=found, plan=plan, sentences=said, agents=len(trained),
             figures={path: FIGURES[name][1] for name, path in figures.items()},
@@ -62,7 +64,7 @@ def publish_strategies(plan: StrategiesPlan, results: StrategiesResults, console
     console.print(f"figures  {', '.join(map(str, figures.values()))}", soft_wrap=True)
 
 
-def write_tables(found: StrategiesFindings, folder: Path) -> None:
+def write_strategies_tables(found: StrategiesFindings, folder: Path) -> None:
     """cases.csv, outcomes.csv, contrasts.csv."""
     cases, outcomes = [], []
     for condition, own in found.outcomes.items():
@@ -78,4 +80,4 @@ def write_tables(found: StrategiesFindings, folder: Path) -> None:
     for name, columns, rows in (
         ("cases", CASES, cases), ("outcomes", OUTCOMES, outcomes), ("contrasts", CONTRASTED, contrasts)
     ):  # fmt: skip
-        write_csv(folder / f"{name}.csv", columns, map(printed, rows))
+        write_rows(folder / f"{name}.csv", columns, map(printed, rows))

@@ -12,7 +12,7 @@ FEW = 5
 """Seeds below which a mean says little."""
 
 
-def sentences(findings: StrategiesFindings) -> list[tuple[str, str]]:
+def strategies_sentences(findings: StrategiesFindings) -> list[tuple[str, str]]:
     """Pairs of question and answer."""
     found = [
         ("How many rollouts does it take?", _arrivals(findings)),

@@ -16,8 +16,8 @@ from typing import Any
 from policies.network_policy import NetworkPolicy
 from study.mismatch.trainings import TrainingSetup
 from study.pipeline.settings import digest
-from study.strategies.plant import Plant
-from study.strategies.strategy import Agent, Choice, Learn, Play, Request, Situation, Strategy, Train, Try
+from study.strategies.plant import BudgetedPlant
+from study.strategies.strategy import Choice, Learn, Play, Request, Situation, Strategy, Train, TrainedAgent, Try
 from sysid import InvalidInput
 
 Found = Callable[[str], NetworkPolicy | None]
@@ -52,7 +52,9 @@ def key_of(setup: TrainingSetup, seed: int, critics: bool = False) -> str:
     return f"{setup.key}-{seed}{CRITICS if critics else ''}"
 
 
-def advance(strategy: Strategy, situation: Situation, plant: Plant, found: Found, where: str) -> Waiting | Finished:
+def advance(
+    strategy: Strategy, situation: Situation, plant: BudgetedPlant, found: Found, where: str
+) -> Waiting | Finished:
     """Repeat a dialogue, and go on with it until an agent is missing; where: what tells its plant from others.
 
     Raises InvalidInput for a request that is none, and where the plant refuses.
@@ -63,7 +65,7 @@ def advance(strategy: Strategy, situation: Situation, plant: Plant, found: Found
             request: Request = dialogue.send(answer)
         except StopIteration as end:
             choice = end.value if isinstance(end.value, Choice) else Choice(end.value)
-            if not isinstance(choice.deployed, TrainingSetup | Agent):
+            if not isinstance(choice.deployed, TrainingSetup | TrainedAgent):
                 kind = type(choice.deployed).__name__
                 raise InvalidInput(f"a strategy gave back a {kind}: expected a TrainingSetup or an Agent") from None
             return Finished(choice, plant.spent, tuple(keys), situation.simulated)
@@ -92,4 +94,4 @@ def advance(strategy: Strategy, situation: Situation, plant: Plant, found: Found
 def _agent(key: str, found: Found) -> Any:
     policy = found(key)
     assert policy is not None
-    return Agent(key, policy)
+    return TrainedAgent(key, policy)

@@ -14,7 +14,7 @@ from policies.environments.randomization import Posterior
 from policies.evaluation import rollout
 from study.mismatch.trainings import TrainingSetup
 from study.strategies.readings import reads_angles, smoothed
-from study.strategies.strategy import Agent, Dialogue, Situation, Strategy, Train, Tried, Try
+from study.strategies.strategy import Dialogue, Situation, Strategy, Train, TrainedAgent, Tried, Try
 
 Array = NDArray[np.float64]
 
@@ -60,7 +60,7 @@ class SimOpt(Strategy):
                 mean, covariance = weighted_normal(drawn, weights)
         return setup_of(situation, mean, covariance)
 
-    def discrepancy(self, situation: Situation, agent: Agent, tried: Tried, drawn: Array) -> Array:
+    def discrepancy(self, situation: Situation, agent: TrainedAgent, tried: Tried, drawn: Array) -> Array:
         """How unlike the real episodes those of parameters (S, P) are: (S,), the mean of L1 and squared L2 norms."""
         found = np.zeros(len(drawn))
         for record in tried.records:

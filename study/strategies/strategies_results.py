@@ -15,7 +15,7 @@ from study.mismatch.mismatch_results import DESIGNS, TRAININGS
 from study.pipeline.database import Database, identity
 from study.pipeline.policy_files import FOLDER
 from study.pipeline.settings import StudySettings
-from study.pipeline.tables import Table
+from study.pipeline.tables import ResultTable
 from study.strategies.plan import STRATEGIES_FORMAT, Case
 
 NETWORKS = "networks"
@@ -36,7 +36,7 @@ OUTPUTS = (
 
 
 @dataclass(frozen=True)
-class Step:
+class CaseRound:
     """A round of a case. payload, plain data:
 
     setups   by key, TrainingSetups to train on (TrainingSetup.to_json)
@@ -58,8 +58,8 @@ class Step:
         return Case(self.plant, self.sensing, self.strategy, self.n, self.seed)
 
 
-STEPS = Table(
-    "steps", Step,
+STEPS = ResultTable(
+    "steps", CaseRound,
     "plant TEXT, sensing TEXT, strategy TEXT, n INTEGER, seed INTEGER, round INTEGER, payload TEXT, seconds REAL",
     keys=6,
 )  # fmt: skip

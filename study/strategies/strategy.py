@@ -37,7 +37,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Agent:
+class TrainedAgent:
     """A trained agent: what its policy is stored under, and the policy."""
 
     key: str
@@ -58,7 +58,7 @@ class Play:
 class Try:
     """So many episodes of an agent on the plant; at_rest as in Play."""
 
-    agent: Agent
+    agent: TrainedAgent
     rollouts: int = 1
     at_rest: bool = True
 
@@ -90,7 +90,7 @@ class Learn:
     `critics`, or None for one that knows nothing."""
 
     rollouts: int
-    start: Agent | None = None
+    start: TrainedAgent | None = None
 
 
 @dataclass(frozen=True)
@@ -100,13 +100,13 @@ class Choice:
     observed   its return within the budget: of the best of many, so more than it is worth
     """
 
-    deployed: TrainingSetup | Agent
-    best: Agent | None = None
+    deployed: TrainingSetup | TrainedAgent
+    best: TrainedAgent | None = None
     observed: float = float("nan")
 
 
 Request = Play | Try | Train | Learn
-Dialogue = Generator[Request, Any, TrainingSetup | Agent | Choice]
+Dialogue = Generator[Request, Any, TrainingSetup | TrainedAgent | Choice]
 
 
 @dataclass

@@ -20,7 +20,7 @@ from sysid.cli.command_line import carry_out
 from sysid.errors import InvalidInput
 
 if TYPE_CHECKING:
-    from sysid.cli.commands import Task
+    from sysid.cli.commands import LogAndModel
     from sysid.estimation.estimate import Estimate
 
 logger = logging.getLogger(__name__ if __name__ != "__main__" else "study.worth")
@@ -37,9 +37,9 @@ def run(command: WorthOptions) -> None:
     """Answer the command. Raises InvalidInput for bad input."""
     import numpy as np
 
-    from study.worth.decision import SwingUp
+    from study.worth.decision import SwingUpDecision
     from study.worth.value_of_information import check_question, worth_of_rollouts
-    from sysid.cli.commands import Task, completed
+    from sysid.cli.commands import LogAndModel, completed
     from sysid.cli.outputs import write, write_json
     from sysid.planning.experiment import limits_of, next_experiment
 
@@ -47,14 +47,14 @@ def run(command: WorthOptions) -> None:
     if command.seed < 0:
         raise InvalidInput(f"--seed {command.seed}: expected a whole number, 0 or more")
     command = completed(command)
-    task = Task.of(command)
-    SwingUp.of(task.model, task.names, command.u_max)  # raises before anything is fitted
+    task = LogAndModel.of(command)
+    SwingUpDecision.of(task.model, task.names, command.u_max)  # raises before anything is fitted
     estimate = _estimate(command, task)
     logger.info(estimate)
     if not estimate.success:
         raise InvalidInput(f"the fit cannot be used ({estimate.status}): expected one that converged")
     logger.debug("drawing machines and making policies for them")
-    decision = SwingUp.of(estimate.model, estimate.names, command.u_max)
+    decision = SwingUpDecision.of(estimate.model, estimate.names, command.u_max)
     limits = dataclasses.replace(limits_of(tuple(task.log), estimate.model), rollouts=1)
     found = worth_of_rollouts(
         estimate,
@@ -76,13 +76,13 @@ def run(command: WorthOptions) -> None:
     logger.info(f"the designed rollout: {found.experiment}")
     write(command.out, found.experiment.write_csv)
     if command.figure is not None:
-        from study.figure_style import save
-        from study.worth.figure import draw
+        from study.figure_style import save_figure
+        from study.worth.figure import worth_figure
 
-        write(command.figure, partial(save, partial(draw, found)))
+        write(command.figure, partial(save_figure, partial(worth_figure, found)))
 
 
-def _estimate(command: WorthOptions, task: Task) -> Estimate:
+def _estimate(command: WorthOptions, task: LogAndModel) -> Estimate:
     """What is known: the estimate in --model where it holds one and nothing was added, else a fit."""
     if task.known and command.start.model is not None:
         from sysid.estimation.saved_model import load
@@ -93,7 +93,7 @@ def _estimate(command: WorthOptions, task: Task) -> Estimate:
     return task.fitted()
 
 
-def _rollouts(task: Task) -> float:
+def _rollouts(task: LogAndModel) -> float:
     """How many rollouts a fit saw: those of the log, less what was held out."""
     seen, all_ = (sum(len(record.u) for record in records) for records in (task.training, task.log))
     return len(task.log) * seen / all_

@@ -24,7 +24,7 @@ STEP = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Coordinates:
+class NormalCoordinates:
     """x (P,) of parameters p (P,).
 
     x_i = prod_j (p_j / fitted_j)^power_ij   for i, j in `shown`,    x_i = p_i   for the others
@@ -35,7 +35,7 @@ class Coordinates:
     power: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     @classmethod
-    def of(cls, model: Model, names: tuple[str, ...]) -> Coordinates:
+    def of(cls, model: Model, names: tuple[str, ...]) -> NormalCoordinates:
         """Those of the free parameters `names` of a fitted model."""
         values = {name: float(model.parameters[name].value) for name in names}
         fitted, plant = np.array(list(values.values())), set(model.plant.parameters)

@@ -36,7 +36,7 @@ class Decision(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class SwingUp:
+class SwingUpDecision:
     """Swing up and hold, by dynamic programming: what a policy trained to the optimum of a model would do.
 
     machine    the fitted model as a policy meets it, which acts on the state: sensing is left out
@@ -58,7 +58,7 @@ class SwingUp:
         u_max: float | None = None,
         episodes: int = 40,
         table: Grid = TABLE,
-    ) -> SwingUp:
+    ) -> SwingUpDecision:
         """On a fitted model, with commands up to u_max [N m]. Raises InvalidInput as `machine_of` does."""
         machine = machine_of(model, u_max)
         moving = tuple(e for e in machine.effects if not isinstance(e, OutputEffect))

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from matplotlib.figure import Figure
 
-from study.figure_style import ACCENT, beside
+from study.figure_style import ACCENT, annotate_beside
 from study.worth.value_of_information import AS_BEFORE, DESIGNED, Worth
 
 COLOURS = {AS_BEFORE: "#0072B2", DESIGNED: "#D55E00"}
 
 
-def draw(worth: Worth) -> Figure:
+def worth_figure(worth: Worth) -> Figure:
     """What is added to the return over the number of further rollouts, with standard errors, less what they cost."""
     figure = Figure(figsize=(6.4, 3.8), layout="constrained")
     axes = figure.subplots()
@@ -24,7 +24,7 @@ def draw(worth: Worth) -> Figure:
         label = f"{kind} rollouts" if kind == DESIGNED else f"rollouts {kind}"
         axes.errorbar(at, values, errors, color=COLOURS[kind], marker="o", capsize=0, label=label)
     axes.axhline(worth.perfect.value, color=ACCENT)
-    beside(axes, "the machine known perfectly", (0.0, worth.perfect.value), (4, 7), color=ACCENT)
+    annotate_beside(axes, "the machine known perfectly", (0.0, worth.perfect.value), (4, 7), color=ACCENT)
     if worth.price is not None:
         cost = [worth.price * h for h in (0, *counts)]
         axes.plot(list(places.values()), cost, color="0.4", linestyle="--", label="what they cost")

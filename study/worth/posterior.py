@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from study.worth.coordinates import Coordinates
+from study.worth.coordinates import NormalCoordinates
 from sysid import Estimate, InvalidInput
 
 Array = NDArray[np.float64]
@@ -24,7 +24,7 @@ FEW = 20
 class BoundedNormal:
     """x ~ N(mean (P,), covariance (P, P)), where the parameters p(x) lie within bounds (P, 2)."""
 
-    coordinates: Coordinates
+    coordinates: NormalCoordinates
     mean: Array
     covariance: Array
     bounds: Array
@@ -38,7 +38,7 @@ class BoundedNormal:
                 f"the log does not determine {', '.join(lost)}: expected a fit with finite intervals; fix what is "
                 "known (--set), or measure first (sysid experiment)"
             )
-        coordinates = Coordinates.of(estimate.model, estimate.names)
+        coordinates = NormalCoordinates.of(estimate.model, estimate.names)
         bounds = np.array([estimate.model.parameters[name].bounds for name in estimate.names])
         slope = coordinates.slope
         return cls(coordinates, coordinates.origin, slope @ estimate.covariance @ slope.T, bounds)

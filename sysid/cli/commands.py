@@ -11,10 +11,20 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from sysid.cli.log_settings import settled
-from sysid.cli.options import Add, Compare, Diagnose, Effects, Experiment, Export, Fit, LogOptions, ModelOptions
-from sysid.cli.outputs import draw, write, write_json, write_model, write_report
-from sysid.cli.starting_model import begun, command_of, numbers_of, sampled, shown
+from sysid.cli.log_settings import with_settings
+from sysid.cli.options import (
+    AddCommand,
+    CompareCommand,
+    DiagnoseCommand,
+    EffectsCommand,
+    ExperimentCommand,
+    ExportCommand,
+    FitCommand,
+    LogOptions,
+    ModelOptions,
+)
+from sysid.cli.outputs import draw_comparison, write, write_json, write_model, write_page
+from sysid.cli.starting_model import begun, command_of, named_numbers, sampled, shown
 from sysid.data.files import check_outputs
 from sysid.data.logs import Log, read
 from sysid.data.record import Record
@@ -47,7 +57,7 @@ class OnLog(Protocol):
 
 def run(command: Any) -> None:
     """Run a command of sysid.cli.options. Raises InvalidInput for bad input."""
-    if isinstance(command, Effects | Export):
+    if isinstance(command, EffectsCommand | ExportCommand):
         register_effects(command.effects)
     else:
         command = completed(command)
@@ -56,7 +66,7 @@ def run(command: Any) -> None:
 
 def completed(command: Any) -> Any:
     """A command with what the log's log.toml says; the user's own effects are registered."""
-    log, start, said = settled(command.log, command.start)
+    log, start, said = with_settings(command.log, command.start)
     if said:
         logger.info(said)
     register_effects(start.effects)
@@ -77,10 +87,10 @@ def _run(command: Any) -> None:
 
 
 @_run.register
-def _(command: Fit) -> None:
+def _(command: FitCommand) -> None:
     from sysid.estimation.held_out import held_out_error
 
-    task = Task.of(command)
+    task = LogAndModel.of(command)
     estimate = task.fitted()
     error = held_out_error(estimate.model, task.held_out, task.sensor)
     logger.info(estimate)
@@ -91,17 +101,17 @@ def _(command: Fit) -> None:
 
 
 @_run.register
-def _(command: Compare) -> None:
+def _(command: CompareCommand) -> None:
     from sysid.diagnosis.compare import compare
 
-    task = Task.of(command)
+    task = LogAndModel.of(command)
     model = task.model if task.known or not task.names else task.fitted().model
     comparison = compare(model, task.held_out, task.sensor, task.names)
     logger.info(comparison)
     task.doubt(comparison.one_second.theta)
     write_json(command.json, comparison.to_dict())
-    write(command.figure, partial(draw, comparison))
-    write_report(command.html, comparison)
+    write(command.figure, partial(draw_comparison, comparison))
+    write_page(command.html, comparison)
     if command.parquet is not None:
         from sysid.export.predictions import write_predictions
 
@@ -109,14 +119,14 @@ def _(command: Compare) -> None:
 
 
 @_run.register
-def _(command: Diagnose) -> None:
+def _(command: DiagnoseCommand) -> None:
     from sysid.diagnosis.diagnose import diagnose
     from sysid.diagnosis.search_settings import DEFAULT
 
     if not 0.0 < command.tolerance < 1.0:
         raise InvalidInput(f"--tolerance {command.tolerance:g}: expected a share between 0 and 1, such as 0.02")
     settings = dataclasses.replace(DEFAULT, tolerance=command.tolerance)
-    task = Task.of(command)
+    task = LogAndModel.of(command)
     task.check_free()
     diagnosis = diagnose(
         task.model,
@@ -130,16 +140,16 @@ def _(command: Diagnose) -> None:
     task.doubt(diagnosis.error.theta)
     write_json(command.json, diagnosis.to_dict())
     write_model(command.out, diagnosis.estimate)
-    write_report(command.html, diagnosis)
+    write_page(command.html, diagnosis)
 
 
 @_run.register
-def _(command: Add) -> None:
+def _(command: AddCommand) -> None:
     from sysid.diagnosis.add import add
     from sysid.physics.effects import effect
 
     effect(command.effect)  # raises, and says which names are near
-    task = Task.of(command)
+    task = LogAndModel.of(command)
     added = add(task.fitted(), command.effect, task.log, task.sensor, command.log.hold_out)
     logger.info(added)
     write_json(command.json, added.to_dict())
@@ -147,10 +157,10 @@ def _(command: Add) -> None:
 
 
 @_run.register
-def _(command: Experiment) -> None:
+def _(command: ExperimentCommand) -> None:
     from sysid.planning.experiment import next_experiment
 
-    task = Task.of(command)
+    task = LogAndModel.of(command)
     estimate = task.fitted()
     rivals = [name.strip() for name in command.between.split(",") if name.strip()]
     limits = _limits(command, task.log, estimate.model)
@@ -164,7 +174,7 @@ def _(command: Experiment) -> None:
 
 
 @_run.register
-def _(command: Export) -> None:
+def _(command: ExportCommand) -> None:
     from sysid.estimation.saved_model import load_model
     from sysid.export.mjcf import to_mjcf
     from sysid.export.urdf import to_urdf
@@ -185,7 +195,7 @@ def _(command: Export) -> None:
 
 
 @_run.register
-def _(command: Effects) -> None:
+def _(command: EffectsCommand) -> None:
     for name, kind in {**ACTUATORS, **CATALOGUE}.items():
         logger.info(name)
         logger.info(f"    {kind.formula or (kind.__doc__ or '').strip().splitlines()[0]}")
@@ -199,7 +209,7 @@ def _(command: Effects) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class LogAndModel:
     """A log with its noise, and the model to begin with.
 
     names   the parameters that a fit may move
@@ -215,7 +225,7 @@ class Task:
     known: bool
 
     @classmethod
-    def of(cls, command: OnLog) -> Task:
+    def of(cls, command: OnLog) -> LogAndModel:
         """Read everything, and say what was read. Raises InvalidInput before anything expensive."""
         outputs = [getattr(command, name, None) for name in ("out", "json", "html", "figure", "parquet")]
         check_outputs([*command.log.files, command.log.settings, command.start.model, command.start.effects], outputs)
@@ -283,7 +293,7 @@ def _sensor(options: LogOptions, log: Log, plant: Plant) -> Sensor:
     if all(np.ptp(getattr(r, c)) == 0.0 for r in log for c in measured):
         at = getattr(log[0], measured[0])[0]
         raise InvalidInput(f"the machine is at rest: {measured[0]} stays at {at:.4g}: nothing excites m")
-    given = numbers_of("--noise", options.noise.split(",") if options.noise else ())
+    given = named_numbers("--noise", options.noise.split(",") if options.noise else ())
     for channel in given:
         if channel not in measured:
             raise InvalidInput(f"--noise names {channel!r}: this log measures {' and '.join(measured)}")
@@ -300,7 +310,7 @@ def _sensor(options: LogOptions, log: Log, plant: Plant) -> Sensor:
 # ---- what the rig may do ---------------------------------------------------------------------------------------------
 
 
-def _limits(options: Experiment, log: Log, model: Model) -> Limits:
+def _limits(options: ExperimentCommand, log: Log, model: Model) -> Limits:
     """What the log has done, where the user says nothing else."""
     from sysid.planning.experiment import limits_of
     from sysid.planning.signals import Limits

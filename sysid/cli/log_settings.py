@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
 from sysid.cli.options import LogOptions, ModelOptions
-from sysid.data.files import place, read_file
+from sysid.data.files import full_path, read_file
 from sysid.errors import InvalidInput, excerpt
 
 FILE = "log.toml"
@@ -46,7 +46,7 @@ def _read(value: Any, kind: Any) -> tuple[Any, str]:
     return value if value in choices else None, f"{', '.join(others)} or {last}"
 
 
-def settings(path: Path) -> dict[str, Any]:
+def settings_in(path: Path) -> dict[str, Any]:
     """What a settings file says, by key, as the options of the command line hold it.
 
     Raises InvalidInput for a file that cannot be read, an unknown key or a value of the wrong kind, with the choices.
@@ -70,13 +70,13 @@ def settings(path: Path) -> dict[str, Any]:
     return found
 
 
-def beside(files: tuple[Path, ...]) -> Path | None:
+def settings_file(files: tuple[Path, ...]) -> Path | None:
     """The log.toml in the folder of the logs; raises InvalidInput where they lie in several folders with different."""
-    folders = list(dict.fromkeys(place(file, "read").parent for file in files))
+    folders = list(dict.fromkeys(full_path(file, "read").parent for file in files))
     found = [folder / FILE for folder in folders if (folder / FILE).is_file()]
     if not found:
         return None
-    if len(found) < len(folders) or any(settings(path) != settings(found[0]) for path in found):
+    if len(found) < len(folders) or any(settings_in(path) != settings_in(found[0]) for path in found):
         raise InvalidInput(
             f"the logs lie in {len(folders)} folders whose {FILE} differ or are not there: expected one that holds for "
             f"all, given with --log FILE.toml, or --log {NONE}"
@@ -84,18 +84,18 @@ def beside(files: tuple[Path, ...]) -> Path | None:
     return files[0].parent / FILE
 
 
-def settled(log: LogOptions, start: ModelOptions) -> tuple[LogOptions, ModelOptions, str]:
+def with_settings(log: LogOptions, start: ModelOptions) -> tuple[LogOptions, ModelOptions, str]:
     """The options, completed by the settings file where they say nothing, and one line on what was taken from where.
 
     log.settings names the file, else it is looked for beside the log; the line is empty where there is none.
     """
     if log.settings is not None and str(log.settings) == NONE:
         return replace(log, settings=None), start, ""
-    path = log.settings or beside(log.files)
+    path = log.settings or settings_file(log.files)
     if path is None:
         return log, start, ""
     given, taken = vars(log) | {"plant": start.plant or start.model}, dict[str, Any]()
-    found = settings(path)
+    found = settings_in(path)
     for key, value in found.items():
         own = given[FIELDS.get(key, key)]
         if own is None or own is False or own == "":

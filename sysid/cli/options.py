@@ -104,7 +104,7 @@ class ModelOptions:
 
 
 @dataclass(frozen=True)
-class Fit:
+class FitCommand:
     """The plant's parameters with intervals, the noise found, and what cannot be told apart."""
 
     log: LogOptions = field(default_factory=LogOptions)
@@ -117,7 +117,7 @@ class Fit:
 
 
 @dataclass(frozen=True)
-class Compare:
+class CompareCommand:
     """How far a model is off on data that it has not seen, and where."""
 
     log: LogOptions = field(default_factory=LogOptions)
@@ -136,7 +136,7 @@ class Compare:
 
 
 @dataclass(frozen=True)
-class Diagnose:
+class DiagnoseCommand:
     """Which physical effects the model lacks, with the evidence. Begins with the plain plant, or with --model."""
 
     log: LogOptions = field(default_factory=LogOptions)
@@ -155,7 +155,7 @@ class Diagnose:
 
 
 @dataclass(frozen=True)
-class Add:
+class AddCommand:
     """Add one effect: the error before and after."""
 
     effect: Annotated[Positional[str], arg(metavar="EFFECT")]
@@ -171,7 +171,7 @@ class Add:
 
 
 @dataclass(frozen=True)
-class Experiment:
+class ExperimentCommand:
     """What to play next: the torque that tells effects apart, or that narrows the widest interval."""
 
     log: LogOptions = field(default_factory=LogOptions)
@@ -207,7 +207,7 @@ class Experiment:
 
 
 @dataclass(frozen=True)
-class Workbench:
+class WorkbenchCommand:
     """A local web page for all of this: see where the model fails, click the missing effect, watch the error fall."""
 
     log: LogOptions = field(default_factory=LogOptions)
@@ -226,7 +226,7 @@ class Workbench:
 
 
 @dataclass(frozen=True)
-class Export:
+class ExportCommand:
     """A model for a simulator: MuJoCo's MJCF, or URDF; and a sentence on each thing that the file cannot say."""
 
     model: Annotated[Positional[Path], arg(metavar="MODEL")]
@@ -258,7 +258,7 @@ class Export:
 
 
 @dataclass(frozen=True)
-class Effects:
+class EffectsCommand:
     """The catalogue: formula, parameters, units, and what each effect is confused with."""
 
     effects: File = None
@@ -266,12 +266,12 @@ class Effects:
 
 
 COMMANDS: dict[str, Callable[..., Any]] = {
-    "fit": Fit,
-    "compare": Compare,
-    "diagnose": Diagnose,
-    "add": Add,
-    "experiment": Experiment,
-    "export": Export,
-    "effects": Effects,
-    "workbench": Workbench,
+    "fit": FitCommand,
+    "compare": CompareCommand,
+    "diagnose": DiagnoseCommand,
+    "add": AddCommand,
+    "experiment": ExperimentCommand,
+    "export": ExportCommand,
+    "effects": EffectsCommand,
+    "workbench": WorkbenchCommand,
 }

@@ -38,7 +38,7 @@ def write_model(path: Path | None, estimate: Estimate) -> None:
     write(path, partial(save, estimate))
 
 
-def write_report(path: Path | None, answer: Any) -> None:
+def write_page(path: Path | None, answer: Any) -> None:
     """Write the page of an answer."""
 
     def save(own: Path) -> None:
@@ -49,7 +49,7 @@ def write_report(path: Path | None, answer: Any) -> None:
     write(path, save)
 
 
-def draw(comparison: Any, path: Path) -> None:
+def draw_comparison(comparison: Any, path: Path) -> None:
     """Draw the figure of a comparison."""
     from sysid.report.comparison_figure import plot_comparison
 

@@ -52,7 +52,7 @@ def begun(options: ModelOptions, command: Command | None) -> tuple[Model, tuple[
         saved = load(options.model)
         model, names = saved.model, saved.free
         _check_plant(options, model.plant)
-    known = numbers_of("--set", options.set)
+    known = named_numbers("--set", options.set)
     if options.gravity is not None:
         if "g" not in model.parameters:
             raise InvalidInput(f"--gravity: a {type(model.plant).__name__} has none, but {', '.join(model.parameters)}")
@@ -92,7 +92,7 @@ def _with_effects(model: Model, text: str) -> tuple[Model, tuple[str, ...]]:
             raise InvalidInput(f"--with {part!r}: expected {choices}")
         numbers.setdefault(owner, {})
         if equals:
-            numbers[owner][field] = numbers_of("--with", [part])[whole.strip()]
+            numbers[owner][field] = named_numbers("--with", [part])[whole.strip()]
     present = [e.name for e in model.effects]
     for owner, own in numbers.items():
         if owner in present:
@@ -174,7 +174,7 @@ def command_of(model: Model) -> Command:
     return next(name for name, kind in INPUTS.items() if kind is (type(model.actuator) if model.actuator else None))
 
 
-def numbers_of(option: str, pairs: tuple[str, ...] | list[str]) -> dict[str, float]:
+def named_numbers(option: str, pairs: tuple[str, ...] | list[str]) -> dict[str, float]:
     """{name: number} of "name=number"."""
     found: dict[str, float] = {}
     for pair in pairs:

@@ -31,7 +31,7 @@ def named(path: Path, doing: str) -> Iterator[None]:
         raise InvalidInput(f"cannot {doing} {str(path)!r}: expected the name of a file") from None
 
 
-def place(path: Path, doing: str) -> Path:
+def full_path(path: Path, doing: str) -> Path:
     """The full path of a file that is there or may be made; raises InvalidInput for a name that is refused."""
     with named(path, doing):
         full = path.resolve()
@@ -45,7 +45,7 @@ def check_input(path: Path, expected: str, largest: float = LARGEST) -> None:
 
     expected: what the file should be, in a word or two.
     """
-    full = place(path, "read")
+    full = full_path(path, "read")
     if not full.exists():
         raise InvalidInput(f"no such file: {path}: expected {expected}")
     if not full.is_file():
@@ -63,10 +63,10 @@ def read_file(path: Path, expected: str, largest: float = LARGEST) -> bytes:
 
 def check_outputs(inputs: Iterable[Path | None], outputs: Iterable[Path | None], replace: bool = True) -> None:
     """Raise InvalidInput where an output is an input, comes twice, cannot be written, or is there and stays."""
-    read_from = {place(p, "read") for p in inputs if p is not None}
+    read_from = {full_path(p, "read") for p in inputs if p is not None}
     written: set[Path] = set()
     for path in (p for p in outputs if p is not None):
-        full = place(path, "write")
+        full = full_path(path, "write")
         if full in read_from:
             raise InvalidInput(f"{path} is read by this command: expected another file to write to")
         if full in written:

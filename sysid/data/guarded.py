@@ -89,7 +89,7 @@ _reader: Reader | None = None
 _lock = threading.Lock()
 
 
-def read(kind: str, path: Path, columns: Mapping[str, str] | None = None, joint: str = "") -> dict[str, Any]:
+def read_guarded(kind: str, path: Path, columns: Mapping[str, str] | None = None, joint: str = "") -> dict[str, Any]:
     """What a reader of `sysid.data.foreign_files` finds: all names, or the columns {our name: the file's name}.
 
     Raises InvalidInput as the reader does, and where it crashes, takes too long or needs too much memory.
@@ -114,7 +114,7 @@ def read(kind: str, path: Path, columns: Mapping[str, str] | None = None, joint:
     return answer["columns"] if columns is not None else dict.fromkeys(answer["names"])
 
 
-def serve() -> None:
+def answer_questions() -> None:
     """Answer questions from the standard input until it ends. What libraries print goes nowhere."""
     _limit()
     out = os.fdopen(os.dup(1), "wb")

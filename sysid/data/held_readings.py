@@ -69,7 +69,7 @@ def fresh(values: Array, rows: float) -> NDArray[np.intp]:
     return np.unique(np.array(found, dtype=np.intp))
 
 
-def in_time(held: Array, other: Array) -> bool:
+def changes_together(held: Array, other: Array) -> bool:
     """Whether the changes of `other` (K,) come in the rows in which `held` (K,) changes, four in five of them."""
     first, second = np.diff(held) != 0.0, np.diff(other) != 0.0
     return bool(np.sum(first & second) >= 0.8 * np.sum(second))

@@ -67,7 +67,7 @@ def text(saved: Any, name: str) -> str:
     return value
 
 
-def number(saved: Any, name: str, null: float | None = None) -> float:
+def number_in(saved: Any, name: str, null: float | None = None) -> float:
     """A number, or infinity; `null` is what null stands for (None: it must be a number)."""
     value = entry(saved, name)
     if value is None and null is not None:
@@ -81,7 +81,7 @@ def number(saved: Any, name: str, null: float | None = None) -> float:
 
 def count(saved: Any, name: str) -> int:
     """A whole number that is not negative."""
-    value = number(saved, name)
+    value = number_in(saved, name)
     if not 0.0 <= value < math.inf or value != int(value):
         raise InvalidInput(f"{name!r} is {value!r}: expected a whole number")
     return int(value)

@@ -14,8 +14,8 @@ import numpy as np
 
 from sysid.data import guarded, npz_file, text_files
 from sysid.data.bag import MCAP
-from sysid.data.files import check_input, check_installed, named, place
-from sysid.data.table import Table, Window, column, rows_of, seconds
+from sysid.data.files import check_input, check_installed, full_path, named
+from sysid.data.table import Table, TimeWindow, column, rows_of, seconds
 from sysid.errors import InvalidInput, printable
 
 BEGINS = {
@@ -45,7 +45,7 @@ class Source:
     name: str
     title: str
     names: Callable[[], tuple[str, ...]]
-    load: Callable[[Mapping[str, str], Window], Table]
+    load: Callable[[Mapping[str, str], TimeWindow], Table]
 
 
 def sources(given: Iterable[Any], joint: str = "") -> list[Source]:
@@ -83,18 +83,18 @@ def _file(path: Path, title: str, joint: str) -> Source:
     if joint and kind != "bag":
         raise InvalidInput(f"{path.name} has no joints to choose from: expected a ROS 2 bag or MCAP file")
     if kind == "text":
-        return Source(path.name, title, partial(text_files.header, path), partial(text_files.load, path))
+        return Source(path.name, title, partial(text_files.header, path), partial(text_files.load_text, path))
     if kind == "npz":
-        return _arrays(path.name, title, partial(npz_file.read, path))
+        return _arrays(path.name, title, partial(npz_file.read_npz, path))
     if kind in NEEDS:
         check_installed(NEEDS[kind], "files", f"{path.name}: reading its format ({kind})")
-    return _arrays(path.name, title, partial(guarded.read, kind, path, joint=joint))
+    return _arrays(path.name, title, partial(guarded.read_guarded, kind, path, joint=joint))
 
 
 def _arrays(name: str, title: str, read: Callable[[Mapping[str, str] | None], Mapping[str, Any]]) -> Source:
     """A log of arrays; read gives those that are wanted, or names of all."""
 
-    def load(columns: Mapping[str, str], window: Window) -> Table:
+    def load(columns: Mapping[str, str], window: TimeWindow) -> Table:
         arrays = {ours: column(name, columns[ours], values) for ours, values in read(columns).items()}
         return rows_of(name, arrays, window)
 
@@ -104,7 +104,7 @@ def _arrays(name: str, title: str, read: Callable[[Mapping[str, str] | None], Ma
 def _kind(path: Path) -> str:
     """The format of a file, by its content. Raises InvalidInput for what cannot be read."""
     with named(path, "read"):
-        if place(path, "read").is_dir() and (path / "metadata.yaml").exists():
+        if full_path(path, "read").is_dir() and (path / "metadata.yaml").exists():
             return "bag"
         check_input(path, "a log file", math.inf)
         with path.open("rb") as file:

@@ -15,7 +15,7 @@ from sysid.data import checks, log_files, resampling
 from sysid.data.log_files import Source
 from sysid.data.record import Record
 from sysid.data.resampling import Rows
-from sysid.data.table import Table, Window
+from sysid.data.table import Table, TimeWindow
 from sysid.data.time_unit import FEWEST, PER_SECOND, WORDS, TimeUnit, found_unit, named_unit
 from sysid.errors import InvalidInput
 from sysid.limits import LOG_ROWS, RAW_ROWS
@@ -199,11 +199,11 @@ def _check_choice(name: str, value: str, choices: Sequence[str]) -> None:
         raise InvalidInput(f"{name} = {value!r}: expected one of {', '.join(choices)}")
 
 
-def _window(begin: float | None, end: float | None, dt: float | None) -> Window:
+def _window(begin: float | None, end: float | None, dt: float | None) -> TimeWindow:
     low, high = -math.inf if begin is None else begin, math.inf if end is None else end
     if not low < high:
         raise InvalidInput(f"the window from {low:g} to {high:g} s is empty: expected begin < end")
-    return Window(low, high, LOG_ROWS if dt is None else RAW_ROWS)
+    return TimeWindow(low, high, LOG_ROWS if dt is None else RAW_ROWS)
 
 
 # ---- columns ---------------------------------------------------------------------------------------------------------
@@ -273,7 +273,9 @@ def likely_columns(found: Sequence[str], chosen: Mapping[str, str]) -> dict[str,
 # ---- time ------------------------------------------------------------------------------------------------------------
 
 
-def _timed(source: Source, chosen: Mapping[str, str], window: Window, unit: TimeUnit | None, notes: list[str]) -> Table:
+def _timed(
+    source: Source, chosen: Mapping[str, str], window: TimeWindow, unit: TimeUnit | None, notes: list[str]
+) -> Table:
     """The columns of the rows in the window, t in seconds whatever the file counts; a note where it was converted."""
     reason, named = "", named_unit(chosen["t"])
     table = source.load(chosen, _counted(window, unit or "s"))
@@ -293,7 +295,7 @@ def _timed(source: Source, chosen: Mapping[str, str], window: Window, unit: Time
     return table | {"t": table["t"] / PER_SECOND[unit]}
 
 
-def _counted(window: Window, unit: TimeUnit) -> Window:
+def _counted(window: TimeWindow, unit: TimeUnit) -> TimeWindow:
     """The window in units of the file's clock."""
     return window._replace(begin=window.begin * PER_SECOND[unit], end=window.end * PER_SECOND[unit])
 

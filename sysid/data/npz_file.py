@@ -15,7 +15,7 @@ from sysid.limits import RAW_ROWS, check_size
 from sysid.physics.ops import Array
 
 
-def read(path: Path, columns: Mapping[str, str] | None = None) -> dict[str, Any]:
+def read_npz(path: Path, columns: Mapping[str, str] | None = None) -> dict[str, Any]:
     """All names, or the wanted arrays {our name: the file's name}, of an .npz file."""
     with foreign(path, "an .npz file of plain arrays: expected one as numpy.savez makes it"), ZipFile(path) as file:
         sizes = {info.filename.removesuffix(".npy"): info.file_size for info in file.infolist()}

@@ -121,7 +121,7 @@ def _fresh(parts: Sequence[Rows]) -> tuple[Sequence[Rows], tuple[str, ...]]:
     if len(held) == 2 and held["theta_dot"] > 1.0:
         longer = held["theta_dot"] > 1.5 * held["theta"]
         both = [(p.theta, p.theta_dot) for p in read]
-        together = [held_readings.in_time(x, v) for x, v in both if x is not None and v is not None]
+        together = [held_readings.changes_together(x, v) for x, v in both if x is not None and v is not None]
         if longer or not all(together):
             parts = [replace(p, theta_dot=None) for p in parts]
             read = [replace(p, theta_dot=None) for p in read]

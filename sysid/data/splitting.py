@@ -21,7 +21,7 @@ SHORTEST = 1.0
 """Pieces that are shorter [s] are dropped with it."""
 
 
-def cut(records: Sequence[Record], seconds: float = 3.0) -> tuple[Record, ...]:
+def in_blocks(records: Sequence[Record], seconds: float = 3.0) -> tuple[Record, ...]:
     """Each record in blocks of equal length, as near to `seconds` as it divides; neighbours share one instant."""
     blocks = []
     for record in records:

@@ -15,7 +15,7 @@ from sysid.physics.ops import Array
 Table = dict[str, Array]
 
 
-class Window(NamedTuple):
+class TimeWindow(NamedTuple):
     """The rows that are wanted: begin <= t <= end [s], and no more than `most` of them."""
 
     begin: float = -math.inf
@@ -55,7 +55,7 @@ def seconds(nanoseconds: Any, missing: Any) -> Array:
     return np.where(missing, np.nan, (nanoseconds - begin) / 1e9)
 
 
-def rows_of(name: str, columns: Mapping[str, Array], window: Window) -> Table:
+def rows_of(name: str, columns: Mapping[str, Array], window: TimeWindow) -> Table:
     """The rows of columns (K,) inside a window; a torque or a speed of K - 1 rows gets one more."""
     table, rows = dict(columns), len(columns["t"])
     for title, values in columns.items():

@@ -12,7 +12,7 @@ from typing import TextIO
 
 import numpy as np
 
-from sysid.data.table import Table, Window, check_kept
+from sysid.data.table import Table, TimeWindow, check_kept
 from sysid.errors import InvalidInput
 from sysid.physics.ops import Array
 
@@ -73,7 +73,7 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-def load(path: Path, columns: Mapping[str, str], window: Window) -> Table:
+def load_text(path: Path, columns: Mapping[str, str], window: TimeWindow) -> Table:
     """The columns {our name: the file's name} of the rows inside the window of column "t"; missing numbers are nan.
 
     Raises InvalidInput, with the place, for text where a number is expected, and for more rows than the window admits.

@@ -9,7 +9,7 @@ from typing import Any
 from sysid.data.record import Record, check_records
 from sysid.data.sensor import Sensor
 from sysid.diagnosis.channels import relied_on
-from sysid.diagnosis.findings import numbers_of, with_numbers
+from sysid.diagnosis.findings import fitted_numbers, with_numbers
 from sysid.errors import InvalidInput
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.first_fit import first_fit
@@ -45,7 +45,7 @@ class Added:
     @property
     def sentence(self) -> str:
         """What it is worth."""
-        effect = with_numbers(self.effect, numbers_of(self.estimate, self.effect))
+        effect = with_numbers(self.effect, fitted_numbers(self.estimate, self.effect))
         fell = f"goes from {self.before.ratio:.3g} to {self.after.ratio:.3g} times the sensor noise"
         return f"{effect}: the error on held-out data {fell}"
 

@@ -125,7 +125,7 @@ class Comparison:
         torque = [str(self.torque)] if self.torque is not None and self.torque.present else []
         said = f"{size}: {'; '.join(found)}" if found else size
         if self.off and not found and not torque:
-            said += f"; it is worst in {place(self.one_second.worst[0])}"
+            said += f"; it is worst in {place_of_window(self.one_second.worst[0])}"
         return " ".join([f"{said}.", *(torque or (() if found else self.surprises))])
 
     def to_dict(self) -> dict[str, Any]:
@@ -155,7 +155,8 @@ class Comparison:
         if white:
             lines.append(f"  innovations white: {white}")
         lines.append(
-            "  worst windows: " + "; ".join(f"{place(w)} ({multiple(w.ratio)})" for w in self.one_second.worst)
+            "  worst windows: "
+            + "; ".join(f"{place_of_window(w)} ({multiple(w.ratio)})" for w in self.one_second.worst)
         )
         return "\n".join([*lines, self.sentence])
 
@@ -260,6 +261,6 @@ def shortest(sensor: Sensor) -> int:
     return 2 if sensor.theta is not None and sensor.theta_dot is not None else 3
 
 
-def place(window: WindowError) -> str:
+def place_of_window(window: WindowError) -> str:
     """Where a window is."""
     return f"{window.record} at {window.begin:.1f}-{window.end:.1f} s"

@@ -38,7 +38,7 @@ class Contact:
         return f"{self.name}, {self.t_begin:.1f}-{self.t_end:.1f} s ({self.peak:+.2g} {self.unit})"
 
 
-def unexplained(contacts: Sequence[Contact]) -> str:
+def contacts_sentence(contacts: Sequence[Contact]) -> str:
     """That something acted there which is not of the joint."""
     return f"No state of the joint explains {'; '.join(map(str, contacts))}: a hand, perhaps."
 

@@ -17,7 +17,7 @@ from sysid.diagnosis.answer import Diagnosis, MissingTorque, Remaining, Step
 from sysid.diagnosis.channels import relied_on
 from sysid.diagnosis.contacts import Contact, find_contacts
 from sysid.diagnosis.dependence import dependence
-from sysid.diagnosis.findings import numbers_of
+from sysid.diagnosis.findings import fitted_numbers
 from sysid.diagnosis.ranked import Ranked
 from sysid.diagnosis.residual_torque import missing_torque
 from sysid.diagnosis.search import Addition, Search
@@ -306,7 +306,7 @@ class _Report:
                     effect=addition.name,
                     alike=(addition.name, *addition.same, *addition.close),
                     rivals=addition.close,
-                    parameters=numbers_of(estimate, addition.name),
+                    parameters=fitted_numbers(estimate, addition.name),
                     error_before=errors[first],
                     error_after=errors[last],
                     p_value=addition.p_value,

@@ -25,7 +25,7 @@ def spaced_unit(name: str) -> str:
     return "" if name == "1" else f" {name}"
 
 
-def numbers_of(estimate: Estimate, effect: str) -> dict[str, dict[str, Any]]:
+def fitted_numbers(estimate: Estimate, effect: str) -> dict[str, dict[str, Any]]:
     """The fitted numbers of an effect by name: value, sd and unit."""
     parameters, sd = estimate.model.parameters, estimate.sd
     return {

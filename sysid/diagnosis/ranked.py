@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from sysid.diagnosis.dependence import coordinates
-from sysid.diagnosis.findings import numbers_of
+from sysid.diagnosis.findings import fitted_numbers
 from sysid.diagnosis.predictions import LONGEST_STRETCH
 from sysid.diagnosis.residual_torque import missing_torque
 from sysid.estimation.held_out import finite
@@ -44,7 +44,7 @@ class Ranked:
     @cached_property
     def parameters(self) -> dict[str, dict[str, Any]]:
         """Its fitted numbers {name: {value, sd, unit}}; none where it was not refitted."""
-        return {} if self.fit is None else numbers_of(self.fit.estimate(), self.effect)
+        return {} if self.fit is None else fitted_numbers(self.fit.estimate(), self.effect)
 
     @cached_property
     def explained(self) -> float | None:

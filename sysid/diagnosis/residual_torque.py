@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
-from sysid.diagnosis.contacts import Contact, find_contacts, slow, unexplained
+from sysid.diagnosis.contacts import Contact, contacts_sentence, find_contacts, slow
 from sysid.diagnosis.dependence import Dependence, coordinates, dependence
 from sysid.diagnosis.findings import dependence_on, quantity
 from sysid.errors import InvalidInput
@@ -22,7 +22,7 @@ from sysid.estimation.kalman import Filter
 from sysid.estimation.likelihood import likelihood_ascent, maximum_likelihood
 from sysid.estimation.linearisation import Samples, level
 from sysid.estimation.prediction_error import Fit
-from sysid.estimation.solver import QUICK, Settings, fit
+from sysid.estimation.solver import QUICK, Settings, solve
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
@@ -222,7 +222,7 @@ class ResidualTorque:
         return f"A {what} of {self.rms:.2g} {unit} rms{share} acts beyond the model; {on}.{vibration * self.restless}"
 
     def __str__(self) -> str:
-        return " ".join([self.sentence, *([unexplained(self.contacts)] if self.contacts else [])])
+        return " ".join([self.sentence, *([contacts_sentence(self.contacts)] if self.contacts else [])])
 
 
 def residual_torque(model: Model, records: Sequence[Record], sensor: Sensor) -> ResidualTorque:
@@ -263,11 +263,11 @@ def followed(samples: Samples, model: Model) -> Fit:
     """
     with np.errstate(over="ignore", invalid="ignore"):
         prior = Disturbances(0.3 * level(samples), CORRELATION_TIME)
-        begun = fit(samples, model, (), disturbances=prior, settings=SETTINGS)
+        begun = solve(samples, model, (), disturbances=prior, settings=SETTINGS)
     if not math.isfinite(begun.deviance):
         raise InvalidInput("the model runs away from these records within a sample: no torque can be told beside it")
     trials = (begun.disturbances.with_memory(T) for T in MEMORIES)
-    return fit(
+    return solve(
         samples, model, (), begun, maximum_likelihood(begun.linearised.system, trials, angle_error=False), SETTINGS
     )
 
@@ -309,7 +309,7 @@ def missing_torque(found: Fit, base: Fit) -> Array:
     for _ in range(6):
         likely = likelihood_ascent(likely, _FLOOR, angle_error=False)
     held = replace(QUICK, sizes=False)
-    smoothed = fit(
+    smoothed = solve(
         found.samples,
         found.model,
         (),

@@ -18,11 +18,11 @@ from sysid.errors import InvalidInput
 from sysid.estimation.first_fit import with_common, without_common
 from sysid.estimation.held_out import lead_of
 from sysid.estimation.linearisation import Samples
-from sysid.estimation.prediction import PredictionErrors, left_out, moved
+from sysid.estimation.prediction import PredictionErrors, left_out_errors, moved
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import extended, reduced, settled
 from sysid.estimation.scores import Score, alikeness, price, scores
-from sysid.estimation.solver import QUICK, fit
+from sysid.estimation.solver import QUICK, solve
 from sysid.physics.effects import CATALOGUE, Effect, effect, preferred
 from sysid.physics.model import Model
 
@@ -146,7 +146,7 @@ class Search:
         wherever they go, and nothing is left for a sensor that reads wrong."""
         share = self.settings.quiet
         quiet = replace(now.disturbances, s=share * now.disturbances.s, sigma_o=share * now.disturbances.sigma_o)
-        simulated = fit(now.samples, now.model, now.names, now, quiet, replace(QUICK, sizes=False))
+        simulated = solve(now.samples, now.model, now.names, now, quiet, replace(QUICK, sizes=False))
         found = scores(simulated, [n for n, s in self.last.items() if s.visible])
         best = sorted(found.values(), key=lambda s: s.lm - self._price(s.name), reverse=True)
         tried: list[Trial] = []
@@ -252,7 +252,7 @@ class Search:
     def _left_out(self, own: Fit, lead: float) -> PredictionErrors:
         """The errors on left-out stretches; those of a round are asked for several times."""
         if (own, lead) not in self.left:
-            self.left[own, lead] = left_out(own, self.settings.window, self.settings.blocks, lead)
+            self.left[own, lead] = left_out_errors(own, self.settings.window, self.settings.blocks, lead)
         return self.left[own, lead]
 
     def _preferred(self, now: Fit, best: Trial) -> list[Trial]:
@@ -341,7 +341,7 @@ class Search:
                     continue
                 at = self.additions.index(addition)
                 self.additions[at : at + 1] = [Addition(n, (), (), addition.p_value, other) for n in new]
-                now = fit(now.samples, other.model, other.names, other)
+                now = solve(now.samples, other.model, other.names, other)
                 break
         return now
 

@@ -317,7 +317,7 @@ class LinearisedModel:
         return moved
 
 
-def begin(samples: Samples, size: float) -> Motion:
+def smoothed_motion(samples: Samples, size: float) -> Motion:
     """The smoothed readings as a motion, under no random acceleration yet; `size` [rad/s^2] is how large it may be."""
     M = len(samples)
     return Motion(samples.smoothed, np.zeros(M), np.tile([1e-3, 0.05, size], (M, 1)))

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from sysid.data.record import Record, check_records
 from sysid.data.sensor import Sensor
 from sysid.estimation.disturbances import Disturbances
-from sysid.estimation.linearisation import LinearisedModel, Samples, begin, level
+from sysid.estimation.linearisation import LinearisedModel, Samples, level, smoothed_motion
 from sysid.estimation.windows import Window
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
@@ -98,7 +98,7 @@ class Response:
         if not self.model.dynamic_effects:
             return np.empty((len(self.windows), 0))
         size = level(self._samples)
-        linearised = LinearisedModel(self._samples, self.model, begin(self._samples, size))
+        linearised = LinearisedModel(self._samples, self.model, smoothed_motion(self._samples, size))
         found = linearised.motion.inner + linearised.system.filter(Disturbances(0.3 * size)).smooth()[:, 4:]
         return found[self._first]
 
@@ -150,7 +150,7 @@ class Response:
         """States (K, L+1, n) of all windows, those of dynamic effects included, from starts (K, 2) of the joint."""
         K, L = len(self.windows), self.length
         first = np.hstack([starts, self._inner])
-        rest = evaluate(self._roll, first, *self._inputs).reshape(K, L, -1)
+        rest = evaluate_mapped(self._roll, first, *self._inputs).reshape(K, L, -1)
         return np.concatenate([first[:, None], rest], axis=1)
 
     def states(self, starts: Array) -> Array:
@@ -192,14 +192,14 @@ class Response:
         """Residuals and derivatives at window starts (K, 2)."""
         K, L, moved = len(self.windows), self.length, self._moved(starts)
         n, states = moved.shape[-1], moved[..., :2]
-        slopes = evaluate(self._tangent, moved[:, :L].reshape(K * L, n), *self._inputs)
+        slopes = evaluate_mapped(self._tangent, moved[:, :L].reshape(K * L, n), *self._inputs)
         A = slopes.reshape(K, L, n, n).swapaxes(2, 3)
         Z = propagate(A, np.empty((K, L, n, 0)))[:, :, :2, :2]
         S_x = self._reading_slopes(states, Z) * self.weight[..., None]
         return Linearisation(self._whitened(states), S_x.reshape(K, -1, 2), states)
 
 
-def evaluate(function: casadi.Function, *inputs: Array) -> Array:
+def evaluate_mapped(function: casadi.Function, *inputs: Array) -> Array:
     """The one output of a mapped function, a row a column of CasADi's; so are the inputs.
 
     CasADi keeps columns together as NumPy does rows: its buffer reads and writes the arrays in place, without the

@@ -49,7 +49,7 @@ def windows_of(fit: Fit, seconds: float, lead: float = 0.0) -> tuple[Window, ...
     return cut(fit.samples.records, seconds, max(lead, lead_of(fit.model)))
 
 
-def left_out(fit: Fit, seconds: float, blocks: int, lead: float = 0.0) -> PredictionErrors:
+def left_out_errors(fit: Fit, seconds: float, blocks: int, lead: float = 0.0) -> PredictionErrors:
     """The errors of each window, by parameters that a Gauss-Newton step takes back from the block it lies in.
 
     p_(-b) = p - (N - N_b)^-1 g_b,    N = Z'Z,  g = Z'e,  of block b

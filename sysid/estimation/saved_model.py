@@ -27,7 +27,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from sysid.data.files import save_file
-from sysid.data.json_file import count, entry, mapping, number, plain, read_json, sequence, text
+from sysid.data.json_file import count, entry, mapping, number_in, plain, read_json, sequence, text
 from sysid.data.sensor import UNITS, Sensor
 from sysid.errors import InvalidInput, excerpt
 from sysid.estimation.estimate import Estimate
@@ -190,8 +190,8 @@ def from_dict(data: Any) -> SavedModel:
         plant=_part(_choice(PLANTS, plant, "plant"), plant),
         effects=tuple(_part(kind_of(text(e, "name")), e) for e in sequence(data, "effects")),
         integrator=_build(_choice(INTEGRATORS, integrator, "integrator"), mapping(integrator, "settings")),
-        dt=number(data, "dt"),
-        u_max=number(data, "u_max", math.inf),
+        dt=number_in(data, "dt"),
+        u_max=number_in(data, "u_max", math.inf),
     )
     names = tuple(map(str, sequence(data, "free")))
     model.check_names(names)
@@ -201,7 +201,7 @@ def from_dict(data: Any) -> SavedModel:
 
 def _part(kind: type[Part], saved: Mapping[str, Any]) -> Part:
     parameters = mapping(saved, "parameters")
-    fields: dict[str, Any] = {name: number(mapping(parameters, name), "value") for name in parameters}
+    fields: dict[str, Any] = {name: number_in(mapping(parameters, name), "value") for name in parameters}
     settings = mapping(saved, "settings") if "settings" in saved else {}
     bounds = {name: _bounds(p["bounds"], name) for name, p in parameters.items() if "bounds" in p}
     return _build(kind, {**settings, **fields, "bounds": bounds})
@@ -237,14 +237,16 @@ def _about(model: Model, names: tuple[str, ...], saved: Mapping[str, Any]) -> Es
         model=model,
         names=names,
         covariance=covariance,
-        noise={channel: number(noise, channel) for channel in noise},
+        noise={channel: number_in(noise, channel) for channel in noise},
         success=bool(entry(saved, "success")),
         status=text(saved, "status"),
-        cost=number(saved, "cost", math.nan),
+        cost=number_in(saved, "cost", math.nan),
         n_readings=count(saved, "n_readings"),
         method=text(saved, "method"),
-        sensor=None if sensor is None else Sensor(**{c: number(sensor, c) for c in UNITS if sensor.get(c) is not None}),
-        **{name: number(saved, name) for name in ("random_torque", "correlation_time") if name in saved},
+        sensor=None
+        if sensor is None
+        else Sensor(**{c: number_in(sensor, c) for c in UNITS if sensor.get(c) is not None}),
+        **{name: number_in(saved, name) for name in ("random_torque", "correlation_time") if name in saved},
     )
 
 
@@ -259,4 +261,4 @@ def _bounds(saved: Any, name: str) -> tuple[float, float]:
     if not isinstance(saved, list) or len(saved) != 2:
         raise InvalidInput(f"the bounds of {name} are {excerpt(saved)}: expected [low, high]")
     low, high = saved
-    return number({name: low}, name, -math.inf), number({name: high}, name, math.inf)
+    return number_in({name: low}, name, -math.inf), number_in({name: high}, name, math.inf)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.kalman import Filter
 from sysid.estimation.likelihood import likelihood_ascent, log_sizes
-from sysid.estimation.linearisation import LinearisedModel, Samples, begin, level
+from sysid.estimation.linearisation import LinearisedModel, Samples, level, smoothed_motion
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.prior import Prior, numbers_of
 from sysid.physics.model import Model
@@ -57,7 +57,7 @@ QUICK = Settings(iterations=12, settled=0.15, negligible=0.5, angle_error=False)
 """For a candidate that is only compared with others."""
 
 
-def fit(
+def solve(
     samples: Samples,
     model: Model,
     names: Sequence[str],
@@ -73,7 +73,7 @@ def fit(
     names = tuple(names)
     if disturbances is None:
         disturbances = near.disturbances if near else Disturbances(0.3 * level(samples), sigma_o=_angle_sd(samples))
-    motion = (near.motion if near else begin(samples, disturbances.s)).of_model(samples, model)
+    motion = (near.motion if near else smoothed_motion(samples, disturbances.s)).of_model(samples, model)
     prior = Prior.of(model, names, settings.vague, near.prior if near else None, near.names if near else ())
     limits = _Limits.of(samples, model, names, prior, settings)
     before, converged, restless = math.inf, False, settings.sizes

@@ -50,7 +50,7 @@ class Exported:
         return "\n".join(self.sentences)
 
 
-def left_out(model: Model, said: Container[type[Effect]], language: str) -> tuple[str, ...]:
+def unsaid_effects(model: Model, said: Container[type[Effect]], language: str) -> tuple[str, ...]:
     """A sentence on each effect that does something and is none of those that a language says."""
     return tuple(_left_out(model, e, language) for e in model.effects if type(e) not in said and not e.idle)
 
@@ -67,7 +67,7 @@ def _left_out(model: Model, effect: Effect, language: str) -> str:
     return f"{effect.name} ({numbers}) is not in the file: {reason}."
 
 
-def number(*values: float) -> str:
+def attribute_numbers(*values: float) -> str:
     """Numbers as an attribute holds them."""
     return " ".join(f"{value:.12g}" for value in values)
 
@@ -78,7 +78,7 @@ def text_of(root: ElementTree.Element) -> str:
     return ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
-def parsed(path: Path) -> tuple[str, ElementTree.Element, str]:
+def parsed_xml(path: Path) -> tuple[str, ElementTree.Element, str]:
     """A user's XML file: what stands before its root, the root with its comments, and what stands behind it.
 
     Raises InvalidInput for a file that cannot be read, is no XML, or declares a document type: entities expand.

@@ -9,7 +9,7 @@ from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement, tostring
 
 from sysid.errors import InvalidInput, excerpt
-from sysid.export.exported import Exported, left_out, number, parsed, text_of
+from sysid.export.exported import Exported, attribute_numbers, parsed_xml, text_of, unsaid_effects
 from sysid.export.mechanism import TERMS, Mechanism, mechanism
 from sysid.physics.effects.actuation import Lag
 from sysid.physics.effects.disturbance import TorqueBias
@@ -54,16 +54,19 @@ def to_mjcf(model: Model, joint: str = "hinge", into: str | PathLike[str] | None
     if into is None:
         step, said = _step(own, model.dt), list[str]()
         if 0.0 < own.lag <= step:
-            said.append(f"The lag of {number(own.lag)} s is not in the file: a step takes {number(step)} s.")
+            said.append(
+                f"The lag of {attribute_numbers(own.lag)} s is not in the file: "
+                f"a step takes {attribute_numbers(step)} s."
+            )
         text = text_of(_document(own, joint, step))
-        said += left_out(model, TERMS, "MJCF")
+        said += unsaid_effects(model, TERMS, "MJCF")
     else:
         text, step, said = _changed(own, joint, Path(into))
-        said += left_out(model, TERMS.keys() - {Tilt, TorqueBias, Lag}, "a joint of MJCF")
+        said += unsaid_effects(model, TERMS.keys() - {Tilt, TorqueBias, Lag}, "a joint of MJCF")
     if own.friction:
         said.append(
             f"MuJoCo's dry friction is soft, and a joint at rest creeps: solreffriction is as stiff as steps of "
-            f"{number(step)} s allow; set it to two steps where you take others, the smaller the better."
+            f"{attribute_numbers(step)} s allow; set it to two steps where you take others, the smaller the better."
         )
     if own.delay:
         said.append("The actuator's attribute delay needs a recent MuJoCo (4.0 has it): older ones refuse the file.")
@@ -79,37 +82,43 @@ def _step(own: Mechanism, dt: float) -> float:
 
 def _document(own: Mechanism, joint: str, step: float) -> Element:
     link, size = own.body, max(2.0 * own.body.center, 0.1)
-    gravity = number(link.gravity * math.sin(own.tilt), 0.0, -link.gravity * math.cos(own.tilt))
+    gravity = attribute_numbers(link.gravity * math.sin(own.tilt), 0.0, -link.gravity * math.cos(own.tilt))
     turning = {"type": "hinge", "axis": "0 1 0"} if own.turns else {"type": "slide", "axis": "1 0 0"}
-    inertia, ends = number(*[link.inertia] * 3), number(0.0, 0.0, 0.0, 0.0, 0.0, size)
+    inertia, ends = attribute_numbers(*[link.inertia] * 3), attribute_numbers(0.0, 0.0, 0.0, 0.0, 0.0, size)
     root = Element("mujoco", model="gapfinder")
     SubElement(root, "compiler", angle="radian")
-    SubElement(root, "option", OPTION, timestep=number(step), gravity=gravity)
+    SubElement(root, "option", OPTION, timestep=attribute_numbers(step), gravity=gravity)
     arm = SubElement(SubElement(root, "worldbody"), "body", name="link")
     SubElement(arm, "joint", {"name": joint} | turning | _of_joint(own, step, 1.0))
-    SubElement(arm, "inertial", pos=number(0.0, 0.0, link.center), mass=number(link.mass), diaginertia=inertia)
-    SubElement(arm, "geom", SHAPE, fromto=ends, size=number(0.03 * size))
+    SubElement(
+        arm,
+        "inertial",
+        pos=attribute_numbers(0.0, 0.0, link.center),
+        mass=attribute_numbers(link.mass),
+        diaginertia=inertia,
+    )
+    SubElement(arm, "geom", SHAPE, fromto=ends, size=attribute_numbers(0.03 * size))
     SubElement(SubElement(root, "actuator"), "general", {"name": "drive", "joint": joint} | _of_general(own, step))
     return root
 
 
 def _of_joint(own: Mechanism, step: float, per_radian: float) -> dict[str, str]:
     """The attributes of the joint; angles in units of which there are so many to a radian."""
-    found = {"damping": number(own.damping), "frictionloss": number(own.friction)}
+    found = {"damping": attribute_numbers(own.damping), "frictionloss": attribute_numbers(own.friction)}
     if own.armature:
-        found["armature"] = number(own.armature)
+        found["armature"] = attribute_numbers(own.armature)
     if own.friction:
-        found |= {"solreffriction": number(2.0 * step, 1.0), "solimpfriction": "0.9999 0.9999 0.001"}
+        found |= {"solreffriction": attribute_numbers(2.0 * step, 1.0), "solimpfriction": "0.9999 0.9999 0.001"}
     if own.stiffness:
-        found |= {"stiffness": number(own.stiffness), "springref": number(per_radian * own.rest)}
+        found |= {"stiffness": attribute_numbers(own.stiffness), "springref": attribute_numbers(per_radian * own.rest)}
     return found
 
 
 def _of_general(own: Mechanism, step: float) -> dict[str, str]:
     """The attributes of a general actuator whose control is the model's command."""
-    found = {"gainprm": number(own.gain * own.scale)}
+    found = {"gainprm": attribute_numbers(own.gain * own.scale)}
     if own.bias or own.position_gain or own.speed_gain:
-        bias = number(own.bias, -own.position_gain, -own.speed_gain)
+        bias = attribute_numbers(own.bias, -own.position_gain, -own.speed_gain)
         found |= {"biastype": "affine", "biasprm": bias}
     force, control = own.force_limit, own.u_max
     if own.lag or own.speed_gain:  # what is limited is not the force
@@ -117,11 +126,11 @@ def _of_general(own: Mechanism, step: float) -> dict[str, str]:
     else:
         force = min(force, own.gain * own.limit)
     if math.isfinite(control):
-        found |= {"ctrllimited": "true", "ctrlrange": number(-control, control)}
+        found |= {"ctrllimited": "true", "ctrlrange": attribute_numbers(-control, control)}
     if math.isfinite(force):
-        found |= {"forcelimited": "true", "forcerange": number(own.bias - force, own.bias + force)}
+        found |= {"forcelimited": "true", "forcerange": attribute_numbers(own.bias - force, own.bias + force)}
     if own.lag > step:
-        found |= {"dyntype": "filter", "dynprm": number(own.lag)}
+        found |= {"dyntype": "filter", "dynprm": attribute_numbers(own.lag)}
     return found | _of_delay(own, step, 0.5)
 
 
@@ -133,7 +142,7 @@ def _of_delay(own: Mechanism, step: float, early: float) -> dict[str, str]:
     if not own.delay:
         return {}
     return {
-        "delay": number(own.delay + early * step),
+        "delay": attribute_numbers(own.delay + early * step),
         "nsample": str(math.ceil(own.delay / step) + 2),
         "interp": "linear",
     }
@@ -144,7 +153,7 @@ def _of_delay(own: Mechanism, step: float, early: float) -> dict[str, str]:
 
 def _changed(own: Mechanism, joint: str, path: Path) -> tuple[str, float, list[str]]:
     """The user's file with the joint's and its actuator's numbers, its step [s], and what that leaves out."""
-    before, root, behind = parsed(path)
+    before, root, behind = parsed_xml(path)
     if root.tag != "mujoco":
         raise InvalidInput(f"{path.name} is a file of <{root.tag}>: expected MJCF, whose root is <mujoco>")
     named = {e.get("name", ""): e for e in root.iter("joint") if e.get("name") and e.get("joint") is None}
@@ -215,12 +224,12 @@ def _set_drive(own: Mechanism, drive: Element) -> None:
             f"the gear of actuator <{drive.tag}> is {excerpt(drive.get('gear'))}: expected a number"
         ) from None
     if drive.tag == "position":
-        drive.set("kp", number(own.gain / gear**2))
-        drive.set("kv", number(own.speed_gain / gear**2))
+        drive.set("kp", attribute_numbers(own.gain / gear**2))
+        drive.set("kv", attribute_numbers(own.speed_gain / gear**2))
     elif own.gain * own.scale != 1.0:
         gear *= own.gain * own.scale
-        drive.set("gear", number(gear))
+        drive.set("gear", attribute_numbers(gear))
     force = min(own.force_limit, own.gain * own.limit) / abs(gear)
     if math.isfinite(force):
         drive.set("forcelimited", "true")
-        drive.set("forcerange", number(-force, force))
+        drive.set("forcerange", attribute_numbers(-force, force))

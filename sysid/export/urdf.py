@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from xml.etree.ElementTree import Element, SubElement
 
-from sysid.export.exported import Exported, left_out, number, text_of
+from sysid.export.exported import Exported, attribute_numbers, text_of, unsaid_effects
 from sysid.export.mechanism import Mechanism, mechanism
 from sysid.physics.effects.actuation import BackEmf, Saturation
 from sysid.physics.effects.friction import Coulomb, Viscous
@@ -38,24 +38,24 @@ def to_urdf(model: Model, joint: str = "hinge") -> Exported:
     InvalidInput
         For a model of many machines.
     """
-    return Exported("URDF", text_of(_document(mechanism(model), joint)), left_out(model, SAID, "URDF"))
+    return Exported("URDF", text_of(_document(mechanism(model), joint)), unsaid_effects(model, SAID, "URDF"))
 
 
 def _document(own: Mechanism, joint: str) -> Element:
-    inertia = number(own.body.inertia + own.armature)
+    inertia = attribute_numbers(own.body.inertia + own.armature)
     limit = min(own.force_limit, own.gain * min(own.limit, own.scale * own.u_max))
     root = Element("robot", name="gapfinder")
     SubElement(root, "link", name="base")
     inertial = SubElement(SubElement(root, "link", name="link"), "inertial")
-    SubElement(inertial, "origin", xyz=number(0.0, 0.0, own.body.center))
-    SubElement(inertial, "mass", value=number(own.body.mass))
+    SubElement(inertial, "origin", xyz=attribute_numbers(0.0, 0.0, own.body.center))
+    SubElement(inertial, "mass", value=attribute_numbers(own.body.mass))
     SubElement(inertial, "inertia", ixx=inertia, iyy=inertia, izz=inertia, ixy="0", ixz="0", iyz="0")
     made = SubElement(root, "joint", name=joint, type="continuous" if own.turns else "prismatic")
     SubElement(made, "parent", link="base")
     SubElement(made, "child", link="link")
-    SubElement(made, "origin", xyz="0 0 0", rpy=number(0.0, own.tilt, 0.0))
+    SubElement(made, "origin", xyz="0 0 0", rpy=attribute_numbers(0.0, own.tilt, 0.0))
     SubElement(made, "axis", xyz="0 1 0" if own.turns else "1 0 0")
-    SubElement(made, "dynamics", damping=number(own.damping), friction=number(own.friction))
+    SubElement(made, "dynamics", damping=attribute_numbers(own.damping), friction=attribute_numbers(own.friction))
     ends = {} if own.turns else {"lower": "-1e6", "upper": "1e6"}
-    SubElement(made, "limit", ends, effort=number(limit if math.isfinite(limit) else 1e6), velocity="1e6")
+    SubElement(made, "limit", ends, effort=attribute_numbers(limit if math.isfinite(limit) else 1e6), velocity="1e6")
     return root

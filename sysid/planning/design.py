@@ -17,14 +17,14 @@ from sysid.estimation.disturbances import NONE, Disturbances
 from sysid.estimation.linearisation import Motion, Samples
 from sysid.estimation.output_error import CHANNELS, Response
 from sysid.estimation.prediction_error import Fit, with_likely_angle_error
-from sysid.estimation.solver import Settings, fit
+from sysid.estimation.solver import Settings, solve
 from sysid.estimation.windows import cut
 from sysid.physics.effects import Effect
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 from sysid.physics.plants import Plant
 from sysid.planning.evidence import Normal, Sensitivities
-from sysid.planning.signals import Limits, Signal, draw, rest_angle, vary, within
+from sysid.planning.signals import Limits, Signal, random_signals, rest_angle, vary, within
 
 KNOWN = Settings(sizes=False, vague=math.inf)
 """For a fit beside disturbances that are known, which knows nothing of the parameters."""
@@ -94,10 +94,10 @@ class Conditions:
         if ranked[0].undisturbed:
             return self._with_noise_of(ranked[0])
         for own in ranked:
-            bare = fit(own.samples, own.model, own.names, own, NONE, KNOWN)
+            bare = solve(own.samples, own.model, own.names, own, NONE, KNOWN)
             louder = self._with_noise_of(bare)
             samples = Samples(own.model, own.samples.records, louder.sensor)
-            if fit(samples, own.model, own.names, bare, own.disturbances, ROUGHLY).undisturbed:
+            if solve(samples, own.model, own.names, bare, own.disturbances, ROUGHLY).undisturbed:
                 return louder
         return replace(self, disturbances=with_likely_angle_error(ranked[0]))
 
@@ -292,7 +292,7 @@ def search(
     n = round(limits.duration / model.dt)
     width = int(np.clip(_SAMPLES // (n * len(hypotheses)), 12, 96))
     swings = rest_angle(model) != 0.0
-    signals = draw(rng, limits, model.dt, width, swings)
+    signals = random_signals(rng, limits, model.dt, width, swings)
     best: list[Signal] = []
     for _ in range(_ROUNDS):
         fresh = within_limits(hypotheses, signals, conditions)
@@ -301,7 +301,7 @@ def search(
         value = np.where(pool.calm() & pool.stays(), goal.value(parts), -np.inf)
         order = [int(k) for k in np.argsort(-value, kind="stable") if value[k] > -np.inf]
         if not order:
-            signals = [s.smaller(0.3) for s in draw(rng, limits, model.dt, width, swings)]
+            signals = [s.smaller(0.3) for s in random_signals(rng, limits, model.dt, width, swings)]
             continue
         leaders = sorted({pool.signals[k].kind: k for k in reversed(order)}.values(), key=order.index)  # one a kind
         best = [pool.signals[k] for k in dict.fromkeys([*leaders, *order[:_PARENTS]])]

@@ -11,10 +11,10 @@ import numpy as np
 
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction_error import Fit
-from sysid.estimation.solver import fit
+from sysid.estimation.solver import solve
 from sysid.planning.design import KNOWN, Conditions, Hypothesis, Pool, predict, within_limits
 from sysid.planning.hypotheses import NOTHING, Pair
-from sysid.planning.signals import draw
+from sysid.planning.signals import random_signals
 
 STRUCTURAL = 1e-4
 """Share of an effect's evidence that no rival takes, below which no torque will ever tell the two apart."""
@@ -45,14 +45,14 @@ class Match:
         if truth not in self._followed:
             model, conditions = self.pool.hypotheses[truth].model, self.pool.conditions
             samples = Samples(model, predict(model, self.pool.signals, conditions), conditions.sensor)
-            self._followed[truth] = fit(samples, model, (), None, self.disturbances, KNOWN)
+            self._followed[truth] = solve(samples, model, (), None, self.disturbances, KNOWN)
         return self._followed[truth]
 
     def left(self, truth: str, rival: str) -> float:
         """The sum of squared innovations that the rival leaves of the truth when it is fitted to what that shows."""
         if (truth, rival) not in self._left:
             other, near = self.pool.hypotheses[rival], self.followed(truth)
-            found = fit(near.samples, other.model, other.names, near, self.disturbances, KNOWN)
+            found = solve(near.samples, other.model, other.names, near, self.disturbances, KNOWN)
             self._left[truth, rival] = float(np.sum(found.e**2))
         return self._left[truth, rival]
 
@@ -84,7 +84,7 @@ def separable(
 
     What sets a pair apart is compared with what the truth does alone, beside the hypothesis of no effect.
     """
-    signals = draw(rng, conditions.limits, hypotheses[0].model.dt, 8, swings=False)
+    signals = random_signals(rng, conditions.limits, hypotheses[0].model.dt, 8, swings=False)
     signals = within_limits(hypotheses, signals, conditions)
     some = [s for s in signals if s.kind in ("steps", "bang-bang")][:1]
     pool, match, found = Pool(hypotheses, signals, conditions), Match(Pool(hypotheses, some, conditions), pairs), []

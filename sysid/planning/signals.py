@@ -137,7 +137,7 @@ def _longest(limits: Limits, dt: float) -> tuple[float, float, float, float]:
     return 2.0 * dt, max(0.25 * limits.duration, 4.0 * dt), 1.0 / limits.duration, highest
 
 
-def draw(rng: np.random.Generator, limits: Limits, dt: float, count: int, swings: bool) -> list[Signal]:
+def random_signals(rng: np.random.Generator, limits: Limits, dt: float, count: int, swings: bool) -> list[Signal]:
     """Random signals of all kinds; free swings only where the joint has a place to come back to (`swings`)."""
     swings = swings and limits.release > 0.0
     driven = [k for k in KINDS if k != "free swing"]

@@ -92,12 +92,12 @@ def plot_comparison(answer: Comparison) -> Figure:
         if torque is not None:
             what = quantity("torque", torque.units).capitalize()
             state_maps([torque], [first[1]], [f"{what} beyond the model; dot: 99 %"])
-            whiteness(answer, first[2])
+            autocorrelation_panel(answer, first[2])
             for name, axes in zip(torque.binned, middle.subplots(1, len(torque.binned)), strict=True):
                 draw_over(torque, name, axes)
         panels = bottom.subplots(len(channels) + 1, len(answer.worst), squeeze=False, sharex="col")
         for found, column in zip(answer.worst, panels.T, strict=True):
-            window(found, channels, list(column))
+            window_panels(found, channels, list(column))
         bottom.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 
@@ -141,7 +141,7 @@ def _cells(found: TorqueMap, axes: Axes, norm: TwoSlopeNorm, units: Mapping[str,
     return image
 
 
-def over(
+def binned_torque(
     torque: ResidualTorque, name: str, axes: Axes, before: ResidualTorque | None = None, mark: bool = False
 ) -> None:
     """The mean residual torque over one quantity with its 99 % band, after and before; `mark`: where it peaks."""
@@ -162,7 +162,7 @@ def draw_over(torque: ResidualTorque, name: str, axes: Axes) -> None:
     if name == "time":
         over_time(torque, axes)
     else:
-        over(torque, name, axes)
+        binned_torque(torque, name, axes)
     share = torque.dependence.shares.get(name, 0.0)
     tells = f": tells {share:.0%}" if torque.present and share else ""
     axes.set_title(f"over {quantity(name, torque.units)}{tells}")
@@ -209,7 +209,7 @@ def over_time(torque: ResidualTorque, axes: Axes) -> None:
     axes.set_ylabel(beyond(torque.units))
 
 
-def whiteness(answer: Comparison, axes: Axes) -> None:
+def autocorrelation_panel(answer: Comparison, axes: Axes) -> None:
     """Autocorrelation of the filter's innovations, by channel."""
     axes.axhline(0.0, color="0.3", linewidth=0.8)
     for k, (channel, found) in enumerate(answer.whiteness.items()):
@@ -233,7 +233,7 @@ def whiteness(answer: Comparison, axes: Axes) -> None:
         legend_above(axes)
 
 
-def window(found: Prediction, channels: Sequence[str], panels: Sequence[Axes]) -> None:
+def window_panels(found: Prediction, channels: Sequence[str], panels: Sequence[Axes]) -> None:
     """One window: under each other the channels, readings as dots and the model as a line, and the command."""
     for channel, axes in zip(channels, panels, strict=False):
         if channel not in found.readings:

@@ -140,7 +140,7 @@ def _bars(axes: Axes, rows: Sequence[Any], labels: Sequence[str], added: set[str
 # ---- a rollout -------------------------------------------------------------------------------------------------------
 
 
-def rollout(
+def rollout_figure(
     paths: Sequence[Prediction], sensor: Sensor, names: Sequence[str], contacts: Sequence[Contact] = ()
 ) -> Figure:
     """Readings against models, under each channel what they leave, with the noise, and below all the command."""
@@ -200,13 +200,13 @@ def shade(axes: Axes, contacts: Sequence[Contact], record: str) -> None:
             axes.axvspan(t.t_begin, t.t_end, color=YELLOW, alpha=0.35, linewidth=0.0, zorder=0)
 
 
-def window(found: Prediction) -> Figure:
+def window_figure(found: Prediction) -> Figure:
     """One window of a comparison."""
     channels = list(found.readings)
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(3.2, 1.9 + 1.5 * len(channels)), layout="constrained")
         panels = figure.subplots(len(channels) + 1, 1, sharex=True, squeeze=False)[:, 0]
-        comparison_figure.window(found, channels, list(panels))
+        comparison_figure.window_panels(found, channels, list(panels))
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
         figure.align_ylabels(panels)
     return figure
@@ -215,7 +215,7 @@ def window(found: Prediction) -> Figure:
 # ---- residual torque -------------------------------------------------------------------------------------------------
 
 
-class Stretch(NamedTuple):
+class ShownStretch(NamedTuple):
     """The samples first .. last - 1 of a record that a row shows."""
 
     record: int
@@ -254,25 +254,27 @@ def course(
     return figure
 
 
-def _stretches(found: ResidualTorque, most: int) -> list[Stretch]:
+def _stretches(found: ResidualTorque, most: int) -> list[ShownStretch]:
     pieces = []
     for k, record in enumerate(found.records):
         n, dt = len(record.d), float(record.t[1] - record.t[0])
         edges = np.linspace(0, n, max(1, math.ceil(n * dt / (1.5 * LONGEST_STRETCH))) + 1).astype(int)
-        pieces += [Stretch(k, int(a), int(b)) for a, b in itertools.pairwise(edges)]
+        pieces += [ShownStretch(k, int(a), int(b)) for a, b in itertools.pairwise(edges)]
     pieces.sort(key=lambda s: -float(np.mean(found.records[s.record].d[s.first : s.last] ** 2)))
     return sorted(pieces[:most])
 
 
-def _size(found: ResidualTorque, rows: Sequence[Stretch]) -> float:
+def _size(found: ResidualTorque, rows: Sequence[ShownStretch]) -> float:
     d = np.concatenate([found.records[k].d[a:b] for k, a, b in rows])
     sd = np.concatenate([found.records[k].sd[a:b] for k, a, b in rows])
     return max(float(np.quantile(np.abs(d), 0.999)), 2.0 * float(np.median(sd)), 1e-9)
 
 
-def over(found: ResidualTorque, name: str, before: ResidualTorque | None = None, mark: bool = False) -> Figure:
+def torque_over_quantity(
+    found: ResidualTorque, name: str, before: ResidualTorque | None = None, mark: bool = False
+) -> Figure:
     """The mean of d over one quantity with its 99 % band; `mark`: where it peaks."""
-    return drawn(NARROW, 2.7, lambda axes: comparison_figure.over(found, name, axes, before, mark))
+    return drawn(NARROW, 2.7, lambda axes: comparison_figure.binned_torque(found, name, axes, before, mark))
 
 
 # ---- the map of the states -------------------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ PLUS_MINUS = "\N{PLUS-MINUS SIGN}"
 RAISED = str.maketrans("-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079")
 
 
-def number(text: str) -> str:
+def typeset(text: str) -> str:
     """A number with a minus sign and a power of ten."""
     digits, _, power = text.replace("-", MINUS).partition("e")
     return digits + (f"{TIMES}10{str(int(power.replace(MINUS, '-'))).translate(RAISED)}" if power else "")
@@ -26,8 +26,8 @@ def multiple(ratio: float) -> str:
 def rounded(value: float, sd: float) -> str:
     """A number to two digits of its sd."""
     if not (math.isfinite(value) and 0.0 < sd < math.inf) or abs(value) > 1e6:
-        return number(f"{value:.4g}")
-    return number(f"{value:.{min(max(1 - math.floor(math.log10(sd)), 0), 12)}f}")
+        return typeset(f"{value:.4g}")
+    return typeset(f"{value:.{min(max(1 - math.floor(math.log10(sd)), 0), 12)}f}")
 
 
 def measured(value: float, sd: float) -> str:

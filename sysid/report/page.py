@@ -16,7 +16,7 @@ from sysid.data.sensor import Sensor
 from sysid.diagnosis.findings import quantity
 from sysid.estimation.held_out import HeldOutError
 from sysid.estimation.output_error import CHANNELS
-from sysid.report.formatting import ARROW, TIMES, listed, multiple, number
+from sysid.report.formatting import ARROW, TIMES, listed, multiple, typeset
 from sysid.version import version
 
 
@@ -78,7 +78,7 @@ def picture(figure: Figure, caption: str, wide: bool = True) -> Picture:
     return Picture("data:image/svg+xml;base64," + base64.b64encode(file.getvalue()).decode(), caption.strip(), wide)
 
 
-def horizons(errors: Sequence[Mapping[str, HeldOutError]]) -> Table:
+def horizon_table(errors: Sequence[Mapping[str, HeldOutError]]) -> Table:
     """Errors over windows of every length by the length's name, of one model or of two."""
     heads, columns = ["error over"], list[list[str]]()
     units = next(iter(errors[0].values())).units
@@ -99,10 +99,10 @@ def physical(errors: Sequence[HeldOutError]) -> str:
 
 
 def _to(values: Sequence[str]) -> str:
-    return f" {ARROW} ".join(map(number, values))
+    return f" {ARROW} ".join(map(typeset, values))
 
 
-def settings(
+def report_settings(
     sensor: Sensor, records: Sequence[Record], units: Mapping[str, str], notes: Sequence[str]
 ) -> dict[str, str]:
     """The version, the log and the noise in these units."""

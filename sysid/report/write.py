@@ -14,15 +14,15 @@ from matplotlib.axes import Axes
 
 from sysid.data.files import save_file
 from sysid.diagnosis.answer import MOST_SHOWN, Diagnosis, Step
-from sysid.diagnosis.compare import Comparison, place
-from sysid.diagnosis.contacts import Contact, unexplained
+from sysid.diagnosis.compare import Comparison, place_of_window
+from sysid.diagnosis.contacts import Contact, contacts_sentence
 from sysid.diagnosis.findings import chance, quantity, spaced_unit
 from sysid.errors import InvalidInput
 from sysid.physics.effects import CATALOGUE
 from sysid.physics.model import Model
 from sysid.report import comparison_figure, formatting
 from sysid.report import diagnosis_figures as figures
-from sysid.report.page import Page, Picture, Section, Table, horizons, physical, picture, settings
+from sysid.report.page import Page, Picture, Section, Table, horizon_table, physical, picture, report_settings
 
 
 def write_report(answer: Diagnosis | Comparison, path: str | PathLike[str], command: str = "") -> None:
@@ -81,7 +81,7 @@ def _(answer: Diagnosis) -> Page:
         tables=[
             _parameters(answer, mended),
             *_steps(answer),
-            horizons([c.errors for c in answer.comparisons]),
+            horizon_table([c.errors for c in answer.comparisons]),
             *_ruled_out(answer),
         ],
         lists={
@@ -89,7 +89,7 @@ def _(answer: Diagnosis) -> Page:
             "What the fit says of itself": [answer.estimate.status, *answer.estimate.ambiguous],
             "The next experiment": str(answer.next_experiment or "").splitlines(),
         },
-        settings=settings(answer.sensor, answer.records, answer.model.plant.quantities, answer.notes)
+        settings=report_settings(answer.sensor, answer.records, answer.model.plant.quantities, answer.notes)
         | {
             "held out": formatting.listed(answer.held_out),
             "model": _described(answer.model),
@@ -103,9 +103,9 @@ def _(answer: Diagnosis) -> Page:
 
 def _hands(answer: Diagnosis, contacts: Sequence[Contact]) -> Iterator[str]:
     if answer.contacts:
-        yield f"{unexplained(answer.contacts)} No fit has used them."
+        yield f"{contacts_sentence(answer.contacts)} No fit has used them."
     if more := contacts[len(answer.contacts) :]:
-        yield unexplained(more)
+        yield contacts_sentence(more)
 
 
 def _contacts(answer: Diagnosis) -> tuple[Contact, ...]:
@@ -145,7 +145,7 @@ def _rollout(answer: Diagnosis, contacts: Sequence[Contact]) -> Section:
         "rollouts the one whose error is the median. Numbers: error over this stretch in units of the sensor noise; "
         "green band: 2 sd of that noise."
     )
-    drawn = figures.rollout(answer.predictions, answer.sensor, names, contacts)
+    drawn = figures.rollout_figure(answer.predictions, answer.sensor, names, contacts)
     return Section("A rollout that no fit has seen", (), (picture(drawn, caption),))
 
 
@@ -184,7 +184,7 @@ def _torque(answer: Diagnosis, contacts: Sequence[Contact]) -> Section:
             f": functions of it tell {share:.0%} of it on other stretches." if found.present and share > 0.05 else "."
         )
         caption = f"Over {quantity(name, found.units)}{predicts}{' Yellow: where it is largest.' * mark}"
-        pictures.append(picture(figures.over(found, name, before, mark), caption, wide=False))
+        pictures.append(picture(figures.torque_over_quantity(found, name, before, mark), caption, wide=False))
     title = f"The {what} that no known effect explains" if unknown else f"{what.capitalize()} beyond the model"
     return Section(title, tuple(says), tuple(pictures))
 
@@ -213,7 +213,7 @@ def _parameters(answer: Diagnosis, mended: bool) -> Table:
                 formatting.measured(value, sd[name]),
                 f"{low} to {high}" if math.isfinite(sd[name]) else "",
                 spaced_unit(parameters[name].unit).strip(),
-                *([formatting.number(came)] if mended else []),
+                *([formatting.typeset(came)] if mended else []),
                 "at its bound" if name in answer.estimate.at_bound else "",
             ]
         )
@@ -243,7 +243,7 @@ def _step(step: Step, of_log: bool) -> list[str]:
 
 def _ruled_out(answer: Diagnosis) -> Iterator[Table]:
     rows = [
-        [name, formatting.number(f"{size['size']:.2g}"), spaced_unit(size["unit"]).strip(), size["parameter"]]
+        [name, formatting.typeset(f"{size['size']:.2g}"), spaced_unit(size["unit"]).strip(), size["parameter"]]
         for name, size in sorted(answer.ruled_out.items())
         if math.isfinite(size["size"])
     ]
@@ -264,12 +264,12 @@ def _(answer: Comparison) -> Page:
         numbers=(formatting.multiple(answer.ratio),),
         under="times the sensor noise over windows of 1 s; 1.0 is a perfect model: " + physical((answer.one_second,)),
         sections=tuple(_compared(answer)),
-        tables=[horizons((answer.errors,))],
+        tables=[horizon_table((answer.errors,))],
         lists={
             "What promises to explain it, the strongest first": [c.words for c in answer.causes],
             "What a perfect model would not show": answer.surprises,
         },
-        settings=settings(answer.sensor, answer.records, answer.units, answer.notes),
+        settings=report_settings(answer.sensor, answer.records, answer.units, answer.notes),
         turns=answer.units["theta"] == "rad",
     )
 
@@ -281,8 +281,8 @@ def _compared(answer: Comparison) -> Iterator[Section]:
 
     words = "Error over windows of every length, the state refitted in each."
     yield Section("How far off", (), (panel(comparison_figure.errors, answer, words, wide=True),))
-    worst = zip(answer.worst, map(place, answer.one_second.worst), strict=True)
-    pictures = tuple(picture(figures.window(found), where, wide=False) for found, where in worst)
+    worst = zip(answer.worst, map(place_of_window, answer.one_second.worst), strict=True)
+    pictures = tuple(picture(figures.window_figure(found), where, wide=False) for found, where in worst)
     yield Section("The worst windows", (), pictures, small=True)
     if (torque := answer.torque) is None:
         return
@@ -292,11 +292,13 @@ def _compared(answer: Comparison) -> Iterator[Section]:
     )
     states = picture(figures.maps([torque], [""]), "By state.", wide=False)
     curves = [
-        picture(figures.over(torque, name), f"Over {quantity(name, torque.units)}.", wide=False)
+        picture(figures.torque_over_quantity(torque, name), f"Over {quantity(name, torque.units)}.", wide=False)
         for name in torque.binned
         if name != "time"
     ]
     in_time = panel(comparison_figure.over_time, torque, "Over time.", wide=True)
     yield Section("Where it fails", says, (states, *curves, in_time))
-    white = panel(comparison_figure.whiteness, answer, "Those of a right model, beside a random torque, are white.")
+    white = panel(
+        comparison_figure.autocorrelation_panel, answer, "Those of a right model, beside a random torque, are white."
+    )
     yield Section("What the innovations know", (), (white,))

@@ -188,14 +188,14 @@ class Workbench:
     def part(self, name: str, session: Session | None) -> Any:
         """What a section of the page shows."""
         if session is None:
-            return layout.begin(self.most) if name == "log" else layout.part(name)
+            return layout.start_part(self.most) if name == "log" else layout.part(name)
         show: dict[str, Callable[[Session], Any]] = {
             "log": lambda own: log_part.form(own, self.most),
             "fails": self._fails,
             "effects": self._effects,
-            "ladder": lambda own: layout.ladder(own.state, self.history(own)),
+            "ladder": lambda own: layout.ladder_part(own.state, self.history(own)),
             "take": take_part.take,
-            "train": lambda own: take_part.train(own, self.trainings.running(own)),
+            "train": lambda own: take_part.training_part(own, self.trainings.running(own)),
         }
         return show[name](session)
 

@@ -84,7 +84,7 @@ def do(bench: Workbench, own: Session | None, clicked: Mapping[str, Any]) -> Ses
     return None
 
 
-def picture(session: Session, effect: str) -> Any:
+def effect_picture(session: Session, effect: str) -> Any:
     """The residual torque over what an effect acts on, with the effect's curve through it."""
     at = session.state.at
     found, known = session.read(at, FAILS), session.read(at, EFFECTS)
@@ -95,14 +95,14 @@ def picture(session: Session, effect: str) -> Any:
         next(r["torque"] for r in known["rows"] if r["effect"] == effect),
     )
     if curve["over"] == "time":
-        return figures.in_time(found, s, curve)
-    return figures.over(found, s, curve["over"], curve)
+        return figures.torque_over_time(found, s, curve)
+    return figures.torque_against(found, s, curve["over"], curve)
 
 
 # ---- joined to the page ----------------------------------------------------------------------------------------------
 
 
-class Page:
+class PageCallbacks:
     """The callbacks of the page; `search` is the address behind its question mark."""
 
     def __init__(self, bench: Workbench) -> None:
@@ -136,7 +136,7 @@ class Page:
         own = self.session(search)
         if not clicks or own is None:
             return no_update
-        return layout.graph(picture(own, ctx.triggered_id["effect"]))
+        return layout.graph(effect_picture(own, ctx.triggered_id["effect"]))
 
     def point(
         self, course: Any, states: Any, over: Any, moved: Any, channel: str, what: str, search: str | None
@@ -148,9 +148,9 @@ class Page:
             return [no_update] * 3
         found, s = own.read(at, FAILS), figures.series(own.of(at) / SERIES)
         if by == "channel":
-            return [figures.course(found, s, channel), no_update, no_update]
+            return [figures.residual_over_time(found, s, channel), no_update, no_update]
         if by == "over-what":
-            return [no_update, no_update, figures.over(found, s, what)]
+            return [no_update, no_update, figures.torque_against(found, s, what)]
         if ctx.triggered[0]["prop_id"].endswith("relayoutData"):
             patch = zoomed(s, channel, moved)
             return [no_update if patch is None else patch, no_update, no_update]
@@ -222,7 +222,7 @@ class Page:
 
 def join(app: Dash, bench: Workbench) -> None:
     """Register all callbacks of the page."""
-    page, url, once = Page(bench), State("url", "search"), {"prevent_initial_call": True}
+    page, url, once = PageCallbacks(bench), State("url", "search"), {"prevent_initial_call": True}
     stamps = [Output(f"seen-{p}", "data") for p in STAMPED]
     seen = [State(f"seen-{p}", "data") for p in STAMPED]
     now = [Input("tick", "n_intervals"), Input("url", "search"), Input("act", "data")]
@@ -252,5 +252,5 @@ def join(app: Dash, bench: Workbench) -> None:
     app.callback(Output("sessions", "children"), Input("url", "search"))(page.choose)
 
 
-def _part(page: Page, name: str, _: Any, search: str | None) -> Any:
+def _part(page: PageCallbacks, name: str, _: Any, search: str | None) -> Any:
     return page.part(name, search)

@@ -132,8 +132,8 @@ READ, SAID, LOW, BAND, D, MARKS_ABOVE, MARKS_BELOW = range(7)
 """The traces of `course`, in their order."""
 
 
-def course(found: Mapping[str, Any], s: Series, channel: str = "theta", begin: float = -np.inf, end: float = np.inf,
-           height: int = 380) -> go.Figure:  # fmt: skip
+def residual_over_time(found: Mapping[str, Any], s: Series, channel: str = "theta", begin: float = -np.inf,
+                       end: float = np.inf, height: int = 380) -> go.Figure:  # fmt: skip
     """Measured against simulated, and the residual torque with its band below, on one axis of time."""
     units = found["quantities"]
     figure = make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.06, row_heights=[0.58, 0.42])
@@ -207,7 +207,7 @@ def _range(edges: Sequence[float]) -> list[float]:
     return [edges[0], edges[-1]]
 
 
-def over(found: Mapping[str, Any], s: Series, name: str, curve: Mapping[str, Any] | None = None,
+def torque_against(found: Mapping[str, Any], s: Series, name: str, curve: Mapping[str, Any] | None = None,
          height: int = 270) -> go.Figure:  # fmt: skip
     """The residual torque over one quantity: samples, means with their 99 % band, perhaps an effect's curve."""
     units = found["quantities"]
@@ -241,7 +241,7 @@ def _residual_range(found: Mapping[str, Any], room: float) -> list[float]:
     return [-reach, reach]
 
 
-def in_time(found: Mapping[str, Any], s: Series, curve: Mapping[str, Any], height: int = 270) -> go.Figure:
+def torque_over_time(found: Mapping[str, Any], s: Series, curve: Mapping[str, Any], height: int = 270) -> go.Figure:
     """The residual torque over a stretch of time, and an effect's torque through it."""
     place = next(
         (p for p in found["rollouts"] if p["name"] == curve["record"].partition(", ")[0]), found["rollouts"][0]
@@ -257,7 +257,7 @@ def in_time(found: Mapping[str, Any], s: Series, curve: Mapping[str, Any], heigh
     return figure
 
 
-def horizons(found: Mapping[str, Any], height: int = 230) -> go.Figure:
+def horizon_figure(found: Mapping[str, Any], height: int = 230) -> go.Figure:
     """The error over windows of every length, in units of the noise."""
     figure = blank(height)
     names = list(found["errors"])
@@ -292,7 +292,7 @@ def _log_range(values: Sequence[float]) -> dict[str, Any]:
 # ---- add it ----------------------------------------------------------------------------------------------------------
 
 
-def ladder(paths: Sequence[tuple[str, Sequence[tuple[str, float | None]]]], height: int = 230) -> go.Figure:
+def error_ladder(paths: Sequence[tuple[str, Sequence[tuple[str, float | None]]]], height: int = 230) -> go.Figure:
     """The error on held-out data, a bar a model, down to the noise; of one path through the history, or of two."""
     figure = blank(height, barmode="group", showlegend=len(paths) > 1, bargap=0.35 if len(paths[0][1]) > 1 else 0.65)
     seen: list[float] = []

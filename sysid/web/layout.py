@@ -12,7 +12,7 @@ from sysid.report.formatting import multiple
 from sysid.web import figures
 from sysid.web.own_effect import FUNCTIONS, VARIABLES, OwnEffect
 from sysid.web.samples import SAMPLES_BY_NAME
-from sysid.web.session import State
+from sysid.web.session import SessionState
 
 PARTS = ("log", "fails", "effects", "ladder", "take")
 """The five sections, in the order in which they are read."""
@@ -36,7 +36,7 @@ def graph(figure: Any, config: Mapping[str, Any] = QUIET, **more: Any) -> dcc.Gr
     return dcc.Graph(figure=figure, config=config, style={"height": f"{figure.layout.height}px"}, **more)
 
 
-def page() -> html.Div:
+def empty_page() -> html.Div:
     """What is there before anything is known."""
     return html.Div(
         [
@@ -95,7 +95,7 @@ def fails(found: Mapping[str, Any] | None, series: figures.Series | None) -> Any
             ),
             role="radiogroup", **{"aria-label": "Which reading is drawn"},
         ),
-        graph(figures.course(found, series, channels[0]), PLOT, id="course"),
+        graph(figures.residual_over_time(found, series, channels[0]), PLOT, id="course"),
         html.P("Drag over any plot: the same samples light up in the others. Green: what no fit has seen.",
                className="hint"),
         html.Div(
@@ -106,9 +106,9 @@ def fails(found: Mapping[str, Any] | None, series: figures.Series | None) -> Any
                     html.Figcaption(["Residual over ", dcc.Dropdown(
                         [{"label": quantity(q, found["quantities"]), "value": q} for q in quantities], first,
                         id="over-what", clearable=False, searchable=False)]),
-                    graph(figures.over(found, series, first), PLOT, id="over")]),
+                    graph(figures.torque_against(found, series, first), PLOT, id="over")]),
                 html.Figure([html.Figcaption("Error by horizon"),
-                             graph(figures.horizons(found))]),
+                             graph(figures.horizon_figure(found))]),
             ],
             className="plots",
         ),
@@ -127,11 +127,11 @@ def effects(found: Mapping[str, Any] | None, error: float | None) -> list[Any]:
     if found is None:
         return [html.P("The effects of the catalogue are ranked once the model is fitted.", className="quiet")]
     rows = [row(own, error, own["effect"] in found["next"]) for own in found["rows"]]
-    return [html.P(summary(found), className="summary"), *([_together(found)] if len(found["next"]) > 1 else []),
+    return [html.P(next_sentence(found), className="summary"), *([_together(found)] if len(found["next"]) > 1 else []),
             html.Div(rows[:FIRST], className="rows"), *_tried(rows[FIRST:]), *_others(found)]  # fmt: skip
 
 
-def summary(found: Mapping[str, Any]) -> str:
+def next_sentence(found: Mapping[str, Any]) -> str:
     """What to do next, in a sentence."""
     names = {r["effect"]: r["words"] for r in found["rows"]}
     if found["next"]:
@@ -241,7 +241,7 @@ def own_effect(own: OwnEffect, found: Mapping[str, Any]) -> list[Any]:
 # ---- log -------------------------------------------------------------------------------------------------------------
 
 
-def begin(most: int) -> list[Any]:
+def start_part(most: int) -> list[Any]:
     """Where no log is there yet: samples, and a place for files."""
     return [
         html.P("Which physics does your simulator miss? Begin with a log of your machine, or with a sample."),
@@ -275,7 +275,7 @@ def upload(most: int) -> html.Div:
 # ---- add it ----------------------------------------------------------------------------------------------------------
 
 
-def ladder(state: State, history: Sequence[Mapping[str, Any]]) -> Any:
+def ladder_part(state: SessionState, history: Sequence[Mapping[str, Any]]) -> Any:
     """The error falling, model by model; the way back, and the other ways that were tried."""
     if not history or state.at is None:
         return part("ladder")
@@ -287,14 +287,14 @@ def ladder(state: State, history: Sequence[Mapping[str, Any]]) -> Any:
     names = ["this model", *(_ways_name(state, node) for node in ends[1:])]
     others = [own for own in history if own["node"] not in state.path(state.at)]
     return [
-        graph(figures.ladder([(name, way(node)) for name, node in zip(names, ends, strict=True)])),
+        graph(figures.error_ladder([(name, way(node)) for name, node in zip(names, ends, strict=True)])),
         html.Div([html.Button("Undo", id={"do": "undo"}, disabled=len(way(state.at)) < 2)], className="buttons"),
         *([html.P("Also tried:", className="quiet")] if others else []),
         html.Ul([html.Li(_other(state, own)) for own in others], className="ways"),
     ]
 
 
-def _other(state: State, own: Mapping[str, Any]) -> list[Any]:
+def _other(state: SessionState, own: Mapping[str, Any]) -> list[Any]:
     """Another model of the history: go there, or hold it beside the one that is looked at."""
     error = "" if own["error"] is None else f"error {_multiple(own['error'])}"
     label, beside = _ways_name(state, own["node"]), state.beside == own["node"]
@@ -305,7 +305,7 @@ def _other(state: State, own: Mapping[str, Any]) -> list[Any]:
     ]  # fmt: skip
 
 
-def _ways_name(state: State, node: int) -> str:
+def _ways_name(state: SessionState, node: int) -> str:
     return " + ".join(["", *state.added(node)]).strip() or "as it came"
 
 

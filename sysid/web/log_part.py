@@ -27,7 +27,7 @@ from sysid.errors import InvalidInput
 from sysid.physics.ops import Array
 from sysid.web import figures
 from sysid.web.layout import graph, upload
-from sysid.web.session import Session, State
+from sysid.web.session import Session, SessionState
 
 OURS = {"t": "time", "theta": "angle", "theta_dot": "speed", "torque": "command"}
 PLANTS = {
@@ -84,7 +84,7 @@ def _previewed(key: str, session: Session) -> Preview:
     return found
 
 
-def _read(state: State) -> Preview:
+def _read(state: SessionState) -> Preview:
     model, error, log = None, "", None
     try:
         model, _, _ = begun(replace(state.model_options, set=()), state.log_options.input)
@@ -131,7 +131,7 @@ def settle_columns(session: Session) -> None:
         session.change(log={**state.log, "columns": told})
 
 
-def changed(state: State, values: Mapping[str, Any], found: Mapping[str, str]) -> State:
+def changed(state: SessionState, values: Mapping[str, Any], found: Mapping[str, str]) -> SessionState:
     """The state with the settings that a form shows; `found` are the columns by our names that the form began with."""
     pairs = [
         f"{ours}={values.get(ours) or ''}"
@@ -219,7 +219,7 @@ def previewed(found: Preview) -> list[Any]:
     end = float(np.nanmax(found.t))
     return [
         html.Div(
-            [graph(machine(found, 0.0), id="machine"),
+            [graph(machine_figure(found, 0.0), id="machine"),
              graph(readings(found), id="readings")],
             className="preview",
         ),
@@ -249,7 +249,7 @@ def readings(found: Preview) -> go.Figure:
     return figure
 
 
-def machine(found: Preview, t: float) -> go.Figure:
+def machine_figure(found: Preview, t: float) -> go.Figure:
     """The machine as the settings have it at an instant: 0 upright, angles to the right, gravity down."""
     x, y = arm(found, t)
     figure = figures.blank(150, margin={"l": 0, "r": 0, "t": 0, "b": 0})

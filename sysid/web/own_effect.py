@@ -75,7 +75,7 @@ class OwnEffect:
 
     def source(self) -> str:
         """The same effect as a class in Python."""
-        tree, shapes = parsed(self.formula), _values(self.shapes)
+        tree, shapes = parsed_formula(self.formula), _values(self.shapes)
         numbers = _numbers(tree)
         sizes = _sizes(tree, numbers, shapes)
         lines = [
@@ -83,7 +83,7 @@ class OwnEffect:
             f'    {n}: float = sysid.parameter({shapes[n][0]!r}, unit="1", probe={shapes[n]!r})'
             for n in numbers
         ]  # fmt: skip
-        written = ast.unparse(_Qualified().visit(ast.fix_missing_locations(parsed(self.formula))))
+        written = ast.unparse(_Qualified().visit(ast.fix_missing_locations(parsed_formula(self.formula))))
         title = "".join(part.capitalize() for part in self.name.split("_"))
         return "\n".join(
             ["@sysid.register", "@dataclasses.dataclass(frozen=True, eq=False)", f"class {title}(sysid.JointEffect):",
@@ -91,7 +91,7 @@ class OwnEffect:
         )  # fmt: skip
 
 
-def parsed(formula: str) -> ast.expr:
+def parsed_formula(formula: str) -> ast.expr:
     """The formula as a tree of what is allowed; raises InvalidInput, with what is not."""
     text = formula.partition("=")[2] if formula.strip().startswith("tau") and "=" in formula else formula
     if not text.strip() or len(text) > LONGEST:
@@ -166,7 +166,7 @@ def made(own: OwnEffect) -> type[Effect]:
     """The effect's class."""
     if not own.name.isidentifier() or keyword.iskeyword(own.name) or not own.name.islower() or len(own.name) > 40:
         raise InvalidInput(f"{excerpt(own.name)} is no name: expected small letters and _, as in magnet_beside")
-    tree, shapes = parsed(own.formula), _values(own.shapes)
+    tree, shapes = parsed_formula(own.formula), _values(own.shapes)
     numbers = _numbers(tree)
     sizes = _sizes(tree, numbers, shapes)
     if not numbers or not sizes:

@@ -25,7 +25,7 @@ DT, ROLLOUTS, SAMPLES = 0.02, 8, 400
 
 
 @dataclass(frozen=True, eq=False)
-class Magnet(JointEffect):
+class SampleMagnet(JointEffect):
     """A magnet beside the swing, which holds the arm where it hangs a little to the right; in no catalogue."""
 
     def torque(self, joint: Joint) -> Value:
@@ -47,7 +47,7 @@ SAMPLES_BY_NAME = {
     "two": Sample(
         "two at once", "Two effects at once, one of which hides the other.", (Coulomb(0.15), Delay(2.5 * DT))
     ),
-    "unknown": Sample("an unknown torque", "Something that no catalogue holds: write it yourself.", (Magnet(),)),
+    "unknown": Sample("an unknown torque", "Something that no catalogue holds: write it yourself.", (SampleMagnet(),)),
 }
 
 

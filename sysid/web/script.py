@@ -10,7 +10,7 @@ from sysid.physics.effects import ACTUATORS, CATALOGUE, Effect
 from sysid.physics.integrators import RK4
 from sysid.physics.model import Model
 from sysid.physics.plants import Plant
-from sysid.web.session import State
+from sysid.web.session import SessionState
 
 READ = {k: k for k in ("columns", "zero", "flip_torque", "degrees", "begin", "end", "dt", "time_unit", "joint")} | {
     "input": "command"
@@ -37,7 +37,7 @@ def _effect(own: Effect) -> str:
     return f"effect({own.name!r}{numbers})" if own.name in known else f"# {own.name} is not known here"
 
 
-def script(state: State, begun: Mapping[str, Any], node: int, own: Sequence[str] = ()) -> str:
+def script(state: SessionState, begun: Mapping[str, Any], node: int, own: Sequence[str] = ()) -> str:
     """The lines: read, fit, add what was added, say what is missing next, save; `own` are classes of own effects."""
     files = [Path(f).name if t == Path(f).name else f for f, t in zip(state.log["files"], state.titles, strict=True)]
     more = f", {state.log['hold_out']!r}" if "hold_out" in state.log else ""
@@ -67,7 +67,7 @@ def script(state: State, begun: Mapping[str, Any], node: int, own: Sequence[str]
     return "\n".join(parts) + "\n"
 
 
-def _options(state: State) -> str:
+def _options(state: SessionState) -> str:
     """How the log is read, as arguments of `sysid.read`."""
     found = {READ[k]: v for k, v in state.log.items() if k in READ}
     return "".join(f", {k}={v!r}" for k, v in found.items())

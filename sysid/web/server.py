@@ -13,8 +13,8 @@ import flask
 from dash import Dash
 from werkzeug.serving import BaseWSGIServer, make_server
 
-from sysid.cli.log_settings import settled
-from sysid.cli.options import Workbench as Command
+from sysid.cli.log_settings import with_settings
+from sysid.cli.options import WorkbenchCommand as Command
 from sysid.data.user_effects import load_effects
 from sysid.errors import InvalidInput
 from sysid.web import figures, layout
@@ -86,7 +86,7 @@ def make_app(bench: Workbench, door: Door) -> Dash:
         assets_folder=str(Path(__file__).parent / "assets"),
         meta_tags=[{"name": "viewport", "content": "width=device-width, initial-scale=1"}],
     )
-    app.layout = layout.page()
+    app.layout = layout.empty_page()
     server: flask.Flask = app.server
     server.config["MAX_CONTENT_LENGTH"] = bench.most * 4 // 3 + (1 << 20)
 
@@ -137,7 +137,9 @@ def make(folder: Path, host: str, port: int, token: str = "", effects: Path | No
 
 def serve(command: Command) -> None:
     """Serve until it is stopped; a log that was given has a session, the one that it had before if it had one."""
-    log, start, said = settled(command.log, command.start) if command.log.files else (command.log, command.start, "")
+    log, start, said = (
+        with_settings(command.log, command.start) if command.log.files else (command.log, command.start, "")
+    )
     if said:
         logger.info(said)
     if start.effects is not None:

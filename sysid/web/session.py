@@ -48,7 +48,7 @@ class Node:
 
 
 @dataclass(frozen=True)
-class State:
+class SessionState:
     """What session.json holds; `titles` are the names under which files came, `beside` is the model that the
     one at which one is is compared with, `own` are the user's own effects."""
 
@@ -98,20 +98,22 @@ class Session:
         return self.folder.name
 
     @property
-    def state(self) -> State:
+    def state(self) -> SessionState:
         """What is kept of it; raises InvalidInput for a file that this version did not write."""
         data = read_json(self.folder / "session.json", "a session of the workbench")
-        known = {f.name for f in fields(State)}
+        known = {f.name for f in fields(SessionState)}
         if not isinstance(data, dict) or not set(data) <= known:
             raise InvalidInput(f"{self.folder.name}/session.json is no session of this version")
         nodes = tuple(Node(**n) for n in data.get("nodes", ()))
-        return State(**data | {"nodes": nodes, "titles": tuple(data["titles"]), "own": tuple(data.get("own", ()))})
+        return SessionState(
+            **data | {"nodes": nodes, "titles": tuple(data["titles"]), "own": tuple(data.get("own", ()))}
+        )
 
-    def save(self, state: State) -> None:
+    def save(self, state: SessionState) -> None:
         """Keep it."""
         write_whole(self.folder / "session.json", json.dumps(asdict(state), indent=1))
 
-    def change(self, **changes: Any) -> State:
+    def change(self, **changes: Any) -> SessionState:
         """Keep it with these fields changed."""
         state = replace(self.state, **changes)
         self.save(state)
@@ -171,7 +173,7 @@ class Sessions:
         session.folder.mkdir()
         files = () if log is None else tuple(str(p.resolve()) for p in log.files)
         session.save(
-            State(
+            SessionState(
                 title=title,
                 log={} if log is None else _given(replace(log, settings=None), LogOptions()) | {"files": files},
                 start={} if start is None else _given(replace(start, effects=None), ModelOptions()),

@@ -97,7 +97,7 @@ def training_stamp(session: Session) -> str:
     return str(said.stat().st_size) if said is not None and said.is_file() else ""
 
 
-def train(session: Session, running: bool) -> Any:
+def training_part(session: Session, running: bool) -> Any:
     """Train a policy on the model that is looked at, and its curve against the optimum."""
     at = session.state.at
     found = session.read(at, FAILS)

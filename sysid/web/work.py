@@ -23,8 +23,8 @@ from typing import Any
 
 import numpy as np
 
-from sysid.cli.commands import Task
-from sysid.cli.options import Fit, ModelOptions
+from sysid.cli.commands import LogAndModel
+from sysid.cli.options import FitCommand, ModelOptions
 from sysid.data.files import write_whole
 from sysid.data.record import Record
 from sysid.data.user_effects import blamed, load_effects
@@ -32,7 +32,7 @@ from sysid.diagnosis.add import add
 from sysid.diagnosis.answer import Diagnosis, MissingTorque, Step
 from sysid.diagnosis.compare import Comparison, compare
 from sysid.diagnosis.diagnose import diagnose
-from sysid.diagnosis.findings import chance, numbers_of, spaced_unit
+from sysid.diagnosis.findings import chance, fitted_numbers, spaced_unit
 from sysid.diagnosis.predictions import throughout
 from sysid.diagnosis.ranked import Ranked
 from sysid.diagnosis.residual_torque import ResidualTorque, residual_torque
@@ -111,14 +111,14 @@ class Work:
         self.node = self.state.nodes[number]
 
     @cached_property
-    def task(self) -> Task:
+    def task(self) -> LogAndModel:
         """The log, its noise and the model to begin with: the one before, where there is one."""
         log, start = replace(self.state.log_options, settings=Path("none")), self.state.model_options
         if (self.folder / MODEL).is_file():
             start = ModelOptions(model=self.folder / MODEL)
         elif self.node.parent is not None:
             start = ModelOptions(model=self.session.of(self.node.parent) / MODEL)
-        return Task.of(Fit(log=replace(log, settings=None), start=start))
+        return LogAndModel.of(FitCommand(log=replace(log, settings=None), start=start))
 
     def run(self) -> None:
         """Everything that is not there yet, in the order in which a page shows it."""
@@ -290,7 +290,7 @@ class Work:
             effect=name,
             alike=(name, *own["alike"]),
             rivals=(),
-            parameters=numbers_of(self.estimate, name),
+            parameters=fitted_numbers(self.estimate, name),
             error_before=math.inf if ratios[0] is None else ratios[0],
             error_after=math.inf if ratios[1] is None else ratios[1],
             p_value=own["p_value"],
@@ -350,7 +350,7 @@ def _named(candidate: Ranked) -> dict[str, Any]:
 def _row(candidate: Ranked, found: Diagnosis) -> dict[str, Any]:
     """What a row says of an effect that was refitted."""
     step = next((s for s in (*found.steps, *found.conventions) if s.effect == candidate.effect), None)
-    numbers = candidate.parameters if step is None else numbers_of(step.estimate, candidate.effect)
+    numbers = candidate.parameters if step is None else fitted_numbers(step.estimate, candidate.effect)
     sizes = [
         {"name": n.partition(".")[2], "said": measured(v["value"], v["sd"]), "unit": spaced_unit(v["unit"]).strip()}
         for n, v in numbers.items()

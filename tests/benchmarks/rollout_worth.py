@@ -20,7 +20,7 @@ import numpy as np
 from policies.control.dynamic_programming import Grid
 from study.paper.protocol import BOUNDS, PaperRollout, averaged_sensor, paper_model, paper_rollouts, transitions
 from study.pipeline.tables import read_table, write_table
-from study.worth.decision import SwingUp
+from study.worth.decision import SwingUpDecision
 from study.worth.posterior import BoundedNormal
 from study.worth.value_of_information import SEVERAL, worth_of_rollouts
 from sysid import Estimate, GridSearch, fit
@@ -69,7 +69,10 @@ def case(identifier: str, seed: int, price: float) -> Case:
             estimates[n] = identified(identifier, rollouts[:n])
         return estimates[n]
 
-    decision, rng = SwingUp.of(after(1).model, NAMES, episodes=EPISODES, table=TABLE), np.random.default_rng(seed)
+    decision, rng = (
+        SwingUpDecision.of(after(1).model, NAMES, episodes=EPISODES, table=TABLE),
+        np.random.default_rng(seed),
+    )
     n = 1
     while True:
         advice = worth_of_rollouts(after(n), n, decision, price=price, further=FURTHER, draws=DRAWS)

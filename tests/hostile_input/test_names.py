@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import sysid
 from policies.storage.policy_file import load_policy
-from sysid.cli.log_settings import settings as log_settings
+from sysid.cli.log_settings import settings_in as log_settings
 from sysid.data.files import check_outputs
 from tests.hostile_input.answering import ESC, MODEL, answered, many
 

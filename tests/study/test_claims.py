@@ -10,7 +10,7 @@ from study.formatting import MINUS
 from study.paper import claims
 from study.paper.identification_scatter import Scatter, scatter
 from study.paper.published_numbers import CELLS, DIFFERENCES, QUOTES, Spot
-from study.paper.published_runs import Outcome, Outcomes, outcomes
+from study.paper.published_runs import Outcomes, RunOutcome, outcomes
 from study.statistics import Contrast
 
 BUDGETS = (1, 2, 5, 10, 25, 50, 100, 200, 400)
@@ -53,8 +53,8 @@ def test_a_shift_of_the_inputs_would_be_seen(found):
 
 
 def test_a_floor_is_told_from_a_fall(found):
-    assert claims.floor(found).verdict == claims.FAILS
-    assert claims.floor(falling(0.0)).verdict == claims.OPEN
+    assert claims.error_floor(found).verdict == claims.FAILS
+    assert claims.error_floor(falling(0.0)).verdict == claims.OPEN
 
 
 def test_the_nearest_cell_is_half_a_step_away_at_most():
@@ -78,7 +78,9 @@ def answer_of_the_paper():
 
 
 def flat(spots, value):
-    return outcomes((spot, seed, Outcome(value, 0.5, (2.0, 1.5), value - seed)) for spot in spots for seed in range(2))
+    return outcomes(
+        (spot, seed, RunOutcome(value, 0.5, (2.0, 1.5), value - seed)) for spot in spots for seed in range(2)
+    )
 
 
 def test_200_evaluations_stand_on_29_start_states():
@@ -115,15 +117,17 @@ def test_the_gap_is_to_what_the_same_starts_allow(answer_of_the_paper):
 def test_the_best_cell_is_one_of_the_plant_that_the_optimum_belongs_to():
     """An easy plant returns more than the optimum of a hard one."""
     easy, hard = Spot("small_gap", 50, 0.0), Spot("main", 25, 0.0)
-    rows = [(spot, s, Outcome(j, 0.5, (2.0, 1.5), j)) for spot, j in ((easy, -224.0), (hard, -350.0)) for s in range(3)]
+    rows = [
+        (spot, s, RunOutcome(j, 0.5, (2.0, 1.5), j)) for spot, j in ((easy, -224.0), (hard, -350.0)) for s in range(3)
+    ]
     answer = claims.starts(ours=outcomes(rows), optima=lambda seeds: (-340.0, -340.0)).answer
     assert "(n = 25, w = 0)" in answer and "2.9 % short" in answer
 
 
 def test_a_contrast_that_other_starts_turn_is_told():
     a, b = DIFFERENCES[0].a, DIFFERENCES[0].b
-    rows = [(a, s, Outcome(-300.0 - s, 0.5, (2.0, 1.5), -300.0 - s)) for s in range(5)]
-    rows += [(b, s, Outcome(-400.0 - 2 * s, 0.5, (2.0, 1.5), -300.0 + 3 * (-1) ** s)) for s in range(5)]
+    rows = [(a, s, RunOutcome(-300.0 - s, 0.5, (2.0, 1.5), -300.0 - s)) for s in range(5)]
+    rows += [(b, s, RunOutcome(-400.0 - 2 * s, 0.5, (2.0, 1.5), -300.0 + 3 * (-1) ** s)) for s in range(5)]
     answer = claims.starts(ours=outcomes(rows)).answer
     assert (
         f"Of 1 published contrasts 0 change neither in sign nor in significance; these do: {DIFFERENCES[0].label}"
@@ -161,7 +165,7 @@ def test_longer_training_decides_where_it_was_run(gain, verdict):
 
 
 def test_every_claim_quotes_the_paper(found):
-    said = [claims.rate(found), claims.bias(found), claims.floor(found), claims.plateau(), claims.monotone(),
+    said = [claims.rate(found), claims.bias(found), claims.error_floor(found), claims.plateau(), claims.monotone(),
             claims.starts(), claims.undertraining({0.5: curves(1.0)}, 50, 75_000)]  # fmt: skip
     assert {claim.name for claim in said} == set(QUOTES)
     assert all(

@@ -17,7 +17,7 @@ from study.paper.runs import RUNS, Run
 from study.paper.sweep import SweepResults, outputs
 from study.pipeline.database import Database, identity
 from study.pipeline.settings import StudySettings
-from study.pipeline.tables import Table
+from study.pipeline.tables import ResultTable
 from sysid import InvalidInput
 
 
@@ -48,7 +48,7 @@ class Kind:
     outputs: tuple[str, ...]
     item: Any
     large: Any
-    table: Table
+    table: ResultTable
 
     def add(self, store, items):
         store.add(self.table, items)

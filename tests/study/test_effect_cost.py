@@ -22,7 +22,7 @@ from study.mismatch.effect_cost import (
     read_losses,
     write_losses,
 )
-from study.mismatch.ground_truth import BLUNT, design, machine
+from study.mismatch.ground_truth import BLUNT, design, hidden_machine
 from study.mismatch.magnitudes import MAGNITUDES, Magnitude
 from study.mismatch.plan import ALL_PLANTS
 from sysid import CATALOGUE, DynamicEffect, InvalidInput, State
@@ -66,7 +66,7 @@ def test_at_size_zero_it_is_the_plain_machine_and_at_its_largest_another(name):
     start, u = rng.uniform(-3.0, 3.0, (2, 20)), rng.uniform(-2.0, 2.0, (30, 20))
 
     def motion(effect):
-        model = machine(effect, substeps=5)
+        model = hidden_machine(effect, substeps=5)
         state, sensing, seen = model.initial_state(*start), model.sensing(*start), []
         for k, command in enumerate(u):
             state = model.advance(state, command, k * model.dt)
@@ -102,7 +102,7 @@ def test_a_delay_of_four_samples_is_dear_and_knowing_it_brings_most_back(bench):
 
 
 def test_a_batch_of_policies_does_as_each_does_alone(bench):
-    model, (theta, theta_dot) = machine(MAGNITUDES["delay"].at(0.1)), (x[:6] for x in bench.starts)
+    model, (theta, theta_dot) = hidden_machine(MAGNITUDES["delay"].at(0.1)), (x[:6] for x in bench.starts)
     policies = (bench.ignorant[0], design(model, COARSE))
     assert PolicyBatch(policies).history == 2
     together = batch_returns(policies, model, theta, theta_dot)
@@ -111,7 +111,7 @@ def test_a_batch_of_policies_does_as_each_does_alone(bench):
 
 
 def test_the_aware_policy_does_not_peek_at_the_machines_memory(bench):
-    policy = design(machine(MAGNITUDES["lag"].at(0.1)), COARSE)
+    policy = design(hidden_machine(MAGNITUDES["lag"].at(0.1)), COARSE)
     theta, theta_dot = (x[:3] for x in bench.starts)
     past = np.ones((3, policy.history))
     u = [policy(State(theta, theta_dot, memory), 1.0, past) for memory in ((), ((7.0 + 0.0 * theta,),))]

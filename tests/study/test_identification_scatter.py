@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from study.paper.identification_scatter import OneStepGrid, Samples, noise_free_rollouts, scatter
+from study.paper.identification_scatter import OneStepGrid, Transitions, noise_free_rollouts, scatter
 from study.paper.protocol import ROLLOUT_LENGTH as LENGTH
 from study.paper.protocol import paper_model, paper_rollouts, transitions
 from sysid import GridSearch
@@ -15,7 +15,7 @@ def test_it_finds_the_cell_that_grid_search_finds(sigma):
     for seed, n in enumerate((1, 1, 2, 2, 5, 5, 10)):
         rollouts = paper_rollouts(paper_model(2.0, 1.5), n, np.random.default_rng(seed), sigma=sigma)
         columns = [(r.before, r.after, np.sin(r.theta[:LENGTH]), r.u) for r in rollouts]
-        samples = Samples(*(np.concatenate(column) for column in zip(*columns, strict=True)))
+        samples = Transitions(*(np.concatenate(column) for column in zip(*columns, strict=True)))
         expected = GridSearch().fit(paper_model(), transitions(rollouts)).values
         assert grid.search(samples, [n * LENGTH])[0] == pytest.approx([expected["m"], expected["l"]])
 
@@ -23,7 +23,7 @@ def test_it_finds_the_cell_that_grid_search_finds(sigma):
 def test_a_budget_is_a_prefix_of_a_larger_one():
     grid, (moved, noise) = OneStepGrid(), noise_free_rollouts((2.0, 1.5), 10, np.random.default_rng(0))
     samples = moved.read(noise)
-    first = Samples(*(x[: 4 * LENGTH] for x in (samples.before, samples.after, samples.sine, samples.u)))
+    first = Transitions(*(x[: 4 * LENGTH] for x in (samples.before, samples.after, samples.sine, samples.u)))
     assert np.array_equal(grid.search(samples, [4 * LENGTH, 10 * LENGTH])[0], grid.search(first, [4 * LENGTH])[0])
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from study.paper.presets import SMOKE
-from study.pipeline.versions import version
+from study.pipeline.versions import installed_version
 
 ROOT = Path(__file__).resolve().parents[2]
 OPTIMUM = -330.15
@@ -109,7 +109,7 @@ def test_study_json_says_what_the_tables_depend_on(undisturbed):
     folder, _ = undisturbed
     record = json.loads((folder / "study.json").read_text())
     assert record["runs"] == len(SMOKE.cells) and record["fingerprint"] == SMOKE.fingerprint
-    assert record["versions"]["gapfinder"] == version("gapfinder") and record["worker_hours"] > 0.0
+    assert record["versions"]["gapfinder"] == installed_version("gapfinder") and record["worker_hours"] > 0.0
 
 
 def test_references_of_the_smallest_grid_are_near_the_optimum(undisturbed):

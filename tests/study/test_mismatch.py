@@ -7,10 +7,10 @@ import pytest
 
 from policies.environments.randomization import Band
 from policies.evaluation import evaluate, fresh_start_states
-from study.mismatch.ground_truth import design, ground_truth, machine, oracle, rollouts, sensor
+from study.mismatch.ground_truth import design, ground_truth, hidden_machine, oracle, rollouts, sensor
 from study.mismatch.mismatch_results import Fitted
 from study.mismatch.naming import FIRST, MOST, steps_of
-from study.mismatch.plan import ALL_PLANTS, DELAY_LARGE, MAGNET, PLANS, STRATEGIES, Trial
+from study.mismatch.plan import ALL_PLANTS, DELAY_LARGE, MAGNET, PLANS, STRATEGIES, TrialKey
 from study.mismatch.strategies import AT_ONCE, Budget, training_setups
 from study.mismatch.trainings import TrainingSetup, agents_of, populations, training_setup_of
 from study.paper.presets import PRESETS
@@ -34,7 +34,7 @@ def test_naming_the_effect_brings_back_at_least_half_of_what_it_cost(budget):
     def worth(model):
         return evaluate(design(model), plant, *starts).mean
 
-    aware, ignorant = worth(oracle(DELAY_LARGE)), worth(machine(substeps=2))
+    aware, ignorant = worth(oracle(DELAY_LARGE)), worth(hidden_machine(substeps=2))
     named = budget.setup("mended")
     assert named.verdict == "missing" and named.steps == ("delay",)
     loss, left = aware - ignorant, aware - worth(named.model)
@@ -110,7 +110,7 @@ def test_the_plan_is_balanced_and_its_seeds_are_matched():
             seeds.setdefault(trial[:3], []).append(trial.seed)
         for (_, strategy, _), own in seeds.items():
             assert tuple(own) == plan.seeds_of(strategy)
-    assert Trial("plain", "mended", 50, 3019) in PLANS["mismatch"].trials
+    assert TrialKey("plain", "mended", 50, 3019) in PLANS["mismatch"].trials
 
 
 def test_the_experiments_seeds_are_used_for_nothing_else():

@@ -12,13 +12,13 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.image import imread
 
 from policies.evaluation import evaluate, fresh_start_states
-from study.figure_style import STYLE, save
+from study.figure_style import STYLE, save_figure
 from study.formatting import MINUS
-from study.mismatch.figures.experiment import PARTS, ladder, strategy_returns
+from study.mismatch.figures.experiment import PARTS, ladder_of_strategies, strategy_returns
 from study.mismatch.figures.naming import naming
 from study.mismatch.figures.trajectories import read_agents, telling, trajectories
-from study.mismatch.findings import Compared, Condition, MismatchFindings, Split, StrategyOutcome, Verdict
-from study.mismatch.mismatch_report import CAPTIONS, page
+from study.mismatch.findings import MismatchFindings, Split, StrategyOutcome, TrialCondition, TrialContrast, Verdict
+from study.mismatch.mismatch_report import CAPTIONS, mismatch_page
 from study.mismatch.naming_results import NamingResult, is_right
 from study.mismatch.plan import CONTRASTS, FREE, PLANS, STRATEGIES
 from study.paper.protocol import paper_model
@@ -34,7 +34,7 @@ TRAINING = 12.0
 def invented(plan):
     """J = optimum - structure (not of c, d, f and h where the catalogue has the effect) - identification - training."""
     outcomes = {}
-    conditions = dict.fromkeys(Condition(*trial[:3]) for trial in plan.trials)
+    conditions = dict.fromkeys(TrialCondition(*trial[:3]) for trial in plan.trials)
     for condition in conditions:
         seeds = plan.seeds_of(condition.strategy)
         spared = condition.strategy == "oracle" or (
@@ -61,12 +61,12 @@ def invented(plan):
     for plant in plan.plants:
         for a, b in CONTRASTS:
             for n in (0,) if a in FREE and b in FREE else plan.budgets:
-                conditions = [Condition(plant.name, strategy, 0 if strategy in FREE else n) for strategy in (a, b)]
+                conditions = [TrialCondition(plant.name, strategy, 0 if strategy in FREE else n) for strategy in (a, b)]
                 if all(condition in outcomes for condition in conditions):
                     one, other = (outcomes[condition].returns for condition in conditions)
                     wobble = np.linspace(-1.0, 1.0, len(one))
                     contrast = paired_t(one + wobble, other)
-                    compared.append(Compared(plant.name, n, a, b, contrast, float(np.median(one - other)), 0.001))
+                    compared.append(TrialContrast(plant.name, n, a, b, contrast, float(np.median(one - other)), 0.001))
     verdicts = {
         (p.name, n): Counter({Verdict("missing", ("delay",)): 12, Verdict("unknown"): 3})
         for p in plan.plants
@@ -131,18 +131,18 @@ def test_every_way_stands_in_a_row_of_its_own_in_words(answer):
 
 
 def test_the_ladder_is_a_share_of_the_optimum_and_its_bars_add_up_to_the_gap(answer):
-    figure = drawn(lambda: ladder(answer))
+    figure = drawn(lambda: ladder_of_strategies(answer))
     left, right = figure.axes
     n = max(answer.plan.budgets)
     for line, plant in zip([c[0] for c in left.containers], answer.plan.plants, strict=True):
         means = [
-            answer.outcomes[Condition(plant.name, w, 0 if w in FREE else n)].mean.mean
+            answer.outcomes[TrialCondition(plant.name, w, 0 if w in FREE else n)].mean.mean
             for w in ("prior", "fitted", "mended", "oracle")
         ]
         np.testing.assert_allclose(line.get_ydata().astype(float), [100.0 * OPTIMUM / mean for mean in means])
     bars = np.array([bar.get_width() for bar in right.patches]).reshape(-1, len(PARTS))
     splits = [
-        answer.outcomes[Condition(p.name, strategy, n)].split
+        answer.outcomes[TrialCondition(p.name, strategy, n)].split
         for p in answer.plan.plants
         for strategy in ("fitted", "mended")
     ]
@@ -204,9 +204,9 @@ def test_the_naming_figure_shows_rates_and_errors_in_percent():
 
 def test_the_pair_that_is_shown_is_neither_the_best_nor_the_worst_where_mending_gained_most():
     found = invented(PLANS["mismatch"])
-    c = found.outcomes[Condition("delay_large", "mended", 50)]
+    c = found.outcomes[TrialCondition("delay_large", "mended", 50)]
     outcome = replace(c, returns=c.returns + 10.0 * np.arange(20.0))
-    gains = outcome.returns - found.outcomes[Condition("delay_large", "fitted", 50)].returns
+    gains = outcome.returns - found.outcomes[TrialCondition("delay_large", "fitted", 50)].returns
     compared = tuple(
         replace(row, contrast=replace(row.contrast, mean=float(gains.mean())), median=float(np.median(gains)))
         if (row.plant, row.n, row.a, row.b) == ("delay_large", 50, "mended", "fitted")
@@ -234,10 +234,10 @@ def test_agents_are_found_in_whichever_file_they_lie(tmp_path):
 def html(tmp_path_factory):
     folder = tmp_path_factory.mktemp("mismatch")
     found = invented(PLANS["mismatch"])
-    figures = {"returns": save(lambda: strategy_returns(found), folder / "a.png")}
-    figures["naming"] = save(lambda: naming(named()), folder / "b.png")
+    figures = {"returns": save_figure(lambda: strategy_returns(found), folder / "a.png")}
+    figures["naming"] = save_figure(lambda: naming(named()), folder / "b.png")
     assert all(imread(path).shape[1] > 1000 for path in figures.values())
-    return page(
+    return mismatch_page(
         found, [("Does breadth pay?", "Breadth <b> changed it by +40 [30, 50].")], figures, {"numpy": "2.x"}, named()
     )
 

@@ -11,12 +11,12 @@ from rich.console import Console
 
 from policies.environments.randomization import Fixed
 from study.mismatch.experiment import OPTIMUM, PLAIN, MismatchExperiment, model_key
-from study.mismatch.findings import Verdict, findings_of
+from study.mismatch.findings import Verdict, mismatch_findings
 from study.mismatch.ground_truth import PRIOR, oracle
 from study.mismatch.mismatch_results import FITS, TRAININGS, Designed, Fitted, MismatchResults, Trained
 from study.mismatch.naming_results import NAMING_TABLE, NamingResult, write_naming
 from study.mismatch.plan import CONTRASTS, FREE, PLANS
-from study.mismatch.sentences import sentences
+from study.mismatch.sentences import mismatch_sentences
 from study.mismatch.trainings import TrainingSetup, agents_of
 from study.pipeline.experiment import run
 from study.statistics import paired_t
@@ -64,7 +64,7 @@ def invented():
 
 @pytest.fixture(scope="module")
 def found():
-    return findings_of(PLAN, *invented())
+    return mismatch_findings(PLAN, *invented())
 
 
 def test_the_parts_of_a_gap_add_up_seed_by_seed(found):
@@ -110,7 +110,7 @@ def test_contrasts_together_are_their_mean_and_no_wider_than_the_widest(found):
 def test_verdicts_are_counted_and_said(found):
     assert found.verdicts["delay_large", 5] == {Verdict("missing", ("delay",)): 4}
     assert found.verdicts["magnet", 5] == {Verdict("unknown", (), False): 4}
-    said = dict(sentences(found))
+    said = dict(mismatch_sentences(found))
     assert "(named and believed: 4 of 4) with 5 rollouts" in said["What is it worth to name the effect?"]
     assert "(unknown: 4 of 4) with 5 rollouts" in said["What does an honest “unknown” buy?"]
     assert (
@@ -125,7 +125,7 @@ def test_naming_is_told_with_the_fewest_and_the_most_rollouts_where_it_was_measu
         for seed in range(5)
         for n, steps in ((1, ("delay",)), (2, ("delay", "tilt")[: 1 + seed % 2]), (5, ("delay", "tilt")))
     ]
-    told = dict(sentences(found, rows))["How many rollouts does naming take?"]
+    told = dict(mismatch_sentences(found, rows))["How many rollouts does naming take?"]
     assert "delay 0.155 s: 100 % (20, 1 %) with 1 rollout, 60 % (20, 2 %) with 2, 0 % (20, 5 %) with 5" in told
     assert "magnet" not in told and "nan" not in told
 
@@ -135,7 +135,7 @@ def test_an_unfinished_experiment_is_refused(part, words):
     parts = list(invented())
     parts[part] = [row for row in parts[part] if getattr(row, "model", OPTIMUM) == OPTIMUM][1:]
     with pytest.raises(InvalidInput, match=words):
-        findings_of(PLAN, *parts)
+        mismatch_findings(PLAN, *parts)
 
 
 @pytest.mark.long

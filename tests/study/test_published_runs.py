@@ -6,7 +6,7 @@ import pytest
 
 from study.main import main
 from study.paper.published_numbers import POINTS, Spot
-from study.paper.published_runs import Outcome, Outcomes, outcomes, read_published, read_runs
+from study.paper.published_runs import Outcomes, RunOutcome, outcomes, read_published, read_runs
 from study.paper.sweep_report import write_runs
 from sysid import InvalidInput
 
@@ -41,7 +41,7 @@ def test_the_authors_files_are_told_apart_by_their_names_and_missing_ones_are_na
 
 def test_only_seeds_that_all_cells_have_are_shared():
     runs = outcomes(
-        (Spot("main", n, 0.0), seed, Outcome(-1.0, 0.0, (1.0, 1.0))) for n in (0, 5) for seed in range(n + 2)
+        (Spot("main", n, 0.0), seed, RunOutcome(-1.0, 0.0, (1.0, 1.0))) for n in (0, 5) for seed in range(n + 2)
     )
     assert runs.seeds(Spot("main", 0, 0.0), Spot("main", 5, 0.0)) == (0, 1)
     assert runs.seeds(Spot("main", 9, 0.0)) == ()
@@ -49,7 +49,7 @@ def test_only_seeds_that_all_cells_have_are_shared():
 
 def test_merging_adds_cells_and_replaces_none():
     spots = Spot("main", 0, 0.0), Spot("main", 5, 0.0)
-    mine, other = (Outcomes({spot: {0: Outcome(value, 0.0, (1.0, 1.0))} for spot in spots[:k]})
+    mine, other = (Outcomes({spot: {0: RunOutcome(value, 0.0, (1.0, 1.0))} for spot in spots[:k]})
                    for k, value in ((1, -1.0), (2, -2.0)))  # fmt: skip
     merged = mine.merged(other)
     assert [merged.summary(spot).mean for spot in spots] == [-1.0, -2.0]

@@ -10,10 +10,10 @@ from matplotlib.image import imread
 from study.paper.identification_scatter import scatter
 from study.paper.presets import PRESETS
 from study.paper.published_numbers import CELLS, Spot
-from study.paper.published_runs import Outcome, outcomes
+from study.paper.published_runs import RunOutcome, outcomes
 from study.paper.reproduction import REPRODUCTION_CAPTIONS, reproduce
 from study.paper.sweep import REPRODUCTION_FIGURES
-from study.paper.sweep_report import write_report, write_runs
+from study.paper.sweep_report import write_runs, write_sweep_report
 
 
 @pytest.fixture(scope="module")
@@ -26,14 +26,14 @@ def theirs(answer):
     """The authors' runs, as if they were ours but for the seeds' scatter."""
     rng = np.random.default_rng(1)
     return outcomes(
-        (Spot(*run.cell[:3]), run.cell.seed, Outcome(run.mean + rng.normal(), run.id_error, run.theta_hat))
+        (Spot(*run.cell[:3]), run.cell.seed, RunOutcome(run.mean + rng.normal(), run.id_error, run.theta_hat))
         for run in answer.runs
     )
 
 
 def words(answer, reproduction, folder):
     """The section in the report."""
-    write_report([answer], [{}], folder / "report.html", reproduction)
+    write_sweep_report([answer], [{}], folder / "report.html", reproduction)
     page = (folder / "report.html").read_text(encoding="utf-8")
     section = page[page.index("Held against the publication") : page.index("How it was made")]
     return " ".join(re.sub(r"<[^>]+>", " ", re.sub(r"data:[^\"]+", "", section)).split())
@@ -64,9 +64,11 @@ def test_siblings_take_part_and_missing_ones_are_named(answer, tmp_path):
     alone = reproduce([paper], tmp_path / "paper-small")
     assert any("--preset robustness-small" in note for note in alone.notes)
     assert any("--preset longer-small" in note for note in alone.notes)
-    rows = [(spot, 0, Outcome(CELLS[spot].mean, 0.1, (1.0, 1.0))) for spot in CELLS if spot.point == "small_gap"]
+    rows = [(spot, 0, RunOutcome(CELLS[spot].mean, 0.1, (1.0, 1.0))) for spot in CELLS if spot.point == "small_gap"]
     store(tmp_path / "robustness-small", rows)
-    store(tmp_path / "longer-small", [(Spot("main", 50, 0.5), s, Outcome(-300.0, 0.1, (2.0, 1.5))) for s in range(3)])
+    store(
+        tmp_path / "longer-small", [(Spot("main", 50, 0.5), s, RunOutcome(-300.0, 0.1, (2.0, 1.5))) for s in range(3)]
+    )
     reproduction = reproduce([paper], tmp_path / "paper-small")
     assert not any("not beside these" in note for note in reproduction.notes)
     assert [entry is not None for _, entry in reproduction.agreement.robustness] == [True, True, False, False, False]

@@ -7,7 +7,7 @@ import pytest
 
 from study.formatting import MINUS
 from study.paper.published_numbers import Spot
-from study.paper.published_runs import Outcome, outcomes
+from study.paper.published_runs import RunOutcome, outcomes
 from study.paper.saturation_budget import LABELS, budget_curves, paragraph
 
 REFERENCES = {"optimal": -330.0, "swing_up_lqr": -335.0, "lqr": -960.0}
@@ -26,12 +26,12 @@ def runs(names=tuple(RETURNS)):
 
 def noisy(returns):
     rng = np.random.default_rng(0)
-    rows = [(Spot("prior", 0, 0.0), seed, Outcome(-770.0, 1.1, (1.0, 1.0))) for seed in range(5)]
+    rows = [(Spot("prior", 0, 0.0), seed, RunOutcome(-770.0, 1.1, (1.0, 1.0))) for seed in range(5)]
     for name, values in returns.items():
         for n, value in zip(BUDGETS, values, strict=True):
             noise = rng.normal(size=5)
             rows += [
-                (Spot(name, n, 0.0), seed, Outcome(value + x, ERRORS[name], (2.0, 1.5)))
+                (Spot(name, n, 0.0), seed, RunOutcome(value + x, ERRORS[name], (2.0, 1.5)))
                 for seed, x in enumerate(noise - noise.mean())
             ]
     return outcomes(rows)
@@ -85,9 +85,9 @@ def test_a_saturation_that_ends_again_is_none_yet():
 
 
 def altered(changes):
-    rows = [(Spot("prior", 0, 0.0), seed, Outcome(-770.0, 1.1, (1.0, 1.0))) for seed in range(3)]
+    rows = [(Spot("prior", 0, 0.0), seed, RunOutcome(-770.0, 1.1, (1.0, 1.0))) for seed in range(3)]
     rows += [
-        (Spot(name, n, 0.0), seed, Outcome(value, 0.5, (2.0, 1.5)))
+        (Spot(name, n, 0.0), seed, RunOutcome(value, 0.5, (2.0, 1.5)))
         for name, values in changes.items()
         for n, value in zip(BUDGETS, values, strict=True)
         for seed in range(3)

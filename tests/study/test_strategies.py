@@ -16,7 +16,7 @@ from study.mismatch.plan import PLANS as MISMATCH
 from study.paper.protocol import paper_model
 from study.strategies.catalogue import PLACES, strategy_class
 from study.strategies.plan import PLANS
-from study.strategies.plant import SENSORS, Plant
+from study.strategies.plant import SENSORS, BudgetedPlant
 from study.strategies.session import CRITICS, Finished, Waiting, advance
 from study.strategies.strategy import Choice, Learn, Play, Situation, Strategy, Train, TrainingSetup, Try
 from sysid import InvalidInput
@@ -46,7 +46,7 @@ def untrained(key):
 def talk(name, budget, found, sensing="encoder", seed=3, steps=60):
     kind = strategy_class(name)
     kind.check(name, budget, sensing)
-    plant = Plant(ELSEWHERE, sensing, budget, seed, steps=steps)
+    plant = BudgetedPlant(ELSEWHERE, sensing, budget, seed, steps=steps)
     own = Situation(PRIOR, plant.sensor, budget, seed, np.random.default_rng(seed))
     return advance(kind(**LIGHT.get(name, {})), own, plant, found, "elsewhere")
 
@@ -81,7 +81,7 @@ def test_a_dialogue_is_a_function_of_its_answers(name):
 
 
 def test_the_plant_refuses_the_rollout_after_the_last_and_plays_none_of_them():
-    plant = Plant(ELSEWHERE, "encoder", 3, seed=1)
+    plant = BudgetedPlant(ELSEWHERE, "encoder", 3, seed=1)
     plant.play(Play(2))
     with pytest.raises(InvalidInput, match="the plant refuses 2 rollouts: 1 of 3 are left of the budget"):
         plant.run(lambda state, t: 0.0, 2, at_rest=True)
@@ -94,11 +94,11 @@ def test_the_plant_refuses_the_rollout_after_the_last_and_plays_none_of_them():
     with pytest.raises(InvalidInput, match=r"torques have shape \(1, 9\): expected \(2, N\)"):
         plant.play(Play(2, np.zeros((1, 9))))
     with pytest.raises(InvalidInput, match="sensing 'camera': expected one of speed, encoder"):
-        Plant(ELSEWHERE, "camera", 1, 1)
+        BudgetedPlant(ELSEWHERE, "camera", 1, 1)
 
 
 def test_whoever_plays_the_kth_rollout_sees_the_same():
-    alone, one, other = (Plant(ELSEWHERE, "encoder", 3, seed=1) for _ in range(3))
+    alone, one, other = (BudgetedPlant(ELSEWHERE, "encoder", 3, seed=1) for _ in range(3))
     alone.spend(2)
     (third,) = alone.play(Play(1))
     assert np.array_equal(one.play(Play(3))[2].theta, third.theta)
@@ -107,7 +107,7 @@ def test_whoever_plays_the_kth_rollout_sees_the_same():
 
 
 def test_readings_are_what_the_sensors_say_and_returns_are_the_tasks():
-    speed, encoder = (Plant(ELSEWHERE, sensing, 2, seed=1) for sensing in ("speed", "encoder"))
+    speed, encoder = (BudgetedPlant(ELSEWHERE, sensing, 2, seed=1) for sensing in ("speed", "encoder"))
     (alone,), (whole,) = speed.play(Play(1)), encoder.play(Play(1))
     assert len(alone.theta) == 1 and len(whole.theta) == 201
     tried = encoder.run(lambda state, t: 0.0, 1, at_rest=True)
@@ -132,7 +132,7 @@ class Asks(Strategy):
 
 
 def ask(*requests, found=still, budget=4):
-    plant = Plant(ELSEWHERE, "encoder", budget, 3, steps=40)
+    plant = BudgetedPlant(ELSEWHERE, "encoder", budget, 3, steps=40)
     own = Situation(PRIOR, plant.sensor, budget, 3, np.random.default_rng(3))
     return advance(Asks(*requests), own, plant, found, "elsewhere")
 
@@ -148,7 +148,10 @@ def test_an_agent_with_critics_is_another_one_and_learning_costs_rollouts():
     from policies.environments.randomization import Fixed
 
     setup = TrainingSetup(PRIOR, Fixed())
-    plain, kept = ask(Train((setup,)), setup, found=untrained), ask(Train((setup,), True), setup, found=untrained)
+    plain, kept = (
+        ask(Train((setup,)), setup, found=untrained),
+        ask(Train((setup,), True), setup, found=untrained),
+    )
     (one,), (other,) = plain.setups, kept.setups
     assert other == one + CRITICS
     learned = ask(Train((setup,), True), lambda a: Learn(3, a[0][0]), setup)

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from policies import SACPopulation, SACSettings
 from policies.environments.randomization import Band
-from study.figure_style import save
+from study.figure_style import save_figure
 from study.mismatch.ground_truth import PRIOR
 from study.mismatch.mismatch_results import Designed, Trained
 from study.mismatch.plan import PLAIN
@@ -19,12 +19,12 @@ from study.pipeline.experiment import run
 from study.pipeline.settings import RunOptions
 from study.strategies.catalogue import PLACES, strategy_class
 from study.strategies.experiment import OPTIMUM
-from study.strategies.figures import COLOURS, MARKS, simulated_steps, strategy_returns
-from study.strategies.findings import findings_of
+from study.strategies.figures import COLOURS, MARKS, returns_of_strategies, simulated_steps
+from study.strategies.findings import strategies_findings
 from study.strategies.on_plant import GoesOnLearning, _read, _write, networks_of
 from study.strategies.plan import PLANS, StrategiesPlan
-from study.strategies.sentences import sentences
-from study.strategies.strategies_results import Step
+from study.strategies.sentences import strategies_sentences
+from study.strategies.strategies_results import CaseRound
 from sysid import InvalidInput
 from tests.study.inline import Inline
 
@@ -138,7 +138,7 @@ def invented(returns, optimum=-100.0, budgets=(5, 10, 25)):
         compares = case.strategy == "cross_entropy"
         answer = {"deployed": key, "best": best if compares else None, "observed": -90.0 if compares else None,
                   "rollouts": case.n, "simulated": 7}  # fmt: skip
-        steps.append(Step(*case, 0, {"setups": {}, "learn": None, "answer": answer}, 3600.0))
+        steps.append(CaseRound(*case, 0, {"setups": {}, "learn": None, "answer": answer}, 3600.0))
         worth = returns[case.strategy, case.n] + 0.1 * case.seed
         trained.append(Trained(key, {"plain": (worth, worth)}, (), {}, 0.0))
         if compares:
@@ -151,33 +151,33 @@ def test_what_is_found_is_what_was_put_in():
     returns = {("point", 5): -104.5, ("point", 10): -120.0, ("point", 25): -103.0,
                ("cross_entropy", 5): -160.0, ("cross_entropy", 10): -130.0, ("cross_entropy", 25): -104.0}  # fmt: skip
     plan, *results = invented(returns)
-    found = findings_of(plan, *results)
+    found = strategies_findings(plan, *results)
     # the budget from which on it stays: five rollouts were luck
     assert found.arrived("plain", "encoder", "point") == 25
     assert found.arrived("plain", "encoder", "cross_entropy") == 25
     assert [c.contrast.mean for c in found.compared] == pytest.approx([-55.5, -10.0, -1.0])
     outcome = found.line("plain", "encoder", "cross_entropy")[10]
     assert outcome.anew == pytest.approx(-140.0) and outcome.simulated[0] == 7
-    told = dict(sentences(found))
+    told = dict(strategies_sentences(found))
     assert "SimOpt" not in str(told)
     assert "3 contrasts" in told["Which strategy beats the point estimate?"]
 
 
-@pytest.mark.parametrize("draw", [strategy_returns, simulated_steps])
+@pytest.mark.parametrize("draw", [returns_of_strategies, simulated_steps])
 @pytest.mark.parametrize("worth", [-110.0, -900.0])
 @pytest.mark.parametrize("budgets", [(5, 10, 25), (5,)])
 def test_figures_have_room_for_all_that_is_in_them(tmp_path, draw, worth, budgets):
     """Also where every mean is outside the panel; matplotlib warns where it gives up."""
     returns = {(s, n): worth for s in ("point", "cross_entropy") for n in budgets}
-    found = findings_of(*invented(returns, budgets=budgets))
+    found = strategies_findings(*invented(returns, budgets=budgets))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert save(lambda: draw(found), tmp_path / "figure.png").stat().st_size > 10_000
+        assert save_figure(lambda: draw(found), tmp_path / "figure.png").stat().st_size > 10_000
 
 
 def test_with_one_budget_every_strategy_has_a_row_with_its_mean():
     returns = {("point", 5): -104.5, ("cross_entropy", 5): -160.0}
-    figure = strategy_returns(findings_of(*invented(returns, budgets=(5,))))
+    figure = returns_of_strategies(strategies_findings(*invented(returns, budgets=(5,))))
     axes = figure.axes[0]
     rows = {label.get_text(): at for at, label in zip(axes.get_yticks(), axes.get_yticklabels(), strict=True)}
     drawn = {(line.get_xdata()[0], line.get_ydata()[0]) for line in axes.lines if len(line.get_xdata()) == 1}
@@ -195,4 +195,4 @@ def test_no_two_strategies_look_alike():
 def test_an_unfinished_experiment_has_no_findings():
     plan, steps, trained, designs = invented({(s, n): -100.0 for s in ("point", "cross_entropy") for n in (5, 10, 25)})
     with pytest.raises(InvalidInput, match="1 of 24 cases are not done"):
-        findings_of(plan, steps[1:], trained, designs)
+        strategies_findings(plan, steps[1:], trained, designs)

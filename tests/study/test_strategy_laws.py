@@ -9,17 +9,17 @@ import pytest
 from policies.control.dynamic_programming import solve
 from policies.environments import task
 from policies.evaluation import evaluate, rollout
-from study.mismatch.ground_truth import PRIOR, machine
+from study.mismatch.ground_truth import PRIOR, hidden_machine
 from study.paper.protocol import paper_model
 from study.strategies.adapt_sim import TABLE, AdaptSim, Levels
 from study.strategies.auto_tuned import AutoTuned
 from study.strategies.bayes_sim import BayesSim, DensityNetwork, statistics
 from study.strategies.candidates import CrossEntropy
 from study.strategies.identified import designed
-from study.strategies.plant import SENSORS, Plant
-from study.strategies.readings import read, smoothed, smoothing_covariance, summary
+from study.strategies.plant import SENSORS, BudgetedPlant
+from study.strategies.readings import sensed, smoothed, smoothing_covariance, summary_statistics
 from study.strategies.simopt import SimOpt, reps_weights, weighted_normal
-from study.strategies.strategy import Agent, Play, Situation, Tried
+from study.strategies.strategy import Play, Situation, TrainedAgent, Tried
 from sysid import Record, fit, simulate
 
 ELSEWHERE = dataclasses.replace(paper_model(m=1.5, l=1.2), integrator=PRIOR.integrator)
@@ -69,7 +69,7 @@ def test_simopt_moves_to_the_parameters_of_the_plant():
     before = np.linalg.norm(mean - [1.5, 1.2])
     for _ in range(9):
         drawn = np.clip(own.rng.multivariate_normal(mean, C, 200), 0.3, 3.0)
-        off = strategy.discrepancy(own, Agent("", swing), tried, drawn)
+        off = strategy.discrepancy(own, TrainedAgent("", swing), tried, drawn)
         mean, C = weighted_normal(drawn, reps_weights(-off, strategy.kl))
     assert np.linalg.norm(mean - [1.5, 1.2]) < 0.25 * before
     assert own.simulated == 9 * 200 * 4 * 200
@@ -147,7 +147,7 @@ def test_the_posterior_of_bayes_sim_narrows_with_rollouts_about_the_truth():
     widths = []
     for n in (1, 25):
         own = situation(n)
-        records = Plant(ELSEWHERE, "encoder", n, seed=8).play(Play(n))
+        records = BudgetedPlant(ELSEWHERE, "encoder", n, seed=8).play(Play(n))
         drawn = BayesSim().posterior(own, records)
         assert np.all((drawn >= 0.3) & (drawn <= 3.0))
         off = np.abs(np.mean(drawn, axis=0) - [1.5, 1.2]) / np.std(drawn, axis=0)
@@ -159,7 +159,7 @@ def test_the_posterior_of_bayes_sim_narrows_with_rollouts_about_the_truth():
 
 def test_designed_torques_leave_narrower_intervals_than_random_ones():
     model, sensor = ELSEWHERE, SENSORS["encoder"]
-    plant, rng = Plant(model, "encoder", 40, seed=4), np.random.default_rng(1)
+    plant, rng = BudgetedPlant(model, "encoder", 40, seed=4), np.random.default_rng(1)
     rough = fit(PRIOR, plant.play(Play(1)), sensor, ("m", "l"))
     own = Situation(PRIOR, sensor, 4, 4, rng)
     torques = designed(rough, own, 3, 10.0)
@@ -172,7 +172,7 @@ def test_designed_torques_leave_narrower_intervals_than_random_ones():
 def test_smoothed_states_are_as_far_off_as_their_covariance_says():
     sensor, rng = SENSORS["encoder"], np.random.default_rng(2)
     u = rng.uniform(-2.0, 2.0, (40, 200))
-    run = simulate(machine(substeps=2), u, rng.uniform(-3, 3, 40), rng.uniform(-1, 1, 40))
+    run = simulate(hidden_machine(substeps=2), u, rng.uniform(-3, 3, 40), rng.uniform(-1, 1, 40))
     read = [smoothed(record, sensor) for record in sensor.measure(run, rng)]
     C = smoothing_covariance(sensor, 0.05)
     for channel, truth in ((0, run.theta), (1, run.theta_dot)):
@@ -187,7 +187,7 @@ def test_a_summary_tells_the_gain_of_a_torque():
     u = rng.uniform(-2.0, 2.0, (3, 5000))
     gain = np.array([0.1, 0.2, 0.4])[:, None]
     speed = np.concatenate([np.zeros((3, 1)), np.cumsum(gain * u, axis=1)], axis=1)
-    assert summary(u, speed)[:, 2] == pytest.approx(gain[:, 0] * 4.0 / 3.0, rel=0.05)
+    assert summary_statistics(u, speed)[:, 2] == pytest.approx(gain[:, 0] * 4.0 / 3.0, rel=0.05)
 
 
 def test_the_steps_that_adaptation_is_taught_lead_to_the_target_from_everywhere():
@@ -218,7 +218,7 @@ def test_adaptation_leads_to_policies_that_do_well_on_machines_it_has_not_seen()
         before = returned(values)
         for _ in range(4):
             run = rollout(solve(paper_model(*values), TABLE), target, *starts[:, :5])
-            readings = read(run.theta.T, run.theta_dot.T, own.sensor, True, rng)
+            readings = sensed(run.theta.T, run.theta_dot.T, own.sensor, True, rng)
             values = adaptation.moved(statistics(own, run.u[:-1].T, *readings), values)
         best = returned(truth)
         lost.append([(best - own_return) / abs(best) for own_return in (before, returned(values))])
@@ -231,7 +231,7 @@ def test_the_search_of_auto_tuned_transfer_knows_too_high_from_too_low():
     """Under one policy: the network's odds rise with the candidate, and the search ends near the plant's parameters."""
     own, strategy = situation(), AutoTuned(simulations=600)
     network = strategy.taught(own, *strategy.episodes(own, swing, whole=True))
-    records = Plant(ELSEWHERE, "encoder", 8, seed=3).run(swing, 8, at_rest=False).records
+    records = BudgetedPlant(ELSEWHERE, "encoder", 8, seed=3).run(swing, 8, at_rest=False).records
     seen = np.array([statistics(own, r.u, r.theta, r.theta_dot) for r in records])
     odds = [np.mean(network.odds(seen, np.full((8, 2), x)), axis=0) for x in (0.05, 0.35, 0.95)]
     assert np.all(np.diff(odds, axis=0) > 0.0)

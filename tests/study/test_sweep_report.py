@@ -15,7 +15,7 @@ from study.formatting import MINUS
 from study.paper import sweep_report
 from study.paper.figures import sweeps as figures
 from study.paper.reproduction import reproduce
-from study.paper.sweep_report import write_report
+from study.paper.sweep_report import write_sweep_report
 
 VOID = {"meta", "img", "br"}
 
@@ -23,7 +23,9 @@ VOID = {"meta", "img", "br"}
 @pytest.fixture(scope="module")
 def page(answer, tmp_path_factory):
     folder = tmp_path_factory.mktemp("report")
-    write_report([answer], [figures.save_all(answer, folder)], folder / "report.html", reproduce([answer], folder))
+    write_sweep_report(
+        [answer], [figures.save_all(answer, folder)], folder / "report.html", reproduce([answer], folder)
+    )
     return (folder / "report.html").read_text(encoding="utf-8")
 
 
@@ -64,7 +66,7 @@ def test_settings_versions_and_the_papers_numbers_are_there(page):
 def test_small_presets_have_a_report_too(small_answer, tmp_path):
     drawn = figures.save_all(small_answer, tmp_path)
     held = reproduce([small_answer], tmp_path)
-    write_report([small_answer], [drawn], tmp_path / "report.html", held)
+    write_sweep_report([small_answer], [drawn], tmp_path / "report.html", held)
     assert {"gap", "curves"} <= set(drawn)
     assert ("pareto" in drawn) == (len(small_answer.point.budgets) > 1)
     for path in [*drawn.values(), *held.figures.values()]:

@@ -13,8 +13,8 @@ import pytest
 
 from study.paper.protocol import averaged_sensor, paper_model, paper_rollouts, transitions
 from study.worth.__main__ import main
-from study.worth.coordinates import Coordinates
-from study.worth.decision import SwingUp
+from study.worth.coordinates import NormalCoordinates
+from study.worth.decision import SwingUpDecision
 from study.worth.posterior import BoundedNormal
 from study.worth.value_of_information import AS_BEFORE, DESIGNED, Worth, cost_of_errors, worth_of_rollouts
 from sysid import (
@@ -138,7 +138,7 @@ def motion(plant: Plant) -> tuple[float, float]:
 def test_coordinates_are_those_of_the_motion_and_lead_back(plant: Plant) -> None:
     model = Model(plant, (Coulomb(0.2),))
     names = (*(n for n, p in plant.parameters.items() if not p.known), "coulomb.tau_c")
-    own = Coordinates.of(model, names)
+    own = NormalCoordinates.of(model, names)
     p = own.fitted * np.random.default_rng(0).uniform(0.6, 1.6, (50, 3))
     x = own.numbers(p)
     assert own.parameters(x) == pytest.approx(p, rel=1e-5)
@@ -191,7 +191,7 @@ def test_the_papers_grid_has_to_go_on_and_least_squares_is_done_after_one() -> N
         def design(cost: np.ndarray) -> Experiment:
             return next_experiment(found, limits=Limits(2.0, 10.0), sensor=Sensor(theta_dot=0.7), cost=cost)
 
-        decision = SwingUp.of(found.model, found.names, episodes=20)
+        decision = SwingUpDecision.of(found.model, found.names, episodes=20)
         return worth_of_rollouts(found, n, decision, design, price=3.0, further=(1,), draws=12)
 
     measure, train = advised(grid, 5), advised(exact, 1)
@@ -202,7 +202,7 @@ def test_the_papers_grid_has_to_go_on_and_least_squares_is_done_after_one() -> N
 
 
 def test_machines_side_by_side_return_what_each_returns_alone() -> None:
-    decision = SwingUp.of(paper_model(2.0, 1.5), ("m", "l"), episodes=4)
+    decision = SwingUpDecision.of(paper_model(2.0, 1.5), ("m", "l"), episodes=4)
     believed, true = np.array([[[2.0, 1.5]], [[1.0, 1.0]]]), np.array([[1.8, 1.4], [1.0, 1.2]])
     together = decision.returns(believed, true)
     alone = [decision.returns(believed[i : i + 1], true[i : i + 1])[0] for i in range(2)]

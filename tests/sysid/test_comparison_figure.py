@@ -62,7 +62,7 @@ def test_the_curve_that_is_drawn_is_the_answer(answer: Comparison) -> None:
     assert torque is not None
     over = torque.over("theta")
     by_angle, in_time = Figure().subplots(1, 2)
-    comparison_figure.over(torque, "theta", by_angle)
+    comparison_figure.binned_torque(torque, "theta", by_angle)
     drawn = by_angle.lines[1].get_ydata()
     assert len(drawn) > 5 and np.all(np.isin(drawn, over.mean))
     comparison_figure.over_time(torque, in_time)

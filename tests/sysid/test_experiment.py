@@ -39,7 +39,7 @@ from sysid.planning.design import KNOWN, NONE, Conditions, Hypothesis, Pool, pre
 from sysid.planning.experiment import limits_of, next_experiment
 from sysid.planning.non_torque_experiments import Payload, non_torque_experiment
 from sysid.planning.planned_experiment import Experiment
-from sysid.planning.signals import KINDS, Limits, Signal, draw
+from sysid.planning.signals import KINDS, Limits, Signal, random_signals
 
 SENSOR = Sensor(0.003, 0.05)
 LIMITS = Limits(2.0, theta_max=2.0)
@@ -76,7 +76,7 @@ def played(e: Experiment, truth: Model, seed: int) -> list[Record]:
 
 def output_error(records: list[Record]) -> prediction_error.Fit:
     """The bare rod, fitted as if nothing acted beside it."""
-    return solver.fit(Samples(rod(), records, SENSOR), rod(), NAMES, None, NONE, KNOWN)
+    return solver.solve(Samples(rod(), records, SENSOR), rod(), NAMES, None, NONE, KNOWN)
 
 
 CONFUSED = {
@@ -168,7 +168,7 @@ def test_first_order_evidence_is_that_of_the_scores() -> None:
     small = 1e-5
     truth = Hypothesis("viscous", rod().with_effect(Viscous(b=small)), (*NAMES, "viscous.b"))
     rival = Hypothesis("drag", rod().with_effect(CATALOGUE["drag"](c=small)), (*NAMES, "drag.c"))
-    signals = draw(np.random.default_rng(3), LIMITS, 0.02, 1, swings=False)
+    signals = random_signals(np.random.default_rng(3), LIMITS, 0.02, 1, swings=False)
     ours = Pool([truth, rival], signals, CONDITIONS).unlike("viscous", "drag").unexplained()[0]
 
     told = scores(output_error(predict(rod(), signals, CONDITIONS)), ("viscous", "drag"))
@@ -195,7 +195,7 @@ def test_first_order_evidence_is_what_a_refit_leaves(truth: Effect, rival: str) 
 
 def test_a_random_torque_makes_an_experiment_tell_less() -> None:
     """As much less as it takes away: the information is that of a fit beside such a torque."""
-    signals = draw(np.random.default_rng(5), LIMITS, 0.02, 3, swings=False)
+    signals = random_signals(np.random.default_rng(5), LIMITS, 0.02, 3, swings=False)
     disturbances = Disturbances(0.3, 0.5, 0.002, 0.1)
     hypothesis = Hypothesis("model", rod(), NAMES)
     calm, shaken = (
@@ -203,7 +203,7 @@ def test_a_random_torque_makes_an_experiment_tell_less() -> None:
     )
     assert np.all(shaken.sd() > 2.0 * calm.sd())
     samples = Samples(rod(), predict(rod(), signals, CONDITIONS), SENSOR)
-    found = solver.fit(samples, rod(), NAMES, None, disturbances, KNOWN)
+    found = solver.solve(samples, rod(), NAMES, None, disturbances, KNOWN)
     np.testing.assert_allclose(shaken.together().sd()[0], np.sqrt(np.diag(found.covariance)), rtol=0.05)
 
 

@@ -12,10 +12,10 @@ from sysid import Coulomb, GeneralJoint, Model, Record, Sensor, Viscous, diagnos
 from sysid.diagnosis.search import Search
 from sysid.estimation.first_fit import BLOCKS, WINDOW, first_fit, with_best_memory, with_common, without_common
 from sysid.estimation.linearisation import Samples
-from sysid.estimation.prediction import left_out
+from sysid.estimation.prediction import left_out_errors
 from sysid.estimation.prediction_error import with_likely_angle_error
 from sysid.estimation.scores import scores
-from sysid.estimation.solver import fit
+from sysid.estimation.solver import solve
 
 DT = 0.02
 SENSOR = Sensor(theta=0.0005, theta_dot=0.01)
@@ -61,15 +61,15 @@ def test_the_memory_that_predicts_is_preferred_to_the_likeliest() -> None:
     """A gear that jolts at each reversal: under the likeliest memory the numbers suit the jolts."""
     records = driven((0.2, 0.3), 10.0, 0.15, jolt=2.5)
     samples = Samples(ROBOT, records, SENSOR)
-    began = fit(samples, ROBOT, NAMES)
+    began = solve(samples, ROBOT, NAMES)
     chosen = with_best_memory(began)
     likely = with_likely_angle_error(began)
-    others = [fit(samples, began.model, NAMES, began, likely.with_memory(T)) for T in (0.01, 0.1)]
+    others = [solve(samples, began.model, NAMES, began, likely.with_memory(T)) for T in (0.01, 0.1)]
     maximum_likelihood = min(others, key=lambda own: own.deviance)
     assert chosen.disturbances.T != maximum_likelihood.disturbances.T, (
         "the log does not tell likelihood from prediction"
     )
-    gain, sd = left_out(chosen, WINDOW, BLOCKS).gain(left_out(maximum_likelihood, WINDOW, BLOCKS))
+    gain, sd = left_out_errors(chosen, WINDOW, BLOCKS).gain(left_out_errors(maximum_likelihood, WINDOW, BLOCKS))
     assert gain > sd
     assert np.linalg.norm(chosen.values / TRUTH - 1.0) < np.linalg.norm(maximum_likelihood.values / TRUTH - 1.0)
 

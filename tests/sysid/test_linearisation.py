@@ -11,7 +11,7 @@ import pytest
 
 from sysid import RK4, Effect, GeneralJoint, Model, Record, Sensor, effect, simulate
 from sysid.estimation.disturbances import Disturbances
-from sysid.estimation.linearisation import LinearisedModel, Motion, Samples, begin, level
+from sysid.estimation.linearisation import LinearisedModel, Motion, Samples, level, smoothed_motion
 from sysid.planning.excitation import multisine
 
 DT = 0.02
@@ -270,7 +270,7 @@ def test_the_start_of_a_fit_follows_the_readings_without_a_model() -> None:
     rng, n = np.random.default_rng(4), 300
     run = simulate(JOINT, multisine(rng, n, DT, 2.0, 2.0), math.pi, 0.0)
     samples = Samples(JOINT, SENSOR.measure(run, rng), SENSOR)
-    motion = begin(samples, 2.0)
+    motion = smoothed_motion(samples, 2.0)
     assert np.sqrt(np.mean((motion.x[:, 0] - run.theta) ** 2)) < 0.003
     assert np.sqrt(np.mean((motion.x[:, 1] - run.theta_dot) ** 2)) < 0.05
     assert not np.any(motion.d) and np.all(motion.spread[:, 2] == 2.0)

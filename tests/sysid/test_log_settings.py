@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from sysid import InvalidInput
-from sysid.cli.log_settings import settings, settled
+from sysid.cli.log_settings import settings_in, with_settings
 from sysid.cli.options import LogOptions, ModelOptions
 
 FULL = """
@@ -28,7 +28,7 @@ def folder(tmp_path):
 
 
 def test_what_the_file_says_holds_where_the_command_line_is_silent(folder):
-    log, start, said = settled(LogOptions((folder / "a.csv",)), ModelOptions())
+    log, start, said = with_settings(LogOptions((folder / "a.csv",)), ModelOptions())
     assert (log.columns, log.zero, log.flip_torque, log.degrees) == ("t=sec,theta=deg", "hanging", True, False)
     assert (log.begin, log.end, log.time_unit, log.noise, start.plant) == (2.0, 9.5, "ms", "theta=0.1", "joint")
     assert said.startswith(f"{folder / 'log.toml'}: columns t=sec,theta=deg; zero hanging; flip_torque true;")
@@ -36,16 +36,18 @@ def test_what_the_file_says_holds_where_the_command_line_is_silent(folder):
 
 
 def test_the_command_line_overrides_it_and_is_told_so(folder):
-    log, start, said = settled(LogOptions((folder / "a.csv",), zero="upright", begin=0.0), ModelOptions(plant="rod"))
+    log, start, said = with_settings(
+        LogOptions((folder / "a.csv",), zero="upright", begin=0.0), ModelOptions(plant="rod")
+    )
     assert (log.zero, log.begin, log.end, start.plant) == ("upright", 0.0, 9.5, "rod")
     assert said.endswith("(the command line overrides zero, from, plant)")
 
 
 def test_a_file_elsewhere_or_none(folder, tmp_path_factory):
     log = (tmp_path_factory.mktemp("bare") / "a.csv",)
-    assert settled(LogOptions(log), ModelOptions())[2] == ""
-    assert settled(LogOptions(log, settings=folder / "log.toml"), ModelOptions())[0].zero == "hanging"
-    silent = settled(LogOptions((folder / "a.csv",), settings=Path("none")), ModelOptions())
+    assert with_settings(LogOptions(log), ModelOptions())[2] == ""
+    assert with_settings(LogOptions(log, settings=folder / "log.toml"), ModelOptions())[0].zero == "hanging"
+    silent = with_settings(LogOptions((folder / "a.csv",), settings=Path("none")), ModelOptions())
     assert silent == (LogOptions((folder / "a.csv",)), ModelOptions(), "")
 
 
@@ -53,9 +55,9 @@ def test_logs_of_several_folders_need_one_that_holds_for_all(folder, tmp_path_fa
     other = tmp_path_factory.mktemp("other")
     files = (folder / "a.csv", other / "b.csv")
     with pytest.raises(InvalidInput, match=r"the logs lie in 2 folders .* --log FILE.toml"):
-        settled(LogOptions(files), ModelOptions())
+        with_settings(LogOptions(files), ModelOptions())
     (other / "log.toml").write_text(FULL)
-    assert settled(LogOptions(files), ModelOptions())[0].zero == "hanging"
+    assert with_settings(LogOptions(files), ModelOptions())[0].zero == "hanging"
 
 
 @pytest.mark.parametrize(
@@ -75,5 +77,5 @@ def test_logs_of_several_folders_need_one_that_holds_for_all(folder, tmp_path_fa
 def test_a_wrong_file_is_refused_in_one_sentence(text, message, tmp_path):
     (tmp_path / "log.toml").write_text(text)
     with pytest.raises(InvalidInput) as refusal:
-        settings(tmp_path / "log.toml")
+        settings_in(tmp_path / "log.toml")
     assert message in str(refusal.value) and "\n" not in str(refusal.value)

@@ -17,7 +17,7 @@ from sysid import (
 )
 from sysid.data.checks import check_excitation
 from sysid.data.logs import needed_rate, read
-from sysid.data.splitting import cut, split
+from sysid.data.splitting import in_blocks, split
 from tests.sysid.written import MODEL, SENSOR, rollouts, same, table, write
 
 REAL = Path(__file__).parents[3] / "shared" / "data" / "logs"
@@ -361,7 +361,7 @@ def test_what_is_held_out_of_one_rollout_is_spread_over_it():
 
 def test_blocks_cover_a_record_and_share_one_instant():
     (record,) = rollouts(1, 10.0)
-    blocks = cut([record], 3.0)
+    blocks = in_blocks([record], 3.0)
     assert len(blocks) == 3 and np.array_equal(np.concatenate([b.u for b in blocks]), record.u)
     for before, after in pairwise(blocks):
         assert before.t[-1] == after.t[0] and before.theta[-1] == after.theta[0]

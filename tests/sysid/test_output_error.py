@@ -30,7 +30,7 @@ from sysid import (
     Viscous,
     simulate,
 )
-from sysid.estimation.output_error import CHANNELS, Response, evaluate, propagate
+from sysid.estimation.output_error import CHANNELS, Response, evaluate_mapped, propagate
 from sysid.estimation.windows import cut
 from sysid.planning.excitation import multisine
 
@@ -235,7 +235,7 @@ def test_a_mapped_function_gives_what_casadi_gives_with_rows_for_columns() -> No
     mapped = casadi.Function("f", [x, none, y], [casadi.vertcat(x[0] * y[:2], casadi.sin(x[1]), y[2])]).map(5)
     X, Y = rng.standard_normal((5, 2)), rng.standard_normal((3, 5)).T  # Y is not contiguous
     called = np.asarray(mapped(X.T, np.zeros((0, 5)), Y.T)).T
-    np.testing.assert_array_equal(evaluate(mapped, X, np.zeros((5, 0)), Y), called)
+    np.testing.assert_array_equal(evaluate_mapped(mapped, X, np.zeros((5, 0)), Y), called)
 
 
 def test_inputs_stay_as_they_are() -> None:

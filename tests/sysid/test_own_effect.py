@@ -11,7 +11,7 @@ import pytest
 import sysid
 from sysid.errors import InvalidInput
 from sysid.physics.effects import CATALOGUE
-from sysid.web.own_effect import OwnEffect, parsed, suggested, value
+from sysid.web.own_effect import OwnEffect, parsed_formula, suggested, value
 
 
 @pytest.mark.parametrize(
@@ -77,8 +77,8 @@ def test_a_formula_means_what_python_means_by_it() -> None:
         )
     }
     functions = {"exp": np.exp, "abs": np.abs, "minimum": np.minimum, "maximum": np.maximum}
-    expected = eval(compile(ast.Expression(parsed(text)), "x", "eval"), {**functions, **names})
-    assert value(parsed(text), names) == pytest.approx(expected)
+    expected = eval(compile(ast.Expression(parsed_formula(text)), "x", "eval"), {**functions, **names})
+    assert value(parsed_formula(text), names) == pytest.approx(expected)
 
 
 def test_the_class_in_python_is_the_same_effect() -> None:

@@ -13,9 +13,9 @@ from sysid import RK4, Effect, FilteredSpeed, GeneralJoint, Model, Record, Senso
 from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.held_out import lead_of
 from sysid.estimation.linearisation import Samples
-from sysid.estimation.prediction import SHORTEST, PredictionErrors, _without, left_out, windows_of
+from sysid.estimation.prediction import SHORTEST, PredictionErrors, _without, left_out_errors, windows_of
 from sysid.estimation.prediction_error import Fit
-from sysid.estimation.solver import Settings, fit
+from sysid.estimation.solver import Settings, solve
 from sysid.planning.excitation import multisine
 
 DT = 0.02
@@ -38,7 +38,7 @@ def record(seconds: float) -> Record:
 
 def fitted(seconds: float) -> Fit:
     samples = Samples(JOINT, [record(seconds)], SENSOR)
-    return fit(samples, JOINT, NAMES, disturbances=Disturbances(0.0), settings=Settings(sizes=False))
+    return solve(samples, JOINT, NAMES, disturbances=Disturbances(0.0), settings=Settings(sizes=False))
 
 
 # comparing -----------------------------------------------------------------------------------------------------
@@ -96,13 +96,13 @@ def test_a_single_window_proves_nothing() -> None:
 
 
 def test_a_perfect_model_predicts_what_was_left_out_to_the_noise() -> None:
-    assert left_out(fitted(12.0), 1.0, 8).ratio == pytest.approx(1.0, abs=0.1)
+    assert left_out_errors(fitted(12.0), 1.0, 8).ratio == pytest.approx(1.0, abs=0.1)
 
 
 @pytest.mark.parametrize(("seconds", "windows"), [(12.0, 12), (8.0, 8), (4.0, 8), (1.2, 4)])
 def test_windows_of_a_short_log_are_shorter(seconds: float, windows: int) -> None:
     """So that there are as many as blocks, down to the shortest that says anything."""
-    found = left_out(fitted(seconds), 1.0, 8)
+    found = left_out_errors(fitted(seconds), 1.0, 8)
     assert len(found.squares) == len(found.free) == windows
     assert all(w.count * DT >= SHORTEST - 1e-9 for w in windows_of(fitted(seconds), seconds / windows))
 
@@ -111,8 +111,8 @@ def test_what_is_left_out_did_not_choose_its_numbers() -> None:
     """One Gauss-Newton step gives the numbers that a fit of the other record alone would have given."""
     settings, none = Settings(sizes=False), Disturbances(0.0)
     both = [record(4.0), replace(record(6.0), name="other")]
-    whole = fit(Samples(JOINT, both, SENSOR), JOINT, NAMES, disturbances=none, settings=settings)
-    rest = fit(Samples(JOINT, both[:1], SENSOR), JOINT, NAMES, disturbances=none, settings=settings)
+    whole = solve(Samples(JOINT, both, SENSOR), JOINT, NAMES, disturbances=none, settings=settings)
+    rest = solve(Samples(JOINT, both[:1], SENSOR), JOINT, NAMES, disturbances=none, settings=settings)
     other = [w for w in windows_of(whole, 1.0) if w.record == 1]
     without = _without(whole, other).parameters
     sd = np.sqrt(np.diag(rest.covariance))
@@ -126,11 +126,11 @@ def test_models_with_and_without_memory_are_judged_by_the_same_windows(sensing: 
     """Of a rollout that was cut a memory needs the first instants: there are fewer windows, for both of them."""
     training, _ = split([record(8.0)])
     assert any(r.time_since_start[0] > 0.0 for r in training)
-    plain = fit(Samples(JOINT, training, SENSOR), JOINT, NAMES)
+    plain = solve(Samples(JOINT, training, SENSOR), JOINT, NAMES)
     model = JOINT.with_effect(sensing)
-    other = fit(Samples(model, training, SENSOR), model, (*NAMES, f"{sensing.name}.T"))
+    other = solve(Samples(model, training, SENSOR), model, (*NAMES, f"{sensing.name}.T"))
     lead = max(lead_of(plain.model), lead_of(other.model))
-    a, b = (left_out(own, SHORTEST, 8, lead) for own in (plain, other))
-    assert len(a.squares) == len(b.squares) != len(left_out(plain, SHORTEST, 8).squares)
+    a, b = (left_out_errors(own, SHORTEST, 8, lead) for own in (plain, other))
+    assert len(a.squares) == len(b.squares) != len(left_out_errors(plain, SHORTEST, 8).squares)
     gain, sd = b.gain(a)
     assert abs(gain) < 4.5 * sd

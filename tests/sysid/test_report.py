@@ -286,7 +286,7 @@ def test_a_rollout_is_drawn_with_what_the_models_say(records):
     paths = typical((ROD, STICKY), records, SENSOR)
     assert paths[0].ratio > 3.0
     assert paths[1].ratio < 1.2
-    figure = figures.rollout(paths, SENSOR, ("as it came", "mended"))
+    figure = figures.rollout_figure(paths, SENSOR, ("as it came", "mended"))
     readings, before, after = (line.get_ydata() for line in figure.axes[0].lines[:3])
     assert np.nanstd(readings - after) < 1.3 * SENSOR.theta < 0.1 * np.nanstd(readings - before)
     assert figure.axes[-1].get_ylabel() == "torque [N m]"
@@ -324,5 +324,5 @@ def test_a_number_is_rounded_well_within_its_sd(value, sd):
     [("-0.15", "~0.15"), ("6.1e-05", "6.1x10⁻⁵"), ("-2e+07", "~2x10⁷"), ("0.003", "0.003"), ("nan", "nan")],
 )
 def test_a_number_is_set_as_in_print(plain, set_in_print):
-    assert set_as.number(plain) == set_in_print.replace("~", set_as.MINUS).replace("x", set_as.TIMES)
+    assert set_as.typeset(plain) == set_in_print.replace("~", set_as.MINUS).replace("x", set_as.TIMES)
     assert set_as.multiple(math.inf) == "∞"

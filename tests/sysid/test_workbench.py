@@ -21,7 +21,7 @@ from sysid.errors import InvalidInput
 from sysid.estimation.saved_model import load
 from sysid.web import figures, log_part, samples
 from sysid.web.bench import Workbench
-from sysid.web.callbacks import do, picture, region_of, session_name, zoomed
+from sysid.web.callbacks import do, effect_picture, region_of, session_name, zoomed
 from sysid.web.jobs import Jobs, finished
 from sysid.web.own_effect import OwnEffect
 from sysid.web.script import script
@@ -97,7 +97,7 @@ def test_a_row_says_how_large_an_effect_is_and_what_it_explains(walked: tuple[Wo
     x, y = (np.array(own["torque"][k]) for k in ("x", "mean"))
     assert np.allclose(np.abs(y[np.abs(x) > 1.0]), 0.15, atol=0.02)
     session.change(at=0)
-    assert len(picture(session, "coulomb").data) == 4
+    assert len(effect_picture(session, "coulomb").data) == 4
 
 
 @pytest.mark.long

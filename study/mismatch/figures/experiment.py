@@ -13,9 +13,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from study.figure_style import ACCENT, beside, panel_title
+from study.figure_style import ACCENT, annotate_beside, panel_title
 from study.formatting import capital, number
-from study.mismatch.findings import Condition, MismatchFindings, Split, StrategyOutcome
+from study.mismatch.findings import MismatchFindings, Split, StrategyOutcome, TrialCondition
 from study.mismatch.plan import FREE, LADDER, SHARED, STRATEGIES, HiddenPlant, StrategyKey
 from study.statistics import Contrast
 
@@ -76,10 +76,10 @@ def _strategy(axes: Axes, findings: MismatchFindings, plant: HiddenPlant, strate
     """The dots of a strategy: one without rollouts, one a budget with them; a number where a dot would be cut off."""
     budgets, ink, (low, high) = (0,) if strategy in FREE else findings.plan.budgets, _ink(strategy), axes.get_xlim()
     for k, n in enumerate(budgets):
-        outcome = findings.outcomes[Condition(plant.name, strategy, n)]
+        outcome = findings.outcomes[TrialCondition(plant.name, strategy, n)]
         place = y + 0.34 * (k - 0.5 * (len(budgets) - 1)) / max(1, len(budgets) - 1)
         if outcome.mean.mean < low + 0.04 * (high - low):
-            beside(axes, f"◂ {number(outcome.mean.mean)}", (low, place), (3, 0), color=ink, fontsize=8.5)
+            annotate_beside(axes, f"◂ {number(outcome.mean.mean)}", (low, place), (3, 0), color=ink, fontsize=8.5)
             continue
         if math.isfinite(outcome.mean.low):
             axes.plot([outcome.mean.low, outcome.mean.high], [place, place], color=ink, linewidth=1.3, zorder=2)
@@ -110,7 +110,7 @@ def _key(figure: Figure, budgets: Sequence[int]) -> None:
     figure.legend(handles=handles, loc="outside upper right", ncols=len(handles), fontsize=9.0)
 
 
-def ladder(findings: MismatchFindings) -> Figure:
+def ladder_of_strategies(findings: MismatchFindings) -> Figure:
     """Left: from the prior to the oracle at the largest budget, a line a hidden plant, as a share of the optimum,
     J* / J. Right: what the gaps of the fitted and the mended model consist of."""
     figure = Figure(figsize=(11.0, 5.6), layout="constrained")
@@ -152,7 +152,7 @@ def _reach(optimum: float, mean: Contrast) -> tuple[float, float]:
 
 
 def _at_most(findings: MismatchFindings, plant: HiddenPlant, strategy: str) -> StrategyOutcome:
-    return findings.outcomes[Condition.of(plant.name, strategy, max(findings.plan.budgets))]
+    return findings.outcomes[TrialCondition.of(plant.name, strategy, max(findings.plan.budgets))]
 
 
 def _plant_inks(findings: MismatchFindings) -> dict[str, str]:
@@ -166,7 +166,7 @@ def _splits(axes: Axes, findings: MismatchFindings) -> None:
     strategies = [s for s in (StrategyKey.FITTED, StrategyKey.MENDED) if s in findings.plan.strategies]
     y, ticks = 0.0, []
     for plant in findings.plan.plants:
-        beside(axes, capital(plant.title), (0.0, y - 0.5), (4, 3), va="baseline", color="0.3")
+        annotate_beside(axes, capital(plant.title), (0.0, y - 0.5), (4, 3), va="baseline", color="0.3")
         for strategy in strategies:
             split = _at_most(findings, plant, strategy).split
             if split is None:
@@ -193,4 +193,4 @@ def _stack(axes: Axes, split: Split, y: float) -> None:
         part = getattr(split, name)
         axes.barh(y, part, left=plus if part >= 0.0 else minus, color=ink, height=0.8, zorder=2)
         plus, minus = plus + max(part, 0.0), minus + min(part, 0.0)
-    beside(axes, number(split.gap), (plus, y), fontsize=8.0)
+    annotate_beside(axes, number(split.gap), (plus, y), fontsize=8.0)

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 from policies.environments import task
 from policies.evaluation import Episodes, Policy, fresh_start_states, rollout
-from study.figure_style import ACCENT, COLOURS, save
+from study.figure_style import ACCENT, COLOURS, save_figure
 from study.formatting import MINUS, capital, number
-from study.mismatch.figures.experiment import ladder, strategy_returns
-from study.mismatch.findings import Condition, MismatchFindings
+from study.mismatch.figures.experiment import ladder_of_strategies, strategy_returns
+from study.mismatch.findings import MismatchFindings, TrialCondition
 from study.mismatch.ground_truth import ground_truth
 from study.mismatch.mismatch_results import Fitted
-from study.mismatch.plan import StrategyKey, Trial
+from study.mismatch.plan import StrategyKey, TrialKey
 from study.mismatch.trainings import agents_of
 from study.pipeline.policy_files import FOLDER, read_policies
 from sysid import Model, State, ops
@@ -91,24 +91,24 @@ SHOWN_EPISODES = 4
 """Start states whose trajectories are shown: the first ones of the evaluation."""
 
 
-def telling(findings: MismatchFindings) -> Trial | None:
+def telling(findings: MismatchFindings) -> TrialKey | None:
     """Where mending gained most in the mean, the seed whose gain is nearest to the median gain: neither the best nor
     the worst. None where the plan has no such contrast."""
     rows = [row for row in findings.compared if (row.a, row.b) == (StrategyKey.MENDED, StrategyKey.FITTED)]
     if not rows:
         return None
     most = max(rows, key=lambda row: row.contrast.mean)
-    mended, fitted = (findings.outcomes[Condition(most.plant, strategy, most.n)] for strategy in (most.a, most.b))
+    mended, fitted = (findings.outcomes[TrialCondition(most.plant, strategy, most.n)] for strategy in (most.a, most.b))
     k = int(np.argmin(np.abs(mended.returns - fitted.returns - most.median)))
-    return Trial(most.plant, most.a, most.n, mended.seeds[k])
+    return TrialKey(most.plant, most.a, most.n, mended.seeds[k])
 
 
 def draw_figures(findings: MismatchFindings, fits: Sequence[Fitted], folder: Path) -> dict[str, Path]:
     """Draw the figures into the results folder; returns the files by name. The trajectories need the folder's policies,
     and are left out where these are gone."""
     files = {
-        "returns": save(lambda: strategy_returns(findings), folder / "returns.png"),
-        "ladder": save(lambda: ladder(findings), folder / "ladder.png"),
+        "returns": save_figure(lambda: strategy_returns(findings), folder / "returns.png"),
+        "ladder": save_figure(lambda: ladder_of_strategies(findings), folder / "ladder.png"),
     }
     if shown := telling(findings):
         keys, _ = agents_of(findings.plan, fits)
@@ -133,10 +133,10 @@ def read_agents(folder: Path, keys: Iterable[str]) -> dict[str, NetworkPolicy]:
 
 
 def _trajectories(
-    findings: MismatchFindings, shown: Trial, policies: dict[StrategyKey, NetworkPolicy], path: Path
+    findings: MismatchFindings, shown: TrialKey, policies: dict[StrategyKey, NetworkPolicy], path: Path
 ) -> Path:
     plant = findings.plan.plant(shown.plant)
     theta, theta_dot = fresh_start_states(shown.seed, findings.plan.episodes)
     title = f"{capital(plant.title)}, {shown.n} rollouts, seed {shown.seed}"
     starts = (theta[:SHOWN_EPISODES], theta_dot[:SHOWN_EPISODES])
-    return save(lambda: trajectories(title, ground_truth(plant), policies, starts), path)
+    return save_figure(lambda: trajectories(title, ground_truth(plant), policies, starts), path)

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullLocator
 
-from study.figure_style import ACCENT, COLOURS, beside
+from study.figure_style import ACCENT, COLOURS, annotate_beside
 from study.formatting import number
 from study.paper.agreement import ContrastAgreement
 from study.paper.claims import CELL, nearest_cell
@@ -74,14 +74,14 @@ def identification(found: Scatter) -> Figure:
     budgets = np.array(found.budgets, dtype=float)
     left.axvspan(5.0, 50.0, color="0.95", zorder=0)
     across = left.get_xaxis_transform()
-    beside(left, "the paper's budgets", (np.sqrt(250.0), 0.02), (0, 3), va="baseline", ha="center", color="0.45",
-           fontsize=8.5, xycoords=across)  # fmt: skip
+    annotate_beside(left, "the paper's budgets", (np.sqrt(250.0), 0.02), (0, 3), va="baseline", ha="center",
+                    color="0.45", fontsize=8.5, xycoords=across)  # fmt: skip
     for k, sigma in enumerate(found.sigmas):
         colour, errors = COLOURS(0.12 + 0.68 * k / max(1, len(found.sigmas) - 1)), found.errors(sigma)
         mean = errors.mean(axis=1)
         left.errorbar(budgets, mean, 1.96 * errors.std(axis=1, ddof=1) / np.sqrt(found.seeds), color=colour, marker="o",
                       markersize=4, linewidth=1.7, capsize=2, zorder=3)  # fmt: skip
-        beside(left, f"σ = {sigma:g}", (budgets[-1], mean[-1]), (6, 0), color=colour)  # noqa: RUF001
+        annotate_beside(left, f"σ = {sigma:g}", (budgets[-1], mean[-1]), (6, 0), color=colour)  # noqa: RUF001
         printed = {n: e for n, e in ID_ERRORS.get(POINT_OF_NOISE.get(sigma, ""), {}).items() if n}
         left.plot(list(printed), list(printed.values()), color=colour, marker="x", markersize=7, linestyle="none",
                   markeredgewidth=1.8, label="published" if k == 0 else None, zorder=4)  # fmt: skip
@@ -108,7 +108,7 @@ def _masses(axes: Axes, found: Scatter) -> None:
         axes.stairs(*np.histogram(m, edges), fill=not clean, color=colour, alpha=alpha, label=label, linewidth=1.3)
     axes.axvline(found.truth[0], color=ACCENT, linewidth=1.4)
     across = axes.get_xaxis_transform()
-    beside(axes, "the truth", (found.truth[0], 1.0), (4, -2), xycoords=across, va="top", color=ACCENT)
+    annotate_beside(axes, "the truth", (found.truth[0], 1.0), (4, -2), xycoords=across, va="top", color=ACCENT)
     axes.set_xlabel("m found from 50 rollouts, σ = 1  [kg]")  # noqa: RUF001
     axes.set_ylabel("measurements")
     axes.set_title("How m scatters")

@@ -21,7 +21,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from study.figure_style import ACCENT, COLOURS, PAPER_WHITE, beside, save, width_colours
+from study.figure_style import ACCENT, COLOURS, PAPER_WHITE, annotate_beside, save_figure, width_colours
 from study.formatting import number, percent
 from study.paper.findings import PointFindings
 from study.paper.published_numbers import CellSummary
@@ -49,7 +49,7 @@ def reference_lines(panels: Sequence[Axes], references: Mapping[str, float], low
             axes.axhline(value, color=ACCENT, linestyle=style, linewidth=1.1, zorder=1)
         text = f"{'' if inside else '↓ '}{NAMES[controller]} {number(value)}"
         at = 1.0, value if inside else low - 0.9 * room
-        beside(end, text, at, (5, shift), xycoords=end.get_yaxis_transform(), color=ACCENT)
+        annotate_beside(end, text, at, (5, shift), xycoords=end.get_yaxis_transform(), color=ACCENT)
 
 
 OURS = COLOURS(0.35)
@@ -131,11 +131,14 @@ def _scale(
     ticks = [t for t in bar.get_ticks() if low <= t <= high - 0.17 * span and abs(t - lqr) > 0.06 * span]
     bar.set_ticks(ticks, labels=[number(t) for t in ticks])
     bar.ax.tick_params(length=0, labelsize=9.0)
-    best, style = f"{number(optimum)} {NAMES[OPTIMAL]}\n{number(swing_up)} swing-up", {"xycoords": "axes fraction"}
-    beside(bar.ax, best, (1.0, 1.0), (4, 2), va="top", color=ACCENT, **style)
+    best, style = (
+        f"{number(optimum)} {NAMES[OPTIMAL]}\n{number(swing_up)} swing-up",
+        {"xycoords": "axes fraction"},
+    )
+    annotate_beside(bar.ax, best, (1.0, 1.0), (4, 2), va="top", color=ACCENT, **style)
     place = (lqr - low) / span
     shift = (4, -9 if place < 0.0 else 0)
-    beside(bar.ax, f"{number(lqr)} {NAMES[LQR]}", (1.0, max(place, 0.0)), shift, color=ACCENT, **style)
+    annotate_beside(bar.ax, f"{number(lqr)} {NAMES[LQR]}", (1.0, max(place, 0.0)), shift, color=ACCENT, **style)
 
 
 def paretos(sides: Mapping[str, Summaries], references: Mapping[str, float]) -> Figure:
@@ -175,12 +178,12 @@ def _pareto(axes: Axes, cells: Summaries) -> None:
     for (n, w), name, style, shift in ((fidelity, "pure fidelity", "--", -34), (breadth, without, ":", 10)):
         axes.axhline(cells[n, w].mean, color="0.35", linestyle=style, linewidth=1.0, zorder=1)
         text, across = f"{name}, n = {n}, w = {w:g}: {number(cells[n, w].mean)}", axes.get_yaxis_transform()
-        beside(axes, text, (0.98, cells[n, w].mean), (0, shift), xycoords=across, ha="right", color="0.35")
+        annotate_beside(axes, text, (0.98, cells[n, w].mean), (0, shift), xycoords=across, ha="right", color="0.35")
     means, errors = ([getattr(cells[key], name) for key in best.values()] for name in ("mean", "sem"))
     axes.errorbar(list(best), means, errors, color=OURS, marker="o", markersize=6, linewidth=1.8, capsize=3, zorder=3)
     for (n, w), mean, error in zip(best.values(), means, errors, strict=True):
         low, right = 0.0 if math.isnan(error) else error, n == last
-        beside(axes, f"w* = {w:g}", (n, mean - low), (5, -16 if right else -5), va="top", color="0.2",
+        annotate_beside(axes, f"w* = {w:g}", (n, mean - low), (5, -16 if right else -5), va="top", color="0.2",
                ha="right" if right else "left", bbox=PAPER_WHITE)  # fmt: skip
 
 
@@ -288,5 +291,5 @@ def save_all(findings: PointFindings, folder: Path) -> dict[str, Path]:
     names = drawn_of(findings)
     files = {name: folder / figure_name(findings.preset, findings.point.name, name) for name in names}
     for name, path in files.items():
-        save(lambda name=name: DRAWINGS[name](findings), path)
+        save_figure(lambda name=name: DRAWINGS[name](findings), path)
     return files
