@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from study.strategies.strategy import Strategy
 
 PLACES = {
-    "prior": "identified:Prior",
+    "prior": "identified:PriorAlone",
     "prior_range": "identified:WholePriorRange",
     "point": "identified:PointEstimate",
     "grid": "identified:GridEstimate",
@@ -20,7 +20,7 @@ PLACES = {
     "posterior": "identified:PosteriorOfFit",
     "designed": "identified:DesignedExcitation",
     "mended": "identified:MendedModel",
-    "random_force": "identified:RandomForce",
+    "random_force": "identified:UnderRandomForce",
     "simopt": "simopt:SimOpt",
     "auto_tuned": "auto_tuned:AutoTuned",
     "adapt_sim": "adapt_sim:AdaptSim",

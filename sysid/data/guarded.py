@@ -29,7 +29,7 @@ LARGEST_FILE = 1 << 31
 """Bytes of a file that it may write, where a compressed bag is unpacked."""
 SECONDS = 120.0
 """How long a question may take."""
-PROGRAM = "import sys; sys.path[:] = sys.argv[1:]; from sysid.data.guarded import serve; serve()"
+PROGRAM = "import sys; sys.path[:] = sys.argv[1:]; from sysid.data.guarded import answer_questions; answer_questions()"
 
 
 class Reader:

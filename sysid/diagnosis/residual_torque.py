@@ -22,7 +22,7 @@ from sysid.estimation.kalman import Filter
 from sysid.estimation.likelihood import likelihood_ascent, maximum_likelihood
 from sysid.estimation.linearisation import Samples, level
 from sysid.estimation.prediction_error import Fit
-from sysid.estimation.solver import QUICK, Settings, solve
+from sysid.estimation.solver import QUICK, Settings, fit_parameters
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
@@ -263,11 +263,11 @@ def followed(samples: Samples, model: Model) -> Fit:
     """
     with np.errstate(over="ignore", invalid="ignore"):
         prior = Disturbances(0.3 * level(samples), CORRELATION_TIME)
-        begun = solve(samples, model, (), disturbances=prior, settings=SETTINGS)
+        begun = fit_parameters(samples, model, (), disturbances=prior, settings=SETTINGS)
     if not math.isfinite(begun.deviance):
         raise InvalidInput("the model runs away from these records within a sample: no torque can be told beside it")
     trials = (begun.disturbances.with_memory(T) for T in MEMORIES)
-    return solve(
+    return fit_parameters(
         samples, model, (), begun, maximum_likelihood(begun.linearised.system, trials, angle_error=False), SETTINGS
     )
 
@@ -309,7 +309,7 @@ def missing_torque(found: Fit, base: Fit) -> Array:
     for _ in range(6):
         likely = likelihood_ascent(likely, _FLOOR, angle_error=False)
     held = replace(QUICK, sizes=False)
-    smoothed = solve(
+    smoothed = fit_parameters(
         found.samples,
         found.model,
         (),

@@ -22,7 +22,7 @@ from sysid.estimation.prediction import PredictionErrors, left_out_errors, moved
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import extended, reduced, settled
 from sysid.estimation.scores import Score, alikeness, price, scores
-from sysid.estimation.solver import QUICK, solve
+from sysid.estimation.solver import QUICK, fit_parameters
 from sysid.physics.effects import CATALOGUE, Effect, effect, preferred
 from sysid.physics.model import Model
 
@@ -146,7 +146,7 @@ class Search:
         wherever they go, and nothing is left for a sensor that reads wrong."""
         share = self.settings.quiet
         quiet = replace(now.disturbances, s=share * now.disturbances.s, sigma_o=share * now.disturbances.sigma_o)
-        simulated = solve(now.samples, now.model, now.names, now, quiet, replace(QUICK, sizes=False))
+        simulated = fit_parameters(now.samples, now.model, now.names, now, quiet, replace(QUICK, sizes=False))
         found = scores(simulated, [n for n, s in self.last.items() if s.visible])
         best = sorted(found.values(), key=lambda s: s.lm - self._price(s.name), reverse=True)
         tried: list[Trial] = []
@@ -341,7 +341,7 @@ class Search:
                     continue
                 at = self.additions.index(addition)
                 self.additions[at : at + 1] = [Addition(n, (), (), addition.p_value, other) for n in new]
-                now = solve(now.samples, other.model, other.names, other)
+                now = fit_parameters(now.samples, other.model, other.names, other)
                 break
         return now
 

@@ -9,7 +9,7 @@ from sysid.estimation.initial_guess import initial_guess
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import BLOCKS, WINDOW, left_out_errors
 from sysid.estimation.prediction_error import Fit, with_likely_angle_error
-from sysid.estimation.solver import solve
+from sysid.estimation.solver import fit_parameters
 from sysid.physics.effects import CATALOGUE, Effect
 from sysid.physics.model import Model
 
@@ -35,7 +35,7 @@ def with_common(samples: Samples, model: Model, names: Sequence[str]) -> Fit:
         own: Effect = kind().with_parameters({key: share * largest for key, share in kind.begins.items()})
         begun = begun.with_effect(own)
         more += begun.names_of(own.name)
-    found = solve(samples, begun, (*names, *more))
+    found = fit_parameters(samples, begun, (*names, *more))
     return found if found.undisturbed else with_best_memory(found)
 
 
@@ -43,7 +43,9 @@ def without_common(near: Fit, model: Model, names: Sequence[str]) -> Fit:
     """The fit of the model by itself, begun at the numbers that it has beside friction and offset."""
     plain = model.with_parameters({n: float(near.model.parameters[n].value) for n in names})
     likely = near.disturbances
-    return solve(near.samples, plain, names, _narrowed(near, plain, tuple(names)), replace(likely, s=2.0 * likely.s))
+    return fit_parameters(
+        near.samples, plain, names, _narrowed(near, plain, tuple(names)), replace(likely, s=2.0 * likely.s)
+    )
 
 
 def with_best_memory(found: Fit) -> Fit:
@@ -54,7 +56,7 @@ def with_best_memory(found: Fit) -> Fit:
     numbers are the machine's: they have to be better by more than their standard error.
     """
     likely = with_likely_angle_error(found)
-    fits = [solve(found.samples, found.model, found.names, found, likely.with_memory(T)) for T in MEMORIES]
+    fits = [fit_parameters(found.samples, found.model, found.names, found, likely.with_memory(T)) for T in MEMORIES]
     best = min(fits, key=lambda own: own.deviance)
     errors = {id(own): left_out_errors(own, WINDOW, BLOCKS) for own in fits}
     for own in sorted(fits, key=lambda own: errors[id(own)].ratio):

@@ -14,7 +14,7 @@ from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import extended
 from sysid.estimation.scores import score
-from sysid.estimation.solver import solve as prediction_error
+from sysid.estimation.solver import fit_parameters as prediction_error
 from sysid.physics.candidates import alternatives
 from sysid.physics.model import Model
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.solver import DEFAULT as THOROUGH
-from sysid.estimation.solver import Settings, solve
+from sysid.estimation.solver import Settings, fit_parameters
 from sysid.physics.effects import Effect
 
 
@@ -17,18 +17,18 @@ def extended(now: Fit, effects: Sequence[Effect], settings: Settings = THOROUGH)
     for own in effects:
         model = model.with_effect(own)
         names += model.names_of(own.name)
-    return solve(now.samples, model, names, now, settings=settings)
+    return fit_parameters(now.samples, model, names, now, settings=settings)
 
 
 def settled(found: Fit) -> Fit:
     """A quick fit gone on with; where that ends nowhere, one begun anew at its numbers, if the log is likelier then."""
-    after = solve(found.samples, found.model, found.names, found)
+    after = fit_parameters(found.samples, found.model, found.names, found)
     if after.converged:
         return after
-    return min(after, solve(found.samples, found.model, found.names), key=lambda own: own.deviance)
+    return min(after, fit_parameters(found.samples, found.model, found.names), key=lambda own: own.deviance)
 
 
 def reduced(now: Fit, name: str) -> Fit:
     """The fit without an effect, begun where it ended."""
     model, loose = now.model.without_effect(name), replace(now.disturbances, s=1.5 * now.disturbances.s)
-    return solve(now.samples, model, [n for n in now.names if n in model.parameters], now, loose)
+    return fit_parameters(now.samples, model, [n for n in now.names if n in model.parameters], now, loose)

@@ -57,7 +57,7 @@ QUICK = Settings(iterations=12, settled=0.15, negligible=0.5, angle_error=False)
 """For a candidate that is only compared with others."""
 
 
-def solve(
+def fit_parameters(
     samples: Samples,
     model: Model,
     names: Sequence[str],

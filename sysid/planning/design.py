@@ -17,7 +17,7 @@ from sysid.estimation.disturbances import NONE, Disturbances
 from sysid.estimation.linearisation import Motion, Samples
 from sysid.estimation.output_error import CHANNELS, Response
 from sysid.estimation.prediction_error import Fit, with_likely_angle_error
-from sysid.estimation.solver import Settings, solve
+from sysid.estimation.solver import Settings, fit_parameters
 from sysid.estimation.windows import cut
 from sysid.physics.effects import Effect
 from sysid.physics.model import Model
@@ -94,10 +94,10 @@ class Conditions:
         if ranked[0].undisturbed:
             return self._with_noise_of(ranked[0])
         for own in ranked:
-            bare = solve(own.samples, own.model, own.names, own, NONE, KNOWN)
+            bare = fit_parameters(own.samples, own.model, own.names, own, NONE, KNOWN)
             louder = self._with_noise_of(bare)
             samples = Samples(own.model, own.samples.records, louder.sensor)
-            if solve(samples, own.model, own.names, bare, own.disturbances, ROUGHLY).undisturbed:
+            if fit_parameters(samples, own.model, own.names, bare, own.disturbances, ROUGHLY).undisturbed:
                 return louder
         return replace(self, disturbances=with_likely_angle_error(ranked[0]))
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction_error import Fit
-from sysid.estimation.solver import solve
+from sysid.estimation.solver import fit_parameters
 from sysid.planning.design import KNOWN, Conditions, Hypothesis, Pool, predict, within_limits
 from sysid.planning.hypotheses import NOTHING, Pair
 from sysid.planning.signals import random_signals
@@ -45,14 +45,14 @@ class Match:
         if truth not in self._followed:
             model, conditions = self.pool.hypotheses[truth].model, self.pool.conditions
             samples = Samples(model, predict(model, self.pool.signals, conditions), conditions.sensor)
-            self._followed[truth] = solve(samples, model, (), None, self.disturbances, KNOWN)
+            self._followed[truth] = fit_parameters(samples, model, (), None, self.disturbances, KNOWN)
         return self._followed[truth]
 
     def left(self, truth: str, rival: str) -> float:
         """The sum of squared innovations that the rival leaves of the truth when it is fitted to what that shows."""
         if (truth, rival) not in self._left:
             other, near = self.pool.hypotheses[rival], self.followed(truth)
-            found = solve(near.samples, other.model, other.names, near, self.disturbances, KNOWN)
+            found = fit_parameters(near.samples, other.model, other.names, near, self.disturbances, KNOWN)
             self._left[truth, rival] = float(np.sum(found.e**2))
         return self._left[truth, rival]
 

@@ -18,7 +18,7 @@ from sysid.estimation.estimate import Estimate
 from sysid.estimation.first_fit import first_fit
 from sysid.estimation.fit import free
 from sysid.estimation.linearisation import Samples
-from sysid.estimation.solver import solve
+from sysid.estimation.solver import fit_parameters
 from sysid.limits import PLANNED_ROLLOUTS, PLANNED_SAMPLES, check_size
 from sysid.physics.effects import Effect
 from sysid.physics.model import Model
@@ -87,7 +87,9 @@ def next_experiment(
             return _narrowing(known.model if known else model, names, known, conditions, rng)
         if never(names_of(rivals)):
             return non_torque_experiment(model, names_of(rivals), conditions, rng)
-        first = first_fit if estimate is None else partial(solve, settings=ROUGHLY)  # an estimate's numbers are near
+        first = (
+            first_fit if estimate is None else partial(fit_parameters, settings=ROUGHLY)
+        )  # an estimate's numbers are near
         return _telling(hypotheses_of(model, names, rivals, records, conditions, first), names_of(rivals), rng)
 
 
@@ -116,7 +118,7 @@ def _known(
         return estimate, conditions if estimate is None else _noisier(conditions, estimate)
     samples = Samples(model, records, conditions.sensor)
     if estimate is not None:
-        return estimate, conditions.after([solve(samples, model, (), settings=ROUGHLY)])
+        return estimate, conditions.after([fit_parameters(samples, model, (), settings=ROUGHLY)])
     found = first_fit(samples, model, names)
     return found.estimate(), conditions.after([found])
 

@@ -14,7 +14,7 @@ from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import extended
 from sysid.estimation.scores import scores
-from sysid.estimation.solver import Settings, solve
+from sysid.estimation.solver import Settings, fit_parameters
 from sysid.physics.candidates import candidates
 from sysid.physics.effects import CATALOGUE, Effect, effect
 from sysid.physics.model import Model
@@ -97,7 +97,7 @@ def hypotheses_of(
         truths = fits.likely
     elif asked.known:
         truth = asked.base.model.with_effect(next(iter(asked.known.values())))
-        known = partial(solve, disturbances=conditions.disturbances, settings=KNOWN)
+        known = partial(fit_parameters, disturbances=conditions.disturbances, settings=KNOWN)
         fits = _with_rivals(asked, _reference(truth, conditions), conditions, known, KNOWN)
         truths = [n for n in asked.names if n in asked.known]
     else:

@@ -20,7 +20,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 
 from sysid.diagnosis.findings import chance, quantity
 from sysid.physics.ops import Array
-from sysid.report.formatting import multiple
+from sysid.report.formatting import typeset_multiple
 
 if TYPE_CHECKING:
     from sysid.diagnosis.compare import Comparison
@@ -243,7 +243,7 @@ def window_panels(found: Prediction, channels: Sequence[str], panels: Sequence[A
         axes.plot(found.t, found.model[channel], color=COLOUR[channel], linewidth=1.6, label="model")
         axes.set_ylabel(label(channel, found.units))
     command(found, panels[-1])
-    panels[0].set_title(f"{short(found.record)}: {multiple(found.ratio)} x the noise", fontweight="normal")
+    panels[0].set_title(f"{short(found.record)}: {typeset_multiple(found.ratio)} x the noise", fontweight="normal")
     panels[-1].set_xlabel(label("time", found.units))
 
 

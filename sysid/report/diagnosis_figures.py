@@ -42,7 +42,7 @@ from sysid.report.comparison_figure import (
     noise_scale,
     short,
 )
-from sysid.report.formatting import multiple
+from sysid.report.formatting import typeset_multiple
 
 WIDE, NARROW = 5.0, 4.2
 """Widths [in]: of a column, and of half of one."""
@@ -89,8 +89,8 @@ def fall_in(axes: Axes, answer: Diagnosis) -> None:
     axes.axhline(1.0, color=GREEN, linewidth=1.6, zorder=2)
     axes.plot(values, color=BLUE, linewidth=2.2, marker="o", markersize=8.0, markeredgecolor="white", zorder=3)
     for x, value in enumerate(values):
-        axes.annotate(multiple(value), (x, value), (11, 5), textcoords="offset points", color=BLUE, fontsize=11.0,
-                      fontweight="bold", zorder=4)  # fmt: skip
+        axes.annotate(typeset_multiple(value), (x, value), (11, 5), textcoords="offset points", color=BLUE,
+                      fontsize=11.0, fontweight="bold", zorder=4)  # fmt: skip
     axes.set_xlim(-0.45, len(steps) + 0.55)
     side, place = ("left", 0.01) if steps and min(clouds[0].ratio, 2.0) > 1.3 else ("right", 1.0)
     axes.annotate("sensor noise: a perfect model", (place, 1.0), (0, -4), xycoords=axes.get_yaxis_transform(),
@@ -124,7 +124,7 @@ def _bars(axes: Axes, rows: Sequence[Any], labels: Sequence[str], added: set[str
     colours = [BLUE if r.p_value < 0.05 else "0.82" for r in rows]
     axes.barh(range(len(rows)), scores, height=0.6, color=colours)
     for k, r in enumerate(rows):
-        error = "" if r.error_after is None else f"error {multiple(r.error_after)};  "
+        error = "" if r.error_after is None else f"error {typeset_multiple(r.error_after)};  "
         end = max(r.score, 0.0) + 0.015 * reach
         axes.text(end, k, error + chance(r.p_value), va="center", fontsize=8.0, color="0.3")
     axes.set_yticks(range(len(rows)), labels)
@@ -166,7 +166,7 @@ def course_in(axes: Axes, paths: Sequence[Prediction], channel: str, names: Sequ
     t, y = paths[0].t, paths[0].readings[channel]
     axes.plot(t, y, ".", color="0.45", markersize=3.5, label="readings", rasterized=len(t) > RASTERIZED_FROM)
     for path, name, (colour, line, width) in zip(paths, names, _lines(len(paths)), strict=True):
-        said = f"{name}: {multiple(path.ratio)}"
+        said = f"{name}: {typeset_multiple(path.ratio)}"
         axes.plot(t, path.model[channel], line, color=colour, linewidth=width, label=said)
     low, high = float(np.nanmin(y)), float(np.nanmax(y))
     room = 0.35 * max(high - low, 1e-9)

@@ -18,7 +18,7 @@ def typeset(text: str) -> str:
     return digits + (f"{TIMES}10{str(int(power.replace(MINUS, '-'))).translate(RAISED)}" if power else "")
 
 
-def multiple(ratio: float) -> str:
+def typeset_multiple(ratio: float) -> str:
     """A multiple of the noise."""
     return held_out.multiple(ratio).replace("inf", "\N{INFINITY}")
 

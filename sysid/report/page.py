@@ -16,7 +16,7 @@ from sysid.data.sensor import Sensor
 from sysid.diagnosis.findings import quantity
 from sysid.estimation.held_out import HeldOutError
 from sysid.estimation.output_error import CHANNELS
-from sysid.report.formatting import ARROW, TIMES, listed, multiple, typeset
+from sysid.report.formatting import ARROW, TIMES, listed, typeset, typeset_multiple
 from sysid.version import version
 
 
@@ -85,7 +85,7 @@ def horizon_table(errors: Sequence[Mapping[str, HeldOutError]]) -> Table:
     for channel in next(iter(errors[0].values())).ratios:
         heads += [f"{quantity(channel, units)} [{units[channel]}]", f"{TIMES} noise"]
         columns.append([_to([f"{getattr(own[label], channel):.2g}" for own in errors]) for label in errors[0]])
-        columns.append([_to([multiple(own[label].ratios[channel]) for own in errors]) for label in errors[0]])
+        columns.append([_to([typeset_multiple(own[label].ratios[channel]) for own in errors]) for label in errors[0]])
     rows = [[label, *(c[k] for c in columns)] for k, label in enumerate(errors[0])]
     return Table("Errors by horizon", tuple(heads), rows, "The state of every window is refitted.")
 

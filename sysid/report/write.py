@@ -75,7 +75,7 @@ def _(answer: Diagnosis) -> Page:
         title=f"sysid: {answer.verdict}",
         badge=answer.verdict,
         sentence=answer.finding,
-        numbers=tuple(formatting.multiple(e.ratio) for e in errors),
+        numbers=tuple(formatting.typeset_multiple(e.ratio) for e in errors),
         under="times the sensor noise, on data that no fit has seen; 1.0 is a perfect model: " + physical(errors),
         sections=[s for name in order if (s := sections[name]).pictures or s.sentences],
         tables=[
@@ -233,8 +233,8 @@ def _step(step: Step, of_log: bool) -> list[str]:
     kind = CATALOGUE.get(step.effect)
     return [
         f"{step.effect} (how the log stamps torques)" if of_log else step.effect,
-        formatting.multiple(step.error_before),
-        formatting.multiple(step.error_after),
+        formatting.typeset_multiple(step.error_before),
+        formatting.typeset_multiple(step.error_after),
         chance(step.p_value),
         ", ".join(step.alike[1:]),
         kind.formula.replace("-", formatting.MINUS) if kind is not None else "",
@@ -261,7 +261,7 @@ def _(answer: Comparison) -> Page:
         title="sysid: how far off, and where",
         badge="adequate" if answer.adequate else "off",
         sentence=answer.sentence,
-        numbers=(formatting.multiple(answer.ratio),),
+        numbers=(formatting.typeset_multiple(answer.ratio),),
         under="times the sensor noise over windows of 1 s; 1.0 is a perfect model: " + physical((answer.one_second,)),
         sections=tuple(_compared(answer)),
         tables=[horizon_table((answer.errors,))],

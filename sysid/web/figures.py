@@ -14,7 +14,7 @@ from plotly.subplots import make_subplots
 
 from sysid.diagnosis.findings import quantity
 from sysid.physics.ops import Array
-from sysid.report.formatting import multiple
+from sysid.report.formatting import typeset_multiple
 
 MOST = 5_000
 """Points of a series that a page is sent."""
@@ -262,7 +262,7 @@ def horizon_figure(found: Mapping[str, Any], height: int = 230) -> go.Figure:
     figure = blank(height)
     names = list(found["errors"])
     ratios = [found["errors"][n]["ratio"] for n in names]
-    said = [multiple(r) if r is not None else "" for r in ratios]
+    said = [typeset_multiple(r) if r is not None else "" for r in ratios]
     figure.add_bar(
         x=[n.replace("_", " ") for n in names], y=ratios, marker={"color": BLUE}, text=said, textposition="outside",
         cliponaxis=False, hoverinfo="skip",
@@ -300,7 +300,7 @@ def error_ladder(paths: Sequence[tuple[str, Sequence[tuple[str, float | None]]]]
         x, y = [label for label, _ in steps], [error for _, error in steps]
         seen += [v for v in y if v]
         figure.add_bar(
-            x=x, y=y, name=name, marker={"color": colour}, text=[multiple(v) if v else "" for v in y],
+            x=x, y=y, name=name, marker={"color": colour}, text=[typeset_multiple(v) if v else "" for v in y],
             textposition="outside", cliponaxis=False, hoverinfo="skip",
         )  # fmt: skip
     noise_line(figure)

@@ -8,7 +8,7 @@ from typing import Any
 from dash import dcc, html
 
 from sysid.diagnosis.findings import quantity
-from sysid.report.formatting import multiple
+from sysid.report.formatting import typeset_multiple
 from sysid.web import figures
 from sysid.web.own_effect import FUNCTIONS, VARIABLES, OwnEffect
 from sysid.web.samples import SAMPLES_BY_NAME
@@ -116,7 +116,7 @@ def fails(found: Mapping[str, Any] | None, series: figures.Series | None) -> Any
 
 
 def _multiple(ratio: float | None) -> str:
-    return multiple(float("inf") if ratio is None else ratio)
+    return typeset_multiple(float("inf") if ratio is None else ratio)
 
 
 # ---- what is missing -------------------------------------------------------------------------------------------------

@@ -54,7 +54,7 @@ def test_what_a_controller_must_know_stands_in_the_file(tmp_path):
 
 def test_a_graph_that_differs_is_not_written(tmp_path, monkeypatch):
     wrong = onnx_file.onnx_model(policy(scale=1.001), 0.05)
-    monkeypatch.setattr(onnx_file, "graph", lambda *_: wrong)
+    monkeypatch.setattr(onnx_file, "onnx_model", lambda *_: wrong)
     with pytest.raises(InvalidInput, match=r"differs from the policy by .* nothing was written"):
         onnx_file.write_onnx(policy(), 0.05, tmp_path / "policy.onnx")
     assert list(tmp_path.iterdir()) == []

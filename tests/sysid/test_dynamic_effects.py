@@ -33,7 +33,7 @@ from sysid import (
 )
 from sysid.estimation.held_out import held_out_error
 from sysid.estimation.linearisation import LinearisedModel, Motion, Samples
-from sysid.estimation.solver import solve
+from sysid.estimation.solver import fit_parameters
 from sysid.physics.effects.effect import Stretch
 from sysid.planning.excitation import multisine
 from tests.sysid.planted import assert_named, assert_recovered, logs, rod, truth
@@ -183,7 +183,7 @@ def test_where_a_record_begins_its_states_are_found():
     (long,) = logs(truth(effect), n=1, seconds=12.0)
     late = Record(long.t[200:], long.u[200:], long.theta[200:], long.theta_dot[200:])
     model = truth(effect)
-    found = solve(Samples(model, [late], Sensor(0.003, 0.05)), model, ("m", "l"))
+    found = fit_parameters(Samples(model, [late], Sensor(0.003, 0.05)), model, ("m", "l"))
     assert abs(found.values[0] - 1.0) < 4.0 * math.sqrt(found.covariance[0, 0])
     assert held_out_error(model, [late], Sensor(0.003, 0.05)).ratio < 1.25
 

@@ -76,7 +76,7 @@ def played(e: Experiment, truth: Model, seed: int) -> list[Record]:
 
 def output_error(records: list[Record]) -> prediction_error.Fit:
     """The bare rod, fitted as if nothing acted beside it."""
-    return solver.solve(Samples(rod(), records, SENSOR), rod(), NAMES, None, NONE, KNOWN)
+    return solver.fit_parameters(Samples(rod(), records, SENSOR), rod(), NAMES, None, NONE, KNOWN)
 
 
 CONFUSED = {
@@ -203,7 +203,7 @@ def test_a_random_torque_makes_an_experiment_tell_less() -> None:
     )
     assert np.all(shaken.sd() > 2.0 * calm.sd())
     samples = Samples(rod(), predict(rod(), signals, CONDITIONS), SENSOR)
-    found = solver.solve(samples, rod(), NAMES, None, disturbances, KNOWN)
+    found = solver.fit_parameters(samples, rod(), NAMES, None, disturbances, KNOWN)
     np.testing.assert_allclose(shaken.together().sd()[0], np.sqrt(np.diag(found.covariance)), rtol=0.05)
 
 

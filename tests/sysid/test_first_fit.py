@@ -15,7 +15,7 @@ from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import left_out_errors
 from sysid.estimation.prediction_error import with_likely_angle_error
 from sysid.estimation.scores import scores
-from sysid.estimation.solver import solve
+from sysid.estimation.solver import fit_parameters
 
 DT = 0.02
 SENSOR = Sensor(theta=0.0005, theta_dot=0.01)
@@ -61,10 +61,10 @@ def test_the_memory_that_predicts_is_preferred_to_the_likeliest() -> None:
     """A gear that jolts at each reversal: under the likeliest memory the numbers suit the jolts."""
     records = driven((0.2, 0.3), 10.0, 0.15, jolt=2.5)
     samples = Samples(ROBOT, records, SENSOR)
-    began = solve(samples, ROBOT, NAMES)
+    began = fit_parameters(samples, ROBOT, NAMES)
     chosen = with_best_memory(began)
     likely = with_likely_angle_error(began)
-    others = [solve(samples, began.model, NAMES, began, likely.with_memory(T)) for T in (0.01, 0.1)]
+    others = [fit_parameters(samples, began.model, NAMES, began, likely.with_memory(T)) for T in (0.01, 0.1)]
     maximum_likelihood = min(others, key=lambda own: own.deviance)
     assert chosen.disturbances.T != maximum_likelihood.disturbances.T, (
         "the log does not tell likelihood from prediction"

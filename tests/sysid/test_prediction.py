@@ -15,7 +15,7 @@ from sysid.estimation.held_out import lead_of
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import SHORTEST, PredictionErrors, _without, left_out_errors, windows_of
 from sysid.estimation.prediction_error import Fit
-from sysid.estimation.solver import Settings, solve
+from sysid.estimation.solver import Settings, fit_parameters
 from sysid.planning.excitation import multisine
 
 DT = 0.02
@@ -38,7 +38,7 @@ def record(seconds: float) -> Record:
 
 def fitted(seconds: float) -> Fit:
     samples = Samples(JOINT, [record(seconds)], SENSOR)
-    return solve(samples, JOINT, NAMES, disturbances=Disturbances(0.0), settings=Settings(sizes=False))
+    return fit_parameters(samples, JOINT, NAMES, disturbances=Disturbances(0.0), settings=Settings(sizes=False))
 
 
 # comparing -----------------------------------------------------------------------------------------------------
@@ -111,8 +111,8 @@ def test_what_is_left_out_did_not_choose_its_numbers() -> None:
     """One Gauss-Newton step gives the numbers that a fit of the other record alone would have given."""
     settings, none = Settings(sizes=False), Disturbances(0.0)
     both = [record(4.0), replace(record(6.0), name="other")]
-    whole = solve(Samples(JOINT, both, SENSOR), JOINT, NAMES, disturbances=none, settings=settings)
-    rest = solve(Samples(JOINT, both[:1], SENSOR), JOINT, NAMES, disturbances=none, settings=settings)
+    whole = fit_parameters(Samples(JOINT, both, SENSOR), JOINT, NAMES, disturbances=none, settings=settings)
+    rest = fit_parameters(Samples(JOINT, both[:1], SENSOR), JOINT, NAMES, disturbances=none, settings=settings)
     other = [w for w in windows_of(whole, 1.0) if w.record == 1]
     without = _without(whole, other).parameters
     sd = np.sqrt(np.diag(rest.covariance))
@@ -126,9 +126,9 @@ def test_models_with_and_without_memory_are_judged_by_the_same_windows(sensing: 
     """Of a rollout that was cut a memory needs the first instants: there are fewer windows, for both of them."""
     training, _ = split([record(8.0)])
     assert any(r.time_since_start[0] > 0.0 for r in training)
-    plain = solve(Samples(JOINT, training, SENSOR), JOINT, NAMES)
+    plain = fit_parameters(Samples(JOINT, training, SENSOR), JOINT, NAMES)
     model = JOINT.with_effect(sensing)
-    other = solve(Samples(model, training, SENSOR), model, (*NAMES, f"{sensing.name}.T"))
+    other = fit_parameters(Samples(model, training, SENSOR), model, (*NAMES, f"{sensing.name}.T"))
     lead = max(lead_of(plain.model), lead_of(other.model))
     a, b = (left_out_errors(own, SHORTEST, 8, lead) for own in (plain, other))
     assert len(a.squares) == len(b.squares) != len(left_out_errors(plain, SHORTEST, 8).squares)

@@ -26,7 +26,7 @@ from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction_error import Fit, inverse
 from sysid.estimation.prior import Prior
-from sysid.estimation.solver import Settings, bounded_step, solve
+from sysid.estimation.solver import Settings, bounded_step, fit_parameters
 from sysid.planning.excitation import multisine
 
 DT = 0.02
@@ -64,7 +64,7 @@ def test_output_error_reaches_the_bound() -> None:
     """No unbiased answer is better: its errors are as large as the Cramer-Rao bound says, and its sd are the bound."""
     given, starts = logs(16)
     information = fisher_information(JOINT, NAMES, given[0], SENSOR, starts[0])
-    found = [solve(Samples(AFAR, own, SENSOR), AFAR, NAMES, disturbances=NONE, settings=HELD) for own in given]
+    found = [fit_parameters(Samples(AFAR, own, SENSOR), AFAR, NAMES, disturbances=NONE, settings=HELD) for own in given]
     assert all(f.converged for f in found)
     np.testing.assert_allclose(sd_of(found[0]), np.sqrt(np.diag(np.linalg.inv(information))), rtol=0.02)
     errors = [(f.values - TRUTH, np.linalg.inv(f.covariance)) for f in found]
@@ -76,8 +76,8 @@ def test_a_log_without_a_random_torque_is_fitted_as_by_output_error() -> None:
     """The sizes of the disturbances are free, are found to be small, and cost next to nothing."""
     for records in logs(2, seed=1)[0]:
         samples = Samples(AFAR, records, SENSOR)
-        found = solve(samples, AFAR, NAMES)
-        whole = solve(samples, AFAR, NAMES, disturbances=NONE, settings=HELD)
+        found = fit_parameters(samples, AFAR, NAMES)
+        whole = fit_parameters(samples, AFAR, NAMES, disturbances=NONE, settings=HELD)
         other = sysid.LeastSquares(NAMES, SENSOR).fit(AFAR, records)
         sd = np.array(list(other.sd.values()))
         assert found.converged
@@ -87,7 +87,7 @@ def test_a_log_without_a_random_torque_is_fitted_as_by_output_error() -> None:
         np.testing.assert_allclose(sd_of(whole), sd, rtol=0.02)
         np.testing.assert_allclose(sd_of(found), sd, rtol=0.35)
         assert found.deviance <= whole.deviance + 0.05
-        again = solve(samples, found.model, NAMES, near=found, disturbances=NONE, settings=HELD)
+        again = fit_parameters(samples, found.model, NAMES, near=found, disturbances=NONE, settings=HELD)
         assert np.max(np.abs(again.values - whole.values) / sd) < 0.05
 
 
@@ -105,9 +105,9 @@ def test_a_fit_that_is_fitted_again_does_not_move(model: Model, names: tuple[str
     (records,), _ = logs(1, seed=3, s=s, model=model)
     begin = model.with_parameters({"J": 0.4, "G": 1.5})
     samples = Samples(begin, records, SENSOR)
-    found = solve(samples, begin, names)
-    again = solve(samples, found.model, names, near=found)
-    anew = solve(samples, found.model, names, disturbances=found.disturbances)
+    found = fit_parameters(samples, begin, names)
+    again = fit_parameters(samples, found.model, names, near=found)
+    anew = fit_parameters(samples, found.model, names, disturbances=found.disturbances)
     assert found.converged and again.converged and anew.converged
     for other, most in ((again, 0.05), (anew, 0.1)):
         assert np.max(np.abs(other.values - found.values) / sd_of(found)) < most
@@ -117,9 +117,9 @@ def test_a_fit_that_is_fitted_again_does_not_move(model: Model, names: tuple[str
 def test_where_it_began_does_not_matter() -> None:
     (records,), _ = logs(1, seed=4, s=0.6)
     samples = Samples(AFAR, records, SENSOR)
-    found = solve(samples, AFAR, NAMES)
+    found = fit_parameters(samples, AFAR, NAMES)
     for numbers in ((0.15, 4.0, 0.3), (0.9, 1.0, 0.01)):
-        other = solve(samples, JOINT.with_parameters(dict(zip(NAMES, numbers, strict=True))), NAMES)
+        other = fit_parameters(samples, JOINT.with_parameters(dict(zip(NAMES, numbers, strict=True))), NAMES)
         assert np.max(np.abs(other.values - found.values) / sd_of(found)) < 0.1
 
 
@@ -127,7 +127,9 @@ def test_a_motion_that_is_fitted_is_the_one_that_was_made() -> None:
     """Where no random torque acts the motion of the fit is the rollout itself: closer than its readings by far."""
     rng = np.random.default_rng(5)
     run = simulate(JOINT, multisine(rng, 300, DT, 1.5, 2.0), math.pi, 1.0)
-    found = solve(Samples(AFAR, SENSOR.measure(run, rng), SENSOR), AFAR, NAMES, disturbances=NONE, settings=HELD)
+    found = fit_parameters(
+        Samples(AFAR, SENSOR.measure(run, rng), SENSOR), AFAR, NAMES, disturbances=NONE, settings=HELD
+    )
     assert np.max(np.abs(found.motion.x[:, 0] - run.theta)) < 0.003
     assert np.max(np.abs(found.motion.x[:, 1] - run.theta_dot)) < 0.01
     assert np.max(np.abs(found.linearised.system.gap)) < 1e-4, "steps of the model end where the next one begins"
@@ -136,7 +138,7 @@ def test_a_motion_that_is_fitted_is_the_one_that_was_made() -> None:
 @pytest.mark.parametrize("s", [0.0, 0.6])
 def test_the_likelihood_falls_beside_the_found_disturbances(s: float) -> None:
     for records in logs(1, seed=6, s=s)[0]:
-        found = solve(Samples(AFAR, records, SENSOR), AFAR, NAMES)
+        found = fit_parameters(Samples(AFAR, records, SENSOR), AFAR, NAMES)
         here = found.filter.deviance
         for move in ((0.3, 0.0), (-0.3, 0.0), (0.0, 0.3), (0.0, -0.3), (0.4, 0.4), (-0.4, 0.4)):
             beside = found.linearised.system.filter(found.disturbances.moved(np.array(move)))
@@ -152,11 +154,11 @@ def test_sd_are_those_of_the_likelihood(s: float) -> None:
     """A number held k sd away, all others fitted again, raises the deviance by k^2: 4 for two sd."""
     (records,), _ = logs(1, seed=7, s=s)
     samples, close = Samples(AFAR, records, SENSOR), replace(HELD, settled=1e-3, negligible=1e-3)
-    found = solve(samples, AFAR, NAMES, disturbances=Disturbances(s, 0.3), settings=close)
+    found = fit_parameters(samples, AFAR, NAMES, disturbances=Disturbances(s, 0.3), settings=close)
     for name, value, sd in zip(NAMES, found.values, sd_of(found), strict=True):
         rest = [n for n in NAMES if n != name]
         raised = [
-            solve(
+            fit_parameters(
                 samples, found.model.with_parameters({name: value + k * sd}), rest, near=found, settings=close
             ).filter.deviance
             - found.filter.deviance
@@ -178,9 +180,9 @@ def test_bounds_are_kept_and_the_others_fitted_beside_them(
     plant = GeneralJoint(**start, bounds={name: bounds})
     model = replace(AFAR, plant=plant)
     samples = Samples(model, records, SENSOR)
-    found = solve(samples, model, NAMES, settings=QUIET)
+    found = fit_parameters(samples, model, NAMES, settings=QUIET)
     rest = [n for n in NAMES if n != name]
-    beside = solve(samples, model.with_parameters({name: end}), rest, settings=QUIET)
+    beside = fit_parameters(samples, model.with_parameters({name: end}), rest, settings=QUIET)
     assert found.values[NAMES.index(name)] == end
     own = np.array([found.values[NAMES.index(n)] for n in rest])
     assert np.max(np.abs(own - beside.values) / sd_of(beside)) < 0.15
@@ -188,7 +190,7 @@ def test_bounds_are_kept_and_the_others_fitted_beside_them(
 
 def test_a_friction_that_is_not_there_is_not_negative() -> None:
     for records in logs(3, seed=9, s=0.3, model=JOINT.with_parameters({"viscous.b": 0.0}))[0]:
-        found = solve(Samples(AFAR, records, SENSOR), AFAR, NAMES, settings=QUIET)
+        found = fit_parameters(Samples(AFAR, records, SENSOR), AFAR, NAMES, settings=QUIET)
         assert 0.0 <= found.values[2] < 3.0 * sd_of(found)[2]
 
 
@@ -196,9 +198,9 @@ def test_what_the_readings_do_not_determine_stays_where_it_was_thought() -> None
     """Of m, l and g two combinations show in the motion: these are found, the third stays, and its sd says so."""
     (records,), _ = logs(1, seed=10, model=replace(JOINT, effects=()))
     rod = replace(JOINT, plant=RodPendulum(m=1.0, l=1.0, g=9.81), effects=())
-    found = solve(Samples(rod, records, SENSOR), rod, ("m", "l", "g"), settings=QUIET)
+    found = fit_parameters(Samples(rod, records, SENSOR), rod, ("m", "l", "g"), settings=QUIET)
     joint = replace(JOINT, effects=())
-    other = solve(Samples(joint, records, SENSOR), joint, ("J", "G"), settings=QUIET)
+    other = fit_parameters(Samples(joint, records, SENSOR), joint, ("J", "G"), settings=QUIET)
     J, G = float(found.model.inertia()), float(found.model.plant.gravity_torque(0.5 * math.pi))
     assert found.converged
     np.testing.assert_allclose((np.array([J, G]) - other.values) / sd_of(other), 0.0, atol=0.2)
@@ -213,7 +215,7 @@ def test_a_log_that_says_nothing_moves_nothing() -> None:
         rng = np.random.default_rng(seed)
         read = (math.pi + 0.003 * rng.standard_normal(301), 0.05 * rng.standard_normal(301))
         rest = Record(DT * np.arange(301), np.zeros(300), *read)
-        found = solve(Samples(JOINT, [rest], SENSOR), JOINT, ("J", "G"), settings=QUIET)
+        found = fit_parameters(Samples(JOINT, [rest], SENSOR), JOINT, ("J", "G"), settings=QUIET)
         assert np.all(np.abs(found.values - TRUTH[:2]) < 1.5 * TRUTH[:2])
         assert np.max(sd_of(found) / found.values) > 0.4, "it is not known, and says so"
 
@@ -225,7 +227,7 @@ def test_no_inertia_vanishes_where_a_random_torque_explains_all(J: float) -> Non
     start = replace(JOINT, plant=GeneralJoint(J=J, G=2.0), effects=())
     samples = Samples(start, [replace(r, u=np.zeros_like(r.u)) for r in records], SENSOR)
     for begin in (None, Disturbances(30.0, 0.01)):
-        found = solve(samples, start, ("J", "G"), disturbances=begin, settings=QUIET)
+        found = fit_parameters(samples, start, ("J", "G"), disturbances=begin, settings=QUIET)
         assert found.converged and 0.1 * J < found.values[0] < 10.0 * J
 
 
@@ -251,13 +253,13 @@ def test_slopes_are_taken_no_wider_than_the_machine_is_the_same() -> None:
     truth = paper_model(m=2.0, l=1.5)
     records = [r.averaged for r in paper_rollouts(truth, 4, np.random.default_rng(1), sigma=0.1)]
     samples = Samples(paper_model(), records, averaged_sensor(0.1))
-    found = solve(samples, paper_model(), ("m", "l"))
+    found = fit_parameters(samples, paper_model(), ("m", "l"))
     spread, widest = np.max(found.motion.spread, axis=0), np.array(Settings().widest)
     assert spread[0] <= widest[0]
     assert spread[1] <= widest[1] * np.std(samples.smoothed[:, 1]) + 1e-12
     assert found.converged
     assert np.max(np.abs(found.values - [2.0, 1.5]) / sd_of(found)) < 4.0 and sd_of(found)[0] < 0.05
-    anyhow = solve(samples, paper_model(), ("m", "l"), settings=replace(Settings(), widest=(math.inf,) * 3))
+    anyhow = fit_parameters(samples, paper_model(), ("m", "l"), settings=replace(Settings(), widest=(math.inf,) * 3))
     assert not anyhow.converged and sd_of(anyhow)[0] > 3.0 * sd_of(found)[0], "wider slopes are another machine's"
     # what loses its way ends at the best place that it had
     assert anyhow.deviance < found.deviance + 30.0
@@ -265,7 +267,7 @@ def test_slopes_are_taken_no_wider_than_the_machine_is_the_same() -> None:
 
 def test_a_fit_without_free_numbers_finds_motion_and_disturbances() -> None:
     (records,), _ = logs(1, seed=11, s=0.6)
-    found = solve(Samples(JOINT, records, SENSOR), JOINT, ())
+    found = fit_parameters(Samples(JOINT, records, SENSOR), JOINT, ())
     assert found.converged and found.covariance.shape == (0, 0) and found.values.shape == (0,)
     assert found.disturbances.s == pytest.approx(0.6, rel=0.5)
 
@@ -274,8 +276,8 @@ def test_records_of_different_lengths_count_as_one_log() -> None:
     """Their informations add: what two logs say together is what the sum of both says."""
     given, _ = logs(2, seed=12)
     cut = [given[0][0], given[0][1].head(170)], [given[1][0].head(31), given[1][1]]
-    apart = [solve(Samples(JOINT, own, SENSOR), JOINT, NAMES, disturbances=NONE, settings=HELD) for own in cut]
-    both = solve(Samples(JOINT, [*cut[0], *cut[1]], SENSOR), JOINT, NAMES, disturbances=NONE, settings=HELD)
+    apart = [fit_parameters(Samples(JOINT, own, SENSOR), JOINT, NAMES, disturbances=NONE, settings=HELD) for own in cut]
+    both = fit_parameters(Samples(JOINT, [*cut[0], *cut[1]], SENSOR), JOINT, NAMES, disturbances=NONE, settings=HELD)
     information = [np.linalg.inv(f.covariance) for f in apart]
     np.testing.assert_allclose(both.covariance, np.linalg.inv(sum(information)), rtol=0.05)
     mean = np.linalg.solve(sum(information), sum(N @ f.values for N, f in zip(information, apart, strict=True)))

@@ -18,7 +18,7 @@ from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.first_fit import with_best_memory
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction_error import Fit, inverse
-from sysid.estimation.solver import Settings, solve
+from sysid.estimation.solver import Settings, fit_parameters
 from sysid.physics.effects import Joint, JointEffect
 from sysid.physics.ops import Value
 from sysid.planning.excitation import multisine
@@ -57,7 +57,7 @@ def test_a_random_torque_is_found_beside_friction_and_the_numbers_stay_honest(s:
     """Of 30 logs 95 % of the 95 % intervals cover: 25 or more of 30, but for one set of logs in 700."""
     start = DRY.with_parameters({"J": 0.4, "G": 1.5, "coulomb.tau_c": 0.05})
     found = [
-        solve(Samples(start, [r], SENSOR), start, DRY_NAMES, disturbances=Disturbances(6.0, T), settings=QUIET)
+        fit_parameters(Samples(start, [r], SENSOR), start, DRY_NAMES, disturbances=Disturbances(6.0, T), settings=QUIET)
         for r in logs(DRY, 30, 300, s, T)
     ]
     sizes = np.array([f.disturbances.s for f in found])
@@ -86,7 +86,9 @@ def test_output_error_is_sure_of_wrong_numbers_under_a_random_torque() -> None:
     truth = np.array([0.3, 2.0, 0.07])
     squares = []
     for settings, begin in ((QUIET, Disturbances(6.0, 0.3)), (Settings(sizes=False), Disturbances(0.0))):
-        found = [solve(Samples(DAMPED, [r], SENSOR), DAMPED, DAMPED_NAMES, None, begin, settings) for r in records]
+        found = [
+            fit_parameters(Samples(DAMPED, [r], SENSOR), DAMPED, DAMPED_NAMES, None, begin, settings) for r in records
+        ]
         z = np.array([(f.values - truth) / np.sqrt(np.diag(f.covariance)) for f in found])
         squares.append(float(np.mean(z**2)))
     assert squares[0] < 2.0 and squares[1] > 10.0
@@ -94,7 +96,7 @@ def test_output_error_is_sure_of_wrong_numbers_under_a_random_torque() -> None:
 
 def test_intervals_are_as_wide_as_the_likelihood_says_where_nothing_is_missing() -> None:
     for record in logs(DAMPED, 3, 300, 0.0, 0.1):
-        found = solve(Samples(DAMPED, [record], SENSOR), DAMPED, DAMPED_NAMES, settings=QUIET)
+        found = fit_parameters(Samples(DAMPED, [record], SENSOR), DAMPED, DAMPED_NAMES, settings=QUIET)
         np.testing.assert_array_equal(found.wider, 1.0)
         np.testing.assert_array_equal(found.covariance, inverse(found.Z.T @ found.Z))
 
@@ -104,7 +106,9 @@ def test_intervals_cover_under_a_torque_of_a_longer_memory_than_was_thought() ->
     truth, z, wider = np.array([0.3, 2.0, 0.07]), [], []
     for record in logs(DAMPED, 20, 500, 0.6, 3.0, seed=5):
         white = Disturbances(6.0, 0.01)
-        found = solve(Samples(DAMPED, [record], SENSOR), DAMPED, DAMPED_NAMES, disturbances=white, settings=QUIET)
+        found = fit_parameters(
+            Samples(DAMPED, [record], SENSOR), DAMPED, DAMPED_NAMES, disturbances=white, settings=QUIET
+        )
         z.append((found.values - truth) / np.sqrt(np.diag(found.covariance)))
         wider.append(found.wider)
     assert np.min(wider) >= 1.0
@@ -118,7 +122,7 @@ def test_its_memory_is_found_on_the_grid(T: float) -> None:
     """A planted T is its own likeliest neighbour in most logs, and never the far end of the grid."""
     found = []
     for record in logs(DAMPED, 5, 600, 1.0, T, seed=1):
-        here = solve(
+        here = fit_parameters(
             Samples(DAMPED, [record], SENSOR), DAMPED, DAMPED_NAMES, disturbances=Disturbances(1.0, T), settings=QUIET
         )
         found.append(with_best_memory(here).disturbances.T)
@@ -183,7 +187,7 @@ def test_a_torque_is_said_to_depend_on_what_it_depends_on(
 
 def missing(records: list[Record], names: tuple[str, ...] = DAMPED_NAMES) -> tuple[Fit, np.ndarray]:
     """A fit of the damped joint and the torque (M,) that it misses."""
-    found = solve(Samples(DAMPED, records, SENSOR), DAMPED, names, settings=QUIET)
+    found = fit_parameters(Samples(DAMPED, records, SENSOR), DAMPED, names, settings=QUIET)
     return found, missing_torque(found, found)
 
 

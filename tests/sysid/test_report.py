@@ -163,7 +163,7 @@ def test_a_comparison_has_a_page_of_its_own(records, pages):
     answer, said = compare(ROD, records[-1:], SENSOR), text(pages["comparison"])
     assert answer.sentence in said
     for error in answer.errors.values():
-        assert set_as.multiple(error.ratios["theta"]) in said
+        assert set_as.typeset_multiple(error.ratios["theta"]) in said
 
 
 def test_the_page_of_an_axis_is_in_metres_and_newtons(tmp_path):
@@ -325,4 +325,4 @@ def test_a_number_is_rounded_well_within_its_sd(value, sd):
 )
 def test_a_number_is_set_as_in_print(plain, set_in_print):
     assert set_as.typeset(plain) == set_in_print.replace("~", set_as.MINUS).replace("x", set_as.TIMES)
-    assert set_as.multiple(math.inf) == "∞"
+    assert set_as.typeset_multiple(math.inf) == "∞"

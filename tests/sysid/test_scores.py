@@ -43,7 +43,7 @@ from sysid.estimation.linearisation import LinearisedModel, Samples
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import extended
 from sysid.estimation.scores import Score, alikeness, scores
-from sysid.estimation.solver import Settings, solve
+from sysid.estimation.solver import Settings, fit_parameters
 from sysid.physics.candidates import alternatives
 from sysid.physics.parameters import Extent
 from sysid.planning.excitation import steps
@@ -74,7 +74,7 @@ def null(
     records: list[Record], names: tuple[str, ...] = PLANT, disturbances: Disturbances = NONE, sensor: Sensor = SENSOR
 ) -> Fit:
     """The bare rod, fitted beside disturbances that are known."""
-    return solve(Samples(rod(), records, sensor), rod(), names, None, disturbances, KNOWN)
+    return fit_parameters(Samples(rod(), records, sensor), rod(), names, None, disturbances, KNOWN)
 
 
 @pytest.fixture(scope="module")
@@ -233,7 +233,7 @@ def test_a_model_that_runs_away_does_not_break_it() -> None:
     """Negative friction, and readings of a motion that no such model makes: every score is a number, or is left out."""
     driven = rod(Viscous(b=-9.0, bounds={"b": (-9.0, 9.0)}))
     with np.errstate(all="ignore"):
-        found = scores(solve(Samples(driven, logs(rod()), SENSOR), driven, PLANT, None, Disturbances(1.0)))
+        found = scores(fit_parameters(Samples(driven, logs(rod()), SENSOR), driven, PLANT, None, Disturbances(1.0)))
     assert len(found) > 10
     for score in found.values():
         assert math.isfinite(score.lm)
@@ -296,7 +296,7 @@ def test_something_else_that_is_missing_counts_as_a_random_torque() -> None:
     """Beside a strong ripple the wrong effects promise far less than white residuals would make them."""
     names = ("drift", "drag", "velocity_gain", "torque_bias", "velocity_bias")
     records = logs(rod(Ripple(a=0.1, b=0.05, order=5.0)))
-    beside = solve(Samples(rod(), records, SENSOR), rod(), PLANT)
+    beside = fit_parameters(Samples(rod(), records, SENSOR), rod(), PLANT)
     white, right = (max(s.lm for s in scores(own, names).values()) for own in (null(records), beside))
     assert right < 0.1 * white
 
@@ -308,7 +308,7 @@ def test_something_else_that_is_missing_counts_as_a_random_torque() -> None:
 )
 def test_what_is_hidden_scores_best_beside_its_like(truth: Effect) -> None:
     records = logs(rod(truth))
-    found = scores(solve(Samples(rod(), records, SENSOR), rod(), PLANT))
+    found = scores(fit_parameters(Samples(rod(), records, SENSOR), rod(), PLANT))
     best = max(found.values(), key=lambda s: s.lm - 7.0 * len(s.sizes))
     assert best.name == truth.name or best.name in truth.confused
     assert found[truth.name].lm > 0.6 * best.lm

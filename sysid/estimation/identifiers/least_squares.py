@@ -18,7 +18,7 @@ from sysid.estimation.identifiers.identifier import free_parameters
 from sysid.estimation.linearisation import Samples, level
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.smoothed_start import parameter_starts
-from sysid.estimation.solver import Settings, solve
+from sysid.estimation.solver import Settings, fit_parameters
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
@@ -77,16 +77,16 @@ class LeastSquares:
     def _from(self, samples: Samples, model: Model, start: Array) -> Fit:
         """The optimum that is reached from parameters `start` (P,)."""
         begun = model.with_parameters(dict(zip(self.parameters, start.tolist(), strict=True)))
-        near = solve(samples, begun, self.parameters, None, Disturbances(BEGUN * level(samples)), HELD)
-        whole = solve(samples, near.model, self.parameters, near, NONE, EXACT)
-        return whole if whole.converged else solve(samples, near.model, self.parameters, near, NONE, DAMPED)
+        near = fit_parameters(samples, begun, self.parameters, None, Disturbances(BEGUN * level(samples)), HELD)
+        whole = fit_parameters(samples, near.model, self.parameters, near, NONE, EXACT)
+        return whole if whole.converged else fit_parameters(samples, near.model, self.parameters, near, NONE, DAMPED)
 
     def _beside_a_random_torque(self, samples: Samples, model: Model, used: int) -> Estimate:
         status = (
             f"no optimum of whole rollouts was found from {used} starts: these numbers are those beside a random "
             "torque; the model lacks something, or try other starting numbers"
         )
-        answer = solve(samples, model, self.parameters).estimate("least squares")
+        answer = fit_parameters(samples, model, self.parameters).estimate("least squares")
         return replace(answer, success=False, status=status)
 
 
