@@ -75,9 +75,9 @@ class Log(Sequence[Record]):
         every = math.floor(1.0 / (needed_rate(self.records) * self.dt) + 0.02)
         if every < 2:
             return self
-        records = tuple(r.thinned(every) for r in self.records)
+        records = tuple(r.thinned(every) for r in self.records if len(r) >= every)
         note = f"thinned from {1.0 / self.dt:.4g} Hz: the motion has nothing faster to show (--dt keeps another rate)"
-        return Log(records, (*self.notes, note), records[0].dt)
+        return Log(records, (*self.notes, note), every * self.dt)
 
     def __str__(self) -> str:
         n = sum(len(r) for r in self.records)

@@ -19,7 +19,7 @@ from sysid.diagnosis.contacts import Contact, find_contacts
 from sysid.diagnosis.dependence import dependence
 from sysid.diagnosis.findings import fitted_numbers
 from sysid.diagnosis.ranked import Ranked
-from sysid.diagnosis.residual_torque import missing_torque
+from sysid.diagnosis.residual_torque import missing_torque, residual_torque
 from sysid.diagnosis.search import Addition, Search
 from sysid.diagnosis.search_settings import DEFAULT, SearchSettings
 from sysid.errors import InvalidInput
@@ -37,6 +37,9 @@ from sysid.planning.planned_experiment import Experiment
 
 MOST_RESTARTS = 2
 """What a hand touched is left out and the search begun anew, at most so often."""
+
+LEAST_LEFT = 0.6
+"""The share of a log that has to be left beside what a hand touched, or nothing is left out."""
 
 DETECTABLE = 3.9
 """Size, in its standard deviations, that is found in 80 % of logs at the price that an effect has to pay."""
@@ -110,26 +113,50 @@ def diagnose(
     training, held_out = split(records, hold_out)
     sensor = relied_on(model, training, sensor)
     search, base, contacts = _searched(lambda left: Search(left, sensor, chosen, settings), training, model, names)
-    return _Report(search, base, records, held_out, sensor, contacts, notes).diagnosis(began)
+    held_out, more = _untouched(search, base, held_out)
+    return _Report(search, base, records, held_out, sensor, (*contacts, *more), notes).diagnosis(began)
 
 
 def _searched(
     search_in: Callable[[Sequence[Record]], Search], records: Sequence[Record], model: Model, names: tuple[str, ...]
 ) -> tuple[Search, Fit, tuple[Contact, ...]]:
     """The search through what no hand touched, the fit that it began at, and what was touched."""
-    from sysid.data.splitting import leave_out
-
     contacts: tuple[Contact, ...] = ()
     for restarts_left in reversed(range(MOST_RESTARTS + 1)):
         search = search_in(records)
         base, end = search.run(model, names)
         perhaps = restarts_left and not end.undisturbed
         found = find_contacts(end, missing_torque(end, base)) if perhaps else ()
-        rest = leave_out(records, [(t.name, t.t_begin, t.t_end) for t in found])
-        if not found or sum(map(len, rest)) < 0.6 * sum(map(len, records)):
+        rest = _without(found, records)
+        if rest is None:
             break
         contacts, records = (*contacts, *found), rest
     return search, base, contacts
+
+
+def _untouched(
+    search: Search, base: Fit, held_out: tuple[Record, ...]
+) -> tuple[tuple[Record, ...], tuple[Contact, ...]]:
+    """The held-out records without what a hand touched, which no model predicts, and what that was."""
+    end = search.stages[-1][1] if search.stages else base
+    if not held_out_error(end.model, held_out, search.sensor, search.settings.window).beyond_noise:
+        return held_out, ()
+    try:
+        torque = residual_torque(end.model, (*search.records, *held_out), search.sensor)
+    except InvalidInput:  # the model runs away from what it has not seen
+        return held_out, ()
+    names = {r.name for r in held_out}
+    found = tuple(contact for contact in torque.contacts if contact.name in names)
+    rest = _without(found, held_out)
+    return (held_out, ()) if rest is None else (rest, found)
+
+
+def _without(contacts: Sequence[Contact], records: Sequence[Record]) -> tuple[Record, ...] | None:
+    """The records without what was touched; None where nothing was, or too little would be left."""
+    from sysid.data.splitting import leave_out
+
+    rest = leave_out(records, [(t.name, t.t_begin, t.t_end) for t in contacts])
+    return rest if contacts and sum(map(len, rest)) >= LEAST_LEFT * sum(map(len, records)) else None
 
 
 def _known(effects: Iterable[str]) -> tuple[str, ...]:

@@ -319,7 +319,7 @@ class Search:
                     self.additions.remove(addition)
                     now, dropped = without, True
                     break
-        return self._simplified(now) if len(self.additions) > 1 else now
+        return self._simplified(now)
 
     def _simplified(self, now: Fit) -> Fit:
         """With the simpler form of each refinement that no longer beats it, now that others stand beside both."""

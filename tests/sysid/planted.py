@@ -106,11 +106,11 @@ def shaken(model: Model, rms: float, seed: int = 0, u: np.ndarray | None = None,
     return [dataclasses.replace(r, u=own) for r, own in zip(made, u, strict=True)]
 
 
-def pushed(records: list[Record], i: int) -> list[Record]:
-    """A hand leans on rollout i from 1.5 s to 2.1 s."""
+def pushed(records: list[Record], i: int, *effects: Effect) -> list[Record]:
+    """A hand leans on rollout i from 1.5 s to 2.1 s; `effects` are what the machine has."""
     push = np.zeros(len(records[i]))
     push[75:105] = 1.2
-    run = simulate(truth(), records[i].u + push, records[i].theta[0], 0.0)  # type: ignore[index]
+    run = simulate(truth(*effects), records[i].u + push, records[i].theta[0], 0.0)  # type: ignore[index]
     (made,) = SENSOR.measure(run, np.random.default_rng(9))
     return [*records[:i], Record(made.t, records[i].u, made.theta, made.theta_dot, name="pushed"), *records[i + 1 :]]
 

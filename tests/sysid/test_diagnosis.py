@@ -45,6 +45,7 @@ from tests.sysid.planted import (
     UNKNOWN,
     logs,
     of,
+    pushed,
     records_of,
     rod,
     truth,
@@ -236,6 +237,16 @@ def test_a_hand_is_named_and_becomes_no_effect() -> None:
     assert "time" in found.remaining.depends_on
     assert f"in {found.contacts[0]}" in found.sentence
     assert abs(found.estimate.values["m"] - 1.0) < 4.5 * found.estimate.sd["m"], "what a hand touched was fitted"
+
+
+@pytest.mark.parametrize("hidden", [(), (Coulomb(0.1),)])
+def test_a_hand_in_the_held_out_data_is_named_and_scores_no_model(hidden: tuple[Effect, ...]) -> None:
+    records = pushed(logs(truth(*hidden)), 4, *hidden)
+    found = diagnose(rod(), records, SENSOR, effects=FEW)
+    assert [s.effect for s in found.steps] == [e.name for e in hidden]
+    assert [t.name for t in found.contacts] == ["pushed"]
+    assert found.contacts[0].t_begin < 1.8 < found.contacts[0].t_end
+    assert found.error.ratio < 1.15, "no model predicts what a hand does"
 
 
 def test_only_the_rollout_that_was_touched_is_cut_where_all_have_one_name() -> None:

@@ -394,6 +394,15 @@ def test_a_fast_log_of_a_slow_motion_is_thinned_to_100_hz(rate, left, tmp_path):
     assert any("thinned from" in note for note in log.notes) == (rate != left)
 
 
+def test_a_piece_of_fewer_rows_than_one_thinned_sample_is_dropped(tmp_path):
+    """Seven rows behind a gap are no rollout at a tenth of the rate; they kept their own rate, and the log was refused."""
+    t = np.append(np.arange(4001), np.arange(4900, 4907)) / 1000.0
+    path = write(tmp_path / "log.csv", {"t": t, "theta": 3.0 + np.sin(6.0 * t), "torque": np.cos(6.0 * t)})
+    log = read(path)
+    assert len(log) == 2
+    assert [r.dt for r in log.thinned()] == [pytest.approx(0.01)]
+
+
 def test_a_fast_motion_keeps_its_rate(tmp_path):
     """Twenty samples a period: 12 Hz needs 240."""
     t = np.arange(4001) / 1000.0

@@ -14,6 +14,7 @@ from scipy.stats import binom
 
 from sysid import (
     CATALOGUE,
+    AsymmetricCoulomb,
     Backlash,
     Coulomb,
     Diagnosis,
@@ -192,6 +193,18 @@ def test_what_has_become_idle_goes() -> None:
     search = Search(rubbing(), SENSOR)
     search.additions = [Addition(n, (), (), 1e-9, both) for n in ("viscous", "coulomb")]
     end = search._pruned(both)
+    assert [a.name for a in search.additions] == ["coulomb"]
+    assert {e.name for e in end.model.effects} == {"coulomb"}
+    assert end.deviance == pytest.approx(mended().deviance, abs=0.5)
+
+
+def test_a_refinement_that_stands_alone_yields_to_its_simple_form() -> None:
+    """As if dry friction of two sizes had been chosen where its sides are alike."""
+    refined = extended(base(), [AsymmetricCoulomb(tau_plus=0.09, tau_minus=0.11)])
+    search = Search(rubbing(), SENSOR)
+    search.last = scores(base(), FRICTIONS)
+    search.additions = [Addition("asymmetric_coulomb", (), (), 1e-9, refined)]
+    end = search._pruned(refined)
     assert [a.name for a in search.additions] == ["coulomb"]
     assert {e.name for e in end.model.effects} == {"coulomb"}
     assert end.deviance == pytest.approx(mended().deviance, abs=0.5)
