@@ -266,6 +266,7 @@ class Diagnosis:
             "unconfirmed": list(self.unconfirmed),
             "verdict": self.verdict,
             "sentence": self.sentence,
+            "doubts": list(self.doubts),
             "steps": [s.to_dict() for s in self.steps],
             "conventions": [s.to_dict() for s in self.conventions],
             "ranking": [r.to_dict() for r in self.ranking],
@@ -301,6 +302,32 @@ class Diagnosis:
             parts = [f"{names}{explains}", f"{self._predicted()}{none_left}", *left]
         return f"{'; '.join(parts)}."
 
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Reasons not to trust the numbers, a sentence each."""
+        doubts = [] if self.estimate.success else [f"the fit did not end well: {self.estimate.status}"]
+        if self.remaining is not None and 0.0 < self.torque.drive < self.torque.after:
+            what, unit = quantity("torque", self.error.units), self.error.units["torque"]
+            doubts.append(
+                f"what remains is larger than the {what} of the drive (rms {self.torque.drive:.2g} {unit}): something "
+                "else moved the machine, or a sign, a zero or a unit is another; the fitted numbers mean little. Try a "
+                "part of the log in which nothing touched it"
+            )
+        return tuple(doubts)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What was found and is not believed or does not matter, and what no fit has used."""
+        remarks = []
+        if self.negligible:
+            remarks.append(f"there, by their likelihood, and too small to matter: {', '.join(self.negligible)}")
+        if self.unconfirmed:
+            left_out = ", ".join(self.unconfirmed)
+            remarks.append(f"left out, since the held-out data or what remains speak against it: {left_out}")
+        if self.contacts:
+            remarks.append(f"no fit has used what a hand may have touched: {'; '.join(map(str, self.contacts))}")
+        return tuple(remarks)
+
     def _share(self) -> str:
         """The share of the missing torque that the steps explain, with its size; empty where nothing was missing."""
         torque, unit = self.torque, self.model.plant.unit("N m")
@@ -330,7 +357,7 @@ class Diagnosis:
         return f"a {what} of rms {remaining.torque:.2g} {unit} remains that no known effect explains; {on}"
 
     def __str__(self) -> str:
-        lines = [self.sentence]
+        lines = [self.sentence, *(f"  but {doubt}" for doubt in self.doubts)]
         for step in (*self.conventions, *self.steps):
             fell = f"error {step.error_before:.3g} -> {step.error_after:.3g}"
             lines.append(
@@ -338,14 +365,7 @@ class Diagnosis:
                 + (f"; this log cannot tell it from {', '.join(step.alike[1:])}" if len(step.alike) > 1 else "")
             )
         lines.extend(f"  cannot be told apart by this motion: {', '.join(group)}" for group in self.not_identifiable)
-        if self.negligible:
-            lines.append(f"  there, by their likelihood, and too small to matter: {', '.join(self.negligible)}")
-        if self.unconfirmed:
-            lines.append(
-                f"  left out, since the held-out data or what remains speak against it: {', '.join(self.unconfirmed)}"
-            )
-        if self.contacts:
-            lines.append(f"  no fit has used what a hand may have touched: {'; '.join(map(str, self.contacts))}")
+        lines.extend(f"  {remark}" for remark in self.remarks)
         lines.append(
             f"  what matters: an effect that lowers the error of 1 s predictions by {self.tolerance:.0%}; "
             "+- is one standard deviation"

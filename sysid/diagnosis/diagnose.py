@@ -298,7 +298,9 @@ class _Report:
             next_experiment=self._experiment(verdict, machine, end),
             seconds=time.perf_counter() - began,
             torque=torque,
-            negligible=tuple(n for n in self.search.negligible if n not in self._names(self.additions)),
+            negligible=tuple(
+                n for n in self.search.negligible if n not in (*self._names(self.additions), *self.unconfirmed)
+            ),
             unconfirmed=tuple(self.unconfirmed),
             tolerance=self.search.settings.tolerance,
         )

@@ -97,11 +97,13 @@ def _(answer: Diagnosis) -> Page:
             "diagnosed in": f"{answer.seconds:.1f} s",
         },
         turns=answer.model.plant.turns,
-        warnings=tuple(_hands(answer, contacts)),
+        warnings=tuple(_warnings(answer, contacts)),
     )
 
 
-def _hands(answer: Diagnosis, contacts: Sequence[Contact]) -> Iterator[str]:
+def _warnings(answer: Diagnosis, contacts: Sequence[Contact]) -> Iterator[str]:
+    for doubt in answer.doubts:
+        yield f"{doubt[0].upper()}{doubt[1:]}."
     if answer.contacts:
         yield f"{contacts_sentence(answer.contacts)} No fit has used them."
     if more := contacts[len(answer.contacts) :]:

@@ -127,8 +127,15 @@ def effects(found: Mapping[str, Any] | None, error: float | None) -> list[Any]:
     if found is None:
         return [html.P("The effects of the catalogue are ranked once the model is fitted.", className="quiet")]
     rows = [row(own, error, own["effect"] in found["next"]) for own in found["rows"]]
-    return [html.P(next_sentence(found), className="summary"), *([_together(found)] if len(found["next"]) > 1 else []),
+    return [html.P(next_sentence(found), className="summary"),
+            *(html.P(_capital(said) + ".", className="error") for said in found["doubts"]),
+            *([_together(found)] if len(found["next"]) > 1 else []),
+            *(html.P(_capital(said) + ".", className="quiet") for said in found["remarks"]),
             html.Div(rows[:FIRST], className="rows"), *_tried(rows[FIRST:]), *_others(found)]  # fmt: skip
+
+
+def _capital(sentence: str) -> str:
+    return sentence[:1].upper() + sentence[1:]
 
 
 def next_sentence(found: Mapping[str, Any]) -> str:
@@ -137,8 +144,7 @@ def next_sentence(found: Mapping[str, Any]) -> str:
     if found["next"]:
         said = " and ".join(names.get(n, n) for n in found["next"])
         return f"What pays most: {said}."
-    finding = str(found["finding"])
-    return finding[0].upper() + finding[1:]
+    return _capital(str(found["finding"]))
 
 
 def _together(found: Mapping[str, Any]) -> html.P:

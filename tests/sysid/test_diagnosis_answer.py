@@ -19,6 +19,7 @@ from tests.sysid.planted import (
     of,
     records_of,
     rod,
+    shaken,
     truth,
 )
 
@@ -39,6 +40,7 @@ KEYS = {
     "unconfirmed",
     "verdict",
     "sentence",
+    "doubts",
     "steps",
     "conventions",
     "ranking",
@@ -116,6 +118,7 @@ def test_the_verdict_agrees_with_what_it_rests_on(name: str) -> None:
     assert any(s.rivals for s in found.steps) == (found.verdict == "cannot tell")
     named = {s.effect for s in (*found.steps, *found.conventions)}
     assert not named & set(found.negligible) and not named & set(found.unconfirmed)
+    assert not set(found.negligible) & set(found.unconfirmed), "one reason is enough"
     if found.verdict != "cannot tell":
         assert found.next_experiment is None
     if found.remaining is not None:
@@ -171,6 +174,14 @@ def test_what_is_ruled_out_would_have_been_found() -> None:
         records = logs(truth(CATALOGUE[name](**{entry["parameter"]: 1.3 * entry["size"]})), 1)
         found = diagnose(rod(), records, SENSOR, effects=(name,))
         assert name in {*found.negligible, *(s.effect for s in found.steps)}
+
+
+def test_a_torque_beyond_the_drives_own_is_a_reason_not_to_trust_the_fit() -> None:
+    found = diagnose(rod(), shaken(truth(), 4.0), SENSOR, effects=("tilt",))
+    (doubt,) = (d for d in found.doubts if "larger than the torque of the drive" in d)
+    assert found.torque.after > found.torque.drive
+    assert doubt in str(found) and doubt in found.to_dict()["doubts"]
+    assert not of("coulomb").doubts and not of("pushed").doubts
 
 
 def test_both_errors_are_said_and_neither_is_called_a_fall() -> None:
