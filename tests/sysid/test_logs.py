@@ -395,7 +395,7 @@ def test_a_fast_log_of_a_slow_motion_is_thinned_to_100_hz(rate, left, tmp_path):
 
 
 def test_a_piece_of_fewer_rows_than_one_thinned_sample_is_dropped(tmp_path):
-    """Seven rows behind a gap are no rollout at a tenth of the rate; they kept their own rate, and the log was refused."""
+    """Seven rows behind a gap are no rollout at a tenth of the rate."""
     t = np.append(np.arange(4001), np.arange(4900, 4907)) / 1000.0
     path = write(tmp_path / "log.csv", {"t": t, "theta": 3.0 + np.sin(6.0 * t), "torque": np.cos(6.0 * t)})
     log = read(path)
