@@ -30,7 +30,9 @@ from sysid.data.logs import Log, read
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
 from sysid.data.splitting import split
+from sysid.diagnosis.findings import quantity
 from sysid.errors import InvalidInput
+from sysid.estimation.channels import relied_on
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.fit import fit
 from sysid.physics.effects import ACTUATORS, CATALOGUE
@@ -150,7 +152,7 @@ def _(command: AddCommand) -> None:
 
     effect(command.effect)  # raises, and says which names are near
     task = LogAndModel.of(command)
-    added = add(task.fitted(), command.effect, task.log, task.sensor, command.log.hold_out)
+    added = add(task.fitted(), command.effect, task.log, task.measured, command.log.hold_out)
     logger.info(added)
     write_json(command.json, added.to_dict())
     write_model(command.out, added.estimate)
@@ -212,11 +214,13 @@ def _(command: EffectsCommand) -> None:
 class LogAndModel:
     """A log with its noise, and the model to begin with.
 
+    measured, sensor   the noise of all readings, and of those that a fit of the model relies on
     names   the parameters that a fit may move
     known   whether nothing has to be fitted first: the model came from a file, and all that was added has its numbers
     """
 
     log: Log
+    measured: Sensor
     sensor: Sensor
     training: tuple[Record, ...]
     held_out: tuple[Record, ...]
@@ -234,15 +238,19 @@ class LogAndModel:
         whole = read_log(command.log, model)
         log = whole.thinned() if command.log.dt is None else whole
         logger.info(log)
-        sensor = _sensor(command.log, whole, model.plant)
+        measured = _sensor(command.log, whole, model.plant)
         training, held_out = split(log, command.log.hold_out)
         model = sampled(model, log.dt, given)
         names = shown(model, names, log)
         if not given:
             from sysid.estimation.initial_guess import initial_guess
 
-            model = initial_guess(model, names, training, sensor)
-        return cls(log, sensor, training, held_out, model, names, given and not added)
+            model = initial_guess(model, names, training, measured)
+        sensor = relied_on(model, training, measured)
+        if sensor != measured:
+            what = quantity("theta_dot", model.plant.quantities)
+            logger.info(f"the {what} is left out: beside theta it tells little, or it is filtered or late")
+        return cls(log, measured, sensor, training, held_out, model, names, given and not added)
 
     def fitted(self) -> Estimate:
         """The model fitted to what is not held out."""

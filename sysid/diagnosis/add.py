@@ -8,9 +8,9 @@ from typing import Any
 
 from sysid.data.record import Record, check_records
 from sysid.data.sensor import Sensor
-from sysid.diagnosis.channels import relied_on
 from sysid.diagnosis.findings import fitted_numbers, with_numbers
 from sysid.errors import InvalidInput
+from sysid.estimation.channels import relied_on
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.first_fit import first_fit
 from sysid.estimation.fit import free
@@ -102,9 +102,9 @@ def add(
         sensor, model = sensor or model.sensor, model.model
     if name in {e.name for e in model.effects}:
         raise InvalidInput(f"the model has {name} already: expected an effect that it lacks")
-    model.with_effect(effect(name))  # raises where it is unknown or excluded
+    with_it = model.with_effect(effect(name))  # raises where it is unknown or excluded
     training, held_out = split(check_records(model, records), hold_out)
-    sensor = relied_on(model, training, sensor or sensor_noise(records).sensor)
+    sensor = relied_on(with_it, training, sensor or sensor_noise(records).sensor)
     base = first_fit(Samples(model, training, sensor), model, names)
     score = scores(base, (name,)).get(name)
     if score is None or not score.visible:

@@ -14,7 +14,6 @@ from sysid.data.logs import notes_of
 from sysid.data.record import Record, check_records, unique_names
 from sysid.data.sensor import Sensor
 from sysid.diagnosis.answer import Diagnosis, MissingTorque, Remaining, Step
-from sysid.diagnosis.channels import relied_on
 from sysid.diagnosis.contacts import Contact, find_contacts
 from sysid.diagnosis.dependence import dependence
 from sysid.diagnosis.findings import fitted_numbers
@@ -23,6 +22,7 @@ from sysid.diagnosis.residual_torque import missing_torque, residual_torque
 from sysid.diagnosis.search import Addition, Search
 from sysid.diagnosis.search_settings import DEFAULT, SearchSettings
 from sysid.errors import InvalidInput
+from sysid.estimation.channels import relied_on
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.fit import free
 from sysid.estimation.held_out import HeldOutError, held_out_error

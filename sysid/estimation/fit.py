@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from sysid.data.record import Record, check_records
 from sysid.data.sensor import Sensor
 from sysid.errors import InvalidInput
+from sysid.estimation.channels import relied_on
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.first_fit import first_fit
 from sysid.estimation.identifiers.identifier import free_parameters
@@ -41,7 +42,8 @@ def fit(
     records : sequence of Record
         At least one rollout.
     sensor : Sensor, optional
-        Noise of the readings; by default found from the records without any model.
+        Noise of the readings; by default found from the records without any model, and without a speed that tells
+        little beside the angle or is not the angle's (`sysid.estimation.channels.relied_on`).
     parameters : sequence of str, optional
         The names that are free; by default all but gravity.
 
@@ -59,7 +61,7 @@ def fit(
     if sensor is None:
         from sysid.data.noise import sensor_noise
 
-        sensor = sensor_noise(records).sensor
+        sensor = relied_on(model, records, sensor_noise(records).sensor)
     names = free(model) if parameters is None else tuple(parameters)
     if not names:
         raise InvalidInput("nothing is left to fit: every parameter is fixed")

@@ -155,7 +155,7 @@ class Work:
         else:
             before = load(self.session.of(self.node.parent) / MODEL).estimate
             hold_out = self.state.log_options.hold_out
-            estimate = add(before or task.model, self.node.added, task.log, task.sensor, hold_out).estimate
+            estimate = add(before or task.model, self.node.added, task.log, task.measured, hold_out).estimate
         save(estimate, self.folder / MODEL)
         self._export(estimate.model)
 

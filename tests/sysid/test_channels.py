@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sysid import RK4, FilteredSpeed, GeneralJoint, Model, Record, Sensor, effect, simulate
-from sysid.diagnosis.channels import relied_on
+from sysid import RK4, FilteredSpeed, GeneralJoint, Model, Record, Sensor, add, effect, fit, simulate
+from sysid.estimation.channels import relied_on
 from sysid.physics.simulate import Trajectory
 from sysid.planning.excitation import multisine
 
@@ -108,3 +108,17 @@ def test_one_channel_is_all_there_is() -> None:
     for sensor in (Sensor(theta=ANGLE), Sensor(theta_dot=5.0)):
         records = logs(Sensor(theta=ANGLE, theta_dot=5.0))
         assert relied_on(JOINT, records, sensor) is sensor
+
+
+def test_a_fit_relies_on_what_a_diagnosis_relies_on() -> None:
+    """The late speed of a drive bends no fit; whoever asks whether it is late gets its readings."""
+    records = [late(r, 0.1) for r in logs(Sensor(theta=ANGLE, theta_dot=SIMILAR))]
+    found = fit(JOINT, records)
+    assert found.sensor is not None and found.sensor.theta_dot is None
+    for name, value in found.values.items():
+        assert abs(value - float(JOINT.parameters[name].value)) < 4.0 * found.sd[name], name
+    bent = fit(JOINT, records, Sensor(theta=ANGLE, theta_dot=0.2 * SIMILAR))
+    assert any(abs(v - float(JOINT.parameters[n].value)) > 4.0 * bent.sd[n] for n, v in bent.values.items())
+    asked = add(JOINT, "filtered_speed", records).estimate
+    assert asked.sensor is not None and asked.sensor.theta_dot is not None
+    assert abs(asked.values["filtered_speed.T"] - 0.1) < 0.02

@@ -7,6 +7,7 @@ import logging
 import math
 import re
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,6 +32,7 @@ from sysid import (
     fit,
     ops,
     parameter,
+    read,
     simulate,
 )
 from sysid.data.splitting import split
@@ -394,3 +396,19 @@ def test_bad_input_is_one_sentence(call: Callable[[], object], says: str) -> Non
     with pytest.raises(InvalidInput, match=says) as caught:
         call()
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.long
+def test_a_real_pendulum_that_hands_pushed_has_dry_friction() -> None:
+    """Published: 0.16 to 0.175 N m; pushed near 7.2, 12.2 and 16.1 s, the last of which nothing is fitted to."""
+    path = Path(__file__).parents[3] / "shared" / "data" / "logs" / "dfki_sp_energy_shaping.csv"
+    if not path.exists():
+        pytest.skip("the real logs are not here: expected ../shared/data/logs beside the project")
+    columns = "t=time_s,theta=angle_rad,theta_dot=velocity_rad_s,torque=torque_meas_Nm"
+    log = read(path, columns=columns, zero="hanging").thinned()
+    found = diagnose(Model(GeneralJoint(), dt=log.dt), log)
+    assert [s.effect for s in found.steps] == ["coulomb"]
+    assert 0.12 < found.steps[0].parameters["coulomb.tau_c"]["value"] < 0.22
+    assert found.error.theta is not None and found.error.theta < 0.006
+    for push in (7.2, 12.2, 16.1):
+        assert any(t.t_begin - 0.3 < push < t.t_end + 0.3 for t in found.contacts), push

@@ -1,4 +1,4 @@
-"""Channels: which of a log's readings a diagnosis relies on."""
+"""Channels: which of a log's readings a fit relies on."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from sysid.physics.model import Model
 
 COMPARED_OVER = 0.1
 """Time [s] over which a speed is compared with what the angle's readings say of it."""
-LARGEST_ERROR = 3.0
-"""A speed whose mean over that time errs so many times as much as the angle's slope tells a tenth of that."""
+LARGEST_ERROR = 2.0
+"""A speed whose mean over that time errs so many times as much as the angle's slope tells a fifth of what is known."""
 LARGEST_MISFIT = 3.0
 """Mean square of what a speed's integral misses of the angle's change, in units of what their noises explain."""
 LARGEST_CORRELATION = 1.15
@@ -29,7 +29,7 @@ def relied_on(model: Model, records: Sequence[Record], sensor: Sensor) -> Sensor
     """The sensor without a speed that tells little beside the angle, or that is not the angle's speed.
 
     A drive's speed is often filtered and late, and no white noise describes its error: over spans of 0.1 s its integral
-    is compared with the change of the angle, which needs no model. What is worth a tenth is not worth that risk. Where
+    is compared with the change of the angle, which needs no model. What is worth a fifth is not worth that risk. Where
     the model has an effect of the speed's sensor, the speed stays; also where it is that of a first-order filter and
     its error is white (it was rounded, or sent, behind the filter): that is an effect that a model can have.
     """
