@@ -16,6 +16,7 @@ from sysid.diagnosis.predictions import Prediction, predicted
 from sysid.diagnosis.residual_torque import ResidualTorque, followed, torque_of
 from sysid.diagnosis.whiteness import Whiteness, whiteness
 from sysid.errors import InvalidInput
+from sysid.estimation.channels import relied_on
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.held_out import (
     HeldOutError,
@@ -179,7 +180,7 @@ def compare(
     records : sequence of Record
         At least one rollout, best one that no fit has seen.
     sensor : Sensor, optional
-        Noise of the readings; by default the estimate's, else found from the records without any model.
+        Noise of the readings; by default the estimate's, else found from the records as `fit` finds it.
     parameters : sequence of str, optional
         Names of parameters that a fit has found; by default the estimate's. What they would absorb is no evidence for
         a missing effect.
@@ -203,7 +204,7 @@ def compare(
     if sensor is None:
         from sysid.data.noise import sensor_noise
 
-        sensor = sensor_noise(records).sensor
+        sensor = relied_on(model, records, sensor_noise(records).sensor)
     return _compared(model, records, sensor, names, notes)
 
 

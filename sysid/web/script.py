@@ -46,6 +46,7 @@ def script(state: SessionState, begun: Mapping[str, Any], node: int, own: Sequen
     parts = [
         *(["import dataclasses", ""] if own or given else []),
         "import sysid",
+        "from sysid.estimation.channels import relied_on",
         "from sysid.estimation.initial_guess import initial_guess",
         *(f"\n\n{text}" for text in own),
         "",
@@ -58,10 +59,10 @@ def script(state: SessionState, begun: Mapping[str, Any], node: int, own: Sequen
         f"names = {begun['names']!r}",
         f"model = sysid.Model(plant, ({effects}), sysid.RK4(substeps={begun['substeps']}), dt=log.dt)",
         "model = initial_guess(model, names, training, sensor)",
-        "estimate = sysid.fit(model, training, sensor, names)",
+        "estimate = sysid.fit(model, training, relied_on(model, training, sensor), names)",
         *(f"estimate = sysid.add(estimate, {name!r}, log, sensor{more}).estimate" for name in state.added(node)),
-        "print(sysid.compare(estimate, held_out, sensor))",
-        f"print(sysid.diagnose(estimate, log, sensor{more}))  # what is missing now",
+        "print(sysid.compare(estimate, held_out))",
+        f"print(sysid.diagnose(estimate, log{more and f', hold_out={more[2:]}'}))  # what is missing now",
         'sysid.save(estimate, "model.json")',
     ]
     return "\n".join(parts) + "\n"

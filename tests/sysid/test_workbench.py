@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import json
 import time
-import zipfile
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -27,6 +26,7 @@ from sysid.web.own_effect import OwnEffect
 from sysid.web.script import script
 from sysid.web.session import BEGUN, EFFECTS, FAILS, MODEL, NEXT, PLANNED, REPORT, SERIES, Session, Sessions
 from sysid.web.training import OPTIMUM, OWN, heard
+from tests.sysid import hostile_logs
 
 
 def waited(bench: Workbench, session: Session, seconds: float = 120.0) -> str:
@@ -237,20 +237,12 @@ def test_a_preview_is_read_once(bench: Workbench, tmp_path: Path) -> None:
     assert np.array_equal(again.theta, first.theta, equal_nan=True)
 
 
-def bomb(path: Path) -> None:
-    """An .npz whose array claims ten gigabytes."""
-    header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (1342177280,), }"
-    content = b"\x93NUMPY\x01\x00" + (118).to_bytes(2, "little") + header.ljust(117) + b"\n"
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
-        for name in ("t", "theta"):
-            file.writestr(f"{name}.npy", content + bytes(1 << 24))
-
-
 @pytest.mark.parametrize(
     ("name", "write"),
     [
-        ("pickled.npz", lambda f: np.savez(f, t=np.array([{}], dtype=object), theta=np.array([{}], dtype=object))),
-        ("bomb.npz", bomb),
+        ("pickled.npz", hostile_logs.pickled),
+        ("bomb.npz", hostile_logs.bomb),
+        ("lying.db3", hostile_logs.lying_bag),
         ("cut.npz", lambda f: f.write_bytes(b"PK\x03\x04" + bytes(100))),
         ("claims.csv", lambda f: f.write_text("t,theta\n0,1e308\n1,-1e308\n2,nan\n")),
         ("empty.csv", lambda f: f.write_bytes(b"")),

@@ -21,9 +21,12 @@ from sysid.data.record import write_csv  # noqa: E402
 from sysid.web import samples  # noqa: E402
 from sysid.web.server import make  # noqa: E402
 from sysid.web.session import SERIES  # noqa: E402
+from tests.sysid import hostile_logs as hostile  # noqa: E402
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 LOG = Path(__file__).parents[3] / "shared" / "data" / "logs" / "dfki_sp_energy_shaping.csv"
+FOREIGN = "evil.example"
+"""A name of someone else's that leads to this machine."""
 LONG = 300_000
 """Milliseconds that an answer may take on a busy machine."""
 
@@ -36,7 +39,8 @@ pytestmark = [
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
     with playwright.sync_playwright() as driver:
-        made = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"])
+        rules = f"--host-resolver-rules=MAP {FOREIGN} 127.0.0.1"
+        made = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu", rules])
         yield made
         made.close()
 
@@ -91,16 +95,10 @@ def test_the_hidden_friction_is_found_and_added_by_clicks(page: Any, site: str, 
     bars = page.locator("#part-ladder .bartext").all_text_contents()
     assert float(bars[0]) > 3.0
     assert float(bars[1]) < 1.1
-    page.locator("#get-report-html").wait_for(timeout=LONG)
-    with page.expect_download() as waiting:
-        page.locator("#get-report-html").click()
-    waiting.value.save_as(tmp_path / "report.html")
-    text = (tmp_path / "report.html").read_text()
-    assert "coulomb" in text
-    assert "https://" not in text.replace("http://www.w3.org", "")
+    opened_offline(page, site, tmp_path)
 
 
-def test_a_real_log_is_dropped_read_and_looked_at(page: Any, site: str) -> None:
+def test_a_real_log_is_dropped_read_and_mended(page: Any, site: str, tmp_path: Path) -> None:
     if not LOG.is_file():
         pytest.skip(f"{LOG.name} is not here: expected ../shared/data/logs beside the project")
     page.goto(site)
@@ -109,6 +107,11 @@ def test_a_real_log_is_dropped_read_and_looked_at(page: Any, site: str) -> None:
     page.get_by_text("does 0 mean hanging in this log?").wait_for(timeout=LONG)
     page.locator("#set-zero").get_by_text("hanging").click()
     page.get_by_text("does 0 mean hanging in this log?").wait_for(state="detached", timeout=LONG)
+    page.locator("#set-end").fill("4.2")
+    page.locator("#set-end").press("Enter")
+    page.get_by_text("839 samples").first.wait_for(timeout=LONG)
+    page.locator("#set-torque").click()
+    page.get_by_role("option", name="torque_meas_Nm").click()
     page.get_by_role("button", name="Fit a model to this log").click()
     page.locator("#course .main-svg").first.wait_for(timeout=LONG)
     page.reload()
@@ -116,6 +119,30 @@ def test_a_real_log_is_dropped_read_and_looked_at(page: Any, site: str) -> None:
     drag(page, "#over", 0.6, 0.9)
     page.locator("#course .scatterlayer .point").first.wait_for(timeout=LONG)
     assert page.locator("#map .scatterlayer .trace").nth(1).locator(".point").count() > 0
+    before = float(page.locator(".big strong").inner_text())
+    page.locator("article.row").first.get_by_role("button", name="Add coulomb").click()
+    page.locator("#part-ladder .bartext").nth(1).wait_for(timeout=LONG)
+    bars = page.locator("#part-ladder .bartext").all_text_contents()
+    assert [float(bar) for bar in bars] == sorted(map(float, bars), reverse=True)
+    assert float(page.locator(".big strong").inner_text()) < 0.75 * before
+    opened_offline(page, site, tmp_path)
+
+
+def opened_offline(page: Any, site: str, folder: Path) -> None:
+    """The report that the page offers is opened with no connection to anything."""
+    page.locator("#get-report-html").wait_for(timeout=LONG)
+    with page.expect_download() as waiting:
+        page.locator("#get-report-html").click()
+    waiting.value.save_as(folder / "report.html")
+    context = page.context.browser.new_context(offline=True)
+    report, asked = context.new_page(), list[str]()
+    report.on("request", lambda request: asked.append(request.url))
+    report.goto((folder / "report.html").as_uri())
+    assert report.locator("h1").inner_text()
+    assert report.locator("svg, img").count() > 2
+    assert "coulomb" in report.content()
+    assert not [url for url in asked if not url.startswith(("file:", "data:"))]
+    context.close()
 
 
 def drag(page: Any, plot: str, begin: float, end: float) -> None:
@@ -129,17 +156,51 @@ def drag(page: Any, plot: str, begin: float, end: float) -> None:
 
 
 def test_what_is_too_large_or_no_log_is_said(page: Any, site: str, tmp_path: Path) -> None:
+    """One sentence each, and the page goes on: the last file is a log like any other."""
     (tmp_path / "large.csv").write_bytes(b"t,theta\n" + b"0,0\n" * (1 << 20))
     (tmp_path / "log.pkl").write_bytes(b"\x80\x04.")
     (tmp_path / "text.csv").write_text("t,theta\n0,=cmd|' /C calc'!A0\n1,<img src=x onerror=alert(1)>\n")
+    hostile.lying_bag(tmp_path / "lying.db3")
+    hostile.bomb(tmp_path / "bomb.npz")
+    hostile.pickled(tmp_path / "pickled.npz")
+    write_csv(samples.sample("friction")[0], tmp_path / "good.csv")
     page.goto(site)
     for name, said in (
         ("large.csv", "4 MB: expected less than 2 MB"),
         ("log.pkl", "ends in"),
         ("text.csv", "expected a number"),
+        ("lying.db3", "bag or MCAP file that is whole"),
+        ("bomb.npz", "plain arrays"),
+        ("pickled.npz", "plain arrays"),
     ):
         page.locator("#upload input").set_input_files(tmp_path / name)
-        page.get_by_text(said).first.wait_for(timeout=LONG)
+        page.locator(".error", has_text=said).first.wait_for(timeout=LONG)
+    page.locator("#upload input").set_input_files(tmp_path / "good.csv")
+    page.locator("#readings .main-svg").first.wait_for(timeout=LONG)
+    assert page.locator(".error:visible").count() == 0
+
+
+def test_a_foreign_name_and_a_foreign_page_are_refused_with_a_sentence(browser: Any, site: str, tmp_path: Path) -> None:
+    """DNS rebinding: a foreign name leads here. Open to other machines, the page wants a token."""
+    server, bench = make(tmp_path / "open", "0.0.0.0", 0, token="secret")
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    other, page = f"http://127.0.0.1:{server.server_port}", browser.new_page()
+    try:
+        page.goto(f"http://{FOREIGN}:{site.rpartition(':')[2]}/")
+        assert "another name of this server" in page.locator("body").inner_text()
+        page.goto(other)
+        assert "wants a token" in page.locator("body").inner_text()
+        page.goto("about:blank")
+        page.set_content(f'<form action="{site}/_dash-update-component" method="post"><button>ask</button></form>')
+        page.get_by_role("button").click()
+        page.get_by_text("A page of null asked").wait_for(timeout=LONG)
+        page.goto(f"{other}/?token=secret")
+        page.locator("#upload").wait_for(timeout=LONG)
+    finally:
+        page.close()
+        bench.end()
+        server.shutdown()
+        server.server_close()
 
 
 def test_a_click_is_answered_and_the_page_is_painted_soon(
