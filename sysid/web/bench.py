@@ -84,7 +84,9 @@ class Workbench:
     # ---- models
 
     def fit(self, session: Session) -> None:
-        """Fit a model to the log; the history begins anew."""
+        """Fit a model to the log; the history begins anew, but for a log that cannot be read with these settings."""
+        if session.state.nodes and log_part.preview(session).about.error:
+            return
         self.jobs.cancel(session)
         session.begin_anew()
         self.jobs.begin(session, session.add_node(None))

@@ -7,7 +7,7 @@ from typing import Any
 
 from dash import dcc, html
 
-from sysid.diagnosis.findings import quantity
+from sysid.diagnosis.findings import quantity, spaced_unit
 from sysid.report.formatting import typeset_multiple
 from sysid.web import figures
 from sysid.web.own_effect import FUNCTIONS, VARIABLES, OwnEffect
@@ -88,6 +88,9 @@ def fails(found: Mapping[str, Any] | None, series: figures.Series | None) -> Any
         html.P([html.Strong(_multiple(found["ratio"])), " times the sensor noise over 1 s of held-out data"],
                className="big"),
         html.P(found["sentence"], className="quiet"),
+        html.P(["The fitted model: ", *_fitted_numbers(found["parameters"])], className="quiet"),
+        *([html.Details([html.Summary("What was noted on the way"), html.Ul([html.Li(n) for n in found["notes"]])])]
+          if found["notes"] else []),
         html.Div(
             dcc.RadioItems(
                 [{"label": quantity(c, found["quantities"]), "value": c} for c in channels],
@@ -113,6 +116,15 @@ def fails(found: Mapping[str, Any] | None, series: figures.Series | None) -> Any
             className="plots",
         ),
     ]  # fmt: skip
+
+
+def _fitted_numbers(parameters: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Each number with its standard deviation and unit."""
+    return [
+        f"{p['name']} = {p['said']}{spaced_unit(p['unit'])}{' (at its bound)' * p['at_bound']}"
+        f"{'' if k == len(parameters) else ', '}"
+        for k, p in enumerate(parameters, start=1)
+    ]
 
 
 def _multiple(ratio: float | None) -> str:

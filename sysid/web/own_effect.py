@@ -46,6 +46,8 @@ OPERATIONS: dict[type[ast.AST], Callable[..., Value]] = {
     ast.UAdd: operator.pos,
     ast.USub: operator.neg,
 }
+REACH = (-1e6, 1e6)
+"""What the size of a formula may be."""
 LONGEST, DEEPEST, MOST_NUMBERS, LARGEST_POWER = 400, 24, 6, 8
 MODULE = f"{__name__}:made"
 """The module that effects made here say they come from: it is no file."""
@@ -79,8 +81,9 @@ class OwnEffect:
         numbers = _numbers(tree)
         sizes = _sizes(tree, numbers, shapes)
         lines = [
-            f'    {n}: float = sysid.parameter(0.0, unit="1", neutral=0.0)' if n in sizes else
-            f'    {n}: float = sysid.parameter({shapes[n][0]!r}, unit="1", probe={shapes[n]!r})'
+            f'    {n}: float = sysid.parameter(0.0, unit="1", bounds={REACH}, neutral=0.0)' if n in sizes else
+            f'    {n}: float = sysid.parameter({shapes[n][0]!r}, unit="1", bounds={_bounds(shapes[n])}, '
+            f"probe={shapes[n]!r})"
             for n in numbers
         ]  # fmt: skip
         written = ast.unparse(_Qualified().visit(ast.fix_missing_locations(parsed_formula(self.formula))))
@@ -179,7 +182,7 @@ def made(own: OwnEffect) -> type[Effect]:
         return value(tree, seen | {n: getattr(self, n) for n in numbers})
 
     fields = [
-        (n, Any, parameter(0.0, unit="1", bounds=(-1e6, 1e6), neutral=0.0) if n in sizes else
+        (n, Any, parameter(0.0, unit="1", bounds=REACH, neutral=0.0) if n in sizes else
          parameter(shapes[n][0], unit="1", bounds=_bounds(shapes[n]), probe=shapes[n]))
         for n in numbers
     ]  # fmt: skip
@@ -227,7 +230,10 @@ def _sizes(tree: ast.AST, numbers: Sequence[str], shapes: Mapping[str, Sequence[
     sizes = tuple(alone[:1] or together)
     if sizes and (missing := [n for n in free if n not in sizes]):
         one = missing[0]
-        raise InvalidInput(f"{', '.join(missing)}: expected values to try, as in {one} = 0.1, 0.5, 2")
+        variables = ", ".join(VARIABLES)
+        raise InvalidInput(
+            f"{', '.join(missing)}: expected one of the variables {variables}, or values to try, as in {one} = 0.1, 0.5"
+        )
     return sizes
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from sysid.physics.effects import ACTUATORS, CATALOGUE, Effect
@@ -39,7 +38,7 @@ def _effect(own: Effect) -> str:
 
 def script(state: SessionState, begun: Mapping[str, Any], node: int, own: Sequence[str] = ()) -> str:
     """The lines: read, fit, add what was added, say what is missing next, save; `own` are classes of own effects."""
-    files = [Path(f).name if t == Path(f).name else f for f, t in zip(state.log["files"], state.titles, strict=True)]
+    files = list(state.log["files"])
     more = f", {state.log['hold_out']!r}" if "hold_out" in state.log else ""
     given = state.log.get("noise", "")
     effects = "".join(f"sysid.{e}, " for e in begun["effects"])

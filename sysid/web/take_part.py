@@ -74,7 +74,11 @@ def _lines(session: Session, at: int) -> list[Any]:
         return []
     own = [OwnEffect(**o).source() for o in state.own if o["name"] in state.added(at)]
     lines = script(state, begun, at, own)
-    environment = 'gymnasium.make("policies:gapfinder/Pendulum-v0", model="model.json")'
+    limit = _torque_limit(session.read(at, FAILS))
+    environment = (
+        f'gymnasium.make("policies:gapfinder/Pendulum-v0", model="model.json", u_max={limit or 1.0})'
+        "  # u_max: the largest torque [N m]"
+    )
     return [
         html.Details(
             [
@@ -106,7 +110,7 @@ def training_part(session: Session, running: bool) -> Any:
     if not available():
         return html.P("A policy can be trained here where the package policies is installed.", className="quiet")
     said = heard(session, at)
-    u_max = dcc.Input(id="train-u-max", type="number", value=float(f"{found['u_max']:.3g}"), min=0)
+    u_max = dcc.Input(id="train-u-max", type="number", value=_torque_limit(found), min=0)
     button = html.Button("Stop", id={"do": "untrain"}) if running else html.Button("Train", id="train")
     return [
         html.H3("A policy for this model"),
@@ -115,6 +119,12 @@ def training_part(session: Session, running: bool) -> Any:
         *([] if said is None else [layout.graph(figures.learning(said["points"], said["returns"].get(OPTIMUM)))]),
         *([] if said is None else [html.P(_said(said, running), className="quiet")]),
     ]
+
+
+def _torque_limit(found: Mapping[str, Any] | None) -> float | None:
+    """The largest torque [N m] of the log; None where its commands are no torques."""
+    torques = found is not None and found["command_unit"] == "N m"
+    return float(f"{found['u_max']:.3g}") if found is not None and torques else None
 
 
 def _said(said: Mapping[str, Any], running: bool) -> str:
