@@ -23,7 +23,9 @@ from sysid.data.files import write_whole
 from sysid.data.log_files import sources
 from sysid.data.logs import likely_columns, named_columns
 from sysid.data.record import Record
+from sysid.data.table import TimeWindow
 from sysid.errors import InvalidInput
+from sysid.limits import RAW_ROWS
 from sysid.physics.ops import Array
 from sysid.web import figures
 from sysid.web.layout import graph, upload
@@ -121,14 +123,26 @@ def columns(session: Session) -> tuple[tuple[str, ...], dict[str, str]]:
 
 
 def settle_columns(session: Session) -> None:
-    """Take for what they look like the columns that are called otherwise than we call them."""
+    """Take for what they look like the columns that are called otherwise than we call them, and that hold numbers."""
     try:
         found, chosen = columns(session)
+        empty = [chosen[ours] for ours in _without_numbers(session, chosen)]
     except InvalidInput:
         return
+    if empty:
+        kept = {ours: theirs for ours, theirs in chosen.items() if theirs not in empty}
+        chosen = likely_columns([name for name in found if name not in empty], kept) | kept
     state, told = session.state, ",".join(f"{a}={b}" for a, b in chosen.items() if named_columns(found).get(a) != b)
     if told and not state.log.get("columns"):
         session.change(log={**state.log, "columns": told})
+
+
+def _without_numbers(session: Session, chosen: Mapping[str, str]) -> list[str]:
+    """Which of ours the chosen columns of the first file hold no number for."""
+    state = session.state
+    source = sources(state.log["files"][:1], state.log.get("joint", ""))[0]
+    table = source.load(chosen, TimeWindow(-math.inf, math.inf, RAW_ROWS))
+    return [ours for ours, column in table.items() if not np.any(np.isfinite(column))]
 
 
 def changed(state: SessionState, values: Mapping[str, Any], found: Mapping[str, str]) -> SessionState:

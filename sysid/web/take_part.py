@@ -132,5 +132,9 @@ def _said(said: Mapping[str, Any], running: bool) -> str:
     returns = said["returns"]
     if OWN in returns:
         best = f"; the optimum has {returns[OPTIMUM]:.0f}" if OPTIMUM in returns else ""
-        return f"The policy earns {returns[OWN]:.0f} an episode{best}. It lies in the session's folder."
-    return str(said["last"]) if running or not said["points"] else "stopped"
+        return f"The policy earns {returns[OWN]:.0f} an episode{best}. It is kept as {said['policy']}."
+    if not said["points"]:
+        return str(said["last"])
+    steps, earned = said["points"][-1]
+    left = str(said["last"]).rpartition("#")[2].strip() if running else "stopped"
+    return f"After {steps:,} simulated steps the policy in training earns {earned:.0f} an episode; {left}."

@@ -70,11 +70,12 @@ class Trainings:
 
 
 def heard(session: Session, node: int) -> Mapping[str, Any] | None:
-    """What a training has said: points of its curve, returns of the policy and of the optimum, its last line."""
+    """What a training has said: points of its curve, returns of the policy and the optimum, its last line, its file."""
     path = session.of(node) / SAID
     if not path.is_file():
         return None
     lines = path.read_text(errors="replace").splitlines()
     points = [(int(m[1].replace(",", "")), float(m[2])) for m in map(POINT.match, lines) if m]
     returns = {m[1].strip(): float(m[2]) for m in map(RETURN.match, lines) if m}
-    return {"points": points, "returns": returns, "last": lines[-1] if lines else ""}
+    return {"points": points, "returns": returns, "last": lines[-1] if lines else "",
+            "policy": str(session.of(node) / POLICY)}  # fmt: skip

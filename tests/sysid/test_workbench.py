@@ -212,6 +212,16 @@ def test_columns_of_other_names_are_taken_for_what_they_look_like(bench: Workben
     assert session.state.log["columns"] == "t=time_s,theta=angle_rad,theta_dot=speed,torque=effort"
 
 
+def test_a_column_without_numbers_is_not_taken(bench: Workbench, tmp_path: Path) -> None:
+    text = "time_s,angle,torque_cmd,torque_meas\n" + "".join(
+        f"{0.02 * k},{3.0 + 0.1 * k},,{k % 3}\n" for k in range(60)
+    )
+    (tmp_path / "log.csv").write_text(text)
+    session = uploaded(bench, tmp_path / "log.csv")
+    assert log_part.columns(session)[1]["torque"] == "torque_meas"
+    assert not log_part.preview(session).about.error
+
+
 def test_a_log_that_hangs_upside_down_is_drawn_so_and_doubted(bench: Workbench, tmp_path: Path) -> None:
     record = samples.sample("friction")[0]
     assert record.theta is not None
