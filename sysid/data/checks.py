@@ -131,13 +131,14 @@ def _turned(records: Sequence[Record], command: str) -> tuple[str, ...]:
         return ()
     A, b = np.concatenate(rows), np.concatenate(targets)
     fit = np.linalg.lstsq(A, b, rcond=None)[0]
-    if float(b @ b) == 0.0 or 1.0 - float(np.sum((b - A @ fit) ** 2) / np.sum((b - b.mean()) ** 2 + 1e-300)) < 0.7:
+    unexplained = float(np.sum((b - A @ fit) ** 2) / np.sum((b - b.mean()) ** 2 + 1e-300))
+    if float(b @ b) == 0.0 or unexplained > 0.3:
         return ()
     share = np.abs(fit) * A.std(axis=0) / b.std()
     found = []
     if fit[0] < 0.0 and share[0] > 0.3:
         found.append("the pendulum is pulled towards theta = 0: does 0 mean hanging in this log?")
-    if fit[1] < 0.0 and share[1] > 0.3:
+    if fit[1] < 0.0 and share[1] > min(0.3, max(0.1, 3.0 * math.sqrt(unexplained))):
         found.append(f"a positive {command} lowers theta: is its sign turned round?")
     return tuple(found)
 

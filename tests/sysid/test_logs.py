@@ -422,3 +422,14 @@ def test_a_fast_motion_is_seen_through_the_noise():
     theta = math.pi + 0.5 * np.sin(2.0 * math.pi * t) + 0.02 * np.sin(40.0 * math.pi * t)
     rate = needed_rate([Record(t, np.zeros(4000), theta + 0.003 * rng.standard_normal(4001))])
     assert rate == pytest.approx(400.0, rel=0.02), "20 samples a period of 20 Hz"
+
+
+@pytest.mark.parametrize("name, end", [("energy_shaping", 4.2), ("sac", 4.6), ("dircol", 3.5), ("ddp", 6.0)])
+def test_a_sign_turned_round_is_doubted_in_logs_of_a_real_pendulum(name, end):
+    path = REAL / f"dfki_sp_{name}.csv"
+    if not path.exists():
+        pytest.skip("the real logs are not here: expected ../shared/data/logs beside the project")
+    columns = "t=time_s,theta=angle_rad,theta_dot=velocity_rad_s,torque=torque_meas_Nm"
+    for flipped in (False, True):
+        notes = read(path, columns=columns, zero="hanging", end=end, flip_torque=flipped).notes
+        assert any("its sign turned round?" in note for note in notes) == flipped
