@@ -88,7 +88,7 @@ def fails(found: Mapping[str, Any] | None, series: figures.Series | None) -> Any
         html.P([html.Strong(_multiple(found["ratio"])), " times the sensor noise over 1 s of held-out data"],
                className="big"),
         html.P(found["sentence"], className="quiet"),
-        html.P(["The fitted model: ", *_fitted_numbers(found["parameters"])], className="quiet"),
+        html.P(f"The fitted model: {_fitted_numbers(found['parameters'])}", className="quiet"),
         *([html.Details([html.Summary("What was noted on the way"), html.Ul([html.Li(n) for n in found["notes"]])])]
           if found["notes"] else []),
         html.Div(
@@ -118,13 +118,11 @@ def fails(found: Mapping[str, Any] | None, series: figures.Series | None) -> Any
     ]  # fmt: skip
 
 
-def _fitted_numbers(parameters: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Each number with its standard deviation and unit."""
-    return [
-        f"{p['name']} = {p['said']}{spaced_unit(p['unit'])}{' (at its bound)' * p['at_bound']}"
-        f"{'' if k == len(parameters) else ', '}"
-        for k, p in enumerate(parameters, start=1)
-    ]
+def _fitted_numbers(parameters: Sequence[Mapping[str, Any]]) -> str:
+    """The numbers with their standard deviations and units."""
+    return ", ".join(
+        f"{p['name']} = {p['said']}{spaced_unit(p['unit'])}{' (at its bound)' * p['at_bound']}" for p in parameters
+    )
 
 
 def _multiple(ratio: float | None) -> str:

@@ -39,7 +39,7 @@ def _effect(own: Effect) -> str:
 def script(state: SessionState, begun: Mapping[str, Any], node: int, own: Sequence[str] = ()) -> str:
     """The lines: read, fit, add what was added, say what is missing next, save; `own` are classes of own effects."""
     files = list(state.log["files"])
-    more = f", {state.log['hold_out']!r}" if "hold_out" in state.log else ""
+    more = f", hold_out={state.log['hold_out']!r}" if "hold_out" in state.log else ""
     given = state.log.get("noise", "")
     effects = "".join(f"sysid.{e}, " for e in begun["effects"])
     parts = [
@@ -61,7 +61,7 @@ def script(state: SessionState, begun: Mapping[str, Any], node: int, own: Sequen
         "estimate = sysid.fit(model, training, relied_on(model, training, sensor), names)",
         *(f"estimate = sysid.add(estimate, {name!r}, log, sensor{more}).estimate" for name in state.added(node)),
         "print(sysid.compare(estimate, held_out))",
-        f"print(sysid.diagnose(estimate, log{more and f', hold_out={more[2:]}'}))  # what is missing now",
+        f"print(sysid.diagnose(estimate, log{more}))  # what is missing now",
         'sysid.save(estimate, "model.json")',
     ]
     return "\n".join(parts) + "\n"

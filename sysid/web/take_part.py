@@ -123,8 +123,9 @@ def training_part(session: Session, running: bool) -> Any:
 
 def _torque_limit(found: Mapping[str, Any] | None) -> float | None:
     """The largest torque [N m] of the log; None where its commands are no torques."""
-    torques = found is not None and found["command_unit"] == "N m"
-    return float(f"{found['u_max']:.3g}") if found is not None and torques else None
+    if found is None or found["command_unit"] != "N m":
+        return None
+    return float(f"{found['u_max']:.3g}")
 
 
 def _said(said: Mapping[str, Any], running: bool) -> str:
