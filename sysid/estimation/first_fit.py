@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from sysid.estimation.initial_guess import initial_guess
+from sysid.estimation.likelihood import maximum_likelihood
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import BLOCKS, WINDOW, left_out_errors
-from sysid.estimation.prediction_error import Fit, with_likely_angle_error
+from sysid.estimation.prediction_error import NUMBERS_GAIN, Fit, with_likely_angle_error
 from sysid.estimation.solver import fit_parameters
 from sysid.physics.effects import CATALOGUE, Effect
 from sysid.physics.model import Model
@@ -63,7 +64,18 @@ def with_best_memory(found: Fit) -> Fit:
         gain, sd = errors[id(own)].gain(errors[id(best)])
         if gain > sd:
             return own
-    return best
+    return _with_finer_memory(best)
+
+
+def _with_finer_memory(found: Fit) -> Fit:
+    """The fit under a correlation time between those that were tried, where that is likelier by more than chance: under
+    a wrong one the numbers are believed to answer for what is slow, or fast, and their intervals are too narrow."""
+    system, now = found.linearised.system, found.disturbances
+    between = [T for T in (now.T / 3.0, now.T * 3.0) if MEMORIES[0] < T < MEMORIES[-1]]
+    likely = maximum_likelihood(system, map(now.with_memory, between))
+    if found.filter.deviance - system.filter(likely).deviance < NUMBERS_GAIN:
+        return found
+    return fit_parameters(found.samples, found.model, found.names, found, likely)
 
 
 def _narrowed(near: Fit, model: Model, names: tuple[str, ...]) -> Fit:

@@ -117,17 +117,16 @@ def test_intervals_cover_under_a_torque_of_a_longer_memory_than_was_thought() ->
     assert np.mean(np.abs(np.array(z) * wider) < 1.96) < 0.85, "without it they would not cover"
 
 
-@pytest.mark.parametrize("T", [0.01, 0.1, 1.0])
-def test_its_memory_is_found_on_the_grid(T: float) -> None:
-    """A planted T is its own likeliest neighbour in most logs, and never the far end of the grid."""
-    found = []
-    for record in logs(DAMPED, 5, 600, 1.0, T, seed=1):
-        here = fit_parameters(
-            Samples(DAMPED, [record], SENSOR), DAMPED, DAMPED_NAMES, disturbances=Disturbances(1.0, T), settings=QUIET
-        )
-        found.append(with_best_memory(here).disturbances.T)
-    assert sum(own == T for own in found) >= 3, found
-    assert all(max(own / T, T / own) < 30.0 for own in found)
+@pytest.mark.parametrize("T", [0.01, 0.03, 0.1, 0.3, 1.0])
+def test_its_memory_is_found_to_a_factor_of_two(T: float) -> None:
+    here = fit_parameters(
+        Samples(DAMPED, logs(DAMPED, 5, 600, 1.0, T, seed=1), SENSOR),
+        DAMPED,
+        DAMPED_NAMES,
+        disturbances=Disturbances(1.0, T),
+        settings=QUIET,
+    )
+    assert 0.5 < with_best_memory(here).disturbances.T / T < 2.0
 
 
 @dataclass(frozen=True, eq=False)
