@@ -80,7 +80,8 @@ def _side(magnitudes: Sequence[Parameter]) -> int:
 def candidates(
     model: Model, extent: Callable[[type[Effect]], Extent], names: Iterable[str] | None = None
 ) -> dict[str, tuple[Alternative, ...]]:
-    """The effects that the model may lack: those of the catalogue (or `names`) that it neither has nor excludes.
+    """The effects that the model may lack: those of the catalogue (or `names`) that it neither has nor excludes, and
+    whose bounds reach to what the log may show.
 
     `extent` says what the probes of a kind of effect may depend on.
     """
@@ -91,5 +92,7 @@ def candidates(
         kind = CATALOGUE[name]
         if name in present or name in excluded or present & set(kind.excludes):
             continue
-        found[name] = alternatives(kind, extent(kind))
+        tried = alternatives(kind, extent(kind))
+        if tried:
+            found[name] = tried
     return found

@@ -53,7 +53,7 @@ class Parameter:
     field: str = ""
 
     def probes(self, extent: Extent) -> tuple[float, ...]:
-        """Values to try this parameter at on a log of that extent.
+        """Values within the bounds to try this parameter at on a log of that extent.
 
         Where none is declared: a hundredth beside neutral, of u_max where the unit is a torque's or a force's.
         """
@@ -62,7 +62,9 @@ class Parameter:
             size = extent.u_max if extent.u_max > 0.0 and self.unit.startswith("N") else 1.0
             chosen = float(self.value) if self.neutral is None else self.neutral + 0.01 * size
         numbers = chosen if isinstance(chosen, Sequence) else (chosen,)
-        return tuple(float(number) for number in numbers)
+        low, high = self.bounds
+        within = dict.fromkeys(min(max(float(number), low), high) for number in numbers)
+        return tuple(number for number in within if number != self.neutral)
 
     @property
     def scale(self) -> float:
