@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sysid.data.record import Record, check_records
 from sysid.data.sensor import Sensor
-from sysid.estimation.output_error import CHANNELS, Linearisation, Response
+from sysid.estimation.output_error import ALL, CHANNELS, Among, Linearisation, Response
 from sysid.estimation.windows import Window, cut
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
@@ -183,15 +183,18 @@ def refit(response: Response, starts: Array | None = None, most: int = REFITS) -
         step, promised = _steps(at, damping)
         least = NEGLIGIBLE * np.maximum(1.0, 0.1 * cost)
         open_ = (promised > least) & ~stalled & (damping < 1e3)
-        if not np.any(open_):
+        own = np.flatnonzero(open_)
+        if not len(own):
             break
-        trial = _linearised(response, x + step * open_[:, None])
-        after = _cost(trial)
-        better = open_ & (after < cost)
+        trial = _linearised(response, (x + step)[own], own)
+        after = np.full(len(x), np.inf)
+        after[own] = _cost(trial)
+        better = after < cost
         stalled |= better & (after + least > cost)
         damping = np.where(better, 0.1 * damping, np.where(open_, np.maximum(4.0 * damping, 1.0), damping))
         x = np.where(better[:, None], x + step, x)
-        at, cost = _chosen(better, trial, at), np.where(better, after, cost)
+        _replace(at, trial, own[better[own]], better[own])
+        cost = np.where(better, after, cost)
     basis = _triangle(at.S_x)[0]
     return Refit(response, x, at, basis, np.sum(basis**2, axis=-1))
 
@@ -236,10 +239,10 @@ def _root(squares: Array, free: Array) -> float:
     return math.sqrt(float(np.sum(squares)) / rest) if rest > 1e-6 * free.size else math.nan
 
 
-def _linearised(response: Response, starts: Array) -> Linearisation:
+def _linearised(response: Response, starts: Array, among: Among = ALL) -> Linearisation:
     """The linearisation, with windows in which the model runs away marked by an infinite error and no slope."""
     with np.errstate(over="ignore", invalid="ignore"):
-        lin = response.linearise(starts)
+        lin = response.linearise(starts, among)
     bad = ~(np.all(np.isfinite(lin.e), axis=1) & np.all(np.isfinite(lin.S_x), axis=(1, 2)))
     if np.any(bad):
         lin.e[bad], lin.S_x[bad] = np.inf, 0.0
@@ -283,14 +286,10 @@ def _triangle(S_x: Array) -> tuple[Array, Array]:
     return np.stack([first, second], axis=-1), R
 
 
-def _chosen(better: NDArray[np.bool_], new: Linearisation, old: Linearisation) -> Linearisation:
-    """Window by window the new linearisation where it is better, else the old one."""
-
-    def pick(a: Array, b: Array) -> Array:
-        return np.where(better.reshape(-1, *[1] * (a.ndim - 1)), a, b)
-
-    parts = {f: pick(getattr(new, f), getattr(old, f)) for f in ("e", "S_x", "states")}
-    return Linearisation(**parts)
+def _replace(old: Linearisation, new: Linearisation, at: NDArray[np.intp], better: NDArray[np.bool_]) -> None:
+    """Put the windows of the new linearisation that are `better` in their places `at` of the old one."""
+    for name in ("e", "S_x", "states"):
+        getattr(old, name)[at] = getattr(new, name)[better]
 
 
 def multiple(ratio: float) -> str:

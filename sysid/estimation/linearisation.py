@@ -6,7 +6,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 
+import casadi
 import numpy as np
 
 from sysid.data.record import Record, check_records, extent_of
@@ -15,7 +17,7 @@ from sysid.estimation.kalman import LinearSystem
 from sysid.estimation.smoothed_start import smooth_states
 from sysid.estimation.windows import UNKNOWN
 from sysid.physics.effects import DynamicEffect, Effect, InputEffect
-from sysid.physics.effects.effect import Memory, Stretch
+from sysid.physics.effects.effect import Stretch
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 from sysid.physics.parameters import Extent
@@ -92,23 +94,6 @@ class Samples:
             drives[begin : begin + len(record)] = own[len(record.previous_commands) :]
         return drives
 
-    def follow(self, effect: DynamicEffect, x: Array) -> Array:
-        """The states (..., M, n) of a dynamic effect along states x (M, 2) of the joint, each record from rest.
-
-        The effect may hold arrays (V, 1), one row a variant.
-        """
-        shape = np.broadcast_shapes(*(np.shape(p.value) for p in effect.parameters.values()))[:-1]
-        found = np.zeros((*shape, len(self), len(effect.start_sd)))
-        lengths = np.diff(self.first)
-        for length in np.unique(lengths).tolist():
-            rows = self.first[:-1][lengths == length]
-            states: Memory = tuple(found[..., rows, i] for i in range(found.shape[-1]))
-            for k in range(length - 1):
-                (theta, begin), (angle, end) = x[rows + k].T, x[rows + k + 1].T
-                _, _, states = effect.follow(states, Stretch(self.dt, begin, end, angle - theta))
-                found[..., rows + k + 1, :] = np.stack(np.broadcast_arrays(*states), axis=-1)
-        return found
-
     @cached_property
     def _followed(self) -> dict[tuple[str, bytes], Array]:
         return {}
@@ -118,9 +103,21 @@ class Samples:
         rows = np.array([[float(p.value) for p in e.parameters.values()] for e in effects])
         key = (effects[0].name, rows.tobytes())
         if key not in self._followed:
-            columns = {n: column[:, None] for n, column in zip(effects[0].parameters, rows.T, strict=True)}
-            self._followed[key] = self.follow(effects[0].with_parameters(columns), self.smoothed)
+            self._followed[key] = self._follow(effects[0], rows)
         return self._followed[key]
+
+    def _follow(self, effect: DynamicEffect, rows: Array) -> Array:
+        """The states (V, M, n) along the smoothed readings with the numbers (V, P), each record from rest."""
+        step = _follower(effect, self.dt)
+        theta, theta_dot = self.smoothed.T
+        stretches = np.column_stack([theta_dot[:-1], theta_dot[1:], np.diff(theta)])
+        found = np.zeros((len(rows), len(self), len(effect.start_sd)))
+        for first, last in pairwise(self.first.tolist()):
+            own, count = stretches[first : last - 1].T, last - first - 1
+            along = step.mapaccum(count)
+            for states, numbers in zip(found, rows, strict=True):
+                states[first + 1 : last] = along(0, own, casadi.repmat(casadi.DM(numbers), 1, count)).full().T
+        return found
 
     def read(self, model: Model, x: Array) -> Array:
         """What perfect sensors show (..., M, 2) along states x (..., M, 2)."""
@@ -133,6 +130,16 @@ class Samples:
             clock = np.broadcast_to(self.time_since_start[rows], x[..., rows, 0].shape)
             seen[..., rows, :] = np.stack(model.read_record(x[..., rows, 0], x[..., rows, 1], clock), axis=-1)
         return seen
+
+
+def _follower(effect: DynamicEffect, dt: float) -> casadi.Function:
+    """(states, speeds at both ends and travel of a stretch, the effect's numbers) -> the states afterwards."""
+    names = tuple(effect.parameters)
+    states, stretch = casadi.SX.sym("states", len(effect.start_sd)), casadi.SX.sym("stretch", 3)
+    numbers = casadi.SX.sym("numbers", len(names))
+    own = effect.with_parameters(dict(zip(names, casadi.vertsplit(numbers), strict=True)))
+    *_, after = own.follow(tuple(casadi.vertsplit(states)), Stretch(dt, *casadi.vertsplit(stretch)))
+    return casadi.Function("follow", [states, stretch, numbers], [casadi.vertcat(*after)])
 
 
 @dataclass(frozen=True, eq=False)

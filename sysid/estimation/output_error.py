@@ -11,6 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeAlias
 
 import casadi
 import numpy as np
@@ -26,6 +27,10 @@ from sysid.physics.ops import Array
 
 Index = NDArray[np.intp]
 CHANNELS = ("theta", "theta_dot")
+
+Among: TypeAlias = Index | slice
+"""Which windows of a log: their numbers, or all."""
+ALL = slice(None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,39 +139,33 @@ class Response:
 
     @cached_property
     def _roll(self) -> casadi.Function:
-        return self._step[0].mapaccum(self.length).map(len(self.windows))
+        return self._step[0].mapaccum(self.length)
 
-    @cached_property
-    def _tangent(self) -> casadi.Function:
-        return self._step[1].map(len(self.windows) * self.length)
-
-    @cached_property
-    def _inputs(self) -> tuple[Array, Array]:
+    def _inputs(self, among: Among) -> tuple[Array, Array]:
         """What a mapped step takes beside states, a row an interval: drive torques and time."""
-        K, L = len(self.windows), self.length
-        return self.drives[self.interval].reshape(K * L, -1), self.time_since_start[:, :L].reshape(-1, 1)
+        interval, time = self.interval[among], self.time_since_start[among, : self.length]
+        return self.drives[interval].reshape(interval.size, -1), time.reshape(-1, 1)
 
-    def _moved(self, starts: Array) -> Array:
-        """States (K, L+1, n) of all windows, those of dynamic effects included, from starts (K, 2) of the joint."""
-        K, L = len(self.windows), self.length
-        first = np.hstack([starts, self._inner])
-        rest = evaluate_mapped(self._roll, first, *self._inputs).reshape(K, L, -1)
+    def _moved(self, starts: Array, among: Among) -> Array:
+        """States (K, L+1, n) of windows, those of dynamic effects included, from starts (K, 2) of the joint."""
+        K, first = len(starts), np.hstack([starts, self._inner[among]])
+        rest = evaluate_mapped(self._roll.map(K), first, *self._inputs(among)).reshape(K, self.length, -1)
         return np.concatenate([first[:, None], rest], axis=1)
 
     def states(self, starts: Array) -> Array:
         """States (K, L+1, 2) of all windows from their starts (K, 2)."""
-        return self._moved(starts)[..., :2]
+        return self._moved(starts, ALL)[..., :2]
 
     # readings ------------------------------------------------------------------------------------------------
 
-    def readings(self, states: Array) -> Array:
-        """What perfect sensors show (..., K, 2, L+1) along states (..., K, L+1, 2)."""
+    def readings(self, states: Array, among: Among = ALL) -> Array:
+        """What perfect sensors show (..., K, 2, L+1) along states (..., K, L+1, 2) of windows."""
         if not self.model.output_effects:
             return np.swapaxes(states, -1, -2)
-        clock = np.broadcast_to(self.time_since_start, states.shape[:-1])
+        clock = np.broadcast_to(self.time_since_start[among], states.shape[:-1])
         return np.stack(self.model.read_record(states[..., 0], states[..., 1], clock), axis=-2)
 
-    def _reading_slopes(self, states: Array, Z: Array) -> Array:
+    def _reading_slopes(self, states: Array, Z: Array, among: Among) -> Array:
         """Derivatives (K, 2, L+1, Q) of the readings along Q directions Z (K, L+1, 2, Q) of the states.
 
         Central differences along each direction: a sensor's memory may be long, its derivative is not.
@@ -175,7 +174,7 @@ class Response:
             return np.swapaxes(Z, 1, 2)
         h, size = 1e-6, np.maximum(np.max(np.abs(Z), axis=(0, 1, 2)), 1.0)
         direction = np.moveaxis(Z / size, -1, 0)
-        up, down = (self.readings(states + s * direction) for s in (h, -h))
+        up, down = (self.readings(states + s * direction, among) for s in (h, -h))
         slopes: Array = np.moveaxis((up - down) / (2.0 * h), 0, -1) * size
         return slopes
 
@@ -183,20 +182,21 @@ class Response:
 
     def residual(self, starts: Array) -> Array:
         """Whitened residuals (K, R) alone."""
-        return self._whitened(self.states(starts))
+        return self._whitened(self.states(starts), ALL)
 
-    def _whitened(self, states: Array) -> Array:
-        return ((self.y - self.readings(states)) * self.weight).reshape(len(self.windows), -1)
+    def _whitened(self, states: Array, among: Among) -> Array:
+        errors: Array = (self.y[among] - self.readings(states, among)) * self.weight[among]
+        return errors.reshape(len(states), -1)
 
-    def linearise(self, starts: Array) -> Linearisation:
-        """Residuals and derivatives at window starts (K, 2)."""
-        K, L, moved = len(self.windows), self.length, self._moved(starts)
+    def linearise(self, starts: Array, among: Among = ALL) -> Linearisation:
+        """Residuals and derivatives at the starts (K, 2) of windows."""
+        K, L, moved = len(starts), self.length, self._moved(starts, among)
         n, states = moved.shape[-1], moved[..., :2]
-        slopes = evaluate_mapped(self._tangent, moved[:, :L].reshape(K * L, n), *self._inputs)
+        slopes = evaluate_mapped(self._step[1].map(K * L), moved[:, :L].reshape(K * L, n), *self._inputs(among))
         A = slopes.reshape(K, L, n, n).swapaxes(2, 3)
         Z = propagate(A, np.empty((K, L, n, 0)))[:, :, :2, :2]
-        S_x = self._reading_slopes(states, Z) * self.weight[..., None]
-        return Linearisation(self._whitened(states), S_x.reshape(K, -1, 2), states)
+        S_x = self._reading_slopes(states, Z, among) * self.weight[among][..., None]
+        return Linearisation(self._whitened(states, among), S_x.reshape(K, -1, 2), states)
 
 
 def evaluate_mapped(function: casadi.Function, *inputs: Array) -> Array:

@@ -28,7 +28,7 @@ def settled(found: Fit) -> Fit:
     return min(after, fit_parameters(found.samples, found.model, found.names), key=lambda own: own.deviance)
 
 
-def reduced(now: Fit, name: str) -> Fit:
+def reduced(now: Fit, name: str, settings: Settings = THOROUGH) -> Fit:
     """The fit without an effect, begun where it ended."""
     model, loose = now.model.without_effect(name), replace(now.disturbances, s=1.5 * now.disturbances.s)
-    return fit_parameters(now.samples, model, [n for n in now.names if n in model.parameters], now, loose)
+    return fit_parameters(now.samples, model, [n for n in now.names if n in model.parameters], now, loose, settings)
