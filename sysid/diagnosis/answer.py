@@ -47,6 +47,12 @@ class Step:
     p_value: float
     estimate: Estimate
 
+    @property
+    def decrease(self) -> float:
+        """Of the squared held-out error, in units of the sensor's variance."""
+        decrease = self.error_before**2 - self.error_after**2
+        return max(decrease, 0.0) if math.isfinite(decrease) else 1.0
+
     def to_dict(self) -> dict[str, Any]:
         """Plain data."""
         return {
@@ -117,7 +123,7 @@ class Diagnosis:
     verdict : str
         "adequate": nothing that matters was missing; "missing": the steps explain all that matters; "partly": the steps
         are sure and pay, and something that matters remains; "unknown": something matters and nothing known pays;
-        "cannot tell": a step's class does not separate on this log.
+        "cannot tell": of what lowers the error most this log cannot say which effect it is.
     base : Estimate
         The model as it came, refitted.
     base_error, error : HeldOutError
@@ -286,7 +292,7 @@ class Diagnosis:
     @property
     def finding(self) -> str:
         """What was found, with its evidence."""
-        names = " and ".join(with_numbers(s.effect, s.parameters) for s in self.steps)
+        names = " and ".join(" or ".join([with_numbers(s.effect, s.parameters), *s.rivals]) for s in self.steps)
         left = [] if self.remaining is None else [self._left(self.remaining)]
         share = self._share()
         if self.verdict == "adequate":
@@ -294,7 +300,7 @@ class Diagnosis:
         elif self.verdict == "unknown":
             parts = ["no known effect pays", self._predicted(), *left]
         elif self.verdict == "cannot tell":
-            classes = "; ".join(" or ".join(s.alike) for s in self.steps if len(s.alike) > 1)
+            classes = "; ".join(" or ".join(s.alike) for s in self.steps if s.rivals)
             parts = [f"{classes} explain this log equally well{share and f', {share}'}", self._predicted(), *left]
         else:
             explains = share and f" explain{'s' * (len(self.steps) == 1)} {share}"

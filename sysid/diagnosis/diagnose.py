@@ -215,16 +215,15 @@ class _Report:
         best = self.errors[()][1].ratio
         for additions, fit in self.search.stages:
             error = self._error(fit)
+            self.errors[self._names(additions)] = fit, error
             if error.ratio <= best * (1.0 + NEGLIGIBLE_RISE) or not math.isfinite(best):
                 best, self.additions = min(best, error.ratio), list(additions)
-                self.errors = {(): self.errors[()], self._names(additions): (fit, error)}
         while self.additions:
             error = self._with(self.additions)[1]
             fewer = [[a for a in self.additions if a is not left] for left in self.additions]
             own = min(fewer, key=lambda own: self._with(own)[1].ratio)
             if self._with(own)[1].ratio > error.ratio * (1.0 - NEGLIGIBLE_RISE) and math.isfinite(error.ratio):
                 break
-            self.errors = {(): self.errors[()], self._names(own): self._with(own)}
             self.additions = own
         kept = self._names(self.additions)
         tried = dict.fromkeys(a.name for additions, _ in self.search.stages for a in additions)
@@ -274,7 +273,7 @@ class _Report:
         torque = self._torque(end)
         remaining = self._remaining(end, error, torque)
         verdict = "adequate" if not machine else "missing"
-        if any(s.rivals for s in machine):
+        if sum(s.decrease for s in machine if s.rivals) > 0.5 * sum(s.decrease for s in machine):
             verdict = "cannot tell"
         elif remaining is not None:
             verdict = "partly" if machine else "unknown"
@@ -295,7 +294,7 @@ class _Report:
             notes=self.notes,
             estimate=end.estimate(),
             contacts=self.contacts,
-            next_experiment=self._experiment(verdict, machine, end),
+            next_experiment=self._experiment(machine, end),
             seconds=time.perf_counter() - began,
             torque=torque,
             negligible=tuple(
@@ -311,13 +310,13 @@ class _Report:
         self.torques = [missing_torque(f, self.base) for f in (self.base, end)]
         return MissingTorque(drive, *(float(np.sqrt(np.nanmean(d**2))) for d in self.torques))
 
-    def _experiment(self, verdict: str, machine: tuple[Step, ...], end: Fit) -> Experiment | None:
+    def _experiment(self, machine: tuple[Step, ...], end: Fit) -> Experiment | None:
         """What to play next where a class does not separate."""
-        if verdict != "cannot tell":
+        alike = next((s.alike for s in machine if s.rivals), None)
+        if alike is None:
             return None
         from sysid.planning.experiment import next_experiment
 
-        alike = next(s.alike for s in machine if s.rivals)
         try:
             return next_experiment(end.estimate(), alike, sensor=self.sensor, records=self.search.records)
         except InvalidInput:  # no torque in the log, or rivals that exclude each other

@@ -270,7 +270,7 @@ class Search:
             if len(numbers) == len(own.parameters):
                 bounded = {k: float(np.clip(v, *own.parameters[k].bounds)) for k, v in numbers.items()}
                 self._try(now, (other,), found, [effect(other, **bounded)])
-        return [t for t in found if t.fit.deviance < best.fit.deviance + 3.0 * self.settings.close]
+        return [t for t in found if gain(best.fit, t.fit, best.effects) < 3.0 * self.settings.close]
 
     def _added(self, now: Fit, chosen: Trial, trials: Sequence[Trial]) -> Fit:
         for name in chosen.effects:
@@ -286,7 +286,7 @@ class Search:
                     for t in trials
                     if len(t.effects) == 1
                     and t.effects[0] not in (name, *same)
-                    and abs(t.fit.deviance - chosen.fit.deviance) < self.settings.close
+                    and abs(gain(chosen.fit, t.fit, chosen.effects)) < self.settings.close
                     and len(t.fit.names) <= len(chosen.fit.names)
                     and alikeness(self.last[t.effects[0]], own) > self.settings.rival
                 )
@@ -302,7 +302,7 @@ class Search:
             t.effects[0]
             for t in trials
             if len(t.effects) == 1
-            and abs(t.fit.deviance - chosen.fit.deviance) < self.settings.twin
+            and abs(gain(chosen.fit, t.fit, chosen.effects)) < self.settings.twin
             and alikeness(self.last[t.effects[0]], own) > self.settings.alike
         )
 
@@ -313,11 +313,11 @@ class Search:
             dropped = False
             for addition in list(self.additions):
                 logger.debug(f"trying without {addition.name}")
-                without = reduced(now, addition.name)
+                without = reduced(now, addition.name, QUICK)
                 loses = gain(now, without, (addition.name,)) - price(addition.name, self.settings.price)
                 if loses < 0.0 or is_nothing(now, addition.name) or not matters(without.model, now, self.settings):
                     self.additions.remove(addition)
-                    now, dropped = without, True
+                    now, dropped = settled(without), True
                     break
         return self._simplified(now)
 
