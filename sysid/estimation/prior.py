@@ -23,9 +23,19 @@ class Prior:
 
     @classmethod
     def of(
-        cls, model: Model, names: Sequence[str], vague: float, known: Prior | None, known_names: Sequence[str]
+        cls,
+        model: Model,
+        names: Sequence[str],
+        vague: float,
+        torque: float,
+        known: Prior | None,
+        known_names: Sequence[str],
     ) -> Prior:
-        """The numbers of the plant as they are, vaguely; those that are `known` already as they are known."""
+        """The numbers of the plant as they are, vaguely; those that are `known` already as they are known.
+
+        The torques of effects are hardly larger than `torque` [N m]: of two that no motion tells apart, such as
+        friction and an offset of a joint that turns one way, both would run away.
+        """
         own = dict(zip(known_names, zip(known.mean, known.precision, strict=True), strict=True)) if known else {}
         mean, precision = numbers_of(model, names), np.zeros(len(names))
         positive = np.array([model.parameters[n].bounds[0] > 0.0 for n in names], dtype=bool)
@@ -34,6 +44,8 @@ class Prior:
                 mean[i], precision[i] = own[name]
             elif name in model.plant.parameters and mean[i] != 0.0:
                 precision[i] = (vague * (1.0 if positive[i] else mean[i])) ** -2.0
+            elif model.parameters[name].is_torque and torque > 0.0:
+                mean[i], precision[i] = model.parameters[name].neutral, torque**-2.0
         return cls(mean, precision, positive)
 
     def at(self, rows: Sequence[int]) -> Prior:

@@ -30,6 +30,7 @@ class Settings:
     angle_error  whether the size of the angle's coloured error is found too, or stays
     vague        sd of a number of the plant about the one that a fit begins with, as a share of it: where a random
                  torque explains all, the readings say nothing of an inertia, and it would run away
+    torque       sd of the torque of an effect about none, as a multiple of the largest that the log shows
     stride       largest relative change of a parameter in a step
     share        of a step, of the motion's too, that is taken: whole ones may go to and fro about an optimum
     widest       how far about the motion the model's slopes are taken, at most: in rad, and as shares of the sizes of
@@ -47,6 +48,7 @@ class Settings:
     sizes: bool = True
     angle_error: bool = True
     vague: float = 1.0
+    torque: float = 10.0
 
 
 DEFAULT = Settings()
@@ -74,7 +76,8 @@ def fit_parameters(
     if disturbances is None:
         disturbances = near.disturbances if near else Disturbances(0.3 * level(samples), sigma_o=_angle_sd(samples))
     motion = (near.motion if near else smoothed_motion(samples, disturbances.s)).of_model(samples, model)
-    prior = Prior.of(model, names, settings.vague, near.prior if near else None, near.names if near else ())
+    known = (near.prior, near.names) if near else (None, ())
+    prior = Prior.of(model, names, settings.vague, settings.torque * largest_torque(samples, model), *known)
     limits = _Limits.of(samples, model, names, prior, settings)
     before, converged, restless = math.inf, False, settings.sizes
     best: Fit | None = None
@@ -181,6 +184,11 @@ def bounded_step(Z: Array, e: Array, low: Array, high: Array) -> Array:
         step = np.where(outside, np.clip(step, low, high), step)
         free &= ~outside
     return np.clip(step, low, high)
+
+
+def largest_torque(samples: Samples, model: Model) -> float:
+    """The largest torque that a log shows [N m]: the drive's, or what its accelerations take."""
+    return max(samples.extent(model).u_max, float(model.inertia()) * level(samples))
 
 
 def _angle_sd(samples: Samples) -> float:

@@ -76,6 +76,11 @@ class Parameter:
         """Whether it is a limit, whose effect changes nothing as long as it is never reached: no slope leads there."""
         return self.neutral is not None and abs(self.neutral) >= NEVER
 
+    @property
+    def is_torque(self) -> bool:
+        """Whether it is the size of an effect's torque [N m], or force [N]."""
+        return bool(self.owner) and self.unit in ("N m", "N") and self.neutral is not None and not self.never
+
     def check(self, value: Value, owner: str = "") -> None:
         """Raise InvalidInput where numbers are not finite or out of bounds; symbols and tensors pass."""
         low, high = self.bounds

@@ -233,7 +233,7 @@ def test_no_inertia_vanishes_where_a_random_torque_explains_all(J: float) -> Non
 
 def test_what_is_known_of_a_positive_number_is_its_logarithm() -> None:
     """A tenth of it is as far as ten times it; a number that may be 0 is known by differences."""
-    prior = Prior.of(JOINT, NAMES, 1.0, None, ())
+    prior = Prior.of(JOINT, NAMES, 1.0, 0.0, None, ())
     J, G, _ = TRUTH
     for factor in (2.0, 10.0):
         more, less = prior.deviance(TRUTH * [factor, 1.0, 1.0]), prior.deviance(TRUTH / [factor, 1.0, 1.0])
