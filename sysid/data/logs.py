@@ -93,7 +93,8 @@ def notes_of(records: Sequence[Record]) -> tuple[str, ...]:
 
 
 def needed_rate(records: Sequence[Record]) -> float:
-    """The sample rate [Hz] that a motion needs: 20 samples a period of the fastest part of it, and 100 Hz.
+    """The sample rate [Hz] that a motion needs: 20 samples a period of the fastest part of it, and 100 Hz; 50 Hz of
+    a free swing, which answers no command.
 
     Of the power of its angle all but a ten-thousandth lies below that part's frequency, white noise apart; of its
     speed, where no angle was read. The noise is what the upper half of the frequencies holds.
@@ -110,7 +111,7 @@ def needed_rate(records: Sequence[Record]) -> float:
         above = power[::-1].cumsum()[::-1]
         moves = np.flatnonzero(above - noise * (count + 4.0 * np.sqrt(count)) > FAST * above[0])
         fastest = max(fastest, (moves[-1] + 1.0) / (len(y) * r.dt)) if len(moves) else fastest
-    return max(100.0, 20.0 * fastest)
+    return max(100.0 if any(np.any(r.u) for r in records) else 50.0, 20.0 * fastest)
 
 
 def read(

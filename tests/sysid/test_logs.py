@@ -414,7 +414,8 @@ def test_a_fast_motion_keeps_its_rate(tmp_path):
 def test_white_noise_is_no_motion_that_a_fast_log_shows(amplitude):
     t, rng = np.arange(4001) * 1e-3, np.random.default_rng(0)
     theta = math.pi + amplitude * np.sin(2.0 * math.pi * t) + 0.003 * rng.standard_normal(4001)
-    assert needed_rate([Record(t, np.zeros(4000), theta)]) == 100.0
+    assert needed_rate([Record(t, np.zeros(4000), theta)]) == 50.0, "a free swing"
+    assert needed_rate([Record(t, np.ones(4000), theta)]) == 100.0
 
 
 def test_a_fast_motion_is_seen_through_the_noise():
