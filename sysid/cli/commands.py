@@ -129,7 +129,6 @@ def _(command: DiagnoseCommand) -> None:
         raise InvalidInput(f"--tolerance {command.tolerance:g}: expected a share between 0 and 1, such as 0.02")
     settings = dataclasses.replace(DEFAULT, tolerance=command.tolerance)
     task = LogAndModel.of(command)
-    task.check_free()
     diagnosis = diagnose(
         task.model,
         task.log,

@@ -12,7 +12,7 @@ from sysid.data.record import Record
 from sysid.data.sensor import Sensor
 from sysid.diagnosis.compare import Comparison, compare
 from sysid.diagnosis.contacts import Contact
-from sysid.diagnosis.findings import chance, dependence_on, quantity, with_numbers
+from sysid.diagnosis.findings import chance, dependence_on, fitted_numbers, numbers_in_words, quantity, with_numbers
 from sysid.diagnosis.predictions import Prediction, typical
 from sysid.diagnosis.ranked import Ranked
 from sysid.diagnosis.residual_torque import ResidualTorque, residual_torque
@@ -370,6 +370,9 @@ class Diagnosis:
                 f"  + {with_numbers(step.effect, step.parameters)}: {fell}, {chance(step.p_value)}"
                 + (f"; this log cannot tell it from {', '.join(step.alike[1:])}" if len(step.alike) > 1 else "")
             )
+        plant = fitted_numbers(self.estimate, "")
+        if plant:
+            lines.append(f"  with {numbers_in_words(plant)}")
         lines.extend(f"  cannot be told apart by this motion: {', '.join(group)}" for group in self.not_identifiable)
         lines.extend(f"  {remark}" for remark in self.remarks)
         lines.append(

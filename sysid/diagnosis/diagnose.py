@@ -19,7 +19,7 @@ from sysid.diagnosis.dependence import dependence
 from sysid.diagnosis.findings import fitted_numbers
 from sysid.diagnosis.ranked import Ranked
 from sysid.diagnosis.residual_torque import missing_torque, residual_torque
-from sysid.diagnosis.search import Addition, Search
+from sysid.diagnosis.search import Addition, Search, is_nothing
 from sysid.diagnosis.search_settings import DEFAULT, SearchSettings
 from sysid.errors import InvalidInput
 from sysid.estimation.channels import relied_on
@@ -43,6 +43,9 @@ LEAST_LEFT = 0.6
 
 DETECTABLE = 3.9
 """Size, in its standard deviations, that is found in 80 % of logs at the price that an effect has to pay."""
+
+FELL = 5e-3
+"""A fall of the held-out error by less than this share is told together with that of the next step."""
 
 NEGLIGIBLE_RISE = 1e-3
 """A rise of the held-out error by less than this share is not printed, and counts as none."""
@@ -102,7 +105,9 @@ def diagnose(
     began = time.perf_counter()
     notes = notes_of(records)
     records = unique_names(check_records(model.model if isinstance(model, Estimate) else model, records))
-    names = tuple(parameters or (model.names if isinstance(model, Estimate) else free(model)))
+    if parameters is None:
+        parameters = model.names if isinstance(model, Estimate) else free(model)
+    names = tuple(parameters)
     if isinstance(model, Estimate):
         sensor, model = sensor or model.sensor, model.model
     chosen = None if effects is None else _known(effects)
@@ -211,7 +216,7 @@ class _Report:
 
     def _confirm(self) -> None:
         """The last stage of the search that does not raise the error on the held-out data, less each addition without
-        which that is smaller."""
+        which that is smaller, or that is nothing any more."""
         best = self.errors[()][1].ratio
         for additions, fit in self.search.stages:
             error = self._error(fit)
@@ -219,34 +224,44 @@ class _Report:
             if error.ratio <= best * (1.0 + NEGLIGIBLE_RISE) or not math.isfinite(best):
                 best, self.additions = min(best, error.ratio), list(additions)
         while self.additions:
-            error = self._with(self.additions)[1]
+            end, error = self._with(self.additions)
             fewer = [[a for a in self.additions if a is not left] for left in self.additions]
             own = min(fewer, key=lambda own: self._with(own)[1].ratio)
             if self._with(own)[1].ratio > error.ratio * (1.0 - NEGLIGIBLE_RISE) and math.isfinite(error.ratio):
-                break
+                nothing = [a for a in self.additions if is_nothing(end, a.name, self.search.settings.sure)]
+                if not nothing:
+                    break
+                own = [a for a in self.additions if a is not nothing[0]]
             self.additions = own
         kept = self._names(self.additions)
         tried = dict.fromkeys(a.name for additions, _ in self.search.stages for a in additions)
         self.unconfirmed = [name for name in tried if name not in kept]
 
     def _unmask(self) -> None:
-        """Take back what is a part of something unknown: what remains depends on the quantity that it is a function of,
-        and it explains less than most of that, or only with a number driven to its bound."""
+        """Take back what leaves more torque missing than was missing without it, and what is a part of something
+        unknown: what remains depends on the quantity that it is a function of, and it explains less than most of that,
+        or only with a number driven to its bound."""
         for addition in list(self.additions):
-            imitates = CATALOGUE[addition.name].imitates
             end, error = self._with(self.additions)
-            if not imitates or not math.isfinite(error.ratio):
+            if not math.isfinite(error.ratio):
                 continue
             torque = self._torque(end)
-            remaining = self._remaining(end, error, torque)
-            if remaining is None or imitates not in remaining.depends_on:
-                continue
             fewer = [a for a in self.additions if a is not addition]
             without = self._torque(self._with(fewer)[0]).after
-            bent = end.at_bounds - self.base.at_bounds
-            if bent or torque.after**2 > (1.0 - self.search.settings.most) * without**2:
+            if torque.after > without or self._hides(addition, end, error, torque, without):
                 self.unconfirmed.append(addition.name)
                 self.additions = fewer
+
+    def _hides(self, addition: Addition, end: Fit, error: HeldOutError, torque: MissingTorque, without: float) -> bool:
+        """Whether an addition is a part of something unknown, `without` it is the torque [N m] that is missing then."""
+        imitates = CATALOGUE[addition.name].imitates
+        if not imitates:
+            return False
+        remaining = self._remaining(end, error, torque)
+        if remaining is None or imitates not in remaining.depends_on:
+            return False
+        bent = end.at_bounds - self.base.at_bounds
+        return bool(bent) or torque.after**2 > (1.0 - self.search.settings.most) * without**2
 
     def _reconsider(self) -> None:
         """Add what is sure and too small to matter in the motion that was searched, where the held-out motion goes
@@ -328,7 +343,8 @@ class _Report:
         errors = [self._with(additions[:k])[1].ratio for k in range(len(additions) + 1)]
         steps, first = list[Step](), 0
         for k, addition in enumerate(additions):
-            last = next((j for j in range(k + 1, len(errors)) if errors[j] <= errors[first]), len(errors) - 1)
+            falls = (j for j in range(k + 1, len(errors)) if errors[j] < errors[first] * (1.0 - FELL))
+            last = next(falls, len(errors) - 1)
             steps.append(
                 Step(
                     effect=addition.name,

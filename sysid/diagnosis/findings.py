@@ -37,11 +37,15 @@ def fitted_numbers(estimate: Estimate, effect: str) -> dict[str, dict[str, Any]]
 
 def with_numbers(effect: str, numbers: Mapping[str, Mapping[str, Any]]) -> str:
     """An effect and its fitted numbers: "coulomb (tau_c = 0.1499 +- 6.1e-05 N m)"."""
-    said = [
-        f"{name.partition('.')[2]} = {n['value']:.4g} +- {n['sd']:.2g}{spaced_unit(n['unit'])}"
+    return f"{effect} ({numbers_in_words(numbers)})"
+
+
+def numbers_in_words(numbers: Mapping[str, Mapping[str, Any]]) -> str:
+    """Fitted numbers of one owner: "m = 1.04 +- 0.0003 kg, l = 0.97 +- 0.0002 m"."""
+    return ", ".join(
+        f"{name.rpartition('.')[2]} = {n['value']:.4g} +- {n['sd']:.2g}{spaced_unit(n['unit'])}"
         for name, n in numbers.items()
-    ]
-    return f"{effect} ({', '.join(said)})"
+    )
 
 
 def dependence_on(quantities: Sequence[str], *where: str) -> str:

@@ -100,7 +100,10 @@ class Search:
             self.trials = self.trials or trials
             if chosen is None:
                 break
+            before = {a.name for a in self.additions}
             now = self._pruned(self._added(now, chosen, trials))
+            if {a.name for a in self.additions} == before:  # what was added turned out to be nothing
+                break
             self.stages.append((tuple(self.additions), now))
         else:
             self.last = scores(now, self.effects)
@@ -214,7 +217,7 @@ class Search:
         if not ranked:
             return None
         for trial in (*self._preferred(now, ranked[0]), *ranked):
-            if not self._recurs(trial) or not self._beats_its_simpler_forms(trial, trials):
+            if not _plausible(trial) or not self._recurs(trial) or not self._beats_its_simpler_forms(trial, trials):
                 continue
             if self._predicts(now, trial.fit) and matters(now.model, trial.fit, self.settings):
                 return trial
@@ -307,15 +310,19 @@ class Search:
         )
 
     def _pruned(self, now: Fit) -> Fit:
-        """Without the additions that no longer pay, or no longer matter."""
+        """Without the additions that have no size, and those that no longer pay or matter beside others, the rarest
+        first."""
         dropped = True
-        while dropped and len(self.additions) > 1:
+        while dropped:
             dropped = False
-            for addition in list(self.additions):
+            for addition in sorted(self.additions, key=lambda a: CATALOGUE[a.name].rarity, reverse=True):
+                nothing = is_nothing(now, addition.name, self.settings.sure)
+                if not nothing and len(self.additions) == 1:
+                    continue
                 logger.debug(f"trying without {addition.name}")
                 without = reduced(now, addition.name, QUICK)
                 loses = gain(now, without, (addition.name,)) - price(addition.name, self.settings.price)
-                if loses < 0.0 or is_nothing(now, addition.name) or not matters(without.model, now, self.settings):
+                if nothing or loses < 0.0 or not matters(without.model, now, self.settings):
                     self.additions.remove(addition)
                     now, dropped = settled(without), True
                     break
@@ -353,14 +360,25 @@ class Search:
         return self._start(now, simple, alone=False)
 
 
-def is_nothing(found: Fit, name: str) -> bool:
-    """Whether none of the effect's sizes is a standard deviation from where it changes nothing."""
-    sd = dict(zip(found.names, np.sqrt(np.diag(found.covariance)).tolist(), strict=True))
+def _plausible(trial: Trial) -> bool:
+    return all(e.plausible for e in trial.fit.model.effects if e.name in trial.effects)
+
+
+def is_nothing(found: Fit, name: str, sure: float = DEFAULT.sure) -> bool:
+    """Whether the sizes x (q,) of an effect may as well be none.
+
+        x' C^-1 x < sure q,   C their covariance (q, q)
+
+    What the readings do not determine is not said to be nothing.
+    """
     own = {n: found.model.parameters[n] for n in found.model.names_of(name)}
-    sized = {n: p for n, p in own.items() if p.neutral is not None and not p.never}
-    return bool(sized) and all(
-        abs(float(p.value) - float(p.neutral or 0.0)) <= sd[n] < math.inf for n, p in sized.items()
-    )
+    sized = [n for n, p in own.items() if n in found.names and p.neutral is not None and not p.never]
+    at = [found.names.index(n) for n in sized]
+    C = found.covariance[np.ix_(at, at)]
+    if not sized or not np.all(np.isfinite(C)):
+        return False
+    x = np.array([float(own[n].value) - float(own[n].neutral or 0.0) for n in sized])
+    return float(x @ np.linalg.pinv(C, hermitian=True) @ x) < sure * len(x)
 
 
 def gain(found: Fit, other: Fit, effects: Sequence[str]) -> float:

@@ -20,6 +20,8 @@ class SearchSettings:
     trials         candidates that a round fits, at most: single effects first, then composites
     quiet          share of the disturbances that a model is simulated beside, where no effect pays otherwise
     simulated      candidates that are fitted then, at most
+    sure           squared size of each number of an effect, in units of its variance, from which it is no accident: two
+                   standard deviations
     same           alikeness from which two effects are one to this log
     alike          alikeness from which it takes 100 times the evidence to tell two effects that it takes to find one
     twin           difference of the deviance below which effects that much alike are one to this log, too: far from
@@ -47,6 +49,7 @@ class SearchSettings:
     trials: int = 9
     quiet: float = 1e-3
     simulated: int = 3
+    sure: float = 4.0
     same: float = 1.0 - 1e-5
     alike: float = 0.995
     twin: float = 0.1

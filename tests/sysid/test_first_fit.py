@@ -96,3 +96,42 @@ def test_friction_and_offset_as_the_first_fit_found_them_are_candidates() -> Non
     trials = search._common(plain, helped)
     assert [t.effects for t in trials] == [("viscous", "coulomb", "torque_bias"), ("viscous", "coulomb")]
     assert trials[0].fit is helped and all(t.merit > 100.0 for t in trials)
+
+
+def spun_up(rms: float = 0.0) -> list[Record]:
+    """A motor that turns one way, under a constant torque from rest: dry friction and an offset are one to it."""
+    rng, rotor = np.random.default_rng(0), GeneralJoint(J=1e-4, G=0.0)
+    truth = Model(rotor, (Viscous(b=1e-4), Coulomb(tau_c=0.03)), dt=DT)
+    u = np.repeat([[0.06], [0.07], [0.065]], 200, axis=1)
+    return Sensor(0.005, 0.3).measure(
+        simulate(truth, u + rms * rng.standard_normal(u.shape), np.zeros(3), np.zeros(3)), rng
+    )
+
+
+def test_friction_and_an_offset_that_no_motion_tells_apart_do_not_run_away() -> None:
+    records = spun_up(rms=0.01)
+    model = Model(GeneralJoint(J=0.1, G=0.0), dt=DT)
+    found = with_common(Samples(model, records, Sensor(0.005, 0.3)), model, ("J",))
+    values = dict(zip(found.names, found.values, strict=True))
+    assert values["coulomb.tau_c"] - values["torque_bias.tau_0"] == pytest.approx(0.03, rel=0.05)
+    assert abs(values["coulomb.tau_c"]) < 0.7 and abs(values["torque_bias.tau_0"]) < 0.7
+    assert values["J"] == pytest.approx(1e-4, rel=0.05)
+
+
+def test_dry_friction_stands_for_an_offset_that_it_cannot_be_told_from() -> None:
+    model = Model(GeneralJoint(J=0.1, G=0.0), dt=DT)
+    found = diagnose(model, spun_up(), Sensor(0.005, 0.3), hold_out=1, parameters=("J",))
+    assert {s.effect for s in found.steps} == {"viscous", "coulomb"}
+    assert found.error.ratio < 1.1
+
+
+def test_a_model_whose_numbers_are_all_known_is_diagnosed_too() -> None:
+    """Its masses come from the scales; what is missing is asked all the same."""
+    truth = Model(GeneralJoint(J=0.1, G=2.0), (Coulomb(tau_c=0.05),), dt=DT)
+    rng = np.random.default_rng(0)
+    theta = math.pi + rng.uniform(0.5, 1.2, 4)
+    records = Sensor(0.003, 0.05).measure(simulate(truth, np.zeros((4, 300)), theta, np.zeros(4)), rng)
+    model = Model(GeneralJoint(J=0.1, G=2.0), dt=DT)
+    found = diagnose(model, records, Sensor(0.003, 0.05), hold_out=1, parameters=())
+    assert [s.effect for s in found.steps] == ["coulomb"] and found.estimate.names == ("coulomb.tau_c",)
+    assert found.estimate.values["coulomb.tau_c"] == pytest.approx(0.05, rel=0.02)

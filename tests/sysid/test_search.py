@@ -15,6 +15,7 @@ from scipy.stats import binom
 from sysid import (
     CATALOGUE,
     AsymmetricCoulomb,
+    AsymmetricViscous,
     Backlash,
     Coulomb,
     Diagnosis,
@@ -218,12 +219,26 @@ def sized(found: Fit, *sd: float) -> Fit:
     return dataclasses.replace(rippled, model=rippled.model.with_parameters(numbers))
 
 
-def test_what_is_no_standard_deviation_from_nothing_is_nothing() -> None:
-    """All sizes have to be; its shape is no size."""
+def test_what_is_no_two_standard_deviations_from_nothing_is_nothing() -> None:
+    """All its sizes together; its shape is no size."""
     assert is_nothing(sized(mended(), 0.9, -0.9), "ripple")
-    assert not is_nothing(sized(mended(), 1.1, 0.0), "ripple")
-    assert not is_nothing(sized(mended(), 0.0, -1.1), "ripple")
+    assert not is_nothing(sized(mended(), 4.0, 0.0), "ripple")
+    assert not is_nothing(sized(mended(), 0.0, -4.0), "ripple")
     assert not is_nothing(mended(), "coulomb")
+
+
+def test_what_was_added_and_is_nothing_goes_though_it_stands_alone() -> None:
+    rippled = sized(mended(), 0.5, 0.5)
+    search = Search(rubbing(), SENSOR)
+    search.additions = [Addition("ripple", (), (), 1e-9, rippled)]
+    assert {e.name for e in search._pruned(rippled).model.effects} == {"coulomb"} and not search.additions
+
+
+def test_friction_that_rubs_one_way_only_is_no_friction() -> None:
+    """An offset of the torque or a wrong zero looks like that."""
+    assert AsymmetricCoulomb(tau_plus=0.1, tau_minus=0.05).plausible and AsymmetricViscous().plausible
+    assert not AsymmetricCoulomb(tau_plus=0.4, tau_minus=0.02).plausible
+    assert not AsymmetricViscous(b_plus=0.0, b_minus=0.004).plausible
 
 
 def test_what_is_nothing_goes_whatever_the_likelihood_says() -> None:

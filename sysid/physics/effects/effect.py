@@ -103,6 +103,11 @@ class Effect(Parametric):
         return math.inf
 
     @property
+    def plausible(self) -> bool:
+        """Whether a machine may have these numbers, beside their bounds."""
+        return True
+
+    @property
     def idle(self) -> bool:
         """Whether it changes nothing, since all its numbers that have a neutral value are at it."""
         sized = [p for p in self.parameters.values() if p.neutral is not None]

@@ -13,6 +13,9 @@ from sysid.physics.effects.probes import of_duration
 from sysid.physics.ops import Value
 from sysid.physics.parameters import parameter
 
+ONE_WAY = 0.1
+"""Share of one direction's friction below which that of the other stands for an offset, not for friction."""
+
 
 @dataclass(frozen=True, eq=False)
 class Viscous(JointEffect):
@@ -108,6 +111,10 @@ class AsymmetricViscous(JointEffect):
     b_plus: Value = parameter(0.0, unit="N m s/rad", bounds=(0.0, math.inf), neutral=0.0)
     b_minus: Value = parameter(0.0, unit="N m s/rad", bounds=(0.0, math.inf), neutral=0.0)
 
+    @property
+    def plausible(self) -> bool:
+        return _rubs_both_ways(self.b_plus, self.b_minus)
+
     def torque(self, joint: Joint) -> Value:
         return -self.b_plus * ops.maximum(joint.theta_dot, 0.0) - self.b_minus * ops.minimum(joint.theta_dot, 0.0)
 
@@ -126,6 +133,10 @@ class AsymmetricCoulomb(DryFriction):
     confused = ("coulomb", "torque_bias", "asymmetric_viscous")
     tau_plus: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
     tau_minus: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
+
+    @property
+    def plausible(self) -> bool:
+        return _rubs_both_ways(self.tau_plus, self.tau_minus)
 
     def limits(self, joint: Joint) -> tuple[Value, Value]:
         return self.tau_plus, self.tau_minus
@@ -151,6 +162,10 @@ class WarmingFriction(DryFriction):
     def limits(self, joint: Joint) -> tuple[Value, Value]:
         limit = self.tau_c + self.excess * ops.exp(-joint.t / self.T)
         return limit, limit
+
+
+def _rubs_both_ways(plus: Value, minus: Value) -> bool:
+    return bool(min(plus, minus) >= ONE_WAY * max(plus, minus))
 
 
 EFFECTS = (Viscous, Coulomb, Stribeck, Drag, AsymmetricViscous, AsymmetricCoulomb, WarmingFriction)
