@@ -234,6 +234,17 @@ def test_wrong_wishes_are_refused(tmp_path):
         read()
 
 
+def test_a_register_that_lost_its_sign_gets_it_back(tmp_path):
+    (record,) = rollouts()
+    signed = np.round(100.0 * np.append(record.u, 0.0))
+    columns = table(record) | {"torque": np.where(signed < 0.0, signed + 65536.0, signed)}
+    log = read(write(tmp_path / "servo.csv", columns))
+    np.testing.assert_array_equal(log[0].u, signed[:-1])
+    assert any("column 'torque' jumps from 0 to 65535" in note for note in log.notes)
+    whole = read(write(tmp_path / "counts.csv", columns | {"torque": np.arange(len(signed)) * 40.0}))
+    np.testing.assert_array_equal(whole[0].u, np.arange(len(signed) - 1) * 40.0)
+
+
 def test_logs_of_different_rates_are_refused_until_a_rate_is_given(tmp_path):
     slow, fast = rollouts()[0], rollouts(model=replace(MODEL, dt=0.005))[0]
     paths = [write(tmp_path / f"{name}.csv", table(r)) for name, r in (("slow", slow), ("fast", fast))]
