@@ -295,6 +295,23 @@ def test_a_doubt_is_voiced(change, note, tmp_path):
     assert any(note in n for n in read(write(tmp_path / "odd.csv", change(columns))).notes)
 
 
+@pytest.mark.parametrize(
+    ("zero", "sign", "note"),
+    [(math.pi, 1.0, ""), (0.0, 1.0, "does 0 mean hanging in this log?"), (math.pi, -1.0, "its sign turned round?")],
+    ids=["as ours", "zero", "sign"],
+)
+def test_a_doubt_is_voiced_of_a_geared_joint_that_is_moved_slowly(zero, sign, note, tmp_path):
+    rng = np.random.default_rng(0)
+    t = 0.02 * np.arange(1500)
+    hanging = 0.6 * np.sin(0.8 * t) + 0.3 * np.sin(0.31 * t)
+    speed = 0.48 * np.cos(0.8 * t) + 0.093 * np.cos(0.31 * t)
+    torque = 3.0 * np.sin(hanging) + 0.8 * np.sign(speed) + 0.2 * speed + 0.1 * rng.standard_normal(len(t))
+    theta = 0.004 * np.round((hanging + 0.01 * rng.standard_normal(len(t))) / 0.004)
+    log = read(write(tmp_path / "joint.csv", {"t": t, "theta": zero + theta, "torque": sign * torque}))
+    voiced = [said for said in log.notes if said.endswith("?")]
+    assert len(voiced) == (note != "") and all(note in said for said in voiced)
+
+
 def test_an_axis_is_not_asked_about_angles(tmp_path):
     (record,) = rollouts()
     columns = table(record) | {"theta": 50.0 + np.sin(record.t), "torque": np.full(len(record.t), 0.4)}
