@@ -116,6 +116,10 @@ def _turned(records: Sequence[Record], command: str) -> tuple[str, ...]:
     """Whether gravity or torque act against our convention, by least squares over 0.1 s:
 
     theta_ddot = a sin(theta) + c u - b theta_dot + d,   a > 0 and c > 0 are expected
+
+    A geared joint that a controller moves slowly shows next to nothing of its acceleration, but what its torque holds:
+
+    u = -G sin(theta) + J theta_ddot + b theta_dot + tau_c sign(theta_dot) + d,   G > 0 is expected
     """
     rows, targets = [], []
     for r in records:
@@ -130,17 +134,33 @@ def _turned(records: Sequence[Record], command: str) -> tuple[str, ...]:
     if not rows:
         return ()
     A, b = np.concatenate(rows), np.concatenate(targets)
+    if float(b @ b) == 0.0:
+        return ()
+    hanging = "the pendulum is pulled towards theta = 0: does 0 mean hanging in this log?"
+    turned = f"a positive {command} lowers theta: is its sign turned round?"
+    found = []
+    share, unexplained = _shares(A, b)
+    if unexplained < 0.3 and share[0] < -0.3:
+        found.append(hanging)
+    if unexplained < 0.3 and share[1] < -min(0.3, max(0.1, 3.0 * math.sqrt(unexplained))):
+        found.append(turned)
+    if not found and np.ptp(A[:, 1]) > 0.0:
+        held = np.column_stack([A[:, 0], b, A[:, 2], np.sign(A[:, 2]), A[:, 3]])
+        share, unexplained = _shares(held, A[:, 1])
+        rubs = share[2] + share[3]
+        if unexplained < 0.3 and abs(share[0]) > 0.5 and rubs < -0.1:
+            found.append(turned)
+        elif unexplained < 0.3 and share[0] > 0.5 and rubs > 0.0:
+            found.append(hanging)
+    return tuple(found)
+
+
+def _shares(A: Array, b: Array) -> tuple[Array, float]:
+    """How much of the spread of b (n,) each column of A (n, m) accounts for in a least-squares fit, with its sign, and
+    what share of the variance of b no column does."""
     fit = np.linalg.lstsq(A, b, rcond=None)[0]
     unexplained = float(np.sum((b - A @ fit) ** 2) / np.sum((b - b.mean()) ** 2 + 1e-300))
-    if float(b @ b) == 0.0 or unexplained > 0.3:
-        return ()
-    share = np.abs(fit) * A.std(axis=0) / b.std()
-    found = []
-    if fit[0] < 0.0 and share[0] > 0.3:
-        found.append("the pendulum is pulled towards theta = 0: does 0 mean hanging in this log?")
-    if fit[1] < 0.0 and share[1] > min(0.3, max(0.1, 3.0 * math.sqrt(unexplained))):
-        found.append(f"a positive {command} lowers theta: is its sign turned round?")
-    return tuple(found)
+    return fit * A.std(axis=0) / max(float(b.std()), 1e-300), unexplained
 
 
 def check_excitation(records: Sequence[Record], sensor: Sensor) -> None:

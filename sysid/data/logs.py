@@ -17,6 +17,7 @@ from sysid.data.record import Record
 from sysid.data.resampling import Rows
 from sysid.data.table import Table, TimeWindow
 from sysid.data.time_unit import FEWEST, PER_SECOND, WORDS, TimeUnit, found_unit, named_unit
+from sysid.data.unsigned import with_signs
 from sysid.errors import InvalidInput
 from sysid.limits import LOG_ROWS, RAW_ROWS
 from sysid.physics.plants import Plant
@@ -180,7 +181,8 @@ def read(
     notes: list[str] = []
     for source in sources:
         chosen = _chosen(source.name, source.names(), wanted)
-        table = _timed(source, chosen, window, time_unit, notes)
+        table, said = with_signs(source.name, _timed(source, chosen, window, time_unit, notes), chosen)
+        notes += said
         if len(table["t"]) == 0:
             span = f" between {window.begin:g} and {window.end:g} s" if begin is not None or end is not None else ""
             raise InvalidInput(f"{source.name} has no rows{span}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -19,11 +19,15 @@ from sysid.limits import SHORTEST_INTERVAL
 from sysid.physics.ops import Array
 
 GAP = 3.5
-"""A step longer than this many typical steps is a gap."""
+"""A step longer than this many typical steps, or than this many of the sample intervals asked for, is a gap."""
 FAR = 0.75
 """An instant further than this many steps from any row is filled in from both sides."""
 SHORTEST = 5
 """A piece between gaps with fewer rows than this is left out where others are longer."""
+WITNESS = 0.1
+"""The share of a rollout's rows that a piece between gaps must have for its own rate to count."""
+WINDOW = 1.0
+"""Seconds over which models predict: where gaps leave less than that in one piece, the log is hardly of use."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,26 +74,29 @@ def evenly(rollouts: Sequence[Rows], dt: float | None = None) -> tuple[tuple[Rec
     given, else the mean step. A row nearest to an instant of the even grid stands for it, moved there along the
     channel's local cubic: its error then stays its own (interpolation between two rows would shrink the sensor's noise
     to as little as 0.7 times and colour it). The torque becomes its mean over each interval: no impulse is lost.
+    A step that is no gap on the grid of a dt that was given is none.
 
     Raises InvalidInput for logs of different rates, a dt shorter than theirs, and where nothing is left.
     """
     tally: Counter[str] = Counter()
     gaps: list[float] = []
     ordered, held = _fresh([part for rows in rollouts for part in _restarts(rows, tally)])
-    pieces = [_stamps(p, tally) for part in ordered for p in _pieces(part, gaps)]
-    long = [p for p in pieces if len(p.t) > 1 and p.t[-1] - p.t[0] >= (dt or 0.0)]
-    long = [p for p in long if len(p.t) >= SHORTEST] or long
+    cut = [[_stamps(p, tally) for p in _pieces(part, gaps, dt or 0.0)] for part in ordered]
+    pieces = [p for parts in cut for p in parts]
+    least = SHORTEST if any(_lasts(p, dt, SHORTEST) for p in pieces) else 2
+    used = [kept for parts in cut if (kept := [p for p in parts if _lasts(p, dt, least)])]
+    long = [p for parts in used for p in parts]
     if not long:
         came = ", ".join(f"{r.name} ({len(r.t)} row{'s' * (len(r.t) != 1)})" for r in rollouts[:3]) or "nothing"
         raise InvalidInput(f"nothing to work on in {came}: expected at least two rows, better some hundred")
     tally["row(s) in pieces too short to use left out"] += sum(len(p.t) for p in pieces) - sum(len(p.t) for p in long)
-    common = _interval(long, dt)
+    common = _interval(long, _rates(used), dt)
     if not common >= SHORTEST_INTERVAL:
         raise InvalidInput(
             f"{long[0].name}: rows are {common:.3g} s apart: expected at least {SHORTEST_INTERVAL:g} s; check time_unit"
         )
     records = tuple(_record(p, common, tally) for p in long)
-    return records, common, (*held, *_notes(long, common, tally, gaps))
+    return records, common, (*held, *_notes(long, common, tally, gaps), *_wider(long, gaps))
 
 
 def _restarts(rows: Rows, tally: Counter[str]) -> Iterable[Rows]:
@@ -174,11 +181,11 @@ def _resolution(t: Array) -> float:
     return 0.0
 
 
-def _pieces(rows: Rows, gaps: list[float]) -> Iterable[Rows]:
+def _pieces(rows: Rows, gaps: list[float], dt: float) -> Iterable[Rows]:
     """The rows between gaps in the readings, from the first of them to the last one."""
     read = np.flatnonzero(rows.read)
     steps = np.diff(rows.t[read])
-    cuts = np.flatnonzero(steps > GAP * rows.step)
+    cuts = np.flatnonzero(steps > GAP * max(rows.step, dt))
     gaps.extend(steps[cuts].tolist())
     edges = [0, *(cuts + 1), len(read)]
     for k, (first, last) in enumerate(pairwise(edges), start=1):
@@ -187,20 +194,35 @@ def _pieces(rows: Rows, gaps: list[float]) -> Iterable[Rows]:
             yield replace(piece, origin=float(rows.t[0])) if k > 1 else piece
 
 
-def _interval(pieces: Sequence[Rows], dt: float | None) -> float:
+def _lasts(rows: Rows, dt: float | None, least: int) -> bool:
+    """Whether a piece has so many rows, and lasts for an interval of the grid."""
+    return len(rows.t) >= least and bool(rows.t[-1] - rows.t[0] >= (dt or 0.0))
+
+
+def _rates(rollouts: Sequence[Sequence[Rows]]) -> dict[str, float]:
+    """The typical step [s] of each rollout, and of those of its pieces that are long enough to show one of their own:
+    the few rows between two gaps of an unevenly sampled log do not."""
+    found = {}
+    for pieces in rollouts:
+        steps = np.concatenate([np.diff(p.t) for p in pieces])
+        found[pieces[0].name] = float(np.median(steps))
+        found |= {p.name: p.step for p in pieces if len(p.t) >= WITNESS * (len(steps) + len(pieces))}
+    return found
+
+
+def _interval(pieces: Sequence[Rows], rates: Mapping[str, float], dt: float | None) -> float:
     """The sample interval [s] of all records: dt, or the mean step, of the usual ones where most are alike."""
-    typical = [p.step for p in pieces]
-    slow, fast = int(np.argmax(typical)), int(np.argmin(typical))
+    slow, fast = max(rates, key=rates.__getitem__), min(rates, key=rates.__getitem__)
     if dt is not None:
         if not (math.isfinite(dt) and dt > 0.0):
             raise InvalidInput(f"dt = {dt}: expected a positive number of seconds")
-        if dt < 0.8 * typical[slow]:
-            raise InvalidInput(f"dt = {dt:g} s is finer than {pieces[slow].name}, sampled every {typical[slow]:.4g} s")
+        if dt < 0.8 * rates[slow]:
+            raise InvalidInput(f"dt = {dt:g} s is finer than {slow}, sampled every {rates[slow]:.4g} s")
         return dt
-    if typical[slow] > 1.25 * typical[fast]:
+    if rates[slow] > 1.25 * rates[fast]:
         raise InvalidInput(
-            f"{pieces[fast].name} is sampled at {1 / typical[fast]:.4g} Hz and {pieces[slow].name} at "
-            f"{1 / typical[slow]:.4g} Hz: expected one rate, or a common sample interval (dt)"
+            f"{fast} is sampled at {1 / rates[fast]:.4g} Hz and {slow} at {1 / rates[slow]:.4g} Hz: expected one rate, "
+            "or a common sample interval (dt)"
         )
     steps = np.concatenate([np.diff(p.t) for p in pieces])
     core = steps[np.abs(steps - np.median(steps)) <= 0.1 * np.median(steps)]
@@ -295,3 +317,16 @@ def _notes(pieces: Sequence[Rows], dt: float, tally: Counter[str], gaps: Sequenc
         verb = "each start" if len(gaps) > 1 else "starts"
         done.append(f"{len(gaps)} gap{'s' * (len(gaps) > 1)} of {longest} {verb} a new rollout")
     return tuple(done)
+
+
+def _wider(pieces: Sequence[Rows], gaps: Sequence[float]) -> tuple[str, ...]:
+    """What to do where the gaps of an uneven log leave hardly a window to predict over in one piece."""
+    lengths = [float(p.t[-1] - p.t[0]) for p in pieces]
+    whole = sum(length for length in lengths if length >= WINDOW)
+    if not gaps or whole >= 0.5 * sum(lengths):
+        return ()
+    usual = float(np.percentile(gaps, 90.0))
+    return (
+        f"most of it is in pieces shorter than {WINDOW:g} s, too short to predict over: a sample interval (dt) of "
+        f"{usual / GAP:.2g} s would bridge nine in ten of the gaps",
+    )

@@ -234,6 +234,17 @@ def test_wrong_wishes_are_refused(tmp_path):
         read()
 
 
+def test_a_register_that_lost_its_sign_gets_it_back(tmp_path):
+    (record,) = rollouts()
+    signed = np.round(100.0 * np.append(record.u, 0.0))
+    columns = table(record) | {"torque": np.where(signed < 0.0, signed + 65536.0, signed)}
+    log = read(write(tmp_path / "servo.csv", columns))
+    np.testing.assert_array_equal(log[0].u, signed[:-1])
+    assert any("column 'torque' jumps from 0 to 65535" in note for note in log.notes)
+    whole = read(write(tmp_path / "counts.csv", columns | {"torque": np.arange(len(signed)) * 40.0}))
+    np.testing.assert_array_equal(whole[0].u, np.arange(len(signed) - 1) * 40.0)
+
+
 def test_logs_of_different_rates_are_refused_until_a_rate_is_given(tmp_path):
     slow, fast = rollouts()[0], rollouts(model=replace(MODEL, dt=0.005))[0]
     paths = [write(tmp_path / f"{name}.csv", table(r)) for name, r in (("slow", slow), ("fast", fast))]
@@ -282,6 +293,23 @@ def test_a_doubt_is_voiced(change, note, tmp_path):
     columns = table(rollouts()[0])
     assert not read(write(tmp_path / "good.csv", columns)).notes
     assert any(note in n for n in read(write(tmp_path / "odd.csv", change(columns))).notes)
+
+
+@pytest.mark.parametrize(
+    ("zero", "sign", "note"),
+    [(math.pi, 1.0, ""), (0.0, 1.0, "does 0 mean hanging in this log?"), (math.pi, -1.0, "its sign turned round?")],
+    ids=["as ours", "zero", "sign"],
+)
+def test_a_doubt_is_voiced_of_a_geared_joint_that_is_moved_slowly(zero, sign, note, tmp_path):
+    rng = np.random.default_rng(0)
+    t = 0.02 * np.arange(1500)
+    hanging = 0.6 * np.sin(0.8 * t) + 0.3 * np.sin(0.31 * t)
+    speed = 0.48 * np.cos(0.8 * t) + 0.093 * np.cos(0.31 * t)
+    torque = 3.0 * np.sin(hanging) + 0.8 * np.sign(speed) + 0.2 * speed + 0.1 * rng.standard_normal(len(t))
+    theta = 0.004 * np.round((hanging + 0.01 * rng.standard_normal(len(t))) / 0.004)
+    log = read(write(tmp_path / "joint.csv", {"t": t, "theta": zero + theta, "torque": sign * torque}))
+    voiced = [said for said in log.notes if said.endswith("?")]
+    assert len(voiced) == (note != "") and all(note in said for said in voiced)
 
 
 def test_an_axis_is_not_asked_about_angles(tmp_path):

@@ -58,6 +58,30 @@ def test_a_gap_starts_a_new_rollout_and_is_told(tmp_path):
     assert log[1].t[0] - log[0].t[-1] == pytest.approx(0.42)
 
 
+def polled(seed=5, seconds=30.0):
+    """The rows of a swing whose logger is often kept waiting: steps of 5 to 40 ms, and now and then up to 0.3 s."""
+    rng = np.random.default_rng(seed)
+    steps = rng.uniform(0.005, 0.04, round(seconds / 0.024))
+    late = rng.random(len(steps)) < 0.05
+    steps = np.where(late, rng.uniform(0.1, 0.3, len(steps)), steps)
+    t = np.cumsum(steps)
+    return {"t": t, "theta": np.pi + np.sin(2.0 * t), "torque": np.zeros(len(t))}
+
+
+def test_the_few_rows_between_gaps_of_an_uneven_log_have_no_rate_of_their_own(tmp_path):
+    log = read(write(tmp_path / "log.csv", polled()))
+    assert len(log) > 20
+    assert any("most of it is in pieces shorter than 1 s" in note for note in log.notes)
+
+
+def test_a_step_that_is_no_gap_at_the_interval_asked_for_cuts_nothing(tmp_path):
+    rows = polled()
+    log = read(write(tmp_path / "log.csv", rows), dt=0.1)
+    assert len(log) == 1 and log[0].t[-1] - log[0].t[0] > 0.98 * (rows["t"][-1] - rows["t"][0])
+    assert not any("gap" in note or "pieces" in note for note in log.notes)
+    np.testing.assert_allclose(log[0].theta, np.pi + np.sin(2.0 * log[0].t), atol=0.05)
+
+
 def test_a_missing_row_is_filled_in_and_a_doubled_stamp_dropped(tmp_path):
     rows = jittered(0.0)
     keep = np.delete(np.arange(len(rows["t"])), 77)
