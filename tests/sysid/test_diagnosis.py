@@ -36,6 +36,7 @@ from sysid import (
     simulate,
 )
 from sysid.data.splitting import split
+from sysid.diagnosis.diagnose import is_lowered
 from sysid.estimation.held_out import held_out_error
 from sysid.physics.ops import Value
 from sysid.planning.excitation import steps
@@ -52,6 +53,13 @@ from tests.sysid.planted import (
     rod,
     truth,
 )
+
+
+def test_what_lowers_an_error_lowers_its_excess_over_the_noise() -> None:
+    assert is_lowered(1.66, 1.8, 0.02) and is_lowered(5.0, math.inf, 0.02)
+    assert not is_lowered(2.2, 2.23, 0.02), "by 1 % where 2 % matter"
+    assert is_lowered(1.0, 1.01, 0.02) and is_lowered(0.98, 0.98, 0.02), "nothing is beyond the noise"
+    assert not is_lowered(1.01, 1.0, 0.02) and not is_lowered(math.inf, math.inf, 0.02)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
