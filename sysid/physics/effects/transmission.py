@@ -29,6 +29,7 @@ class FlexibleTransmission(DynamicEffect):
 
     words = "a part of the load behind a spring: a flexible transmission"
     rarity = 2.5
+    refines = (("rotor_inertia",),)  # which it is where the spring is stiff
     formula = "tau = -J (theta_ddot + delta_ddot), delta_ddot = -theta_ddot - 2 zeta omega delta_dot - omega^2 delta"
     start_sd = (0.05, 1.0)
     J: Value = parameter(0.0, unit="kg m^2", bounds=(0.0, math.inf), neutral=0.0)
