@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -43,7 +44,6 @@ PAIRS = (
     ("stribeck", "spring"),
 )
 LOOPED = (
-    (),
     ("coulomb",),
     ("viscous",),
     ("coulomb", "viscous"),
@@ -129,78 +129,87 @@ def records(case: Case, made: World) -> list[Record]:
     return write(motion, made.plan, made.log, case.rng("noise"))
 
 
+def _each(
+    column: str, hidden: tuple[str, ...], sizes: Sequence[str], log: str, seed: int, engine: str = "truth"
+) -> Iterator[Case]:
+    """What is hidden, at every size in every experiment; a servo's logs have experiments of their own."""
+    for size in sizes:
+        for experiment in SERVOS if log.startswith("servo") else EXPERIMENTS:
+            yield Case(column, hidden, size, experiment, log, seed, engine)
+
+
+def _in_turn(
+    column: str, hidden: tuple[str, ...], begin: int, sizes: Sequence[str], log: str, seed: int, engine: str = "truth"
+) -> Iterator[Case]:
+    """What is hidden, at every size, each in one experiment; they take turns from `begin` on."""
+    for j, size in enumerate(sizes):
+        yield Case(column, hidden, size, EXPERIMENTS[(begin + j + seed) % 3], log, seed, engine)
+
+
+def _bare(column: str, log: str, seed: int, count: int = 1) -> Iterator[Case]:
+    """Nothing hidden, so many times in every experiment."""
+    for k in range(count):
+        yield from _each(column, (), ("none",), log, 100 * seed + k)
+
+
+def _bare_in_turn(column: str, log: str, seed: int) -> Iterator[Case]:
+    """Nothing hidden, six times."""
+    for j, experiment in enumerate(EXPERIMENTS * 2):
+        yield Case(column, (), "none", experiment, log, 100 * seed + j)
+
+
 def _sizes(column: str, log: str, seed: int) -> Iterator[Case]:
-    """Every visible effect at three sizes, the experiments in turn."""
+    """Every visible effect that the log can show, at three sizes."""
+    blind = ("velocity_bias", "velocity_gain") if LOGS[log].theta_dot is None else ()
     for i, name in enumerate(VISIBLE):
-        if LOGS[log].theta_dot is None and name in ("velocity_bias", "velocity_gain"):
-            continue
-        for j, size in enumerate(SIZES):
-            yield Case(column, (name,), size, EXPERIMENTS[(i + j + seed) % 3], log, seed)
+        if name not in blind:
+            yield from _in_turn(column, (name,), i, SIZES, log, seed)
 
 
 def _clean(seed: int) -> Iterator[Case]:
     for name in VISIBLE:
-        for size in SIZES:
-            for experiment in EXPERIMENTS:
-                yield Case("clean", (name,), size, experiment, "clean", seed)
+        yield from _each("clean", (name,), SIZES, "clean", seed)
 
 
 def _weak(seed: int) -> Iterator[Case]:
     for name in (n for n in VISIBLE if "delay" not in n):  # whose least size, one row, is a convention and no physics
-        for experiment in EXPERIMENTS:
-            yield Case("weak", (name,), "weak", experiment, "clean", seed)
+        yield from _each("weak", (name,), ("weak",), "clean", seed)
 
 
 def _pairs(seed: int) -> Iterator[Case]:
     for i, pair in enumerate(PAIRS):
-        for j in range(2):
-            yield Case("pairs", pair, ("medium", "small")[j], EXPERIMENTS[(i + j + seed) % 3], "clean", seed)
+        yield from _in_turn("pairs", pair, i, ("medium", "small"), "clean", seed)
 
 
 def _strangers(seed: int) -> Iterator[Case]:
     for name in (n for n in STRANGERS if n not in FLEXIBLE):
-        for experiment in EXPERIMENTS:
-            yield Case("strangers", (name,), "own", experiment, "clean", seed)
+        yield from _each("strangers", (name,), ("own",), "clean", seed)
 
 
 def _nothing(seed: int) -> Iterator[Case]:
-    for log, count in {
-        "clean": 4,
-        "loud": 1,
-        "slow": 1,
-        "speedless": 1,
-        "coarse": 1,
-        "short": 1,
-        **dict.fromkeys(FAST, 1),
-    }.items():
-        for experiment in EXPERIMENTS:
-            for k in range(count):
-                yield Case("nothing", (), "none", experiment, log, 100 * seed + k)
+    for log in ("clean", "loud", "slow", "speedless", "coarse", "short", *FAST):
+        yield from _bare("nothing", log, seed, 4 if log == "clean" else 1)
 
 
 def _told(seed: int) -> Iterator[Case]:
     for i, log in enumerate(("told 1/3", "told x3")):
         for j, name in enumerate(VISIBLE):
-            yield Case("told", (name,), "medium", EXPERIMENTS[(i + j + seed) % 3], log, seed)
-        for j, experiment in enumerate(EXPERIMENTS * 2):
-            yield Case("told", (), "none", experiment, log, 100 * seed + j)
+            yield from _in_turn("told", (name,), i + j, ("medium",), log, seed)
+        yield from _bare_in_turn("told", log, seed)
 
 
 def _stamps(seed: int) -> Iterator[Case]:
     for i, log in enumerate(("late", "early", "averaged")):
         for j, name in enumerate(VISIBLE):
             if (i + j) % 2 == 0 or name in ("delay", "lag", "sensor_delay"):
-                yield Case("stamps", (name,), "medium", EXPERIMENTS[(i + j + seed) % 3], log, seed)
-        for j, experiment in enumerate(EXPERIMENTS * 2):
-            yield Case("stamps", (), "none", experiment, log, 100 * seed + j)
+                yield from _in_turn("stamps", (name,), i + j, ("medium",), log, seed)
+        yield from _bare_in_turn("stamps", log, seed)
 
 
 def _mujoco(seed: int) -> Iterator[Case]:
     for i, name in enumerate(mujoco_truth.EFFECTS):
-        for j, size in enumerate(SIZES):
-            yield Case("mujoco", (name,), size, EXPERIMENTS[(i + j + seed) % 3], "clean", seed, "mujoco")
-    for experiment in EXPERIMENTS:
-        yield Case("mujoco", (), "none", experiment, "clean", seed, "mujoco")
+        yield from _in_turn("mujoco", (name,), i, SIZES, "clean", seed, "mujoco")
+    yield from _each("mujoco", (), ("none",), "clean", seed, "mujoco")
 
 
 def _fast(seed: int) -> Iterator[Case]:
@@ -210,29 +219,22 @@ def _fast(seed: int) -> Iterator[Case]:
 
 def _servo(seed: int) -> Iterator[Case]:
     for log, sizes in (("servo", ("small", "medium")), ("servo 200 Hz", ("medium",))):
+        yield from _bare("servo", log, seed, len(sizes))
         for hidden in LOOPED:
-            for j, size in enumerate(sizes):
-                for experiment in SERVOS:
-                    if hidden:
-                        yield Case("servo", hidden, size, experiment, log, seed)
-                    else:
-                        yield Case("servo", (), "none", experiment, log, 100 * seed + j)
+            yield from _each("servo", hidden, sizes, log, seed)
 
 
 def _simulators(seed: int) -> Iterator[Case]:
     for engine in ("euler", "mujoco by default"):
-        for experiment in EXPERIMENTS:
-            yield Case("simulators", (), "none", experiment, "clean", seed, engine)
-            for name in coarse_truth.EFFECTS:
-                for size in SIZES:
-                    yield Case("simulators", (name,), size, experiment, "clean", seed, engine)
+        yield from _each("simulators", (), ("none",), "clean", seed, engine)
+        for name in coarse_truth.EFFECTS:
+            yield from _each("simulators", (name,), SIZES, "clean", seed, engine)
 
 
 def _harmonic(seed: int) -> Iterator[Case]:
     for name in FLEXIBLE:
         for log in ("servo", "servo 200 Hz"):
-            for experiment in SERVOS:
-                yield Case("harmonic drive", (name,), "own", experiment, log, seed)
+            yield from _each("harmonic drive", (name,), ("own",), log, seed)
 
 
 def _arm(seed: int) -> Iterator[Case]:
@@ -242,11 +244,7 @@ def _arm(seed: int) -> Iterator[Case]:
 
 COLUMNS: Mapping[str, Callable[[int], Iterator[Case]]] = {
     "clean": _clean,
-    "loud": lambda seed: _sizes("loud", "loud", seed),
-    "slow": lambda seed: _sizes("slow", "slow", seed),
-    "speedless": lambda seed: _sizes("speedless", "speedless", seed),
-    "coarse": lambda seed: _sizes("coarse", "coarse", seed),
-    "short": lambda seed: _sizes("short", "short", seed),
+    **{log: partial(_sizes, log, log) for log in ("loud", "slow", "speedless", "coarse", "short")},
     "weak": _weak,
     "pairs": _pairs,
     "strangers": _strangers,
