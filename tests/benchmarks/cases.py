@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 
 import numpy as np
 
@@ -129,61 +130,35 @@ def records(case: Case, made: World) -> list[Record]:
     return write(motion, made.plan, made.log, case.rng("noise"))
 
 
+def _alone(names: Iterable[str]) -> list[tuple[str, ...]]:
+    """Each hidden by itself."""
+    return [(name,) for name in names]
+
+
 def _each(
-    column: str, hidden: tuple[str, ...], sizes: Sequence[str], log: str, seed: int, engine: str = "truth"
+    column: str, hidden: Iterable[tuple[str, ...]], sizes: Sequence[str], log: str, seed: int, engine: str = "truth"
 ) -> Iterator[Case]:
-    """What is hidden, at every size in every experiment; a servo's logs have experiments of their own."""
-    for size in sizes:
-        for experiment in SERVOS if log.startswith("servo") else EXPERIMENTS:
-            yield Case(column, hidden, size, experiment, log, seed, engine)
+    """All that is hidden, at every size in every experiment; a servo's logs have experiments of their own."""
+    for own in hidden:
+        for size in sizes:
+            for experiment in SERVOS if log.startswith("servo") else EXPERIMENTS:
+                yield Case(column, own, size, experiment, log, seed, engine)
 
 
 def _in_turn(
-    column: str, hidden: tuple[str, ...], begin: int, sizes: Sequence[str], log: str, seed: int, engine: str = "truth"
+    column: str, hidden: Iterable[tuple[str, ...]], sizes: Sequence[str], log: str, seed: int, engine: str = "truth"
 ) -> Iterator[Case]:
-    """What is hidden, at every size, each in one experiment; they take turns from `begin` on."""
-    for j, size in enumerate(sizes):
-        yield Case(column, hidden, size, EXPERIMENTS[(begin + j + seed) % 3], log, seed, engine)
+    """All that is hidden and the log can show, at every size; the experiments take turns."""
+    for i, own in enumerate(hidden):
+        for j, size in enumerate(sizes):
+            if LOGS[log].theta_dot is not None or own[0] not in ("velocity_bias", "velocity_gain"):
+                yield Case(column, own, size, EXPERIMENTS[(i + j + seed) % 3], log, seed, engine)
 
 
 def _bare(column: str, log: str, seed: int, count: int = 1) -> Iterator[Case]:
     """Nothing hidden, so many times in every experiment."""
     for k in range(count):
-        yield from _each(column, (), ("none",), log, 100 * seed + k)
-
-
-def _bare_in_turn(column: str, log: str, seed: int) -> Iterator[Case]:
-    """Nothing hidden, six times."""
-    for j, experiment in enumerate(EXPERIMENTS * 2):
-        yield Case(column, (), "none", experiment, log, 100 * seed + j)
-
-
-def _sizes(column: str, log: str, seed: int) -> Iterator[Case]:
-    """Every visible effect that the log can show, at three sizes."""
-    blind = ("velocity_bias", "velocity_gain") if LOGS[log].theta_dot is None else ()
-    for i, name in enumerate(VISIBLE):
-        if name not in blind:
-            yield from _in_turn(column, (name,), i, SIZES, log, seed)
-
-
-def _clean(seed: int) -> Iterator[Case]:
-    for name in VISIBLE:
-        yield from _each("clean", (name,), SIZES, "clean", seed)
-
-
-def _weak(seed: int) -> Iterator[Case]:
-    for name in (n for n in VISIBLE if "delay" not in n):  # whose least size, one row, is a convention and no physics
-        yield from _each("weak", (name,), ("weak",), "clean", seed)
-
-
-def _pairs(seed: int) -> Iterator[Case]:
-    for i, pair in enumerate(PAIRS):
-        yield from _in_turn("pairs", pair, i, ("medium", "small"), "clean", seed)
-
-
-def _strangers(seed: int) -> Iterator[Case]:
-    for name in (n for n in STRANGERS if n not in FLEXIBLE):
-        yield from _each("strangers", (name,), ("own",), "clean", seed)
+        yield from _each(column, [()], ["none"], log, 100 * seed + k)
 
 
 def _nothing(seed: int) -> Iterator[Case]:
@@ -191,50 +166,38 @@ def _nothing(seed: int) -> Iterator[Case]:
         yield from _bare("nothing", log, seed, 4 if log == "clean" else 1)
 
 
-def _told(seed: int) -> Iterator[Case]:
-    for i, log in enumerate(("told 1/3", "told x3")):
+def _logged(column: str, logs: Sequence[str], every: int, seed: int) -> Iterator[Case]:
+    """Logs that are not what they seem: of each one in so many visible effects, and six times nothing."""
+    for i, log in enumerate(logs):
         for j, name in enumerate(VISIBLE):
-            yield from _in_turn("told", (name,), i + j, ("medium",), log, seed)
-        yield from _bare_in_turn("told", log, seed)
-
-
-def _stamps(seed: int) -> Iterator[Case]:
-    for i, log in enumerate(("late", "early", "averaged")):
-        for j, name in enumerate(VISIBLE):
-            if (i + j) % 2 == 0 or name in ("delay", "lag", "sensor_delay"):
-                yield from _in_turn("stamps", (name,), i + j, ("medium",), log, seed)
-        yield from _bare_in_turn("stamps", log, seed)
+            if (i + j) % every == 0 or name in ("delay", "lag", "sensor_delay"):
+                yield Case(column, (name,), "medium", EXPERIMENTS[(i + j + seed) % 3], log, seed)
+        for j, experiment in enumerate(EXPERIMENTS * 2):
+            yield Case(column, (), "none", experiment, log, 100 * seed + j)
 
 
 def _mujoco(seed: int) -> Iterator[Case]:
-    for i, name in enumerate(mujoco_truth.EFFECTS):
-        yield from _in_turn("mujoco", (name,), i, SIZES, "clean", seed, "mujoco")
-    yield from _each("mujoco", (), ("none",), "clean", seed, "mujoco")
-
-
-def _fast(seed: int) -> Iterator[Case]:
-    for log in FAST:
-        yield from _sizes("fast", log, seed)
+    yield from _in_turn("mujoco", _alone(mujoco_truth.EFFECTS), SIZES, "clean", seed, "mujoco")
+    yield from _each("mujoco", [()], ["none"], "clean", seed, "mujoco")
 
 
 def _servo(seed: int) -> Iterator[Case]:
     for log, sizes in (("servo", ("small", "medium")), ("servo 200 Hz", ("medium",))):
         yield from _bare("servo", log, seed, len(sizes))
-        for hidden in LOOPED:
-            yield from _each("servo", hidden, sizes, log, seed)
+        yield from _each("servo", LOOPED, sizes, log, seed)
 
 
 def _simulators(seed: int) -> Iterator[Case]:
     for engine in ("euler", "mujoco by default"):
-        yield from _each("simulators", (), ("none",), "clean", seed, engine)
-        for name in coarse_truth.EFFECTS:
-            yield from _each("simulators", (name,), SIZES, "clean", seed, engine)
+        yield from _each("simulators", [()], ["none"], "clean", seed, engine)
+        yield from _each("simulators", _alone(coarse_truth.EFFECTS), SIZES, "clean", seed, engine)
 
 
-def _harmonic(seed: int) -> Iterator[Case]:
-    for name in FLEXIBLE:
-        for log in ("servo", "servo 200 Hz"):
-            yield from _each("harmonic drive", (name,), ("own",), log, seed)
+def _on_logs(
+    cases: Callable[..., Iterator[Case]], column: str, hidden: Iterable[str], sizes: Sequence[str], logs: Sequence[str]
+) -> Callable[[int], Iterator[Case]]:
+    """By seed, the cases of effects alone on each of some logs."""
+    return lambda seed: chain.from_iterable(cases(column, _alone(hidden), sizes, log, seed) for log in logs)
 
 
 def _arm(seed: int) -> Iterator[Case]:
@@ -242,20 +205,22 @@ def _arm(seed: int) -> Iterator[Case]:
         yield Case("arm", ("coulomb", "viscous", "delay"), "arm", "servo steps", "arm", 100 * seed + k, "mujoco")
 
 
+NOT_LATE = tuple(n for n in VISIBLE if "delay" not in n)
+"""A delay's least size, one row, is a convention and no physics."""
 COLUMNS: Mapping[str, Callable[[int], Iterator[Case]]] = {
-    "clean": _clean,
-    **{log: partial(_sizes, log, log) for log in ("loud", "slow", "speedless", "coarse", "short")},
-    "weak": _weak,
-    "pairs": _pairs,
-    "strangers": _strangers,
+    "clean": _on_logs(_each, "clean", VISIBLE, SIZES, ["clean"]),
+    **{log: _on_logs(_in_turn, log, VISIBLE, SIZES, [log]) for log in ("loud", "slow", "speedless", "coarse", "short")},
+    "weak": _on_logs(_each, "weak", NOT_LATE, ["weak"], ["clean"]),
+    "pairs": lambda seed: _in_turn("pairs", PAIRS, ["medium", "small"], "clean", seed),
+    "strangers": _on_logs(_each, "strangers", [n for n in STRANGERS if n not in FLEXIBLE], ["own"], ["clean"]),
     "nothing": _nothing,
-    "told": _told,
-    "stamps": _stamps,
+    "told": partial(_logged, "told", ("told 1/3", "told x3"), 1),
+    "stamps": partial(_logged, "stamps", ("late", "early", "averaged"), 2),
     "mujoco": _mujoco,
-    "fast": _fast,
+    "fast": _on_logs(_in_turn, "fast", VISIBLE, SIZES, FAST),
     "servo": _servo,
     "simulators": _simulators,
-    "harmonic drive": _harmonic,
+    "harmonic drive": _on_logs(_each, "harmonic drive", FLEXIBLE, ["own"], ["servo", "servo 200 Hz"]),
     "arm": _arm,
 }
 
