@@ -21,40 +21,26 @@ from policies.environments.task import HORIZON
 
 ENV_ID = "gapfinder/Pendulum-v0"
 
-_MODULES = {
-    "BatchedPendulums": "environments.batched_pendulums",
-    "PendulumEnv": "environments.gymnasium_env",
-    "Band": "environments.randomization",
-    "Fixed": "environments.randomization",
-    "Mixture": "environments.randomization",
-    "Posterior": "environments.randomization",
-    "PriorRange": "environments.randomization",
-    "RandomForce": "environments.randomization",
-    "Randomization": "environments.randomization",
-    "Ranges": "environments.randomization",
-    "SingleEffect": "environments.randomization",
-    "Evaluation": "evaluation",
-    "Policy": "evaluation",
-    "evaluate": "evaluation",
-    "fresh_start_states": "evaluation",
-    "start_states": "evaluation",
-    "NetworkPolicy": "network_policy",
-    "LQR": "control.lqr",
-    "design_lqr": "control.lqr",
-    "Optimal": "control.dynamic_programming",
-    "SwingUp": "control.swing_up",
-    "design_swing_up": "control.swing_up",
-    "CpuSettings": "training.cpu_settings",
-    "tune_cpu": "training.cpu_settings",
-    "Population": "training.population",
-    "SACPopulation": "training.sac_population",
-    "SACSettings": "training.sac",
-    "SHACPopulation": "training.shac_population",
-    "SHACSettings": "training.shac",
-    "SavedPolicy": "storage.policy_file",
-    "load_policy": "storage.policy_file",
-    "save_policy": "storage.policy_file",
+_NAMES = {
+    "environments.batched_pendulums": "BatchedPendulums",
+    "environments.gymnasium_env": "PendulumEnv",
+    "environments.randomization": (
+        "Band Fixed Mixture Posterior PriorRange RandomForce Randomization Ranges SingleEffect"
+    ),
+    "evaluation": "Evaluation Policy evaluate fresh_start_states start_states",
+    "network_policy": "NetworkPolicy",
+    "control.lqr": "LQR design_lqr",
+    "control.dynamic_programming": "Optimal",
+    "control.swing_up": "SwingUp design_swing_up",
+    "training.cpu_settings": "CpuSettings tune_cpu",
+    "training.population": "Population",
+    "training.sac": "SACSettings",
+    "training.sac_population": "SACPopulation",
+    "training.shac": "SHACSettings",
+    "training.shac_population": "SHACPopulation",
+    "storage.policy_file": "SavedPolicy load_policy save_policy",
 }
+_MODULES = {name: module for module, names in _NAMES.items() for name in names.split()}
 
 __all__ = ["ENV_ID", "HORIZON", *_MODULES]  # noqa: PLE0604
 

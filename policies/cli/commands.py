@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import logging
 import math
 from collections.abc import Mapping, Sequence
@@ -28,7 +27,9 @@ from policies.evaluation import Evaluation, evaluate, fresh_start_states
 from policies.limits import EPISODES, EVALUATION_MEMORY, LAYER_WIDTH, LAYERS
 from policies.storage.policy_file import DESCRIPTION, LONGEST_HISTORY, WEIGHTS, SavedPolicy, load_policy, save_policy
 from sysid import InvalidInput, Model, Parameter, SavedModel, load
-from sysid.data.files import check_outputs, full_path, save_file
+from sysid.cli.commands import register_effects
+from sysid.cli.outputs import write_json
+from sysid.data.files import check_outputs, full_path
 from sysid.limits import check_size
 
 logger = logging.getLogger(__name__)
@@ -56,7 +57,7 @@ def _(command: TrainCommand) -> None:
     _check_numbers(command)
     _check_folder(command.out, [command.model, command.effects, command.onnx], command.force)
     _check_onnx(command)
-    _load_effects(command.effects)
+    register_effects(command.effects)
     if command.onnx is not None:
         from policies.storage.onnx_file import require_onnx
 
@@ -112,7 +113,7 @@ def _(command: EvaluateCommand) -> None:
     _check_whole("--seed", command.seed, 0, LARGEST_SEED)
     inputs = [command.model, command.effects, command.policy / DESCRIPTION, command.policy / WEIGHTS]
     check_outputs(inputs, [command.json], command.force)
-    _load_effects(command.effects)
+    register_effects(command.effects)
     saved = load_policy(command.policy)
     widest = max(len(b) for _, b in saved.policy.layers)
     check_size("bytes of memory for all start states:", 4.0 * widest * command.episodes, EVALUATION_MEMORY)
@@ -136,8 +137,7 @@ def _(command: EvaluateCommand) -> None:
         data["references"] = [
             {"name": r.name, "note": r.note, **({} if r.evaluation is None else _plain(r.evaluation))} for r in found
         ]
-    if command.json is not None:
-        _write(command.json, json.dumps(data, indent=1, allow_nan=False) + "\n")
+    write_json(command.json, data)
 
 
 @run.register
@@ -146,7 +146,7 @@ def _(command: ExportPolicyCommand) -> None:
 
     inputs = [command.effects, command.policy / DESCRIPTION, command.policy / WEIGHTS]
     check_outputs(inputs, [command.out], command.force)
-    _load_effects(command.effects)
+    register_effects(command.effects)
     require_onnx()
     _write_onnx(load_policy(command.policy), command.out)
 
@@ -358,18 +358,6 @@ def _check_folder(folder: Path, inputs: Sequence[Path | None], force: bool) -> N
         check_outputs(inputs, [folder / DESCRIPTION, folder / WEIGHTS], force)
     elif not full.parent.is_dir():
         raise InvalidInput(f"cannot write {folder}: there is no folder {folder.parent}")
-
-
-def _load_effects(file: Path | None) -> None:
-    if file is not None:
-        from sysid import load_effects
-
-        logger.info(f"effects of {file.name}: {', '.join(load_effects(file))}")
-
-
-def _write(path: Path, text: str) -> None:
-    save_file(path, text)
-    logger.info(f"wrote {path}")
 
 
 def _write_onnx(saved: SavedPolicy, path: Path) -> None:

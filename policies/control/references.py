@@ -14,7 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from policies.control.design_model import table_shape
 from policies.control.dynamic_programming import Grid
+from policies.control.lqr import design_lqr
+from policies.control.predictive import design_predictive
+from policies.control.swing_up import design_swing_up
 from policies.environments import task
 from policies.evaluation import Evaluation, Policy, evaluate
 from sysid import DeadZone, Effect, InvalidInput, Model
@@ -51,10 +55,17 @@ def references(model: Model, theta: Array, theta_dot: Array) -> tuple[ReferenceR
     left_out = (*remembering, *model.dry_frictions, *sensing)
     note = f"designed without {', '.join(e.name for e in left_out)}" if left_out else ""
     known, simple = _without(model, sensing), _without(model, left_out)
+
+    def returned(name: str, design: Callable[[Model], Policy], on: Model, plant: Model, said: str) -> ReferenceReturn:
+        try:
+            return ReferenceReturn(name, evaluate(design(on), plant, theta, theta_dot), said)
+        except InvalidInput as error:
+            return ReferenceReturn(name, None, " ".join(str(error).split()))
+
     return (
-        _reference("optimum (dynamic programming)", _optimal, known, known, theta, theta_dot),
-        _reference("swing-up, then LQR", _swing_up, simple, model, theta, theta_dot, note),
-        _reference("LQR", _lqr, simple, model, theta, theta_dot, note),
+        returned("optimum (dynamic programming)", _optimal, known, known, ""),
+        returned("swing-up, then LQR", design_swing_up, simple, model, note),
+        returned("LQR", design_lqr, simple, model, note),
     )
 
 
@@ -62,25 +73,7 @@ def _without(model: Model, effects: tuple[Effect, ...]) -> Model:
     return dataclasses.replace(model, effects=tuple(e for e in model.effects if e not in effects))
 
 
-def _reference(
-    name: str,
-    design: Callable[[Model], Policy],
-    on: Model,
-    plant: Model,
-    theta: Array,
-    theta_dot: Array,
-    note: str = "",
-) -> ReferenceReturn:
-    try:
-        return ReferenceReturn(name, evaluate(design(on), plant, theta, theta_dot), note)
-    except InvalidInput as error:
-        return ReferenceReturn(name, None, " ".join(str(error).split()))
-
-
 def _optimal(model: Model) -> Policy:
-    from policies.control.design_model import table_shape
-    from policies.control.predictive import design_predictive
-
     turns, third_axis = table_shape(model)
     grid = COARSE if turns > 1 or third_axis or task.horizon(model.dt) > LONG else FINE
     return design_predictive(model, spanning(grid, model))
@@ -91,21 +84,7 @@ def spanning(grid: Grid, model: Model) -> Grid:
 
     The speed reaches to where it is clipped, else to 1.5 times that of a fall from the upright.
     """
-    from policies.control.design_model import table_shape
-
     clipped = getattr(model.integrator, "theta_dot_max", math.inf)
     G = abs(float(model.plant.gravity_torque(0.5 * math.pi)))
     fastest = min(clipped, max(SPEED, 1.5 * math.sqrt(1.0 + 4.0 * G / float(model.inertia()))))
     return dataclasses.replace(grid, theta_dot_max=fastest, turns=table_shape(model)[0])
-
-
-def _swing_up(model: Model) -> Policy:
-    from policies.control.swing_up import design_swing_up
-
-    return design_swing_up(model)
-
-
-def _lqr(model: Model) -> Policy:
-    from policies.control.lqr import design_lqr
-
-    return design_lqr(model)

@@ -75,9 +75,8 @@ class Band(Randomization):
             raise InvalidInput(f"w = {self.w}: expected a relative width in [0, 1)")
 
     def sample(self, rng: np.random.Generator, model: Model) -> dict[str, float]:
-        model.check_names(self.center)
         ends = {name: sorted((c * (1.0 - self.w), c * (1.0 + self.w))) for name, c in self.center.items()}
-        return _within_bounds(model, {name: rng.uniform(low, high) for name, (low, high) in ends.items()})
+        return Ranges(ends).sample(rng, model)
 
 
 @dataclass(frozen=True)

@@ -15,11 +15,12 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor, nn
 from torch.distributions import Distribution
+
+from policies.environments.random_streams import Purpose, generator
 
 LOG_STD_BOUNDS = (-20.0, 2.0)
 """log(std) of the policy is clamped to this (Stable-Baselines3)."""
@@ -114,9 +115,13 @@ class StackedMLP(TensorDictModuleBase):
             self.register_parameter(f"w{i}", nn.Parameter(torch.zeros(agents, n_in, n_out)))
             self.register_parameter(f"b{i}", nn.Parameter(torch.zeros(agents, 1, n_out)))
 
+    @property
+    def leaves(self) -> list[Tensor]:
+        """w0, w1, b1, ..."""
+        return [getattr(self, name) for name in self.names]
+
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        leaves = [getattr(self, name) for name in self.names]
-        y = WrittenOutMLP.apply(with_ones(*(tensordict.get(key) for key in self.in_keys)), *leaves)
+        y = WrittenOutMLP.apply(with_ones(*(tensordict.get(key) for key in self.in_keys)), *self.leaves)
         answers = head(y) if len(self.out_keys) == 2 else (y.squeeze(-1),)
         return tensordict.update(dict(zip(self.out_keys, answers, strict=True)))
 
@@ -186,11 +191,16 @@ class SquashedNormal(Distribution):
         return x.tanh(), (log_normal - log_slope).sum(-1)
 
 
-def linear_init(rng: np.random.Generator, sizes: Sequence[int]) -> list[NDArray[np.float32]]:
-    """The leaves of one network, from U(-k, k), k = 1 / sqrt(in), as nn.Linear's default."""
-    drawn = []
-    for n_in, n_out in pairwise(sizes):
-        k = 1.0 / math.sqrt(n_in)
-        drawn += [rng.uniform(-k, k, (n_in, n_out)).astype(np.float32)]
-        drawn += [rng.uniform(-k, k, (1, n_out)).astype(np.float32)]
-    return [np.concatenate(drawn[:2]), *drawn[2:]]
+@torch.no_grad()
+def initialise(seeds: Sequence[int], *networks: Sequence[Tensor]) -> None:
+    """Draw the leaves (A, ...) of some networks, one after another from each agent's own generator.
+
+    Weights and biases come from U(-k, k), k = 1 / sqrt(in), as nn.Linear's default.
+    """
+    for a, seed in enumerate(seeds):
+        rng = generator(seed, Purpose.WEIGHTS)
+        for leaves in networks:
+            for w, b in layers_of(leaf[a] for leaf in leaves):
+                k = 1.0 / math.sqrt(len(w))
+                for numbers in (w, b):
+                    numbers.copy_(torch.from_numpy(rng.uniform(-k, k, numbers.shape).astype(np.float32)))

@@ -15,10 +15,11 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
+from torchrl.objectives import LossModule
 
 from policies.environments.batched_pendulums import BatchedPendulums
 from policies.environments.randomization import Randomization
@@ -26,70 +27,65 @@ from policies.limits import TRAINING_MEMORY
 from policies.network_policy import NetworkPolicy
 from policies.training.checkpoint import read_checkpoint, write_checkpoint
 from policies.training.networks import layers_of
+from policies.training.optimization import FastSoftUpdate
+from policies.training.settings import TrainingSettings
 from sysid import InvalidInput, Model
 from sysid.limits import check_size
 
 CHECKPOINT_VERSION = 4
 
 
-class TrainingSettings(Protocol):
-    """What the settings of every algorithm have."""
-
-    @property
-    def algorithm(self) -> str:
-        """Its short name."""
-        ...
-
-    @property
-    def hidden(self) -> tuple[int, ...]:
-        """Sizes of the hidden layers."""
-        ...
-
-    @property
-    def steps(self) -> int:
-        """Environment steps of each agent."""
-        ...
-
-    @property
-    def random_steps(self) -> int:
-        """Those before the first update."""
-        ...
-
-    def memory(self, agents: int, observation_size: int) -> float:
-        """About how many bytes so many agents take."""
-        ...
-
-
 class Population(ABC):
     """Agents trained together; `train` advances all, `save` and `resume` interrupt and go on.
 
-    settings    of the algorithm; env: the pendulums; loss: a TorchRL LossModule
+    model: the pendulum whose parameters the randomizations draw; randomizations (A,), seeds (A,); history: how many
+    past commands the agents observe. Afterwards
+
+    settings    of the algorithm, by default as they come
+    env         the pendulums
+    loss        a TorchRL LossModule
     steps_done  environment steps of each agent
     """
 
     parts: ClassVar[tuple[str, ...]]
     """Names of what a checkpoint holds the state of."""
-
-    actor_leaves: Sequence[Tensor]
+    settings_of: ClassVar[type[TrainingSettings]]
+    """The algorithm's."""
+    differentiable: ClassVar[bool] = False
+    """Whether gradients flow through the pendulums."""
 
     def __init__(
         self,
         model: Model,
         randomizations: Sequence[Randomization],
         seeds: Sequence[int],
-        settings: TrainingSettings,
-        device: str,
-        history: int,
-        **of_pendulums: Any,
+        settings: TrainingSettings | None = None,
+        device: str = "cpu",
+        history: int = 0,
     ) -> None:
-        self.settings, self.seeds, self.device = settings, tuple(int(s) for s in seeds), torch.device(device)
+        self.settings = settings = self.settings_of() if settings is None else settings
+        self.seeds, self.device = tuple(int(s) for s in seeds), torch.device(device)
         self.agents, self.steps_done = len(self.seeds), 0
         memory = settings.memory(self.agents, 3 + history)
         check_size("bytes of memory for this training:", memory, TRAINING_MEMORY, "with fewer agents or smaller layers")
-        self.env = BatchedPendulums(model, randomizations, self.seeds, device=device, history=history, **of_pendulums)
+        self.env = BatchedPendulums(
+            model, randomizations, self.seeds, None, device, history, settings.environments, self.differentiable
+        )
         self.observation = self.env.reset()["observation"]
         self.returns = torch.zeros(self.env.batch_size, dtype=torch.float64, device=self.device)
         self._curve: list[tuple[int, Tensor]] = []
+        with self.device:
+            self.loss = self._loss(3 + history)
+        self.target_update = FastSoftUpdate(self.loss, tau=settings.polyak)
+        self._prepare()
+
+    @abstractmethod
+    def _loss(self, observation_size: int) -> LossModule:
+        """That of the algorithm."""
+
+    @abstractmethod
+    def _prepare(self) -> None:
+        """Make what else the algorithm trains with."""
 
     @abstractmethod
     def train(self, steps: int) -> None:
@@ -103,7 +99,7 @@ class Population(ABC):
 
     def policies(self) -> list[NetworkPolicy]:
         """The deterministic policy of every agent as it stands now."""
-        *hidden, (weight, bias) = layers_of(leaf.detach().cpu().numpy().copy() for leaf in self.actor_leaves)
+        *hidden, (weight, bias) = layers_of(leaf.detach().cpu().numpy().copy() for leaf in self.loss.actor_leaves)
         means = [*hidden, (weight[..., :1], bias[..., :1])]
         u_max, history = self.env.base_model.u_max, self.env.history
         return [NetworkPolicy(tuple((w[a], b[a, 0]) for w, b in means), u_max, history) for a in range(self.agents)]

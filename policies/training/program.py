@@ -18,9 +18,10 @@ from policies.environments import task
 from policies.environments.randomization import Randomization
 from policies.evaluation import evaluate, fresh_start_states
 from policies.network_policy import NetworkPolicy
-from policies.training.population import Population, TrainingSettings
+from policies.training.population import Population
 from policies.training.sac import SACSettings
 from policies.training.sac_population import SACPopulation
+from policies.training.settings import TrainingSettings
 from policies.training.shac import SHACSettings
 from policies.training.shac_population import SHACPopulation
 from sysid import InvalidInput, Model
@@ -63,9 +64,6 @@ class TrainedPolicy:
     """
 
     policy: NetworkPolicy
-    model: Model
-    randomization: Randomization
-    settings: TrainingSettings
     seeds: tuple[int, ...]
     best: int
     chosen: tuple[float, ...]
@@ -145,17 +143,8 @@ def train(
     starts = fresh_start_states(seeds[0], CHOICE, block=1)
     chosen = tuple(evaluate(policy, model, *starts).mean for policy in policies)
     best = int(np.argmax(chosen))
-    return TrainedPolicy(
-        policy=policies[best],
-        model=model,
-        randomization=randomization,
-        settings=settings,
-        seeds=population.seeds,
-        best=best,
-        chosen=chosen,
-        curves=tuple(tuple(curve) for curve in population.curves),
-        seconds=time.monotonic() - begin,
-    )
+    curves = tuple(map(tuple, population.curves))
+    return TrainedPolicy(policies[best], population.seeds, best, chosen, curves, time.monotonic() - begin)
 
 
 def _finish(population: Population, listener: Listener, checkpoint: Path | None) -> None:

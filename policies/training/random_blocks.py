@@ -56,3 +56,7 @@ class RandomBlocks:
     def at(self, k: Tensor) -> Tensor:
         """The numbers (A, ...) of the block's step k, an index (1,) on the device."""
         return self._numbers.index_select(0, k)[0].index_select(0, self._which)
+
+    def all(self) -> Tensor:
+        """The numbers (length, A, ...) of every step of the block."""
+        return self._numbers.index_select(1, self._which)

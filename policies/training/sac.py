@@ -27,7 +27,6 @@ from torch import Tensor, nn
 from torchrl.modules import ProbabilisticActor
 from torchrl.objectives import SACLoss, ValueEstimators
 
-from policies.environments.random_streams import Purpose, generator
 from policies.training.networks import (
     SquashedNormal,
     actor_and_critic,
@@ -35,22 +34,25 @@ from policies.training.networks import (
     both_critics,
     forward,
     head,
+    initialise,
     leaves_of,
-    linear_init,
     with_ones,
 )
+from policies.training.settings import TrainingSettings
 from sysid import InvalidInput
 
 
 @dataclass(frozen=True)
-class SACSettings:
+class SACSettings(TrainingSettings):
     """The paper's settings, which are Stable-Baselines3's but for learning_rate; polyak is its tau.
 
     loss: "fast" or "sac", TorchRL's SACLoss as it is
     """
 
     algorithm: ClassVar[str] = "sac"
-
+    positive: ClassVar[tuple[str, ...]] = ("learning_rate", "capacity", "initial_temperature", "random_steps", "steps")
+    shares: ClassVar[tuple[str, ...]] = ("gamma", "polyak")
+    environments: ClassVar[int | None] = None
     hidden: tuple[int, ...] = (256, 256)
     learning_rate: float = 1e-3
     batch: int = 256
@@ -64,19 +66,11 @@ class SACSettings:
     loss: str = "fast"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "hidden", tuple(self.hidden))
+        super().__post_init__()
         if self.loss not in LOSSES:
             raise InvalidInput(f"loss = {self.loss!r}: expected one of {', '.join(LOSSES)}")
-        if not self.hidden or min(self.hidden) < 1:
-            raise InvalidInput(f"hidden = {self.hidden}: expected one or more layer sizes >= 1")
         if self.batch < 2:
             raise InvalidInput(f"batch = {self.batch}: expected at least 2 transitions")
-        for name in ("learning_rate", "capacity", "initial_temperature", "random_steps", "steps"):
-            if not getattr(self, name) > 0:
-                raise InvalidInput(f"{name} = {getattr(self, name)}: expected a positive number")
-        for name in ("gamma", "polyak"):
-            if not 0.0 <= getattr(self, name) <= 1.0:
-                raise InvalidInput(f"{name} = {getattr(self, name)}: expected a number in [0, 1]")
 
     def memory(self, agents: int, observation_size: int) -> float:
         """Bytes that the networks of so many agents take with their optimisers, and their transitions."""
@@ -124,18 +118,8 @@ class StackedSACLoss(SACLoss):
         )
         self.log_alpha = nn.Parameter(torch.full((len(seeds), 1), math.log(settings.initial_temperature)))
         self.settings, self._vmap_qnetworkN0 = settings, both_critics
-        self._initialise(seeds)
-
-    @torch.no_grad()
-    def _initialise(self, seeds: Sequence[int]) -> None:
-        """Actor, then both critics, from each agent's own generator."""
-        for a, seed in enumerate(seeds):
-            rng = generator(seed, Purpose.WEIGHTS)
-            for leaves in ([w[a] for w in self.actor_leaves], *([w[i, a] for w in self.critic_leaves] for i in (0, 1))):
-                sizes = [len(leaves[0]) - 1, *(w.shape[-1] for w in (leaves[0], *leaves[1::2]))]
-                for leaf, numbers in zip(leaves, linear_init(rng, sizes), strict=True):
-                    leaf.copy_(torch.from_numpy(numbers))
-        torch._foreach_copy_(self.target_leaves, self.critic_leaves)
+        initialise(seeds, self.actor_leaves, *([leaf[i] for leaf in self.critic_leaves] for i in (0, 1)))
+        torch._foreach_copy_(self.target_leaves, [leaf.detach() for leaf in self.critic_leaves])
 
     def _reduce_loss(self, loss: Tensor, *_: Any, **__: Any) -> Tensor:
         """The mean over an agent's batch, the sum over agents."""

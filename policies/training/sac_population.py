@@ -17,56 +17,36 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
 from policies.environments.random_streams import Purpose
-from policies.environments.randomization import Randomization
 from policies.training.cuda_graph import CudaGraph
 from policies.training.networks import ExploringPolicy
-from policies.training.optimization import FastSoftUpdate, FusedAdam
+from policies.training.optimization import FusedAdam
 from policies.training.population import Population
 from policies.training.random_blocks import BLOCK_LENGTH, RandomBlocks
 from policies.training.replay import replay_buffer
-from policies.training.sac import LOSSES, SACSettings
-from sysid import Model
+from policies.training.sac import LOSSES, SACSettings, StackedSACLoss
 
 
 class SACPopulation(Population):
-    """Soft actor-critic agents, trained together, each with one pendulum and a memory of transitions.
-
-    model: the pendulum whose parameters the randomizations draw; randomizations (A,), seeds (A,); history: how many
-    past commands the agents observe.
-    """
+    """Soft actor-critic agents, trained together, each with one pendulum and a memory of transitions."""
 
     parts: ClassVar[tuple[str, ...]] = ("env", "replay", "loss", "critic_optimizer", "actor_optimizer")
+    settings_of: ClassVar[type[SACSettings]] = SACSettings
     settings: SACSettings
 
-    def __init__(
-        self,
-        model: Model,
-        randomizations: Sequence[Randomization],
-        seeds: Sequence[int],
-        settings: SACSettings | None = None,
-        device: str = "cpu",
-        history: int = 0,
-    ) -> None:
-        settings = SACSettings() if settings is None else settings
-        super().__init__(model, randomizations, seeds, settings, device, history)
-        self._block = -1
+    def _loss(self, observation_size: int) -> StackedSACLoss:
+        return LOSSES[self.settings.loss](self.seeds, self.settings, observation_size)
+
+    def _prepare(self) -> None:
+        settings, loss = self.settings, self.loss
         self._k = torch.zeros(1, dtype=torch.long, device=self.device)
-        self._blocks = _random_blocks(self.seeds, settings.batch, device)
+        self._blocks = _random_blocks(self.seeds, settings.batch, self.device)
         self._exploration, self._uniform, self._normal = self._blocks
-        self.replay = replay_buffer(
-            min(settings.capacity, settings.steps),
-            settings.batch,
-            self.env.fake_tensordict(),
-            lambda: self._uniform.at(self._k),
-        )
-        with self.device:
-            self.loss = LOSSES[settings.loss](self.seeds, settings, 3 + history)
-        self.actor_leaves = self.loss.actor_leaves
-        self.policy = ExploringPolicy(self.loss.actor_leaves)
-        self.critic_optimizer = FusedAdam(self.loss.critic_leaves, settings.learning_rate)
-        self.actor_optimizer = FusedAdam([*self.loss.actor_leaves, self.loss.log_alpha], settings.learning_rate)
-        self.target_update = FastSoftUpdate(self.loss, tau=settings.polyak)
-        self._learning_step = CudaGraph(self._learn, self.device)
+        capacity, example = min(settings.capacity, settings.steps), self.env.fake_tensordict()
+        self.replay = replay_buffer(capacity, settings.batch, example, lambda: self._uniform.at(self._k))
+        self.policy = ExploringPolicy(loss.actor_leaves)
+        self.critic_optimizer = FusedAdam(loss.critic_leaves, settings.learning_rate)
+        self.actor_optimizer = FusedAdam([*loss.actor_leaves, loss.log_alpha], settings.learning_rate)
+        self.resumed()
 
     def train(self, steps: int) -> None:
         """Advance every agent by `steps` environment steps, but not beyond settings.steps."""
@@ -125,12 +105,14 @@ class SACPopulation(Population):
         self.target_update.step()
 
     def resumed(self) -> None:
-        """Random numbers are loaded anew."""
+        """Random numbers are loaded anew, and a step is captured anew."""
         self._block = -1
         self._learning_step = CudaGraph(self._learn, self.device)
 
 
-def _random_blocks(seeds: Sequence[int], batch: int, device: str) -> tuple[RandomBlocks, RandomBlocks, RandomBlocks]:
+def _random_blocks(
+    seeds: Sequence[int], batch: int, device: torch.device
+) -> tuple[RandomBlocks, RandomBlocks, RandomBlocks]:
     """Exploration (A, 2), draws from the memory (A, B) and the noise of the losses (A, 2, B, 1), for every step."""
 
     def uniform(rng: np.random.Generator, length: int) -> NDArray:

@@ -29,13 +29,12 @@ from torch import Tensor
 from torchrl.objectives import LossModule
 from torchrl.objectives.value.functional import td_lambda_return_estimate
 
-from policies.environments.random_streams import Purpose, generator
-from policies.training.networks import StackedMLP, WrittenOutMLP, leaves_of, linear_init, with_ones
+from policies.training.networks import StackedMLP, WrittenOutMLP, initialise, leaves_of, with_ones
+from policies.training.settings import TrainingSettings
 from sysid import InvalidInput
 
 OPERATIONS = 200.0
 """About how many numbers a pendulum's step leaves for the way back."""
-
 
 BEND = 2.5
 """|pi| from which tanh is hardly more than flat: 0.987."""
@@ -46,7 +45,7 @@ its gradient is nothing."""
 
 
 @dataclass(frozen=True)
-class SHACSettings:
+class SHACSettings(TrainingSettings):
     """How agents train through the model.
 
     learning_rate   of policy and value function at the beginning; it falls in a straight line to a fiftieth
@@ -63,6 +62,10 @@ class SHACSettings:
     """
 
     algorithm: ClassVar[str] = "shac"
+    positive: ClassVar[tuple[str, ...]] = (
+        "learning_rate", "environments", "horizon", "reward_scale", "minibatches", "gradient_norm", "steps",
+    )  # fmt: skip
+    shares: ClassVar[tuple[str, ...]] = ("gamma", "decay", "polyak")
     random_steps: ClassVar[int] = 0
     hidden: tuple[int, ...] = (64, 64)
     learning_rate: float = 1e-2
@@ -79,24 +82,8 @@ class SHACSettings:
     steps: int = 2_048_000
 
     def __post_init__(self) -> None:
-        for name in ("hidden", "noise"):
-            object.__setattr__(self, name, tuple(getattr(self, name)))
-        if not self.hidden or min(self.hidden) < 1:
-            raise InvalidInput(f"hidden = {self.hidden}: expected one or more layer sizes >= 1")
-        for name in (
-            "learning_rate",
-            "environments",
-            "horizon",
-            "reward_scale",
-            "minibatches",
-            "gradient_norm",
-            "steps",
-        ):
-            if not getattr(self, name) > 0:
-                raise InvalidInput(f"{name} = {getattr(self, name)}: expected a positive number")
-        for name in ("gamma", "decay", "polyak"):
-            if not 0.0 <= getattr(self, name) <= 1.0:
-                raise InvalidInput(f"{name} = {getattr(self, name)}: expected a number in [0, 1]")
+        super().__post_init__()
+        object.__setattr__(self, "noise", tuple(self.noise))
         for name in ("noise", "saturation"):
             if not min(np.atleast_1d(getattr(self, name))) >= 0.0:
                 raise InvalidInput(f"{name} = {getattr(self, name)}: expected no negative number")
@@ -136,19 +123,10 @@ class SHACLoss(LossModule):
             self.target_leaves = leaves_of(self.target_value_network_params)
         self.actor_leaves, self.value_leaves = map(leaves_of, (self.actor_network_params, self.value_network_params))
         self.settings, self.progress = settings, 0.0
-        self._initialise(seeds, sizes)
-
-    @torch.no_grad()
-    def _initialise(self, seeds: Sequence[int], sizes: Sequence[int]) -> None:
-        """Actor, then value function, from each agent's own generator."""
-        for a, seed in enumerate(seeds):
-            rng = generator(seed, Purpose.WEIGHTS)
-            for leaves in (self.actor_leaves, self.value_leaves):
-                for leaf, numbers in zip(leaves, linear_init(rng, sizes), strict=True):
-                    leaf[a].copy_(torch.from_numpy(numbers))
-        for leaf in self.actor_leaves[-2:]:
-            leaf.mul_(FIRST_ACTIONS)
-        torch._foreach_copy_(self.target_leaves, self.value_leaves)
+        initialise(seeds, self.actor_leaves, self.value_leaves)
+        with torch.no_grad():
+            torch._foreach_mul_(self.actor_leaves[-2:], FIRST_ACTIONS)
+            torch._foreach_copy_(self.target_leaves, self.value_leaves)
 
     def act(self, tensordict: TensorDictBase) -> TensorDictBase:
         """observation (A, E, O) and noise (A, E, 1), standard normal -> loc, which is pi, and action (A, E, 1)."""

@@ -7,20 +7,18 @@ optimisers and a target update, with TensorDicts between them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
 import torch
 from tensordict import TensorDict, TensorDictBase
-from torch import Tensor
 
-from policies.environments.random_streams import Purpose, generator
-from policies.environments.randomization import Randomization
-from policies.training.optimization import FastSoftUpdate, FusedAdam
+from policies.environments.random_streams import Purpose
+from policies.training.optimization import FusedAdam
 from policies.training.population import Population
+from policies.training.random_blocks import RandomBlocks
 from policies.training.shac import SHACLoss, SHACSettings
-from sysid import InvalidInput, Model
+from sysid import InvalidInput
 
 LAST_RATE = 0.02
 """Share of the learning rate that is left at the end."""
@@ -30,37 +28,31 @@ FORGETTING = 0.95
 
 
 class SHACPopulation(Population):
-    """Agents that learn from the gradient through the model, each with its own pendulums.
-
-    model: the pendulum whose parameters the randomizations draw; randomizations (A,), seeds (A,); history: how many
-    past commands the agents observe. The pendulums of an agent end their episodes one after another.
-    """
+    """Agents that learn from the gradient through the model, each with its own pendulums, whose episodes end one after
+    another."""
 
     parts: ClassVar[tuple[str, ...]] = ("env", "loss", "value_optimizer", "actor_optimizer")
+    settings_of: ClassVar[type[SHACSettings]] = SHACSettings
+    differentiable: ClassVar[bool] = True
     settings: SHACSettings
 
-    def __init__(
-        self,
-        model: Model,
-        randomizations: Sequence[Randomization],
-        seeds: Sequence[int],
-        settings: SHACSettings | None = None,
-        device: str = "cpu",
-        history: int = 0,
-    ) -> None:
-        settings = SHACSettings() if settings is None else settings
-        super().__init__(
-            model, randomizations, seeds, settings, device, history,
-            environments=settings.environments, differentiable=True,
-        )  # fmt: skip
+    def _loss(self, observation_size: int) -> SHACLoss:
+        return SHACLoss(self.seeds, self.settings, observation_size)
+
+    def _prepare(self) -> None:
+        settings, rate = self.settings, self.settings.learning_rate
+        shape = (settings.horizon, settings.environments, 1)
         which = torch.arange(settings.environments, device=self.device)
         self.env.steps.add_(which * self.env.horizon // settings.environments)
-        with self.device:
-            self.loss = SHACLoss(self.seeds, settings, 3 + history)
-        self.actor_leaves = self.loss.actor_leaves
-        self.value_optimizer = FusedAdam(self.loss.value_leaves, settings.learning_rate, FORGETTING)
-        self.actor_optimizer = FusedAdam(self.loss.actor_leaves, settings.learning_rate, FORGETTING)
-        self.target_update = FastSoftUpdate(self.loss, tau=settings.polyak)
+        self.value_optimizer = FusedAdam(self.loss.value_leaves, rate, FORGETTING)
+        self.actor_optimizer = FusedAdam(self.loss.actor_leaves, rate, FORGETTING)
+        self._noise = RandomBlocks(
+            self.seeds,
+            Purpose.EXPLORATION,
+            lambda rng, _: rng.standard_normal(shape, dtype=np.float32),
+            self.device,
+            settings.horizon,
+        )
 
     def train(self, steps: int) -> None:
         """Advance every agent by `steps` environment steps, or up to a window more, but not beyond settings.steps.
@@ -97,22 +89,14 @@ class SHACPopulation(Population):
     def _window(self) -> TensorDictBase:
         """Steps (A, E, T) of the pendulums under the policy as it is, from where they are."""
         self.env.detach_state()
+        self._noise.load(self.steps_done // self.settings.window)
         seen, moved = self.observation.detach(), []
-        for noise in self._noise():
+        for noise in self._noise.all():
             acted = self.loss.act(TensorDict({"observation": seen, "noise": noise}, self.env.batch_size))
             moved.append(self.env.step(acted))
             seen = moved[-1].get(("next", "observation"))
         self.observation = seen
         return torch.stack(moved, 2)
-
-    def _noise(self) -> Tensor:
-        """(T, A, E, 1), of the window that comes."""
-        block, shape = self.steps_done // self.settings.window, (self.settings.horizon, self.settings.environments, 1)
-        drawn = {
-            seed: generator(seed, Purpose.EXPLORATION, block).standard_normal(shape, dtype=np.float32)
-            for seed in dict.fromkeys(self.seeds)
-        }
-        return torch.from_numpy(np.stack([drawn[seed] for seed in self.seeds], 1)).to(self.device)
 
     def _begin_anew(self, window: TensorDictBase) -> None:
         """Where episodes have ended, others begin."""

@@ -5,21 +5,18 @@ Answers are kept in --out, one JSON line a case; a run that was stopped goes on 
 
 from __future__ import annotations
 
-import argparse
-import sys
-import time
 import zlib
-from pathlib import Path
 
+from tests.benchmarks import command
 from tests.benchmarks.cases import COLUMNS
 from tests.benchmarks.methods import METHODS
-from tests.benchmarks.runner import Store, run
+from tests.benchmarks.runner import add_options, answered
 from tests.benchmarks.score import RULES, cell, columns, table
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run, then print the tables."""
-    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks", description=__doc__)
+    parser = command.parser("", __doc__)
     parser.add_argument("--columns", nargs="+", choices=tuple(COLUMNS), default=list(COLUMNS), metavar="COLUMN")
     parser.add_argument("--methods", nargs="+", choices=tuple(METHODS), default=list(METHODS), metavar="METHOD")
     parser.add_argument("--seeds", nargs="+", type=int, default=[0], help="each makes up all cases anew")
@@ -28,18 +25,12 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--again", action="store_true", help="ask again what is answered already (a method has changed)"
     )
-    parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--out", type=Path, default=Path("results/hidden_effects"))
-    parser.add_argument("--table", action="store_true", help="run nothing, print what is there")
+    add_options(parser, "results/hidden_effects")
     parser.add_argument("--wrong", action="store_true", help="list the cases that were answered wrongly")
     given = parser.parse_args(arguments)
     cases = [c for name in given.columns for seed in given.seeds for c in COLUMNS[name](seed)]
     cases = [c for c in cases if given.only in c.key and zlib.crc32(c.key.encode()) % given.every == 0]
-    store, began = Store(given.out), time.perf_counter()
-    if not given.table:
-        for case, done, of in run(cases, given.methods, store, given.workers, given.again):
-            print(f"\r{done}/{of}  {time.perf_counter() - began:.0f} s  {case.key:80s}", end="", file=sys.stderr)
-        print(file=sys.stderr)
+    store = answered(given, cases, given.methods, again=given.again)
     prepared = store.read("decidability")
     answers = {m: store.answers(m) for m in given.methods}
     tables = {rule: table(cases, answers, prepared, rule) for rule in RULES}

@@ -7,16 +7,14 @@ in the model, and how often does a score test raise a false alarm where nothing 
 
 from __future__ import annotations
 
-import argparse
-import os
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import binom, chi2
 
 from sysid import Model, RodPendulum, effect, fit
+from tests.benchmarks import command
 from tests.benchmarks.decidability import Family, Motions
 from tests.benchmarks.experiments import EXPERIMENTS, LOGS, World, move, plan, write
 from tests.benchmarks.rivals import rivals
@@ -111,7 +109,7 @@ def report(trials: Sequence[Trial]) -> list[str]:
 
 def main() -> None:
     """Run and print."""
-    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.calibration", description=__doc__)
+    parser = command.parser("calibration", __doc__)
     parser.add_argument("--seeds", type=int, default=200)
     parser.add_argument("--log", choices=tuple(LOGS), default="clean")
     parser.add_argument(
@@ -119,8 +117,7 @@ def main() -> None:
     )
     parser.add_argument("--workers", type=int, default=2)
     given = parser.parse_args()
-    os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
-    with ProcessPoolExecutor(given.workers) as pool:
+    with command.processes(given.workers) as pool:
         for word in given.models:
             name = "" if word == "none" else word
             trials = list(pool.map(trial, [name] * given.seeds, [given.log] * given.seeds, range(given.seeds)))

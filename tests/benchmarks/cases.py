@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import chain
 
 import numpy as np
 
@@ -43,7 +45,6 @@ PAIRS = (
     ("stribeck", "spring"),
 )
 LOOPED = (
-    (),
     ("coulomb",),
     ("viscous",),
     ("coulomb", "viscous"),
@@ -129,110 +130,74 @@ def records(case: Case, made: World) -> list[Record]:
     return write(motion, made.plan, made.log, case.rng("noise"))
 
 
-def _sizes(column: str, log: str, seed: int) -> Iterator[Case]:
-    """Every visible effect at three sizes, the experiments in turn."""
-    for i, name in enumerate(VISIBLE):
-        if LOGS[log].theta_dot is None and name in ("velocity_bias", "velocity_gain"):
-            continue
-        for j, size in enumerate(SIZES):
-            yield Case(column, (name,), size, EXPERIMENTS[(i + j + seed) % 3], log, seed)
+def _alone(names: Iterable[str]) -> list[tuple[str, ...]]:
+    """Each hidden by itself."""
+    return [(name,) for name in names]
 
 
-def _clean(seed: int) -> Iterator[Case]:
-    for name in VISIBLE:
-        for size in SIZES:
-            for experiment in EXPERIMENTS:
-                yield Case("clean", (name,), size, experiment, "clean", seed)
+def _each(
+    column: str, hidden: Iterable[tuple[str, ...]], sizes: Sequence[str], log: str, seed: int, engine: str = "truth"
+) -> Iterator[Case]:
+    """All that is hidden, at every size in every experiment; a servo's logs have experiments of their own."""
+    for own in hidden:
+        for size in sizes:
+            for experiment in SERVOS if log.startswith("servo") else EXPERIMENTS:
+                yield Case(column, own, size, experiment, log, seed, engine)
 
 
-def _weak(seed: int) -> Iterator[Case]:
-    for name in (n for n in VISIBLE if "delay" not in n):  # whose least size, one row, is a convention and no physics
-        for experiment in EXPERIMENTS:
-            yield Case("weak", (name,), "weak", experiment, "clean", seed)
+def _in_turn(
+    column: str, hidden: Iterable[tuple[str, ...]], sizes: Sequence[str], log: str, seed: int, engine: str = "truth"
+) -> Iterator[Case]:
+    """All that is hidden and the log can show, at every size; the experiments take turns."""
+    for i, own in enumerate(hidden):
+        for j, size in enumerate(sizes):
+            if LOGS[log].theta_dot is not None or own[0] not in ("velocity_bias", "velocity_gain"):
+                yield Case(column, own, size, EXPERIMENTS[(i + j + seed) % 3], log, seed, engine)
 
 
-def _pairs(seed: int) -> Iterator[Case]:
-    for i, pair in enumerate(PAIRS):
-        for j in range(2):
-            yield Case("pairs", pair, ("medium", "small")[j], EXPERIMENTS[(i + j + seed) % 3], "clean", seed)
-
-
-def _strangers(seed: int) -> Iterator[Case]:
-    for name in (n for n in STRANGERS if n not in FLEXIBLE):
-        for experiment in EXPERIMENTS:
-            yield Case("strangers", (name,), "own", experiment, "clean", seed)
+def _bare(column: str, log: str, seed: int, count: int = 1) -> Iterator[Case]:
+    """Nothing hidden, so many times in every experiment."""
+    for k in range(count):
+        yield from _each(column, [()], ["none"], log, 100 * seed + k)
 
 
 def _nothing(seed: int) -> Iterator[Case]:
-    for log, count in {
-        "clean": 4,
-        "loud": 1,
-        "slow": 1,
-        "speedless": 1,
-        "coarse": 1,
-        "short": 1,
-        **dict.fromkeys(FAST, 1),
-    }.items():
-        for experiment in EXPERIMENTS:
-            for k in range(count):
-                yield Case("nothing", (), "none", experiment, log, 100 * seed + k)
+    for log in ("clean", "loud", "slow", "speedless", "coarse", "short", *FAST):
+        yield from _bare("nothing", log, seed, 4 if log == "clean" else 1)
 
 
-def _told(seed: int) -> Iterator[Case]:
-    for i, log in enumerate(("told 1/3", "told x3")):
+def _logged(column: str, logs: Sequence[str], every: int, seed: int) -> Iterator[Case]:
+    """Logs that are not what they seem: of each one in so many visible effects, and six times nothing."""
+    for i, log in enumerate(logs):
         for j, name in enumerate(VISIBLE):
-            yield Case("told", (name,), "medium", EXPERIMENTS[(i + j + seed) % 3], log, seed)
+            if (i + j) % every == 0 or name in ("delay", "lag", "sensor_delay"):
+                yield Case(column, (name,), "medium", EXPERIMENTS[(i + j + seed) % 3], log, seed)
         for j, experiment in enumerate(EXPERIMENTS * 2):
-            yield Case("told", (), "none", experiment, log, 100 * seed + j)
-
-
-def _stamps(seed: int) -> Iterator[Case]:
-    for i, log in enumerate(("late", "early", "averaged")):
-        for j, name in enumerate(VISIBLE):
-            if (i + j) % 2 == 0 or name in ("delay", "lag", "sensor_delay"):
-                yield Case("stamps", (name,), "medium", EXPERIMENTS[(i + j + seed) % 3], log, seed)
-        for j, experiment in enumerate(EXPERIMENTS * 2):
-            yield Case("stamps", (), "none", experiment, log, 100 * seed + j)
+            yield Case(column, (), "none", experiment, log, 100 * seed + j)
 
 
 def _mujoco(seed: int) -> Iterator[Case]:
-    for i, name in enumerate(mujoco_truth.EFFECTS):
-        for j, size in enumerate(SIZES):
-            yield Case("mujoco", (name,), size, EXPERIMENTS[(i + j + seed) % 3], "clean", seed, "mujoco")
-    for experiment in EXPERIMENTS:
-        yield Case("mujoco", (), "none", experiment, "clean", seed, "mujoco")
-
-
-def _fast(seed: int) -> Iterator[Case]:
-    for log in FAST:
-        yield from _sizes("fast", log, seed)
+    yield from _in_turn("mujoco", _alone(mujoco_truth.EFFECTS), SIZES, "clean", seed, "mujoco")
+    yield from _each("mujoco", [()], ["none"], "clean", seed, "mujoco")
 
 
 def _servo(seed: int) -> Iterator[Case]:
     for log, sizes in (("servo", ("small", "medium")), ("servo 200 Hz", ("medium",))):
-        for hidden in LOOPED:
-            for j, size in enumerate(sizes):
-                for experiment in SERVOS:
-                    if hidden:
-                        yield Case("servo", hidden, size, experiment, log, seed)
-                    else:
-                        yield Case("servo", (), "none", experiment, log, 100 * seed + j)
+        yield from _bare("servo", log, seed, len(sizes))
+        yield from _each("servo", LOOPED, sizes, log, seed)
 
 
 def _simulators(seed: int) -> Iterator[Case]:
     for engine in ("euler", "mujoco by default"):
-        for experiment in EXPERIMENTS:
-            yield Case("simulators", (), "none", experiment, "clean", seed, engine)
-            for name in coarse_truth.EFFECTS:
-                for size in SIZES:
-                    yield Case("simulators", (name,), size, experiment, "clean", seed, engine)
+        yield from _each("simulators", [()], ["none"], "clean", seed, engine)
+        yield from _each("simulators", _alone(coarse_truth.EFFECTS), SIZES, "clean", seed, engine)
 
 
-def _harmonic(seed: int) -> Iterator[Case]:
-    for name in FLEXIBLE:
-        for log in ("servo", "servo 200 Hz"):
-            for experiment in SERVOS:
-                yield Case("harmonic drive", (name,), "own", experiment, log, seed)
+def _on_logs(
+    cases: Callable[..., Iterator[Case]], column: str, hidden: Iterable[str], sizes: Sequence[str], logs: Sequence[str]
+) -> Callable[[int], Iterator[Case]]:
+    """By seed, the cases of effects alone on each of some logs."""
+    return lambda seed: chain.from_iterable(cases(column, _alone(hidden), sizes, log, seed) for log in logs)
 
 
 def _arm(seed: int) -> Iterator[Case]:
@@ -240,24 +205,22 @@ def _arm(seed: int) -> Iterator[Case]:
         yield Case("arm", ("coulomb", "viscous", "delay"), "arm", "servo steps", "arm", 100 * seed + k, "mujoco")
 
 
+NOT_LATE = tuple(n for n in VISIBLE if "delay" not in n)
+"""A delay's least size, one row, is a convention and no physics."""
 COLUMNS: Mapping[str, Callable[[int], Iterator[Case]]] = {
-    "clean": _clean,
-    "loud": lambda seed: _sizes("loud", "loud", seed),
-    "slow": lambda seed: _sizes("slow", "slow", seed),
-    "speedless": lambda seed: _sizes("speedless", "speedless", seed),
-    "coarse": lambda seed: _sizes("coarse", "coarse", seed),
-    "short": lambda seed: _sizes("short", "short", seed),
-    "weak": _weak,
-    "pairs": _pairs,
-    "strangers": _strangers,
+    "clean": _on_logs(_each, "clean", VISIBLE, SIZES, ["clean"]),
+    **{log: _on_logs(_in_turn, log, VISIBLE, SIZES, [log]) for log in ("loud", "slow", "speedless", "coarse", "short")},
+    "weak": _on_logs(_each, "weak", NOT_LATE, ["weak"], ["clean"]),
+    "pairs": lambda seed: _in_turn("pairs", PAIRS, ["medium", "small"], "clean", seed),
+    "strangers": _on_logs(_each, "strangers", [n for n in STRANGERS if n not in FLEXIBLE], ["own"], ["clean"]),
     "nothing": _nothing,
-    "told": _told,
-    "stamps": _stamps,
+    "told": partial(_logged, "told", ("told 1/3", "told x3"), 1),
+    "stamps": partial(_logged, "stamps", ("late", "early", "averaged"), 2),
     "mujoco": _mujoco,
-    "fast": _fast,
+    "fast": _on_logs(_in_turn, "fast", VISIBLE, SIZES, FAST),
     "servo": _servo,
     "simulators": _simulators,
-    "harmonic drive": _harmonic,
+    "harmonic drive": _on_logs(_each, "harmonic drive", FLEXIBLE, ["own"], ["servo", "servo 200 Hz"]),
     "arm": _arm,
 }
 

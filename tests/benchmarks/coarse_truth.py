@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tests.benchmarks.truth import NEUTRAL, Feedback, Motion
+from tests.benchmarks.truth import Array, Feedback, Motion, known_numbers, stepped
 
 EFFECTS = ("viscous", "coulomb")
 
@@ -27,25 +27,16 @@ def simulate(
 
     Dry friction then takes h tau_c / J from |v|, and at most all of it. Raises KeyError for any other number.
     """
-    known = {k for k in NEUTRAL if k.split(".")[0] in (*EFFECTS, "m", "l", "g")}
-    foreign = [k for k in numbers if k not in known]
-    if foreign:
-        raise KeyError(f"the coarse simulator has no {foreign[0]!r}")
-    p = NEUTRAL | dict(numbers)
+    p = known_numbers(numbers, EFFECTS, "the coarse simulator")
     J, G = p["m"] * p["l"] ** 2 / 3.0, 0.5 * p["m"] * p["g"] * p["l"]
-    u = np.atleast_2d(np.array(u, dtype=float))
-    L, N = u.shape
-    angles, speeds = np.empty((N + 1, L)), np.empty((N + 1, L))
-    angles[0], speeds[0] = theta, theta_dot
     per_sample = round(dt / step)
     h = dt / per_sample
-    for k in range(N):
-        if feedback is not None:
-            u[:, k] += feedback(k, angles[k], speeds[k])
-        x, v = angles[k], speeds[k]
+
+    def sample(k: int, u: Array, x: Array, v: Array) -> tuple[Array, Array]:
         for _ in range(per_sample):
             v = v + h * (G * np.sin(x) + u[:, k] - p["viscous.b"] * v) / J
             v = np.sign(v) * np.maximum(np.abs(v) - h * p["coulomb.tau_c"] / J, 0.0)
             x = x + h * v
-        angles[k + 1], speeds[k + 1] = x, v
-    return Motion(dt * np.arange(N + 1), angles.T, speeds.T, angles.T, speeds.T, u)
+        return x, v
+
+    return stepped(sample, u, theta, theta_dot, dt, feedback)

@@ -7,7 +7,6 @@ over log samples from one size to the next: 1 is linear. A log at 1 kHz is thinn
 
 from __future__ import annotations
 
-import argparse
 import math
 import os
 import subprocess
@@ -21,6 +20,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from sysid import write_csv
+from tests.benchmarks import command
 from tests.benchmarks.experiments import ENCODER, Log, World, move, plan, write
 
 VERDICTS = ("adequate", "missing", "partly", "unknown", "cannot tell")
@@ -60,17 +60,17 @@ def cost(log: Log, keep_rate: bool = False) -> Cost:
     with TemporaryDirectory() as folder:
         files = logged(log, Path(folder))
         rate = ["--dt", f"{log.dt:g}"] if keep_rate else []
-        command = [sys.executable, "-m", "sysid", "diagnose", *map(str, files), *rate]
+        words = [sys.executable, "-m", "sysid", "diagnose", *map(str, files), *rate]
         with open(Path(folder, "said"), "w+", encoding="utf-8") as said:
             began = time.perf_counter()
-            process = subprocess.Popen(command, stdout=said, stderr=said)
+            process = subprocess.Popen(words, stdout=said, stderr=said)
             _, status, used = os.wait4(process.pid, 0)
             wall = time.perf_counter() - began
             process.returncode = os.waitstatus_to_exitcode(status)
             said.seek(0)
             text = said.read()
     if process.returncode:
-        raise subprocess.CalledProcessError(process.returncode, command, text)
+        raise subprocess.CalledProcessError(process.returncode, words, text)
     verdict = next((line for line in text.splitlines() if line.startswith(VERDICTS)), text)
     per_mb = 1e6 if sys.platform == "darwin" else 1e3  # the unit of ru_maxrss differs
     samples = log.rollouts * log.samples
@@ -79,17 +79,13 @@ def cost(log: Log, keep_rate: bool = False) -> Cost:
 
 def table(costs: Sequence[Cost]) -> str:
     """In Markdown, a size a row."""
-    lines = [
-        "| samples | rate | wall time | processor time | slope | peak memory | slope |",
-        "|---:|---:|---:|---:|---:|---:|---:|",
-    ]
+    head = "samples", "rate", "wall time", "processor time", "slope", "peak memory", "slope"
+    rows = []
     for before, now in zip((None, *costs[:-1]), costs, strict=True):
         slopes = ("", "") if before is None else (_slope(before, now, "processor"), _slope(before, now, "memory"))
-        lines.append(
-            f"| {now.samples:,} | {now.rate:g} Hz | {now.wall:.1f} s | {now.processor:.1f} s | {slopes[0]} "
-            f"| {now.memory:.0f} MB | {slopes[1]} |"
-        )
-    return "\n".join(lines)
+        times = f"{now.wall:.1f} s", f"{now.processor:.1f} s"
+        rows.append((f"{now.samples:,}", f"{now.rate:g} Hz", *times, slopes[0], f"{now.memory:.0f} MB", slopes[1]))
+    return command.markdown(head, ["---:"] * len(head), rows)
 
 
 def _slope(before: Cost, now: Cost, what: str) -> str:
@@ -99,7 +95,7 @@ def _slope(before: Cost, now: Cost, what: str) -> str:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run, then print."""
-    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.cost", description=__doc__)
+    parser = command.parser("cost", __doc__)
     parser.add_argument("--samples", nargs="+", type=int, choices=tuple(SIZES), default=list(SIZES), metavar="SAMPLES")
     parser.add_argument("--keep-rate", action="store_true", help="a fast log is not thinned")
     given = parser.parse_args(arguments)

@@ -8,7 +8,6 @@ of runs is one that sums or scans all of them again and again: the two sizes sid
 
 from __future__ import annotations
 
-import argparse
 import cProfile
 import dataclasses
 import io
@@ -29,6 +28,7 @@ from study.paper.sweep import Sweep, SweepResults
 from study.paper.sweep_report import write_runs
 from study.pipeline.executor import Heard, Task
 from study.pipeline.experiment import run
+from tests.benchmarks import command
 
 PROGRESS = 20
 """Messages of progress a task; more than a second apart where tasks take their time."""
@@ -109,14 +109,14 @@ def measure(runs: int) -> dict[str, float]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure both sizes, then profile the smaller one."""
-    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.driver", description=__doc__.splitlines()[0])
+    parser = command.parser("driver", __doc__)
     parser.add_argument("--runs", nargs="+", type=int, default=[1000, 10_000], help="multiples of 250")
     parser.add_argument("--top", type=int, default=12, help="functions of the profile")
     given = parser.parse_args(arguments)
     found = {runs: measure(runs) for runs in given.runs}
-    print(f"| a run of | {' | '.join(map(str, found))} |\n|---|{'---:|' * len(found)}")
-    for phase in found[given.runs[0]]:
-        print(f"| {phase} | {' | '.join(f'{cost[phase] / runs:.3f}' for runs, cost in found.items())} |")
+    phases = found[given.runs[0]]
+    rows = ((phase, *(f"{cost[phase] / runs:.3f}" for runs, cost in found.items())) for phase in phases)
+    print(command.markdown(("a run of", *found), ("---", *["---:"] * len(found)), rows))
     profile = cProfile.Profile()
     profile.runcall(measure, given.runs[0])
     pstats.Stats(profile).strip_dirs().sort_stats("tottime").print_stats(given.top)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from tests.benchmarks.truth import NEUTRAL, STEP, Array, Feedback, Motion
+from tests.benchmarks.truth import STEP, Array, Feedback, Motion, known_numbers, stepped
 
 # What MuJoCo has a word for: damping, frictionloss, stiffness, armature, gear, ctrlrange, gravity's direction.
 EFFECTS = ("viscous", "coulomb", "spring", "saturation", "torque_bias", "tilt")
@@ -50,31 +50,23 @@ def simulate(
     """
     import mujoco
 
-    known = {k for k in NEUTRAL if k.split(".")[0] in (*EFFECTS, *MORE, "m", "l", "g")}
-    foreign = [k for k in numbers if k not in known]
-    if foreign:
-        raise KeyError(f"MuJoCo's joint has no {foreign[0]!r}")
-    p = NEUTRAL | dict(numbers)
+    p = known_numbers(numbers, (*EFFECTS, *MORE), "MuJoCo's joint")
     model = mujoco.MjModel.from_xml_string(_xml(p, step, option, friction))
-    u = np.atleast_2d(np.array(u, dtype=float))
-    L, N = u.shape
-    angles, speeds = np.empty((L, N + 1)), np.empty((L, N + 1))
-    angles[:, 0], speeds[:, 0] = theta, theta_dot
-    rigs = [mujoco.MjData(model) for _ in range(L)]
-    for i, data in enumerate(rigs):
-        data.qpos[0], data.qvel[0] = angles[i, 0], speeds[i, 0]
+    rigs = [mujoco.MjData(model) for _ in np.atleast_2d(u)]
+    for data, angle, speed in zip(rigs, *(np.broadcast_to(x, len(rigs)) for x in (theta, theta_dot)), strict=True):
+        data.qpos[0], data.qvel[0] = angle, speed
         data.qfrc_applied[0] = p["torque_bias.tau_0"]
     rows, late = divmod(round(p["delay.T"] / step), round(dt / step))
     parts = ((rows + 1, late), (rows, round(dt / step) - late))  # rows back, and the steps under that row's command
-    for k in range(N):
-        if feedback is not None:
-            u[:, k] += feedback(k, angles[:, k], speeds[:, k])
-        for i, data in enumerate(rigs):
+
+    def sample(k: int, u: Array, *_: Array) -> tuple[Array, Array]:
+        for data, own in zip(rigs, u, strict=True):
             for back, steps in parts:
-                data.ctrl[0] = u[i, k - back] if k >= back else 0.0
+                data.ctrl[0] = own[k - back] if k >= back else 0.0
                 mujoco.mj_step(model, data, steps)
-            angles[i, k + 1], speeds[i, k + 1] = data.qpos[0], data.qvel[0]
-    return Motion(dt * np.arange(N + 1), angles, speeds, angles, speeds, u)
+        return np.array([data.qpos[0] for data in rigs]), np.array([data.qvel[0] for data in rigs])
+
+    return stepped(sample, u, theta, theta_dot, dt, feedback)
 
 
 def simulate_by_default(

@@ -11,7 +11,6 @@ shac and sac are ours. sb3 is Stable-Baselines3's SAC (extra `bench`) with its s
 
 from __future__ import annotations
 
-import argparse
 import csv
 import dataclasses
 import math
@@ -31,6 +30,7 @@ from policies.training.population import TrainingSettings
 from policies.training.program import population_of
 from study.paper.protocol import paper_model
 from sysid import Coulomb, Delay, Model, State
+from tests.benchmarks import command
 
 PLANTS = {"plain": (), "friction": (Coulomb(tau_c=1.5),), "delay": (Delay(T=0.155),)}
 WITHIN = (0.05, 0.02)
@@ -104,7 +104,7 @@ def reached(rows: Sequence[dict], within: float) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Train, print a line a plant, and append what was measured to a table."""
-    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.optimality", description=__doc__.splitlines()[0])
+    parser = command.parser("optimality", __doc__)
     parser.add_argument("--plants", nargs="+", choices=PLANTS, default=list(PLANTS))
     parser.add_argument("--algorithm", choices=(*SETTINGS, "sb3"), default="shac")
     parser.add_argument("--set", nargs="*", default=[], metavar="NAME=VALUE", help="fields of the algorithm's settings")

@@ -10,21 +10,19 @@ binomial), and is s found? Answers are kept in --out, one JSON line a log; a run
 
 from __future__ import annotations
 
-import argparse
-import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from scipy.signal import lfilter
 from scipy.stats import binom
 
+from tests.benchmarks import command
 from tests.benchmarks.cases import Case, records
 from tests.benchmarks.experiments import EXPERIMENTS, LOGS, World, plan
 from tests.benchmarks.hidden import numbers_of
-from tests.benchmarks.runner import Row, Store, run
+from tests.benchmarks.runner import Row, add_options, answered
 from tests.benchmarks.score import indistinguishable
 from tests.benchmarks.truth import Array
 
@@ -115,21 +113,14 @@ def report(cases: Sequence[Case], rows: Mapping[str, Row], s: float) -> list[str
 
 def main(arguments: list[str] | None = None) -> int:
     """Run, then print."""
-    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.random_torque", description=__doc__)
+    parser = command.parser("random_torque", __doc__)
     parser.add_argument("--seeds", type=int, default=200)
     parser.add_argument("--sd", type=float, default=0.1, help="of the random torque [N m]")
     parser.add_argument("--time", type=float, default=0.3, help="its correlation time [s]")
-    parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--out", type=Path, default=Path("results/random_torque"))
-    parser.add_argument("--table", action="store_true", help="run nothing, print what is there")
+    add_options(parser, "results/random_torque")
     given = parser.parse_args(arguments)
     cases = [case(seed, given.sd, given.time) for seed in range(given.seeds)]
-    store, began = Store(given.out), time.perf_counter()
-    if not given.table:
-        for own, done, of in run(cases, ["ours"], store, given.workers, solve=solve):
-            print(f"\r{done}/{of}  {time.perf_counter() - began:.0f} s  {own.key:90s}", end="", file=sys.stderr)
-        print(file=sys.stderr)
-    print("\n".join(report(cases, store.read("ours"), given.sd)))
+    print("\n".join(report(cases, answered(given, cases, solve=solve).read("ours"), given.sd)))
     return 0
 
 

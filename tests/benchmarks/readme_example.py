@@ -7,10 +7,8 @@ two effects that the example hides. Answers are kept in --out, one JSON line a l
 
 from __future__ import annotations
 
-import argparse
 import io
 import json
-import sys
 import time
 import zlib
 from collections.abc import Iterator, Sequence
@@ -22,9 +20,10 @@ from tempfile import TemporaryDirectory
 
 from sysid import write_csv
 from sysid.__main__ import main as command_line
+from tests.benchmarks import command
 from tests.benchmarks.cases import Case
 from tests.benchmarks.methods import Answer
-from tests.benchmarks.runner import Row, Store, run
+from tests.benchmarks.runner import Row, add_options, answered
 from tests.benchmarks.score import exact
 
 HIDDEN = ("coulomb", "delay")
@@ -94,23 +93,15 @@ def right(case: Case, answer: Answer) -> bool:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run, then print."""
-    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.readme_example", description=__doc__)
+    parser = command.parser("readme_example", __doc__)
     parser.add_argument("--seeds", type=int, default=100, help="seeds 0 .. SEEDS - 1, all eight logs of each")
     parser.add_argument("--subsets-of", type=int, default=0, metavar="SEED", help="whose logs are given by subsets")
     parser.add_argument("--every", type=int, default=1, help="take a sample, about one subset in so many; 0: none")
-    parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--out", type=Path, default=Path("results/readme_example"))
-    parser.add_argument("--table", action="store_true", help="run nothing, print what is there")
+    add_options(parser, "results/readme_example")
     given = parser.parse_args(arguments)
     seeds = [example(seed) for seed in range(given.seeds)]
     parts = [c for c in subsets(given.subsets_of) if given.every and zlib.crc32(c.key.encode()) % given.every == 0]
-    store, began = Store(given.out), time.perf_counter()
-    if not given.table:
-        todo = list(dict.fromkeys([*seeds, *parts]))
-        for case, done, of in run(todo, ["ours"], store, given.workers, solve=solve):
-            print(f"\r{done}/{of}  {time.perf_counter() - began:.0f} s  {case.key:60s}", end="", file=sys.stderr)
-        print(file=sys.stderr)
-    answers = store.answers("ours")
+    answers = answered(given, list(dict.fromkeys([*seeds, *parts])), solve=solve).answers("ours")
     lines = report(f"all eight logs of seeds 0 .. {given.seeds - 1}", seeds, answers) if seeds else []
     for count in range(2, len(LOGS) + 1):
         own = [c for c in parts if len(c.log) == count]

@@ -11,7 +11,6 @@ programming, on the same tables for all.
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,6 +23,7 @@ from study.worth.decision import SwingUpDecision
 from study.worth.posterior import BoundedNormal
 from study.worth.value_of_information import SEVERAL, worth_of_rollouts
 from sysid import Estimate, GridSearch, fit
+from tests.benchmarks import command
 
 FIXED = (1, 2, 5, 10, 25)
 MOST = 25
@@ -109,7 +109,7 @@ def _mean(values: np.ndarray) -> str:
 
 def main() -> None:
     """Measure what is not in the table yet, and tell it."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser = command.parser("rollout_worth", __doc__)
     parser.add_argument("--seeds", type=int, default=0, help="hidden plants of each identifier")
     parser.add_argument("--price", type=float, default=3.0, help="of a rollout, in units of the return")
     parser.add_argument("--csv", type=Path, default=Path(__file__).with_suffix(".csv"))

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import argparse
 import json
-import os
+import sys
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from tests.benchmarks.cases import Case, records, training, world
+from tests.benchmarks.command import processes
 from tests.benchmarks.decidability import decide, scaled
 from tests.benchmarks.experiments import LOGS
 from tests.benchmarks.methods import METHODS, Answer, ask
@@ -108,8 +111,7 @@ def run(
     done: dict[str, Row] = {m: {} if again else store.read(m) for m in methods}
     open_cases = [(c, [m for m in methods if c.key not in done[m]]) for c in cases]
     open_cases = [(c, own) for c, own in open_cases if own]
-    os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")  # inherited: the processes are the parallelism
-    with ProcessPoolExecutor(workers) as pool:
+    with processes(workers) as pool:
         jobs = {pool.submit(solve, c, own, known.get(c.key)): c for c, own in open_cases}
         for count, job in enumerate(as_completed(jobs), 1):
             case, (prepared, answers) = jobs[job], job.result()
@@ -118,3 +120,23 @@ def run(
             for method, answer in answers.items():
                 store.append(method, case, answer)
             yield case, count, len(jobs)
+
+
+def add_options(parser: argparse.ArgumentParser, folder: str) -> None:
+    """Those of a command whose answers are kept in a folder."""
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--out", type=Path, default=Path(folder))
+    parser.add_argument("--table", action="store_true", help="run nothing, print what is there")
+
+
+def answered(
+    given: argparse.Namespace, cases: Sequence[Case], methods: Sequence[str] = ("ours",), **options: Any
+) -> Store:
+    """The store in which every case is answered, unless --table asks for what is there; progress goes to the standard
+    error."""
+    store, began = Store(given.out), time.perf_counter()
+    if not given.table:
+        for case, done, of in run(cases, methods, store, given.workers, **options):
+            print(f"\r{done}/{of}  {time.perf_counter() - began:.0f} s  {case.key:90s}", end="", file=sys.stderr)
+        print(file=sys.stderr)
+    return store

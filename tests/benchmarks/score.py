@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from tests.benchmarks.cases import COLUMNS, Case
+from tests.benchmarks.command import markdown
 from tests.benchmarks.decidability import ENOUGH, TWINS
 from tests.benchmarks.hidden import STRANGERS
 from tests.benchmarks.methods import Answer
@@ -135,9 +136,6 @@ def table(
     rule: str = "right",
 ) -> str:
     """The score table in Markdown: a column of cases a row, a method a column."""
-    lines = ["| cases | " + " | ".join(answers) + " |", "|---|" + "---|" * len(answers)]
-    for name, own in columns(cases).items():
-        cells = [cell(own, a, prepared, rule) for a in answers.values()]
-        if any(c.total for c in cells):
-            lines.append(f"| {name} | " + " | ".join(map(str, cells)) + " |")
-    return "\n".join(lines) if len(lines) > 2 else ""
+    scores = {name: [cell(own, a, prepared, rule) for a in answers.values()] for name, own in columns(cases).items()}
+    rows = [(name, *cells) for name, cells in scores.items() if any(c.total for c in cells)]
+    return markdown(("cases", *answers), ["---"] * (1 + len(answers)), rows) if rows else ""

@@ -28,6 +28,7 @@ from importlib.util import find_spec
 from itertools import pairwise
 
 from study.paper.protocol import paper_model
+from tests.benchmarks import command
 
 BATCH, CAPACITY = 256, 75_000
 WARM = 5
@@ -53,7 +54,7 @@ def products(hidden: Sequence[int], observation: int = 3, action: int = 1) -> fl
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Let the contenders take turns, then print the table."""
-    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.training", description=__doc__.splitlines()[0])
+    parser = command.parser("training", __doc__)
     parser.add_argument("--hidden", nargs="+", type=int, default=[64, 256], help="widths of the two hidden layers")
     parser.add_argument("--agents", nargs="+", type=int, default=[1, 5, 25, 125], help="sizes of our populations")
     parser.add_argument("--rounds", type=int, default=3)
@@ -80,11 +81,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def turn(who: str, hidden: int, agents: int, seconds: float) -> dict[str, float]:
     """Rate [1/s] and memory [B] of a contender, from a process of its own."""
-    command = [sys.executable, "-m", "tests.benchmarks.training", "--seconds", str(seconds), "--one", who, str(hidden),
-               str(agents)]  # fmt: skip
-    done = subprocess.run(
-        command, env=os.environ | {"OMP_NUM_THREADS": "1"}, check=True, capture_output=True, text=True
-    )
+    words = ("-m", "tests.benchmarks.training", "--seconds", seconds, "--one", who, hidden, agents)
+    process, env = [sys.executable, *map(str, words)], os.environ | {"OMP_NUM_THREADS": "1"}
+    done = subprocess.run(process, env=env, check=True, capture_output=True, text=True)
     return json.loads(done.stdout.splitlines()[-1])
 
 
@@ -93,22 +92,19 @@ def _table(found: dict[tuple[str, int, int], list[dict[str, float]]]) -> str:
     memory = {key: max(turn["memory"] for turn in turns) for key, turns in found.items()}
     peak = rate.pop((PEAK, 0, 1))
     first = rate.get((SB3, 256, 1))
-    lines = [
-        "| trainer | networks | agents | agent-steps / CPU-second | times SB3, same networks | times SB3 at 256 x 256 "
-        "| share of matmul peak | memory |",
-        "|---|---|---:|---:|---:|---:|---:|---:|",
-    ]
+    head = ("trainer", "networks", "agents", "agent-steps / CPU-second", "times SB3, same networks",
+            "times SB3 at 256 x 256", "share of matmul peak", "memory")  # fmt: skip
+    rows = []
     for (who, hidden, agents), speed in rate.items():
-        same = rate.get((SB3, hidden, 1))
-        share = speed * products((hidden, hidden)) / peak
-        lines.append(
-            f"| {who} | {hidden} x {hidden} | {agents} | {speed:.0f} | {_times(speed, same)} | {_times(speed, first)} "
-            f"| {100 * share:.0f} % | {memory[who, hidden, agents] / 2**30:.2f} GiB |"
-        )
+        times = _times(speed, rate.get((SB3, hidden, 1))), _times(speed, first)
+        share = f"{100 * speed * products((hidden, hidden)) / peak:.0f} %"
+        held = f"{memory[who, hidden, agents] / 2**30:.2f} GiB"
+        rows.append((who, f"{hidden} x {hidden}", agents, f"{speed:.0f}", *times, share, held))
+    table = command.markdown(head, ("---", "---", *["---:"] * 6), rows)
     versions = ", ".join(
         f"{p} {metadata.version(p)}" for p in ("torch", "torchrl", "stable_baselines3") if find_spec(p)
     )
-    return "\n".join([*lines, f"\n{peak / 1e9:.0f} GFLOP/s matmul peak; {_processor()}; {versions}"])
+    return f"{table}\n\n{peak / 1e9:.0f} GFLOP/s matmul peak; {_processor()}; {versions}"
 
 
 def _times(speed: float, other: float | None) -> str:

@@ -12,7 +12,7 @@ Source: Karnopp, Computer simulation of stick-slip friction in mechanical dynami
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -94,6 +94,33 @@ class Motion:
     reading_theta: Array
     reading_theta_dot: Array
     u: Array
+
+
+Step = Callable[[int, Array, Array, Array], tuple[Array, Array]]
+"""(k, commands u (L, N) so far, theta (L,), theta_dot (L,)) -> theta and theta_dot one sample later."""
+
+
+def known_numbers(numbers: Mapping[str, float], effects: Collection[str], what: str) -> dict[str, float]:
+    """Those of NEUTRAL with `numbers` in their place; raises KeyError for one beyond the rod's own and the effects'."""
+    for key in numbers:
+        if key not in NEUTRAL or key.split(".")[0] not in (*effects, "m", "l", "g"):
+            raise KeyError(f"{what} has no {key!r}")
+    return NEUTRAL | dict(numbers)
+
+
+def stepped(
+    step: Step, u: ArrayLike, theta: ArrayLike, theta_dot: ArrayLike, dt: float, feedback: Feedback | None
+) -> Motion:
+    """The motion of a machine without sensors of its own, sample by sample."""
+    u = np.atleast_2d(np.array(u, dtype=float))
+    L, N = u.shape
+    angles, speeds = np.empty((N + 1, L)), np.empty((N + 1, L))
+    angles[0], speeds[0] = theta, theta_dot
+    for k in range(N):
+        if feedback is not None:
+            u[:, k] += feedback(k, angles[k], speeds[k])
+        angles[k + 1], speeds[k + 1] = step(k, u, angles[k], speeds[k])
+    return Motion(dt * np.arange(N + 1), angles.T, speeds.T, angles.T, speeds.T, u)
 
 
 def simulate(

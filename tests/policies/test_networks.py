@@ -8,12 +8,13 @@ from torchrl.modules import TanhNormal
 
 from policies.training.networks import (
     SquashedNormal,
+    StackedMLP,
     WrittenOutMLP,
     backward,
     forward,
     head,
+    initialise,
     layers_of,
-    linear_init,
     with_ones,
 )
 
@@ -21,8 +22,9 @@ SIZES = [(3, 16, 1), (3, 16, 24, 2), (4, 8, 8, 8, 1)]
 
 
 def stacked(count, sizes):
-    drawn = [linear_init(np.random.default_rng(network), sizes) for network in range(count)]
-    return [torch.from_numpy(np.stack(leaf)).requires_grad_() for leaf in zip(*drawn, strict=True)]
+    network = StackedMLP(count, sizes, ["observation"], ["state_value"])
+    initialise(range(count), network.leaves)
+    return network.leaves
 
 
 def inputs(count, batch, size):
