@@ -7,12 +7,11 @@ import logging
 from dataclasses import dataclass
 from functools import partial, singledispatch
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.cli.log_settings import with_settings
-from sysid.cli.options import (
+from sysid.cli.command_options import (
     AddCommand,
     CompareCommand,
     DiagnoseCommand,
@@ -21,8 +20,9 @@ from sysid.cli.options import (
     ExportCommand,
     FitCommand,
     LogOptions,
-    ModelOptions,
+    OnLog,
 )
+from sysid.cli.log_settings import with_settings
 from sysid.cli.outputs import draw_comparison, write, write_json, write_model, write_page
 from sysid.cli.starting_model import begun, command_of, named_numbers, sampled, shown
 from sysid.data.files import check_outputs
@@ -45,20 +45,8 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 
-class OnLog(Protocol):
-    """A command on a log and a model to begin with."""
-
-    @property
-    def log(self) -> LogOptions:
-        """How the log is read."""
-
-    @property
-    def start(self) -> ModelOptions:
-        """The model to begin with."""
-
-
 def run(command: Any) -> None:
-    """Run a command of sysid.cli.options. Raises InvalidInput for bad input."""
+    """Run a command of sysid.cli.command_options. Raises InvalidInput for bad input."""
     if isinstance(command, EffectsCommand | ExportCommand):
         register_effects(command.effects)
     else:
@@ -115,7 +103,7 @@ def _(command: CompareCommand) -> None:
     write(command.figure, partial(draw_comparison, comparison))
     write_page(command.html, comparison)
     if command.parquet is not None:
-        from sysid.export.predictions import write_predictions
+        from sysid.export.prediction_table import write_predictions
 
         write(command.parquet, partial(write_predictions, model, task.log, task.sensor))
 
@@ -160,7 +148,7 @@ def _(command: AddCommand) -> None:
 
 @_run.register
 def _(command: ExperimentCommand) -> None:
-    from sysid.planning.experiment import next_experiment
+    from sysid.planning.next_experiment import next_experiment
 
     task = LogAndModel.of(command)
     estimate = task.fitted()
@@ -320,7 +308,7 @@ def _sensor(options: LogOptions, log: Log, plant: Plant) -> Sensor:
 
 def _limits(options: ExperimentCommand, log: Log, model: Model) -> Limits:
     """What the log has done, where the user says nothing else."""
-    from sysid.planning.experiment import limits_of
+    from sysid.planning.next_experiment import limits_of
     from sysid.planning.signals import Limits
 
     names = ("u_max", "duration", "rollouts", "theta_max", "theta_dot_max", "payload")

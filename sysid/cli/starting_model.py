@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from sysid.cli.options import ModelOptions
+from sysid.cli.command_options import ModelOptions
 from sysid.data.logs import Command, Log
 from sysid.errors import InvalidInput
 from sysid.estimation.fit import free

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.data import guarded, npz_file, text_files
+from sysid.data import foreign_files, guarded, text_files
 from sysid.data.bag import MCAP
 from sysid.data.files import check_input, check_installed, full_path, named
 from sysid.data.table import Table, TimeWindow, column, rows_of, seconds
@@ -85,7 +85,7 @@ def _file(path: Path, title: str, joint: str) -> Source:
     if kind == "text":
         return Source(path.name, title, partial(text_files.header, path), partial(text_files.load_text, path))
     if kind == "npz":
-        return _arrays(path.name, title, partial(npz_file.read_npz, path))
+        return _arrays(path.name, title, partial(foreign_files.read_npz, path))
     if kind in NEEDS:
         check_installed(NEEDS[kind], "files", f"{path.name}: reading its format ({kind})")
     return _arrays(path.name, title, partial(guarded.read_guarded, kind, path, joint=joint))

@@ -315,7 +315,7 @@ class _Report:
         alike = next((s.alike for s in machine if s.rivals), None)
         if alike is None:
             return None
-        from sysid.planning.experiment import next_experiment
+        from sysid.planning.next_experiment import next_experiment
 
         try:
             return next_experiment(end.estimate(), alike, sensor=self.sensor, records=self.search.records)

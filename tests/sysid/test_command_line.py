@@ -12,7 +12,7 @@ import pytest
 
 import sysid
 from sysid.__main__ import main
-from sysid.cli.options import COMMANDS
+from sysid.cli.command_options import COMMANDS
 from sysid.planning.excitation import multisine
 
 ROOT = Path(__file__).parents[2]
@@ -380,7 +380,17 @@ def test_options_that_cannot_be(words, message, hidden, tmp_path, monkeypatch, c
     assert not list(tmp_path.glob("*.json"))
 
 
-@pytest.mark.parametrize("words", [["fit", "--zero", "down"], ["fit", "--hold"], ["diagnoze"], []])
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["fit", "--zero", "down"],
+        ["fit", "--zero", "None"],
+        ["fit", "--dt", "None"],
+        ["fit", "--hold"],
+        ["diagnoze"],
+        [],
+    ],
+)
 def test_words_that_are_no_command(words, capsys):
     with pytest.raises(SystemExit) as left:
         main(words)

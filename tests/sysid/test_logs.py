@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from sysid import (
+    GeneralJoint,
     InvalidInput,
     LinearAxis,
     Record,
@@ -290,6 +291,13 @@ def test_an_axis_is_not_asked_about_angles(tmp_path):
     path = write(tmp_path / "log.csv", columns | {"theta_dot": np.cos(record.t)})
     assert any("degrees" in note for note in read(path).notes)
     assert read(path, plant=LinearAxis()).notes == ("the force never changes (0.4 N)",)
+
+
+def test_a_joint_that_no_gravity_pulls_is_not_asked_where_it_hangs(tmp_path):
+    columns = table(rollouts()[0])
+    path = write(tmp_path / "log.csv", columns | {"theta": columns["theta"] - math.pi})
+    assert any("mean hanging" in note for note in read(path, plant=GeneralJoint()).notes)
+    assert read(path, plant=GeneralJoint(G=0.0)).notes == ()
 
 
 def test_a_pendulum_at_rest_excites_nothing():

@@ -1,11 +1,13 @@
-"""Hypotheses: models that differ in one effect each, every one fitted to the same log as well as it can be."""
+"""Rivals: effects that a log confuses, each as a model that is fitted to it, and what tells one from another."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+
+import numpy as np
 
 from sysid.data.record import Record
 from sysid.errors import InvalidInput
@@ -19,9 +21,10 @@ from sysid.physics.candidates import candidates
 from sysid.physics.effects import CATALOGUE, Effect, effect
 from sysid.physics.model import Model
 from sysid.physics.parameters import Extent
-from sysid.planning.design import KNOWN, ROUGHLY, Conditions, Hypothesis, predict
+from sysid.planning.design import KNOWN, ROUGHLY, Conditions, Hypothesis, Pool, predict, within_limits
 from sysid.planning.evidence import Sensitivities
-from sysid.planning.signals import Signal
+from sysid.planning.planned_experiment import Contest
+from sysid.planning.signals import Signal, random_signals
 
 NOTHING = "nothing"
 """Name of the hypothesis that no rival is there."""
@@ -32,26 +35,23 @@ First = Callable[[Samples, Model, Sequence[str]], Fit]
 _TRUE = 0.25
 """A rival may be the truth where it explains at least that share of what the best one explains."""
 
+STRUCTURAL = 1e-4
+"""Share of an effect's evidence that no rival takes, below which no torque will ever tell the two apart."""
 
-class Pair(NamedTuple):
-    """The hypothesis that is taken to be true, the rival that it is to be told from, and the evidence on the log at
-    hand (None: there is no log)."""
-
-    truth: str
-    rival: str
-    before: float | None
+NESTED = 1e-2
+"""The same where the rival was really fitted, which need not have come to its end."""
 
 
 @dataclass(frozen=True, eq=False)
 class Hypotheses:
-    """Hypotheses that a log confuses, the pairs that must be told apart, and the model with none of them, the last.
+    """Hypotheses that a log confuses, the last of them that there is no rival, and which must be told from which.
 
     conditions those of the next log: with what the best of them leaves of this one
     absorbed   rivals that the free parameters imitate whatever is played: nothing else is known then
     """
 
     hypotheses: tuple[Hypothesis, ...]
-    pairs: tuple[Pair, ...]
+    contests: tuple[Contest, ...]
     conditions: Conditions
     absorbed: tuple[str, ...] = ()
 
@@ -179,18 +179,18 @@ def _with_rivals(
 
 
 def _listed(fits: Fits, probes: dict[str, Effect], truths: Sequence[str], logged: bool = False) -> Hypotheses:
-    """The hypotheses and their pairs; a single one stands against the model without it."""
+    """The hypotheses and their contests; a single one stands against the model without it."""
     hypotheses = [Hypothesis(name, own.model, own.names) for name, own in fits.with_rival.items()]
     for name, e in probes.items():
         own_names = (*fits.base.names, *(f"{name}.{k}" for k in e.parameters))
         hypotheses.append(Hypothesis(name, fits.base.model.with_effect(e), own_names))
     rivals = [h.name for h in hypotheses] if len(hypotheses) > 1 else [hypotheses[0].name, NOTHING]
-    pairs = []
+    contests = []
     for truth in (own for own in rivals if own in truths):
         others = [own for own in rivals if own != truth]
         before = _evidence(fits, truth, others) if logged else [None] * len(others)
-        pairs += [Pair(truth, *rival) for rival in zip(others, before, strict=True)]
-    return Hypotheses((*hypotheses, fits.base), tuple(pairs), fits.conditions)
+        contests += [Contest(truth, *rival) for rival in zip(others, before, strict=True)]
+    return Hypotheses((*hypotheses, fits.base), tuple(contests), fits.conditions)
 
 
 def _evidence(fits: Fits, truth: str, rivals: Sequence[str]) -> list[float]:
@@ -202,3 +202,50 @@ def _evidence(fits: Fits, truth: str, rivals: Sequence[str]) -> list[float]:
     samples = Samples(found.model, found.samples.records, conditions.sensor)
     along = Sensitivities(samples, found.model, effects[truth], found.motion, fits.base.names, conditions.disturbances)
     return [float(along.unlike(effects[truth], effects.get(n)).unexplained()[0]) for n in rivals]
+
+
+# ---- what signals tell -----------------------------------------------------------------------------------------------
+
+
+def contested(pool: Pool, contests: Sequence[Contest], within: float = math.inf) -> tuple[Contest, ...]:
+    """The contests with the evidence that a pool's signals bring, each rival being fitted to what the truth shows.
+
+    Those whose first-order evidence is over `within` times the least keep that.
+    """
+    first_order = [float(pool.unlike(c.truth, c.rival).together().unexplained()[0]) for c in contests]
+    least, found = math.inf, list[Contest]()
+    for linear, c in sorted(zip(first_order, contests, strict=True), key=lambda own: own[0]):
+        after = pool.left(c.truth, c.rival) if linear < within * least else linear
+        least = min(least, after)
+        found.append(c._replace(after=after))
+    return tuple(found)
+
+
+def separable(
+    hypotheses: Sequence[Hypothesis], contests: Sequence[Contest], conditions: Conditions, rng: np.random.Generator
+) -> tuple[Contest, ...]:
+    """The contests that some torque decides: not those of which the rival holds the truth as a special case.
+
+    What sets a pair apart is compared with what the truth does alone, beside the hypothesis of no effect.
+    """
+    signals = random_signals(rng, conditions.limits, hypotheses[0].model.dt, 8, swings=False)
+    signals = within_limits(hypotheses, signals, conditions)
+    some = [s for s in signals if s.kind in ("steps", "bang-bang")][:1]
+    pool, played, found = Pool(hypotheses, signals, conditions), Pool(hypotheses, some, conditions), []
+    for c in contests:
+        if len(pool.hypotheses[c.rival].names) > len(pool.hypotheses[c.truth].names):
+            # through a kink a tangent does not see that one is a special case of the other: a fit does
+            apart = played.left(c.truth, c.rival) > NESTED * played.left(c.truth, NOTHING)
+        else:
+            alone, against = (pool.unlike(c.truth, other).unexplained() for other in (NOTHING, c.rival))
+            apart = bool(np.any(against > STRUCTURAL * alone))
+        if apart:
+            found.append(c)
+    return tuple(found)
+
+
+def indistinguishable(contests: Sequence[Contest], apart: Sequence[Contest]) -> dict[str, str]:
+    """Hypotheses that no torque tells from an earlier one, with that one."""
+    order, told = list(dict.fromkeys(c.truth for c in contests)), {frozenset((c.truth, c.rival)) for c in apart}
+    alike = (c for c in reversed(contests) if frozenset((c.truth, c.rival)) not in told)
+    return {c.truth: c.rival for c in alike if c.rival in order[: order.index(c.truth)]}
