@@ -40,8 +40,7 @@ def run(command: WorthOptions) -> None:
 
     from study.worth.decision import SwingUpDecision
     from study.worth.value_of_information import check_question, worth_of_rollouts
-    from sysid.cli.commands import LogAndModel, completed
-    from sysid.cli.outputs import write, write_json
+    from sysid.cli.commands import LogAndModel, completed, write, write_json
     from sysid.planning.next_experiment import limits_of, next_experiment
 
     check_question(command.price, command.further, command.draws)

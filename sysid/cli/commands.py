@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import logging
+import shlex
+import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial, singledispatch
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,9 +28,8 @@ from sysid.cli.command_options import (
     OnLog,
 )
 from sysid.cli.log_settings import with_settings
-from sysid.cli.outputs import draw_comparison, write, write_json, write_model, write_page
 from sysid.cli.starting_model import begun, command_of, named_numbers, sampled, shown
-from sysid.data.files import check_outputs
+from sysid.data.files import check_outputs, save_file
 from sysid.data.logs import Log, read
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
@@ -35,6 +39,7 @@ from sysid.errors import InvalidInput
 from sysid.estimation.channels import relied_on
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.fit import fit
+from sysid.estimation.saved_model import load_model, save
 from sysid.physics.effects import ACTUATORS, CATALOGUE
 from sysid.physics.model import Model
 from sysid.physics.plants import Plant
@@ -87,7 +92,7 @@ def _(command: FitCommand) -> None:
     logger.info(f"  on held-out data: {error}")
     task.doubt(error.theta)
     write_json(command.json, {**estimate.to_dict(), "held_out_error": error.to_dict()})
-    write_model(command.out, estimate)
+    write(command.out, partial(save, estimate))
 
 
 @_run.register
@@ -100,8 +105,8 @@ def _(command: CompareCommand) -> None:
     logger.info(comparison)
     task.doubt(comparison.one_second.theta)
     write_json(command.json, comparison.to_dict())
-    write(command.figure, partial(draw_comparison, comparison))
-    write_page(command.html, comparison)
+    write(command.figure, partial(_draw, comparison))
+    write(command.html, partial(_write_page, comparison))
     if command.parquet is not None:
         from sysid.export.prediction_table import write_predictions
 
@@ -129,8 +134,8 @@ def _(command: DiagnoseCommand) -> None:
     logger.info(diagnosis)
     task.doubt(diagnosis.error.theta)
     write_json(command.json, diagnosis.to_dict())
-    write_model(command.out, diagnosis.estimate)
-    write_page(command.html, diagnosis)
+    write(command.out, partial(save, diagnosis.estimate))
+    write(command.html, partial(_write_page, diagnosis))
 
 
 @_run.register
@@ -143,7 +148,7 @@ def _(command: AddCommand) -> None:
     added = add(task.fitted(), command.effect, task.log, task.measured, command.log.hold_out)
     logger.info(added)
     write_json(command.json, added.to_dict())
-    write_model(command.out, added.estimate)
+    write(command.out, partial(save, added.estimate))
 
 
 @_run.register
@@ -165,7 +170,6 @@ def _(command: ExperimentCommand) -> None:
 
 @_run.register
 def _(command: ExportCommand) -> None:
-    from sysid.estimation.saved_model import load_model
     from sysid.export.mjcf import to_mjcf
     from sysid.export.urdf import to_urdf
 
@@ -318,3 +322,35 @@ def _limits(options: ExperimentCommand, log: Log, model: Model) -> Limits:
     if options.u_max is None:
         raise InvalidInput("the log has no torque to go by: give --u-max")
     return Limits(**given)
+
+
+# ---- what commands write ---------------------------------------------------------------------------------------------
+
+
+def write(path: Path | None, save: Callable[[Path], None]) -> None:
+    """Write a file that was asked for, and say so."""
+    if path is not None:
+        save(path)
+        logger.info(f"wrote {path}")
+
+
+def write_json(path: Path | None, data: dict[str, Any]) -> None:
+    """Write plain data."""
+    write(path, lambda own: save_file(own, json.dumps(data, indent=1, allow_nan=False) + "\n"))
+
+
+def _write_page(answer: Any, path: Path) -> None:
+    from sysid.report.write import write_report
+
+    write_report(answer, path, shlex.join(["python", "-m", "sysid", *sys.argv[1:]]))
+
+
+def _draw(comparison: Any, path: Path) -> None:
+    from sysid.report.comparison_figure import plot_comparison
+
+    content = BytesIO()
+    try:
+        plot_comparison(comparison).savefig(content, format=path.suffix.removeprefix(".") or "png")
+    except ValueError as error:
+        raise InvalidInput(f"cannot write {path}: {error}") from None
+    save_file(path, content.getvalue())

@@ -53,7 +53,7 @@ def sources(given: Iterable[Any], joint: str = "") -> list[Source]:
 
     Raises InvalidInput for a file that cannot be read, and a joint that is asked for of what is no bag.
     """
-    logs = [log for one in given for log in ([one] if _is_frame(one) or _is_path(one) else one)]
+    logs = [log for one in given for log in ([one] if _is_frame(one) or isinstance(one, str | PathLike) else one)]
     if not logs:
         raise InvalidInput("no log was given: expected one or more files, or DataFrames")
     frames, stems = sum(map(_is_frame, logs)), [Path(log).stem for log in logs if not _is_frame(log)]
@@ -68,10 +68,6 @@ def sources(given: Iterable[Any], joint: str = "") -> list[Source]:
             title = f"{path.parent.name}/{path.stem}" if stems.count(path.stem) > 1 else path.stem
             found.append(_file(path, title, joint))
     return found
-
-
-def _is_path(log: Any) -> bool:
-    return isinstance(log, str | PathLike)
 
 
 def _is_frame(log: Any) -> bool:

@@ -50,10 +50,16 @@ class _Found(NamedTuple):
 class Noise:
     """What the sensors add to the truth.
 
-    sensor   the sd of each channel, theta [rad] and theta_dot [rad/s]; None for a speed that was computed from theta
-    error    the relative standard error of each sd, by channel
-    quantisation_step  the step to which a channel's readings are rounded, where that matters, by channel
-    notes    what is unusual about them, one sentence each
+    Attributes
+    ----------
+    sensor : Sensor
+        The sd of each channel; None for a speed that was computed from the angle.
+    error : dict of str to float
+        The relative standard error of each sd, by channel.
+    quantisation_step : dict of str to float
+        The step to which a channel's readings are rounded, where that matters, by channel.
+    notes : tuple of str
+        What is unusual about them, a sentence each.
     """
 
     sensor: Sensor

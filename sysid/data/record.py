@@ -205,9 +205,7 @@ def check_records(model: Model, records: Sequence[Record]) -> tuple[Record, ...]
 
     Raises InvalidInput with the record's name, what came and what was expected.
     """
-    given = (
-        (records,) if isinstance(records, Record) else tuple(records) if isinstance(records, Iterable) else (records,)
-    )
+    given = tuple(records) if isinstance(records, Iterable) else (records,)
     if not given:
         raise InvalidInput("no records were given: expected at least one")
     for record in given:

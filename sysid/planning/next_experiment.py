@@ -37,7 +37,7 @@ from sysid.planning.design import (
 )
 from sysid.planning.non_torque_experiments import never, non_torque_experiment
 from sysid.planning.planned_experiment import DECISIVE, HOPELESS, Contest, Experiment
-from sysid.planning.rivals import Hypotheses, contested, hypotheses_of, indistinguishable, names_of, separable
+from sysid.planning.rival_effects import Hypotheses, contested, hypotheses_of, indistinguishable, names_of, separable
 from sysid.planning.signals import Limits, rest_angle
 
 

@@ -18,7 +18,7 @@ from sysid.physics.model import Model
 from sysid.physics.ops import Array, Value
 from sysid.planning.design import Conditions, Hypothesis, Pool, precision, search, within_limits, yardsticks
 from sysid.planning.planned_experiment import Experiment
-from sysid.planning.rivals import inertial
+from sysid.planning.rival_effects import inertial
 from sysid.planning.signals import Signal, rest_angle
 
 GRAVITY = 9.81

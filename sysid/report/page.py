@@ -16,7 +16,7 @@ from sysid.data.sensor import Sensor
 from sysid.diagnosis.findings import quantity
 from sysid.estimation.held_out import HeldOutError
 from sysid.estimation.output_error import CHANNELS
-from sysid.report.formatting import ARROW, TIMES, listed, typeset, typeset_multiple
+from sysid.report.typesetting import ARROW, TIMES, listed, typeset, typeset_multiple
 from sysid.version import version
 
 

@@ -46,7 +46,7 @@ from sysid.export.urdf import to_urdf
 from sysid.physics.effects import CATALOGUE
 from sysid.physics.model import Model
 from sysid.planning.next_experiment import limits_of, next_experiment
-from sysid.report.formatting import measured
+from sysid.report.typesetting import measured
 from sysid.web.own_effect import OwnEffect
 from sysid.web.script import begun_with
 from sysid.web.session import (

@@ -3,7 +3,6 @@
 import math
 import re
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +17,7 @@ from sysid import (
 )
 from sysid.data.checks import check_excitation
 from sysid.data.logs import needed_rate, read
-from sysid.data.splitting import in_blocks, split
+from sysid.data.splitting import split
 from tests.sysid.written import MODEL, SENSOR, rollouts, same, table, write
 
 REAL = Path(__file__).parents[3] / "shared" / "data" / "logs"
@@ -365,14 +364,6 @@ def test_what_is_held_out_of_one_rollout_is_spread_over_it():
     (longer,) = rollouts(1, 60.0)
     held = [0.5 * (r.t[0] + r.t[-1]) for r in split([longer])[1]]
     np.testing.assert_allclose(held, [10.0, 30.0, 50.0], atol=0.1)
-
-
-def test_blocks_cover_a_record_and_share_one_instant():
-    (record,) = rollouts(1, 10.0)
-    blocks = in_blocks([record], 3.0)
-    assert len(blocks) == 3 and np.array_equal(np.concatenate([b.u for b in blocks]), record.u)
-    for before, after in pairwise(blocks):
-        assert before.t[-1] == after.t[0] and before.theta[-1] == after.theta[0]
 
 
 @pytest.mark.parametrize(

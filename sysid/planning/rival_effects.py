@@ -11,7 +11,6 @@ import numpy as np
 
 from sysid.data.record import Record
 from sysid.errors import InvalidInput
-from sysid.estimation.first_fit import first_fit
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import extended
@@ -76,63 +75,46 @@ def hypotheses_of(
     rivals: Sequence[str | Effect],
     records: Sequence[Record],
     conditions: Conditions,
-    first: First = first_fit,
+    first: First,
 ) -> Hypotheses:
     """Every rival fitted to the log, or where there is none, to what the one of known size does under a multisine.
 
     Where no size can be known (no log, no numbers; or the log does not show the rival), that of the rival's probe.
     Raises InvalidInput for names that are unknown, come twice or cannot stand in this model.
     """
-    asked = _asked(model, free, rivals)
+    names = names_of(rivals)
+    sized = {e.name: e for e in (*model.effects, *(r for r in rivals if isinstance(r, Effect))) if e.name in names}
+    bare = model
+    for e in model.effects:
+        bare = bare.without_effect(e.name) if e.name in names else bare
+    base = Hypothesis(NOTHING, bare, tuple(n for n in free if n in bare.parameters))
+    if not base.names:
+        raise InvalidInput("nothing is free beside the rivals: name at least one parameter of the plant")
     limits = conditions.limits
-    extent = Extent(model.dt, limits.duration, limits.u_max)
-    possible = candidates(asked.base.model, lambda kind: extent, asked.names)
-    for name in asked.names:
+    possible = candidates(bare, lambda kind: Extent(model.dt, limits.duration, limits.u_max), names)
+    for name in names:
         if name not in possible:
             raise InvalidInput(f"{name} cannot stand beside the model's own effects: it cannot be a rival")
     middle = {n: tried[len(tried) // 2] for n, tried in possible.items()}
     probes = {n: own.at(own.sizes) for n, own in middle.items()}
+    fitted = partial(_fitted, base, names, sized)
     if records:
-        fits = _fitted(asked, records, conditions, first)
+        fits = fitted(records, conditions, first, ROUGHLY)
+        if fits.conditions.much_louder(conditions):  # the noise was told wrong
+            fits = fitted(records, fits.conditions, first, ROUGHLY)
         truths = fits.likely
-    elif asked.known:
-        truth = asked.base.model.with_effect(next(iter(asked.known.values())))
+    elif sized:
+        signal = Signal("multisine", 0.5 * limits.u_max, 0.3, 0.1, min(2.0, 0.1 / model.dt), 1.0, 0.0, 0)
+        shown = predict(bare.with_effect(next(iter(sized.values()))), [signal], conditions)
         known = partial(fit_parameters, disturbances=conditions.disturbances, settings=KNOWN)
-        fits = _with_rivals(asked, _reference(truth, conditions), conditions, known, KNOWN)
-        truths = [n for n in asked.names if n in asked.known]
+        fits = fitted(shown, conditions, known, KNOWN)
+        truths = [n for n in names if n in sized]
     else:
-        return _listed(Fits(asked.base, {}, conditions), probes, asked.names)
+        return _listed(Fits(base, {}, conditions), probes, names)
     probes = {n: probe for n, probe in probes.items() if n not in fits.with_rival}
     if probes and inertial(model, tuple(probes)):
         return Hypotheses((fits.base,), (), conditions, absorbed=tuple(probes))
-    return _listed(fits, probes, truths or asked.names, bool(records))
-
-
-@dataclass(frozen=True, eq=False)
-class Asked:
-    """The model with none of the rivals, their names, and those of which the size is known."""
-
-    base: Hypothesis
-    names: tuple[str, ...]
-    known: dict[str, Effect]
-
-
-def _asked(model: Model, free: Sequence[str], rivals: Sequence[str | Effect]) -> Asked:
-    names = names_of(rivals)
-    known = {e.name: e for e in model.effects if e.name in names}
-    known |= {r.name: r for r in rivals if isinstance(r, Effect)}
-    base = model
-    for e in model.effects:
-        base = base.without_effect(e.name) if e.name in names else base
-    base_names = tuple(n for n in free if n in base.parameters)
-    if not base_names:
-        raise InvalidInput("nothing is free beside the rivals: name at least one parameter of the plant")
-    return Asked(Hypothesis(NOTHING, base, base_names), names, known)
-
-
-def _reference(model: Model, conditions: Conditions) -> tuple[Record, ...]:
-    signal = Signal("multisine", 0.5 * conditions.limits.u_max, 0.3, 0.1, min(2.0, 0.1 / model.dt), 1.0, 0.0, 0)
-    return tuple(predict(model, [signal], conditions))
+    return _listed(fits, probes, truths or names, bool(records))
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,26 +138,23 @@ class Fits:
         return [n for n, gain in gains.items() if gain > 0.0 and gain >= _TRUE * max(gains.values())]
 
 
-def _fitted(asked: Asked, records: Sequence[Record], conditions: Conditions, first: First) -> Fits:
-    """The fits to a log; made anew where they show that its noise was told wrong."""
-    found = _with_rivals(asked, records, conditions, first, ROUGHLY)
-    if found.conditions.much_louder(conditions):
-        return _with_rivals(asked, records, found.conditions, first, ROUGHLY)
-    return found
-
-
-def _with_rivals(
-    asked: Asked, records: Sequence[Record], conditions: Conditions, first: First, settings: Settings
+def _fitted(
+    base: Hypothesis,
+    names: Sequence[str],
+    sized: dict[str, Effect],
+    records: Sequence[Record],
+    conditions: Conditions,
+    first: First,
+    settings: Settings,
 ) -> Fits:
-    """The fit with none, and one with each rival that the readings show."""
-    names = asked.base.names
-    base = first(Samples(asked.base.model, records, conditions.sensor), asked.base.model, names)
-    searched = [n for n in asked.names if n not in asked.known]
-    found = scores(base, searched) if searched else {}
-    begun = asked.known | {n: s.best.at(s.sizes) for n, s in found.items() if s.visible}
-    fits = {name: extended(base, [e], settings) for name, e in begun.items()}
-    after = conditions.after([base, *fits.values()]) if settings.sizes else conditions
-    return Fits(Hypothesis(NOTHING, base.model, names), fits, after, base.deviance)
+    """The fit with none, and one with each rival that the readings show or whose size is known."""
+    none = first(Samples(base.model, records, conditions.sensor), base.model, base.names)
+    searched = [n for n in names if n not in sized]
+    found = scores(none, searched) if searched else {}
+    begun = sized | {n: s.best.at(s.sizes) for n, s in found.items() if s.visible}
+    fits = {name: extended(none, [e], settings) for name, e in begun.items()}
+    after = conditions.after([none, *fits.values()]) if settings.sizes else conditions
+    return Fits(Hypothesis(NOTHING, none.model, base.names), fits, after, none.deviance)
 
 
 def _listed(fits: Fits, probes: dict[str, Effect], truths: Sequence[str], logged: bool = False) -> Hypotheses:
