@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import partial, singledispatch
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -29,8 +29,10 @@ from sysid.cli.command_options import (
 )
 from sysid.cli.log_settings import with_settings
 from sysid.cli.starting_model import begun, command_of, named_numbers, sampled, shown
+from sysid.data.checks import check_excitation
 from sysid.data.files import check_outputs, save_file
 from sysid.data.logs import Log, read
+from sysid.data.noise import sensor_noise
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
 from sysid.data.splitting import split
@@ -39,13 +41,13 @@ from sysid.errors import InvalidInput
 from sysid.estimation.channels import relied_on
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.fit import fit
+from sysid.estimation.held_out import held_out_error
+from sysid.estimation.initial_guess import initial_guess
 from sysid.estimation.saved_model import load_model, save
-from sysid.physics.effects import ACTUATORS, CATALOGUE
+from sysid.physics.effects import ACTUATORS, CATALOGUE, effect
 from sysid.physics.model import Model
 from sysid.physics.plants import Plant
-
-if TYPE_CHECKING:
-    from sysid.planning.signals import Limits
+from sysid.planning.signals import Limits
 
 logger = logging.getLogger(__name__)
 
@@ -83,8 +85,6 @@ def _run(command: Any) -> None:
 
 @_run.register
 def _(command: FitCommand) -> None:
-    from sysid.estimation.held_out import held_out_error
-
     task = LogAndModel.of(command)
     estimate = task.fitted()
     error = held_out_error(estimate.model, task.held_out, task.sensor)
@@ -123,14 +123,8 @@ def _(command: DiagnoseCommand) -> None:
     settings = dataclasses.replace(DEFAULT, tolerance=command.tolerance)
     task = LogAndModel.of(command)
     task.check_free()
-    diagnosis = diagnose(
-        task.model,
-        task.log,
-        task.sensor,
-        command.log.hold_out,
-        parameters=task.names,
-        settings=settings,
-    )
+    hold_out, names = command.log.hold_out, task.names
+    diagnosis = diagnose(task.model, task.log, task.sensor, hold_out, parameters=names, settings=settings)
     logger.info(diagnosis)
     task.doubt(diagnosis.error.theta)
     write_json(command.json, diagnosis.to_dict())
@@ -141,7 +135,6 @@ def _(command: DiagnoseCommand) -> None:
 @_run.register
 def _(command: AddCommand) -> None:
     from sysid.diagnosis.add import add
-    from sysid.physics.effects import effect
 
     effect(command.effect)  # raises, and says which names are near
     task = LogAndModel.of(command)
@@ -235,8 +228,6 @@ class LogAndModel:
         model = sampled(model, log.dt, given)
         names = shown(model, names, log)
         if not given:
-            from sysid.estimation.initial_guess import initial_guess
-
             model = initial_guess(model, names, training, measured)
         sensor = relied_on(model, training, measured)
         if sensor != measured:
@@ -286,9 +277,6 @@ def read_log(options: LogOptions, model: Model) -> Log:
 
 def _sensor(options: LogOptions, log: Log, plant: Plant) -> Sensor:
     """The noise that the user gave; what was not given is found. Raises InvalidInput where nothing moves."""
-    from sysid.data.checks import check_excitation
-    from sysid.data.noise import sensor_noise
-
     measured = [c for c in ("theta", "theta_dot") if all(getattr(r, c) is not None for r in log)]
     if all(np.ptp(getattr(r, c)) == 0.0 for r in log for c in measured):
         at = getattr(log[0], measured[0])[0]
@@ -313,7 +301,6 @@ def _sensor(options: LogOptions, log: Log, plant: Plant) -> Sensor:
 def _limits(options: ExperimentCommand, log: Log, model: Model) -> Limits:
     """What the log has done, where the user says nothing else."""
     from sysid.planning.next_experiment import limits_of
-    from sysid.planning.signals import Limits
 
     names = ("u_max", "duration", "rollouts", "theta_max", "theta_dot_max", "payload")
     given: dict[str, Any] = {n: getattr(options, n) for n in names if getattr(options, n) is not None}
@@ -327,10 +314,10 @@ def _limits(options: ExperimentCommand, log: Log, model: Model) -> Limits:
 # ---- what commands write ---------------------------------------------------------------------------------------------
 
 
-def write(path: Path | None, save: Callable[[Path], None]) -> None:
+def write(path: Path | None, writer: Callable[[Path], None]) -> None:
     """Write a file that was asked for, and say so."""
     if path is not None:
-        save(path)
+        writer(path)
         logger.info(f"wrote {path}")
 
 

@@ -12,6 +12,7 @@ from sysid.cli.command_options import ModelOptions
 from sysid.data.logs import Command, Log
 from sysid.errors import InvalidInput
 from sysid.estimation.fit import free
+from sysid.estimation.saved_model import load
 from sysid.limits import LOG_SUBSTEPS, check_size
 from sysid.physics.effects import CATALOGUE, Actuator, effect
 from sysid.physics.effects.actuators import DCMotor, PositionServo, TorqueConstant
@@ -47,8 +48,6 @@ def begun(options: ModelOptions, command: Command | None) -> tuple[Model, tuple[
         model = Model(PLANTS[options.plant or "rod"])
         names = free(model)
     else:
-        from sysid.estimation.saved_model import load
-
         saved = load(options.model)
         model, names = saved.model, saved.free
         _check_plant(options, model.plant)

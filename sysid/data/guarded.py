@@ -20,6 +20,7 @@ from typing import IO, Any
 
 import numpy as np
 
+from sysid.data.foreign_files import READERS
 from sysid.data.table import column
 from sysid.errors import InvalidInput
 
@@ -133,8 +134,6 @@ def _limit() -> None:
 
 
 def _answer(out: IO[bytes], kind: str, path: str, columns: dict[str, str] | None, joint: str) -> None:
-    from sysid.data.foreign_files import READERS
-
     name, arrays, answer = Path(path).name, dict[str, Any](), dict[str, Any]()
     try:
         found = READERS[kind](Path(path), columns, joint)

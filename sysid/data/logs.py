@@ -12,7 +12,7 @@ from typing import Any, Literal, get_args, overload
 import numpy as np
 
 from sysid.data import checks, log_files, resampling
-from sysid.data.record import Record
+from sysid.data.record import Record, amount_of
 from sysid.data.resampling import Rows
 from sysid.data.table import Table, TimeWindow
 from sysid.data.time_unit import TimeUnit, in_seconds
@@ -79,11 +79,8 @@ class Log(Sequence[Record]):
         return Log(records, (*self.notes, note), every * self.dt)
 
     def __str__(self) -> str:
-        n = sum(len(r) for r in self.records)
         channels = " and ".join(c for c in ("theta", "theta_dot") if getattr(self.records[0], c) is not None)
-        many = "s" * (len(self) != 1)
-        what = f"{len(self)} rollout{many}, {n} samples ({n * self.dt:.4g} s) at {1.0 / self.dt:.4g} Hz of {channels}"
-        return "; ".join((what, *self.notes))
+        return "; ".join((f"{amount_of(self.records)} of {channels}", *self.notes))
 
 
 def notes_of(records: Sequence[Record]) -> tuple[str, ...]:

@@ -268,6 +268,12 @@ def write_csv(record: Record, path: str | Path) -> None:
     save_file(path, text.getvalue())
 
 
+def amount_of(records: Sequence[Record]) -> str:
+    """How much was recorded: "8 rollouts, 3200 samples (64 s) at 50 Hz"."""
+    n, dt, many = sum(len(r) for r in records), records[0].dt, "s" * (len(records) != 1)
+    return f"{len(records)} rollout{many}, {n} samples ({n * dt:.4g} s) at {1.0 / dt:.4g} Hz"
+
+
 def extent_of(records: Sequence[Record]) -> Extent:
     """What probes may depend on."""
     return Extent(

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.data.noise import sensor_noise
 from sysid.data.record import Record, extent_of
 from sysid.data.sensor import Sensor
 from sysid.errors import InvalidInput
@@ -103,9 +104,8 @@ def next_experiment(
             return _narrowing(known.model if known else model, names, known, conditions, rng)
         if never(names_of(rivals)):
             return non_torque_experiment(model, names_of(rivals), conditions, rng)
-        first = (
-            first_fit if estimate is None else partial(fit_parameters, settings=ROUGHLY)
-        )  # an estimate's numbers are near
+        near = partial(fit_parameters, settings=ROUGHLY)  # where an estimate says where to begin
+        first = first_fit if estimate is None else near
         return _telling(hypotheses_of(model, names, rivals, records, conditions, first), names_of(rivals), rng)
 
 
@@ -121,8 +121,6 @@ def _check_cost(cost: Array, names: tuple[str, ...], estimate: Estimate | None, 
 def _noise(records: Sequence[Record]) -> Sensor:
     if not records:
         raise InvalidInput("the noise of the readings is not known: give the sensor, or records to find it from")
-    from sysid.data.noise import sensor_noise
-
     return sensor_noise(records).sensor
 
 
@@ -192,7 +190,7 @@ def _at(h: Hypothesis, dt: float | None) -> Hypothesis:
     return h if dt is None else dataclasses.replace(h, model=dataclasses.replace(h.model, dt=dt))
 
 
-# telling rivals apart ----------------------------------------------------------------------------------------
+# ---- telling rivals apart --------------------------------------------------------------------------------------------
 
 
 def _telling(found: Hypotheses, names: tuple[str, ...], rng: np.random.Generator) -> Experiment:
@@ -235,8 +233,7 @@ def _best(
 def _told(pool: Pool, contests: tuple[Contest, ...], notes: Sequence[str]) -> Experiment:
     after = min(c.after for c in contests)
     before = min((c.before for c in contests if c.before is not None), default=None)
-    asked = tuple(h for h in pool.hypotheses.values() if any(h.name in (c.truth, c.rival) for c in contests))
-    shown = tuple(h.name for h in asked)
+    shown = tuple(pool.hypotheses)
     whom = _whom(shown, {frozenset((c.truth, c.rival)) for c in contests})
     if before is not None and after <= before:
         advice = "fit both" if before >= DECISIVE else "widen the limits"
@@ -249,15 +246,7 @@ def _told(pool: Pool, contests: tuple[Contest, ...], notes: Sequence[str]) -> Ex
     sentence = f"it tells {whom} with {after:.3g} units of evidence"
     sentence += "" if before is None else f" where this log had {before:.2g}"
     told = "; ".join((sentence, *notes))
-    return _played(
-        Pool(asked, pool.signals, pool.conditions),
-        told,
-        separates=shown,
-        measure="evidence",
-        before=before,
-        after=after,
-        contests=contests,
-    )
+    return _played(pool, told, separates=shown, measure="evidence", before=before, after=after, contests=contests)
 
 
 def _whom(shown: tuple[str, ...], told: set[frozenset[str]]) -> str:
@@ -267,7 +256,7 @@ def _whom(shown: tuple[str, ...], told: set[frozenset[str]]) -> str:
     return f"{', '.join(shown)} apart"
 
 
-# narrowing intervals -----------------------------------------------------------------------------------------
+# ---- narrowing intervals ---------------------------------------------------------------------------------------------
 
 
 def _narrowing(

@@ -87,7 +87,7 @@ def non_torque_experiment(
     return Experiment("none", f"no torque tells {apart}: another sensor is needed.", names)
 
 
-# the driver off ----------------------------------------------------------------------------------------------
+# ---- the driver off --------------------------------------------------------------------------------------------------
 
 
 def _driver_off(model: Model, names: tuple[str, ...], conditions: Conditions) -> Experiment:
@@ -129,7 +129,7 @@ def _driver_off(model: Model, names: tuple[str, ...], conditions: Conditions) ->
     )
 
 
-# a payload, a scale, a ruler ---------------------------------------------------------------------------------
+# ---- a payload, a scale, a ruler -------------------------------------------------------------------------------------
 
 
 def _weighed(model: Model, names: tuple[str, ...], conditions: Conditions, rng: np.random.Generator) -> Experiment:
