@@ -21,7 +21,6 @@ from sysid.physics.ops import Array
 from sysid.physics.parameters import Extent
 
 COLUMNS = ("t", "u", "theta", "theta_dot")
-
 PAST = 10.0
 """Seconds of commands before it that a piece of a rollout keeps: what drives remember is shorter."""
 

@@ -16,7 +16,6 @@ from sysid.errors import InvalidInput
 from sysid.physics.ops import Array
 
 TimeUnit = Literal["s", "ms", "us"]
-
 PER_SECOND: dict[TimeUnit, float] = {"s": 1.0, "ms": 1e3, "us": 1e6}
 WORDS: dict[TimeUnit, str] = {"s": "seconds", "ms": "milliseconds", "us": "microseconds"}
 NAMED: dict[TimeUnit, str] = {

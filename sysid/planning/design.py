@@ -28,22 +28,16 @@ from sysid.planning.signals import Limits, Signal, random_signals, rest_angle, v
 
 KNOWN = Settings(sizes=False, vague=math.inf)
 """For a fit beside disturbances that are known, which knows nothing of the parameters."""
-
 ROUGHLY = Settings(iterations=12, settled=0.15, negligible=0.5)
 """For what an experiment is planned with: numbers to a share of their sd, disturbances to a few per cent."""
-
 MISTOLD = 1.3
 """Times the noise that was told, from which a fit has to be made anew."""
-
 FARTHEST = 1e4
 """[rad], [rad/s] beyond which a motion has run away."""
-
 LARGEST_GROWTH = 300.0
 """Of an initial error within a rollout; beyond it a fit would have to find its way through a chaotic motion."""
-
 UNDETERMINED = 1e9
 """Relative width from which an interval says nothing."""
-
 _SAMPLES = 60_000
 """Samples that a round of the search may linearise, all hypotheses together."""
 _ROUNDS = 3

@@ -23,10 +23,8 @@ from sysid.planning.signals import Signal, rest_angle
 
 GRAVITY = 9.81
 """[m/s^2] where the plant has none of its own."""
-
 _HEAVIER = 0.5
 """Share of the joint's own inertia that a payload of our choice adds."""
-
 _ANSWERS = {
     ("angle_offset", "tilt"): "for a fixed axis an encoder offset is a tilted base, also to every controller: "
     "where it matters, compare the encoder's zero with a plumb line",

@@ -24,10 +24,8 @@ SHOWN = (
     *("start", "reach", "speed", "contests", "payload"),
 )
 """What plain data show of an experiment as it is."""
-
 DECISIVE = 16.0
 """Evidence from which two effects count as told apart: four standard deviations."""
-
 HOPELESS = 0.5
 """Evidence of a whole experiment below which it is not worth playing: thirty of them would be needed."""
 

@@ -27,16 +27,12 @@ from sysid.planning.signals import Signal, random_signals
 
 NOTHING = "nothing"
 """Name of the hypothesis that no rival is there."""
-
 First = Callable[[Samples, Model, Sequence[str]], Fit]
 """How a log is fitted before any rival is."""
-
 _TRUE = 0.25
 """A rival may be the truth where it explains at least that share of what the best one explains."""
-
 STRUCTURAL = 1e-4
 """Share of an effect's evidence that no rival takes, below which no torque will ever tell the two apart."""
-
 NESTED = 1e-2
 """The same where the rival was really fitted, which need not have come to its end."""
 

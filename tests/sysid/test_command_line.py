@@ -261,7 +261,9 @@ def test_help_answers_at_once(command):
         done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True)
         after = os.times()  # of the processor: a busy machine is no fault of ours
         spent.append(after.children_user + after.children_system - before.children_user - before.children_system)
-    assert done.stdout.startswith("usage: sysid")
+        if spent[-1] < 0.5:
+            break
+    assert done.stdout.startswith("usage: sysid") and "None" not in done.stdout
     assert min(spent) < 0.5
 
 
