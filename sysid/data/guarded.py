@@ -58,10 +58,12 @@ class Reader:
         try:
             self.process.stdin.write(json.dumps(question).encode() + b"\n")
             self.process.stdin.flush()
-            answer: dict[str, Any] = json.loads(_whole(self.process.stdout.readline()))
+            answer: dict[str, Any] = json.loads(self.process.stdout.readline())
             for title, size in answer.get("columns", {}).items():
-                bytes_ = _whole(self.process.stdout.read(8 * size), 8 * size)
-                answer["columns"][title] = np.frombuffer(bytes_).copy()
+                content = self.process.stdout.read(8 * size)
+                if len(content) < 8 * size:
+                    raise EOFError
+                answer["columns"][title] = np.frombuffer(content).copy()
             return answer
         except (BrokenPipeError, ValueError):
             raise EOFError from None
@@ -78,12 +80,6 @@ class Reader:
             with suppress(OSError):
                 assert pipe
                 pipe.close()
-
-
-def _whole(content: bytes, size: int = 1) -> bytes:
-    if len(content) < size:
-        raise EOFError
-    return content
 
 
 _reader: Reader | None = None
