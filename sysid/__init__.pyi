@@ -19,7 +19,7 @@ from .estimation.identifiers import GridSearch, Identifier, LeastSquares, Unscen
 from .estimation.saved_model import SavedModel, load, load_model, save
 from .export.exported import Exported
 from .export.mjcf import to_mjcf
-from .export.predictions import write_predictions
+from .export.prediction_table import write_predictions
 from .export.urdf import to_urdf
 from .physics import ops
 from .physics.effects.actuation import BackEmf, DeadZone, Delay, Lag, Saturation, Stamp, TorqueGain, TorqueSpeedLimit

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from sysid.cli.command_line import answer
-from sysid.cli.options import COMMANDS, WorkbenchCommand
+from sysid.cli.command_options import COMMANDS, WorkbenchCommand
 from sysid.errors import InvalidInput
 
 

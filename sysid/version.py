@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from importlib import metadata
-
 
 def version() -> str:
     """The name and the version of this distribution, as it was installed."""
+    from importlib import metadata
+
     try:
         return f"gapfinder {metadata.version('gapfinder')}"
     except metadata.PackageNotFoundError:

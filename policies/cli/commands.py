@@ -27,8 +27,7 @@ from policies.evaluation import Evaluation, evaluate, fresh_start_states
 from policies.limits import EPISODES, EVALUATION_MEMORY, LAYER_WIDTH, LAYERS
 from policies.storage.policy_file import DESCRIPTION, LONGEST_HISTORY, WEIGHTS, SavedPolicy, load_policy, save_policy
 from sysid import InvalidInput, Model, Parameter, SavedModel, load
-from sysid.cli.commands import register_effects
-from sysid.cli.outputs import write_json
+from sysid.cli.commands import register_effects, write_json
 from sysid.data.files import check_outputs, full_path
 from sysid.limits import check_size
 

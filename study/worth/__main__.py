@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import tyro
 
 from study.worth.options import WorthOptions
-from sysid.cli.command_line import carry_out
+from sysid.cli.command_line import OPTIONS, carry_out
 from sysid.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -29,7 +29,8 @@ logger = logging.getLogger(__name__ if __name__ != "__main__" else "study.worth"
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code: 0 answered, 2 bad input, 130 stopped."""
     config = (tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes)
-    command = tyro.cli(WorthOptions, prog="python -m study.worth", args=arguments, config=config)
+    with OPTIONS:
+        command = tyro.cli(WorthOptions, prog="python -m study.worth", args=arguments, config=config)
     return carry_out(command, run)
 
 
@@ -39,9 +40,8 @@ def run(command: WorthOptions) -> None:
 
     from study.worth.decision import SwingUpDecision
     from study.worth.value_of_information import check_question, worth_of_rollouts
-    from sysid.cli.commands import LogAndModel, completed
-    from sysid.cli.outputs import write, write_json
-    from sysid.planning.experiment import limits_of, next_experiment
+    from sysid.cli.commands import LogAndModel, completed, write, write_json
+    from sysid.planning.next_experiment import limits_of, next_experiment
 
     check_question(command.price, command.further, command.draws)
     if command.seed < 0:

@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from tyro.conf import arg
 
-from sysid.cli.options import File, LogOptions, ModelOptions, Number
+from sysid.cli.command_options import File, Number, OnLog, Output
 
 
 @dataclass(frozen=True)
-class WorthOptions:
+class WorthOptions(OnLog):
     """Measure again, or train? What further rollouts are worth to the policy, before they are measured.
 
     The machines that the log leaves possible are drawn, and dynamic programming says what a policy made now, after
     further rollouts, and with perfect knowledge would return on them.
     """
 
-    log: LogOptions = field(default_factory=LogOptions)
-    start: ModelOptions = field(default_factory=ModelOptions)
     task: Literal["swing-up"] = "swing-up"
     """What the policy is for: swing up and hold."""
 
@@ -38,7 +36,7 @@ class WorthOptions:
     seed: Annotated[int, arg(metavar="S")] = 0
     """Where the draws come from."""
 
-    out: Annotated[File, arg(aliases=["-o"])] = None
+    out: Output = None
     """Write the designed rollout here, as CSV with columns t [s], torque [N m]."""
 
     json: File = None

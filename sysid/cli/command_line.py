@@ -12,16 +12,37 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from types import NoneType, UnionType
+from typing import Any, Union, get_args
 
 import tyro
+from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
 from sysid.errors import InvalidInput, printable
 from sysid.version import version
 
 PACKAGES = ("sysid", "policies", "study.worth")
 """The loggers that a command line listens to."""
+OPTIONS = ConstructorRegistry()
+"""How a command line reads options: `with OPTIONS` while it does so."""
+
+
+@OPTIONS.primitive_rule
+def _left_out(asked: PrimitiveTypeInfo) -> Any:
+    """Of an option that is None where it is left out, what it holds else: "None" is none of its choices."""
+    kinds = [kind for kind in get_args(asked.type) if kind is not NoneType]
+    if asked.type_origin not in (Union, UnionType) or len(kinds) != 1:
+        return None
+    own = ConstructorRegistry.get_primitive_spec(PrimitiveTypeInfo.make(kinds[0], asked.markers))
+    if not isinstance(own, PrimitiveConstructorSpec):
+        return own
+    return replace(
+        own,
+        is_instance=lambda value: value is None or own.is_instance(value),
+        str_from_instance=lambda value: [] if value is None else own.str_from_instance(value),
+    )
 
 
 class Terminal(logging.Handler):
@@ -79,13 +100,11 @@ def answer(
     if given == ["--version"]:
         print(version())
         return 0
-    command = tyro.extras.subcommand_cli_from_dict(
-        dict(commands),
-        prog=prog,
-        description=about,
-        args=given,
-        config=(tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes),
-    )
+    config = (tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes)
+    with OPTIONS:
+        command = tyro.extras.subcommand_cli_from_dict(
+            dict(commands), prog=prog, description=about, args=given, config=config
+        )
     return carry_out(command, run)
 
 

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import logging
+import shlex
+import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial, singledispatch
+from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from sysid.cli.log_settings import with_settings
-from sysid.cli.options import (
+from sysid.cli.command_options import (
     AddCommand,
     CompareCommand,
     DiagnoseCommand,
@@ -21,12 +25,14 @@ from sysid.cli.options import (
     ExportCommand,
     FitCommand,
     LogOptions,
-    ModelOptions,
+    OnLog,
 )
-from sysid.cli.outputs import draw_comparison, write, write_json, write_model, write_page
+from sysid.cli.log_settings import with_settings
 from sysid.cli.starting_model import begun, command_of, named_numbers, sampled, shown
-from sysid.data.files import check_outputs
+from sysid.data.checks import check_excitation
+from sysid.data.files import check_outputs, save_file
 from sysid.data.logs import Log, read
+from sysid.data.noise import sensor_noise
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
 from sysid.data.splitting import split
@@ -35,30 +41,19 @@ from sysid.errors import InvalidInput
 from sysid.estimation.channels import relied_on
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.fit import fit
-from sysid.physics.effects import ACTUATORS, CATALOGUE
+from sysid.estimation.held_out import held_out_error
+from sysid.estimation.initial_guess import initial_guess
+from sysid.estimation.saved_model import load_model, save
+from sysid.physics.effects import ACTUATORS, CATALOGUE, effect
 from sysid.physics.model import Model
 from sysid.physics.plants import Plant
-
-if TYPE_CHECKING:
-    from sysid.planning.signals import Limits
+from sysid.planning.signals import Limits
 
 logger = logging.getLogger(__name__)
 
 
-class OnLog(Protocol):
-    """A command on a log and a model to begin with."""
-
-    @property
-    def log(self) -> LogOptions:
-        """How the log is read."""
-
-    @property
-    def start(self) -> ModelOptions:
-        """The model to begin with."""
-
-
 def run(command: Any) -> None:
-    """Run a command of sysid.cli.options. Raises InvalidInput for bad input."""
+    """Run a command of sysid.cli.command_options. Raises InvalidInput for bad input."""
     if isinstance(command, EffectsCommand | ExportCommand):
         register_effects(command.effects)
     else:
@@ -90,8 +85,6 @@ def _run(command: Any) -> None:
 
 @_run.register
 def _(command: FitCommand) -> None:
-    from sysid.estimation.held_out import held_out_error
-
     task = LogAndModel.of(command)
     estimate = task.fitted()
     error = held_out_error(estimate.model, task.held_out, task.sensor)
@@ -99,7 +92,7 @@ def _(command: FitCommand) -> None:
     logger.info(f"  on held-out data: {error}")
     task.doubt(error.theta)
     write_json(command.json, {**estimate.to_dict(), "held_out_error": error.to_dict()})
-    write_model(command.out, estimate)
+    write(command.out, partial(save, estimate))
 
 
 @_run.register
@@ -112,10 +105,10 @@ def _(command: CompareCommand) -> None:
     logger.info(comparison)
     task.doubt(comparison.one_second.theta)
     write_json(command.json, comparison.to_dict())
-    write(command.figure, partial(draw_comparison, comparison))
-    write_page(command.html, comparison)
+    write(command.figure, partial(_draw, comparison))
+    write(command.html, partial(_write_page, comparison))
     if command.parquet is not None:
-        from sysid.export.predictions import write_predictions
+        from sysid.export.prediction_table import write_predictions
 
         write(command.parquet, partial(write_predictions, model, task.log, task.sensor))
 
@@ -129,37 +122,30 @@ def _(command: DiagnoseCommand) -> None:
         raise InvalidInput(f"--tolerance {command.tolerance:g}: expected a share between 0 and 1, such as 0.02")
     settings = dataclasses.replace(DEFAULT, tolerance=command.tolerance)
     task = LogAndModel.of(command)
-    diagnosis = diagnose(
-        task.model,
-        task.log,
-        task.sensor,
-        command.log.hold_out,
-        parameters=task.names,
-        settings=settings,
-    )
+    hold_out, names = command.log.hold_out, task.names
+    diagnosis = diagnose(task.model, task.log, task.sensor, hold_out, parameters=names, settings=settings)
     logger.info(diagnosis)
     task.doubt(diagnosis.error.theta)
     write_json(command.json, diagnosis.to_dict())
-    write_model(command.out, diagnosis.estimate)
-    write_page(command.html, diagnosis)
+    write(command.out, partial(save, diagnosis.estimate))
+    write(command.html, partial(_write_page, diagnosis))
 
 
 @_run.register
 def _(command: AddCommand) -> None:
     from sysid.diagnosis.add import add
-    from sysid.physics.effects import effect
 
     effect(command.effect)  # raises, and says which names are near
     task = LogAndModel.of(command)
     added = add(task.fitted(), command.effect, task.log, task.measured, command.log.hold_out)
     logger.info(added)
     write_json(command.json, added.to_dict())
-    write_model(command.out, added.estimate)
+    write(command.out, partial(save, added.estimate))
 
 
 @_run.register
 def _(command: ExperimentCommand) -> None:
-    from sysid.planning.experiment import next_experiment
+    from sysid.planning.next_experiment import next_experiment
 
     task = LogAndModel.of(command)
     estimate = task.fitted()
@@ -176,7 +162,6 @@ def _(command: ExperimentCommand) -> None:
 
 @_run.register
 def _(command: ExportCommand) -> None:
-    from sysid.estimation.saved_model import load_model
     from sysid.export.mjcf import to_mjcf
     from sysid.export.urdf import to_urdf
 
@@ -242,8 +227,6 @@ class LogAndModel:
         model = sampled(model, log.dt, given)
         names = shown(model, names, log)
         if not given:
-            from sysid.estimation.initial_guess import initial_guess
-
             model = initial_guess(model, names, training, measured)
         sensor = relied_on(model, training, measured)
         if sensor != measured:
@@ -293,9 +276,6 @@ def read_log(options: LogOptions, model: Model) -> Log:
 
 def _sensor(options: LogOptions, log: Log, plant: Plant) -> Sensor:
     """The noise that the user gave; what was not given is found. Raises InvalidInput where nothing moves."""
-    from sysid.data.checks import check_excitation
-    from sysid.data.noise import sensor_noise
-
     measured = [c for c in ("theta", "theta_dot") if all(getattr(r, c) is not None for r in log)]
     if all(np.ptp(getattr(r, c)) == 0.0 for r in log for c in measured):
         at = getattr(log[0], measured[0])[0]
@@ -319,8 +299,7 @@ def _sensor(options: LogOptions, log: Log, plant: Plant) -> Sensor:
 
 def _limits(options: ExperimentCommand, log: Log, model: Model) -> Limits:
     """What the log has done, where the user says nothing else."""
-    from sysid.planning.experiment import limits_of
-    from sysid.planning.signals import Limits
+    from sysid.planning.next_experiment import limits_of
 
     names = ("u_max", "duration", "rollouts", "theta_max", "theta_dot_max", "payload")
     given: dict[str, Any] = {n: getattr(options, n) for n in names if getattr(options, n) is not None}
@@ -329,3 +308,35 @@ def _limits(options: ExperimentCommand, log: Log, model: Model) -> Limits:
     if options.u_max is None:
         raise InvalidInput("the log has no torque to go by: give --u-max")
     return Limits(**given)
+
+
+# ---- what commands write ---------------------------------------------------------------------------------------------
+
+
+def write(path: Path | None, writer: Callable[[Path], None]) -> None:
+    """Write a file that was asked for, and say so."""
+    if path is not None:
+        writer(path)
+        logger.info(f"wrote {path}")
+
+
+def write_json(path: Path | None, data: dict[str, Any]) -> None:
+    """Write plain data."""
+    write(path, lambda own: save_file(own, json.dumps(data, indent=1, allow_nan=False) + "\n"))
+
+
+def _write_page(answer: Any, path: Path) -> None:
+    from sysid.report.write import write_report
+
+    write_report(answer, path, shlex.join(["python", "-m", "sysid", *sys.argv[1:]]))
+
+
+def _draw(comparison: Any, path: Path) -> None:
+    from sysid.report.comparison_figure import plot_comparison
+
+    content = BytesIO()
+    try:
+        plot_comparison(comparison).savefig(content, format=path.suffix.removeprefix(".") or "png")
+    except ValueError as error:
+        raise InvalidInput(f"cannot write {path}: {error}") from None
+    save_file(path, content.getvalue())

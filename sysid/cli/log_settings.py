@@ -14,7 +14,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
-from sysid.cli.options import LogOptions, ModelOptions
+from sysid.cli.command_options import LogOptions, ModelOptions
 from sysid.data.files import full_path, read_file
 from sysid.errors import InvalidInput, excerpt
 

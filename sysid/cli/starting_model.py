@@ -8,10 +8,11 @@ import math
 
 import numpy as np
 
-from sysid.cli.options import ModelOptions
+from sysid.cli.command_options import ModelOptions
 from sysid.data.logs import Command, Log
 from sysid.errors import InvalidInput
 from sysid.estimation.fit import free
+from sysid.estimation.saved_model import load
 from sysid.limits import LOG_SUBSTEPS, check_size
 from sysid.physics.effects import CATALOGUE, Actuator, effect
 from sysid.physics.effects.actuators import DCMotor, PositionServo, TorqueConstant
@@ -47,8 +48,6 @@ def begun(options: ModelOptions, command: Command | None) -> tuple[Model, tuple[
         model = Model(PLANTS[options.plant or "rod"])
         names = free(model)
     else:
-        from sysid.estimation.saved_model import load
-
         saved = load(options.model)
         model, names = saved.model, saved.free
         _check_plant(options, model.plant)
@@ -130,12 +129,16 @@ def _scale(model: Model, names: tuple[str, ...], known: tuple[str, ...]) -> tupl
         return ()
     if not any(n in names for n in model.plant.parameters):
         return (scale,)
+    _cannot_show("motion alone", model, scale, "torque, friction and inertia", ", or what the plant weighs")
+    return ()
+
+
+def _cannot_show(what: str, model: Model, scale: str, relative: str, besides: str = "") -> None:
     p = model.parameters[scale]
     logger.info(
-        f"motion alone cannot show {scale}: it stays at {p.value:g} {p.unit}, and every torque, friction and inertia "
-        f"is relative to it; give it with --set {scale}=..., or what the plant weighs"
+        f"{what} cannot show {scale}: it stays at {p.value:g} {p.unit}, and every {relative} is relative to it; "
+        f"give it with --set {scale}=...{besides}"
     )
-    return ()
 
 
 def sampled(model: Model, dt: float, given: bool) -> Model:
@@ -160,12 +163,7 @@ def shown(model: Model, names: tuple[str, ...], log: Log) -> tuple[str, ...]:
     scale = model.plant.scale
     if scale not in names:
         return names
-    p = model.parameters[scale]
-    torque = "torque" if model.plant.turns else "force"
-    logger.info(
-        f"a free swing cannot show {scale}: it stays at {p.value:g} {p.unit}, and every {torque} is relative to it; "
-        f"give it with --set {scale}=..."
-    )
+    _cannot_show("a free swing", model, scale, "torque" if model.plant.turns else "force")
     return tuple(n for n in names if n != scale)
 
 

@@ -93,7 +93,7 @@ def rate_mismatch(t: Array, angle: Array, speed: Array) -> float:
 def doubts(records: Sequence[Record], plant: Plant | None, command: str) -> tuple[str, ...]:
     """Notes on what looks unlikely: an angle in degrees, a torque that never changes, a zero or a sign turned round.
 
-    Of a `plant` that does not turn, none on angles, and forces in its units.
+    Of a `plant` that does not turn, none on angles, and forces in its units; of one without gravity, none on its zero.
     """
     found = []
     turns, newton = (True, "N m") if plant is None else (plant.turns, plant.unit("N m"))
@@ -109,10 +109,11 @@ def doubts(records: Sequence[Record], plant: Plant | None, command: str) -> tupl
         free = f"a free {'swing' if turns else 'motion'}: the {command} is 0"
         acts = f"the {command} never changes ({first:g}{f' {newton}' if command in ('torque', 'force') else ''})"
         found.append(free if first == 0.0 else acts)
-    return (*found, *(_turned(records, command) if turns else ()))
+    hangs = plant is None or float(plant.gravity_torque(0.5 * math.pi)) > 0.0
+    return (*found, *(_turned(records, command, hangs) if turns else ()))
 
 
-def _turned(records: Sequence[Record], command: str) -> tuple[str, ...]:
+def _turned(records: Sequence[Record], command: str, hangs: bool) -> tuple[str, ...]:
     """Whether gravity or torque act against our convention, by least squares over 0.1 s:
 
     theta_ddot = a sin(theta) + c u - b theta_dot + d,   a > 0 and c > 0 are expected
@@ -140,7 +141,7 @@ def _turned(records: Sequence[Record], command: str) -> tuple[str, ...]:
     turned = f"a positive {command} lowers theta: is its sign turned round?"
     found = []
     share, unexplained = _shares(A, b)
-    if unexplained < 0.3 and share[0] < -0.3:
+    if hangs and unexplained < 0.3 and share[0] < -0.3:
         found.append(hanging)
     if unexplained < 0.3 and share[1] < -min(0.3, max(0.1, 3.0 * math.sqrt(unexplained))):
         found.append(turned)
@@ -150,7 +151,7 @@ def _turned(records: Sequence[Record], command: str) -> tuple[str, ...]:
         rubs = share[2] + share[3]
         if unexplained < 0.3 and abs(share[0]) > 0.5 and rubs < -0.1:
             found.append(turned)
-        elif unexplained < 0.3 and share[0] > 0.5 and rubs > 0.0:
+        elif hangs and unexplained < 0.3 and share[0] > 0.5 and rubs > 0.0:
             found.append(hanging)
     return tuple(found)
 

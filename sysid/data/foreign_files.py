@@ -1,7 +1,8 @@
-"""What reads the formats of other programs: Matlab's .mat, HDF5, Parquet, ROS 2 bags and MCAP.
+"""What reads the formats of other programs: NumPy's .npz, Matlab's .mat, HDF5, Parquet, ROS 2 bags and MCAP.
 
-These are called where a crash harms nothing: see `sysid.data.guarded`. Each takes a path, the columns that are wanted,
-{our name: the file's name} or None for the names alone, and the name of a joint. No reader loads a pickle.
+Each takes a path and the columns that are wanted, {our name: the file's name} or None for the names alone. None loads a
+pickle. Those of READERS, which also take the name of a joint, rest on compiled libraries, and are called where a crash
+harms nothing: see `sysid.data.guarded`.
 """
 
 from __future__ import annotations
@@ -10,8 +11,10 @@ import math
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile
 
 import numpy as np
 
@@ -19,6 +22,7 @@ from sysid.data.bag import read_bag
 from sysid.data.table import seconds
 from sysid.errors import InvalidInput
 from sysid.limits import RAW_ROWS, check_size
+from sysid.physics.ops import Array
 
 Columns = Mapping[str, str] | None
 
@@ -34,6 +38,26 @@ def foreign(path: Path, expected: str) -> Iterator[None]:
         raise
     except Exception:
         raise InvalidInput(f"{path.name} is not {expected}") from None
+
+
+def read_npz(path: Path, columns: Columns = None) -> dict[str, Any]:
+    """NumPy's .npz, whose arrays are taken out of their bytes: none is a pickle, none larger than what it holds."""
+    with foreign(path, "an .npz file of plain arrays: expected one as numpy.savez makes it"), ZipFile(path) as file:
+        sizes = {info.filename.removesuffix(".npy"): info.file_size for info in file.infolist()}
+        if columns is None:
+            return dict.fromkeys(sizes)
+        for name in columns.values():
+            check_size(f"{path.name}: numbers in {name!r}:", sizes[name] / 8.0, RAW_ROWS)
+        return {ours: _plain_array(file.read(f"{name}.npy")) for ours, name in columns.items()}
+
+
+def _plain_array(content: bytes) -> Array:
+    """An .npy file's array, which holds as many numbers as there are bytes, whatever its header claims."""
+    file = BytesIO(content)
+    version = np.lib.format.read_magic(file)
+    read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, fortran, kind = read_header(file)
+    return np.frombuffer(content, kind, offset=file.tell()).reshape(shape, order="F" if fortran else "C").astype(float)
 
 
 def _mat(path: Path, columns: Columns, joint: str) -> dict[str, Any]:

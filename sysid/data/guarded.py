@@ -20,6 +20,7 @@ from typing import IO, Any
 
 import numpy as np
 
+from sysid.data.foreign_files import READERS
 from sysid.data.table import column
 from sysid.errors import InvalidInput
 
@@ -57,10 +58,12 @@ class Reader:
         try:
             self.process.stdin.write(json.dumps(question).encode() + b"\n")
             self.process.stdin.flush()
-            answer: dict[str, Any] = json.loads(_whole(self.process.stdout.readline()))
+            answer: dict[str, Any] = json.loads(self.process.stdout.readline())
             for title, size in answer.get("columns", {}).items():
-                bytes_ = _whole(self.process.stdout.read(8 * size), 8 * size)
-                answer["columns"][title] = np.frombuffer(bytes_).copy()
+                content = self.process.stdout.read(8 * size)
+                if len(content) < 8 * size:
+                    raise EOFError
+                answer["columns"][title] = np.frombuffer(content).copy()
             return answer
         except (BrokenPipeError, ValueError):
             raise EOFError from None
@@ -77,12 +80,6 @@ class Reader:
             with suppress(OSError):
                 assert pipe
                 pipe.close()
-
-
-def _whole(content: bytes, size: int = 1) -> bytes:
-    if len(content) < size:
-        raise EOFError
-    return content
 
 
 _reader: Reader | None = None
@@ -133,8 +130,6 @@ def _limit() -> None:
 
 
 def _answer(out: IO[bytes], kind: str, path: str, columns: dict[str, str] | None, joint: str) -> None:
-    from sysid.data.foreign_files import READERS
-
     name, arrays, answer = Path(path).name, dict[str, Any](), dict[str, Any]()
     try:
         found = READERS[kind](Path(path), columns, joint)

@@ -18,7 +18,6 @@ from sysid.data.files import read_file
 from sysid.errors import InvalidInput, excerpt
 
 Kind = TypeVar("Kind")
-
 LONGEST_TEXT = 1000
 """Characters of a name or of a sentence in a file."""
 LARGEST_NUMBER = 1e150

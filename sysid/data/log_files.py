@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.data import guarded, npz_file, text_files
+from sysid.data import foreign_files, guarded, text_files
 from sysid.data.bag import MCAP
 from sysid.data.files import check_input, check_installed, full_path, named
 from sysid.data.table import Table, TimeWindow, column, rows_of, seconds
@@ -53,7 +53,7 @@ def sources(given: Iterable[Any], joint: str = "") -> list[Source]:
 
     Raises InvalidInput for a file that cannot be read, and a joint that is asked for of what is no bag.
     """
-    logs = [log for one in given for log in ([one] if _is_frame(one) or _is_path(one) else one)]
+    logs = [log for one in given for log in ([one] if _is_frame(one) or isinstance(one, str | PathLike) else one)]
     if not logs:
         raise InvalidInput("no log was given: expected one or more files, or DataFrames")
     frames, stems = sum(map(_is_frame, logs)), [Path(log).stem for log in logs if not _is_frame(log)]
@@ -70,10 +70,6 @@ def sources(given: Iterable[Any], joint: str = "") -> list[Source]:
     return found
 
 
-def _is_path(log: Any) -> bool:
-    return isinstance(log, str | PathLike)
-
-
 def _is_frame(log: Any) -> bool:
     return all(hasattr(log, name) for name in ("columns", "iloc", "reset_index"))
 
@@ -85,7 +81,7 @@ def _file(path: Path, title: str, joint: str) -> Source:
     if kind == "text":
         return Source(path.name, title, partial(text_files.header, path), partial(text_files.load_text, path))
     if kind == "npz":
-        return _arrays(path.name, title, partial(npz_file.read_npz, path))
+        return _arrays(path.name, title, partial(foreign_files.read_npz, path))
     if kind in NEEDS:
         check_installed(NEEDS[kind], "files", f"{path.name}: reading its format ({kind})")
     return _arrays(path.name, title, partial(guarded.read_guarded, kind, path, joint=joint))

@@ -12,11 +12,10 @@ from typing import Any, Literal, get_args, overload
 import numpy as np
 
 from sysid.data import checks, log_files, resampling
-from sysid.data.log_files import Source
-from sysid.data.record import Record
+from sysid.data.record import Record, amount_of
 from sysid.data.resampling import Rows
 from sysid.data.table import Table, TimeWindow
-from sysid.data.time_unit import FEWEST, PER_SECOND, WORDS, TimeUnit, found_unit, named_unit
+from sysid.data.time_unit import TimeUnit, in_seconds
 from sysid.data.unsigned import with_signs
 from sysid.errors import InvalidInput
 from sysid.limits import LOG_ROWS, RAW_ROWS
@@ -81,11 +80,8 @@ class Log(Sequence[Record]):
         return Log(records, (*self.notes, note), every * self.dt)
 
     def __str__(self) -> str:
-        n = sum(len(r) for r in self.records)
         channels = " and ".join(c for c in ("theta", "theta_dot") if getattr(self.records[0], c) is not None)
-        many = "s" * (len(self) != 1)
-        what = f"{len(self)} rollout{many}, {n} samples ({n * self.dt:.4g} s) at {1.0 / self.dt:.4g} Hz of {channels}"
-        return "; ".join((what, *self.notes))
+        return "; ".join((f"{amount_of(self.records)} of {channels}", *self.notes))
 
 
 def notes_of(records: Sequence[Record]) -> tuple[str, ...]:
@@ -175,13 +171,13 @@ def read(
     """
     _check_choice("zero", zero, ("upright", "hanging"))
     _check_choice("command", command, get_args(Command))
-    _check_choice("time_unit", "s" if time_unit is None else time_unit, tuple(PER_SECOND))
+    _check_choice("time_unit", "s" if time_unit is None else time_unit, get_args(TimeUnit))
     sources, wanted, window = log_files.sources(paths, joint), _wanted(columns), _window(begin, end, dt)
     rollouts: list[Rows] = []
     notes: list[str] = []
     for source in sources:
         chosen = _chosen(source.name, source.names(), wanted)
-        table, said = with_signs(source.name, _timed(source, chosen, window, time_unit, notes), chosen)
+        table, said = with_signs(source.name, in_seconds(source, chosen, window, time_unit, notes), chosen)
         notes += said
         if len(table["t"]) == 0:
             span = f" between {window.begin:g} and {window.end:g} s" if begin is not None or end is not None else ""
@@ -273,36 +269,6 @@ def likely_columns(found: Sequence[str], chosen: Mapping[str, str]) -> dict[str,
     return likely
 
 
-# ---- time ------------------------------------------------------------------------------------------------------------
-
-
-def _timed(
-    source: Source, chosen: Mapping[str, str], window: TimeWindow, unit: TimeUnit | None, notes: list[str]
-) -> Table:
-    """The columns of the rows in the window, t in seconds whatever the file counts; a note where it was converted."""
-    reason, named = "", named_unit(chosen["t"])
-    table = source.load(chosen, _counted(window, unit or "s"))
-    if unit is None:
-        unit, reason = found_unit(source.name, chosen["t"], table)
-        bounded = math.isfinite(window.begin) or math.isfinite(window.end)
-        if unit == "s" and bounded and len(table["t"]) < FEWEST:  # of a clock that counts faster, next to nothing
-            for other in (named,) if named else (u for u in PER_SECOND if u != "s"):
-                rows = source.load(chosen, _counted(window, other))
-                if found_unit(source.name, chosen["t"], rows)[0] == other:
-                    unit, reason = found_unit(source.name, chosen["t"], rows)
-        if unit != "s" and bounded:
-            table = source.load(chosen, _counted(window, unit))
-        note = f"t is in {WORDS[unit]}, {reason}: converted to seconds"
-        if unit != "s" and note not in notes:
-            notes.append(note)
-    return table | {"t": table["t"] / PER_SECOND[unit]}
-
-
-def _counted(window: TimeWindow, unit: TimeUnit) -> TimeWindow:
-    """The window in units of the file's clock."""
-    return window._replace(begin=window.begin * PER_SECOND[unit], end=window.end * PER_SECOND[unit])
-
-
 # ---- rows ------------------------------------------------------------------------------------------------------------
 
 
@@ -320,11 +286,7 @@ def _complete(log: str, table: Table, titles: Mapping[str, str], notes: list[str
             notes.append(f"{log}: column {titles[name]!r} is empty and left out")
             del table[name], bad[name]
     if "torque" in table:
-        last = (
-            np.append(np.diff(table["rollout"]) != 0.0, True)
-            if "rollout" in table
-            else np.arange(len(bad["t"]))[::-1] == 0
-        )
+        last = np.append(np.diff(table.get("rollout", np.zeros(len(bad["t"])))) != 0.0, True)
         bad["torque"] &= ~last
         table["torque"] = np.where(last & ~np.isfinite(table["torque"]), 0.0, table["torque"])
     lost = np.any(list(bad.values()), axis=0)

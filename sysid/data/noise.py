@@ -11,9 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.computed_speed import COMPUTED, is_difference, unexplained
-from sysid.data.feedback import follows_readings
-from sysid.data.quantisation import quantisation_step
+from sysid.data.computed_columns import COMPUTED, follows_readings, is_difference, unexplained
+from sysid.data.digitisation import quantisation_step
 from sysid.data.record import Record
 from sysid.data.sensor import UNITS, Sensor
 from sysid.errors import InvalidInput
@@ -51,10 +50,16 @@ class _Found(NamedTuple):
 class Noise:
     """What the sensors add to the truth.
 
-    sensor   the sd of each channel, theta [rad] and theta_dot [rad/s]; None for a speed that was computed from theta
-    error    the relative standard error of each sd, by channel
-    quantisation_step  the step to which a channel's readings are rounded, where that matters, by channel
-    notes    what is unusual about them, one sentence each
+    Attributes
+    ----------
+    sensor : Sensor
+        The sd of each channel; None for a speed that was computed from the angle.
+    error : dict of str to float
+        The relative standard error of each sd, by channel.
+    quantisation_step : dict of str to float
+        The step to which a channel's readings are rounded, where that matters, by channel.
+    notes : tuple of str
+        What is unusual about them, a sentence each.
     """
 
     sensor: Sensor
@@ -88,8 +93,8 @@ def sensor_noise(records: Sequence[Record]) -> Noise:
     impacts are left out with the residuals that they touch. Readings rounded to steps of q have at least q / sqrt(12).
     What windows of 5 to 61 readings leave beside their own cubics shows whether neighbouring errors are correlated (by
     a filter, by a difference of angles), and then what they are in all. A speed whose errors are those of the angle was
-    computed from it, tells nothing new, and is left out (`sysid.data.computed_speed`). A torque that was computed from
-    the readings carries their noise, and takes no part (`sysid.data.feedback`).
+    computed from it, tells nothing new, and is left out; a torque that was computed from the readings carries their
+    noise, and takes no part (`sysid.data.computed_columns`).
 
     Parameters
     ----------

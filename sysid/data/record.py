@@ -21,7 +21,6 @@ from sysid.physics.ops import Array
 from sysid.physics.parameters import Extent
 
 COLUMNS = ("t", "u", "theta", "theta_dot")
-
 PAST = 10.0
 """Seconds of commands before it that a piece of a rollout keeps: what drives remember is shorter."""
 
@@ -205,9 +204,7 @@ def check_records(model: Model, records: Sequence[Record]) -> tuple[Record, ...]
 
     Raises InvalidInput with the record's name, what came and what was expected.
     """
-    given = (
-        (records,) if isinstance(records, Record) else tuple(records) if isinstance(records, Iterable) else (records,)
-    )
+    given = tuple(records) if isinstance(records, Iterable) else (records,)
     if not given:
         raise InvalidInput("no records were given: expected at least one")
     for record in given:
@@ -268,6 +265,12 @@ def write_csv(record: Record, path: str | Path) -> None:
     for k in range(len(record) + 1):
         writer.writerow([repr(float(v[k])) if k < len(v) else "" for v in columns.values()])
     save_file(path, text.getvalue())
+
+
+def amount_of(records: Sequence[Record]) -> str:
+    """How much was recorded: "8 rollouts, 3200 samples (64 s) at 50 Hz"."""
+    n, dt, many = sum(len(r) for r in records), records[0].dt, "s" * (len(records) != 1)
+    return f"{len(records)} rollout{many}, {n} samples ({n * dt:.4g} s) at {1.0 / dt:.4g} Hz"
 
 
 def extent_of(records: Sequence[Record]) -> Extent:

@@ -11,8 +11,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data import held_readings
-from sysid.data.quantisation import quantisation_step
+from sysid.data import digitisation
 from sysid.data.record import Record
 from sysid.errors import InvalidInput
 from sysid.limits import SHORTEST_INTERVAL
@@ -69,7 +68,7 @@ def evenly(rollouts: Sequence[Rows], dt: float | None = None) -> tuple[tuple[Rec
     """Records of one sample interval [s], that interval, and a note on each thing that was done to get there.
 
     Rows are put in order; of readings that are held for several rows the fresh ones are kept
-    (`sysid.held_readings`); stamps that were rounded are made even; of rows with the same stamp the last is kept; a
+    (`sysid.data.digitisation`); stamps that were rounded are made even; of rows with the same stamp the last is kept; a
     restart of the clock or a gap (a step above 3.5 typical ones) starts a new rollout. The interval is dt where it is
     given, else the mean step. A row nearest to an instant of the even grid stands for it, moved there along the
     channel's local cubic: its error then stays its own (interpolation between two rows would shrink the sensor's noise
@@ -123,12 +122,12 @@ def _fresh(parts: Sequence[Rows]) -> tuple[Sequence[Rows], tuple[str, ...]]:
     for channel in ("theta", "theta_dot"):
         series = [getattr(p, channel) for p in read]
         if all(values is not None for values in series):
-            held[channel] = held_readings.holding(series)
+            held[channel] = digitisation.holding(series)
     notes, lead = [], next(iter(held), "")
     if len(held) == 2 and held["theta_dot"] > 1.0:
         longer = held["theta_dot"] > 1.5 * held["theta"]
         both = [(p.theta, p.theta_dot) for p in read]
-        together = [held_readings.changes_together(x, v) for x, v in both if x is not None and v is not None]
+        together = [digitisation.changes_together(x, v) for x, v in both if x is not None and v is not None]
         if longer or not all(together):
             parts = [replace(p, theta_dot=None) for p in parts]
             read = [replace(p, theta_dot=None) for p in read]
@@ -148,7 +147,7 @@ def _thinned(rows: Rows, read: Rows, lead: Array, held: float) -> Rows:
     """Of rows, of which `read` have readings, those with a fresh reading of `lead`; torques averaged between them."""
     if len(read.t) < 2:
         return rows
-    fresh = held_readings.fresh(lead, held)
+    fresh = digitisation.fresh(lead, held)
     fresh = fresh[np.append(True, np.diff(read.t[fresh]) > 0.0)]
     kept = read.take(fresh)
     return replace(kept, torque=np.append(_held(rows.t, rows.torque, kept.t), kept.torque[-1]))
@@ -282,7 +281,7 @@ def _moved(t: Array, y: Array, grid: Array, nearest: NDArray[np.intp]) -> Array:
         shift[rows] = slope * delta + 0.5 * curvature * delta**2
     far = np.abs(grid - t[nearest]) > FAR * step
     shift[far] = np.interp(grid[far], t, y) - y[nearest[far]]
-    rounded = quantisation_step([y])
+    rounded = digitisation.quantisation_step([y])
     return y[nearest] + (rounded * np.round(shift / rounded) if rounded > 0.0 else shift)
 
 

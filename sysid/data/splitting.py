@@ -1,4 +1,4 @@
-"""Splitting: which parts of a log are held out, left out, or cut into blocks."""
+"""Splitting: which parts of a log are held out, or left out."""
 
 from __future__ import annotations
 
@@ -19,18 +19,6 @@ MARGIN = 0.2
 """What is left out beside a stretch that is to be left out [s]."""
 SHORTEST = 1.0
 """Pieces that are shorter [s] are dropped with it."""
-
-
-def in_blocks(records: Sequence[Record], seconds: float = 3.0) -> tuple[Record, ...]:
-    """Each record in blocks of equal length, as near to `seconds` as it divides; neighbours share one instant."""
-    blocks = []
-    for record in records:
-        count = max(round(len(record) * record.dt / seconds), 1)
-        edges = np.round(np.linspace(0, len(record), count + 1)).astype(int)
-        for k, (first, last) in enumerate(pairwise(edges), start=1):
-            if last > first:
-                blocks.append(record.part(int(first), int(last), f"{record.name} block {k}" if count > 1 else ""))
-    return tuple(blocks)
 
 
 def split(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from typing import Literal
@@ -9,11 +10,12 @@ from typing import Literal
 import numpy as np
 
 from sysid.data.checks import rate_mismatch
+from sysid.data.log_files import Source
+from sysid.data.table import Table, TimeWindow
 from sysid.errors import InvalidInput
 from sysid.physics.ops import Array
 
 TimeUnit = Literal["s", "ms", "us"]
-
 PER_SECOND: dict[TimeUnit, float] = {"s": 1.0, "ms": 1e3, "us": 1e6}
 WORDS: dict[TimeUnit, str] = {"s": "seconds", "ms": "milliseconds", "us": "microseconds"}
 NAMED: dict[TimeUnit, str] = {
@@ -29,7 +31,7 @@ FEWEST = 10
 """Rows that the unit of a clock can be told from."""
 
 
-def named_unit(title: str) -> TimeUnit | None:
+def _named_unit(title: str) -> TimeUnit | None:
     """The unit that the name of a column ends with, as in t_ms, time [us] or millis; None where it names none."""
     words = [word for word in re.split(r"[\W_]+", title.strip().lower()) if word]
     for unit, pattern in NAMED.items():
@@ -38,7 +40,7 @@ def named_unit(title: str) -> TimeUnit | None:
     return None
 
 
-def found_unit(name: str, title: str, table: Mapping[str, Array]) -> tuple[TimeUnit, str]:
+def _found_unit(name: str, title: str, table: Mapping[str, Array]) -> tuple[TimeUnit, str]:
     """The unit of column t, and what shows it.
 
     The name of the column counts where rows are then not absurdly near to each other; else the unit in which the speed
@@ -49,7 +51,7 @@ def found_unit(name: str, title: str, table: Mapping[str, Array]) -> tuple[TimeU
     steps = steps[steps > 0.0]
     if len(steps) == 0:
         return "s", ""
-    step, named = float(np.median(steps)), named_unit(title)
+    step, named = float(np.median(steps)), _named_unit(title)
     if named is not None and step / PER_SECOND[named] >= FINEST:
         return named, f"as the name of column {title!r} says" if named != "s" else ""
     if len(steps) < FEWEST:
@@ -70,3 +72,30 @@ def found_unit(name: str, title: str, table: Mapping[str, Array]) -> tuple[TimeU
         f"{name}: rows are {step:.4g} apart in {title!r}, too far for seconds, and nothing tells which unit it is: "
         f"give the time unit (--time-unit, time_unit), one of {choices}"
     )
+
+
+def in_seconds(
+    source: Source, chosen: Mapping[str, str], window: TimeWindow, unit: TimeUnit | None, notes: list[str]
+) -> Table:
+    """The columns of the rows in the window, t in seconds whatever the file counts; a note where it was converted."""
+    reason, named = "", _named_unit(chosen["t"])
+    table = source.load(chosen, _counted(window, unit or "s"))
+    if unit is None:
+        unit, reason = _found_unit(source.name, chosen["t"], table)
+        bounded = math.isfinite(window.begin) or math.isfinite(window.end)
+        if unit == "s" and bounded and len(table["t"]) < FEWEST:  # of a clock that counts faster, next to nothing
+            for other in (named,) if named else (u for u in PER_SECOND if u != "s"):
+                rows = source.load(chosen, _counted(window, other))
+                if _found_unit(source.name, chosen["t"], rows)[0] == other:
+                    unit, reason = _found_unit(source.name, chosen["t"], rows)
+        if unit != "s" and bounded:
+            table = source.load(chosen, _counted(window, unit))
+        note = f"t is in {WORDS[unit]}, {reason}: converted to seconds"
+        if unit != "s" and note not in notes:
+            notes.append(note)
+    return table | {"t": table["t"] / PER_SECOND[unit]}
+
+
+def _counted(window: TimeWindow, unit: TimeUnit) -> TimeWindow:
+    """The window in units of the file's clock."""
+    return window._replace(begin=window.begin * PER_SECOND[unit], end=window.end * PER_SECOND[unit])

@@ -177,7 +177,7 @@ def _known(effects: Iterable[str]) -> tuple[str, ...]:
 def is_lowered(error: float, without: float, tolerance: float) -> bool:
     """Whether something lowers an error, in units of the noise, by what matters of its excess over the noise.
 
-        error^2 - 1 <= (1 - tolerance)^2 (without^2 - 1),   or where that was noise: error <= without, but for rounding
+    error^2 - 1 <= (1 - tolerance)^2 (without^2 - 1),   or where that was noise: error <= without, but for rounding
     """
     if not math.isfinite(error):
         return False
@@ -341,7 +341,7 @@ class _Report:
         alike = next((s.alike for s in machine if s.rivals), None)
         if alike is None:
             return None
-        from sysid.planning.experiment import next_experiment
+        from sysid.planning.next_experiment import next_experiment
 
         try:
             return next_experiment(end.estimate(), alike, sensor=self.sensor, records=self.search.records)

@@ -28,22 +28,16 @@ from sysid.planning.signals import Limits, Signal, random_signals, rest_angle, v
 
 KNOWN = Settings(sizes=False, vague=math.inf)
 """For a fit beside disturbances that are known, which knows nothing of the parameters."""
-
 ROUGHLY = Settings(iterations=12, settled=0.15, negligible=0.5)
 """For what an experiment is planned with: numbers to a share of their sd, disturbances to a few per cent."""
-
 MISTOLD = 1.3
 """Times the noise that was told, from which a fit has to be made anew."""
-
 FARTHEST = 1e4
 """[rad], [rad/s] beyond which a motion has run away."""
-
 LARGEST_GROWTH = 300.0
 """Of an initial error within a rollout; beyond it a fit would have to find its way through a chaotic motion."""
-
 UNDETERMINED = 1e9
 """Relative width from which an interval says nothing."""
-
 _SAMPLES = 60_000
 """Samples that a round of the search may linearise, all hypotheses together."""
 _ROUNDS = 3
@@ -126,6 +120,8 @@ class Pool:
         self.u = np.array([s.torque(n, self.model.dt) for s in signals])
         self.records = [Record(t, u, angle, speed, name=f"rollout {i}") for i, u in enumerate(self.u)]
         self._sensitivities: dict[str, Sensitivities] = {}
+        self._followed: dict[str, Fit] = {}
+        self._left: dict[tuple[str, str], float] = {}
 
     @cached_property
     def responses(self) -> dict[str, Response]:
@@ -179,6 +175,30 @@ class Pool:
         assert own is not None
         return self.sensitivities(truth).unlike(own, self.hypotheses[rival].effect, len(self.signals))
 
+    def shown(self, name: str) -> list[Record]:
+        """What perfect sensors show of a hypothesis."""
+        seen = self.responses[name].readings(self.motions[name])
+        return [
+            replace(r, theta=None if r.theta is None else theta, theta_dot=None if r.theta_dot is None else theta_dot)
+            for r, (theta, theta_dot) in zip(self.records, seen, strict=True)
+        ]
+
+    def left(self, truth: str, rival: str) -> float:
+        """The sum of squared innovations that a rival leaves when it is really fitted to what the truth shows."""
+        if (truth, rival) not in self._left:
+            other, near, D = self.hypotheses[rival], self._follow(truth), self.conditions.disturbances
+            fitted = fit_parameters(near.samples, other.model, other.names, near, D, KNOWN)
+            self._left[truth, rival] = float(np.sum(fitted.e**2))
+        return self._left[truth, rival]
+
+    def _follow(self, truth: str) -> Fit:
+        """The truth beside what it shows, with its motion."""
+        if truth not in self._followed:
+            model, conditions = self.hypotheses[truth].model, self.conditions
+            samples = Samples(model, self.shown(truth), conditions.sensor)
+            self._followed[truth] = fit_parameters(samples, model, (), None, conditions.disturbances, KNOWN)
+        return self._followed[truth]
+
     def precision(self) -> Normal:
         """What the rollouts tell of the free parameters, each played in all hypotheses."""
         return reduce(Normal.plus, (self.sensitivities(n).precision(len(self.signals)) for n in self.hypotheses))
@@ -196,12 +216,7 @@ def _growth(A: Array, logs: int) -> Array:
 
 def predict(model: Model, signals: Sequence[Signal], conditions: Conditions) -> list[Record]:
     """What perfect sensors show of a model under the signals, from rest or from where it is released."""
-    pool = Pool([Hypothesis("", model, ())], signals, conditions)
-    seen = pool.responses[""].readings(pool.motions[""])
-    return [
-        replace(r, theta=None if r.theta is None else theta, theta_dot=None if r.theta_dot is None else theta_dot)
-        for r, (theta, theta_dot) in zip(pool.records, seen, strict=True)
-    ]
+    return Pool([Hypothesis("", model, ())], signals, conditions).shown("")
 
 
 def within_limits(hypotheses: Sequence[Hypothesis], signals: Sequence[Signal], conditions: Conditions) -> list[Signal]:

@@ -17,16 +17,14 @@ from sysid.physics.effects.load import RotorInertia
 from sysid.physics.model import Model
 from sysid.physics.ops import Array, Value
 from sysid.planning.design import Conditions, Hypothesis, Pool, precision, search, within_limits, yardsticks
-from sysid.planning.hypotheses import inertial
 from sysid.planning.planned_experiment import Experiment
+from sysid.planning.rival_effects import inertial
 from sysid.planning.signals import Signal, rest_angle
 
 GRAVITY = 9.81
 """[m/s^2] where the plant has none of its own."""
-
 _HEAVIER = 0.5
 """Share of the joint's own inertia that a payload of our choice adds."""
-
 _ANSWERS = {
     ("angle_offset", "tilt"): "for a fixed axis an encoder offset is a tilted base, also to every controller: "
     "where it matters, compare the encoder's zero with a plumb line",
@@ -87,7 +85,7 @@ def non_torque_experiment(
     return Experiment("none", f"no torque tells {apart}: another sensor is needed.", names)
 
 
-# the driver off ----------------------------------------------------------------------------------------------
+# ---- the driver off --------------------------------------------------------------------------------------------------
 
 
 def _driver_off(model: Model, names: tuple[str, ...], conditions: Conditions) -> Experiment:
@@ -129,7 +127,7 @@ def _driver_off(model: Model, names: tuple[str, ...], conditions: Conditions) ->
     )
 
 
-# a payload, a scale, a ruler ---------------------------------------------------------------------------------
+# ---- a payload, a scale, a ruler -------------------------------------------------------------------------------------
 
 
 def _weighed(model: Model, names: tuple[str, ...], conditions: Conditions, rng: np.random.Generator) -> Experiment:

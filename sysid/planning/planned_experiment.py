@@ -7,7 +7,7 @@ import io
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from sysid.data.json_file import plain
 from sysid.errors import InvalidInput
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
-from sysid.planning.discrimination import Discrimination
 from sysid.planning.signals import rest_angle
 
 SCHEMA = "gapfinder/experiment/1"
@@ -25,35 +24,57 @@ SHOWN = (
     *("start", "reach", "speed", "contests", "payload"),
 )
 """What plain data show of an experiment as it is."""
-
 DECISIVE = 16.0
 """Evidence from which two effects count as told apart: four standard deviations."""
-
 HOPELESS = 0.5
 """Evidence of a whole experiment below which it is not worth playing: thirty of them would be needed."""
+
+
+class Contest(NamedTuple):
+    """Evidence of `truth` against `rival`, were it true: on the log at hand (None: no log) and of the experiment."""
+
+    truth: str
+    rival: str
+    before: float | None = None
+    after: float = math.nan
 
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
     """What to do next on the rig, and what it will be worth.
 
-    kind         "steps", "bang-bang", "chirp", "multisine", "free swing" or, for several of them, "mixed"; "payload",
-                 "driver off"; "none": nothing that is played helps, or nothing tells more than the log at hand
-    description  one sentence
-    separates    the effects or the parameters that it tells apart
-    measure      "evidence": expected decrease of -2 log likelihood, right effect against the best rival (16 decide);
-                 "interval": half width of the widest 95 % interval, that of parameter `widest`;
-                 "cost": what the errors of the parameters are expected to cost
-    before       that number on the log at hand (None: no log was given, or it was infinite)
-    after        the same expected of a log of this experiment alone, beside the random torque that the log at hand
-                 shows (None: not known, or there is nothing to play); of a cost, of both logs together
-    u (n, N)     [N m] torque of each rollout, held over dt [s]
-    theta, theta_dot (n, N+1)  [rad], [rad/s] the predicted motion; a rollout starts at rest at theta[:, 0]
-    reach        [rad] its farthest way from rest, speed [rad/s] its fastest
-    contests     the evidence pair by pair; before and after are the least of it
-    unit         of theta: m for a linear axis
-    payload      (mass [kg], distance from the axis [m]) that hangs on the joint in the second half of the rollouts
-    information (P, P)  what it tells of the free parameters, in inverse squares of their units (of an interval, a cost)
+    Attributes
+    ----------
+    kind : str
+        "steps", "bang-bang", "chirp", "multisine", "free swing" or, for several of them, "mixed"; "payload", "driver
+        off"; "none": nothing that is played helps, or nothing tells more than the log at hand.
+    description : str
+        One sentence.
+    separates : tuple of str
+        The effects or the parameters that it tells apart.
+    measure : str
+        "evidence": the expected decrease of -2 log likelihood, right effect against the best rival (16 decide);
+        "interval": the half width of the widest 95 % interval, that of parameter `widest`; "cost": what the errors of
+        the parameters are expected to cost.
+    before : float or None
+        That number on the log at hand; None where no log was given, or it was infinite.
+    after : float or None
+        The same expected of a log of this experiment alone, beside the random torque that the log at hand shows; of a
+        cost, of both logs together. None where it is not known, or there is nothing to play.
+    u : array (n, N)
+        The torque of each rollout [N m], held over `dt` [s].
+    theta, theta_dot : array (n, N+1)
+        The predicted motion [rad], [rad/s]; a rollout starts at rest at theta[:, 0].
+    reach : float
+        Its farthest way from rest [rad].
+    payload : tuple of float or None
+        The mass [kg] and the distance from the axis [m] of what hangs on the joint in the second half of the rollouts.
+    contests : tuple of Contest
+        The evidence pair by pair; before and after are the least of it.
+    unit : str
+        Of theta: "m" for a linear axis.
+    information : array (P, P)
+        What it tells of the free parameters, in inverse squares of their units (of an interval, a cost).
     """
 
     kind: str
@@ -69,7 +90,7 @@ class Experiment:
     reach: float = 0.0
     widest: str | None = None
     payload: tuple[float, float] | None = None
-    contests: tuple[Discrimination, ...] = ()
+    contests: tuple[Contest, ...] = ()
     unit: str = "rad"
     information: Array = field(default_factory=lambda: np.zeros((0, 0)))
 

@@ -23,17 +23,29 @@ _FREE_SWINGS = 8
 class Limits:
     """What a rig may be asked to do.
 
-    u_max          [N m]    largest torque
-    duration       [s]      length of a rollout
-    rollouts                how many rollouts to play
-    dt             [s]      sampling interval (None: the model's)
-    start          [rad]    farthest from rest that a rollout may be released at (0: no free swings)
-    theta_max      [rad]    farthest that the predicted motion may go from rest (None: anywhere)
-    theta_dot_max  [rad/s]  largest predicted speed (None: any)
-    u_rms          [N m]    largest rms torque of a rollout: what a motor stands for long (None: any)
-    payload                 (mass [kg], distance from the axis [m]) of a known weight that can be hung on (None: any)
+    Attributes
+    ----------
+    u_max : float
+        The largest torque [N m].
+    duration : float
+        The length of a rollout [s].
+    rollouts : int
+        How many rollouts to play.
+    dt : float or None
+        The sample interval [s]; by default the model's.
+    start : float
+        Farthest from rest that a rollout may be released at [rad]; at 0 there are no free swings.
+    theta_max, theta_dot_max : float or None
+        Farthest from rest that the predicted motion may go [rad], and its largest speed [rad/s]; None: any.
+    u_rms : float or None
+        The largest rms torque of a rollout [N m], which a motor stands for long; None: any.
+    payload : tuple of float or None
+        The mass [kg] and the distance from the axis [m] of a known weight that can be hung on; None: any.
 
-    Raises InvalidInput for numbers that are not positive.
+    Raises
+    ------
+    InvalidInput
+        For numbers that are not positive.
     """
 
     u_max: float

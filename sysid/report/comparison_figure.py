@@ -8,7 +8,8 @@ window      one of the worst windows           comparison  all of it on one page
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import matplotlib
@@ -20,7 +21,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 
 from sysid.diagnosis.findings import chance, quantity
 from sysid.physics.ops import Array
-from sysid.report.formatting import typeset_multiple
+from sysid.report.typesetting import typeset_multiple
 
 if TYPE_CHECKING:
     from sysid.diagnosis.compare import Comparison
@@ -44,15 +45,18 @@ STYLE: Any = {
 }
 # Okabe and Ito's colours, which all eyes tell apart
 BLUE, ORANGE, GREEN, YELLOW, GREY = "#0072B2", "#D55E00", "#009E73", "#E69F00", "0.55"
-COLOUR = {"theta": BLUE, "theta_dot": ORANGE}
-MARK = {"theta": "o", "theta_dot": "s"}
+LOOK: Any = {"theta": {"color": BLUE, "marker": "o"}, "theta_dot": {"color": ORANGE, "marker": "s"}}
 SYMBOL = {"rad": {"theta": r"$\theta$", "theta_dot": r"$\dot\theta$"}, "m": {"theta": "$x$", "theta_dot": r"$\dot x$"}}
 SIGMA_99 = 2.5758
 RASTERIZED_FROM = 1500
 """Points from which a picture in pixels is smaller than one of lines."""
 
 
-# compare ---------------------------------------------------------------------------------------------------------
+@contextmanager
+def styled(width: float, height: float) -> Iterator[Figure]:
+    """A figure of that size [in], in the style of all."""
+    with matplotlib.rc_context(STYLE):
+        yield Figure(figsize=(width, height), layout="constrained")
 
 
 def label(name: str, units: Mapping[str, str]) -> str:
@@ -80,11 +84,9 @@ def plot_comparison(answer: Comparison) -> Figure:
         Errors by horizon, the torque beyond the model over everything, whiteness, and the worst windows.
     """
     channels, torque = list(answer.one_second.ratios), answer.torque
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(14.0, 8.1 + 2.1 * len(channels)), layout="constrained")
-        figure.suptitle(
-            "\n".join(textwrap.wrap(answer.sentence, 150)).replace("$", r"\$"), x=0.01, ha="left", fontsize=11.0
-        )
+    with styled(14.0, 8.1 + 2.1 * len(channels)) as figure:
+        title = textwrap.fill(answer.sentence, 150).replace("$", r"\$")
+        figure.suptitle(title, x=0.01, ha="left", fontsize=11.0)
         parts: Any = figure.subfigures(3, 1, height_ratios=[3.1, 2.6, 1.5 + 2.1 * len(channels)])
         top, middle, bottom = parts
         first = top.subplots(1, 1 if torque is None else 3, squeeze=False)[0]
@@ -106,7 +108,7 @@ def errors(answer: Comparison, axes: Axes) -> None:
     """The error over windows of every length, in units of the sensor noise."""
     for channel in answer.one_second.ratios:
         ratio = [e.ratios[channel] for e in answer.errors.values()]
-        axes.plot(ratio, marker=MARK[channel], color=COLOUR[channel], label=quantity(channel, answer.units))
+        axes.plot(ratio, label=quantity(channel, answer.units), **LOOK[channel])
     axes.set_xticks(range(len(answer.errors)), list(answer.errors))
     axes.axhline(1.0, color=GREEN, linewidth=1.5, zorder=0, label="the noise: a perfect model")
     noise_scale(axes)
@@ -215,14 +217,8 @@ def autocorrelation_panel(answer: Comparison, axes: Axes) -> None:
     for k, (channel, found) in enumerate(answer.whiteness.items()):
         if k == 0:
             axes.fill_between(found.lags, -found.band, found.band, color="0.88", linewidth=0.0, label="99 % band")
-        axes.plot(
-            found.lags,
-            found.correlation,
-            marker=MARK[channel],
-            markersize=3.5,
-            color=COLOUR[channel],
-            label=f"{SYMBOL[answer.units['theta']][channel]}  {chance(found.p_value)}",
-        )
+        said = f"{SYMBOL[answer.units['theta']][channel]}  {chance(found.p_value)}"
+        axes.plot(found.lags, found.correlation, markersize=3.5, label=said, **LOOK[channel])
     half = 3.0 * max((float(np.max(found.band)) for found in answer.whiteness.values()), default=0.1)
     low, high = axes.get_ylim()
     axes.set_ylim(min(low, -half), max(high, half))
@@ -240,7 +236,7 @@ def window_panels(found: Prediction, channels: Sequence[str], panels: Sequence[A
             axes.set_axis_off()
             continue
         axes.plot(found.t, found.readings[channel], ".", color="0.45", markersize=4.0, label="readings")
-        axes.plot(found.t, found.model[channel], color=COLOUR[channel], linewidth=1.6, label="model")
+        axes.plot(found.t, found.model[channel], color=LOOK[channel]["color"], linewidth=1.6, label="model")
         axes.set_ylabel(label(channel, found.units))
     command(found, panels[-1])
     panels[0].set_title(f"{short(found.record)}: {typeset_multiple(found.ratio)} x the noise", fontweight="normal")
@@ -254,7 +250,7 @@ def command(found: Prediction, axes: Axes) -> None:
     axes.set_ylabel(f"{name} [{found.command_unit}]")
 
 
-# parts -----------------------------------------------------------------------------------------------------------
+# ---- parts -----------------------------------------------------------------------------------------------------------
 
 
 def legend_above(axes: Axes) -> None:

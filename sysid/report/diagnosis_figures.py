@@ -13,7 +13,6 @@ import textwrap
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -33,7 +32,6 @@ from sysid.report.comparison_figure import (
     ORANGE,
     RASTERIZED_FROM,
     SIGMA_99,
-    STYLE,
     YELLOW,
     banded,
     beyond,
@@ -41,8 +39,9 @@ from sysid.report.comparison_figure import (
     legend_above,
     noise_scale,
     short,
+    styled,
 )
-from sysid.report.formatting import typeset_multiple
+from sysid.report.typesetting import typeset_multiple
 
 WIDE, NARROW = 5.0, 4.2
 """Widths [in]: of a column, and of half of one."""
@@ -51,8 +50,7 @@ BEHIND = {"facecolor": "white", "alpha": 0.6, "edgecolor": "none", "pad": 0.5}
 
 def drawn(width: float, height: float, draw: Callable[[Axes], None]) -> Figure:
     """A figure of one panel, in the style of all."""
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(width, height), layout="constrained")
+    with styled(width, height) as figure:
         draw(figure.add_subplot())
     return figure
 
@@ -145,8 +143,7 @@ def rollout_figure(
 ) -> Figure:
     """Readings against models, under each channel what they leave, with the noise, and below all the command."""
     channels = list(paths[0].readings)
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(WIDE, 1.6 + 2.75 * len(channels)), layout="constrained")
+    with styled(WIDE, 1.6 + 2.75 * len(channels)) as figure:
         heights = [*([1.75, 1.0] * len(channels)), 1.0]
         panels = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
         for channel, above, below in zip(channels, panels[::2], panels[1::2], strict=False):
@@ -203,8 +200,7 @@ def shade(axes: Axes, contacts: Sequence[Contact], record: str) -> None:
 def window_figure(found: Prediction) -> Figure:
     """One window of a comparison."""
     channels = list(found.readings)
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(3.2, 1.9 + 1.5 * len(channels)), layout="constrained")
+    with styled(3.2, 1.9 + 1.5 * len(channels)) as figure:
         panels = figure.subplots(len(channels) + 1, 1, sharex=True, squeeze=False)[:, 0]
         comparison_figure.window_panels(found, channels, list(panels))
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
@@ -228,8 +224,7 @@ def course(
 ) -> Figure:
     """d over time, a row for each rollout (or 10 s of a long one); where they are more than `most`, the largest."""
     rows = _stretches(found if found.present or before is None else before, most)
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(WIDE, max(2.0, 0.75 + 0.72 * len(rows))), layout="constrained")
+    with styled(WIDE, max(2.0, 0.75 + 0.72 * len(rows))) as figure:
         panels = figure.subplots(len(rows), 1, sharey=True, squeeze=False)[:, 0]
         longest = max(s.last - s.first for s in rows)
         size = max(_size(found, rows), 0.0 if before is None else _size(before, rows))
@@ -282,8 +277,7 @@ def torque_over_quantity(
 
 def maps(found: Sequence[ResidualTorque], titles: Sequence[str]) -> Figure:
     """The mean residual torque over angle and speed, all on one scale; a dot: beyond what noise explains."""
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(WIDE if len(found) > 1 else NARROW, 3.0), layout="constrained")
+    with styled(WIDE if len(found) > 1 else NARROW, 3.0) as figure:
         panels = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
         comparison_figure.state_maps(found, list(panels), titles)
     return figure

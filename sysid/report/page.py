@@ -11,12 +11,12 @@ from typing import NamedTuple
 import matplotlib
 from matplotlib.figure import Figure
 
-from sysid.data.record import Record
+from sysid.data.record import Record, amount_of
 from sysid.data.sensor import Sensor
 from sysid.diagnosis.findings import quantity
 from sysid.estimation.held_out import HeldOutError
 from sysid.estimation.output_error import CHANNELS
-from sysid.report.formatting import ARROW, TIMES, listed, typeset, typeset_multiple
+from sysid.report.typesetting import ARROW, TIMES, listed, typeset, typeset_multiple
 from sysid.version import version
 
 
@@ -106,10 +106,9 @@ def report_settings(
     sensor: Sensor, records: Sequence[Record], units: Mapping[str, str], notes: Sequence[str]
 ) -> dict[str, str]:
     """The version, the log and the noise in these units."""
-    dt, n, many = records[0].dt, sum(len(r) for r in records), "s" * (len(records) != 1)
     noise = [f"{quantity(c, units)} {sd:.3g} {units[c]}" for c in CHANNELS if (sd := getattr(sensor, c)) is not None]
     return {
-        "log": f"{len(records)} rollout{many}, {n:,} samples ({n * dt:.4g} s) at {1.0 / dt:.4g} Hz",
+        "log": amount_of(records),
         "rollouts": listed([r.name for r in records]),
         **({"on reading": "; ".join(notes)} if notes else {}),
         "sensor noise": ", ".join(noise),

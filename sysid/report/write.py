@@ -20,7 +20,7 @@ from sysid.diagnosis.findings import chance, quantity, spaced_unit
 from sysid.errors import InvalidInput
 from sysid.physics.effects import CATALOGUE
 from sysid.physics.model import Model
-from sysid.report import comparison_figure, formatting
+from sysid.report import comparison_figure, typesetting
 from sysid.report import diagnosis_figures as figures
 from sysid.report.page import Page, Picture, Section, Table, horizon_table, physical, picture, report_settings
 
@@ -75,7 +75,7 @@ def _(answer: Diagnosis) -> Page:
         title=f"sysid: {answer.verdict}",
         badge=answer.verdict,
         sentence=answer.finding,
-        numbers=tuple(formatting.typeset_multiple(e.ratio) for e in errors),
+        numbers=tuple(typesetting.typeset_multiple(e.ratio) for e in errors),
         under="times the sensor noise, on data that no fit has seen; 1.0 is a perfect model: " + physical(errors),
         sections=[s for name in order if (s := sections[name]).pictures or s.sentences],
         tables=[
@@ -91,7 +91,7 @@ def _(answer: Diagnosis) -> Page:
         },
         settings=report_settings(answer.sensor, answer.records, answer.model.plant.quantities, answer.notes)
         | {
-            "held out": formatting.listed(answer.held_out),
+            "held out": typesetting.listed(answer.held_out),
             "model": _described(answer.model),
             "fitted": f"{answer.estimate.n_readings:,} readings",
             "diagnosed in": f"{answer.seconds:.1f} s",
@@ -207,20 +207,20 @@ def _parameters(answer: Diagnosis, mended: bool) -> Table:
     parameters, sd, interval = answer.model.parameters, answer.estimate.sd, answer.estimate.interval()
     rows = []
     for name, value in answer.estimate.values.items():
-        low, high = (formatting.rounded(end, sd[name]) for end in interval[name])
+        low, high = (typesetting.rounded(end, sd[name]) for end in interval[name])
         came = f"{answer.base.values[name]:.4g}" if name in answer.base.values else ""
         rows.append(
             [
                 name,
-                formatting.measured(value, sd[name]),
+                typesetting.measured(value, sd[name]),
                 f"{low} to {high}" if math.isfinite(sd[name]) else "",
                 spaced_unit(parameters[name].unit).strip(),
-                *([formatting.typeset(came)] if mended else []),
+                *([typesetting.typeset(came)] if mended else []),
                 "at its bound" if name in answer.estimate.at_bound else "",
             ]
         )
     came_heads = ("as it came, refitted",) if mended else ()
-    heads = ("parameter", f"value {formatting.PLUS_MINUS} sd", "95 % interval", "unit", *came_heads, "")
+    heads = ("parameter", f"value {typesetting.PLUS_MINUS} sd", "95 % interval", "unit", *came_heads, "")
     return Table("The mended model" if mended else "The model", heads, rows, words=(0, 3, len(heads) - 1))
 
 
@@ -235,17 +235,17 @@ def _step(step: Step, of_log: bool) -> list[str]:
     kind = CATALOGUE.get(step.effect)
     return [
         f"{step.effect} (how the log stamps torques)" if of_log else step.effect,
-        formatting.typeset_multiple(step.error_before),
-        formatting.typeset_multiple(step.error_after),
+        typesetting.typeset_multiple(step.error_before),
+        typesetting.typeset_multiple(step.error_after),
         chance(step.p_value),
         ", ".join(step.alike[1:]),
-        kind.formula.replace("-", formatting.MINUS) if kind is not None else "",
+        kind.formula.replace("-", typesetting.MINUS) if kind is not None else "",
     ]
 
 
 def _ruled_out(answer: Diagnosis) -> Iterator[Table]:
     rows = [
-        [name, formatting.typeset(f"{size['size']:.2g}"), spaced_unit(size["unit"]).strip(), size["parameter"]]
+        [name, typesetting.typeset(f"{size['size']:.2g}"), spaced_unit(size["unit"]).strip(), size["parameter"]]
         for name, size in sorted(answer.ruled_out.items())
         if math.isfinite(size["size"])
     ]
@@ -263,7 +263,7 @@ def _(answer: Comparison) -> Page:
         title="sysid: how far off, and where",
         badge="adequate" if answer.adequate else "off",
         sentence=answer.sentence,
-        numbers=(formatting.typeset_multiple(answer.ratio),),
+        numbers=(typesetting.typeset_multiple(answer.ratio),),
         under="times the sensor noise over windows of 1 s; 1.0 is a perfect model: " + physical((answer.one_second,)),
         sections=tuple(_compared(answer)),
         tables=[horizon_table((answer.errors,))],

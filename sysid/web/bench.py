@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from dash import Patch, html
 
-from sysid.cli.options import LogOptions, ModelOptions
+from sysid.cli.command_options import LogOptions, ModelOptions
 from sysid.data.files import check_input
 from sysid.data.record import write_csv
 from sysid.errors import InvalidInput

@@ -14,7 +14,7 @@ from plotly.subplots import make_subplots
 
 from sysid.diagnosis.findings import quantity
 from sysid.physics.ops import Array
-from sysid.report.formatting import typeset_multiple
+from sysid.report.typesetting import typeset_multiple
 
 MOST = 5_000
 """Points of a series that a page is sent."""

@@ -8,7 +8,7 @@ from typing import Any
 from dash import dcc, html
 
 from sysid.diagnosis.findings import quantity, spaced_unit
-from sysid.report.formatting import typeset_multiple
+from sysid.report.typesetting import typeset_multiple
 from sysid.web import figures
 from sysid.web.own_effect import FUNCTIONS, VARIABLES, OwnEffect
 from sysid.web.samples import SAMPLES_BY_NAME

@@ -13,8 +13,8 @@ import flask
 from dash import Dash
 from werkzeug.serving import BaseWSGIServer, make_server
 
+from sysid.cli.command_options import WorkbenchCommand as Command
 from sysid.cli.log_settings import with_settings
-from sysid.cli.options import WorkbenchCommand as Command
 from sysid.data.user_effects import load_effects
 from sysid.errors import InvalidInput
 from sysid.web import figures, layout

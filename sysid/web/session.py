@@ -17,7 +17,7 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-from sysid.cli.options import LogOptions, ModelOptions
+from sysid.cli.command_options import LogOptions, ModelOptions
 from sysid.data.files import write_whole
 from sysid.data.json_file import read_json
 from sysid.errors import InvalidInput

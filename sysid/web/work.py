@@ -23,8 +23,8 @@ from typing import Any
 
 import numpy as np
 
+from sysid.cli.command_options import FitCommand, ModelOptions
 from sysid.cli.commands import LogAndModel
-from sysid.cli.options import FitCommand, ModelOptions
 from sysid.data.files import write_whole
 from sysid.data.record import Record
 from sysid.data.user_effects import blamed, load_effects
@@ -45,8 +45,8 @@ from sysid.export.mjcf import to_mjcf
 from sysid.export.urdf import to_urdf
 from sysid.physics.effects import CATALOGUE
 from sysid.physics.model import Model
-from sysid.planning.experiment import limits_of, next_experiment
-from sysid.report.formatting import measured
+from sysid.planning.next_experiment import limits_of, next_experiment
+from sysid.report.typesetting import measured
 from sysid.web.own_effect import OwnEffect
 from sysid.web.script import begun_with
 from sysid.web.session import (

@@ -29,7 +29,7 @@ from sysid import (
     fit,
 )
 from sysid.physics.plants import Plant
-from sysid.planning.experiment import next_experiment
+from sysid.planning.next_experiment import next_experiment
 from sysid.planning.planned_experiment import Experiment
 from sysid.planning.signals import Limits
 from tests.sysid.written import rollouts as measured

@@ -12,7 +12,7 @@ import pytest
 
 import sysid
 from sysid.__main__ import main
-from sysid.cli.options import COMMANDS
+from sysid.cli.command_options import COMMANDS
 from sysid.planning.excitation import multisine
 
 ROOT = Path(__file__).parents[2]
@@ -261,7 +261,9 @@ def test_help_answers_at_once(command):
         done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True)
         after = os.times()  # of the processor: a busy machine is no fault of ours
         spent.append(after.children_user + after.children_system - before.children_user - before.children_system)
-    assert done.stdout.startswith("usage: sysid")
+        if spent[-1] < 0.5:
+            break
+    assert done.stdout.startswith("usage: sysid") and "None" not in done.stdout
     assert min(spent) < 0.5
 
 
@@ -380,7 +382,17 @@ def test_options_that_cannot_be(words, message, hidden, tmp_path, monkeypatch, c
     assert not list(tmp_path.glob("*.json"))
 
 
-@pytest.mark.parametrize("words", [["fit", "--zero", "down"], ["fit", "--hold"], ["diagnoze"], []])
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["fit", "--zero", "down"],
+        ["fit", "--zero", "None"],
+        ["fit", "--dt", "None"],
+        ["fit", "--hold"],
+        ["diagnoze"],
+        [],
+    ],
+)
 def test_words_that_are_no_command(words, capsys):
     with pytest.raises(SystemExit) as left:
         main(words)

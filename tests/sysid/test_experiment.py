@@ -36,7 +36,7 @@ from sysid.estimation.refits import extended
 from sysid.estimation.scores import scores
 from sysid.physics.effects import CATALOGUE, Effect
 from sysid.planning.design import KNOWN, NONE, Conditions, Hypothesis, Pool, predict
-from sysid.planning.experiment import limits_of, next_experiment
+from sysid.planning.next_experiment import limits_of, next_experiment
 from sysid.planning.non_torque_experiments import Payload, non_torque_experiment
 from sysid.planning.planned_experiment import Experiment
 from sysid.planning.signals import KINDS, Limits, Signal, random_signals

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from sysid import InvalidInput
+from sysid.cli.command_options import LogOptions, ModelOptions
 from sysid.cli.log_settings import settings_in, with_settings
-from sysid.cli.options import LogOptions, ModelOptions
 
 FULL = """
 columns = {t = "sec", theta = "deg"}

@@ -3,13 +3,13 @@
 import math
 import re
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from sysid import (
+    GeneralJoint,
     InvalidInput,
     LinearAxis,
     Record,
@@ -17,7 +17,7 @@ from sysid import (
 )
 from sysid.data.checks import check_excitation
 from sysid.data.logs import needed_rate, read
-from sysid.data.splitting import in_blocks, split
+from sysid.data.splitting import split
 from tests.sysid.written import MODEL, SENSOR, rollouts, same, table, write
 
 REAL = Path(__file__).parents[3] / "shared" / "data" / "logs"
@@ -320,6 +320,13 @@ def test_an_axis_is_not_asked_about_angles(tmp_path):
     assert read(path, plant=LinearAxis()).notes == ("the force never changes (0.4 N)",)
 
 
+def test_a_joint_that_no_gravity_pulls_is_not_asked_where_it_hangs(tmp_path):
+    columns = table(rollouts()[0])
+    path = write(tmp_path / "log.csv", columns | {"theta": columns["theta"] - math.pi})
+    assert any("mean hanging" in note for note in read(path, plant=GeneralJoint()).notes)
+    assert read(path, plant=GeneralJoint(G=0.0)).notes == ()
+
+
 def test_a_pendulum_at_rest_excites_nothing():
     rng = np.random.default_rng(0)
     t, n = 0.02 * np.arange(301), 301
@@ -385,14 +392,6 @@ def test_what_is_held_out_of_one_rollout_is_spread_over_it():
     (longer,) = rollouts(1, 60.0)
     held = [0.5 * (r.t[0] + r.t[-1]) for r in split([longer])[1]]
     np.testing.assert_allclose(held, [10.0, 30.0, 50.0], atol=0.1)
-
-
-def test_blocks_cover_a_record_and_share_one_instant():
-    (record,) = rollouts(1, 10.0)
-    blocks = in_blocks([record], 3.0)
-    assert len(blocks) == 3 and np.array_equal(np.concatenate([b.u for b in blocks]), record.u)
-    for before, after in pairwise(blocks):
-        assert before.t[-1] == after.t[0] and before.theta[-1] == after.theta[0]
 
 
 @pytest.mark.parametrize(

@@ -25,9 +25,9 @@ from sysid import (
     Viscous,
     simulate,
 )
+from sysid.data.digitisation import quantisation_step
 from sysid.data.logs import read
 from sysid.data.noise import sensor_noise
-from sysid.data.quantisation import quantisation_step
 from sysid.planning.excitation import multisine, steps
 from tests.sysid.signals import uniform_noise
 

@@ -8,13 +8,26 @@ import importlib.resources
 import math
 import re
 from dataclasses import replace
+from functools import cache
 from html.parser import HTMLParser
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
-from sysid import Coulomb, InvalidInput, LinearAxis, Model, Record, RodPendulum, Sensor, compare, fit, simulate
+from sysid import (
+    Comparison,
+    Coulomb,
+    InvalidInput,
+    LinearAxis,
+    Model,
+    Record,
+    RodPendulum,
+    Sensor,
+    compare,
+    fit,
+    simulate,
+)
 from sysid.data.splitting import split
 from sysid.diagnosis.answer import Diagnosis, Remaining, Step
 from sysid.diagnosis.predictions import typical
@@ -23,7 +36,7 @@ from sysid.estimation.held_out import held_out_error
 from sysid.planning.excitation import steps
 from sysid.planning.planned_experiment import Experiment
 from sysid.report import diagnosis_figures as figures
-from sysid.report import formatting as set_as
+from sysid.report import typesetting as set_as
 from sysid.report.write import page_of, write_report
 from tests.sysid.planted import VERDICTS
 
@@ -39,11 +52,22 @@ def logs(model: Model = STICKY, n: int = 4, seconds: float = 3.0, sensor: Sensor
     return sensor.measure(simulate(model, u, math.pi + rng.uniform(-0.8, 0.8, n), np.zeros(n)), rng)
 
 
+@cache
+def fitted(records: tuple[Record, ...], sensor: Sensor) -> tuple:
+    """What is held out, and without and with friction the fit and its error there."""
+    training, held_out = split(records)
+    fits = [fit(m, training, sensor, [n for n in m.parameters if n != "g"]) for m in (ROD, STICKY)]
+    return held_out, *((own, held_out_error(own.model, held_out, sensor)) for own in fits)
+
+
+@cache
+def compared(record: Record) -> Comparison:
+    return compare(ROD, (record,), SENSOR)
+
+
 def diagnosis(records: list[Record], verdict: str = "missing", sensor: Sensor = SENSOR) -> Diagnosis:
     """What `diagnose` would say, in less time than it takes: dry friction or, where it is hidden from it, nothing."""
-    training, held_out = split(records)
-    base, end = (fit(m, training, sensor, [n for n in m.parameters if n != "g"]) for m in (ROD, STICKY))
-    before, after = (held_out_error(e.model, held_out, sensor) for e in (base, end))
+    held_out, (base, before), (end, after) = fitted(tuple(records), sensor)
     alike = ("coulomb", "stribeck") if verdict == "cannot tell" else ("coulomb",)
     tau_c = {"coulomb.tau_c": {"value": end.values["coulomb.tau_c"], "sd": end.sd["coulomb.tau_c"], "unit": "N m"}}
     step = Step("coulomb", alike, alike[1:], tau_c, before.ratio, after.ratio, 1e-20, end)
@@ -80,7 +104,7 @@ def records() -> list[Record]:
 def pages(records, tmp_path_factory) -> dict[str, str]:
     """A page for every verdict, and one of a comparison alone."""
     folder, found = tmp_path_factory.mktemp("report"), {}
-    answers = {v: diagnosis(records, v) for v in VERDICTS} | {"comparison": compare(ROD, records[-1:], SENSOR)}
+    answers = {v: diagnosis(records, v) for v in VERDICTS} | {"comparison": compared(records[-1])}
     for name, answer in answers.items():
         write_report(answer, folder / f"{name}.html")
         found[name] = (folder / f"{name}.html").read_text(encoding="utf-8")
@@ -160,7 +184,7 @@ def test_what_is_unknown_is_shown_before_all_else(pages):
 
 
 def test_a_comparison_has_a_page_of_its_own(records, pages):
-    answer, said = compare(ROD, records[-1:], SENSOR), text(pages["comparison"])
+    answer, said = compared(records[-1]), text(pages["comparison"])
     assert answer.sentence in said
     for error in answer.errors.values():
         assert set_as.typeset_multiple(error.ratios["theta"]) in said
@@ -179,7 +203,7 @@ def test_the_page_of_an_axis_is_in_metres_and_newtons(tmp_path):
 
 
 def test_it_says_what_asked_for_it_and_which_way_is_positive(records, pages, tmp_path):
-    write_report(compare(ROD, records[-1:], SENSOR), tmp_path / "page.html", "python -m sysid compare <log>.csv")
+    write_report(compared(records[-1]), tmp_path / "page.html", "python -m sysid compare <log>.csv")
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "command python -m sysid compare <log>.csv" in text(page) and "<log>" not in page
     assert "command" not in text(pages["comparison"]).split("How it was made")[1]
@@ -189,7 +213,7 @@ def test_it_says_what_asked_for_it_and_which_way_is_positive(records, pages, tmp
 def test_names_are_text_and_neither_markup_nor_formula(tmp_path):
     name = r'<script>alert("1")</script> $\frac$ & a very long name of a rollout that fills no panel'
     records = [replace(r, name=f"{name} {i}") for i, r in enumerate(logs(n=4, seconds=2.0))]
-    for answer in (diagnosis(records), compare(ROD, records[:1], SENSOR)):
+    for answer in (diagnosis(records), compared(records[0])):
         write_report(answer, tmp_path / "report.html")
         page = (tmp_path / "report.html").read_text(encoding="utf-8")
         assert "<script" not in page
@@ -236,7 +260,7 @@ def test_numbers_that_are_not_determined_are_said_to_be(records):
 
 
 def test_a_page_that_cannot_be_written_is_said_to_be(records, tmp_path):
-    answer = compare(ROD, records[-1:], SENSOR)
+    answer = compared(records[-1])
     with pytest.raises(InvalidInput, match="cannot write"):
         write_report(answer, tmp_path / "nowhere" / "report.html")
     with pytest.raises(InvalidInput, match="expected a Diagnosis or a Comparison"):

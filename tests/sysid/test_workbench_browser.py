@@ -16,7 +16,7 @@ import pytest
 pytest.importorskip("dash", reason="the workbench needs the extra web")
 playwright = pytest.importorskip("playwright.sync_api", reason="a browser is driven by playwright, of the extra dev")
 
-from sysid.cli.options import LogOptions, ModelOptions  # noqa: E402 - dash may not be installed
+from sysid.cli.command_options import LogOptions, ModelOptions  # noqa: E402 - dash may not be installed
 from sysid.data.record import write_csv  # noqa: E402
 from sysid.web import samples  # noqa: E402
 from sysid.web.server import make  # noqa: E402

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sysid import Record, sensor_noise
-from sysid.data.feedback import follows_readings
+from sysid.data.computed_columns import follows_readings
 from sysid.planning.excitation import multisine, steps
 
 NOISE = (0.001, 0.05)

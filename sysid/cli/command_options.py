@@ -9,11 +9,18 @@ from typing import Annotated, Any, Literal
 
 from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction, arg
 
-Files = Annotated[Positional[tuple[Path, ...]], arg(metavar="LOG", help_behavior_hint="")]
-File = Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="")]
-Number = Annotated[float | None, arg(metavar="S", help_behavior_hint="")]
-AS_LOG = "(default: the log's)"
-Switch = FlagCreatePairsOff[Annotated[bool, arg(help_behavior_hint="")]]
+
+def shown(metavar: str | None = None, default: str = "", name: str | None = None) -> Any:
+    """How help shows an option: what stands for its value, what is taken where it is left out, and its name."""
+    return arg(metavar=metavar, help_behavior_hint=default and f"(default: {default})", name=name)
+
+
+Files = Annotated[Positional[tuple[Path, ...]], shown("LOG")]
+File = Annotated[Path | None, shown("FILE")]
+Output = Annotated[File, arg(aliases=["-o"])]
+Number = Annotated[float | None, shown("S")]
+Switch = FlagCreatePairsOff[Annotated[bool, shown()]]
+AS_LOG = "the log's"
 
 
 @dataclass(frozen=True)
@@ -25,13 +32,10 @@ class LogOptions:
     swing), rollout (where a file has several); of a linear axis [m], [m/s], [N]; ROS 2 bags and MCAP. Several files are
     several rollouts."""
 
-    columns: Annotated[str, arg(metavar="t=NAME,...", help_behavior_hint="")] = ""
+    columns: Annotated[str, shown("t=NAME,...")] = ""
     """The file's own names of columns, as in t=time_s,theta=angle_rad,torque=i_meas; "theta_dot=" leaves one out."""
 
-    zero: Annotated[
-        Literal["upright", "hanging"] | None,
-        arg(metavar="{upright,hanging}", help_behavior_hint="(default: upright)"),
-    ] = None
+    zero: Annotated[Literal["upright", "hanging"] | None, shown(default="upright")] = None
     """Where the log's angle is 0."""
 
     flip_torque: Switch = False
@@ -46,29 +50,26 @@ class LogOptions:
     end: Annotated[Number, arg(name="to")] = None
     """Leave out what comes after this time [s] of the log."""
 
-    input: Annotated[
-        Literal["torque", "current", "voltage", "position"] | None,
-        arg(metavar="{torque,current,voltage,position}", help_behavior_hint="(default: torque)"),
-    ] = None
+    input: Annotated[Literal["torque", "current", "voltage", "position"] | None, shown(default="torque")] = None
     """What column torque holds: a torque; a current [A]; a voltage [V] or a duty cycle; or the position that a servo
     was told, in the units of the angle."""
 
     dt: Number = None
     """Sample interval [s] to resample to; by default the log's own."""
 
-    time_unit: Annotated[Literal["s", "ms", "us"] | None, arg(metavar="{s,ms,us}", help_behavior_hint="")] = None
+    time_unit: Annotated[Literal["s", "ms", "us"] | None, shown()] = None
     """What the log's time counts; by default what the name of the column or the speed shows."""
 
-    joint: Annotated[str, arg(metavar="NAME", help_behavior_hint="")] = ""
+    joint: Annotated[str, shown("NAME")] = ""
     """The joint of a ROS 2 bag or an MCAP file, where it has several (sensor_msgs/JointState; effort is the torque)."""
 
-    noise: Annotated[str, arg(metavar="theta=SD,theta_dot=SD", help_behavior_hint="")] = ""
+    noise: Annotated[str, shown("theta=SD,theta_dot=SD")] = ""
     """Noise of the sensors [rad], [rad/s] (of an axis [m], [m/s]); by default it is found without any model."""
 
-    hold_out: Annotated[float | None, arg(metavar="SHARE", help_behavior_hint="")] = None
+    hold_out: Annotated[float | None, shown("SHARE")] = None
     """What no fit sees: a share of the log, or a number of rollouts; by default the last quarter."""
 
-    settings: Annotated[Path | None, arg(name="log", metavar="FILE.toml", help_behavior_hint="")] = None
+    settings: Annotated[Path | None, shown("FILE.toml", name="log")] = None
     """A file with these options (columns, zero, from, ...) and plant as keys; what is given here overrides it. By
     default log.toml in the log's folder, where there is one ("none": none)."""
 
@@ -80,23 +81,18 @@ class ModelOptions:
     model: File = None
     """A model.json; by default the plain plant."""
 
-    plant: Annotated[
-        Literal["rod", "point", "joint", "axis"] | None,
-        arg(metavar="{rod,point,joint,axis}", help_behavior_hint="(default: rod)"),
-    ] = None
+    plant: Annotated[Literal["rod", "point", "joint", "axis"] | None, shown(default="rod")] = None
     """rod: a uniform rod of m, l. point: a point mass m at l. joint: inertia J and gravity torque G. axis: a linear
     drive of mass m that a force moves, in m and N."""
 
     set: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="NAME=NUMBER", help_behavior_hint="(repeatable)")] = ()
     """Fix what is known, as in l=0.45; of an effect that is not in the model yet: --with."""
 
-    effects_from_start: Annotated[str, arg(name="with", metavar="EFFECT,EFFECT.NAME=NUMBER", help_behavior_hint="")] = (
-        ""
-    )
+    effects_from_start: Annotated[str, shown("EFFECT,EFFECT.NAME=NUMBER", name="with")] = ""
     """Effects in the model from the start, as in coulomb,viscous.b=0.1: a number fixes that parameter, without one it
     is fitted (`sysid effects` lists them)."""
 
-    gravity: Annotated[float | None, arg(metavar="G", help_behavior_hint="(default: 9.81)")] = None
+    gravity: Annotated[float | None, shown("G", "9.81")] = None
     """Gravity [m/s^2]."""
 
     effects: File = None
@@ -104,12 +100,18 @@ class ModelOptions:
 
 
 @dataclass(frozen=True)
-class FitCommand:
-    """The plant's parameters with intervals, the noise found, and what cannot be told apart."""
+class OnLog:
+    """What every command on a log is told."""
 
     log: LogOptions = field(default_factory=LogOptions)
     start: ModelOptions = field(default_factory=ModelOptions)
-    out: Annotated[File, arg(aliases=["-o"])] = None
+
+
+@dataclass(frozen=True)
+class FitCommand(OnLog):
+    """The plant's parameters with intervals, the noise found, and what cannot be told apart."""
+
+    out: Output = None
     """Write the fitted model here, as model.json."""
 
     json: File = None
@@ -117,11 +119,9 @@ class FitCommand:
 
 
 @dataclass(frozen=True)
-class CompareCommand:
+class CompareCommand(OnLog):
     """How far a model is off on data that it has not seen, and where."""
 
-    log: LogOptions = field(default_factory=LogOptions)
-    start: ModelOptions = field(default_factory=ModelOptions)
     json: File = None
     """Write the answer here."""
 
@@ -136,12 +136,10 @@ class CompareCommand:
 
 
 @dataclass(frozen=True)
-class DiagnoseCommand:
+class DiagnoseCommand(OnLog):
     """Which physical effects the model lacks, with the evidence. Begins with the plain plant, or with --model."""
 
-    log: LogOptions = field(default_factory=LogOptions)
-    start: ModelOptions = field(default_factory=ModelOptions)
-    out: Annotated[File, arg(aliases=["-o"])] = None
+    out: Output = None
     """Write the mended model here, as model.json."""
 
     json: File = None
@@ -155,15 +153,18 @@ class DiagnoseCommand:
 
 
 @dataclass(frozen=True)
-class AddCommand:
-    """Add one effect: the error before and after."""
+class OfEffect:
+    """What a command on one effect is told: first of all, on which."""
 
     effect: Annotated[Positional[str], arg(metavar="EFFECT")]
     """Its name in the catalogue (`sysid effects` lists them)."""
 
-    log: LogOptions = field(default_factory=LogOptions)
-    start: ModelOptions = field(default_factory=ModelOptions)
-    out: Annotated[File, arg(aliases=["-o"])] = None
+
+@dataclass(frozen=True)
+class AddCommand(OnLog, OfEffect):
+    """Add one effect: the error before and after."""
+
+    out: Output = None
     """Write the better model here, as model.json."""
 
     json: File = None
@@ -171,35 +172,31 @@ class AddCommand:
 
 
 @dataclass(frozen=True)
-class ExperimentCommand:
+class ExperimentCommand(OnLog):
     """What to play next: the torque that tells effects apart, or that narrows the widest interval."""
 
-    log: LogOptions = field(default_factory=LogOptions)
-    start: ModelOptions = field(default_factory=ModelOptions)
-    between: Annotated[str, arg(metavar="EFFECT,EFFECT", help_behavior_hint="")] = ""
+    between: Annotated[str, shown("EFFECT,EFFECT")] = ""
     """The effects to tell apart; by default the widest interval shrinks."""
 
-    u_max: Annotated[float | None, arg(metavar="TORQUE", help_behavior_hint=AS_LOG)] = None
+    u_max: Annotated[float | None, shown("TORQUE", AS_LOG)] = None
     """Largest torque [N m], of an axis force [N]."""
 
-    duration: Annotated[float | None, arg(metavar="S", help_behavior_hint=AS_LOG)] = None
+    duration: Annotated[float | None, shown("S", AS_LOG)] = None
     """Length of a rollout [s]."""
 
-    rollouts: Annotated[int | None, arg(metavar="N", help_behavior_hint=AS_LOG)] = None
+    rollouts: Annotated[int | None, shown("N", AS_LOG)] = None
     """How many rollouts to play."""
 
-    theta_max: Annotated[float | None, arg(name="reach", metavar="ANGLE", help_behavior_hint=AS_LOG)] = None
+    theta_max: Annotated[float | None, shown("ANGLE", AS_LOG, "reach")] = None
     """Farthest that the motion may go from rest [rad], of an axis [m]."""
 
-    theta_dot_max: Annotated[float | None, arg(name="speed", metavar="SPEED", help_behavior_hint="(default: any)")] = (
-        None
-    )
+    theta_dot_max: Annotated[float | None, shown("SPEED", "any", "speed")] = None
     """Largest speed [rad/s], of an axis [m/s]."""
 
-    payload: Annotated[tuple[float, float] | None, arg(metavar="MASS DISTANCE", help_behavior_hint="")] = None
+    payload: Annotated[tuple[float, float] | None, shown("MASS DISTANCE")] = None
     """A known weight that can be hung on: its mass [kg], and its distance from the axis [m]."""
 
-    out: Annotated[File, arg(aliases=["-o"])] = None
+    out: Output = None
     """Write what the rig plays here, as CSV with columns rollout, t [s], torque [N m] (of an axis [N])."""
 
     json: File = None
@@ -207,11 +204,9 @@ class ExperimentCommand:
 
 
 @dataclass(frozen=True)
-class WorkbenchCommand:
+class WorkbenchCommand(OnLog):
     """A local web page for all of this: see where the model fails, click the missing effect, watch the error fall."""
 
-    log: LogOptions = field(default_factory=LogOptions)
-    start: ModelOptions = field(default_factory=ModelOptions)
     port: int = 8050
     """Where the page is: http://127.0.0.1:PORT (0: a free one)."""
 
@@ -221,7 +216,7 @@ class WorkbenchCommand:
     folder: Annotated[Path, arg(metavar="FOLDER")] = Path("workbench")
     """Where sessions are kept; nothing is written elsewhere."""
 
-    token: Annotated[str, arg(metavar="TEXT", help_behavior_hint="")] = ""
+    token: Annotated[str, shown("TEXT")] = ""
     """What a browser has to know; where one is needed and none is given, one is made up and printed."""
 
 
@@ -235,10 +230,7 @@ class ExportCommand:
     to: Annotated[Path, arg(metavar="FILE")]
     """Write it here: .xml is MJCF, .urdf is URDF."""
 
-    format: Annotated[
-        Literal["mjcf", "urdf"] | None,
-        arg(metavar="{mjcf,urdf}", help_behavior_hint="(default: by the ending of --to)"),
-    ] = None
+    format: Annotated[Literal["mjcf", "urdf"] | None, shown(default="by the ending of --to")] = None
     """The language, where the ending does not say it."""
 
     into: File = None

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sysid import RK4
-from sysid.data.held_readings import fresh, holding
+from sysid.data.digitisation import fresh, holding
 from sysid.data.logs import read
 from sysid.estimation.fit import fit
 from tests.sysid.written import MODEL, SENSOR, rollouts, table, write

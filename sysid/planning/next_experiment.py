@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.data.noise import sensor_noise
 from sysid.data.record import Record, extent_of
 from sysid.data.sensor import Sensor
 from sysid.errors import InvalidInput
@@ -35,10 +36,9 @@ from sysid.planning.design import (
     separation,
     yardsticks,
 )
-from sysid.planning.discrimination import Match, indistinguishable, separable
-from sysid.planning.hypotheses import Hypotheses, Pair, hypotheses_of, names_of
 from sysid.planning.non_torque_experiments import never, non_torque_experiment
-from sysid.planning.planned_experiment import DECISIVE, HOPELESS, Experiment
+from sysid.planning.planned_experiment import DECISIVE, HOPELESS, Contest, Experiment
+from sysid.planning.rival_effects import Hypotheses, contested, hypotheses_of, indistinguishable, names_of, separable
 from sysid.planning.signals import Limits, rest_angle
 
 
@@ -58,17 +58,34 @@ def next_experiment(
     with y_i what effect i, of its fitted size, would show, and W the factor that whitens it: a random torque that the
     log shows will act again. Without rivals, the largest 1.96 sd_p / |p| of the Cramer-Rao bound is made small.
 
-    model    the machine as far as it is known; it may hold one of the rivals
-    rivals   the effects that the log confuses: names, or effects with the sizes that they may have
-    limits   what the rig may do; by default what it did in the log: its torque, length and reach
-    sensor   noise of the readings; by default the estimate's, else found from the records
-    records  the log at hand: sizes of the rivals and the random torque come from it, and what it tells itself is said
-    rng      by default seeded with 0: the same question gets the same answer
-    cost     W (P, P) of an estimate's parameters, without rivals: what errors e of them cost, e'We, is made small in
-             place of the widest interval
+    Parameters
+    ----------
+    model : Model or Estimate
+        The machine as far as it is known; it may hold one of the rivals.
+    rivals : sequence of str or Effect
+        The effects that the log confuses: names, or effects with the sizes that they may have.
+    limits : Limits, optional
+        What the rig may do; by default what it did in the log: its torque, length and reach.
+    sensor : Sensor, optional
+        Noise of the readings; by default the estimate's, else found from the records.
+    records : sequence of Record
+        The log at hand: sizes of the rivals and the random torque come from it, and what it tells itself is said.
+    rng : numpy.random.Generator, optional
+        By default seeded with 0: the same question gets the same answer.
+    cost : array (P, P), optional
+        W of an estimate's parameters, without rivals: what errors e of them cost, e'We, is made small in place of the
+        widest interval.
 
-    The answer is of kind "none" where nothing that is played tells more than the log. Raises InvalidInput for unknown
-    names, where sizes, limits or noise cannot be known, and for a cost of another shape or beside rivals.
+    Returns
+    -------
+    Experiment
+        Of kind "none" where nothing that is played tells more than the log.
+
+    Raises
+    ------
+    InvalidInput
+        For unknown names, where sizes, limits or noise cannot be known, and for a cost of another shape or beside
+        rivals.
     """
     estimate = model if isinstance(model, Estimate) else None
     model, names = (model, free(model)) if isinstance(model, Model) else (model.model, model.names)
@@ -87,9 +104,8 @@ def next_experiment(
             return _narrowing(known.model if known else model, names, known, conditions, rng)
         if never(names_of(rivals)):
             return non_torque_experiment(model, names_of(rivals), conditions, rng)
-        first = (
-            first_fit if estimate is None else partial(fit_parameters, settings=ROUGHLY)
-        )  # an estimate's numbers are near
+        near = partial(fit_parameters, settings=ROUGHLY)  # where an estimate says where to begin
+        first = first_fit if estimate is None else near
         return _telling(hypotheses_of(model, names, rivals, records, conditions, first), names_of(rivals), rng)
 
 
@@ -105,8 +121,6 @@ def _check_cost(cost: Array, names: tuple[str, ...], estimate: Estimate | None, 
 def _noise(records: Sequence[Record]) -> Sensor:
     if not records:
         raise InvalidInput("the noise of the readings is not known: give the sensor, or records to find it from")
-    from sysid.data.noise import sensor_noise
-
     return sensor_noise(records).sensor
 
 
@@ -176,7 +190,7 @@ def _at(h: Hypothesis, dt: float | None) -> Hypothesis:
     return h if dt is None else dataclasses.replace(h, model=dataclasses.replace(h.model, dt=dt))
 
 
-# telling rivals apart ----------------------------------------------------------------------------------------
+# ---- telling rivals apart --------------------------------------------------------------------------------------------
 
 
 def _telling(found: Hypotheses, names: tuple[str, ...], rng: np.random.Generator) -> Experiment:
@@ -184,40 +198,42 @@ def _telling(found: Hypotheses, names: tuple[str, ...], rng: np.random.Generator
     if found.absorbed:
         return non_torque_experiment(found.hypotheses[-1].model, found.absorbed, conditions, rng)
     hypotheses = tuple(_at(h, dt) for h in found.hypotheses)
-    apart = separable(hypotheses, found.pairs, conditions, rng)
+    apart = separable(hypotheses, found.contests, conditions, rng)
     if not apart:
         return non_torque_experiment(hypotheses[0].model, names, conditions, rng)
-    same = indistinguishable(found.pairs, apart)
-    pairs = tuple(p for p in apart if p.truth not in same and p.rival not in same)
+    same = indistinguishable(found.contests, apart)
+    asked = tuple(c for c in apart if c.truth not in same and c.rival not in same)
     notes = [f"no torque tells {one} from {other}" for one, other in same.items()]
-    best = _best(hypotheses, pairs, conditions, rng)
-    hopeless = {(c.truth, c.rival) for c in best.contests() if c.after < HOPELESS}
-    others = tuple(p for p in pairs if (p.truth, p.rival) not in hopeless)
+    pool = _best(hypotheses, asked, conditions, rng)
+    contests = contested(pool, asked)
+    hopeless = {(c.truth, c.rival) for c in contests if c.after < HOPELESS}
+    others = tuple(c for c in asked if (c.truth, c.rival) not in hopeless)
     if not others:
-        after = min(c.after for c in best.contests())
+        after = min(c.after for c in contests)
         return non_torque_experiment(hypotheses[0].model, names, conditions, rng, after)
     if hopeless:  # they must not choose the signal for the others
-        best = _best(hypotheses, others, conditions, rng)
+        pool = _best(hypotheses, others, conditions, rng)
+        contests = contested(pool, others)
         for truth in dict.fromkeys(t for t, _ in sorted(hopeless)):
             rivals = " and ".join(r for t, r in sorted(hopeless) if t == truth)
             notes.append(f"{truth} of the size found is not told from {rivals}")
-    return _told(best, notes)
+    return _told(pool, contests, notes)
 
 
 def _best(
-    hypotheses: tuple[Hypothesis, ...], pairs: tuple[Pair, ...], conditions: Conditions, rng: np.random.Generator
-) -> Match:
-    compared = [h for h in hypotheses if any(h.name in (p.truth, p.rival) for p in pairs)]
-    choices = search(separation([(p.truth, p.rival) for p in pairs]), compared, conditions, rng)
-    return max((Match(Pool(compared, own, conditions), pairs) for own in choices), key=lambda m: m.worth)
+    hypotheses: tuple[Hypothesis, ...], contests: tuple[Contest, ...], conditions: Conditions, rng: np.random.Generator
+) -> Pool:
+    """The signals that bring the most evidence where they bring the least."""
+    compared = [h for h in hypotheses if any(h.name in (c.truth, c.rival) for c in contests)]
+    choices = search(separation([(c.truth, c.rival) for c in contests]), compared, conditions, rng)
+    pools = [Pool(compared, own, conditions) for own in choices]
+    return max(pools, key=lambda pool: min(c.after for c in contested(pool, contests, within=1.5)))
 
 
-def _told(match: Match, notes: Sequence[str]) -> Experiment:
-    contests = match.contests()
+def _told(pool: Pool, contests: tuple[Contest, ...], notes: Sequence[str]) -> Experiment:
     after = min(c.after for c in contests)
     before = min((c.before for c in contests if c.before is not None), default=None)
-    asked = tuple(h for h in match.pool.hypotheses.values() if any(h.name in (c.truth, c.rival) for c in contests))
-    shown = tuple(h.name for h in asked)
+    shown = tuple(pool.hypotheses)
     whom = _whom(shown, {frozenset((c.truth, c.rival)) for c in contests})
     if before is not None and after <= before:
         advice = "fit both" if before >= DECISIVE else "widen the limits"
@@ -229,15 +245,8 @@ def _told(match: Match, notes: Sequence[str]) -> Experiment:
         return Experiment("none", description, shown, before=before, contests=contests)
     sentence = f"it tells {whom} with {after:.3g} units of evidence"
     sentence += "" if before is None else f" where this log had {before:.2g}"
-    return _played(
-        Pool(asked, match.pool.signals, match.pool.conditions),
-        "; ".join((sentence, *notes)),
-        separates=shown,
-        measure="evidence",
-        before=before,
-        after=after,
-        contests=contests,
-    )
+    told = "; ".join((sentence, *notes))
+    return _played(pool, told, separates=shown, measure="evidence", before=before, after=after, contests=contests)
 
 
 def _whom(shown: tuple[str, ...], told: set[frozenset[str]]) -> str:
@@ -247,7 +256,7 @@ def _whom(shown: tuple[str, ...], told: set[frozenset[str]]) -> str:
     return f"{', '.join(shown)} apart"
 
 
-# narrowing intervals -----------------------------------------------------------------------------------------
+# ---- narrowing intervals ---------------------------------------------------------------------------------------------
 
 
 def _narrowing(

@@ -1,0 +1,136 @@
+"""Computed columns: whether a logged speed or torque was worked out from the readings, and carries their errors.
+
+A drive without a tachometer differences its encoder, perhaps filters what comes out, and logs that as the speed: who
+takes it for an independent reading counts every error twice. A digital controller makes its torque of the readings.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.data.record import Record
+from sysid.physics.ops import Array
+
+BEFORE, AFTER, OWN_SPEEDS = 24, 4, 2
+"""The readings of the angle before and after an instant, and the speeds before it, that may have made its speed."""
+FEWEST_SPEEDS = 80
+"""Instants that the comparison of angle and speed must rest on."""
+COMPUTED = 0.5
+"""A speed of whose error the angle's errors leave less than this share (of the variance) was computed from them."""
+OWN_TORQUES, LATE = 3, 3
+"""Torques before it that a torque is predicted from, and readings before it that a controller may have used."""
+FEWEST_TORQUES, MOST_TORQUES = 50, 20_000
+"""Instants that the comparison of torque and readings must rest on, and that it looks at."""
+FOLLOWS = 0.25
+"""Share of a torque's innovations that its readings may leave unexplained, where it was computed from them."""
+FAR = 3.3
+"""Innovations beyond that many sd are steps of a reference: no reading explains them."""
+
+
+def unexplained(angle: Array, speed: Array, edges: NDArray[np.intp]) -> float:
+    """The share of the speed's errors that the angle's errors do not explain: 1 for a tachometer, 0 for a difference.
+
+        e_v[k] = sum_{i=1}^{2} a_i e_v[k-i]  +  sum_{j=-4}^{24} c_j e_theta[k-j]  +  rest
+
+    The share is the variance of the rest over that of the same regression without e_theta. It covers differences,
+    moving averages of up to 24 readings and filters of first and second order behind them. angle and speed (n,) are
+    what one linear filter that takes out the motion leaves of both channels, edges (R,) where each record's part ends;
+    1 where there is too little to compare.
+    """
+    own, others, targets = [], [], []
+    before = min(BEFORE, len(speed) // 12)  # of a short log fewer
+    for first, last in pairwise((0, *edges)):
+        x, y = angle[first:last], speed[first:last]
+        k = np.arange(max(before, OWN_SPEEDS), len(x) - AFTER)
+        if len(k) > 0:
+            own.append(np.column_stack([y[k - i] for i in range(1, OWN_SPEEDS + 1)]))
+            others.append(np.column_stack([x[k - j] for j in range(-AFTER, before + 1)]))
+            targets.append(y[k])
+    if sum(map(len, targets)) < FEWEST_SPEEDS:
+        return 1.0
+    past, b = np.concatenate(own), np.concatenate(targets)
+    both = np.column_stack([past, np.concatenate(others)])
+    alone, together = (float(np.sum(_rest(A, b) ** 2)) / (len(b) - A.shape[1]) for A in (past, both))
+    return together / alone if alone > 0.0 else 1.0
+
+
+def _rest(A: Array, b: Array, rows: Any = slice(None)) -> Array:
+    """What a regression on the columns of A (n, c), made in some of the rows, leaves of b (n,)."""
+    size = np.linalg.norm(A, axis=0)
+    S = A / np.where(size > 0.0, size, 1.0)
+    rest: Array = b - S @ np.linalg.lstsq(S[rows], b[rows], rcond=1e-10)[0]
+    return rest
+
+
+def is_difference(records: Sequence[Record]) -> bool:
+    """Whether the speed is a difference of neighbouring angles, or the first-order filter of one, to the last digits.
+
+        theta_dot[k] = c d[k] + (1 - c) d[k-1]   or   a theta_dot[k-1] + (1 - a) d[k-1],
+        d[k] = (theta[k+1] - theta[k]) / dt,   0 <= a < 1
+
+    A true speed differs from any of these by what a difference formula leaves out, dt^2 theta''' / 12 at least, and by
+    the noise of the angle. A tenth of that is asked for: this serves where there is no noise to compare.
+    """
+    gaps, parts, slopes, third = [], [], [], []
+    for r in records:
+        if r.theta is None or r.theta_dot is None or len(r.theta_dot) != len(r.theta) or len(r) < 4:
+            return False
+        d = np.diff(r.theta) / r.dt
+        gaps.append((r.theta_dot - np.append(d, d[-1]))[1:-1] + (d[1:] - d[:-1]))  # theta_dot[k] - d[k-1]
+        parts.append(d[1:] - d[:-1])
+        slopes.append(r.theta_dot[:-2] - d[:-1])
+        third.append(np.diff(r.theta, 3) / r.dt)
+    gap, allowed = np.concatenate(gaps), 0.1 * _rms(np.concatenate(third)) / 12.0
+    for column, low, high in ((np.concatenate(parts), -0.1, 1.1), (np.concatenate(slopes), -0.01, 0.99)):
+        share = float(column @ gap) / max(float(column @ column), 1e-300)
+        if low <= share <= high and _rms(gap - share * column) < allowed:
+            return True
+    return False
+
+
+def _rms(values: Array) -> float:
+    return math.sqrt(float(np.mean(values**2)))
+
+
+def follows_readings(records: Sequence[Record]) -> bool:
+    """Whether the torque carries the noise of the readings, as that of a digital controller does.
+
+        u[k] = sum_{i=1}^{3} a_i u[k-i] + c  (+ sum_{j=0}^{3} b_j y[k-j])  + innovation
+
+    The noise of an instant's reading moves no torque but one that was computed from it. So in an open loop the readings
+    tell nothing of a torque's innovations beyond its own past, and in a closed one nearly all: three quarters are asked
+    for. False where there is too little to compare.
+    """
+    own, readings, targets, seen = [], [], [], 0
+    for r in records:
+        channels = [y for y in (r.theta, r.theta_dot) if y is not None and len(y) >= len(r)]
+        k = np.arange(max(OWN_TORQUES, LATE), min(len(r), MOST_TORQUES - seen))
+        if not channels or len(k) == 0:
+            continue
+        seen += len(k)
+        own.append(np.column_stack([np.ones(len(k)), *(r.u[k - i] for i in range(1, OWN_TORQUES + 1))]))
+        readings.append(np.column_stack([y[k - j] - y.mean() for y in channels for j in range(LATE + 1)]))
+        targets.append(r.u[k])
+    if seen < FEWEST_TORQUES or len({a.shape[1] for a in readings}) > 1:
+        return False
+    A, Y, u = np.concatenate(own), np.concatenate(readings), np.concatenate(targets)
+    alone = _innovation(A, u)
+    return alone > 1e-9 * float(np.std(u)) and _innovation(np.column_stack([A, Y]), u) ** 2 < FOLLOWS * alone**2
+
+
+def _innovation(A: Array, u: Array) -> float:
+    """The typical size of what a regression on the columns of A (n, c) leaves of u (n,), steps of a reference apart."""
+    keep = np.ones(len(u), dtype=bool)
+    for _ in range(4):
+        rest = _rest(A, u, keep)
+        typical = float(np.median(np.abs(rest))) / 0.6745
+        keep = np.abs(rest) <= FAR * typical
+        if keep.sum() < FEWEST_TORQUES:
+            break
+    return typical

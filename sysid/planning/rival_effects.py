@@ -1,0 +1,226 @@
+"""Rivals: effects that a log confuses, each as a model that is fitted to it, and what tells one from another."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from sysid.data.record import Record
+from sysid.errors import InvalidInput
+from sysid.estimation.linearisation import Samples
+from sysid.estimation.prediction_error import Fit
+from sysid.estimation.refits import extended
+from sysid.estimation.scores import scores
+from sysid.estimation.solver import Settings, fit_parameters
+from sysid.physics.candidates import candidates
+from sysid.physics.effects import CATALOGUE, Effect, effect
+from sysid.physics.model import Model
+from sysid.physics.parameters import Extent
+from sysid.planning.design import KNOWN, ROUGHLY, Conditions, Hypothesis, Pool, predict, within_limits
+from sysid.planning.evidence import Sensitivities
+from sysid.planning.planned_experiment import Contest
+from sysid.planning.signals import Signal, random_signals
+
+NOTHING = "nothing"
+"""Name of the hypothesis that no rival is there."""
+First = Callable[[Samples, Model, Sequence[str]], Fit]
+"""How a log is fitted before any rival is."""
+_TRUE = 0.25
+"""A rival may be the truth where it explains at least that share of what the best one explains."""
+STRUCTURAL = 1e-4
+"""Share of an effect's evidence that no rival takes, below which no torque will ever tell the two apart."""
+NESTED = 1e-2
+"""The same where the rival was really fitted, which need not have come to its end."""
+
+
+@dataclass(frozen=True, eq=False)
+class Hypotheses:
+    """Hypotheses that a log confuses, the last of them that there is no rival, and which must be told from which.
+
+    conditions those of the next log: with what the best of them leaves of this one
+    absorbed   rivals that the free parameters imitate whatever is played: nothing else is known then
+    """
+
+    hypotheses: tuple[Hypothesis, ...]
+    contests: tuple[Contest, ...]
+    conditions: Conditions
+    absorbed: tuple[str, ...] = ()
+
+
+def inertial(model: Model, names: Sequence[str]) -> bool:
+    """Whether all of these effects and parameters show in the motion as J / c and G / c only, c the torque gain."""
+    own = model.names_of("")
+    return all(n in own or (n in CATALOGUE and CATALOGUE[n].inertial) for n in names)
+
+
+def names_of(rivals: Sequence[str | Effect]) -> tuple[str, ...]:
+    """Their names, checked; raises InvalidInput for one that is not in the catalogue or comes twice."""
+    names = tuple(effect(r).name if isinstance(r, str) else r.name for r in rivals)
+    if len(set(names)) < len(names):
+        raise InvalidInput(f"rivals name an effect twice: {', '.join(names)}")
+    return names
+
+
+def hypotheses_of(
+    model: Model,
+    free: Sequence[str],
+    rivals: Sequence[str | Effect],
+    records: Sequence[Record],
+    conditions: Conditions,
+    first: First,
+) -> Hypotheses:
+    """Every rival fitted to the log, or where there is none, to what the one of known size does under a multisine.
+
+    Where no size can be known (no log, no numbers; or the log does not show the rival), that of the rival's probe.
+    Raises InvalidInput for names that are unknown, come twice or cannot stand in this model.
+    """
+    names = names_of(rivals)
+    sized = {e.name: e for e in (*model.effects, *(r for r in rivals if isinstance(r, Effect))) if e.name in names}
+    bare = model
+    for e in model.effects:
+        bare = bare.without_effect(e.name) if e.name in names else bare
+    base = Hypothesis(NOTHING, bare, tuple(n for n in free if n in bare.parameters))
+    if not base.names:
+        raise InvalidInput("nothing is free beside the rivals: name at least one parameter of the plant")
+    limits = conditions.limits
+    possible = candidates(bare, lambda kind: Extent(model.dt, limits.duration, limits.u_max), names)
+    for name in names:
+        if name not in possible:
+            raise InvalidInput(f"{name} cannot stand beside the model's own effects: it cannot be a rival")
+    middle = {n: tried[len(tried) // 2] for n, tried in possible.items()}
+    probes = {n: own.at(own.sizes) for n, own in middle.items()}
+    fitted = partial(_fitted, base, names, sized)
+    if records:
+        fits = fitted(records, conditions, first, ROUGHLY)
+        if fits.conditions.much_louder(conditions):  # the noise was told wrong
+            fits = fitted(records, fits.conditions, first, ROUGHLY)
+        truths = fits.likely
+    elif sized:
+        signal = Signal("multisine", 0.5 * limits.u_max, 0.3, 0.1, min(2.0, 0.1 / model.dt), 1.0, 0.0, 0)
+        shown = predict(bare.with_effect(next(iter(sized.values()))), [signal], conditions)
+        known = partial(fit_parameters, disturbances=conditions.disturbances, settings=KNOWN)
+        fits = fitted(shown, conditions, known, KNOWN)
+        truths = [n for n in names if n in sized]
+    else:
+        return _listed(Fits(base, {}, conditions), probes, names)
+    probes = {n: probe for n, probe in probes.items() if n not in fits.with_rival}
+    if probes and inertial(model, tuple(probes)):
+        return Hypotheses((fits.base,), (), conditions, absorbed=tuple(probes))
+    return _listed(fits, probes, truths or names, bool(records))
+
+
+@dataclass(frozen=True, eq=False)
+class Fits:
+    """The model with none of the rivals, at its fitted numbers, and one fit with each rival that the log shows.
+
+    conditions   those of the next log
+    deviance     of the fit with none; None where there is no log
+    """
+
+    base: Hypothesis
+    with_rival: dict[str, Fit]
+    conditions: Conditions
+    deviance: float | None = None
+
+    @property
+    def likely(self) -> list[str]:
+        """The rivals that explain a good part of what the best one explains."""
+        assert self.deviance is not None
+        gains = {n: self.deviance - own.deviance for n, own in self.with_rival.items()}
+        return [n for n, gain in gains.items() if gain > 0.0 and gain >= _TRUE * max(gains.values())]
+
+
+def _fitted(
+    base: Hypothesis,
+    names: Sequence[str],
+    sized: dict[str, Effect],
+    records: Sequence[Record],
+    conditions: Conditions,
+    first: First,
+    settings: Settings,
+) -> Fits:
+    """The fit with none, and one with each rival that the readings show or whose size is known."""
+    none = first(Samples(base.model, records, conditions.sensor), base.model, base.names)
+    searched = [n for n in names if n not in sized]
+    found = scores(none, searched) if searched else {}
+    begun = sized | {n: s.best.at(s.sizes) for n, s in found.items() if s.visible}
+    fits = {name: extended(none, [e], settings) for name, e in begun.items()}
+    after = conditions.after([none, *fits.values()]) if settings.sizes else conditions
+    return Fits(Hypothesis(NOTHING, none.model, base.names), fits, after, none.deviance)
+
+
+def _listed(fits: Fits, probes: dict[str, Effect], truths: Sequence[str], logged: bool = False) -> Hypotheses:
+    """The hypotheses and their contests; a single one stands against the model without it."""
+    hypotheses = [Hypothesis(name, own.model, own.names) for name, own in fits.with_rival.items()]
+    for name, e in probes.items():
+        own_names = (*fits.base.names, *(f"{name}.{k}" for k in e.parameters))
+        hypotheses.append(Hypothesis(name, fits.base.model.with_effect(e), own_names))
+    rivals = [h.name for h in hypotheses] if len(hypotheses) > 1 else [hypotheses[0].name, NOTHING]
+    contests = []
+    for truth in (own for own in rivals if own in truths):
+        others = [own for own in rivals if own != truth]
+        before = _evidence(fits, truth, others) if logged else [None] * len(others)
+        contests += [Contest(truth, *rival) for rival in zip(others, before, strict=True)]
+    return Hypotheses((*hypotheses, fits.base), tuple(contests), fits.conditions)
+
+
+def _evidence(fits: Fits, truth: str, rivals: Sequence[str]) -> list[float]:
+    """What each rival, at its best numbers on the log at hand, leaves of the truth's changes, to first order."""
+    if truth not in fits.with_rival:
+        return [0.0] * len(rivals)
+    effects = {n: next(e for e in own.model.effects if e.name == n) for n, own in fits.with_rival.items()}
+    found, conditions = fits.with_rival[truth], fits.conditions
+    samples = Samples(found.model, found.samples.records, conditions.sensor)
+    along = Sensitivities(samples, found.model, effects[truth], found.motion, fits.base.names, conditions.disturbances)
+    return [float(along.unlike(effects[truth], effects.get(n)).unexplained()[0]) for n in rivals]
+
+
+# ---- what signals tell -----------------------------------------------------------------------------------------------
+
+
+def contested(pool: Pool, contests: Sequence[Contest], within: float = math.inf) -> tuple[Contest, ...]:
+    """The contests with the evidence that a pool's signals bring, each rival being fitted to what the truth shows.
+
+    Those whose first-order evidence is over `within` times the least keep that.
+    """
+    first_order = [float(pool.unlike(c.truth, c.rival).together().unexplained()[0]) for c in contests]
+    least, found = math.inf, list[Contest]()
+    for linear, c in sorted(zip(first_order, contests, strict=True), key=lambda own: own[0]):
+        after = pool.left(c.truth, c.rival) if linear < within * least else linear
+        least = min(least, after)
+        found.append(c._replace(after=after))
+    return tuple(found)
+
+
+def separable(
+    hypotheses: Sequence[Hypothesis], contests: Sequence[Contest], conditions: Conditions, rng: np.random.Generator
+) -> tuple[Contest, ...]:
+    """The contests that some torque decides: not those of which the rival holds the truth as a special case.
+
+    What sets a pair apart is compared with what the truth does alone, beside the hypothesis of no effect.
+    """
+    signals = random_signals(rng, conditions.limits, hypotheses[0].model.dt, 8, swings=False)
+    signals = within_limits(hypotheses, signals, conditions)
+    some = [s for s in signals if s.kind in ("steps", "bang-bang")][:1]
+    pool, played, found = Pool(hypotheses, signals, conditions), Pool(hypotheses, some, conditions), []
+    for c in contests:
+        if len(pool.hypotheses[c.rival].names) > len(pool.hypotheses[c.truth].names):
+            # through a kink a tangent does not see that one is a special case of the other: a fit does
+            apart = played.left(c.truth, c.rival) > NESTED * played.left(c.truth, NOTHING)
+        else:
+            alone, against = (pool.unlike(c.truth, other).unexplained() for other in (NOTHING, c.rival))
+            apart = bool(np.any(against > STRUCTURAL * alone))
+        if apart:
+            found.append(c)
+    return tuple(found)
+
+
+def indistinguishable(contests: Sequence[Contest], apart: Sequence[Contest]) -> dict[str, str]:
+    """Hypotheses that no torque tells from an earlier one, with that one."""
+    order, told = list(dict.fromkeys(c.truth for c in contests)), {frozenset((c.truth, c.rival)) for c in apart}
+    alike = (c for c in reversed(contests) if frozenset((c.truth, c.rival)) not in told)
+    return {c.truth: c.rival for c in alike if c.rival in order[: order.index(c.truth)]}
