@@ -96,7 +96,7 @@ def effect_picture(session: Session, effect: str) -> Any:
     at = session.shown(Answer.EFFECTS)
     found, known = session.read(at, Answer.FAILS), session.read(at, Answer.EFFECTS)
     if found is None or known is None or at is None:
-        return figures.empty("not known yet")
+        return figures.blank(200)
     s = figures.series(session.of(at) / Answer.SERIES)
     curve = next(r["torque"] for r in known["rows"] if r["effect"] == effect)
     if curve["over"] == "time":

@@ -116,13 +116,6 @@ def two_rows(height: int, **more: Any) -> go.Figure:
     return figure
 
 
-def empty(text: str, height: int = 200) -> go.Figure:
-    """A place where nothing is to be seen yet."""
-    figure = blank(height, xaxis={"visible": False}, yaxis={"visible": False})
-    figure.add_annotation(text=text, showarrow=False, xref="paper", yref="paper", x=0.5, y=0.5)
-    return figure
-
-
 # ---- where it fails --------------------------------------------------------------------------------------------------
 
 READ, SAID, LOW, BAND, D, MARKS_ABOVE, MARKS_BELOW = range(7)

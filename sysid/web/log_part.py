@@ -142,7 +142,7 @@ def settle_columns(session: Session) -> None:
     """Take for what they look like the columns that are called otherwise than we call them, and that hold numbers."""
     state, (found, chosen) = session.state, columns(session)
     try:
-        source = sources(state.log["files"][:1], state.log.get("joint", ""))[0]
+        source = sources(state.log.get("files", ())[:1], state.log.get("joint", ""))[0]
         table = source.load(chosen, TimeWindow(-math.inf, math.inf, RAW_ROWS))
     except InvalidInput:
         return
@@ -183,10 +183,10 @@ def changed(state: SessionState, values: Mapping[str, Any], found: Mapping[str, 
 def form(session: Session) -> list[Any]:
     """The files, the settings, the preview and the button that fits a model."""
     state, (found, chosen) = session.state, columns(session)
-    count, log = len(state.titles), state.log
-    told = state.titles[0] if count == 1 else f"{state.titles[0]} to {state.titles[-1]} ({count} files)"
+    titles, log = state.titles or ("no file",), state.log
+    told = titles[0] if len(titles) == 1 else f"{titles[0]} to {titles[-1]} ({len(titles)} files)"
     shown = {name: {**log, **state.start}.get(name) or next(iter(choices)) for name, choices in CHOICES.items()}
-    of_bag = any(Path(f).suffix in BAGS or Path(f).is_dir() for f in log["files"])
+    of_bag = any(Path(f).suffix in BAGS or Path(f).is_dir() for f in log.get("files", ()))
     return [
         html.P([html.Strong(state.title or "log"), f": {told}"], className="files"),
         html.Div(id="preview"),
@@ -233,11 +233,8 @@ def previewed(found: Preview) -> list[Any]:
     notes = [html.Li(note) for note in about.notes]
     end = float(np.nanmax(found.t))
     return [
-        html.Div(
-            [graph(machine_figure(found, 0.0), id="machine"),
-             graph(readings(found), id="readings")],
-            className="preview",
-        ),
+        html.Div([graph(machine_figure(found, 0.0), id="machine"), graph(readings(found), id="readings")],
+                 className="preview"),
         html.Div(dcc.Slider(0.0, end, value=0.0, id="cursor", marks=None, step=end / 500.0, updatemode="drag",
                             allow_direct_input=False), className="cursor", **{"aria-label": "cursor along the log"}),
         html.P(about.said, className="quiet"),

@@ -256,23 +256,16 @@ def suggested(found: Mapping[str, Any] | None) -> OwnEffect:
     """A form for the residual torque of a model, by what it depends on and where it is strongest."""
     torque = {} if found is None else found["torque"]
     on = (torque.get("depends_on") or ["time"])[0]
-    if on in ("theta", "theta_dot", "torque"):
-        over = torque["over"][on]
-        mean = [abs(v or 0.0) for v in over["mean"]]
-        peak = over["edges"][mean.index(max(mean))]
-        width = (over["edges"][-1] - over["edges"][0]) / 12.0
     if on == "theta":
+        over = torque["over"][on]
+        mean, edges = [abs(v or 0.0) for v in over["mean"]], over["edges"]
+        peak, width = edges[mean.index(max(mean))], (edges[-1] - edges[0]) / 12.0
         near = ", ".join(f"{peak + k * width:.2g}" for k in (-1, 0, 1))
-        bump = "exp(-(wrap(theta - c) / w) ** 2)"
-        return OwnEffect(
-            "my_effect", f"(a + b * wrap(theta - c)) * {bump}", f"c = {near}; w = {width / 2:.2g}, {2 * width:.2g}"
-        )
+        formula = "(a + b * wrap(theta - c)) * exp(-(wrap(theta - c) / w) ** 2)"
+        return OwnEffect("my_effect", formula, f"c = {near}; w = {width / 2:.2g}, {2 * width:.2g}")
     if on == "theta_dot":
         return OwnEffect("my_effect", "-a * tanh(theta_dot / v) - b * theta_dot", "v = 0.05, 0.5")
     if on == "torque":
-        return OwnEffect("my_effect", "a * drive + b * drive ** 3", "")
-    return OwnEffect(
-        "my_effect",
-        "a * sin(w * t) + b * cos(w * t)",
-        f"w = {', '.join(f'{math.tau * k:.3g}' for k in (0.1, 0.5, 1, 2))}",
-    )
+        return OwnEffect("my_effect", "a * drive + b * drive ** 3")
+    periods = ", ".join(f"{math.tau * k:.3g}" for k in (0.1, 0.5, 1, 2))
+    return OwnEffect("my_effect", "a * sin(w * t) + b * cos(w * t)", f"w = {periods}")

@@ -116,7 +116,7 @@ def make_app(bench: Workbench, door: Door) -> Dash:
         return flask.send_file(path, kind, as_attachment=True, download_name=name)
 
     join(app, bench)
-    figures.empty("").to_json()  # loads what plotly loads when first asked, which threads must not do side by side
+    figures.blank(200).to_json()  # loads what plotly loads when first asked, which threads must not do side by side
     return app
 
 

@@ -136,7 +136,8 @@ class Session:
             nodes = tuple(Node(**n) for n in data.get("nodes", ()))
             files = data.get("log", {}).get("files", ())
             titles = tuple(data.get("titles", (Path(f).name for f in files)))
-            state = SessionState(**{**data, "nodes": nodes, "titles": titles, "own": tuple(data.get("own", ()))})
+            own = tuple({k: str(o.get(k, "")) for k in ("name", "formula", "shapes")} for o in data.get("own", ()))
+            state = SessionState(**{**data, "nodes": nodes, "titles": titles, "own": own})
             for known in (state, *map(state.settings_of, range(len(state.nodes)))):
                 _ = known.log_options, known.model_options, known.path(known.at)
         except (AttributeError, LookupError, TypeError, ValueError):

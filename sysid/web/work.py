@@ -1,6 +1,6 @@
 """The work behind a model of the history: its fit, where it fails, what it is missing, and the report.
 
-    python -m sysid.web.work SESSION_FOLDER NUMBER [--next] [Answer.EFFECTS.py]
+    python -m sysid.web.work SESSION_FOLDER NUMBER [--next] [EFFECTS.py]
 
 It runs beside the server, writes each answer as a file when it is known, and says in progress.json what it does.
 """
