@@ -5,8 +5,9 @@ from __future__ import annotations
 import base64
 import binascii
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,11 +23,12 @@ from sysid.web.jobs import Jobs, finished
 from sysid.web.layout import STAMPED
 from sysid.web.own_effect import OwnEffect, suggested
 from sysid.web.samples import SAMPLES_BY_NAME, sample
-from sysid.web.session import EFFECTS, ENDINGS, FAILS, MODEL, REPORT, SERIES, Session, Sessions
+from sysid.web.session import ENDINGS, Answer, Node, Session, Sessions
 from sysid.web.training import Trainings
 
 LARGEST_UPLOAD = 64 << 20
 """Bytes of the files that are dropped at once."""
+LONGEST_TITLE = 60
 
 
 class Workbench:
@@ -36,6 +38,7 @@ class Workbench:
         self.sessions, self.jobs, self.most = sessions, jobs, most
         self.trainings = Trainings(jobs.effects)
         self.messages: dict[str, str] = {}
+        self.resumed: set[str] = set()
 
     # ---- logs
 
@@ -44,7 +47,7 @@ class Workbench:
         for file in log.files:
             check_input(file, "a log file", math.inf)
         known = self.sessions.of_files(log.files)
-        session = known or self.sessions.new(log.files[0].stem[:60], log, start)
+        session = known or self.sessions.new(log.files[0].stem[:LONGEST_TITLE], log, start)
         if known is None:
             log_part.settle_columns(session)
         return session
@@ -62,7 +65,7 @@ class Workbench:
             found = [base64.b64decode(content.partition(",")[2], validate=True) for content in contents]
         except (binascii.Error, ValueError):
             raise InvalidInput("what came is no file: expected a log") from None
-        session = self.sessions.new(Path(titles[0]).stem[:60])
+        session = self.sessions.new(Path(titles[0]).stem[:LONGEST_TITLE])
         files = [session.keep_file(k, *own) for k, own in enumerate(zip(titles, found, strict=True), start=1)]
         session.change(log={"files": [str(f) for f in files]}, titles=tuple(t[:120] for t in titles))
         log_part.settle_columns(session)
@@ -70,10 +73,8 @@ class Workbench:
 
     def sample(self, name: str) -> Session:
         """A new session of a simulated log."""
-        own = SAMPLES_BY_NAME[name]
-        session = self.sessions.new(own.title)
+        session, records = self.sessions.new(SAMPLES_BY_NAME[name].title), sample(name)
         (session.folder / "log").mkdir()
-        records = sample(name)
         files = [session.folder / "log" / f"log{k}.csv" for k in range(1, len(records) + 1)]
         for record, file in zip(records, files, strict=True):
             write_csv(record, file)
@@ -81,26 +82,38 @@ class Workbench:
         self.fit(session)
         return session
 
+    def rename(self, session: Session, title: str) -> None:
+        """Call a session otherwise; raises InvalidInput for an empty name."""
+        if not title.strip():
+            raise InvalidInput("the session's name is empty: expected one to choose it by")
+        session.change(title=title.strip()[:LONGEST_TITLE])
+
+    def delete(self, session: Session) -> None:
+        """Delete a session with all that was written of it; files that lie elsewhere stay."""
+        self.trainings.cancel(session)
+        self.jobs.cancel(session)
+        shutil.rmtree(session.folder, ignore_errors=True)
+
     # ---- models
 
     def fit(self, session: Session) -> None:
-        """Fit a model to the log; the history begins anew, but for a log that cannot be read with these settings."""
+        """Fit a model to the log beside those that are there, but for a log that cannot be read with these settings."""
         if session.state.nodes and log_part.preview(session).about.error:
             return
         self.jobs.cancel(session)
-        session.begin_anew()
-        self.jobs.begin(session, session.add_node(None))
+        state = session.state
+        self.jobs.begin(session, session.add_node(Node(log=state.log, start=state.start, before=state.at)))
 
     def add(self, session: Session, effect: str) -> None:
         """Add an effect to the model that is looked at; where the history has that model, go there."""
         state = session.state
-        if state.at is None or not (session.of(state.at) / MODEL).is_file():
+        if state.at is None or not session.has(state.at, Answer.MODEL):
             return
         known = [k for k, node in enumerate(state.nodes) if node.parent == state.at and node.added == effect]
         if known:
             self.go(session, known[0])
             return
-        self.jobs.begin(session, session.add_node(state.at, effect))
+        self.jobs.begin(session, session.add_node(Node(state.at, effect)))
 
     def try_own(self, session: Session, own: OwnEffect) -> None:
         """Add an effect that the user wrote; raises InvalidInput where it is none."""
@@ -113,19 +126,32 @@ class Workbench:
         self.add(session, own.name)
 
     def go(self, session: Session, node: int | None) -> None:
-        """Look at another model of the history."""
+        """Look at another model of the history; the form shows the settings that it was made with."""
         state = session.state
         if node is not None and 0 <= node < len(state.nodes):
-            session.change(at=node)
-            if not finished(session, node) and self.jobs.running(session) is None:
-                self.jobs.begin(session, node)
+            same = state.path(node)[:1] == state.path(state.at)[:1]
+            session.save(replace(state if same else state.settings_of(node), at=node))
+            self._finish(session, node)
+
+    def _finish(self, session: Session, node: int | None) -> None:
+        if node is not None and not finished(session, node) and self.jobs.running(session) is None:
+            self.jobs.begin(session, node)
+
+    def resume(self, session: Session) -> None:
+        """Go on, once, with what was under way when the server ended, or with what another version wrote."""
+        if session.identifier not in self.resumed:
+            self.resumed.add(session.identifier)
+            self._finish(session, session.state.at)
 
     def undo(self, session: Session) -> None:
-        """Look at the model before."""
+        """Look at the model before, also at that before everything was begun anew."""
         state = session.state
-        if state.at is not None and state.nodes[state.at].parent is not None:
-            self.jobs.cancel(session)
-            self.go(session, state.nodes[state.at].parent)
+        if state.at is None or (before := state.nodes[state.at].undone) is None:
+            return
+        self.jobs.cancel(session)
+        if state.nodes[state.at].parent is None:
+            session.save(session.state.settings_of(before))
+        self.go(session, before)
 
     def beside(self, session: Session, node: int) -> None:
         """Compare the model that is looked at with another of the history; once more: no longer."""
@@ -136,6 +162,11 @@ class Workbench:
         state = session.state
         if state.at is not None and self.jobs.running(session) is None:
             self.jobs.begin(session, state.at, "--next")
+
+    def train(self, session: Session, u_max: Any) -> None:
+        """Train a policy; raises InvalidInput where that cannot be."""
+        if session.state.at is not None:
+            self.trainings.begin(session, session.state.at, float(u_max or 0.0))
 
     def cancel(self, session: Session) -> None:
         """End what is under way."""
@@ -148,21 +179,20 @@ class Workbench:
         """What each part of the page rests on, as a text that changes with it."""
         if session is None:
             return dict.fromkeys(STAMPED, "none")
-        state, folder = session.state, None
-        if state.at is not None:
-            folder = session.of(state.at)
-        there = {n: "" if folder is None or not (folder / n).is_file() else str((folder / n).stat().st_mtime_ns)
-                 for n in (FAILS, SERIES, EFFECTS, MODEL, REPORT)}  # fmt: skip
-        own, known = session.identifier, [(session.of(k) / FAILS).is_file() for k in range(len(state.nodes))]
-        return {
-            "log": f"{own} {state.titles} {bool(state.nodes)}",
-            "fails": f"{own} {state.at} {there[FAILS]}",
-            "effects": f"{own} {state.at} {there[EFFECTS]} {there[FAILS]}",
-            "ladder": f"{own} {state.at} {state.nodes} {known} {state.beside}",
-            "take": f"{own} {state.at} {there[MODEL]} {there[REPORT]} {take_part.stamp(session)}",
-            "train": f"{own} {state.at} {there[FAILS]} {take_part.training_stamp(session)} "
-            f"{self.trainings.running(session)}",
+        state = session.state
+        shown = {name: session.shown(name) for name in (Answer.FAILS, Answer.EFFECTS)}
+        fails, effects = ((state.at, node, _changed(session, node, name)) for name, node in shown.items())
+        own = [_changed(session, state.at, n) for n in (Answer.MODEL, Answer.EXPORTED, Answer.REPORT, Answer.PLANNED)]
+        known = [_changed(session, k, Answer.FAILS) for k in range(len(state.nodes))]
+        rests_on: dict[str, Any] = {
+            "log": (state.title, state.titles, state.path(state.at)[:1], state.log.get("joint")),
+            "fails": fails,
+            "effects": effects,
+            "ladder": (state.at, state.nodes, state.beside, known),
+            "take": (state.at, own),
+            "train": (fails, _changed(session, state.at, Answer.TRAINING), self.trainings.running(session)),
         }
+        return {part: f"{session.identifier} {rests_on[part]}" for part in STAMPED}
 
     def busy(self, session: Session) -> bool:
         """Whether something is under way that the page watches."""
@@ -170,8 +200,8 @@ class Workbench:
 
     def end(self) -> None:
         """End everything that is under way."""
-        self.jobs.end()
-        self.trainings.end()
+        self.jobs.processes.end_all()
+        self.trainings.processes.end_all()
 
     def work(self, session: Session | None) -> Any:
         """What is under way, or what went wrong last."""
@@ -179,55 +209,47 @@ class Workbench:
             return ""
         if message := self.jobs.message(session):
             self.messages[session.identifier] = message
+        said = self.messages.get(session.identifier, "")
+        shown = [html.P(said, className="error")] if said else []
         if self.jobs.running(session) is None:
-            said = self.messages.get(session.identifier, "")
-            return html.P(said, className="error") if said else ""
-        self.messages.pop(session.identifier, None)
+            return shown or ""
         part, text, seconds = self.jobs.progress(session)
-        return [html.Progress(**{"aria-label": "at work"}), html.Span(part, className="part"),
-                html.Span(text, className="quiet"), html.Span(f"{seconds:.0f} s", className="quiet")]  # fmt: skip
+        details = [html.Span(said, className="quiet") for said in (text, f"{seconds:.0f} s")]
+        return [html.Progress(**{"aria-label": "at work"}), html.Span(part, className="part"), *details, *shown]
 
     def part(self, name: str, session: Session | None) -> Any:
         """What a section of the page shows."""
         if session is None:
-            return layout.start_part(self.most) if name == "log" else layout.part(name)
-        show: dict[str, Callable[[Session], Any]] = {
-            "log": lambda own: log_part.form(own, self.most),
-            "fails": self._fails,
-            "effects": self._effects,
-            "ladder": lambda own: layout.ladder_part(own.state, self.history(own)),
-            "take": take_part.take,
-            "train": lambda own: take_part.training_part(own, self.trainings.running(own)),
-        }
-        return show[name](session)
+            return layout.start_part() if name == "log" else layout.nothing(name)
+        if name in ("fails", "effects"):
+            node = session.shown(Answer(f"{name}.json"))
+            return layout.nothing(name) if node is None else self._answers(name, session, node)
+        if name == "log":
+            return log_part.form(session)
+        if name == "ladder":
+            known = [session.read(k, Answer.FAILS) for k in range(len(session.state.nodes))]
+            return layout.ladder_part(session.state, [None if found is None else found["ratio"] for found in known])
+        return take_part.take(session) if name == "take" else take_part.training_part(session, self.trainings)
 
-    def _fails(self, session: Session) -> Any:
-        at = session.state.at
-        found = session.read(at, FAILS)
-        return layout.fails(found, None if found is None or at is None else figures.series(session.of(at) / SERIES))
-
-    def _effects(self, session: Session) -> Any:
-        state = session.state
-        found, known = session.read(state.at, FAILS), session.read(state.at, EFFECTS)
-        own = OwnEffect(**state.own[-1]) if state.own else suggested(found)
-        rows = layout.effects(known, None if found is None else found["ratio"])
-        return rows if known is None else [*rows, *layout.own_effect(own, known)]
-
-    def history(self, session: Session) -> list[dict[str, Any]]:
-        """Of each model its label, error and the model that it was made of."""
-        found = []
-        for k, node in enumerate(session.state.nodes):
-            seen = session.read(k, FAILS)
-            found.append({"node": k, "label": f"+ {node.added}" if node.added else "as it came", "parent": node.parent,
-                          "error": None if seen is None else seen["ratio"]})  # fmt: skip
-        return found
+    def _answers(self, name: str, session: Session, node: int) -> html.Div:
+        """Where a model fails, or what it is missing; dimmed where it is not the one that is looked at."""
+        live, own_effects = node == session.state.at, session.state.own
+        found, known = session.read(node, Answer.FAILS), session.read(node, Answer.EFFECTS)
+        if name == "fails":
+            shown = layout.fails(found, figures.series(session.of(node) / Answer.SERIES))
+        else:
+            own = OwnEffect(**own_effects[-1]) if own_effects else suggested(found)
+            error = None if found is None else found["ratio"]
+            shown = [*layout.effects(known, error, live), *layout.own_effect(own, known, live)]
+        return html.Div(shown, className="" if live else "before")
 
     def marked(
         self, session: Session, region: Mapping[str, tuple[float, float]], channel: str, over: str
     ) -> list[Patch]:
         """What marks the samples of a region in the course, the map and the picture over one quantity."""
-        assert session.state.at is not None
-        s = figures.series(session.of(session.state.at) / SERIES)
+        node = session.shown(Answer.FAILS)
+        assert node is not None
+        s = figures.series(session.of(node) / Answer.SERIES)
         at = np.flatnonzero(s.within(region)) if region else np.zeros(0, dtype=np.intp)
         at = at[:: max(1, len(at) // figures.MARKED)]
         course, states, quantity = Patch(), Patch(), Patch()
@@ -236,3 +258,9 @@ class Workbench:
         states["data"][2]["x"], states["data"][2]["y"] = s["theta"][at], s["theta_dot"][at]
         quantity["data"][2]["x"], quantity["data"][2]["y"] = s[over][at], s["d"][at]
         return [course, states, quantity]
+
+
+def _changed(session: Session, node: int | None, name: Answer) -> int:
+    """When an answer was written [ns]; 0 where it is not there."""
+    path = None if node is None else session.of(node) / name
+    return path.stat().st_mtime_ns if path is not None and path.is_file() else 0

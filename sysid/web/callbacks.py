@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 from urllib.parse import parse_qs
@@ -15,21 +15,10 @@ from sysid.errors import InvalidInput
 from sysid.web import figures, layout, log_part
 from sysid.web.bench import Workbench
 from sysid.web.layout import STAMPED
-from sysid.web.log_part import OURS, preview
+from sysid.web.log_part import SETTINGS, preview
 from sysid.web.own_effect import OwnEffect
-from sysid.web.session import EFFECTS, FAILS, SERIES, Session
+from sysid.web.session import Answer, Session
 
-SETTINGS = (
-    *(f"set-{c}" for c in OURS),
-    "set-plant",
-    "set-input",
-    "set-zero",
-    "set-signs",
-    "set-begin",
-    "set-end",
-    "set-known",
-)
-"""The controls of the form, in the order in which they are handed over."""
 QUICK, SLOW = 400, 3_000
 """How often [ms] the page asks what is new, while something is under way and else."""
 
@@ -66,34 +55,50 @@ def zoomed(s: figures.Series, channel: str, moved: Mapping[str, Any] | None) -> 
     return patch
 
 
-def do(bench: Workbench, own: Session | None, clicked: Mapping[str, Any]) -> Session | None:
-    """What a button asks for; a new session, where it made one."""
+def do(
+    bench: Workbench, own: Session | None, clicked: Mapping[str, Any], fields: Mapping[str, Any] | None = None
+) -> Session | None:
+    """What a button asks for, of the fields of the page; returns the session to look at. Raises InvalidInput."""
+    what = clicked["do"]
     with bench.sessions.lock:
-        if clicked["do"] == "sample":
+        if what == "sample":
             return bench.sample(clicked["name"])
+        if what == "delete":
+            gone = bench.sessions.find(clicked["session"])
+            if gone is not None:
+                bench.delete(gone)
+            return None if gone == own else own
         if own is None:
             return None
-        if clicked["do"] == "add":
-            bench.add(own, clicked["effect"])
-        elif clicked["do"] in ("go", "beside"):
-            {"go": bench.go, "beside": bench.beside}[clicked["do"]](own, clicked["node"])
-        else:
-            simple = {"fit": bench.fit, "undo": bench.undo, "cancel": bench.cancel, "plan": bench.plan,
-                      "untrain": bench.trainings.cancel}  # fmt: skip
-            simple.get(clicked["do"], lambda _: None)(own)
-    return None
+        given = fields or {}
+        text = {name: str(value or "").strip() for name, value in given.items()}
+        actions: dict[str, Callable[[], None]] = {
+            "fit": lambda: bench.fit(own),
+            "undo": lambda: bench.undo(own),
+            "cancel": lambda: bench.cancel(own),
+            "plan": lambda: bench.plan(own),
+            "untrain": lambda: bench.trainings.cancel(own),
+            "add": lambda: bench.add(own, clicked["effect"]),
+            "go": lambda: bench.go(own, clicked["node"]),
+            "beside": lambda: bench.beside(own, clicked["node"]),
+            "train": lambda: bench.train(own, given["u_max"]),
+            "rename": lambda: bench.rename(own, text["title"]),
+            "own": lambda: bench.try_own(own, OwnEffect(text["name"], text["formula"], text["shapes"])),
+        }
+        if what in actions:
+            bench.messages.pop(own.identifier, None)
+            actions[what]()
+    return own
 
 
 def effect_picture(session: Session, effect: str) -> Any:
     """The residual torque over what an effect acts on, with the effect's curve through it."""
-    at = session.state.at
-    found, known = session.read(at, FAILS), session.read(at, EFFECTS)
+    at = session.shown(Answer.EFFECTS)
+    found, known = session.read(at, Answer.FAILS), session.read(at, Answer.EFFECTS)
     if found is None or known is None or at is None:
-        return figures.empty("not known yet")
-    s, curve = (
-        figures.series(session.of(at) / SERIES),
-        next(r["torque"] for r in known["rows"] if r["effect"] == effect),
-    )
+        return figures.blank(200)
+    s = figures.series(session.of(at) / Answer.SERIES)
+    curve = next(r["torque"] for r in known["rows"] if r["effect"] == effect)
     if curve["over"] == "time":
         return figures.torque_over_time(found, s, curve)
     return figures.torque_against(found, s, curve["over"], curve)
@@ -114,22 +119,33 @@ class PageCallbacks:
 
     def look(self, _: Any, search: str | None, __: Any, *seen: str | None) -> list[Any]:
         """What is new: stamps of the parts, what is under way, and when to ask again."""
-        own = self.session(search)
+        own, name = self.session(search), session_name(search)
+        if own is not None:
+            self.bench.resume(own)
         now, stamps = self.bench.work(own), self.bench.stamps(own)
+        if own is None and name:
+            now = html.P(self.bench.sessions.refusal(name), className="error")
         new = [no_update if stamps[p] == s else stamps[p] for p, s in zip(STAMPED, seen, strict=True)]
         return [*new, now, QUICK if own is not None and self.bench.busy(own) else SLOW]
 
-    def part(self, name: str, search: str | None) -> Any:
+    def part(self, name: str, _: Any, search: str | None) -> Any:
         """A section anew."""
         return self.bench.part(name, self.session(search))
 
     def act(self, *given: Any) -> tuple[Any, Any]:
-        """A button was pressed."""
-        clicked = ctx.triggered_id
-        if not any(own["value"] for own in ctx.triggered) or not isinstance(clicked, dict):
+        """A button was pressed; what cannot be done is said where work is shown."""
+        clicked, own = ctx.triggered_id, self.session(given[-1])
+        if not any(pressed["value"] for pressed in ctx.triggered) or not isinstance(clicked, dict):
             return no_update, no_update
-        made = do(self.bench, self.session(given[-1]), clicked)
-        return f"{clicked} {time.time()}", f"?session={made.identifier}" if made else no_update
+        fields = {state["id"]["field"]: state.get("value") for state in ctx.states_list[0]}
+        try:
+            shown = do(self.bench, own, clicked, fields)
+        except InvalidInput as error:
+            shown = own
+            if own is not None:
+                self.bench.messages[own.identifier] = str(error)
+        address = no_update if shown == own else f"?session={shown.identifier}" if shown else "?"
+        return f"{clicked} {time.time()}", address
 
     def unfold(self, clicks: int | None, search: str | None) -> Any:
         """A row shows its picture."""
@@ -143,10 +159,10 @@ class PageCallbacks:
     ) -> list[Any]:
         """A region was selected, the time was zoomed, or another quantity was chosen."""
         own, by = self.session(search), ctx.triggered_id
-        at = None if own is None else own.state.at
-        if own is None or at is None or not (own.of(at) / FAILS).is_file():
+        at = None if own is None else own.shown(Answer.FAILS)
+        if own is None or at is None:
             return [no_update] * 3
-        found, s = own.read(at, FAILS), figures.series(own.of(at) / SERIES)
+        found, s = own.read(at, Answer.FAILS), figures.series(own.of(at) / Answer.SERIES)
         if by == "channel":
             return [figures.residual_over_time(found, s, channel), no_update, no_update]
         if by == "over-what":
@@ -164,11 +180,7 @@ class PageCallbacks:
         if own is None:
             return no_update
         if ctx.triggered_id is not None:
-            named = dict(zip((s.removeprefix("set-") for s in SETTINGS), values, strict=True))
-            try:
-                own.save(log_part.changed(own.state, named, log_part.columns(own)[1]))
-            except InvalidInput as error:
-                return html.P(str(error), className="error", role="alert")
+            log_part.change(own, dict(zip(SETTINGS, values, strict=True)))
         return log_part.previewed(preview(own))
 
     def move(self, at: float | None, hovered: Any, search: str | None) -> tuple[Any, Any]:
@@ -193,29 +205,7 @@ class PageCallbacks:
         except InvalidInput as error:
             return no_update, str(error)
 
-    def train(self, clicks: int | None, u_max: Any, search: str | None) -> tuple[Any, str]:
-        """A training begins."""
-        own = self.session(search)
-        if not clicks or own is None or own.state.at is None:
-            return no_update, ""
-        try:
-            self.bench.trainings.begin(own, own.state.at, float(u_max or 0.0))
-        except (InvalidInput, ValueError) as error:
-            return no_update, str(error)
-        return f"train {time.time()}", ""
-
-    def own(self, clicks: int | None, name: str, formula: str, shapes: str, search: str | None) -> tuple[Any, str]:
-        """The user's own effect is tried."""
-        own = self.session(search)
-        if not clicks or own is None:
-            return no_update, ""
-        try:
-            self.bench.try_own(own, OwnEffect((name or "").strip(), formula or "", shapes or ""))
-        except InvalidInput as error:
-            return no_update, str(error)
-        return f"own {time.time()}", ""
-
-    def choose(self, search: str | None) -> Any:
+    def choose(self, search: str | None, _: Any) -> Any:
         """The sessions to choose from."""
         return layout.sessions([(s.identifier, s.state.title) for s in self.bench.sessions.all()], session_name(search))
 
@@ -223,34 +213,25 @@ class PageCallbacks:
 def join(app: Dash, bench: Workbench) -> None:
     """Register all callbacks of the page."""
     page, url, once = PageCallbacks(bench), State("url", "search"), {"prevent_initial_call": True}
-    stamps = [Output(f"seen-{p}", "data") for p in STAMPED]
-    seen = [State(f"seen-{p}", "data") for p in STAMPED]
+    stamps, seen = ([kind(f"seen-{p}", "data") for p in STAMPED] for kind in (Output, State))
     now = [Input("tick", "n_intervals"), Input("url", "search"), Input("act", "data")]
     app.callback([*stamps, Output("work", "children"), Output("tick", "interval")], now, seen)(page.look)
     for part in STAMPED:
-        show = partial(_part, page, part)
-        app.callback(Output(f"part-{part}", "children"), Input(f"seen-{part}", "data"), url)(show)
+        app.callback(Output(f"part-{part}", "children"), Input(f"seen-{part}", "data"), url)(partial(page.part, part))
     buttons = [Input({"do": ALL, **more}, "n_clicks") for more in ({}, {"effect": ALL}, {"name": ALL}, {"node": ALL})]
-    app.callback([Output("act", "data"), Output("url", "search")], buttons, url, **once)(page.act)
+    buttons += [Input({"do": ALL, "session": ALL}, "submit_n_clicks")]
+    fields = State({"field": ALL}, "value")
+    app.callback([Output("act", "data"), Output("url", "search")], buttons, fields, url, **once)(page.act)
     unfolded, picture = {"do": "unfold", "effect": MATCH}, {"do": "picture", "effect": MATCH}
     app.callback(Output(picture, "children"), Input(unfolded, "n_clicks"), url, **once)(page.unfold)
     plots = ("course", "map", "over")
     chosen = [*(Input(p, "selectedData") for p in plots), Input("course", "relayoutData")]
     chosen += [Input("channel", "value"), Input("over-what", "value")]
     app.callback([Output(p, "figure") for p in plots], chosen, url, **once)(page.point)
-    app.callback(Output("preview", "children"), [Input(s, "value") for s in SETTINGS], url)(page.settings)
+    app.callback(Output("preview", "children"), [Input(f"set-{s}", "value") for s in SETTINGS], url)(page.settings)
     cursor = [Input("cursor", "value"), Input("readings", "hoverData")]
     app.callback([Output("machine", "figure"), Output("readings", "figure")], cursor, url, **once)(page.move)
     dropped = [Output("url", "search", allow_duplicate=True), Output("upload-message", "children")]
     files = [Input("upload", "contents"), State("upload", "filename")]
     app.callback(dropped, files, **once)(page.drop)
-    wrote = [State(f"own-{k}", "value") for k in ("name", "formula", "shapes")]
-    tried = [Output("act", "data", allow_duplicate=True), Output("own-message", "children")]
-    app.callback(tried, Input("own-try", "n_clicks"), [*wrote, url], **once)(page.own)
-    begun = [Output("act", "data", allow_duplicate=True), Output("train-message", "children")]
-    app.callback(begun, Input("train", "n_clicks"), [State("train-u-max", "value"), url], **once)(page.train)
-    app.callback(Output("sessions", "children"), Input("url", "search"))(page.choose)
-
-
-def _part(page: PageCallbacks, name: str, _: Any, search: str | None) -> Any:
-    return page.part(name, search)
+    app.callback(Output("sessions", "children"), Input("url", "search"), Input("act", "data"))(page.choose)

@@ -33,25 +33,13 @@ BASE = {
     "hoverlabel": {"font": {"family": "system-ui, sans-serif"}},
     "uirevision": "kept",
     "dragmode": "select",
-    "legend": {
-        "orientation": "h",
-        "font": {"size": 11},
-        "traceorder": "normal",
-        "x": 0,
-        "y": 1.0,
-        "yanchor": "bottom",
-        "bgcolor": "rgba(0,0,0,0)",
-    },
+    "legend": {"orientation": "h", "font": {"size": 11}, "traceorder": "normal", "x": 0, "y": 1.0, "yanchor": "bottom",
+               "bgcolor": "rgba(0,0,0,0)"},
     "showlegend": False,
     "modebar": {"bgcolor": "rgba(0,0,0,0)", "color": GREY, "activecolor": BLUE},
-}
-AXIS = {
-    "gridcolor": "rgba(128,128,128,0.18)",
-    "zeroline": False,
-    "linecolor": "rgba(128,128,128,0.6)",
-    "ticks": "",
-    "hoverformat": ".3g",
-}
+}  # fmt: skip
+AXIS = {"gridcolor": "rgba(128,128,128,0.18)", "zeroline": False, "linecolor": "rgba(128,128,128,0.6)", "ticks": "",
+        "hoverformat": ".3g"}  # fmt: skip
 DIVERGING = [[0.0, ORANGE], [0.5, "rgba(128,128,128,0.06)"], [1.0, BLUE]]
 
 
@@ -111,18 +99,20 @@ def axis_title(name: str, units: Mapping[str, str]) -> str:
     return f"{quantity(name, units)} [{units[name]}]"
 
 
-def blank(height: int, **more: Any) -> go.Figure:
-    """A figure in the page's style."""
+def blank(height: int, x: str = "", y: str = "", **more: Any) -> go.Figure:
+    """A figure in the page's style, with the titles of its axes."""
     figure = go.Figure(layout={**BASE, "height": height, **more})
-    figure.update_xaxes(**AXIS)
-    figure.update_yaxes(**AXIS)
+    figure.update_xaxes(**AXIS, title=x)
+    figure.update_yaxes(**AXIS, title=y)
     return figure
 
 
-def empty(text: str, height: int = 200) -> go.Figure:
-    """A place where nothing is to be seen yet."""
-    figure = blank(height, xaxis={"visible": False}, yaxis={"visible": False})
-    figure.add_annotation(text=text, showarrow=False, xref="paper", yref="paper", x=0.5, y=0.5)
+def two_rows(height: int, **more: Any) -> go.Figure:
+    """A figure in the page's style of two plots over one axis."""
+    figure = make_subplots(rows=2, cols=1, shared_xaxes=True, **more)
+    figure.update_layout({**BASE, "height": height})
+    figure.update_xaxes(**AXIS)
+    figure.update_yaxes(**AXIS)
     return figure
 
 
@@ -136,26 +126,23 @@ def residual_over_time(found: Mapping[str, Any], s: Series, channel: str = "thet
                        end: float = np.inf, height: int = 380) -> go.Figure:  # fmt: skip
     """Measured against simulated, and the residual torque with its band below, on one axis of time."""
     units = found["quantities"]
-    figure = make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.06, row_heights=[0.58, 0.42])
-    figure.update_layout({**BASE, "height": height, "showlegend": True, "selectdirection": "h"})
-    lines = course_lines(s, channel, begin, end)
-    read = {"mode": "lines", "line": {"color": "rgba(138,143,152,0.75)", "width": 3.5}, "name": "measured"}
-    figure.add_scatter(**lines[READ], **read, row=1, col=1)
-    said = {"mode": "lines", "line": {"color": BLUE, "width": 1.3}, "name": "model, 1 s ahead"}
-    figure.add_scatter(**lines[SAID], **said, row=1, col=1)
-    edge: dict[str, Any] = {"mode": "lines", "line": {"width": 0}, "hoverinfo": "skip", "showlegend": False}
-    figure.add_scatter(**lines[LOW], **edge, row=2, col=1)
-    figure.add_scatter(**lines[BAND], **edge, fill="tonexty", fillcolor="rgba(232,112,42,0.28)", row=2, col=1)
-    torque = quantity("torque", units)
-    line = {"mode": "lines", "line": {"color": ORANGE, "width": 1.2}, "name": f"residual {torque}"}
-    figure.add_scatter(**lines[D], **line, row=2, col=1)
+    figure = two_rows(height, vertical_spacing=0.06, row_heights=[0.58, 0.42])
+    figure.update_layout(showlegend=True, selectdirection="h")
+    edge: dict[str, Any] = {"line": {"width": 0}, "hoverinfo": "skip", "showlegend": False}
+    styles: tuple[tuple[int, dict[str, Any]], ...] = (
+        (1, {"line": {"color": "rgba(138,143,152,0.75)", "width": 3.5}, "name": "measured"}),
+        (1, {"line": {"color": BLUE, "width": 1.3}, "name": "model, 1 s ahead"}),
+        (2, edge),
+        (2, {**edge, "fill": "tonexty", "fillcolor": "rgba(232,112,42,0.28)"}),
+        (2, {"line": {"color": ORANGE, "width": 1.2}, "name": f"residual {quantity('torque', units)}"}),
+    )
+    for line, (row, style) in zip(course_lines(s, channel, begin, end), styles, strict=True):
+        figure.add_scatter(**line, mode="lines", **style, row=row, col=1)
     for row in (1, 2):
         figure.add_scatter(x=[], y=[], **_marks(), row=row, col=1)
     for place in found["rollouts"]:
         for low, high in place["unseen"]:
             figure.add_vrect(x0=low, x1=high, fillcolor=GREEN, opacity=0.07, line_width=0, layer="below")
-    figure.update_xaxes(**AXIS)
-    figure.update_yaxes(**AXIS)
     figure.update_yaxes(title=axis_title(channel, units), row=1)
     figure.update_yaxes(title=f"residual [{units['torque']}]", row=2, range=_residual_range(found, 1.5))
     figure.update_xaxes(title="time [s], rollout after rollout", row=2)
@@ -188,8 +175,7 @@ def state_map(found: Mapping[str, Any], s: Series, height: int = 270) -> go.Figu
     units, cells = found["quantities"], found["torque"]["map"]
     z = np.array([[np.nan if v is None else v for v in row] for row in cells["torque"]], dtype=float).T
     reach = max(float(np.nanquantile(np.abs(z), 0.95)) if np.any(np.isfinite(z)) else 0.0, 0.7 * found["reach"])
-    figure = blank(height)
-    at = np.linspace(0, len(s) - 1, min(len(s), DOTS)).astype(int)
+    figure, at = blank(height, axis_title("theta", units), axis_title("theta_dot", units)), _dots(s)
     figure.add_heatmap(
         x=cells["theta"], y=cells["theta_dot"], z=z, zmin=-reach or -1.0, zmax=reach or 1.0, colorscale=DIVERGING,
         colorbar={"title": {"text": f"[{units['torque']}]"}, "thickness": 10, "len": 0.9, "outlinewidth": 0},
@@ -198,21 +184,20 @@ def state_map(found: Mapping[str, Any], s: Series, height: int = 270) -> go.Figu
     dots = {"color": GREY, "size": 2, "opacity": 0.35}
     figure.add_scatter(x=s["theta"][at], y=s["theta_dot"][at], mode="markers", marker=dots, hoverinfo="skip")
     figure.add_scatter(x=[], y=[], **_marks())
-    figure.update_xaxes(title=axis_title("theta", units), range=_range(cells["theta"]))
-    figure.update_yaxes(title=axis_title("theta_dot", units), range=_range(cells["theta_dot"]))
+    figure.update_xaxes(range=[cells["theta"][0], cells["theta"][-1]])
+    figure.update_yaxes(range=[cells["theta_dot"][0], cells["theta_dot"][-1]])
     return figure
 
 
-def _range(edges: Sequence[float]) -> list[float]:
-    return [edges[0], edges[-1]]
+def _dots(s: Series) -> NDArray[np.intp]:
+    return np.linspace(0, len(s) - 1, min(len(s), DOTS)).astype(np.intp)
 
 
 def torque_against(found: Mapping[str, Any], s: Series, name: str, curve: Mapping[str, Any] | None = None,
          height: int = 270) -> go.Figure:  # fmt: skip
     """The residual torque over one quantity: samples, means with their 99 % band, perhaps an effect's curve."""
-    units = found["quantities"]
-    figure = blank(height)
-    at = np.linspace(0, len(s) - 1, min(len(s), DOTS)).astype(int)
+    units, at = found["quantities"], _dots(s)
+    figure = blank(height, axis_title(name, units), f"residual {axis_title('torque', units)}")
     dots = {"color": GREY, "size": 2.5, "opacity": 0.4}
     figure.add_scatter(x=s[name][at], y=s["d"][at], mode="markers", marker=dots, hoverinfo="skip")
     means = found["torque"]["over"][name]
@@ -227,11 +212,9 @@ def torque_against(found: Mapping[str, Any], s: Series, name: str, curve: Mappin
     )  # fmt: skip
     figure.add_scatter(x=[], y=[], **_marks())
     if curve is not None:
-        figure.add_scatter(
-            x=curve["x"], y=curve["mean"], mode="lines", line={"color": BLUE, "width": 2.5}, name="effect"
-        )
-    figure.update_xaxes(title=axis_title(name, units))
-    figure.update_yaxes(title=f"residual {axis_title('torque', units)}", range=_residual_range(found, 1.15))
+        line = {"color": BLUE, "width": 2.5}
+        figure.add_scatter(x=curve["x"], y=curve["mean"], mode="lines", line=line, name="effect")
+    figure.update_yaxes(range=_residual_range(found, 1.15))
     return figure
 
 
@@ -243,50 +226,38 @@ def _residual_range(found: Mapping[str, Any], room: float) -> list[float]:
 
 def torque_over_time(found: Mapping[str, Any], s: Series, curve: Mapping[str, Any], height: int = 270) -> go.Figure:
     """The residual torque over a stretch of time, and an effect's torque through it."""
-    place = next(
-        (p for p in found["rollouts"] if p["name"] == curve["record"].partition(", ")[0]), found["rollouts"][0]
-    )
-    shift = place["begin"] - place["first"]
+    name, places = curve["record"].partition(", ")[0], found["rollouts"]
+    place = next((p for p in places if p["name"] == name), places[0])
+    shift, torque = place["begin"] - place["first"], axis_title("torque", found["quantities"])
     x = np.array(curve["x"]) + shift
-    units, figure = found["quantities"], blank(height, showlegend=True)
+    figure = blank(height, f"time [s] of {place['name']}", f"residual {torque}", showlegend=True)
     t, d = thinned(s["t"], s["d"], 1_500, float(x[0]), float(x[-1]))
     figure.add_scatter(x=t - shift, y=d, mode="lines", line={"color": ORANGE, "width": 1.2}, name="residual")
     figure.add_scatter(x=curve["x"], y=curve["mean"], mode="lines", line={"color": BLUE, "width": 1.8}, name="effect")
-    figure.update_xaxes(title=f"time [s] of {place['name']}")
-    figure.update_yaxes(title=f"residual {axis_title('torque', units)}")
     return figure
 
 
 def horizon_figure(found: Mapping[str, Any], height: int = 230) -> go.Figure:
     """The error over windows of every length, in units of the noise."""
-    figure = blank(height)
-    names = list(found["errors"])
+    figure, names = blank(height, "predicted over", "error / sensor noise"), list(found["errors"])
     ratios = [found["errors"][n]["ratio"] for n in names]
     said = [typeset_multiple(r) if r is not None else "" for r in ratios]
     figure.add_bar(
         x=[n.replace("_", " ") for n in names], y=ratios, marker={"color": BLUE}, text=said, textposition="outside",
         cliponaxis=False, hoverinfo="skip",
     )  # fmt: skip
-    noise_line(figure)
-    figure.update_xaxes(title="predicted over")
-    figure.update_yaxes(title="error / sensor noise", **_log_range([r for r in ratios if r]))
+    _to_the_noise(figure, ratios)
     return figure
 
 
-def noise_line(figure: go.Figure) -> None:
-    """Where a perfect model would be."""
+def _to_the_noise(figure: go.Figure, errors: Sequence[float | None]) -> None:
+    """Errors on a scale of powers, and a line where a perfect model would be."""
     figure.add_hline(y=1.0, line={"color": GREEN, "width": 2})
-
-
-def _log_range(values: Sequence[float]) -> dict[str, Any]:
+    values = [v for v in errors if v]
     top = max([2.0, *values])
     ticks = [v for v in (0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 10_000, 100_000) if v <= 2.2 * top]
-    return {
-        "type": "log",
-        "range": [np.log10(0.6), np.log10(1.7 * top)],
-        "tickvals": ticks,
-        "ticktext": [f"{v:g}" for v in ticks],
-    }
+    reach = [np.log10(0.6), np.log10(1.7 * top)]
+    figure.update_yaxes(type="log", range=reach, tickvals=ticks, ticktext=[f"{v:g}" for v in ticks])
 
 
 # ---- add it ----------------------------------------------------------------------------------------------------------
@@ -294,17 +265,15 @@ def _log_range(values: Sequence[float]) -> dict[str, Any]:
 
 def error_ladder(paths: Sequence[tuple[str, Sequence[tuple[str, float | None]]]], height: int = 230) -> go.Figure:
     """The error on held-out data, a bar a model, down to the noise; of one path through the history, or of two."""
-    figure = blank(height, barmode="group", showlegend=len(paths) > 1, bargap=0.35 if len(paths[0][1]) > 1 else 0.65)
-    seen: list[float] = []
+    figure = blank(height, y="error / sensor noise", barmode="group", showlegend=len(paths) > 1,
+                   bargap=0.35 if len(paths[0][1]) > 1 else 0.65)  # fmt: skip
     for (name, steps), colour in zip(paths, (BLUE, ORANGE), strict=False):
         x, y = [label for label, _ in steps], [error for _, error in steps]
-        seen += [v for v in y if v]
         figure.add_bar(
             x=x, y=y, name=name, marker={"color": colour}, text=[typeset_multiple(v) if v else "" for v in y],
             textposition="outside", cliponaxis=False, hoverinfo="skip",
         )  # fmt: skip
-    noise_line(figure)
-    figure.update_yaxes(title="error / sensor noise", **_log_range(seen))
+    _to_the_noise(figure, [error for _, steps in paths for _, error in steps])
     return figure
 
 
@@ -313,11 +282,10 @@ def error_ladder(paths: Sequence[tuple[str, Sequence[tuple[str, float | None]]]]
 
 def learning(points: Sequence[tuple[int, float]], optimum: float | None, height: int = 200) -> go.Figure:
     """The return in training over commands given, and the best that any controller can have."""
-    figure = blank(height)
+    figure = blank(height, "commands given", "return of an episode")
     figure.add_scatter(x=[x for x, _ in points], y=[y for _, y in points], mode="lines+markers", line={"color": BLUE})
     if optimum is not None:
         said = {"text": "optimum", "font": {"color": GREEN}}
         figure.add_hline(y=optimum, line={"color": GREEN, "width": 2}, annotation=said)
-    figure.update_xaxes(title="commands given", rangemode="tozero")
-    figure.update_yaxes(title="return of an episode")
+    figure.update_xaxes(rangemode="tozero")
     return figure

@@ -12,8 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from sysid.web.session import EFFECTS, ERROR, MODEL, REPORT, Session
-from sysid.web.work import PROGRESS
+from sysid.web.session import Answer, Session
 
 
 @dataclass(frozen=True)
@@ -23,95 +22,111 @@ class Job:
     node: int
     process: subprocess.Popen[bytes]
 
+    @property
+    def runs(self) -> bool:
+        """Whether it has not ended."""
+        return self.process.poll() is None
 
-class Jobs:
-    """The processes of all sessions. `effects` is a file with the user's own, named on the command line."""
+    def kill(self) -> None:
+        """End it and the processes that it began."""
+        if self.runs:
+            with suppress(ProcessLookupError):
+                os.killpg(self.process.pid, signal.SIGKILL)
+            self.process.wait()
 
-    def __init__(self, effects: Path | None = None) -> None:
-        self.effects, self._jobs, self._lock = effects, dict[str, Job](), threading.RLock()
 
-    def begin(self, session: Session, node: int, *more: str) -> None:
-        """Work on a model; what was worked on in this session before is cancelled. `more`: "--next" plans, too."""
-        with self._lock:
-            self.cancel(session)
-            folder = session.of(node)
-            for name in (ERROR, PROGRESS):
-                (folder / name).unlink(missing_ok=True)
-            command = [sys.executable, "-m", "sysid.web.work", str(session.folder), str(node), *more]
-            command += [str(self.effects)] if self.effects else []
-            with (folder / "work.log").open("wb") as log:
-                process = subprocess.Popen(
-                    command,
-                    stdin=subprocess.DEVNULL,
-                    stdout=log,
-                    stderr=log,
-                    start_new_session=True,
-                    env=environment(),
-                )
-            self._jobs[session.identifier] = Job(node, process)
+class Processes:
+    """One process a session; the server has to answer meanwhile, so that each has one thread."""
 
-    def cancel(self, session: Session) -> None:
-        """End what is under way; a model that was not fitted yet is taken back."""
-        with self._lock:
-            job = self._jobs.pop(session.identifier, None)
-            if job is None:
-                return
-            kill(job.process)
-            if not (session.of(job.node) / MODEL).is_file() and job.node == len(session.state.nodes) - 1:
-                session.drop_last_node()
+    def __init__(self) -> None:
+        self.of_sessions, self.lock = dict[str, Job](), threading.RLock()
+
+    def begin(self, session: Session, node: int, command: list[str], said: Path) -> None:
+        """Run a Python module on a model; what it says goes into a file."""
+        one_thread = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL")}
+        with self.lock, said.open("wb") as log:
+            process = subprocess.Popen(
+                [sys.executable, "-u", "-m", *command], stdin=subprocess.DEVNULL, stdout=log, stderr=log,
+                start_new_session=True, env={**os.environ, **one_thread},
+            )  # fmt: skip
+            self.of_sessions[session.identifier] = Job(node, process)
 
     def running(self, session: Session) -> int | None:
         """The model that is being worked on."""
-        with self._lock:
-            job = self._jobs.get(session.identifier)
-            return job.node if job is not None and job.process.poll() is None else None
+        with self.lock:
+            job = self.of_sessions.get(session.identifier)
+            return job.node if job is not None and job.runs else None
+
+    def end(self, session: Session) -> Job | None:
+        """End what is under way, and forget it; what that was."""
+        with self.lock:
+            job = self.of_sessions.pop(session.identifier, None)
+            if job is not None:
+                job.kill()
+            return job
+
+    def end_all(self) -> None:
+        """End everything."""
+        with self.lock:
+            for job in self.of_sessions.values():
+                job.kill()
+            self.of_sessions.clear()
+
+
+class Jobs:
+    """The work on models in all sessions. `effects` is a file with the user's own, named on the command line."""
+
+    def __init__(self, effects: Path | None = None) -> None:
+        self.effects, self.processes = effects, Processes()
+
+    def begin(self, session: Session, node: int, *more: str) -> None:
+        """Work on a model; what was worked on in this session before is cancelled. `more`: "--next" plans, too."""
+        with self.processes.lock:
+            self.cancel(session)
+            folder = session.of(node)
+            for name in (Answer.ERROR, Answer.PROGRESS):
+                (folder / name).unlink(missing_ok=True)
+            command = ["sysid.web.work", str(session.folder), str(node), *more]
+            command += [str(self.effects)] if self.effects else []
+            self.processes.begin(session, node, command, folder / "work.log")
+
+    def cancel(self, session: Session) -> None:
+        """End what is under way; a model that was not fitted yet is taken back."""
+        with self.processes.lock:
+            job = self.processes.end(session)
+            if job is not None:
+                _take_back(session, job.node)
+
+    def running(self, session: Session) -> int | None:
+        """The model that is being worked on."""
+        return self.processes.running(session)
 
     def message(self, session: Session) -> str:
         """Why the last work ended without an answer, once; "" where it did not. Such a model is taken back."""
-        with self._lock:
-            job = self._jobs.get(session.identifier)
-            if job is None or job.process.poll() is None:
+        with self.processes.lock:
+            if self.running(session) is not None or (job := self.processes.end(session)) is None:
                 return ""
-            del self._jobs[session.identifier]
-            found = session.read(job.node, ERROR)
+            found = session.read(job.node, Answer.ERROR)
             if found is None and job.process.returncode == 0:
                 return ""
-            if not (session.of(job.node) / MODEL).is_file():
-                session.drop_last_node()
+            _take_back(session, job.node)
             return str(found["message"]) if found else "the work ended early: perhaps memory was short"
 
     def progress(self, session: Session) -> tuple[str, str, float]:
         """What is being done: the part of the work, what of it, and for how long [s]."""
-        node = self.running(session)
-        if node is None:
-            return "", "", 0.0
         with suppress(ValueError, OSError):
-            seen = session.read(node, PROGRESS)
+            seen = session.read(self.running(session), Answer.PROGRESS)
             if seen:
                 return seen["part"], seen["text"], max(0.0, time.time() - seen["began"])
         return "starting", "", 0.0
 
-    def end(self) -> None:
-        """Cancel everything."""
-        with self._lock:
-            for job in self._jobs.values():
-                kill(job.process)
-            self._jobs.clear()
+
+def _take_back(session: Session, node: int) -> None:
+    if node == len(session.state.nodes) - 1 and not session.has(node, Answer.MODEL):
+        session.drop_last_node()
 
 
 def finished(session: Session, node: int) -> bool:
     """Whether all answers about a model are there."""
-    return all((session.of(node) / name).is_file() for name in (MODEL, EFFECTS, REPORT))
-
-
-def kill(process: subprocess.Popen[bytes]) -> None:
-    """End a process and those that it began."""
-    if process.poll() is None:
-        with suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
-
-
-def environment() -> dict[str, str]:
-    """One thread: the server has to answer meanwhile."""
-    return {**os.environ, **{f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL")}}
+    wanted = (Answer.MODEL, Answer.EXPORTED, Answer.FAILS, Answer.EFFECTS, Answer.REPORT)
+    return all(session.has(node, name) for name in wanted)

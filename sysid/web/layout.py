@@ -14,20 +14,29 @@ from sysid.web.own_effect import FUNCTIONS, VARIABLES, OwnEffect
 from sysid.web.samples import SAMPLES_BY_NAME
 from sysid.web.session import SessionState
 
-PARTS = ("log", "fails", "effects", "ladder", "take")
+TITLES = {"log": "Log", "fails": "Where it fails", "effects": "What is missing", "ladder": "Add it",
+          "take": "Take it along"}  # fmt: skip
 """The five sections, in the order in which they are read."""
-STAMPED = (*PARTS, "train")
+STAMPED = (*TITLES, "train")
 """What is shown anew when it changes; a training has a place of its own in the last section."""
-TITLES = {
-    "log": "Log",
-    "fails": "Where it fails",
-    "effects": "What is missing",
-    "ladder": "Add it",
-    "take": "Take it along",
+NOTHING = {
+    "fails": "Here is shown how far a model is off, and where, once one is fitted to a log.",
+    "effects": "Here stand the effects that would explain it, the best first.",
+    "ladder": "Here the error falls, effect by effect, down to the noise of the sensors.",
+    "take": "Here the mended model waits to be taken along.",
+    "train": "",
 }
+MEASURE = (
+    "Shares and sizes of the missing torque are those of its part that is slower than 0.4 s, over the whole log: what "
+    "is faster hardly moves a prediction. Where it fails, the likeliest torque is drawn with all that is fast in it, "
+    "and its sentence is about what no fit has seen."
+)
+"""Why the size of what is missing is not the same in two places."""
 FIRST = 3
 """Rows that are shown at once."""
-PLOT = {"displaylogo": False, "responsive": True, "modeBarButtonsToRemove": ["lasso2d", "toImage", "autoScale2d"]}
+PLOT = {"displaylogo": False, "responsive": True, "plotlyServerURL": "",
+        "modeBarButtonsToRemove": ["lasso2d", "toImage", "autoScale2d", "sendChartToCloud"]}  # fmt: skip
+"""What plots offer: nothing that leaves the machine."""
 QUIET = {"displayModeBar": False, "responsive": True}
 
 
@@ -36,93 +45,79 @@ def graph(figure: Any, config: Mapping[str, Any] = QUIET, **more: Any) -> dcc.Gr
     return dcc.Graph(figure=figure, config=config, style={"height": f"{figure.layout.height}px"}, **more)
 
 
-def empty_page() -> html.Div:
+def empty_page(most: int) -> html.Div:
     """What is there before anything is known."""
+    links = [html.A(title, href=f"#{part}") for part, title in TITLES.items()]
+    cancel = html.Button("Cancel", id={"do": "cancel"})
     return html.Div(
         [
             dcc.Location(id="url", refresh=False),
             dcc.Interval(id="tick", interval=400, disabled=False),
             *(dcc.Store(id=f"seen-{part}") for part in STAMPED),
             dcc.Store(id="act"),
-            html.Header(
-                [
-                    html.H1("gapfinder workbench"),
-                    html.Nav([html.A(TITLES[p], href=f"#{p}") for p in PARTS], **{"aria-label": "Sections"}),
-                    html.Div(id="sessions", className="sessions"),
-                ]
-            ),
-            html.Div(
-                [html.Div(id="work", role="status"), html.Button("Cancel", id={"do": "cancel"})], className="work"
-            ),
-            html.Main([section(p) for p in PARTS]),
+            html.Header([html.H1("gapfinder workbench"), html.Nav(links, **{"aria-label": "Sections"}),
+                         html.Details([html.Summary("Sessions"), html.Div(id="sessions")], className="sessions")]),
+            html.Div([html.Div(id="work", role="status"), cancel], className="work"),
+            html.Main([section("log", upload(most)), section("fails"), section("effects"), section("ladder"),
+                       section("take", html.Div(id="part-train"))]),
         ],
         className="page",
-    )
+    )  # fmt: skip
 
 
-def section(part: str) -> html.Section:
+def section(part: str, *more: Any) -> html.Section:
     """A section with its heading; what it holds comes later."""
-    return html.Section(
-        [
-            html.H2(TITLES[part], id=f"head-{part}"),
-            html.Div(id=f"part-{part}"),
-            *([html.Div(id="part-train")] if part == PARTS[-1] else []),
-        ],
-        id=part,
-        **{"aria-labelledby": f"head-{part}"},
-    )
+    heading, place = html.H2(TITLES[part], id=f"head-{part}"), html.Div(id=f"part-{part}")
+    return html.Section([heading, place, *more], id=part, **{"aria-labelledby": f"head-{part}"})
+
+
+def nothing(part: str) -> html.P:
+    """What a section shows before there is anything."""
+    return html.P(NOTHING[part], className="quiet")
+
+
+def folded(summary: str, items: Sequence[Any]) -> list[Any]:
+    """A list that is unfolded on a click; nothing where it is empty."""
+    return [html.Details([html.Summary(summary), html.Ul([html.Li(own) for own in items])])] if items else []
 
 
 # ---- where it fails --------------------------------------------------------------------------------------------------
 
 
-def fails(found: Mapping[str, Any] | None, series: figures.Series | None) -> Any:
+def fails(found: Mapping[str, Any], series: figures.Series) -> list[Any]:
     """How far off the model is, and where."""
-    if found is None or series is None:
-        return html.P("A model is fitted to the log first; then it shows here where that fails.", className="quiet")
     channels = [c for c in ("theta", "theta_dot") if c in found["errors"]["1_s"]["ratios"]]
     torque = found["torque"]
     quantities = [n for n in ("theta", "theta_dot", "torque") if n in torque["over"]]
     first = next((q for q in torque["depends_on"] if q in quantities), quantities[0])
+    called = {name: quantity(name, found["quantities"]) for name in (*channels, *quantities)}
+    reading = dcc.RadioItems(
+        {c: called[c] for c in channels}, channels[0], id="channel", inline=True, className="choice"
+    )
+    over = dcc.Dropdown({q: called[q] for q in quantities}, first, id="over-what", clearable=False, searchable=False)
+    plots = (
+        ("Residual by state", graph(figures.state_map(found, series), PLOT, id="map")),
+        (["Residual over ", over], graph(figures.torque_against(found, series, first), PLOT, id="over")),
+        ("Error by horizon", graph(figures.horizon_figure(found))),
+    )
     return [
         html.P([html.Strong(_multiple(found["ratio"])), " times the sensor noise over 1 s of held-out data"],
                className="big"),
         html.P(found["sentence"], className="quiet"),
-        html.P(f"The fitted model: {_fitted_numbers(found['parameters'])}", className="quiet"),
-        *([html.Details([html.Summary("What was noted on the way"), html.Ul([html.Li(n) for n in found["notes"]])])]
-          if found["notes"] else []),
-        html.Div(
-            dcc.RadioItems(
-                [{"label": quantity(c, found["quantities"]), "value": c} for c in channels],
-                channels[0], id="channel", inline=True, className="choice",
-            ),
-            role="radiogroup", **{"aria-label": "Which reading is drawn"},
-        ),
+        html.P(f"The fitted model: {', '.join(map(_fitted_number, found['parameters']))} ({found['status']}).",
+               className="quiet"),
+        *folded("What was noted on the way", found["notes"]),
+        html.Div(reading, role="radiogroup", **{"aria-label": "Which reading is drawn"}),
         graph(figures.residual_over_time(found, series, channels[0]), PLOT, id="course"),
         html.P("Drag over any plot: the same samples light up in the others. Green: what no fit has seen.",
                className="hint"),
-        html.Div(
-            [
-                html.Figure([html.Figcaption("Residual by state"),
-                             graph(figures.state_map(found, series), PLOT, id="map")]),
-                html.Figure([
-                    html.Figcaption(["Residual over ", dcc.Dropdown(
-                        [{"label": quantity(q, found["quantities"]), "value": q} for q in quantities], first,
-                        id="over-what", clearable=False, searchable=False)]),
-                    graph(figures.torque_against(found, series, first), PLOT, id="over")]),
-                html.Figure([html.Figcaption("Error by horizon"),
-                             graph(figures.horizon_figure(found))]),
-            ],
-            className="plots",
-        ),
+        html.Div([html.Figure([html.Figcaption(caption), plot]) for caption, plot in plots], className="plots"),
     ]  # fmt: skip
 
 
-def _fitted_numbers(parameters: Sequence[Mapping[str, Any]]) -> str:
-    """The numbers with their standard deviations and units."""
-    return ", ".join(
-        f"{p['name']} = {p['said']}{spaced_unit(p['unit'])}{' (at its bound)' * p['at_bound']}" for p in parameters
-    )
+def _fitted_number(own: Mapping[str, Any]) -> str:
+    """A number with its standard deviation and unit."""
+    return f"{own['name']} = {own['said']}{spaced_unit(own['unit'])}{' (at its bound)' * own['at_bound']}"
 
 
 def _multiple(ratio: float | None) -> str:
@@ -132,16 +127,27 @@ def _multiple(ratio: float | None) -> str:
 # ---- what is missing -------------------------------------------------------------------------------------------------
 
 
-def effects(found: Mapping[str, Any] | None, error: float | None) -> list[Any]:
-    """The ranked effects, a row each, and what is ruled out."""
-    if found is None:
-        return [html.P("The effects of the catalogue are ranked once the model is fitted.", className="quiet")]
-    rows = [row(own, error, own["effect"] in found["next"]) for own in found["rows"]]
-    return [html.P(next_sentence(found), className="summary"),
-            *(html.P(_capital(said) + ".", className="error") for said in found["doubts"]),
-            *([_together(found)] if len(found["next"]) > 1 else []),
-            *(html.P(_capital(said) + ".", className="quiet") for said in found["remarks"]),
-            html.Div(rows[:FIRST], className="rows"), *_tried(rows[FIRST:]), *_others(found)]  # fmt: skip
+def effects(found: Mapping[str, Any], error: float | None, live: bool) -> list[Any]:
+    """The ranked effects, a row each, and what is ruled out; none can be added to a model that is not fitted yet."""
+    rows = [row(own, error, own["effect"] in found["next"], live) for own in found["rows"]]
+    more = html.Div(rows[FIRST:], className="rows")
+    together = ["these pay only together: add one, then the other"] if len(found["next"]) > 1 else []
+    ruled_out = [
+        [html.Code(name), f" above {size['size']:.2g} {size['unit']} of {size['parameter']}"]
+        for name, size in sorted(found["ruled_out"].items())
+    ]
+    others = [[html.Code(o["effect"]), f" {o['formula']}  ({o['chance']})"] for o in found["others"]]
+    return [
+        html.P(next_sentence(found), className="summary"),
+        *(html.P(_capital(said) + ".", className="error") for said in found["doubts"]),
+        *(html.P(_capital(said) + ".", className="quiet") for said in (*together, *found["remarks"])),
+        html.Div(rows[:FIRST], className="rows"),
+        *([html.Details([html.Summary(f"{len(rows) - FIRST} more were fitted"), more])] if rows[FIRST:] else []),
+        *folded(f"{len(ruled_out)} effects are ruled out above a size", ruled_out),
+        *folded(f"{len(others)} others promise less", others),
+        *folded("What this motion cannot tell apart", [", ".join(group) for group in found["not_identifiable"]]),
+        html.Details([html.Summary("How the missing torque is measured"), html.P(MEASURE, className="quiet")]),
+    ]  # fmt: skip
 
 
 def _capital(sentence: str) -> str:
@@ -152,33 +158,37 @@ def next_sentence(found: Mapping[str, Any]) -> str:
     """What to do next, in a sentence."""
     names = {r["effect"]: r["words"] for r in found["rows"]}
     if found["next"]:
-        said = " and ".join(names.get(n, n) for n in found["next"])
-        return f"What pays most: {said}."
+        return f"What pays most: {' and '.join(names.get(n, n) for n in found['next'])}."
     return _capital(str(found["finding"]))
 
 
-def _together(found: Mapping[str, Any]) -> html.P:
-    return html.P("These pay only together: add one, then the other.", className="quiet")
-
-
-def row(own: Mapping[str, Any], error: float | None, pays: bool) -> html.Article:
+def row(own: Mapping[str, Any], error: float | None, pays: bool, live: bool) -> html.Article:
     """An effect: what it is, how large, what it explains, and the button that adds it."""
-    name = own["effect"]
+    name, share = own["effect"], own["explained"]
     sizes = [html.Span([f"{s['name']} = {s['said']} ", html.Span(s["unit"], className="unit")]) for s in own["sizes"]]
-    facts = [_share(own["explained"]), _fall(error, own["error"]), html.Span(own["chance"], className="fact")]
+    facts = [f"1 s error {_multiple(error)} → {_multiple(own['error'])}", own["chance"]]
+    bar = html.Span(
+        html.Span(style={"width": f"{share or 0.0:.0%}"}),
+        className="bar",
+        role="img",
+        **{"aria-label": f"{share or 0.0:.0%}"},
+    )
+    explained = (
+        [html.Span([bar, f"{share:.0%} of the missing torque"], className="fact share")] if share is not None else []
+    )
+    add = html.Button(
+        "Add it",
+        id={"do": "add", "effect": name},
+        className="main" if pays else "",
+        disabled=not live,
+        **{"aria-label": f"Add {name}"},
+    )
     return html.Article(
         [
-            html.Div(
-                [
-                    html.H3([own["words"] or name, html.Code(name)]),
-                    html.Button("Add it", id={"do": "add", "effect": name}, className="main" if pays else "",
-                                **{"aria-label": f"Add {name}"}),
-                ],
-                className="row-head",
-            ),
+            html.Div([html.H3([own["words"] or name, html.Code(name)]), add], className="row-head"),
             html.Div(own["formula"], className="formula"),
             html.Div(sizes, className="sizes"),
-            html.Div(facts, className="facts"),
+            html.Div([*explained, *(html.Span(fact, className="fact") for fact in facts)], className="facts"),
             *([html.P(f"This log cannot tell it from {', '.join(own['alike'])}.", className="quiet")]
               if own["alike"] else []),
             *([html.Details([html.Summary("Its torque through the residual", id={"do": "unfold", "effect": name}),
@@ -188,89 +198,42 @@ def row(own: Mapping[str, Any], error: float | None, pays: bool) -> html.Article
     )  # fmt: skip
 
 
-def _share(share: float | None) -> html.Span:
-    if share is None:
-        return html.Span("")
-    return html.Span(
-        [
-            html.Span(html.Span(style={"width": f"{100 * share:.0f}%"}), className="bar", role="img",
-                      **{"aria-label": f"{share:.0%}"}),
-            f"{share:.0%} of the missing torque",
-        ],
-        className="fact share",
-    )  # fmt: skip
-
-
-def _fall(before: float | None, after: float | None) -> html.Span:
-    return html.Span(f"1 s error {_multiple(before)} → {_multiple(after)}", className="fact")
-
-
-def _tried(rows: Sequence[Any]) -> list[Any]:
-    if not rows:
-        return []
-    return [html.Details([html.Summary(f"{len(rows)} more were fitted"), html.Div(rows, className="rows")])]
-
-
-def _others(found: Mapping[str, Any]) -> list[Any]:
-    parts = []
-    if found["ruled_out"]:
-        said = [
-            html.Li([html.Code(name), f" above {size['size']:.2g} {size['unit']} of {size['parameter']}"])
-            for name, size in sorted(found["ruled_out"].items())
-        ]
-        parts.append(html.Details([html.Summary(f"{len(said)} effects are ruled out above a size"), html.Ul(said)]))
-    if found["others"]:
-        said = [html.Li([html.Code(o["effect"]), f" {o['formula']}  ({o['chance']})"]) for o in found["others"]]
-        parts.append(html.Details([html.Summary(f"{len(said)} others promise less"), html.Ul(said)]))
-    groups = [html.Li(", ".join(group)) for group in found["not_identifiable"]]
-    if groups:
-        parts.append(html.Details([html.Summary("What this motion cannot tell apart"), html.Ul(groups)]))
-    return parts
-
-
-def own_effect(own: OwnEffect, found: Mapping[str, Any]) -> list[Any]:
+def own_effect(own: OwnEffect, found: Mapping[str, Any], live: bool) -> list[Any]:
     """The editor of the user's own effect, open where no known one explains the rest."""
     fields = (
-        ("own-name", "name", own.name, "my_effect"),
-        ("own-formula", "torque =", own.formula, "-b * theta_dot"),
-        ("own-shapes", "values to try", own.shapes, "w = 0.2, 0.5; c = 3"),
+        ("name", "name", own.name, "my_effect"),
+        ("formula", "torque =", own.formula, "-b * theta_dot"),
+        ("shapes", "values to try", own.shapes, "w = 0.2, 0.5; c = 3"),
     )
     hint = f"Of {', '.join(VARIABLES)} and numbers of your own, with + - * / ** and {', '.join(FUNCTIONS)}."
     return [
         html.Details(
             [
                 html.Summary("Your own effect"),
-                *(
-                    html.Label([html.Span(label), dcc.Input(id=k, value=v, placeholder=like, className="code")])
-                    for k, label, v, like in fields
-                ),
+                *(html.Label([html.Span(label), dcc.Input(id={"field": name}, value=value, placeholder=like,
+                                                          className="code")])
+                  for name, label, value, like in fields),
                 html.P(hint, className="hint"),
-                html.Button("Try it", id="own-try"),
-                html.P(id="own-message", className="error", role="alert"),
+                html.Button("Add it", id={"do": "own"}, disabled=not live, **{"aria-label": "Add your own effect"}),
             ],
             open=not found["next"] and found["verdict"] in ("unknown", "partly"),
             className="own",
         )
-    ]
+    ]  # fmt: skip
 
 
 # ---- log -------------------------------------------------------------------------------------------------------------
 
 
-def start_part(most: int) -> list[Any]:
-    """Where no log is there yet: samples, and a place for files."""
+def start_part() -> list[Any]:
+    """Where no log is there yet: samples."""
+    cards = [
+        html.Button([html.Strong(s.title), html.Span(s.about)], id={"do": "sample", "name": name}, className="card")
+        for name, s in SAMPLES_BY_NAME.items()
+    ]
     return [
         html.P("Which physics does your simulator miss? Begin with a log of your machine, or with a sample."),
-        html.Div(
-            [
-                html.Button(
-                    [html.Strong(s.title), html.Span(s.about)], id={"do": "sample", "name": name}, className="card"
-                )
-                for name, s in SAMPLES_BY_NAME.items()
-            ],
-            className="cards",
-        ),
-        upload(most),
+        html.Div(cards, className="cards"),
     ]
 
 
@@ -291,55 +254,60 @@ def upload(most: int) -> html.Div:
 # ---- add it ----------------------------------------------------------------------------------------------------------
 
 
-def ladder_part(state: SessionState, history: Sequence[Mapping[str, Any]]) -> Any:
+def ladder_part(state: SessionState, errors: Sequence[float | None]) -> Any:
     """The error falling, model by model; the way back, and the other ways that were tried."""
-    if not history or state.at is None:
-        return part("ladder")
-
-    def way(node: int) -> list[tuple[str, float | None]]:
-        return [(history[k]["label"], history[k]["error"]) for k in state.path(node)]
-
-    ends = [state.at] if state.beside is None else [state.at, state.beside]
-    names = ["this model", *(_ways_name(state, node) for node in ends[1:])]
-    others = [own for own in history if own["node"] not in state.path(state.at)]
+    if state.at is None:
+        return nothing("ladder")
+    ways = {"this model": state.path(state.at)}
+    if state.beside is not None:
+        ways[_ways_name(state, state.beside)] = state.path(state.beside)
+    labels = [f"+ {node.added}" if node.added else "as it came" for node in state.nodes]
+    ladder = [(name, [(labels[k], errors[k]) for k in path]) for name, path in ways.items()]
+    others = [k for k in range(len(errors)) if k not in state.path(state.at)]
+    undo = html.Button("Undo", id={"do": "undo"}, disabled=state.nodes[state.at].undone is None)
     return [
-        graph(figures.error_ladder([(name, way(node)) for name, node in zip(names, ends, strict=True)])),
-        html.Div([html.Button("Undo", id={"do": "undo"}, disabled=len(way(state.at)) < 2)], className="buttons"),
+        graph(figures.error_ladder(ladder)),
+        html.Div([undo], className="buttons"),
         *([html.P("Also tried:", className="quiet")] if others else []),
-        html.Ul([html.Li(_other(state, own)) for own in others], className="ways"),
+        html.Ul([html.Li(_other(state, node, errors[node])) for node in others], className="ways"),
     ]
 
 
-def _other(state: SessionState, own: Mapping[str, Any]) -> list[Any]:
+def _other(state: SessionState, node: int, error: float | None) -> list[Any]:
     """Another model of the history: go there, or hold it beside the one that is looked at."""
-    error = "" if own["error"] is None else f"error {_multiple(own['error'])}"
-    label, beside = _ways_name(state, own["node"]), state.beside == own["node"]
+    said = "" if error is None else f"error {_multiple(error)}"
+    label, compare = _ways_name(state, node), "Stop comparing" if state.beside == node else "Compare"
     return [
-        html.Button([label, html.Small(error)], id={"do": "go", "node": own["node"]}),
-        html.Button("Stop comparing" if beside else "Compare", id={"do": "beside", "node": own["node"]},
-                    **{"aria-label": f"compare with {label}"}),
-    ]  # fmt: skip
+        html.Button([label, html.Small(said)], id={"do": "go", "node": node}),
+        html.Button(compare, id={"do": "beside", "node": node}, **{"aria-label": f"compare with {label}"}),
+    ]
 
 
 def _ways_name(state: SessionState, node: int) -> str:
-    return " + ".join(["", *state.added(node)]).strip() or "as it came"
-
-
-def part(name: str) -> Any:
-    """What a section shows before there is anything."""
-    said = {
-        "fails": "Here is shown how far a model is off, and where.",
-        "effects": "Here stand the effects that would explain it, the best first.",
-        "ladder": "Here the error falls, effect by effect, down to the noise of the sensors.",
-        "train": "",
-        "take": "Here the mended model waits to be taken along.",
-    }
-    return html.P(said[name], className="quiet")
+    """What was added on the way to a model, and how its log was read where that was otherwise."""
+    name = " + ".join(["", *state.added(node)]).strip() or "as it came"
+    here, there = ({**s.log, **s.start} for s in (state.settings_of(state.at or 0), state.settings_of(node)))
+    changed = [k for k in (*here, *there) if here.get(k) != there.get(k)]
+    said = [f"{k} {there.get(k, 'as usual')}" for k in dict.fromkeys(changed)]
+    return f"{name} ({', '.join(said)})" if said else name
 
 
 def sessions(known: Sequence[tuple[str, str]], now: str | None) -> list[Any]:
     """The sessions to choose from, and a new one."""
-    links = [html.Li(html.A(title or identifier, href=f"?session={identifier}",
-                            **({"aria-current": "page"} if identifier == now else {})))
-             for identifier, title in known[:12]]  # fmt: skip
-    return [html.Details([html.Summary("Sessions"), html.Ul([html.Li(html.A("a new log", href="/")), *links])])]
+    rename = [
+        html.Div([html.Label([html.Span("name"), dcc.Input(id={"field": "title"}, value=title)]),
+                  html.Button("Rename", id={"do": "rename"})], className="field")
+        for identifier, title in known if identifier == now
+    ]  # fmt: skip
+    new = html.Li(html.A("a new log", href="/"))
+    return [*rename, html.Ul([new, *(html.Li(_session(*own, now)) for own in known)])]
+
+
+def _session(identifier: str, title: str, now: str | None) -> list[Any]:
+    here = {"aria-current": "page"} if identifier == now else {}
+    delete = html.Button("Delete", **{"aria-label": f"Delete {title}"})
+    asked = f"Delete the session {title!r} with all its models? Log files that were not dropped here stay."
+    return [
+        html.A(title or identifier, href=f"?session={identifier}", **here),
+        dcc.ConfirmDialogProvider(delete, id={"do": "delete", "session": identifier}, message=asked),
+    ]

@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from io import BytesIO
 from pathlib import Path
@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 from dash import dcc, html
-from plotly.subplots import make_subplots
 
 from sysid.cli.commands import read_log
 from sysid.cli.starting_model import begun
@@ -23,22 +22,34 @@ from sysid.data.files import write_whole
 from sysid.data.log_files import sources
 from sysid.data.logs import likely_columns, named_columns
 from sysid.data.record import Record
+from sysid.data.splitting import split
 from sysid.data.table import TimeWindow
 from sysid.errors import InvalidInput
 from sysid.limits import RAW_ROWS
 from sysid.physics.ops import Array
 from sysid.web import figures
-from sysid.web.layout import graph, upload
-from sysid.web.session import Session, SessionState
+from sysid.web.layout import graph
+from sysid.web.session import BAGS, Session, SessionState
 
 OURS = {"t": "time", "theta": "angle", "theta_dot": "speed", "torque": "command"}
-PLANTS = {
-    "rod": "a rod that swings",
-    "point": "a mass at an arm's end",
-    "joint": "a joint of any shape",
-    "axis": "a linear axis",
+CHOICES = {
+    "plant": {"rod": "a rod that swings", "point": "a mass at an arm's end", "joint": "a joint of any shape",
+              "axis": "a linear axis"},
+    "input": {"torque": "a torque", "current": "a current", "voltage": "a voltage",
+              "position": "a position (servo)"},
+    "zero": {"upright": "upright", "hanging": "hanging"},
+}  # fmt: skip
+"""The settings that are one of several, what these mean, and first the usual one."""
+FLAGS = {"flip_torque": "a positive command lowers the angle", "degrees": "angles are in degrees"}
+NUMBERS = {
+    "begin": "from [s]",
+    "end": "to [s]",
+    "dt": "sample interval [s]",
+    "hold_out": "held out: a share, or rollouts",
 }
-INPUTS = {"torque": "a torque", "current": "a current", "voltage": "a voltage", "position": "a position (servo)"}
+OF_THE_LOG = ("columns", "input", "zero", *FLAGS, *NUMBERS, "joint")
+SETTINGS = (*OURS, *CHOICES, "signs", *NUMBERS, "joint", "known")
+"""The controls of the form, in the order in which they are handed over."""
 MOST_PREVIEWED = 2_000
 """Points of each preview."""
 
@@ -79,26 +90,28 @@ def _previewed(key: str, session: Session) -> Preview:
         if str(file["key"]) == key:
             about = json.loads(str(file["about"]))
             return Preview(About(**about | {"notes": tuple(about["notes"])}), file["t"], file["theta"], file["torque"])
-    found, content = _read(session.state), BytesIO()
-    columns: dict[str, Any] = {"t": found.t, "theta": found.theta, "torque": found.torque}
-    np.savez(content, key=key, about=json.dumps(asdict(found.about)), **columns)
+    found, content = _read(session), BytesIO()
+    np.savez(content, key=key, about=json.dumps(vars(found.about)), t=found.t, theta=found.theta, torque=found.torque)
     write_whole(path, content.getvalue())
     return found
 
 
-def _read(state: SessionState) -> Preview:
-    model, error, log = None, "", None
+def _read(session: Session) -> Preview:
+    state, error, log = session.state, "", None
+    start = replace(state.model_options, set=())
+    model, _, _ = begun(start, None)
     try:
-        model, _, _ = begun(replace(state.model_options, set=()), state.log_options.input)
+        model, _, _ = begun(start, state.log_options.input)
         log = read_log(state.log_options, model)
+        if state.log_options.hold_out is not None:
+            split(log, state.log_options.hold_out)
     except InvalidInput as refused:
-        error = str(refused)
+        error = session.with_titles(str(refused))
     except MemoryError:
         error = "this log needs more memory than there is: expected a shorter one"
-    if model is None:
-        model, _, _ = begun(replace(state.model_options, set=()), None)
-    said, notes = ("", ()) if log is None else (str(log).partition(";")[0], log.notes)
-    about = About(said, notes, error, model.plant.turns, dict(model.plant.quantities), model.command_unit)
+    notes = tuple(session.with_titles(note) for note in (log.notes if log else ()))
+    said, plant = str(log or "").partition(";")[0], model.plant
+    about = About(said, notes, error, plant.turns, dict(plant.quantities), model.command_unit)
     return Preview(about, *_joined(log or ()))
 
 
@@ -114,9 +127,12 @@ def _joined(records: Sequence[Record]) -> tuple[Array, Array, Array]:
 
 
 def columns(session: Session) -> tuple[tuple[str, ...], dict[str, str]]:
-    """The names of the first file's columns, and which of them are taken for what."""
+    """The names of the first file's columns, and which of them are taken for what; none of a file that has none."""
     state = session.state
-    found = sources(state.log["files"][:1], state.log.get("joint", ""))[0].names()
+    try:
+        found = sources(state.log.get("files", ())[:1], state.log.get("joint", ""))[0].names()
+    except InvalidInput:  # the preview says why
+        return (), {}
     told = dict(pair.split("=", 1) for pair in state.log.get("columns", "").split(",") if "=" in pair)
     own = named_columns(found) | told
     return found, {ours: theirs for ours, theirs in (likely_columns(found, own) | own).items() if theirs}
@@ -124,83 +140,70 @@ def columns(session: Session) -> tuple[tuple[str, ...], dict[str, str]]:
 
 def settle_columns(session: Session) -> None:
     """Take for what they look like the columns that are called otherwise than we call them, and that hold numbers."""
+    state, (found, chosen) = session.state, columns(session)
     try:
-        found, chosen = columns(session)
-        empty = [chosen[ours] for ours in _without_numbers(session, chosen)]
+        source = sources(state.log.get("files", ())[:1], state.log.get("joint", ""))[0]
+        table = source.load(chosen, TimeWindow(-math.inf, math.inf, RAW_ROWS))
     except InvalidInput:
         return
-    if empty:
+    if empty := [chosen[ours] for ours, column in table.items() if not np.any(np.isfinite(column))]:
         kept = {ours: theirs for ours, theirs in chosen.items() if theirs not in empty}
         chosen = likely_columns([name for name in found if name not in empty], kept) | kept
-    state, told = session.state, ",".join(f"{a}={b}" for a, b in chosen.items() if named_columns(found).get(a) != b)
+    told = ",".join(f"{a}={b}" for a, b in chosen.items() if named_columns(found).get(a) != b)
     if told and not state.log.get("columns"):
         session.change(log={**state.log, "columns": told})
 
 
-def _without_numbers(session: Session, chosen: Mapping[str, str]) -> list[str]:
-    """Which of ours the chosen columns of the first file hold no number for."""
-    state = session.state
-    source = sources(state.log["files"][:1], state.log.get("joint", ""))[0]
-    table = source.load(chosen, TimeWindow(-math.inf, math.inf, RAW_ROWS))
-    return [ours for ours, column in table.items() if not np.any(np.isfinite(column))]
+def change(session: Session, values: Mapping[str, Any]) -> None:
+    """Keep what a form shows; the columns of another joint are looked at anew."""
+    before = session.state
+    session.save(changed(before, values, columns(session)[1]))
+    if session.state.log.get("joint") != before.log.get("joint"):
+        settle_columns(session)
 
 
 def changed(state: SessionState, values: Mapping[str, Any], found: Mapping[str, str]) -> SessionState:
     """The state with the settings that a form shows; `found` are the columns by our names that the form began with."""
-    pairs = [
-        f"{ours}={values.get(ours) or ''}"
-        for ours in OURS
-        if (values.get(ours) or "") != (found.get(ours) or "") or ours in found
-    ]
-    log = {
-        k: v
-        for k, v in state.log.items()
-        if k not in ("columns", "zero", "flip_torque", "degrees", "input", "begin", "end")
-    }
-    told = ",".join(p for p in pairs if p != "=")
-    log |= {"columns": told} if told else {}
-    log |= {"zero": "hanging"} if values.get("zero") == "hanging" else {}
-    log |= {"flip_torque": True} if "flip" in values.get("signs", ()) else {}
-    log |= {"degrees": True} if "degrees" in values.get("signs", ()) else {}
-    log |= {k: float(values[k]) for k in ("begin", "end") if values.get(k) is not None}
-    log |= {"input": values["input"]} if values.get("input", "torque") != "torque" else {}
-    start = {k: v for k, v in state.start.items() if k not in ("plant", "set")}
-    start |= {"plant": values["plant"]} if values.get("plant", "rod") != "rod" else {}
+    told = [f"{ours}={values.get(ours) or ''}" for ours in OURS if values.get(ours) or ours in found]
     known = [part.strip() for part in (values.get("known") or "").replace(";", ",").split(",") if part.strip()]
-    start |= {"set": known} if known else {}
+    given: dict[str, Any] = {"columns": ",".join(told), "joint": (values.get("joint") or "").strip(), "set": known}
+    given |= {name: values.get(name) for name, choices in CHOICES.items() if values.get(name) != next(iter(choices))}
+    given |= {name: float(values[name]) for name in NUMBERS if values.get(name) is not None}
+    given |= {name: True for name in values.get("signs", ())}
+    log = {k: v for k, v in state.log.items() if k not in OF_THE_LOG}
+    start = {k: v for k, v in state.start.items() if k not in ("plant", "set")}
+    log |= {k: given[k] for k in OF_THE_LOG if given.get(k) not in (None, "")}
+    start |= {k: given[k] for k in ("plant", "set") if given.get(k)}
     return replace(state, log=log, start=start)
 
 
 # ---- the form --------------------------------------------------------------------------------------------------------
 
 
-def form(session: Session, most: int) -> list[Any]:
+def form(session: Session) -> list[Any]:
     """The files, the settings, the preview and the button that fits a model."""
-    state = session.state
-    try:
-        found, chosen = columns(session)
-    except InvalidInput as error:
-        return [html.P(str(error), className="error", role="alert"), upload(most)]
-    count = len(state.titles)
-    told = state.titles[0] if count == 1 else f"{state.titles[0]} to {state.titles[-1]} ({count} files)"
-    signs = [n for n, on in (("flip", state.log.get("flip_torque")), ("degrees", state.log.get("degrees"))) if on]
+    state, (found, chosen) = session.state, columns(session)
+    titles, log = state.titles or ("no file",), state.log
+    told = titles[0] if len(titles) == 1 else f"{titles[0]} to {titles[-1]} ({len(titles)} files)"
+    shown = {name: {**log, **state.start}.get(name) or next(iter(choices)) for name, choices in CHOICES.items()}
+    of_bag = any(Path(f).suffix in BAGS or Path(f).is_dir() for f in log.get("files", ()))
     return [
         html.P([html.Strong(state.title or "log"), f": {told}"], className="files"),
         html.Div(id="preview"),
         html.Details(
             [
                 html.Summary("How it is read"),
-                html.Div([_labelled(OURS[c], _choice(f"set-{c}", {"": "none", **{n: n for n in found if n}},
-                                                     chosen.get(c, ""))) for c in OURS], className="fields"),
-                _labelled("what moves", _choice("set-plant", PLANTS, state.start.get("plant") or "rod")),
-                _labelled("the command is", _choice("set-input", INPUTS, state.log.get("input") or "torque")),
-                _labelled("angle 0 is", dcc.RadioItems(["upright", "hanging"], state.log.get("zero") or "upright",
-                                                       id="set-zero", inline=True, className="choice")),
-                dcc.Checklist([{"label": "a positive command lowers the angle", "value": "flip"},
-                               {"label": "angles are in degrees", "value": "degrees"}], signs, id="set-signs"),
-                html.Div([_labelled(f"{word} [s]", dcc.Input(id=f"set-{k}", type="number", debounce=True,
-                                                             value=state.log.get(k)))
-                          for word, k in (("from", "begin"), ("to", "end"))], className="fields"),
+                html.Div([_labelled(OURS[c], _choice(c, {"": "none", **{n: n for n in found if n}}, chosen.get(c, "")))
+                          for c in OURS], className="fields"),
+                _labelled("what moves", _choice("plant", CHOICES["plant"], shown["plant"])),
+                _labelled("the command is", _choice("input", CHOICES["input"], shown["input"])),
+                _labelled("angle 0 is", dcc.RadioItems(CHOICES["zero"], shown["zero"], id="set-zero", inline=True,
+                                                       className="choice")),
+                dcc.Checklist(FLAGS, [name for name in FLAGS if log.get(name)], id="set-signs"),
+                html.Div([_labelled(label, dcc.Input(id=f"set-{name}", type="number", debounce=True,
+                                                     value=log.get(name)))
+                          for name, label in NUMBERS.items()], className="fields"),
+                _labelled("joint", dcc.Input(id="set-joint", value=log.get("joint"), debounce=True), hidden=not of_bag),
                 _labelled("known numbers", dcc.Input(id="set-known", value=", ".join(state.start.get("set", ())),
                                                      placeholder="l=0.45, m=0.5", debounce=True)),
             ],
@@ -208,17 +211,15 @@ def form(session: Session, most: int) -> list[Any]:
         ),
         html.Button("Begin anew with these settings" if state.nodes else "Fit a model to this log", id={"do": "fit"},
                     className="wide" if state.nodes else "main wide"),
-        upload(most),
     ]  # fmt: skip
 
 
-def _labelled(label: str, control: Any) -> html.Label:
-    return html.Label([html.Span(label), control])
+def _labelled(label: str, control: Any, hidden: bool = False) -> html.Label:
+    return html.Label([html.Span(label), control], hidden=hidden)
 
 
-def _choice(identifier: str, choices: Mapping[str, str], value: str) -> dcc.Dropdown:
-    options = [{"label": label, "value": v} for v, label in choices.items()]
-    return dcc.Dropdown(options, value, id=identifier, clearable=False, searchable=False)
+def _choice(name: str, choices: Mapping[str, str], value: str) -> dcc.Dropdown:
+    return dcc.Dropdown(dict(choices), value, id=f"set-{name}", clearable=False, searchable=False)
 
 
 # ---- the preview -----------------------------------------------------------------------------------------------------
@@ -232,11 +233,8 @@ def previewed(found: Preview) -> list[Any]:
     notes = [html.Li(note) for note in about.notes]
     end = float(np.nanmax(found.t))
     return [
-        html.Div(
-            [graph(machine_figure(found, 0.0), id="machine"),
-             graph(readings(found), id="readings")],
-            className="preview",
-        ),
+        html.Div([graph(machine_figure(found, 0.0), id="machine"), graph(readings(found), id="readings")],
+                 className="preview"),
         html.Div(dcc.Slider(0.0, end, value=0.0, id="cursor", marks=None, step=end / 500.0, updatemode="drag",
                             allow_direct_input=False), className="cursor", **{"aria-label": "cursor along the log"}),
         html.P(about.said, className="quiet"),
@@ -246,16 +244,12 @@ def previewed(found: Preview) -> list[Any]:
 
 def readings(found: Preview) -> go.Figure:
     """Angle and command over time."""
-    about, figure = found.about, make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.08)
-    figure.update_layout(
-        {**figures.BASE, "height": 230, "margin": {"l": 44, "r": 4, "t": 6, "b": 34}, "hovermode": "x"}
-    )
+    about, margin = found.about, {"l": 44, "r": 4, "t": 6, "b": 34}
+    figure = figures.two_rows(230, vertical_spacing=0.08)
+    figure.update_layout(margin=margin, hovermode="x", font={"size": 10})
     for row, (series, colour) in enumerate(((found.theta, figures.BLUE), (found.torque, figures.GREY)), start=1):
         t, y = figures.thinned(found.t, series, MOST_PREVIEWED)
         figure.add_scatter(x=t, y=y, mode="lines", line={"color": colour, "width": 1}, row=row, col=1, hoverinfo="none")
-    figure.update_xaxes(**figures.AXIS)
-    figure.update_yaxes(**figures.AXIS)
-    figure.update_layout(font={"size": 10})
     figure.update_xaxes(title="time [s]", row=2)
     figure.update_yaxes(title=f"{'angle' if about.turns else 'position'} [{about.units['theta']}]", row=1)
     figure.update_yaxes(title=f"command [{about.command}]", row=2)

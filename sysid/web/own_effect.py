@@ -14,6 +14,7 @@ import math
 import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, make_dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -77,21 +78,23 @@ class OwnEffect:
 
     def source(self) -> str:
         """The same effect as a class in Python."""
-        tree, shapes = parsed_formula(self.formula), _values(self.shapes)
-        numbers = _numbers(tree)
-        sizes = _sizes(tree, numbers, shapes)
-        lines = [
-            f'    {n}: float = sysid.parameter(0.0, unit="1", bounds={REACH}, neutral=0.0)' if n in sizes else
-            f'    {n}: float = sysid.parameter({shapes[n][0]!r}, unit="1", bounds={_bounds(shapes[n])}, '
-            f"probe={shapes[n]!r})"
-            for n in numbers
-        ]  # fmt: skip
-        written = ast.unparse(_Qualified().visit(ast.fix_missing_locations(parsed_formula(self.formula))))
+        tree = parsed_formula(self.formula)
+        numbers = [
+            f"    {name}: float = sysid.parameter({', '.join(f'{k}={v!r}' for k, v in declared.items())})"
+            for name, declared in _numbers(tree, self.shapes).items()
+        ]
+        written = ast.unparse(_Qualified().visit(ast.fix_missing_locations(tree)))
         title = "".join(part.capitalize() for part in self.name.split("_"))
         return "\n".join(
             ["@sysid.register", "@dataclasses.dataclass(frozen=True, eq=False)", f"class {title}(sysid.JointEffect):",
-             f'    name = "{self.name}"', *lines, "", "    def torque(self, joint):", f"        return {written}", ""]
+             f'    name = "{self.name}"', *numbers, "", "    def torque(self, joint):", f"        return {written}", ""]
         )  # fmt: skip
+
+
+def effects_file(own: Sequence[OwnEffect], effects: Path | None) -> str:
+    """A Python file of a user's effects, behind those of the file that the command line named."""
+    before = [f"sysid.load_effects({str(effects.resolve())!r})"] if effects else []
+    return "\n".join(["import dataclasses", "", "import sysid", "", *before, "", *(o.source() for o in own)])
 
 
 def parsed_formula(formula: str) -> ast.expr:
@@ -110,105 +113,87 @@ def parsed_formula(formula: str) -> ast.expr:
 def _check(tree: ast.AST, depth: int) -> None:
     if depth == 0:
         raise InvalidInput("the formula is nested too deep: expected fewer brackets")
-    for part in _parts(tree):
-        _check(part, depth - 1)
+    for operand in _understood(tree)[1]:
+        _check(operand, depth - 1)
 
 
-def _parts(tree: ast.AST) -> Sequence[ast.AST]:
-    """The operands of a node that is allowed."""
+def _understood(tree: ast.AST) -> tuple[Callable[..., Value], Sequence[ast.AST]]:
+    """What a part of a formula does with its operands, and these; raises InvalidInput for what is not allowed."""
     match tree:
         case ast.Constant(value=bool() | complex()):
             pass
         case ast.Constant(value=int() | float() as number) if abs(number) < 1e9:
-            return ()
+            return lambda: float(number), ()
         case ast.Name(id=name) if name not in FUNCTIONS and len(name) <= 24 and not name.startswith("_"):
-            return ()
+            return lambda: name, ()
         case ast.UnaryOp(op=op, operand=own) if type(op) in OPERATIONS:
-            return (own,)
-        case ast.BinOp(left=left, op=ast.Pow(), right=right) if _power(right) is not None:
-            return (left,)
+            return OPERATIONS[type(op)], (own,)
+        case ast.BinOp(left=left, op=ast.Pow(), right=right) if power := _power(right):
+            return lambda base: base**power, (left,)
         case ast.BinOp(left=left, op=op, right=right) if type(op) in OPERATIONS:
-            return (left, right)
+            return OPERATIONS[type(op)], (left, right)
         case ast.Call(func=ast.Name(id=name), args=args, keywords=[]) if name in FUNCTIONS:
             if len(args) == FUNCTIONS[name][1]:
-                return args
+                return FUNCTIONS[name][0], args
     raise InvalidInput(
         f"{excerpt(ast.unparse(tree))} is not understood: expected numbers, {', '.join(VARIABLES)}, names of your own, "
         f"+ - * /, ** with a whole number up to {LARGEST_POWER}, and {', '.join(FUNCTIONS)}"
     )
 
 
-def _power(tree: ast.AST) -> int | None:
-    """A whole number that a power may have."""
+def _power(tree: ast.AST) -> int:
+    """A whole number that a power may have; 0 for anything else."""
     if isinstance(tree, ast.UnaryOp) and isinstance(tree.op, ast.USub):
-        own = _power(tree.operand)
-        return None if own is None else -own
-    fits = isinstance(tree, ast.Constant) and type(tree.value) is int and 0 < tree.value <= LARGEST_POWER
-    return tree.value if fits and isinstance(tree, ast.Constant) and isinstance(tree.value, int) else None
+        return -_power(tree.operand)
+    number = tree.value if isinstance(tree, ast.Constant) else None
+    return number if type(number) is int and 0 < number <= LARGEST_POWER else 0
 
 
 def value(tree: ast.AST, names: Mapping[str, Value]) -> Value:
     """What a formula is worth, whatever its names hold: floats, arrays, CasADi's symbols or tensors."""
-    match tree:
-        case ast.Constant(value=int() | float() as number):
-            return float(number)
-        case ast.Name(id=name):
-            return names[name]
-        case ast.UnaryOp(op=op, operand=own):
-            return OPERATIONS[type(op)](value(own, names))
-        case ast.BinOp(left=left, op=ast.Pow(), right=right):
-            return value(left, names) ** (_power(right) or 1)
-        case ast.BinOp(left=left, op=op, right=right):
-            return OPERATIONS[type(op)](value(left, names), value(right, names))
-        case ast.Call(func=ast.Name(id=name), args=args):
-            return FUNCTIONS[name][0](*(value(a, names) for a in args))
-    raise InvalidInput("this is no part of a formula")
+    if isinstance(tree, ast.Name):
+        return names[tree.id]
+    function, operands = _understood(tree)
+    return function(*(value(operand, names) for operand in operands))
 
 
 def made(own: OwnEffect) -> type[Effect]:
     """The effect's class."""
     if not own.name.isidentifier() or keyword.iskeyword(own.name) or not own.name.islower() or len(own.name) > 40:
         raise InvalidInput(f"{excerpt(own.name)} is no name: expected small letters and _, as in magnet_beside")
-    tree, shapes = parsed_formula(own.formula), _values(own.shapes)
-    numbers = _numbers(tree)
-    sizes = _sizes(tree, numbers, shapes)
-    if not numbers or not sizes:
-        raise InvalidInput(
-            "no number of the formula makes it vanish at 0: expected a size before it, as in a * sin(theta)"
-        )
+    tree = parsed_formula(own.formula)
+    numbers = _numbers(tree, own.shapes)
 
     def torque(self: Any, joint: Joint) -> Value:
-        seen = {"theta": joint.theta, "theta_dot": joint.theta_dot, "t": joint.t, "drive": joint.drive}
-        return value(tree, seen | {n: getattr(self, n) for n in numbers})
+        return value(tree, {n: getattr(joint, n) for n in VARIABLES} | {n: getattr(self, n) for n in numbers})
 
-    fields = [
-        (n, Any, parameter(0.0, unit="1", bounds=REACH, neutral=0.0) if n in sizes else
-         parameter(shapes[n][0], unit="1", bounds=_bounds(shapes[n]), probe=shapes[n]))
-        for n in numbers
-    ]  # fmt: skip
+    fields = [(name, Any, parameter(**declared)) for name, declared in numbers.items()]
     said = {"name": own.name, "formula": f"tau = {ast.unparse(tree)}", "words": own.name.replace("_", " ")}
-    kind = make_dataclass(
-        "Own",
-        fields,
-        bases=(JointEffect,),
-        frozen=True,
-        eq=False,
-        namespace={**said, "torque": torque, "__module__": MODULE},
-    )
-    kind.__doc__ = said["formula"]
-    return kind
+    namespace = {**said, "torque": torque, "__module__": MODULE, "__doc__": said["formula"]}
+    return make_dataclass("Own", fields, bases=(JointEffect,), frozen=True, eq=False, namespace=namespace)
 
 
-def _numbers(tree: ast.AST) -> tuple[str, ...]:
-    """The names that are no variable."""
+def _numbers(tree: ast.AST, values: str) -> dict[str, dict[str, Any]]:
+    """The names of a formula that are no variable, and what declares each as a parameter."""
     found = dict.fromkeys(n.id for n in ast.walk(tree) if isinstance(n, ast.Name) and n.id not in FUNCTIONS)
-    names = tuple(n for n in found if n not in VARIABLES)
+    names = [n for n in found if n not in VARIABLES]
     if len(names) > MOST_NUMBERS:
         raise InvalidInput(f"the formula has {len(names)} numbers: expected {MOST_NUMBERS} at most")
     for name in names:
         if hasattr(JointEffect, name) or name in ("bounds", "joint"):
             raise InvalidInput(f"{name!r} cannot be a number's name: expected another, as a or tau_c")
-    return names
+    shapes = _values(values)
+    sizes = _sizes(tree, names, shapes)
+    if not sizes:
+        raise InvalidInput(
+            "no number of the formula makes it vanish at 0: expected a size before it, as in a * sin(theta)"
+        )
+    size = {"default": 0.0, "unit": "1", "bounds": REACH, "neutral": 0.0}
+    return {
+        n: size if n in sizes else
+        {"default": shapes[n][0], "unit": "1", "bounds": _bounds(shapes[n]), "probe": shapes[n]}
+        for n in names
+    }  # fmt: skip
 
 
 def _sizes(tree: ast.AST, numbers: Sequence[str], shapes: Mapping[str, Sequence[float]]) -> tuple[str, ...]:
@@ -271,23 +256,16 @@ def suggested(found: Mapping[str, Any] | None) -> OwnEffect:
     """A form for the residual torque of a model, by what it depends on and where it is strongest."""
     torque = {} if found is None else found["torque"]
     on = (torque.get("depends_on") or ["time"])[0]
-    if on in ("theta", "theta_dot", "torque"):
-        over = torque["over"][on]
-        mean = [abs(v or 0.0) for v in over["mean"]]
-        peak = over["edges"][mean.index(max(mean))]
-        width = (over["edges"][-1] - over["edges"][0]) / 12.0
     if on == "theta":
+        over = torque["over"][on]
+        mean, edges = [abs(v or 0.0) for v in over["mean"]], over["edges"]
+        peak, width = edges[mean.index(max(mean))], (edges[-1] - edges[0]) / 12.0
         near = ", ".join(f"{peak + k * width:.2g}" for k in (-1, 0, 1))
-        bump = "exp(-(wrap(theta - c) / w) ** 2)"
-        return OwnEffect(
-            "my_effect", f"(a + b * wrap(theta - c)) * {bump}", f"c = {near}; w = {width / 2:.2g}, {2 * width:.2g}"
-        )
+        formula = "(a + b * wrap(theta - c)) * exp(-(wrap(theta - c) / w) ** 2)"
+        return OwnEffect("my_effect", formula, f"c = {near}; w = {width / 2:.2g}, {2 * width:.2g}")
     if on == "theta_dot":
         return OwnEffect("my_effect", "-a * tanh(theta_dot / v) - b * theta_dot", "v = 0.05, 0.5")
     if on == "torque":
-        return OwnEffect("my_effect", "a * drive + b * drive ** 3", "")
-    return OwnEffect(
-        "my_effect",
-        "a * sin(w * t) + b * cos(w * t)",
-        f"w = {', '.join(f'{math.tau * k:.3g}' for k in (0.1, 0.5, 1, 2))}",
-    )
+        return OwnEffect("my_effect", "a * drive + b * drive ** 3")
+    periods = ", ".join(f"{math.tau * k:.3g}" for k in (0.1, 0.5, 1, 2))
+    return OwnEffect("my_effect", "a * sin(w * t) + b * cos(w * t)", f"w = {periods}")

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
-from sysid.physics.effects import ACTUATORS, CATALOGUE, Effect
+from sysid.physics.effects import Effect
 from sysid.physics.integrators import RK4
 from sysid.physics.model import Model
 from sysid.physics.plants import Plant
@@ -17,31 +18,31 @@ READ = {k: k for k in ("columns", "zero", "flip_torque", "degrees", "begin", "en
 """The options of a log, and what `sysid.read` calls them."""
 
 
-def begun_with(model: Model, names: Sequence[str]) -> dict[str, Any]:
-    """What the first fit began with, in Python: plant, effects, steps, and the names that it might move."""
-    substeps = model.integrator.substeps if isinstance(model.integrator, RK4) else 1
-    effects = [_effect(e) for e in model.effects]
-    return {"plant": _plant(model.plant), "effects": effects, "substeps": substeps, "names": list(names)}
+def begun_with(model: Model, names: Sequence[str], effects: Path | None) -> dict[str, Any]:
+    """What the first fit began with, in Python; `effects` is the file with the user's own."""
+    plant = model.plant
+    bounds = f", bounds={dict(plant.bounds)!r}" if plant.bounds else ""
+    return {
+        "plant": f"sysid.{type(plant).__name__}({_numbers(plant)}{bounds})",
+        "effects": [f"effect({own.name!r}, {_numbers(own)})" for own in model.effects],
+        "substeps": model.integrator.substeps if isinstance(model.integrator, RK4) else 1,
+        "names": list(names),
+        "effects_file": str(effects.resolve()) if effects else "",
+    }
 
 
-def _plant(plant: Plant) -> str:
-    numbers = [f"{name}={float(p.value)!r}" for name, p in plant.parameters.items()]
-    bounds = [f"bounds={dict(plant.bounds)!r}"] if plant.bounds else []
-    return f"sysid.{type(plant).__name__}({', '.join([*numbers, *bounds])})"
-
-
-def _effect(own: Effect) -> str:
-    numbers = "".join(f", {name}={float(p.value)!r}" for name, p in own.parameters.items())
-    known = {**CATALOGUE, **ACTUATORS}
-    return f"effect({own.name!r}{numbers})" if own.name in known else f"# {own.name} is not known here"
+def _numbers(part: Plant | Effect) -> str:
+    return ", ".join(f"{name}={float(p.value)!r}" for name, p in part.parameters.items())
 
 
 def script(state: SessionState, begun: Mapping[str, Any], node: int, own: Sequence[str] = ()) -> str:
     """The lines: read, fit, add what was added, say what is missing next, save; `own` are classes of own effects."""
+    state = state.settings_of(node)
     files = list(state.log["files"])
     more = f", hold_out={state.log['hold_out']!r}" if "hold_out" in state.log else ""
     given = state.log.get("noise", "")
     effects = "".join(f"sysid.{e}, " for e in begun["effects"])
+    loaded = [f"sysid.load_effects({begun['effects_file']!r})"] if begun.get("effects_file") else []
     parts = [
         *(["import dataclasses", ""] if own or given else []),
         "import sysid",
@@ -49,6 +50,7 @@ def script(state: SessionState, begun: Mapping[str, Any], node: int, own: Sequen
         "from sysid.estimation.initial_guess import initial_guess",
         *(f"\n\n{text}" for text in own),
         "",
+        *loaded,
         f"plant = {begun['plant']}",
         f"whole = sysid.read({files!r}{_options(state)}, plant=plant)",
         "log = whole" if "dt" in state.log else "log = whole.thinned()",

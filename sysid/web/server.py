@@ -14,14 +14,13 @@ from dash import Dash
 from werkzeug.serving import BaseWSGIServer, make_server
 
 from sysid.cli.command_options import WorkbenchCommand as Command
-from sysid.cli.log_settings import with_settings
-from sysid.data.user_effects import load_effects
+from sysid.cli.commands import completed, register_effects
 from sysid.errors import InvalidInput
 from sysid.web import figures, layout
 from sysid.web.bench import LARGEST_UPLOAD, Workbench
 from sysid.web.callbacks import join
 from sysid.web.jobs import Jobs
-from sysid.web.session import Sessions
+from sysid.web.session import Answer, Sessions
 from sysid.web.take_part import DOWNLOADS
 
 logger = logging.getLogger(__name__)
@@ -86,7 +85,7 @@ def make_app(bench: Workbench, door: Door) -> Dash:
         assets_folder=str(Path(__file__).parent / "assets"),
         meta_tags=[{"name": "viewport", "content": "width=device-width, initial-scale=1"}],
     )
-    app.layout = layout.empty_page()
+    app.layout = layout.empty_page(bench.most)
     server: flask.Flask = app.server
     server.config["MAX_CONTENT_LENGTH"] = bench.most * 4 // 3 + (1 << 20)
 
@@ -111,12 +110,13 @@ def make_app(bench: Workbench, door: Door) -> Dash:
     @server.get("/download/<identifier>/<int:node>/<name>")
     def download(identifier: str, node: int, name: str) -> Any:
         session = bench.sessions.find(identifier)
-        if session is None or name not in DOWNLOADS or not (session.of(node) / name).is_file():
+        if session is None or name not in DOWNLOADS or not session.has(node, Answer(name)):
             return flask.Response("There is no such answer.", 404, mimetype="text/plain")
-        return flask.send_file(session.of(node) / name, DOWNLOADS[name], as_attachment=True, download_name=name)
+        path, (kind, _) = session.of(node) / name, DOWNLOADS[Answer(name)]
+        return flask.send_file(path, kind, as_attachment=True, download_name=name)
 
     join(app, bench)
-    figures.empty("").to_json()  # loads what plotly loads when first asked, which threads must not do side by side
+    figures.blank(200).to_json()  # loads what plotly loads when first asked, which threads must not do side by side
     return app
 
 
@@ -137,14 +137,11 @@ def make(folder: Path, host: str, port: int, token: str = "", effects: Path | No
 
 def serve(command: Command) -> None:
     """Serve until it is stopped; a log that was given has a session, the one that it had before if it had one."""
-    log, start, said = (
-        with_settings(command.log, command.start) if command.log.files else (command.log, command.start, "")
-    )
-    if said:
-        logger.info(said)
-    if start.effects is not None:
-        logger.info(f"effects of {start.effects.name}: {', '.join(load_effects(start.effects))}")
-    host, folder = command.host, command.folder
+    if command.log.files:
+        command = completed(command)
+    else:
+        register_effects(command.start.effects)
+    log, start, host, folder = command.log, command.start, command.host, command.folder
     local = host in ("127.0.0.1", "localhost", "::1")
     token = command.token or ("" if local else secrets.token_urlsafe(16))
     server, bench = make(folder, host, command.port, token, start.effects)

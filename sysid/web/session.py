@@ -12,8 +12,9 @@ import re
 import secrets
 import shutil
 import threading
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
@@ -22,29 +23,56 @@ from sysid.data.files import write_whole
 from sysid.data.json_file import read_json
 from sysid.errors import InvalidInput
 
-ENDINGS = (".csv", ".tsv", ".txt", ".npz", ".mat", ".h5", ".parquet", ".mcap", ".db3", ".bag")
-BEGUN, MODEL, FAILS, SERIES, EFFECTS, REPORT, NEXT, PLANNED, MJCF, URDF, EXPORTED, ERROR = (
-    "begun.json",
-    "model.json",
-    "fails.json",
-    "series.npz",
-    "effects.json",
-    "report.html",
-    "next_experiment.csv",
-    "planned.json",
-    "model.xml",
-    "model.urdf",
-    "exported.json",
-    "error.json",
-)
+BAGS = (".mcap", ".db3", ".bag")
+ENDINGS = (".csv", ".tsv", ".txt", ".dat", ".log", ".npz", ".mat", ".h5", ".hdf5", ".parquet", *BAGS)
+"""What the names of dropped files end in; what they hold is told by their content alone."""
+
+
+class Answer(StrEnum):
+    """The files in a model's folder, each written when what it holds is known."""
+
+    BEGUN = "begun.json"
+    MODEL = "model.json"
+    EXPORTED = "exported.json"
+    MJCF = "model.xml"
+    URDF = "model.urdf"
+    OWN_EFFECTS = "own_effects.py"
+    SERIES = "series.npz"
+    FAILS = "fails.json"
+    EFFECTS = "effects.json"
+    REPORT = "report.html"
+    NEXT = "next_experiment.csv"
+    PLANNED = "planned.json"
+    TRAINING = "training.txt"
+    PROGRESS = "progress.json"
+    ERROR = "error.json"
+
+
+FORMAT = 2
+"""What the answers below look like; those that another version wrote are worked out anew."""
+OF_THIS_FORMAT = (Answer.EXPORTED, Answer.FAILS, Answer.EFFECTS, Answer.PLANNED)
 
 
 @dataclass(frozen=True)
 class Node:
-    """A model of the history: the number of the one that it was made of (None: the log alone), and what was added."""
+    """A model of the history.
+
+    parent       the number of the model that it was made of; None: of the log alone
+    added        the effect that was added to that one
+    log, start   of a model that was made of the log alone: how that was read, and the model to begin with
+    before       of such a model: the one that was looked at when everything was begun anew
+    """
 
     parent: int | None = None
     added: str = ""
+    log: dict[str, Any] | None = None
+    start: dict[str, Any] | None = None
+    before: int | None = None
+
+    @property
+    def undone(self) -> int | None:
+        """The model that is looked at once this one is undone."""
+        return self.before if self.parent is None else self.parent
 
 
 @dataclass(frozen=True)
@@ -64,14 +92,12 @@ class SessionState:
     @property
     def log_options(self) -> LogOptions:
         """How the log is read."""
-        own = {**self.log, "files": tuple(map(Path, self.log.get("files", ())))}
-        return LogOptions(**own)
+        return LogOptions(**{**self.log, "files": tuple(map(Path, self.log.get("files", ())))})
 
     @property
     def model_options(self) -> ModelOptions:
         """The model to begin with."""
-        own = {**self.start, "set": tuple(self.start.get("set", ()))}
-        return ModelOptions(**own)
+        return ModelOptions(**{**self.start, "set": tuple(self.start.get("set", ()))})
 
     def path(self, node: int | None) -> tuple[int, ...]:
         """The models from the first to this one."""
@@ -84,6 +110,11 @@ class SessionState:
     def added(self, node: int | None) -> tuple[str, ...]:
         """The effects that were added on the way to a model."""
         return tuple(self.nodes[k].added for k in self.path(node) if self.nodes[k].added)
+
+    def settings_of(self, node: int) -> SessionState:
+        """The state with the settings that a model was made with, which the form may no longer show."""
+        first = self.nodes[self.path(node)[0]]
+        return replace(self, log=first.log or self.log, start=self.start if first.start is None else first.start)
 
 
 @dataclass(frozen=True)
@@ -99,15 +130,19 @@ class Session:
 
     @property
     def state(self) -> SessionState:
-        """What is kept of it; raises InvalidInput for a file that this version did not write."""
+        """What is kept of it, by defaults what an older version did not keep; raises InvalidInput for anything else."""
         data = read_json(self.folder / "session.json", "a session of the workbench")
-        known = {f.name for f in fields(SessionState)}
-        if not isinstance(data, dict) or not set(data) <= known:
-            raise InvalidInput(f"{self.folder.name}/session.json is no session of this version")
-        nodes = tuple(Node(**n) for n in data.get("nodes", ()))
-        return SessionState(
-            **data | {"nodes": nodes, "titles": tuple(data["titles"]), "own": tuple(data.get("own", ()))}
-        )
+        try:
+            nodes = tuple(Node(**n) for n in data.get("nodes", ()))
+            files = data.get("log", {}).get("files", ())
+            titles = tuple(data.get("titles", (Path(f).name for f in files)))
+            own = tuple({k: str(o.get(k, "")) for k in ("name", "formula", "shapes")} for o in data.get("own", ()))
+            state = SessionState(**{**data, "nodes": nodes, "titles": titles, "own": own})
+            for known in (state, *map(state.settings_of, range(len(state.nodes)))):
+                _ = known.log_options, known.model_options, known.path(known.at)
+        except (AttributeError, LookupError, TypeError, ValueError):
+            raise InvalidInput(f"{self.identifier}/session.json is no session of this version") from None
+        return state
 
     def save(self, state: SessionState) -> None:
         """Keep it."""
@@ -123,10 +158,39 @@ class Session:
         """The folder of a model."""
         return self.folder / "models" / str(int(node))
 
-    def read(self, node: int | None, name: str) -> Any:
-        """An answer about a model; None where it is not there yet."""
+    def read(self, node: int | None, name: Answer) -> Any:
+        """An answer about a model; None where it is not there yet, or is one that another version wrote."""
         path = None if node is None else self.of(node) / name
-        return None if path is None or not path.is_file() else json.loads(path.read_text())
+        data = json.loads(path.read_text()) if path is not None and path.is_file() else None
+        other = name in OF_THIS_FORMAT and isinstance(data, dict) and data.get("format") != FORMAT
+        return None if other else data
+
+    def write(self, node: int, name: Answer, data: dict[str, Any]) -> None:
+        """Keep an answer about a model."""
+        text = json.dumps({"format": FORMAT, **data}, allow_nan=False)
+        write_whole(self.of(node) / name, self.with_titles(text, lambda title: json.dumps(title)[1:-1]))
+
+    def has(self, node: int, name: Answer) -> bool:
+        """Whether an answer about a model is there."""
+        return (self.of(node) / name).is_file() and (name not in OF_THIS_FORMAT or self.read(node, name) is not None)
+
+    def shown(self, name: Answer) -> int | None:
+        """The model whose answer the page shows: the one that is looked at, or until that has it, the one before."""
+        state = self.state
+        node = state.at
+        while node is not None and not self.has(node, name):
+            node = state.nodes[node].undone
+        return node
+
+    def with_titles(self, text: str, written: Callable[[str], str] = str) -> str:
+        """A text in which uploaded files are called as they were when they came."""
+        state, called = self.state, dict[str, str]()
+        stems = [Path(title).stem for title in state.titles]
+        for file, title, stem in zip(map(Path, state.log.get("files", ())), state.titles, stems, strict=False):
+            if self.folder in file.parents:
+                called |= {file.name: title, file.stem: stem if stems.count(stem) == 1 else title}
+        names = "|".join(map(re.escape, sorted(called, key=len, reverse=True)))
+        return re.sub(rf"\b({names})\b", lambda match: written(called[match[0]]), text) if called else text
 
     def keep_file(self, number: int, title: str, content: bytes) -> Path:
         """Write an uploaded file under a number: of its name only a known ending is used."""
@@ -136,28 +200,21 @@ class Session:
         write_whole(path, content)
         return path
 
-    def add_node(self, parent: int | None, added: str = "") -> int:
+    def add_node(self, node: Node) -> int:
         """A new model, which becomes the one that is looked at; its number."""
         state = self.state
         number = len(state.nodes)
         shutil.rmtree(self.of(number), ignore_errors=True)
         self.of(number).mkdir(parents=True)
-        self.change(nodes=(*state.nodes, Node(parent, added)), at=number)
+        self.change(nodes=(*state.nodes, node), at=number)
         return number
 
     def drop_last_node(self) -> None:
         """Take the newest model back, as where its fit failed or was cancelled."""
         state = self.state
-        number = len(state.nodes) - 1
-        shutil.rmtree(self.of(number), ignore_errors=True)
-        self.change(
-            nodes=state.nodes[:-1], at=state.nodes[number].parent if state.at == number else state.at, beside=None
-        )
-
-    def begin_anew(self) -> None:
-        """Forget all models."""
-        shutil.rmtree(self.folder / "models", ignore_errors=True)
-        self.change(nodes=(), at=None, beside=None)
+        *nodes, last = state.nodes
+        shutil.rmtree(self.of(len(nodes)), ignore_errors=True)
+        self.change(nodes=tuple(nodes), at=last.undone if state.at == len(nodes) else state.at, beside=None)
 
 
 class Sessions:
@@ -171,23 +228,27 @@ class Sessions:
         """A new session, perhaps of files that lie elsewhere."""
         session = Session(self.folder / secrets.token_hex(4))
         session.folder.mkdir()
-        files = () if log is None else tuple(str(p.resolve()) for p in log.files)
-        session.save(
-            SessionState(
-                title=title,
-                log={} if log is None else _given(replace(log, settings=None), LogOptions()) | {"files": files},
-                start={} if start is None else _given(replace(start, effects=None), ModelOptions()),
-                titles=tuple(Path(f).name for f in files),
-            )
-        )
+        kept, given = log or LogOptions(), start or ModelOptions()
+        files = [str(p.resolve()) for p in kept.files]
+        own = _given(replace(kept, settings=None), LogOptions()) | ({"files": files} if files else {})
+        begun = _given(replace(given, effects=None), ModelOptions())
+        session.save(SessionState(title, own, begun, tuple(Path(f).name for f in files)))
         return session
 
     def find(self, identifier: str | None) -> Session | None:
-        """The session of that name; None where there is none. No other name is a folder."""
-        if not identifier or not re.fullmatch(r"[0-9a-f]{8}", identifier):
-            return None
-        session = Session(self.folder / identifier)
-        return session if (session.folder / "session.json").is_file() else None
+        """The session of that name; None where there is none that this version reads. No other name is a folder."""
+        return None if not identifier or self.refusal(identifier) else Session(self.folder / identifier)
+
+    def refusal(self, identifier: str) -> str:
+        """Why a name is that of no session, in a sentence; empty where it is one."""
+        known = re.fullmatch(r"[0-9a-f]{8}", identifier) and (self.folder / identifier / "session.json").is_file()
+        if not known:
+            return "There is no such session here: it was deleted, or the workbench has another --folder."
+        try:
+            _ = Session(self.folder / identifier).state
+        except InvalidInput as error:
+            return f"{error}: expected one that this workbench wrote; its folder can be deleted by hand."
+        return ""
 
     def all(self) -> tuple[Session, ...]:
         """All of them, the newest first."""

@@ -7,7 +7,7 @@ It runs beside the server, writes each answer as a file when it is known, and sa
 
 from __future__ import annotations
 
-import json
+import html
 import logging
 import math
 import sys
@@ -39,50 +39,28 @@ from sysid.diagnosis.residual_torque import ResidualTorque, residual_torque
 from sysid.diagnosis.search_settings import DEFAULT
 from sysid.errors import InvalidInput
 from sysid.estimation.estimate import Estimate
-from sysid.estimation.held_out import finite, held_out_error
+from sysid.estimation.held_out import HeldOutError, finite, held_out_error
 from sysid.estimation.saved_model import load, save
 from sysid.export.mjcf import to_mjcf
 from sysid.export.urdf import to_urdf
 from sysid.physics.effects import CATALOGUE
-from sysid.physics.model import Model
 from sysid.planning.next_experiment import limits_of, next_experiment
 from sysid.report.typesetting import measured
-from sysid.web.own_effect import OwnEffect
+from sysid.web.own_effect import OwnEffect, effects_file
 from sysid.web.script import begun_with
-from sysid.web.session import (
-    BEGUN,
-    EFFECTS,
-    ERROR,
-    EXPORTED,
-    FAILS,
-    MJCF,
-    MODEL,
-    NEXT,
-    PLANNED,
-    REPORT,
-    SERIES,
-    URDF,
-    Session,
-)
+from sysid.web.session import Answer, Session
 
-PROGRESS = "progress.json"
 STEP = replace(DEFAULT, steps=1)
 """One addition at a time: the next one is chosen by whoever looks at the page."""
-FITTING, COMPARING, TESTING, REPORTING, PLANNING = (
-    "fitting",
-    "looking where it fails",
-    "testing effects",
-    "writing the report",
-    "planning the next experiment",
-)
 
 
 class Progress(logging.Handler):
     """Keeps what is being done in a file, and what was noted on the way."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, session: Session, number: int) -> None:
         super().__init__()
-        self.folder, self.part, self.notes, self.began = folder, FITTING, list[str](), time.time()
+        self.session, self.number = session, number
+        self.part, self.notes, self.began = "fitting", list[str](), time.time()
 
     def emit(self, record: logging.LogRecord) -> None:
         """Take up one message: notes are kept, what is being done is shown until the next."""
@@ -93,8 +71,7 @@ class Progress(logging.Handler):
 
     def show(self, text: str = "") -> None:
         """Write what is being done."""
-        seen = {"part": self.part, "text": text, "began": self.began}
-        write_whole(self.folder / PROGRESS, json.dumps(seen))
+        self.session.write(self.number, Answer.PROGRESS, {"part": self.part, "text": text, "began": self.began})
 
     def enter(self, part: str) -> None:
         """The next part of the work begins."""
@@ -105,41 +82,37 @@ class Progress(logging.Handler):
 class Work:
     """One model of the history, worked on until all its answers are there."""
 
-    def __init__(self, session: Session, number: int, progress: Progress) -> None:
-        self.session, self.number, self.progress = session, number, progress
-        self.folder, self.state = session.of(number), session.state
+    def __init__(self, session: Session, number: int, progress: Progress, effects: Path | None) -> None:
+        self.session, self.number, self.progress, self.effects = session, number, progress, effects
+        self.folder, self.state = session.of(number), session.state.settings_of(number)
         self.node = self.state.nodes[number]
 
     @cached_property
     def task(self) -> LogAndModel:
         """The log, its noise and the model to begin with: the one before, where there is one."""
-        log, start = replace(self.state.log_options, settings=Path("none")), self.state.model_options
-        if (self.folder / MODEL).is_file():
-            start = ModelOptions(model=self.folder / MODEL)
-        elif self.node.parent is not None:
-            start = ModelOptions(model=self.session.of(self.node.parent) / MODEL)
-        return LogAndModel.of(FitCommand(log=replace(log, settings=None), start=start))
+        start, known = self.state.model_options, self.number if self._has(Answer.MODEL) else self.node.parent
+        if known is not None:
+            start = ModelOptions(model=self.session.of(known) / Answer.MODEL)
+        return LogAndModel.of(FitCommand(log=self.state.log_options, start=start))
 
     def run(self) -> None:
         """Everything that is not there yet, in the order in which a page shows it."""
         parts = (
-            (FITTING, MODEL, self._fit),
-            (COMPARING, FAILS, self._fails),
-            (TESTING, EFFECTS, self._effects),
-            (REPORTING, REPORT, self._report),
+            ("fitting", Answer.MODEL, self._fit),
+            ("writing it for simulators", Answer.EXPORTED, self._export),
+            ("looking where it fails", Answer.FAILS, self._fails),
+            ("testing effects", Answer.EFFECTS, self._effects),
+            ("writing the report", Answer.REPORT, self._report),
         )
         for part, file, do in parts:
-            if not (self.folder / file).is_file():
+            if not self._has(file):
                 self.progress.enter(part)
                 do()
 
     @cached_property
     def estimate(self) -> Estimate:
         """The fitted model."""
-        saved = load(self.folder / MODEL).estimate
-        if saved is None:
-            raise InvalidInput(f"{MODEL} of model {self.number} holds no fit: expected one that the workbench wrote")
-        return saved
+        return self._estimate_of(self.number)
 
     @cached_property
     def diagnosis(self) -> Diagnosis:
@@ -151,25 +124,26 @@ class Work:
         task = self.task
         if self.node.parent is None:
             estimate = task.fitted()
-            self._write(BEGUN, begun_with(task.model, task.names))
+            self._write(Answer.BEGUN, begun_with(task.model, task.names, self.effects))
         else:
-            before = load(self.session.of(self.node.parent) / MODEL).estimate
-            hold_out = self.state.log_options.hold_out
-            estimate = add(before or task.model, self.node.added, task.log, task.measured, hold_out).estimate
-        save(estimate, self.folder / MODEL)
-        self._export(estimate.model)
+            before, hold_out = self._estimate_of(self.node.parent), self.state.log_options.hold_out
+            estimate = add(before, self.node.added, task.log, task.measured, hold_out).estimate
+        save(estimate, self.folder / Answer.MODEL)
 
-    def _export(self, model: Model) -> None:
-        """The model for simulators, and what their languages cannot say."""
-        sentences = {}
-        for name, export in ((MJCF, to_mjcf), (URDF, to_urdf)):
+    def _export(self) -> None:
+        """The model for simulators, what their languages cannot say, and the user's own effects that it has."""
+        added, sentences = self.state.added(self.number), {}
+        own = [OwnEffect(**o) for o in self.state.own if o["name"] in added]
+        if own:
+            write_whole(self.folder / Answer.OWN_EFFECTS, effects_file(own, self.effects))
+        for name, export in ((Answer.MJCF, to_mjcf), (Answer.URDF, to_urdf)):
             try:
-                found = export(model)
+                found = export(self.estimate.model)
                 found.save(self.folder / name)
-                sentences[name] = list(found.sentences)
+                sentences[str(name)] = list(found.sentences)
             except InvalidInput as error:
-                sentences[name] = [str(error)]
-        self._write(EXPORTED, sentences)
+                sentences[str(name)] = [str(error)]
+        self._write(Answer.EXPORTED, sentences)
 
     def _fails(self) -> None:
         task, model = self.task, self.estimate.model
@@ -177,26 +151,25 @@ class Work:
         torque = residual_torque(model, task.log, task.sensor)
         found = compared.to_dict() | {
             "ratio": finite(compared.ratio),
-            "off": compared.off,
             "quantities": dict(model.plant.quantities),
             "command_unit": model.command_unit,
             "turns": model.plant.turns,
+            "at_angle": model.actuator is not None and model.actuator.at_angle,
             "reach": self._reach(torque),
             "u_max": float(max(np.max(np.abs(r.u)) for r in task.log)),
-            "torque": torque.to_dict(series=False) | {"sentence": torque.sentence},
+            "torque": torque.to_dict(series=False),
             "parameters": _parameters(self.estimate),
             "status": self.estimate.status,
-            "log": str(task.log),
             "notes": self.progress.notes,
             "rollouts": _places(task.log, task.held_out),
         }
         self._series(torque)
-        self._write(FAILS, found)
+        self._write(Answer.FAILS, found)
 
     def _reach(self, torque: ResidualTorque) -> float:
         """How far the residual torque reaches, or that of a model before reached: all are drawn on one scale."""
         own = float(np.quantile(np.abs(np.concatenate([r.d for r in torque.records])), 0.998))
-        before = self.session.read(self.node.parent, FAILS)
+        before = self.session.read(self.node.parent, Answer.FAILS)
         return own if before is None else max(own, before["reach"])
 
     def _series(self, torque: ResidualTorque) -> None:
@@ -223,58 +196,51 @@ class Work:
         content = BytesIO()
         series: dict[str, Any] = {name: np.concatenate(parts) for name, parts in columns.items()}
         np.savez(content, **series)
-        write_whole(self.folder / SERIES, content.getvalue())
+        write_whole(self.folder / Answer.SERIES, content.getvalue())
 
     def _effects(self) -> None:
         found = self.diagnosis
         chosen = [s.effect for s in (*found.conventions, *found.steps)]
         rows = [_row(r, found) for r in found.ranking if r.fit is not None]
         shown = {row["effect"] for row in rows}
-        self._write(
-            EFFECTS,
-            {
-                "verdict": found.verdict,
-                "finding": found.finding,
-                "next": chosen,
-                "rows": sorted(rows, key=lambda row: row["effect"] not in chosen),
-                "others": [_named(r) for r in found.ranking if r.effect not in shown],
-                "ruled_out": {} if chosen else found.ruled_out,
-                "doubts": list(found.doubts),
-                "remarks": list(found.remarks),
-                "remaining": None if found.remaining is None else found.remaining.to_dict(),
-                "not_identifiable": [list(group) for group in found.not_identifiable],
-                "contacts": [str(c) for c in found.contacts],
-                "torque": found.torque.to_dict(),
-                "error": finite(found.base_error.ratio),
-                "seconds": found.seconds,
-            },
-        )
+        data = {
+            "verdict": found.verdict,
+            "finding": found.finding,
+            "next": chosen,
+            "rows": sorted(rows, key=lambda row: row["effect"] not in chosen),
+            "others": [_named(r) for r in found.ranking if r.effect not in shown],
+            "ruled_out": {} if chosen else found.ruled_out,
+            "doubts": list(found.doubts),
+            "remarks": list(found.remarks),
+            "not_identifiable": [list(group) for group in found.not_identifiable],
+        }
+        self._write(Answer.EFFECTS, data)
 
     def _report(self) -> None:
         from sysid.report.write import write_report
 
-        write_report(self._walk(), self.folder / REPORT)
+        path = self.folder / Answer.REPORT
+        write_report(self._walk(), path)
+        write_whole(path, self.session.with_titles(path.read_text(encoding="utf-8"), html.escape))
 
     def _walk(self) -> Diagnosis | Comparison:
         """The way from the first model to this one, where nothing is left to add; else where this one fails."""
         found, path = self.diagnosis, self.state.path(self.number)
         if found.mended:
             return compare(self.estimate, self.task.held_out, self.task.sensor)
-        first = load(self.session.of(path[0]) / MODEL).estimate
-        if len(path) == 1 or first is None:
+        if len(path) == 1:
             return found
-        ranking = self.session.read(path[0], EFFECTS)
         steps = tuple(self._step(before, k) for before, k in pairwise(path))
         return replace(
             found,
             verdict={"adequate": "missing", "unknown": "partly"}.get(found.verdict, found.verdict),
-            base=first,
-            base_error=held_out_error(first.model, self.task.held_out, self.task.sensor),
+            base=self._estimate_of(path[0]),
+            base_error=self._error_of(path[0]),
             steps=tuple(s for s in steps if not CATALOGUE[s.effect].of_log),
             conventions=tuple(s for s in steps if CATALOGUE[s.effect].of_log),
             ranking=tuple(
                 Ranked(r["effect"], (r["effect"], *r["alike"]), r["score"], r["p_value"], r.get("error"))
-                for r in (*ranking["rows"], *ranking["others"])
+                for r in self._ranked(path[0])
             ),
             torque=MissingTorque(0.0, 0.0, 0.0),
         )
@@ -282,34 +248,48 @@ class Work:
     def _step(self, before: int, after: int) -> Step:
         """One addition of the way."""
         name = self.state.nodes[after].added
-        ranked = self.session.read(before, EFFECTS) or {"rows": [], "others": []}
-        none: dict[str, Any] = {"alike": [], "p_value": 1.0}
-        own = next((r for r in (*ranked["rows"], *ranked["others"]) if r["effect"] == name), none)
-        ratios = [self.session.read(k, FAILS)["ratio"] for k in (before, after)]
+        own = next((r for r in self._ranked(before) if r["effect"] == name), {})
         return Step(
             effect=name,
-            alike=(name, *own["alike"]),
+            alike=(name, *own.get("alike", ())),
             rivals=(),
             parameters=fitted_numbers(self.estimate, name),
-            error_before=math.inf if ratios[0] is None else ratios[0],
-            error_after=math.inf if ratios[1] is None else ratios[1],
-            p_value=own["p_value"],
-            estimate=load(self.session.of(after) / MODEL).estimate or self.estimate,
+            error_before=self._error_of(before).ratio,
+            error_after=self._error_of(after).ratio,
+            p_value=own.get("p_value", 1.0),
+            estimate=self._estimate_of(after),
         )
+
+    def _ranked(self, number: int) -> list[dict[str, Any]]:
+        """What was ranked beside a model of the history."""
+        found = self.session.read(number, Answer.EFFECTS)
+        return [] if found is None else [*found["rows"], *found["others"]]
+
+    def _error_of(self, number: int) -> HeldOutError:
+        return held_out_error(self._estimate_of(number).model, self.task.held_out, self.task.sensor)
 
     def experiment(self) -> None:
         """What to play next: what tells alike effects apart, or else what narrows the widest interval."""
-        found = self.session.read(self.number, EFFECTS)
+        found = self.session.read(self.number, Answer.EFFECTS)
         best = found["rows"][0] if found and found["next"] else None
         rivals = [best["effect"], *best["alike"][:1]] if best and best["alike"] else []
         limits = limits_of(self.task.log, self.estimate.model)
         planned = next_experiment(self.estimate, rivals, limits, self.task.sensor, self.task.training)
         if planned.u.size:
-            planned.write_csv(self.folder / NEXT)
-        self._write(PLANNED, {"sentence": str(planned)})
+            planned.write_csv(self.folder / Answer.NEXT)
+        self._write(Answer.PLANNED, {"sentence": str(planned)})
 
-    def _write(self, name: str, data: Any) -> None:
-        write_whole(self.folder / name, json.dumps(data, allow_nan=False))
+    def _estimate_of(self, number: int) -> Estimate:
+        saved = load(self.session.of(number) / Answer.MODEL).estimate
+        if saved is None:
+            raise InvalidInput(f"{Answer.MODEL} of model {number} holds no fit: expected one that the workbench wrote")
+        return saved
+
+    def _has(self, name: Answer) -> bool:
+        return self.session.has(self.number, name)
+
+    def _write(self, name: Answer, data: dict[str, Any]) -> None:
+        self.session.write(self.number, name, data)
 
 
 def _parameters(estimate: Estimate) -> list[dict[str, Any]]:
@@ -368,28 +348,28 @@ def _row(candidate: Ranked, found: Diagnosis) -> dict[str, Any]:
 
 def main(arguments: Sequence[str]) -> int:
     """The work on one model; where it cannot be done, error.json says why in one sentence."""
-    folder, number = Path(arguments[0]), int(arguments[1])
-    session = Session(folder)
-    progress, logger = Progress(session.of(number)), logging.getLogger("sysid")
+    session, number = Session(Path(arguments[0])), int(arguments[1])
+    effects = next((Path(a) for a in arguments[2:] if a != "--next"), None)
+    progress, logger = Progress(session, number), logging.getLogger("sysid")
     logger.addHandler(progress)
     logger.setLevel(logging.DEBUG)
     progress.show("reading the log")
     try:
-        for file in (a for a in arguments[2:] if a != "--next"):
-            load_effects(file)
+        if effects is not None:
+            load_effects(effects)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)
             for own in session.state.own:
                 OwnEffect(**own).register()
-            work = Work(session, number, progress)
+            work = Work(session, number, progress, effects)
             work.run()
             if "--next" in arguments:
-                progress.enter(PLANNING)
+                progress.enter("planning the next experiment")
                 work.experiment()
     except Exception as error:
         known = error if isinstance(error, InvalidInput) else blamed(error)
         said = str(known or f"the {progress.part} failed with {type(error).__name__}: {error}")
-        write_whole(session.of(number) / ERROR, json.dumps({"part": progress.part, "message": said}))
+        session.write(number, Answer.ERROR, {"part": progress.part, "message": said})
         return 2
     return 0
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import dataclasses
+import importlib.util
 import json
 import time
 from collections.abc import Iterator
@@ -16,6 +17,8 @@ import pytest
 
 pytest.importorskip("dash", reason="the workbench needs the extra web")
 
+from sysid.cli.options import LogOptions, ModelOptions
+
 import sysid
 from sysid.data.record import write_csv
 from sysid.errors import InvalidInput
@@ -26,9 +29,9 @@ from sysid.web.callbacks import do, effect_picture, region_of, session_name, zoo
 from sysid.web.jobs import Jobs, finished
 from sysid.web.own_effect import OwnEffect
 from sysid.web.script import script
-from sysid.web.session import BEGUN, EFFECTS, FAILS, MODEL, NEXT, PLANNED, REPORT, SERIES, Session, Sessions
+from sysid.web.session import Answer, Session, Sessions
 from sysid.web.training import OPTIMUM, OWN, heard
-from tests.sysid import hostile_logs
+from tests.sysid import hostile_logs, robot_files
 
 
 def waited(bench: Workbench, session: Session, seconds: float = 120.0) -> str:
@@ -63,7 +66,7 @@ def walked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Workbench
     session = uploaded(bench, *files)
     bench.fit(session)
     assert waited(bench, session) == ""
-    assert session.read(0, EFFECTS)["next"] == ["coulomb"]
+    assert session.read(0, Answer.EFFECTS)["next"] == ["coulomb"]
     bench.add(session, "coulomb")
     assert waited(bench, session) == ""
     yield bench, session
@@ -76,13 +79,13 @@ def walked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Workbench
 @pytest.mark.long
 def test_the_error_falls_to_the_noise_by_the_effect_that_was_hidden(walked: tuple[Workbench, Session]) -> None:
     _, session = walked
-    before, after = (session.read(k, FAILS)["ratio"] for k in (0, 1))
+    before, after = (session.read(k, Answer.FAILS)["ratio"] for k in (0, 1))
     assert before > 2.0
     assert after < 1.1
-    estimate = load(session.of(1) / MODEL).estimate
+    estimate = load(session.of(1) / Answer.MODEL).estimate
     assert estimate is not None
     assert abs(estimate.values["coulomb.tau_c"] - 0.15) < 4.0 * estimate.sd["coulomb.tau_c"] + 1e-3
-    found = session.read(1, EFFECTS)
+    found = session.read(1, Answer.EFFECTS)
     assert found["verdict"] == "adequate"
     assert not found["next"]
     assert found["ruled_out"]
@@ -91,7 +94,7 @@ def test_the_error_falls_to_the_noise_by_the_effect_that_was_hidden(walked: tupl
 @pytest.mark.long
 def test_a_row_says_how_large_an_effect_is_and_what_it_explains(walked: tuple[Workbench, Session]) -> None:
     _, session = walked
-    own = session.read(0, EFFECTS)["rows"][0]
+    own = session.read(0, Answer.EFFECTS)["rows"][0]
     assert own["effect"] == "coulomb"
     assert own["explained"] > 0.9
     assert own["error"] < 1.1
@@ -160,7 +163,7 @@ def test_a_selection_marks_the_same_samples_in_all_plots(walked: tuple[Workbench
     assert len(speeds) > 10
     assert np.all((speeds >= 1.0) & (speeds <= 2.0))
     assert np.array_equal(np.array(states[1]["params"]["value"]), speeds)
-    s = figures.series(session.of(0) / SERIES)
+    s = figures.series(session.of(0) / Answer.SERIES)
     assert np.array_equal(np.array(course[0]["params"]["value"]), s["t"][s.within(region)])
 
 
@@ -313,10 +316,100 @@ def test_a_session_that_another_wrote_is_refused(bench: Workbench) -> None:
         _ = session.state
 
 
+def test_a_session_of_an_older_version_is_completed_by_defaults(bench: Workbench, tmp_path: Path) -> None:
+    write_csv(samples.sample("friction")[0], tmp_path / "swing.csv")
+    session = bench.open(LogOptions(files=(tmp_path / "swing.csv",)), ModelOptions())
+    path = session.folder / "session.json"
+    older = {
+        "title": "old",
+        "log": json.loads(path.read_text())["log"],
+        "nodes": [{"parent": None, "added": ""}],
+        "at": 0,
+    }
+    path.write_text(json.dumps(older))
+    assert session.state.titles == ("swing.csv",)
+    assert session.state.settings_of(0).log == session.state.log
+    for own in (session, bench.sessions.new("of no file")):
+        for name in bench.stamps(own):
+            bench.part(name, own)
+        log_part.previewed(log_part.preview(own))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"new": 1}, {"log": {"unheard_of": 1}}, {"at": 3}, {"nodes": [{"unheard_of": 1}]}, {"titles": 5}, {"log": []}],
+)
+def test_a_session_that_is_not_understood_is_refused_in_one_sentence(bench: Workbench, change: dict[str, Any]) -> None:
+    session = bench.sessions.new("x")
+    path = session.folder / "session.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | change))
+    assert bench.sessions.find(session.identifier) is None
+    assert "no session of this version" in bench.sessions.refusal(session.identifier)
+    assert bench.sessions.all() == ()
+    assert "no such session" in bench.sessions.refusal("0" * 8)
+
+
+def test_a_session_is_renamed_and_deleted(bench: Workbench, tmp_path: Path) -> None:
+    write_csv(samples.sample("friction")[0], tmp_path / "swing.csv")
+    session, other = (
+        bench.open(LogOptions(files=(tmp_path / "swing.csv",)), ModelOptions()),
+        bench.sessions.new("other"),
+    )
+    assert do(bench, session, {"do": "rename"}, {"title": " the rig "}) == session
+    assert session.state.title == "the rig"
+    with pytest.raises(InvalidInput, match="empty"):
+        do(bench, session, {"do": "rename"}, {"title": " "})
+    assert do(bench, session, {"do": "delete", "session": other.identifier}) == session
+    assert bench.sessions.all() == (session,)
+    assert do(bench, session, {"do": "delete", "session": session.identifier}) is None
+    assert not session.folder.exists()
+    assert (tmp_path / "swing.csv").is_file()
+
+
+def test_a_message_calls_a_dropped_file_by_the_name_of_the_user(bench: Workbench, tmp_path: Path) -> None:
+    for name in ("one <b>.csv", "two.csv"):
+        (tmp_path / name).write_text("t,theta\n0,x\n1,y\n")
+    session = uploaded(bench, tmp_path / "two.csv", tmp_path / "one <b>.csv")
+    assert log_part.preview(session).about.error.startswith("two.csv, line 2")
+    assert (
+        session.with_titles("log2.csv and log2, not log3 or catalog1")
+        == "one <b>.csv and one <b>, not log3 or catalog1"
+    )
+
+
+def test_what_is_held_out_and_the_sample_interval_are_chosen(bench: Workbench, tmp_path: Path) -> None:
+    write_csv(samples.sample("friction")[0], tmp_path / "swing.csv")
+    session = uploaded(bench, tmp_path / "swing.csv")
+    form = {"t": "t", "theta": "theta", "theta_dot": "theta_dot", "torque": "u", "plant": "rod", "input": "torque",
+            "zero": "upright", "signs": ["degrees"], "begin": 0.0}  # fmt: skip
+    log_part.change(session, {**form, "hold_out": 0.4, "dt": 0.04})
+    options = session.state.log_options
+    assert (options.hold_out, options.dt, options.begin, options.degrees) == (0.4, 0.04, 0.0, True)
+    assert options.input is options.zero is None
+    assert "25 Hz" in log_part.preview(session).about.said
+    log_part.change(session, {**form, "hold_out": -1.0})
+    assert "hold" in log_part.preview(session).about.error
+    log_part.change(session, form)
+    assert session.state.log_options.hold_out is None
+
+
+def test_the_joint_of_a_bag_can_be_chosen_where_it_has_several(bench: Workbench, tmp_path: Path) -> None:
+    pytest.importorskip("rosbags")
+    t = 0.02 * np.arange(200)
+    moved = {"t": t, "theta": np.pi + 0.3 * np.sin(3.0 * t), "theta_dot": 0.9 * np.cos(3.0 * t), "torque": np.sin(t)}
+    folder = robot_files.write_bag(tmp_path / "robot", moved, "MCAP", ("shoulder", "elbow"))
+    session = uploaded(bench, next(folder.glob("*.mcap")))
+    assert "elbow" in log_part.preview(session).about.error
+    assert "set-joint" in str(bench.part("log", session))
+    log_part.change(session, {"joint": "shoulder", "signs": []})
+    assert not log_part.preview(session).about.error
+    assert set(log_part.columns(session)[1]) >= {"t", "theta"}
+
+
 @pytest.mark.long
 def test_reports_are_written_without_scripts(walked: tuple[Workbench, Session]) -> None:
     _, session = walked
-    assert "<script" not in (session.of(0) / REPORT).read_text()
+    assert "<script" not in (session.of(0) / Answer.REPORT).read_text()
 
 
 @pytest.mark.long
@@ -333,13 +426,22 @@ def test_an_effect_that_the_user_writes_is_fitted_like_ours(walked: tuple[Workbe
     assert waited(bench, session) == ""
     node = session.state.at
     assert session.state.added(node) == ("grip",)
-    assert session.read(node, FAILS)["ratio"] < 1.3
-    sizes = {p["name"]: p["said"] for p in session.read(node, FAILS)["parameters"]}
+    assert session.read(node, Answer.FAILS)["ratio"] < 1.3
+    sizes = {p["name"]: p["said"] for p in session.read(node, Answer.FAILS)["parameters"]}
     assert abs(float(sizes["grip.a"].partition(" ")[0]) - 0.15) < 0.02
     with pytest.raises(InvalidInput, match="another name"):
         bench.try_own(session, OwnEffect("grip", "-a * theta_dot"))
-    lines = script(session.state, session.read(0, BEGUN), 2, [own.source()])
+    lines = script(session.state, session.read(0, Answer.BEGUN), 2, [own.source()])
     compile(lines, "lines", "exec")
+    assert "own_effects.py" in str(bench.part("take", session))
+    if importlib.util.find_spec("policies") is not None:
+        bench.trainings.begin(session, 2, 2.0, steps=2_000)
+        end = time.monotonic() + 240.0
+        while time.monotonic() < end and bench.busy(session):
+            time.sleep(0.5)
+        said = heard(session, 2)
+        assert said is not None
+        assert said["returns"][OWN] < 0.0
     session.drop_last_node()
 
 
@@ -367,12 +469,83 @@ def test_settings_that_read_no_log_leave_the_history(walked: tuple[Workbench, Se
 
 
 @pytest.mark.long
+def test_beginning_anew_can_be_undone(walked: tuple[Workbench, Session]) -> None:
+    """The models of the older settings stay, and so do these settings: form, fits and lines go by them again."""
+    bench, session = walked
+    session.change(at=1)
+    before = session.state
+    session.change(log={**before.log, "end": 3.0})
+    bench.fit(session)
+    assert session.state.at == 2
+    assert session.state.settings_of(1).log == before.log
+    assert session.state.settings_of(2).log["end"] == 3.0
+    assert "end=" not in script(session.state, session.read(0, Answer.BEGUN), 1)
+    assert "before" in str(bench.part("fails", session))
+    do(bench, session, {"do": "undo"})
+    assert session.state == before
+    assert waited(bench, session) == ""
+    session.change(log={**before.log, "end": 3.0})
+    bench.fit(session)
+    assert waited(bench, session) == ""
+    do(bench, session, {"do": "go", "node": 1})
+    assert session.state.log == before.log
+    assert "as it came (end 3.0)" in str(bench.part("ladder", session))
+    do(bench, session, {"do": "go", "node": 2})
+    assert session.state.log["end"] == 3.0
+    do(bench, session, {"do": "undo"})
+    assert session.state.at == 1
+    session.drop_last_node()
+
+
+@pytest.mark.long
+def test_the_model_before_stays_on_the_page_until_the_new_one_is_known(walked: tuple[Workbench, Session]) -> None:
+    bench, session = walked
+    session.change(at=0)
+    bench.add(session, "viscous")
+    for name in ("fails", "effects"):
+        assert bench.part(name, session).className == "before"
+    assert session.shown(Answer.FAILS) == 0
+    assert "'add'" not in str([b for b in buttons(bench.part("effects", session)) if not b.disabled])
+    bench.cancel(session)
+    assert bench.part("fails", session).className == ""
+    assert "'add'" in str([b for b in buttons(bench.part("effects", session)) if not b.disabled])
+
+
+def buttons(part: Any) -> list[Any]:
+    return [own for own in part._traverse() if type(own).__name__ == "Button"]
+
+
+@pytest.mark.long
+def test_answers_of_another_version_are_worked_out_anew(walked: tuple[Workbench, Session]) -> None:
+    bench, session = walked
+    session.change(at=1)
+    path = session.of(1) / Answer.FAILS
+    kept = json.loads(path.read_text())
+    path.write_text(json.dumps({"ratio": 1.0}))
+    assert session.read(1, Answer.FAILS) is None
+    assert "sensor noise" in str(bench.part("fails", session))
+    bench.resume(session)
+    assert waited(bench, session) == ""
+    again = session.read(1, Answer.FAILS)
+    assert (again["ratio"], again["rollouts"]) == (kept["ratio"], kept["rollouts"])
+
+
+@pytest.mark.long
+def test_files_are_called_as_they_were_when_they_came(walked: tuple[Workbench, Session]) -> None:
+    _, session = walked
+    assert [r["name"] for r in session.read(0, Answer.FAILS)["rollouts"]] == [f"swing{k}" for k in range(4)]
+    answers = (Answer.FAILS, Answer.EFFECTS, Answer.REPORT)
+    assert not [name for name in answers if "log1" in (session.of(0) / name).read_text()]
+    assert "log/log1.csv" in script(session.state, session.read(0, Answer.BEGUN), 0)
+
+
+@pytest.mark.long
 def test_the_lines_repeat_every_click(walked: tuple[Workbench, Session], tmp_path: Path) -> None:
     _, session = walked
-    begun = session.read(0, BEGUN)
+    begun = session.read(0, Answer.BEGUN)
     lines = script(session.state, begun, 1).replace("model.json", str(tmp_path / "again.json"))
     exec(compile(lines, "lines", "exec"), {})
-    here, again = load(session.of(1) / MODEL).estimate, load(tmp_path / "again.json").estimate
+    here, again = load(session.of(1) / Answer.MODEL).estimate, load(tmp_path / "again.json").estimate
     assert here is not None
     assert again is not None
     assert here.values == again.values
@@ -381,10 +554,10 @@ def test_the_lines_repeat_every_click(walked: tuple[Workbench, Session], tmp_pat
 @pytest.mark.long
 def test_the_report_tells_the_way_that_was_gone(walked: tuple[Workbench, Session]) -> None:
     _, session = walked
-    text = (session.of(1) / REPORT).read_text()
+    text = (session.of(1) / Answer.REPORT).read_text()
     assert "missing" in text
     assert "coulomb" in text
-    before = session.read(0, FAILS)["ratio"]
+    before = session.read(0, Answer.FAILS)["ratio"]
     assert f"{before:.2f}" in text
 
 
@@ -394,8 +567,8 @@ def test_the_next_experiment_is_planned_and_written(walked: tuple[Workbench, Ses
     session.change(at=1)
     bench.plan(session)
     assert waited(bench, session) == ""
-    assert session.read(1, PLANNED)["sentence"]
-    assert (session.of(1) / NEXT).read_text().startswith("rollout,t,torque")
+    assert session.read(1, Answer.PLANNED)["sentence"]
+    assert (session.of(1) / Answer.NEXT).read_text().startswith("rollout,t,torque")
 
 
 @pytest.mark.long

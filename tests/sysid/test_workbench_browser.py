@@ -20,7 +20,7 @@ from sysid.cli.command_options import LogOptions, ModelOptions  # noqa: E402 - d
 from sysid.data.record import write_csv  # noqa: E402
 from sysid.web import samples  # noqa: E402
 from sysid.web.server import make  # noqa: E402
-from sysid.web.session import SERIES  # noqa: E402
+from sysid.web.session import Answer  # noqa: E402
 from tests.sysid import hostile_logs as hostile  # noqa: E402
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -80,6 +80,8 @@ def test_the_hidden_friction_is_found_and_added_by_clicks(page: Any, site: str, 
     page.goto(site)
     page.get_by_role("button", name="a sticky joint").click()
     page.locator("#course .main-svg").first.wait_for(timeout=LONG)
+    assert page.locator("#course .modebar-btn").count() > 3
+    assert page.locator(".modebar-btn[data-title*=Share]").count() == 0
     assert float(page.locator(".big strong").inner_text()) > 3.0
     page.get_by_role("button", name="Add coulomb", exact=True).wait_for(timeout=LONG)
     page.reload()
@@ -122,10 +124,35 @@ def test_a_real_log_is_dropped_read_and_mended(page: Any, site: str, tmp_path: P
     before = float(page.locator(".big strong").inner_text())
     page.locator("article.row").first.get_by_role("button", name="Add coulomb").click()
     page.locator("#part-ladder .bartext").nth(1).wait_for(timeout=LONG)
+    page.locator("#part-fails .before").wait_for(state="detached", timeout=LONG)
     bars = page.locator("#part-ladder .bartext").all_text_contents()
     assert [float(bar) for bar in bars] == sorted(map(float, bars), reverse=True)
     assert float(page.locator(".big strong").inner_text()) < 0.75 * before
     opened_offline(page, site, tmp_path)
+
+
+def test_plots_stay_while_it_refits_and_a_session_is_renamed_and_deleted(page: Any, site: str) -> None:
+    page.goto(site)
+    page.get_by_role("button", name="a sticky joint").click()
+    page.get_by_role("button", name="Add coulomb", exact=True).click(timeout=LONG)
+    page.locator("#part-fails .before #course .main-svg").first.wait_for(timeout=LONG)
+    assert page.get_by_role("button", name="Add coulomb", exact=True).is_disabled()
+    page.get_by_role("button", name="Cancel").click()
+    page.locator("#part-fails .before").wait_for(state="detached", timeout=LONG)
+    page.locator("#set-end").fill("6")
+    page.locator("#set-end").press("Enter")
+    page.get_by_text("48 s").first.wait_for(timeout=LONG)
+    page.get_by_role("button", name="Begin anew with these settings").click()
+    page.get_by_role("button", name="Undo").click(timeout=LONG)
+    page.locator("#part-fails .before").wait_for(state="detached", timeout=LONG)
+    assert page.locator("#set-end").input_value() == ""
+    page.get_by_text("Sessions", exact=True).click()
+    page.locator("#sessions input").fill("the rig")
+    page.get_by_role("button", name="Rename").click()
+    page.locator(".files", has_text="the rig").wait_for(timeout=LONG)
+    page.on("dialog", lambda dialog: dialog.accept())
+    page.get_by_role("button", name="Delete the rig").click()
+    page.get_by_role("button", name="a sticky joint").wait_for(timeout=LONG)
 
 
 def opened_offline(page: Any, site: str, folder: Path) -> None:
@@ -250,7 +277,7 @@ def long_session(bench: Any, folder: Path, count: int) -> Any:
     bench.fit(session)
     while bench.jobs.running(session) is not None:
         time.sleep(0.2)
-    path = session.of(0) / SERIES
+    path = session.of(0) / Answer.SERIES
     with np.load(path) as file:
         short = {name: file[name] for name in file.files}
     times = -(-count // len(short["t"]))
