@@ -70,9 +70,11 @@ class Task(Protocol):
     """
 
     saves: ClassVar[bool]
-    activity: ClassVar[str]
-    table: ClassVar[Any]
 
+    @property
+    def activity(self) -> str: ...
+    @property
+    def table(self) -> Any: ...
     @property
     def name(self) -> str: ...
     @property
@@ -88,9 +90,19 @@ class Task(Protocol):
         ...
 
 
-class Brief:
-    """A task without a checkpoint, on a CPU: one whose worker dies begins anew."""
+@dataclass(frozen=True)
+class BriefTask:
+    """A task without a checkpoint, on a CPU: one whose worker dies begins anew. Its answer, rows of the table, is
 
+    function(*arguments, progress)        progress: says how much is done, from 0 to 1
+    """
+
+    name: str
+    activity: str
+    work: float
+    table: Any
+    function: Callable[..., Any]
+    arguments: tuple[Any, ...]
     saves: ClassVar[bool] = False
     gpus: ClassVar[int] = 0
     progress_key: ClassVar[str] = ""
@@ -101,6 +113,10 @@ class Brief:
     def resumed(self, seconds: float) -> Self:
         """This task."""
         return self
+
+    def run(self, link: Link) -> Any:
+        """The answer."""
+        return self.function(*self.arguments, link.progress)
 
 
 Heard = Callable[[Task, str, Any], None]

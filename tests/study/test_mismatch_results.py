@@ -5,11 +5,17 @@ import sqlite3
 
 import pytest
 
-from study.mismatch.mismatch_results import DESIGNS, FITS, TRAININGS, Designed, Fitted, MismatchResults, Trained
-from study.paper.presets import SMOKE
-from study.paper.sweep import SweepResults
+from study.mismatch.mismatch_experiment import mismatch_results
+from study.mismatch.mismatch_plan import PLANS
+from study.mismatch.trial_setups import FITS, Fitted
+from study.paper.presets import PRESETS
+from study.paper.sweep import sweep_results
+from study.trials.designs import DESIGNS, Designed
+from study.trials.populations import TRAININGS, Trained
 from sysid import InvalidInput
 
+SMOKE = PLANS["mismatch-smoke"]
+SWEEP = dataclasses.replace(PRESETS["smoke"], name=SMOKE.name)
 MODEL = {"effects": [{"name": "delay", "T": 0.126}], "sd": [0.1, 1e-17], "unit": None}
 FITTED = Fitted("delay_medium", "mended", 5, 1, {"model": MODEL, "verdict": "delay"}, 7.5)
 TRAINED = Trained("0f3a", {"plain": (-1.25, -2.5), "magnet": (-0.1,)}, ((200, -3.5), (400, -2.0)), {"torch": "2"}, 9.0)
@@ -31,17 +37,17 @@ def sibling(answer):
 
 def test_what_went_in_comes_out_again_sorted(table, tmp_path):
     own, answer = table
-    with MismatchResults(tmp_path, SMOKE) as results:
+    with mismatch_results(tmp_path, SMOKE) as results:
         assert results.all(own) == []
         results.add(own, [answer, sibling(answer)])
-    with MismatchResults(tmp_path, SMOKE) as results:
+    with mismatch_results(tmp_path, SMOKE) as results:
         assert results.all(own) == [sibling(answer), answer]
 
 
 def test_a_second_answer_takes_the_place_of_the_first(table, tmp_path):
     own, answer = table
     second = dataclasses.replace(answer, seconds=0.5)
-    with MismatchResults(tmp_path, SMOKE) as results:
+    with mismatch_results(tmp_path, SMOKE) as results:
         results.add(own, [answer, sibling(answer)])
         results.add(own, [second])
         assert results.all(own) == [sibling(answer), second]
@@ -50,7 +56,7 @@ def test_a_second_answer_takes_the_place_of_the_first(table, tmp_path):
 def test_answers_are_kept_all_or_none(table, tmp_path):
     own, answer = table
     broken = dataclasses.replace(sibling(answer), seconds=object())
-    with MismatchResults(tmp_path, SMOKE) as results:
+    with mismatch_results(tmp_path, SMOKE) as results:
         with pytest.raises(sqlite3.Error):
             results.add(own, [answer, broken])
         assert results.all(own) == []
@@ -59,13 +65,13 @@ def test_answers_are_kept_all_or_none(table, tmp_path):
 @pytest.mark.parametrize("field", ["plant", "strategy", "n", "seed"])
 def test_every_rollout_of_every_strategy_has_its_own_fit(field, tmp_path):
     other = dataclasses.replace(FITTED, **{field: 0 if field in ("n", "seed") else "another"})
-    with MismatchResults(tmp_path, SMOKE) as results:
+    with mismatch_results(tmp_path, SMOKE) as results:
         results.add(FITS, [FITTED, other])
         assert results.all(FITS) == sorted([other, FITTED], key=lambda fit: fit.trial)
 
 
 def test_a_finished_population_has_no_progress_left(tmp_path):
-    with MismatchResults(tmp_path, SMOKE) as results:
+    with mismatch_results(tmp_path, SMOKE) as results:
         assert results.training_seconds("first") == 0.0
         results.note_training("first", 12.5)
         results.note_training("first", 25.0)
@@ -77,9 +83,9 @@ def test_a_finished_population_has_no_progress_left(tmp_path):
 
 
 def test_the_folder_of_another_kind_is_refused(tmp_path):
-    MismatchResults(tmp_path / "mismatch", SMOKE).close()
+    mismatch_results(tmp_path / "mismatch", SMOKE).close()
     with pytest.raises(InvalidInput, match="format 'mismatch 2', expected '2'"):
-        SweepResults(tmp_path / "mismatch", SMOKE)
-    SweepResults(tmp_path / "study", SMOKE).close()
+        sweep_results(tmp_path / "mismatch", SWEEP)
+    sweep_results(tmp_path / "study", SWEEP).close()
     with pytest.raises(InvalidInput, match="format '2', expected 'mismatch 2'"):
-        MismatchResults(tmp_path / "study", SMOKE)
+        mismatch_results(tmp_path / "study", SMOKE)
