@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from study.figure_style import ACCENT, annotate_beside, panel_title
+from study.figure_style import ACCENT, annotate_beside, faint_lines, panel_title, panels_abreast
 from study.formatting import capital, number
 from study.mismatch.mismatch_findings import MismatchFindings, Split, SplitOutcome, TrialCondition
 from study.mismatch.mismatch_plan import FREE, LADDER, SHARED, STRATEGIES, StrategyKey
@@ -32,8 +32,7 @@ def strategy_returns(findings: MismatchFindings) -> Figure:
     about its own optimum (red line); few rollouts hollow and many filled; small upright ticks are medians."""
     plan = findings.plan
     rows = _rows(plan.strategies)
-    figure = Figure(figsize=(12.0, 1.9 + 0.34 * max(rows.values())), layout="constrained")
-    panels: list[Axes] = list(figure.subplots(1, len(plan.plants), sharey=True, squeeze=False)[0])
+    figure, panels = panels_abreast(len(plan.plants), 12.0, 1.9 + 0.34 * max(rows.values()))
     reach = _reach_of_panels(findings)
     for axes, plant in zip(panels, plan.plants, strict=True):
         best = max(
@@ -46,8 +45,7 @@ def strategy_returns(findings: MismatchFindings) -> Figure:
         axes.axvline(findings.optima[plant.name], color=ACCENT, linewidth=1.2, zorder=1)
         panel_title(axes, plant.noun, plant.size, "not in the catalogue" * (plant.in_catalogue is False), fontsize=9.5)
         axes.tick_params(axis="y", length=0)
-        axes.grid(axis="x", color="0.92", linewidth=0.8)
-        axes.set_axisbelow(True)
+        faint_lines(axes, "x")
     first = panels[0]
     first.set_yticks(list(rows.values()), [STRATEGIES[strategy].short for strategy in rows])
     for label, strategy in zip(first.get_yticklabels(), rows, strict=True):

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullLocator
 
-from study.figure_style import ACCENT, COLOURS, annotate_beside
+from study.figure_style import ACCENT, COLOURS, annotate_beside, faint_lines
 from study.formatting import number
 from study.paper.agreement import ContrastAgreement
 from study.paper.claims import CELL, nearest_cell
@@ -43,8 +43,7 @@ def contrasts(rows: Sequence[ContrastAgreement]) -> Figure:
     axes.set_xticks(ticks, [number(t) for t in ticks])
     axes.minorticks_off()
     axes.tick_params(axis="y", length=0)
-    axes.grid(axis="x", color="0.92", linewidth=0.8)
-    axes.set_axisbelow(True)
+    faint_lines(axes, "x")
     axes.set_xlabel("change of the mean return; 95 % intervals: bar bootstrap, line t")
     handles, labels = axes.get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))

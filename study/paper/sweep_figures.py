@@ -21,7 +21,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from study.figure_style import ACCENT, COLOURS, PAPER_WHITE, annotate_beside, save_figure, width_colours
+from study.figure_style import ACCENT, COLOURS, PAPER_WHITE, annotate_beside, panels_abreast, save_figure, width_colours
 from study.formatting import number, percent
 from study.paper.published_numbers import CellSummary
 from study.paper.reference_controllers import LQR, OPTIMAL, SWING_UP
@@ -69,14 +69,13 @@ def heatmaps(sides: Mapping[str, Summaries], references: Mapping[str, float]) ->
     budgets, widths = sorted({n for n, _ in first}), sorted({w for _, w in first})
     means = [side[key].mean for side in sides.values() for key in first if key in side]
     low, high = min(means), max(*means, references[OPTIMAL])
-    size = (max(5.6, 2.2 + 0.78 * len(sides) * len(widths)), 1.8 + 0.6 * len(budgets))
-    figure = Figure(figsize=size, layout="constrained")
-    panels: list[Axes] = list(figure.subplots(1, len(sides), sharey=True, squeeze=False)[0])
+    across = max(5.6, 2.2 + 0.78 * len(sides) * len(widths))
+    figure, panels = panels_abreast(len(sides), across, 1.8 + 0.6 * len(budgets))
     for axes, (title, cells) in zip(panels, sides.items(), strict=True):
         image = _panel(axes, cells, (budgets, widths), (low, high), references[OPTIMAL])
         axes.set_title(title, fontsize=11.0, pad=8.0)
     panels[0].set_ylabel("rollouts measured, n")
-    legend = textwrap.fill(LEGEND + CLOSED * (budgets[0] == 0), int(14.0 * size[0]))
+    legend = textwrap.fill(LEGEND + CLOSED * (budgets[0] == 0), int(14.0 * across))
     figure.supxlabel(f"width w of the training band around the estimate\n{legend}", fontsize=9.0, color="0.15")
     _scale(figure, panels, image, (low, high), references)
     return figure
@@ -130,10 +129,7 @@ def _scale(
     ticks = [t for t in bar.get_ticks() if low <= t <= high - 0.17 * span and abs(t - lqr) > 0.06 * span]
     bar.set_ticks(ticks, labels=[number(t) for t in ticks])
     bar.ax.tick_params(length=0, labelsize=9.0)
-    best, style = (
-        f"{number(optimum)} {NAMES[OPTIMAL]}\n{number(swing_up)} swing-up",
-        {"xycoords": "axes fraction"},
-    )
+    best, style = (f"{number(optimum)} {NAMES[OPTIMAL]}\n{number(swing_up)} swing-up", {"xycoords": "axes fraction"})
     annotate_beside(bar.ax, best, (1.0, 1.0), (4, 2), va="top", color=ACCENT, **style)
     place = (lqr - low) / span
     shift = (4, -9 if place < 0.0 else 0)
@@ -145,8 +141,7 @@ def paretos(sides: Mapping[str, Summaries], references: Mapping[str, float]) -> 
 
     Sides after the first show the first one's best in grey.
     """
-    figure = Figure(figsize=(6.8 if len(sides) == 1 else 10.0, 4.3), layout="constrained")
-    panels: list[Axes] = list(figure.subplots(1, len(sides), sharey=True, squeeze=False)[0])
+    figure, panels = panels_abreast(len(sides), 6.8 if len(sides) == 1 else 10.0, 4.3)
     first = next(iter(sides.values()))
     for axes, (title, cells) in zip(panels, sides.items(), strict=True):
         if cells is not first:
@@ -236,8 +231,7 @@ def _reach(error: float) -> float:
 def curves(findings: PointFindings) -> Figure:
     """Training returns, in the simulators an agent trains on, averaged over seeds and a few episodes."""
     budgets, widths = findings.point.budgets, findings.point.widths
-    figure = Figure(figsize=(1.2 + 2.0 * len(budgets), 2.9), layout="constrained")
-    panels: list[Axes] = list(figure.subplots(1, len(budgets), sharey=True, squeeze=False)[0])
+    figure, panels = panels_abreast(len(budgets), 1.2 + 2.0 * len(budgets), 2.9)
     for axes, n in zip(panels, budgets, strict=True):
         for w, colour in zip(widths, width_colours(len(widths)), strict=True):
             table = [run.curve for run in findings.cells[n, w] if run.curve]

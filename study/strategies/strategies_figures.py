@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from study.figure_style import ACCENT, annotate_beside, panel_title
+from study.figure_style import ACCENT, annotate_beside, faint_lines, panel_title, panels_abreast
 from study.formatting import number
 from study.strategies.catalogue import strategy_class
 from study.strategies.strategies_findings import CaseOutcome, StrategiesFindings
@@ -52,8 +52,8 @@ def _rows(findings: StrategiesFindings) -> Figure:
     plan = findings.plan
     groups = {g: [s for s in plan.strategies if strategy_class(s).group == g] for g in ("nothing", *GROUPS)}
     shown = [s for own in groups.values() for s in own]
-    figure = Figure(figsize=(2.6 + 3.4 * len(plan.places), 1.6 + 0.27 * len(shown)), layout="constrained")
-    panels: list[Axes] = list(figure.subplots(1, len(plan.places), squeeze=False, sharey=True)[0])
+    places = len(plan.places)
+    figure, panels = panels_abreast(places, 2.6 + 3.4 * places, 1.6 + 0.27 * len(shown))
     for (plant, sensing), axes in zip(plan.places, panels, strict=True):
         optimum = findings.optimum(plant.name)
         lines = {s: line for s in shown if (line := findings.line(plant.name, sensing, s))}
@@ -68,8 +68,7 @@ def _rows(findings: StrategiesFindings) -> Figure:
             for strategy in groups[group]:
                 if strategy in last:
                     _row(axes, shown.index(strategy), last[strategy], ink)
-        axes.grid(axis="x", color="0.93", linewidth=0.8)
-        axes.set_axisbelow(True)
+        faint_lines(axes, "x")
         panel_title(axes, plant.title, SENSED[sensing], fontsize=10.0)
         axes.set_xlabel("return")
         axes.locator_params(axis="x", nbins=5)
@@ -138,8 +137,7 @@ def _frame(axes: Axes, findings: StrategiesFindings, place: tuple[HiddenPlant, s
     axes.axhline(optimum, color=ACCENT, linewidth=1.1, zorder=1)
     annotate_beside(axes, number(optimum), (0.0, optimum), (3, 5), color=ACCENT, fontsize=8.0,
            xycoords=axes.get_yaxis_transform())  # fmt: skip
-    axes.grid(axis="y", color="0.93", linewidth=0.8)
-    axes.set_axisbelow(True)
+    faint_lines(axes, "y")
 
 
 def _look(k: int) -> Look:
@@ -191,8 +189,7 @@ def simulated_steps(findings: StrategiesFindings) -> Figure:
     """Mean return over the steps that were simulated for it, with the largest budget of the contrasts or the largest
     below that; what simulates nothing is left out."""
     plan = findings.plan
-    figure = Figure(figsize=(3.4 + 3.0 * len(plan.places), 4.4), layout="constrained")
-    panels: list[Axes] = list(figure.subplots(1, len(plan.places), squeeze=False)[0])
+    figure, panels = panels_abreast(len(plan.places), 3.4 + 3.0 * len(plan.places), 4.4, one_scale=False)
     looks = {
         strategy: {"color": ink, "marker": MARKS[k % len(MARKS)], "markersize": 6.0, "linestyle": "none"}
         for group, ink in zip(("nothing", *GROUPS), ("0.5", *COLOURS), strict=False)

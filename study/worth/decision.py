@@ -52,12 +52,7 @@ class SwingUpDecision:
 
     @classmethod
     def of(
-        cls,
-        model: Model,
-        names: Sequence[str],
-        u_max: float | None = None,
-        episodes: int = 40,
-        table: Grid = TABLE,
+        cls, model: Model, names: Sequence[str], u_max: float | None = None, episodes: int = 40, table: Grid = TABLE
     ) -> SwingUpDecision:
         """On a fitted model, with commands up to u_max [N m]. Raises InvalidInput as `machine_of` does."""
         machine = machine_of(model, u_max)

@@ -148,10 +148,7 @@ def test_an_agent_with_critics_is_another_one_and_learning_costs_rollouts():
     from policies.environments.randomization import Fixed
 
     setup = TrainingSetup(PRIOR, Fixed())
-    plain, kept = (
-        ask(Train((setup,)), setup, found=untrained),
-        ask(Train((setup,), True), setup, found=untrained),
-    )
+    plain, kept = (ask(Train((setup,)), setup, found=untrained), ask(Train((setup,), True), setup, found=untrained))
     (one,), (other,) = plain.setups, kept.setups
     assert other == one + CRITICS
     learned = ask(Train((setup,), True), lambda a: Learn(3, a[0][0]), setup)
