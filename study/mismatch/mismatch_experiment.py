@@ -48,7 +48,6 @@ class MismatchExperiment(StudyExperiment):
     checkpoint_seconds: float = 60.0
 
     def stages(self, console: Console) -> Iterator[Stage]:
-        """Fits; then training and designs."""
         plan, results, name = self.plan, self.results, f"[bold]{self.plan.name}[/]"
         fits = list(self._unfitted())
         yield Stage(fits, f"{name}: {len(plan.trials)} trials; {len(fits)} sets of rollouts to make something of")

@@ -181,7 +181,6 @@ def _split(
 
 
 def _family(plan: Plan, outcomes: Mapping[TrialCondition, Outcome]) -> Iterator[tuple[Place, Outcome, Outcome]]:
-    """The plan's contrasts, in its order."""
     for plant in plan.plants:
         for a, b in CONTRASTS:
             if a in plan.strategies and b in plan.strategies:

@@ -112,7 +112,6 @@ def reproduce(
 
 
 def _on_main(found: Sequence[PointFindings]) -> list[PointFindings]:
-    """Those at the paper's main plant."""
     return [answer for answer in found if answer.point.truth == POINTS["main"].truth]
 
 

@@ -83,7 +83,6 @@ def _estimate(point: Point, rollouts: list[PaperRollout]) -> Estimate:
 
 
 def identification_task(point: Point, seed: int) -> BriefTask:
-    """The task of `identified`."""
     rollout = {"grid": 0.007, "least_squares": 0.03, "unscented": 0.2}.get(point.identifier, 0.1)
     name, work = f"identification at {point.name}, seed {seed}", 1.0 + rollout * sum(point.budgets)
     return BriefTask(name, "identification", work, ESTIMATES, identified, (point, seed))

@@ -111,11 +111,9 @@ class BriefTask:
         """Nothing, it leaves nothing behind."""
 
     def resumed(self, seconds: float) -> Self:
-        """This task."""
         return self
 
     def run(self, link: Link) -> Any:
-        """The answer."""
         return self.function(*self.arguments, link.progress)
 
 

@@ -62,7 +62,6 @@ class PopulationTask(ABC):
 
     @property
     def settings(self) -> StudySettings:
-        """What the agents train by."""
         return self.plan
 
     @property
@@ -92,7 +91,6 @@ class PopulationTask(ABC):
 
     @property
     def gpus(self) -> int:
-        """How many it needs."""
         return int(device_type(self.device) == "cuda")
 
     def resumed(self, seconds: float) -> Self:

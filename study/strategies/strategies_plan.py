@@ -64,7 +64,6 @@ class StrategiesPlan(TrainingPlan):
 
     @property
     def places(self) -> tuple[tuple[HiddenPlant, str], ...]:
-        """Every plant with each of its sensings."""
         return tuple(
             (plant, sensing)
             for plant in self.plants

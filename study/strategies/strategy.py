@@ -73,7 +73,6 @@ class Tried:
 
     @property
     def mean(self) -> float:
-        """Mean return."""
         return float(np.mean(self.returns))
 
 

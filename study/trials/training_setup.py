@@ -74,7 +74,6 @@ def training_setup_of(data: dict[str, Any]) -> TrainingSetup:
 
 
 def _numbers(taps: CommandFilter, network: ResidualNetwork) -> dict[str, Any]:
-    """What was learned as numbers."""
     return {"taps": taps.taps.tolist(), "layers": [[W.tolist(), b.tolist()] for W, b in network.layers]}
 
 

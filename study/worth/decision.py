@@ -60,7 +60,6 @@ class SwingUpDecision:
         return cls(dataclasses.replace(machine, effects=moving), tuple(names), episodes, table)
 
     def returns(self, believed: Array, true: Array) -> Array:
-        """As Decision says."""
         kept = believed[..., self._kept]
         _, first, which = np.unique(kept.reshape(len(kept), -1), axis=0, return_index=True, return_inverse=True)
         designed = [self._policy(believed[i]) for i in first]

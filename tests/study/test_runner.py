@@ -39,13 +39,14 @@ MANY = Preset(
 PUBLISHED_COLUMNS = 9
 
 
-def finish(folder, preset=MANY, device="cpu", imported=None):
+def finish(folder, preset=MANY, imported=None, publish=True):
     """Run what is missing and publish; returns the executor, the runs and what was said."""
     executor, said = Inline(), io.StringIO()
-    with sweep_results(folder, preset, device) as store:
+    with sweep_results(folder, preset) as store:
         sweep = Sweep(preset, store, 1e9, imported)
         run(sweep, executor, Console(file=said))
-        sweep.publish(Console(file=said))
+        if publish:
+            sweep.publish(Console(file=said))
         return executor, store.all(RUNS), said.getvalue()
 
 
@@ -122,7 +123,7 @@ def test_the_folder_holds_tables_figures_and_a_section_a_point(finished):
 
 def test_a_finished_study_has_nothing_left_to_do(finished):
     folder, _, runs, _ = finished
-    executor, again, _ = finish(folder)
+    executor, again, _ = finish(folder, publish=False)
     assert executor.tasks == []
     assert again == runs
 
@@ -173,7 +174,7 @@ def test_what_is_missing_is_trained_and_imported_runs_stay(finished, tmp_path):
     folder, _, runs, _ = finished
     lines = (folder / "runs.csv").read_text().splitlines()
     (tmp_path / "some.csv").write_text("\n".join([lines[0], *lines[5:]]) + "\n")
-    executor, taken, _ = finish(tmp_path / "out", imported=tmp_path / "some.csv")
+    executor, taken, _ = finish(tmp_path / "out", imported=tmp_path / "some.csv", publish=False)
     assert [task.index for task in trained(executor)] == [0, 1]
     own = {r.cell for r in taken if not r.imported}
     assert own == {cell for cell in MANY.cells if cell.point == "main"}
