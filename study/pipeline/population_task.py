@@ -8,14 +8,14 @@ from __future__ import annotations
 import dataclasses
 import sys
 import time
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from study.pipeline.executor import Link, Stopped
+from study.pipeline.executor import Link, Stopped, Task
 from study.pipeline.policy_files import FOLDER, write_policies
 from study.pipeline.settings import StudySettings, device_type
 from sysid import InvalidInput
@@ -30,7 +30,7 @@ CHUNK = 20
 
 
 @dataclass(frozen=True, kw_only=True)
-class PopulationTask(ABC):
+class PopulationTask(Task):
     """A task that trains one population; it goes on from its checkpoint where that file exists.
 
     plan: the preset or plan of its agents; folder: where checkpoint and trained policies lie, on a disk that all
@@ -94,7 +94,6 @@ class PopulationTask(ABC):
         return int(device_type(self.device) == "cuda")
 
     def resumed(self, seconds: float) -> Self:
-        """This task with a checkpoint that holds the work of so many seconds."""
         return dataclasses.replace(self, seconds_before=seconds)
 
     def discard(self) -> None:

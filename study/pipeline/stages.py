@@ -45,7 +45,8 @@ class StudyExperiment(ABC):
     def keep(self, task: Task, answer: Any) -> None:
         """Put what a finished task answered into the results, and forget how far it was."""
         self.results.add(task.table, answer, [task.progress_key] if task.saves else [])
-        task.discard()
+        if isinstance(task, PopulationTask):
+            task.discard()
 
     def note(self, task: Task, seconds: float) -> None:
         """Keep that a task's checkpoint holds the work of so many seconds."""
