@@ -23,8 +23,8 @@ import numpy as np
 from study.figure_style import save_figure
 from study.paper import claims
 from study.paper.agreement import Agreement
-from study.paper.figures.publication import identification
 from study.paper.identification_scatter import scatter
+from study.paper.publication_figures import identification
 from study.paper.published_runs import Outcomes
 
 

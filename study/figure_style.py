@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import matplotlib
 from matplotlib.axes import Axes
@@ -41,6 +41,18 @@ def save_figure(draw: Callable[[], Figure], path: Path) -> Path:
         figure.savefig(content, format="png")
         write_whole(path, content.getvalue())
     return path
+
+
+def panels_abreast(count: int, width: float, height: float, *, one_scale: bool = True) -> tuple[Figure, list[Axes]]:
+    """A figure of so many inches with panels beside each other, to one scale upwards unless told."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    return figure, list(figure.subplots(1, count, sharey=one_scale, squeeze=False)[0])
+
+
+def faint_lines(axes: Axes, axis: Literal["x", "y"]) -> None:
+    """Lines at the ticks of an axis, behind all else."""
+    axes.grid(axis=axis, color="0.92", linewidth=0.8)
+    axes.set_axisbelow(True)
 
 
 def annotate_beside(

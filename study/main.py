@@ -103,7 +103,8 @@ def _study(options: Options) -> int:
     from rich.console import Console
 
     from study.pipeline.executor import WorkerFailed
-    from study.pipeline.experiment import run
+    from study.pipeline.stages import run
+    from study.presets import open_experiment
     from sysid.errors import InvalidInput
 
     console = Console(highlight=False)
@@ -113,7 +114,7 @@ def _study(options: Options) -> int:
         executor = _executor(options)
         if not 0.0 <= options.checkpoint_seconds < math.inf:
             raise InvalidInput(f"--checkpoint-seconds {options.checkpoint_seconds}: expected a number of seconds >= 0")
-        with PRESETS[options.preset].experiment(_run_options(options)) as experiment:
+        with open_experiment(PRESETS[options.preset], _run_options(options)) as experiment:
             run(experiment, executor, console)
             experiment.publish(console)
     except KeyboardInterrupt:

@@ -1,13 +1,39 @@
-"""Every preset of the study by name. This module loads nothing heavy, so that `--help` answers at once."""
+"""Every preset of the study by name, and what runs it. This module loads nothing heavy: `--help` answers at once."""
 
 from __future__ import annotations
 
-from study.mismatch.plan import PLANS as MISMATCH
+import importlib
+from contextlib import AbstractContextManager
+from typing import Any
+
+from study.mismatch.mismatch_plan import PLANS as MISMATCH
+from study.mismatch.mismatch_plan import Plan
 from study.paper.presets import PRESETS as PAPER
-from study.pipeline.settings import StudySettings
-from study.strategies.plan import PLANS as STRATEGIES
+from study.paper.presets import Preset
+from study.pipeline.settings import RunOptions, StudySettings
+from study.strategies.strategies_plan import PLANS as STRATEGIES
+from study.strategies.strategies_plan import StrategiesPlan
 
 PRESETS: dict[str, StudySettings] = {**PAPER, **MISMATCH, **STRATEGIES}
+
+EXPERIMENTS: dict[type[StudySettings], tuple[str, tuple[str, ...]]] = {
+    Preset: ("study.paper.sweep", ("imported", "published")),
+    Plan: ("study.mismatch.mismatch_experiment", ()),
+    StrategiesPlan: ("study.strategies.strategies_experiment", ("strategies",)),
+}
+"""What runs each kind of settings, a module with a function `open_experiment`, and the options that it understands."""
+
+
+def open_experiment(settings: StudySettings, options: RunOptions) -> AbstractContextManager[Any]:
+    """The experiment (`StudyExperiment`) over the open folder of its results; loads what its kind needs alone.
+
+    Raises InvalidInput for options of another kind, and a folder that cannot be used.
+    """
+    module, understood = EXPERIMENTS[type(settings)]
+    options.refuse_others(understood, settings.name)
+    opened: AbstractContextManager[Any] = importlib.import_module(module).open_experiment(settings, options)
+    return opened
+
 
 QUICK = tuple(name for name in PRESETS if f"{name}-quick" in PRESETS)
 """Those that have a quick version."""

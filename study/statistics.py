@@ -5,7 +5,7 @@
     paired t    mean(d) +- t sem(d),   t the 97.5 % quantile of Student's t with S - 1 degrees of freedom
     Welch       mean(a) - mean(b) +- t sqrt(sem(a)^2 + sem(b)^2), for cells that share nothing
     Holm        p-values of a family, raised for how many were looked at
-    Wilson      (q + z^2/2S +- z sqrt(q (1 - q)/S + (z/2S)^2)) / (1 + z^2/S) for a share q of S, z the 97.5 % quantile
+    Wilson      the 95 % interval of a share of S, by scipy
 
 A seed fixes the measurement, the training streams and the start states of a run, so pairing removes what these share.
 Sources: paper, Sec. II-C; Efron & Tibshirani, "An Introduction to the Bootstrap" (1993), Ch. 13; Welch, Biometrika 34
@@ -21,7 +21,7 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtri, stdtr, stdtrit
+from scipy.special import stdtr, stdtrit
 
 from study.formatting import bracketed, interval, number, signed
 from sysid import InvalidInput
@@ -111,10 +111,10 @@ def wilson(hits: int, tries: int) -> tuple[float, float]:
     """The interval of a rate. Raises InvalidInput where there are no tries, or more hits than tries."""
     if not 0 <= hits <= tries or tries == 0:
         raise InvalidInput(f"{hits} hits in {tries} tries: expected at least one try, and no more hits than tries")
-    z, q = float(ndtri(QUANTILE)), hits / tries
-    center, reach = q + z * z / (2 * tries), z * math.sqrt(q * (1.0 - q) / tries + (z / (2 * tries)) ** 2)
-    low, high = (center - reach) / (1.0 + z * z / tries), (center + reach) / (1.0 + z * z / tries)
-    return max(0.0, low), min(1.0, high)
+    from scipy.stats import binomtest
+
+    low, high = binomtest(hits, tries).proportion_ci(method="wilson")
+    return float(low), float(high)
 
 
 def _difference(a: ArrayLike, b: ArrayLike) -> Array:

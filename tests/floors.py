@@ -1,7 +1,8 @@
 """The rooms of a package as floors: a room imports from those above it and never back."""
 
 import ast
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -34,3 +35,23 @@ def imported(path: Path) -> Iterator[str]:
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.level == 0:
             yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def circle(package: str) -> list[str]:
+    """Modules of a package that import each other in a circle, inside functions and for types too, if any."""
+    files = {_module(path): path for path in (ROOT / package).rglob("*.py")}
+    above = {name: {_owner(own, files) for own in imported(path)} - {name, ""} for name, path in files.items()}
+    try:
+        tuple(TopologicalSorter(above).static_order())
+    except CycleError as error:
+        return list(error.args[1])
+    return []
+
+
+def _module(path: Path) -> str:
+    return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+
+
+def _owner(name: str, files: Mapping[str, Path]) -> str:
+    """The module of the package that something is taken from; "" for another package."""
+    return next((own for own in (name, name.rpartition(".")[0]) if own in files), "")

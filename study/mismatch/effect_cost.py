@@ -25,18 +25,18 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from policies.control.dynamic_programming import Grid, solve
 from policies.evaluation import batch_returns, fresh_start_states, start_states
-from study.mismatch.ground_truth import BLUNT, DESIGN_SUBSTEPS, design, hidden_machine
+from study.figure_style import save_figure
+from study.mismatch.effect_losses import LossRow, draw_effect_cost, read_losses, write_losses
 from study.mismatch.magnitudes import MAGNITUDES, Magnitude
-from study.pipeline.tables import read_table, write_table
 from study.statistics import sem
+from study.trials.ground_truth import BLUNT, DESIGN_SUBSTEPS, design, hidden_machine
 from sysid import InvalidInput, OutputEffect
 
 EFFECT_COST_FOLDER = Path(__file__).parents[1] / "results" / "effect_cost"
@@ -53,31 +53,6 @@ TARGETS = (1.5, 10.0, 30.0)
 
 STEPS = tuple(i / 8.0 for i in range(9))
 """Shares of the largest plausible size that are measured in any case."""
-
-
-@dataclass(frozen=True)
-class LossRow:
-    """Returns on the machine with one effect of one size, and what not knowing it costs; sem: of the paired mean.
-
-    percent of |J_aware|, percent_plain of the plain machine's optimum; sharp: loss of the ignorant with the fine table;
-    paper_: from the paper's start states.
-    """
-
-    effect: str
-    size: float
-    unit: str
-    plain: float
-    ignorant: float
-    aware: float
-    loss: float
-    sem: float
-    percent: float
-    percent_plain: float
-    sharp: float
-    paper_ignorant: float
-    paper_aware: float
-    paper_loss: float
-    paper_sem: float
 
 
 class Bench:
@@ -113,21 +88,6 @@ class Bench:
             magnitude.effect, size, magnitude.unit, *means, sem(loss[self.fresh]), 100.0 * lost / abs(reached),
             100.0 * lost / abs(plain), float(np.mean((aware - sharp)[self.fresh])), *paper, sem(loss[~self.fresh]),
         )  # fmt: skip
-
-
-def read_losses(path: Path) -> list[LossRow]:
-    """The rows of a table; none where there is no file. Raises InvalidInput for a file of another kind."""
-    rows = read_table(LossRow, path, "effects and losses", optional=True)
-    for row in rows:
-        if row.effect not in MAGNITUDES:
-            raise InvalidInput(f"{path} has a row of effect {row.effect!r}: expected one of {', '.join(MAGNITUDES)}")
-    return rows
-
-
-def write_losses(path: Path, rows: Iterable[LossRow]) -> None:
-    """The rows as a CSV file, in the catalogue's order; whole or not at all."""
-    order = {name: i for i, name in enumerate(MAGNITUDES)}
-    write_table(LossRow, path, sorted(rows, key=lambda row: (order[row.effect], row.size)))
 
 
 def explore(magnitude: Magnitude, measure: Callable[[Magnitude, float], LossRow]) -> list[LossRow]:
@@ -169,9 +129,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         options.out.mkdir(parents=True, exist_ok=True)
         rows = _measured(options.out / LOSS_TABLE, options.effects)
-        from study.figure_style import save_figure
-        from study.mismatch.figures.effect_cost import draw_effect_cost
-
         save_figure(lambda: draw_effect_cost(rows), options.out / LOSS_FIGURE)
     except (InvalidInput, OSError) as error:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)

@@ -16,11 +16,16 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any
 
+from rich.console import Console
+from rich.table import Table
+
+from study.figure_style import save_figure
+from study.mismatch.mismatch_plan import Plan
+from study.mismatch.naming_figure import naming_rates_and_errors
 from study.mismatch.naming_results import (
     NAMING_TABLE,
     PLAN,
@@ -31,17 +36,14 @@ from study.mismatch.naming_results import (
     read_naming,
     write_naming,
 )  # fmt: skip
-from study.mismatch.plan import PLAIN, HiddenPlant, Plan
-from study.pipeline.executor import Brief
-from study.pipeline.experiment import Stage, StudyExperiment
-from sysid import InvalidInput
-
-if TYPE_CHECKING:
-    from rich.console import Console
-
-    from study.mismatch.strategies import Budget
-    from study.pipeline.executor import Link, Task
-    from sysid import Diagnosis, Estimate
+from study.mismatch.trial_setups import rollouts, sensor
+from study.pipeline.executor import BriefTask, Task, WorkerFailed
+from study.pipeline.processes import Processes
+from study.pipeline.stages import Stage, StudyExperiment, run
+from study.trials.ground_truth import ground_truth
+from study.trials.hidden_plant import PLAIN, HiddenPlant
+from study.trials.rollout_budget import Budget
+from sysid import Diagnosis, Estimate, InvalidInput
 
 NAMING_FOLDER = Path(__file__).parents[1] / "results" / "mismatch"
 FIGURE = "naming.png"
@@ -68,42 +70,20 @@ def steps_of(found: Diagnosis) -> tuple[str, ...]:
 
 
 def _error(estimate: Estimate) -> float:
-    from study.mismatch.ground_truth import ground_truth
-
     truth = ground_truth(PLAIN).parameters
     return math.sqrt(sum((estimate.values[k] / float(truth[k].value) - 1.0) ** 2 for k in ("m", "l")) / 2.0)
 
 
-@dataclass(frozen=True)
-class NamingTask(Brief):
-    """The rows of a plant and a seed."""
-
-    plan: Plan
-    plant: str
-    seed: int
-    budgets: tuple[int, ...]
-    activity: ClassVar[str] = "naming"
-
-    @property
-    def name(self) -> str:
-        return f"naming at {self.plant}, seed {self.seed}"
-
-    @property
-    def work(self) -> float:
-        return 3.0 + sum(0.7 + 0.5 * n for n in self.budgets)
-
-    def run(self, link: Link) -> list[NamingResult]:
-        """One row a budget; smaller budgets are the first rollouts of larger ones."""
-        from study.mismatch.ground_truth import rollouts, sensor
-        from study.mismatch.strategies import Budget
-
-        plant = self.plan.plant(self.plant)
-        records = rollouts(self.plan, plant, self.seed)
-        found = []
-        for n in self.budgets:
-            found.append(measure(plant, n, self.seed, Budget(records[:n], sensor(self.plan), self.seed)))
-            link.progress(len(found) / len(self.budgets))
-        return found
+def named(
+    plan: Plan, plant: str, seed: int, budgets: Sequence[int], progress: Callable[[float], None]
+) -> list[NamingResult]:
+    """The rows of a plant and a seed, one a budget; smaller budgets are the first rollouts of larger ones."""
+    hidden, found = plan.plant(plant), list[NamingResult]()
+    records = rollouts(plan, hidden, seed)
+    for n in budgets:
+        found.append(measure(hidden, n, seed, Budget(records[:n], sensor(plan), seed)))
+        progress(len(found) / len(budgets))
+    return found
 
 
 class NamingExperiment(StudyExperiment):
@@ -115,16 +95,17 @@ class NamingExperiment(StudyExperiment):
 
     def stages(self, console: Console) -> Iterator[Stage]:
         left = list(self.left())
-        yield Stage(left, f"{sum(len(task.budgets) for task in left)} diagnoses")
+        yield Stage(left, f"{sum(len(task.arguments[-1]) for task in left)} diagnoses")
 
-    def left(self) -> Iterator[NamingTask]:
+    def left(self) -> Iterator[BriefTask]:
         """What is not known yet; seeds vary slowest, so that what is there after a while is balanced."""
         done = {(row.plant, row.n, row.seed) for row in self.rows}
         for seed in range(FIRST, FIRST + self.seeds):
-            for plant in self.plan.plants:
-                left = tuple(n for n in self.budgets if (plant.name, n, seed) not in done)
+            for plant in (plant.name for plant in self.plan.plants):
+                left = tuple(n for n in self.budgets if (plant, n, seed) not in done)
                 if left:
-                    yield NamingTask(self.plan, plant.name, seed, left)
+                    work, arguments = 3.0 + sum(0.7 + 0.5 * n for n in left), (self.plan, plant, seed, left)
+                    yield BriefTask(f"naming at {plant}, seed {seed}", "naming", work, None, named, arguments)
 
     def keep(self, task: Task, answer: Any) -> None:
         self.rows.extend(answer)
@@ -132,9 +113,8 @@ class NamingExperiment(StudyExperiment):
 
     def publish(self, console: Console) -> None:
         """Print the table and where the figure is."""
-        from rich.table import Table
-
-        told, figure = naming_table(self.rows), draw_naming(self.rows, self.path.parent)
+        told = naming_table(self.rows)
+        figure = save_figure(lambda: naming_rates_and_errors(self.rows), self.path.parent / FIGURE)
         title = f"right [%] of {told.seeds} seeds (errors of m and l without and with what was named [%])"
         shown = Table(title=title, title_justify="left")
         for head in ("hidden plant", *(f"n = {n}" for n in told.budgets)):
@@ -143,14 +123,6 @@ class NamingExperiment(StudyExperiment):
             shown.add_row(plant, *(cell.replace(" (", "\n(") for cell in cells))
         console.print(shown)
         console.print(f"figure: {figure}", soft_wrap=True)
-
-
-def draw_naming(rows: Sequence[NamingResult], folder: Path) -> Path:
-    """Draw the rates and errors into a folder; returns the file."""
-    from study.figure_style import save_figure
-    from study.mismatch.figures.naming import naming
-
-    return save_figure(lambda: naming(rows), folder / FIGURE)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -162,12 +134,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--budgets", type=int, nargs="+", default=list(BUDGETS), choices=BUDGETS, metavar="N")
     parser.add_argument("--workers", type=int, default=2, metavar="N", help="processes (default 2)")
     options = parser.parse_args(arguments)
-
-    from rich.console import Console
-
-    from study.pipeline.executor import WorkerFailed
-    from study.pipeline.experiment import run
-    from study.pipeline.processes import Processes
 
     seeds, workers, out = options.seeds, options.workers, options.out
     try:

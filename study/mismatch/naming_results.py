@@ -16,9 +16,10 @@ from typing import NamedTuple
 import numpy as np
 
 from study.formatting import capital
-from study.mismatch.plan import PLANS, HiddenPlant
+from study.mismatch.mismatch_plan import PLANS
 from study.pipeline.tables import read_table, write_table
 from study.statistics import wilson
+from study.trials.hidden_plant import HiddenPlant
 from sysid import CATALOGUE, InvalidInput
 
 PLAN, NAMING_TABLE = PLANS["mismatch"], "naming.csv"

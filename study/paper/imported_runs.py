@@ -15,7 +15,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from study.paper.presets import FORMAT, Cell, Point, Preset, Theta
+from study.paper.presets import Cell, Point, Preset, Theta
 from study.paper.published_runs import RunRow
 from study.paper.reference_controllers import RATINGS, Rating, Reference
 from study.paper.runs import RUNS, Run, RunSummary
@@ -120,8 +120,8 @@ def _database(file: Path) -> Iterator[tuple[str, Run]]:
     try:
         with closing(sqlite3.connect(f"{file.resolve().as_uri()}?mode=ro", uri=True, timeout=3.0)) as db:
             found = dict(db.execute("SELECT key, value FROM meta"))
-            if found.get("format") != str(FORMAT):
-                raise InvalidInput(f"--import {file}: it has format {found.get('format')}, expected {FORMAT}")
+            if found.get("format") != str(Preset.layout):
+                raise InvalidInput(f"--import {file}: it has format {found.get('format')}, expected {Preset.layout}")
             check_tables(db, META + RUNS.schema, file)
             rows = db.execute(f"SELECT rowid, * FROM runs ORDER BY {RUNS.key}").fetchall()
     except sqlite3.Error as error:

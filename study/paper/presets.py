@@ -7,18 +7,10 @@ This module loads nothing heavy, so that `python -m study.main --help` answers a
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
-from study.pipeline.settings import RunOptions, StudySettings, device_type
-
-if TYPE_CHECKING:
-    from study.pipeline.experiment import StudyExperiment
-
-FORMAT = 2
-"""Version of the results folder: raised whenever stored numbers or tables change their meaning."""
+from study.pipeline.settings import StudySettings, device_type
 
 Theta = tuple[float, float]
 """(m [kg], l [m])."""
@@ -90,17 +82,7 @@ class Preset(StudySettings):
     grid: int = 450
     resamples: int = 20_000
     companion: str | None = None
-    layout: ClassVar[int] = FORMAT
-
-    @contextlib.contextmanager
-    def experiment(self, options: RunOptions) -> Iterator[StudyExperiment]:
-        from study.paper.published_runs import read_published
-        from study.paper.sweep import Sweep, SweepResults
-
-        options.refuse_strategies(self.name)
-        theirs = read_published(options.published) if options.published else None
-        with SweepResults(options.folder, self, options.device) as results:
-            yield Sweep(self, results, options.checkpoint_seconds, options.imported, theirs)
+    layout: ClassVar[int] = 2
 
     @property
     def cells(self) -> tuple[Cell, ...]:
@@ -118,6 +100,10 @@ class Preset(StudySettings):
     def point(self, name: str) -> Point:
         """The operating point of that name; raises KeyError for another."""
         return {point.name: point for point in self.points}[name]
+
+    def figure_file(self, point: str, name: str) -> str:
+        """The file of a figure: NAME.png, and NAME_POINT.png where there are several points."""
+        return f"{name}.png" if len(self.points) == 1 else f"{name}_{point}.png"
 
     @property
     def seeds(self) -> tuple[int, ...]:

@@ -131,5 +131,4 @@ def paper_rollouts(
 
 
 def _rounded(values: Array) -> Array:
-    """The values as float32 holds them."""
     return values.astype(np.float32).astype(float)

@@ -12,23 +12,27 @@ error of its estimate than a controller that trusts it.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence, Set
+from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import dataclass
-from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
+from policies.control.dynamic_programming import Grid, solve
+from policies.control.lqr import design_lqr
+from policies.control.swing_up import design_swing_up
 from policies.evaluation import Policy, evaluate, fresh_start_states, start_states
 from study.paper.presets import Preset, Theta
 from study.paper.protocol import paper_model
 from study.paper.runs import hidden_plant
-from study.pipeline.executor import Brief, Link
+from study.pipeline.executor import BriefTask
 from study.pipeline.tables import ResultTable
 from study.pipeline.versions import versions
 
+Array = NDArray[np.float64]
+
 OPTIMAL, LQR, SWING_UP = "optimal", "lqr", "swing_up_lqr"
 CONTROLLERS = (OPTIMAL, LQR, SWING_UP)
-
 
 Designs = dict[Theta, set[Theta]]
 """The truths that an optimal controller designed at each theta is run on."""
@@ -78,67 +82,45 @@ REFERENCES = ResultTable(
 )
 
 
-@dataclass(frozen=True)
-class ReferenceTask(Brief):
+def referred(
+    preset: Preset, controller: str, theta: Theta, truths: Sequence[Theta], progress: Callable[[float], None]
+) -> list[Reference]:
     """Design a controller at theta and run it on hidden plants from the start states of all seeds in question."""
+    begin = time.monotonic()
+    policy, seeds = design(controller, theta, preset.grid), sorted({*preset.seeds, *preset.reference_seeds})
+    starts = _starts(start_states, seeds, preset)
+    rows = {truth: evaluate(policy, hidden_plant(truth), *starts).returns for truth in truths}
+    seconds, found = (time.monotonic() - begin) / (len(seeds) * len(rows)), versions()
+    return [
+        Reference(controller, theta, truth, seed, tuple(row), found, seconds)
+        for truth, returns in rows.items()
+        for seed, row in zip(seeds, returns.reshape(len(seeds), -1).tolist(), strict=True)
+    ]
 
-    preset: Preset
-    controller: str
-    theta: Theta
-    truths: tuple[Theta, ...]
-    activity: ClassVar[str] = "references"
-    table: ClassVar[Any] = REFERENCES
 
-    @property
-    def name(self) -> str:
-        return f"{self.controller} at m = {self.theta[0]:.12g}, l = {self.theta[1]:.12g}"
-
-    @property
-    def work(self) -> float:
-        return 2.0 + (3e-5 * self.preset.grid**2 if self.controller == OPTIMAL else 0.0)
-
-    def run(self, link: Link) -> list[Reference]:
-        begin = time.monotonic()
-        policy = self.design()
-        seeds = sorted({*self.preset.seeds, *self.preset.reference_seeds})
-        starts = [start_states(seed, self.preset.episodes) for seed in seeds]
-        theta, theta_dot = (np.concatenate(column) for column in zip(*starts, strict=True))
-        rows = {truth: evaluate(policy, hidden_plant(truth), theta, theta_dot).returns for truth in self.truths}
-        seconds, found = (time.monotonic() - begin) / (len(seeds) * len(rows)), versions()
-        return [
-            Reference(self.controller, self.theta, truth, seed, tuple(row), found, seconds)
-            for truth, returns in rows.items()
-            for seed, row in zip(seeds, returns.reshape(len(seeds), -1).tolist(), strict=True)
-        ]
-
-    def design(self) -> Policy:
-        """The controller for the machine at theta."""
-        m, l = self.theta  # noqa: E741
-        model = paper_model(m, l)
-        if self.controller == LQR:
-            from policies.control.lqr import design_lqr
-
-            return design_lqr(model)
-        if self.controller == SWING_UP:
-            from policies.control.swing_up import design_swing_up
-
-            return design_swing_up(model)
-        from policies.control.dynamic_programming import Grid, solve
-
-        return solve(model, Grid(self.preset.grid, self.preset.grid + 1))
+def design(controller: str, theta: Theta, grid: int) -> Policy:
+    """The controller for the machine at theta, the optimal one on a table of so many angles."""
+    m, l = theta  # noqa: E741
+    model = paper_model(m, l)
+    if controller == LQR:
+        return design_lqr(model)
+    return design_swing_up(model) if controller == SWING_UP else solve(model, Grid(grid, grid + 1))
 
 
 def fresh_optimum(preset: Preset, truth: Theta, seeds: Sequence[int]) -> float:
     """J(optimal | truth) from start states that no two seeds share; nothing keeps it, and it takes some seconds."""
-    starts = [fresh_start_states(seed, preset.episodes) for seed in seeds]
-    theta, theta_dot = (np.concatenate(column) for column in zip(*starts, strict=True))
-    policy = ReferenceTask(preset, OPTIMAL, truth, (truth,)).design()
-    return evaluate(policy, hidden_plant(truth), theta, theta_dot).mean
+    policy, starts = design(OPTIMAL, truth, preset.grid), _starts(fresh_start_states, seeds, preset)
+    return evaluate(policy, hidden_plant(truth), *starts).mean
+
+
+def _starts(drawn: Callable[[int, int], tuple[Array, Array]], seeds: Sequence[int], preset: Preset) -> Iterator[Array]:
+    """Start states theta and theta_dot of all episodes of these seeds."""
+    return map(np.concatenate, zip(*(drawn(seed, preset.episodes) for seed in seeds), strict=True))
 
 
 def reference_tasks(
     preset: Preset, designs: Designs, known: Set[tuple[str, Theta, Theta]] = frozenset()
-) -> list[ReferenceTask]:
+) -> list[BriefTask]:
     """All controllers at every truth, and the optimal one at every estimate, on the truths where each is asked for.
 
     What is asked of one (controller, theta) is designed once; `known` (controller, theta, truth) is left out.
@@ -149,8 +131,12 @@ def reference_tasks(
             wanted.setdefault((controller, truth), set()).add(truth)
     for theta in sorted(designs):
         wanted.setdefault((OPTIMAL, theta), set()).update(designs[theta])
-    missing = {
-        (controller, theta): tuple(sorted(t for t in truths if (controller, theta, t) not in known))
-        for (controller, theta), truths in wanted.items()
-    }
-    return [ReferenceTask(preset, c, theta, truths) for (c, theta), truths in missing.items() if truths]
+    tasks = []
+    for (controller, theta), truths in wanted.items():
+        missing = tuple(sorted(truth for truth in truths if (controller, theta, truth) not in known))
+        if missing:
+            name = f"{controller} at m = {theta[0]:.12g}, l = {theta[1]:.12g}"
+            work = 2.0 + (3e-5 * preset.grid**2 if controller == OPTIMAL else 0.0)
+            arguments = (preset, controller, theta, missing)
+            tasks.append(BriefTask(name, "references", work, REFERENCES, referred, arguments))
+    return tasks

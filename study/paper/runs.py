@@ -12,6 +12,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
@@ -20,7 +21,7 @@ import numpy as np
 from policies.evaluation import Evaluation, evaluate, fresh_start_states, start_states
 from study.paper.presets import Cell, Point, Preset, Theta
 from study.paper.protocol import PaperRollout, averaged_sensor, paper_model, paper_rollouts, transitions
-from study.pipeline.executor import Brief, Link
+from study.pipeline.executor import BriefTask
 from study.pipeline.population_task import PopulationTask, sac_settings
 from study.pipeline.tables import ResultTable
 from study.pipeline.versions import versions
@@ -81,32 +82,21 @@ def _estimate(point: Point, rollouts: list[PaperRollout]) -> Estimate:
     return identifier.fit(paper_model(), [rollout.averaged for rollout in rollouts])
 
 
-@dataclass(frozen=True)
-class IdentificationTask(Brief):
+def identification_task(point: Point, seed: int) -> BriefTask:
+    rollout = {"grid": 0.007, "least_squares": 0.03, "unscented": 0.2}.get(point.identifier, 0.1)
+    name, work = f"identification at {point.name}, seed {seed}", 1.0 + rollout * sum(point.budgets)
+    return BriefTask(name, "identification", work, ESTIMATES, identified, (point, seed))
+
+
+def identified(point: Point, seed: int, progress: Callable[[float], None]) -> list[Estimated]:
     """The estimates of all budgets of an operating point, for one seed."""
-
-    point: Point
-    seed: int
-    activity: ClassVar[str] = "identification"
-    table: ClassVar[Any] = ESTIMATES
-
-    @property
-    def name(self) -> str:
-        return f"identification at {self.point.name}, seed {self.seed}"
-
-    @property
-    def work(self) -> float:
-        rollout = {"grid": 0.007, "least_squares": 0.03, "unscented": 0.2}.get(self.point.identifier, 0.1)
-        return 1.0 + rollout * sum(self.point.budgets)
-
-    def run(self, link: Link) -> list[Estimated]:
-        answer = []
-        for k, n in enumerate(self.point.budgets):
-            begin = time.monotonic()
-            theta = identify(self.point, n, self.seed)
-            answer.append(Estimated(self.point.name, n, self.seed, theta, time.monotonic() - begin))
-            link.progress((k + 1) / len(self.point.budgets))
-        return answer
+    answer = []
+    for k, n in enumerate(point.budgets):
+        begin = time.monotonic()
+        theta = identify(point, n, seed)
+        answer.append(Estimated(point.name, n, seed, theta, time.monotonic() - begin))
+        progress((k + 1) / len(point.budgets))
+    return answer
 
 
 class RunSummary(NamedTuple):
@@ -176,7 +166,7 @@ class SweepPopulation(PopulationTask):
     index of count: which population it is; cells: the runs it makes, with their estimates theta_hat
     """
 
-    preset: Preset
+    plan: Preset
     index: int
     count: int
     cells: tuple[Cell, ...]
@@ -196,32 +186,28 @@ class SweepPopulation(PopulationTask):
         return f"population_{self.index + 1}"
 
     @property
-    def settings(self) -> Preset:
-        return self.preset
-
-    @property
     def keys(self) -> tuple[Cell, ...]:
         return self.cells
 
     def population(self) -> Population:
         from policies import SACPopulation
 
-        points = [self.preset.point(cell.point) for cell in self.cells]
+        points = [self.plan.point(cell.point) for cell in self.cells]
         drawn = [_randomization(*own) for own in zip(points, self.cells, self.estimates, strict=True)]
         seeds = [cell.seed for cell in self.cells]
-        return SACPopulation(paper_model(), drawn, seeds, sac_settings(self.preset), self.device)
+        return SACPopulation(paper_model(), drawn, seeds, sac_settings(self.plan), self.device)
 
     def answers(self, population: Population, seconds: float) -> list[Run]:
         """The finished runs, in the order of the cells."""
         found, curves = versions(), population.curves
         runs = []
         for a, (cell, policy) in enumerate(zip(self.cells, population.policies(), strict=True)):
-            point, theta = self.preset.point(cell.point), self.estimates[a]
+            point, theta = self.plan.point(cell.point), self.estimates[a]
             plant = hidden_plant(point.truth)
-            answer = evaluate(policy, plant, *start_states(cell.seed, self.preset.episodes))
-            fresh = evaluate(policy, plant, *fresh_start_states(cell.seed, self.preset.episodes))
+            answer = evaluate(policy, plant, *start_states(cell.seed, self.plan.episodes))
+            fresh = evaluate(policy, plant, *fresh_start_states(cell.seed, self.plan.episodes))
             settings = {
-                "preset": self.preset.name,
+                "preset": self.plan.name,
                 "device": self.device,
                 "sac": dataclasses.asdict(population.settings),
                 "randomization": population.env.randomizations[a].to_json(),

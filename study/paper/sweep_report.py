@@ -17,8 +17,6 @@ from rich.markup import escape
 
 from study.paper import published_numbers as paper
 from study.paper.agreement import MARGIN
-from study.paper.figures.sweeps import save_all
-from study.paper.findings import PointFindings
 from study.paper.identification_scatter import scatter
 from study.paper.presets import Point, Preset
 from study.paper.published_runs import Outcomes, RunRow
@@ -35,8 +33,10 @@ from study.paper.reference_controllers import (
 )
 from study.paper.reproduction import REPRODUCTION_CAPTIONS, Reproduction, reproduce
 from study.paper.runs import RUNS
-from study.paper.sweep import SweepResults
-from study.pipeline.html_page import template
+from study.paper.sweep_figures import save_all
+from study.paper.sweep_findings import PointFindings
+from study.pipeline.database import Database
+from study.pipeline.html_page import say, say_files, template
 from study.pipeline.tables import write_rows
 from study.pipeline.versions import all_versions, write_record
 from sysid.data.files import write_whole
@@ -96,7 +96,7 @@ POINT_CAPTIONS = {
 
 
 def publish_sweep(
-    preset: Preset, results: SweepResults, console: Console, theirs: Outcomes | None = None
+    preset: Preset, results: Database, console: Console, theirs: Outcomes | None = None
 ) -> list[PointFindings]:
     """Write tables, figures and report into the folder and say the answers on the console, point by point.
 
@@ -122,14 +122,10 @@ def publish_sweep(
         console.print()
         if len(found) > 1:
             console.print(f"[bold underline]{title(answer.point)}[/]\n")
-        for question, text in answer.sentences():
-            console.print(f"[bold]{question}[/]\n{escape(text)}\n", soft_wrap=False)
+        say(console, answer.sentences())
         console.print(f"[dim]{escape(answer.caveat())}[/]\n")
-    for question, text in reproduction.sentences():
-        console.print(f"[bold]{question}[/]\n{escape(text)}\n", soft_wrap=False)
-    console.print(f"report   {folder / 'report.html'}", soft_wrap=True)
-    files = [str(path) for files in [*drawn, reproduction.figures] for path in files.values()]
-    console.print(f"figures  {', '.join(files)}", soft_wrap=True)
+    say(console, reproduction.sentences())
+    say_files(console, folder, [path for files in [*drawn, reproduction.figures] for path in files.values()])
     return found
 
 
@@ -152,7 +148,8 @@ def write_sweep_report(
     references = {(r.controller, r.theta, r.truth, r.seed): r for answer in found for r in answer.references}
     made = [*runs, *references.values()]
     origins = (run.imported + ", a table, which does not say how they were trained" * bool(run.summary) for run in runs)
-    content = template("report.html.j2").render(
+    content = template("sweep.html.j2").render(
+        plan=preset,
         preset=preset,
         parts=list(zip(found, drawn, strict=True)),
         captions=POINT_CAPTIONS,

@@ -1,6 +1,6 @@
 """The way of every experiment: plan -> tasks -> results -> report.
 
-experiment       an experiment as stages of tasks, and what runs it to its end
+stages           an experiment as stages of tasks, and what runs it to its end
 settings         frozen plain data that results are tied to; versions: of what made a number, study.json
 executor         what runs tasks; behind it processes and cluster
 population_task  a task that trains one population, with its checkpoint; progress: how far tasks are

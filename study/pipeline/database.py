@@ -1,7 +1,7 @@
 """A results folder: one SQLite file in write-ahead mode, one writer, tied to what its numbers depend on.
 
-A study says which tables it needs (`tables.Table`). Beside them stands `meta`: preset, fingerprint, settings, format,
-device, version of gapfinder.
+A study says which tables it needs (`tables.ResultTable`). Beside them stands `meta`: preset, fingerprint, settings,
+format, device, version of gapfinder.
 """
 
 from __future__ import annotations
@@ -27,23 +27,11 @@ PROGRESS = "progress (population TEXT PRIMARY KEY, seconds REAL)"
 """The work that checkpoints of unfinished populations hold."""
 
 
-def identity(settings: StudySettings, layout: str, device: str) -> dict[str, str]:
-    """What a results folder is tied to; layout: which tables it has, and in which version."""
-    return {
-        "preset": settings.name,
-        "gapfinder": installed_version("gapfinder"),
-        "format": layout,
-        "fingerprint": settings.fingerprint,
-        "settings": json.dumps(settings.to_dict()),
-        "device": device_type(device),
-    }
-
-
 class Database:
     """An open results folder; a context manager that holds the folder's lock. `db` is its SQLite connection.
 
-    identity: what `identity` returns; outputs: the names of what the study writes beside its database, never over
-    files of somebody else; progress: name and columns of the table of unfinished populations.
+    settings, device: what its numbers are tied to; outputs: the names of what the study writes beside its database,
+    never over files of somebody else; progress: name and columns of the table of unfinished populations.
 
     Raises InvalidInput where the folder cannot be used: no folder, not writable, of another preset, device or version,
     in use by another study, or holding foreign files of the names in `outputs`. Nothing is written before these checks.
@@ -52,12 +40,22 @@ class Database:
     def __init__(
         self,
         folder: Path,
-        identity: Mapping[str, str],
+        settings: StudySettings,
         tables: Sequence[ResultTable[Any]] = (),
         outputs: Collection[str] = (),
+        device: str = "cpu",
         progress: str = PROGRESS,
     ) -> None:
         self.folder, self.path, self.progress = folder, folder / "results.sqlite", progress.split(maxsplit=1)[0]
+        self.device = device
+        identity = {
+            "preset": settings.name,
+            "gapfinder": installed_version("gapfinder"),
+            "format": settings.format,
+            "fingerprint": settings.fingerprint,
+            "settings": json.dumps(settings.to_dict()),
+            "device": device_type(device),
+        }
         schema = META + "".join(table.schema for table in tables) + f"CREATE TABLE {progress};"
         _make(folder)
         self._lock = _lock(folder)
@@ -159,6 +157,15 @@ class Database:
         """Everything in a table, sorted by its keys."""
         with readable(self.path):
             return [table.value(row) for row in self.db.execute(f"SELECT * FROM {table.name} ORDER BY {table.key}")]
+
+    def keys(self, table: ResultTable[Any]) -> set[tuple[Any, ...]]:
+        """The keys of everything in a table."""
+        return set(self.db.execute(f"SELECT {table.key} FROM {table.name}"))
+
+    def has(self, table: ResultTable[Any], key: Sequence[Any]) -> bool:
+        """Whether a table holds a row of that key."""
+        where = " AND ".join(f"{column} = ?" for column in table.key.split(", "))
+        return self.db.execute(f"SELECT 1 FROM {table.name} WHERE {where}", tuple(key)).fetchone() is not None
 
     def note_training(self, population: int | str, seconds: float) -> None:
         """Keep the seconds that a population has trained for. Raises OSError as `transaction` does."""

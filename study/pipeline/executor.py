@@ -62,45 +62,49 @@ class Link(ABC):
         """Whether the driver wants this task to save and end."""
 
 
-class Task(Protocol):
-    """Picklable work that goes on from its own checkpoint; `saves`: it has one, and writes it when asked to end.
+class Task(ABC):
+    """Picklable work. Without a checkpoint one whose worker dies begins anew.
 
-    activity: what it does, in a word; work: about its seconds on one core; gpus: how many it needs; table: of the
-    results, that its answer is rows of; progress_key: of its checkpoint's seconds there.
+    name, activity   it to people, and what it does in a word
+    work             about its seconds on one core; gpus: how many it needs
+    table            of the results, that its answer is rows of
+    saves            whether it has a checkpoint, from which it goes on, and writes it when asked to end
+    progress_key     of its checkpoint's seconds in the results
     """
 
-    saves: ClassVar[bool]
-    activity: ClassVar[str]
-    table: ClassVar[Any]
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def work(self) -> float: ...
-    @property
-    def gpus(self) -> int: ...
-    @property
-    def progress_key(self) -> int | str: ...
-    def discard(self) -> None: ...
-    def run(self, link: Link) -> Any: ...
-    def resumed(self, seconds: float) -> Task:
-        """This task with a checkpoint that holds the work of so many seconds."""
-        ...
-
-
-class Brief:
-    """A task without a checkpoint, on a CPU: one whose worker dies begins anew."""
-
+    name: str
+    activity: str
+    work: float
+    table: Any
+    gpus: int = 0
     saves: ClassVar[bool] = False
-    gpus: ClassVar[int] = 0
-    progress_key: ClassVar[str] = ""
+    progress_key: int | str = ""
 
-    def discard(self) -> None:
-        """Nothing, it leaves nothing behind."""
+    @abstractmethod
+    def run(self, link: Link) -> Any:
+        """The answer."""
 
     def resumed(self, seconds: float) -> Self:
-        """This task."""
+        """This task with a checkpoint that holds the work of so many seconds."""
         return self
+
+
+@dataclass(frozen=True)
+class BriefTask(Task):
+    """A task without a checkpoint, on a CPU. Its answer is
+
+    function(*arguments, progress)        progress: says how much is done, from 0 to 1
+    """
+
+    name: str
+    activity: str
+    work: float
+    table: Any
+    function: Callable[..., Any]
+    arguments: tuple[Any, ...]
+
+    def run(self, link: Link) -> Any:
+        return self.function(*self.arguments, link.progress)
 
 
 Heard = Callable[[Task, str, Any], None]

@@ -1,9 +1,6 @@
 """A population trained to its end by a task: progress said, checkpoints written, a wish to stop heard.
 
-A study says which population, and what becomes of it:
-
-    class SweepPopulation(PopulationTask): ...    study/paper/runs.py
-    class MismatchPopulation(PopulationTask): ...      study/mismatch/trainings.py
+A study says which population, and what becomes of it.
 """
 
 from __future__ import annotations
@@ -11,15 +8,14 @@ from __future__ import annotations
 import dataclasses
 import sys
 import time
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from collections.abc import Set as AbstractSet
-from dataclasses import dataclass
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from study.pipeline.executor import Link, Stopped
+from study.pipeline.executor import Link, Stopped, Task
 from study.pipeline.policy_files import FOLDER, write_policies
 from study.pipeline.settings import StudySettings, device_type
 from sysid import InvalidInput
@@ -34,13 +30,14 @@ CHUNK = 20
 
 
 @dataclass(frozen=True, kw_only=True)
-class PopulationTask(ABC):
+class PopulationTask(Task):
     """A task that trains one population; it goes on from its checkpoint where that file exists.
 
-    folder: where checkpoint and trained policies lie, on a disk that all workers share; seconds_before: what the
-    checkpoint has cost.
+    plan: the preset or plan of its agents; folder: where checkpoint and trained policies lie, on a disk that all
+    workers share; seconds_before: what the checkpoint has cost.
     """
 
+    plan: Any = field(kw_only=False)
     folder: Path
     checkpoint_seconds: float = 60.0
     seconds_before: float = 0.0
@@ -54,14 +51,18 @@ class PopulationTask(ABC):
         """The population, to people."""
 
     @property
-    @abstractmethod
     def stem(self) -> str:
         """The population, in names of files."""
+        return self.name.replace(" ", "_")
 
     @property
-    @abstractmethod
+    def progress_key(self) -> int | str:
+        """The population, among those whose progress is kept."""
+        return self.name
+
+    @property
     def settings(self) -> StudySettings:
-        """The preset or plan that the agents belong to."""
+        return self.plan
 
     @property
     @abstractmethod
@@ -90,11 +91,9 @@ class PopulationTask(ABC):
 
     @property
     def gpus(self) -> int:
-        """How many it needs."""
         return int(device_type(self.device) == "cuda")
 
     def resumed(self, seconds: float) -> Self:
-        """This task with a checkpoint that holds the work of so many seconds."""
         return dataclasses.replace(self, seconds_before=seconds)
 
     def discard(self) -> None:
@@ -154,24 +153,6 @@ def sac_settings(settings: StudySettings) -> SACSettings:
     return SACSettings(
         hidden=settings.hidden, steps=settings.steps, batch=settings.batch, random_steps=settings.random_steps
     )
-
-
-T = TypeVar("T", bound=PopulationTask)
-
-
-def left(
-    tasks: Iterable[T], finished: AbstractSet[tuple[Any, ...] | str], seconds_before: Callable[[T], float]
-) -> Iterator[T]:
-    """The tasks whose agents are not all finished, from their checkpoints where they have one, and what that cost;
-    the checkpoints of the others are removed."""
-    for task in tasks:
-        partial(task.checkpoint).unlink(missing_ok=True)
-        if finished >= set(task.keys):
-            task.discard()
-        elif task.checkpoint.exists():
-            yield task.resumed(seconds_before(task))
-        else:
-            yield task
 
 
 def _save(population: Population, checkpoint: Path) -> None:

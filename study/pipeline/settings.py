@@ -5,13 +5,17 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-from contextlib import AbstractContextManager
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
-if TYPE_CHECKING:
-    from study.pipeline.experiment import StudyExperiment
+KINDS = {
+    "imported": ("--import", "the paper's kind"),
+    "published": ("--published", "the paper's kind"),
+    "strategies": ("--strategies", "strategies"),
+}
+"""Of options that one kind of preset understands: the flag, and which kind."""
 
 
 @dataclass(frozen=True)
@@ -25,21 +29,15 @@ class RunOptions:
     published: Path | None = None
     strategies: tuple[str, ...] = ()
 
-    def refuse_tables(self, preset: str) -> None:
-        """Raise InvalidInput where results of the paper's kind are given to a preset of another kind."""
-        for name, given in (("--import", self.imported), ("--published", self.published)):
-            self._refuse(name, given, "the paper's kind", preset)
-
-    def refuse_strategies(self, preset: str) -> None:
-        """Raise InvalidInput where strategies are chosen for a preset that compares none."""
-        self._refuse("--strategies", ",".join(self.strategies) or None, "strategies", preset)
-
-    @staticmethod
-    def _refuse(name: str, given: object, kind: str, preset: str) -> None:
+    def refuse_others(self, understood: Collection[str], preset: str) -> None:
+        """Raise InvalidInput for an option of KINDS that the preset does not understand."""
         from sysid import InvalidInput
 
-        if given is not None:
-            raise InvalidInput(f"{name} {given}: expected a preset of {kind}, not {preset}")
+        for name, (flag, kind) in KINDS.items():
+            given = getattr(self, name)
+            if given and name not in understood:
+                shown = ",".join(given) if isinstance(given, tuple) else given
+                raise InvalidInput(f"{flag} {shown}: expected a preset of {kind}, not {preset}")
 
 
 class StudySettings:
@@ -56,11 +54,14 @@ class StudySettings:
     batch: int
     random_steps: int
     layout: ClassVar[int]
-    """FORMAT of the results folder."""
+    """Version of the results folder: raised whenever stored numbers or tables change their meaning."""
+    kind: ClassVar[str] = ""
+    """What tells its results folders from those of other kinds."""
 
-    def experiment(self, options: RunOptions) -> AbstractContextManager[StudyExperiment]:
-        """The experiment over the open folder of its results; loads what this kind needs alone."""
-        raise NotImplementedError
+    @property
+    def format(self) -> str:
+        """The kind of results folder, and its version."""
+        return f"{self.kind} {self.layout}".strip()
 
     def to_dict(self) -> dict[str, Any]:
         """Every setting as plain JSON values."""

@@ -16,7 +16,7 @@ import io
 import json
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache
 from pathlib import Path
 from types import NoneType
 from typing import Any, Generic, TypeVar, get_args, get_origin, get_type_hints
@@ -44,21 +44,22 @@ class ResultTable(Generic[R]):
     def schema(self) -> str:
         return f"CREATE TABLE {self.name} ({self.columns}, PRIMARY KEY ({self.key}));"
 
-    @cached_property
-    def _fields(self) -> dict[str, tuple[int, Callable[..., Any]]]:
-        """Of each field how many columns it has, and what makes its value of them."""
-        return {name: _field(hint) for name, hint in get_type_hints(self.kind).items()}
-
     def row(self, value: R) -> list[Any]:
         cells: list[Any] = []
-        for name, (width, _) in self._fields.items():
+        for name, (width, _) in _fields(self.kind).items():
             own = getattr(value, name)
             cells += own if width > 1 else [json.dumps(own) if isinstance(own, dict | tuple | NoneType) else own]
         return cells
 
     def value(self, row: Sequence[Any]) -> R:
         cells = iter(row)
-        return self.kind(*(make(*(next(cells) for _ in range(width))) for width, make in self._fields.values()))
+        return self.kind(*(make(*(next(cells) for _ in range(width))) for width, make in _fields(self.kind).values()))
+
+
+@cache
+def _fields(kind: type[Any]) -> dict[str, tuple[int, Callable[..., Any]]]:
+    """Of each field how many columns it has, and what makes its value of them."""
+    return {name: _field(hint) for name, hint in get_type_hints(kind).items()}
 
 
 def _field(hint: Any) -> tuple[int, Callable[..., Any]]:

@@ -16,7 +16,6 @@ PACKAGES = ("gapfinder", "numpy", "scipy", "torch", "torchrl", "tensordict", "co
 
 
 def installed_version(package: str) -> str:
-    """Its installed version, or "not installed"."""
     try:
         return metadata.version(package)
     except metadata.PackageNotFoundError:

@@ -14,11 +14,11 @@ from policies.control.dynamic_programming import Grid, solve
 from policies.environments import task
 from policies.environments.randomization import Band
 from policies.evaluation import rollout
-from study.mismatch.trainings import TrainingSetup
 from study.strategies.bayes_sim import statistics
 from study.strategies.episode_network import EpisodeNetwork
 from study.strategies.readings import reads_angles, sensed
 from study.strategies.strategy import Dialogue, Situation, Strategy, Train, Try
+from study.trials.training_setup import TrainingSetup
 from sysid import Model, Sensor, State
 
 Array = NDArray[np.float64]

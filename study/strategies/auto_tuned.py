@@ -12,11 +12,11 @@ from scipy.special import expit
 from policies.environments import task
 from policies.environments.randomization import Band
 from policies.evaluation import Policy, rollout
-from study.mismatch.trainings import TrainingSetup
 from study.strategies.bayes_sim import statistics
 from study.strategies.episode_network import EpisodeNetwork
 from study.strategies.readings import reads_angles, sensed
 from study.strategies.strategy import Dialogue, Situation, Strategy, Train, Try
+from study.trials.training_setup import TrainingSetup
 
 Array = NDArray[np.float64]
 
@@ -67,35 +67,20 @@ class AutoTuned(Strategy):
         seen = sensed(run.theta.T, run.theta_dot.T, situation.sensor, whole, rng)
         return statistics(situation, run.u[:-1].T, *seen), values
 
-    def taught(self, situation: Situation, seen: Array, values: Array) -> TooHigh:
-        """The network, taught with random candidates for each of the episodes."""
+    def taught(self, situation: Situation, seen: Array, values: Array) -> EpisodeNetwork:
+        """The network, taught with random candidates for each of the episodes: log odds that one is too high."""
         low, high = situation.bounds.T
         seen, values = (np.repeat(own, self.candidates, axis=0) for own in (seen, values))
-        tried = situation.rng.uniform(low, high, values.shape)
-        network = TooHigh()
-        network.fit(seen, (tried - low) / (high - low), tried > values, situation.rng)
+        tried, network = situation.rng.uniform(low, high, values.shape), EpisodeNetwork(width=32, epochs=300)
+        loss = "binary_cross_entropy_with_logits"
+        network.fit(seen, (tried - low) / (high - low), (tried > values).astype(float), loss, situation.rng)
         return network
 
-    def searched(self, network: TooHigh, seen: Array, values: Array, bounds: Array) -> Array:
+    def searched(self, network: EpisodeNetwork, seen: Array, values: Array, bounds: Array) -> Array:
         """Where the network finds the parameters neither too high nor too low, in the mean of the episodes."""
         low, high = bounds.T
         x = (values - low) / (high - low)
         for step in range(self.steps):
-            odds = np.mean(network.odds(seen, np.tile(x, (len(seen), 1))), axis=0)
+            odds = np.mean(expit(network.answers(seen, x)), axis=0)
             x = np.clip(x + self.pace * 2.0 ** (-4.0 * step / self.steps) * (1.0 - 2.0 * odds), 0.0, 1.0)
         return low + np.round(x, 4) * (high - low)
-
-
-class TooHigh:
-    """Odds (N, P) that a candidate x (N, P) in the unit cube is above what the statistics (N, F) were made with."""
-
-    def __init__(self, width: int = 32, epochs: int = 300) -> None:
-        self.network = EpisodeNetwork(width, epochs)
-
-    def fit(self, seen: Array, x: Array, above: NDArray[np.bool_], rng: np.random.Generator) -> None:
-        """Logistic regression."""
-        self.network.fit(seen, x, above.astype(float), "binary_cross_entropy_with_logits", rng)
-
-    def odds(self, seen: Array, x: Array) -> Array:
-        """Of candidates."""
-        return np.asarray(expit(self.network.answers(seen, x)))

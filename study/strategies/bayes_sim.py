@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from policies.environments import task
 from policies.environments.randomization import Mixture
-from study.mismatch.trainings import TrainingSetup
 from study.strategies.readings import reads_angles, sensed, smooth, summary_statistics
 from study.strategies.strategy import Dialogue, Play, Situation, Strategy
+from study.trials.training_setup import TrainingSetup
 from sysid import Record, simulate
 
 Array = NDArray[np.float64]

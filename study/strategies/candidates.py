@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from policies.environments.randomization import Band
-from study.mismatch.trainings import TrainingSetup
 from study.strategies import gaussian_process
 from study.strategies.strategy import Choice, Dialogue, Situation, Strategy, Train, TrainedAgent, Try
+from study.trials.training_setup import TrainingSetup
 
 Array = NDArray[np.float64]
 

@@ -8,10 +8,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from study.strategies.extras import required
 from study.strategies.readings import REACH, smoothed, smoothing_covariance
 from study.strategies.simopt import setup_of
-from study.strategies.strategy import Dialogue, Play, Situation, Strategy
+from study.strategies.strategy import Dialogue, Play, Situation, Strategy, required
 from sysid import Record, simulate
 
 Array = NDArray[np.float64]

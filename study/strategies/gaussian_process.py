@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from study.strategies.extras import required
+from study.strategies.strategy import required
 
 Array = NDArray[np.float64]
 

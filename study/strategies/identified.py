@@ -1,6 +1,6 @@
 """Strategies that spend their rollouts on identification, and train once on what came out.
 
-What they make of the records is made where the mismatch experiment makes it (`study.mismatch.strategies.Budget`).
+What they make of the records is made where the mismatch experiment makes it, too (`Budget`).
 """
 
 from __future__ import annotations
@@ -12,10 +12,9 @@ from typing import ClassVar
 import numpy as np
 
 from policies.environments.randomization import Band, PriorRange
-from study.mismatch.plan import StrategyKey
-from study.mismatch.strategies import Budget, center
-from study.mismatch.trainings import TrainingSetup
 from study.strategies.strategy import Dialogue, Play, Situation, Strategy
+from study.trials.rollout_budget import Budget, center, posterior_of
+from study.trials.training_setup import TrainingSetup
 from sysid import Estimate, UnscentedKalman, fit
 from sysid.planning.design import Conditions, Hypothesis, precision, search, yardsticks
 from sysid.planning.signals import Limits
@@ -59,7 +58,7 @@ class WholePriorRange(Strategy):
 class Identified(Strategy):
     """All rollouts under random torques, and then what the mismatch experiment makes of them."""
 
-    made: ClassVar[StrategyKey]
+    made: ClassVar[str]
 
     def spend(self, situation: Situation) -> Dialogue:
         records = yield Play(situation.budget)
@@ -70,7 +69,7 @@ class PointEstimate(Identified):
     """Least squares for m and l over whole rollouts (output error), and training at the estimate."""
 
     short: ClassVar[str] = "point estimate"
-    made: ClassVar[StrategyKey] = StrategyKey.FITTED
+    made: ClassVar[str] = "fitted"
 
 
 class GridEstimate(Identified):
@@ -79,7 +78,7 @@ class GridEstimate(Identified):
     short: ClassVar[str] = "paper's grid"
     source: ClassVar[str] = "the paper"
     needs_angle: ClassVar[bool] = True
-    made: ClassVar[StrategyKey] = StrategyKey.GRID
+    made: ClassVar[str] = "grid"
 
 
 class RelativeBand(Identified):
@@ -87,7 +86,7 @@ class RelativeBand(Identified):
 
     short: ClassVar[str] = "band, 30 %"
     source: ClassVar[str] = "the paper"
-    made: ClassVar[StrategyKey] = StrategyKey.BAND
+    made: ClassVar[str] = "band"
 
 
 class UnderRandomForce(Identified):
@@ -97,7 +96,7 @@ class UnderRandomForce(Identified):
     short: ClassVar[str] = "random force"
     source: ClassVar[str] = "Valassakis 2020"
     needs_angle: ClassVar[bool] = True
-    made: ClassVar[StrategyKey] = StrategyKey.RANDOM_FORCE
+    made: ClassVar[str] = "random_force"
 
 
 class MendedModel(Identified):
@@ -106,7 +105,7 @@ class MendedModel(Identified):
     short: ClassVar[str] = "mended model"
     source: ClassVar[str] = "this project"
     needs_angle: ClassVar[bool] = True
-    made: ClassVar[StrategyKey] = StrategyKey.MENDED
+    made: ClassVar[str] = "mended"
 
 
 @dataclass(frozen=True)
@@ -129,8 +128,6 @@ class PosteriorOfFit(Strategy):
     short: ClassVar[str] = "posterior"
 
     def spend(self, situation: Situation) -> Dialogue:
-        from study.mismatch.strategies import posterior_of
-
         records = yield Play(situation.budget)
         found = Budget(records, situation.sensor, situation.seed).fitted
         return TrainingSetup(found.model, posterior_of(found))

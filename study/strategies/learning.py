@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from policies.environments.randomization import PriorRange
-from study.mismatch.trainings import TrainingSetup
 from study.strategies.strategy import Dialogue, Learn, Situation, Strategy, Train
+from study.trials.training_setup import TrainingSetup
 
 
 @dataclass(frozen=True)

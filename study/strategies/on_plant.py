@@ -19,16 +19,15 @@ import torch
 from policies import Population, SACPopulation
 from policies.environments import task
 from policies.environments.randomization import Fixed
-from policies.evaluation import batch_returns, fresh_start_states
-from study.mismatch.ground_truth import ground_truth, oracle
-from study.mismatch.mismatch_results import TRAININGS, Trained
-from study.mismatch.trainings import MismatchPopulation
 from study.pipeline.population_task import PopulationTask, sac_settings
 from study.pipeline.settings import digest
-from study.pipeline.versions import versions
-from study.strategies.plan import StrategiesPlan
 from study.strategies.session import CRITICS
-from study.strategies.strategies_results import NETWORKS
+from study.strategies.strategies_plan import StrategiesPlan
+from study.trials.ground_truth import oracle
+from study.trials.populations import AgentPopulation, Trained
+
+NETWORKS = "networks"
+"""Folder of the critics of agents that go on learning on a plant."""
 
 WARM_UP = 200
 """Steps before the first update of an agent that goes on learning: an episode, with its own actions."""
@@ -52,7 +51,7 @@ class GoesOnLearning(SACPopulation):
 
 
 @dataclass(frozen=True)
-class StrategyPopulation(MismatchPopulation):
+class StrategyPopulation(AgentPopulation):
     """Agents of one structure, some of whose networks are kept."""
 
     def answers(self, population: Any, seconds: float) -> list[Trained]:
@@ -73,14 +72,15 @@ class Learner:
     seed: int
     plant: str
 
+    @property
+    def plants(self) -> tuple[str, ...]:
+        return (self.plant,)
+
 
 @dataclass(frozen=True)
-class PlantPopulation(PopulationTask):
-    """Agents that learn on the same plant, in as many rollouts."""
+class PlantPopulation(AgentPopulation):
+    """Learners on the same plant, in as many rollouts."""
 
-    plan: StrategiesPlan
-    agents: tuple[Learner, ...]
-    table: ClassVar[Any] = TRAININGS
     activity: ClassVar[str] = "learning on the plant"
 
     @classmethod
@@ -96,20 +96,8 @@ class PlantPopulation(PopulationTask):
         return f"learners {digest(self.keys)[:12]}"
 
     @property
-    def progress_key(self) -> str:
-        return self.name
-
-    @property
-    def stem(self) -> str:
-        return self.name.replace(" ", "_")
-
-    @property
     def settings(self) -> StrategiesPlan:
         return dataclasses.replace(self.plan, algorithm="sac", steps=self.agents[0].rollouts * task.HORIZON)
-
-    @property
-    def keys(self) -> tuple[str, ...]:
-        return tuple(agent.key for agent in self.agents)
 
     def population(self) -> Population:
         model = oracle(self.plan.plant(self.agents[0].plant))
@@ -123,16 +111,6 @@ class PlantPopulation(PopulationTask):
         for a, agent in enumerate(self.agents):
             _read(self.folder / NETWORKS / f"{agent.start}.npz", networks_of(population, a))
         return population
-
-    def answers(self, population: Population, seconds: float) -> list[Trained]:
-        """The agents on their plant, from the start states of their seeds."""
-        starts = [fresh_start_states(agent.seed, self.plan.episodes) for agent in self.agents]
-        plant = ground_truth(self.plan.plant(self.agents[0].plant))
-        rows = batch_returns(population.policies(), plant, *map(np.array, zip(*starts, strict=True)))
-        return [
-            Trained(agent.key, {agent.plant: tuple(row.tolist())}, tuple(curve), versions(), seconds)
-            for agent, row, curve in zip(self.agents, rows, population.curves, strict=True)
-        ]
 
 
 def _write(path: Path, networks: dict[str, torch.Tensor]) -> None:

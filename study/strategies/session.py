@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from policies.network_policy import NetworkPolicy
-from study.mismatch.trainings import TrainingSetup
 from study.pipeline.settings import digest
 from study.strategies.plant import BudgetedPlant
 from study.strategies.strategy import Choice, Learn, Play, Request, Situation, Strategy, Train, TrainedAgent, Try
+from study.trials.training_setup import TrainingSetup
 from sysid import InvalidInput
 
 Found = Callable[[str], NetworkPolicy | None]

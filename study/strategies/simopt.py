@@ -12,9 +12,9 @@ from scipy.optimize import minimize_scalar
 
 from policies.environments.randomization import Posterior
 from policies.evaluation import rollout
-from study.mismatch.trainings import TrainingSetup
 from study.strategies.readings import reads_angles, smoothed
 from study.strategies.strategy import Dialogue, Situation, Strategy, Train, TrainedAgent, Tried, Try
+from study.trials.training_setup import TrainingSetup
 
 Array = NDArray[np.float64]
 

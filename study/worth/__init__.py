@@ -3,5 +3,5 @@
 posterior                what is known of the parameters: a normal distribution within their bounds, in `coordinates`
 decision                 what a policy made for some parameters returns on a machine of others
 value_of_information     acting now, after further rollouts, and with perfect knowledge
-options, figure          the command line and its picture
+figure                   the answer's picture
 """

@@ -10,13 +10,15 @@ import dataclasses
 import logging
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
+from tyro.conf import arg
 
-from study.worth.options import WorthOptions
 from sysid.cli.command_line import OPTIONS, carry_out
+from sysid.cli.command_options import File, Number, OnLog, Output
 from sysid.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -24,6 +26,42 @@ if TYPE_CHECKING:
     from sysid.estimation.estimate import Estimate
 
 logger = logging.getLogger(__name__ if __name__ != "__main__" else "study.worth")
+
+
+@dataclass(frozen=True)
+class WorthOptions(OnLog):
+    """Measure again, or train? What further rollouts are worth to the policy, before they are measured.
+
+    The machines that the log leaves possible are drawn, and dynamic programming says what a policy made now, after
+    further rollouts, and with perfect knowledge would return on them.
+    """
+
+    task: Literal["swing-up"] = "swing-up"
+    """What the policy is for: swing up and hold."""
+
+    price: Annotated[Number, arg(metavar="RETURN")] = None
+    """What one rollout costs, in units of the return; without it the price is told below which measuring pays."""
+
+    u_max: Annotated[Number, arg(metavar="TORQUE", help_behavior_hint="(default: the model's)")] = None
+    """Largest torque [N m] that the policy commands."""
+
+    further: Annotated[tuple[int, ...], arg(metavar="N")] = (1, 3, 10)
+    """The numbers of further rollouts that are tried."""
+
+    draws: Annotated[int, arg(metavar="N")] = 32
+    """Machines drawn: standard errors fall as their root, and time grows with them."""
+
+    seed: Annotated[int, arg(metavar="S")] = 0
+    """Where the draws come from."""
+
+    out: Output = None
+    """Write the designed rollout here, as CSV with columns t [s], torque [N m]."""
+
+    json: File = None
+    """Write the answer here, as schema gapfinder/worth/1."""
+
+    figure: File = None
+    """Draw the answer here (.png)."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

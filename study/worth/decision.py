@@ -52,12 +52,7 @@ class SwingUpDecision:
 
     @classmethod
     def of(
-        cls,
-        model: Model,
-        names: Sequence[str],
-        u_max: float | None = None,
-        episodes: int = 40,
-        table: Grid = TABLE,
+        cls, model: Model, names: Sequence[str], u_max: float | None = None, episodes: int = 40, table: Grid = TABLE
     ) -> SwingUpDecision:
         """On a fitted model, with commands up to u_max [N m]. Raises InvalidInput as `machine_of` does."""
         machine = machine_of(model, u_max)
@@ -65,7 +60,6 @@ class SwingUpDecision:
         return cls(dataclasses.replace(machine, effects=moving), tuple(names), episodes, table)
 
     def returns(self, believed: Array, true: Array) -> Array:
-        """As Decision says."""
         kept = believed[..., self._kept]
         _, first, which = np.unique(kept.reshape(len(kept), -1), axis=0, return_index=True, return_inverse=True)
         designed = [self._policy(believed[i]) for i in first]

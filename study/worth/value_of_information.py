@@ -56,7 +56,6 @@ class Mean:
 
     @classmethod
     def of(cls, values: Array) -> Mean:
-        """Of independent values."""
         return cls(float(np.mean(values)), float(np.std(values, ddof=1)) / math.sqrt(len(values)))
 
     def __str__(self) -> str:

@@ -20,14 +20,14 @@ from typing import Any
 
 from rich.console import Console
 
-from study.paper.findings import PointFindings
 from study.paper.presets import PAPER, Preset
-from study.paper.reference_controllers import REFERENCES, Reference, ReferenceTask
-from study.paper.runs import RUNS, Estimated, IdentificationTask, Run, SweepPopulation
-from study.paper.sweep import Sweep, SweepResults
+from study.paper.reference_controllers import REFERENCES, Reference
+from study.paper.runs import ESTIMATES, RUNS, Estimated, Run, SweepPopulation
+from study.paper.sweep import Sweep, sweep_results
+from study.paper.sweep_findings import PointFindings
 from study.paper.sweep_report import write_runs
-from study.pipeline.executor import Heard, Task
-from study.pipeline.experiment import run
+from study.pipeline.executor import BriefTask, Heard, Task
+from study.pipeline.stages import run
 from tests.benchmarks import command
 
 PROGRESS = 20
@@ -52,21 +52,22 @@ class Instant:
 
 def invented(task: Task) -> list[Any]:
     """The answer of a task, with theta_hat told apart by all that it depends on."""
-    if isinstance(task, IdentificationTask):
-        number = float(task.point.name)
+    if isinstance(task, BriefTask) and task.table is ESTIMATES:
+        point, seed = task.arguments
+        number = float(point.name)
         return [
-            Estimated(task.point.name, n, task.seed, (1.0 + number + 0.001 * n, 1.0 + 0.01 * task.seed), 0.1)
-            for n in task.point.budgets
+            Estimated(point.name, n, seed, (1.0 + number + 0.001 * n, 1.0 + 0.01 * seed), 0.1) for n in point.budgets
         ]
     versions = {"torch": "0", "numpy": "0"}
-    if isinstance(task, ReferenceTask):
+    if isinstance(task, BriefTask):
+        preset, controller, theta, truths = task.arguments
         return [
-            Reference(task.controller, task.theta, truth, seed, EPISODES, versions, 1.0)
-            for truth in task.truths
-            for seed in task.preset.reference_seeds
+            Reference(controller, theta, truth, seed, EPISODES, versions, 1.0)
+            for truth in truths
+            for seed in preset.reference_seeds
         ]
     assert isinstance(task, SweepPopulation)
-    settings = {"preset": task.preset.name, "device": task.device, "sac": dict.fromkeys("abcdefghijklmnop", 0.001)}
+    settings = {"preset": task.plan.name, "device": task.device, "sac": dict.fromkeys("abcdefghijklmnop", 0.001)}
     return [
         Run(cell, task.index, theta, 0.5, EPISODES, CURVE, settings, versions, 900.0, EPISODES)
         for cell, theta in zip(task.cells, task.estimates, strict=True)
@@ -93,10 +94,10 @@ def measure(runs: int) -> dict[str, float]:
         cost[f"{phase} [ms]"], begin = 1e3 * (now - begin), now
 
     with tempfile.TemporaryDirectory() as folder:
-        with SweepResults(Path(folder), many) as store:
+        with sweep_results(Path(folder), many) as store:
             run(Sweep(many, store), Instant(), console)
             lap("run")
-        with SweepResults(Path(folder), many) as store:
+        with sweep_results(Path(folder), many) as store:
             run(Sweep(many, store), Instant(), console)
             lap("go on when all is done")
             kept = store.all(RUNS), store.all(REFERENCES)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from study.paper import runs
 from study.paper.imported_runs import import_runs
 from study.paper.presets import PRESETS
-from study.paper.sweep import SweepResults
+from study.paper.sweep import Sweep, sweep_results
 from tests.hostile_input.answering import CELLS, ESC, answered, many
 
 RESULTS = Path(__file__).parents[2] / "study" / "results"
@@ -35,8 +35,8 @@ STATEMENTS = {
 
 
 def opened(path):
-    with SweepResults(path, PRESETS["smoke"]) as results:
-        assert results.all(runs.RUNS) is not None and results.estimates() is not None
+    with sweep_results(path, PRESETS["smoke"]) as results:
+        assert results.all(runs.RUNS) is not None and Sweep(PRESETS["smoke"], results).estimates() is not None
         results.training_seconds(1)
 
 

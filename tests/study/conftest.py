@@ -6,10 +6,10 @@ import math
 import numpy as np
 import pytest
 
-from study.paper.findings import PointFindings
 from study.paper.presets import QUICK
 from study.paper.reference_controllers import LQR, OPTIMAL, SWING_UP, Reference
 from study.paper.runs import Run
+from study.paper.sweep_findings import PointFindings
 
 OPTIMUM, ESTIMATE_COST, WIDTH_COST, LEARNING_COST = -330.0, {0: 500.0, 5: 80.0, 50: 2.0}, 180.0, 4.0
 ESTIMATES = {0: (1.0, 1.0), 5: (3.0, 1.3), 50: (2.1, 1.5)}

@@ -12,16 +12,16 @@ import pytest
 from rich.console import Console
 
 import study.pipeline.cluster
-from study.paper.findings import PointFindings
 from study.paper.presets import SMOKE
 from study.paper.reference_controllers import REFERENCES
 from study.paper.runs import RUNS
-from study.paper.sweep import Sweep, SweepResults
+from study.paper.sweep import Sweep, sweep_results
+from study.paper.sweep_findings import PointFindings
 from study.paper.sweep_report import write_runs
 from study.pipeline.cluster import Cluster
 from study.pipeline.executor import WorkerFailed
-from study.pipeline.experiment import run as run_study
 from study.pipeline.processes import Processes
+from study.pipeline.stages import run as run_study
 from study.pipeline.versions import versions
 from sysid import InvalidInput
 from tests.study.counting import Counting, done, run, saved_at_an_interrupt
@@ -137,7 +137,7 @@ class Struck:
 def runs(folder, executor):
     """The lines of runs.csv but for the times."""
     folder.mkdir()
-    with SweepResults(folder, PRESET) as store:
+    with sweep_results(folder, PRESET) as store:
         run_study(Sweep(PRESET, store, 0.1), executor, Console(file=io.StringIO()))
         kept = store.all(RUNS), store.all(REFERENCES)
         write_runs([PointFindings(PRESET, point, *kept) for point in PRESET.points], folder / "runs.csv")

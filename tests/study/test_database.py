@@ -6,44 +6,40 @@ import os
 import sqlite3
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import pytest
 
-from study.mismatch.mismatch_results import FITS, OUTPUTS, Fitted, MismatchResults
+from study.mismatch.mismatch_experiment import OUTPUTS, mismatch_results
+from study.mismatch.trial_setups import FITS, Fitted
 from study.paper.presets import SMOKE, Cell
 from study.paper.runs import RUNS, Run
-from study.paper.sweep import SweepResults, outputs
-from study.pipeline.database import Database, identity
+from study.paper.sweep import outputs, sweep_results
+from study.pipeline.database import Database
 from study.pipeline.settings import StudySettings
 from study.pipeline.tables import ResultTable
 from sysid import InvalidInput
 
 
 @dataclass(frozen=True)
-class Plan:
+class Plan(StudySettings):
     """The least that a results folder can be tied to."""
 
     name: str = "trial"
     steps: int = 1200
-
-    @property
-    def fingerprint(self):
-        return repr(self)
-
-    def to_dict(self):
-        return dataclasses.asdict(self)
+    layout = 1
 
 
-TIED = identity(Plan(), "1", "cpu")
+TIED = Plan()
 
 
 @dataclass(frozen=True)
 class Kind:
     """A kind of results folder: how it is opened, and how it keeps two items, the second one of 2 MB."""
 
-    open: type[Database]
+    open: Callable[..., Database]
     settings: StudySettings
     outputs: tuple[str, ...]
     item: Any
@@ -62,11 +58,11 @@ FITTED = Fitted("coulomb", "c", 5, 1, {"verdict": "coulomb"}, 7.5)
 LARGE = RUN.cell._replace(seed=2)
 KINDS = {
     "study": Kind(
-        SweepResults, SMOKE, outputs(SMOKE), RUN,
+        sweep_results, SMOKE, outputs(SMOKE), RUN,
         dataclasses.replace(RUN, cell=LARGE, curve=RUN.curve * 200_000), RUNS,
     ),
     "mismatch": Kind(
-        MismatchResults, Plan(), OUTPUTS, FITTED,
+        mismatch_results, Plan(), OUTPUTS, FITTED,
         dataclasses.replace(FITTED, seed=2, payload={"steps": [1] * 700_000}), FITS,
     ),
 }  # fmt: skip
@@ -108,10 +104,18 @@ def test_what_breaks_in_a_transaction_leaves_nothing(kind, tmp_path):
 
 KILLED = """
 import os, sys
+from dataclasses import dataclass
 from pathlib import Path
 from study.pipeline.database import Database
+from study.pipeline.settings import StudySettings
 
-database = Database(Path(sys.argv[1]), {identity!r}, progress="counts (n INTEGER)")
+@dataclass(frozen=True)
+class Plan(StudySettings):
+    name: str = "trial"
+    steps: int = 1200
+    layout = 1
+
+database = Database(Path(sys.argv[1]), Plan(), progress="counts (n INTEGER)")
 with database.transaction() as db:
     db.execute("INSERT INTO counts VALUES (1)")
 with database.transaction() as db:
@@ -121,8 +125,7 @@ with database.transaction() as db:
 
 
 def test_a_process_that_dies_in_a_transaction_leaves_nothing_and_no_lock(tmp_path):
-    program = KILLED.format(identity=TIED)
-    assert subprocess.run([sys.executable, "-c", program, str(tmp_path)], check=False).returncode == 9
+    assert subprocess.run([sys.executable, "-c", KILLED, str(tmp_path)], check=False).returncode == 9
     with Database(tmp_path, TIED, progress="counts (n INTEGER)") as database:
         assert database.db.execute("SELECT n FROM counts").fetchall() == [(1,)]
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from study.paper.presets import PAPER, PRESETS, Point
-from study.paper.runs import IdentificationTask, identify
+from study.paper.runs import identification_task, identify
 from sysid import InvalidInput
 
 PUBLISHED = Path(__file__).resolve().parents[3] / "shared" / "data" / "paper"
@@ -64,7 +64,7 @@ def test_a_task_estimates_every_budget_of_its_seed():
     class Silent:
         progress = staticmethod(shares.append)
 
-    found = IdentificationTask(point, 7).run(Silent())
+    found = identification_task(point, 7).run(Silent())
     assert [e[:4] for e in found] == [("other", n, 7, identify(point, n, 7)) for n in (0, 1, 2)]
     assert shares == sorted(shares)
     assert shares[-1] == 1.0

@@ -1,6 +1,6 @@
-"""The rooms of the study import from those above them only; the two experiments do not know each other."""
+"""The rooms of the study import from those above them only, and no module from one that imports it."""
 
-from tests.floors import ROOT, against_the_order, imported
+from tests.floors import ROOT, against_the_order, circle, imported
 
 FLOORS = (
     "formatting",
@@ -8,6 +8,7 @@ FLOORS = (
     "figure_style",
     "pipeline",
     "paper",
+    "trials",
     "mismatch",
     "strategies",
     "worth",
@@ -20,8 +21,14 @@ def test_a_room_imports_from_those_above_it_only():
     assert not against_the_order("study", FLOORS)
 
 
-def test_the_mismatch_experiment_stands_without_the_papers_sweep():
-    found = [name for path in (ROOT / "study" / "mismatch").rglob("*.py") for name in imported(path)]
-    assert {name for name in found if name.startswith("study.paper.")} <= {
-        f"study.paper.protocol.{name}" for name in ("paper_model", "BOUNDS")
-    }
+def test_no_modules_import_each_other_in_a_circle():
+    assert not circle("study")
+
+
+def test_the_experiments_on_hidden_plants_stand_without_the_papers_sweep_and_without_each_other():
+    for room, foreign in (("trials", "mismatch"), ("mismatch", "strategies"), ("strategies", "mismatch")):
+        found = {name for path in (ROOT / "study" / room).rglob("*.py") for name in imported(path)}
+        assert not {name for name in found if name.startswith(f"study.{foreign}.")}
+        assert {name for name in found if name.startswith("study.paper.")} <= {
+            f"study.paper.protocol.{name}" for name in ("paper_model", "BOUNDS")
+        }

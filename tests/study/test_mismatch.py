@@ -7,13 +7,15 @@ import pytest
 
 from policies.environments.randomization import Band
 from policies.evaluation import evaluate, fresh_start_states
-from study.mismatch.ground_truth import design, ground_truth, hidden_machine, oracle, rollouts, sensor
-from study.mismatch.mismatch_results import Fitted
+from study.mismatch.mismatch_plan import PLANS, STRATEGIES, TrialKey
 from study.mismatch.naming import FIRST, MOST, steps_of
-from study.mismatch.plan import ALL_PLANTS, DELAY_LARGE, MAGNET, PLANS, STRATEGIES, TrialKey
-from study.mismatch.strategies import AT_ONCE, Budget, training_setups
-from study.mismatch.trainings import TrainingSetup, agents_of, populations, training_setup_of
+from study.mismatch.trial_setups import Fitted, agents_of, rollouts, sensor, training_setups
 from study.paper.presets import PRESETS
+from study.trials.ground_truth import design, ground_truth, hidden_machine, oracle
+from study.trials.hidden_plant import ALL_PLANTS, DELAY_LARGE, MAGNET
+from study.trials.populations import populations
+from study.trials.rollout_budget import AT_ONCE, Budget
+from study.trials.training_setup import TrainingSetup, training_setup_of
 from sysid.estimation.held_out import held_out_error
 
 SMOKE = PLANS["mismatch-smoke"]

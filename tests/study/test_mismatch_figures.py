@@ -14,16 +14,17 @@ from matplotlib.image import imread
 from policies.evaluation import evaluate, fresh_start_states
 from study.figure_style import STYLE, save_figure
 from study.formatting import MINUS
-from study.mismatch.figures.experiment import PARTS, ladder_of_strategies, strategy_returns
-from study.mismatch.figures.naming import naming
-from study.mismatch.figures.trajectories import read_agents, telling, trajectories
-from study.mismatch.findings import MismatchFindings, Split, StrategyOutcome, TrialCondition, TrialContrast, Verdict
-from study.mismatch.mismatch_report import CAPTIONS, mismatch_page
+from study.mismatch.mismatch_figures import PARTS, ladder_of_strategies, strategy_returns
+from study.mismatch.mismatch_findings import MismatchFindings, Split, SplitOutcome, TrialCondition, Verdict
+from study.mismatch.mismatch_page import CAPTIONS, mismatch_page
+from study.mismatch.mismatch_plan import CONTRASTS, FREE, PLANS, STRATEGIES
+from study.mismatch.naming_figure import naming_rates_and_errors
 from study.mismatch.naming_results import NamingResult, is_right
-from study.mismatch.plan import CONTRASTS, FREE, PLANS, STRATEGIES
+from study.mismatch.trajectories import read_agents, telling, trajectories
 from study.paper.protocol import paper_model
 from study.pipeline.policy_files import FOLDER, write_policies
 from study.statistics import paired_t
+from study.trials.outcomes import PlannedContrast
 
 OPTIMUM, SEED_STEP = -360.0, 3.0
 STRUCTURE = {"plain": 0.0, "coulomb": 15.0, "delay_medium": 40.0, "delay_large": 150.0, "magnet": 140.0, "slew": 120.0}
@@ -54,8 +55,8 @@ def invented(plan):
             - SEED_STEP * (len(condition.strategy) + np.arange(len(seeds)))
         )
         split = Split(structure, identification, OPTIMUM - np.mean(reached) - structure - identification, len(seeds))
-        outcomes[condition] = StrategyOutcome(
-            condition, seeds, reached, np.full(len(seeds), OPTIMUM), None if condition.strategy in "edi" else split
+        outcomes[condition] = SplitOutcome(
+            seeds, reached, np.full(len(seeds), OPTIMUM), None if condition.strategy in "edi" else split
         )
     compared = []
     for plant in plan.plants:
@@ -66,7 +67,8 @@ def invented(plan):
                     one, other = (outcomes[condition].returns for condition in conditions)
                     wobble = np.linspace(-1.0, 1.0, len(one))
                     contrast = paired_t(one + wobble, other)
-                    compared.append(TrialContrast(plant.name, n, a, b, contrast, float(np.median(one - other)), 0.001))
+                    median = float(np.median(one - other))
+                    compared.append(PlannedContrast(plant.name, "", n, a, b, contrast, median, 0.001))
     verdicts = {
         (p.name, n): Counter({Verdict("missing", ("delay",)): 12, Verdict("unknown"): 3})
         for p in plan.plants
@@ -150,7 +152,9 @@ def test_the_ladder_is_a_share_of_the_optimum_and_its_bars_add_up_to_the_gap(ans
     np.testing.assert_allclose(bars[:, 0], [split.structure for split in splits])
 
 
-@pytest.mark.parametrize("figure", [lambda: strategy_returns(invented(PLANS["mismatch"])), lambda: naming(named())])
+@pytest.mark.parametrize(
+    "figure", [lambda: strategy_returns(invented(PLANS["mismatch"])), lambda: naming_rates_and_errors(named())]
+)
 def test_titles_do_not_run_into_the_next_panel(figure):
     made = drawn(figure)
     renderer = FigureCanvasAgg(made).get_renderer()
@@ -192,7 +196,7 @@ def test_trajectories_are_those_whose_return_stands_above_them():
 
 
 def test_the_naming_figure_shows_rates_and_errors_in_percent():
-    figure = drawn(lambda: naming(named()))
+    figure = drawn(lambda: naming_rates_and_errors(named()))
     upper, lower = figure.axes[:6], figure.axes[6:]
     right, accompanied = upper[1].lines
     np.testing.assert_allclose(right.get_ydata(), [0.0, 100.0, 100.0])
@@ -204,7 +208,8 @@ def test_the_naming_figure_shows_rates_and_errors_in_percent():
 
 def test_the_pair_that_is_shown_is_neither_the_best_nor_the_worst_where_mending_gained_most():
     found = invented(PLANS["mismatch"])
-    c = found.outcomes[TrialCondition("delay_large", "mended", 50)]
+    condition = TrialCondition("delay_large", "mended", 50)
+    c = found.outcomes[condition]
     outcome = replace(c, returns=c.returns + 10.0 * np.arange(20.0))
     gains = outcome.returns - found.outcomes[TrialCondition("delay_large", "fitted", 50)].returns
     compared = tuple(
@@ -212,7 +217,7 @@ def test_the_pair_that_is_shown_is_neither_the_best_nor_the_worst_where_mending_
         if (row.plant, row.n, row.a, row.b) == ("delay_large", 50, "mended", "fitted")
         else row for row in found.compared
     )  # fmt: skip
-    pair = telling(replace(found, outcomes=found.outcomes | {c.condition: outcome}, compared=compared))
+    pair = telling(replace(found, outcomes=found.outcomes | {condition: outcome}, compared=compared))
     assert (pair.plant, pair.n) == ("delay_large", 50)
     assert pair.seed in (3009, 3010)
     assert telling(replace(found, compared=())) is None
@@ -235,7 +240,7 @@ def html(tmp_path_factory):
     folder = tmp_path_factory.mktemp("mismatch")
     found = invented(PLANS["mismatch"])
     figures = {"returns": save_figure(lambda: strategy_returns(found), folder / "a.png")}
-    figures["naming"] = save_figure(lambda: naming(named()), folder / "b.png")
+    figures["naming"] = save_figure(lambda: naming_rates_and_errors(named()), folder / "b.png")
     assert all(imread(path).shape[1] > 1000 for path in figures.values())
     return mismatch_page(
         found, [("Does breadth pay?", "Breadth <b> changed it by +40 [30, 50].")], figures, {"numpy": "2.x"}, named()

@@ -10,16 +10,18 @@ import pytest
 from rich.console import Console
 
 from policies.environments.randomization import Fixed
-from study.mismatch.experiment import OPTIMUM, PLAIN, MismatchExperiment, model_key
-from study.mismatch.findings import Verdict, mismatch_findings
-from study.mismatch.ground_truth import PRIOR, oracle
-from study.mismatch.mismatch_results import FITS, TRAININGS, Designed, Fitted, MismatchResults, Trained
+from study.mismatch.mismatch_experiment import MismatchExperiment, mismatch_results
+from study.mismatch.mismatch_findings import Verdict, mismatch_findings
+from study.mismatch.mismatch_plan import CONTRASTS, FREE, PLANS
+from study.mismatch.mismatch_sentences import mismatch_sentences
 from study.mismatch.naming_results import NAMING_TABLE, NamingResult, write_naming
-from study.mismatch.plan import CONTRASTS, FREE, PLANS
-from study.mismatch.sentences import mismatch_sentences
-from study.mismatch.trainings import TrainingSetup, agents_of
-from study.pipeline.experiment import run
+from study.mismatch.trial_setups import FITS, Fitted, agents_of
+from study.pipeline.stages import run
 from study.statistics import paired_t
+from study.trials.designs import OPTIMUM, PLAIN_ROD, Designed
+from study.trials.ground_truth import PRIOR, oracle
+from study.trials.populations import TRAININGS, Trained
+from study.trials.training_setup import TrainingSetup
 from sysid import InvalidInput
 from tests.study.inline import Inline
 
@@ -48,11 +50,11 @@ def invented():
             setup = TrainingSetup(PRIOR.with_parameters(theta), Fixed())
         fits.append(Fitted(*trial, setup.to_json(), 1.0))
         if trial.strategy in ("prior", "fitted", "mended"):
-            designs.append(Designed(plant.name, model_key(setup), seed, (-450.0 - seed,) * 2, 1.0))
+            designs.append(Designed(plant.name, setup.model_key, seed, (-450.0 - seed,) * 2, 1.0))
     for plant in PLAN.plants:
         for seed in PLAN.seeds:
             designs.append(Designed(plant.name, OPTIMUM, seed, (-350.0 - seed,) * 2, 1.0))
-            designs.append(Designed(plant.name, PLAIN, seed, (-430.0 - seed,) * 2, 1.0))
+            designs.append(Designed(plant.name, PLAIN_ROD, seed, (-430.0 - seed,) * 2, 1.0))
     keys, agents = agents_of(PLAN, fits)
     strategies = {key: trial.strategy for trial, key in keys.items()}
     for agent in agents:
@@ -148,7 +150,7 @@ def test_a_run_from_nothing_to_the_page(tmp_path):
     )
     out = io.StringIO()
     write_naming(tmp_path / NAMING_TABLE, [NamingResult("delay_large", 2, 1, "missing", ("delay",), True, 0.2, 0.01)])
-    with MismatchResults(tmp_path, plan) as results:
+    with mismatch_results(tmp_path, plan) as results:
         experiment = MismatchExperiment(plan, results, 1e9)
         run(experiment, Inline(), Console(file=out))
         experiment.publish(Console(file=out))

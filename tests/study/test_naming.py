@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from study.mismatch import naming
+from study.mismatch.mismatch_plan import PLANS
 from study.mismatch.naming import BUDGETS, FIGURE, FIRST, MOST, NamingExperiment, main, measure
 from study.mismatch.naming_results import (
     NAMING_TABLE,
@@ -19,7 +20,7 @@ from study.mismatch.naming_results import (
     read_naming,
     write_naming,
 )
-from study.mismatch.plan import COULOMB, DELAY_LARGE, MAGNET, PLAIN, PLANS
+from study.trials.hidden_plant import COULOMB, DELAY_LARGE, MAGNET, PLAIN
 from sysid import InvalidInput
 
 PLAN = PLANS["mismatch"]
@@ -81,7 +82,7 @@ def test_a_delay_is_named_and_m_and_l_are_closer_with_it():
     plan = dataclasses.replace(PLAN, plants=(DELAY_LARGE, PLAIN), budgets=(2,))
     found = {}
     for task in tasks(plan, (), (2,), 1):
-        (found[task.plant],) = task.run(_Silent())
+        (found[task.arguments[1]],) = task.run(_Silent())
     assert found["delay_large"].right
     assert found["delay_large"].steps[0].startswith("delay")
     assert found["delay_large"].error_mended < 0.3 * found["delay_large"].error_fitted
@@ -102,9 +103,9 @@ def test_a_table_is_read_as_it_was_written(tmp_path):
 
 
 def test_seeds_vary_slowest_and_only_what_is_missing_is_measured():
-    asked = list(tasks(PLAN, [row(1, FIRST), row(5, FIRST + 1)], (1, 5), 2))
-    assert [task.seed for task in asked] == [FIRST] * 6 + [FIRST + 1] * 6
-    assert {(t.plant, t.seed): t.budgets for t in asked if len(t.budgets) < 2} == {
+    asked = [task.arguments[1:] for task in tasks(PLAN, [row(1, FIRST), row(5, FIRST + 1)], (1, 5), 2)]
+    assert [seed for _, seed, _ in asked] == [FIRST] * 6 + [FIRST + 1] * 6
+    assert {(plant, seed): budgets for plant, seed, budgets in asked if len(budgets) < 2} == {
         ("delay_large", FIRST): (5,),
         ("delay_large", FIRST + 1): (1,),
     }
@@ -138,8 +139,8 @@ def test_a_run_goes_on_from_its_table(tmp_path, monkeypatch, capsys):
         for task in left:
             if len(done) == 3:
                 raise KeyboardInterrupt
-            done.append(task)
-            heard(task, "done", [row(n, task.seed, plant=PLAN.plant(task.plant)) for n in task.budgets])
+            done.append(task.arguments[1])
+            heard(task, "done", invented(task))
 
     monkeypatch.setattr("study.pipeline.processes.Processes.execute", execute)
     command = ["--out", str(tmp_path), "--seeds", "1", "--budgets", "1", "2"]
@@ -148,7 +149,7 @@ def test_a_run_goes_on_from_its_table(tmp_path, monkeypatch, capsys):
     assert len(read_naming(tmp_path / NAMING_TABLE)) == 6
     monkeypatch.setattr("study.pipeline.processes.Processes.execute", _go_on(done))
     assert main(command) == 0
-    assert [task.plant for task in done] == [plant.name for plant in PLAN.plants]
+    assert done == [plant.name for plant in PLAN.plants]
     assert (tmp_path / FIGURE).read_bytes().startswith(b"\x89PNG")
     capsys.readouterr()
     assert main(["--out", str(tmp_path)]) == 0
@@ -157,11 +158,16 @@ def test_a_run_goes_on_from_its_table(tmp_path, monkeypatch, capsys):
     assert "of 1 seeds" in said and "(10, 5)" in said and said.endswith(f"figure: {tmp_path / FIGURE}\n")
 
 
+def invented(task):
+    _, plant, seed, budgets = task.arguments
+    return [row(n, seed, plant=PLAN.plant(plant)) for n in budgets]
+
+
 def _go_on(done):
     def execute(self, left, heard):
         for task in left:
-            done.append(task)
-            heard(task, "done", [row(n, task.seed, plant=PLAN.plant(task.plant)) for n in task.budgets])
+            done.append(task.arguments[1])
+            heard(task, "done", invented(task))
 
     return execute
 

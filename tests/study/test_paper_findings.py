@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 
 from study.formatting import MINUS
-from study.paper.findings import PointFindings
+from study.paper.sweep_findings import PointFindings
 from sysid import InvalidInput
 
 

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from study.mismatch.ground_truth import PRIOR, rollouts, sensor
-from study.mismatch.network_fit import Weights, Windows, fit_network
-from study.mismatch.plan import DELAY_LARGE, PLAIN, PLANS
-from study.mismatch.residual_network import CommandFilter, ResidualNetwork, stacked, untrained
+from study.mismatch.mismatch_plan import PLANS
+from study.mismatch.trial_setups import rollouts, sensor
+from study.trials.ground_truth import PRIOR
+from study.trials.hidden_plant import DELAY_LARGE, PLAIN
+from study.trials.network_fit import Weights, Windows, fit_network
+from study.trials.residual_network import CommandFilter, ResidualNetwork, stacked, untrained
 from sysid import InvalidInput, RodPendulum, Viscous, effect, fit, simulate
 
 PLAN = PLANS["mismatch-smoke"]

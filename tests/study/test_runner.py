@@ -12,11 +12,11 @@ from rich.console import Console
 
 from policies.evaluation import evaluate, fresh_start_states, start_states
 from study.paper.presets import Point, Preset
-from study.paper.reference_controllers import REFERENCES, ReferenceTask
+from study.paper.reference_controllers import REFERENCES
 from study.paper.runs import RUNS, SweepPopulation, hidden_plant, identify
-from study.paper.sweep import Sweep, SweepResults, outputs
-from study.pipeline.experiment import run
+from study.paper.sweep import Sweep, outputs, sweep_results
 from study.pipeline.policy_files import read_policies
+from study.pipeline.stages import run
 from sysid import InvalidInput
 from tests.study.inline import Inline
 
@@ -39,18 +39,23 @@ MANY = Preset(
 PUBLISHED_COLUMNS = 9
 
 
-def finish(folder, preset=MANY, device="cpu", imported=None):
+def finish(folder, preset=MANY, imported=None, publish=True):
     """Run what is missing and publish; returns the executor, the runs and what was said."""
     executor, said = Inline(), io.StringIO()
-    with SweepResults(folder, preset, device) as store:
+    with sweep_results(folder, preset) as store:
         sweep = Sweep(preset, store, 1e9, imported)
         run(sweep, executor, Console(file=said))
-        sweep.publish(Console(file=said))
+        if publish:
+            sweep.publish(Console(file=said))
         return executor, store.all(RUNS), said.getvalue()
 
 
 def trained(executor):
     return [task for task in executor.tasks if isinstance(task, SweepPopulation)]
+
+
+def references(executor):
+    return [task for task in executor.tasks if task.table is REFERENCES]
 
 
 @pytest.fixture(scope="module")
@@ -85,9 +90,9 @@ def test_the_prior_range_is_trained_whatever_the_label_says(finished):
 
 def test_a_controller_is_designed_once_and_run_on_every_plant_that_asks(finished):
     folder, executor, runs, _ = finished
-    designs = [(t.controller, t.theta) for t in executor.tasks if isinstance(t, ReferenceTask)]
+    designs = [task.arguments[1:3] for task in references(executor)]
     assert len(designs) == len(set(designs)) == 2 * 3 + len({r.theta_hat for r in runs})
-    with SweepResults(folder, MANY) as store:
+    with sweep_results(folder, MANY) as store:
         found = store.all(REFERENCES)
     assert {(r.theta, r.truth) for r in found if r.controller == "optimal"} >= {
         (r.theta_hat, MANY.point(r.cell.point).truth) for r in runs
@@ -118,14 +123,14 @@ def test_the_folder_holds_tables_figures_and_a_section_a_point(finished):
 
 def test_a_finished_study_has_nothing_left_to_do(finished):
     folder, _, runs, _ = finished
-    executor, again, _ = finish(folder)
+    executor, again, _ = finish(folder, publish=False)
     assert executor.tasks == []
     assert again == runs
 
 
 def test_on_another_device_all_agents_train_together(finished, tmp_path, monkeypatch):
     monkeypatch.setattr("study.paper.runs.SweepPopulation.run", lambda self, link: [])
-    with SweepResults(tmp_path, MANY, "cuda") as store:
+    with sweep_results(tmp_path, MANY, "cuda") as store:
         executor = Inline()
         run(Sweep(MANY, store, 1e9), executor, Console(file=io.StringIO()))
     (population,) = trained(executor)
@@ -151,7 +156,7 @@ def test_a_table_of_runs_is_taken_up_without_its_episodes(finished, tmp_path):
     assert trained(executor) == []
     assert (tmp_path / "runs.csv").read_text() == (folder / "runs.csv").read_text()
     assert {(r.imported, r.returns, r.curve) for r in taken} == {("runs.csv", (), ())}
-    assert not [task for task in executor.tasks if isinstance(task, ReferenceTask)]
+    assert not references(executor)
     for name in ("references.csv", "ratings.csv"):
         assert (tmp_path / name).read_text() == (folder / name).read_text()
     assert "8 runs were taken up from runs.csv" in (tmp_path / "report.html").read_text(encoding="utf-8")
@@ -161,7 +166,7 @@ def test_references_of_other_tables_are_computed_anew(finished, tmp_path):
     folder, _, _, _ = finished
     finer = dataclasses.replace(MANY, grid=44)
     executor, _, _ = finish(tmp_path, finer, imported=folder / "runs.csv")
-    assert [task for task in executor.tasks if isinstance(task, ReferenceTask)]
+    assert references(executor)
     assert (tmp_path / "ratings.csv").read_text() != (folder / "ratings.csv").read_text()
 
 
@@ -169,7 +174,7 @@ def test_what_is_missing_is_trained_and_imported_runs_stay(finished, tmp_path):
     folder, _, runs, _ = finished
     lines = (folder / "runs.csv").read_text().splitlines()
     (tmp_path / "some.csv").write_text("\n".join([lines[0], *lines[5:]]) + "\n")
-    executor, taken, _ = finish(tmp_path / "out", imported=tmp_path / "some.csv")
+    executor, taken, _ = finish(tmp_path / "out", imported=tmp_path / "some.csv", publish=False)
     assert [task.index for task in trained(executor)] == [0, 1]
     own = {r.cell for r in taken if not r.imported}
     assert own == {cell for cell in MANY.cells if cell.point == "main"}
@@ -215,17 +220,17 @@ def changed(folder, path, **columns):
 )
 def test_a_row_of_something_else_is_refused_and_nothing_taken_up(finished, tmp_path, columns, told):
     changed(finished[0], tmp_path / "runs.csv", **columns)
-    with SweepResults(tmp_path / "out", MANY) as store:
+    with sweep_results(tmp_path / "out", MANY) as store:
         with pytest.raises(InvalidInput, match=told):
             run(Sweep(MANY, store, 1e9, tmp_path / "runs.csv"), Inline(), Console(file=io.StringIO()))
-        assert store.finished() == set()
+        assert store.keys(RUNS) == set()
 
 
 def test_runs_of_other_training_are_refused(finished, tmp_path):
     shutil.copy(finished[0] / "results.sqlite", tmp_path / "other.sqlite")
     longer = dataclasses.replace(MANY, steps=800)
     with (
-        SweepResults(tmp_path / "out", longer) as store,
+        sweep_results(tmp_path / "out", longer) as store,
         pytest.raises(InvalidInput, match="steps = 600, expected 800"),
     ):
         run(Sweep(longer, store, 1e9, tmp_path / "other.sqlite"), Inline(), Console(file=io.StringIO()))
@@ -235,10 +240,11 @@ def test_runs_on_another_plant_are_refused_where_no_estimate_tells(finished, tmp
     """Without data the estimate is the prior, whatever the plant."""
     shutil.copy(finished[0] / "results.sqlite", tmp_path / "other.sqlite")
     elsewhere = tuple(dataclasses.replace(p, truth=(2.5, 2.0)) for p in MANY.points)
-    with SweepResults(tmp_path / "out", dataclasses.replace(MANY, points=elsewhere)) as store:
+    moved = dataclasses.replace(MANY, points=elsewhere)
+    with sweep_results(tmp_path / "out", moved) as store:
         with pytest.raises(InvalidInput, match=r"n = 0, .* truth = \[.*\], expected \[2.5, 2.0\]"):
-            run(Sweep(store.preset, store, 1e9, tmp_path / "other.sqlite"), Inline(), Console(file=io.StringIO()))
-        assert store.finished() == set()
+            run(Sweep(moved, store, 1e9, tmp_path / "other.sqlite"), Inline(), Console(file=io.StringIO()))
+        assert store.keys(RUNS) == set()
 
 
 @pytest.mark.parametrize(
@@ -259,5 +265,5 @@ def test_a_file_of_something_else_is_refused(tmp_path, name, content, told):
         db.close()
     elif content is not None:
         path.write_bytes(content.encode() if isinstance(content, str) else content)
-    with SweepResults(tmp_path / "out", MANY) as store, pytest.raises(InvalidInput, match=told):
+    with sweep_results(tmp_path / "out", MANY) as store, pytest.raises(InvalidInput, match=told):
         run(Sweep(MANY, store, 1e9, path), Inline(), Console(file=io.StringIO()))

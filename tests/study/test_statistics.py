@@ -5,7 +5,7 @@ import pytest
 import scipy.stats
 
 from study.formatting import MINUS
-from study.statistics import bootstrap_coverage, paired_bootstrap, paired_t, sem, student, welch, wilson
+from study.statistics import bootstrap_coverage, holm, paired_bootstrap, paired_t, sem, student, welch, wilson
 from sysid import InvalidInput
 
 
@@ -116,3 +116,24 @@ def test_the_interval_of_a_rate_ends_at_never_and_at_always():
     assert wilson(20, 20)[1] == 1.0
     with pytest.raises(InvalidInput, match="3 hits in 2 tries"):
         wilson(3, 2)
+
+
+def test_holms_correction_by_hand():
+    assert holm({"a": 0.01, "b": 0.04, "c": 0.03, "d": 0.005}) == pytest.approx(
+        {"d": 4 * 0.005, "a": 3 * 0.01, "c": 2 * 0.03, "b": 2 * 0.03}
+    )
+    assert holm({"a": 0.03}) == {"a": 0.03}
+    assert holm({"a": 0.7, "b": 0.6}) == {"b": 1.0, "a": 1.0}
+    assert holm({}) == {}
+
+
+def test_whole_families_are_honest_and_keep_their_order():
+    source, wrong = rng(13), 0
+    for _ in range(500):
+        p = source.uniform(size=12)
+        adjusted = holm(dict(enumerate(p)))
+        values = np.array([adjusted[k] for k in range(12)])
+        assert np.all((p <= values) & (values <= 1.0))
+        assert np.all(np.diff(values[np.argsort(p)]) >= 0.0)
+        wrong += np.min(values) < 0.05
+    assert wrong / 500 < 0.08

@@ -10,15 +10,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from policies.network_policy import NetworkPolicy
-from study.mismatch.ground_truth import PRIOR
-from study.mismatch.plan import DELAY_MEDIUM
-from study.mismatch.plan import PLANS as MISMATCH
+from study.mismatch.mismatch_plan import PLANS as MISMATCH
 from study.paper.protocol import paper_model
 from study.strategies.catalogue import PLACES, strategy_class
-from study.strategies.plan import PLANS
 from study.strategies.plant import SENSORS, BudgetedPlant
 from study.strategies.session import CRITICS, Finished, Waiting, advance
+from study.strategies.strategies_plan import PLANS
 from study.strategies.strategy import Choice, Learn, Play, Situation, Strategy, Train, TrainingSetup, Try
+from study.trials.ground_truth import PRIOR
+from study.trials.hidden_plant import DELAY_MEDIUM
 from sysid import InvalidInput
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -148,10 +148,7 @@ def test_an_agent_with_critics_is_another_one_and_learning_costs_rollouts():
     from policies.environments.randomization import Fixed
 
     setup = TrainingSetup(PRIOR, Fixed())
-    plain, kept = (
-        ask(Train((setup,)), setup, found=untrained),
-        ask(Train((setup,), True), setup, found=untrained),
-    )
+    plain, kept = (ask(Train((setup,)), setup, found=untrained), ask(Train((setup,), True), setup, found=untrained))
     (one,), (other,) = plain.setups, kept.setups
     assert other == one + CRITICS
     learned = ask(Train((setup,), True), lambda a: Learn(3, a[0][0]), setup)
@@ -181,11 +178,11 @@ def test_a_strategy_that_needs_angles_refuses_speeds_alone():
 
 
 def test_a_missing_library_is_a_sentence(monkeypatch):
-    from study.strategies import extras
+    from study.strategies import strategy
 
-    monkeypatch.setattr(extras.importlib, "import_module", lambda name: (_ for _ in ()).throw(ImportError(name)))
+    monkeypatch.setattr(strategy.importlib, "import_module", lambda name: (_ for _ in ()).throw(ImportError(name)))
     with pytest.raises(InvalidInput, match=r"BayRn needs the package botorch.*pip install 'gapfinder\[strategies\]'"):
-        extras.required("botorch", "botorch", "BayRn")
+        strategy.required("botorch", "botorch", "BayRn")
 
 
 def test_plans_are_balanced_and_the_experiments_seeds_are_its_own():

@@ -12,19 +12,20 @@ from rich.console import Console
 from policies import SACPopulation, SACSettings
 from policies.environments.randomization import Band
 from study.figure_style import save_figure
-from study.mismatch.ground_truth import PRIOR
-from study.mismatch.mismatch_results import Designed, Trained
-from study.mismatch.plan import PLAIN
-from study.pipeline.experiment import run
 from study.pipeline.settings import RunOptions
+from study.pipeline.stages import run
+from study.presets import open_experiment
 from study.strategies.catalogue import PLACES, strategy_class
-from study.strategies.experiment import OPTIMUM
-from study.strategies.figures import COLOURS, MARKS, returns_of_strategies, simulated_steps
-from study.strategies.findings import strategies_findings
 from study.strategies.on_plant import GoesOnLearning, _read, _write, networks_of
-from study.strategies.plan import PLANS, StrategiesPlan
-from study.strategies.sentences import strategies_sentences
-from study.strategies.strategies_results import CaseRound
+from study.strategies.rounds import CaseRound
+from study.strategies.strategies_figures import COLOURS, MARKS, returns_of_strategies, simulated_steps
+from study.strategies.strategies_findings import strategies_findings
+from study.strategies.strategies_plan import PLANS, StrategiesPlan
+from study.strategies.strategies_sentences import strategies_sentences
+from study.trials.designs import OPTIMUM, Designed
+from study.trials.ground_truth import PRIOR
+from study.trials.hidden_plant import PLAIN
+from study.trials.populations import Trained
 from sysid import InvalidInput
 from tests.study.inline import Inline
 
@@ -52,7 +53,7 @@ class Stops(Inline):
 def attempt(folder, executor, plan=TINY):
     said = io.StringIO()
     console = Console(file=said, width=200)
-    with plan.experiment(RunOptions(folder)) as experiment:
+    with open_experiment(plan, RunOptions(folder)) as experiment:
         run(experiment, executor, console)
         experiment.publish(console)
     return said.getvalue()

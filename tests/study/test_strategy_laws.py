@@ -5,11 +5,11 @@ import math
 
 import numpy as np
 import pytest
+from scipy.special import expit
 
 from policies.control.dynamic_programming import solve
 from policies.environments import task
 from policies.evaluation import evaluate, rollout
-from study.mismatch.ground_truth import PRIOR, hidden_machine
 from study.paper.protocol import paper_model
 from study.strategies.adapt_sim import TABLE, AdaptSim, Levels
 from study.strategies.auto_tuned import AutoTuned
@@ -20,6 +20,7 @@ from study.strategies.plant import SENSORS, BudgetedPlant
 from study.strategies.readings import sensed, smoothed, smoothing_covariance, summary_statistics
 from study.strategies.simopt import SimOpt, reps_weights, weighted_normal
 from study.strategies.strategy import Play, Situation, TrainedAgent, Tried
+from study.trials.ground_truth import PRIOR, hidden_machine
 from sysid import Record, fit, simulate
 
 ELSEWHERE = dataclasses.replace(paper_model(m=1.5, l=1.2), integrator=PRIOR.integrator)
@@ -233,7 +234,7 @@ def test_the_search_of_auto_tuned_transfer_knows_too_high_from_too_low():
     network = strategy.taught(own, *strategy.episodes(own, swing, whole=True))
     records = BudgetedPlant(ELSEWHERE, "encoder", 8, seed=3).run(swing, 8, at_rest=False).records
     seen = np.array([statistics(own, r.u, r.theta, r.theta_dot) for r in records])
-    odds = [np.mean(network.odds(seen, np.full((8, 2), x)), axis=0) for x in (0.05, 0.35, 0.95)]
+    odds = [np.mean(expit(network.answers(seen, np.full(2, x))), axis=0) for x in (0.05, 0.35, 0.95)]
     assert np.all(np.diff(odds, axis=0) > 0.0)
     assert np.all(odds[0] < 0.2) and np.all(odds[2] > 0.8)
     found = strategy.searched(network, seen, own.believed, own.bounds)

@@ -12,8 +12,8 @@ from matplotlib.patches import Rectangle
 
 from study.figure_style import STYLE
 from study.formatting import MINUS
+from study.paper import sweep_figures as figures
 from study.paper import sweep_report
-from study.paper.figures import sweeps as figures
 from study.paper.reproduction import reproduce
 from study.paper.sweep_report import write_sweep_report
 

@@ -17,9 +17,8 @@ import pytest
 
 pytest.importorskip("dash", reason="the workbench needs the extra web")
 
-from sysid.cli.options import LogOptions, ModelOptions
-
 import sysid
+from sysid.cli.command_options import LogOptions, ModelOptions
 from sysid.data.record import write_csv
 from sysid.errors import InvalidInput
 from sysid.estimation.saved_model import load

@@ -1,0 +1,288 @@
+"""What a finished operating point shows, each figure a function of its findings; `save_all` writes the files.
+
+heatmap   mean return of every cell, n down, w across       pareto   the best width at every budget
+gap       agents and perfect designers against the optimum  curves   how training went
+
+Heat maps and best widths may stand side by side: then they share their scale, which ends at the optimum of the hidden
+plant. A cell's small number is how much of the gap between no data at all, (n, w) = (0, 0), and that optimum it closes.
+What controllers that know the hidden plant return there is drawn the same way in every figure.
+"""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from study.figure_style import ACCENT, COLOURS, PAPER_WHITE, annotate_beside, panels_abreast, save_figure, width_colours
+from study.formatting import number, percent
+from study.paper.published_numbers import CellSummary
+from study.paper.reference_controllers import LQR, OPTIMAL, SWING_UP
+from study.paper.sweep_findings import PointFindings
+from study.statistics import sem
+
+NAMES = {OPTIMAL: "optimal", SWING_UP: "swing-up + LQR", LQR: "LQR alone"}
+LOOKS = {OPTIMAL: ("-", 6), SWING_UP: ("-.", -6), LQR: (":", 0)}
+"""Line style, and by how many points the name stands beside the line."""
+
+
+def reference_lines(panels: Sequence[Axes], references: Mapping[str, float], low: float) -> None:
+    """Lines across panels that share their scale, named at the right; what lies below the figure stands in words.
+
+    low: the least mean return that is drawn.
+    """
+    room = 0.14 * (references[OPTIMAL] - low)
+    end = panels[-1]
+    end.set_ylim(low - room, references[OPTIMAL] + room)
+    for controller, (style, shift) in LOOKS.items():
+        value = references[controller]
+        inside = value > low - room
+        for axes in panels if inside else ():
+            axes.axhline(value, color=ACCENT, linestyle=style, linewidth=1.1, zorder=1)
+        text = f"{'' if inside else '↓ '}{NAMES[controller]} {number(value)}"
+        at = 1.0, value if inside else low - 0.9 * room
+        annotate_beside(end, text, at, (5, shift), xycoords=end.get_yaxis_transform(), color=ACCENT)
+
+
+OURS = COLOURS(0.35)
+
+Summaries = Mapping[tuple[int, float], CellSummary]
+"""Return by (n, w)."""
+
+LEGEND = "bold: mean return; below: standard error over seeds"
+CLOSED = " · share of the gap from no data to the optimum"
+
+
+def heatmaps(sides: Mapping[str, Summaries], references: Mapping[str, float]) -> Figure:
+    """Mean return +- SEM of every cell of each side, by title; the best cell is outlined.
+
+    The first side says which cells there are.
+    """
+    first = next(iter(sides.values()))
+    budgets, widths = sorted({n for n, _ in first}), sorted({w for _, w in first})
+    means = [side[key].mean for side in sides.values() for key in first if key in side]
+    low, high = min(means), max(*means, references[OPTIMAL])
+    across = max(5.6, 2.2 + 0.78 * len(sides) * len(widths))
+    figure, panels = panels_abreast(len(sides), across, 1.8 + 0.6 * len(budgets))
+    for axes, (title, cells) in zip(panels, sides.items(), strict=True):
+        image = _panel(axes, cells, (budgets, widths), (low, high), references[OPTIMAL])
+        axes.set_title(title, fontsize=11.0, pad=8.0)
+    panels[0].set_ylabel("rollouts measured, n")
+    legend = textwrap.fill(LEGEND + CLOSED * (budgets[0] == 0), int(14.0 * across))
+    figure.supxlabel(f"width w of the training band around the estimate\n{legend}", fontsize=9.0, color="0.15")
+    _scale(figure, panels, image, (low, high), references)
+    return figure
+
+
+def _panel(
+    axes: Axes, cells: Summaries, grid: tuple[Sequence[int], Sequence[float]], ends: tuple[float, float], optimum: float
+) -> Any:
+    budgets, widths = grid
+    low, high = ends
+    values = np.array([[cells[n, w].mean if (n, w) in cells else math.nan for w in widths] for n in budgets])
+    image = axes.imshow(values, cmap=COLOURS, vmin=low, vmax=high, aspect="auto")
+    start = cells[0, widths[0]].mean if (0, widths[0]) in cells else math.nan
+    for i, n in enumerate(budgets):
+        for j, w in enumerate(widths):
+            if (n, w) not in cells:
+                axes.add_patch(Rectangle((j - 0.5, i - 0.5), 1.0, 1.0, facecolor="0.93", edgecolor="white"))
+                axes.text(j, i, "not run", ha="center", va="center", color="0.55", fontsize=8.0)
+                continue
+            cell = cells[n, w]
+            colour = "0.05" if (cell.mean - low) / (high - low or 1.0) > 0.55 else "white"
+            middle = {"ha": "center", "va": "center", "color": colour}
+            axes.text(j, i - 0.11, number(cell.mean), fontsize=11.5, weight="bold", **middle)
+            error = "" if math.isnan(cell.sem) else f"± {cell.sem:.0f}"
+            closed = (cell.mean - start) / (optimum - start)
+            share = "" if (i, j) == (0, 0) or math.isnan(closed) else percent(closed)
+            axes.text(j, i + 0.24, " · ".join(filter(None, (error, share))), fontsize=7.6, **middle)
+    if cells:
+        n, w = max((key for key in cells if key[0] in budgets and key[1] in widths), key=lambda key: cells[key].mean)
+        corner, line = (widths.index(w) - 0.5, budgets.index(n) - 0.5), {"edgecolor": ACCENT, "linewidth": 2.6}
+        axes.add_patch(Rectangle(corner, 1.0, 1.0, fill=False, zorder=3, clip_on=False, **line))
+    axes.set_xticks(range(len(widths)), [f"{w:g}" for w in widths])
+    axes.set_yticks(range(len(budgets)), [str(n) for n in budgets])
+    for edge in range(1, len(widths)):
+        axes.axvline(edge - 0.5, color="white", linewidth=1.2)
+    for edge in range(1, len(budgets)):
+        axes.axhline(edge - 0.5, color="white", linewidth=1.2)
+    axes.spines[:].set_visible(False)
+    axes.tick_params(length=0)
+    return image
+
+
+def _scale(
+    figure: Figure, panels: Sequence[Axes], image: Any, ends: tuple[float, float], references: Mapping[str, float]
+) -> None:
+    low, high = ends
+    bar = figure.colorbar(image, ax=panels, pad=0.02, aspect=22, extend="min")
+    bar.outline.set_visible(False)
+    optimum, swing_up, lqr = (references[c] for c in (OPTIMAL, SWING_UP, LQR))
+    span = high - low or 1.0
+    ticks = [t for t in bar.get_ticks() if low <= t <= high - 0.17 * span and abs(t - lqr) > 0.06 * span]
+    bar.set_ticks(ticks, labels=[number(t) for t in ticks])
+    bar.ax.tick_params(length=0, labelsize=9.0)
+    best, style = (f"{number(optimum)} {NAMES[OPTIMAL]}\n{number(swing_up)} swing-up", {"xycoords": "axes fraction"})
+    annotate_beside(bar.ax, best, (1.0, 1.0), (4, 2), va="top", color=ACCENT, **style)
+    place = (lqr - low) / span
+    shift = (4, -9 if place < 0.0 else 0)
+    annotate_beside(bar.ax, f"{number(lqr)} {NAMES[LQR]}", (1.0, max(place, 0.0)), shift, color=ACCENT, **style)
+
+
+def paretos(sides: Mapping[str, Summaries], references: Mapping[str, float]) -> Figure:
+    """The best mean return at every budget of each side, between its extremes and the references.
+
+    Sides after the first show the first one's best in grey.
+    """
+    figure, panels = panels_abreast(len(sides), 6.8 if len(sides) == 1 else 10.0, 4.3)
+    first = next(iter(sides.values()))
+    for axes, (title, cells) in zip(panels, sides.items(), strict=True):
+        if cells is not first:
+            best = _best(first)
+            axes.plot(list(best), [first[key].mean for key in best.values()], color="0.75", linewidth=1.4, zorder=1)
+        _pareto(axes, cells)
+        axes.set_title(title, fontsize=11.0, pad=8.0)
+        axes.set_xticks(sorted({n for n, _ in first}))
+    reference_lines(panels, references, min(c.mean for side in sides.values() for c in side.values()))
+    panels[0].set_ylabel("best mean return at a budget (± SEM)")
+    figure.supxlabel("rollouts measured, n", fontsize=10.0, color="0.15")
+    return figure
+
+
+def _best(cells: Summaries) -> dict[int, tuple[int, float]]:
+    budgets = sorted({n for n, _ in cells})
+    return {n: max((key for key in cells if key[0] == n), key=lambda key: cells[key].mean) for n in budgets}
+
+
+def _pareto(axes: Axes, cells: Summaries) -> None:
+    best = _best(cells)
+    if not best:
+        return
+    first, last = min(best), max(best)
+    breadth = first, max(w for n, w in cells if n == first)
+    fidelity = last, min(w for n, w in cells if n == last)
+    without = ("pure breadth" if breadth[1] else "no data") if first == 0 else "least data"
+    for (n, w), name, style, shift in ((fidelity, "pure fidelity", "--", -34), (breadth, without, ":", 10)):
+        axes.axhline(cells[n, w].mean, color="0.35", linestyle=style, linewidth=1.0, zorder=1)
+        text, across = f"{name}, n = {n}, w = {w:g}: {number(cells[n, w].mean)}", axes.get_yaxis_transform()
+        annotate_beside(axes, text, (0.98, cells[n, w].mean), (0, shift), xycoords=across, ha="right", color="0.35")
+    means, errors = ([getattr(cells[key], name) for key in best.values()] for name in ("mean", "sem"))
+    axes.errorbar(list(best), means, errors, color=OURS, marker="o", markersize=6, linewidth=1.8, capsize=3, zorder=3)
+    for (n, w), mean, error in zip(best.values(), means, errors, strict=True):
+        low, right = 0.0 if math.isnan(error) else error, n == last
+        annotate_beside(axes, f"w* = {w:g}", (n, mean - low), (5, -16 if right else -5), va="top", color="0.2",
+               ha="right" if right else "left", bbox=PAPER_WHITE)  # fmt: skip
+
+
+SMOOTH = 10
+"""Training episodes averaged into a point of a learning curve."""
+
+
+def heatmap(findings: PointFindings) -> Figure:
+    """Mean return +- SEM of every cell; the best cell is outlined; the brightest colour is the optimum."""
+    return heatmaps({"Mean return on the hidden plant": findings.summaries}, findings.allowed())
+
+
+def pareto(findings: PointFindings) -> Figure:
+    """The best mean return at every budget and the width that reached it, between two extremes and the references."""
+    return paretos({"What the next rollout is worth": findings.summaries}, findings.allowed())
+
+
+def gap(findings: PointFindings) -> Figure:
+    """Agents at every width, and the controller that is optimal for the estimate, below the optimum of the plant."""
+    budgets, widths = findings.point.budgets, findings.point.widths
+    figure = Figure(figsize=(6.6, 4.2), layout="constrained")
+    axes = figure.add_subplot()
+    x = np.arange(len(budgets), dtype=float)
+    design = [findings.design((n, widths[0])) for n in budgets]
+    axes.errorbar(x, [np.mean(d) for d in design], [sem(d) for d in design], color="0.1", marker="D", markersize=6,
+                  linestyle="none", capsize=3, label="optimal for the estimate", zorder=3)  # fmt: skip
+    offsets = 0.16 + 0.56 * np.arange(len(widths)) / max(1, len(widths) - 1) * min(1.0, len(widths) / 5.0)
+    lows = [float(np.mean(d)) - _reach(sem(d)) for d in design]
+    for w, offset, colour in zip(widths, offsets, width_colours(len(widths)), strict=True):
+        means, errors = zip(*(findings.summaries[n, w][:2] for n in budgets), strict=True)
+        lows += [mean - _reach(error) for mean, error in zip(means, errors, strict=True)]
+        axes.errorbar(x + offset, means, errors, color=colour, marker="o", markersize=5, linestyle="none", capsize=2,
+                      label=f"agent, {findings.label(w)}", zorder=3)  # fmt: skip
+    axes.set_xticks(x + 0.5 * offsets[-1], [str(n) for n in budgets])
+    axes.tick_params(axis="x", length=0)
+    for edge in x[1:] - 0.5 * (1.0 - offsets[-1]):
+        axes.axvline(edge, color="0.9", linewidth=0.8, zorder=0)
+    reference_lines([axes], findings.allowed(), min(lows))
+    axes.set_xlabel("rollouts measured, n")
+    axes.set_ylabel("mean return on the hidden plant (± SEM)")
+    axes.set_title("Why agents are short of the optimum")
+    axes.legend(loc="lower right" if len(budgets) > 1 else "center", fontsize=9.0)
+    return figure
+
+
+def _reach(error: float) -> float:
+    """How far a bar reaches; one seed has none."""
+    return error if math.isfinite(error) else 0.0
+
+
+def curves(findings: PointFindings) -> Figure:
+    """Training returns, in the simulators an agent trains on, averaged over seeds and a few episodes."""
+    budgets, widths = findings.point.budgets, findings.point.widths
+    figure, panels = panels_abreast(len(budgets), 1.2 + 2.0 * len(budgets), 2.9)
+    for axes, n in zip(panels, budgets, strict=True):
+        for w, colour in zip(widths, width_colours(len(widths)), strict=True):
+            table = [run.curve for run in findings.cells[n, w] if run.curve]
+            episodes = min((len(curve) for curve in table), default=0)
+            size = min(SMOOTH, max(1, episodes))
+            usable = episodes - episodes % size
+            if not usable:
+                continue
+            steps = np.array([step for step, _ in table[0][:usable]]).reshape(-1, size)[:, -1]
+            returns = np.array([[value for _, value in curve[:usable]] for curve in table])
+            axes.plot(
+                steps / 1000.0,
+                returns.reshape(len(table), -1, size).mean((0, 2)),
+                color=colour,
+                label=findings.label(w),
+            )
+        axes.set_title(f"n = {n}", fontweight="normal", loc="center", pad=4)
+    panels[0].set_ylabel("training return")
+    labelled = [axes for axes in panels if axes.lines]
+    if labelled:
+        labelled[-1].legend(fontsize=8.0, loc="lower right")
+    lacking = sum(not run.curve for run in findings.runs)
+    if lacking:
+        figure.suptitle(f"{lacking} of {len(findings.runs)} runs were imported without learning curves", fontsize=9.0)
+    figure.supxlabel("environment steps [thousands]", fontsize=10.0)
+    return figure
+
+
+DRAWINGS: dict[str, Callable[[PointFindings], Figure]] = {
+    "heatmap": heatmap,
+    "pareto": pareto,
+    "gap": gap,
+    "curves": curves,
+}
+
+
+def drawn_of(findings: PointFindings) -> list[str]:
+    """The figures that say something: of a choice where there is one, and of curves that are known."""
+    point = findings.point
+    idle = {
+        "heatmap": len(point.budgets) * len(point.widths) == 1,
+        "pareto": len(point.budgets) == 1,
+        "curves": not any(run.curve for run in findings.runs),
+    }
+    return [name for name in DRAWINGS if not idle.get(name)]
+
+
+def save_all(findings: PointFindings, folder: Path) -> dict[str, Path]:
+    """Draw the figures of an operating point into the folder; returns the files by name."""
+    names = drawn_of(findings)
+    files = {name: folder / findings.preset.figure_file(findings.point.name, name) for name in names}
+    for name, path in files.items():
+        save_figure(lambda name=name: DRAWINGS[name](findings), path)
+    return files

@@ -1,0 +1,105 @@
+"""Hidden plants, and what every plan has whose agents are run on them. This module loads nothing heavy.
+
+Sizes of the hidden effects are those that dynamic programming found dear (`python -m study.mismatch.effect_cost`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import KW_ONLY, dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from study.pipeline.settings import StudySettings
+
+if TYPE_CHECKING:
+    from sysid import Effect
+
+
+@dataclass(frozen=True)
+class HiddenPlant:
+    """A machine with one effect, of the catalogue or outside it; None: the plain rod.
+
+    numbers   the effect's parameters (name, value)
+    percent   what it costs an optimal policy not to know it, in percent of the return, by the programs of
+              `effect_cost`; a record: nothing is computed from it
+    """
+
+    name: str
+    effect: str | None = None
+    numbers: tuple[tuple[str, float], ...] = ()
+    percent: float = 0.0
+
+    @property
+    def in_catalogue(self) -> bool | None:
+        """Whether the catalogue has its effect; None without one."""
+        from sysid import CATALOGUE
+
+        return None if self.effect is None else self.effect in CATALOGUE
+
+    @cached_property
+    def hidden_effect(self) -> Effect | None:
+        """What the plant has and the prior lacks. Raises InvalidInput for an unknown effect."""
+        from study.trials.outside_effects import effect_called
+
+        return None if self.effect is None else effect_called(self.effect, **dict(self.numbers))
+
+    @property
+    def noun(self) -> str:
+        """The kind of effect in words: "delay"."""
+        if self.effect is None:
+            return "nothing missing"
+        return _NOUNS.get(self.effect, self.effect.replace("_", " "))
+
+    @property
+    def size(self) -> str:
+        """The effect's first number with its unit: "0.155 s"; nothing for the plain plant."""
+        if self.hidden_effect is None:
+            return ""
+        name, value = self.numbers[0]
+        return f"{value:g} {self.hidden_effect.parameters[name].unit}".removesuffix(" 1")
+
+    @property
+    def title(self) -> str:
+        """What the plant has and the prior lacks: "delay 0.155 s"."""
+        return f"{self.noun} {self.size}".rstrip()
+
+
+_NOUNS = {"coulomb": "Coulomb friction", "slew_limit": "slew limit"}
+
+
+@dataclass(frozen=True)
+class TrainingPlan(StudySettings):
+    """What every plan has whose agents train on setups and are run on hidden plants.
+
+    history   past commands that every agent observes
+    agents    trained together in one process on a CPU, at most
+    episodes  of every agent on a hidden plant, once trained
+    grid      angles of the dynamic programs, at the hidden plants and at every fitted model
+    """
+
+    name: str
+    plants: tuple[HiddenPlant, ...]
+    _: KW_ONLY
+    hidden: tuple[int, ...] = (64, 64)
+    algorithm: str = "sac"
+    steps: int = 30_000
+    random_steps: int = 1000
+    batch: int = 256
+    history: int = 4
+    agents: int = 25
+    episodes: int = 20
+    grid: int = 120
+
+    def plant(self, name: str) -> HiddenPlant:
+        """The hidden plant of that name; raises KeyError for another."""
+        return {plant.name: plant for plant in self.plants}[name]
+
+
+PLAIN = HiddenPlant("plain")
+COULOMB = HiddenPlant("coulomb", "coulomb", (("tau_c", 1.5),), 3.9)
+DELAY_MEDIUM = HiddenPlant("delay_medium", "delay", (("T", 0.126),), 9.9)
+DELAY_LARGE = HiddenPlant("delay_large", "delay", (("T", 0.155),), 30.0)
+MAGNET = HiddenPlant("magnet", "magnet", (("k", 1.25),), 29.1)
+SLEW = HiddenPlant("slew", "slew_limit", (("rate", 8.5),), 28.4)
+
+ALL_PLANTS = (PLAIN, COULOMB, DELAY_MEDIUM, DELAY_LARGE, MAGNET, SLEW)

@@ -1,0 +1,177 @@
+"""What can be made of n rollouts: what an agent then trains on. Nobody is in the loop.
+
+    Budget(records, sensor, seed).setup("mended") -> TrainingSetup
+
+All fits but the grid's are by output error with the sensor's noise known, from the same records.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from policies.environments.randomization import Band, Mixture, Posterior, RandomForce, Randomization
+from study.trials.ground_truth import PRIOR
+from study.trials.training_setup import TrainingSetup
+from sysid import (
+    Diagnosis,
+    Estimate,
+    GridSearch,
+    InvalidInput,
+    Model,
+    Record,
+    Sensor,
+    add,
+    diagnose,
+    effect,
+    fit,
+    residual_torque,
+)
+from sysid.estimation.held_out import held_out_error
+
+AT_ONCE = (
+    "viscous", "coulomb", "drag", "load_friction", "tilt", "spring", "torque_bias", "delay", "lag", "dead_zone",
+    "saturation", "angle_offset", "velocity_bias", "velocity_gain", "sensor_delay", "backlash",
+)  # fmt: skip
+"""Every effect of the catalogue that can stand beside the others, does not depend on time or on a number that no slope
+finds (a ripple's order), and is not absorbed by m and l: of those that contain each other the simpler one."""
+
+
+class Budget:
+    """n rollouts (Records) and what can be made of them; what several strategies need is made once.
+
+    band: half the relative width of the one about the fit
+    """
+
+    def __init__(self, records: Sequence[Record], sensor: Sensor, seed: int, band: float = 0.3) -> None:
+        self.records, self.sensor, self.seed, self.band = records, sensor, seed, band
+
+    def setup(self, strategy: str) -> TrainingSetup:
+        """What the strategy trains on; raises InvalidInput for an unknown strategy."""
+        made: dict[str, Callable[[], TrainingSetup]] = {
+            "grid": self._grid,
+            "fitted": lambda: TrainingSetup(self.fitted.model, center(self.fitted)),
+            "band": lambda: TrainingSetup(self.fitted.model, center(self.fitted, self.band)),
+            "mended": self._mended,
+            "all_effects": self._at_once,
+            "posterior": self._posterior,
+            "random_force": self._random_force,
+            "network": self._network,
+        }
+        if strategy not in made:
+            raise InvalidInput(f"strategy {strategy!r}: expected one of {', '.join(made)}")
+        return made[strategy]()
+
+    @cached_property
+    def fitted(self) -> Estimate:
+        return fit(PRIOR, self.records, self.sensor, ("m", "l"))
+
+    @cached_property
+    def diagnosis(self) -> Diagnosis:
+        return diagnose(PRIOR, self.records, self.sensor)
+
+    @property
+    def believed(self) -> bool:
+        """Whether what was named is taken into the model: not where nothing known pays, nor where the error on held-out
+        rollouts did not fall."""
+        found = self.diagnosis
+        return found.verdict != "unknown" and (not found.steps or found.error.ratio < found.base_error.ratio)
+
+    @cached_property
+    def mended(self) -> Estimate:
+        """Refitted on all rollouts with the effects that were named and believed."""
+        found = self.diagnosis
+        if not self.believed or not (found.steps or found.conventions):
+            return self.fitted
+        return fit(found.estimate.model, self.records, self.sensor, found.estimate.names)
+
+    def _mended(self) -> TrainingSetup:
+        found, model = self.diagnosis, self.mended.model.machine
+        drawn, about = center(self.mended), {"errors": [found.base_error.ratio, found.error.ratio]}
+        if not self.believed:
+            drawn, force = self._with_random_force(drawn, self.mended.model)
+            about |= {"believed": False, **force}
+        elif found.verdict == "cannot tell":
+            model, drawn = self._class()
+        return TrainingSetup(model, drawn, found.verdict, tuple(s.effect for s in found.steps), about)
+
+    def _posterior(self) -> TrainingSetup:
+        named = self._mended()
+        if isinstance(named.drawn, Mixture):
+            return named
+        posterior: Randomization = posterior_of(self.mended)
+        if isinstance(named.drawn, RandomForce):
+            posterior = RandomForce(posterior, named.drawn.s, named.drawn.T)
+        return dataclasses.replace(named, drawn=posterior)
+
+    def _class(self) -> tuple[Model, Randomization]:
+        """Each effect of a class that does not separate, fitted in turn, in a model that holds them all."""
+        step = next(s for s in self.diagnosis.steps if s.rivals)
+        fits, together = [self.mended], self.mended.model
+        for name in step.rivals:
+            try:
+                added = add(self.mended.model.without_effect(step.effect), name, self.records, self.sensor)
+                together = together.with_effect(effect(name))
+            except InvalidInput:  # one that this log cannot show, or that contains another of the class
+                continue
+            fits.append(fit(added.estimate.model, self.records, self.sensor, added.estimate.names))
+        machine = together.machine
+        neutral = {
+            p.name: float(p.value if p.neutral is None else p.neutral)
+            for p in machine.parameters.values()
+            if "." in p.name
+        }
+        names = [name for name in machine.parameters if any(name in f.names for f in fits)]
+        alternatives = [{name: f.values.get(name, neutral.get(name, math.nan)) for name in names} for f in fits]
+        return machine, Mixture(tuple(alternatives))
+
+    def _grid(self) -> TrainingSetup:
+        found = GridSearch(("m", "l")).fit(PRIOR, self.records)
+        return TrainingSetup(found.model, center(found))
+
+    def _at_once(self) -> TrainingSetup:
+        """From the fit without effects, first without and then with a limit of the drive, whichever is nearer: the fit
+        has no slope from "never" to a limit, and a limit that it begins with hides the rest."""
+        free = [effect(name) for name in AT_ONCE if name != "saturation"]
+        first = fit(dataclasses.replace(self.fitted.model, effects=tuple(free)), self.records, self.sensor)
+        second = fit(first.model.with_effect(effect("saturation")), self.records, self.sensor)
+        errors = [held_out_error(found.model, self.records, self.sensor).ratio for found in (first, second)]
+        found = (first, second)[int(np.argmin(errors))]
+        numbers = {"saturation.limit": PRIOR.u_max, **center(found).center}  # a limit that no command reaches
+        return TrainingSetup(
+            second.model.with_parameters(numbers), Band(numbers), about={"fit_errors": errors, "success": found.success}
+        )
+
+    def _network(self) -> TrainingSetup:
+        from study.trials.network_fit import fit_network
+
+        learned = fit_network(self.fitted.model, self.records, self.sensor, np.random.default_rng([self.seed, 1]))
+        return TrainingSetup(learned.model, center(self.fitted), about={"errors": [learned.before, learned.after]})
+
+    def _random_force(self) -> TrainingSetup:
+        drawn, about = self._with_random_force(center(self.fitted), self.fitted.model)
+        return TrainingSetup(self.fitted.model, drawn, about=about)
+
+    def _with_random_force(self, drawn: Randomization, model: Model) -> tuple[Randomization, dict[str, Any]]:
+        """Random torques of the size and memory that the log asks for beyond the model."""
+        residual = residual_torque(model, self.records, self.sensor)
+        if not residual.present:
+            return drawn, {"s": 0.0}
+        return RandomForce(drawn, residual.s, residual.T), {"s": residual.s, "T": residual.T}
+
+
+def center(estimate: Estimate, w: float = 0.0) -> Band:
+    """A band of relative width w about the estimate, of what belongs to the machine; w = 0: the numbers themselves."""
+    machine = estimate.model.machine.parameters
+    return Band({name: value for name, value in estimate.values.items() if name in machine}, w)
+
+
+def posterior_of(estimate: Estimate) -> Posterior:
+    """The estimate's normal distribution; what the records leave open stays at its number."""
+    machine, sd = estimate.model.machine.parameters, estimate.sd
+    return Posterior.of(estimate, [name for name in estimate.names if name in machine and math.isfinite(sd[name])])

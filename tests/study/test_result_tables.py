@@ -1,0 +1,109 @@
+"""What results folders keep: every kind of row, sorted by its keys, all of an answer or none of it."""
+
+import dataclasses
+import sqlite3
+
+import pytest
+
+from study.mismatch.mismatch_experiment import mismatch_results
+from study.mismatch.mismatch_plan import PLANS
+from study.mismatch.trial_setups import FITS, Fitted
+from study.paper.presets import PRESETS, Cell
+from study.paper.reference_controllers import REFERENCES, Reference
+from study.paper.runs import ESTIMATES, RUNS, Estimated, Run
+from study.paper.sweep import sweep_results
+from study.trials.designs import DESIGNS, Designed
+from study.trials.populations import TRAININGS, Trained
+from sysid import InvalidInput
+
+MISMATCH = PLANS["mismatch-smoke"]
+SWEEP = dataclasses.replace(PRESETS["smoke"], name=MISMATCH.name)
+CURVE, SETTINGS = ((200, -3.5),), {"sac": {"steps": 1}}
+MODEL = {"effects": [{"name": "delay", "T": 0.126}], "sd": [0.1, 1e-17], "unit": None}
+FITTED = Fitted("delay_medium", "mended", 5, 1, {"model": MODEL, "verdict": "delay"}, 7.5)
+TRAINED = Trained("0f3a", {"plain": (-1.25, -2.5), "magnet": (-0.1,)}, ((200, -3.5), (400, -2.0)), {"torch": "2"}, 9.0)
+RUN = Run(Cell("main", 5, 0.5, 1), 0, (1.785, 1.65), 0.26, (-1.25, -2.5), CURVE, SETTINGS, {"torch": "2"}, 7.5, (-3.0,))
+ROWS = {
+    "fits": (FITS, FITTED, {"seed": 0}),
+    "trainings": (TRAININGS, TRAINED, {"key": "0000"}),
+    "designs": (DESIGNS, Designed("magnet", "0f3a", 1, (-1.0, -2.0), 3.0), {"seed": 0}),
+    "estimates": (ESTIMATES, Estimated("main", 5, 1, (1.785, 1.65), 0.5), {"seed": 0}),
+    "runs": (RUNS, RUN, {"cell": RUN.cell._replace(seed=0)}),
+    "references": (REFERENCES, Reference("lqr", (2.1, 1.5), (2.0, 1.5), 1, (-1.0,), {"numpy": "2"}, 3.0), {"seed": 0}),
+}
+"""Of each table a row, and what makes another one of it that sorts before it."""
+
+
+def changed(row, **fields):
+    return row._replace(**fields) if hasattr(row, "_replace") else dataclasses.replace(row, **fields)
+
+
+@pytest.fixture(params=ROWS)
+def table(request):
+    own, row, first = ROWS[request.param]
+    return own, row, changed(row, **first)
+
+
+def opened(folder, own):
+    if own in (FITS, TRAININGS, DESIGNS):
+        return mismatch_results(folder, MISMATCH)
+    return sweep_results(folder, SWEEP)
+
+
+def test_what_went_in_comes_out_again_sorted(table, tmp_path):
+    own, row, first = table
+    with opened(tmp_path, own) as results:
+        assert results.all(own) == []
+        results.add(own, [row, first])
+    with opened(tmp_path, own) as results:
+        assert results.all(own) == [first, row]
+        assert len(results.keys(own)) == 2
+        assert all(results.has(own, key) for key in results.keys(own))
+        assert not results.has(own, ["nothing"] * own.keys)
+
+
+def test_a_second_answer_takes_the_place_of_the_first(table, tmp_path):
+    own, row, first = table
+    with opened(tmp_path, own) as results:
+        results.add(own, [row, first])
+        results.add(own, [changed(row, seconds=0.25)])
+        assert results.all(own) == [first, changed(row, seconds=0.25)]
+
+
+def test_answers_are_kept_all_or_none(table, tmp_path):
+    own, row, first = table
+    with opened(tmp_path, own) as results:
+        with pytest.raises(sqlite3.Error):
+            results.add(own, [row, changed(first, seconds=object())])
+        assert results.all(own) == []
+
+
+@pytest.mark.parametrize("field", ["plant", "strategy", "n", "seed"])
+def test_every_rollout_of_every_strategy_has_its_own_fit(field, tmp_path):
+    other = dataclasses.replace(FITTED, **{field: 0 if field in ("n", "seed") else "another"})
+    with mismatch_results(tmp_path, MISMATCH) as results:
+        results.add(FITS, [FITTED, other])
+        assert results.all(FITS) == sorted([other, FITTED], key=lambda fit: fit.trial)
+
+
+@pytest.mark.parametrize(
+    ("own", "row", "first", "second"), [(TRAININGS, TRAINED, "first", "second"), (RUNS, RUN, 0, 1)]
+)
+def test_a_finished_population_has_no_progress_left(own, row, first, second, tmp_path):
+    with opened(tmp_path, own) as results:
+        assert results.training_seconds(first) == 0.0
+        results.note_training(first, 12.5)
+        results.note_training(first, 25.0)
+        results.note_training(second, 3.0)
+        assert results.training_seconds(first) == 25.0
+        results.add(own, [row], [first])
+        assert (results.training_seconds(first), results.training_seconds(second)) == (0.0, 3.0)
+
+
+def test_the_folder_of_another_kind_is_refused(tmp_path):
+    mismatch_results(tmp_path / "mismatch", MISMATCH).close()
+    with pytest.raises(InvalidInput, match="format 'mismatch 2', expected '2'"):
+        sweep_results(tmp_path / "mismatch", SWEEP)
+    sweep_results(tmp_path / "study", SWEEP).close()
+    with pytest.raises(InvalidInput, match="format '2', expected 'mismatch 2'"):
+        mismatch_results(tmp_path / "study", MISMATCH)
