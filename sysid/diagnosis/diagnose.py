@@ -175,14 +175,14 @@ def _known(effects: Iterable[str]) -> tuple[str, ...]:
 
 
 def is_lowered(error: float, without: float, tolerance: float) -> bool:
-    """Whether something lowers an error, in units of the noise, by what matters of its excess over the noise.
+    """Whether something lowers an error, in units of the noise, by that share of its excess over the noise.
 
     error^2 - 1 <= (1 - tolerance)^2 (without^2 - 1),   or where that was noise: error <= without, but for rounding
     """
     if not math.isfinite(error):
         return False
     excess = (1.0 - tolerance) ** 2 * max(without**2 - 1.0, 0.0)
-    return error**2 <= excess + min(without**2, 1.0) * (1.0 + NEGLIGIBLE_RISE) ** 2
+    return error**2 <= (excess + min(without**2, 1.0)) * (1.0 + NEGLIGIBLE_RISE) ** 2
 
 
 class _Report:
@@ -226,8 +226,8 @@ class _Report:
         return self.errors[names]
 
     def _confirm(self) -> None:
-        """The last stage of the search that does not raise the error on the held-out data, less each addition that does
-        not lower it by what matters, or that is nothing any more."""
+        """The last stage of the search that does not raise the error on the held-out data, less each addition that
+        raises it, that beside others does not lower it by what matters, or that is nothing any more."""
         best = self.errors[()][1].ratio
         for additions, fit in self.search.stages:
             error = self._error(fit)
@@ -238,7 +238,8 @@ class _Report:
             end, error = self._with(self.additions)
             fewer = [[a for a in self.additions if a is not left] for left in self.additions]
             own = min(fewer, key=lambda own: self._with(own)[1].ratio)
-            if is_lowered(error.ratio, self._with(own)[1].ratio, self.search.settings.tolerance):
+            tolerance = self.search.settings.tolerance if own else 0.0
+            if is_lowered(error.ratio, self._with(own)[1].ratio, tolerance):
                 nothing = [a for a in self.additions if is_nothing(end, a.name, self.search.settings.sure)]
                 if not nothing:
                     break
