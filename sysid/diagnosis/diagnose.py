@@ -18,7 +18,7 @@ from sysid.diagnosis.contacts import Contact, find_contacts
 from sysid.diagnosis.dependence import dependence
 from sysid.diagnosis.findings import fitted_numbers
 from sysid.diagnosis.ranked import Ranked
-from sysid.diagnosis.residual_torque import missing_torque, residual_torque
+from sysid.diagnosis.residual_torque import missing_torque, needed_disturbances, residual_torque
 from sysid.diagnosis.search import Addition, Search, is_nothing
 from sysid.diagnosis.search_settings import DEFAULT, SearchSettings
 from sysid.errors import InvalidInput
@@ -33,6 +33,7 @@ from sysid.estimation.scores import alikeness, price, scores
 from sysid.estimation.solver import QUICK
 from sysid.physics.effects import CATALOGUE, effect
 from sysid.physics.model import Model
+from sysid.physics.ops import Array
 from sysid.planning.planned_experiment import Experiment
 
 MOST_RESTARTS = 2
@@ -131,7 +132,7 @@ def _searched(
         search = search_in(records)
         base, end = search.run(model, names)
         perhaps = restarts_left and not end.undisturbed
-        found = find_contacts(end, missing_torque(end, base)) if perhaps else ()
+        found = find_contacts(end, missing_torque(end, needed_disturbances(base))) if perhaps else ()
         rest = _without(found, records)
         if rest is None:
             break
@@ -201,7 +202,7 @@ class _Report:
         self.records, self.notes = records, notes
         self.search, self.base, self.held_out, self.sensor, self.contacts = search, base, held_out, sensor, contacts
         self.errors: dict[tuple[str, ...], tuple[Fit, HeldOutError]] = {(): (base, self._error(base))}
-        self.fitted = dict[Fit, float]()
+        self.fitted, self.torques, self.needed = dict[Fit, float](), dict[Fit, Array](), needed_disturbances(base)
         self.additions, self.unconfirmed = list[Addition](), list[str]()
         self._confirm()
         self._unmask()
@@ -332,10 +333,15 @@ class _Report:
         )
 
     def _torque(self, end: Fit) -> MissingTorque:
-        """The missing torque before and after, smoothed under what the model as it came needed."""
+        """How large the missing torque is, before and after."""
         drive = float(np.sqrt(np.mean(end.linearised.drives[end.samples.follows] ** 2)))
-        self.torques = [missing_torque(f, self.base) for f in (self.base, end)]
-        return MissingTorque(drive, *(float(np.sqrt(np.nanmean(d**2))) for d in self.torques))
+        return MissingTorque(drive, *(float(np.sqrt(np.nanmean(self._missing(f) ** 2))) for f in (self.base, end)))
+
+    def _missing(self, fit: Fit) -> Array:
+        """The missing torque (M,) [N m] over time, smoothed under what the model as it came needed."""
+        if fit not in self.torques:
+            self.torques[fit] = missing_torque(fit, self.needed)
+        return self.torques[fit]
 
     def _experiment(self, machine: tuple[Step, ...], end: Fit) -> Experiment | None:
         """What to play next where a class does not separate."""
@@ -418,7 +424,7 @@ class _Report:
         if not self.contacts and not self._remains(end):
             elsewhere = self._fails_elsewhere(end, error)
             return Remaining(share, (), "", torque.after, unseen=True) if elsewhere else None
-        found = dependence(end, self.torques[-1])
+        found = dependence(end, self._missing(end))
         depends_on = (*(q for q in found.depends_on if q != "time"), "time") if self.contacts else found.depends_on
         return Remaining(share, depends_on, found.where, torque.after)
 

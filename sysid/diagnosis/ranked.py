@@ -12,7 +12,7 @@ import numpy as np
 from sysid.diagnosis.dependence import coordinates
 from sysid.diagnosis.findings import fitted_numbers
 from sysid.diagnosis.predictions import LONGEST_STRETCH
-from sysid.diagnosis.residual_torque import missing_torque
+from sysid.diagnosis.residual_torque import missing_torque, needed_disturbances
 from sysid.estimation.held_out import finite
 from sysid.estimation.linearisation import LinearisedModel
 from sysid.estimation.prediction_error import Fit
@@ -51,7 +51,7 @@ class Ranked:
         """The share of the missing torque that it explains, as MissingTorque has it; None where it was not refitted."""
         if self.fit is None or self.base is None or not self.missing > 0.0:
             return None
-        left = float(np.nanmean(missing_torque(self.fit, self.base) ** 2))
+        left = float(np.nanmean(missing_torque(self.fit, needed_disturbances(self.base)) ** 2))
         return max(0.0, 1.0 - left / self.missing**2)
 
     @cached_property

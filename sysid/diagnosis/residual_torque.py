@@ -299,22 +299,27 @@ def torque_of(found: Fit) -> ResidualTorque:
     )
 
 
-def missing_torque(found: Fit, base: Fit) -> Array:
-    """The torque (M,) [N m] that the log needs beside a fitted model, averaged over 0.4 s; nan at a record's ends.
-
-    The prior is what `base` needs, so that several models compare.
-    """
+def needed_disturbances(base: Fit) -> Disturbances:
+    """The likeliest random torque beside a fitted model, at the correlation time under which models are compared."""
     prior = Disturbances(max(base.disturbances.s, 1e-3 * float(np.std(base.samples.smoothed[:, 1]))), CORRELATION_TIME)
     likely = base.linearised.system.filter(prior)
     for _ in range(6):
         likely = likelihood_ascent(likely, _FLOOR, angle_error=False)
+    return likely.disturbances
+
+
+def missing_torque(found: Fit, disturbances: Disturbances) -> Array:
+    """The torque (M,) [N m] that the log needs beside a fitted model, averaged over 0.4 s; nan at a record's ends.
+
+    Several models compare where the `disturbances` are the same: those that the model as it came needs.
+    """
     held = replace(QUICK, sizes=False)
     smoothed = fit_parameters(
         found.samples,
         found.model,
         (),
         replace(found, names=(), prior=found.prior.of_nothing()),
-        likely.disturbances,
+        disturbances,
         held,
     )
     return slow(found.inertia * smoothed.motion.d, found.samples.number, found.samples.dt)

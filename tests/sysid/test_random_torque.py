@@ -13,7 +13,7 @@ import sysid
 from sysid import RK4, Effect, GeneralJoint, Model, Record, Sensor, diagnose, effect, simulate
 from sysid.diagnosis.contacts import find_contacts, slow
 from sysid.diagnosis.dependence import dependence
-from sysid.diagnosis.residual_torque import missing_torque
+from sysid.diagnosis.residual_torque import missing_torque, needed_disturbances
 from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.first_fit import with_best_memory
 from sysid.estimation.linearisation import Samples
@@ -187,7 +187,7 @@ def test_a_torque_is_said_to_depend_on_what_it_depends_on(
 def missing(records: list[Record], names: tuple[str, ...] = DAMPED_NAMES) -> tuple[Fit, np.ndarray]:
     """A fit of the damped joint and the torque (M,) that it misses."""
     found = fit_parameters(Samples(DAMPED, records, SENSOR), DAMPED, names, settings=QUIET)
-    return found, missing_torque(found, found)
+    return found, missing_torque(found, needed_disturbances(found))
 
 
 def test_a_random_torque_alone_depends_on_nothing() -> None:
