@@ -37,13 +37,14 @@ def photographed(page: Any, folder: Path, name: str) -> None:
 def walk(page: Any, address: str, folder: Path) -> None:
     """The loop by clicks, with a picture at each turn."""
     page.goto(address)
-    page.get_by_role("button", name="two at once").click()
+    page.get_by_role("button", name="two at once").click(timeout=LONG)
     page.locator("article.row").first.wait_for(timeout=LONG)
     page.locator("#get-report-html").wait_for(timeout=LONG)
+    page.locator("progress").wait_for(state="detached", timeout=LONG)
     page.get_by_text("Its torque through the residual").first.click()
     photographed(page, folder, "missing")
     for _ in range(2):
-        page.locator("article.row.pays").first.get_by_role("button", name="Add").click()
+        page.locator("article.row.pays").first.get_by_role("button", name="Add").click(timeout=LONG)
         page.locator("progress").wait_for(timeout=LONG)
         page.locator("#get-report-html").wait_for(timeout=LONG)
     page.get_by_text("lacks nothing that matters").wait_for(timeout=LONG)

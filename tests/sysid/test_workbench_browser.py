@@ -133,12 +133,13 @@ def test_a_real_log_is_dropped_read_and_mended(page: Any, site: str, tmp_path: P
 
 def test_plots_stay_while_it_refits_and_a_session_is_renamed_and_deleted(page: Any, site: str) -> None:
     page.goto(site)
-    page.get_by_role("button", name="a sticky joint").click()
+    page.get_by_role("button", name="a sticky joint").click(timeout=LONG)
     page.get_by_role("button", name="Add coulomb", exact=True).click(timeout=LONG)
     page.locator("#part-fails .before #course .main-svg").first.wait_for(timeout=LONG)
     assert page.get_by_role("button", name="Add coulomb", exact=True).is_disabled()
-    page.get_by_role("button", name="Cancel").click()
+    page.get_by_role("button", name="Cancel").click(timeout=LONG)
     page.locator("#part-fails .before").wait_for(state="detached", timeout=LONG)
+    page.get_by_text("How it is read").click()
     page.locator("#set-end").fill("6")
     page.locator("#set-end").press("Enter")
     page.get_by_text("48 s").first.wait_for(timeout=LONG)
