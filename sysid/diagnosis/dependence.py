@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.interpolate import BSpline
 
 from sysid.estimation.prediction_error import Fit
 from sysid.physics.ops import Array
@@ -106,6 +105,8 @@ def _torques(fit: Fit, name: str) -> Array:
 
 def _splines(x: Array, count: int) -> Array:
     """`count` cubic B-splines (M, count) over the range of x, knots at its quantiles; none where x hardly varies."""
+    from scipy.interpolate import BSpline  # it takes a sixth of a second to load, and few answers need it
+
     low, high = float(np.min(x)), float(np.max(x))
     if high - low < 1e-9:
         return np.zeros((len(x), 0))
