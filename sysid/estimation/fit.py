@@ -10,7 +10,6 @@ from sysid.errors import InvalidInput
 from sysid.estimation.channels import relied_on
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.first_fit import first_fit
-from sysid.estimation.identifiers.identifier import free_parameters
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import extended
@@ -18,11 +17,25 @@ from sysid.estimation.scores import score
 from sysid.estimation.solver import fit_parameters as prediction_error
 from sysid.physics.candidates import alternatives
 from sysid.physics.model import Model
+from sysid.physics.parameters import Parameter
 
 
 def free(model: Model) -> tuple[str, ...]:
     """What a fit leaves free where nothing is said: every parameter but those that are known, such as gravity."""
     return tuple(name for name, p in model.parameters.items() if not p.known)
+
+
+def free_parameters(model: Model, names: Sequence[str]) -> list[Parameter]:
+    """The parameters to fit, checked: at least one, known to the model, none twice. Raises InvalidInput."""
+    if isinstance(names, str):
+        raise InvalidInput(f"parameters = {names!r}: expected a list of names, such as [{names!r}]")
+    if len(names) == 0:
+        raise InvalidInput(f"no parameters to fit: choose among {', '.join(model.parameters)}")
+    if len(set(names)) < len(names):
+        raise InvalidInput(f"a parameter is named twice in {', '.join(names)}")
+    model.check_names(names)
+    known = model.parameters
+    return [known[n] for n in names]
 
 
 def fit(

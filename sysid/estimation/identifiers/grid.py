@@ -12,7 +12,7 @@ from sysid.data.record import Record, check_direct, check_records
 from sysid.data.sensor import Sensor
 from sysid.errors import InvalidInput
 from sysid.estimation.estimate import Estimate
-from sysid.estimation.identifiers.identifier import free_parameters
+from sysid.estimation.fit import free_parameters
 from sysid.physics.model import Drives, Model
 from sysid.physics.ops import Array
 

@@ -14,7 +14,7 @@ from sysid.data.sensor import Sensor
 from sysid.errors import InvalidInput
 from sysid.estimation.disturbances import NONE, Disturbances
 from sysid.estimation.estimate import Estimate
-from sysid.estimation.identifiers.identifier import free_parameters
+from sysid.estimation.fit import free_parameters
 from sysid.estimation.linearisation import Samples, level
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.smoothed_start import parameter_starts

@@ -16,8 +16,8 @@ from sysid.data.record import Record, check_direct, check_records
 from sysid.data.sensor import Sensor
 from sysid.errors import InvalidInput
 from sysid.estimation.estimate import Estimate
+from sysid.estimation.fit import free_parameters
 from sysid.estimation.identifiers.coordinates import Coordinates
-from sysid.estimation.identifiers.identifier import free_parameters
 from sysid.estimation.output_error import CHANNELS
 from sysid.estimation.smoothed_start import parameter_starts
 from sysid.physics import ops
