@@ -12,11 +12,9 @@ import numpy as np
 from sysid.data.files import check_installed, save_file
 from sysid.data.record import Record, check_records
 from sysid.data.sensor import Sensor
-from sysid.diagnosis.predictions import predicted
+from sysid.diagnosis.predictions import throughout
 from sysid.diagnosis.residual_torque import residual_torque
-from sysid.estimation.held_out import lead_of, refit_windows
 from sysid.estimation.output_error import CHANNELS
-from sysid.estimation.windows import cut
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
@@ -61,13 +59,11 @@ def write_predictions(model: Model, records: Sequence[Record], sensor: Sensor, p
 def predictions(model: Model, records: Sequence[Record], sensor: Sensor) -> dict[str, Array]:
     """The columns of `write_predictions`, all records one after the other; nan where there is no value."""
     records = check_records(model, records)
-    fit = refit_windows(model, records, sensor, cut(records, AHEAD, lead_of(model)))
     torque = residual_torque(model, records, sensor)
-    owner = np.array([w.record for w in fit.response.windows])
     tables = []
-    for i, (record, beyond) in enumerate(zip(records, torque.records, strict=True)):
+    courses = zip(records, throughout(model, records, sensor, AHEAD), torque.records, strict=True)
+    for i, (record, said, beyond) in enumerate(courses):
         n = len(record) + 1
-        said = predicted(fit, np.flatnonzero(owner == i).tolist(), 1.0)
         known = np.isfinite(said.t)
         at = np.rint((said.t[known] - record.t[0]) / record.dt).astype(int)
         table = {"rollout": np.full(n, float(i)), "t": record.t, "torque": _filled(record.u, n)}
