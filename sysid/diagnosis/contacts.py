@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.estimation.prediction_error import Fit
+from sysid.estimation.solver import largest_torque
 from sysid.physics.ops import Array
 
 EXTREME = 6.0
@@ -17,6 +18,8 @@ SHORTEST_CONTACT = 0.2
 """What acts for a shorter time [s] is vibration, no hand."""
 LEAST_ENERGY, MOST_TIME = 0.6, 0.15
 """A rare torque is a push where it holds that share of the missing torque's energy in no more than that of the time."""
+SLIGHT = 0.02
+"""Share of the largest torque that the log shows below which nobody pushed."""
 SHORTEST_LOG = 8.0
 """Seconds of log from which it can be told what is rare."""
 _NEIGHBOURS = 25
@@ -48,9 +51,9 @@ def find_contacts(fit: Fit, torque: Array, least: float = 0.0) -> tuple[Contact,
 
     The torque is one without what is faster than a hand (`slow`). A machine that misses something everywhere has
     extremes too, and nobody touched it: unless they are most of what is missing, in a small part of the time, there is
-    none. What is below `least` [N m] is none either.
+    none. What is below `least` [N m], or slight beside the torques of the log, is none either.
     """
-    samples = fit.samples
+    samples, least = fit.samples, max(least, SLIGHT * largest_torque(fit.samples, fit.model))
     if len(samples) * samples.dt < SHORTEST_LOG:
         return ()
     known = np.where(samples.follows, torque, np.nan)

@@ -223,6 +223,12 @@ def test_a_push_is_found(s: float) -> None:
         assert 0.15 < found.peak < 0.35
 
 
+def test_nobody_pushes_by_a_hundredth_of_what_acts() -> None:
+    found, torque = missing(logs(DAMPED, 2, 700, 0.0, 0.1, push=(1, 0.02)))
+    assert 0.008 < np.nanmax(torque) < 0.02, "it is seen"
+    assert find_contacts(found, torque) == ()
+
+
 def test_an_untouched_log_has_no_push() -> None:
     """Neither one without any random torque nor one with, whatever its memory; nor one that misses a magnet."""
     for seed, (s, T) in enumerate(((0.0, 0.1), (0.3, 0.03), (0.3, 0.1), (0.3, 0.3), (0.3, 1.0))):
