@@ -51,9 +51,9 @@ def find_contacts(fit: Fit, torque: Array, least: float = 0.0) -> tuple[Contact,
 
     The torque is one without what is faster than a hand (`slow`). A machine that misses something everywhere has
     extremes too, and nobody touched it: unless they are most of what is missing, in a small part of the time, there is
-    none. What is below `least` [N m], or slight beside the torques of the log, is none either.
+    none. What is below `least` [N m] is none either, nor in the end what is slight beside the torques of the log.
     """
-    samples, least = fit.samples, max(least, SLIGHT * largest_torque(fit.samples, fit.model))
+    samples = fit.samples
     if len(samples) * samples.dt < SHORTEST_LOG:
         return ()
     known = np.where(samples.follows, torque, np.nan)
@@ -68,7 +68,10 @@ def find_contacts(fit: Fit, torque: Array, least: float = 0.0) -> tuple[Contact,
         )
     energy = float(np.nansum(known**2))
     held = float(np.nansum(known[inside] ** 2))
-    return found if held > LEAST_ENERGY * energy > 0.0 and np.mean(inside) < MOST_TIME else ()
+    if not (held > LEAST_ENERGY * energy > 0.0 and np.mean(inside) < MOST_TIME):
+        return ()
+    felt = SLIGHT * largest_torque(samples, fit.model)
+    return tuple(contact for contact in found if abs(contact.peak) > felt)
 
 
 def _extremes(fit: Fit, torque: Array, least: float) -> tuple[Contact, ...]:

@@ -180,6 +180,12 @@ class Search:
     def _same(self, a: Score, b: Score) -> bool:
         return a.name == b.name or alikeness(a, b) > self.settings.same
 
+    def inseparable(self, name: str) -> tuple[str, ...]:
+        """The effects that the log could not tell from one before any was added, whatever their sizes."""
+        own = self.first[name]
+        others = {n: s for n, s in self.first.items() if n != name and s.visible and len(s.sizes) == len(own.sizes)}
+        return tuple(n for n, s in others.items() if self._same(s, own))
+
     def _try(
         self,
         now: Fit,

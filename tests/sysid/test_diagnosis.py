@@ -36,7 +36,7 @@ from sysid import (
     simulate,
 )
 from sysid.data.splitting import split
-from sysid.diagnosis.diagnose import is_lowered
+from sysid.diagnosis.confirmation import is_lowered
 from sysid.estimation.held_out import held_out_error
 from sysid.physics.ops import Value
 from sysid.planning.excitation import steps

@@ -1,0 +1,195 @@
+"""Confirmation: which additions of a search stay, by data that it has not seen and by what is left."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from scipy.special import chdtrc
+
+from sysid.data.record import Record
+from sysid.diagnosis.answer import MissingTorque, Remaining
+from sysid.diagnosis.contacts import Contact
+from sysid.diagnosis.dependence import dependence
+from sysid.diagnosis.residual_torque import missing_torque, needed_disturbances
+from sysid.diagnosis.search import Addition, Search, is_nothing
+from sysid.estimation.disturbances import Disturbances
+from sysid.estimation.held_out import HeldOutError, held_out_error
+from sysid.estimation.prediction import fitted_error
+from sysid.estimation.prediction_error import Fit
+from sysid.estimation.refits import extended, reduced, settled
+from sysid.estimation.scores import scores
+from sysid.estimation.solver import QUICK
+from sysid.physics.effects import CATALOGUE
+from sysid.physics.ops import Array
+
+NEGLIGIBLE_RISE = 1e-3
+"""A rise of the held-out error by less than this share is not printed, and counts as none."""
+
+
+def is_lowered(error: float, without: float, tolerance: float) -> bool:
+    """Whether something lowers an error, in units of the noise, by that share of its excess over the noise.
+
+    error^2 - 1 <= (1 - tolerance)^2 (without^2 - 1),   or where that was noise: error <= without, but for rounding
+    """
+    if not math.isfinite(error):
+        return False
+    excess = (1.0 - tolerance) ** 2 * max(without**2 - 1.0, 0.0)
+    return error**2 <= (excess + min(without**2, 1.0)) * (1.0 + NEGLIGIBLE_RISE) ** 2
+
+
+def names_of(additions: Sequence[Addition]) -> tuple[str, ...]:
+    """The names of additions, in an order of their own."""
+    return tuple(sorted(a.name for a in additions))
+
+
+@dataclass(eq=False)
+class Confirmation:
+    """The additions of a search that are believed, and what every error and torque was on the way; errors are held-out.
+
+    base         the model as it came, fitted
+    held_out     the records that no fit has seen
+    contacts     what a hand may have touched: with it, what remains depends on time
+    additions    those that stay; unconfirmed: the names of those that were taken back
+    """
+
+    search: Search
+    base: Fit
+    held_out: Sequence[Record]
+    contacts: tuple[Contact, ...]
+    additions: list[Addition] = field(default_factory=list)
+    unconfirmed: list[str] = field(default_factory=list)
+    errors: dict[tuple[str, ...], tuple[Fit, HeldOutError]] = field(default_factory=dict)
+    fitted: dict[Fit, float] = field(default_factory=dict)
+    torques: dict[Fit, Array] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.errors[()] = self.base, self.error(self.base)
+        self._confirm()
+        self._unmask()
+        self._reconsider()
+
+    @cached_property
+    def needed(self) -> Disturbances:
+        """The random torque that the model as it came needs, under which all models compare."""
+        return needed_disturbances(self.base)
+
+    def error(self, fit: Fit) -> HeldOutError:
+        """The error of a fitted model on the records that no fit has seen."""
+        return held_out_error(fit.model, self.held_out, self.search.sensor, self.search.settings.window)
+
+    def fit_with(self, additions: Sequence[Addition]) -> tuple[Fit, HeldOutError]:
+        """The fit with these additions alone, and its error."""
+        names = names_of(additions)
+        if names not in self.errors:
+            fit, _ = self.errors[names_of(self.additions)]
+            for addition in self.additions:
+                if addition.name not in names:
+                    fit = reduced(fit, addition.name)
+            self.errors[names] = (fit, self.error(fit))
+        return self.errors[names]
+
+    def torque(self, end: Fit) -> MissingTorque:
+        """How large the missing torque is, before and after."""
+        drive = float(np.sqrt(np.mean(end.linearised.drives[end.samples.follows] ** 2)))
+        return MissingTorque(drive, *(float(np.sqrt(np.nanmean(self.missing(f) ** 2))) for f in (self.base, end)))
+
+    def missing(self, fit: Fit) -> Array:
+        """The missing torque (M,) [N m] over time, smoothed under what the model as it came needed."""
+        if fit not in self.torques:
+            self.torques[fit] = missing_torque(fit, self.needed)
+        return self.torques[fit]
+
+    def remaining(self, end: Fit, error: HeldOutError, torque: MissingTorque) -> Remaining | None:
+        """What matters and is not explained: predictions err beyond the noise, on what was fitted to or beyond."""
+        share = max(0.0, 1.0 - 1.0 / max(error.ratio, 1e-9) ** 2)
+        if not self.contacts and not self._remains(end):
+            elsewhere = self._fails_elsewhere(end, error)
+            return Remaining(share, (), "", torque.after, unseen=True) if elsewhere else None
+        found = dependence(end, self.missing(end))
+        depends_on = (*(q for q in found.depends_on if q != "time"), "time") if self.contacts else found.depends_on
+        return Remaining(share, depends_on, found.where, torque.after)
+
+    def fitted_error(self, end: Fit) -> float:
+        """The error of predictions of what was fitted to, which several ask for."""
+        if end not in self.fitted:
+            self.fitted[end] = fitted_error(end, self.search.settings.window)
+        return self.fitted[end]
+
+    def _confirm(self) -> None:
+        """The last stage of the search that does not raise the error on the held-out data, less each addition that
+        raises it, that beside others does not lower it by what matters, or that is nothing any more."""
+        best = self.errors[()][1].ratio
+        for additions, fit in self.search.stages:
+            error = self.error(fit)
+            self.errors[names_of(additions)] = fit, error
+            if error.ratio <= best * (1.0 + NEGLIGIBLE_RISE) or not math.isfinite(best):
+                best, self.additions = min(best, error.ratio), list(additions)
+        while self.additions:
+            end, error = self.fit_with(self.additions)
+            fewer = [[a for a in self.additions if a is not left] for left in self.additions]
+            own = min(fewer, key=lambda own: self.fit_with(own)[1].ratio)
+            tolerance = self.search.settings.tolerance if own else 0.0
+            if is_lowered(error.ratio, self.fit_with(own)[1].ratio, tolerance):
+                nothing = [a for a in self.additions if is_nothing(end, a.name, self.search.settings.sure)]
+                if not nothing:
+                    break
+                own = [a for a in self.additions if a is not nothing[0]]
+            self.additions = own
+        kept = names_of(self.additions)
+        tried = dict.fromkeys(a.name for additions, _ in self.search.stages for a in additions)
+        self.unconfirmed = [name for name in tried if name not in kept]
+
+    def _unmask(self) -> None:
+        """Take back what leaves more torque missing than was missing without it, and what is a part of something
+        unknown: what remains depends on the quantity that it is a function of, and it explains less than most of that,
+        or only with a number driven to its bound."""
+        for addition in list(self.additions):
+            end, error = self.fit_with(self.additions)
+            if not math.isfinite(error.ratio):
+                continue
+            torque = self.torque(end)
+            fewer = [a for a in self.additions if a is not addition]
+            without = self.torque(self.fit_with(fewer)[0]).after
+            if torque.after > without or self._hides(addition, end, error, torque, without):
+                self.unconfirmed.append(addition.name)
+                self.additions = fewer
+
+    def _hides(self, addition: Addition, end: Fit, error: HeldOutError, torque: MissingTorque, without: float) -> bool:
+        """Whether an addition is a part of something unknown, `without` it is the torque [N m] that is missing then."""
+        imitates = CATALOGUE[addition.name].imitates
+        if not imitates:
+            return False
+        remaining = self.remaining(end, error, torque)
+        if remaining is None or imitates not in remaining.depends_on:
+            return False
+        bent = end.at_bounds - self.base.at_bounds
+        return bool(bent) or torque.after**2 > (1.0 - self.search.settings.most) * without**2
+
+    def _reconsider(self) -> None:
+        """Add what is sure and too small to matter in the motion that was searched, where the held-out motion goes
+        further and shows that it matters there."""
+        for name in self.search.negligible:
+            end, error = self.fit_with(self.additions)
+            if name in names_of(self.additions) or not self._fails_elsewhere(end, error) or self._remains(end):
+                continue
+            found = scores(end, (name,)).get(name)
+            if found is None or not found.visible:
+                continue
+            fit = settled(extended(end, [found.best.at(found.sizes)], QUICK))
+            after = self.error(fit)
+            if after.ratio < error.ratio * (1.0 - self.search.settings.tolerance):
+                p = float(chdtrc(found.numbers, max(end.deviance - fit.deviance, 0.0)))
+                self.additions = [*self.additions, Addition(name, self.search.inseparable(name), (), p, fit)]
+                self.errors[names_of(self.additions)] = (fit, after)
+
+    def _remains(self, end: Fit) -> bool:
+        """Whether what was fitted to is predicted with errors beyond the noise, and a random torque is needed."""
+        return not end.undisturbed and not self.fitted_error(end) ** 2 < 1.0 + self.search.settings.enough**2
+
+    def _fails_elsewhere(self, end: Fit, error: HeldOutError) -> bool:
+        """Whether held-out data are predicted much worse than the noise, and than what was fitted to."""
+        return error.beyond_noise and not error.ratio < self.search.settings.worse * max(self.fitted_error(end), 1.0)
