@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -22,6 +24,9 @@ from sysid import (
     simulate,
 )
 from sysid.planning.excitation import multisine
+
+if TYPE_CHECKING:
+    from sysid.web.bench import Workbench
 
 PENDULUMS = {
     "rod": RodPendulum(m=1.3, l=0.9, g=9.7),
@@ -214,3 +219,15 @@ def catalogue() -> object:
     yield sysid.CATALOGUE
     sysid.CATALOGUE.clear()
     sysid.CATALOGUE.update(before)
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[Workbench]:
+    """A workbench without sessions that takes a megabyte."""
+    from sysid.web.bench import Workbench
+    from sysid.web.jobs import Jobs
+    from sysid.web.session import Sessions
+
+    made = Workbench(Sessions(tmp_path / "sessions"), Jobs(), most=1 << 20)
+    yield made
+    made.end()

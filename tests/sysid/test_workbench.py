@@ -1,14 +1,12 @@
-"""The workbench: what its clicks do, what its pictures keep, and who may ask."""
+"""The workbench: what its clicks do, and what its pictures keep."""
 
 from __future__ import annotations
 
-import base64
 import dataclasses
 import importlib.util
 import json
 import time
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,40 +16,18 @@ import pytest
 pytest.importorskip("dash", reason="the workbench needs the extra web")
 
 import sysid
-from sysid.cli.command_options import LogOptions, ModelOptions
 from sysid.data.record import write_csv
 from sysid.errors import InvalidInput
 from sysid.estimation.saved_model import load
-from sysid.web import figures, log_part, samples
+from sysid.web import figures, samples
 from sysid.web.bench import Workbench
-from sysid.web.callbacks import do, effect_picture, region_of, session_name, zoomed
+from sysid.web.callbacks import do, effect_picture, region_of, zoomed
 from sysid.web.jobs import Jobs, finished
 from sysid.web.own_effect import OwnEffect
 from sysid.web.script import script
 from sysid.web.session import Answer, Session, Sessions
 from sysid.web.training import OPTIMUM, OWN, heard
-from tests.sysid import hostile_logs, robot_files
-
-
-def waited(bench: Workbench, session: Session, seconds: float = 120.0) -> str:
-    """Wait for the work under way; returns what went wrong."""
-    end = time.monotonic() + seconds
-    while bench.jobs.running(session) is not None and time.monotonic() < end:
-        time.sleep(0.1)
-    return bench.jobs.message(session)
-
-
-def uploaded(bench: Workbench, *files: Path) -> Session:
-    """A session of files that were dropped."""
-    contents = [f"data:text/csv;base64,{base64.b64encode(f.read_bytes()).decode()}" for f in files]
-    return bench.upload([f.name for f in files], contents)
-
-
-@pytest.fixture
-def bench(tmp_path: Path) -> Iterator[Workbench]:
-    made = Workbench(Sessions(tmp_path / "sessions"), Jobs(), most=1 << 20)
-    yield made
-    made.end()
+from tests.sysid.workbench import uploaded, waited
 
 
 @pytest.fixture(scope="module")
@@ -198,211 +174,6 @@ def test_a_zoom_that_moves_no_time_changes_nothing(tmp_path: Path) -> None:
     s = figures.Series(tmp_path / "s.npz")
     assert zoomed(s, "theta", {"yaxis.range[0]": 0.0}) is None
     assert zoomed(s, "theta", {"xaxis.range[0]": 2.0, "xaxis.range[1]": 4.0}) is not None
-
-
-# ---- logs ------------------------------------------------------------------------------------------------------------
-
-
-def test_columns_of_other_names_are_taken_for_what_they_look_like(bench: Workbench, tmp_path: Path) -> None:
-    log = tmp_path / "rig.csv"
-    t = np.arange(200) * 0.02
-    rows = np.column_stack([t, 0.3 * np.sin(3.0 * t), 0.9 * np.cos(3.0 * t), 0.1 * np.ones_like(t)])
-    np.savetxt(log, rows, delimiter=",", header="time_s,angle_rad,speed,effort", comments="")
-    session = uploaded(bench, log)
-    found = log_part.preview(session)
-    assert found.about.error == ""
-    assert session.state.log["columns"] == "t=time_s,theta=angle_rad,theta_dot=speed,torque=effort"
-
-
-def test_a_column_without_numbers_is_not_taken(bench: Workbench, tmp_path: Path) -> None:
-    text = "time_s,angle,torque_cmd,torque_meas\n" + "".join(
-        f"{0.02 * k},{3.0 + 0.1 * k},,{k % 3}\n" for k in range(60)
-    )
-    (tmp_path / "log.csv").write_text(text)
-    session = uploaded(bench, tmp_path / "log.csv")
-    assert log_part.columns(session)[1]["torque"] == "torque_meas"
-    assert not log_part.preview(session).about.error
-
-
-def test_a_log_that_hangs_upside_down_is_drawn_so_and_doubted(bench: Workbench, tmp_path: Path) -> None:
-    record = samples.sample("friction")[0]
-    assert record.theta is not None
-    write_csv(replace(record, theta=record.theta - np.pi), tmp_path / "turned.csv")
-    session = uploaded(bench, tmp_path / "turned.csv")
-    found = log_part.preview(session)
-    assert not found.about.error
-    assert log_part.arm(found, 0.0)[1][1] > 0.5
-    assert any("hanging" in note for note in found.about.notes)
-    values = {c: c for c in ("t", "theta", "theta_dot")} | {"torque": "u", "zero": "hanging", "plant": "rod"}
-    session.save(log_part.changed(session.state, values | {"signs": []}, log_part.columns(session)[1]))
-    found = log_part.preview(session)
-    assert not found.about.error
-    assert log_part.arm(found, 0.0)[1][1] < -0.5
-    assert not any("hanging" in note for note in found.about.notes)
-
-
-def test_a_preview_is_read_once(bench: Workbench, tmp_path: Path) -> None:
-    write_csv(samples.sample("friction")[0], tmp_path / "swing.csv")
-    session = uploaded(bench, tmp_path / "swing.csv")
-    first = log_part.preview(session)
-    log_part._previewed.cache_clear()
-    again = log_part.preview(session)
-    assert again.about == first.about
-    assert np.array_equal(again.theta, first.theta, equal_nan=True)
-
-
-@pytest.mark.parametrize(
-    ("name", "write"),
-    [
-        ("pickled.npz", hostile_logs.pickled),
-        ("bomb.npz", hostile_logs.bomb),
-        ("lying.db3", hostile_logs.lying_bag),
-        ("cut.npz", lambda f: f.write_bytes(b"PK\x03\x04" + bytes(100))),
-        ("claims.csv", lambda f: f.write_text("t,theta\n0,1e308\n1,-1e308\n2,nan\n")),
-        ("empty.csv", lambda f: f.write_bytes(b"")),
-        ("binary.csv", lambda f: f.write_bytes(bytes(range(256)) * 9)),
-        ("wrong.mat", lambda f: f.write_bytes(b"MATLAB 5.0" + bytes(300))),
-    ],
-)
-def test_a_hostile_log_harms_nothing(bench: Workbench, tmp_path: Path, name: str, write: Any) -> None:
-    write(tmp_path / name)
-    session = uploaded(bench, tmp_path / name)
-    shown = str(bench.part("log", session)) + str(log_part.previewed(log_part.preview(session)))
-    assert "error" in shown
-
-
-def test_what_is_no_log_is_one_sentence(bench: Workbench, tmp_path: Path) -> None:
-    (tmp_path / "x.csv").write_text("t,theta\n0,=cmd()\n1,<script>alert(1)</script>\n")
-    found = log_part.preview(uploaded(bench, tmp_path / "x.csv"))
-    assert "expected a number" in found.about.error
-
-
-# ---- safety ----------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("title", ["../../etc/passwd.csv", "/tmp/x.csv", "a\0b.csv", "..csv", "con:<b>.csv"])
-def test_the_name_of_a_file_never_becomes_a_path(bench: Workbench, title: str) -> None:
-    session = bench.upload([title], ["data:,dCx0aGV0YQo="])
-    written = [p for p in bench.sessions.folder.parent.rglob("*") if p.is_file()]
-    assert sorted(p.name for p in written) == ["log1.csv", "session.json"]
-    assert all(session.folder in p.parents for p in written)
-
-
-def test_an_upload_has_a_limit(bench: Workbench) -> None:
-    with pytest.raises(InvalidInput, match="more than 1 MB"):
-        bench.upload(["x.csv"], ["data:," + "A" * (3 << 20)])
-    with pytest.raises(InvalidInput, match="ends in"):
-        bench.upload(["x.pkl"], ["data:,AAAA"])
-    with pytest.raises(InvalidInput, match="no file"):
-        bench.upload(["x.csv"], ["data:,???"])
-    assert not bench.sessions.all()
-
-
-@pytest.mark.parametrize("name", ["..", "../x", "0123456", "0123456g", "", None, "0123456789", "%2e%2e"])
-def test_no_other_name_is_a_session(bench: Workbench, name: str | None) -> None:
-    assert bench.sessions.find(name) is None
-
-
-def test_an_address_names_a_session() -> None:
-    assert session_name("?session=0123abcd&token=x") == "0123abcd"
-    assert session_name(None) is None
-
-
-def test_a_session_that_another_wrote_is_refused(bench: Workbench) -> None:
-    session = bench.sessions.new("x")
-    (session.folder / "session.json").write_text(json.dumps({"__reduce__": 1}))
-    with pytest.raises(InvalidInput, match="no session of this version"):
-        _ = session.state
-
-
-def test_a_session_of_an_older_version_is_completed_by_defaults(bench: Workbench, tmp_path: Path) -> None:
-    write_csv(samples.sample("friction")[0], tmp_path / "swing.csv")
-    session = bench.open(LogOptions(files=(tmp_path / "swing.csv",)), ModelOptions())
-    path = session.folder / "session.json"
-    older = {
-        "title": "old",
-        "log": json.loads(path.read_text())["log"],
-        "nodes": [{"parent": None, "added": ""}],
-        "at": 0,
-    }
-    path.write_text(json.dumps(older))
-    assert session.state.titles == ("swing.csv",)
-    assert session.state.settings_of(0).log == session.state.log
-    for own in (session, bench.sessions.new("of no file")):
-        for name in bench.stamps(own):
-            bench.part(name, own)
-        log_part.previewed(log_part.preview(own))
-
-
-@pytest.mark.parametrize(
-    "change",
-    [{"new": 1}, {"log": {"unheard_of": 1}}, {"at": 3}, {"nodes": [{"unheard_of": 1}]}, {"titles": 5}, {"log": []}],
-)
-def test_a_session_that_is_not_understood_is_refused_in_one_sentence(bench: Workbench, change: dict[str, Any]) -> None:
-    session = bench.sessions.new("x")
-    path = session.folder / "session.json"
-    path.write_text(json.dumps(json.loads(path.read_text()) | change))
-    assert bench.sessions.find(session.identifier) is None
-    assert "no session of this version" in bench.sessions.refusal(session.identifier)
-    assert bench.sessions.all() == ()
-    assert "no such session" in bench.sessions.refusal("0" * 8)
-
-
-def test_a_session_is_renamed_and_deleted(bench: Workbench, tmp_path: Path) -> None:
-    write_csv(samples.sample("friction")[0], tmp_path / "swing.csv")
-    session, other = (
-        bench.open(LogOptions(files=(tmp_path / "swing.csv",)), ModelOptions()),
-        bench.sessions.new("other"),
-    )
-    assert do(bench, session, {"do": "rename"}, {"title": " the rig "}) == session
-    assert session.state.title == "the rig"
-    with pytest.raises(InvalidInput, match="empty"):
-        do(bench, session, {"do": "rename"}, {"title": " "})
-    assert do(bench, session, {"do": "delete", "session": other.identifier}) == session
-    assert bench.sessions.all() == (session,)
-    assert do(bench, session, {"do": "delete", "session": session.identifier}) is None
-    assert not session.folder.exists()
-    assert (tmp_path / "swing.csv").is_file()
-
-
-def test_a_message_calls_a_dropped_file_by_the_name_of_the_user(bench: Workbench, tmp_path: Path) -> None:
-    for name in ("one <b>.csv", "two.csv"):
-        (tmp_path / name).write_text("t,theta\n0,x\n1,y\n")
-    session = uploaded(bench, tmp_path / "two.csv", tmp_path / "one <b>.csv")
-    assert log_part.preview(session).about.error.startswith("two.csv, line 2")
-    assert (
-        session.with_titles("log2.csv and log2, not log3 or catalog1")
-        == "one <b>.csv and one <b>, not log3 or catalog1"
-    )
-
-
-def test_what_is_held_out_and_the_sample_interval_are_chosen(bench: Workbench, tmp_path: Path) -> None:
-    write_csv(samples.sample("friction")[0], tmp_path / "swing.csv")
-    session = uploaded(bench, tmp_path / "swing.csv")
-    form = {"t": "t", "theta": "theta", "theta_dot": "theta_dot", "torque": "u", "plant": "rod", "input": "torque",
-            "zero": "upright", "signs": ["degrees"], "begin": 0.0}  # fmt: skip
-    log_part.change(session, {**form, "hold_out": 0.4, "dt": 0.04})
-    options = session.state.log_options
-    assert (options.hold_out, options.dt, options.begin, options.degrees) == (0.4, 0.04, 0.0, True)
-    assert options.input is options.zero is None
-    assert "25 Hz" in log_part.preview(session).about.said
-    log_part.change(session, {**form, "hold_out": -1.0})
-    assert "hold" in log_part.preview(session).about.error
-    log_part.change(session, form)
-    assert session.state.log_options.hold_out is None
-
-
-def test_the_joint_of_a_bag_can_be_chosen_where_it_has_several(bench: Workbench, tmp_path: Path) -> None:
-    pytest.importorskip("rosbags")
-    t = 0.02 * np.arange(200)
-    moved = {"t": t, "theta": np.pi + 0.3 * np.sin(3.0 * t), "theta_dot": 0.9 * np.cos(3.0 * t), "torque": np.sin(t)}
-    folder = robot_files.write_bag(tmp_path / "robot", moved, "MCAP", ("shoulder", "elbow"))
-    session = uploaded(bench, next(folder.glob("*.mcap")))
-    assert "elbow" in log_part.preview(session).about.error
-    assert "set-joint" in str(bench.part("log", session))
-    log_part.change(session, {"joint": "shoulder", "signs": []})
-    assert not log_part.preview(session).about.error
-    assert set(log_part.columns(session)[1]) >= {"t", "theta"}
 
 
 @pytest.mark.long
