@@ -54,17 +54,19 @@ class Confirmation:
     held_out     the records that no fit has seen
     contacts     what a hand may have touched: with it, what remains depends on time
     additions    those that stay; unconfirmed: the names of those that were taken back
+    errors       by the names of additions: the fit with these alone, and its held-out error
+    fitted       errors of fits on what they were fitted to; torques: what they leave missing over time
     """
 
     search: Search
     base: Fit
     held_out: Sequence[Record]
     contacts: tuple[Contact, ...]
-    additions: list[Addition] = field(default_factory=list)
-    unconfirmed: list[str] = field(default_factory=list)
-    errors: dict[tuple[str, ...], tuple[Fit, HeldOutError]] = field(default_factory=dict)
-    fitted: dict[Fit, float] = field(default_factory=dict)
-    torques: dict[Fit, Array] = field(default_factory=dict)
+    additions: list[Addition] = field(init=False, default_factory=list)
+    unconfirmed: list[str] = field(init=False, default_factory=list)
+    errors: dict[tuple[str, ...], tuple[Fit, HeldOutError]] = field(init=False, default_factory=dict)
+    fitted: dict[Fit, float] = field(init=False, default_factory=dict)
+    torques: dict[Fit, Array] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         self.errors[()] = self.base, self.error(self.base)
