@@ -149,7 +149,11 @@ class DiagnoseCommand(OnLog):
     """Write a report here that opens offline."""
 
     tolerance: Annotated[float, arg(metavar="SHARE")] = 0.02
-    """What matters: an effect is added where it lowers the error of 1 s predictions by this share."""
+    """What matters: an effect is added where it lowers the error of predictions by this share."""
+
+    horizon: Annotated[float, arg(metavar="S")] = 1.0
+    """How far ahead [s] predictions have to be right: shorter for what balances or shakes, longer for what decays
+    slowly."""
 
 
 @dataclass(frozen=True)

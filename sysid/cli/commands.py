@@ -118,9 +118,7 @@ def _(command: DiagnoseCommand) -> None:
     from sysid.diagnosis.diagnose import diagnose
     from sysid.diagnosis.search_settings import DEFAULT
 
-    if not 0.0 < command.tolerance < 1.0:
-        raise InvalidInput(f"--tolerance {command.tolerance:g}: expected a share between 0 and 1, such as 0.02")
-    settings = dataclasses.replace(DEFAULT, tolerance=command.tolerance)
+    settings = dataclasses.replace(DEFAULT, tolerance=command.tolerance, horizon=command.horizon)
     task = LogAndModel.of(command)
     hold_out, names = command.log.hold_out, task.names
     diagnosis = diagnose(task.model, task.log, task.sensor, hold_out, parameters=names, settings=settings)

@@ -376,8 +376,8 @@ class Diagnosis:
         lines.extend(f"  cannot be told apart by this motion: {', '.join(group)}" for group in self.not_identifiable)
         lines.extend(f"  {remark}" for remark in self.remarks)
         lines.append(
-            f"  what matters: an effect that lowers the error of 1 s predictions by {self.tolerance:.0%}; "
-            "+- is one standard deviation"
+            f"  what matters: an effect that lowers the error of {self.error.window:g} s predictions by "
+            f"{self.tolerance:.0%}; +- is one standard deviation"
         )
         return "\n".join(lines)
 

@@ -81,7 +81,7 @@ class Confirmation:
 
     def error(self, fit: Fit) -> HeldOutError:
         """The error of a fitted model on the records that no fit has seen."""
-        return held_out_error(fit.model, self.held_out, self.search.sensor, self.search.settings.window)
+        return held_out_error(fit.model, self.held_out, self.search.sensor, self.search.settings.horizon)
 
     def fit_with(self, additions: Sequence[Addition]) -> tuple[Fit, HeldOutError]:
         """The fit with these additions alone, and its error."""
@@ -118,7 +118,7 @@ class Confirmation:
     def fitted_error(self, end: Fit) -> float:
         """The error of predictions of what was fitted to, which several ask for."""
         if end not in self.fitted:
-            self.fitted[end] = fitted_error(end, self.search.settings.window)
+            self.fitted[end] = fitted_error(end, self.search.settings.horizon)
         return self.fitted[end]
 
     def _confirm(self) -> None:

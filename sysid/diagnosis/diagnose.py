@@ -139,7 +139,7 @@ def _untouched(
 ) -> tuple[tuple[Record, ...], tuple[Contact, ...]]:
     """The held-out records without what a hand touched, which no model predicts, and what that was."""
     end = search.stages[-1][1] if search.stages else base
-    if not held_out_error(end.model, held_out, search.sensor, search.settings.window).beyond_noise:
+    if not held_out_error(end.model, held_out, search.sensor, search.settings.horizon).beyond_noise:
         return held_out, ()
     try:
         torque = residual_torque(end.model, (*search.records, *held_out), search.sensor)

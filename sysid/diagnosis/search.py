@@ -261,7 +261,7 @@ class Search:
     def _left_out(self, own: Fit, lead: float) -> PredictionErrors:
         """The errors on left-out stretches; those of a round are asked for several times."""
         if (own, lead) not in self.left:
-            self.left[own, lead] = left_out_errors(own, self.settings.window, self.settings.blocks, lead)
+            self.left[own, lead] = left_out_errors(own, self.settings.horizon, self.settings.blocks, lead)
         return self.left[own, lead]
 
     def _preferred(self, now: Fit, best: Trial) -> list[Trial]:
@@ -407,7 +407,7 @@ def matters(before: Model, after: Fit, settings: SearchSettings) -> bool:
     The RMS difference of the two models' predictions exceeds `noise_share` of the sensor noise and what would lower the
     error by the share `tolerance`:  sqrt(1 - (1 - tolerance)^2)  of what the prediction is off beyond the noise.
     """
-    size, error = moved(before, after.model, after, settings.window)
+    size, error = moved(before, after.model, after, settings.horizon)
     excess = math.sqrt(max(error**2 - 1.0, 0.0))
     share = math.sqrt(1.0 - (1.0 - settings.tolerance) ** 2)
     return math.isfinite(size) and size > max(settings.noise_share, share * excess)

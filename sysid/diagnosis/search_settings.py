@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from sysid.errors import InvalidInput
 from sysid.estimation.prediction import BLOCKS, WINDOW
+
+SHORTEST_HORIZON, LONGEST_HORIZON = 0.02, 600.0
+"""Seconds ahead for which predictions can be asked."""
 
 
 @dataclass(frozen=True)
@@ -13,9 +17,9 @@ class SearchSettings:
 
     price          decrease of the deviance (-2 log likelihood) that each number of an effect has to pay for: beyond 3
                    it is nothing that noise does in more than 1 of 12 logs
-    tolerance      share by which an effect has to lower the error of 1 s predictions, to matter
-    noise_share    change of 1 s predictions, in units of the sensor noise, below which nothing matters
-    window         horizon of a prediction [s]
+    tolerance      share by which an effect has to lower the error of predictions, to matter
+    noise_share    change of predictions, in units of the sensor noise, below which nothing matters
+    horizon        how far ahead predictions have to be right [s]
     steps          additions, at most
     trials         candidates that a round fits, at most: single effects first, then composites
     quiet          share of the disturbances that a model is simulated beside, where no effect pays otherwise
@@ -28,7 +32,7 @@ class SearchSettings:
                    the fit their sensitivities differ a little, and what they explain does not
     close          difference of the deviance below which two effects explain a log equally well, where they are also
     rival          that much alike
-    enough         excess of the error of 1 s predictions over the noise, as a multiple of the noise, from which
+    enough         excess of the error of predictions over the noise, as a multiple of the noise, from which
                    something that matters is still missing
     worse          the error of held-out data over that of what was fitted to, from which something is missing that
                    shows only where nothing was fitted; right models stay below 1.15
@@ -39,12 +43,14 @@ class SearchSettings:
     always         effects that are fitted in every round of a log with a random torque, which may hide them
     composites     effects that come together and of which none may pay alone; what does not pay beside the others is
                    dropped again
+
+    Raises InvalidInput for a tolerance or a horizon out of range.
     """
 
     price: float = 3.0
     tolerance: float = 0.02
     noise_share: float = 0.07
-    window: float = WINDOW
+    horizon: float = WINDOW
     steps: int = 6
     trials: int = 9
     quiet: float = 1e-3
@@ -73,6 +79,13 @@ class SearchSettings:
         ("lag", "dead_zone"),
         ("saturation", "spring"),
     )
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.tolerance < 1.0:
+            raise InvalidInput(f"tolerance = {self.tolerance:g}: expected a share below 1, such as 0.02")
+        if not SHORTEST_HORIZON <= self.horizon <= LONGEST_HORIZON:
+            choices = f"expected {SHORTEST_HORIZON:g} to {LONGEST_HORIZON:g} s"
+            raise InvalidInput(f"horizon = {self.horizon:g}: {choices}")
 
 
 DEFAULT = SearchSettings()

@@ -59,7 +59,7 @@ def drawn(width: float, height: float, draw: Callable[[Axes], None]) -> Figure:
 
 
 def fall(answer: Diagnosis) -> Figure:
-    """The held-out error after each step, down to the noise; small dots are single windows of 1 s."""
+    """The held-out error after each step, down to the noise; small dots are single windows."""
     return drawn(WIDE, 3.3 if answer.steps or answer.conventions else 2.3, lambda axes: fall_in(axes, answer))
 
 

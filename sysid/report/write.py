@@ -130,8 +130,9 @@ def _described(model: Model) -> str:
 
 def _fall(answer: Diagnosis) -> Section:
     caption = (
-        "Error over windows of 1 s of rollouts that no fit has seen, each window's state refitted, in units of the "
-        "sensor noise, which was found without any model: 1.0 is what a perfect model gets. Grey: single windows."
+        f"Error over windows of {answer.error.window:g} s of rollouts that no fit has seen, each window's state "
+        "refitted, in units of the sensor noise, which was found without any model: 1.0 is what a perfect model gets. "
+        "Grey: single windows."
     )
     steps = answer.steps or answer.conventions
     title = "The error, step by step" if steps else "The error"

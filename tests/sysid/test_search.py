@@ -35,6 +35,7 @@ from sysid import (
 from sysid import parameter as number
 from sysid.diagnosis.search import Addition, Search, Trial, is_nothing, matters
 from sysid.diagnosis.search_settings import DEFAULT
+from sysid.errors import InvalidInput
 from sysid.estimation.first_fit import first_fit
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction_error import Fit
@@ -140,6 +141,22 @@ def test_what_is_there_and_too_small_to_matter_is_said_and_not_added() -> None:
     assert [s.effect for s in diagnose(rod(), records, SENSOR, effects=("viscous",), settings=eager).steps] == [
         "viscous"
     ]
+
+
+def test_what_is_too_small_to_matter_over_a_second_matters_over_a_longer_horizon() -> None:
+    records = logs(truth(Viscous(b=6e-4)), n=4)
+    assert diagnose(rod(), records, SENSOR, effects=("viscous",)).negligible == ("viscous",)
+    far = dataclasses.replace(DEFAULT, horizon=3.0)
+    found = diagnose(rod(), records, SENSOR, effects=("viscous",), settings=far)
+    assert [s.effect for s in found.steps] == ["viscous"]
+    assert found.error.window == 3.0
+    assert "lowers the error of 3 s predictions by 2%" in str(found)
+
+
+@pytest.mark.parametrize("wrong", [{"horizon": 0.0}, {"horizon": -1.0}, {"horizon": math.inf}, {"tolerance": 1.0}])
+def test_settings_out_of_range_are_refused(wrong: dict[str, float]) -> None:
+    with pytest.raises(InvalidInput, match="expected"):
+        dataclasses.replace(DEFAULT, **wrong)  # type: ignore[arg-type]
 
 
 def test_what_matters_depends_on_the_tolerance() -> None:
