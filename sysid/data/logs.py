@@ -93,12 +93,14 @@ def needed_rate(records: Sequence[Record]) -> float:
     """The sample rate [Hz] that a motion needs: 20 samples a period of the fastest part of it, and 100 Hz; 50 Hz of
     a free swing, which answers no command.
 
-    Of the power of its angle all but a ten-thousandth lies below that part's frequency, white noise apart; of its
-    speed, where no angle was read. The noise is what the upper half of the frequencies holds.
+    Of the power of its angle (which the speeds add up to, where no angle was read) all but a ten-thousandth lies below
+    that part's frequency, white noise apart. The noise is what the upper half of the frequencies holds.
     """
     fastest = 0.0
     for r in records:
-        y = r.theta if r.theta is not None and len(r.theta) > 1 else r.theta_dot
+        y = r.theta
+        if not r.has_angles and r.theta_dot is not None:
+            y = r.dt * np.cumsum(r.theta_dot)
         if y is None or len(y) < 8:
             continue
         t = np.linspace(0.0, 1.0, len(y))

@@ -370,9 +370,12 @@ class Diagnosis:
                 f"  + {with_numbers(step.effect, step.parameters)}: {fell}, {chance(step.p_value)}"
                 + (f"; this log cannot tell it from {', '.join(step.alike[1:])}" if len(step.alike) > 1 else "")
             )
-        plant = fitted_numbers(self.estimate, "")
-        if plant:
-            lines.append(f"  with {numbers_in_words(plant)}")
+        added = {step.effect for step in (*self.conventions, *self.steps)}
+        given = [e.name for e in self.estimate.model.effects if e.name not in added]
+        begun = [(name, own) for name in ("", *given) if (own := fitted_numbers(self.estimate, name))]
+        if begun:
+            words = (with_numbers(name, own) if name else numbers_in_words(own) for name, own in begun)
+            lines.append(f"  with {', '.join(words)}")
         lines.extend(f"  cannot be told apart by this motion: {', '.join(group)}" for group in self.not_identifiable)
         lines.extend(f"  {remark}" for remark in self.remarks)
         lines.append(

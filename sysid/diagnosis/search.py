@@ -316,23 +316,26 @@ class Search:
         )
 
     def _pruned(self, now: Fit) -> Fit:
-        """Without the additions that have no size, and those that no longer pay or matter beside others, the rarest
-        first."""
-        dropped = True
-        while dropped:
-            dropped = False
-            for addition in sorted(self.additions, key=lambda a: CATALOGUE[a.name].rarity, reverse=True):
-                nothing = is_nothing(now, addition.name, self.settings.sure)
-                if not nothing and len(self.additions) == 1:
-                    continue
-                logger.debug(f"trying without {addition.name}")
-                without = reduced(now, addition.name, QUICK)
-                loses = gain(now, without, (addition.name,)) - price(addition.name, self.settings.price)
-                if nothing or loses < 0.0 or not matters(without.model, now, self.settings):
-                    self.additions.remove(addition)
-                    now, dropped = settled(without), True
-                    break
+        """Without the additions that have no size, the rarest first, and those that no longer pay or matter beside
+        others: of these the one whose loss is least."""
+        while self.additions:
+            order = sorted(self.additions, key=lambda a: CATALOGUE[a.name].rarity, reverse=True)
+            nothing = [a for a in order if is_nothing(now, a.name, self.settings.sure)]
+            candidates = nothing[:1] or (order if len(order) > 1 else [])
+            tried = [(a, reduced(now, a.name, QUICK)) for a in candidates]
+            needless = [(a, without) for a, without in tried if a in nothing or self._needless(a.name, now, without)]
+            if not needless:
+                break
+            addition, without = min(needless, key=lambda own: own[1].deviance)
+            logger.debug(f"going on without {addition.name}")
+            self.additions.remove(addition)
+            now = settled(without)
         return self._simplified(now)
+
+    def _needless(self, name: str, now: Fit, without: Fit) -> bool:
+        """Whether an effect does not pay beside the others, or does not matter."""
+        loses = gain(now, without, (name,)) - price(name, self.settings.price)
+        return loses < 0.0 or not matters(without.model, now, self.settings)
 
     def _simplified(self, now: Fit) -> Fit:
         """With the simpler form of each refinement that no longer beats it, now that others stand beside both."""

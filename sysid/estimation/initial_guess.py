@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -17,6 +18,10 @@ SPAN = 0.2
 """Seconds over which the equation of motion is integrated: the noise of an acceleration would drown it."""
 MOST = 20_000
 """Samples that are looked at."""
+FEWEST = 40
+"""Samples of a record that tell how a servo follows its command."""
+SLOWEST, FASTEST, FREQUENCIES, RATIOS = 3.0, 2.0, 16, (0.3, 0.7, 1.5)
+"""Natural frequencies [rad/s] from the slowest to this many a sample, and damping ratios, of a servo that are tried."""
 
 
 def initial_guess(model: Model, names: Sequence[str], records: Sequence[Record], sensor: Sensor) -> Model:
@@ -25,12 +30,19 @@ def initial_guess(model: Model, names: Sequence[str], records: Sequence[Record],
         theta_dot(t + T) - theta_dot(t) = integral of  G/J sin(theta) + tau/J - b theta_dot - c sign(theta_dot) + d
 
     by least squares over smoothed states, T = 0.2 s; then the numbers nearest to the old ones with that 1/J and G/J.
-    What the log does not show (no torque, no gravity) stays as it was. Good to a few ten per cent.
+    What the log does not show (no torque, no gravity) stays as it was. Good to a few ten per cent. A servo may follow
+    its command so closely that nothing is left to regress on: its own loop is matched first (`_matched_servo`).
     """
-    shown = _ratios(model, records, sensor)
+    if model.actuator is not None and model.actuator.at_angle:
+        return _matched_servo(model, names, records)
+    return _with_ratios(model, names, _ratios(model, records, sensor))
+
+
+def _with_ratios(model: Model, names: Sequence[str], shown: Mapping[str, float]) -> Model:
+    """The model with those numbers of the plant, nearest to its own, that have this 1/J and G/J."""
     moved = [name for name in names if name in model.plant.parameters]
     own = {name: float(model.plant.parameters[name].value) for name in moved}
-    if not shown or not all(value > 0.0 for value in own.values()):
+    if not shown or not moved or not all(value > 0.0 for value in own.values()):
         return model
 
     def distances(scale: Array) -> Array:
@@ -44,6 +56,42 @@ def initial_guess(model: Model, names: Sequence[str], records: Sequence[Record],
 
     solution = least_squares(distances, np.zeros(len(moved)), x_scale=1.0)
     return model.with_parameters(dict(zip(moved, _inside(model, moved, solution.x), strict=True)))
+
+
+def _matched_servo(model: Model, names: Sequence[str], records: Sequence[Record]) -> Model:
+    """The model of a servo with the natural frequency w and damping ratio z at which it follows its command best:
+
+        theta_ddot = w^2 (u - theta) - 2 z w theta_dot,    w^2 = k_p / J,    2 z w = k_d / J,    G = k_p g
+
+    where what a static load leaves, g sin(theta) + offset, is taken out. Where the inertia is known, k_p follows it.
+    """
+    servo = model.actuator
+    read = [r for r in records if r.has_angles and len(r) >= FEWEST]
+    if servo is None or not read:
+        return model
+    grid = itertools.product(np.geomspace(SLOWEST, FASTEST / model.dt, FREQUENCIES), RATIOS)
+    _, g, w, z = min((*_unexplained(read, w, z), w, z) for w, z in grid)
+    stiffness = float(getattr(servo, servo.scale))
+    moved = _with_ratios(model, names, {"1/J": w * w / stiffness} | ({"G/J": g * w * w} if g > 0.0 else {}))
+    J = float(moved.inertia())
+    numbers = {f"{servo.name}.{servo.scale}": J * w * w, f"{servo.name}.{servo.damping}": 2.0 * z * J * w}
+    bounded = {n: float(np.clip(v, *moved.parameters[n].bounds)) for n, v in numbers.items() if n in names}
+    return moved.with_parameters(bounded)
+
+
+def _unexplained(records: Sequence[Record], w: float, z: float) -> tuple[float, float]:
+    """RMS of what a loop of natural frequency w and damping ratio z leaves of the angles, and g."""
+    from scipy.signal import cont2discrete, lfilter
+
+    rest, loads = list[Array](), list[Array]()
+    for r in records:
+        b, a, _ = cont2discrete(([w * w], [1.0, 2.0 * z * w, w * w]), r.dt)
+        theta = np.asarray(r.theta)[:-1]
+        rest.append(theta - r.u[0] - lfilter(b.ravel(), a, r.u - r.u[0]))
+        loads.append(np.column_stack([np.sin(theta), np.ones(len(r))]))
+    A, e = np.concatenate(loads), np.concatenate(rest)
+    found = np.linalg.lstsq(A, e, rcond=1e-9)[0]
+    return float(np.sqrt(np.mean((e - A @ found) ** 2))), float(found[0])
 
 
 def _inside(model: Model, names: Sequence[str], scale: Array) -> list[float]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.solver import DEFAULT as THOROUGH
-from sysid.estimation.solver import Settings, fit_parameters
+from sysid.estimation.solver import Settings, fit_parameters, large_disturbances
 from sysid.physics.effects import Effect
 
 
@@ -21,11 +21,16 @@ def extended(now: Fit, effects: Sequence[Effect], settings: Settings = THOROUGH)
 
 
 def settled(found: Fit) -> Fit:
-    """A quick fit gone on with; where that ends nowhere, one begun anew at its numbers, if the log is likelier then."""
+    """A quick fit gone on with; where that ends nowhere, one begun anew at its numbers, if the log is likelier then.
+
+    The correlation times stay: numbers that were judged under them are others under those that a fit begins with.
+    """
     after = fit_parameters(found.samples, found.model, found.names, found)
     if after.converged:
         return after
-    return min(after, fit_parameters(found.samples, found.model, found.names), key=lambda own: own.deviance)
+    large = large_disturbances(found.samples).with_memory(found.disturbances.T)
+    anew = fit_parameters(found.samples, found.model, found.names, disturbances=large)
+    return min(after, anew, key=lambda own: own.deviance)
 
 
 def reduced(now: Fit, name: str, settings: Settings = THOROUGH) -> Fit:

@@ -74,7 +74,7 @@ def fit_parameters(
     """
     names = tuple(names)
     if disturbances is None:
-        disturbances = near.disturbances if near else Disturbances(0.3 * level(samples), sigma_o=_angle_sd(samples))
+        disturbances = near.disturbances if near else large_disturbances(samples)
     motion = (near.motion if near else smoothed_motion(samples, disturbances.s)).of_model(samples, model)
     known = (near.prior, near.names) if near else (None, ())
     prior = Prior.of(model, names, settings.vague, settings.torque * largest_torque(samples, model), *known)
@@ -184,6 +184,11 @@ def bounded_step(Z: Array, e: Array, low: Array, high: Array) -> Array:
         step = np.where(outside, np.clip(step, low, high), step)
         free &= ~outside
     return np.clip(step, low, high)
+
+
+def large_disturbances(samples: Samples) -> Disturbances:
+    """Those beside which a fit is nearly a regression, and finds its way from far off."""
+    return Disturbances(0.3 * level(samples), sigma_o=_angle_sd(samples))
 
 
 def largest_torque(samples: Samples, model: Model) -> float:

@@ -43,7 +43,7 @@ EFFECTS = {
         sysid.Drag(c=0.03),
         sysid.AsymmetricViscous(b_plus=0.06, b_minus=0.02),
         sysid.AsymmetricCoulomb(tau_plus=0.09, tau_minus=0.04),
-        sysid.WarmingFriction(tau_c=0.01, excess=0.02, T=1.5),
+        sysid.WarmingFriction(tau_c=0.01, excess=0.02, T=2.5),
         sysid.Dahl(tau_c=0.05, z_s=0.08),
         sysid.LuGre(tau_c=0.03, z_s=0.1, ratio=1.7, v_s=0.4),
         sysid.LoadFriction(mu=0.05),

@@ -23,6 +23,7 @@ from sysid import (
     Saturation,
     Sensor,
     TorqueConstant,
+    TorqueSpeedLimit,
     Viscous,
     diagnose,
     fit,
@@ -32,6 +33,7 @@ from sysid import (
     simulate,
 )
 from sysid.estimation.first_fit import first_fit
+from sysid.estimation.initial_guess import initial_guess
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.scores import scores
 from sysid.planning.excitation import multisine
@@ -132,6 +134,32 @@ def test_dry_friction_and_a_late_command_are_found_behind_a_servo() -> None:
     estimate = found.estimate
     for name, value in {"coulomb.tau_c": 0.15, "delay.T": 0.04, "position_servo.k_d": 0.4}.items():
         assert abs(estimate.values[name] - value) < 4.0 * estimate.sd[name], name
+
+
+@pytest.mark.parametrize("w", [10.0, 50.0, 150.0])
+@pytest.mark.parametrize("known", [False, True], ids=["unknown inertia", "known inertia"])
+def test_the_loop_of_a_servo_is_matched_however_stiff(w: float, known: bool) -> None:
+    """A stiff one errs from its command by little more than it lags: a regression on that error finds nothing."""
+    truth = Model(GeneralJoint(J=8.0 / w**2, G=0.8), (PositionServo(k_p=8.0, k_d=11.2 / w),), dt=0.01)
+    records = swings(truth, about=math.pi)
+    given = {"J": 8.0 / w**2} if known else {"position_servo.k_p": 8.0}
+    model = joint(PositionServo()).with_parameters(given)
+    names = ("G", "position_servo.k_d", "position_servo.k_p" if known else "J")
+    guess = initial_guess(model, names, records, SENSOR).parameters
+    late = float(guess["position_servo.k_d"].value) / float(guess["position_servo.k_p"].value)
+    assert late == pytest.approx(1.4 / w, rel=0.5), "how far it lags shows in any motion, its frequency in fast ones"
+    found = fit(model, records, SENSOR, names).model.parameters
+    for name in names:
+        assert found[name].value == pytest.approx(float(truth.parameters[name].value), rel=0.1), name
+
+
+@pytest.mark.long
+def test_the_limit_of_a_servo_that_falls_with_speed_is_found() -> None:
+    truth = joint(PositionServo(k_p=8.0, k_d=0.4), TorqueSpeedLimit(limit=1.5, k=0.3), Coulomb(tau_c=0.1))
+    found = diagnose(joint(PositionServo(k_p=8.0)), swings(truth, n=4, about=math.pi), SENSOR)
+    assert {s.effect for s in found.steps} == {"torque_speed_limit", "coulomb"}, str(found)
+    assert found.error.ratio < 1.5
+    assert "position_servo (k_d = 0.4" in str(found), "what the drive is fitted with is told beside the plant's numbers"
 
 
 def test_a_model_has_one_actuator_and_no_effect_that_contains_it() -> None:

@@ -129,9 +129,9 @@ def test_warming_friction_falls_with_the_time_of_the_record():
 
 def test_a_carriage_on_warming_friction_slows_as_its_integral_says():
     """Sliding, without force:  v = v_0 - (tau_c t + excess T (1 - exp(-t/T))) / m."""
-    friction = WarmingFriction(tau_c=0.1, excess=0.3, T=0.7)
+    friction = WarmingFriction(tau_c=0.1, excess=0.3, T=2.0)
     run = simulate(Model(LinearAxis(m=0.5), (friction,), RK4(substeps=4), 0.01), np.zeros(200), 0.0, 3.0)
-    expected = 3.0 - (0.1 * run.t - 0.3 * 0.7 * np.expm1(-run.t / 0.7)) / 0.5
+    expected = 3.0 - (0.1 * run.t - 0.3 * 2.0 * np.expm1(-run.t / 2.0)) / 0.5
     np.testing.assert_allclose(run.theta_dot, expected, atol=1e-5)
 
 

@@ -452,6 +452,13 @@ def test_a_fast_motion_is_seen_through_the_noise():
     assert rate == pytest.approx(400.0, rel=0.02), "20 samples a period of 20 Hz"
 
 
+def test_the_rate_that_a_motion_needs_is_seen_in_its_speed_alone():
+    t, rng = np.arange(4001) * 1e-3, np.random.default_rng(0)
+    theta_dot = 2.0 * math.pi * np.cos(2.0 * math.pi * t) + 0.1 * np.sign(np.sin(6.0 * math.pi * t))
+    noisy = theta_dot + 0.2 * rng.standard_normal(4001)
+    assert needed_rate([Record(t, np.ones(4000), theta_dot=noisy)]) == 100.0
+
+
 @pytest.mark.parametrize("name, end", [("energy_shaping", 4.2), ("sac", 4.6), ("dircol", 3.5), ("ddp", 6.0)])
 def test_a_sign_turned_round_is_doubted_in_logs_of_a_real_pendulum(name, end):
     path = REAL / f"dfki_sp_{name}.csv"

@@ -22,11 +22,15 @@ from sysid import (
     Effect,
     Joint,
     JointEffect,
+    Model,
     Periodic,
+    PointMassPendulum,
     Record,
     Ripple,
+    Sensor,
     Spring,
     Tilt,
+    TorqueBias,
     Viscous,
     diagnose,
     ops,
@@ -157,6 +161,18 @@ def test_what_is_too_small_to_matter_over_a_second_matters_over_a_longer_horizon
 def test_settings_out_of_range_are_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(InvalidInput, match="expected"):
         dataclasses.replace(DEFAULT, **wrong)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_of_two_effects_that_change_little_the_one_stays_that_explains_more(seed: int) -> None:
+    """Over a second a slow decay is as well viscous as dry; over half a minute it is exponential."""
+    truth = Model(PointMassPendulum(m=1.0, l=0.33, g=9.81), (Viscous(b=0.004), TorqueBias(tau_0=0.03)), dt=1.0 / 30.0)
+    run = simulate(truth, np.zeros((1, 900)), np.array([math.pi + 0.95]), np.zeros(1))
+    filmed = Sensor(theta=0.008).measure(run, np.random.default_rng(seed))
+    plain = Model(PointMassPendulum(m=1.0, l=0.3, g=9.81), dt=1.0 / 30.0)
+    among = ("viscous", "coulomb", "torque_bias", "tilt")
+    found = diagnose(plain, filmed, Sensor(theta=0.008), parameters=("l",), effects=among)
+    assert {s.effect for s in found.steps} == {"viscous", "torque_bias"}, str(found)
 
 
 def test_what_matters_depends_on_the_tolerance() -> None:

@@ -41,6 +41,7 @@ class DCMotor(Actuator):
     command = "voltage"
     unit = "V"
     scale = "k"
+    damping = "k_e"
     k: Value = parameter(1.0, unit="N m/V", bounds=(1e-6, 1e6), known=True)
     k_e: Value = parameter(0.0, unit="V s/rad", bounds=(0.0, 1e4))
 
@@ -62,6 +63,7 @@ class PositionServo(Actuator):
     command = "position command"
     unit = "rad"
     scale = "k_p"
+    damping = "k_d"
     at_angle = True
     k_p: Value = parameter(1.0, unit="N m/rad", bounds=(1e-6, 1e6), known=True)
     k_d: Value = parameter(0.0, unit="N m s/rad", bounds=(0.0, 1e6))

@@ -164,12 +164,14 @@ class Actuator(Effect):
     command      what the command is, for a sentence
     unit         the command's unit, in those of what turns
     scale        the parameter that sets the scale of all torques: motion alone cannot show it
+    damping      the parameter by which it brakes the joint
     at_angle     whether the command is an angle of the joint: it is read as angles are, and rests at the joint's own
     """
 
     command: ClassVar[str] = "torque"
     unit: ClassVar[str] = "N m"
     scale: ClassVar[str] = ""
+    damping: ClassVar[str] = ""
     at_angle: ClassVar[bool] = False
 
     @abstractmethod

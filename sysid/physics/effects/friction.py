@@ -146,8 +146,9 @@ class AsymmetricCoulomb(DryFriction):
 class WarmingFriction(DryFriction):
     """Dry friction of a grease that warms up; at rest it holds up to as much.
 
-    Friction falls by `excess` to tau_c with the time constant T of the machine's heat; t is the time from the start of
-    each record, before which the machine has rested. With excess = 0 it is Coulomb friction.
+    Friction falls by `excess` to tau_c with the time constant T of the machine's heat, which takes seconds at least; t
+    is the time from the start of each record, before which the machine has rested. With excess = 0 it is Coulomb
+    friction.
     """
 
     words = "dry friction that falls as the machine warms up"
@@ -157,7 +158,7 @@ class WarmingFriction(DryFriction):
     confused = ("coulomb", "drift")
     tau_c: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
     excess: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
-    T: Value = parameter(60.0, unit="s", bounds=(0.1, 1e4), probe=of_duration(0.25, 1.0))
+    T: Value = parameter(60.0, unit="s", bounds=(2.0, 1e4), probe=of_duration(0.25, 1.0))
 
     def limits(self, joint: Joint) -> tuple[Value, Value]:
         limit = self.tau_c + self.excess * ops.exp(-joint.t / self.T)
