@@ -25,7 +25,8 @@ from sysid.errors import InvalidInput
 from sysid.estimation.channels import relied_on
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.fit import free
-from sysid.estimation.held_out import held_out_error
+from sysid.estimation.held_out import held_out_error, lead_of
+from sysid.estimation.initial_guess import initial_guesses
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.scores import price
 from sysid.physics.effects import CATALOGUE, effect
@@ -123,8 +124,7 @@ def _searched(
     """The search through what no hand touched, the fit that it began at, and what was touched."""
     contacts: tuple[Contact, ...] = ()
     for restarts_left in reversed(range(MOST_RESTARTS + 1)):
-        search = search_in(records)
-        base, end = search.run(model, names)
+        search, base, end = _best_search(search_in, records, model, names)
         perhaps = restarts_left and not end.undisturbed
         found = find_contacts(end, missing_torque(end, needed_disturbances(base))) if perhaps else ()
         rest = _without(found, records)
@@ -132,6 +132,19 @@ def _searched(
             break
         contacts, records = (*contacts, *found), rest
     return search, base, contacts
+
+
+def _best_search(
+    search_in: Callable[[Sequence[Record]], Search], records: Sequence[Record], model: Model, names: tuple[str, ...]
+) -> tuple[Search, Fit, Fit]:
+    """Of the searches from each guess of the numbers the one whose end predicts left-out stretches best, with its
+    first fit and its last."""
+    first = search_in(records)
+    guesses = initial_guesses(model, names, records, first.sensor)
+    searches = [first, *(search_in(records) for _ in guesses[1:])]
+    found = [(own, *own.run(model, names, guess)) for own, guess in zip(searches, guesses, strict=True)]
+    lead = max(lead_of(end.model) for _, _, end in found)
+    return min(found, key=lambda own: own[0].left_out(own[2], lead).ratio) if len(found) > 1 else found[0]
 
 
 def _untouched(

@@ -17,6 +17,7 @@ from sysid.diagnosis.search_settings import DEFAULT, SearchSettings
 from sysid.errors import InvalidInput
 from sysid.estimation.first_fit import with_common, without_common
 from sysid.estimation.held_out import lead_of
+from sysid.estimation.initial_guess import initial_guess
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import PredictionErrors, left_out_errors, moved
 from sysid.estimation.prediction_error import Fit
@@ -76,11 +77,12 @@ class Search:
     stages: list[tuple[tuple[Addition, ...], Fit]] = field(default_factory=list)
     left: dict[tuple[Fit, float], PredictionErrors] = field(default_factory=dict)
 
-    def run(self, model: Model, names: Sequence[str]) -> tuple[Fit, Fit]:
-        """The fit of the model as it came, and the one at the end of the loop."""
+    def run(self, model: Model, names: Sequence[str], guess: Model | None = None) -> tuple[Fit, Fit]:
+        """The fit of the model as it came, and the one at the end of the loop; begun at a guess of its numbers, by
+        default that of a regression."""
         logger.debug("fitting the model as it came")
         samples = Samples(model, self.records, self.sensor)
-        helped = with_common(samples, model, names)
+        helped = with_common(samples, guess or initial_guess(model, names, self.records, self.sensor), names)
         base = without_common(helped, model, names)
         now = base
         for k in range(self.settings.steps):
@@ -255,10 +257,10 @@ class Search:
         """Whether left-out stretches are predicted no worse, and better where the model still lacks something:
         likelihood alone believes too much there."""
         lead = max(lead_of(before.model), lead_of(after.model))
-        gain, sd = self._left_out(after, lead).gain(self._left_out(before, lead))
+        gain, sd = self.left_out(after, lead).gain(self.left_out(before, lead))
         return math.isfinite(gain) and gain > (-sd if after.undisturbed else 0.0)
 
-    def _left_out(self, own: Fit, lead: float) -> PredictionErrors:
+    def left_out(self, own: Fit, lead: float) -> PredictionErrors:
         """The errors on left-out stretches; those of a round are asked for several times."""
         if (own, lead) not in self.left:
             self.left[own, lead] = left_out_errors(own, self.settings.horizon, self.settings.blocks, lead)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from sysid.estimation.initial_guess import initial_guess
+from sysid.estimation.initial_guess import initial_guesses
 from sysid.estimation.likelihood import maximum_likelihood
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import BLOCKS, WINDOW, left_out_errors
@@ -22,17 +22,19 @@ MEMORIES = (0.01, 0.1, 1.0)
 
 
 def first_fit(samples: Samples, model: Model, names: Sequence[str]) -> Fit:
-    """The model fitted from far off: by a regression, beside friction that it may lack, and then by itself."""
-    return without_common(with_common(samples, model, names), model, names)
+    """The model fitted from far off: beside friction that it may lack, and then by itself; of several guesses where it
+    may begin, from the one that ends likeliest."""
+    guesses = initial_guesses(model, names, samples.records, samples.sensor)
+    fits = [without_common(with_common(samples, own, names), model, names) for own in guesses]
+    return min(fits, key=lambda own: own.deviance)
 
 
-def with_common(samples: Samples, model: Model, names: Sequence[str]) -> Fit:
-    """The fit from far off of the model beside the friction and the offset that it may lack."""
-    names = tuple(names)
-    begun = initial_guess(model, names, samples.records, samples.sensor)
+def with_common(samples: Samples, begun: Model, names: Sequence[str]) -> Fit:
+    """The fit of a model, begun at a guess of its numbers, beside the friction and the offset that it may lack."""
+    names, given = tuple(names), {e.name for e in begun.effects}
     largest = samples.extent(begun).u_max or float(begun.inertia())
     more: tuple[str, ...] = ()
-    for kind in (CATALOGUE[name] for name in COMMON if name not in {e.name for e in model.effects}):
+    for kind in (CATALOGUE[name] for name in COMMON if name not in given):
         own: Effect = kind().with_parameters({key: share * largest for key, share in kind.begins.items()})
         begun = begun.with_effect(own)
         more += begun.names_of(own.name)

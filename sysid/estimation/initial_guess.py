@@ -30,12 +30,18 @@ def initial_guess(model: Model, names: Sequence[str], records: Sequence[Record],
         theta_dot(t + T) - theta_dot(t) = integral of  G/J sin(theta) + tau/J - b theta_dot - c sign(theta_dot) + d
 
     by least squares over smoothed states, T = 0.2 s; then the numbers nearest to the old ones with that 1/J and G/J.
-    What the log does not show (no torque, no gravity) stays as it was. Good to a few ten per cent. A servo may follow
-    its command so closely that nothing is left to regress on: its own loop is matched first (`_matched_servo`).
+    What the log does not show (no torque, no gravity) stays as it was. Good to a few ten per cent.
     """
-    if model.actuator is not None and model.actuator.at_angle:
-        return _matched_servo(model, names, records)
     return _with_ratios(model, names, _ratios(model, records, sensor))
+
+
+def initial_guesses(model: Model, names: Sequence[str], records: Sequence[Record], sensor: Sensor) -> tuple[Model, ...]:
+    """Where fits from far off begin: by regression, and for a servo, which may follow its command so closely that
+    nothing is left to regress on, with the loop that follows as it did."""
+    regressed = initial_guess(model, names, records, sensor)
+    if model.actuator is None or not model.actuator.at_angle:
+        return (regressed,)
+    return regressed, _matched_servo(model, names, records)
 
 
 def _with_ratios(model: Model, names: Sequence[str], shown: Mapping[str, float]) -> Model:

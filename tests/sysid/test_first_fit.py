@@ -11,6 +11,7 @@ import pytest
 from sysid import Coulomb, GeneralJoint, Model, Record, Sensor, Viscous, diagnose, simulate
 from sysid.diagnosis.search import Search
 from sysid.estimation.first_fit import BLOCKS, WINDOW, first_fit, with_best_memory, with_common, without_common
+from sysid.estimation.initial_guess import initial_guess
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import left_out_errors
 from sysid.estimation.prediction_error import with_likely_angle_error
@@ -45,6 +46,11 @@ def driven(
     return [dataclasses.replace(r, u=own) for r, own in zip(SENSOR.measure(run, rng), u, strict=True)]
 
 
+def guessed(samples: Samples, start: Model) -> Model:
+    """Inertia and gravity by regression."""
+    return initial_guess(start, ("J", "G"), samples.records, samples.sensor)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("seed", [0, 1])
 def test_friction_far_above_gravity_and_inertia_is_found_from_a_default_joint(seed: int) -> None:
@@ -77,7 +83,7 @@ def test_the_memory_that_predicts_is_preferred_to_the_likeliest() -> None:
 def test_a_first_fit_ends_in_the_plain_model_with_numbers_that_friction_has_not_bent() -> None:
     start = Model(GeneralJoint(), dt=DT)
     samples = Samples(start, driven((0.2, 0.4), 7.0, 0.0), SENSOR)
-    helped = with_common(samples, start, ("J", "G"))
+    helped = with_common(samples, guessed(samples, start), ("J", "G"))
     assert {e.name for e in helped.model.effects} == {"viscous", "coulomb", "torque_bias"}
     found = [float(helped.model.parameters[n].value) for n in NAMES]
     np.testing.assert_allclose(found, TRUTH, rtol=0.02)
@@ -90,7 +96,7 @@ def test_friction_and_offset_as_the_first_fit_found_them_are_candidates() -> Non
     """With their numbers, all together and without the least telling."""
     start, records = Model(GeneralJoint(), dt=DT), driven((0.2, 0.4), 7.0, 0.15)
     samples, search = Samples(start, records, SENSOR), Search(records, SENSOR)
-    helped = with_common(samples, start, ("J", "G"))
+    helped = with_common(samples, guessed(samples, start), ("J", "G"))
     plain = without_common(helped, start, ("J", "G"))
     search.last = scores(plain, ("viscous", "coulomb", "torque_bias"))
     trials = search._common(plain, helped)
@@ -111,7 +117,8 @@ def spun_up(rms: float = 0.0) -> list[Record]:
 def test_friction_and_an_offset_that_no_motion_tells_apart_do_not_run_away() -> None:
     records = spun_up(rms=0.01)
     model = Model(GeneralJoint(J=0.1, G=0.0), dt=DT)
-    found = with_common(Samples(model, records, Sensor(0.005, 0.3)), model, ("J",))
+    samples = Samples(model, records, Sensor(0.005, 0.3))
+    found = with_common(samples, initial_guess(model, ("J",), records, samples.sensor), ("J",))
     values = dict(zip(found.names, found.values, strict=True))
     assert values["coulomb.tau_c"] - values["torque_bias.tau_0"] == pytest.approx(0.03, rel=0.05)
     assert abs(values["coulomb.tau_c"]) < 0.7 and abs(values["torque_bias.tau_0"]) < 0.7
