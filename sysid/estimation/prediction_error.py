@@ -77,8 +77,10 @@ class Fit:
 
     @cached_property
     def basis(self) -> Array:
-        """Orthonormal columns (2 M, P) of what the free parameters can do to the innovations."""
-        return np.linalg.qr(self.Z)[0] if len(self.names) else self.Z
+        """Orthonormal columns (2 M, P or fewer) of what the free parameters can do to the innovations; one that ended
+        at a bound can do nothing more."""
+        free = [n not in self.at_bounds for n in self.names]
+        return np.linalg.qr(self.Z[:, free])[0] if any(free) else self.Z[:, free]
 
     @property
     def at_bounds(self) -> set[str]:

@@ -18,6 +18,7 @@ from sysid import (
     Drag,
     Drift,
     Effect,
+    GeneralJoint,
     Lag,
     LoadFriction,
     Model,
@@ -320,3 +321,22 @@ def test_a_start_for_the_fit_lies_within_the_bounds(scored: dict[str, Score]) ->
         if score.visible:
             begun = score.best.at(score.sizes)
             effect(name, **{k: float(p.value) for k, p in begun.parameters.items()})  # raises beyond a bound
+
+
+def test_a_number_that_ended_at_its_bound_absorbs_no_effect() -> None:
+    """Gravity that would have to push upwards is none, and explains nothing of what else is missing."""
+    truth = Model(GeneralJoint(J=0.1, G=1.0), (Coulomb(tau_c=0.02),), dt=DT)
+    u = steps(np.random.default_rng(0), 200, DT, 0.3, 0.2)
+    hanging = SENSOR.measure(simulate(truth, u, math.pi, 0.0), np.random.default_rng(1))
+    records = [replace(r, theta=np.asarray(r.theta) - math.pi) for r in hanging]
+
+    def found(G: float, names: tuple[str, ...]) -> tuple[Fit, dict[str, Score]]:
+        plain = Model(GeneralJoint(J=0.1, G=G), dt=DT)
+        fit = fit_parameters(Samples(plain, records, SENSOR), plain, names, None, Disturbances(5.0, 0.1), KNOWN)
+        return fit, scores(fit, ("spring", "coulomb", "viscous", "tilt"))
+
+    bounded, with_gravity = found(0.3, ("J", "G"))
+    _, without = found(0.0, ("J",))
+    assert "G" in bounded.at_bounds
+    for name in ("spring", "coulomb", "viscous"):
+        assert with_gravity[name].lm == pytest.approx(without[name].lm, rel=1e-2), name
