@@ -266,10 +266,10 @@ class _Report:
                 (name, *self.search.inseparable(name)),
                 fitted[name].merit if name in fitted else merit[name],
                 self._p_value(name),
-                self.confirmed.error(fitted[name].fit).ratio if name in fitted else None,
-                fitted[name].fit if name in fitted else None,
-                self.base,
-                missing,
+                fit=fitted[name].fit if name in fitted else None,
+                base=self.base,
+                missing=missing,
+                held_out=self.confirmed.error,
             )
             for name in order
         )

@@ -56,14 +56,13 @@ def likelihood_ascent(now: Filter, floor: Array, angle_error: bool = True) -> Fi
 
 
 def maximum_likelihood(system: LinearSystem, begins: Iterable[Disturbances], angle_error: bool = True) -> Disturbances:
-    """The likeliest of disturbances about the same motion, each first moved to likelier sizes."""
-    floor, ends = np.array([-40.0, -40.0]), list[Filter]()
-    for begun in begins:
-        trial = system.filter(begun)
-        for _ in range(3):
-            trial = likelihood_ascent(trial, floor, angle_error)
-        ends.append(trial)
-    return min(ends, key=lambda own: own.deviance).disturbances
+    """The likeliest of disturbances about the same motion, each first moved to likelier sizes; after each of three
+    moves the likelier half goes on."""
+    floor, trials = np.array([-40.0, -40.0]), [system.filter(begun) for begun in begins]
+    for _ in range(3):
+        trials = sorted((likelihood_ascent(own, floor, angle_error) for own in trials), key=lambda own: own.deviance)
+        trials = trials[: (len(trials) + 1) // 2]
+    return trials[0].disturbances
 
 
 def log_sizes(disturbances: Disturbances) -> Array:

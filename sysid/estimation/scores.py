@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -45,6 +45,11 @@ class Score:
     def numbers(self) -> int:
         """How many parameters the effect brings."""
         return len(self.best.neutral.parameters)
+
+    @cached_property
+    def basis(self) -> Array:
+        """Orthonormal columns (2 M, q) of what it can do to the innovations."""
+        return np.linalg.qr(self.z)[0]
 
 
 def scores(fit: Fit, names: Iterable[str] | None = None) -> dict[str, Score]:
@@ -101,10 +106,9 @@ def _tested(e: Array, alternative: Alternative, z: Array, length: Array, shapes:
 
 def alikeness(a: Score, b: Score) -> float:
     """The smallest cosine between the spaces that two effects move the innovations in; 0 for unequal dimensions."""
-    A, B = (np.linalg.qr(s.z)[0] for s in (a, b) if s.visible) if a.visible and b.visible else (None, None)
-    if A is None or B is None or A.shape[1] != B.shape[1]:
+    if not a.visible or not b.visible or a.z.shape != b.z.shape:
         return 0.0
-    return float(np.linalg.svd(A.T @ B, compute_uv=False)[-1])
+    return float(np.linalg.svd(a.basis.T @ b.basis, compute_uv=False)[-1])
 
 
 def price(name: str, each: float, shapes: int = 1) -> float:
