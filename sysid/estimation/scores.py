@@ -16,6 +16,8 @@ from sysid.physics.ops import Array
 
 VISIBLE = 1e-3
 """|z_perp| / |z| below which an effect is absorbed by the parameters that are free already."""
+SEPARATE = 1e-6
+"""Share of the largest squared length below which a direction of an effect's magnitudes is none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,14 +70,14 @@ def score(fit: Fit, alternatives: Sequence[Alternative]) -> Score | None:
         G, R = fit.linearised.effect_changes(effects, sizes)
     if not (np.all(np.isfinite(G)) and np.all(np.isfinite(R))):
         return None
-    Z = fit.filter.whiten(G, R)
-    length = np.linalg.norm(Z, axis=0)
+    rows = np.ascontiguousarray(fit.filter.whiten(G, R).T)
+    length = np.linalg.norm(rows, axis=1)
     for _ in range(2):
-        Z = Z - fit.basis @ (fit.basis.T @ Z)
+        rows = rows - (rows @ fit.basis) @ fit.basis.T
     best: Score | None = None
     for k, alternative in enumerate(alternatives):
         own = np.array([i for i, owner in enumerate(owners) if owner == k], dtype=int)
-        score = _tested(fit.e, alternative, Z[:, own], length[own], len(alternatives))
+        score = _tested(fit.e, alternative, rows[own].T, length[own], len(alternatives))
         if best is None or score.lm > best.lm:
             best = score
     return best
@@ -89,12 +91,12 @@ def _tested(e: Array, alternative: Alternative, z: Array, length: Array, shapes:
     sizes, sd, lm = np.zeros(q), np.full(q, math.inf), 0.0
     if np.any(seen):
         unit = z[:, seen] / beside[seen]
-        U, size, V = np.linalg.svd(unit, full_matrices=False)
-        keep = size > 1e-3
-        along = U[:, keep].T @ e
+        size, V = np.linalg.eigh(unit.T @ unit)
+        V = V[:, size > SEPARATE] / np.sqrt(size[size > SEPARATE])
+        along = V.T @ (unit.T @ e)
         lm = float(along @ along)
-        sizes[seen] = V[keep].T @ (along / size[keep]) / beside[seen]
-        sd[seen] = np.sqrt(np.sum((V[keep].T / size[keep]) ** 2, axis=1)) / beside[seen]
+        sizes[seen] = V @ along / beside[seen]
+        sd[seen] = np.sqrt(np.sum(V**2, axis=1)) / beside[seen]
         if alternative.side and sizes[0] * alternative.side < 0.0:
             lm = 0.0
     visible = bool(np.any(seen))
