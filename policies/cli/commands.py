@@ -136,7 +136,7 @@ def _(command: EvaluateCommand) -> None:
         data["references"] = [
             {"name": r.name, "note": r.note, **({} if r.evaluation is None else _plain(r.evaluation))} for r in found
         ]
-    write_json(command.json, data)
+    write_json(command.json, lambda: data)
 
 
 @run.register

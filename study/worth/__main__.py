@@ -105,7 +105,7 @@ def run(command: WorthOptions) -> None:
         np.random.default_rng(command.seed),
     )
     logger.info(found)
-    write_json(command.json, found.to_dict())
+    write_json(command.json, found.to_dict)
     if found.experiment is None:
         unwritten = [str(path) for path in (command.out, command.figure) if path is not None]
         if unwritten:

@@ -91,7 +91,7 @@ def _(command: FitCommand) -> None:
     logger.info(estimate)
     logger.info(f"  on held-out data: {error}")
     task.doubt(error.theta)
-    write_json(command.json, {**estimate.to_dict(), "held_out_error": error.to_dict()})
+    write_json(command.json, lambda: {**estimate.to_dict(), "held_out_error": error.to_dict()})
     write(command.out, partial(save, estimate))
 
 
@@ -104,7 +104,7 @@ def _(command: CompareCommand) -> None:
     comparison = compare(model, task.held_out, task.sensor, task.names)
     logger.info(comparison)
     task.doubt(comparison.one_second.theta)
-    write_json(command.json, comparison.to_dict())
+    write_json(command.json, comparison.to_dict)
     write(command.figure, partial(_draw, comparison))
     write(command.html, partial(_write_page, comparison))
     if command.parquet is not None:
@@ -124,7 +124,7 @@ def _(command: DiagnoseCommand) -> None:
     diagnosis = diagnose(task.model, task.log, task.sensor, hold_out, parameters=names, settings=settings)
     logger.info(diagnosis)
     task.doubt(diagnosis.error.theta)
-    write_json(command.json, diagnosis.to_dict())
+    write_json(command.json, diagnosis.to_dict)
     write(command.out, partial(save, diagnosis.estimate))
     write(command.html, partial(_write_page, diagnosis))
 
@@ -137,7 +137,7 @@ def _(command: AddCommand) -> None:
     task = LogAndModel.of(command)
     added = add(task.fitted(), command.effect, task.log, task.measured, command.log.hold_out)
     logger.info(added)
-    write_json(command.json, added.to_dict())
+    write_json(command.json, added.to_dict)
     write(command.out, partial(save, added.estimate))
 
 
@@ -151,7 +151,7 @@ def _(command: ExperimentCommand) -> None:
     limits = _limits(command, task.log, estimate.model)
     experiment = next_experiment(estimate, rivals, limits, task.sensor, task.training)
     logger.info(experiment)
-    write_json(command.json, experiment.to_dict())
+    write_json(command.json, experiment.to_dict)
     if command.out is not None and not experiment.u.size:
         logger.info(f"{command.out} was not written: there is nothing to play")
     else:
@@ -174,7 +174,7 @@ def _(command: ExportCommand) -> None:
     exported = to_urdf(model, joint) if language == "urdf" else to_mjcf(model, joint, command.into)
     for sentence in exported.sentences:
         logger.info(sentence)
-    write_json(command.json, exported.to_dict())
+    write_json(command.json, exported.to_dict)
     write(command.to, exported.save)
 
 
@@ -318,9 +318,9 @@ def write(path: Path | None, writer: Callable[[Path], None]) -> None:
         logger.info(f"wrote {path}")
 
 
-def write_json(path: Path | None, data: dict[str, Any]) -> None:
-    """Write plain data."""
-    write(path, lambda own: save_file(own, json.dumps(data, indent=1, allow_nan=False) + "\n"))
+def write_json(path: Path | None, told: Callable[[], dict[str, Any]]) -> None:
+    """Write what an answer tells as plain data: some of it costs as much as the answer."""
+    write(path, lambda own: save_file(own, json.dumps(told(), indent=1, allow_nan=False) + "\n"))
 
 
 def _write_page(answer: Any, path: Path) -> None:

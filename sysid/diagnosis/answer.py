@@ -6,11 +6,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
-from sysid.diagnosis.compare import Comparison, compare
 from sysid.diagnosis.contacts import Contact
 from sysid.diagnosis.findings import chance, dependence_on, fitted_numbers, numbers_in_words, quantity, with_numbers
 from sysid.diagnosis.predictions import Prediction, typical
@@ -20,6 +19,9 @@ from sysid.estimation.estimate import Estimate
 from sysid.estimation.held_out import HeldOutError, finite
 from sysid.physics.model import Model
 from sysid.planning.planned_experiment import Experiment
+
+if TYPE_CHECKING:
+    from sysid.diagnosis.compare import Comparison
 
 SCHEMA = "gapfinder/diagnosis/1"
 MOST_SHOWN = 12_000
@@ -204,6 +206,8 @@ class Diagnosis:
     @cached_property
     def comparisons(self) -> tuple[Comparison, ...]:
         """How far off each of the models is on the data that no fit has seen."""
+        from sysid.diagnosis.compare import compare  # many an answer is read without
+
         return tuple(compare(model, self.unseen, self.sensor) for model in self.models)
 
     @cached_property

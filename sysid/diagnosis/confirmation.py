@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from scipy.special import chdtrc
 
 from sysid.data.record import Record
 from sysid.diagnosis.answer import MissingTorque, Remaining
@@ -18,6 +17,7 @@ from sysid.diagnosis.residual_torque import missing_torque, needed_disturbances
 from sysid.diagnosis.search import Addition, Search, is_nothing
 from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.held_out import HeldOutError, held_out_error
+from sysid.estimation.likelihood import p_value
 from sysid.estimation.prediction import fitted_error
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import extended, reduced, settled
@@ -184,7 +184,7 @@ class Confirmation:
             fit = settled(extended(end, [found.best.at(found.sizes)], QUICK))
             after = self.error(fit)
             if after.ratio < error.ratio * (1.0 - self.search.settings.tolerance):
-                p = float(chdtrc(found.numbers, max(end.deviance - fit.deviance, 0.0)))
+                p = p_value(end.deviance - fit.deviance, found.numbers)
                 self.additions = [*self.additions, Addition(name, self.search.inseparable(name), (), p, fit)]
                 self.errors[names_of(self.additions)] = (fit, after)
 

@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.special import chdtrc
 
 from sysid.data.logs import notes_of
 from sysid.data.record import Record, check_records, unique_names
@@ -27,6 +26,7 @@ from sysid.estimation.estimate import Estimate
 from sysid.estimation.fit import free
 from sysid.estimation.held_out import held_out_error, lead_of
 from sysid.estimation.initial_guess import initial_guesses
+from sysid.estimation.likelihood import p_value
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.scores import price
 from sysid.physics.effects import CATALOGUE, effect
@@ -279,17 +279,17 @@ class _Report:
                 (name, *self.search.inseparable(name)),
                 fitted[name].merit if name in fitted else merit[name],
                 self._p_value(name),
-                self.confirmed.error(fitted[name].fit).ratio if name in fitted else None,
-                fitted[name].fit if name in fitted else None,
-                self.base,
-                missing,
+                fit=fitted[name].fit if name in fitted else None,
+                base=self.base,
+                missing=missing,
+                held_out=self.confirmed.error,
             )
             for name in order
         )
 
     def _p_value(self, name: str) -> float:
         score = self.search.first[name]
-        return min(1.0, float(chdtrc(max(len(score.sizes), 1), score.lm)) * len(self.search.first))
+        return min(1.0, p_value(score.lm, max(len(score.sizes), 1)) * len(self.search.first))
 
     def _not_identifiable(self, end: Fit) -> tuple[tuple[str, ...], ...]:
         """Parameters that no log of this kind separates, and effects that the free parameters absorb."""

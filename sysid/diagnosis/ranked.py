@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -13,7 +14,7 @@ from sysid.diagnosis.dependence import coordinates
 from sysid.diagnosis.findings import fitted_numbers
 from sysid.diagnosis.predictions import LONGEST_STRETCH
 from sysid.diagnosis.residual_torque import missing_torque, needed_disturbances
-from sysid.estimation.held_out import finite
+from sysid.estimation.held_out import HeldOutError, finite
 from sysid.estimation.linearisation import LinearisedModel
 from sysid.estimation.prediction_error import Fit
 from sysid.physics.ops import Array
@@ -25,21 +26,29 @@ _LEAST_SHARE = 0.3
 
 @dataclass(frozen=True)
 class Ranked:
-    """A candidate of the first round: its score (expected decrease of -2 log likelihood), Holm's p-value, the
-    held-out error with it (None: not refitted), and those that the log cannot tell from it.
+    """A candidate of the first round: its score (expected decrease of -2 log likelihood), Holm's p-value, and those
+    that the log cannot tell from it.
 
-    fit, base   the fits with it and without, where it was refitted
-    missing     RMS of the torque [N m] that is missing without it
+    known_error  the held-out error with it, where that is known without a fit
+    fit, base    the fits with it and without, where it was refitted
+    missing      RMS of the torque [N m] that is missing without it
+    held_out     the held-out error of a fit
     """
 
     effect: str
     alike: tuple[str, ...]
     score: float
     p_value: float
-    error_after: float | None
+    known_error: float | None = None
     fit: Fit | None = None
     base: Fit | None = None
     missing: float = 0.0
+    held_out: Callable[[Fit], HeldOutError] | None = None
+
+    @cached_property
+    def error_after(self) -> float | None:
+        """The held-out error with it, in units of the sensor noise; None where it was not refitted."""
+        return self.known_error if self.fit is None or self.held_out is None else self.held_out(self.fit).ratio
 
     @cached_property
     def parameters(self) -> dict[str, dict[str, Any]]:

@@ -304,7 +304,9 @@ def needed_disturbances(base: Fit) -> Disturbances:
     prior = Disturbances(max(base.disturbances.s, 1e-3 * float(np.std(base.samples.smoothed[:, 1]))), CORRELATION_TIME)
     likely = base.linearised.system.filter(prior)
     for _ in range(6):
-        likely = likelihood_ascent(likely, _FLOOR, angle_error=False)
+        before, likely = likely, likelihood_ascent(likely, _FLOOR, angle_error=False)
+        if likely is before:
+            break
     return likely.disturbances
 
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
-from scipy.special import chdtrc
 
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
@@ -18,6 +17,7 @@ from sysid.errors import InvalidInput
 from sysid.estimation.first_fit import with_common, without_common
 from sysid.estimation.held_out import lead_of
 from sysid.estimation.initial_guess import initial_guess
+from sysid.estimation.likelihood import p_value
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import PredictionErrors, left_out_errors, moved
 from sysid.estimation.prediction_error import Fit
@@ -302,7 +302,7 @@ class Search:
                     and alikeness(self.last[t.effects[0]], own) > self.settings.rival
                 )
             numbers = len(chosen.fit.names) - len(now.names)
-            p = float(chdtrc(numbers, max(now.deviance - chosen.fit.deviance, 0.0)))
+            p = p_value(now.deviance - chosen.fit.deviance, numbers)
             self.additions.append(Addition(name, same, close, p, chosen.fit))
         return settled(chosen.fit)
 

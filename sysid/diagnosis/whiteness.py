@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.special import chdtrc
 
+from sysid.estimation.likelihood import p_value
 from sysid.estimation.output_error import CHANNELS
 from sysid.estimation.prediction_error import Fit
 from sysid.physics.ops import Array
@@ -68,4 +68,4 @@ def _autocorrelation(sequences: list[Array]) -> Whiteness:
             correlation.append(float(np.nanmean(products)) / power)
             pairs.append(count)
     r, n = np.array(correlation), np.array(pairs, dtype=float)
-    return Whiteness(np.array(lags, dtype=float), r, 2.5758 / np.sqrt(n), float(chdtrc(len(r), np.sum(n * r**2))))
+    return Whiteness(np.array(lags, dtype=float), r, 2.5758 / np.sqrt(n), p_value(float(np.sum(n * r**2)), len(r)))

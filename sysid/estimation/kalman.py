@@ -239,28 +239,31 @@ class Filter:
         """Innovations (2 M, C) that small changes cause: G (M, n, C) of the steps' ends, R (M, 2, C) of the
         readings, the latter in units of the sensor's sd."""
         W, WH, _, _ = self._parts
-        innovations: Array = W @ R + WH @ self._response(G, R)
+        innovations: Array = WH @ np.moveaxis(self._response(G, R), 0, -1)
+        if np.any(R):
+            innovations += W @ R
         return innovations.reshape(2 * len(G), G.shape[2])
 
     def _response(self, G: Array, R: Array) -> Array:
-        """How the predicted means (M, N, C) move with such changes."""
+        """How the predicted means (C, M, N) move with such changes."""
         _, _, Gamma, band = self._parts
         M, C, N = len(G), G.shape[2], self.system.size
-        g = np.zeros((M, N, C))
+        g = np.zeros((C, M, N))
         if C == 0:
             return g
-        g[1:] = -(Gamma @ R)[:-1]
-        g[1:, self.system.moving] += G[:-1]
-        g[1:][~self.system.follows[:-1]] = 0.0
-        m, _ = dtbtrs(band, g.reshape(N * M, C), uplo="L")
-        return np.asarray(m).reshape(M, N, C)
+        g[:, 1:, self.system.moving] = np.moveaxis(G, -1, 0)[:, :-1]
+        if np.any(R):
+            g[:, 1:] -= np.moveaxis(Gamma @ R, -1, 0)[:, :-1]
+        g[:, 1:][:, ~self.system.follows[:-1]] = 0.0
+        m, _ = dtbtrs(band, g.reshape(C, M * N).T, uplo="L")
+        return np.asarray(m).T.reshape(C, M, N)
 
     def smooth(self, G: Array | None = None, R: Array | None = None) -> Array:
         """The mean of z (M, N) given all readings, after the model's predictions changed by G (M, n), R (M, 2)."""
         W, WH, _, band = self._parts
         M, e, mean = len(self.own), self.innovations, self.states[:, _packed(self.system.size) :]
         if G is not None and R is not None:
-            m = self._response(G[:, :, None], R[:, :, None])[:, :, 0]
+            m = self._response(G[:, :, None], R[:, :, None])[0]
             e = e - np.einsum("mij,mj->mi", W, R) - np.einsum("mij,mj->mi", WH, m)
             mean = mean + m
         source = np.einsum("mij,mi->mj", WH, e).reshape(-1, 1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 
 import numpy as np
@@ -12,6 +13,11 @@ from sysid.physics.ops import Array
 
 IDLE = 5.0
 """Decrease of the deviance below which s may be none at once, and need not shrink step by step."""
+HOPELESS = 30.0
+"""Deviance above that of others that no further move makes up for."""
+
+NEGLIGIBLE = 0.01
+"""Twice the decrease of the deviance that is not worth a step."""
 
 
 def likelihood_ascent(now: Filter, floor: Array, angle_error: bool = True) -> Filter:
@@ -19,9 +25,9 @@ def likelihood_ascent(now: Filter, floor: Array, angle_error: bool = True) -> Fi
     alone.
 
     Slope and curvature are differences over a factor of 1.35, which is less than a log can tell; where the curvature is
-    negative the step follows the slope, by a factor of e, or of e^2 where that is better still; an s that is too small
-    grows for as long as that helps. One that hardly matters any more, so that the deviance goes with its square, has
-    nothing to gain but half the slope: it may be none.
+    negative the step follows the slope, by a factor of e, or of e^2 where that is better still, and s goes on for as
+    long as that helps. One that hardly matters any more, so that the deviance goes with its square, has nothing to gain
+    but half the slope: it may be none. Where nothing is to be gained, the filter is `now`.
     """
     h, sizes = 0.3, log_sizes(now.disturbances)
     free = [i for i in range(1 + angle_error) if sizes[i] > floor[i]]
@@ -35,6 +41,8 @@ def likelihood_ascent(now: Filter, floor: Array, angle_error: bool = True) -> Fi
     trials = [now, *map(moved, unit), *map(moved, -unit)]
     up, down = (np.array([own.deviance for own in side]) for side in (trials[1 : 1 + len(free)], trials[-len(free) :]))
     slope, curvature = (up - down) / (2.0 * h), np.diag(up - 2.0 * here + down) / h**2
+    if np.all(slope**2 <= NEGLIGIBLE * np.diag(curvature)):
+        return now
     if len(free) == 2:
         both = (moved(unit[0] + unit[1]).deviance - up[0] - up[1] + here) / h**2
         curvature[0, 1] = curvature[1, 0] = both
@@ -47,23 +55,34 @@ def likelihood_ascent(now: Filter, floor: Array, angle_error: bool = True) -> Fi
         trials.append(moved(np.maximum(0.3 * move, lowest)))
     elif np.any(np.abs(along) > 1.0):
         trials.append(moved(np.maximum(2.0 * move, lowest)))
-        while move[0] > 0.0 and trials[-1].deviance < trials[-2].deviance:
+        while trials[-1].deviance < trials[-2].deviance and 2.0 * move[0] > lowest[0]:
             move[0] *= 2.0
-            trials.append(moved(2.0 * move))
+            trials.append(moved(np.maximum(2.0 * move, lowest)))
     if free[0] == 0 and 0.0 < slope[0] < 2.0 * IDLE:
         trials.append(moved(np.array([lowest[0], 0.0])))
     return min(trials, key=lambda own: own.deviance)
 
 
 def maximum_likelihood(system: LinearSystem, begins: Iterable[Disturbances], angle_error: bool = True) -> Disturbances:
-    """The likeliest of disturbances about the same motion, each first moved to likelier sizes."""
-    floor, ends = np.array([-40.0, -40.0]), list[Filter]()
-    for begun in begins:
-        trial = system.filter(begun)
-        for _ in range(3):
-            trial = likelihood_ascent(trial, floor, angle_error)
-        ends.append(trial)
-    return min(ends, key=lambda own: own.deviance).disturbances
+    """The likeliest of disturbances about the same motion, each first moved to likelier sizes, but for those that are
+    hopeless beside others."""
+    floor, trials = np.array([-40.0, -40.0]), [system.filter(begun) for begun in begins]
+    for _ in range(3):
+        trials = [likelihood_ascent(own, floor, angle_error) for own in trials]
+        best = min(trials, key=lambda own: own.deviance)
+        trials = [own for own in trials if own.deviance < best.deviance + HOPELESS]
+    return best.disturbances
+
+
+def p_value(decrease: float, numbers: int) -> float:
+    """How often that many idle numbers decrease the deviance by more: the tail of chi squared.
+
+    Q(x; n) = Q(x; n - 2) + (x / 2)^(n / 2 - 1) exp(-x / 2) / Gamma(n / 2),   Q(x; 1) = erfc(sqrt(x / 2)),   Q(x; 0) = 0
+    """
+    half = float(np.clip(0.5 * decrease, 1e-300, 1e300))
+    tail = math.erfc(math.sqrt(half)) if numbers % 2 else 0.0
+    more = (math.exp((0.5 * n - 1.0) * math.log(half) - half - math.lgamma(0.5 * n)) for n in range(numbers, 1, -2))
+    return tail + math.fsum(more)
 
 
 def log_sizes(disturbances: Disturbances) -> Array:

@@ -16,8 +16,8 @@ from sysid.data.sensor import Sensor
 from sysid.estimation.kalman import LinearSystem
 from sysid.estimation.smoothed_start import smooth_states
 from sysid.estimation.windows import UNKNOWN
-from sysid.physics.effects import DynamicEffect, Effect, InputEffect
-from sysid.physics.effects.effect import Stretch
+from sysid.physics.effects import DynamicEffect, Effect, InputEffect, JointEffect
+from sysid.physics.effects.effect import Joint, Stretch
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 from sysid.physics.parameters import Extent
@@ -247,6 +247,9 @@ class LinearisedModel:
 
     def effect_changes(self, effects: Sequence[Effect], sizes: Sequence[float]) -> tuple[Array, Array]:
         """What moves, as in `changes` and a column each, with effects of one kind, per their sizes from neutral."""
+        torques = [e for e in effects if isinstance(e, JointEffect) and float(e.inertia()) == 0.0]
+        if len(torques) == len(effects):
+            return self._torque_changes(torques, sizes)
         model = self.model.with_effect(effects[0])
         keys = model.names_of(effects[0].name)
         rows = np.array([[float(p.value) for p in e.parameters.values()] for e in effects])
@@ -258,6 +261,46 @@ class LinearisedModel:
         ends, seen = self._variants(model, rows, keys, inner)
         size = np.asarray(sizes)[:, None, None]
         return self._as_changes((ends[..., : self.ends.shape[-1]] - self.ends) / size, (seen - self.seen) / size)
+
+    def _torque_changes(self, effects: Sequence[JointEffect], sizes: Sequence[float]) -> tuple[Array, Array]:
+        """What moves with torques s along the motion, u the share of an interval that is over.
+
+            dtheta' = B_theta mean 2 (1 - u) s,   dtheta_dot' = B_theta_dot mean s
+
+        B is the slope of a step's end with respect to a torque held over the interval.
+        """
+        parameters, V, M = effects[0].parameters, len(effects), len(self.samples)
+        rows = np.array([[float(p.value) for p in e.parameters.values()] for e in effects])
+        # a shape stands in as many rows as the effect has magnitudes: what depends on it alone is evaluated once
+        shared = math.gcd(V, sum(p.neutral is not None for p in parameters.values()))
+        columns = np.moveaxis(rows.reshape(V // shared, shared, 1, -1), -1, 0)
+        once = [own[:, :1] if np.all(own == own[:, :1]) else own for own in columns]
+        effect = effects[0].with_parameters(dict(zip(parameters, once, strict=True)))
+        early, held = np.zeros((V // shared, shared, M)), np.zeros((V // shared, shared, M))
+        for joint, left in self._within:
+            torque = effect.torque(joint) / len(self._within)
+            early += 2.0 * left * torque
+            held += torque
+        B = self.system.A[:, :, 2] / self.model.inertia() / np.asarray(sizes)[:, None, None]
+        early, held = early.reshape(V, M, 1), held.reshape(V, M, 1)
+        ends = np.concatenate([B[..., :1] * early, B[..., 1:] * held], axis=2)
+        return self._as_changes(ends, np.broadcast_to(0.0, (V, M, 2)))
+
+    @cached_property
+    def _within(self) -> list[tuple[Joint, float]]:
+        """What acts at the joint at the nodes of Gauss' quadrature over every substep, and the share of the interval
+        that is left then."""
+        model, samples, substeps = self.model, self.samples, self.drives.shape[-1]
+        (theta, theta_dot), d = self.motion.x.T, self.motion.d
+        gained, push, nodes = self.ends[:, 1] - theta_dot, model.inertia() * d, []
+        for k, drive in enumerate(self.drives.T):
+            for node in (0.5 - math.sqrt(1.0 / 12.0), 0.5 + math.sqrt(1.0 / 12.0)):
+                u = (k + node) / substeps
+                t = u * samples.dt
+                travelled = t * (theta_dot + 0.5 * u * gained)
+                own = (theta + travelled, theta_dot + u * gained, samples.time_since_start + t, drive, push)
+                nodes.append((model.joint(*own), 1.0 - u))
+        return nodes
 
     def _variants(self, model: Model, rows: Array, names: Sequence[str], inner: Array) -> tuple[Array, Array]:
         """Ends (V, M, n) and readings (V, M, 2) of variants of a model, which have numbers (V, P) of their own."""
@@ -287,9 +330,10 @@ class LinearisedModel:
         return ends, np.stack(own)
 
     def _as_changes(self, ends: Array, seen: Array) -> tuple[Array, Array]:
-        G = np.moveaxis(ends, 0, -1) * self.samples.follows[:, None, None]
-        R = np.moveaxis(seen, 0, -1) * self.samples.weight[:, :, None]
-        return G, self._moved_ahead(R)
+        G = np.moveaxis(ends * self.samples.follows[:, None], 0, -1)
+        if not np.any(seen):
+            return G, np.moveaxis(seen, 0, -1)
+        return G, self._moved_ahead(np.moveaxis(seen, 0, -1) * self.samples.weight[:, :, None])
 
     def _readings(self) -> tuple[Array, Array]:
         """Slopes H (M, 2, 2) of the readings and residuals r (M, 2), in units of the sensor's sd.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -16,6 +16,8 @@ from sysid.physics.ops import Array
 
 VISIBLE = 1e-3
 """|z_perp| / |z| below which an effect is absorbed by the parameters that are free already."""
+SEPARATE = 1e-6
+"""Share of the largest squared length below which a direction of an effect's magnitudes is none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +48,11 @@ class Score:
         """How many parameters the effect brings."""
         return len(self.best.neutral.parameters)
 
+    @cached_property
+    def basis(self) -> Array:
+        """Orthonormal columns (2 M, q) of what it can do to the innovations."""
+        return np.linalg.qr(self.z)[0]
+
 
 def scores(fit: Fit, names: Iterable[str] | None = None) -> dict[str, Score]:
     """Score tests of all effects that the fitted model may lack, or of those named."""
@@ -63,14 +70,14 @@ def score(fit: Fit, alternatives: Sequence[Alternative]) -> Score | None:
         G, R = fit.linearised.effect_changes(effects, sizes)
     if not (np.all(np.isfinite(G)) and np.all(np.isfinite(R))):
         return None
-    Z = fit.filter.whiten(G, R)
-    length = np.linalg.norm(Z, axis=0)
+    rows = np.ascontiguousarray(fit.filter.whiten(G, R).T)
+    length = np.linalg.norm(rows, axis=1)
     for _ in range(2):
-        Z = Z - fit.basis @ (fit.basis.T @ Z)
+        rows = rows - (rows @ fit.basis) @ fit.basis.T
     best: Score | None = None
     for k, alternative in enumerate(alternatives):
         own = np.array([i for i, owner in enumerate(owners) if owner == k], dtype=int)
-        score = _tested(fit.e, alternative, Z[:, own], length[own], len(alternatives))
+        score = _tested(fit.e, alternative, rows[own].T, length[own], len(alternatives))
         if best is None or score.lm > best.lm:
             best = score
     return best
@@ -84,12 +91,12 @@ def _tested(e: Array, alternative: Alternative, z: Array, length: Array, shapes:
     sizes, sd, lm = np.zeros(q), np.full(q, math.inf), 0.0
     if np.any(seen):
         unit = z[:, seen] / beside[seen]
-        U, size, V = np.linalg.svd(unit, full_matrices=False)
-        keep = size > 1e-3
-        along = U[:, keep].T @ e
+        size, V = np.linalg.eigh(unit.T @ unit)
+        V = V[:, size > SEPARATE] / np.sqrt(size[size > SEPARATE])
+        along = V.T @ (unit.T @ e)
         lm = float(along @ along)
-        sizes[seen] = V[keep].T @ (along / size[keep]) / beside[seen]
-        sd[seen] = np.sqrt(np.sum((V[keep].T / size[keep]) ** 2, axis=1)) / beside[seen]
+        sizes[seen] = V @ along / beside[seen]
+        sd[seen] = np.sqrt(np.sum(V**2, axis=1)) / beside[seen]
         if alternative.side and sizes[0] * alternative.side < 0.0:
             lm = 0.0
     visible = bool(np.any(seen))
@@ -101,10 +108,9 @@ def _tested(e: Array, alternative: Alternative, z: Array, length: Array, shapes:
 
 def alikeness(a: Score, b: Score) -> float:
     """The smallest cosine between the spaces that two effects move the innovations in; 0 for unequal dimensions."""
-    A, B = (np.linalg.qr(s.z)[0] for s in (a, b) if s.visible) if a.visible and b.visible else (None, None)
-    if A is None or B is None or A.shape[1] != B.shape[1]:
+    if not a.visible or not b.visible or a.z.shape != b.z.shape:
         return 0.0
-    return float(np.linalg.svd(A.T @ B, compute_uv=False)[-1])
+    return float(np.linalg.svd(a.basis.T @ b.basis, compute_uv=False)[-1])
 
 
 def price(name: str, each: float, shapes: int = 1) -> float:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.linalg import spsolve
+from scipy.linalg.lapack import dpbsv
 
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
@@ -43,42 +43,47 @@ def _spread(p: Parameter, unit: float) -> float:
     return min(max(abs(spread) if low >= 0.0 else spread, low), high)
 
 
+@lru_cache(maxsize=256)
 def smooth_states(record: Record, sensor: Sensor, jerk: float = 60.0) -> Array:
     """States (N+1, 2) of a record without any model of it: the smoothest motion that follows the readings.
 
         min  sum |reading - state|^2 / sd^2  +  sum (a_(k+1) - a_k)^2 / (jerk^2 dt),    theta_ddot = a
 
     with a constant over a step: a Kalman smoother (white noise of density `jerk` [rad/s^3 s^1/2] drives the
-    acceleration), written as one sparse least-squares problem.
+    acceleration), written as one banded least-squares problem.
     """
     n, dt = len(record), record.dt
-    rows: list[_Rows] = []
+    normal = _NormalEquations(3 * (n + 1))
     for reading in sensor.readings(record):
         offset = 0 if reading.channel == "theta" else 1
-        rows.append(_Rows([3 * reading.index + offset], [1.0], reading.value, reading.sd))
+        normal.add([3 * reading.index + offset], [1.0], reading.sd, reading.value)
     k = 3 * np.arange(n)
     exact = 1e-3
-    rows.append(_Rows([k, k + 1, k + 2, k + 3], [1.0, dt, 0.5 * dt * dt, -1.0], np.zeros(n), exact * dt))
-    rows.append(_Rows([k + 1, k + 2, k + 4], [1.0, dt, -1.0], np.zeros(n), exact))
-    rows.append(_Rows([k + 2, k + 5], [1.0, -1.0], np.zeros(n), jerk * math.sqrt(dt)))
+    normal.add([k, k + 1, k + 2, k + 3], [1.0, dt, 0.5 * dt * dt, -1.0], exact * dt)
+    normal.add([k + 1, k + 2, k + 4], [1.0, dt, -1.0], exact)
+    normal.add([k + 2, k + 5], [1.0, -1.0], jerk * math.sqrt(dt))
     # without any reading of the angle the start angle is arbitrary; hanging is the likeliest. A pin that is much weaker
     # than the equations of motion would drown in their rounding
     pinned = 1e3 if record.theta is not None and sensor.theta is not None else 1.0
-    rows.append(_Rows([np.array([0])], [1.0], np.array([math.pi]), pinned))
-    count = np.cumsum([0, *(len(r.target) for r in rows)])
-    at = np.concatenate(
-        [np.tile(np.arange(len(r.target)) + c, len(r.columns)) for r, c in zip(rows, count[:-1], strict=True)]
-    )
-    columns = np.concatenate([np.concatenate(r.columns) for r in rows])
-    values = np.concatenate([np.repeat(np.array(r.weights) / r.sd, len(r.target)) for r in rows])
-    a = coo_array((values, (at, columns)), shape=(int(count[-1]), 3 * (n + 1))).tocsc()
-    b = np.concatenate([r.target / r.sd for r in rows])
-    states: Array = spsolve((a.T @ a).tocsc(), a.T @ b).reshape(-1, 3)[:, :2]
+    normal.add([np.array([0])], [1.0], pinned, math.pi)
+    _, x, _ = dpbsv(normal.band, normal.right, lower=1)
+    states: Array = np.asarray(x).reshape(-1, 3)[:, :2]
     return states
 
 
-class _Rows:
-    """Equations  sum_i weights[i] x[columns[i]] = target  with standard deviation sd."""
+class _NormalEquations:
+    """Those of equations  sum_i weights[i] x[columns[i]] = target  with standard deviation sd, in numbers x (N,) of
+    which none is in one equation with another that is more than five away."""
 
-    def __init__(self, columns: list[NDArray[np.intp]], weights: list[float], target: Array, sd: float) -> None:
-        self.columns, self.weights, self.target, self.sd = columns, weights, target, sd
+    def __init__(self, N: int) -> None:
+        self.band, self.right = np.zeros((6, N)), np.zeros(N)
+
+    def add(
+        self, columns: list[NDArray[np.intp]], weights: list[float], sd: float, target: Array | float = 0.0
+    ) -> None:
+        """More equations, a row of the columns each."""
+        for i, weight in zip(columns, weights, strict=True):
+            self.right[i] += weight / sd**2 * target
+            for j, other in zip(columns, weights, strict=True):
+                if i[0] >= j[0]:
+                    self.band[i - j, j] += weight * other / sd**2

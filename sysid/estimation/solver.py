@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.kalman import Filter
-from sysid.estimation.likelihood import likelihood_ascent, log_sizes
+from sysid.estimation.likelihood import likelihood_ascent
 from sysid.estimation.linearisation import LinearisedModel, Samples, level, smoothed_motion
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.prior import Prior, numbers_of
@@ -85,9 +85,9 @@ def fit_parameters(
         linearised = LinearisedModel(samples, model, motion)
         here = linearised.system.filter(disturbances)
         if k > 0 and settings.sizes and (restless or k % 4 == 3):
-            here = likelihood_ascent(here, limits.floor, settings.angle_error)
-            restless = bool(np.max(np.abs(log_sizes(here.disturbances) - log_sizes(disturbances))) > 0.05)
-            disturbances = here.disturbances
+            likelier = likelihood_ascent(here, limits.floor, settings.angle_error)
+            restless = here.deviance - likelier.deviance > DEFAULT.negligible
+            here, disturbances = likelier, likelier.disturbances
         if best is not None and not math.isfinite(here.deviance):
             return best
         G, R = linearised.changes(names)
