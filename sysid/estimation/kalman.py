@@ -192,15 +192,21 @@ class Filter:
     own: Array
 
     @cached_property
+    def variances(self) -> Array:
+        """Predicted variances (M, 2) of the innovations, 1 where nothing was read; nan where the model ran away."""
+        own = self.own[:, -4:-2]
+        return np.where(own > 0.0, own, np.nan)
+
+    @cached_property
     def innovations(self) -> Array:
         """Prediction errors (M, 2) in units of their predicted sd: white, where the model is right."""
-        innovations: Array = self.own[:, -2:] / np.sqrt(self.own[:, -4:-2])
+        innovations: Array = self.own[:, -2:] / np.sqrt(self.variances)
         return innovations
 
     @cached_property
     def log_variances(self) -> Array:
         """log of the innovations' predicted variances (M, 2), 0 where nothing was read."""
-        return np.log(self.own[:, -4:-2])
+        return np.log(self.variances)
 
     @cached_property
     def deviance(self) -> float:
@@ -223,7 +229,7 @@ class Filter:
         F *= s.follows[:, None, None]
         after = F - (F @ second[:, :, None]) @ H[:, 1, None, :]
         Phi = after - (after @ first[:, :, None]) @ H[:, 0, None, :]
-        sd = np.sqrt(own[:, -4:-2])
+        sd = np.sqrt(self.variances)
         W = np.zeros((M, 2, 2))
         W[:, 0, 0], W[:, 1, 1] = 1.0 / sd.T
         W[:, 1, 0] = -np.einsum("mi,mi->m", H[:, 1], first) / sd[:, 1]
