@@ -32,7 +32,8 @@ class Settings:
                  torque explains all, the readings say nothing of an inertia, and it would run away
     torque       sd of the torque of an effect about none, as a multiple of the largest that the log shows
     stride       largest relative change of a parameter in a step
-    share        of a step, of the motion's too, that is taken: whole ones may go to and fro about an optimum
+    patience     whole steps that are taken; then half ones, of the motion too, since a joint that sticks now and then
+                 may go to and fro about an optimum for ever
     widest       how far about the motion the model's slopes are taken, at most: in rad, and as shares of the sizes of
                  speed and acceleration; wider slopes are those of another machine
     smallest     sizes of the disturbances below this share of the motion's acceleration, of the sensor's sd, are none
@@ -42,7 +43,7 @@ class Settings:
     settled: float = 0.02
     negligible: float = 0.05
     stride: float = 0.7
-    share: float = 1.0
+    patience: int = 12
     widest: tuple[float, float, float] = (0.05, 0.1, 0.5)
     smallest: float = 1e-5
     sizes: bool = True
@@ -55,6 +56,9 @@ DEFAULT = Settings()
 
 ASTRAY = 0.1
 """Deviance by which a fit that has not converged ends above its best, a reading, where it has lost its way."""
+WANDERS, CALM = 0.2, 8
+"""Where that many steps in turn, of which none goes further than this share of an sd, bring nothing, a fit has ended: a
+joint that sticks now and then has no nearer end."""
 QUICK = Settings(iterations=12, settled=0.15, negligible=0.5, angle_error=False)
 """For a candidate that is only compared with others."""
 
@@ -79,7 +83,7 @@ def fit_parameters(
     known = (near.prior, near.names) if near else (None, ())
     prior = Prior.of(model, names, settings.vague, settings.torque * largest_torque(samples, model), *known)
     limits = _Limits.of(samples, model, names, prior, settings)
-    before, converged, restless = math.inf, False, settings.sizes
+    before, converged, restless, calm = math.inf, False, settings.sizes, 0
     best: Fit | None = None
     for k in range(settings.iterations):
         linearised = LinearisedModel(samples, model, motion)
@@ -98,17 +102,19 @@ def fit_parameters(
         if k >= 2 and not restless and moved < settings.settled and abs(here.deviance - before) < settings.negligible:
             converged = True
             break
+        calm = calm + 1 if moved < WANDERS and abs(here.deviance - before) < 1.0 else 0
         before = here.deviance
         if best is None or before < best.filter.deviance:
             best = Fit(samples, linearised.model, names, linearised, here, Z, prior, False)
         # slopes that go on changing with the filter's sd would never let friction's numbers settle
         spread = limits.spread(here) if k < settings.iterations // 4 else motion.spread
-        motion = motion.moved(settings.share * here.smooth(G @ step, R @ step), spread)
-        numbers = limits.within(now + settings.share * step)
+        share = 1.0 if k < settings.patience else 0.5
+        motion = motion.moved(share * here.smooth(G @ step, R @ step), spread)
+        numbers = limits.within(now + share * step)
         model = model.with_parameters(dict(zip(names, numbers.tolist(), strict=True)))
     if best is not None and not converged and here.deviance > best.filter.deviance + ASTRAY * samples.readings:
         return best
-    return Fit(samples, linearised.model, names, linearised, here, Z, prior, converged)
+    return Fit(samples, linearised.model, names, linearised, here, Z, prior, converged or calm >= CALM)
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,6 +13,7 @@ import sysid
 from study.paper.protocol import averaged_sensor, paper_model, paper_rollouts
 from sysid import (
     RK4,
+    Coulomb,
     GeneralJoint,
     Model,
     Record,
@@ -259,7 +260,8 @@ def test_slopes_are_taken_no_wider_than_the_machine_is_the_same() -> None:
     assert spread[1] <= widest[1] * np.std(samples.smoothed[:, 1]) + 1e-12
     assert found.converged
     assert np.max(np.abs(found.values - [2.0, 1.5]) / sd_of(found)) < 4.0 and sd_of(found)[0] < 0.05
-    anyhow = fit_parameters(samples, paper_model(), ("m", "l"), settings=replace(Settings(), widest=(math.inf,) * 3))
+    anywhere = replace(Settings(), widest=(math.inf,) * 3, patience=Settings().iterations)
+    anyhow = fit_parameters(samples, paper_model(), ("m", "l"), settings=anywhere)
     assert not anyhow.converged and sd_of(anyhow)[0] > 3.0 * sd_of(found)[0], "wider slopes are another machine's"
     # what loses its way ends at the best place that it had
     assert anyhow.deviance < found.deviance + 30.0
@@ -322,3 +324,23 @@ def test_a_covariance_is_the_inverse_of_the_information_in_any_units() -> None:
     N[:, 2] = N[2] = 0.0
     assert np.all(np.isinf(inverse(N)))
     assert inverse(np.zeros((0, 0))).shape == (0, 0)
+
+
+@pytest.mark.parametrize("seed", [2, 3, 4])
+def test_a_joint_that_sticks_now_and_then_is_fitted_to_the_end(seed: int) -> None:
+    """Whole steps go to and fro between motions that stick at other instants, or stay at a less likely one."""
+    rng = np.random.default_rng(seed)
+    truth = Model(GeneralJoint(J=0.04, G=2.4), (Coulomb(tau_c=0.5),), dt=0.02)
+    u = np.stack([multisine(np.random.default_rng(10 * seed + k), 300, 0.02, 1.4, 1.0) for k in range(3)])
+    gear = 0.15 * rng.standard_normal(u.shape)
+    run = simulate(truth, u + gear, np.full(3, math.pi), np.zeros(3))
+    records = [replace(r, u=own) for r, own in zip(Sensor(theta=0.001).measure(run, rng), u, strict=True)]
+    start = Model(GeneralJoint(J=0.1, G=1.0), (Coulomb(tau_c=0.1),), dt=0.02)
+    samples = Samples(start, records, Sensor(theta=0.001))
+    whole, found = (
+        fit_parameters(samples, start, ("J", "G", "coulomb.tau_c"), settings=replace(Settings(), patience=patience))
+        for patience in (40, 12)
+    )
+    assert found.converged
+    assert found.deviance < whole.deviance - 10.0
+    np.testing.assert_allclose(found.values, [0.04, 2.4, 0.5], rtol=0.06)

@@ -31,7 +31,7 @@ HELD = Settings(iterations=10, sizes=False, vague=math.inf)
 EXACT = replace(HELD, iterations=100, settled=1e-6, negligible=1e-3, widest=(0.0, 0.0, 0.0))
 """Slopes at a point: wider ones would move the optimum by some hundredths of an sd."""
 
-DAMPED = replace(EXACT, share=0.5)
+DAMPED = replace(EXACT, patience=0)
 """Where rollouts hardly determine their start, whole Gauss-Newton steps may go to and fro about the optimum."""
 
 
