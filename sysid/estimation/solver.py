@@ -36,6 +36,8 @@ class Settings:
                  may go to and fro about an optimum for ever
     widest       how far about the motion the model's slopes are taken, at most: in rad, and as shares of the sizes of
                  speed and acceleration; wider slopes are those of another machine
+    wanders      share of an sd within which a fit may go to and fro in the end: no instant is nearer at which a joint
+                 that sticks now and then comes to rest
     smallest     sizes of the disturbances below this share of the motion's acceleration, of the sensor's sd, are none
     """
 
@@ -44,6 +46,7 @@ class Settings:
     negligible: float = 0.05
     stride: float = 0.7
     patience: int = 12
+    wanders: float = 0.2
     widest: tuple[float, float, float] = (0.05, 0.1, 0.5)
     smallest: float = 1e-5
     sizes: bool = True
@@ -56,9 +59,8 @@ DEFAULT = Settings()
 
 ASTRAY = 0.1
 """Deviance by which a fit that has not converged ends above its best, a reading, where it has lost its way."""
-WANDERS, CALM = 0.2, 8
-"""Where that many steps in turn, of which none goes further than this share of an sd, bring nothing, a fit has ended: a
-joint that sticks now and then has no nearer end."""
+CALM = 8
+"""Steps in turn that bring nothing after which a fit that goes to and fro has ended."""
 QUICK = Settings(iterations=12, settled=0.15, negligible=0.5, angle_error=False)
 """For a candidate that is only compared with others."""
 
@@ -102,7 +104,7 @@ def fit_parameters(
         if k >= 2 and not restless and moved < settings.settled and abs(here.deviance - before) < settings.negligible:
             converged = True
             break
-        calm = calm + 1 if moved < WANDERS and abs(here.deviance - before) < 1.0 else 0
+        calm = calm + 1 if moved < settings.wanders and abs(here.deviance - before) < 1.0 else 0
         before = here.deviance
         if best is None or before < best.filter.deviance:
             best = Fit(samples, linearised.model, names, linearised, here, Z, prior, False)

@@ -343,4 +343,4 @@ def test_a_joint_that_sticks_now_and_then_is_fitted_to_the_end(seed: int) -> Non
     )
     assert found.converged
     assert found.deviance < whole.deviance - 10.0
-    np.testing.assert_allclose(found.values, [0.04, 2.4, 0.5], rtol=0.06)
+    np.testing.assert_allclose(found.values, [0.04, 2.4, 0.5], rtol=0.1)
