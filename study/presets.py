@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager
 from typing import Any
 
 from study.mismatch.mismatch_plan import PLANS as MISMATCH
-from study.mismatch.mismatch_plan import Plan
+from study.mismatch.mismatch_plan import MismatchPlan
 from study.paper.presets import PRESETS as PAPER
 from study.paper.presets import Preset
 from study.pipeline.settings import RunOptions, StudySettings
@@ -18,8 +18,8 @@ PRESETS: dict[str, StudySettings] = {**PAPER, **MISMATCH, **STRATEGIES}
 
 EXPERIMENTS: dict[type[StudySettings], tuple[str, tuple[str, ...]]] = {
     Preset: ("study.paper.sweep", ("imported", "published")),
-    Plan: ("study.mismatch.mismatch_experiment", ()),
-    StrategiesPlan: ("study.strategies.strategies_experiment", ("strategies",)),
+    MismatchPlan: ("study.strategies.trial_experiment", ()),
+    StrategiesPlan: ("study.strategies.trial_experiment", ("strategies",)),
 }
 """What runs each kind of settings, a module with a function `open_experiment`, and the options that it understands."""
 

@@ -10,6 +10,9 @@ readings, episode_network     states and summaries of rollouts, and what two of 
 candidates, gaussian_process  compare returns
 learning, on_plant            learn on the plant itself
 
-strategies_plan, strategies_experiment                    what is compared, as tasks
-strategies_findings, _sentences, _figures and _page       what came out, and how it is told
+trial_plan, trial_experiment        cases fixed beforehand, as tasks: rounds of dialogues, agents and designs
+trial_findings, trial_page          returns over seeds and contrasts; tables, figures and page
+strategies_plan, _findings, _sentences, _figures and _page      these strategies, compared
+
+The experiment of `study.mismatch` is another plan of such cases.
 """

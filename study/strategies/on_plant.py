@@ -22,7 +22,7 @@ from policies.environments.randomization import Fixed
 from study.pipeline.population_task import PopulationTask, sac_settings
 from study.pipeline.settings import digest
 from study.strategies.session import CRITICS
-from study.strategies.strategies_plan import StrategiesPlan
+from study.strategies.trial_plan import TrialPlan
 from study.trials.ground_truth import oracle
 from study.trials.populations import AgentPopulation, Trained
 
@@ -55,9 +55,9 @@ class StrategyPopulation(AgentPopulation):
     """Agents of one structure, some of whose networks are kept."""
 
     def answers(self, population: Any, seconds: float) -> list[Trained]:
-        (self.folder / NETWORKS).mkdir(exist_ok=True)
         for a, key in enumerate(self.keys):
             if key.endswith(CRITICS):
+                (self.folder / NETWORKS).mkdir(exist_ok=True)
                 _write(self.folder / NETWORKS / f"{key}.npz", networks_of(population, a))
         return super().answers(population, seconds)
 
@@ -84,7 +84,7 @@ class PlantPopulation(AgentPopulation):
     activity: ClassVar[str] = "learning on the plant"
 
     @classmethod
-    def tasks(cls, plan: StrategiesPlan, learners: Sequence[Learner], **training: Any) -> list[PopulationTask]:
+    def tasks(cls, plan: TrialPlan, learners: Sequence[Learner], **training: Any) -> list[PopulationTask]:
         """A population a plant, a number of rollouts and a kind of start."""
         groups: dict[tuple[str, int, bool], list[Learner]] = {}
         for learner in learners:
@@ -96,7 +96,7 @@ class PlantPopulation(AgentPopulation):
         return f"learners {digest(self.keys)[:12]}"
 
     @property
-    def settings(self) -> StrategiesPlan:
+    def settings(self) -> TrialPlan:
         return dataclasses.replace(self.plan, algorithm="sac", steps=self.agents[0].rollouts * task.HORIZON)
 
     def population(self) -> Population:

@@ -14,12 +14,10 @@ from policies.network_policy import NetworkPolicy
 from study.pipeline.policy_files import FOLDER, read_policies
 from study.pipeline.settings import digest
 from study.pipeline.tables import ResultTable
-from study.strategies.catalogue import strategy_class
-from study.strategies.plant import BudgetedPlant
 from study.strategies.session import CRITICS, Found, Waiting, advance, key_of
-from study.strategies.strategies_plan import Case, StrategiesPlan
 from study.strategies.strategy import Situation, TrainedAgent
-from study.trials.ground_truth import PRIOR, ground_truth
+from study.strategies.trial_plan import Case, TrialPlan
+from study.trials.ground_truth import PRIOR
 from sysid import InvalidInput
 
 
@@ -54,7 +52,7 @@ STEPS = ResultTable(
 
 
 def steps(
-    plan: StrategiesPlan,
+    plan: TrialPlan,
     current: int,
     cases: Sequence[Case],
     stems: Mapping[str, str],
@@ -78,15 +76,14 @@ def steps(
     return found
 
 
-def step(plan: StrategiesPlan, case: Case, found: Found) -> dict[str, Any]:
+def step(plan: TrialPlan, case: Case, found: Found) -> dict[str, Any]:
     """How far a case's dialogue comes with the agents that are found. Raises InvalidInput as `advance` does."""
-    kind = strategy_class(case.strategy)
-    kind.check(case.strategy, case.n, case.sensing)
-    plant = BudgetedPlant(ground_truth(plan.plant(case.plant)), case.sensing, case.n, case.seed)
+    strategy, plant = plan.strategy_of(case), plan.plant_of(case)
+    strategy.check(case.strategy, case.n, case.sensing)
     rng = np.random.default_rng([case.seed, int(digest(case.strategy), 16)])
     situation = Situation(PRIOR, plant.sensor, case.n, case.seed, rng)
     try:
-        came = advance(kind(), situation, plant, found, case.plant)
+        came = advance(strategy, situation, plant, found, case.plant)
     except InvalidInput as error:
         raise InvalidInput(f"strategy {case.strategy!r} on {case.plant}, seed {case.seed}: {error}") from None
     if isinstance(came, Waiting):
@@ -101,6 +98,6 @@ def step(plan: StrategiesPlan, case: Case, found: Found) -> dict[str, Any]:
         "best": best.key if best else None,
         "observed": came.choice.observed if best else None,
         "rollouts": came.rollouts,
-        "simulated": came.simulated + (len(trained) - learners) * plan.steps + learners * plan.learner_steps,
+        "simulated": came.simulated + (len(trained) - learners) * plan.steps + learners * plan.of_learners.steps,
     }
     return {"setups": setups, "learn": None, "answer": answer}
