@@ -1,7 +1,7 @@
 """Does breadth pay when the simulator lacks an effect?
 
-magnitudes, effect_losses   effects over their sizes, and their price, by effect_cost
+magnitudes, effect_cost     effects over their sizes, and their price
 mismatch_plan               plants, strategies, seeds and contrasts; measured: the rollouts of the cases
 mismatch_findings           what came out; mismatch_sentences, _figures, trajectories and _page: how it is told
-naming                      how many rollouts naming takes; naming_results, naming_figure
+naming                      how many rollouts naming takes; naming_results: table and figure
 """

@@ -13,8 +13,7 @@ from study.mismatch.mismatch_figures import ladder_of_strategies, strategy_retur
 from study.mismatch.mismatch_findings import MismatchFindings, mismatch_findings
 from study.mismatch.mismatch_plan import STRATEGIES, MismatchPlan
 from study.mismatch.mismatch_sentences import mismatch_sentences
-from study.mismatch.naming_figure import naming_rates_and_errors
-from study.mismatch.naming_results import NAMING_TABLE, NamingResult, naming_table, read_naming
+from study.mismatch.naming_results import NAMING_TABLE, NamingResult, naming_rates_and_errors, naming_table, read_naming
 from study.mismatch.trajectories import telling_trajectories
 from study.strategies.trial_findings import TrialResults
 from study.strategies.trial_page import TABLES, Account

@@ -26,13 +26,13 @@ from rich.table import Table
 from study.figure_style import save_figure
 from study.mismatch.measured import rollouts
 from study.mismatch.mismatch_plan import MismatchPlan
-from study.mismatch.naming_figure import naming_rates_and_errors
 from study.mismatch.naming_results import (
     NAMING_TABLE,
     PLAN,
     REFUSED,
     NamingResult,
     is_right,
+    naming_rates_and_errors,
     naming_table,
     read_naming,
     write_naming,

@@ -7,9 +7,8 @@ from pathlib import Path
 
 from study.strategies.catalogue import strategy_class
 from study.strategies.strategies_figures import returns_of_strategies, simulated_steps
-from study.strategies.strategies_findings import strategies_findings
+from study.strategies.strategies_findings import strategies_findings, strategies_sentences
 from study.strategies.strategies_plan import StrategiesPlan
-from study.strategies.strategies_sentences import strategies_sentences
 from study.strategies.trial_findings import TrialResults
 from study.strategies.trial_page import TABLES, Account
 

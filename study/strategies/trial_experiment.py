@@ -24,8 +24,7 @@ from study.pipeline.population_task import PopulationTask
 from study.pipeline.settings import RunOptions
 from study.pipeline.stages import Stage, StudyExperiment
 from study.strategies.on_plant import NETWORKS, Learner, PlantPopulation, StrategyPopulation
-from study.strategies.rounds import STEPS, CaseRound, steps
-from study.strategies.session import CRITICS
+from study.strategies.session import CRITICS, STEPS, CaseRound, steps
 from study.strategies.strategies_plan import StrategiesPlan
 from study.strategies.trial_page import publish_trials
 from study.strategies.trial_plan import Case, TrialPlan

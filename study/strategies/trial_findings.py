@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from study.pipeline.database import Database
 from study.statistics import Contrast, holm, paired_t, sem, student
-from study.strategies.rounds import STEPS, CaseRound
+from study.strategies.session import STEPS, CaseRound
 from study.strategies.trial_plan import Case, Condition, TrialPlan
 from study.trials.designs import DESIGNS, OPTIMUM, Designed
 from study.trials.populations import TRAININGS, Trained

@@ -19,7 +19,7 @@ from study.paper.sweep import outputs, sweep_results
 from study.pipeline.database import Database
 from study.pipeline.settings import StudySettings
 from study.pipeline.tables import ResultTable
-from study.strategies.rounds import STEPS, CaseRound
+from study.strategies.session import STEPS, CaseRound
 from study.strategies.trial_experiment import trial_results
 from sysid import InvalidInput
 

@@ -12,7 +12,7 @@ from study.mismatch.mismatch_plan import PLANS, STRATEGIES
 from study.mismatch.naming import FIRST, MOST, steps_of
 from study.paper.presets import PRESETS
 from study.strategies.plant import SENSORS
-from study.strategies.rounds import step
+from study.strategies.session import step
 from study.strategies.strategy import Play
 from study.strategies.trial_plan import Case
 from study.trials.ground_truth import design, ground_truth, hidden_machine, oracle

@@ -18,8 +18,7 @@ from study.mismatch.mismatch_figures import PARTS, ladder_of_strategies, strateg
 from study.mismatch.mismatch_findings import MismatchFindings, Split, Verdict
 from study.mismatch.mismatch_page import CAPTIONS, mismatch_account
 from study.mismatch.mismatch_plan import PLANS, STRATEGIES
-from study.mismatch.naming_figure import naming_rates_and_errors
-from study.mismatch.naming_results import NamingResult, is_right
+from study.mismatch.naming_results import NamingResult, is_right, naming_rates_and_errors
 from study.mismatch.trajectories import read_agents, telling, trajectories
 from study.paper.protocol import paper_model
 from study.pipeline.policy_files import FOLDER, write_policies

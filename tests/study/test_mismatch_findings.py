@@ -16,8 +16,7 @@ from study.mismatch.mismatch_sentences import mismatch_sentences
 from study.mismatch.naming_results import NAMING_TABLE, NamingResult, write_naming
 from study.pipeline.stages import run
 from study.statistics import paired_t
-from study.strategies.rounds import CaseRound
-from study.strategies.session import key_of
+from study.strategies.session import CaseRound, key_of
 from study.strategies.trial_experiment import TrialExperiment, trial_results
 from study.strategies.trial_findings import TrialResults
 from study.trials.designs import OPTIMUM, PLAIN_ROD, Designed
