@@ -12,6 +12,7 @@ import numpy as np
 from study.mismatch.mismatch_plan import STRATEGIES, MismatchPlan
 from study.mismatch.naming_results import names
 from study.statistics import Contrast, paired_t
+from study.strategies.designs import OPTIMUM, PLAIN_ROD
 from study.strategies.trial_findings import (
     Array,
     Outcome,
@@ -22,7 +23,6 @@ from study.strategies.trial_findings import (
     trial_findings,
 )
 from study.strategies.trial_plan import Case, Condition
-from study.trials.designs import OPTIMUM, PLAIN_ROD
 from study.trials.hidden_plant import HiddenPlant
 from study.trials.training_setup import TrainingSetup, training_setup_of
 

@@ -8,8 +8,9 @@ identified                    identify, then train once; mended by this project'
 simopt, auto_tuned, adapt_sim, dropo, bayes_sim      adapt what is trained on
 readings, episode_network     states and summaries of rollouts, and what two of these learn from them
 candidates, gaussian_process  compare returns
-learning, on_plant            learn on the plant itself
+learning                      learn on the plant itself
 
+populations, designs                agents that train together, in simulation or on the plant; dynamic programs instead
 trial_plan, trial_experiment        cases fixed beforehand, as tasks: rounds of dialogues, agents and designs
 trial_findings, trial_page          returns over seeds and contrasts; tables, figures and page
 strategies_plan, _findings, _figures and _page      these strategies, compared

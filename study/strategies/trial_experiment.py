@@ -23,13 +23,20 @@ from study.pipeline.policy_files import FOLDER
 from study.pipeline.population_task import PopulationTask
 from study.pipeline.settings import RunOptions
 from study.pipeline.stages import Stage, StudyExperiment
-from study.strategies.on_plant import NETWORKS, Learner, PlantPopulation, StrategyPopulation
+from study.strategies.designs import DESIGNS, design_tasks
+from study.strategies.populations import (
+    NETWORKS,
+    TRAININGS,
+    AgentPopulation,
+    AgentToTrain,
+    Learner,
+    PlantPopulation,
+    populations,
+)
 from study.strategies.session import CRITICS, STEPS, CaseRound, steps
 from study.strategies.strategies_plan import StrategiesPlan
 from study.strategies.trial_page import publish_trials
 from study.strategies.trial_plan import Case, TrialPlan
-from study.trials.designs import DESIGNS, design_tasks
-from study.trials.populations import TRAININGS, AgentToTrain, populations
 
 
 @contextlib.contextmanager
@@ -111,7 +118,7 @@ class TrialExperiment(StudyExperiment):
             yield BriefTask(name, "strategies", work, STEPS, steps, arguments)
 
     def _populations(self, waited: Sequence[CaseRound], known: dict[str, str]) -> list[PopulationTask]:
-        """Of the agents that no round before waited for, each of which is run on every plant."""
+        """Of the agents that no round before waited for."""
         setups: dict[str, tuple[dict[str, Any], int]] = {}
         learners: dict[str, Learner] = {}
         for step in waited:
@@ -120,11 +127,10 @@ class TrialExperiment(StudyExperiment):
             if step.payload["learn"]:
                 key, start, rollouts = step.payload["learn"]
                 learners.setdefault(key, Learner(key, start, rollouts, step.seed, step.plant))
-        plants = tuple(plant.name for plant in self.plan.plants)
-        agents = [AgentToTrain(key, own, seed, plants) for key, (own, seed) in setups.items() if key not in known]
+        agents = [AgentToTrain(key, own, seed) for key, (own, seed) in setups.items() if key not in known]
         tasks = list[PopulationTask]()
         for goes_on, plan in ((False, self.plan), (True, self.plan.of_learners)):
             own = [agent for agent in agents if agent.key.endswith(CRITICS) == goes_on]
-            tasks += [StrategyPopulation(plan, g, **self.training) for g in populations(plan, own, self.results.device)]
+            tasks += [AgentPopulation(plan, g, **self.training) for g in populations(plan, own, self.results.device)]
         fresh = [learner for key, learner in learners.items() if key not in known]
         return tasks + PlantPopulation.tasks(self.plan, fresh, **self.training)

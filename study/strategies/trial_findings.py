@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from study.pipeline.database import Database
 from study.statistics import Contrast, holm, paired_t, sem, student
+from study.strategies.designs import DESIGNS, OPTIMUM, Designed
+from study.strategies.populations import TRAININGS, Trained
 from study.strategies.session import STEPS, CaseRound
 from study.strategies.trial_plan import Case, Condition, TrialPlan
-from study.trials.designs import DESIGNS, OPTIMUM, Designed
-from study.trials.populations import TRAININGS, Trained
 from sysid import InvalidInput
 
 Array = NDArray[np.float64]

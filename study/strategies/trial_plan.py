@@ -8,10 +8,11 @@ This module loads nothing heavy.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass
 from typing import TYPE_CHECKING, ClassVar, NamedTuple, Self
 
-from study.trials.hidden_plant import HiddenPlant, TrainingPlan
+from study.pipeline.settings import StudySettings
+from study.trials.hidden_plant import HiddenPlant
 
 if TYPE_CHECKING:
     from study.strategies.plant import BudgetedPlant
@@ -42,23 +43,43 @@ class Case(NamedTuple):
 
 
 @dataclass(frozen=True)
-class TrialPlan(TrainingPlan, ABC):
+class TrialPlan(StudySettings, ABC):
     """Everything that the numbers of such an experiment depend on.
 
     contrasts   pairs (a, b): return of a less return of b, with the first sensing at the budgets `contrasted`
     seeds       of what contrasts are about; described: of everything else, the first ones
     sensings    of the plain plant; the other plants have the first one alone
+    history     past commands that every agent observes
+    agents      trained together in one process on a CPU, at most
+    episodes    of every agent on a hidden plant, once trained
+    grid        angles of the dynamic programs, at the hidden plants and at every fitted model
     """
 
+    name: str
+    plants: tuple[HiddenPlant, ...]
     strategies: tuple[str, ...]
     budgets: tuple[int, ...]
     contrasts: tuple[tuple[str, str], ...]
     contrasted: tuple[int, ...]
     seeds: tuple[int, ...]
     described: int
-    sensings: tuple[str, ...] = field(default=("encoder",), kw_only=True)
+    _: KW_ONLY
+    sensings: tuple[str, ...] = ("encoder",)
+    hidden: tuple[int, ...] = (64, 64)
+    algorithm: str = "sac"
+    steps: int = 30_000
+    random_steps: int = 1000
+    batch: int = 256
+    history: int = 4
+    agents: int = 25
+    episodes: int = 20
+    grid: int = 120
     page: ClassVar[str]
     """The module that tells what came out: `account`, and OUTPUTS, the names of its tables and figures."""
+
+    def plant(self, name: str) -> HiddenPlant:
+        """The hidden plant of that name; raises KeyError for another."""
+        return {plant.name: plant for plant in self.plants}[name]
 
     @abstractmethod
     def kind_of(self, strategy: str) -> type[Strategy]:

@@ -12,12 +12,12 @@ from study.mismatch.mismatch_plan import PLANS, STRATEGIES
 from study.mismatch.naming import FIRST, MOST, steps_of
 from study.paper.presets import PRESETS
 from study.strategies.plant import SENSORS
+from study.strategies.populations import AgentToTrain, populations
 from study.strategies.session import step
 from study.strategies.strategy import Play
 from study.strategies.trial_plan import Case
 from study.trials.ground_truth import design, ground_truth, hidden_machine, oracle
 from study.trials.hidden_plant import ALL_PLANTS, DELAY_LARGE, MAGNET
-from study.trials.populations import AgentToTrain, populations
 from study.trials.rollout_budget import AT_ONCE, Budget
 from study.trials.training_setup import TrainingSetup, training_setup_of
 from sysid.estimation.held_out import held_out_error
@@ -103,7 +103,7 @@ def test_structures_train_together_and_no_agent_twice():
     late = oracle(DELAY_LARGE)
     setups = [TrainingSetup(late, Band({"m": 2.0, "delay.T": 0.1 + 0.001 * k})) for k in range(6)]
     setups += [TrainingSetup(oracle(ALL_PLANTS[0]), Band({"m": 2.0, "l": 1.5}, w)) for w in (0.0, 0.3)]
-    agents = [AgentToTrain(own.key, own.to_json(), 1, ("magnet",)) for own in setups]
+    agents = [AgentToTrain(own.key, own.to_json(), 1) for own in setups]
     groups = populations(SMOKE, agents)
     assert [agent for group in groups for agent in group] == agents
     for group in groups:

@@ -16,12 +16,12 @@ from study.mismatch.mismatch_sentences import mismatch_sentences
 from study.mismatch.naming_results import NAMING_TABLE, NamingResult, write_naming
 from study.pipeline.stages import run
 from study.statistics import paired_t
+from study.strategies.designs import OPTIMUM, PLAIN_ROD, Designed
+from study.strategies.populations import TRAININGS, Trained
 from study.strategies.session import CaseRound, key_of
 from study.strategies.trial_experiment import TrialExperiment, trial_results
 from study.strategies.trial_findings import TrialResults
-from study.trials.designs import OPTIMUM, PLAIN_ROD, Designed
 from study.trials.ground_truth import PRIOR, oracle
-from study.trials.populations import TRAININGS, Trained
 from study.trials.training_setup import TrainingSetup
 from sysid import InvalidInput
 from tests.study.inline import Inline

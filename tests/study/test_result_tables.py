@@ -10,10 +10,10 @@ from study.paper.presets import PRESETS, Cell
 from study.paper.reference_controllers import REFERENCES, Reference
 from study.paper.runs import ESTIMATES, RUNS, Estimated, Run
 from study.paper.sweep import sweep_results
+from study.strategies.designs import DESIGNS, Designed
+from study.strategies.populations import TRAININGS, Trained
 from study.strategies.session import STEPS, CaseRound
 from study.strategies.trial_experiment import trial_results
-from study.trials.designs import DESIGNS, Designed
-from study.trials.populations import TRAININGS, Trained
 from sysid import InvalidInput
 
 MISMATCH = PLANS["mismatch-smoke"]

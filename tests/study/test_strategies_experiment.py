@@ -16,16 +16,15 @@ from study.pipeline.settings import RunOptions
 from study.pipeline.stages import run
 from study.presets import open_experiment
 from study.strategies.catalogue import PLACES, strategy_class
-from study.strategies.on_plant import GoesOnLearning, _read, _write, networks_of
+from study.strategies.designs import OPTIMUM, Designed
+from study.strategies.populations import GoesOnLearning, Trained, _read, _write, networks_of
 from study.strategies.session import CaseRound
 from study.strategies.strategies_figures import COLOURS, MARKS, returns_of_strategies, simulated_steps
 from study.strategies.strategies_findings import strategies_findings, strategies_sentences
 from study.strategies.strategies_plan import PLANS, StrategiesPlan
 from study.strategies.trial_findings import TrialResults
-from study.trials.designs import OPTIMUM, Designed
 from study.trials.ground_truth import PRIOR
 from study.trials.hidden_plant import PLAIN
-from study.trials.populations import Trained
 from sysid import InvalidInput
 from tests.study.inline import Inline
 
