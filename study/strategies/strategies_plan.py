@@ -40,6 +40,7 @@ class StrategiesPlan(TrialPlan):
     layout: ClassVar[int] = 1
     kind: ClassVar[str] = "strategies"
     page: ClassVar[str] = "study.strategies.strategies_page"
+    understood: ClassVar[tuple[str, ...]] = ("strategies",)
 
     @property
     def of_learners(self) -> Self:

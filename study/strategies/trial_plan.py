@@ -74,6 +74,7 @@ class TrialPlan(StudySettings, ABC):
     agents: int = 25
     episodes: int = 20
     grid: int = 120
+    experiment: ClassVar[str] = "study.strategies.trial_experiment"
     page: ClassVar[str]
     """The module that tells what came out: `account`, and OUTPUTS, the names of its tables and figures."""
 
