@@ -10,6 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from policies.environments.randomization import Fixed, SingleEffect
+from policies.environments.task import HORIZON
 from study.mismatch.magnitudes import MAGNITUDES
 from study.paper.protocol import BOUNDS
 from study.strategies.plant import SENSORS, BudgetedPlant
@@ -18,7 +19,7 @@ from study.trials.ground_truth import PRIOR, ground_truth, oracle
 from study.trials.hidden_plant import HiddenPlant
 from study.trials.rollout_budget import AT_ONCE
 from study.trials.training_setup import TrainingSetup
-from sysid import Model, Record, effect, simulate
+from sysid import InvalidInput, Model, Record, effect, simulate
 
 
 class MeasuredPlant(BudgetedPlant):
@@ -30,6 +31,8 @@ class MeasuredPlant(BudgetedPlant):
         self.hidden, self.drawn = plant, drawn
 
     def play(self, asked: Play) -> list[Record]:
+        if asked.torques is not None or asked.at_rest:
+            raise InvalidInput("this plant was measured under random torques: expected to be asked for those alone")
         chosen = self.spend(asked.rollouts)
         return list(rollouts(self.hidden, self.seed, self.drawn)[chosen.start : chosen.stop])
 
@@ -38,7 +41,7 @@ class MeasuredPlant(BudgetedPlant):
 def rollouts(plant: HiddenPlant, seed: int, count: int) -> tuple[Record, ...]:
     """So many rollouts as the sensors read them. Torques are uniform within +-u_max."""
     rng, model = np.random.default_rng(seed), ground_truth(plant)
-    u = rng.uniform(-model.u_max, model.u_max, (count, 200))
+    u = rng.uniform(-model.u_max, model.u_max, (count, HORIZON))
     theta, theta_dot = rng.uniform(-np.pi, np.pi, count), rng.uniform(-1.0, 1.0, count)
     return tuple(SENSORS["encoder"].measure(simulate(model, u, theta, theta_dot), rng))
 

@@ -84,7 +84,7 @@ class TrialPlan(StudySettings, ABC):
 
     @abstractmethod
     def kind_of(self, strategy: str) -> type[Strategy]:
-        """What says which rollouts a strategy can use. Raises InvalidInput for an unknown one."""
+        """What says which rollouts a strategy can use."""
 
     @abstractmethod
     def strategy_of(self, case: Case) -> Strategy:

@@ -20,6 +20,7 @@ from study.trials.ground_truth import design, ground_truth, hidden_machine, orac
 from study.trials.hidden_plant import ALL_PLANTS, DELAY_LARGE, MAGNET
 from study.trials.rollout_budget import AT_ONCE, Budget
 from study.trials.training_setup import TrainingSetup, training_setup_of
+from sysid import InvalidInput
 from sysid.estimation.held_out import held_out_error
 
 SMOKE, ENCODER = PLANS["mismatch-smoke"], SENSORS["encoder"]
@@ -86,6 +87,11 @@ def test_a_smaller_budget_is_the_first_rollouts_of_a_larger_one():
     few, many = (MeasuredPlant(MAGNET, n, 3, drawn=4).play(Play(n)) for n in (2, 4))
     assert [r.u.tolist() for r in few] == [r.u.tolist() for r in many[:2]]
     assert [r.theta_dot.tolist() for r in few] == [r.theta_dot.tolist() for r in rollouts(MAGNET, 3, 4)[:2]]
+
+
+def test_what_was_measured_cannot_be_asked_for_other_torques():
+    with pytest.raises(InvalidInput, match="measured under random torques"):
+        MeasuredPlant(MAGNET, 2, 3, drawn=4).play(Play(1, at_rest=True))
 
 
 def test_a_case_is_one_round_and_a_strategy_that_measures_shares_its_fits():
