@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from policies.environments import task
 from policies.evaluation import Episodes, Policy, fresh_start_states, rollout
@@ -21,11 +20,10 @@ from study.pipeline.policy_files import FOLDER, read_policies
 from study.strategies.trial_plan import Case
 from study.trials.ground_truth import ground_truth
 from sysid import Model, State, ops
+from sysid.physics.ops import Array
 
 if TYPE_CHECKING:
     from policies.network_policy import NetworkPolicy
-
-Array = NDArray[np.float64]
 
 
 def trajectories(

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from study.pipeline.database import Database
 from study.statistics import Contrast, holm, paired_t, sem, student
@@ -16,8 +15,7 @@ from study.strategies.populations import TRAININGS, Trained
 from study.strategies.session import STEPS, CaseRound
 from study.strategies.trial_plan import Case, Condition, TrialPlan
 from sysid import InvalidInput
-
-Array = NDArray[np.float64]
+from sysid.physics.ops import Array
 
 
 class TrialResults(NamedTuple):
