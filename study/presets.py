@@ -7,21 +7,11 @@ from contextlib import AbstractContextManager
 from typing import Any
 
 from study.mismatch.mismatch_plan import PLANS as MISMATCH
-from study.mismatch.mismatch_plan import Plan
 from study.paper.presets import PRESETS as PAPER
-from study.paper.presets import Preset
 from study.pipeline.settings import RunOptions, StudySettings
 from study.strategies.strategies_plan import PLANS as STRATEGIES
-from study.strategies.strategies_plan import StrategiesPlan
 
 PRESETS: dict[str, StudySettings] = {**PAPER, **MISMATCH, **STRATEGIES}
-
-EXPERIMENTS: dict[type[StudySettings], tuple[str, tuple[str, ...]]] = {
-    Preset: ("study.paper.sweep", ("imported", "published")),
-    Plan: ("study.mismatch.mismatch_experiment", ()),
-    StrategiesPlan: ("study.strategies.strategies_experiment", ("strategies",)),
-}
-"""What runs each kind of settings, a module with a function `open_experiment`, and the options that it understands."""
 
 
 def open_experiment(settings: StudySettings, options: RunOptions) -> AbstractContextManager[Any]:
@@ -29,9 +19,9 @@ def open_experiment(settings: StudySettings, options: RunOptions) -> AbstractCon
 
     Raises InvalidInput for options of another kind, and a folder that cannot be used.
     """
-    module, understood = EXPERIMENTS[type(settings)]
-    options.refuse_others(understood, settings.name)
-    opened: AbstractContextManager[Any] = importlib.import_module(module).open_experiment(settings, options)
+    options.refuse_others(settings.understood, settings.name)
+    experiment = importlib.import_module(settings.experiment)
+    opened: AbstractContextManager[Any] = experiment.open_experiment(settings, options)
     return opened
 
 

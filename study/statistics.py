@@ -20,13 +20,12 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import stdtr, stdtrit
 
 from study.formatting import bracketed, interval, number, signed
 from sysid import InvalidInput
-
-Array = NDArray[np.float64]
+from sysid.physics.ops import Array
 
 QUANTILE = 0.975
 """Upper end of an interval that holds 95 %."""

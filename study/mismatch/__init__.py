@@ -1,8 +1,7 @@
 """Does breadth pay when the simulator lacks an effect?
 
-magnitudes, effect_losses   effects over their sizes, and their price, by effect_cost
-mismatch_plan               plants, strategies, seeds and contrasts; trial_setups: what each strategy makes of rollouts
+magnitudes, effect_cost     effects over their sizes, and their price
+mismatch_plan               plants, strategies, seeds and contrasts; measured: the rollouts of the cases
 mismatch_findings           what came out; mismatch_sentences, _figures, trajectories and _page: how it is told
-mismatch_experiment         all of it as tasks
-naming                      how many rollouts naming takes; naming_results, naming_figure
+naming                      how many rollouts naming takes; naming_results: table and figure
 """

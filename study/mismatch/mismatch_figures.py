@@ -15,9 +15,10 @@ from matplotlib.ticker import MaxNLocator
 
 from study.figure_style import ACCENT, annotate_beside, faint_lines, panel_title, panels_abreast
 from study.formatting import capital, number
-from study.mismatch.mismatch_findings import MismatchFindings, Split, SplitOutcome, TrialCondition
-from study.mismatch.mismatch_plan import FREE, LADDER, SHARED, STRATEGIES, StrategyKey
+from study.mismatch.mismatch_findings import MismatchFindings, Split
+from study.mismatch.mismatch_plan import LADDER, SPLIT, STRATEGIES
 from study.statistics import Contrast
+from study.strategies.trial_plan import Condition
 from study.trials.hidden_plant import HiddenPlant
 
 INKS = {"nothing": "0.45", "plain": "#0072B2", "mended": "#D55E00", "oracle": "0.1"}
@@ -35,14 +36,13 @@ def strategy_returns(findings: MismatchFindings) -> Figure:
     figure, panels = panels_abreast(len(plan.plants), 12.0, 1.9 + 0.34 * max(rows.values()))
     reach = _reach_of_panels(findings)
     for axes, plant in zip(panels, plan.plants, strict=True):
-        best = max(
-            findings.optima[plant.name], *(o.mean.mean for s, o in findings.outcomes.items() if s[0] == plant.name)
-        )
+        optimum = findings.optimum(plant.name)
+        best = max(optimum, *(o.mean.mean for c, o in findings.outcomes.items() if c.plant == plant.name))
         axes.set_xlim(best - 1.12 * reach, best + 0.12 * reach)
         axes.xaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
         for strategy, y in rows.items():
             _strategy(axes, findings, plant, strategy, y)
-        axes.axvline(findings.optima[plant.name], color=ACCENT, linewidth=1.2, zorder=1)
+        axes.axvline(optimum, color=ACCENT, linewidth=1.2, zorder=1)
         panel_title(axes, plant.noun, plant.size, "not in the catalogue" * (plant.in_catalogue is False), fontsize=9.5)
         axes.tick_params(axis="y", length=0)
         faint_lines(axes, "x")
@@ -52,7 +52,7 @@ def strategy_returns(findings: MismatchFindings) -> Figure:
         label.set_color(_ink(strategy))
     first.set_ylim(max(rows.values()) + 0.7, -0.7)
     figure.supxlabel("return on the hidden plant: mean and 95 % interval over seeds", fontsize=10.0)
-    _key(figure, plan.budgets)
+    _key(figure, plan.contrasted)
     return figure
 
 
@@ -73,9 +73,9 @@ def _ink(strategy: str) -> str:
 
 def _strategy(axes: Axes, findings: MismatchFindings, plant: HiddenPlant, strategy: str, y: float) -> None:
     """The dots of a strategy: one without rollouts, one a budget with them; a number where a dot would be cut off."""
-    budgets, ink, (low, high) = (0,) if strategy in FREE else findings.plan.budgets, _ink(strategy), axes.get_xlim()
+    budgets, ink, (low, high) = findings.plan.budgets_of(strategy, "encoder"), _ink(strategy), axes.get_xlim()
     for k, n in enumerate(budgets):
-        outcome = findings.outcomes[TrialCondition(plant.name, strategy, n)]
+        outcome = findings.outcomes[findings.condition(plant.name, strategy, n)]
         place = y + 0.34 * (k - 0.5 * (len(budgets) - 1)) / max(1, len(budgets) - 1)
         if outcome.mean.mean < low + 0.04 * (high - low):
             annotate_beside(axes, f"◂ {number(outcome.mean.mean)}", (low, place), (3, 0), color=ink, fontsize=8.5)
@@ -89,8 +89,9 @@ def _strategy(axes: Axes, findings: MismatchFindings, plant: HiddenPlant, strate
 
 def _reach_of_panels(findings: MismatchFindings) -> float:
     """The largest gap to the optimum of a strategy that measured, or knows; others may leave the panels."""
-    gaps = {condition: findings.optima[condition.plant] - o.mean.mean for condition, o in findings.outcomes.items()}
-    return max(1.0, *([gap for condition, gap in gaps.items() if condition.strategy not in SHARED] or gaps.values()))
+    gaps = {c: findings.optimum(c.plant) - o.mean.mean for c, o in findings.outcomes.items()}
+    told = [gap for c, gap in gaps.items() if STRATEGIES[c.strategy].group != "nothing"]
+    return max(1.0, *(told or gaps.values()))
 
 
 def _key(figure: Figure, budgets: Sequence[int]) -> None:
@@ -123,8 +124,8 @@ def _climb(axes: Axes, findings: MismatchFindings) -> None:
     rungs = [strategy for strategy in LADDER if strategy in findings.plan.strategies]
     inks = _plant_inks(findings)
     for k, plant in enumerate(findings.plan.plants):
-        means = [_at_most(findings, plant, strategy).mean for strategy in rungs]
-        optimum, x = findings.optima[plant.name], np.arange(len(rungs)) + 0.05 * (k - 0.5 * (len(inks) - 1))
+        means = [findings.outcomes[_at_most(findings, plant, strategy)].mean for strategy in rungs]
+        optimum, x = findings.optimum(plant.name), np.arange(len(rungs)) + 0.05 * (k - 0.5 * (len(inks) - 1))
         shares = [_share(optimum, mean.mean) for mean in means]
         bars = [_reach(optimum, mean) for mean in means]
         axes.errorbar(x, shares, np.transpose(bars), color=inks[plant.name], marker="o", markersize=5, linewidth=1.8,
@@ -150,8 +151,8 @@ def _reach(optimum: float, mean: Contrast) -> tuple[float, float]:
     return share - low, high - share
 
 
-def _at_most(findings: MismatchFindings, plant: HiddenPlant, strategy: str) -> SplitOutcome:
-    return findings.outcomes[TrialCondition.of(plant.name, strategy, max(findings.plan.budgets))]
+def _at_most(findings: MismatchFindings, plant: HiddenPlant, strategy: str) -> Condition:
+    return findings.condition(plant.name, strategy, max(findings.plan.budgets))
 
 
 def _plant_inks(findings: MismatchFindings) -> dict[str, str]:
@@ -162,12 +163,12 @@ def _plant_inks(findings: MismatchFindings) -> dict[str, str]:
 
 def _splits(axes: Axes, findings: MismatchFindings) -> None:
     """Bars from the optimum: parts of a gap end to end; a part below zero stands left of it."""
-    strategies = [s for s in (StrategyKey.FITTED, StrategyKey.MENDED) if s in findings.plan.strategies]
+    strategies = [s for s in SPLIT if s in findings.plan.strategies]
     y, ticks = 0.0, []
     for plant in findings.plan.plants:
         annotate_beside(axes, capital(plant.title), (0.0, y - 0.5), (4, 3), va="baseline", color="0.3")
         for strategy in strategies:
-            split = _at_most(findings, plant, strategy).split
+            split = findings.splits[_at_most(findings, plant, strategy)]
             if split is None:
                 axes.text(0.0, y, " no table stands for this model", va="center", fontsize=8.0, color="0.5")
             else:

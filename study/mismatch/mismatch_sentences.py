@@ -6,10 +6,11 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from study.formatting import number, percent
-from study.mismatch.mismatch_findings import MismatchFindings, TrialCondition, Verdict
-from study.mismatch.mismatch_plan import StrategyKey
+from study.mismatch.mismatch_findings import MismatchFindings, Verdict
+from study.mismatch.mismatch_plan import SPLIT
 from study.mismatch.naming_results import NamingResult, naming_errors, naming_rates
-from study.trials.outcomes import PlannedContrast
+from study.strategies.trial_findings import PlannedContrast
+from study.trials.rollout_budget import BAND
 
 
 @dataclass(frozen=True)
@@ -21,8 +22,8 @@ class Change:
     verdict     of which diagnoses it is told how many there were, in words and as a condition
     """
 
-    a: StrategyKey
-    b: StrategyKey
+    a: str
+    b: str
     text: str
     catalogue: tuple[bool | None, ...] = (True, False, None)
     verdict: tuple[str, Callable[[Verdict], bool]] | None = None
@@ -39,7 +40,7 @@ class Change:
             counted += f", in the mean {findings.together(rows)} (not pre-registered)"
         verdict = "No" if better == 0 else "Yes" if better == len(rows) else "In part"
         listed = by_plant(findings, ((row.plant, row.n, self._cell(findings, row)) for row in rows))
-        return self.text.format(counted=counted, listed=listed, verdict=verdict, band=percent(findings.plan.band))
+        return self.text.format(counted=counted, listed=listed, verdict=verdict, band=percent(BAND))
 
     def _cell(self, findings: MismatchFindings, row: PlannedContrast) -> str:
         """A change with its interval, and how many of the seeds had such a verdict."""
@@ -51,31 +52,31 @@ class Change:
 
 
 BREADTH = Change(
-    StrategyKey.BAND, StrategyKey.FITTED,
+    "band", "fitted",
     "{verdict}: with a band of ±{band} around the fitted m and l {counted}. In return: {listed}.",
     catalogue=(True, False),
 )  # fmt: skip
 NAMING = Change(
-    StrategyKey.MENDED, StrategyKey.FITTED, "Against m and l alone: {counted}. In return: {listed}.",
+    "mended", "fitted", "Against m and l alone: {counted}. In return: {listed}.",
     (True,), ("named and believed", lambda said: bool(said.named) and said.believed),
 )  # fmt: skip
 UNKNOWN = Change(
-    StrategyKey.MENDED, StrategyKey.FITTED,
+    "mended", "fitted",
     "Where the catalogue lacks the effect, a diagnosis that says so trains under random torques of the size that the "
     "log asks for. Against m and l alone: {counted}. In return: {listed}.",
     (False,), ("unknown", lambda said: said.verdict == "unknown"),
 )  # fmt: skip
 RIVALS = (
-    Change(StrategyKey.MENDED, StrategyKey.ALL_EFFECTS, "against all effects fitted at once: {counted}"),
-    Change(StrategyKey.MENDED, StrategyKey.NETWORK, "against a learned residual torque: {counted}"),
+    Change("mended", "all_effects", "against all effects fitted at once: {counted}"),
+    Change("mended", "network", "against a learned residual torque: {counted}"),
 )
 WITHOUT_ROLLOUTS = Change(
-    StrategyKey.BREADTH, StrategyKey.PRIOR,
+    "breadth", "prior",
     "Breadth over everything plausible, against the prior: {counted}. In return: {listed}.",
 )  # fmt: skip
 ORACLE = (
-    Change(StrategyKey.ORACLE, StrategyKey.MENDED, "where the catalogue has the effect, {counted}", (True,)),
-    Change(StrategyKey.ORACLE, StrategyKey.MENDED, "where it lacks it, {counted}", (False,)),
+    Change("oracle", "mended", "where the catalogue has the effect, {counted}", (True,)),
+    Change("oracle", "mended", "where it lacks it, {counted}", (False,)),
 )
 
 
@@ -109,9 +110,8 @@ def _after_that(findings: MismatchFindings) -> str:
     found = {
         (plant.name, n): contrast
         for plant in findings.plan.plants
-        for n in findings.plan.budgets
-        if plant.in_catalogue
-        and (contrast := findings.difference(plant.name, StrategyKey.POSTERIOR, StrategyKey.MENDED, n))
+        for n in findings.plan.contrasted
+        if plant.in_catalogue and (contrast := findings.difference(plant.name, "posterior", "mended", n))
     }
     if not found:
         return ""
@@ -139,11 +139,8 @@ def _split(findings: MismatchFindings) -> str:
     """What is left of the gap at the largest budget, fitted and mended: with agents, and by design on their models."""
     n, parts = max(findings.plan.budgets), []
     for plant in findings.plan.plants:
-        both = (
-            findings.outcomes.get(TrialCondition(plant.name, key, n))
-            for key in (StrategyKey.FITTED, StrategyKey.MENDED)
-        )
-        splits = [outcome.split for outcome in both if outcome and outcome.split]
+        both = (findings.splits.get(findings.condition(plant.name, key, n)) for key in SPLIT)
+        splits = [split for split in both if split]
         if plant.effect and len(splits) == 2:
             trained = " to ".join(number(-split.gap) for split in splits)
             designed = " to ".join(number(-split.model) for split in splits)

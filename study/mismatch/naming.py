@@ -24,22 +24,23 @@ from rich.console import Console
 from rich.table import Table
 
 from study.figure_style import save_figure
-from study.mismatch.mismatch_plan import Plan
-from study.mismatch.naming_figure import naming_rates_and_errors
+from study.mismatch.measured import rollouts
+from study.mismatch.mismatch_plan import MismatchPlan
 from study.mismatch.naming_results import (
     NAMING_TABLE,
     PLAN,
     REFUSED,
     NamingResult,
     is_right,
+    naming_rates_and_errors,
     naming_table,
     read_naming,
     write_naming,
 )  # fmt: skip
-from study.mismatch.trial_setups import rollouts, sensor
 from study.pipeline.executor import BriefTask, Task, WorkerFailed
 from study.pipeline.processes import Processes
 from study.pipeline.stages import Stage, StudyExperiment, run
+from study.strategies.plant import SENSORS
 from study.trials.ground_truth import ground_truth
 from study.trials.hidden_plant import PLAIN, HiddenPlant
 from study.trials.rollout_budget import Budget
@@ -75,13 +76,13 @@ def _error(estimate: Estimate) -> float:
 
 
 def named(
-    plan: Plan, plant: str, seed: int, budgets: Sequence[int], progress: Callable[[float], None]
+    plan: MismatchPlan, plant: str, seed: int, budgets: Sequence[int], progress: Callable[[float], None]
 ) -> list[NamingResult]:
     """The rows of a plant and a seed, one a budget; smaller budgets are the first rollouts of larger ones."""
     hidden, found = plan.plant(plant), list[NamingResult]()
-    records = rollouts(plan, hidden, seed)
+    records = rollouts(hidden, seed, max(plan.budgets))
     for n in budgets:
-        found.append(measure(hidden, n, seed, Budget(records[:n], sensor(plan), seed)))
+        found.append(measure(hidden, n, seed, Budget(records[:n], SENSORS["encoder"], seed)))
         progress(len(found) / len(budgets))
     return found
 
@@ -89,7 +90,7 @@ def named(
 class NamingExperiment(StudyExperiment):
     """The rows of a table that are measured up to so many seeds, each kept as soon as it is known."""
 
-    def __init__(self, plan: Plan, path: Path, budgets: Sequence[int], seeds: int) -> None:
+    def __init__(self, plan: MismatchPlan, path: Path, budgets: Sequence[int], seeds: int) -> None:
         self.plan, self.path, self.budgets, self.seeds = plan, path, budgets, seeds
         self.rows = read_naming(path)
 

@@ -2,30 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from policies.environments import task
 from policies.evaluation import Episodes, Policy, fresh_start_states, rollout
 from study.figure_style import ACCENT, COLOURS
 from study.formatting import MINUS, capital, number
-from study.mismatch.mismatch_findings import MismatchFindings, TrialCondition
-from study.mismatch.mismatch_plan import StrategyKey, TrialKey
-from study.mismatch.trial_setups import Fitted, agents_of
+from study.mismatch.mismatch_findings import MismatchFindings
+from study.mismatch.mismatch_plan import SPLIT
 from study.pipeline.policy_files import FOLDER, read_policies
+from study.strategies.trial_plan import Case
 from study.trials.ground_truth import ground_truth
 from sysid import Model, State, ops
+from sysid.physics.ops import Array
 
 if TYPE_CHECKING:
     from policies.network_policy import NetworkPolicy
-
-Array = NDArray[np.float64]
 
 
 def trajectories(
@@ -87,26 +85,26 @@ SHOWN_EPISODES = 4
 """Start states whose trajectories are shown: the first ones of the evaluation."""
 
 
-def telling(findings: MismatchFindings) -> TrialKey | None:
+def telling(findings: MismatchFindings) -> Case | None:
     """Where mending gained most in the mean, the seed whose gain is nearest to the median gain: neither the best nor
     the worst. None where the plan has no such contrast."""
-    rows = [row for row in findings.compared if (row.a, row.b) == (StrategyKey.MENDED, StrategyKey.FITTED)]
+    rows = [row for row in findings.compared if (row.a, row.b) == ("mended", "fitted")]
     if not rows:
         return None
     most = max(rows, key=lambda row: row.contrast.mean)
-    mended, fitted = (findings.outcomes[TrialCondition(most.plant, strategy, most.n)] for strategy in (most.a, most.b))
+    condition = findings.condition(most.plant, most.a, most.n)
+    mended, fitted = findings.outcomes[condition], findings.outcomes[condition._replace(strategy=most.b)]
     k = int(np.argmin(np.abs(mended.returns - fitted.returns - most.median)))
-    return TrialKey(most.plant, most.a, most.n, mended.seeds[k])
+    return Case(*condition, mended.seeds[k])
 
 
 def telling_trajectories(
-    findings: MismatchFindings, fits: Sequence[Fitted], folder: Path
+    findings: MismatchFindings, answers: Mapping[Case, Mapping[str, Any]], folder: Path
 ) -> Callable[[], Figure] | None:
     """The figure of the telling pair of agents, whose policies lie in the results folder; None where these are gone."""
     if not (shown := telling(findings)):
         return None
-    keys, _ = agents_of(findings.plan, fits)
-    wanted = {key: keys[shown._replace(strategy=key)] for key in (StrategyKey.FITTED, StrategyKey.MENDED)}
+    wanted = {key: answers[shown._replace(strategy=key)]["deployed"] for key in SPLIT}
     found = read_agents(folder, wanted.values())
     if not set(wanted.values()) <= set(found):
         return None

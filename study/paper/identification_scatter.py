@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from study.paper.protocol import BOUNDS, ROLLOUT_LENGTH, paper_model
 from sysid import GridSearch, simulate
-
-Array = NDArray[np.float64]
+from sysid.physics.ops import Array
 
 CANDIDATES, LEAST, WORK = 1500, 250, 4_000_000
 """Cells of the unclipped form that are rated again with the clip: fewer where many samples tell cells apart."""

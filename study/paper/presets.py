@@ -83,6 +83,8 @@ class Preset(StudySettings):
     resamples: int = 20_000
     companion: str | None = None
     layout: ClassVar[int] = 2
+    experiment: ClassVar[str] = "study.paper.sweep"
+    understood: ClassVar[tuple[str, ...]] = ("imported", "published")
 
     @property
     def cells(self) -> tuple[Cell, ...]:

@@ -13,12 +13,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sysid import InvalidInput, Model, Record, RodPendulum, SemiImplicitEuler, Sensor, simulate
 from sysid.data.sensor import Readings
-
-Array = NDArray[np.float64]
+from sysid.physics.ops import Array
 
 ROLLOUT_LENGTH = 200
 """Steps of a rollout (Sec. II-C)."""

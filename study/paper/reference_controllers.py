@@ -16,7 +16,6 @@ from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from policies.control.dynamic_programming import Grid, solve
 from policies.control.lqr import design_lqr
@@ -28,8 +27,7 @@ from study.paper.runs import hidden_plant
 from study.pipeline.executor import BriefTask
 from study.pipeline.tables import ResultTable
 from study.pipeline.versions import versions
-
-Array = NDArray[np.float64]
+from sysid.physics.ops import Array
 
 OPTIMAL, LQR, SWING_UP = "optimal", "lqr", "swing_up_lqr"
 CONTROLLERS = (OPTIMAL, LQR, SWING_UP)

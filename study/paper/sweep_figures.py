@@ -185,16 +185,6 @@ SMOOTH = 10
 """Training episodes averaged into a point of a learning curve."""
 
 
-def heatmap(findings: PointFindings) -> Figure:
-    """Mean return +- SEM of every cell; the best cell is outlined; the brightest colour is the optimum."""
-    return heatmaps({"Mean return on the hidden plant": findings.summaries}, findings.allowed())
-
-
-def pareto(findings: PointFindings) -> Figure:
-    """The best mean return at every budget and the width that reached it, between two extremes and the references."""
-    return paretos({"What the next rollout is worth": findings.summaries}, findings.allowed())
-
-
 def gap(findings: PointFindings) -> Figure:
     """Agents at every width, and the controller that is optimal for the estimate, below the optimum of the plant."""
     budgets, widths = findings.point.budgets, findings.point.widths
@@ -260,29 +250,26 @@ def curves(findings: PointFindings) -> Figure:
     return figure
 
 
-DRAWINGS: dict[str, Callable[[PointFindings], Figure]] = {
-    "heatmap": heatmap,
-    "pareto": pareto,
-    "gap": gap,
-    "curves": curves,
-}
-
-
-def drawn_of(findings: PointFindings) -> list[str]:
-    """The figures that say something: of a choice where there is one, and of curves that are known."""
-    point = findings.point
+def drawings(findings: PointFindings) -> dict[str, Callable[[], Figure]]:
+    """What draws the figures that say something: of a choice where there is one, and of curves that are known."""
+    point, cells = findings.point, findings.summaries
+    found = {
+        "heatmap": lambda: heatmaps({"Mean return on the hidden plant": cells}, findings.allowed()),
+        "pareto": lambda: paretos({"What the next rollout is worth": cells}, findings.allowed()),
+        "gap": lambda: gap(findings),
+        "curves": lambda: curves(findings),
+    }
     idle = {
-        "heatmap": len(point.budgets) * len(point.widths) == 1,
+        "heatmap": len(cells) == 1,
         "pareto": len(point.budgets) == 1,
         "curves": not any(run.curve for run in findings.runs),
     }
-    return [name for name in DRAWINGS if not idle.get(name)]
+    return {name: draw for name, draw in found.items() if not idle.get(name)}
 
 
 def save_all(findings: PointFindings, folder: Path) -> dict[str, Path]:
     """Draw the figures of an operating point into the folder; returns the files by name."""
-    names = drawn_of(findings)
-    files = {name: folder / findings.preset.figure_file(findings.point.name, name) for name in names}
-    for name, path in files.items():
-        save_figure(lambda name=name: DRAWINGS[name](findings), path)
-    return files
+    preset, point = findings.preset, findings.point.name
+    return {
+        name: save_figure(draw, folder / preset.figure_file(point, name)) for name, draw in drawings(findings).items()
+    }

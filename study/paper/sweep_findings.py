@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from study.formatting import number
 from study.paper.presets import Point, Preset, Theta
@@ -20,8 +19,8 @@ from study.paper.reference_controllers import CONTROLLERS, OPTIMAL, Reference
 from study.paper.runs import Run
 from study.statistics import Contrast, bootstrap_coverage, holm, paired_bootstrap, paired_t, sem
 from sysid import InvalidInput
+from sysid.physics.ops import Array
 
-Array = NDArray[np.float64]
 Key = tuple[int, float]
 """(n, w) of a cell."""
 

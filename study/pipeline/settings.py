@@ -57,6 +57,9 @@ class StudySettings:
     """Version of the results folder: raised whenever stored numbers or tables change their meaning."""
     kind: ClassVar[str] = ""
     """What tells its results folders from those of other kinds."""
+    experiment: ClassVar[str]
+    """The module whose `open_experiment` runs it; understood: the options of KINDS that this knows."""
+    understood: ClassVar[tuple[str, ...]] = ()
 
     @property
     def format(self) -> str:

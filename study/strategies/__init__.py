@@ -2,14 +2,18 @@
 
 strategy     what a strategy may ask for, and what it gives back; catalogue: all of them by name, and a user's own
 plant        counts rollouts, and refuses the one beyond the budget
-session      a strategy's dialogue with plant and training, as far as there are agents; rounds: of many dialogues
+session      a strategy's dialogue with plant and training, as far as there are agents, and rounds of many
 
 identified                    identify, then train once; mended by this project's diagnosis
 simopt, auto_tuned, adapt_sim, dropo, bayes_sim      adapt what is trained on
 readings, episode_network     states and summaries of rollouts, and what two of these learn from them
 candidates, gaussian_process  compare returns
-learning, on_plant            learn on the plant itself
+learning                      learn on the plant itself
 
-strategies_plan, strategies_experiment                    what is compared, as tasks
-strategies_findings, _sentences, _figures and _page       what came out, and how it is told
+populations, designs                agents that train together, in simulation or on the plant; dynamic programs instead
+trial_plan, trial_experiment        cases fixed beforehand, as tasks: rounds of dialogues, agents and designs
+trial_findings, trial_page          returns over seeds and contrasts; tables, figures and page
+strategies_plan, _findings, _figures and _page      these strategies, compared
+
+The experiment of `study.mismatch` is another plan of such cases.
 """

@@ -8,7 +8,6 @@ from itertools import product
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from policies.control.dynamic_programming import Grid, solve
 from policies.environments import task
@@ -20,8 +19,7 @@ from study.strategies.readings import reads_angles, sensed
 from study.strategies.strategy import Dialogue, Situation, Strategy, Train, Try
 from study.trials.training_setup import TrainingSetup
 from sysid import Model, Sensor, State
-
-Array = NDArray[np.float64]
+from sysid.physics.ops import Array
 
 TABLE = Grid(60, 61, u=5)
 """Of the policies in meta-training: their returns are within some percent of the best."""

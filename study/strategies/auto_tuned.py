@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import expit
 
 from policies.environments import task
@@ -17,8 +16,7 @@ from study.strategies.episode_network import EpisodeNetwork
 from study.strategies.readings import reads_angles, sensed
 from study.strategies.strategy import Dialogue, Situation, Strategy, Train, Try
 from study.trials.training_setup import TrainingSetup
-
-Array = NDArray[np.float64]
+from sysid.physics.ops import Array
 
 
 @dataclass(frozen=True)

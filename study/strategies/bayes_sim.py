@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from policies.environments import task
 from policies.environments.randomization import Mixture
@@ -16,8 +15,7 @@ from study.strategies.readings import reads_angles, sensed, smooth, summary_stat
 from study.strategies.strategy import Dialogue, Play, Situation, Strategy
 from study.trials.training_setup import TrainingSetup
 from sysid import Record, simulate
-
-Array = NDArray[np.float64]
+from sysid.physics.ops import Array
 
 
 @dataclass(frozen=True)

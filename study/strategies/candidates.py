@@ -12,14 +12,12 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from policies.environments.randomization import Band
 from study.strategies import gaussian_process
 from study.strategies.strategy import Choice, Dialogue, Situation, Strategy, Train, TrainedAgent, Try
 from study.trials.training_setup import TrainingSetup
-
-Array = NDArray[np.float64]
+from sysid.physics.ops import Array
 
 WIDEST = 0.5
 

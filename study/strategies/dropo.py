@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from study.strategies.readings import REACH, smoothed, smoothing_covariance
 from study.strategies.simopt import setup_of
 from study.strategies.strategy import Dialogue, Play, Situation, Strategy, required
 from sysid import Record, simulate
-
-Array = NDArray[np.float64]
+from sysid.physics.ops import Array
 
 SHIFT = 1e-4
 SHIFTS = SHIFT * np.eye(2)

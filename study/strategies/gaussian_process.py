@@ -11,11 +11,9 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from study.strategies.strategy import required
-
-Array = NDArray[np.float64]
+from sysid.physics.ops import Array
 
 STARTS, SAMPLES = 8, 256
 """Of the search for the largest value: local ones, and random points that these begin at."""

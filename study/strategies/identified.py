@@ -1,21 +1,19 @@
-"""Strategies that spend their rollouts on identification, and train once on what came out.
-
-What they make of the records is made where the mismatch experiment makes it, too (`Budget`).
-"""
+"""Strategies that spend their rollouts on identification, and train once on what came out."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
 
 from policies.environments.randomization import Band, PriorRange
 from study.strategies.strategy import Dialogue, Play, Situation, Strategy
-from study.trials.rollout_budget import Budget, center, posterior_of
+from study.trials.rollout_budget import Budget, center
 from study.trials.training_setup import TrainingSetup
-from sysid import Estimate, UnscentedKalman, fit
+from sysid import Estimate, Record, Sensor, fit
 from sysid.planning.design import Conditions, Hypothesis, precision, search, yardsticks
 from sysid.planning.signals import Limits
 
@@ -54,83 +52,86 @@ class WholePriorRange(Strategy):
         yield
 
 
+@lru_cache(maxsize=4)
+def budget_of(records: tuple[Record, ...], sensor: Sensor, seed: int) -> Budget:
+    """What can be made of rollouts: the same for all strategies that share them, so that no fit is made twice."""
+    return Budget(records, sensor, seed)
+
+
 @dataclass(frozen=True)
 class Identified(Strategy):
-    """All rollouts under random torques, and then what the mismatch experiment makes of them."""
+    """All rollouts under random torques, and then one of the setups that can be made of them (`Budget.setup`)."""
 
-    made: ClassVar[str]
+    made: str
 
     def spend(self, situation: Situation) -> Dialogue:
         records = yield Play(situation.budget)
-        return Budget(records, situation.sensor, situation.seed).setup(self.made)
+        return budget_of(tuple(records), situation.sensor, situation.seed).setup(self.made)
 
 
+@dataclass(frozen=True)
 class PointEstimate(Identified):
     """Least squares for m and l over whole rollouts (output error), and training at the estimate."""
 
+    made: str = "fitted"
     short: ClassVar[str] = "point estimate"
-    made: ClassVar[str] = "fitted"
 
 
+@dataclass(frozen=True)
 class GridEstimate(Identified):
     """The paper's grid search for m and l, over single steps of the same readings."""
 
+    made: str = "grid"
     short: ClassVar[str] = "paper's grid"
     source: ClassVar[str] = "the paper"
     needs_angle: ClassVar[bool] = True
-    made: ClassVar[str] = "grid"
 
 
+@dataclass(frozen=True)
+class KalmanEstimate(Identified):
+    """The estimate of m and l by an unscented Kalman filter over the same readings, and training there."""
+
+    made: str = "kalman"
+    short: ClassVar[str] = "Kalman filter"
+    needs_angle: ClassVar[bool] = True
+
+
+@dataclass(frozen=True)
 class RelativeBand(Identified):
     """The point estimate with a band of +- 30 % about it: the paper's randomization."""
 
+    made: str = "band"
     short: ClassVar[str] = "band, 30 %"
     source: ClassVar[str] = "the paper"
-    made: ClassVar[str] = "band"
 
 
+@dataclass(frozen=True)
+class PosteriorOfFit(Identified):
+    """The fit's normal distribution of m and l instead of a point."""
+
+    made: str = "fitted_posterior"
+    short: ClassVar[str] = "posterior"
+
+
+@dataclass(frozen=True)
 class UnderRandomForce(Identified):
     """The point estimate, and random torques in training. Valassakis, Ding and Johns, "Crossing the gap", IROS 2020;
     size and memory of the torques are those that the rollouts leave unexplained, where the source tunes them."""
 
+    made: str = "random_force"
     short: ClassVar[str] = "random force"
     source: ClassVar[str] = "Valassakis 2020"
     needs_angle: ClassVar[bool] = True
-    made: ClassVar[str] = "random_force"
 
 
+@dataclass(frozen=True)
 class MendedModel(Identified):
     """This project's: the missing effect is named, added and fitted; where it is unknown, random torques."""
 
+    made: str = "mended"
     short: ClassVar[str] = "mended model"
     source: ClassVar[str] = "this project"
     needs_angle: ClassVar[bool] = True
-    made: ClassVar[str] = "mended"
-
-
-@dataclass(frozen=True)
-class KalmanEstimate(Strategy):
-    """The estimate of m and l by an unscented Kalman filter over the same readings, and training there."""
-
-    short: ClassVar[str] = "Kalman filter"
-    needs_angle: ClassVar[bool] = True
-
-    def spend(self, situation: Situation) -> Dialogue:
-        records = yield Play(situation.budget)
-        found = UnscentedKalman(situation.names, situation.sensor).fit(situation.prior, records)
-        return TrainingSetup(found.model, center(found))
-
-
-@dataclass(frozen=True)
-class PosteriorOfFit(Strategy):
-    """The fit's normal distribution of m and l instead of a point."""
-
-    short: ClassVar[str] = "posterior"
-
-    def spend(self, situation: Situation) -> Dialogue:
-        records = yield Play(situation.budget)
-        found = Budget(records, situation.sensor, situation.seed).fitted
-        return TrainingSetup(found.model, posterior_of(found))
 
 
 @dataclass(frozen=True)

@@ -8,15 +8,13 @@ strategy observes goes through the sensors.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from policies.environments import task
 from policies.evaluation import Policy, rollout
 from study.strategies.readings import sensed
 from study.strategies.strategy import Play, Tried
 from sysid import InvalidInput, Model, Record, Sensor, State, simulate
-
-Array = NDArray[np.float64]
+from sysid.physics.ops import Array
 
 SENSORS = {"speed": Sensor(theta=0.001, theta_dot=1.0), "encoder": Sensor(theta=0.01, theta_dot=1.0)}
 """The paper's, which reads the speed and is told the angle at the start alone; and with an encoder beside it."""

@@ -5,11 +5,9 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sysid import Record, Sensor
-
-Array = NDArray[np.float64]
+from sysid.physics.ops import Array
 
 REACH = 4
 """Readings on either side that a smoothed state is fitted to: 0.2 s at 50 ms."""

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import minimize_scalar
 
@@ -15,8 +14,7 @@ from policies.evaluation import rollout
 from study.strategies.readings import reads_angles, smoothed
 from study.strategies.strategy import Dialogue, Situation, Strategy, Train, TrainedAgent, Tried, Try
 from study.trials.training_setup import TrainingSetup
-
-Array = NDArray[np.float64]
+from sysid.physics.ops import Array
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,9 @@ from matplotlib.lines import Line2D
 from study.figure_style import ACCENT, annotate_beside, faint_lines, panel_title, panels_abreast
 from study.formatting import number
 from study.strategies.catalogue import strategy_class
-from study.strategies.strategies_findings import CaseOutcome, StrategiesFindings
+from study.strategies.strategies_findings import StrategiesFindings
 from study.strategies.strategies_plan import BASELINE
+from study.strategies.trial_findings import Outcome
 from study.trials.hidden_plant import HiddenPlant
 
 GROUPS = {
@@ -77,7 +78,7 @@ def _rows(findings: StrategiesFindings) -> Figure:
     return figure
 
 
-def _row(axes: Axes, at: int, outcome: CaseOutcome, ink: str) -> None:
+def _row(axes: Axes, at: int, outcome: Outcome, ink: str) -> None:
     """A mean with its interval, its seeds where they are too few for one, and its best candidate."""
     low, mean = axes.get_xlim()[0], outcome.mean
     if mean.mean < low:
@@ -92,7 +93,7 @@ def _row(axes: Axes, at: int, outcome: CaseOutcome, ink: str) -> None:
         axes.plot([max(low, outcome.anew)], [at], **{**look, "markerfacecolor": "white"})
 
 
-def _limits(optimum: float, outcomes: Sequence[CaseOutcome]) -> tuple[float, float]:
+def _limits(optimum: float, outcomes: Sequence[Outcome]) -> tuple[float, float]:
     """From a little below the least that is shown, but not below LOWEST optima, to a little above the optimum."""
     least = min([optimum, *(min(o.mean.mean, o.mean.low if np.isfinite(o.mean.low) else 0.0) for o in outcomes)])
     room = 0.06 * abs(max(least, LOWEST * optimum) - optimum) + 0.02 * abs(optimum)
@@ -149,7 +150,7 @@ def _context(strategy: str) -> Look:
     return {"color": "0.6", "marker": mark, "markersize": 4.5, "zorder": 2}
 
 
-def _line(axes: Axes, points: Sequence[tuple[float, CaseOutcome]], look: Look) -> None:
+def _line(axes: Axes, points: Sequence[tuple[float, Outcome]], look: Look) -> None:
     """A strategy's means, and those of its best candidates; arrows for what is below the panel."""
     if not points:
         return
@@ -215,7 +216,7 @@ def _whole_decades(axes: Axes) -> None:
     axes.set_xlim(10.0 ** np.floor(low), 10.0 ** np.ceil(high))
 
 
-def _dot(axes: Axes, line: dict[int, CaseOutcome], most: int, look: Look) -> None:
+def _dot(axes: Axes, line: dict[int, Outcome], most: int, look: Look) -> None:
     within = [n for n in line if n <= most]
     if within and (steps := float(np.mean(line[max(within)].simulated))) > 0.0:
         value, low = line[max(within)].mean.mean, axes.get_ylim()[0]

@@ -26,15 +26,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from study.trials.training_setup import TrainingSetup
 from sysid import InvalidInput, Model, Record, Sensor
+from sysid.physics.ops import Array
 
 if TYPE_CHECKING:
     from policies.network_policy import NetworkPolicy
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

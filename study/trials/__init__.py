@@ -1,7 +1,5 @@
-"""What the experiments on hidden plants share: rollouts -> training setup -> agent -> return on the hidden plant.
+"""What the experiments on hidden plants share: rollouts -> training setup.
 
 hidden_plant    machines with an effect that the simulator lacks; ground_truth: how they move; outside_effects
 rollout_budget  what can be made of n rollouts: a training_setup; residual_network: a learned torque, by network_fit
-populations     agents that train together; designs: dynamic programs in the place of training
-outcomes        returns over seeds, and contrasts that were fixed beforehand
 """

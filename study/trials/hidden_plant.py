@@ -1,15 +1,13 @@
-"""Hidden plants, and what every plan has whose agents are run on them. This module loads nothing heavy.
+"""Hidden plants. This module loads nothing heavy.
 
 Sizes of the hidden effects are those that dynamic programming found dear (`python -m study.mismatch.effect_cost`).
 """
 
 from __future__ import annotations
 
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
-
-from study.pipeline.settings import StudySettings
 
 if TYPE_CHECKING:
     from sysid import Effect
@@ -65,35 +63,6 @@ class HiddenPlant:
 
 
 _NOUNS = {"coulomb": "Coulomb friction", "slew_limit": "slew limit"}
-
-
-@dataclass(frozen=True)
-class TrainingPlan(StudySettings):
-    """What every plan has whose agents train on setups and are run on hidden plants.
-
-    history   past commands that every agent observes
-    agents    trained together in one process on a CPU, at most
-    episodes  of every agent on a hidden plant, once trained
-    grid      angles of the dynamic programs, at the hidden plants and at every fitted model
-    """
-
-    name: str
-    plants: tuple[HiddenPlant, ...]
-    _: KW_ONLY
-    hidden: tuple[int, ...] = (64, 64)
-    algorithm: str = "sac"
-    steps: int = 30_000
-    random_steps: int = 1000
-    batch: int = 256
-    history: int = 4
-    agents: int = 25
-    episodes: int = 20
-    grid: int = 120
-
-    def plant(self, name: str) -> HiddenPlant:
-        """The hidden plant of that name; raises KeyError for another."""
-        return {plant.name: plant for plant in self.plants}[name]
-
 
 PLAIN = HiddenPlant("plain")
 COULOMB = HiddenPlant("coulomb", "coulomb", (("tau_c", 1.5),), 3.9)

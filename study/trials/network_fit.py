@@ -13,15 +13,13 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from study.trials.residual_network import CommandFilter, ResidualNetwork, untrained
 from sysid import InvalidInput, Model, Record, Sensor, State
 from sysid.estimation.held_out import held_out_error
 from sysid.estimation.output_error import Response, propagate
 from sysid.estimation.windows import cut
-
-Array = NDArray[np.float64]
+from sysid.physics.ops import Array
 
 HELD_OUT = 0.2
 """Share of the rollouts, at least one, that choose the decay."""

@@ -26,6 +26,7 @@ from sysid import (
     Model,
     Record,
     Sensor,
+    UnscentedKalman,
     add,
     diagnose,
     effect,
@@ -41,22 +42,24 @@ AT_ONCE = (
 """Every effect of the catalogue that can stand beside the others, does not depend on time or on a number that no slope
 finds (a ripple's order), and is not absorbed by m and l: of those that contain each other the simpler one."""
 
+BAND = 0.3
+"""Half the relative width of the band about the fit."""
+
 
 class Budget:
-    """n rollouts (Records) and what can be made of them; what several strategies need is made once.
+    """n rollouts (Records) and what can be made of them; what several strategies need is made once."""
 
-    band: half the relative width of the one about the fit
-    """
-
-    def __init__(self, records: Sequence[Record], sensor: Sensor, seed: int, band: float = 0.3) -> None:
-        self.records, self.sensor, self.seed, self.band = records, sensor, seed, band
+    def __init__(self, records: Sequence[Record], sensor: Sensor, seed: int) -> None:
+        self.records, self.sensor, self.seed = records, sensor, seed
 
     def setup(self, strategy: str) -> TrainingSetup:
         """What the strategy trains on; raises InvalidInput for an unknown strategy."""
         made: dict[str, Callable[[], TrainingSetup]] = {
-            "grid": self._grid,
-            "fitted": lambda: TrainingSetup(self.fitted.model, center(self.fitted)),
-            "band": lambda: TrainingSetup(self.fitted.model, center(self.fitted, self.band)),
+            "grid": lambda: _at(GridSearch(("m", "l")).fit(PRIOR, self.records)),
+            "kalman": lambda: _at(UnscentedKalman(("m", "l"), self.sensor).fit(PRIOR, self.records)),
+            "fitted": lambda: _at(self.fitted),
+            "band": lambda: TrainingSetup(self.fitted.model, center(self.fitted, BAND)),
+            "fitted_posterior": lambda: TrainingSetup(self.fitted.model, posterior_of(self.fitted)),
             "mended": self._mended,
             "all_effects": self._at_once,
             "posterior": self._posterior,
@@ -130,10 +133,6 @@ class Budget:
         alternatives = [{name: f.values.get(name, neutral.get(name, math.nan)) for name in names} for f in fits]
         return machine, Mixture(tuple(alternatives))
 
-    def _grid(self) -> TrainingSetup:
-        found = GridSearch(("m", "l")).fit(PRIOR, self.records)
-        return TrainingSetup(found.model, center(found))
-
     def _at_once(self) -> TrainingSetup:
         """From the fit without effects, first without and then with a limit of the drive, whichever is nearer: the fit
         has no slope from "never" to a limit, and a limit that it begins with hides the rest."""
@@ -163,6 +162,10 @@ class Budget:
         if not residual.present:
             return drawn, {"s": 0.0}
         return RandomForce(drawn, residual.s, residual.T), {"s": residual.s, "T": residual.T}
+
+
+def _at(estimate: Estimate) -> TrainingSetup:
+    return TrainingSetup(estimate.model, center(estimate))
 
 
 def center(estimate: Estimate, w: float = 0.0) -> Band:

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid import Model
-
-Array = NDArray[np.float64]
+from sysid.physics.ops import Array
 
 STEP = 1e-6
 """Relative change of a parameter that its power in 1/J and G/J is told from."""

@@ -9,7 +9,6 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from policies.control.dynamic_programming import Grid
 from policies.control.predictive import Predictive, design_predictive
@@ -17,8 +16,7 @@ from policies.control.references import spanning
 from policies.environments.machine import machine_of
 from policies.evaluation import PolicyBatch, evaluate, fresh_start_states
 from sysid import Model, OutputEffect
-
-Array = NDArray[np.float64]
+from sysid.physics.ops import Array
 
 TABLE = Grid(120, 121, u=5, memory=3)
 """More torques and memory change returns by 0.01 %."""

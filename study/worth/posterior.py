@@ -6,12 +6,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from study.worth.coordinates import NormalCoordinates
 from sysid import Estimate, InvalidInput
-
-Array = NDArray[np.float64]
+from sysid.physics.ops import Array
 
 TRIED = 4096
 """Draws of the normal distribution of which those within the bounds are taken."""

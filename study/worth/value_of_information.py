@@ -20,7 +20,6 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from study.formatting import MINUS
@@ -28,9 +27,9 @@ from study.worth.decision import Decision
 from study.worth.posterior import BoundedNormal
 from sysid import Estimate, InvalidInput
 from sysid.limits import check_size
+from sysid.physics.ops import Array
 from sysid.planning.planned_experiment import Experiment
 
-Array = NDArray[np.float64]
 Design = Callable[[Array], Experiment]
 """The rollout that lowers what errors of the parameters cost; W (P, P) are those costs, E e'We."""
 

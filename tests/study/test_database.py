@@ -12,14 +12,15 @@ from typing import Any
 
 import pytest
 
-from study.mismatch.mismatch_experiment import OUTPUTS, mismatch_results
-from study.mismatch.trial_setups import FITS, Fitted
+from study.mismatch.mismatch_page import OUTPUTS
 from study.paper.presets import SMOKE, Cell
 from study.paper.runs import RUNS, Run
 from study.paper.sweep import outputs, sweep_results
 from study.pipeline.database import Database
 from study.pipeline.settings import StudySettings
 from study.pipeline.tables import ResultTable
+from study.strategies.session import STEPS, CaseRound
+from study.strategies.trial_experiment import trial_results
 from sysid import InvalidInput
 
 
@@ -30,6 +31,7 @@ class Plan(StudySettings):
     name: str = "trial"
     steps: int = 1200
     layout = 1
+    page = "study.mismatch.mismatch_page"
 
 
 TIED = Plan()
@@ -54,7 +56,7 @@ class Kind:
 
 
 RUN = Run(Cell("main", 5, 0.5, 1), 0, (1.785, 1.65), 0.26, (-1.25,), ((200, -3.5),), {}, {"torch": "2"}, 7.5)
-FITTED = Fitted("coulomb", "c", 5, 1, {"verdict": "coulomb"}, 7.5)
+ROUND = CaseRound("coulomb", "encoder", "c", 5, 1, 0, {"verdict": "coulomb"}, 7.5)
 LARGE = RUN.cell._replace(seed=2)
 KINDS = {
     "study": Kind(
@@ -62,8 +64,8 @@ KINDS = {
         dataclasses.replace(RUN, cell=LARGE, curve=RUN.curve * 200_000), RUNS,
     ),
     "mismatch": Kind(
-        mismatch_results, Plan(), OUTPUTS, FITTED,
-        dataclasses.replace(FITTED, seed=2, payload={"steps": [1] * 700_000}), FITS,
+        trial_results, Plan(), OUTPUTS, ROUND,
+        dataclasses.replace(ROUND, seed=2, payload={"steps": [1] * 700_000}), STEPS,
     ),
 }  # fmt: skip
 
@@ -114,6 +116,7 @@ class Plan(StudySettings):
     name: str = "trial"
     steps: int = 1200
     layout = 1
+    page = "study.mismatch.mismatch_page"
 
 database = Database(Path(sys.argv[1]), Plan(), progress="counts (n INTEGER)")
 with database.transaction() as db:

@@ -9,8 +9,19 @@ import pytest
 from policies.control.dynamic_programming import Grid
 from policies.evaluation import PolicyBatch, batch_returns, evaluate
 from study.mismatch import effect_cost
-from study.mismatch.effect_cost import EFFECT_COST_FOLDER, LOSS_FIGURE, LOSS_TABLE, SHARP, TARGETS, Bench, explore, main
-from study.mismatch.effect_losses import LossRow, read_losses, write_losses
+from study.mismatch.effect_cost import (
+    EFFECT_COST_FOLDER,
+    LOSS_FIGURE,
+    LOSS_TABLE,
+    SHARP,
+    TARGETS,
+    Bench,
+    LossRow,
+    explore,
+    main,
+    read_losses,
+    write_losses,
+)
 from study.mismatch.magnitudes import MAGNITUDES, Magnitude
 from study.trials.ground_truth import BLUNT, design, hidden_machine
 from study.trials.hidden_plant import ALL_PLANTS

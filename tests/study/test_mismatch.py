@@ -7,25 +7,29 @@ import pytest
 
 from policies.environments.randomization import Band
 from policies.evaluation import evaluate, fresh_start_states
-from study.mismatch.mismatch_plan import PLANS, STRATEGIES, TrialKey
+from study.mismatch.measured import MeasuredPlant, rollouts, unmeasured
+from study.mismatch.mismatch_plan import PLANS, STRATEGIES
 from study.mismatch.naming import FIRST, MOST, steps_of
-from study.mismatch.trial_setups import Fitted, agents_of, rollouts, sensor, training_setups
 from study.paper.presets import PRESETS
+from study.strategies.plant import SENSORS
+from study.strategies.populations import AgentToTrain, populations
+from study.strategies.session import step
+from study.strategies.strategy import Play
+from study.strategies.trial_plan import Case
 from study.trials.ground_truth import design, ground_truth, hidden_machine, oracle
 from study.trials.hidden_plant import ALL_PLANTS, DELAY_LARGE, MAGNET
-from study.trials.populations import populations
 from study.trials.rollout_budget import AT_ONCE, Budget
 from study.trials.training_setup import TrainingSetup, training_setup_of
+from sysid import InvalidInput
 from sysid.estimation.held_out import held_out_error
 
-SMOKE = PLANS["mismatch-smoke"]
+SMOKE, ENCODER = PLANS["mismatch-smoke"], SENSORS["encoder"]
 
 
 @pytest.fixture(scope="module")
 def budget():
     """Five rollouts of the plant whose delay costs 30 % of the return."""
-    plan = PLANS["mismatch-quick"]
-    return Budget(rollouts(plan, DELAY_LARGE, 1), sensor(plan), 1)
+    return Budget(rollouts(DELAY_LARGE, 1, 5), ENCODER, 1)
 
 
 @pytest.mark.long
@@ -48,8 +52,7 @@ def test_naming_the_effect_brings_back_at_least_half_of_what_it_cost(budget):
 @pytest.mark.parametrize("seed", [2000, 2015])
 def test_a_delay_of_three_samples_is_named_alone(seed):
     """To a first order it moves the readings as a stamp does, which cannot be so late: both have to be tried."""
-    plan = PLANS["mismatch"]
-    found = Budget(rollouts(plan, DELAY_LARGE, seed)[:10], sensor(plan), seed).diagnosis
+    found = Budget(rollouts(DELAY_LARGE, seed, 50)[:10], ENCODER, seed).diagnosis
     assert (found.verdict, steps_of(found)) == ("missing", ("delay",))
 
 
@@ -61,10 +64,10 @@ def test_a_band_is_about_the_same_fit_and_random_torques_leave_it(budget):
 
 
 def test_setups_are_plain_data(budget):
-    free = training_setups(SMOKE, MAGNET, 0, ("prior", "breadth", "oracle"))
+    free = [unmeasured(strategy, MAGNET).setup for strategy in ("prior", "breadth", "oracle")]
     for setup in (
         *(budget.setup(strategy) for strategy in ("grid", "fitted", "mended", "posterior", "random_force")),
-        *(r for r, _ in free.values()),
+        *free,
     ):
         again = training_setup_of(json.loads(json.dumps(setup.to_json())))
         assert again.key == setup.key and again.verdict == setup.verdict
@@ -80,39 +83,50 @@ def test_the_oracle_moves_as_the_hidden_plant_does():
         assert coarse.advance(state, 1.0).theta_dot == pytest.approx(fine.advance(state, 1.0).theta_dot, abs=0.02)
 
 
-def fits(plan, setup):
-    return [Fitted(t.plant, t.strategy, t.n, t.seed, setup(t).to_json(), 0.0) for t in plan.trials]
+def test_a_smaller_budget_is_the_first_rollouts_of_a_larger_one():
+    few, many = (MeasuredPlant(MAGNET, n, 3, drawn=4).play(Play(n)) for n in (2, 4))
+    assert [r.u.tolist() for r in few] == [r.u.tolist() for r in many[:2]]
+    assert [r.theta_dot.tolist() for r in few] == [r.theta_dot.tolist() for r in rollouts(MAGNET, 3, 4)[:2]]
 
 
-def test_equal_setups_share_an_agent_and_structures_train_together():
-    plain, late = oracle(ALL_PLANTS[0]), oracle(DELAY_LARGE)
+def test_what_was_measured_cannot_be_asked_for_other_torques():
+    with pytest.raises(InvalidInput, match="measured under random torques"):
+        MeasuredPlant(MAGNET, 2, 3, drawn=4).play(Play(1, at_rest=True))
 
-    def setup(trial):
-        if trial.strategy in ("mended", "oracle"):
-            return TrainingSetup(late, Band({"m": 2.0, "delay.T": 0.1 + 0.001 * trial.seed % 7}))
-        return TrainingSetup(plain, Band({"m": 2.0, "l": 1.5}, 0.3 if trial.strategy == "band" else 0.0))
 
-    keys, agents = agents_of(SMOKE, fits(SMOKE, setup))
-    assert set(keys) == set(SMOKE.trials) and len({a.key for a in agents}) == len(agents)
-    shared = [t for t in SMOKE.trials if t.strategy in ("grid", "fitted", "prior")]
-    assert len({keys[t] for t in shared}) == len({t.seed for t in shared})
-    plants = {a.key: a.plants for a in agents}
-    assert all(trial.plant in plants[key] for trial, key in keys.items())
-    for together in populations(SMOKE, agents):
-        assert len(together) <= SMOKE.agents
-        assert len({tuple(e["name"] for e in a.setup["model"]["effects"]) for a in together}) == 1
-    assert sum(map(len, populations(SMOKE, agents))) == len(agents)
+def test_a_case_is_one_round_and_a_strategy_that_measures_shares_its_fits():
+    answers = [
+        step(SMOKE, Case("magnet", "encoder", own, n, 1000), {}.get)
+        for own, n in (("fitted", 2), ("band", 2), ("prior", 0))
+    ]
+    fitted, band, prior = (own["setups"][own["answer"]["deployed"]] for own in answers)
+    assert fitted["model"] == band["model"] != prior["model"]
+    assert [own["answer"]["rollouts"] for own in answers] == [2, 2, 0]
+    assert all(own["answer"]["simulated"] == SMOKE.steps for own in answers)
+
+
+def test_structures_train_together_and_no_agent_twice():
+    late = oracle(DELAY_LARGE)
+    setups = [TrainingSetup(late, Band({"m": 2.0, "delay.T": 0.1 + 0.001 * k})) for k in range(6)]
+    setups += [TrainingSetup(oracle(ALL_PLANTS[0]), Band({"m": 2.0, "l": 1.5}, w)) for w in (0.0, 0.3)]
+    agents = [AgentToTrain(own.key, own.to_json(), 1) for own in setups]
+    groups = populations(SMOKE, agents)
+    assert [agent for group in groups for agent in group] == agents
+    for group in groups:
+        assert len(group) <= SMOKE.agents
+        assert len({tuple(e["name"] for e in a.setup["model"]["effects"]) for a in group}) == 1
 
 
 def test_the_plan_is_balanced_and_its_seeds_are_matched():
     for plan in PLANS.values():
-        assert set(plan.strategies) <= set(STRATEGIES) and len(set(plan.trials)) == len(plan.trials)
+        assert set(plan.strategies) <= set(STRATEGIES) and len(set(plan.cases)) == len(plan.cases)
         seeds = {}
-        for trial in plan.trials:
-            seeds.setdefault(trial[:3], []).append(trial.seed)
-        for (_, strategy, _), own in seeds.items():
-            assert tuple(own) == plan.seeds_of(strategy)
-    assert TrialKey("plain", "mended", 50, 3019) in PLANS["mismatch"].trials
+        for case in plan.cases:
+            seeds.setdefault(case.condition, []).append(case.seed)
+        for condition, own in seeds.items():
+            assert tuple(own) == plan.seeds_of(condition.strategy)
+    assert Case("plain", "encoder", "mended", 50, 3019) in PLANS["mismatch"].cases
+    assert len(PLANS["mismatch"].cases) == 1740
 
 
 def test_the_experiments_seeds_are_used_for_nothing_else():
@@ -128,8 +142,7 @@ def test_the_experiments_seeds_are_used_for_nothing_else():
 @pytest.mark.long
 def test_what_is_unknown_or_does_not_help_is_not_believed(budget):
     """Then it trains as under random forces; all effects at once, with what it found, is no further off."""
-    plan = PLANS["mismatch-quick"]
-    lost = Budget(rollouts(plan, MAGNET, 2), sensor(plan), 2)
+    lost = Budget(rollouts(MAGNET, 2, 5), ENCODER, 2)
     assert lost.diagnosis.verdict == "unknown" and not lost.believed
     assert lost.setup("mended").key == lost.setup("random_force").key
     assert budget.believed
@@ -141,7 +154,7 @@ def test_what_is_unknown_or_does_not_help_is_not_believed(budget):
 
 
 def test_breadth_is_over_one_effect_at_a_time():
-    setup = training_setups(SMOKE, MAGNET, 0, ("breadth",))["breadth", 0][0]
+    setup = unmeasured("breadth", MAGNET).setup
     rng, count = np.random.default_rng(0), []
     for _ in range(300):
         drawn = setup.drawn.sample(rng, setup.model)

@@ -15,16 +15,15 @@ from policies.evaluation import evaluate, fresh_start_states
 from study.figure_style import STYLE, save_figure
 from study.formatting import MINUS
 from study.mismatch.mismatch_figures import PARTS, ladder_of_strategies, strategy_returns
-from study.mismatch.mismatch_findings import MismatchFindings, Split, SplitOutcome, TrialCondition, Verdict
-from study.mismatch.mismatch_page import CAPTIONS, mismatch_page
-from study.mismatch.mismatch_plan import CONTRASTS, FREE, PLANS, STRATEGIES
-from study.mismatch.naming_figure import naming_rates_and_errors
-from study.mismatch.naming_results import NamingResult, is_right
+from study.mismatch.mismatch_findings import MismatchFindings, Split, Verdict
+from study.mismatch.mismatch_page import CAPTIONS, mismatch_account
+from study.mismatch.mismatch_plan import PLANS, STRATEGIES
+from study.mismatch.naming_results import NamingResult, is_right, naming_rates_and_errors
 from study.mismatch.trajectories import read_agents, telling, trajectories
 from study.paper.protocol import paper_model
 from study.pipeline.policy_files import FOLDER, write_policies
 from study.statistics import paired_t
-from study.trials.outcomes import PlannedContrast
+from study.strategies.trial_findings import Outcome, planned_contrasts
 
 OPTIMUM, SEED_STEP = -360.0, 3.0
 STRUCTURE = {"plain": 0.0, "coulomb": 15.0, "delay_medium": 40.0, "delay_large": 150.0, "magnet": 140.0, "slew": 120.0}
@@ -33,48 +32,32 @@ TRAINING = 12.0
 
 
 def invented(plan):
-    """J = optimum - structure (not of c, d, f and h where the catalogue has the effect) - identification - training."""
-    outcomes = {}
-    conditions = dict.fromkeys(TrialCondition(*trial[:3]) for trial in plan.trials)
-    for condition in conditions:
+    """J = optimum - structure (not of mended where the catalogue has the effect) - identification - training."""
+    outcomes, splits = {}, {}
+    for condition in dict.fromkeys(case.condition for case in plan.cases):
         seeds = plan.seeds_of(condition.strategy)
-        spared = condition.strategy == "oracle" or (
-            condition.strategy in "cdf" and condition.plant not in ("magnet", "slew")
-        )
-        structure = 0.0 if spared else STRUCTURE[condition.plant]
-        identification = (
-            IDENTIFICATION.get(condition.strategy, 2.0 + 50.0 / max(condition.n, 5))
-            if condition.strategy != "oracle"
-            else 0.0
-        )
-        reached = (
-            OPTIMUM
-            - structure
-            - identification
-            - TRAINING
-            - SEED_STEP * (len(condition.strategy) + np.arange(len(seeds)))
-        )
+        knows = condition.strategy == "mended" and condition.plant not in ("magnet", "slew")
+        structure = 0.0 if knows or condition.strategy == "oracle" else STRUCTURE[condition.plant]
+        identification = IDENTIFICATION.get(condition.strategy, 2.0 + 50.0 / max(condition.n, 5))
+        identification *= condition.strategy != "oracle"
+        reached = OPTIMUM - structure - identification - TRAINING
+        reached = reached - SEED_STEP * (len(condition.strategy) + np.arange(len(seeds)))
+        nothing = np.full(len(seeds), np.nan)
+        outcomes[condition] = Outcome(seeds, reached, np.full(len(seeds), OPTIMUM), nothing, nothing, nothing, nothing)
         split = Split(structure, identification, OPTIMUM - np.mean(reached) - structure - identification, len(seeds))
-        outcomes[condition] = SplitOutcome(
-            seeds, reached, np.full(len(seeds), OPTIMUM), None if condition.strategy in "edi" else split
-        )
-    compared = []
-    for plant in plan.plants:
-        for a, b in CONTRASTS:
-            for n in (0,) if a in FREE and b in FREE else plan.budgets:
-                conditions = [TrialCondition(plant.name, strategy, 0 if strategy in FREE else n) for strategy in (a, b)]
-                if all(condition in outcomes for condition in conditions):
-                    one, other = (outcomes[condition].returns for condition in conditions)
-                    wobble = np.linspace(-1.0, 1.0, len(one))
-                    contrast = paired_t(one + wobble, other)
-                    median = float(np.median(one - other))
-                    compared.append(PlannedContrast(plant.name, "", n, a, b, contrast, median, 0.001))
+        splits[condition] = split if STRATEGIES[condition.strategy].center or condition.strategy == "oracle" else None
+    compared = tuple(
+        replace(row, contrast=paired_t(pair[0] + np.linspace(-1.0, 1.0, len(pair[0])), pair[1]), p=0.001)
+        for row in planned_contrasts(plan, outcomes)
+        for pair in [[outcomes[row.plant, "encoder", own, min(row.n, plan.kind_of(own).most)].returns
+                      for own in (row.a, row.b)]]
+    )  # fmt: skip
     verdicts = {
         (p.name, n): Counter({Verdict("missing", ("delay",)): 12, Verdict("unknown"): 3})
         for p in plan.plants
-        for n in plan.budgets
+        for n in plan.contrasted
     }
-    return MismatchFindings(plan, outcomes, {p.name: OPTIMUM for p in plan.plants}, tuple(compared), verdicts, 2.5)
+    return MismatchFindings(plan, outcomes, compared, 2.5, splits, verdicts)
 
 
 def named(seeds=4, budgets=(1, 5, 50)):
@@ -123,7 +106,7 @@ def test_every_mean_is_a_dot_or_a_number_at_the_edge(answer):
         assert [f"◂ {MINUS}{-mean:.0f}" for mean in means[: len(numbers)]] == sorted(numbers, reverse=True)
         low, high = axes.get_xlim()
         assert all(low < x < high for x in shown)
-        assert low < answer.optima[plant.name] < high
+        assert low < answer.optimum(plant.name) < high
 
 
 def test_every_way_stands_in_a_row_of_its_own_in_words(answer):
@@ -137,14 +120,11 @@ def test_the_ladder_is_a_share_of_the_optimum_and_its_bars_add_up_to_the_gap(ans
     left, right = figure.axes
     n = max(answer.plan.budgets)
     for line, plant in zip([c[0] for c in left.containers], answer.plan.plants, strict=True):
-        means = [
-            answer.outcomes[TrialCondition(plant.name, w, 0 if w in FREE else n)].mean.mean
-            for w in ("prior", "fitted", "mended", "oracle")
-        ]
+        means = [answer.outcome(plant.name, own, n).mean.mean for own in ("prior", "fitted", "mended", "oracle")]
         np.testing.assert_allclose(line.get_ydata().astype(float), [100.0 * OPTIMUM / mean for mean in means])
     bars = np.array([bar.get_width() for bar in right.patches]).reshape(-1, len(PARTS))
     splits = [
-        answer.outcomes[TrialCondition(p.name, strategy, n)].split
+        answer.splits[answer.condition(p.name, strategy, n)]
         for p in answer.plan.plants
         for strategy in ("fitted", "mended")
     ]
@@ -208,10 +188,10 @@ def test_the_naming_figure_shows_rates_and_errors_in_percent():
 
 def test_the_pair_that_is_shown_is_neither_the_best_nor_the_worst_where_mending_gained_most():
     found = invented(PLANS["mismatch"])
-    condition = TrialCondition("delay_large", "mended", 50)
+    condition = found.condition("delay_large", "mended", 50)
     c = found.outcomes[condition]
     outcome = replace(c, returns=c.returns + 10.0 * np.arange(20.0))
-    gains = outcome.returns - found.outcomes[TrialCondition("delay_large", "fitted", 50)].returns
+    gains = outcome.returns - found.outcome("delay_large", "fitted", 50).returns
     compared = tuple(
         replace(row, contrast=replace(row.contrast, mean=float(gains.mean())), median=float(np.median(gains)))
         if (row.plant, row.n, row.a, row.b) == ("delay_large", 50, "mended", "fitted")
@@ -242,9 +222,10 @@ def html(tmp_path_factory):
     figures = {"returns": save_figure(lambda: strategy_returns(found), folder / "a.png")}
     figures["naming"] = save_figure(lambda: naming_rates_and_errors(named()), folder / "b.png")
     assert all(imread(path).shape[1] > 1000 for path in figures.values())
-    return mismatch_page(
-        found, [("Does breadth pay?", "Breadth <b> changed it by +40 [30, 50].")], figures, {"numpy": "2.x"}, named()
+    told = replace(
+        mismatch_account(found, named()), sentences=[("Does breadth pay?", "Breadth <b> changed it by +40 [30, 50].")]
     )
+    return told.page({path: CAPTIONS[name] for name, path in figures.items()}, 7, {"numpy": "2.x"})
 
 
 def test_the_page_opens_without_a_network_and_leaves_out_figures_that_are_not_there(html):

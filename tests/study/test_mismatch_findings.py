@@ -10,17 +10,18 @@ import pytest
 from rich.console import Console
 
 from policies.environments.randomization import Fixed
-from study.mismatch.mismatch_experiment import MismatchExperiment, mismatch_results
 from study.mismatch.mismatch_findings import Verdict, mismatch_findings
-from study.mismatch.mismatch_plan import CONTRASTS, FREE, PLANS
+from study.mismatch.mismatch_plan import CONTRASTS, PLANS
 from study.mismatch.mismatch_sentences import mismatch_sentences
 from study.mismatch.naming_results import NAMING_TABLE, NamingResult, write_naming
-from study.mismatch.trial_setups import FITS, Fitted, agents_of
 from study.pipeline.stages import run
 from study.statistics import paired_t
-from study.trials.designs import OPTIMUM, PLAIN_ROD, Designed
+from study.strategies.designs import OPTIMUM, PLAIN_ROD, Designed
+from study.strategies.populations import TRAININGS, Trained
+from study.strategies.session import CaseRound, key_of
+from study.strategies.trial_experiment import TrialExperiment, trial_results
+from study.strategies.trial_findings import TrialResults
 from study.trials.ground_truth import PRIOR, oracle
-from study.trials.populations import TRAININGS, Trained
 from study.trials.training_setup import TrainingSetup
 from sysid import InvalidInput
 from tests.study.inline import Inline
@@ -32,47 +33,40 @@ RETURNS = {"prior": -900.0, "fitted": -500.0, "band": -520.0, "mended": -400.0, 
 
 
 def invented():
-    """Fits, agents and designs of PLAN: c has the delay but not the magnet; every strategy and seed has its model."""
-    fits, trained, designs = [], [], []
-    for trial in PLAN.trials:
-        plant, seed = PLAN.plant(trial.plant), trial.seed
-        theta = {"m": 1.0 + 0.1 * seed, "l": 1.2 + 0.01 * len(trial.strategy)}
-        named = trial.strategy == "mended" and plant.effect == "delay"
-        if trial.strategy == "oracle":
-            setup = TrainingSetup(oracle(plant), Fixed())
-        elif trial.strategy == "prior":
-            setup = TrainingSetup(PRIOR, Fixed())
-        elif trial.strategy == "mended":
-            model = oracle(plant) if named else PRIOR
-            setup = TrainingSetup(model.with_parameters(theta), Fixed(), "missing" if named else "unknown",
-                            ("delay",) if named else (), {"believed": named})  # fmt: skip
-        else:
-            setup = TrainingSetup(PRIOR.with_parameters(theta), Fixed())
-        fits.append(Fitted(*trial, setup.to_json(), 1.0))
-        if trial.strategy in ("prior", "fitted", "mended"):
+    """Rounds, agents and designs of PLAN: mended has the delay but not the magnet; every case has its model."""
+    rounds, trained, designs = [], [], []
+    for case in PLAN.cases:
+        plant, seed = PLAN.plant(case.plant), case.seed
+        theta = {"m": 1.0 + 0.1 * seed, "l": 1.2 + 0.01 * len(case.strategy)}
+        named = case.strategy == "mended" and plant.effect == "delay"
+        model = oracle(plant) if named or case.strategy == "oracle" else PRIOR
+        setup = TrainingSetup(model if case.strategy in ("oracle", "prior") else model.with_parameters(theta), Fixed())
+        if case.strategy == "mended":
+            said = ("missing", ("delay",)) if named else ("unknown", ())
+            setup = dataclasses.replace(setup, verdict=said[0], steps=said[1], about={"believed": named})
+        key = f"{key_of(setup, seed)}-{case.strategy}-{case.plant}"
+        answer = {"deployed": key, "best": None, "observed": None, "rollouts": case.n, "simulated": 7}
+        rounds.append(CaseRound(*case, 0, {"setups": {key: setup.to_json()}, "learn": None, "answer": answer}, 1.0))
+        reached = RETURNS[case.strategy] + np.random.default_rng(seed).normal(0.0, 5.0)
+        trained.append(Trained(key, {own.name: (reached,) * 2 for own in PLAN.plants}, (), {}, 10.0))
+        if case.strategy in PLAN.centers:
             designs.append(Designed(plant.name, setup.model_key, seed, (-450.0 - seed,) * 2, 1.0))
     for plant in PLAN.plants:
         for seed in PLAN.seeds:
             designs.append(Designed(plant.name, OPTIMUM, seed, (-350.0 - seed,) * 2, 1.0))
             designs.append(Designed(plant.name, PLAIN_ROD, seed, (-430.0 - seed,) * 2, 1.0))
-    keys, agents = agents_of(PLAN, fits)
-    strategies = {key: trial.strategy for trial, key in keys.items()}
-    for agent in agents:
-        noise = np.random.default_rng(agent.seed).normal(0.0, 5.0)
-        reached = {plant: (RETURNS[strategies[agent.key]] + noise,) * 2 for plant in agent.plants}
-        trained.append(Trained(agent.key, reached, (), {}, 10.0))
-    return fits, trained, designs
+    return rounds, trained, designs
 
 
 @pytest.fixture(scope="module")
 def found():
-    return mismatch_findings(PLAN, *invented())
+    return mismatch_findings(PLAN, TrialResults(*invented()))
 
 
 def test_the_parts_of_a_gap_add_up_seed_by_seed(found):
     for condition, outcome in found.outcomes.items():
-        split = outcome.split
-        assert split is not None and split.seeds == len(PLAN.seeds)
+        split = found.splits[condition]
+        assert split is not None and split.tables == len(PLAN.seeds)
         assert split.gap == pytest.approx(outcome.gap)
         if condition.strategy == "oracle":
             assert (split.structure, split.identification) == (0.0, 0.0)
@@ -87,9 +81,7 @@ def test_contrasts_are_those_of_the_plan_paired_and_raised_by_holm(found):
     assert [(c.a, c.b) for c in found.compared] == planned * len(PLAN.plants)
     raw = []
     for c in found.compared:
-        one, other = (
-            found.outcomes[c.plant, strategy, 0 if strategy in FREE else c.n].returns for strategy in (c.a, c.b)
-        )
+        one, other = (found.outcome(c.plant, strategy, c.n).returns for strategy in (c.a, c.b))
         raw.append(paired_t(one, other))
         assert (c.contrast.mean, c.contrast.low, c.contrast.high) == (raw[-1].mean, raw[-1].low, raw[-1].high)
     least = int(np.argmin([contrast.p for contrast in raw]))
@@ -99,9 +91,7 @@ def test_contrasts_are_those_of_the_plan_paired_and_raised_by_holm(found):
 
 def test_contrasts_together_are_their_mean_and_no_wider_than_the_widest(found):
     rows = [c for c in found.compared if (c.a, c.b) == ("band", "fitted")]
-    every = np.array(
-        [[found.outcomes[c.plant, strategy, c.n].returns for c in rows] for strategy in ("band", "fitted")]
-    )
+    every = np.array([[found.outcome(c.plant, own, c.n).returns for c in rows] for own in ("band", "fitted")])
     together = found.together(rows)
     assert (len(rows), together.seeds) == (2, len(PLAN.seeds))
     assert together.mean == pytest.approx(np.mean([c.contrast.mean for c in rows]))
@@ -132,12 +122,12 @@ def test_naming_is_told_with_the_fewest_and_the_most_rollouts_where_it_was_measu
     assert "magnet" not in told and "nan" not in told
 
 
-@pytest.mark.parametrize(("part", "words"), [(0, "have no fit"), (1, "agents are not trained"), (2, "optima are miss")])
-def test_an_unfinished_experiment_is_refused(part, words):
+@pytest.mark.parametrize("part", [0, 1, 2])
+def test_an_unfinished_experiment_is_refused(part):
     parts = list(invented())
     parts[part] = [row for row in parts[part] if getattr(row, "model", OPTIMUM) == OPTIMUM][1:]
-    with pytest.raises(InvalidInput, match=words):
-        mismatch_findings(PLAN, *parts)
+    with pytest.raises(InvalidInput, match="of 40 cases are not done: expected a finished experiment"):
+        mismatch_findings(PLAN, TrialResults(*parts))
 
 
 @pytest.mark.long
@@ -150,21 +140,24 @@ def test_a_run_from_nothing_to_the_page(tmp_path):
     )
     out = io.StringIO()
     write_naming(tmp_path / NAMING_TABLE, [NamingResult("delay_large", 2, 1, "missing", ("delay",), True, 0.2, 0.01)])
-    with mismatch_results(tmp_path, plan) as results:
-        experiment = MismatchExperiment(plan, results, 1e9)
+    with trial_results(tmp_path, plan) as results:
+        experiment = TrialExperiment(plan, results, 1e9)
         run(experiment, Inline(), Console(file=out))
         experiment.publish(Console(file=out))
         again = Inline()
         run(experiment, again, Console(file=out))
         trained = {agent.key: agent.returns for agent in results.all(TRAININGS)}
-        keys, _ = agents_of(plan, results.all(FITS))
+        answers = TrialResults.of(results).answers
     assert again.tasks == []
     trials, outcomes, contrasts = (
         list(csv.DictReader((tmp_path / f"{name}.csv").read_text().splitlines()))
-        for name in ("trials", "outcomes", "contrasts")
+        for name in ("cases", "outcomes", "contrasts")
     )
-    written = {(row["plant"], row["strategy"], int(row["n"]), int(row["seed"])): float(row["mean"]) for row in trials}
-    reached = {tuple(trial): float(np.mean(trained[keys[trial]][trial.plant])) for trial in plan.trials}
+    written = {(row["plant"], row["strategy"], int(row["n"]), int(row["seed"])): float(row["return"]) for row in trials}
+    reached = {
+        (case.plant, case.strategy, case.n, case.seed): float(np.mean(trained[answers[case]["deployed"]][case.plant]))
+        for case in plan.cases
+    }
     assert written == pytest.approx(reached, rel=1e-5)
     for row in outcomes:
         parts = sum(float(row[part]) for part in ("structure", "identification", "training"))

@@ -79,7 +79,7 @@ def test_what_allows_no_fit_is_a_row_that_is_not_right():
 
 
 def test_a_delay_is_named_and_m_and_l_are_closer_with_it():
-    plan = dataclasses.replace(PLAN, plants=(DELAY_LARGE, PLAIN), budgets=(2,))
+    plan = dataclasses.replace(PLAN, plants=(DELAY_LARGE, PLAIN), budgets=(0, 2))
     found = {}
     for task in tasks(plan, (), (2,), 1):
         (found[task.arguments[1]],) = task.run(_Silent())

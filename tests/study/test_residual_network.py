@@ -6,16 +6,15 @@ import numpy as np
 import pytest
 import torch
 
-from study.mismatch.mismatch_plan import PLANS
-from study.mismatch.trial_setups import rollouts, sensor
+from study.mismatch.measured import rollouts
+from study.strategies.plant import SENSORS
 from study.trials.ground_truth import PRIOR
 from study.trials.hidden_plant import DELAY_LARGE, PLAIN
 from study.trials.network_fit import Weights, Windows, fit_network
 from study.trials.residual_network import CommandFilter, ResidualNetwork, stacked, untrained
 from sysid import InvalidInput, RodPendulum, Viscous, effect, fit, simulate
 
-PLAN = PLANS["mismatch-smoke"]
-SENSOR = sensor(PLAN)
+SENSOR = SENSORS["encoder"]
 TRUE = replace(PRIOR, plant=RodPendulum(m=2.0, l=1.5, g=10.0))
 
 
@@ -75,7 +74,7 @@ def test_stacking_anything_else_is_refused():
 def test_derivatives_are_finite_differences():
     rng = np.random.default_rng(3)
     weights = Weights.untrained(TRUE, rng)
-    windows = Windows(weights, rollouts(PLAN, PLAIN, 1)[:1], SENSOR)
+    windows = Windows(weights, rollouts(PLAIN, 1, 2)[:1], SENSOR)
     p = weights.first + 0.05 * rng.standard_normal(weights.first.shape)
     starts = windows.response.starts
     lin = windows.linearise(p, starts)
@@ -89,9 +88,8 @@ def test_derivatives_are_finite_differences():
 @pytest.mark.long
 def test_a_late_command_is_learned_and_a_plant_that_lacks_nothing_is_left_nearly_alone():
     """At the noise on rollouts that neither the weights nor their choice saw."""
-    plan = replace(PLAN, budgets=(8, 16))
     for plant, gap in ((DELAY_LARGE, 0.05), (PLAIN, -1.0)):
-        records = rollouts(plan, plant, 1)
+        records = rollouts(plant, 1, 16)
         base = fit(PRIOR, records[:8], SENSOR, ("m", "l")).model
         learned = fit_network(base, records[:8], SENSOR, np.random.default_rng(0))
         assert learned.after <= learned.before
@@ -109,4 +107,4 @@ def held(model, records):
 
 def test_one_rollout_is_too_few():
     with pytest.raises(InvalidInput, match="1 records to learn from: expected at least two"):
-        fit_network(PRIOR, rollouts(PLAN, PLAIN, 1)[:1], SENSOR, np.random.default_rng(0))
+        fit_network(PRIOR, rollouts(PLAIN, 1, 2)[:1], SENSOR, np.random.default_rng(0))

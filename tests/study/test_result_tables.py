@@ -5,26 +5,26 @@ import sqlite3
 
 import pytest
 
-from study.mismatch.mismatch_experiment import mismatch_results
 from study.mismatch.mismatch_plan import PLANS
-from study.mismatch.trial_setups import FITS, Fitted
 from study.paper.presets import PRESETS, Cell
 from study.paper.reference_controllers import REFERENCES, Reference
 from study.paper.runs import ESTIMATES, RUNS, Estimated, Run
 from study.paper.sweep import sweep_results
-from study.trials.designs import DESIGNS, Designed
-from study.trials.populations import TRAININGS, Trained
+from study.strategies.designs import DESIGNS, Designed
+from study.strategies.populations import TRAININGS, Trained
+from study.strategies.session import STEPS, CaseRound
+from study.strategies.trial_experiment import trial_results
 from sysid import InvalidInput
 
 MISMATCH = PLANS["mismatch-smoke"]
 SWEEP = dataclasses.replace(PRESETS["smoke"], name=MISMATCH.name)
 CURVE, SETTINGS = ((200, -3.5),), {"sac": {"steps": 1}}
 MODEL = {"effects": [{"name": "delay", "T": 0.126}], "sd": [0.1, 1e-17], "unit": None}
-FITTED = Fitted("delay_medium", "mended", 5, 1, {"model": MODEL, "verdict": "delay"}, 7.5)
+ROUND = CaseRound("delay_medium", "encoder", "mended", 5, 1, 0, {"model": MODEL, "verdict": "delay"}, 7.5)
 TRAINED = Trained("0f3a", {"plain": (-1.25, -2.5), "magnet": (-0.1,)}, ((200, -3.5), (400, -2.0)), {"torch": "2"}, 9.0)
 RUN = Run(Cell("main", 5, 0.5, 1), 0, (1.785, 1.65), 0.26, (-1.25, -2.5), CURVE, SETTINGS, {"torch": "2"}, 7.5, (-3.0,))
 ROWS = {
-    "fits": (FITS, FITTED, {"seed": 0}),
+    "steps": (STEPS, ROUND, {"seed": 0}),
     "trainings": (TRAININGS, TRAINED, {"key": "0000"}),
     "designs": (DESIGNS, Designed("magnet", "0f3a", 1, (-1.0, -2.0), 3.0), {"seed": 0}),
     "estimates": (ESTIMATES, Estimated("main", 5, 1, (1.785, 1.65), 0.5), {"seed": 0}),
@@ -45,8 +45,8 @@ def table(request):
 
 
 def opened(folder, own):
-    if own in (FITS, TRAININGS, DESIGNS):
-        return mismatch_results(folder, MISMATCH)
+    if own in (STEPS, TRAININGS, DESIGNS):
+        return trial_results(folder, MISMATCH)
     return sweep_results(folder, SWEEP)
 
 
@@ -78,12 +78,12 @@ def test_answers_are_kept_all_or_none(table, tmp_path):
         assert results.all(own) == []
 
 
-@pytest.mark.parametrize("field", ["plant", "strategy", "n", "seed"])
-def test_every_rollout_of_every_strategy_has_its_own_fit(field, tmp_path):
-    other = dataclasses.replace(FITTED, **{field: 0 if field in ("n", "seed") else "another"})
-    with mismatch_results(tmp_path, MISMATCH) as results:
-        results.add(FITS, [FITTED, other])
-        assert results.all(FITS) == sorted([other, FITTED], key=lambda fit: fit.trial)
+@pytest.mark.parametrize("field", ["plant", "sensing", "strategy", "n", "seed"])
+def test_every_case_has_its_own_rounds(field, tmp_path):
+    other = dataclasses.replace(ROUND, **{field: 0 if field in ("n", "seed") else "another"})
+    with trial_results(tmp_path, MISMATCH) as results:
+        results.add(STEPS, [ROUND, other])
+        assert results.all(STEPS) == sorted([other, ROUND], key=lambda step: step.case)
 
 
 @pytest.mark.parametrize(
@@ -101,9 +101,9 @@ def test_a_finished_population_has_no_progress_left(own, row, first, second, tmp
 
 
 def test_the_folder_of_another_kind_is_refused(tmp_path):
-    mismatch_results(tmp_path / "mismatch", MISMATCH).close()
-    with pytest.raises(InvalidInput, match="format 'mismatch 2', expected '2'"):
+    trial_results(tmp_path / "mismatch", MISMATCH).close()
+    with pytest.raises(InvalidInput, match="format 'mismatch 3', expected '2'"):
         sweep_results(tmp_path / "mismatch", SWEEP)
     sweep_results(tmp_path / "study", SWEEP).close()
-    with pytest.raises(InvalidInput, match="format '2', expected 'mismatch 2'"):
-        mismatch_results(tmp_path / "study", MISMATCH)
+    with pytest.raises(InvalidInput, match="format '2', expected 'mismatch 3'"):
+        trial_results(tmp_path / "study", MISMATCH)

@@ -16,16 +16,15 @@ from study.pipeline.settings import RunOptions
 from study.pipeline.stages import run
 from study.presets import open_experiment
 from study.strategies.catalogue import PLACES, strategy_class
-from study.strategies.on_plant import GoesOnLearning, _read, _write, networks_of
-from study.strategies.rounds import CaseRound
+from study.strategies.designs import OPTIMUM, Designed
+from study.strategies.populations import GoesOnLearning, Trained, _read, _write, networks_of
+from study.strategies.session import CaseRound
 from study.strategies.strategies_figures import COLOURS, MARKS, returns_of_strategies, simulated_steps
-from study.strategies.strategies_findings import strategies_findings
+from study.strategies.strategies_findings import strategies_findings, strategies_sentences
 from study.strategies.strategies_plan import PLANS, StrategiesPlan
-from study.strategies.strategies_sentences import strategies_sentences
-from study.trials.designs import OPTIMUM, Designed
+from study.strategies.trial_findings import TrialResults
 from study.trials.ground_truth import PRIOR
 from study.trials.hidden_plant import PLAIN
-from study.trials.populations import Trained
 from sysid import InvalidInput
 from tests.study.inline import Inline
 
@@ -130,8 +129,8 @@ def invented(returns, optimum=-100.0, budgets=(5, 10, 25)):
     """Findings of returns (strategy, n) -> one a seed."""
     seeds = (1, 2, 3, 4)
     plan = StrategiesPlan(
-        "invented", (PLAIN,), ("encoder",), ("point", "cross_entropy"), budgets,
-        (("cross_entropy", "point"),), budgets, seeds, in_rounds=4, described=4,
+        "invented", (PLAIN,), ("point", "cross_entropy"), budgets, (("cross_entropy", "point"),), budgets, seeds,
+        described=4, in_rounds=4,
     )  # fmt: skip
     steps, trained = [], []
     for case in plan.cases:
@@ -145,14 +144,14 @@ def invented(returns, optimum=-100.0, budgets=(5, 10, 25)):
         if compares:
             trained.append(Trained(best, {"plain": (-140.0,)}, (), {}, 0.0))
     designs = [Designed("plain", OPTIMUM, seed, (optimum,), 0.0) for seed in seeds]
-    return plan, steps, trained, designs
+    return plan, TrialResults(steps, trained, designs)
 
 
 def test_what_is_found_is_what_was_put_in():
     returns = {("point", 5): -104.5, ("point", 10): -120.0, ("point", 25): -103.0,
                ("cross_entropy", 5): -160.0, ("cross_entropy", 10): -130.0, ("cross_entropy", 25): -104.0}  # fmt: skip
-    plan, *results = invented(returns)
-    found = strategies_findings(plan, *results)
+    plan, results = invented(returns)
+    found = strategies_findings(plan, results)
     # the budget from which on it stays: five rollouts were luck
     assert found.arrived("plain", "encoder", "point") == 25
     assert found.arrived("plain", "encoder", "cross_entropy") == 25
@@ -194,6 +193,6 @@ def test_no_two_strategies_look_alike():
 
 
 def test_an_unfinished_experiment_has_no_findings():
-    plan, steps, trained, designs = invented({(s, n): -100.0 for s in ("point", "cross_entropy") for n in (5, 10, 25)})
+    plan, results = invented({(s, n): -100.0 for s in ("point", "cross_entropy") for n in (5, 10, 25)})
     with pytest.raises(InvalidInput, match="1 of 24 cases are not done"):
-        strategies_findings(plan, steps[1:], trained, designs)
+        strategies_findings(plan, results._replace(rounds=results.rounds[1:]))

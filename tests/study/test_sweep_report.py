@@ -29,9 +29,9 @@ def page(answer, tmp_path_factory):
     return (folder / "report.html").read_text(encoding="utf-8")
 
 
-def test_it_opens_without_a_network(page):
+def test_it_opens_without_a_network(page, answer):
     links = re.findall(r"(?:src|href|url|import)\s*[=(]\s*[\"']?([^\"')\s>]+)", page)
-    assert len(links) == len(figures.DRAWINGS) + len({"heat maps", "best widths", "contrasts"})
+    assert len(links) == len(figures.drawings(answer)) + len({"heat maps", "best widths", "contrasts"})
     assert all(link.startswith("data:image/png;base64,") for link in links)
     assert "<script" not in page
 
@@ -75,7 +75,7 @@ def test_small_presets_have_a_report_too(small_answer, tmp_path):
 
 def test_the_heatmap_outlines_the_best_cell_and_prints_the_means(answer):
     with matplotlib.rc_context(STYLE):
-        axes = figures.heatmap(answer).axes[0]
+        axes = figures.drawings(answer)["heatmap"]().axes[0]
     (outline,) = [p for p in axes.patches if isinstance(p, Rectangle)]
     column, row = (int(x + 0.5) for x in outline.get_xy())
     assert (answer.point.budgets[row], answer.point.widths[column]) == answer.best

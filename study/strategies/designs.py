@@ -24,8 +24,8 @@ from policies.evaluation import Policy, batch_returns, fresh_start_states
 from study.pipeline.database import Database
 from study.pipeline.executor import BriefTask
 from study.pipeline.tables import ResultTable
+from study.strategies.trial_plan import TrialPlan
 from study.trials.ground_truth import DESIGN_SUBSTEPS, design, ground_truth, hidden_machine, oracle
-from study.trials.hidden_plant import TrainingPlan
 from study.trials.training_setup import training_setup_of
 from sysid import InvalidInput, Model
 
@@ -50,7 +50,7 @@ DESIGNS = ResultTable("designs", Designed, "plant TEXT, model TEXT, seed INTEGER
 
 
 def design_tasks(
-    plan: TrainingPlan, results: Database, fitted: Iterable[tuple[str, int, dict[str, Any]]] = ()
+    plan: TrialPlan, results: Database, fitted: Iterable[tuple[str, int, dict[str, Any]]] = ()
 ) -> Iterator[BriefTask]:
     """Designs that the results lack, of some seeds together.
 
@@ -74,7 +74,7 @@ def design_tasks(
 
 
 def designed(
-    plan: TrainingPlan,
+    plan: TrialPlan,
     plant: str,
     seeds: Iterable[int],
     models: Mapping[str, dict[str, Any]],
@@ -101,7 +101,7 @@ def designed(
 
 
 def _designs(
-    plan: TrainingPlan, plant: str, payloads: Mapping[str, dict[str, Any]], progress: Callable[[float], None]
+    plan: TrialPlan, plant: str, payloads: Mapping[str, dict[str, Any]], progress: Callable[[float], None]
 ) -> dict[str, Policy]:
     models: dict[str, Model] = {OPTIMUM: oracle(plan.plant(plant))}
     models[PLAIN_ROD] = hidden_machine(substeps=DESIGN_SUBSTEPS)

@@ -1,4 +1,4 @@
-"""The strategies experiment as tasks: rounds of dialogues, and of populations with the agents that they wait for.
+"""An experiment of strategies as tasks: rounds of dialogues, and of populations with the agents that they wait for.
 
 In a round every case that is not finished goes on until it waits for agents, and then all of these train, one
 population a structure. Which agents train together is a function of the plan and of the rounds before, never of workers
@@ -8,9 +8,11 @@ or interruptions.
 from __future__ import annotations
 
 import contextlib
+import importlib
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
@@ -21,34 +23,42 @@ from study.pipeline.policy_files import FOLDER
 from study.pipeline.population_task import PopulationTask
 from study.pipeline.settings import RunOptions
 from study.pipeline.stages import Stage, StudyExperiment
-from study.strategies.on_plant import NETWORKS, Learner, PlantPopulation, StrategyPopulation
-from study.strategies.rounds import STEPS, CaseRound, steps
-from study.strategies.session import CRITICS
-from study.strategies.strategies_page import publish_strategies
-from study.strategies.strategies_plan import Case, StrategiesPlan
-from study.trials.designs import DESIGNS, design_tasks
-from study.trials.populations import TRAININGS, AgentToTrain, populations
-
-OUTPUTS = (
-    "study.json", "cases.csv", "outcomes.csv", "contrasts.csv", "report.html", "returns.png", "simulated.png",
-    FOLDER, NETWORKS,
-)  # fmt: skip
-"""What the experiment writes beside its database; never over files of somebody else."""
+from study.strategies.designs import DESIGNS, design_tasks
+from study.strategies.populations import (
+    NETWORKS,
+    TRAININGS,
+    AgentPopulation,
+    AgentToTrain,
+    Learner,
+    PlantPopulation,
+    populations,
+)
+from study.strategies.session import CRITICS, STEPS, CaseRound, steps
+from study.strategies.strategies_plan import StrategiesPlan
+from study.strategies.trial_page import publish_trials
+from study.strategies.trial_plan import Case, TrialPlan
 
 
 @contextlib.contextmanager
-def open_experiment(plan: StrategiesPlan, options: RunOptions) -> Iterator[StudyExperiment]:
+def open_experiment(plan: TrialPlan, options: RunOptions) -> Iterator[StudyExperiment]:
     """The experiment over the open folder of its results, of all the plan's strategies or those that were chosen."""
-    plan = plan.with_strategies(options.strategies) if options.strategies else plan
-    with Database(options.folder, plan, (STEPS, TRAININGS, DESIGNS), OUTPUTS, options.device) as results:
-        yield StrategiesExperiment(plan, results, options.checkpoint_seconds)
+    if options.strategies and isinstance(plan, StrategiesPlan):
+        plan = plan.with_strategies(options.strategies)
+    with trial_results(options.folder, plan, options.device) as results:
+        yield TrialExperiment(plan, results, options.checkpoint_seconds)
+
+
+def trial_results(folder: Path, plan: TrialPlan, device: str = "cpu") -> Database:
+    """The open results folder of a plan."""
+    outputs = ("study.json", "report.html", FOLDER, NETWORKS, *importlib.import_module(plan.page).OUTPUTS)
+    return Database(folder, plan, (STEPS, TRAININGS, DESIGNS), outputs, device)
 
 
 @dataclass(eq=False)
-class StrategiesExperiment(StudyExperiment):
+class TrialExperiment(StudyExperiment):
     """A plan with its results."""
 
-    plan: StrategiesPlan
+    plan: TrialPlan
     results: Database
     checkpoint_seconds: float = 60.0
 
@@ -64,13 +74,21 @@ class StrategiesExperiment(StudyExperiment):
             tasks = self._populations(waited, stems)
             stems |= {key: task.stem for task in tasks for key in task.keys}
             training = self.unfinished(tasks, TRAININGS)
-            more: list[Task] = [*training, *(design_tasks(self.plan, self.results) if current == 0 else ())]
+            more: list[Task] = [*training, *(self._designs(waited) if current == 0 else ())]
             agents = sum(len(task.keys) for task in training)
             yield Stage(more, f"{about}: {agents} agents to train in {len(training)} populations" if more else "")
             current += 1
 
     def publish(self, console: Console) -> None:
-        publish_strategies(self.plan, self.results, console)
+        publish_trials(self.plan, self.results, console)
+
+    def _designs(self, waited: Sequence[CaseRound]) -> Iterator[BriefTask]:
+        """What the optimum returns, and what is designed on the models of the plan's centers."""
+        fitted = [step for step in waited if step.strategy in self.plan.centers and "answer" in step.payload]
+        models = (
+            (step.plant, step.seed, step.payload["setups"][step.payload["answer"]["deployed"]]) for step in fitted
+        )
+        return design_tasks(self.plan, self.results, models)
 
     def _round(self, current: int) -> list[CaseRound]:
         """What was reached in that round, in the plan's order."""
@@ -100,7 +118,7 @@ class StrategiesExperiment(StudyExperiment):
             yield BriefTask(name, "strategies", work, STEPS, steps, arguments)
 
     def _populations(self, waited: Sequence[CaseRound], known: dict[str, str]) -> list[PopulationTask]:
-        """Of the agents that no round before waited for, each of which is run on every plant."""
+        """Of the agents that no round before waited for."""
         setups: dict[str, tuple[dict[str, Any], int]] = {}
         learners: dict[str, Learner] = {}
         for step in waited:
@@ -109,11 +127,10 @@ class StrategiesExperiment(StudyExperiment):
             if step.payload["learn"]:
                 key, start, rollouts = step.payload["learn"]
                 learners.setdefault(key, Learner(key, start, rollouts, step.seed, step.plant))
-        plants = tuple(plant.name for plant in self.plan.plants)
-        agents = [AgentToTrain(key, own, seed, plants) for key, (own, seed) in setups.items() if key not in known]
+        agents = [AgentToTrain(key, own, seed) for key, (own, seed) in setups.items() if key not in known]
         tasks = list[PopulationTask]()
         for goes_on, plan in ((False, self.plan), (True, self.plan.of_learners)):
             own = [agent for agent in agents if agent.key.endswith(CRITICS) == goes_on]
-            tasks += [StrategyPopulation(plan, g, **self.training) for g in populations(plan, own, self.results.device)]
+            tasks += [AgentPopulation(plan, g, **self.training) for g in populations(plan, own, self.results.device)]
         fresh = [learner for key, learner in learners.items() if key not in known]
         return tasks + PlantPopulation.tasks(self.plan, fresh, **self.training)

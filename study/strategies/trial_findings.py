@@ -1,0 +1,178 @@
+"""What the cases of an experiment came to: returns over seeds, and the contrasts that were fixed beforehand."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from study.pipeline.database import Database
+from study.statistics import Contrast, holm, paired_t, sem, student
+from study.strategies.designs import DESIGNS, OPTIMUM, Designed
+from study.strategies.populations import TRAININGS, Trained
+from study.strategies.session import STEPS, CaseRound
+from study.strategies.trial_plan import Case, Condition, TrialPlan
+from sysid import InvalidInput
+from sysid.physics.ops import Array
+
+
+class TrialResults(NamedTuple):
+    """What a results folder holds: rounds of the cases, trained agents, and designs."""
+
+    rounds: Sequence[CaseRound]
+    trained: Sequence[Trained]
+    designs: Sequence[Designed]
+
+    @classmethod
+    def of(cls, results: Database) -> TrialResults:
+        return cls(results.all(STEPS), results.all(TRAININGS), results.all(DESIGNS))
+
+    @property
+    def answers(self) -> dict[Case, dict[str, Any]]:
+        """What each finished case gave back."""
+        return {own.case: own.payload["answer"] for own in self.rounds if "answer" in own.payload}
+
+    @property
+    def designed(self) -> dict[tuple[str, str, int], float]:
+        """Mean returns of the designs by plant, model and seed."""
+        return {(own.plant, own.model, own.seed): float(np.mean(own.returns)) for own in self.designs}
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What a condition came to, of each of its seeds (S,).
+
+    returns    of what was deployed, each a mean over the seed's start states; optima: from the same start states
+    best       of the candidate that had returned most within the budget, evaluated anew; observed: what it had returned
+               there. Both nan for strategies that compare no returns.
+    simulated  environment steps of its agents and of its own simulations; rollouts: that it spent
+    """
+
+    seeds: tuple[int, ...]
+    returns: Array
+    optima: Array
+    best: Array
+    observed: Array
+    simulated: Array
+    rollouts: Array
+
+    @property
+    def mean(self) -> Contrast:
+        """The mean with Student's interval over seeds."""
+        return student(float(np.mean(self.returns)), sem(self.returns), len(self.returns))
+
+    @property
+    def median(self) -> float:
+        """Single failed trainings do not move it."""
+        return float(np.median(self.returns))
+
+    @property
+    def gap(self) -> float:
+        """J(optimum) - J(agent) from the same start states."""
+        return float(np.mean(self.optima - self.returns))
+
+    @property
+    def anew(self) -> float:
+        """Mean return of the best candidates, evaluated anew."""
+        return float(np.mean(self.best))
+
+    def less(self, other: Outcome) -> Array:
+        """The differences (S,) over the seeds that both have."""
+        shared = sorted(set(self.seeds) & set(other.seeds))
+        one, two = (own.returns[[own.seeds.index(seed) for seed in shared]] for own in (self, other))
+        return np.asarray(one - two)
+
+
+@dataclass(frozen=True)
+class PlannedContrast:
+    """A pre-registered contrast: J(a) - J(b) at a plant, with n rollouts, over matched seeds.
+
+    median: of the differences; p: Holm's over the whole family
+    """
+
+    plant: str
+    sensing: str
+    n: int
+    a: str
+    b: str
+    contrast: Contrast
+    median: float
+    p: float
+
+    @property
+    def certain(self) -> bool:
+        """Whether it stands after Holm."""
+        return self.p < 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class TrialFindings:
+    """An experiment's answer.
+
+    compared   the pre-registered contrasts, in the plan's order; hours: what workers spent
+    """
+
+    plan: Any
+    outcomes: dict[Condition, Outcome]
+    compared: tuple[PlannedContrast, ...]
+    hours: float
+
+    def optimum(self, plant: str) -> float:
+        """Mean return of the near-optimal policy over the plan's seeds."""
+        own = [o for c, o in self.outcomes.items() if c.plant == plant]
+        return float(np.mean(max(own, key=lambda o: len(o.seeds)).optima))
+
+
+def trial_findings(plan: TrialPlan, results: TrialResults) -> TrialFindings:
+    """The answer from the results; raises InvalidInput where some are missing."""
+    answers, agents = results.answers, {agent.key: agent for agent in results.trained}
+    optima = {(plant, seed): mean for (plant, model, seed), mean in results.designed.items() if model == OPTIMUM}
+    missing = [case for case in plan.cases if case not in answers or answers[case]["deployed"] not in agents]
+    if missing or any((case.plant, case.seed) not in optima for case in plan.cases):
+        raise InvalidInput(f"{len(missing)} of {len(plan.cases)} cases are not done: expected a finished experiment")
+
+    def worth(key: str | None, plant: str) -> float:
+        return float("nan") if key is None else float(np.mean(agents[key].returns[plant]))
+
+    outcomes = {}
+    for condition, own in cases_of(plan).items():
+        given = [answers[case] for case in own]
+        outcomes[condition] = Outcome(
+            seeds=tuple(case.seed for case in own),
+            returns=np.array([worth(a["deployed"], condition.plant) for a in given]),
+            optima=np.array([optima[condition.plant, case.seed] for case in own]),
+            best=np.array([worth(a["best"], condition.plant) for a in given]),
+            observed=np.array([np.nan if a["observed"] is None else a["observed"] for a in given]),
+            simulated=np.array([float(a["simulated"]) for a in given]),
+            rollouts=np.array([float(a["rollouts"]) for a in given]),
+        )
+    seconds = sum(own.seconds for table in results for own in table)
+    return TrialFindings(plan, outcomes, planned_contrasts(plan, outcomes), seconds / 3600.0)
+
+
+def cases_of(plan: TrialPlan) -> dict[Condition, list[Case]]:
+    """The cases of every condition, in the plan's order."""
+    found: dict[Condition, list[Case]] = {}
+    for case in plan.cases:
+        found.setdefault(case.condition, []).append(case)
+    return found
+
+
+def planned_contrasts(plan: TrialPlan, outcomes: Mapping[Condition, Outcome]) -> tuple[PlannedContrast, ...]:
+    """The plan's contrasts, as far as there are both strategies; without any rollout they stand once."""
+    differences = {}
+    for plant, sensing in plan.places:
+        for n in plan.contrasted if sensing == plan.sensings[0] else ():
+            for a, b in plan.contrasts:
+                sides = [Condition(plant.name, sensing, own, min(n, plan.kind_of(own).most)) for own in (a, b)]
+                if all(side in outcomes for side in sides):
+                    place = plant.name, sensing, max(side.n for side in sides), a, b
+                    differences[place] = outcomes[sides[0]].less(outcomes[sides[1]])
+    found = {place: paired_t(d, np.zeros_like(d)) for place, d in differences.items()}
+    adjusted = holm({place: contrast.p for place, contrast in found.items()})
+    return tuple(
+        PlannedContrast(*place, contrast, float(np.median(differences[place])), adjusted[place])
+        for place, contrast in found.items()
+    )
