@@ -23,10 +23,11 @@ from sysid.diagnosis.search_settings import DEFAULT, SearchSettings
 from sysid.errors import InvalidInput
 from sysid.estimation.channels import relied_on
 from sysid.estimation.estimate import Estimate
+from sysid.estimation.first_fit import first_fits
 from sysid.estimation.fit import free
 from sysid.estimation.held_out import held_out_error, lead_of
-from sysid.estimation.initial_guess import initial_guesses
 from sysid.estimation.likelihood import p_value
+from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.scores import price
 from sysid.physics.effects import CATALOGUE, effect
@@ -137,14 +138,14 @@ def _searched(
 def _best_search(
     search_in: Callable[[Sequence[Record]], Search], records: Sequence[Record], model: Model, names: tuple[str, ...]
 ) -> tuple[Search, Fit, Fit]:
-    """Of the searches from each guess of the numbers the one whose end predicts left-out stretches best, with its
-    first fit and its last."""
-    first = search_in(records)
-    guesses = initial_guesses(model, names, records, first.sensor)
-    searches = [first, *(search_in(records) for _ in guesses[1:])]
-    found = [(own, *own.run(model, names, guess)) for own, guess in zip(searches, guesses, strict=True)]
+    """Of the searches from each first fit the one whose end predicts left-out stretches best, with its first fit and
+    its last."""
+    begun = first_fits(Samples(model, records, search_in(records).sensor), model, names)
+    found = [(own, *own.run(model, names, helped)) for helped in begun for own in [search_in(records)]]
+    if len(found) == 1:
+        return found[0]
     lead = max(lead_of(end.model) for _, _, end in found)
-    return min(found, key=lambda own: own[0].left_out(own[2], lead).ratio) if len(found) > 1 else found[0]
+    return min(found, key=lambda own: own[0].left_out(own[2], lead).ratio)
 
 
 def _untouched(

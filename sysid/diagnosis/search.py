@@ -14,9 +14,8 @@ from sysid.data.record import Record
 from sysid.data.sensor import Sensor
 from sysid.diagnosis.search_settings import DEFAULT, SearchSettings
 from sysid.errors import InvalidInput
-from sysid.estimation.first_fit import with_common, without_common
+from sysid.estimation.first_fit import first_fits, without_common
 from sysid.estimation.held_out import lead_of
-from sysid.estimation.initial_guess import initial_guess
 from sysid.estimation.likelihood import p_value
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import PredictionErrors, left_out_errors, moved
@@ -77,12 +76,12 @@ class Search:
     stages: list[tuple[tuple[Addition, ...], Fit]] = field(default_factory=list)
     left: dict[tuple[Fit, float], PredictionErrors] = field(default_factory=dict)
 
-    def run(self, model: Model, names: Sequence[str], guess: Model | None = None) -> tuple[Fit, Fit]:
-        """The fit of the model as it came, and the one at the end of the loop; begun at a guess of its numbers, by
-        default that of a regression."""
+    def run(self, model: Model, names: Sequence[str], helped: Fit | None = None) -> tuple[Fit, Fit]:
+        """The fit of the model as it came, and the one at the end of the loop; begun at a first fit beside common
+        effects, by default the one that a regression leads to."""
         logger.debug("fitting the model as it came")
-        samples = Samples(model, self.records, self.sensor)
-        helped = with_common(samples, guess or initial_guess(model, names, self.records, self.sensor), names)
+        if helped is None:
+            helped = first_fits(Samples(model, self.records, self.sensor), model, names)[0]
         base = without_common(helped, model, names)
         now = base
         for k in range(self.settings.steps):
@@ -319,7 +318,7 @@ class Search:
 
     def _pruned(self, now: Fit) -> Fit:
         """Without the additions that have no size, the rarest first, and those that no longer pay or matter beside
-        others: of these the one whose loss is least."""
+        others: of these the one whose loss is least beside what it costs."""
         while self.additions:
             order = sorted(self.additions, key=lambda a: CATALOGUE[a.name].rarity, reverse=True)
             nothing = [a for a in order if is_nothing(now, a.name, self.settings.sure)]
@@ -328,7 +327,8 @@ class Search:
             needless = [(a, without) for a, without in tried if a in nothing or self._needless(a.name, now, without)]
             if not needless:
                 break
-            addition, without = min(needless, key=lambda own: own[1].deviance)
+            saved = {a.name: price(a.name, self.settings.price) for a, _ in needless}
+            addition, without = min(needless, key=lambda own: own[1].deviance - saved[own[0].name])
             logger.debug(f"going on without {addition.name}")
             self.additions.remove(addition)
             now = settled(without)

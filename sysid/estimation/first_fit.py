@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -17,6 +18,9 @@ from sysid.physics.model import Model
 COMMON = ("viscous", "coulomb", "torque_bias")
 """What a first fit knows beside the plant, so that friction and an offset do not bend inertia and gravity."""
 
+ALIKE = 0.05
+"""Relative difference of two inertias up to which fits from two guesses have ended at one place."""
+
 MEMORIES = (0.01, 0.1, 1.0)
 """Correlation times [s] of the random torque that are tried: about white, and up to the length of a prediction."""
 
@@ -24,9 +28,18 @@ MEMORIES = (0.01, 0.1, 1.0)
 def first_fit(samples: Samples, model: Model, names: Sequence[str]) -> Fit:
     """The model fitted from far off: beside friction that it may lack, and then by itself; of several guesses where it
     may begin, from the one that ends likeliest."""
-    guesses = initial_guesses(model, names, samples.records, samples.sensor)
-    fits = [without_common(with_common(samples, own, names), model, names) for own in guesses]
+    fits = [without_common(helped, model, names) for helped in first_fits(samples, model, names)]
     return min(fits, key=lambda own: own.deviance)
+
+
+def first_fits(samples: Samples, model: Model, names: Sequence[str]) -> list[Fit]:
+    """The fits beside common effects from each guess of the numbers, those that end at another inertia."""
+    found: list[Fit] = []
+    for guess in initial_guesses(model, names, samples.records, samples.sensor):
+        helped = with_common(samples, guess, names)
+        if all(abs(math.log(helped.inertia / other.inertia)) > ALIKE for other in found):
+            found.append(helped)
+    return found
 
 
 def with_common(samples: Samples, begun: Model, names: Sequence[str]) -> Fit:
