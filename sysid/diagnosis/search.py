@@ -195,15 +195,17 @@ class Search:
         begin: Sequence[Effect] | None = None,
         near: Fit | None = None,
     ) -> None:
-        """Fit with these effects, begun where a fit that is `near` ended; a model in which two exclude each other is no
-        candidate."""
+        """Fit with these effects, begun where a fit that is `near` ended; a model in which two exclude each other, or
+        that runs away, is no candidate."""
         logger.debug(f"fitting {' and '.join(names)}")
         try:
             start = begin or [self._start(now, n, alone=len(names) == 1) for n in names]
             found = extended(near or now, start, QUICK)
         except InvalidInput:
             return
-        tried.append(Trial(names, found, gain(found, now, names) - sum(map(self._price, names))))
+        merit = gain(found, now, names) - sum(map(self._price, names))
+        if math.isfinite(merit):
+            tried.append(Trial(names, found, merit))
 
     def _start(self, now: Fit, name: str, alone: bool) -> Effect:
         """The effect at the size that its score promises, or where it is one of several, a small one."""

@@ -6,6 +6,7 @@ banded triangular system, which LAPACK solves.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Any
@@ -210,8 +211,10 @@ class Filter:
 
     @cached_property
     def deviance(self) -> float:
-        """-2 log likelihood of the readings, up to a constant that depends on the sensor alone."""
-        return float(np.sum(self.log_variances) + np.sum(self.innovations**2))
+        """-2 log likelihood of the readings, up to a constant that depends on the sensor alone; inf where the model ran
+        away."""
+        found = float(np.sum(self.log_variances) + np.sum(self.innovations**2))
+        return found if math.isfinite(found) else math.inf
 
     @cached_property
     def _parts(self) -> tuple[Array, Array, Array, Array]:
