@@ -96,7 +96,7 @@ class Confirmation:
 
     def torque(self, end: Fit) -> MissingTorque:
         """How large the missing torque is, before and after."""
-        drive = float(np.sqrt(np.mean(end.linearised.drives[end.samples.follows] ** 2)))
+        drive = float(np.sqrt(np.mean(end.linearised.drive_torques[end.samples.follows] ** 2)))
         return MissingTorque(drive, *(float(np.sqrt(np.nanmean(self.missing(f) ** 2))) for f in (self.base, end)))
 
     def missing(self, fit: Fit) -> Array:

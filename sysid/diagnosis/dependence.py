@@ -75,9 +75,8 @@ def _predicted(fit: Fit, torque: Array, known: Array, basis: Array) -> float:
 
 def _middle(fit: Fit) -> tuple[Array, Array, Array]:
     """theta, theta_dot and the drive torque in the middle of the intervals (M,)."""
-    x = fit.motion.x
-    middle = np.where(fit.samples.follows[:, None], 0.5 * (x + np.roll(x, -1, axis=0)), x)
-    return middle[:, 0], middle[:, 1], fit.linearised.drives.mean(axis=1)
+    theta, theta_dot = fit.linearised.middle.T
+    return theta, theta_dot, fit.linearised.drive_torques.mean(axis=1)
 
 
 def coordinates(fit: Fit) -> dict[str, Array]:

@@ -289,7 +289,7 @@ def torque_of(found: Fit) -> ResidualTorque:
         s=inertia * filter.disturbances.s,
         T=filter.disturbances.T,
         present=present,
-        drive=float(np.sqrt(np.mean(found.linearised.drives[inside] ** 2))),
+        drive=float(np.sqrt(np.mean(found.linearised.drive_torques[inside] ** 2))),
         binned={name: means.over(name, values) for name, values in at.items()},
         map=means.map(at["theta"], at["theta_dot"]),
         dependence=dependence(found, averaged),

@@ -287,6 +287,19 @@ class LinearisedModel:
         return self._as_changes(ends, np.broadcast_to(0.0, (V, M, 2)))
 
     @cached_property
+    def middle(self) -> Array:
+        """States (M, 2) in the middle of the intervals after the instants."""
+        x = self.motion.x
+        return np.where(self.samples.follows[:, None], 0.5 * (x + np.roll(x, -1, axis=0)), x)
+
+    @cached_property
+    def drive_torques(self) -> Array:
+        """Torques of the drive (M, S) [N m], behind an actuator whose command is none."""
+        theta, theta_dot = self.middle.T[:, :, None]
+        torques: Array = np.broadcast_to(self.model.torque(theta, theta_dot, self.drives), self.drives.shape)
+        return torques
+
+    @cached_property
     def _within(self) -> list[tuple[Joint, float]]:
         """What acts at the joint at the nodes of Gauss' quadrature over every substep, and the share of the interval
         that is left then."""

@@ -167,11 +167,17 @@ AT_ITS_LIMIT = Model(
 def test_the_limit_of_a_servo_that_falls_with_speed_is_found(truth: Model) -> None:
     """A drive that is at its limit most of the time follows no loop; a search from a matched one ends elsewhere."""
     k_p = float(truth.parameters["position_servo.k_p"].value)
-    records = [dataclasses.replace(r, theta_dot=None) for r in swings(truth, n=4, about=math.pi)]
+    swung = swings(truth, n=4, about=math.pi)
+    records = [dataclasses.replace(r, theta_dot=None) for r in swung]
     found = diagnose(Model(GeneralJoint(), (PositionServo(k_p=k_p),), dt=truth.dt), records, Sensor(theta=0.001))
     assert {s.effect for s in found.steps} == {"torque_speed_limit", "coulomb"}, str(found)
     assert found.error.ratio < 1.5
     assert "position_servo (k_d = " in str(found), "what the drive is fitted with is told beside the plant's numbers"
+    servo = truth.actuator
+    assert servo is not None
+    torques = [servo.torque(r.u, r.theta[:-1], r.theta_dot[:-1]) for r in swung[:3]]
+    asked = float(np.sqrt(np.mean(np.square(torques))))
+    assert found.torque.drive == pytest.approx(asked, rel=0.3), "a torque, and not the angle that the drive was told"
 
 
 def test_a_model_has_one_actuator_and_no_effect_that_contains_it() -> None:
