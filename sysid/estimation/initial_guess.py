@@ -89,9 +89,9 @@ def _unexplained(records: Sequence[Record], w: float, z: float) -> tuple[float, 
     """RMS of what a loop of natural frequency w and damping ratio z leaves of the angles, and g."""
     from scipy.signal import cont2discrete, lfilter
 
+    b, a, _ = cont2discrete(([w * w], [1.0, 2.0 * z * w, w * w]), records[0].dt)
     rest, loads = list[Array](), list[Array]()
     for r in records:
-        b, a, _ = cont2discrete(([w * w], [1.0, 2.0 * z * w, w * w]), r.dt)
         theta = np.asarray(r.theta)[:-1]
         rest.append(theta - r.u[0] - lfilter(b.ravel(), a, r.u - r.u[0]))
         loads.append(np.column_stack([np.sin(theta), np.ones(len(r))]))

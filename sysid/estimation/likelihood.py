@@ -27,11 +27,12 @@ def likelihood_ascent(now: Filter, floor: Array, angle_error: bool = True) -> Fi
     Slope and curvature are differences over a factor of 1.35, which is less than a log can tell; where the curvature is
     negative the step follows the slope, by a factor of e, or of e^2 where that is better still, and s goes on for as
     long as that helps. One that hardly matters any more, so that the deviance goes with its square, has nothing to gain
-    but half the slope: it may be none. Where nothing is to be gained, the filter is `now`.
+    but half the slope: it may be none. Where nothing is to be gained, or the
+    model ran away, the filter is `now`.
     """
     h, sizes = 0.3, log_sizes(now.disturbances)
     free = [i for i in range(1 + angle_error) if sizes[i] > floor[i]]
-    if not free:
+    if not free or not math.isfinite(now.deviance):
         return now
 
     def moved(move: Array) -> Filter:
@@ -70,7 +71,7 @@ def maximum_likelihood(system: LinearSystem, begins: Iterable[Disturbances], ang
     for _ in range(3):
         trials = [likelihood_ascent(own, floor, angle_error) for own in trials]
         best = min(trials, key=lambda own: own.deviance)
-        trials = [own for own in trials if own.deviance < best.deviance + HOPELESS]
+        trials = [own for own in trials if own.deviance <= best.deviance + HOPELESS]
     return best.disturbances
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.kalman import BLOCK, SPREAD, LinearSystem
+from sysid.estimation.likelihood import likelihood_ascent, maximum_likelihood
 
 DT = 0.02
 BOTH = Disturbances(s=4.0, T=0.3, sigma_o=0.8, T_o=0.07)
@@ -253,3 +254,12 @@ def test_where_a_block_ends_does_not_matter(first: int) -> None:
     np.testing.assert_allclose(together.innovations[first:], apart.innovations, rtol=1e-10, atol=1e-12)
     np.testing.assert_allclose(together.smooth()[first:], apart.smooth(), rtol=1e-9, atol=1e-10)
     np.testing.assert_allclose(together.posterior_sd()[first:], apart.posterior_sd(), rtol=1e-9, atol=1e-10)
+
+
+def test_where_the_model_ran_away_no_disturbances_are_likelier_and_some_are_told() -> None:
+    own = system(0, (20,))
+    lost = replace(own, gap=np.full_like(own.gap, math.nan))
+    filtered = lost.filter(BOTH)
+    assert filtered.deviance == math.inf
+    assert likelihood_ascent(filtered, np.array([-40.0, -40.0])) is filtered
+    assert maximum_likelihood(lost, [BOTH, replace(BOTH, T=1.0)]) == BOTH
