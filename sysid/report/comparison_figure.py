@@ -19,6 +19,7 @@ from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
+from sysid.data.record import in_a_row
 from sysid.diagnosis.findings import chance, quantity
 from sysid.physics.ops import Array
 from sysid.report.typesetting import typeset_multiple
@@ -192,20 +193,18 @@ def banded(axes: Axes, x: Array, y: Array, half: Array, colour: str, **line: Any
 def over_time(torque: ResidualTorque, axes: Axes) -> None:
     """The residual torque with its 99 % band, rollout after rollout."""
     axes.axhline(0.0, color="0.3", linewidth=0.8)
-    names, begin, middles = [r.name for r in torque.records], 0.0, []
-    gap = 0.03 * max(float(r.t[-1] - r.t[0]) for r in torque.records)
-    for k, record in enumerate(torque.records):
+    names, ends = [r.name for r in torque.records], list[tuple[float, float]]()
+    for record, begin in zip(torque.records, in_a_row([r.t for r in torque.records]), strict=True):
         t = record.t[:-1] - record.t[0] + begin
         banded(axes, t, record.d, SIGMA_99 * record.sd, BLUE, linewidth=1.0)
-        if k:
-            axes.axvline(begin - 0.5 * gap, color="0.85", linewidth=0.8)
-        middles.append(0.5 * (t[0] + t[-1]))
-        begin = float(t[-1]) + gap
+        if ends:
+            axes.axvline(0.5 * (ends[-1][1] + t[0]), color="0.85", linewidth=0.8)
+        ends.append((t[0], t[-1]))
     if len(names) <= 4:
         room = 30 // len(names)
         begins = [f"from {r.t[0]:.3g} s" for r in torque.records]  # tells the parts of one rollout apart
         long = max(map(len, names)) > room and len(set(begins)) == len(names)
-        axes.set_xticks(middles, begins if long else [short(n, room) for n in names])
+        axes.set_xticks(np.mean(ends, axis=1), begins if long else [short(n, room) for n in names])
         axes.tick_params(axis="x", length=0)
     axes.set_xlabel("time, rollout after rollout" + ("" if len(names) <= 4 else " [s]"))
     axes.set_ylabel(beyond(torque.units))

@@ -90,7 +90,7 @@ class Workbench:
 
     def delete(self, session: Session) -> None:
         """Delete a session with all that was written of it; files that lie elsewhere stay."""
-        self.trainings.cancel(session)
+        self.trainings.end(session)
         self.jobs.cancel(session)
         shutil.rmtree(session.folder, ignore_errors=True)
 
@@ -196,12 +196,12 @@ class Workbench:
 
     def busy(self, session: Session) -> bool:
         """Whether something is under way that the page watches."""
-        return self.jobs.running(session) is not None or self.trainings.running(session)
+        return any(processes.running(session) is not None for processes in (self.jobs, self.trainings))
 
     def end(self) -> None:
         """End everything that is under way."""
-        self.jobs.processes.end_all()
-        self.trainings.processes.end_all()
+        self.jobs.end_all()
+        self.trainings.end_all()
 
     def work(self, session: Session | None) -> Any:
         """What is under way, or what went wrong last."""

@@ -72,12 +72,12 @@ def do(
             return None
         given = fields or {}
         text = {name: str(value or "").strip() for name, value in given.items()}
-        actions: dict[str, Callable[[], None]] = {
+        actions: dict[str, Callable[[], object]] = {
             "fit": lambda: bench.fit(own),
             "undo": lambda: bench.undo(own),
             "cancel": lambda: bench.cancel(own),
             "plan": lambda: bench.plan(own),
-            "untrain": lambda: bench.trainings.cancel(own),
+            "untrain": lambda: bench.trainings.end(own),
             "add": lambda: bench.add(own, clicked["effect"]),
             "go": lambda: bench.go(own, clicked["node"]),
             "beside": lambda: bench.beside(own, clicked["node"]),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -80,18 +81,13 @@ def thinned(t: Array, y: Array, most: int = MOST, begin: float = -np.inf, end: f
     t, y = t[max(first - 1, 0) : last + 1], y[max(first - 1, 0) : last + 1]
     if len(t) <= most:
         return t, y
-    pieces = most // 2
-    edges = np.linspace(0, len(t), pieces + 1).astype(int)[:-1]
-    low, high = np.where(np.isnan(y), np.inf, y), np.where(np.isnan(y), -np.inf, y)
-    width = int(np.max(np.diff(np.append(edges, len(t)))))
-    rows = np.minimum(edges[:, None] + np.arange(width), np.append(edges[1:], len(t))[:, None] - 1)
-    at = np.sort(np.stack([_pick(rows, low, np.argmin), _pick(rows, high, np.argmax)], axis=1), axis=1).ravel()
+    width = math.ceil(len(t) / (most // 2))
+    begins = np.arange(0, len(t), width)
+    stretches = y[np.minimum(begins[:, None] + np.arange(width), len(t) - 1)]
+    low = np.argmin(np.where(np.isnan(stretches), np.inf, stretches), axis=1)
+    high = np.argmax(np.where(np.isnan(stretches), -np.inf, stretches), axis=1)
+    at = np.sort([begins + low, begins + high], axis=0).T.ravel()
     return t[at], y[at]
-
-
-def _pick(rows: NDArray[np.intp], y: Array, best: Any) -> NDArray[np.intp]:
-    picked: NDArray[np.intp] = rows[np.arange(len(rows)), best(y[rows], axis=1)]
-    return picked
 
 
 def axis_title(name: str, units: Mapping[str, str]) -> str:
@@ -122,11 +118,10 @@ READ, SAID, LOW, BAND, D, MARKS_ABOVE, MARKS_BELOW = range(7)
 """The traces of `course`, in their order."""
 
 
-def residual_over_time(found: Mapping[str, Any], s: Series, channel: str = "theta", begin: float = -np.inf,
-                       end: float = np.inf, height: int = 380) -> go.Figure:  # fmt: skip
+def residual_over_time(found: Mapping[str, Any], s: Series, channel: str) -> go.Figure:
     """Measured against simulated, and the residual torque with its band below, on one axis of time."""
     units = found["quantities"]
-    figure = two_rows(height, vertical_spacing=0.06, row_heights=[0.58, 0.42])
+    figure = two_rows(380, vertical_spacing=0.06, row_heights=[0.58, 0.42])
     figure.update_layout(showlegend=True, selectdirection="h")
     edge: dict[str, Any] = {"line": {"width": 0}, "hoverinfo": "skip", "showlegend": False}
     styles: tuple[tuple[int, dict[str, Any]], ...] = (
@@ -136,7 +131,7 @@ def residual_over_time(found: Mapping[str, Any], s: Series, channel: str = "thet
         (2, {**edge, "fill": "tonexty", "fillcolor": "rgba(232,112,42,0.28)"}),
         (2, {"line": {"color": ORANGE, "width": 1.2}, "name": f"residual {quantity('torque', units)}"}),
     )
-    for line, (row, style) in zip(course_lines(s, channel, begin, end), styles, strict=True):
+    for line, (row, style) in zip(course_lines(s, channel), styles, strict=True):
         figure.add_scatter(**line, mode="lines", **style, row=row, col=1)
     for row in (1, 2):
         figure.add_scatter(x=[], y=[], **_marks(), row=row, col=1)
@@ -170,12 +165,12 @@ def _marks() -> dict[str, Any]:
     return {"mode": "markers", "marker": {"color": YELLOW, "size": 4}, "hoverinfo": "skip", "showlegend": False}
 
 
-def state_map(found: Mapping[str, Any], s: Series, height: int = 270) -> go.Figure:
+def state_map(found: Mapping[str, Any], s: Series) -> go.Figure:
     """The mean residual torque over angle and speed, and the samples as dots that can be selected."""
     units, cells = found["quantities"], found["torque"]["map"]
     z = np.array([[np.nan if v is None else v for v in row] for row in cells["torque"]], dtype=float).T
     reach = max(float(np.nanquantile(np.abs(z), 0.95)) if np.any(np.isfinite(z)) else 0.0, 0.7 * found["reach"])
-    figure, at = blank(height, axis_title("theta", units), axis_title("theta_dot", units)), _dots(s)
+    figure, at = blank(270, axis_title("theta", units), axis_title("theta_dot", units)), _dots(s)
     figure.add_heatmap(
         x=cells["theta"], y=cells["theta_dot"], z=z, zmin=-reach or -1.0, zmax=reach or 1.0, colorscale=DIVERGING,
         colorbar={"title": {"text": f"[{units['torque']}]"}, "thickness": 10, "len": 0.9, "outlinewidth": 0},
@@ -193,11 +188,10 @@ def _dots(s: Series) -> NDArray[np.intp]:
     return np.linspace(0, len(s) - 1, min(len(s), DOTS)).astype(np.intp)
 
 
-def torque_against(found: Mapping[str, Any], s: Series, name: str, curve: Mapping[str, Any] | None = None,
-         height: int = 270) -> go.Figure:  # fmt: skip
+def torque_against(found: Mapping[str, Any], s: Series, name: str, curve: Mapping[str, Any] | None = None) -> go.Figure:
     """The residual torque over one quantity: samples, means with their 99 % band, perhaps an effect's curve."""
     units, at = found["quantities"], _dots(s)
-    figure = blank(height, axis_title(name, units), f"residual {axis_title('torque', units)}")
+    figure = blank(270, axis_title(name, units), f"residual {axis_title('torque', units)}")
     dots = {"color": GREY, "size": 2.5, "opacity": 0.4}
     figure.add_scatter(x=s[name][at], y=s["d"][at], mode="markers", marker=dots, hoverinfo="skip")
     means = found["torque"]["over"][name]
@@ -224,22 +218,22 @@ def _residual_range(found: Mapping[str, Any], room: float) -> list[float]:
     return [-reach, reach]
 
 
-def torque_over_time(found: Mapping[str, Any], s: Series, curve: Mapping[str, Any], height: int = 270) -> go.Figure:
+def torque_over_time(found: Mapping[str, Any], s: Series, curve: Mapping[str, Any]) -> go.Figure:
     """The residual torque over a stretch of time, and an effect's torque through it."""
     name, places = curve["record"].partition(", ")[0], found["rollouts"]
     place = next((p for p in places if p["name"] == name), places[0])
     shift, torque = place["begin"] - place["first"], axis_title("torque", found["quantities"])
     x = np.array(curve["x"]) + shift
-    figure = blank(height, f"time [s] of {place['name']}", f"residual {torque}", showlegend=True)
+    figure = blank(270, f"time [s] of {place['name']}", f"residual {torque}", showlegend=True)
     t, d = thinned(s["t"], s["d"], 1_500, float(x[0]), float(x[-1]))
     figure.add_scatter(x=t - shift, y=d, mode="lines", line={"color": ORANGE, "width": 1.2}, name="residual")
     figure.add_scatter(x=curve["x"], y=curve["mean"], mode="lines", line={"color": BLUE, "width": 1.8}, name="effect")
     return figure
 
 
-def horizon_figure(found: Mapping[str, Any], height: int = 230) -> go.Figure:
+def horizon_figure(found: Mapping[str, Any]) -> go.Figure:
     """The error over windows of every length, in units of the noise."""
-    figure, names = blank(height, "predicted over", "error / sensor noise"), list(found["errors"])
+    figure, names = blank(230, "predicted over", "error / sensor noise"), list(found["errors"])
     ratios = [found["errors"][n]["ratio"] for n in names]
     said = [typeset_multiple(r) if r is not None else "" for r in ratios]
     figure.add_bar(
@@ -263,9 +257,9 @@ def _to_the_noise(figure: go.Figure, errors: Sequence[float | None]) -> None:
 # ---- add it ----------------------------------------------------------------------------------------------------------
 
 
-def error_ladder(paths: Sequence[tuple[str, Sequence[tuple[str, float | None]]]], height: int = 230) -> go.Figure:
+def error_ladder(paths: Sequence[tuple[str, Sequence[tuple[str, float | None]]]]) -> go.Figure:
     """The error on held-out data, a bar a model, down to the noise; of one path through the history, or of two."""
-    figure = blank(height, y="error / sensor noise", barmode="group", showlegend=len(paths) > 1,
+    figure = blank(230, y="error / sensor noise", barmode="group", showlegend=len(paths) > 1,
                    bargap=0.35 if len(paths[0][1]) > 1 else 0.65)  # fmt: skip
     for (name, steps), colour in zip(paths, (BLUE, ORANGE), strict=False):
         x, y = [label for label, _ in steps], [error for _, error in steps]
@@ -280,9 +274,9 @@ def error_ladder(paths: Sequence[tuple[str, Sequence[tuple[str, float | None]]]]
 # ---- take it along ---------------------------------------------------------------------------------------------------
 
 
-def learning(points: Sequence[tuple[int, float]], optimum: float | None, height: int = 200) -> go.Figure:
+def learning(points: Sequence[tuple[int, float]], optimum: float | None) -> go.Figure:
     """The return in training over commands given, and the best that any controller can have."""
-    figure = blank(height, "commands given", "return of an episode")
+    figure = blank(200, "commands given", "return of an episode")
     figure.add_scatter(x=[x for x, _ in points], y=[y for _, y in points], mode="lines+markers", line={"color": BLUE})
     if optimum is not None:
         said = {"text": "optimum", "font": {"color": GREEN}}

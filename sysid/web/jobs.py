@@ -9,39 +9,36 @@ import sys
 import threading
 import time
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from sysid.web.session import Answer, Session
 
 
-@dataclass(frozen=True)
-class Job:
+class Job(NamedTuple):
     """A process that works on a model."""
 
     node: int
     process: subprocess.Popen[bytes]
 
-    @property
-    def runs(self) -> bool:
-        """Whether it has not ended."""
-        return self.process.poll() is None
-
     def kill(self) -> None:
         """End it and the processes that it began."""
-        if self.runs:
+        if self.process.poll() is None:
             with suppress(ProcessLookupError):
                 os.killpg(self.process.pid, signal.SIGKILL)
             self.process.wait()
 
 
 class Processes:
-    """One process a session; the server has to answer meanwhile, so that each has one thread."""
+    """One process a session; the server has to answer meanwhile, so that each has one thread.
 
-    def __init__(self) -> None:
-        self.of_sessions, self.lock = dict[str, Job](), threading.RLock()
+    `effects` is the file with the user's own that the command line named.
+    """
 
-    def begin(self, session: Session, node: int, command: list[str], said: Path) -> None:
+    def __init__(self, effects: Path | None = None) -> None:
+        self.effects, self.of_sessions, self.lock = effects, dict[str, Job](), threading.RLock()
+
+    def start(self, session: Session, node: int, command: list[str], said: Path) -> None:
         """Run a Python module on a model; what it says goes into a file."""
         one_thread = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL")}
         with self.lock, said.open("wb") as log:
@@ -55,7 +52,7 @@ class Processes:
         """The model that is being worked on."""
         with self.lock:
             job = self.of_sessions.get(session.identifier)
-            return job.node if job is not None and job.runs else None
+            return job.node if job is not None and job.process.poll() is None else None
 
     def end(self, session: Session) -> Job | None:
         """End what is under way, and forget it; what that was."""
@@ -73,38 +70,30 @@ class Processes:
             self.of_sessions.clear()
 
 
-class Jobs:
-    """The work on models in all sessions. `effects` is a file with the user's own, named on the command line."""
-
-    def __init__(self, effects: Path | None = None) -> None:
-        self.effects, self.processes = effects, Processes()
+class Jobs(Processes):
+    """The work on models in all sessions."""
 
     def begin(self, session: Session, node: int, *more: str) -> None:
         """Work on a model; what was worked on in this session before is cancelled. `more`: "--next" plans, too."""
-        with self.processes.lock:
+        with self.lock:
             self.cancel(session)
             folder = session.of(node)
             for name in (Answer.ERROR, Answer.PROGRESS):
                 (folder / name).unlink(missing_ok=True)
             command = ["sysid.web.work", str(session.folder), str(node), *more]
             command += [str(self.effects)] if self.effects else []
-            self.processes.begin(session, node, command, folder / "work.log")
+            self.start(session, node, command, folder / "work.log")
 
     def cancel(self, session: Session) -> None:
         """End what is under way; a model that was not fitted yet is taken back."""
-        with self.processes.lock:
-            job = self.processes.end(session)
-            if job is not None:
+        with self.lock:
+            if job := self.end(session):
                 _take_back(session, job.node)
-
-    def running(self, session: Session) -> int | None:
-        """The model that is being worked on."""
-        return self.processes.running(session)
 
     def message(self, session: Session) -> str:
         """Why the last work ended without an answer, once; "" where it did not. Such a model is taken back."""
-        with self.processes.lock:
-            if self.running(session) is not None or (job := self.processes.end(session)) is None:
+        with self.lock:
+            if self.running(session) is not None or (job := self.end(session)) is None:
                 return ""
             found = session.read(job.node, Answer.ERROR)
             if found is None and job.process.returncode == 0:

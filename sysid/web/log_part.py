@@ -21,7 +21,7 @@ from sysid.cli.starting_model import begun
 from sysid.data.files import write_whole
 from sysid.data.log_files import sources
 from sysid.data.logs import likely_columns, named_columns
-from sysid.data.record import Record
+from sysid.data.record import Record, in_a_row
 from sysid.data.splitting import split
 from sysid.data.table import TimeWindow
 from sysid.errors import InvalidInput
@@ -116,13 +116,12 @@ def _read(session: Session) -> Preview:
 
 
 def _joined(records: Sequence[Record]) -> tuple[Array, Array, Array]:
-    t, theta, torque, begin = [np.zeros(0)], [np.zeros(0)], [np.zeros(0)], 0.0
-    for r in records:
+    t, theta, torque = [np.zeros(0)], [np.zeros(0)], [np.zeros(0)]
+    for r, begin in zip(records, in_a_row([r.t for r in records]), strict=True):
         t.append(np.append(r.t - r.t[0] + begin, math.nan))
         known = r.theta if r.has_angles and r.theta is not None else np.full(len(r) + 1, math.nan)
         theta.append(np.append(known, math.nan))
         torque.append(np.append(r.u, [r.u[-1], math.nan]))
-        begin += float(r.t[-1] - r.t[0]) * 1.03
     return np.concatenate(t), np.concatenate(theta), np.concatenate(torque)
 
 

@@ -80,7 +80,7 @@ def training_part(session: Session, trainings: Trainings) -> Any:
         return ""
     if refusal := _no_policy(found):
         return html.P(refusal, className="quiet")
-    said, running = heard(session, at), trainings.running(session)
+    said, running = heard(session, at), trainings.running(session) is not None
     u_max = dcc.Input(id={"field": "u_max"}, type="number", value=_limit(found), min=0)
     button = html.Button("Stop", id={"do": "untrain"}) if running else html.Button("Train", id={"do": "train"})
     label = f"commands up to [{found['command_unit']}]"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib.util
 import re
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 from sysid.errors import InvalidInput
@@ -23,11 +22,8 @@ def available() -> bool:
     return importlib.util.find_spec("policies") is not None
 
 
-class Trainings:
-    """The trainings of all sessions, one each. `effects` is the file with the user's own of the command line."""
-
-    def __init__(self, effects: Path | None = None) -> None:
-        self.effects, self.processes = effects, Processes()
+class Trainings(Processes):
+    """The trainings of all sessions, one each; of one that is ended, `policies` keeps what was learnt so far."""
 
     def begin(self, session: Session, node: int, u_max: float, steps: int | None = None) -> None:
         """Train on a model; raises InvalidInput where that cannot be."""
@@ -39,16 +35,8 @@ class Trainings:
         command = ["policies", "train", str(folder / Answer.MODEL), "-o", str(folder / POLICY), "--force"]
         command += ["--u-max", f"{u_max!r}", *(["--steps", str(steps)] if steps else [])]
         command += ["--effects", str(effects)] if effects else []
-        self.cancel(session)
-        self.processes.begin(session, node, command, folder / Answer.TRAINING)
-
-    def running(self, session: Session) -> bool:
-        """Whether one is under way."""
-        return self.processes.running(session) is not None
-
-    def cancel(self, session: Session) -> None:
-        """End it; what was learnt so far is kept where `policies` keeps it."""
-        self.processes.end(session)
+        self.end(session)
+        self.start(session, node, command, folder / Answer.TRAINING)
 
 
 def heard(session: Session, node: int) -> Mapping[str, Any] | None:

@@ -26,7 +26,7 @@ import numpy as np
 from sysid.cli.command_options import FitCommand, ModelOptions
 from sysid.cli.commands import LogAndModel
 from sysid.data.files import write_whole
-from sysid.data.record import Record
+from sysid.data.record import Record, in_a_row
 from sysid.data.user_effects import blamed, load_effects
 from sysid.diagnosis.add import add
 from sysid.diagnosis.answer import Diagnosis, MissingTorque, Step
@@ -303,14 +303,12 @@ def _parameters(estimate: Estimate) -> list[dict[str, Any]]:
 
 def _places(records: Sequence[Record], held_out: Sequence[Record]) -> list[dict[str, Any]]:
     """Where each rollout lies on one axis of time [s], with a gap between them, and which of it no fit has seen."""
-    gap = 0.03 * max(float(r.t[-1] - r.t[0]) for r in records)
-    found, begin = [], 0.0
-    for r in records:
+    found = []
+    for r, begin in zip(records, in_a_row([r.t for r in records]).tolist(), strict=True):
         first, shift = float(r.t[0]), begin - float(r.t[0])
         own = [h for h in held_out if h.name == r.name or h.name.startswith(f"{r.name}, ")]
         unseen = [[float(h.t[0]) + shift, float(h.t[-1]) + shift] for h in own]
         found.append({"name": r.name, "begin": begin, "first": first, "unseen": unseen})
-        begin += float(r.t[-1]) - first + gap
     return found
 
 

@@ -357,7 +357,7 @@ def test_a_policy_is_trained_and_its_curve_is_heard(walked: tuple[Workbench, Ses
     assert found["returns"][OPTIMUM] > found["returns"][OWN]
     session.change(at=0)
     assert "optimum" in str(bench.part("train", session))
-    bench.trainings.cancel(session)
+    bench.trainings.end(session)
     assert not bench.busy(session)
 
 
