@@ -12,9 +12,7 @@ The names load their modules on first use, so that `import policies` stays cheap
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import Any
-
+import lazy_loader
 from gymnasium.envs.registration import register, registry
 
 from policies.environments.task import HORIZON
@@ -40,19 +38,9 @@ _NAMES = {
     "training.shac_population": "SHACPopulation",
     "storage.policy_file": "SavedPolicy load_policy save_policy",
 }
-_MODULES = {name: module for module, names in _NAMES.items() for name in names.split()}
-
-__all__ = ["ENV_ID", "HORIZON", *_MODULES]  # noqa: PLE0604
+_attached = {module: names.split() for module, names in _NAMES.items()}
+__getattr__, __dir__, _lazy = lazy_loader.attach(__name__, submod_attrs=_attached)
+__all__ = ["ENV_ID", "HORIZON", *_lazy]  # noqa: PLE0604
 
 if ENV_ID not in registry:
     register(ENV_ID, entry_point="policies.environments.gymnasium_env:make_pendulum")
-
-
-def __getattr__(name: str) -> Any:
-    if name in _MODULES:
-        return getattr(import_module(f"policies.{_MODULES[name]}"), name)
-    raise AttributeError(f"module 'policies' has no attribute {name!r}; it has {', '.join(__all__)}")
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})

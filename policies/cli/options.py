@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction, arg
+from tyro.conf import Positional, UseAppendAction, arg
 
-File = Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="")]
-Number = Annotated[float | None, arg(metavar="NUMBER", help_behavior_hint="")]
-Switch = FlagCreatePairsOff[Annotated[bool, arg(help_behavior_hint="")]]
+from sysid.cli.command_options import File, Switch, shown
+
 Folder = Annotated[Positional[Path], arg(metavar="POLICY")]
 Texts = UseAppendAction[tuple[str, ...]]
 
@@ -29,15 +28,13 @@ class TrainCommand:
     out: Annotated[Path, arg(aliases=["-o"], metavar="FOLDER", help_behavior_hint="(default: policy)")] = Path("policy")
     """Where the policy is written: policy.json and policy.safetensors."""
 
-    u_max: Annotated[Number, arg(metavar="TORQUE", help_behavior_hint="(default: the model's)")] = None
+    u_max: Annotated[float | None, shown("TORQUE", "the model's")] = None
     """Largest torque [N m] that the policy commands."""
 
-    dt: Annotated[Number, arg(metavar="S", help_behavior_hint="(default: near 0.05, a multiple of the model's)")] = None
+    dt: Annotated[float | None, shown("S", "near 0.05, a multiple of the model's")] = None
     """Time between two commands [s]."""
 
-    history: Annotated[int | None, arg(metavar="K", help_behavior_hint="(default: what its delays and lags need)")] = (
-        None
-    )
+    history: Annotated[int | None, shown("K", "what its delays and lags need")] = None
     """How many of its past commands the policy observes: those not yet in effect decide what comes next."""
 
     randomize: Annotated[str, arg(metavar="none|band:W|posterior|prior")] = "none"
@@ -52,9 +49,7 @@ class TrainCommand:
     """How agents learn. shac: from the gradient of the return through the model. sac: soft actor-critic, from
     transitions alone, as in the paper."""
 
-    steps: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: 2,048,000 of shac, 75,000 of sac)")] = (
-        None
-    )
+    steps: Annotated[int | None, shown("N", "2,048,000 of shac, 75,000 of sac")] = None
     """Commands that each agent gives in training. How long they take here is measured and said when it begins."""
 
     loss: Annotated[str, arg(metavar="fast|sac")] = "fast"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from pickle import UnpicklingError
@@ -12,17 +11,13 @@ from zipfile import BadZipFile, ZipFile
 import torch
 
 from sysid import InvalidInput
-from sysid.data.files import partial
+from sysid.data.files import whole
 
 
 def write_checkpoint(path: Path, content: Mapping[str, Any]) -> None:
     """The file is replaced only when the new one is on the disk. Raises OSError."""
-    growing = partial(path)
-    with growing.open("wb") as file:
+    with whole(path) as file:
         torch.save(dict(content), file)
-        file.flush()
-        os.fsync(file.fileno())
-    growing.replace(path)
 
 
 def read_checkpoint(path: Path) -> dict[str, Any]:

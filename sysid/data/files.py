@@ -6,11 +6,14 @@ sentence. A full disk or a power cut never leaves half of a file in the place of
 
 from __future__ import annotations
 
+import csv
 import importlib.util
+import io
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import IO
 
 from sysid.errors import InvalidInput
 
@@ -93,21 +96,39 @@ def save_file(path: Path | str, content: bytes | str) -> None:
         write_whole(Path(path), content)
 
 
-def write_whole(path: Path, content: bytes | str) -> None:
-    """Write a file, in UTF-8, that replaces an older one only when it is on the disk.
+def save_csv(path: Path | str, columns: Iterable[str], rows: Iterable[Iterable[object]]) -> None:
+    """Write rows under the names of their columns. Raises InvalidInput as `save_file` does."""
+    text = io.StringIO()
+    writer = csv.writer(text)
+    writer.writerow(columns)
+    writer.writerows(rows)
+    save_file(path, text.getvalue())
+
+
+@contextmanager
+def whole(path: Path) -> Iterator[IO[bytes]]:
+    """A file that replaces an older one only when it was written to its end and is on the disk.
 
     Raises OSError, which names the file, and leaves the older one and no rest of the new.
     """
     growing = partial(path)
     try:
         with growing.open("wb") as file:
-            file.write(content.encode(errors="backslashreplace") if isinstance(content, str) else content)
+            yield file
             file.flush()
             os.fsync(file.fileno())
         growing.replace(path)
-    except OSError as error:
+    except BaseException as error:
         growing.unlink(missing_ok=True)
-        raise OSError(error.errno, error.strerror, str(path)) from error
+        if isinstance(error, OSError):
+            raise OSError(error.errno, error.strerror or str(error), str(path)) from error
+        raise
+
+
+def write_whole(path: Path, content: bytes | str) -> None:
+    """Write a `whole` file, text in UTF-8."""
+    with whole(path) as file:
+        file.write(content.encode(errors="backslashreplace") if isinstance(content, str) else content)
 
 
 def check_installed(package: str, extra: str, doing: str) -> None:

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sysid.data.files import save_file
+from sysid.data.files import save_csv
 from sysid.errors import InvalidInput
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
@@ -259,12 +258,8 @@ def write_csv(record: Record, path: str | Path) -> None:
     if record.theta is not None and not record.has_angles:
         raise InvalidInput(f"{record.name} has the start angle alone: expected the angle of every instant, or of none")
     columns = {c: getattr(record, c) for c in COLUMNS if getattr(record, c) is not None}
-    text = io.StringIO()
-    writer = csv.writer(text)
-    writer.writerow(columns)
-    for k in range(len(record) + 1):
-        writer.writerow([repr(float(v[k])) if k < len(v) else "" for v in columns.values()])
-    save_file(path, text.getvalue())
+    cells = ([repr(value) for value in values.tolist()] for values in columns.values())
+    save_csv(path, columns, zip_longest(*cells, fillvalue=""))
 
 
 def amount_of(records: Sequence[Record]) -> str:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sysid.data.files import save_file
+from sysid.data.files import save_csv
 from sysid.data.json_file import plain
 from sysid.errors import InvalidInput
 from sysid.physics.model import Model
@@ -155,13 +153,15 @@ class Experiment:
         """
         if not self.u.size:
             raise InvalidInput(f"nothing to play: {self.description}")
-        several, text = len(self.u) > 1, io.StringIO()
-        writer = csv.writer(text)
-        writer.writerow([*(["rollout"] if several else []), "t", "torque"])
-        for i, u in enumerate(self.u):
-            for t, value in zip(self.t, u, strict=False):
-                writer.writerow([*([i] if several else []), repr(round(float(t), 9)), repr(float(value))])
-        save_file(path, text.getvalue())
+        rows = (
+            (i, round(t, 9), torque)
+            for i, u in enumerate(self.u.tolist())
+            for t, torque in zip(self.t.tolist(), u, strict=False)
+        )
+        if len(self.u) > 1:
+            save_csv(path, ("rollout", "t", "torque"), rows)
+        else:
+            save_csv(path, ("t", "torque"), (row[1:] for row in rows))
 
     def __str__(self) -> str:
         lines = [self.description]

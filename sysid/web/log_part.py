@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ from dash import dcc, html
 
 from sysid.cli.commands import read_log
 from sysid.cli.starting_model import begun
-from sysid.data.files import write_whole
+from sysid.data.files import whole
 from sysid.data.log_files import sources
 from sysid.data.logs import likely_columns, named_columns
 from sysid.data.record import Record, in_a_row
@@ -90,9 +89,9 @@ def _previewed(key: str, session: Session) -> Preview:
         if str(file["key"]) == key:
             about = json.loads(str(file["about"]))
             return Preview(About(**about | {"notes": tuple(about["notes"])}), file["t"], file["theta"], file["torque"])
-    found, content = _read(session), BytesIO()
-    np.savez(content, key=key, about=json.dumps(vars(found.about)), t=found.t, theta=found.theta, torque=found.torque)
-    write_whole(path, content.getvalue())
+    found = _read(session)
+    with whole(path) as file:
+        np.savez(file, key=key, about=json.dumps(vars(found.about)), t=found.t, theta=found.theta, torque=found.torque)
     return found
 
 

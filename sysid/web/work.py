@@ -16,7 +16,6 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
-from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -25,7 +24,7 @@ import numpy as np
 
 from sysid.cli.command_options import FitCommand, ModelOptions
 from sysid.cli.commands import LogAndModel
-from sysid.data.files import write_whole
+from sysid.data.files import whole, write_whole
 from sysid.data.record import Record, in_a_row
 from sysid.data.user_effects import blamed, load_effects
 from sysid.diagnosis.add import add
@@ -193,10 +192,9 @@ class Work:
             nothing = np.full(len(path.t), math.nan)
             put(said_t=path.t + begins[k])
             put(**{f"said_{c}": path.model.get(c, nothing) for c in ("theta", "theta_dot")})
-        content = BytesIO()
         series: dict[str, Any] = {name: np.concatenate(parts) for name, parts in columns.items()}
-        np.savez(content, **series)
-        write_whole(self.folder / Answer.SERIES, content.getvalue())
+        with whole(self.folder / Answer.SERIES) as file:
+            np.savez(file, **series)
 
     def _effects(self) -> None:
         found = self.diagnosis
