@@ -126,7 +126,7 @@ def check_stable(model: Model, randomization: Randomization) -> None:
     """Raise InvalidInput where a motion runs away, or depends on the size of the model's steps."""
     parameters, state, u = _trial(model, randomization)
     with np.errstate(all="ignore"):
-        _check_stable(model, parameters, state, u)
+        _check_motion(model.with_parameters(parameters), parameters, state, u)
 
 
 def _trial(model: Model, randomization: Randomization) -> tuple[dict[str, Array], State, Array]:
@@ -139,9 +139,8 @@ def _trial(model: Model, randomization: Randomization) -> tuple[dict[str, Array]
     return parameters, model.with_parameters(parameters).initial_state(theta, theta_dot), u
 
 
-def _check_stable(model: Model, parameters: Mapping[str, Array], state: State, u: Array) -> None:
+def _check_motion(model: Model, parameters: Mapping[str, Array], state: State, u: Array) -> None:
     """No motion may run away, and no step may be far from the same step taken in eight: the mark of a stiff model."""
-    model = model.with_parameters(parameters)
     finer = dataclasses.replace(model.integrator, substeps=8 * model.integrator.substeps)
     fine = dataclasses.replace(model, integrator=finer)
     for k, command in enumerate(u):

@@ -40,7 +40,8 @@ class Randomization(ABC):
 
 
 def _within_bounds(model: Model, drawn: Mapping[str, float]) -> dict[str, float]:
-    """What was drawn, clipped to the bounds that the model's parameters carry."""
+    """What was drawn, clipped to the bounds that the model's parameters carry; InvalidInput for a name it lacks."""
+    model.check_names(drawn)
     parameters = model.parameters
     return {name: float(np.clip(p, *parameters[name].bounds)) for name, p in drawn.items()}
 
@@ -112,7 +113,6 @@ class Ranges(Randomization):
                 raise InvalidInput(f"range of {name} is ({low}, {high}): expected (low, high) with low <= high")
 
     def sample(self, rng: np.random.Generator, model: Model) -> dict[str, float]:
-        model.check_names(self.ranges)
         return _within_bounds(model, {name: rng.uniform(low, high) for name, (low, high) in self.ranges.items()})
 
 
@@ -166,7 +166,6 @@ class Posterior(Randomization):
 
     def sample(self, rng: np.random.Generator, model: Model) -> dict[str, float]:
         """The parameters of one episode, clipped to their bounds."""
-        model.check_names(self.names)
         drawn = np.array(self.values) + self._root @ rng.standard_normal(len(self.names))
         return _within_bounds(model, dict(zip(self.names, drawn.tolist(), strict=True)))
 
@@ -198,7 +197,6 @@ class Mixture(Randomization):
 
     def sample(self, rng: np.random.Generator, model: Model) -> dict[str, float]:
         """The parameters of one episode, clipped to their bounds."""
-        model.check_names(self.alternatives[0])
         return _within_bounds(model, self.alternatives[rng.integers(len(self.alternatives))])
 
 

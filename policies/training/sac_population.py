@@ -7,7 +7,7 @@ and a target update, with TensorDicts between them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from typing import ClassVar
 
 import numpy as np
@@ -39,7 +39,12 @@ class SACPopulation(Population):
     def _prepare(self) -> None:
         settings, loss = self.settings, self.loss
         self._k = torch.zeros(1, dtype=torch.long, device=self.device)
-        self._blocks = _random_blocks(self.seeds, settings.batch, self.device)
+        draws: dict[Purpose, Callable[[np.random.Generator, int], NDArray]] = {
+            Purpose.EXPLORATION: _exploration,
+            Purpose.REPLAY: lambda rng, n: rng.random((n, settings.batch)),
+            Purpose.LOSS: lambda rng, n: rng.standard_normal((n, 2, settings.batch, 1), dtype=np.float32),
+        }
+        self._blocks = [RandomBlocks(self.seeds, purpose, draw, self.device) for purpose, draw in draws.items()]
         self._exploration, self._uniform, self._normal = self._blocks
         capacity, example = min(settings.capacity, settings.steps), self.env.fake_tensordict()
         self.replay = replay_buffer(capacity, settings.batch, example, lambda: self._uniform.at(self._k))
@@ -108,24 +113,6 @@ class SACPopulation(Population):
         """Random numbers are loaded anew, and a step is captured anew."""
         self._block = -1
         self._learning_step = CudaGraph(self._learn, self.device)
-
-
-def _random_blocks(
-    seeds: Sequence[int], batch: int, device: torch.device
-) -> tuple[RandomBlocks, RandomBlocks, RandomBlocks]:
-    """Exploration (A, 2), draws from the memory (A, B) and the noise of the losses (A, 2, B, 1), for every step."""
-
-    def uniform(rng: np.random.Generator, length: int) -> NDArray:
-        return rng.random((length, batch))
-
-    def normal(rng: np.random.Generator, length: int) -> NDArray:
-        return rng.standard_normal((length, 2, batch, 1), dtype=np.float32)
-
-    return (
-        RandomBlocks(seeds, Purpose.EXPLORATION, _exploration, device),
-        RandomBlocks(seeds, Purpose.REPLAY, uniform, device),
-        RandomBlocks(seeds, Purpose.LOSS, normal, device),
-    )
 
 
 def _exploration(rng: np.random.Generator, length: int) -> NDArray[np.float32]:

@@ -233,14 +233,10 @@ class LogAndModel:
         return cls(log, measured, sensor, training, held_out, model, names, given and not added)
 
     def fitted(self) -> Estimate:
-        """The model fitted to what is not held out."""
-        self.check_free()
-        return fit(self.model, self.training, self.sensor, self.names)
-
-    def check_free(self) -> None:
-        """Raise InvalidInput where there is nothing to fit."""
+        """The model fitted to what is not held out; raises InvalidInput where nothing is free."""
         if not self.names:
             raise InvalidInput("nothing is left to fit: every parameter that this log can show is fixed")
+        return fit(self.model, self.training, self.sensor, self.names)
 
     def doubt(self, error: float | None) -> None:
         """Say so where the model explains next to nothing of the angle: an error of columns rather than of physics."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from os import PathLike
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement, tostring
@@ -174,8 +174,7 @@ def _changed(own: Mechanism, joint: str, path: Path) -> tuple[str, float, list[s
     inherited = any(e.get("gear") for group in root.iter("default") for e in group)  # which gear, MuJoCo knows alone
     drives = [e for group in root.iter("actuator") for e in group if e.get("joint") == joint]
     early = 0.5 * any(e.get("integrator") == "RK4" for e in root.iter("option"))
-    said = list(_kept(own))
-    said += _driven(own, drives[0], step, early, inherited) if len(drives) == 1 else [_undriven(len(drives))]
+    said = [*_kept(own), *_driven(own, drives, step, early, inherited)]
     return before + tostring(root, encoding="unicode") + behind, step, said
 
 
@@ -189,12 +188,12 @@ def _kept(own: Mechanism) -> Iterator[str]:
         yield "springref is the angle at which the spring is slack, from upright: shift it where 0 is elsewhere."
 
 
-def _undriven(count: int) -> str:
-    return f"{count or 'No'} actuator{'s' * (count != 1)} of this joint: expected one; none was changed."
-
-
-def _driven(own: Mechanism, drive: Element, step: float, early: float, inherited: bool) -> Iterator[str]:
+def _driven(own: Mechanism, drives: Sequence[Element], step: float, early: float, inherited: bool) -> Iterator[str]:
     """Change a user's actuator; yields what it cannot be made to do."""
+    if len(drives) != 1:
+        yield f"{len(drives) or 'No'} actuators of this joint: expected one; none was changed."
+        return
+    (drive,) = drives
     if inherited and drive.get("gear") is None:
         yield "The gear may come from a default: only the actuator's delay was changed; give it a gear of its own."
     elif _takes_command(own, drive):

@@ -18,7 +18,7 @@ from sysid.physics.model import Model
 from sysid.physics.ops import Array, Value
 from sysid.planning.design import Conditions, Hypothesis, Pool, precision, search, within_limits, yardsticks
 from sysid.planning.planned_experiment import Experiment
-from sysid.planning.rival_effects import inertial
+from sysid.planning.rival_effects import inertial, without
 from sysid.planning.signals import Signal, rest_angle
 
 GRAVITY = 9.81
@@ -94,9 +94,7 @@ def _driver_off(model: Model, names: tuple[str, ...], conditions: Conditions) ->
     braking = sum(
         float(getattr(e, "b", getattr(e, "k", 0.0))) for e in model.effects if isinstance(e, Viscous | BackEmf)
     )
-    bare = model
-    for e in model.effects:
-        bare = bare.without_effect(e.name) if e.name in (*names, "viscous") else bare
+    bare = without(model, (*names, "viscous"))
     told = f"what brakes it then is {' or '.join(others)}, and what is missing beside a driven log is back_emf"
     if rest_angle(model) == 0.0:
         return Experiment("none", f"switch the driver off, push the joint and let it coast: {told}.", names)

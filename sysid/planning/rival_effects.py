@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -65,6 +65,11 @@ def names_of(rivals: Sequence[str | Effect]) -> tuple[str, ...]:
     return names
 
 
+def without(model: Model, names: Collection[str]) -> Model:
+    """The model without the effects of these names that it has."""
+    return replace(model, effects=tuple(e for e in model.effects if e.name not in names))
+
+
 def hypotheses_of(
     model: Model,
     free: Sequence[str],
@@ -80,9 +85,7 @@ def hypotheses_of(
     """
     names = names_of(rivals)
     sized = {e.name: e for e in (*model.effects, *(r for r in rivals if isinstance(r, Effect))) if e.name in names}
-    bare = model
-    for e in model.effects:
-        bare = bare.without_effect(e.name) if e.name in names else bare
+    bare = without(model, names)
     base = Hypothesis(NOTHING, bare, tuple(n for n in free if n in bare.parameters))
     if not base.names:
         raise InvalidInput("nothing is free beside the rivals: name at least one parameter of the plant")

@@ -7,27 +7,22 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
+from tests.floors import ROOT, against_the_order, imported
+
 FORBIDDEN = {
     "sysid": {"torch", "torchrl", "tensordict", "gymnasium", "control", "policies", "study"},
     "policies": {"study"},
 }
 
 
-def imported(path: Path) -> set[str]:
-    """Top-level names of all imports of a file, those inside functions included."""
-    names = set()
+def packages(path: Path) -> set[str]:
+    """The packages that a file imports, those inside functions and those by a text included."""
+    names = set(imported(path))
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            names.update(alias.name.split(".")[0] for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.level == 0:
-            names.add(node.module.split(".")[0])
-        elif isinstance(node, ast.Call) and getattr(node.func, "attr", getattr(node.func, "id", "")) in (
-            "import_module",
-            "__import__",
-        ):
-            names.update(a.value.split(".")[0] for a in node.args if isinstance(a, ast.Constant))
-    return names
+        called = getattr(node, "func", None)
+        if getattr(called, "attr", getattr(called, "id", "")) in ("import_module", "__import__"):
+            names.update(a.value for a in node.args if isinstance(a, ast.Constant))
+    return {name.split(".")[0] for name in names}
 
 
 @pytest.mark.parametrize(("package", "forbidden"), FORBIDDEN.items())
@@ -35,7 +30,7 @@ def test_packages_import_in_one_direction(package, forbidden):
     files = sorted((ROOT / package).rglob("*.py"))
     assert files
     for path in files:
-        assert not imported(path) & forbidden, path
+        assert not packages(path) & forbidden, path
 
 
 def fresh(code: str) -> str:
@@ -74,27 +69,5 @@ FLOORS = (
 )
 
 
-def modules(node: ast.AST) -> list[str]:
-    """The modules of an import, with what it takes from them."""
-    if isinstance(node, ast.Import):
-        return [alias.name for alias in node.names]
-    if isinstance(node, ast.ImportFrom) and node.level == 0:
-        return [f"{node.module}.{alias.name}" for alias in node.names]
-    return []
-
-
-@pytest.mark.parametrize("room", FLOORS)
-def test_a_room_imports_from_those_above_it_only(room):
-    """Floor by floor, imports inside functions and those for types included."""
-    above = FLOORS[: FLOORS.index(room) + 1]
-    files = (
-        [ROOT / "sysid" / f"{room}.py"]
-        if (ROOT / "sysid" / f"{room}.py").is_file()
-        else sorted((ROOT / "sysid" / room).rglob("*.py"))
-    )
-    assert files
-    for path in files:
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            for name in modules(node):
-                parts = name.split(".")
-                assert parts[0] != "sysid" or parts[1] in above, f"{path.relative_to(ROOT)} imports {name}"
+def test_a_room_imports_from_those_above_it_only():
+    assert not against_the_order("sysid", FLOORS)
