@@ -80,7 +80,6 @@ class Grid:
         return State(theta.nodes[:, None], theta_dot.nodes[None, :])
 
     def torques(self, u_max: float) -> Array:
-        """The torques (U,) [N m]."""
         return np.linspace(-u_max, u_max, self.u)
 
 

@@ -36,7 +36,6 @@ class RandomTorque(JointEffect):
     tau: Value = parameter(0.0, unit="N m", neutral=0.0)
 
     def torque(self, joint: Joint) -> Value:
-        """tau [N m]."""
         return self.tau
 
 

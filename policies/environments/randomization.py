@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from itertools import accumulate
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +19,6 @@ from sysid import Estimate, InvalidInput, Model
 class Randomization(ABC):
     """Draws the parameters of an episode; a frozen dataclass of plain numbers, so that it can be stored as JSON."""
 
-    stored_as: ClassVar[str] = ""
-    """The kind in stored data, where that is not the class's name: names of classes may change, files stay."""
-
     @abstractmethod
     def sample(self, rng: np.random.Generator, model: Model) -> dict[str, float]:
         """The parameters of one episode, within the bounds that the model's parameters carry.
@@ -31,12 +28,8 @@ class Randomization(ABC):
 
     def to_json(self) -> dict[str, Any]:
         """Plain data: the kind and its numbers."""
-        return {"kind": self.kind(), **asdict(self)}  # type: ignore[call-overload]
-
-    @classmethod
-    def kind(cls) -> str:
-        """What stored data call this randomization."""
-        return cls.stored_as or cls.__name__
+        known = {kind: name for name, kind in KINDS.items()}
+        return {"kind": known.get(type(self), type(self).__name__), **asdict(self)}  # type: ignore[call-overload]
 
 
 def _within_bounds(model: Model, drawn: Mapping[str, float]) -> dict[str, float]:
@@ -165,7 +158,6 @@ class Posterior(Randomization):
         return root
 
     def sample(self, rng: np.random.Generator, model: Model) -> dict[str, float]:
-        """The parameters of one episode, clipped to their bounds."""
         drawn = np.array(self.values) + self._root @ rng.standard_normal(len(self.names))
         return _within_bounds(model, dict(zip(self.names, drawn.tolist(), strict=True)))
 
@@ -178,7 +170,6 @@ class Mixture(Randomization):
     ({"coulomb.tau_c": 1.5, "delay.T": 0.0}, {"coulomb.tau_c": 0.0, "delay.T": 0.13}). Clipped to the bounds.
     """
 
-    stored_as: ClassVar[str] = "OneOf"
     alternatives: tuple[Mapping[str, float], ...]
 
     def __post_init__(self) -> None:
@@ -196,7 +187,6 @@ class Mixture(Randomization):
         object.__setattr__(self, "alternatives", ordered)
 
     def sample(self, rng: np.random.Generator, model: Model) -> dict[str, float]:
-        """The parameters of one episode, clipped to their bounds."""
         return _within_bounds(model, self.alternatives[rng.integers(len(self.alternatives))])
 
 
@@ -209,7 +199,6 @@ class SingleEffect(Randomization):
     "delay.T": 0.0}). Clipped to the bounds. Raises InvalidInput where a kind names what `neutral` has not.
     """
 
-    stored_as: ClassVar[str] = "OneAtATime"
     always: Mapping[str, tuple[float, float]]
     kinds: tuple[Mapping[str, tuple[float, float]], ...]
     neutral: Mapping[str, float]
@@ -223,7 +212,6 @@ class SingleEffect(Randomization):
                 raise InvalidInput(f"{name} has no neutral number: expected one of every parameter of a kind")
 
     def sample(self, rng: np.random.Generator, model: Model) -> dict[str, float]:
-        """The parameters of one episode, clipped to their bounds."""
         chosen = int(rng.integers(len(self.kinds) + 1))
         rest = {name: (number, number) for name, number in self.neutral.items()}
         return Ranges({**rest, **self.always, **(self.kinds[chosen - 1] if chosen else {})}).sample(rng, model)
@@ -240,7 +228,6 @@ class RandomForce(Randomization):
     shows. Raises InvalidInput for s or T below zero or not finite, and for an inner one that has a random force itself.
     """
 
-    stored_as: ClassVar[str] = "Shaken"
     inner: Randomization
     s: float
     T: float
@@ -255,7 +242,6 @@ class RandomForce(Randomization):
             object.__setattr__(self, name, float(value))
 
     def sample(self, rng: np.random.Generator, model: Model) -> dict[str, float]:
-        """What `inner` draws."""
         return self.inner.sample(rng, model)
 
     def torques(self, rng: np.random.Generator, steps: int, dt: float) -> NDArray[np.float64]:
@@ -267,19 +253,26 @@ class RandomForce(Randomization):
 
     def to_json(self) -> dict[str, Any]:
         """Plain data: the kind, the inner one's own and the numbers."""
-        return {"kind": self.kind(), "inner": self.inner.to_json(), "s": self.s, "T": self.T}
+        return super().to_json() | {"inner": self.inner.to_json()}
+
+
+KINDS: dict[str, type[Randomization]] = {
+    **{kind.__name__: kind for kind in (Fixed, Band, PriorRange, Ranges, Posterior)},
+    "OneOf": Mixture,
+    "OneAtATime": SingleEffect,
+    "Shaken": RandomForce,
+}
+"""What stored data call them: names of classes may change, files stay."""
 
 
 def from_json(data: Mapping[str, Any]) -> Randomization:
     """The randomization that `to_json` wrote; raises InvalidInput for other data."""
     numbers = {name: value for name, value in data.items() if name != "kind"}
-    every = (Fixed, Band, PriorRange, Ranges, Posterior, Mixture, SingleEffect, RandomForce)
-    kinds = {randomization.kind(): randomization for randomization in every}
-    if data.get("kind") not in kinds:
-        raise InvalidInput(f"a randomization of kind {data.get('kind')!r}: expected one of {', '.join(kinds)}")
+    if data.get("kind") not in KINDS:
+        raise InvalidInput(f"a randomization of kind {data.get('kind')!r}: expected one of {', '.join(KINDS)}")
     if "inner" in numbers:
         numbers["inner"] = from_json(numbers["inner"])
     try:
-        return kinds[data["kind"]](**numbers)
+        return KINDS[data["kind"]](**numbers)
     except (TypeError, ValueError, AttributeError) as error:
         raise InvalidInput(f"a {data['kind']} of {numbers}: expected what to_json writes ({error})") from None

@@ -63,7 +63,6 @@ class WrittenOutMLP(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, x: Tensor, *leaves: Tensor) -> Tensor:
-        """y."""
         *passed, y = forward(x, leaves)
         ctx.save_for_backward(*passed, *leaves)
         return y

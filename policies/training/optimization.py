@@ -30,7 +30,6 @@ class FusedAdam(torch.optim.Adam):
 
     @torch.no_grad()
     def step(self, closure: None = None) -> None:  # type: ignore[override]
-        """One step against the gradients."""
         group = self.param_groups[0]
         numbers, (mean, square) = group["params"], group["betas"]
         names = ("exp_avg", "exp_avg_sq", "step")

@@ -88,7 +88,6 @@ class AgentSampler(RandomSampler):
         self.uniform = uniform
 
     def sample(self, storage: TransitionStorage, batch_size: int) -> tuple[Tensor, dict[str, Any]]:
-        """Indices (A, B)."""
         agents = storage.rows.shape[1]
         step = (self.uniform() * storage.count.clamp(max=storage.max_size)).long()
         return step * agents + torch.arange(agents, device=step.device).unsqueeze(1), {}
@@ -98,7 +97,6 @@ class CountingWriter(RoundRobinWriter):
     """Overwrites the oldest; its place follows from the storage's count."""
 
     def extend(self, data: TensorDictBase) -> Tensor:
-        """Keep the transitions (1, A) of a step."""
         cursor = self._storage.count % self._storage.max_size
         self._storage.set(cursor, data)
         return cursor

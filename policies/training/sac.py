@@ -154,7 +154,6 @@ class FastSACLoss(StackedSACLoss):
 
     @torch.no_grad()
     def critic_gradients(self, tensordict: TensorDictBase) -> Sequence[Tensor]:
-        """As StackedSACLoss has them."""
         y = self._target(tensordict.get("next"))
         passed = self._judge(self._critics, tensordict.get("observation"), tensordict.get("action"))
         slope = (passed[-1].view(2, *y.shape) - y).div_(y.shape[-1]).view_as(passed[-1])
@@ -172,7 +171,6 @@ class FastSACLoss(StackedSACLoss):
 
     @torch.no_grad()
     def actor_gradients(self, tensordict: TensorDictBase) -> Sequence[Tensor]:
-        """As StackedSACLoss has them."""
         observation, noise = tensordict.get("observation"), tensordict.get("noise")
         passed = forward(with_ones(observation), self.actor_leaves)
         loc, log_std = head(passed[-1])

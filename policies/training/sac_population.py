@@ -89,7 +89,10 @@ class SACPopulation(Population):
         self._move(self.policy(self._seen(noise=self._exploration.at(self._k)[:, 1:])))
         batch = self.replay.sample()
         noise, next_noise = self._normal.at(self._k).unbind(1)
-        self._update(batch.set("noise", noise).set(("next", "noise"), next_noise))
+        batch = batch.set("noise", noise).set(("next", "noise"), next_noise)
+        self.critic_optimizer.descend(self.loss.critic_gradients(batch))
+        self.actor_optimizer.descend(self.loss.actor_gradients(batch))  # of the temperature, too
+        self.target_update.step()
         self._k.add_(1)
 
     def _seen(self, **more: Tensor) -> TensorDict:
@@ -102,12 +105,6 @@ class SACPopulation(Population):
         after = moved.get("next")
         self.observation.copy_(after.get("observation"))
         self.returns.add_(after.get("reward").squeeze(1))
-
-    def _update(self, batch: TensorDictBase) -> None:
-        """A step of the critics, then of actor and temperature, then of the targets."""
-        self.critic_optimizer.descend(self.loss.critic_gradients(batch))
-        self.actor_optimizer.descend(self.loss.actor_gradients(batch))
-        self.target_update.step()
 
     def resumed(self) -> None:
         """Random numbers are loaded anew, and a step is captured anew."""

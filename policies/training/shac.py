@@ -141,7 +141,6 @@ class SHACLoss(LossModule):
         return TensorDict(losses, [])
 
     def actor_loss(self, window: TensorDictBase) -> Tensor:
-        """L_actor."""
         after, gamma = window.get("next"), self.settings.gamma
         reward = after.get("reward").squeeze(-1)
         steps = reward.shape[-1]
@@ -179,7 +178,6 @@ class SHACLoss(LossModule):
         return TensorDict({"observation": seen, "value_target": target.squeeze(-1)}, window.batch_size)
 
     def value_loss(self, taught: TensorDictBase) -> Tensor:
-        """L_value."""
         error = _answers(taught.get("observation"), self.value_leaves) - taught.get("value_target")
         return 0.5 * (error * error).mean((1, 2)).sum()
 

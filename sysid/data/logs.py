@@ -190,7 +190,7 @@ def read(
         for name, part in _rollouts(source.title, table):
             whole = np.all([np.isfinite(column) for column in part.values()], axis=0)
             notes += checks.check_columns(name, {key: column[whole] for key, column in part.items()})
-            rollouts.append(_rows(name, _converted(part, zero, flip_torque, degrees, command)))
+            rollouts.append(_rows(name, part, zero, flip_torque, degrees, command))
     records, step, more = resampling.evenly(rollouts, dt)
     return Log(records, (*notes, *more, *checks.doubts(records, plant, command)), step)
 
@@ -242,7 +242,9 @@ def _chosen(name: str, found: Sequence[str], wanted: Mapping[str, str]) -> dict[
     if "t" in chosen and ("theta" in chosen or "theta_dot" in chosen):
         return chosen
     missing = "no t" if "t" not in chosen else "neither theta nor theta_dot"
-    raise InvalidInput(f"{name} has {missing}: found {listed}{_suggestion(found, chosen)}")
+    pairs = ",".join(f"{ours}={theirs}" for ours, theirs in likely_columns(found, chosen).items())
+    which = f", perhaps columns {pairs}" if pairs else " (columns)"
+    raise InvalidInput(f"{name} has {missing}: found {listed}; say which is which{which}")
 
 
 def named_columns(found: Sequence[str]) -> dict[str, str]:
@@ -252,12 +254,6 @@ def named_columns(found: Sequence[str]) -> dict[str, str]:
         if "torque" not in own and other in found:
             own["torque"] = other
     return own
-
-
-def _suggestion(found: Sequence[str], chosen: Mapping[str, str]) -> str:
-    """The names that look like what is missing, in the form in which they can be given."""
-    pairs = [f"{ours}={theirs}" for ours, theirs in likely_columns(found, chosen).items()]
-    return f"; say which is which, perhaps columns {','.join(pairs)}" if pairs else "; say which is which (columns)"
 
 
 def likely_columns(found: Sequence[str], chosen: Mapping[str, str]) -> dict[str, str]:
@@ -308,8 +304,8 @@ def _complete(log: str, table: Table, titles: Mapping[str, str], notes: list[str
     return {name: column[~lost] for name, column in table.items()}
 
 
-def _converted(table: Table, zero: str, flip_torque: bool, degrees: bool, command: Command) -> Table:
-    """The table in our conventions: radians, 0 upright, a positive torque raises theta.
+def _rows(name: str, table: Table, zero: str, flip_torque: bool, degrees: bool, command: Command) -> Rows:
+    """A rollout in our conventions: radians, 0 upright, a positive torque raises theta, whole turns taken out.
 
     Raises InvalidInput for a position command whose sign is to be turned round: it has the angle's.
     """
@@ -317,15 +313,20 @@ def _converted(table: Table, zero: str, flip_torque: bool, degrees: bool, comman
     angles = ("theta", "torque") if command == "position" else ("theta",)
     if command == "position" and flip_torque:
         raise InvalidInput("flip_torque with command = 'position': a position command has the sign of the angle")
-    for name in (*angles, "theta_dot"):
-        if degrees and name in converted:
-            converted[name] = np.deg2rad(converted[name])
-    for name in angles:
-        if zero == "hanging" and name in converted:
-            converted[name] = converted[name] + math.pi
+    for column in (*angles, "theta_dot"):
+        if degrees and column in converted:
+            converted[column] = np.deg2rad(converted[column])
+    for column in angles:
+        if zero == "hanging" and column in converted:
+            converted[column] = converted[column] + math.pi
     if flip_torque and "torque" in converted:
         converted["torque"] = -converted["torque"]
-    return converted
+    torque = converted.get("torque", np.zeros(len(table["t"])))
+    if "theta" in converted:
+        read = np.isfinite(table["theta"])
+        converted["theta"] = converted["theta"].copy()
+        converted["theta"][read] = np.unwrap(converted["theta"][read])
+    return Rows(name, table["t"], torque, converted.get("theta"), converted.get("theta_dot"))
 
 
 def _rollouts(title: str, table: Table) -> Iterable[tuple[str, Table]]:
@@ -338,12 +339,3 @@ def _rollouts(title: str, table: Table) -> Iterable[tuple[str, Table]]:
         (f"{title} rollout {value:g}", {name: v[table["rollout"] == value] for name, v in table.items()})
         for value in ordered
     ]
-
-
-def _rows(name: str, table: Table) -> Rows:
-    torque = table.get("torque", np.zeros(len(table["t"])))
-    theta = table.get("theta")
-    if theta is not None:
-        theta, read = theta.copy(), np.isfinite(theta)
-        theta[read] = np.unwrap(theta[read])
-    return Rows(name, table["t"], torque, theta, table.get("theta_dot"))

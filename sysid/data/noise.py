@@ -179,7 +179,6 @@ def _blocks(series: Sequence[tuple[Array, Array]]) -> Iterator[tuple[Array, Arra
 
 
 def _channel(channel: str, series: Sequence[tuple[Array, Array]], dt: float) -> _Found:
-    """What is found of one channel."""
     power, notes = 2 if channel == "theta" else 1, list[str]()
     spread = math.sqrt(float(np.mean(np.concatenate([(y - y.mean()) ** 2 for y, _ in series]))))
     step = quantisation_step([y for y, _ in series])

@@ -63,14 +63,12 @@ class Record:
     before: Array | None = None
 
     def __post_init__(self) -> None:
-        for column in COLUMNS:
+        for column in (*COLUMNS, "before"):
             value: ArrayLike | None = getattr(self, column)
-            if value is None and column in ("t", "u"):
-                raise InvalidInput(f"{self.name} has no {column}: expected t (N+1,) and u (N,)")
             if value is not None:
                 object.__setattr__(self, column, self._array(column, value))
-        if self.before is not None:
-            object.__setattr__(self, "before", self._array("before", self.before))
+            elif column in ("t", "u"):
+                raise InvalidInput(f"{self.name} has no {column}: expected t (N+1,) and u (N,)")
         if self.theta is None and self.theta_dot is None:
             raise InvalidInput(f"{self.name} has no readings: expected theta, theta_dot or both")
         if len(self.u) == 0:
@@ -266,6 +264,11 @@ def amount_of(records: Sequence[Record]) -> str:
     """How much was recorded: "8 rollouts, 3200 samples (64 s) at 50 Hz"."""
     n, dt, many = sum(len(r) for r in records), records[0].dt, "s" * (len(records) != 1)
     return f"{len(records)} rollout{many}, {n} samples ({n * dt:.4g} s) at {1.0 / dt:.4g} Hz"
+
+
+def is_part(name: str, whole: str) -> bool:
+    """Whether a record of that name is the whole one, or one of the parts that are made of it."""
+    return name == whole or name.startswith(f"{whole}, ")
 
 
 def in_a_row(instants: Sequence[Array]) -> Array:

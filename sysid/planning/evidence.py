@@ -40,7 +40,6 @@ class Normal(NamedTuple):
         return Normal(*(a + b for a, b in zip(self, one, strict=True)))
 
     def at(self, k: int) -> Normal:
-        """The k-th log alone."""
         return Normal(*(a[k : k + 1] for a in self))
 
     def _scaled(self) -> tuple[Array, Array]:

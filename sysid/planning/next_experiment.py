@@ -91,7 +91,10 @@ def next_experiment(
     model, names = (model, free(model)) if isinstance(model, Model) else (model.model, model.names)
     records = (records,) if isinstance(records, Record) else tuple(records)
     rivals = (rivals,) if isinstance(rivals, str | Effect) else tuple(rivals)
-    sensor = sensor or (estimate.sensor if estimate else None) or _noise(records)
+    sensor = sensor or (estimate.sensor if estimate else None)
+    if sensor is None and not records:
+        raise InvalidInput("the noise of the readings is not known: give the sensor, or records to find it from")
+    sensor = sensor or sensor_noise(records).sensor
     conditions = Conditions(_limits(limits, model, records), sensor)
     rng = np.random.default_rng(0) if rng is None else rng
     if cost is not None:
@@ -116,12 +119,6 @@ def _check_cost(cost: Array, names: tuple[str, ...], estimate: Estimate | None, 
         raise InvalidInput("a cost of errors needs an estimate with a finite covariance: expected what `fit` returns")
     if np.shape(cost) != (len(names), len(names)):
         raise InvalidInput(f"cost has shape {np.shape(cost)}: expected {(len(names), len(names))}, those of {names}")
-
-
-def _noise(records: Sequence[Record]) -> Sensor:
-    if not records:
-        raise InvalidInput("the noise of the readings is not known: give the sensor, or records to find it from")
-    return sensor_noise(records).sensor
 
 
 def _known(

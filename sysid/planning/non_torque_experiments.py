@@ -46,11 +46,9 @@ class Payload(JointEffect):
     weighs: bool = True
 
     def inertia(self) -> Value:
-        """mass distance^2 [kg m^2]."""
         return self.mass * self.distance**2
 
     def torque(self, joint: Joint) -> Value:
-        """mass g distance sin(theta) [N m]."""
         g = getattr(joint.plant, "g", GRAVITY) if self.weighs else 0.0
         return self.mass * g * self.distance * ops.sin(joint.theta)
 

@@ -1,9 +1,4 @@
-"""Figures of a comparison, and the style of all figures: each draws on given Axes, or returns a Figure.
-
-errors      by horizon                         over        residual torque over one quantity
-state_maps  residual torque over the states    whiteness   what the innovations know of themselves
-window      one of the worst windows           comparison  all of it on one page
-"""
+"""Figures of a comparison, and the style of all figures: each draws on given Axes, or returns a Figure."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""The pictures of a diagnosis, each a narrow Figure that a phone can show.
-
-fall       the held-out error step by step          rollout    readings, and the model before and after
-ranking    what the first round found, by class     course     residual torque over time, stretch by stretch
-over       residual torque over one quantity        maps       residual torque over the states, before and after
-"""
+"""The pictures of a diagnosis, each a narrow Figure that a phone can show."""
 
 from __future__ import annotations
 
@@ -18,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from sysid.data.record import is_part
 from sysid.data.sensor import Sensor
 from sysid.diagnosis.answer import Diagnosis, Step
 from sysid.diagnosis.contacts import Contact
@@ -193,12 +189,11 @@ def _lines(count: int) -> tuple[tuple[str, str, float], ...]:
 def shade(axes: Axes, contacts: Sequence[Contact], record: str) -> None:
     """Where something acted that no state of the joint explains."""
     for t in contacts:
-        if t.name == record or t.name.startswith(f"{record}, "):
+        if is_part(t.name, record):
             axes.axvspan(t.t_begin, t.t_end, color=YELLOW, alpha=0.35, linewidth=0.0, zorder=0)
 
 
 def window_figure(found: Prediction) -> Figure:
-    """One window of a comparison."""
     channels = list(found.readings)
     with styled(3.2, 1.9 + 1.5 * len(channels)) as figure:
         panels = figure.subplots(len(channels) + 1, 1, sharex=True, squeeze=False)[:, 0]

@@ -31,7 +31,6 @@ def rounded(value: float, sd: float) -> str:
 
 
 def measured(value: float, sd: float) -> str:
-    """A number and its sd."""
     if not math.isfinite(sd):
         return f"{rounded(value, sd)}, not determined"
     return f"{rounded(value, sd)} {PLUS_MINUS} {rounded(sd, sd) if sd > 0.0 else '0'}"

@@ -13,6 +13,7 @@ import jinja2
 from matplotlib.axes import Axes
 
 from sysid.data.files import save_file
+from sysid.data.record import is_part
 from sysid.diagnosis.answer import MOST_SHOWN, Diagnosis, Step
 from sysid.diagnosis.compare import Comparison, place_of_window
 from sysid.diagnosis.contacts import Contact, contacts_sentence
@@ -112,15 +113,11 @@ def _warnings(answer: Diagnosis, contacts: Sequence[Contact]) -> Iterator[str]:
 
 def _contacts(answer: Diagnosis) -> tuple[Contact, ...]:
     """What the diagnosis left out, and what else no state of the joint explains."""
-    new = [
-        t
-        for t in answer.residual_torques[-1].contacts
-        if not any(
-            (a.name == t.name or a.name.startswith(f"{t.name}, ")) and a.t_begin < t.t_end and t.t_begin < a.t_end
-            for a in answer.contacts
-        )
-    ]
-    return (*answer.contacts, *new)
+
+    def known(t: Contact) -> bool:
+        return any(is_part(a.name, t.name) and a.t_begin < t.t_end and t.t_begin < a.t_end for a in answer.contacts)
+
+    return (*answer.contacts, *(t for t in answer.residual_torques[-1].contacts if not known(t)))
 
 
 def _described(model: Model) -> str:

@@ -158,7 +158,6 @@ class Workbench:
         session.change(beside=None if session.state.beside == node else node)
 
     def plan(self, session: Session) -> None:
-        """Ask for the next experiment."""
         state = session.state
         if state.at is not None and self.jobs.running(session) is None:
             self.jobs.begin(session, state.at, "--next")
@@ -169,7 +168,6 @@ class Workbench:
             self.trainings.begin(session, session.state.at, float(u_max or 0.0))
 
     def cancel(self, session: Session) -> None:
-        """End what is under way."""
         self.jobs.cancel(session)
         self.messages[session.identifier] = "Cancelled: the page shows what was known before."
 
@@ -199,7 +197,6 @@ class Workbench:
         return any(processes.running(session) is not None for processes in (self.jobs, self.trainings))
 
     def end(self) -> None:
-        """End everything that is under way."""
         self.jobs.end_all()
         self.trainings.end_all()
 
@@ -250,7 +247,7 @@ class Workbench:
         node = session.shown(Answer.FAILS)
         assert node is not None
         s = figures.series(session.of(node) / Answer.SERIES)
-        at = np.flatnonzero(s.within(region)) if region else np.zeros(0, dtype=np.intp)
+        at = np.flatnonzero(figures.within(s, region)) if region else np.zeros(0, dtype=np.intp)
         at = at[:: max(1, len(at) // figures.MARKED)]
         course, states, quantity = Patch(), Patch(), Patch()
         for trace, y in ((figures.MARKS_ABOVE, s[f"read_{channel}"]), (figures.MARKS_BELOW, s["d"])):

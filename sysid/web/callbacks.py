@@ -129,7 +129,6 @@ class PageCallbacks:
         return [*new, now, QUICK if own is not None and self.bench.busy(own) else SLOW]
 
     def part(self, name: str, _: Any, search: str | None) -> Any:
-        """A section anew."""
         return self.bench.part(name, self.session(search))
 
     def act(self, *given: Any) -> tuple[Any, Any]:
@@ -197,7 +196,6 @@ class PageCallbacks:
         return arm, line
 
     def drop(self, contents: Sequence[str] | None, titles: Sequence[str] | None) -> tuple[Any, Any]:
-        """Files were dropped."""
         if not contents or not titles:
             return no_update, no_update
         try:

@@ -44,35 +44,27 @@ AXIS = {"gridcolor": "rgba(128,128,128,0.18)", "zeroline": False, "linecolor": "
 DIVERGING = [[0.0, ORANGE], [0.5, "rgba(128,128,128,0.06)"], [1.0, BLUE]]
 
 
-class Series:
-    """All samples of a log as a model sees them, rollout after rollout on one axis of time."""
-
-    def __init__(self, path: Path) -> None:
-        with np.load(path, allow_pickle=False) as file:
-            self.columns: dict[str, Array] = {name: file[name] for name in file.files}
-
-    def __getitem__(self, name: str) -> Array:
-        return self.columns[name]
-
-    def __len__(self) -> int:
-        return len(self["t"])
-
-    def within(self, region: Mapping[str, tuple[float, float]]) -> NDArray[np.bool_]:
-        """The samples whose quantities lie in these ranges."""
-        inside = np.ones(len(self), dtype=bool)
-        for name, (low, high) in region.items():
-            inside &= (self[name] >= min(low, high)) & (self[name] <= max(low, high))
-        return inside
+Series = dict[str, Array]
+"""All samples of a log as a model sees them, rollout after rollout on one axis of time."""
 
 
 @lru_cache(maxsize=8)
 def _loaded(path: Path, changed: int) -> Series:
-    return Series(path)
+    with np.load(path, allow_pickle=False) as file:
+        return dict(file)
 
 
 def series(path: Path) -> Series:
     """The samples in a file, kept as long as it does not change."""
     return _loaded(path, path.stat().st_mtime_ns)
+
+
+def within(s: Series, region: Mapping[str, tuple[float, float]]) -> NDArray[np.bool_]:
+    """The samples whose quantities lie in these ranges."""
+    inside = np.ones(len(s["t"]), dtype=bool)
+    for name, ends in region.items():
+        inside &= (s[name] >= min(ends)) & (s[name] <= max(ends))
+    return inside
 
 
 def thinned(t: Array, y: Array, most: int = MOST, begin: float = -np.inf, end: float = np.inf) -> tuple[Array, Array]:
@@ -185,7 +177,8 @@ def state_map(found: Mapping[str, Any], s: Series) -> go.Figure:
 
 
 def _dots(s: Series) -> NDArray[np.intp]:
-    return np.linspace(0, len(s) - 1, min(len(s), DOTS)).astype(np.intp)
+    n = len(s["t"])
+    return np.linspace(0, n - 1, min(n, DOTS)).astype(np.intp)
 
 
 def torque_against(found: Mapping[str, Any], s: Series, name: str, curve: Mapping[str, Any] | None = None) -> go.Figure:

@@ -63,7 +63,6 @@ class Processes:
             return job
 
     def end_all(self) -> None:
-        """End everything."""
         with self.lock:
             for job in self.of_sessions.values():
                 job.kill()

@@ -167,15 +167,11 @@ def row(own: Mapping[str, Any], error: float | None, pays: bool, live: bool) -> 
     name, share = own["effect"], own["explained"]
     sizes = [html.Span([f"{s['name']} = {s['said']} ", html.Span(s["unit"], className="unit")]) for s in own["sizes"]]
     facts = [f"1 s error {_multiple(error)} → {_multiple(own['error'])}", own["chance"]]
-    bar = html.Span(
-        html.Span(style={"width": f"{share or 0.0:.0%}"}),
-        className="bar",
-        role="img",
-        **{"aria-label": f"{share or 0.0:.0%}"},
-    )
-    explained = (
-        [html.Span([bar, f"{share:.0%} of the missing torque"], className="fact share")] if share is not None else []
-    )
+    explained = []
+    if share is not None:
+        filled, said = html.Span(style={"width": f"{share:.0%}"}), {"role": "img", "aria-label": f"{share:.0%}"}
+        bar = html.Span(filled, className="bar", **said)
+        explained = [html.Span([bar, f"{share:.0%} of the missing torque"], className="fact share")]
     add = html.Button(
         "Add it",
         id={"do": "add", "effect": name},

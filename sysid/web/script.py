@@ -41,6 +41,7 @@ def script(state: SessionState, begun: Mapping[str, Any], node: int, own: Sequen
     files = list(state.log["files"])
     more = f", hold_out={state.log['hold_out']!r}" if "hold_out" in state.log else ""
     given = state.log.get("noise", "")
+    options = "".join(f", {READ[k]}={v!r}" for k, v in state.log.items() if k in READ)
     effects = "".join(f"sysid.{e}, " for e in begun["effects"])
     loaded = [f"sysid.load_effects({begun['effects_file']!r})"] if begun.get("effects_file") else []
     parts = [
@@ -52,7 +53,7 @@ def script(state: SessionState, begun: Mapping[str, Any], node: int, own: Sequen
         "",
         *loaded,
         f"plant = {begun['plant']}",
-        f"whole = sysid.read({files!r}{_options(state)}, plant=plant)",
+        f"whole = sysid.read({files!r}{options}, plant=plant)",
         "log = whole" if "dt" in state.log else "log = whole.thinned()",
         "sensor = sysid.sensor_noise(whole).sensor",
         *([f"sensor = dataclasses.replace(sensor, {given})"] if given else []),
@@ -67,9 +68,3 @@ def script(state: SessionState, begun: Mapping[str, Any], node: int, own: Sequen
         'sysid.save(estimate, "model.json")',
     ]
     return "\n".join(parts) + "\n"
-
-
-def _options(state: SessionState) -> str:
-    """How the log is read, as arguments of `sysid.read`."""
-    found = {READ[k]: v for k, v in state.log.items() if k in READ}
-    return "".join(f", {k}={v!r}" for k, v in found.items())

@@ -145,7 +145,6 @@ class Session:
         return state
 
     def save(self, state: SessionState) -> None:
-        """Keep it."""
         write_whole(self.folder / "session.json", json.dumps(asdict(state), indent=1))
 
     def change(self, **changes: Any) -> SessionState:

@@ -25,7 +25,7 @@ import numpy as np
 from sysid.cli.command_options import FitCommand, ModelOptions
 from sysid.cli.commands import LogAndModel
 from sysid.data.files import whole, write_whole
-from sysid.data.record import Record, in_a_row
+from sysid.data.record import Record, in_a_row, is_part
 from sysid.data.user_effects import blamed, load_effects
 from sysid.diagnosis.add import add
 from sysid.diagnosis.answer import Diagnosis, MissingTorque, Step
@@ -73,7 +73,6 @@ class Progress(logging.Handler):
         self.session.write(self.number, Answer.PROGRESS, {"part": self.part, "text": text, "began": self.began})
 
     def enter(self, part: str) -> None:
-        """The next part of the work begins."""
         self.part = part
         self.show()
 
@@ -110,7 +109,6 @@ class Work:
 
     @cached_property
     def estimate(self) -> Estimate:
-        """The fitted model."""
         return self._estimate_of(self.number)
 
     @cached_property
@@ -244,7 +242,6 @@ class Work:
         )
 
     def _step(self, before: int, after: int) -> Step:
-        """One addition of the way."""
         name = self.state.nodes[after].added
         own = next((r for r in self._ranked(before) if r["effect"] == name), {})
         return Step(
@@ -304,7 +301,7 @@ def _places(records: Sequence[Record], held_out: Sequence[Record]) -> list[dict[
     found = []
     for r, begin in zip(records, in_a_row([r.t for r in records]).tolist(), strict=True):
         first, shift = float(r.t[0]), begin - float(r.t[0])
-        own = [h for h in held_out if h.name == r.name or h.name.startswith(f"{r.name}, ")]
+        own = [h for h in held_out if is_part(h.name, r.name)]
         unseen = [[float(h.t[0]) + shift, float(h.t[-1]) + shift] for h in own]
         found.append({"name": r.name, "begin": begin, "first": first, "unseen": unseen})
     return found

@@ -139,7 +139,7 @@ def test_a_selection_marks_the_same_samples_in_all_plots(walked: tuple[Workbench
     assert np.all((speeds >= 1.0) & (speeds <= 2.0))
     assert np.array_equal(np.array(states[1]["params"]["value"]), speeds)
     s = figures.series(session.of(0) / Answer.SERIES)
-    assert np.array_equal(np.array(course[0]["params"]["value"]), s["t"][s.within(region)])
+    assert np.array_equal(np.array(course[0]["params"]["value"]), s["t"][figures.within(s, region)])
 
 
 # ---- pictures --------------------------------------------------------------------------------------------------------
@@ -171,7 +171,7 @@ def test_thinning_leaves_out_no_gap() -> None:
 def test_a_zoom_that_moves_no_time_changes_nothing(tmp_path: Path) -> None:
     series = {k: np.arange(9.0) for k in ("t", "theta", "read_theta", "said_t", "said_theta", "d", "sd")}
     np.savez(tmp_path / "s.npz", **series)
-    s = figures.Series(tmp_path / "s.npz")
+    s = figures.series(tmp_path / "s.npz")
     assert zoomed(s, "theta", {"yaxis.range[0]": 0.0}) is None
     assert zoomed(s, "theta", {"xaxis.range[0]": 2.0, "xaxis.range[1]": 4.0}) is not None
 
