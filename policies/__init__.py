@@ -18,7 +18,6 @@ from gymnasium.envs.registration import register, registry
 from policies.environments.task import HORIZON
 
 ENV_ID = "gapfinder/Pendulum-v0"
-
 _NAMES = {
     "environments.batched_pendulums": "BatchedPendulums",
     "environments.gymnasium_env": "PendulumEnv",

@@ -25,7 +25,6 @@ from policies.environments.random_streams import Purpose, generator
 from sysid import InvalidInput, Model, State
 
 Array = NDArray[np.float64]
-
 EVALUATION_SEED = 50_000
 """Episode e of seed s starts from a generator seeded s + 50,000 + e (the paper's)."""
 

@@ -14,9 +14,9 @@ from matplotlib.figure import Figure
 
 from study.formatting import capital
 from sysid.data.files import write_whole
-from sysid.report import comparison_figure
+from sysid.report import figure_style
 
-STYLE: Any = comparison_figure.STYLE | {
+STYLE: Any = figure_style.STYLE | {
     "font.family": "DejaVu Sans",
     "font.size": 10.0,
     "axes.titlesize": 11.0,

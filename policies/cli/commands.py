@@ -32,15 +32,11 @@ from sysid.data.files import check_outputs, full_path
 from sysid.limits import check_size
 
 logger = logging.getLogger(__name__)
-
 JUDGED = 200
 """Start states from which `train` states the expected return."""
-
 LARGEST_SEED = 2**62
-
 CHECKPOINT = "training.checkpoint"
 """What an unfinished training is, in the policy's folder."""
-
 NARROW = 20.0
 """Bounds whose ends differ by no more than this factor say what is plausible."""
 

@@ -30,7 +30,6 @@ from sysid.physics.ops import Value
 
 LARGEST = 200_000_000
 """Entries of all matrices beyond which a table is refused, 8 bytes each; twice as many of its own, 4 bytes each."""
-
 Array = NDArray[np.float64]
 Stage = tuple[NDArray[np.float32], csr_array]
 

@@ -17,7 +17,6 @@ from policies.environments import task
 from sysid import InvalidInput, Model, State, ops
 
 Array = NDArray[np.float64]
-
 NEWTON = 5
 """Steps towards the torque that holds the upright: one is exact but for rounding where the plant is steep."""
 

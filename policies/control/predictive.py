@@ -27,7 +27,6 @@ from sysid import Delay, Lag, Model, State
 from sysid.physics.effects import InputEffect
 
 Array = NDArray[np.float64]
-
 FORGOTTEN = 1e-6
 """Share of a command's effect on a lag below which it is no longer looked back to."""
 

@@ -24,13 +24,10 @@ from policies.evaluation import Evaluation, Policy, evaluate
 from sysid import DeadZone, Effect, InvalidInput, Model
 
 Array = NDArray[np.float64]
-
 FINE, COARSE = Grid(), Grid(theta=180, theta_dot=181)
 """Tables of the optimum; the second where it costs many times as much."""
-
 LONG = 1000
 """Steps in an episode from which a fine table, kept for each of them, takes a gigabyte."""
-
 SPEED = 8.0
 """Least speed [rad/s] up to which dynamic programming looks, and the paper's."""
 

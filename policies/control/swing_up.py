@@ -19,14 +19,11 @@ from policies.control.lqr import LQR, design_lqr
 from sysid import InvalidInput, Model, State, ops
 
 Array = NDArray[np.float64]
-
 LOOK_AHEAD = 4.0
 """How far `catches` looks, in times sqrt(J / G) of falling. A longer look hands over earlier, to an LQR that
 creeps up at its torque limit; a shorter one misses the few chances of a heavy pendulum."""
-
 CAUGHT = 0.05
 """The LQR has caught where its cost to come is below this: below 0.1 rad from the upright."""
-
 BAND = 0.2
 """Pumping eases off where the missing energy is below u_max * BAND: full torque's work over BAND [rad]."""
 

@@ -22,7 +22,6 @@ from policies.environments.randomization import RandomForce, Randomization
 from sysid import InvalidInput, Model, RodPendulum, SemiImplicitEuler, load
 
 Observation = NDArray[np.float32]
-
 SIZE = 200
 """Pixels of an image."""
 

@@ -21,13 +21,10 @@ from sysid import RK4, Delay, FilteredSpeed, InvalidInput, Lag, LinearAxis, Mode
 from sysid.limits import check_size
 
 Array = NDArray[np.float64]
-
 FASTEST = 1e3
 """Speed [rad/s] at which a motion has run away."""
-
 ROLLOUTS = 64
 """Motions that a machine is tried on."""
-
 LAG_MEMORY = 2.0
 """Time constants of a lag after which a command is as good as forgotten."""
 

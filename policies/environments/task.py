@@ -24,13 +24,10 @@ if TYPE_CHECKING:
 
 DURATION = 10.0
 """Length of an episode [s]."""
-
 INTERVAL = 0.05
 """Time between two commands [s] at which `cost` counts once."""
-
 HORIZON = 200
 """Steps in an episode at INTERVAL."""
-
 START_HIGH = (math.pi, 1.0)
 """Bounds of the start state: |theta| [rad], |theta_dot| [rad/s]."""
 

@@ -15,7 +15,6 @@ import torch
 
 ACCURACY = 1e-5
 """Largest error of a product, relative to its largest entry, that still counts as float32 (bfloat16 has 4e-3)."""
-
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
 """Names of glibc's malloc.h."""
 

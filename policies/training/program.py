@@ -28,28 +28,20 @@ from sysid import InvalidInput, Model
 
 CHOICE = 100
 """Start states on which the best of several agents is chosen."""
-
 CHUNK = 20
 """Steps between two looks at the clock."""
-
 TRIAL = 100, 0.005
 """Steps with updates from which the time is told: at least so many, and that share of all."""
-
 WINDOW = 0.8, 32
 """A window of SHAC [s], and its steps at most."""
-
 WINDOWS = 2000
 """Windows of a training by SHAC."""
-
 STEPS = 75_000
 """Of a training by SAC."""
-
 POPULATIONS: dict[str, type[Population]] = {"shac": SHACPopulation, "sac": SACPopulation}
 """By the algorithm's name."""
-
 CHECKPOINT_SECONDS = 60.0
 """About what a crash may cost."""
-
 TrainingCurve = tuple[tuple[int, float], ...]
 Listener = Callable[[int, Sequence[float], float, float], None]
 

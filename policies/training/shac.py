@@ -35,10 +35,8 @@ from sysid import InvalidInput
 
 OPERATIONS = 200.0
 """About how many numbers a pendulum's step leaves for the way back."""
-
 BEND = 2.5
 """|pi| from which tanh is hardly more than flat: 0.987."""
-
 FIRST_ACTIONS = 0.1
 """Share of their usual size that the policy's last weights begin with: a large action is one that tanh has cut off, and
 its gradient is nothing."""

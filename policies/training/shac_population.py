@@ -22,7 +22,6 @@ from sysid import InvalidInput
 
 LAST_RATE = 0.02
 """Share of the learning rate that is left at the end."""
-
 FORGETTING = 0.95
 """How much of its last mean square an optimiser keeps."""
 

@@ -59,11 +59,6 @@ class Hypothesis:
         """The effect it stands for; None where it stands for no effect."""
         return next((e for e in self.model.effects if e.name == self.name), None)
 
-    @property
-    def names_beside(self) -> tuple[str, ...]:
-        """The free parameters that are not the effect's own."""
-        return self.names if self.effect is None else tuple(n for n in self.names if n.split(".")[0] != self.name)
-
 
 @dataclass(frozen=True)
 class Conditions:
@@ -159,8 +154,8 @@ class Pool:
             own, D, states = self.hypotheses[name], self.conditions.disturbances, self.motions[name]
             x = np.where(np.abs(states) <= FARTHEST, states, [self.rest, 0.0]).reshape(-1, 2)
             motion = Motion(x, np.zeros(len(x)), np.zeros((len(x), 3)))
-            found = Sensitivities(self.samples, own.model, own.effect, motion, own.names_beside, D)
-            self._sensitivities[name] = found
+            beside = tuple(n for n in own.names if own.effect is None or n.split(".")[0] != own.name)
+            self._sensitivities[name] = Sensitivities(self.samples, own.model, own.effect, motion, beside, D)
         return self._sensitivities[name]
 
     def calm(self) -> NDArray[np.bool_]:

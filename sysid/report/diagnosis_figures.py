@@ -21,7 +21,7 @@ from sysid.diagnosis.findings import chance
 from sysid.diagnosis.predictions import LONGEST_STRETCH, Prediction
 from sysid.diagnosis.residual_torque import ResidualTorque
 from sysid.report import comparison_figure
-from sysid.report.comparison_figure import (
+from sysid.report.figure_style import (
     BLUE,
     GREEN,
     GREY,

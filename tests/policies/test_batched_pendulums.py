@@ -126,10 +126,15 @@ def test_agents_that_share_a_seed_share_the_start_states_whatever_the_width():
         assert torch.equal(observation[0], observation[1])
 
 
-def test_a_snapshot_goes_on_where_it_was_taken():
+def remembering():
     model = Model(RodPendulum(), (Delay(T=0.07), *SENSING), u_max=2.0)
-    one, other = (BatchedPendulums(model, BANDS, (4, 5, 6), horizon=5, history=2) for _ in range(2))
-    begin(one)
+    return BatchedPendulums(model, BANDS, (4, 5, 6), horizon=5, history=2)
+
+
+@pytest.mark.parametrize("pendulums", [remembering, lambda: make(MIXED, horizon=9)], ids=["memories", "random torques"])
+def test_a_snapshot_goes_on_where_it_was_taken(pendulums):
+    one, other = pendulums(), pendulums()
+    begin(one), begin(one)
     moves = actions(12, 3)
     for action in moves[:4]:
         hold(one, action)
@@ -227,19 +232,6 @@ def test_a_random_force_leaves_every_start_and_every_parameter_as_they_were():
         for action in actions(5, 3):
             ours, theirs = hold(plain, action)[0], hold(forced, action)[0]
         assert (ours != theirs).any(1).all()
-
-
-def test_a_snapshot_holds_the_random_torques_and_goes_on():
-    one, other = (make(MIXED, horizon=9) for _ in range(2))
-    begin(one), begin(one)
-    moves = actions(9, 3)
-    for action in moves[:4]:
-        hold(one, action)
-    other.load_state_dict(one.state_dict())
-    for action in moves[4:]:
-        for ours, theirs in zip(hold(one, action), hold(other, action), strict=True):
-            assert torch.equal(ours, theirs)
-    assert torch.equal(begin(one), begin(other))
 
 
 def test_a_restart_of_some_leaves_the_random_torques_of_the_others():
