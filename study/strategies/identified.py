@@ -163,6 +163,6 @@ def designed(rough: Estimate, situation: Situation, rollouts: int, duration: flo
     limits = Limits(model.u_max, duration=duration, rollouts=rollouts, start=0.0)
     assumed = [Hypothesis("", model, names)]
     goal = precision(yardsticks(model, names))
-    best, *_ = search(goal, assumed, Conditions(limits, situation.sensor), situation.rng)
+    best = search(goal, assumed, Conditions(limits, situation.sensor), situation.rng)[0]
     steps = math.floor(duration / model.dt + 0.5)
-    return np.array([signal.torque(steps, model.dt) for signal in best])
+    return np.array([signal.torque(steps, model.dt) for signal in best.signals])

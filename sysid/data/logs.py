@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
@@ -12,6 +11,7 @@ from typing import Any, Literal, get_args, overload
 import numpy as np
 
 from sysid.data import checks, log_files, resampling
+from sysid.data.column_names import chosen_columns, wanted_columns
 from sysid.data.record import Record, amount_of
 from sysid.data.resampling import Rows
 from sysid.data.table import Table, TimeWindow
@@ -25,13 +25,6 @@ File = str | PathLike[str] | Any
 """A path, or a pandas DataFrame."""
 Command = Literal["torque", "current", "voltage", "position"]
 """What a machine was told: see `sysid.physics.effects.actuators`."""
-NAMES = ("t", "theta", "theta_dot", "torque", "rollout")
-LOOKS_LIKE = {
-    "t": r"t$|^t_|time|stamp|sec|^[mu]s$|millis|micros",
-    "theta": r"theta$|angle|pos|^q\d*$|phi",
-    "theta_dot": r"theta_?dot|vel|speed|omega|^q?d(ot)?_?q|rate",
-    "torque": r"tor|tau|^u$|effort|command|current|volt|duty|pwm|goal|ref|des",
-}
 FAST = 1e-4
 """Share of a motion's power that may lie at frequencies that a thinned log no longer shows well."""
 FEW = 0.1
@@ -174,11 +167,11 @@ def read(
     _check_choice("zero", zero, ("upright", "hanging"))
     _check_choice("command", command, get_args(Command))
     _check_choice("time_unit", "s" if time_unit is None else time_unit, get_args(TimeUnit))
-    sources, wanted, window = log_files.sources(paths, joint), _wanted(columns), _window(begin, end, dt)
+    sources, wanted, window = log_files.sources(paths, joint), wanted_columns(columns), _window(begin, end, dt)
     rollouts: list[Rows] = []
     notes: list[str] = []
     for source in sources:
-        chosen = _chosen(source.name, source.names(), wanted)
+        chosen = chosen_columns(source.name, source.names(), wanted)
         table, said = with_signs(source.name, in_seconds(source, chosen, window, time_unit, notes), chosen)
         notes += said
         if len(table["t"]) == 0:
@@ -205,66 +198,6 @@ def _window(begin: float | None, end: float | None, dt: float | None) -> TimeWin
     if not low < high:
         raise InvalidInput(f"the window from {low:g} to {high:g} s is empty: expected begin < end")
     return TimeWindow(low, high, LOG_ROWS if dt is None else RAW_ROWS)
-
-
-# ---- columns ---------------------------------------------------------------------------------------------------------
-
-
-def _wanted(columns: str | Mapping[str, str] | None) -> dict[str, str]:
-    """{our name: the file's name} that the user asked for."""
-    if columns is None:
-        return {}
-    pairs = columns.items() if isinstance(columns, Mapping) else _pairs(columns)
-    wanted = {"torque" if ours in ("u", "command") else ours: theirs for ours, theirs in pairs}
-    for ours in wanted:
-        if ours not in NAMES:
-            raise InvalidInput(
-                f"columns name {ours!r}: expected some of {', '.join(NAMES)}, as in t=time_s,theta=angle"
-            )
-    return wanted
-
-
-def _pairs(text: str) -> list[tuple[str, str]]:
-    pairs = [pair.partition("=") for pair in text.split(",") if pair.strip()]
-    for ours, equals, _ in pairs:
-        if not equals:
-            raise InvalidInput(f"columns has {ours!r}: expected name=column pairs, as in t=time_s,theta=angle_rad")
-    return [(ours.strip(), theirs.strip()) for ours, _, theirs in pairs]
-
-
-def _chosen(name: str, found: Sequence[str], wanted: Mapping[str, str]) -> dict[str, str]:
-    """{our name: the file's name} of the columns to read; raises InvalidInput that says which were found."""
-    listed = ", ".join(title for title in found if title) or "none"
-    for ours, theirs in wanted.items():
-        if theirs and theirs not in found:
-            raise InvalidInput(f"{name} has no column {theirs!r} for {ours}: found {listed}")
-    chosen = {ours: theirs for ours, theirs in (named_columns(found) | dict(wanted)).items() if theirs}
-    if "t" in chosen and ("theta" in chosen or "theta_dot" in chosen):
-        return chosen
-    missing = "no t" if "t" not in chosen else "neither theta nor theta_dot"
-    pairs = ",".join(f"{ours}={theirs}" for ours, theirs in likely_columns(found, chosen).items())
-    which = f", perhaps columns {pairs}" if pairs else " (columns)"
-    raise InvalidInput(f"{name} has {missing}: found {listed}; say which is which{which}")
-
-
-def named_columns(found: Sequence[str]) -> dict[str, str]:
-    """{our name: the file's name} of the columns that are called as we call them."""
-    own = {name: name for name in NAMES if name in found}
-    for other in ("u", "command"):
-        if "torque" not in own and other in found:
-            own["torque"] = other
-    return own
-
-
-def likely_columns(found: Sequence[str], chosen: Mapping[str, str]) -> dict[str, str]:
-    """{our name: the file's name} of what is not chosen yet, by what the file's names look like."""
-    likely, free = {}, [name for name in found if name not in chosen.values()]
-    for ours, pattern in LOOKS_LIKE.items():
-        match = next((name for name in free if re.search(pattern, name.lower())), None) if ours not in chosen else None
-        if match:
-            free.remove(match)
-            likely[ours] = match
-    return likely
 
 
 # ---- rows ------------------------------------------------------------------------------------------------------------

@@ -292,7 +292,7 @@ def yardsticks(model: Model, names: Sequence[str]) -> Array:
 
 def search(
     goal: Goal, hypotheses: Sequence[Hypothesis], conditions: Conditions, rng: np.random.Generator
-) -> list[tuple[Signal, ...]]:
+) -> list[Pool]:
     """A few good choices of signals, one a rollout, each begun with one of another kind, best first.
 
     Random signals of all kinds, then variations of the best; further rollouts are added one by one, always the one
@@ -319,7 +319,8 @@ def search(
     if not best:
         raise _impossible(limits, model.plant)
     choices = [_completed(goal, pool, parts, order, k, limits.rollouts) for k in leaders[:_FINALISTS]]
-    return [signals for _, signals in sorted(choices, key=lambda choice: -choice[0])]
+    choices.sort(key=lambda choice: -choice[0])
+    return [Pool(hypotheses, signals, conditions) for _, signals in choices]
 
 
 def _impossible(limits: Limits, plant: Plant) -> InvalidInput:

@@ -222,8 +222,7 @@ def _best(
 ) -> Pool:
     """The signals that bring the most evidence where they bring the least."""
     compared = [h for h in hypotheses if any(h.name in (c.truth, c.rival) for c in contests)]
-    choices = search(separation([(c.truth, c.rival) for c in contests]), compared, conditions, rng)
-    pools = [Pool(compared, own, conditions) for own in choices]
+    pools = search(separation([(c.truth, c.rival) for c in contests]), compared, conditions, rng)
     return max(pools, key=lambda pool: min(c.after for c in contested(pool, contests, within=1.5)))
 
 
@@ -265,7 +264,7 @@ def _narrowing(
 ) -> Experiment:
     scale = yardsticks(model, names)
     hypotheses = [_at(Hypothesis("model", model, names), conditions.limits.dt)]
-    pool = Pool(hypotheses, search(precision(scale), hypotheses, conditions, rng)[0], conditions)
+    pool = search(precision(scale), hypotheses, conditions, rng)[0]
     sd = pool.precision().together().sd()[0]
     if np.max(sd / scale) >= UNDETERMINED:
         lost = tuple(n for n, s in zip(names, sd, strict=True) if not math.isfinite(s))
@@ -288,7 +287,7 @@ def _narrowing(
 def _lowering(cost: Array, known: Estimate, conditions: Conditions, rng: np.random.Generator) -> Experiment:
     names, goal = known.names, expected_cost(cost, known.covariance)
     hypotheses = [_at(Hypothesis("model", known.model, names), conditions.limits.dt)]
-    pool = Pool(hypotheses, search(goal, hypotheses, conditions, rng)[0], conditions)
+    pool = search(goal, hypotheses, conditions, rng)[0]
     told = pool.precision().together()
     before, after = float(np.trace(cost @ known.covariance)), -float(goal.value([told])[0])
     sentence = f"it lowers what the errors of {', '.join(names)} are expected to cost from {before:.2g} to {after:.2g}"

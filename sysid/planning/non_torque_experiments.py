@@ -212,7 +212,7 @@ def _with_payload(
     names = (*rest, *(n for n in fitted if n not in unknown))
     setups = [Hypothesis("plain", model, names), Hypothesis("loaded", loaded, names)]
     scale = yardsticks(model, names)
-    pool = Pool(setups, search(precision(scale), setups, conditions, rng)[0], conditions)
+    pool = search(precision(scale), setups, conditions, rng)[0]
     sd = pool.precision().together().sd()[0][: len(rest)]
     k = int(np.argmax(sd / scale[: len(rest)]))
     after, unit = 1.96 * float(sd[k]), model.parameters[rest[k]].unit

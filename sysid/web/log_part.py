@@ -17,9 +17,9 @@ from dash import dcc, html
 
 from sysid.cli.commands import read_log
 from sysid.cli.starting_model import begun
+from sysid.data.column_names import likely_columns, named_columns, wanted_columns
 from sysid.data.files import whole
 from sysid.data.log_files import sources
-from sysid.data.logs import likely_columns, named_columns
 from sysid.data.record import Record, in_a_row
 from sysid.data.splitting import split
 from sysid.data.table import TimeWindow
@@ -129,9 +129,9 @@ def columns(session: Session) -> tuple[tuple[str, ...], dict[str, str]]:
     state = session.state
     try:
         found = sources(state.log.get("files", ())[:1], state.log.get("joint", ""))[0].names()
+        told = wanted_columns(state.log.get("columns", ""))
     except InvalidInput:  # the preview says why
         return (), {}
-    told = dict(pair.split("=", 1) for pair in state.log.get("columns", "").split(",") if "=" in pair)
     own = named_columns(found) | told
     return found, {ours: theirs for ours, theirs in (likely_columns(found, own) | own).items() if theirs}
 
