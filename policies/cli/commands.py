@@ -28,7 +28,7 @@ from policies.limits import EPISODES, EVALUATION_MEMORY, LAYER_WIDTH, LAYERS
 from policies.storage.policy_file import DESCRIPTION, LONGEST_HISTORY, WEIGHTS, SavedPolicy, load_policy, save_policy
 from sysid import InvalidInput, Model, Parameter, SavedModel, load
 from sysid.cli.commands import register_effects, write_json
-from sysid.data.files import check_outputs, full_path
+from sysid.data.files import check_installed, check_outputs, full_path
 from sysid.limits import check_size
 
 logger = logging.getLogger(__name__)
@@ -54,9 +54,7 @@ def _(command: TrainCommand) -> None:
     _check_onnx(command)
     register_effects(command.effects)
     if command.onnx is not None:
-        from policies.storage.onnx_file import require_onnx
-
-        require_onnx()
+        check_installed("onnx", "onnx", "--onnx")
     saved = load(command.model)
     machine = machine_of(saved.model, command.u_max, command.dt)
     randomization = _randomization(command, saved, machine)
@@ -137,12 +135,10 @@ def _(command: EvaluateCommand) -> None:
 
 @run.register
 def _(command: ExportPolicyCommand) -> None:
-    from policies.storage.onnx_file import require_onnx
-
     inputs = [command.effects, command.policy / DESCRIPTION, command.policy / WEIGHTS]
     check_outputs(inputs, [command.out], command.force)
     register_effects(command.effects)
-    require_onnx()
+    check_installed("onnx", "onnx", "writing ONNX")
     _write_onnx(load_policy(command.policy), command.out)
 
 

@@ -25,7 +25,7 @@ class TrainCommand:
     model: Annotated[Positional[Path], arg(metavar="MODEL")]
     """A model.json, as sysid writes it."""
 
-    out: Annotated[Path, arg(aliases=["-o"], metavar="FOLDER", help_behavior_hint="(default: policy)")] = Path("policy")
+    out: Annotated[Path, arg(aliases=["-o"]), shown("FOLDER", "policy")] = Path("policy")
     """Where the policy is written: policy.json and policy.safetensors."""
 
     u_max: Annotated[float | None, shown("TORQUE", "the model's")] = None
@@ -115,9 +115,7 @@ class ExportPolicyCommand:
     policy: Folder
     """The folder that `train` wrote."""
 
-    out: Annotated[Path, arg(aliases=["-o"], metavar="FILE", help_behavior_hint="(default: policy.onnx)")] = Path(
-        "policy.onnx"
-    )
+    out: Annotated[Path, arg(aliases=["-o"]), shown("FILE", "policy.onnx")] = Path("policy.onnx")
     """Where it is written."""
 
     effects: File = None

@@ -16,7 +16,7 @@ import numpy as np
 from policies.environments import task
 from policies.network_policy import NetworkPolicy
 from sysid import InvalidInput
-from sysid.data.files import save_file
+from sysid.data.files import check_installed, save_file
 
 if TYPE_CHECKING:
     from onnx import ModelProto
@@ -26,14 +26,6 @@ ONNX_TOLERANCE = 1e-5
 OPSET = 13
 
 
-def require_onnx() -> None:
-    """Raise InvalidInput where the package onnx is not installed."""
-    try:
-        import onnx  # noqa: F401
-    except ImportError:
-        raise InvalidInput("the package onnx is not installed: pip install 'gapfinder[onnx]'") from None
-
-
 def write_onnx(policy: NetworkPolicy, dt: float, path: str | PathLike[str]) -> float:
     """Write a policy that gives a command every dt [s]; returns the largest difference found, relative to u_max.
 
@@ -41,7 +33,7 @@ def write_onnx(policy: NetworkPolicy, dt: float, path: str | PathLike[str]) -> f
     InvalidInput where it differs from the original by more than 1e-5, where the file cannot be written, and without the
     package onnx.
     """
-    require_onnx()
+    check_installed("onnx", "onnx", "writing ONNX")
     model = onnx_model(policy, dt)
     difference = largest_difference(policy, model)
     if not difference <= ONNX_TOLERANCE:

@@ -160,7 +160,7 @@ def _marks() -> dict[str, Any]:
 def state_map(found: Mapping[str, Any], s: Series) -> go.Figure:
     """The mean residual torque over angle and speed, and the samples as dots that can be selected."""
     units, cells = found["quantities"], found["torque"]["map"]
-    z = np.array([[np.nan if v is None else v for v in row] for row in cells["torque"]], dtype=float).T
+    z = np.array(cells["torque"], dtype=float).T
     reach = max(float(np.nanquantile(np.abs(z), 0.95)) if np.any(np.isfinite(z)) else 0.0, 0.7 * found["reach"])
     figure, at = blank(270, axis_title("theta", units), axis_title("theta_dot", units)), _dots(s)
     figure.add_heatmap(
@@ -188,10 +188,7 @@ def torque_against(found: Mapping[str, Any], s: Series, name: str, curve: Mappin
     dots = {"color": GREY, "size": 2.5, "opacity": 0.4}
     figure.add_scatter(x=s[name][at], y=s["d"][at], mode="markers", marker=dots, hoverinfo="skip")
     means = found["torque"]["over"][name]
-    mean, sd, edges = (
-        np.array([np.nan if v is None else v for v in means[k]], dtype=float) for k in ("mean", "sd", "edges")
-    )
-    count = np.array(means["count"])
+    mean, sd, edges, count = (np.array(means[k], dtype=float) for k in ("mean", "sd", "edges", "count"))
     seen = np.isfinite(mean) & (count >= 0.002 * count.sum())
     figure.add_scatter(
         x=(0.5 * (edges[1:] + edges[:-1]))[seen], y=mean[seen], mode="markers", name="mean residual",

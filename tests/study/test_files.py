@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from sysid.data.files import partial, write_whole
+from sysid.data.files import partial, whole, write_whole
 
 FULL = """
 import resource, signal, sys
@@ -50,3 +50,13 @@ def test_a_disk_that_is_full_when_the_file_should_reach_it_keeps_the_older_file(
         write_whole(path, b"new")
     assert path.read_text() == "old\n"
     assert not partial(path).exists()
+
+
+def test_a_writer_that_raises_keeps_the_older_file_and_leaves_no_rest(tmp_path):
+    path = tmp_path / "table.csv"
+    path.write_text("old\n")
+    with pytest.raises(ZeroDivisionError), whole(path) as file:
+        file.write(b"half of it")
+        raise ZeroDivisionError
+    assert path.read_text() == "old\n"
+    assert list(tmp_path.iterdir()) == [path]
