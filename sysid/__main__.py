@@ -14,7 +14,7 @@ from typing import Any
 
 from sysid.cli.command_line import answer
 from sysid.cli.command_options import COMMANDS, WorkbenchCommand
-from sysid.errors import InvalidInput
+from sysid.data.files import check_installed
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -25,22 +25,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(command: Any) -> None:
     if isinstance(command, WorkbenchCommand):
-        _serve(command)
+        for package in ("dash", "plotly"):
+            check_installed(package, "web", "the workbench")
+        from sysid.web.server import serve
+
+        serve(command)
         return
     from sysid.cli.commands import run
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # a fit may try numbers with which the motion runs away
         run(command)
-
-
-def _serve(command: WorkbenchCommand) -> None:
-    try:
-        from sysid.web.server import serve
-    except ModuleNotFoundError as error:
-        needs = f"the workbench needs dash and plotly, and there is no {error.name}"
-        raise InvalidInput(f"{needs}: expected the extra web, pip install 'gapfinder[web]'") from None
-    serve(command)
 
 
 if __name__ == "__main__":
