@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.estimation.prediction_error import Fit
-from sysid.estimation.solver import largest_torque
+from sysid.estimation.solver import shown_extent
 from sysid.physics.ops import Array
 
 EXTREME = 6.0
@@ -70,7 +70,7 @@ def find_contacts(fit: Fit, torque: Array, least: float = 0.0) -> tuple[Contact,
     held = float(np.nansum(known[inside] ** 2))
     if not (held > LEAST_ENERGY * energy > 0.0 and np.mean(inside) < MOST_TIME):
         return ()
-    felt = SLIGHT * largest_torque(samples, fit.model)
+    felt = SLIGHT * shown_extent(samples, fit.model).u_max
     return tuple(contact for contact in found if abs(contact.peak) > felt)
 
 

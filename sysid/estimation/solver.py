@@ -17,6 +17,7 @@ from sysid.estimation.prediction_error import Fit
 from sysid.estimation.prior import Prior, numbers_of
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
+from sysid.physics.parameters import Extent
 
 
 @dataclass(frozen=True)
@@ -83,8 +84,9 @@ def fit_parameters(
         disturbances = near.disturbances if near else large_disturbances(samples)
     motion = (near.motion if near else smoothed_motion(samples, disturbances.s)).of_model(samples, model)
     known = (near.prior, near.names) if near else (None, ())
-    prior = Prior.of(model, names, settings.vague, settings.torque * largest_torque(samples, model), *known)
-    limits = _Limits.of(samples, model, names, prior, settings)
+    extent = shown_extent(samples, model)
+    prior = Prior.of(model, names, settings.vague, settings.torque * extent.u_max, *known)
+    limits = _Limits.of(samples, model, names, prior, settings, extent)
     before, converged, restless, calm = math.inf, False, settings.sizes, 0
     best: Fit | None = None
     for k in range(settings.iterations):
@@ -137,13 +139,21 @@ class _Limits:
     floor: Array
 
     @classmethod
-    def of(cls, samples: Samples, model: Model, names: Sequence[str], prior: Prior, settings: Settings) -> _Limits:
+    def of(
+        cls,
+        samples: Samples,
+        model: Model,
+        names: Sequence[str],
+        prior: Prior,
+        settings: Settings,
+        extent: Extent,
+    ) -> _Limits:
         """Those of a model on the samples of a log, beside what is known of its numbers."""
         size = level(samples)
         low, high = (np.array([model.parameters[n].bounds[side] for n in names]) for side in (0, 1))
-        reach = np.array([_reach(model, n, typical) for n, typical in zip(names, prior.mean, strict=True)])
+        reach = np.array([_reach(model, n, typical, extent) for n, typical in zip(names, prior.mean, strict=True)])
         typical_speed = float(np.std(samples.smoothed[:, 1]))
-        widest = np.array([*np.array(settings.widest) * [1.0, typical_speed, size], *model.inner_sd])
+        widest = np.array([*np.array(settings.widest) * [samples.reach, typical_speed, size], *model.inner_sd])
         floor = np.log([settings.smallest * size, settings.smallest * max(_angle_sd(samples), 1e-12)])
         return cls(low, high, prior.positive, reach, widest, floor)
 
@@ -185,7 +195,7 @@ def bounded_step(Z: Array, e: Array, low: Array, high: Array) -> Array:
             break
         rest = e - Z @ np.where(free, 0.0, step)
         scaled = Z[:, at] / size[at]
-        step[at] = np.linalg.lstsq(scaled, rest, rcond=1e-9)[0] / size[at]
+        step[at] = np.linalg.lstsq(scaled, rest, rcond=1e-6)[0] / size[at]
         outside = free & ((step < low) | (step > high))
         if not np.any(outside):
             break
@@ -199,9 +209,10 @@ def large_disturbances(samples: Samples) -> Disturbances:
     return Disturbances(0.3 * level(samples), sigma_o=_angle_sd(samples))
 
 
-def largest_torque(samples: Samples, model: Model) -> float:
-    """The largest torque that a log shows [N m]: the drive's, or what its accelerations take."""
-    return max(samples.extent(model).u_max, float(model.inertia()) * level(samples))
+def shown_extent(samples: Samples, model: Model) -> Extent:
+    """The extent of a log, with the largest torque that it shows: the drive's, or what its accelerations take."""
+    extent = samples.extent(model)
+    return extent._replace(u_max=max(extent.u_max, float(model.inertia()) * level(samples)))
 
 
 def _angle_sd(samples: Samples) -> float:
@@ -210,10 +221,11 @@ def _angle_sd(samples: Samples) -> float:
     return float(1.0 / np.max(weight)) if np.mean(weight > 0.0) > 0.5 else 0.0
 
 
-def _reach(model: Model, name: str, typical: float) -> float:
+def _reach(model: Model, name: str, typical: float, extent: Extent) -> float:
     """Over which change of a number its effect may be nowhere near linear; inf for one without bounds above, such as a
     friction, in which the motion is linear enough."""
     p = model.parameters[name]
     if name not in model.plant.parameters and math.isinf(p.bounds[1]):
         return math.inf
-    return max(abs(typical), 0.0 if name in model.plant.parameters else 0.1 * min(p.bounds[1] - p.bounds[0], 1.0))
+    own = 0.0 if name in model.plant.parameters else 0.1 * min(p.bounds[1] - p.bounds[0], p.large(extent))
+    return max(abs(typical), own)

@@ -74,8 +74,9 @@ class Effect(Parametric):
     refines    simpler effects, alone or together, that explain most of what it explains: it has to beat each
     precedence where a log cannot tell effects apart, the one of the highest stands for them: the log's own convention
                before any machine's; 0: it stands for itself
-    begins     its numbers where a fit begins without knowing them, as shares of the largest torque
+    begins     its numbers where a fit begins without knowing them, as shares of what is large (`Parameter.large`)
     inertial   whether it shows in the motion as another inertia does: a payload tells it, no torque does
+    brakes     whether it is a torque against the speed and proportional to it, as the damping of an actuator is
     """
 
     words: ClassVar[str] = ""
@@ -89,6 +90,7 @@ class Effect(Parametric):
     precedence: ClassVar[int] = 0
     begins: ClassVar[Mapping[str, float]] = {}
     inertial: ClassVar[bool] = False
+    brakes: ClassVar[bool] = False
 
     def __init_subclass__(cls, **keywords: Any) -> None:
         super().__init_subclass__(**keywords)
