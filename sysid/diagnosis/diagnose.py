@@ -300,8 +300,9 @@ class _Report:
         if absorbed:
             groups.append((*(n for n in end.names if n in own), *absorbed))
         groups.extend((a.name, *a.same) for a in self.confirmed.additions if a.same)
-        if end.model.damping in end.names:
-            groups.append((end.model.damping, *(name for name, kind in CATALOGUE.items() if kind.brakes)))
+        if end.model.actuator is not None and end.model.damping in end.names:
+            others = (n for n, kind in CATALOGUE.items() if kind.brakes and n not in end.model.actuator.excludes)
+            groups.append((end.model.damping, *others))
         F = end.Z.T @ end.Z
         size = np.sqrt(np.maximum(np.diag(F), 1e-300))
         values, vectors = np.linalg.eigh(F / np.outer(size, size)) if len(size) else (np.zeros(0), np.zeros((0, 0)))
