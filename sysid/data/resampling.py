@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from sysid.data import digitisation
 from sysid.data.record import Record
+from sysid.data.spikes import spikes
 from sysid.errors import InvalidInput
 from sysid.limits import SHORTEST_INTERVAL
 from sysid.physics.ops import Array
@@ -67,19 +68,20 @@ class Rows:
 def evenly(rollouts: Sequence[Rows], dt: float | None = None) -> tuple[tuple[Record, ...], float, tuple[str, ...]]:
     """Records of one sample interval [s], that interval, and a note on each thing that was done to get there.
 
-    Rows are put in order; of readings that are held for several rows the fresh ones are kept
-    (`sysid.data.digitisation`); stamps that were rounded are made even; of rows with the same stamp the last is kept; a
-    restart of the clock or a gap (a step above 3.5 typical ones) starts a new rollout. The interval is dt where it is
-    given, else the mean step. A row nearest to an instant of the even grid stands for it, moved there along the
-    channel's local cubic: its error then stays its own (interpolation between two rows would shrink the sensor's noise
-    to as little as 0.7 times and colour it). The torque becomes its mean over each interval: no impulse is lost.
+    Rows are put in order; readings that jump away and back are missing (`sysid.data.spikes`); of readings that are held
+    for several rows the fresh ones are kept (`sysid.data.digitisation`); stamps that were rounded are made even; of
+    rows with the same stamp the last is kept; a restart of the clock or a gap (a step above 3.5 typical ones) starts a
+    new rollout. The interval is dt where it is given, else the mean step. A row nearest to an instant of the even grid
+    stands for it, moved there along the channel's local cubic: its error then stays its own (interpolation between two
+    rows would shrink the sensor's noise to as little as 0.7 times and colour it). The torque becomes its mean over each
+    interval: no impulse is lost.
     A step that is no gap on the grid of a dt that was given is none.
 
     Raises InvalidInput for logs of different rates, a dt shorter than theirs, and where nothing is left.
     """
     tally: Counter[str] = Counter()
     gaps: list[float] = []
-    ordered, held = _fresh([part for rows in rollouts for part in _restarts(rows, tally)])
+    ordered, held = _fresh([_without_spikes(part, tally) for rows in rollouts for part in _restarts(rows, tally)])
     cut = [[_stamps(p, tally) for p in _pieces(part, gaps, dt or 0.0)] for part in ordered]
     pieces = [p for parts in cut for p in parts]
     least = SHORTEST if any(_lasts(p, dt, SHORTEST) for p in pieces) else 2
@@ -109,6 +111,14 @@ def _restarts(rows: Rows, tally: Counter[str]) -> Iterable[Rows]:
     for k, (first, last) in enumerate(pairwise(edges), start=1):
         part = rows.take(slice(first, last), f"{rows.name} run {k}" if len(far) else "")
         yield part.take(np.argsort(part.t, kind="stable"))
+
+
+def _without_spikes(rows: Rows, tally: Counter[str]) -> Rows:
+    """The rows, readings that jump away and back missing."""
+    theta, theta_dot = (None if y is None else np.where(spikes(y), np.nan, y) for y in (rows.theta, rows.theta_dot))
+    without = replace(rows, theta=theta, theta_dot=theta_dot)
+    tally["row(s) with readings that jump away and back"] += int(np.sum(rows.read & ~without.read))
+    return without
 
 
 def _fresh(parts: Sequence[Rows]) -> tuple[Sequence[Rows], tuple[str, ...]]:

@@ -155,7 +155,10 @@ class Search:
         best = sorted(found.values(), key=lambda s: s.lm - self._price(s.name), reverse=True)
         tried: list[Trial] = []
         for score in best[: self.settings.simulated]:
-            self._try(now, (score.name,), tried, [score.best.at(score.sizes)], simulated)
+            begin = [score.best.at(score.sizes)]
+            self._try(now, (score.name,), tried, begin, simulated)
+            if all(t.effects != (score.name,) or t.merit <= 0.0 for t in tried):
+                self._try(now, (score.name,), tried, begin)  # such a quiet fit may have lost its way
         return sorted(tried, key=lambda t: t.merit, reverse=True)
 
     def _composites(self, now: Fit, trials: Sequence[Trial]) -> list[Trial]:

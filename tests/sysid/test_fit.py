@@ -236,8 +236,7 @@ def test_the_unit_of_an_axis_does_not_matter(unit: float) -> None:
     """A fit from far off, in metres or otherwise, ends at the same machine."""
     truth = Model(LinearAxis(m=0.4), (Viscous(b=0.5), Coulomb(tau_c=0.05)), dt=DT)
     records = [
-        replace(r, theta=unit * np.asarray(r.theta), theta_dot=unit * np.asarray(r.theta_dot))
-        for r in logs(truth)
+        replace(r, theta=unit * np.asarray(r.theta), theta_dot=unit * np.asarray(r.theta_dot)) for r in logs(truth)
     ]
     bounds = {"m": (1e-6, 1e6)}
     estimate = fit(Model(LinearAxis(m=1.0 / unit, bounds=bounds), (Viscous(), Coulomb()), dt=DT), records)
