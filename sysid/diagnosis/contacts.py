@@ -16,8 +16,9 @@ EXTREME = 6.0
 """Multiples of the median of what is not expected beyond which it is extreme: four sd of a Gaussian."""
 SHORTEST_CONTACT = 0.2
 """What acts for a shorter time [s] is vibration, no hand."""
-LEAST_ENERGY, MOST_TIME = 0.6, 0.15
-"""A rare torque is a push where it holds that share of the missing torque's energy in no more than that of the time."""
+LEAST_ENERGY, MOST_TIME, DENSITY = 0.4, 0.15, 4.0
+"""A rare torque is a push where it holds that share of the missing torque's energy in no more than that of the time, and
+as many times the share of the energy as of the time."""
 SLIGHT = 0.02
 """Share of the largest torque that the log shows below which nobody pushed."""
 SHORTEST_LOG = 8.0
@@ -66,9 +67,9 @@ def find_contacts(fit: Fit, torque: Array, least: float = 0.0) -> tuple[Contact,
             & (samples.t >= stretch.t_begin)
             & (samples.t <= stretch.t_end)
         )
-    energy = float(np.nansum(known**2))
+    energy, time = float(np.nansum(known**2)), float(np.mean(inside))
     held = float(np.nansum(known[inside] ** 2))
-    if not (held > LEAST_ENERGY * energy > 0.0 and np.mean(inside) < MOST_TIME):
+    if not (held > max(LEAST_ENERGY, DENSITY * time) * energy > 0.0 and time < MOST_TIME):
         return ()
     felt = SLIGHT * shown_extent(samples, fit.model).u_max
     return tuple(contact for contact in found if abs(contact.peak) > felt)

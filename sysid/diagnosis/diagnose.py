@@ -34,7 +34,7 @@ from sysid.physics.effects import CATALOGUE, effect
 from sysid.physics.model import Model
 from sysid.planning.planned_experiment import Experiment
 
-MOST_RESTARTS = 2
+MOST_RESTARTS = 6
 """What a hand touched is left out and the search begun anew, at most so often."""
 
 LEAST_LEFT = 0.6
