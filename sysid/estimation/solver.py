@@ -94,7 +94,7 @@ def fit_parameters(
         here = linearised.system.filter(disturbances)
         if k > 0 and settings.sizes and (restless or k % 4 == 3):
             likelier = likelihood_ascent(here, limits.floor, settings.angle_error)
-            restless = here.deviance - likelier.deviance > DEFAULT.negligible
+            restless = here.deviance - likelier.deviance > settings.negligible
             here, disturbances = likelier, likelier.disturbances
         if best is not None and not math.isfinite(here.deviance):
             return best
