@@ -16,9 +16,10 @@ EXTREME = 6.0
 """Multiples of the median of what is not expected beyond which it is extreme: four sd of a Gaussian."""
 SHORTEST_CONTACT = 0.2
 """What acts for a shorter time [s] is vibration, no hand."""
-LEAST_ENERGY, MOST_TIME, DENSITY = 0.4, 0.15, 4.0
-"""A rare torque is a push where it holds that share of the missing torque's energy in no more than that of the time, and
-as many times the share of the energy as of the time."""
+LEAST_ENERGY, MOST_TIME = 0.6, 0.15
+"""A rare torque is a push where it holds that share of the missing torque's energy in no more than that of the time."""
+LEAST_ENERGY_AGAIN = 0.4
+"""The same share in a log that somebody pushed in: with the hardest pushes left out, lighter ones show."""
 SLIGHT = 0.02
 """Share of the largest torque that the log shows below which nobody pushed."""
 SHORTEST_LOG = 8.0
@@ -47,12 +48,13 @@ def contacts_sentence(contacts: Sequence[Contact]) -> str:
     return f"No state of the joint explains {'; '.join(map(str, contacts))}: a hand, perhaps."
 
 
-def find_contacts(fit: Fit, torque: Array, least: float = 0.0) -> tuple[Contact, ...]:
+def find_contacts(fit: Fit, torque: Array, least: float = 0.0, again: bool = False) -> tuple[Contact, ...]:
     """Where a missing torque (M,) [N m] is extreme against what acts in the same state at other times.
 
     The torque is one without what is faster than a hand (`slow`). A machine that misses something everywhere has
     extremes too, and nobody touched it: unless they are most of what is missing, in a small part of the time, there is
     none. What is below `least` [N m] is none either, nor in the end what is slight beside the torques of the log.
+    `again`, where pushes were left out already, the others need not be as much.
     """
     samples = fit.samples
     if len(samples) * samples.dt < SHORTEST_LOG:
@@ -67,9 +69,10 @@ def find_contacts(fit: Fit, torque: Array, least: float = 0.0) -> tuple[Contact,
             & (samples.t >= stretch.t_begin)
             & (samples.t <= stretch.t_end)
         )
-    energy, time = float(np.nansum(known**2)), float(np.mean(inside))
+    energy = float(np.nansum(known**2))
     held = float(np.nansum(known[inside] ** 2))
-    if not (held > max(LEAST_ENERGY, DENSITY * time) * energy > 0.0 and time < MOST_TIME):
+    share = LEAST_ENERGY_AGAIN if again else LEAST_ENERGY
+    if not (held > share * energy > 0.0 and np.mean(inside) < MOST_TIME):
         return ()
     felt = SLIGHT * shown_extent(samples, fit.model).u_max
     return tuple(contact for contact in found if abs(contact.peak) > felt)

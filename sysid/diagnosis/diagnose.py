@@ -34,7 +34,7 @@ from sysid.physics.effects import CATALOGUE, effect
 from sysid.physics.model import Model
 from sysid.planning.planned_experiment import Experiment
 
-MOST_RESTARTS = 6
+MOST_RESTARTS = 3
 """What a hand touched is left out and the search begun anew, at most so often."""
 
 LEAST_LEFT = 0.6
@@ -127,7 +127,8 @@ def _searched(
     for restarts_left in reversed(range(MOST_RESTARTS + 1)):
         search, base, end = _best_search(search_in, records, model, names)
         perhaps = restarts_left and not end.undisturbed
-        found = find_contacts(end, missing_torque(end, needed_disturbances(base))) if perhaps else ()
+        missing = missing_torque(end, needed_disturbances(base)) if perhaps else None
+        found = () if missing is None else find_contacts(end, missing, again=bool(contacts))
         rest = _without(found, records)
         if rest is None:
             break
