@@ -47,7 +47,7 @@ class Settings:
     negligible: float = 0.05
     stride: float = 0.7
     patience: int = 12
-    wanders: float = 0.2
+    wanders: float = 0.5
     widest: tuple[float, float, float] = (0.05, 0.1, 0.5)
     smallest: float = 1e-5
     sizes: bool = True
@@ -61,7 +61,7 @@ DEFAULT = Settings()
 ASTRAY = 0.1
 """Deviance by which a fit that has not converged ends above its best, a reading, where it has lost its way."""
 CALM = 8
-"""Steps in turn that bring nothing after which a fit that goes to and fro has ended."""
+"""Steps that together bring nothing after which a fit that goes to and fro has ended."""
 QUICK = Settings(iterations=12, settled=0.15, negligible=0.5, angle_error=False)
 """For a candidate that is only compared with others."""
 
@@ -87,7 +87,7 @@ def fit_parameters(
     extent = shown_extent(samples, model)
     prior = Prior.of(model, names, settings.vague, settings.torque * extent.u_max, *known)
     limits = _Limits.of(samples, model, names, prior, settings, extent)
-    before, converged, restless, calm = math.inf, False, settings.sizes, 0
+    before, began, converged, restless, calm = math.inf, math.inf, False, settings.sizes, 0
     best: Fit | None = None
     for k in range(settings.iterations):
         linearised = LinearisedModel(samples, model, motion)
@@ -106,8 +106,14 @@ def fit_parameters(
         if k >= 2 and not restless and moved < settings.settled and abs(here.deviance - before) < settings.negligible:
             converged = True
             break
-        calm = calm + 1 if moved < settings.wanders and abs(here.deviance - before) < 1.0 else 0
         before = here.deviance
+        if moved < settings.wanders and abs(before - began) < 1.0:
+            calm += 1
+            if calm >= CALM:
+                converged = True
+                break
+        else:
+            calm, began = 0, before
         if best is None or before < best.filter.deviance:
             best = Fit(samples, linearised.model, names, linearised, here, Z, prior, False)
         # slopes that go on changing with the filter's sd would never let friction's numbers settle
@@ -118,7 +124,7 @@ def fit_parameters(
         model = model.with_parameters(dict(zip(names, numbers.tolist(), strict=True)))
     if best is not None and not converged and here.deviance > best.filter.deviance + ASTRAY * samples.readings:
         return best
-    return Fit(samples, linearised.model, names, linearised, here, Z, prior, converged or calm >= CALM)
+    return Fit(samples, linearised.model, names, linearised, here, Z, prior, converged)
 
 
 @dataclass(frozen=True, eq=False)
