@@ -213,12 +213,11 @@ class Search:
     def _start(self, now: Fit, name: str, alone: bool) -> Effect:
         """The effect at the size that its score promises, or where it is one of several, a small one."""
         score = self.last[name]
-        u = now.samples.extent(now.model).u_max
         if alone and score.lm > 0.0:
             return score.best.at(score.sizes)
-        shares = CATALOGUE[name].begins
-        if any(shares.values()):
-            return effect(name, **{k: share * (u or now.inertia) for k, share in shares.items()})
+        if any(CATALOGUE[name].begins.values()):
+            begun: Effect = effect(name).at_beginning(now.samples.extent(now.model))
+            return begun
         return score.best.at(tuple(0.1 * s for s in score.sizes))
 
     # choosing ------------------------------------------------------------------------------------------------

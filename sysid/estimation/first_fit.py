@@ -47,14 +47,11 @@ def with_common(samples: Samples, begun: Model, names: Sequence[str]) -> Fit:
     names, given = tuple(names), {e.name for e in begun.effects}
     braked = begun.damping in names
     extent = samples.extent(begun)
-    extent = extent._replace(u_max=extent.u_max or float(begun.inertia()))
     more: tuple[str, ...] = ()
     for kind in (CATALOGUE[name] for name in COMMON if name not in given):
         if braked and kind.brakes:
             continue
-        own: Effect = kind()
-        sizes = {key: share * own.parameters[key].large(extent) for key, share in kind.begins.items()}
-        own = own.with_parameters(sizes)
+        own: Effect = kind().at_beginning(extent)
         begun = begun.with_effect(own)
         more += begun.names_of(own.name)
     found = fit_parameters(samples, begun, (*names, *more))

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.physics.ops import Value
-from sysid.physics.parameters import NEVER, Parametric
+from sysid.physics.parameters import NEVER, Extent, Parametric
 from sysid.physics.plants import Plant
 
 Memory = tuple[Value, ...]
@@ -116,6 +116,11 @@ class Effect(Parametric):
         return bool(sized) and all(
             float(p.value) == p.neutral or (p.never and abs(float(p.value)) >= NEVER) for p in sized
         )
+
+    def at_beginning(self, extent: Extent) -> Any:
+        """The same effect with its numbers where a fit begins that does not know them, on a log of that extent."""
+        shown = extent._replace(u_max=extent.u_max or extent.inertia)
+        return self.with_parameters({k: share * self.parameters[k].large(shown) for k, share in self.begins.items()})
 
     def at_neutral(self) -> Any:
         """The same effect with its parameters at the values at which it changes nothing."""
