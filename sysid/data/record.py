@@ -279,10 +279,19 @@ def in_a_row(instants: Sequence[Array]) -> Array:
     return begins
 
 
-def extent_of(records: Sequence[Record]) -> Extent:
-    """What probes may depend on."""
+def extent_of(records: Sequence[Record], turns: bool = True) -> Extent:
+    """What probes may depend on, of a plant that turns or does not."""
     return Extent(
         dt=records[0].dt,
         duration=max(len(r) * r.dt for r in records),
         u_max=max(float(np.max(np.abs(r.u))) for r in records),
+        reach=1.0 if turns else _half_of_travel(records),
     )
+
+
+def _half_of_travel(records: Sequence[Record]) -> float:
+    """Half of how far an axis goes, or as far as its speed goes in a second where no position was read [m]."""
+    places = [r.theta for r in records if r.theta is not None and r.has_angles]
+    speeds = [r.theta_dot for r in records if r.theta_dot is not None]
+    half = 0.5 * float(np.ptp(np.concatenate(places))) if places else float(np.std(np.concatenate(speeds)))
+    return half or 1.0

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from sysid.data import digitisation
 from sysid.data.record import Record
+from sysid.data.spikes import spikes
 from sysid.errors import InvalidInput
 from sysid.limits import SHORTEST_INTERVAL
 from sysid.physics.ops import Array
@@ -25,6 +26,8 @@ SHORTEST = 5
 """A piece between gaps with fewer rows than this is left out where others are longer."""
 WITNESS = 0.1
 """The share of a rollout's rows that a piece between gaps must have for its own rate to count."""
+MOST_APART = 10.0
+"""Rates that are apart by more than this factor are those of different machines, or of different units of time."""
 WINDOW = 1.0
 """Seconds over which models predict: where gaps leave less than that in one piece, the log is hardly of use."""
 
@@ -67,19 +70,20 @@ class Rows:
 def evenly(rollouts: Sequence[Rows], dt: float | None = None) -> tuple[tuple[Record, ...], float, tuple[str, ...]]:
     """Records of one sample interval [s], that interval, and a note on each thing that was done to get there.
 
-    Rows are put in order; of readings that are held for several rows the fresh ones are kept
-    (`sysid.data.digitisation`); stamps that were rounded are made even; of rows with the same stamp the last is kept; a
-    restart of the clock or a gap (a step above 3.5 typical ones) starts a new rollout. The interval is dt where it is
-    given, else the mean step. A row nearest to an instant of the even grid stands for it, moved there along the
-    channel's local cubic: its error then stays its own (interpolation between two rows would shrink the sensor's noise
-    to as little as 0.7 times and colour it). The torque becomes its mean over each interval: no impulse is lost.
+    Rows are put in order; readings that jump away and back are missing (`sysid.data.spikes`); of readings that are held
+    for several rows the fresh ones are kept (`sysid.data.digitisation`); stamps that were rounded are made even; of
+    rows with the same stamp the last is kept; a restart of the clock or a gap (a step above 3.5 typical ones) starts a
+    new rollout. The interval is dt where it is given, else the mean step, of several rates that of the slowest. A row
+    nearest to an instant of the even grid stands for it, moved there along the channel's local cubic: its error then
+    stays its own (interpolation between two rows would shrink the sensor's noise to as little as 0.7 times and colour
+    it). The torque becomes its mean over each interval: no impulse is lost.
     A step that is no gap on the grid of a dt that was given is none.
 
-    Raises InvalidInput for logs of different rates, a dt shorter than theirs, and where nothing is left.
+    Raises InvalidInput for rates far apart, a dt shorter than theirs, and where nothing is left.
     """
     tally: Counter[str] = Counter()
     gaps: list[float] = []
-    ordered, held = _fresh([part for rows in rollouts for part in _restarts(rows, tally)])
+    ordered, held = _fresh([_without_spikes(part, tally) for rows in rollouts for part in _restarts(rows, tally)])
     cut = [[_stamps(p, tally) for p in _pieces(part, gaps, dt or 0.0)] for part in ordered]
     pieces = [p for parts in cut for p in parts]
     least = SHORTEST if any(_lasts(p, dt, SHORTEST) for p in pieces) else 2
@@ -109,6 +113,14 @@ def _restarts(rows: Rows, tally: Counter[str]) -> Iterable[Rows]:
     for k, (first, last) in enumerate(pairwise(edges), start=1):
         part = rows.take(slice(first, last), f"{rows.name} run {k}" if len(far) else "")
         yield part.take(np.argsort(part.t, kind="stable"))
+
+
+def _without_spikes(rows: Rows, tally: Counter[str]) -> Rows:
+    """The rows, readings that jump away and back missing."""
+    theta, theta_dot = (None if y is None else np.where(spikes(y), np.nan, y) for y in (rows.theta, rows.theta_dot))
+    without = replace(rows, theta=theta, theta_dot=theta_dot)
+    tally["row(s) with readings that jump away and back"] += int(np.sum(rows.read & ~without.read))
+    return without
 
 
 def _fresh(parts: Sequence[Rows]) -> tuple[Sequence[Rows], tuple[str, ...]]:
@@ -210,7 +222,8 @@ def _rates(rollouts: Sequence[Sequence[Rows]]) -> dict[str, float]:
 
 
 def _interval(pieces: Sequence[Rows], rates: Mapping[str, float], dt: float | None) -> float:
-    """The sample interval [s] of all records: dt, or the mean step, of the usual ones where most are alike."""
+    """The sample interval [s] of all records: dt, or the mean step, of the usual ones where most are alike; of logs at
+    several rates that of the slowest."""
     slow, fast = max(rates, key=rates.__getitem__), min(rates, key=rates.__getitem__)
     if dt is not None:
         if not (math.isfinite(dt) and dt > 0.0):
@@ -218,11 +231,13 @@ def _interval(pieces: Sequence[Rows], rates: Mapping[str, float], dt: float | No
         if dt < 0.8 * rates[slow]:
             raise InvalidInput(f"dt = {dt:g} s is finer than {slow}, sampled every {rates[slow]:.4g} s")
         return dt
-    if rates[slow] > 1.25 * rates[fast]:
+    if rates[slow] > MOST_APART * rates[fast]:
         raise InvalidInput(
-            f"{fast} is sampled at {1 / rates[fast]:.4g} Hz and {slow} at {1 / rates[slow]:.4g} Hz: expected one rate, "
-            "or a common sample interval (dt)"
+            f"{fast} is sampled at {1 / rates[fast]:.4g} Hz and {slow} at {1 / rates[slow]:.4g} Hz: expected rates "
+            f"apart by a factor of {MOST_APART:g} at most, or a common sample interval (dt); check time_unit"
         )
+    if rates[slow] > 1.25 * rates[fast]:
+        return rates[slow]
     steps = np.concatenate([np.diff(p.t) for p in pieces])
     core = steps[np.abs(steps - np.median(steps)) <= 0.1 * np.median(steps)]
     if len(core) < 0.8 * len(steps):

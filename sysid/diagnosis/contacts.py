@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.estimation.prediction_error import Fit
-from sysid.estimation.solver import largest_torque
+from sysid.estimation.solver import shown_extent
 from sysid.physics.ops import Array
 
 EXTREME = 6.0
@@ -18,6 +18,8 @@ SHORTEST_CONTACT = 0.2
 """What acts for a shorter time [s] is vibration, no hand."""
 LEAST_ENERGY, MOST_TIME = 0.6, 0.15
 """A rare torque is a push where it holds that share of the missing torque's energy in no more than that of the time."""
+LEAST_ENERGY_AGAIN = 0.4
+"""The same share in a log that somebody pushed in: with the hardest pushes left out, lighter ones show."""
 SLIGHT = 0.02
 """Share of the largest torque that the log shows below which nobody pushed."""
 SHORTEST_LOG = 8.0
@@ -46,12 +48,13 @@ def contacts_sentence(contacts: Sequence[Contact]) -> str:
     return f"No state of the joint explains {'; '.join(map(str, contacts))}: a hand, perhaps."
 
 
-def find_contacts(fit: Fit, torque: Array, least: float = 0.0) -> tuple[Contact, ...]:
+def find_contacts(fit: Fit, torque: Array, least: float = 0.0, again: bool = False) -> tuple[Contact, ...]:
     """Where a missing torque (M,) [N m] is extreme against what acts in the same state at other times.
 
     The torque is one without what is faster than a hand (`slow`). A machine that misses something everywhere has
     extremes too, and nobody touched it: unless they are most of what is missing, in a small part of the time, there is
     none. What is below `least` [N m] is none either, nor in the end what is slight beside the torques of the log.
+    `again`, where pushes were left out already, the others need not be as much.
     """
     samples = fit.samples
     if len(samples) * samples.dt < SHORTEST_LOG:
@@ -68,9 +71,10 @@ def find_contacts(fit: Fit, torque: Array, least: float = 0.0) -> tuple[Contact,
         )
     energy = float(np.nansum(known**2))
     held = float(np.nansum(known[inside] ** 2))
-    if not (held > LEAST_ENERGY * energy > 0.0 and np.mean(inside) < MOST_TIME):
+    share = LEAST_ENERGY_AGAIN if again else LEAST_ENERGY
+    if not (held > share * energy > 0.0 and np.mean(inside) < MOST_TIME):
         return ()
-    felt = SLIGHT * largest_torque(samples, fit.model)
+    felt = SLIGHT * shown_extent(samples, fit.model).u_max
     return tuple(contact for contact in found if abs(contact.peak) > felt)
 
 

@@ -34,7 +34,7 @@ from sysid.physics.effects import CATALOGUE, effect
 from sysid.physics.model import Model
 from sysid.planning.planned_experiment import Experiment
 
-MOST_RESTARTS = 2
+MOST_RESTARTS = 3
 """What a hand touched is left out and the search begun anew, at most so often."""
 
 LEAST_LEFT = 0.6
@@ -127,7 +127,8 @@ def _searched(
     for restarts_left in reversed(range(MOST_RESTARTS + 1)):
         search, base, end = _best_search(search_in, records, model, names)
         perhaps = restarts_left and not end.undisturbed
-        found = find_contacts(end, missing_torque(end, needed_disturbances(base))) if perhaps else ()
+        missing = missing_torque(end, needed_disturbances(base)) if perhaps else None
+        found = () if missing is None else find_contacts(end, missing, again=bool(contacts))
         rest = _without(found, records)
         if rest is None:
             break
@@ -300,6 +301,9 @@ class _Report:
         if absorbed:
             groups.append((*(n for n in end.names if n in own), *absorbed))
         groups.extend((a.name, *a.same) for a in self.confirmed.additions if a.same)
+        if end.model.actuator is not None and end.model.damping in end.names:
+            others = (n for n, kind in CATALOGUE.items() if kind.brakes and n not in end.model.actuator.excludes)
+            groups.append((end.model.damping, *others))
         F = end.Z.T @ end.Z
         size = np.sqrt(np.maximum(np.diag(F), 1e-300))
         values, vectors = np.linalg.eigh(F / np.outer(size, size)) if len(size) else (np.zeros(0), np.zeros((0, 0)))

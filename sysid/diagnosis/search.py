@@ -155,7 +155,10 @@ class Search:
         best = sorted(found.values(), key=lambda s: s.lm - self._price(s.name), reverse=True)
         tried: list[Trial] = []
         for score in best[: self.settings.simulated]:
-            self._try(now, (score.name,), tried, [score.best.at(score.sizes)], simulated)
+            begin = [score.best.at(score.sizes)]
+            self._try(now, (score.name,), tried, begin, simulated)
+            if all(t.effects != (score.name,) or t.merit <= 0.0 for t in tried):
+                self._try(now, (score.name,), tried, begin)  # such a quiet fit may have lost its way
         return sorted(tried, key=lambda t: t.merit, reverse=True)
 
     def _composites(self, now: Fit, trials: Sequence[Trial]) -> list[Trial]:
@@ -210,12 +213,11 @@ class Search:
     def _start(self, now: Fit, name: str, alone: bool) -> Effect:
         """The effect at the size that its score promises, or where it is one of several, a small one."""
         score = self.last[name]
-        u = now.samples.extent(now.model).u_max
         if alone and score.lm > 0.0:
             return score.best.at(score.sizes)
-        shares = CATALOGUE[name].begins
-        if any(shares.values()):
-            return effect(name, **{k: share * (u or now.inertia) for k, share in shares.items()})
+        if any(CATALOGUE[name].begins.values()):
+            begun: Effect = effect(name).at_beginning(now.samples.extent(now.model))
+            return begun
         return score.best.at(tuple(0.1 * s for s in score.sizes))
 
     # choosing ------------------------------------------------------------------------------------------------

@@ -45,10 +45,13 @@ def first_fits(samples: Samples, model: Model, names: Sequence[str]) -> list[Fit
 def with_common(samples: Samples, begun: Model, names: Sequence[str]) -> Fit:
     """The fit of a model, begun at a guess of its numbers, beside the friction and the offset that it may lack."""
     names, given = tuple(names), {e.name for e in begun.effects}
-    largest = samples.extent(begun).u_max or float(begun.inertia())
+    braked = begun.damping in names
+    extent = samples.extent(begun)
     more: tuple[str, ...] = ()
     for kind in (CATALOGUE[name] for name in COMMON if name not in given):
-        own: Effect = kind().with_parameters({key: share * largest for key, share in kind.begins.items()})
+        if braked and kind.brakes:
+            continue
+        own: Effect = kind().at_beginning(extent)
         begun = begun.with_effect(own)
         more += begun.names_of(own.name)
     found = fit_parameters(samples, begun, (*names, *more))

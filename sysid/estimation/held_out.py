@@ -180,7 +180,7 @@ def refit(response: Response, starts: Array | None = None, most: int = REFITS) -
     at = _linearised(response, x)
     cost, damping, stalled = _cost(at), np.zeros(len(x)), np.zeros(len(x), dtype=bool)
     for _ in range(most):
-        step, promised = _steps(at, damping)
+        step, promised = _steps(at, damping, response.reach)
         least = NEGLIGIBLE * np.maximum(1.0, 0.1 * cost)
         open_ = (promised > least) & ~stalled & (damping < 1e3)
         own = np.flatnonzero(open_)
@@ -195,7 +195,7 @@ def refit(response: Response, starts: Array | None = None, most: int = REFITS) -
         x = np.where(better[:, None], x + step, x)
         _replace(at, trial, own[better[own]], better[own])
         cost = np.where(better, after, cost)
-    basis = _triangle(at.S_x)[0]
+    basis = _triangle(at.S_x * response.reach)[0]
     return Refit(response, x, at, basis, np.sum(basis**2, axis=-1))
 
 
@@ -255,22 +255,22 @@ def _cost(at: Linearisation) -> Array:
     return cost
 
 
-def _steps(at: Linearisation, damping: Array) -> tuple[Array, Array]:
+def _steps(at: Linearisation, damping: Array, reach: float) -> tuple[Array, Array]:
     """Damped steps (K, 2) of the starts, at most 0.5 rad and 3 rad/s, and the decrease (K,) each promises undamped."""
-    basis, R = _triangle(at.S_x)
+    basis, R = _triangle(at.S_x * reach)
     e = np.where(np.isfinite(at.e), at.e, 0.0)
     along = np.einsum("krs,kr->ks", basis, e)
     theta = along[:, 1] / R[:, 1, 1]
     theta_dot = (along[:, 0] - R[:, 0, 1] * theta) / R[:, 0, 0]
     step = np.stack([theta, theta_dot], axis=-1) / (1.0 + damping[:, None])
-    return np.clip(step, [-0.5, -3.0], [0.5, 3.0]), 0.5 * np.sum(along**2, axis=1)
+    return reach * np.clip(step, [-0.5, -3.0], [0.5, 3.0]), 0.5 * np.sum(along**2, axis=1)
 
 
 def _triangle(S_x: Array) -> tuple[Array, Array]:
     """Orthonormal columns (K, R, 2), of the speed first, and the triangle (K, 2, 2) that takes them back.
 
     A speed that shows nowhere has no column, nor has an angle that the readings do not tell to half a radian beside
-    the speed: so far no linearisation reaches.
+    the speed: so far no linearisation reaches. S_x per reach of the log.
     """
     theta, theta_dot = S_x[..., 0], S_x[..., 1]
     speed = np.linalg.norm(theta_dot, axis=1)

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from sysid.data.record import Record
+from sysid.data.record import Record, extent_of
 from sysid.data.sensor import Sensor
 from sysid.estimation.smoothed_start import smooth_states
 from sysid.physics.model import Model
@@ -76,7 +76,9 @@ def _matched_servo(model: Model, names: Sequence[str], records: Sequence[Record]
     if servo is None or not read:
         return model
     grid = itertools.product(np.geomspace(SLOWEST, FASTEST / model.dt, FREQUENCIES), RATIOS)
-    _, g, w, z = min((*_unexplained(read, w, z), w, z) for w, z in grid)
+    # of an overdamped loop the faster mode has to be one that steps of dt follow
+    slow = [(w, z) for w, z in grid if w * (z + math.sqrt(max(z * z - 1.0, 0.0))) <= FASTEST / model.dt]
+    _, g, w, z = min((*_unexplained(model, read, w, z), w, z) for w, z in slow)
     stiffness = float(getattr(servo, servo.scale))
     moved = _with_ratios(model, names, {"1/J": w * w / stiffness} | ({"G/J": g * w * w} if g > 0.0 else {}))
     J = float(moved.inertia())
@@ -85,7 +87,7 @@ def _matched_servo(model: Model, names: Sequence[str], records: Sequence[Record]
     return moved.with_parameters(bounded)
 
 
-def _unexplained(records: Sequence[Record], w: float, z: float) -> tuple[float, float]:
+def _unexplained(model: Model, records: Sequence[Record], w: float, z: float) -> tuple[float, float]:
     """RMS of what a loop of natural frequency w and damping ratio z leaves of the angles, and g."""
     from scipy.signal import cont2discrete, lfilter
 
@@ -94,10 +96,15 @@ def _unexplained(records: Sequence[Record], w: float, z: float) -> tuple[float, 
     for r in records:
         theta = np.asarray(r.theta)[:-1]
         rest.append(theta - r.u[0] - lfilter(b.ravel(), a, r.u - r.u[0]))
-        loads.append(np.column_stack([np.sin(theta), np.ones(len(r))]))
+        loads.append(np.column_stack([_weight(model, theta), np.ones(len(r))]))
     A, e = np.concatenate(loads), np.concatenate(rest)
     found = np.linalg.lstsq(A, e, rcond=1e-9)[0]
     return float(np.sqrt(np.mean((e - A @ found) ** 2))), float(found[0])
+
+
+def _weight(model: Model, theta: Array) -> Array:
+    """The torque of gravity along theta, up to its size; none on what does not turn."""
+    return np.sin(theta) if model.plant.turns else np.zeros_like(theta)
 
 
 def _inside(model: Model, names: Sequence[str], scale: Array) -> list[float]:
@@ -111,7 +118,7 @@ def _inside(model: Model, names: Sequence[str], scale: Array) -> list[float]:
 
 def _ratios(model: Model, records: Sequence[Record], sensor: Sensor) -> dict[str, float]:
     """1/J [1/(kg m^2)] and G/J [1/s^2], where they are positive and three standard errors from 0."""
-    rows, targets, seen = [], [], 0
+    rows, targets, seen, reach = [], [], 0, extent_of(records, model.plant.turns).reach
     for record in records:
         if seen >= MOST:
             break
@@ -120,10 +127,16 @@ def _ratios(model: Model, records: Sequence[Record], sensor: Sensor) -> dict[str
         span = max(round(SPAN / part.dt), 1)
         if len(part) < 4 * span:
             continue
-        theta, theta_dot = smooth_states(part, sensor).T
+        theta, theta_dot = smooth_states(part, sensor, reach).T
         middle = 0.5 * (theta_dot[1:] + theta_dot[:-1])
         torque = model.torque(0.5 * (theta[1:] + theta[:-1]), middle, part.u)
-        columns = (np.sin(0.5 * (theta[1:] + theta[:-1])), torque, -middle, -np.sign(middle), np.ones(len(part)))
+        columns = (
+            _weight(model, 0.5 * (theta[1:] + theta[:-1])),
+            torque,
+            -middle,
+            -np.sign(middle),
+            np.ones(len(part)),
+        )
         rows.append(np.column_stack([part.dt * _sums(c, span) for c in columns])[::span])
         targets.append((theta_dot[span:] - theta_dot[:-span])[::span])
     if not rows:

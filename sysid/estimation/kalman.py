@@ -26,7 +26,7 @@ UNROLLED = 16
 """Instants that are one graph."""
 
 SPREAD = (3.0, 30.0)
-"""How far a record's first state may lie from where it is thought to be [rad], [rad/s]: anywhere."""
+"""How far a record's first state may lie from where it is thought to be, as multiples of the reach: anywhere."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,8 @@ class LinearSystem:
     x holds theta, theta_dot and the n - 2 states of the model's dynamic effects, which begin a record with an sd of
     `inner_sd` (n - 2,). A (M, n, n + 1), its third column of d, gap (M, n), H (M, 2, 2), r (M, 2): slopes and residuals
     in units of the sensor's sd, 0 where nothing was read. weight (M,) = 1 / sd of the angle's reading, follows (M,):
-    whether the next instant belongs to the same record. dt [s].
+    whether the next instant belongs to the same record. dt [s]. reach: what is a large way [rad], of which a record's
+    first state is thought to lie within the multiples SPREAD.
     """
 
     A: Array
@@ -49,6 +50,7 @@ class LinearSystem:
     follows: NDArray[np.bool_]
     dt: float
     inner_sd: tuple[float, ...] = ()
+    reach: float = 1.0
 
     @property
     def size(self) -> int:
@@ -83,8 +85,9 @@ class LinearSystem:
         columns, M, N = self._columns, len(self.r), self.size
         factor, increment, variance = disturbances.discrete(self.dt)
         first = np.zeros(_packed(N) + N)
-        first[_diagonal(N)] = [*np.square(SPREAD), *variance, *np.square(self.inner_sd)]
-        scale = np.concatenate([factor, increment, variance, np.square(self.inner_sd)])
+        start = [*np.square(np.multiply(SPREAD, self.reach)), *variance, *np.square(self.inner_sd)]
+        first[_diagonal(N)] = start
+        scale = np.concatenate([factor, increment, start])
         states, own = np.empty((len(columns) + 1, len(first))), np.empty((len(columns), 2 * N + 4))
         states[0] = first
         read = self.H[:, [0, 1], [0, 1]]
@@ -128,7 +131,7 @@ def _steps(N: int, own_state: bool, theta: bool, theta_dot: bool, coloured: bool
     """
     L, n = _packed(N), N - 2
     width, moving, driving = n * (n + 1) + n + 8, _moving(N), _driving(N)
-    state, column, scale = casadi.SX.sym("state", L + N), casadi.SX.sym("column", width), casadi.SX.sym("scale", N + 2)
+    state, column, scale = casadi.SX.sym("state", L + N), casadi.SX.sym("column", width), casadi.SX.sym("scale", N + 4)
     A, gap, rest = column[: n * (n + 1)], column[n * (n + 1) : n * (n + 2)], column[n * (n + 2) :]
     H, r, weight, follows = casadi.reshape(rest[:4], 2, 2).T, rest[4:6], rest[6], rest[7]
     P, m = casadi.tril2symm(casadi.SX(casadi.Sparsity.lower(N), state[:L])), state[L:]
@@ -155,9 +158,8 @@ def _steps(N: int, own_state: bool, theta: bool, theta_dot: bool, coloured: bool
             F[row, at] = A[i * (n + 1) + j] * follows
     m = casadi.mtimes(F, m) + offset
     nothing = casadi.SX(N - 4, 1)
-    start = casadi.vertcat(SPREAD[0] ** 2, SPREAD[1] ** 2, scale[4:])
     P = casadi.mtimes([F, P, F.T]) + casadi.diag(casadi.vertcat(0, 0, scale[2:4], nothing)) * follows
-    P = P + casadi.diag(start) * (1.0 - follows)
+    P = P + casadi.diag(scale[4:]) * (1.0 - follows)
     lower = casadi.densify(casadi.tril(P)).nz[[N * j + i for j in range(N) for i in range(j, N)]]
     K_1, K_2 = own
     said = casadi.vertcat(K_1[:N], K_2[:N], K_1[N], K_2[N], K_1[N + 1], K_2[N + 1])
@@ -173,7 +175,7 @@ def _steps(N: int, own_state: bool, theta: bool, theta_dot: bool, coloured: bool
         "ends", [state, several, scale], [states[-1], casadi.horzcat(*states[1:]), casadi.horzcat(*owns)], {"cse": True}
     )
     count = BLOCK // UNROLLED
-    inputs = [casadi.MX.sym("state", L + N), casadi.MX.sym("block", width, BLOCK), casadi.MX.sym("scale", N + 2)]
+    inputs = [casadi.MX.sym("state", L + N), casadi.MX.sym("block", width, BLOCK), casadi.MX.sym("scale", N + 4)]
     _, states, owns = ends.mapaccum(count).call([*inputs[:2], casadi.repmat(inputs[2], 1, count)])
     return casadi.Function("steps", inputs, [states, owns])
 

@@ -36,6 +36,7 @@ class Samples:
 
     def __init__(self, model: Model, records: Sequence[Record], sensor: Sensor) -> None:
         self.records, self.sensor, self.dt = check_records(model, records), sensor, model.dt
+        self._commands = extent_of(self.records, model.plant.turns)
         counts = np.array([len(r) + 1 for r in self.records])
         self.first = np.concatenate([[0], np.cumsum(counts)])
         self.number = np.repeat(np.arange(len(counts)), counts)
@@ -67,6 +68,11 @@ class Samples:
         self.weight[begin : begin + blind] = 0.0
 
     @property
+    def reach(self) -> float:
+        """What is a large way for this log [rad], as `Extent` says."""
+        return self._commands.reach
+
+    @property
     def readings(self) -> int:
         """How many readings there are."""
         return int(np.count_nonzero(self.weight))
@@ -74,17 +80,17 @@ class Samples:
     @cached_property
     def smoothed(self) -> Array:
         """States (M, 2) without any model of the machine: the smoothest motion that follows the readings."""
-        return np.concatenate([smooth_states(r, self.sensor) for r in self.records])
+        return np.concatenate([smooth_states(r, self.sensor, self.reach) for r in self.records])
 
     def extent(self, model: Model, kind: type[Effect] | None = None) -> Extent:
         """What the probes of an effect may depend on: u_max is the largest torque, of an input effect the largest
         command."""
-        commands = extent_of(self.records)
+        extent = self._commands._replace(inertia=float(model.inertia()))
         if model.actuator is None or (kind is not None and issubclass(kind, InputEffect)):
-            return commands
+            return extent
         theta, theta_dot = self.smoothed.T
         torque = model.torque(theta, theta_dot, self.drives(model)[:, 0])
-        return commands._replace(u_max=float(np.max(np.abs(torque[self.follows]))))
+        return extent._replace(u_max=float(np.max(np.abs(torque[self.follows]))))
 
     def drives(self, model: Model) -> Array:
         """Drive torques (M, S) [N m] of the intervals after the instants."""
@@ -191,8 +197,8 @@ class LinearisedModel:
         motion = motion.of_model(samples, model)
         self.samples, self.model, self.motion = samples, model, motion
         self.drives, self.seen = samples.drives(model), samples.read(model, motion.x)
-        h = np.maximum(motion.spread, [1e-7, *[1e-6] * (motion.spread.shape[1] - 1)])
-        size = h.shape[1]
+        size = motion.spread.shape[1]
+        h = np.maximum(motion.spread, samples.reach * np.array([1e-7, *[1e-6] * (size - 1)]))
         rows = np.zeros((1 + 2 * size, len(samples), size))
         for i in range(size):
             rows[1 + 2 * i, :, i], rows[2 + 2 * i, :, i] = h[:, i], -h[:, i]
@@ -204,7 +210,9 @@ class LinearisedModel:
         A[~samples.follows], gap[~samples.follows] = 0.0, 0.0
         self.ahead = (0, 0)
         H, r = self._readings()
-        self.system = LinearSystem(A, gap, H, r, samples.weight[:, 0], samples.follows, samples.dt, model.inner_sd)
+        self.system = LinearSystem(
+            A, gap, H, r, samples.weight[:, 0], samples.follows, samples.dt, model.inner_sd, samples.reach
+        )
         # the first readings of a sensor that remembers show what was before the record
         self.unused = samples.readings - int(np.count_nonzero(np.any(H != 0.0, axis=2)))
 
@@ -358,7 +366,7 @@ class LinearisedModel:
         residual = (samples.y - self.seen) * samples.weight
         if not model.output_effects:
             return np.eye(2) * samples.weight[:, :, None], residual
-        h, t = 1e-6, samples.t - samples.t[0]
+        h, t = 1e-6 * samples.reach, samples.t - samples.t[0]
         one, zero = np.ones_like(t), np.zeros_like(t)
         shifts = np.stack([np.column_stack(v) for v in ((one, zero), (t, one), (0.5 * t * t, t))])
         shown = samples.read(model, np.concatenate([x + h * shifts, x - h * shifts]))
@@ -384,7 +392,7 @@ class LinearisedModel:
 def smoothed_motion(samples: Samples, size: float) -> Motion:
     """The smoothed readings as a motion, under no random acceleration yet; `size` [rad/s^2] is how large it may be."""
     M = len(samples)
-    return Motion(samples.smoothed, np.zeros(M), np.tile([1e-3, 0.05, size], (M, 1)))
+    return Motion(samples.smoothed, np.zeros(M), np.tile([1e-3 * samples.reach, 0.05 * samples.reach, size], (M, 1)))
 
 
 def level(samples: Samples) -> float:

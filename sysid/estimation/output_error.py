@@ -87,6 +87,11 @@ class Response:
     def _samples(self) -> Samples:
         return Samples(self.model, self.records, self.sensor)
 
+    @property
+    def reach(self) -> float:
+        """What is a large way for this log [rad], as `Extent` says."""
+        return self._samples.reach
+
     @cached_property
     def _first(self) -> Index:
         """The instants (K,) of the whole log at which the windows begin."""
@@ -172,7 +177,7 @@ class Response:
         """
         if not self.model.output_effects:
             return np.swapaxes(Z, 1, 2)
-        h, size = 1e-6, np.maximum(np.max(np.abs(Z), axis=(0, 1, 2)), 1.0)
+        h, size = 1e-6 * self.reach, np.maximum(np.max(np.abs(Z), axis=(0, 1, 2)), 1.0)
         direction = np.moveaxis(Z / size, -1, 0)
         up, down = (self.readings(states + s * direction, among) for s in (h, -h))
         slopes: Array = np.moveaxis((up - down) / (2.0 * h), 0, -1) * size

@@ -55,9 +55,12 @@ class Score:
 
 
 def scores(fit: Fit, names: Iterable[str] | None = None) -> dict[str, Score]:
-    """Score tests of all effects that the fitted model may lack, or of those named."""
-    found = candidates(fit.model, partial(fit.samples.extent, fit.model), names)
-    tested = (score(fit, alternatives) for alternatives in found.values())
+    """Score tests of all effects that the fitted model may lack, or of those named.
+
+    What brakes as the actuator's damping does is none of them where that is free.
+    """
+    found, braked = candidates(fit.model, partial(fit.samples.extent, fit.model), names), fit.model.damping in fit.names
+    tested = (score(fit, own) for name, own in found.items() if not (braked and CATALOGUE[name].brakes))
     return {score.name: score for score in tested if score is not None}
 
 

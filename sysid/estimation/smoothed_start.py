@@ -44,27 +44,27 @@ def _spread(p: Parameter, unit: float) -> float:
 
 
 @lru_cache(maxsize=256)
-def smooth_states(record: Record, sensor: Sensor, jerk: float = 60.0) -> Array:
+def smooth_states(record: Record, sensor: Sensor, reach: float = 1.0) -> Array:
     """States (N+1, 2) of a record without any model of it: the smoothest motion that follows the readings.
 
         min  sum |reading - state|^2 / sd^2  +  sum (a_(k+1) - a_k)^2 / (jerk^2 dt),    theta_ddot = a
 
-    with a constant over a step: a Kalman smoother (white noise of density `jerk` [rad/s^3 s^1/2] drives the
-    acceleration), written as one banded least-squares problem.
+    with a constant over a step: a Kalman smoother (white noise of density jerk = 60 reach [rad/s^3 s^1/2] drives the
+    acceleration, reach as in `Extent`), written as one banded least-squares problem.
     """
-    n, dt = len(record), record.dt
+    n, dt, jerk = len(record), record.dt, 60.0 * reach
     normal = _NormalEquations(3 * (n + 1))
     for reading in sensor.readings(record):
         offset = 0 if reading.channel == "theta" else 1
         normal.add([3 * reading.index + offset], [1.0], reading.sd, reading.value)
     k = 3 * np.arange(n)
-    exact = 1e-3
+    exact = 1e-3 * reach
     normal.add([k, k + 1, k + 2, k + 3], [1.0, dt, 0.5 * dt * dt, -1.0], exact * dt)
     normal.add([k + 1, k + 2, k + 4], [1.0, dt, -1.0], exact)
     normal.add([k + 2, k + 5], [1.0, -1.0], jerk * math.sqrt(dt))
     # without any reading of the angle the start angle is arbitrary; hanging is the likeliest. A pin that is much weaker
     # than the equations of motion would drown in their rounding
-    pinned = 1e3 if record.theta is not None and sensor.theta is not None else 1.0
+    pinned = 1e3 * reach if record.theta is not None and sensor.theta is not None else 1.0
     normal.add([np.array([0])], [1.0], pinned, math.pi)
     _, x, _ = dpbsv(normal.band, normal.right, lower=1)
     states: Array = np.asarray(x).reshape(-1, 3)[:, :2]

@@ -17,6 +17,7 @@ from sysid.estimation.prediction_error import Fit
 from sysid.estimation.prior import Prior, numbers_of
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
+from sysid.physics.parameters import Extent
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ class Settings:
     negligible: float = 0.05
     stride: float = 0.7
     patience: int = 12
-    wanders: float = 0.2
+    wanders: float = 0.5
     widest: tuple[float, float, float] = (0.05, 0.1, 0.5)
     smallest: float = 1e-5
     sizes: bool = True
@@ -60,7 +61,7 @@ DEFAULT = Settings()
 ASTRAY = 0.1
 """Deviance by which a fit that has not converged ends above its best, a reading, where it has lost its way."""
 CALM = 8
-"""Steps in turn that bring nothing after which a fit that goes to and fro has ended."""
+"""Steps that together bring nothing after which a fit that goes to and fro has ended."""
 QUICK = Settings(iterations=12, settled=0.15, negligible=0.5, angle_error=False)
 """For a candidate that is only compared with others."""
 
@@ -83,16 +84,17 @@ def fit_parameters(
         disturbances = near.disturbances if near else large_disturbances(samples)
     motion = (near.motion if near else smoothed_motion(samples, disturbances.s)).of_model(samples, model)
     known = (near.prior, near.names) if near else (None, ())
-    prior = Prior.of(model, names, settings.vague, settings.torque * largest_torque(samples, model), *known)
-    limits = _Limits.of(samples, model, names, prior, settings)
-    before, converged, restless, calm = math.inf, False, settings.sizes, 0
+    extent = shown_extent(samples, model)
+    prior = Prior.of(model, names, settings.vague, settings.torque * extent.u_max, *known)
+    limits = _Limits.of(samples, model, names, prior, settings, extent)
+    before, began, converged, restless, calm = math.inf, math.inf, False, settings.sizes, 0
     best: Fit | None = None
     for k in range(settings.iterations):
         linearised = LinearisedModel(samples, model, motion)
         here = linearised.system.filter(disturbances)
         if k > 0 and settings.sizes and (restless or k % 4 == 3):
             likelier = likelihood_ascent(here, limits.floor, settings.angle_error)
-            restless = here.deviance - likelier.deviance > DEFAULT.negligible
+            restless = here.deviance - likelier.deviance > settings.negligible
             here, disturbances = likelier, likelier.disturbances
         if best is not None and not math.isfinite(here.deviance):
             return best
@@ -104,8 +106,14 @@ def fit_parameters(
         if k >= 2 and not restless and moved < settings.settled and abs(here.deviance - before) < settings.negligible:
             converged = True
             break
-        calm = calm + 1 if moved < settings.wanders and abs(here.deviance - before) < 1.0 else 0
         before = here.deviance
+        if moved < settings.wanders and abs(before - began) < 1.0:
+            calm += 1
+            if calm >= CALM:
+                converged = True
+                break
+        else:
+            calm, began = 0, before
         if best is None or before < best.filter.deviance:
             best = Fit(samples, linearised.model, names, linearised, here, Z, prior, False)
         # slopes that go on changing with the filter's sd would never let friction's numbers settle
@@ -116,7 +124,7 @@ def fit_parameters(
         model = model.with_parameters(dict(zip(names, numbers.tolist(), strict=True)))
     if best is not None and not converged and here.deviance > best.filter.deviance + ASTRAY * samples.readings:
         return best
-    return Fit(samples, linearised.model, names, linearised, here, Z, prior, converged or calm >= CALM)
+    return Fit(samples, linearised.model, names, linearised, here, Z, prior, converged)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,13 +145,21 @@ class _Limits:
     floor: Array
 
     @classmethod
-    def of(cls, samples: Samples, model: Model, names: Sequence[str], prior: Prior, settings: Settings) -> _Limits:
+    def of(
+        cls,
+        samples: Samples,
+        model: Model,
+        names: Sequence[str],
+        prior: Prior,
+        settings: Settings,
+        extent: Extent,
+    ) -> _Limits:
         """Those of a model on the samples of a log, beside what is known of its numbers."""
         size = level(samples)
         low, high = (np.array([model.parameters[n].bounds[side] for n in names]) for side in (0, 1))
-        reach = np.array([_reach(model, n, typical) for n, typical in zip(names, prior.mean, strict=True)])
+        reach = np.array([_reach(model, n, typical, extent) for n, typical in zip(names, prior.mean, strict=True)])
         typical_speed = float(np.std(samples.smoothed[:, 1]))
-        widest = np.array([*np.array(settings.widest) * [1.0, typical_speed, size], *model.inner_sd])
+        widest = np.array([*np.array(settings.widest) * [samples.reach, typical_speed, size], *model.inner_sd])
         floor = np.log([settings.smallest * size, settings.smallest * max(_angle_sd(samples), 1e-12)])
         return cls(low, high, prior.positive, reach, widest, floor)
 
@@ -185,7 +201,7 @@ def bounded_step(Z: Array, e: Array, low: Array, high: Array) -> Array:
             break
         rest = e - Z @ np.where(free, 0.0, step)
         scaled = Z[:, at] / size[at]
-        step[at] = np.linalg.lstsq(scaled, rest, rcond=1e-9)[0] / size[at]
+        step[at] = np.linalg.lstsq(scaled, rest, rcond=1e-6)[0] / size[at]
         outside = free & ((step < low) | (step > high))
         if not np.any(outside):
             break
@@ -199,9 +215,10 @@ def large_disturbances(samples: Samples) -> Disturbances:
     return Disturbances(0.3 * level(samples), sigma_o=_angle_sd(samples))
 
 
-def largest_torque(samples: Samples, model: Model) -> float:
-    """The largest torque that a log shows [N m]: the drive's, or what its accelerations take."""
-    return max(samples.extent(model).u_max, float(model.inertia()) * level(samples))
+def shown_extent(samples: Samples, model: Model) -> Extent:
+    """The extent of a log, with the largest torque that it shows: the drive's, or what its accelerations take."""
+    extent = samples.extent(model)
+    return extent._replace(u_max=max(extent.u_max, float(model.inertia()) * level(samples)))
 
 
 def _angle_sd(samples: Samples) -> float:
@@ -210,10 +227,11 @@ def _angle_sd(samples: Samples) -> float:
     return float(1.0 / np.max(weight)) if np.mean(weight > 0.0) > 0.5 else 0.0
 
 
-def _reach(model: Model, name: str, typical: float) -> float:
+def _reach(model: Model, name: str, typical: float, extent: Extent) -> float:
     """Over which change of a number its effect may be nowhere near linear; inf for one without bounds above, such as a
     friction, in which the motion is linear enough."""
     p = model.parameters[name]
     if name not in model.plant.parameters and math.isinf(p.bounds[1]):
         return math.inf
-    return max(abs(typical), 0.0 if name in model.plant.parameters else 0.1 * min(p.bounds[1] - p.bounds[0], 1.0))
+    own = 0.0 if name in model.plant.parameters else 0.1 * min(p.bounds[1] - p.bounds[0], p.large(extent))
+    return max(abs(typical), own)

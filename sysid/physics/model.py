@@ -116,6 +116,12 @@ class Model:
         return next((e for e in self.effects if isinstance(e, Actuator)), None)
 
     @property
+    def damping(self) -> str:
+        """The name of the parameter by which the actuator brakes the joint; empty where there is none."""
+        own = self.actuator
+        return f"{own.name}.{own.damping}" if own is not None and own.damping else ""
+
+    @property
     def command_unit(self) -> str:
         """The unit of the command."""
         return self.plant.unit("N m" if self.actuator is None else self.actuator.unit)

@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -21,11 +22,18 @@ NEVER = 1e5
 
 
 class Extent(NamedTuple):
-    """What a probe may depend on: dt [s], the longest rollout [s], the largest |u| [N m] of a log."""
+    """What a probe may depend on: dt [s], the longest rollout [s], the largest |u| [N m] of a log, its reach, and the
+    inertia [kg m^2] of the model.
+
+    The reach is what a radian is to a joint, a large way: for an axis half of its travel [m], so that no answer depends
+    on whether positions came in metres.
+    """
 
     dt: float
     duration: float
     u_max: float
+    reach: float = 1.0
+    inertia: float = 1.0
 
 
 Probe: TypeAlias = float | Sequence[float] | Callable[[Extent], Sequence[float]] | None
@@ -39,7 +47,8 @@ class Parameter:
     "coulomb.tau_c".
     `neutral` is the value at which the effect that owns it changes nothing (None: there is no such value, it is a
     shape). `probe` are values to try it at: numbers, or a function of the Extent of a log that gives them. A `known`
-    one is looked up rather than fitted, as gravity is: a fit leaves it alone unless it is asked for.
+    one is looked up rather than fitted, as gravity is: a fit leaves it alone unless it is asked for. `angles` is the
+    power of the angle in the unit that was declared: 1 in "rad/s", -2 in "N m s^2/rad^2".
     """
 
     name: str
@@ -51,25 +60,32 @@ class Parameter:
     known: bool = False
     owner: str = ""
     field: str = ""
+    angles: int = 0
 
     def probes(self, extent: Extent) -> tuple[float, ...]:
         """Values within the bounds to try this parameter at on a log of that extent.
 
-        Where none is declared: a hundredth beside neutral, of u_max where the unit is a torque's or a force's.
+        Where none is declared: a hundredth of what is large, beside neutral. What is declared in radians are shares of
+        the log's reach.
         """
         chosen = self.probe(extent) if callable(self.probe) else self.probe
+        numbers = chosen if isinstance(chosen, Sequence) else (chosen,) if chosen is not None else ()
+        numbers = [extent.reach**self.angles * float(number) for number in numbers]
         if chosen is None:
-            size = extent.u_max if extent.u_max > 0.0 and self.unit.startswith("N") else 1.0
-            chosen = float(self.value) if self.neutral is None else self.neutral + 0.01 * size
-        numbers = chosen if isinstance(chosen, Sequence) else (chosen,)
+            numbers = [float(self.value) if self.neutral is None else self.neutral + 0.01 * self.large(extent)]
         low, high = self.bounds
-        within = dict.fromkeys(min(max(float(number), low), high) for number in numbers)
+        within = dict.fromkeys(min(max(number, low), high) for number in numbers)
         return tuple(number for number in within if number != self.neutral)
 
     @property
     def scale(self) -> float:
         """A typical size: the number itself; at zero a tenth of the bounds' width, or 0.1 where that is above 1."""
         return abs(float(self.value)) or 0.1 * min(self.bounds[1] - self.bounds[0], 1.0)
+
+    def large(self, extent: Extent) -> float:
+        """A large number of its unit on a log of that extent: 1, but for its angles, torques and inertias."""
+        own = extent.inertia if self.unit.startswith("kg") else extent.u_max if self.unit.startswith("N") else 1.0
+        return (own or 1.0) * extent.reach**self.angles
 
     @property
     def never(self) -> bool:
@@ -162,9 +178,16 @@ class Parametric:
             if _KEY in field.metadata:
                 name, own = field.name, field.metadata[_KEY]
                 own = own | {"bounds": self.bounds[name]} if name in self.bounds else own
-                found[name] = Parameter(name, getattr(self, name), field=name, **own)
+                angles = _power_of_angle(own["unit"])
+                found[name] = Parameter(name, getattr(self, name), field=name, angles=angles, **own)
         return found
 
     def with_parameters(self, values: Mapping[str, Value]) -> Any:
         """The same part holding other numbers: floats, arrays, CasADi symbols or tensors."""
         return dataclasses.replace(self, **values) if values else self
+
+
+@cache
+def _power_of_angle(unit: str) -> int:
+    above, _, below = unit.replace("rad^2", "rad rad").partition("/")
+    return above.count("rad") - below.count("rad")

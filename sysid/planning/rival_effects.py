@@ -90,7 +90,8 @@ def hypotheses_of(
     if not base.names:
         raise InvalidInput("nothing is free beside the rivals: name at least one parameter of the plant")
     limits = conditions.limits
-    possible = candidates(bare, lambda kind: Extent(model.dt, limits.duration, limits.u_max), names)
+    extent = Extent(model.dt, limits.duration, limits.u_max, inertia=float(bare.inertia()))
+    possible = candidates(bare, lambda kind: extent, names)
     for name in names:
         if name not in possible:
             raise InvalidInput(f"{name} cannot stand beside the model's own effects: it cannot be a rival")

@@ -229,3 +229,17 @@ def test_bad_input_is_one_sentence(call: object, says: str) -> None:
     with pytest.raises(InvalidInput, match=says) as caught:
         call()  # type: ignore[operator]
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("unit", [1.0, 1024.0, 1.0 / 1024.0])
+def test_the_unit_of_an_axis_does_not_matter(unit: float) -> None:
+    """A fit from far off, in metres or otherwise, ends at the same machine."""
+    truth = Model(LinearAxis(m=0.4), (Viscous(b=0.5), Coulomb(tau_c=0.05)), dt=DT)
+    records = [
+        replace(r, theta=unit * np.asarray(r.theta), theta_dot=unit * np.asarray(r.theta_dot)) for r in logs(truth)
+    ]
+    bounds = {"m": (1e-6, 1e6)}
+    estimate = fit(Model(LinearAxis(m=1.0 / unit, bounds=bounds), (Viscous(), Coulomb()), dt=DT), records)
+    assert estimate.success
+    for name, value in {"m": 0.4 / unit, "viscous.b": 0.5 / unit, "coulomb.tau_c": 0.05}.items():
+        assert abs(estimate.values[name] - value) < 4.0 * estimate.sd[name] < 0.1 * value, name

@@ -245,12 +245,16 @@ def test_a_register_that_lost_its_sign_gets_it_back(tmp_path):
     np.testing.assert_array_equal(whole[0].u, np.arange(len(signed) - 1) * 40.0)
 
 
-def test_logs_of_different_rates_are_refused_until_a_rate_is_given(tmp_path):
+def test_logs_of_several_rates_are_read_at_that_of_the_slowest(tmp_path):
     slow, fast = rollouts()[0], rollouts(model=replace(MODEL, dt=0.005))[0]
     paths = [write(tmp_path / f"{name}.csv", table(r)) for name, r in (("slow", slow), ("fast", fast))]
-    with pytest.raises(InvalidInput, match="fast is sampled at 200 Hz and slow at 50 Hz: expected one rate"):
-        read(paths)
-    assert [r.dt for r in read(paths, dt=0.02)] == pytest.approx([0.02, 0.02])
+    log = read(paths)
+    assert [r.dt for r in log] == pytest.approx([0.02, 0.02])
+    assert "resampled from 50-200 Hz to 50 Hz" in str(log)
+    np.testing.assert_array_equal(log[0].theta, slow.theta)
+    milliseconds = write(tmp_path / "ms.csv", table(fast) | {"t": 1000.0 * fast.t})
+    with pytest.raises(InvalidInput, match=r"slow is sampled at 50 Hz and ms at 0.2 Hz: .* check time_unit"):
+        read([*paths[:1], milliseconds], time_unit="s")
 
 
 def test_too_many_rows_are_refused_before_they_are_read(tmp_path, monkeypatch):

@@ -1,5 +1,6 @@
 """Parameters: fields with unit and bounds, checked wherever they hold numbers."""
 
+import dataclasses
 import math
 
 import casadi as ca
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from sysid import Delay, Extent, InvalidInput, Parameter, RodPendulum, Viscous
+from sysid import Delay, Drag, Extent, InvalidInput, Parameter, RodPendulum, Stribeck, TorqueSpeedLimit, Viscous
 
 
 def test_a_field_knows_its_unit_bounds_and_neutral_value():
@@ -76,5 +77,20 @@ def test_probes_are_numbers_or_a_function_of_the_log():
         assert Parameter("x", 0.0, unit, (0.0, 9.0), neutral=0.5).probes(extent) == pytest.approx((0.5 + step,))
         assert Parameter("x", 0.0, unit, (0.0, 9.0), neutral=0.5).probes(extent._replace(u_max=0.0)) == (0.51,)
     assert Parameter("x", 4.0, "N m", (0.0, 9.0)).probes(extent) == (4.0,)
+    rotor = Parameter("x", 0.0, "kg m^2", (0.0, 9.0), neutral=0.0)
+    assert rotor.probes(extent._replace(inertia=1e-5)) == pytest.approx((1e-7,)), "as small as the machine"
     assert Parameter("x", 4.0, "N m", (0.0, 9.0), probe=(1, 2)).probes(extent) == (1.0, 2.0)
     assert Parameter("x", 4.0, "s", (0.0, 9.0), probe=lambda e: (e.dt, e.duration)).probes(extent) == (0.02, 8.0)
+
+
+def test_what_is_declared_in_radians_are_shares_of_the_reach():
+    extent = Extent(dt=0.02, duration=8.0, u_max=3.0, reach=0.01)
+    for kind, name, declared, power in (
+        (Stribeck, "v_s", (0.5, 1.0), 1),
+        (TorqueSpeedLimit, "k", (3.0, 6.0), -1),
+        (Drag, "c", (0.03,), -2),
+        (Delay, "T", (0.1,), 0),
+    ):
+        p = dataclasses.replace(kind().parameters[name], probe=declared)
+        assert p.angles == power
+        assert p.probes(extent) == pytest.approx(tuple(number * 0.01**power for number in declared))

@@ -132,6 +132,7 @@ class BackEmf(JointEffect):
     formula = "tau = -k theta_dot, while the driver is on"
     confused = ("viscous", "drag", "load_friction", "torque_speed_limit")
     friction = True
+    brakes = True
     k: Value = parameter(0.0, unit="N m s/rad", bounds=(0.0, math.inf), neutral=0.0)
 
     def torque(self, joint: Joint) -> Value:

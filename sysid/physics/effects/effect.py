@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.physics.ops import Value
-from sysid.physics.parameters import NEVER, Parametric
+from sysid.physics.parameters import NEVER, Extent, Parametric
 from sysid.physics.plants import Plant
 
 Memory = tuple[Value, ...]
@@ -74,8 +74,9 @@ class Effect(Parametric):
     refines    simpler effects, alone or together, that explain most of what it explains: it has to beat each
     precedence where a log cannot tell effects apart, the one of the highest stands for them: the log's own convention
                before any machine's; 0: it stands for itself
-    begins     its numbers where a fit begins without knowing them, as shares of the largest torque
+    begins     its numbers where a fit begins without knowing them, as shares of what is large (`Parameter.large`)
     inertial   whether it shows in the motion as another inertia does: a payload tells it, no torque does
+    brakes     whether it is a torque against the speed and proportional to it, as the damping of an actuator is
     """
 
     words: ClassVar[str] = ""
@@ -89,6 +90,7 @@ class Effect(Parametric):
     precedence: ClassVar[int] = 0
     begins: ClassVar[Mapping[str, float]] = {}
     inertial: ClassVar[bool] = False
+    brakes: ClassVar[bool] = False
 
     def __init_subclass__(cls, **keywords: Any) -> None:
         super().__init_subclass__(**keywords)
@@ -114,6 +116,11 @@ class Effect(Parametric):
         return bool(sized) and all(
             float(p.value) == p.neutral or (p.never and abs(float(p.value)) >= NEVER) for p in sized
         )
+
+    def at_beginning(self, extent: Extent) -> Any:
+        """The same effect with its numbers where a fit begins that does not know them, on a log of that extent."""
+        shown = extent._replace(u_max=extent.u_max or extent.inertia)
+        return self.with_parameters({k: share * self.parameters[k].large(shown) for k, share in self.begins.items()})
 
     def at_neutral(self) -> Any:
         """The same effect with its parameters at the values at which it changes nothing."""

@@ -28,6 +28,7 @@ class Viscous(JointEffect):
     formula = "tau = -b theta_dot"
     confused = ("back_emf", "drag", "asymmetric_viscous", "load_friction", "coulomb")
     friction = True
+    brakes = True
     b: Value = parameter(0.0, unit="N m s/rad", bounds=(0.0, math.inf), neutral=0.0)
 
     def torque(self, joint: Joint) -> Value:

@@ -9,7 +9,6 @@ import numpy as np
 
 from sysid.physics import ops
 from sysid.physics.effects.effect import Array, DryFriction, Joint, JointEffect
-from sysid.physics.effects.probes import of_largest
 from sysid.physics.ops import Value
 from sysid.physics.parameters import parameter
 
@@ -129,7 +128,7 @@ class RotorInertia(JointEffect):
     inertial = True
     formula = "(J + J_r) theta_ddot = ..."
     confused = ("torque_gain",)
-    J_r: Value = parameter(0.0, unit="kg m^2", bounds=(0.0, math.inf), neutral=0.0, probe=of_largest(0.01))
+    J_r: Value = parameter(0.0, unit="kg m^2", bounds=(0.0, math.inf), neutral=0.0)
 
     def inertia(self) -> Value:
         return self.J_r
