@@ -21,7 +21,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from study.figure_style import ACCENT, COLOURS, PAPER_WHITE, annotate_beside, panels_abreast, save_figure, width_colours
+from study.figure_style import (
+    ACCENT,
+    COLOURS,
+    PAPER_WHITE,
+    annotate_beside,
+    keep_apart,
+    panels_abreast,
+    save_figure,
+    width_colours,
+)
 from study.formatting import number, percent
 from study.paper.published_numbers import CellSummary
 from study.paper.reference_controllers import LQR, OPTIMAL, SWING_UP
@@ -153,6 +162,7 @@ def paretos(sides: Mapping[str, Summaries], references: Mapping[str, float]) -> 
     reference_lines(panels, references, min(c.mean for side in sides.values() for c in side.values()))
     panels[0].set_ylabel("best mean return at a budget (± SEM)")
     figure.supxlabel("rollouts measured, n", fontsize=10.0, color="0.15")
+    keep_apart(figure)
     return figure
 
 
@@ -169,16 +179,16 @@ def _pareto(axes: Axes, cells: Summaries) -> None:
     breadth = first, max(w for n, w in cells if n == first)
     fidelity = last, min(w for n, w in cells if n == last)
     without = ("pure breadth" if breadth[1] else "no data") if first == 0 else "least data"
-    for (n, w), name, style, shift in ((fidelity, "pure fidelity", "--", -34), (breadth, without, ":", 10)):
-        axes.axhline(cells[n, w].mean, color="0.35", linestyle=style, linewidth=1.0, zorder=1)
-        text, across = f"{name}, n = {n}, w = {w:g}: {number(cells[n, w].mean)}", axes.get_yaxis_transform()
-        annotate_beside(axes, text, (0.98, cells[n, w].mean), (0, shift), xycoords=across, ha="right", color="0.35")
     means, errors = ([getattr(cells[key], name) for key in best.values()] for name in ("mean", "sem"))
     axes.errorbar(list(best), means, errors, color=OURS, marker="o", markersize=6, linewidth=1.8, capsize=3, zorder=3)
     for (n, w), mean, error in zip(best.values(), means, errors, strict=True):
         low, right = 0.0 if math.isnan(error) else error, n == last
         annotate_beside(axes, f"w* = {w:g}", (n, mean - low), (5, -16 if right else -5), va="top", color="0.2",
                ha="right" if right else "left", bbox=PAPER_WHITE)  # fmt: skip
+    for (n, w), name, style, shift in ((fidelity, "pure fidelity", "--", -34), (breadth, without, ":", 10)):
+        axes.axhline(cells[n, w].mean, color="0.35", linestyle=style, linewidth=1.0, zorder=1)
+        text, across = f"{name}, n = {n}, w = {w:g}: {number(cells[n, w].mean)}", axes.get_yaxis_transform()
+        annotate_beside(axes, text, (0.98, cells[n, w].mean), (0, shift), xycoords=across, ha="right", color="0.35")
 
 
 SMOOTH = 10
