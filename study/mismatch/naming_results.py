@@ -130,6 +130,7 @@ def naming_table(rows: Sequence[NamingResult]) -> NamingTable:
     found, budgets = naming_rates(rows), tuple(sorted({row.n for row in rows}))
 
     def cell(plant: str, n: int) -> str:
+        """The text of a plant and a budget; empty where it was not measured."""
         if (plant, n) not in found:
             return ""
         rate, errors = found[plant, n], naming_errors(rows, plant, n)

@@ -190,6 +190,7 @@ class SweepPopulation(PopulationTask):
         return self.cells
 
     def population(self) -> Population:
+        """The agents of the cells, each on its band about its estimate, before their first step."""
         from policies import SACPopulation
 
         points = [self.plan.point(cell.point) for cell in self.cells]

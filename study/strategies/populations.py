@@ -123,6 +123,7 @@ class AgentPopulation(PopulationTask):
         return self.plan.plants
 
     def population(self) -> Population:
+        """The agents on the machines and draws of their setups, before their first step."""
         setups = [training_setup_of(agent.setup) for agent in self.agents]
         drawn, seeds = [setup.drawn for setup in setups], [agent.seed for agent in self.agents]
         machine = together(setups, self.device)
@@ -185,6 +186,7 @@ class PlantPopulation(AgentPopulation):
         return dataclasses.replace(self.plan, algorithm="sac", steps=self.agents[0].rollouts * task.HORIZON)
 
     def population(self) -> Population:
+        """The learners on their hidden plant, with the networks that they begin with."""
         model = oracle(self.plants[0])
         seeds, drawn = [agent.seed for agent in self.agents], [Fixed()] * len(self.agents)
         settings = sac_settings(self.settings)
