@@ -16,8 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
+from study.paper.finished_runs import Outcomes, read_published, read_runs
 from study.paper.published_numbers import Spot
-from study.paper.published_runs import Outcomes, read_published, read_runs
 from study.statistics import paired_t, sem
 from sysid import InvalidInput
 

@@ -21,8 +21,8 @@ import numpy as np
 
 from study.formatting import number, signed
 from study.paper import published_numbers as paper
+from study.paper.finished_runs import Outcomes
 from study.paper.published_numbers import BASELINE, CELLS, DIFFERENCES, CellSummary, PublishedContrast, Spot
-from study.paper.published_runs import Outcomes
 from study.statistics import Contrast, holm, paired_bootstrap, paired_t, student, welch
 
 MARGIN = 20.0

@@ -1,7 +1,7 @@
 """Finished runs from elsewhere: the results.sqlite of another study, or a runs.csv, also the paper's own summary.csv.
 
 A run is taken up only where it is one of the preset's and its estimate is the one that this code finds from the same
-rollouts. A table has no episodes and no learning curves: mean and sd stand for the episodes, and the curve is empty.
+rollouts. A table has no episodes and no learning curves.
 Reference controllers that were rated with these runs are taken up, too.
 """
 
@@ -15,10 +15,9 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+from study.paper.finished_runs import RUNS, Run, read_rows
 from study.paper.presets import Cell, Point, Preset, Theta
-from study.paper.published_runs import RunRow
 from study.paper.reference_controllers import RATINGS, Rating, Reference
-from study.paper.runs import RUNS, Run, RunSummary
 from study.pipeline.database import META, check_tables, readable
 from study.pipeline.population_task import sac_settings
 from study.pipeline.tables import read_table
@@ -29,9 +28,6 @@ LARGEST_IMPORT = 1 << 32
 """Bytes of a results.sqlite."""
 TOLERANCE = 1e-6
 """Largest difference of m [kg] and of l [m] between an estimate and the imported one."""
-
-NOTHING_KNOWN: dict[str, Any] = {"id_error": math.nan, "returns": (), "curve": (), "settings": {}, "versions": {}}
-"""Of the making of a run in a table."""
 
 Estimates = Mapping[tuple[str, int, int], Theta]
 """theta_hat by (point, n, seed)."""
@@ -49,9 +45,7 @@ def import_runs(file: Path, preset: Preset, estimates: Estimates) -> list[Run]:
             raise InvalidInput(f"{file}, {place} ({run.cell}) does not belong to {preset.name!r}: {problem}")
         theta = estimates[run.cell.point, run.cell.n, run.cell.seed]
         truth = preset.point(run.cell.point).truth
-        runs[run.cell] = replace(
-            run, population=-1, theta_hat=theta, id_error=math.dist(theta, truth), imported=file.name
-        )
+        runs[run.cell] = replace(run, theta_hat=theta, id_error=math.dist(theta, truth), imported=file.name)
     return list(runs.values())
 
 
@@ -134,17 +128,7 @@ def _database(file: Path) -> Iterator[tuple[str, Run]]:
 
 def _table(file: Path, preset: Preset) -> Iterator[tuple[str, Run]]:
     """(line, run) of a CSV file."""
-    for line, row in enumerate(read_table(RunRow, file, "runs"), 2):
-        if not row.point and len(preset.points) > 1:
+    for line, run in enumerate(read_rows(file, "" if len(preset.points) > 1 else preset.points[0].name), 2):
+        if not run.cell.point:
             raise InvalidInput(f"{file} has no column 'point': expected the points of {preset.name!r} in it")
-        yield (
-            f"line {line}",
-            Run(
-                cell=Cell(row.point or preset.points[0].name, row.n, row.w, row.seed),
-                population=-1,
-                theta_hat=(row.theta_hat_mass, row.theta_hat_length),
-                **NOTHING_KNOWN,
-                seconds=row.wall_time_s,
-                summary=RunSummary(row.eval_return_mean, row.eval_return_std, row.eval_return_fresh),
-            ),
-        )
+        yield f"line {line}", run

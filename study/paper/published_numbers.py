@@ -3,7 +3,7 @@
 Rizvi and Tomar, "How Should a Simulation-to-Reality Transfer Budget Be Spent?", First Workshop on Sim2Real and
 Classical Control, IROS 2026 (submitted). Where the text prints a number it stands here as printed. Means, errors and
 medians of cells, and errors of contrasts, are aggregates of the authors' per-run files (results/*.csv at URL), which
-are not shipped here; `study.paper.published_runs` reads them.
+are not shipped here; `study.paper.finished_runs` reads them.
 """
 
 from __future__ import annotations

@@ -17,10 +17,10 @@ from study.figure_style import save_figure
 from study.paper import claims, publication_figures
 from study.paper.agreement import Agreement
 from study.paper.claims import Claim
+from study.paper.finished_runs import Outcomes, outcomes, read_runs
 from study.paper.identification_scatter import Scatter
 from study.paper.presets import PRESETS, Preset
 from study.paper.published_numbers import CELLS, EPISODES, POINTS, ROBUSTNESS, SEEDS, URL, Spot
-from study.paper.published_runs import Outcomes, RunOutcome, outcomes, read_runs
 from study.paper.reference_controllers import OPTIMAL
 from study.paper.saturation_budget import budget_curves, paragraph
 from study.paper.sweep_figures import heatmaps, paretos
@@ -79,11 +79,7 @@ def reproduce(
     fresh_optimum: of such seeds, at the main plant, from start states that no two seeds share."""
     preset = found[0].preset
     base = PRESETS.get(preset.companion or "", preset)
-    own = outcomes(
-        (Spot(*run.cell[:3]), run.cell.seed, RunOutcome(run.mean, run.id_error, run.theta_hat, run.fresh_mean))
-        for answer in found
-        for run in answer.runs
-    )
+    own = outcomes(run for answer in found for run in answer.runs)
     siblings, notes = _siblings(preset, base, folder)
     ours = own
     for name, runs in siblings.items():

@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from policies.evaluation import Evaluation, evaluate, fresh_start_states, start_states
+from policies.evaluation import evaluate, fresh_start_states, start_states
+from study.paper.finished_runs import RUNS, Run
 from study.paper.presets import Cell, Point, Preset, Theta
 from study.paper.protocol import PaperRollout, averaged_sensor, paper_model, paper_rollouts, transitions
 from study.pipeline.executor import BriefTask
@@ -99,66 +100,6 @@ def identified(point: Point, seed: int, progress: Callable[[float], None]) -> li
     return answer
 
 
-class RunSummary(NamedTuple):
-    """What a table keeps of a run's episodes: mean and sd (divided by E) of the returns; fresh_mean may be nan."""
-
-    mean: float
-    std: float
-    fresh_mean: float = math.nan
-
-
-@dataclass(frozen=True)
-class Run:
-    """A finished cell, with everything its number depends on.
-
-    theta_hat (m [kg], l [m]); id_error = ||theta_hat - truth||; returns (E,) from the paper's start states, and
-    fresh_returns (E,) from start states that no other seed shares; curve: (env steps done, return) of the training
-    episodes; seconds: the run's share of its population's time.
-
-    A run that was taken up from elsewhere says in `imported` from which file; where that is a table, `summary` stands
-    for the episodes and the curve is empty.
-    """
-
-    cell: Cell
-    population: int
-    theta_hat: Theta
-    id_error: float
-    returns: tuple[float, ...]
-    curve: tuple[tuple[int, float], ...]
-    settings: dict[str, Any]
-    versions: dict[str, str]
-    seconds: float
-    fresh_returns: tuple[float, ...] = ()
-    imported: str = ""
-    summary: RunSummary | None = None
-
-    @property
-    def mean(self) -> float:
-        return self.summary.mean if self.summary else Evaluation(np.array(self.returns)).mean
-
-    @property
-    def std(self) -> float:
-        """Standard deviation over the episodes (divided by E)."""
-        return self.summary.std if self.summary else Evaluation(np.array(self.returns)).std
-
-    @property
-    def fresh_mean(self) -> float:
-        """Mean return from start states that no other seed shares; nan where it is not known."""
-        if self.summary:
-            return self.summary.fresh_mean
-        return Evaluation(np.array(self.fresh_returns)).mean if self.fresh_returns else math.nan
-
-
-RUNS = ResultTable(
-    "runs",
-    Run,
-    "point TEXT, n INTEGER, w REAL, seed INTEGER, population INTEGER, theta_hat_m REAL, theta_hat_l REAL, "
-    "id_error REAL, returns TEXT, curve TEXT, settings TEXT, versions TEXT, seconds REAL, fresh_returns TEXT, "
-    "imported TEXT, summary TEXT",
-    keys=4,
-)
-
-
 @dataclass(frozen=True)
 class SweepPopulation(PopulationTask):
     """The cells of one population.
@@ -218,9 +159,9 @@ class SweepPopulation(PopulationTask):
             }
             curve = tuple((int(step), float(value)) for step, value in curves[a])
             returns, fresh_returns = (tuple(own.returns.tolist()) for own in (answer, fresh))
-            error = math.dist(theta, point.truth)
-            made = settings, found, seconds, fresh_returns
-            runs.append(Run(cell, self.index, theta, error, returns, curve, *made))
+            made = returns, fresh_returns, curve, settings, found
+            reached = answer.mean, answer.std, fresh.mean
+            runs.append(Run(cell, theta, math.dist(theta, point.truth), *reached, seconds, *made))
         return runs
 
 

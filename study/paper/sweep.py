@@ -15,12 +15,12 @@ from typing import Any
 
 from rich.console import Console
 
+from study.paper.finished_runs import RUNS, Outcomes, read_published
 from study.paper.imported_runs import import_references, import_runs, is_database
 from study.paper.presets import Preset, Theta
-from study.paper.published_runs import Outcomes, read_published
 from study.paper.reference_controllers import RATINGS, REFERENCES, Designs, reference_tasks
 from study.paper.reproduction import REPRODUCTION_CAPTIONS
-from study.paper.runs import ESTIMATES, RUNS, SweepPopulation, identification_task
+from study.paper.runs import ESTIMATES, SweepPopulation, identification_task
 from study.paper.sweep_report import POINT_CAPTIONS, publish_sweep
 from study.pipeline.database import Database
 from study.pipeline.executor import BriefTask, Task

@@ -4,7 +4,6 @@ answer in words, and the same in a terminal.
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, fields
@@ -17,9 +16,9 @@ from rich.markup import escape
 
 from study.paper import published_numbers as paper
 from study.paper.agreement import MARGIN
+from study.paper.finished_runs import RUNS, Outcomes, write_runs
 from study.paper.identification_scatter import scatter
 from study.paper.presets import Point, Preset
-from study.paper.published_runs import Outcomes, RunRow
 from study.paper.reference_controllers import (
     CONTROLLERS,
     LQR,
@@ -32,7 +31,6 @@ from study.paper.reference_controllers import (
     fresh_optimum,
 )
 from study.paper.reproduction import REPRODUCTION_CAPTIONS, Reproduction, reproduce
-from study.paper.runs import RUNS
 from study.paper.sweep_figures import save_all
 from study.paper.sweep_findings import PointFindings
 from study.pipeline.database import Database
@@ -42,17 +40,6 @@ from study.pipeline.versions import all_versions, write_record
 from sysid.data.files import write_whole
 
 REFERENCE_COLUMNS = ("m", "l", "controller", "return_mean", "return_sem")
-
-
-def write_runs(found: Sequence[PointFindings], path: Path) -> None:
-    """A `RunRow` a run, sorted by n, w, seed, point by point."""
-    rows = [
-        (r.cell.n, r.cell.w, r.cell.seed, r.id_error, r.mean, r.std, *r.theta_hat, r.seconds, r.cell.point,
-         "" if math.isnan(r.fresh_mean) else r.fresh_mean)
-        for point_findings in found
-        for r in sorted(point_findings.runs, key=lambda r: r.cell)
-    ]  # fmt: skip
-    write_rows(path, [f.name for f in fields(RunRow)], rows)
 
 
 def write_references(found: Sequence[PointFindings], path: Path) -> None:
@@ -107,7 +94,7 @@ def publish_sweep(
         references = results.all(REFERENCES)
         runs = results.all(RUNS)
         found = [PointFindings(preset, point, runs, references) for point in preset.points]
-        write_runs(found, folder / "runs.csv")
+        write_runs((run for answer in found for run in answer.runs), folder / "runs.csv")
         write_references(found, folder / "references.csv")
         write_ratings(preset, references, folder / RATINGS)
         write_study(found, results.device, folder / "study.json")
@@ -147,7 +134,7 @@ def write_sweep_report(
     preset, runs = found[0].preset, [run for answer in found for run in answer.runs]
     references = {(r.controller, r.theta, r.truth, r.seed): r for answer in found for r in answer.references}
     made = [*runs, *references.values()]
-    origins = (run.imported + ", a table, which does not say how they were trained" * bool(run.summary) for run in runs)
+    origins = (run.imported + ", a table, which does not say how they were trained" * (not run.returns) for run in runs)
     content = template("sweep.html.j2").render(
         plan=preset,
         preset=preset,

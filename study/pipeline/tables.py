@@ -1,7 +1,7 @@
 """Tables whose rows are values of a frozen dataclass or a NamedTuple, in a results folder and as CSV.
 
 In a results folder
-    a text, a number                           is a column
+    a text, a number                           is a column; nan: NULL
     a NamedTuple, a tuple of fixed length      a column an entry
     everything else                            a column of JSON
 In a CSV file
@@ -14,11 +14,11 @@ import csv
 import dataclasses
 import io
 import json
+import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from types import NoneType
 from typing import Any, Generic, TypeVar, get_args, get_origin, get_type_hints
 
 from sysid import InvalidInput
@@ -48,7 +48,7 @@ class ResultTable(Generic[R]):
         cells: list[Any] = []
         for name, (width, _) in _fields(self.kind).items():
             own = getattr(value, name)
-            cells += own if width > 1 else [json.dumps(own) if isinstance(own, dict | tuple | NoneType) else own]
+            cells += own if width > 1 else [json.dumps(own) if isinstance(own, dict | tuple) else own]
         return cells
 
     def value(self, row: Sequence[Any]) -> R:
@@ -65,7 +65,7 @@ def _fields(kind: type[Any]) -> dict[str, tuple[int, Callable[..., Any]]]:
 def _field(hint: Any) -> tuple[int, Callable[..., Any]]:
     parts = get_args(hint)
     if hint in (str, int, float):
-        return 1, lambda cell: cell
+        return 1, lambda cell: math.nan if hint is float and cell is None else cell
     if hasattr(hint, "_fields"):
         return len(hint._fields), hint
     if get_origin(hint) is tuple and parts[-1] is not ...:
@@ -77,8 +77,6 @@ def _field(hint: Any) -> tuple[int, Callable[..., Any]]:
 def _of_json(hint: Any) -> Callable[[Any], Any]:
     """What makes a value of a type of plain data, in which tuples are lists."""
     origin, parts = get_origin(hint), get_args(hint)
-    if NoneType in parts:
-        return lambda data: None if data is None else parts[0](*data)
     if origin is dict and get_origin(parts[1]) is tuple:
         return lambda data: {name: tuple(own) for name, own in data.items()}
     if origin is tuple:

@@ -7,8 +7,9 @@ import pytest
 
 from study.formatting import MINUS
 from study.paper.agreement import DIFFERS, MARGIN, OPEN, SAME, Agreement
+from study.paper.finished_runs import Outcomes, Run, outcomes
+from study.paper.presets import Cell
 from study.paper.published_numbers import BASELINE, CELLS, DIFFERENCES, ROBUSTNESS, Spot
-from study.paper.published_runs import Outcomes, RunOutcome, outcomes
 
 MAIN = Spot("main", 50, 0.0)
 
@@ -20,7 +21,7 @@ def invented(scatter=1.0, seed=0):
     for spot, cell in CELLS.items():
         noise = scatter * rng.normal(size=cell.seeds)
         for s, value in enumerate(cell.mean + noise - noise.mean()):
-            rows.append((spot, s, RunOutcome(value, 0.5, (2.1, 1.5), value - 3.0)))
+            rows.append(Run(Cell(*spot, s), (2.1, 1.5), 0.5, value, fresh_mean=value - 3.0))
     return outcomes(rows)
 
 

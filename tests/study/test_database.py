@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 
 from study.mismatch.mismatch_page import OUTPUTS
+from study.paper.finished_runs import RUNS, Run
 from study.paper.presets import SMOKE, Cell
-from study.paper.runs import RUNS, Run
 from study.paper.sweep import outputs, sweep_results
 from study.pipeline.database import Database
 from study.pipeline.settings import StudySettings
@@ -55,7 +55,7 @@ class Kind:
         return store.all(self.table)
 
 
-RUN = Run(Cell("main", 5, 0.5, 1), 0, (1.785, 1.65), 0.26, (-1.25,), ((200, -3.5),), {}, {"torch": "2"}, 7.5)
+RUN = Run(Cell("main", 5, 0.5, 1), (1.785, 1.65), 0.26, -1.25, 0.0, -3.0, 7.5, (-1.25,), (), ((200, -3.5),))
 ROUND = CaseRound("coulomb", "encoder", "c", 5, 1, 0, {"verdict": "coulomb"}, 7.5)
 LARGE = RUN.cell._replace(seed=2)
 KINDS = {

@@ -6,9 +6,10 @@ import sqlite3
 import pytest
 
 from study.mismatch.mismatch_plan import PLANS
+from study.paper.finished_runs import RUNS, Run
 from study.paper.presets import PRESETS, Cell
 from study.paper.reference_controllers import REFERENCES, Reference
-from study.paper.runs import ESTIMATES, RUNS, Estimated, Run
+from study.paper.runs import ESTIMATES, Estimated
 from study.paper.sweep import sweep_results
 from study.strategies.designs import DESIGNS, Designed
 from study.strategies.populations import TRAININGS, Trained
@@ -22,7 +23,10 @@ CURVE, SETTINGS = ((200, -3.5),), {"sac": {"steps": 1}}
 MODEL = {"effects": [{"name": "delay", "T": 0.126}], "sd": [0.1, 1e-17], "unit": None}
 ROUND = CaseRound("delay_medium", "encoder", "mended", 5, 1, 0, {"model": MODEL, "verdict": "delay"}, 7.5)
 TRAINED = Trained("0f3a", {"plain": (-1.25, -2.5), "magnet": (-0.1,)}, ((200, -3.5), (400, -2.0)), {"torch": "2"}, 9.0)
-RUN = Run(Cell("main", 5, 0.5, 1), 0, (1.785, 1.65), 0.26, (-1.25, -2.5), CURVE, SETTINGS, {"torch": "2"}, 7.5, (-3.0,))
+EPISODES = (-1.25, -2.5), (-3.0,)
+RUN = Run(
+    Cell("main", 5, 0.5, 1), (1.785, 1.65), 0.26, -1.875, 0.625, -3.0, 7.5, *EPISODES, CURVE, SETTINGS, {"torch": "2"}
+)
 ROWS = {
     "steps": (STEPS, ROUND, {"seed": 0}),
     "trainings": (TRAININGS, TRAINED, {"key": "0000"}),
@@ -102,8 +106,8 @@ def test_a_finished_population_has_no_progress_left(own, row, first, second, tmp
 
 def test_the_folder_of_another_kind_is_refused(tmp_path):
     trial_results(tmp_path / "mismatch", MISMATCH).close()
-    with pytest.raises(InvalidInput, match="format 'mismatch 3', expected '2'"):
+    with pytest.raises(InvalidInput, match="format 'mismatch 3', expected '3'"):
         sweep_results(tmp_path / "mismatch", SWEEP)
     sweep_results(tmp_path / "study", SWEEP).close()
-    with pytest.raises(InvalidInput, match="format '2', expected 'mismatch 3'"):
+    with pytest.raises(InvalidInput, match="format '3', expected 'mismatch 3'"):
         trial_results(tmp_path / "study", MISMATCH)

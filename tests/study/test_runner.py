@@ -11,9 +11,10 @@ import pytest
 from rich.console import Console
 
 from policies.evaluation import evaluate, fresh_start_states, start_states
+from study.paper.finished_runs import RUNS
 from study.paper.presets import Point, Preset
 from study.paper.reference_controllers import REFERENCES
-from study.paper.runs import RUNS, SweepPopulation, hidden_plant, identify
+from study.paper.runs import SweepPopulation, hidden_plant, identify
 from study.paper.sweep import Sweep, outputs, sweep_results
 from study.pipeline.policy_files import read_policies
 from study.pipeline.stages import run
@@ -142,9 +143,7 @@ def test_runs_of_another_study_are_taken_up_whole(finished, tmp_path):
     folder, _, runs, _ = finished
     executor, taken, said = finish(tmp_path, imported=folder / "results.sqlite")
     assert trained(executor) == []
-    assert [dataclasses.replace(r, imported="", population=0) for r in taken] == [
-        dataclasses.replace(r, population=0) for r in runs
-    ]
+    assert [dataclasses.replace(r, imported="") for r in taken] == runs
     assert {r.imported for r in taken} == {"results.sqlite"}
     assert "8 runs taken up" in said
     assert (tmp_path / "runs.csv").read_text() == (folder / "runs.csv").read_text()

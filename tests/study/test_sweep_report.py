@@ -16,6 +16,7 @@ from study.figure_style import STYLE
 from study.formatting import MINUS
 from study.paper import sweep_figures as figures
 from study.paper import sweep_report
+from study.paper.finished_runs import write_runs
 from study.paper.published_numbers import CellSummary
 from study.paper.reproduction import reproduce
 from study.paper.sweep_report import write_sweep_report
@@ -106,7 +107,7 @@ def test_no_note_of_the_best_widths_covers_another(error):
 
 
 def test_runs_csv_has_the_papers_columns_and_conventions(answer, tmp_path):
-    sweep_report.write_runs([answer], tmp_path / "runs.csv")
+    write_runs(answer.runs, tmp_path / "runs.csv")
     with (tmp_path / "runs.csv").open() as file:
         rows = list(csv.DictReader(file))
     papers = "n,w,seed,id_error,eval_return_mean,eval_return_std,theta_hat_mass,theta_hat_length,wall_time_s"
