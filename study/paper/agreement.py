@@ -212,7 +212,7 @@ class Agreement:
         if a not in self.ours or b not in self.ours or not self.ours.seeds(a, b):
             return None
         x, y = self.ours.pair(a, b)
-        return paired_bootstrap(x, y, np.random.default_rng(0), self.resamples), paired_t(x, y)
+        return paired_bootstrap(x, y, resamples=self.resamples), paired_t(x, y)
 
     @cached_property
     def robustness(self) -> list[tuple[paper.RobustnessRow, RobustnessEntry | None]]:
@@ -306,4 +306,4 @@ def _outlier(difference: np.ndarray, seeds: Sequence[int]) -> Outlier | None:
         return None
     k = int(np.argmax(np.abs(difference - np.median(difference))))
     rest = np.delete(difference, k)
-    return Outlier(seeds[k], float(difference[k]), paired_t(rest, np.zeros_like(rest)))
+    return Outlier(seeds[k], float(difference[k]), paired_t(rest))

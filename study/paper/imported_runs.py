@@ -55,18 +55,14 @@ def import_references(file: Path, preset: Preset, designs: Iterable[Theta]) -> l
     Left out is what a table of other angles, other episodes or too few seeds made; none where there is no such table.
     """
     own = {_rounded(theta): theta for theta in (*designs, *(point.truth for point in preset.points))}
-    found: dict[tuple[str, Theta, Theta], dict[int, float]] = {}
+    found: dict[tuple[Any, ...], dict[int, Reference]] = {}
     for row in read_table(Rating, file.with_name(RATINGS), "references", optional=True):
-        theta = own.get(_rounded((row.m, row.l)))
+        theta = own.get(_rounded(row.theta))
         if theta and (row.grid, row.episodes) == (preset.grid, preset.episodes) and math.isfinite(row.return_mean):
-            found.setdefault((row.controller, theta, (row.truth_m, row.truth_l)), {})[row.seed] = row.return_mean
+            reference = Reference(**{**vars(row), "m": theta[0], "l": theta[1]})
+            found.setdefault(reference.key, {})[row.seed] = reference
     seeds = sorted({*preset.seeds, *preset.reference_seeds})
-    return [
-        Reference(*key, seed, (means[seed],), {}, 0.0)
-        for key, means in found.items()
-        if means.keys() >= set(seeds)
-        for seed in seeds
-    ]
+    return [rows[seed] for rows in found.values() if rows.keys() >= set(seeds) for seed in seeds]
 
 
 def _rounded(theta: Theta) -> Theta:

@@ -13,7 +13,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -37,23 +38,6 @@ Designs = dict[Theta, set[Theta]]
 
 
 @dataclass(frozen=True)
-class Reference:
-    """Returns (E,) on the hidden plant `truth`, from a seed's start states, of a controller designed at theta."""
-
-    controller: str
-    theta: Theta
-    truth: Theta
-    seed: int
-    returns: tuple[float, ...]
-    versions: dict[str, str]
-    seconds: float
-
-    @property
-    def mean(self) -> float:
-        return float(np.mean(self.returns))
-
-
-@dataclass(frozen=True)
 class Rating:
     """The mean return on the hidden plant (truth_m, truth_l), from a seed's start states, of a controller designed at
     (m, l) on a table of so many angles."""
@@ -68,14 +52,35 @@ class Rating:
     grid: int
     episodes: int
 
+    @property
+    def theta(self) -> Theta:
+        return self.m, self.l
+
+    @property
+    def truth(self) -> Theta:
+        return self.truth_m, self.truth_l
+
+    @property
+    def key(self) -> tuple[str, float, float, float, float]:
+        """What was run on which plant, whatever the seed."""
+        return self.controller, *self.theta, *self.truth
+
+
+@dataclass(frozen=True)
+class Reference(Rating):
+    """A rating, with what made it."""
+
+    versions: dict[str, str] = field(default_factory=dict)
+    seconds: float = 0.0
+
 
 RATINGS = "ratings.csv"
 """The table of references, seed by seed."""
 REFERENCES = ResultTable(
     "controllers",
     Reference,
-    "controller TEXT, m REAL, l REAL, truth_m REAL, truth_l REAL, seed INTEGER, returns TEXT, versions TEXT, "
-    "seconds REAL",
+    "controller TEXT, m REAL, l REAL, truth_m REAL, truth_l REAL, seed INTEGER, return_mean REAL, grid INTEGER, "
+    "episodes INTEGER, versions TEXT, seconds REAL",
     keys=6,
 )
 
@@ -90,9 +95,9 @@ def referred(
     rows = {truth: evaluate(policy, hidden_plant(truth), *starts).returns for truth in truths}
     seconds, found = (time.monotonic() - begin) / (len(seeds) * len(rows)), versions()
     return [
-        Reference(controller, theta, truth, seed, tuple(row), found, seconds)
+        Reference(controller, *theta, *truth, seed, mean, preset.grid, preset.episodes, found, seconds)
         for truth, returns in rows.items()
-        for seed, row in zip(seeds, returns.reshape(len(seeds), -1).tolist(), strict=True)
+        for seed, mean in zip(seeds, np.mean(returns.reshape(len(seeds), -1), axis=1).tolist(), strict=True)
     ]
 
 
@@ -116,12 +121,10 @@ def _starts(drawn: Callable[[int, int], tuple[Array, Array]], seeds: Sequence[in
     return map(np.concatenate, zip(*(drawn(seed, preset.episodes) for seed in seeds), strict=True))
 
 
-def reference_tasks(
-    preset: Preset, designs: Designs, known: Set[tuple[str, Theta, Theta]] = frozenset()
-) -> list[BriefTask]:
+def reference_tasks(preset: Preset, designs: Designs, known: Set[tuple[Any, ...]] = frozenset()) -> list[BriefTask]:
     """All controllers at every truth, and the optimal one at every estimate, on the truths where each is asked for.
 
-    What is asked of one (controller, theta) is designed once; `known` (controller, theta, truth) is left out.
+    What is asked of one (controller, theta) is designed once; what is `known`, by `Rating.key`, is left out.
     """
     wanted: dict[tuple[str, Theta], set[Theta]] = {}
     for truth in dict.fromkeys(point.truth for point in preset.points):
@@ -131,7 +134,7 @@ def reference_tasks(
         wanted.setdefault((OPTIMAL, theta), set()).update(designs[theta])
     tasks = []
     for (controller, theta), truths in wanted.items():
-        missing = tuple(sorted(truth for truth in truths if (controller, theta, truth) not in known))
+        missing = tuple(sorted(truth for truth in truths if (controller, *theta, *truth) not in known))
         if missing:
             name = f"{controller} at m = {theta[0]:.12g}, l = {theta[1]:.12g}"
             work = 2.0 + (3e-5 * preset.grid**2 if controller == OPTIMAL else 0.0)

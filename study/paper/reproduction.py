@@ -168,8 +168,7 @@ def _longer(preset: Preset, base: Preset, runs: Mapping[str, Outcomes]) -> tuple
         return None
     a, b = runs[long], runs[base.name]
     seeds = sorted({*a.seeds(LONGER_AT)} & {*b.seeds(LONGER_AT)})
-    gain = paired_bootstrap(a.returns(LONGER_AT, seeds), b.returns(LONGER_AT, seeds), np.random.default_rng(0))
-    return gain, PRESETS[long].steps
+    return paired_bootstrap(a.returns(LONGER_AT, seeds), b.returns(LONGER_AT, seeds)), PRESETS[long].steps
 
 
 def _undertraining(found: Sequence[PointFindings], longer: tuple[Contrast, int] | None) -> list[Claim]:

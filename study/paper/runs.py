@@ -102,29 +102,17 @@ def identified(point: Point, seed: int, progress: Callable[[float], None]) -> li
 
 @dataclass(frozen=True)
 class SweepPopulation(PopulationTask):
-    """The cells of one population.
-
-    index of count: which population it is; cells: the runs it makes, with their estimates theta_hat
-    """
+    """The cells of one population: the runs it makes, with their estimates theta_hat; index: which population it is."""
 
     plan: Preset
     index: int
-    count: int
     cells: tuple[Cell, ...]
     estimates: tuple[Theta, ...]
     table: ClassVar[Any] = RUNS
 
     @property
-    def progress_key(self) -> int:
-        return self.index
-
-    @property
     def name(self) -> str:
-        return f"population {self.index + 1} of {self.count}"
-
-    @property
-    def stem(self) -> str:
-        return f"population_{self.index + 1}"
+        return f"population {self.index + 1}"
 
     @property
     def keys(self) -> tuple[Cell, ...]:

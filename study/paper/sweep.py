@@ -28,8 +28,6 @@ from study.pipeline.policy_files import FOLDER
 from study.pipeline.settings import RunOptions
 from study.pipeline.stages import Stage, StudyExperiment
 
-PROGRESS = "training (population INTEGER PRIMARY KEY, seconds REAL)"
-
 
 def outputs(preset: Preset) -> tuple[str, ...]:
     """What a study writes beside its database; never over files of somebody else."""
@@ -40,7 +38,7 @@ def outputs(preset: Preset) -> tuple[str, ...]:
 
 def sweep_results(folder: Path, preset: Preset, device: str = "cpu") -> Database:
     """The open results folder of a preset."""
-    return Database(folder, preset, (ESTIMATES, RUNS, REFERENCES), outputs(preset), device, PROGRESS)
+    return Database(folder, preset, (ESTIMATES, RUNS, REFERENCES), outputs(preset), device)
 
 
 @contextlib.contextmanager
@@ -72,9 +70,8 @@ class Sweep(StudyExperiment):
             new = [r for r in import_runs(self.imported, self.preset, self.estimates()) if r.cell not in there]
             self.results.add(RUNS, new)
             console.print(f"{len(new)} runs taken up from {self.imported}", soft_wrap=True)
-            known = self._rated()
-            rated = import_references(self.imported, self.preset, self._designs())
-            self.results.add(REFERENCES, [r for r in rated if (r.controller, r.theta, r.truth) not in known])
+            known, rated = self._rated(), import_references(self.imported, self.preset, self._designs())
+            self.results.add(REFERENCES, [r for r in rated if r.key not in known])
         tasks: list[Task] = [*self._untrained(), *reference_tasks(self.preset, self._designs(), self._rated())]
         yield Stage(tasks, self._about(tasks))
 
@@ -90,17 +87,17 @@ class Sweep(StudyExperiment):
         return {(e.point, e.n, e.seed): e.theta for e in self.results.all(ESTIMATES)}
 
     def _unidentified(self) -> Iterator[BriefTask]:
-        known = self.estimates()
+        known = self.results.keys(ESTIMATES)
         for point in self.preset.points:
             for seed in point.seeds:
                 if not all((point.name, n, seed) in known for n in point.budgets):
                     yield identification_task(point, seed)
 
     def _untrained(self) -> list[SweepPopulation]:
-        populations, found, tasks = self.preset.populations(self.results.device), self.estimates(), []
-        for index, cells in enumerate(populations):
+        found, tasks = self.estimates(), []
+        for index, cells in enumerate(self.preset.populations(self.results.device)):
             theta = tuple(found[cell.point, cell.n, cell.seed] for cell in cells)
-            tasks.append(SweepPopulation(self.preset, index, len(populations), cells, theta, **self.training))
+            tasks.append(SweepPopulation(self.preset, index, cells, theta, **self.training))
         return self.unfinished(tasks, RUNS)
 
     def _designs(self) -> Designs:
@@ -109,8 +106,8 @@ class Sweep(StudyExperiment):
             designs.setdefault(theta, set()).add(self.preset.point(name).truth)
         return designs
 
-    def _rated(self) -> set[tuple[str, Theta, Theta]]:
-        return {(r.controller, r.theta, r.truth) for r in self.results.all(REFERENCES)}
+    def _rated(self) -> set[tuple[Any, ...]]:
+        return {key[:-1] for key in self.results.keys(REFERENCES)}
 
     def _about(self, tasks: Sequence[Task]) -> str:
         training = [t for t in tasks if isinstance(t, SweepPopulation)]

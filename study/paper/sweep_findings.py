@@ -24,9 +24,6 @@ from sysid.physics.ops import Array
 Key = tuple[int, float]
 """(n, w) of a cell."""
 
-BOOTSTRAP_SEED = 0
-"""Every contrast draws from a fresh generator of this seed, so it does not depend on which others are made."""
-
 
 @dataclass(frozen=True)
 class Gap:
@@ -100,7 +97,7 @@ class PointFindings:
 
     @cached_property
     def _means(self) -> dict[tuple[str, Theta, int], float]:
-        return {(r.controller, r.theta, r.seed): r.mean for r in self.references}
+        return {(r.controller, r.theta, r.seed): r.return_mean for r in self.references}
 
     def rating(self, controller: str, seeds: Sequence[int] | None = None) -> tuple[float, float]:
         """Mean return and SEM over seeds of a controller designed at the truth, by default from the study's seeds."""
@@ -116,7 +113,7 @@ class PointFindings:
         return np.array([self._means[OPTIMAL, run.theta_hat, run.cell.seed] for run in self.cells[key]])
 
     def _paired(self, a: Array, b: Array) -> Contrast:
-        return paired_bootstrap(a, b, np.random.default_rng(BOOTSTRAP_SEED), self.preset.resamples)
+        return paired_bootstrap(a, b, resamples=self.preset.resamples)
 
     def contrast(self, a: Key, b: Key) -> Contrast:
         """J(a) - J(b) of two cells, paired over seeds, by the bootstrap."""
@@ -215,7 +212,7 @@ class PointFindings:
 
 @cache
 def _coverage(seeds: int) -> float:
-    return bootstrap_coverage(seeds, np.random.default_rng(BOOTSTRAP_SEED))
+    return bootstrap_coverage(seeds, np.random.default_rng(0))
 
 
 def _parts(gap: Gap) -> str:

@@ -6,8 +6,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple, fields
+from dataclasses import fields
 from functools import partial
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -56,10 +57,10 @@ def write_references(found: Sequence[PointFindings], path: Path) -> None:
     write_rows(path, REFERENCE_COLUMNS, rows)
 
 
-def write_ratings(preset: Preset, references: Sequence[Reference], path: Path) -> None:
-    """One row a reference controller and seed: what an import of these runs need not compute again."""
-    rows = (Rating(r.controller, *r.theta, *r.truth, r.seed, r.mean, preset.grid, preset.episodes) for r in references)
-    write_rows(path, [f.name for f in fields(Rating)], map(astuple, rows))
+def write_ratings(references: Sequence[Reference], path: Path) -> None:
+    """A `Rating` a reference controller and seed: what an import of these runs need not compute again."""
+    columns = [f.name for f in fields(Rating)]
+    write_rows(path, columns, (attrgetter(*columns)(reference) for reference in references))
 
 
 def write_study(found: Sequence[PointFindings], device: str, path: Path) -> None:
@@ -96,7 +97,7 @@ def publish_sweep(
         found = [PointFindings(preset, point, runs, references) for point in preset.points]
         write_runs((run for answer in found for run in answer.runs), folder / "runs.csv")
         write_references(found, folder / "references.csv")
-        write_ratings(preset, references, folder / RATINGS)
+        write_ratings(references, folder / RATINGS)
         write_study(found, results.device, folder / "study.json")
         drawn = [save_all(answer, folder) for answer in found]
         identified, optimum = None, None
@@ -132,7 +133,7 @@ def write_sweep_report(
     """Write the self-contained report: a section a point, with the figures of these files (one mapping a point), and
     one that holds all of them against the publication."""
     preset, runs = found[0].preset, [run for answer in found for run in answer.runs]
-    references = {(r.controller, r.theta, r.truth, r.seed): r for answer in found for r in answer.references}
+    references = {(r.key, r.seed): r for answer in found for r in answer.references}
     made = [*runs, *references.values()]
     origins = (run.imported + ", a table, which does not say how they were trained" * (not run.returns) for run in runs)
     content = template("sweep.html.j2").render(

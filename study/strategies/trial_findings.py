@@ -170,7 +170,7 @@ def planned_contrasts(plan: TrialPlan, outcomes: Mapping[Condition, Outcome]) ->
                 if all(side in outcomes for side in sides):
                     place = plant.name, sensing, max(side.n for side in sides), a, b
                     differences[place] = outcomes[sides[0]].less(outcomes[sides[1]])
-    found = {place: paired_t(d, np.zeros_like(d)) for place, d in differences.items()}
+    found = {place: paired_t(d) for place, d in differences.items()}
     adjusted = holm({place: contrast.p for place, contrast in found.items()})
     return tuple(
         PlannedContrast(*place, contrast, float(np.median(differences[place])), adjusted[place])

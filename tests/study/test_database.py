@@ -118,19 +118,18 @@ class Plan(StudySettings):
     layout = 1
     page = "study.mismatch.mismatch_page"
 
-database = Database(Path(sys.argv[1]), Plan(), progress="counts (n INTEGER)")
+database = Database(Path(sys.argv[1]), Plan())
+database.note_training("first", 1.0)
 with database.transaction() as db:
-    db.execute("INSERT INTO counts VALUES (1)")
-with database.transaction() as db:
-    db.execute("INSERT INTO counts VALUES (2)")
+    db.execute("INSERT INTO progress VALUES ('second', 2.0)")
     os._exit(9)
 """
 
 
 def test_a_process_that_dies_in_a_transaction_leaves_nothing_and_no_lock(tmp_path):
     assert subprocess.run([sys.executable, "-c", KILLED, str(tmp_path)], check=False).returncode == 9
-    with Database(tmp_path, TIED, progress="counts (n INTEGER)") as database:
-        assert database.db.execute("SELECT n FROM counts").fetchall() == [(1,)]
+    with Database(tmp_path, TIED) as database:
+        assert (database.training_seconds("first"), database.training_seconds("second")) == (1.0, 0.0)
 
 
 def test_a_folder_of_another_name_is_refused_and_left_alone(kind, tmp_path):

@@ -33,7 +33,7 @@ ROWS = {
     "designs": (DESIGNS, Designed("magnet", "0f3a", 1, (-1.0, -2.0), 3.0), {"seed": 0}),
     "estimates": (ESTIMATES, Estimated("main", 5, 1, (1.785, 1.65), 0.5), {"seed": 0}),
     "runs": (RUNS, RUN, {"cell": RUN.cell._replace(seed=0)}),
-    "references": (REFERENCES, Reference("lqr", (2.1, 1.5), (2.0, 1.5), 1, (-1.0,), {"numpy": "2"}, 3.0), {"seed": 0}),
+    "references": (REFERENCES, Reference("lqr", 2.1, 1.5, 2.0, 1.5, 1, -1.0, 40, 4, {"numpy": "2"}, 3.0), {"seed": 0}),
 }
 """Of each table a row, and what makes another one of it that sorts before it."""
 
@@ -90,10 +90,9 @@ def test_every_case_has_its_own_rounds(field, tmp_path):
         assert results.all(STEPS) == sorted([other, ROUND], key=lambda step: step.case)
 
 
-@pytest.mark.parametrize(
-    ("own", "row", "first", "second"), [(TRAININGS, TRAINED, "first", "second"), (RUNS, RUN, 0, 1)]
-)
-def test_a_finished_population_has_no_progress_left(own, row, first, second, tmp_path):
+@pytest.mark.parametrize(("own", "row"), [(TRAININGS, TRAINED), (RUNS, RUN)])
+def test_a_finished_population_has_no_progress_left(own, row, tmp_path):
+    first, second = "first", "second"
     with opened(tmp_path, own) as results:
         assert results.training_seconds(first) == 0.0
         results.note_training(first, 12.5)
