@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from study.paper.presets import Cell, Theta
 from study.paper.published_numbers import POINTS, URL, CellSummary, Spot
-from study.pipeline.tables import ResultTable, read_table, write_rows
+from study.pipeline.tables import ResultTable, read_table
 from study.statistics import sem
 from sysid import InvalidInput
 
@@ -84,33 +84,13 @@ class RunRow:
     eval_return_fresh: float = math.nan
 
 
-def read_rows(path: Path, point: str) -> list[Run]:
-    """The runs of a CSV file, line by line; rows without a point are of the one named here.
-
-    Raises InvalidInput for a file that cannot be read, lacks a column or holds something else than numbers.
-    """
-    return [
-        Run(
-            Cell(row.point or point, row.n, row.w, row.seed),
-            (row.theta_hat_mass, row.theta_hat_length),
-            row.id_error,
-            row.eval_return_mean,
-            row.eval_return_std,
-            row.eval_return_fresh,
-            row.wall_time_s,
-        )
-        for row in read_table(RunRow, path, "runs")
-    ]
-
-
-def write_runs(runs: Iterable[Run], path: Path) -> None:
-    """A `RunRow` a run, in their order."""
-    rows = (
+def run_table(runs: Iterable[Run]) -> tuple[Sequence[str], Iterable[Sequence[object]]]:
+    """Columns and rows of runs.csv, a `RunRow` a run in their order."""
+    return [f.name for f in fields(RunRow)], [
         (r.cell.n, r.cell.w, r.cell.seed, r.id_error, r.mean, r.std, *r.theta_hat, r.seconds, r.cell.point,
          "" if math.isnan(r.fresh_mean) else r.fresh_mean)
         for r in runs
-    )  # fmt: skip
-    write_rows(path, [f.name for f in fields(RunRow)], rows)
+    ]  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,12 +154,19 @@ def outcomes(runs: Iterable[Run]) -> Outcomes:
 
 
 def read_runs(path: Path, point: str = "main") -> Outcomes:
-    """The runs of a CSV file. Raises InvalidInput as `read_rows` does, and for NaN, infinity and a run that comes
-    twice."""
-    runs = read_rows(path, point)
-    for line, run in enumerate(runs, 2):
-        if not all(map(math.isfinite, (run.mean, run.id_error, *run.theta_hat, run.cell.w))):
+    """The runs of a CSV file; rows without a point are of the one named here.
+
+    Raises InvalidInput for a file that cannot be read, lacks a column, holds something else than finite numbers, or one
+    run twice.
+    """
+    runs = []
+    for line, row in enumerate(read_table(RunRow, path, "runs"), 2):
+        theta = row.theta_hat_mass, row.theta_hat_length
+        if not all(map(math.isfinite, (row.eval_return_mean, row.id_error, *theta, row.w))):
             raise InvalidInput(f"{path}, line {line} holds NaN or infinity: expected finite numbers")
+        reached = row.eval_return_mean, row.eval_return_std, row.eval_return_fresh
+        cell = Cell(row.point or point, row.n, row.w, row.seed)
+        runs.append(Run(cell, theta, row.id_error, *reached, row.wall_time_s))
     try:
         return outcomes(runs)
     except InvalidInput as error:

@@ -15,9 +15,10 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from study.paper.finished_runs import RUNS, Run, read_rows
-from study.paper.presets import Cell, Point, Preset, Theta
+from study.paper.finished_runs import RUNS, Run, read_runs
+from study.paper.presets import Point, Preset, Theta
 from study.paper.reference_controllers import RATINGS, Rating, Reference
+from study.paper.runs import measured
 from study.pipeline.database import META, check_tables, readable
 from study.pipeline.population_task import sac_settings
 from study.pipeline.tables import read_table
@@ -36,17 +37,15 @@ Estimates = Mapping[tuple[str, int, int], Theta]
 def import_runs(file: Path, preset: Preset, estimates: Estimates) -> list[Run]:
     """The runs in the file, each marked as imported from it, with the estimates that this code found.
 
-    Raises InvalidInput for a file that cannot be read, and for the first row that does not belong to the preset.
+    Raises InvalidInput for a file that cannot be read, and for the first run that does not belong to the preset.
     """
-    runs: dict[Cell, Run] = {}
-    for place, run in _database(file) if is_database(file) else _table(file, preset):
-        problem = "it is there twice" if run.cell in runs else _foreign(run, preset, estimates)
-        if problem:
-            raise InvalidInput(f"{file}, {place} ({run.cell}) does not belong to {preset.name!r}: {problem}")
-        theta = estimates[run.cell.point, run.cell.n, run.cell.seed]
-        truth = preset.point(run.cell.point).truth
-        runs[run.cell] = replace(run, theta_hat=theta, id_error=math.dist(theta, truth), imported=file.name)
-    return list(runs.values())
+    runs = []
+    for run in _database(file) if is_database(file) else _table(file, preset):
+        if problem := _foreign(run, preset, estimates):
+            raise InvalidInput(f"{file}: {run.cell} does not belong to {preset.name!r}: {problem}")
+        theta, truth = estimates[run.cell.point, run.cell.n, run.cell.seed], preset.point(run.cell.point).truth
+        runs.append(replace(run, theta_hat=theta, id_error=math.dist(theta, truth), imported=file.name))
+    return runs
 
 
 def import_references(file: Path, preset: Preset, designs: Iterable[Theta]) -> list[Reference]:
@@ -98,33 +97,30 @@ def _foreign(run: Run, preset: Preset, estimates: Estimates) -> str:
 def _changed(settings: Mapping[str, Any], preset: Preset, point: Point) -> Iterator[str]:
     """What a database says of a run's making that is not the preset's; a table says nothing."""
     sac = {name: list(v) if isinstance(v, tuple) else v for name, v in asdict(sac_settings(preset)).items()}
-    made = {"identifier": point.identifier, "sigma": point.sigma, "truth": list(point.truth)}
-    for expected, found in ((sac, settings.get("sac", {})), (made, settings)):
+    for expected, found in ((sac, settings.get("sac", {})), (measured(point), settings)):
         for name, value in expected.items():
             if found.get(name, value) != value:
                 yield f"{name} = {found[name]}, expected {value}"
 
 
-def _database(file: Path) -> Iterator[tuple[str, Run]]:
-    """(row, run) of a results.sqlite."""
+def _database(file: Path) -> list[Run]:
+    """The runs of a results.sqlite."""
     try:
         with closing(sqlite3.connect(f"{file.resolve().as_uri()}?mode=ro", uri=True, timeout=3.0)) as db:
             found = dict(db.execute("SELECT key, value FROM meta"))
             if found.get("format") != str(Preset.layout):
                 raise InvalidInput(f"--import {file}: it has format {found.get('format')}, expected {Preset.layout}")
             check_tables(db, META + RUNS.schema, file)
-            rows = db.execute(f"SELECT rowid, * FROM runs ORDER BY {RUNS.key}").fetchall()
+            rows = db.execute(f"SELECT * FROM runs ORDER BY {RUNS.key}").fetchall()
     except sqlite3.Error as error:
         raise InvalidInput(f"--import {file}: not the results of a study ({error})") from None
-    for number, *row in rows:
-        with readable(file):
-            run = RUNS.value(row)
-        yield f"row {number}", run
+    with readable(file):
+        return list(map(RUNS.value, rows))
 
 
-def _table(file: Path, preset: Preset) -> Iterator[tuple[str, Run]]:
-    """(line, run) of a CSV file."""
-    for line, run in enumerate(read_rows(file, "" if len(preset.points) > 1 else preset.points[0].name), 2):
-        if not run.cell.point:
-            raise InvalidInput(f"{file} has no column 'point': expected the points of {preset.name!r} in it")
-        yield f"line {line}", run
+def _table(file: Path, preset: Preset) -> list[Run]:
+    """The runs of a CSV file."""
+    found = read_runs(file, "" if len(preset.points) > 1 else preset.points[0].name)
+    if "" in found.points:
+        raise InvalidInput(f"{file} has no column 'point': expected the points of {preset.name!r} in it")
+    return [run for runs in found.table.values() for run in runs.values()]

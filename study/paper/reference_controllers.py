@@ -24,7 +24,6 @@ from policies.control.swing_up import design_swing_up
 from policies.evaluation import Policy, evaluate, fresh_start_states, start_states
 from study.paper.presets import Preset, Theta
 from study.paper.protocol import paper_model
-from study.paper.runs import hidden_plant
 from study.pipeline.executor import BriefTask
 from study.pipeline.tables import ResultTable
 from study.pipeline.versions import versions
@@ -92,7 +91,7 @@ def referred(
     begin = time.monotonic()
     policy, seeds = design(controller, theta, preset.grid), sorted({*preset.seeds, *preset.reference_seeds})
     starts = _starts(start_states, seeds, preset)
-    rows = {truth: evaluate(policy, hidden_plant(truth), *starts).returns for truth in truths}
+    rows = {truth: evaluate(policy, paper_model(*truth), *starts).returns for truth in truths}
     seconds, found = (time.monotonic() - begin) / (len(seeds) * len(rows)), versions()
     return [
         Reference(controller, *theta, *truth, seed, mean, preset.grid, preset.episodes, found, seconds)
@@ -103,8 +102,7 @@ def referred(
 
 def design(controller: str, theta: Theta, grid: int) -> Policy:
     """The controller for the machine at theta, the optimal one on a table of so many angles."""
-    m, l = theta  # noqa: E741
-    model = paper_model(m, l)
+    model = paper_model(*theta)
     if controller == LQR:
         return design_lqr(model)
     return design_swing_up(model) if controller == SWING_UP else solve(model, Grid(grid, grid + 1))
@@ -113,7 +111,7 @@ def design(controller: str, theta: Theta, grid: int) -> Policy:
 def fresh_optimum(preset: Preset, truth: Theta, seeds: Sequence[int]) -> float:
     """J(optimal | truth) from start states that no two seeds share; nothing keeps it, and it takes some seconds."""
     policy, starts = design(OPTIMAL, truth, preset.grid), _starts(fresh_start_states, seeds, preset)
-    return evaluate(policy, hidden_plant(truth), *starts).mean
+    return evaluate(policy, paper_model(*truth), *starts).mean
 
 
 def _starts(drawn: Callable[[int, int], tuple[Array, Array]], seeds: Sequence[int], preset: Preset) -> Iterator[Array]:

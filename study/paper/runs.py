@@ -26,7 +26,7 @@ from study.pipeline.executor import BriefTask
 from study.pipeline.population_task import PopulationTask, sac_settings
 from study.pipeline.tables import ResultTable
 from study.pipeline.versions import versions
-from sysid import Estimate, GridSearch, InvalidInput, LeastSquares, Model, UnscentedKalman
+from sysid import Estimate, GridSearch, InvalidInput, LeastSquares, UnscentedKalman
 
 if TYPE_CHECKING:
     from policies import Population
@@ -49,12 +49,6 @@ ESTIMATES = ResultTable(
 )
 
 
-def hidden_plant(truth: Theta) -> Model:
-    """The paper's pendulum with that mass [kg] and length [m]."""
-    m, l = truth  # noqa: E741
-    return paper_model(m, l)
-
-
 def identify(point: Point, n: int, seed: int) -> Theta:
     """theta_hat from n rollouts of the point's hidden plant; the prior for n = 0.
 
@@ -68,7 +62,7 @@ def identify(point: Point, n: int, seed: int) -> Theta:
     """
     if n == 0:
         return point.prior
-    rollouts = paper_rollouts(hidden_plant(point.truth), n, np.random.default_rng(seed), sigma=point.sigma)
+    rollouts = paper_rollouts(paper_model(*point.truth), n, np.random.default_rng(seed), sigma=point.sigma)
     found = _estimate(point, rollouts).values
     return found["m"], found["l"]
 
@@ -98,6 +92,11 @@ def identified(point: Point, seed: int, progress: Callable[[float], None]) -> li
         answer.append(Estimated(point.name, n, seed, theta, time.monotonic() - begin))
         progress((k + 1) / len(point.budgets))
     return answer
+
+
+def measured(point: Point) -> dict[str, Any]:
+    """What a run's settings say of its operating point."""
+    return {"identifier": point.identifier, "sigma": point.sigma, "truth": list(point.truth)}
 
 
 @dataclass(frozen=True)
@@ -133,7 +132,7 @@ class SweepPopulation(PopulationTask):
         runs = []
         for a, (cell, policy) in enumerate(zip(self.cells, population.policies(), strict=True)):
             point, theta = self.plan.point(cell.point), self.estimates[a]
-            plant = hidden_plant(point.truth)
+            plant = paper_model(*point.truth)
             answer = evaluate(policy, plant, *start_states(cell.seed, self.plan.episodes))
             fresh = evaluate(policy, plant, *fresh_start_states(cell.seed, self.plan.episodes))
             settings = {
@@ -141,9 +140,7 @@ class SweepPopulation(PopulationTask):
                 "device": self.device,
                 "sac": dataclasses.asdict(population.settings),
                 "randomization": population.env.randomizations[a].to_json(),
-                "identifier": point.identifier,
-                "sigma": point.sigma,
-                "truth": list(point.truth),
+                **measured(point),
             }
             curve = tuple((int(step), float(value)) for step, value in curves[a])
             returns, fresh_returns = (tuple(own.returns.tolist()) for own in (answer, fresh))
@@ -160,5 +157,4 @@ def _randomization(point: Point, cell: Cell, theta: Theta) -> Any:
         return PriorRange(("m", "l"))
     if point.randomization != "band":
         raise InvalidInput(f"randomization {point.randomization!r}: expected one of band, prior_range")
-    m, l = theta  # noqa: E741
-    return Band({"m": m, "l": l}, w=cell.w)
+    return Band(dict(zip(("m", "l"), theta, strict=True)), w=cell.w)

@@ -10,35 +10,33 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 
 from study.paper.finished_runs import RUNS, Outcomes, read_published
+from study.paper.identification_scatter import scatter
 from study.paper.imported_runs import import_references, import_runs, is_database
-from study.paper.presets import Preset, Theta
-from study.paper.reference_controllers import RATINGS, REFERENCES, Designs, reference_tasks
-from study.paper.reproduction import REPRODUCTION_CAPTIONS
+from study.paper.presets import PAPER, Preset, Theta
+from study.paper.published_numbers import POINTS
+from study.paper.reference_controllers import REFERENCES, Designs, fresh_optimum, reference_tasks
+from study.paper.reproduction import reproduce
 from study.paper.runs import ESTIMATES, SweepPopulation, identification_task
-from study.paper.sweep_report import POINT_CAPTIONS, publish_sweep
+from study.paper.sweep_findings import PointFindings
+from study.paper.sweep_page import outputs, sweep_account
 from study.pipeline.database import Database
 from study.pipeline.executor import BriefTask, Task
-from study.pipeline.policy_files import FOLDER
+from study.pipeline.publication import PUBLISHED, Account, publish
 from study.pipeline.settings import RunOptions
 from study.pipeline.stages import Stage, StudyExperiment
 
 
-def outputs(preset: Preset) -> tuple[str, ...]:
-    """What a study writes beside its database; never over files of somebody else."""
-    drawn = (preset.figure_file(point.name, name) for point in preset.points for name in POINT_CAPTIONS)
-    reproduction = (f"{name}.png" for name in REPRODUCTION_CAPTIONS)
-    return ("runs.csv", "references.csv", RATINGS, "study.json", *drawn, *reproduction, "report.html", FOLDER)
-
-
 def sweep_results(folder: Path, preset: Preset, device: str = "cpu") -> Database:
     """The open results folder of a preset."""
-    return Database(folder, preset, (ESTIMATES, RUNS, REFERENCES), outputs(preset), device)
+    return Database(folder, preset, (ESTIMATES, RUNS, REFERENCES), (*outputs(preset), *PUBLISHED), device)
 
 
 @contextlib.contextmanager
@@ -80,7 +78,16 @@ class Sweep(StudyExperiment):
         super().keep(task, [r for r in answer if task.table is not RUNS or not self.results.has(RUNS, r.cell)])
 
     def publish(self, console: Console) -> None:
-        publish_sweep(self.preset, self.results, console, self.theirs)
+        publish(self.results, self._account, console)
+
+    def _account(self) -> Account:
+        runs, references = self.results.all(RUNS), self.results.all(REFERENCES)
+        found = [PointFindings(self.preset, point, runs, references) for point in self.preset.points]
+        identified, optimum = None, None
+        if self.preset.episodes == PAPER.episodes:  # else evaluations are not as published
+            identified = scatter(np.random.default_rng(0))
+            optimum = partial(fresh_optimum, self.preset, POINTS["main"].truth)
+        return sweep_account(found, reproduce(found, self.results.folder, self.theirs, identified, optimum))
 
     def estimates(self) -> dict[tuple[str, int, int], Theta]:
         """theta_hat by (point, n, seed)."""

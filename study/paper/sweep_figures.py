@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,7 +27,6 @@ from study.figure_style import (
     annotate_beside,
     keep_apart,
     panels_abreast,
-    save_figure,
     width_colours,
 )
 from study.formatting import number, percent
@@ -275,11 +273,3 @@ def drawings(findings: PointFindings) -> dict[str, Callable[[], Figure]]:
         "curves": not any(run.curve for run in findings.runs),
     }
     return {name: draw for name, draw in found.items() if not idle.get(name)}
-
-
-def save_all(findings: PointFindings, folder: Path) -> dict[str, Path]:
-    """Draw the figures of an operating point into the folder; returns the files by name."""
-    preset, point = findings.preset, findings.point.name
-    return {
-        name: save_figure(draw, folder / preset.figure_file(point, name)) for name, draw in drawings(findings).items()
-    }

@@ -20,7 +20,7 @@ from typing import Any
 
 from rich.console import Console
 
-from study.paper.finished_runs import RUNS, Run, write_runs
+from study.paper.finished_runs import RUNS, Run, run_table
 from study.paper.presets import PAPER, Preset
 from study.paper.reference_controllers import REFERENCES, Reference
 from study.paper.runs import ESTIMATES, Estimated, SweepPopulation
@@ -28,6 +28,7 @@ from study.paper.sweep import Sweep, sweep_results
 from study.paper.sweep_findings import PointFindings
 from study.pipeline.executor import BriefTask, Heard, Task
 from study.pipeline.stages import run
+from study.pipeline.tables import write_rows
 from tests.benchmarks import command
 
 PROGRESS = 20
@@ -103,7 +104,7 @@ def measure(runs: int) -> dict[str, float]:
             kept = store.all(RUNS), store.all(REFERENCES)
             lap("read it back")
             found = [PointFindings(many, point, *kept) for point in many.points]
-            write_runs((run for answer in found for run in answer.runs), Path(folder) / "runs.csv")
+            write_rows(Path(folder) / "runs.csv", *run_table(run for answer in found for run in answer.runs))
             lap("runs.csv")
         cost["folder [kB]"] = 1e-3 * sum(path.stat().st_size for path in Path(folder).iterdir())
     return cost

@@ -15,8 +15,10 @@ import pytest
 from study.mismatch.mismatch_page import OUTPUTS
 from study.paper.finished_runs import RUNS, Run
 from study.paper.presets import SMOKE, Cell
-from study.paper.sweep import outputs, sweep_results
+from study.paper.sweep import sweep_results
+from study.paper.sweep_page import outputs
 from study.pipeline.database import Database
+from study.pipeline.publication import PUBLISHED
 from study.pipeline.settings import StudySettings
 from study.pipeline.tables import ResultTable
 from study.strategies.session import STEPS, CaseRound
@@ -60,7 +62,7 @@ ROUND = CaseRound("coulomb", "encoder", "c", 5, 1, 0, {"verdict": "coulomb"}, 7.
 LARGE = RUN.cell._replace(seed=2)
 KINDS = {
     "study": Kind(
-        sweep_results, SMOKE, outputs(SMOKE), RUN,
+        sweep_results, SMOKE, (*outputs(SMOKE), *PUBLISHED), RUN,
         dataclasses.replace(RUN, cell=LARGE, curve=RUN.curve * 200_000), RUNS,
     ),
     "mismatch": Kind(

@@ -5,9 +5,10 @@ import math
 import pytest
 
 from study.main import main
-from study.paper.finished_runs import Outcomes, Run, outcomes, read_published, read_runs, write_runs
+from study.paper.finished_runs import Outcomes, Run, outcomes, read_published, read_runs, run_table
 from study.paper.presets import Cell
 from study.paper.published_numbers import POINTS, Spot
+from study.pipeline.tables import write_rows
 from sysid import InvalidInput
 
 HEADER = "n,w,seed,id_error,eval_return_mean,theta_hat_mass,theta_hat_length"
@@ -19,7 +20,7 @@ def write(path, *rows, header=HEADER):
 
 
 def test_our_own_table_reads_back(answer, tmp_path):
-    write_runs(answer.runs, tmp_path / "runs.csv")
+    write_rows(tmp_path / "runs.csv", *run_table(answer.runs))
     found = read_runs(tmp_path / "runs.csv")
     assert found.points == ("main",)
     assert found.budgets("main") == answer.point.budgets

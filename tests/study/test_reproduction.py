@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from study.paper.finished_runs import Run, outcomes, write_runs
+from study.figure_style import save_figure
+from study.paper.finished_runs import Run, outcomes, run_table
 from study.paper.identification_scatter import scatter
 from study.paper.presets import PRESETS, Cell
 from study.paper.published_numbers import CELLS, Spot
 from study.paper.reproduction import REPRODUCTION_CAPTIONS, reproduce
-from study.paper.sweep import outputs
-from study.paper.sweep_report import write_sweep_report
+from study.paper.sweep_page import outputs, sweep_account
+from study.pipeline.tables import write_rows
 
 
 @pytest.fixture(scope="module")
@@ -28,20 +29,19 @@ def theirs(answer):
     return outcomes(dataclasses.replace(run, mean=run.mean + rng.normal(), fresh_mean=np.nan) for run in answer.runs)
 
 
-def words(answer, reproduction, folder):
+def words(answer, reproduction):
     """The section in the report."""
-    write_sweep_report([answer], [{}], folder / "report.html", reproduction)
-    page = (folder / "report.html").read_text(encoding="utf-8")
+    page = sweep_account([answer], reproduction).page({})
     section = page[page.index("Held against the publication") : page.index("How it was made")]
     return " ".join(re.sub(r"<[^>]+>", " ", re.sub(r"data:[^\"]+", "", section)).split())
 
 
 def test_every_part_is_there(answer, theirs, small_scatter, tmp_path):
     reproduction = reproduce([answer], tmp_path, theirs, small_scatter)
-    assert set(reproduction.figures) == set(REPRODUCTION_CAPTIONS) - {"identifiers"}
-    for path in reproduction.figures.values():
-        assert np.ptp(imread(path)[..., :3]) > 0.5
-    text = words(answer, reproduction, tmp_path)
+    assert set(reproduction.drawings) == set(REPRODUCTION_CAPTIONS) - {"identifiers"}
+    for draw in reproduction.drawings.values():
+        assert np.ptp(imread(save_figure(draw, tmp_path / "drawn.png"))[..., :3]) > 0.5
+    text = words(answer, reproduction)
     for part in ("Where this run and the paper disagree", "Cell by cell", "Every published contrast",
                  "The robustness table", "What it claims beside its table", "paired over 3 seeds"):  # fmt: skip
         assert part in text
@@ -65,7 +65,7 @@ def test_siblings_take_part_and_missing_ones_are_named(answer, tmp_path):
     longer = [Run(Cell("main", 50, 0.5, s), (2.0, 1.5), 0.1, -300.0) for s in range(3)]
     for name, own in (("robustness-small", rows), ("longer-small", longer)):
         (tmp_path / name).mkdir()
-        write_runs(own, tmp_path / name / "runs.csv")
+        write_rows(tmp_path / name / "runs.csv", *run_table(own))
     reproduction = reproduce([paper], tmp_path / "paper-small")
     assert not any("not beside these" in note for note in reproduction.notes)
     assert [entry is not None for _, entry in reproduction.agreement.robustness] == [True, True, False, False, False]
@@ -89,14 +89,14 @@ def test_longer_training_is_not_taken_for_the_published_sweep(answer, tmp_path):
     )
     for name in ("longer-small", "paper-small"):
         (tmp_path / name).mkdir()
-    write_runs(answer.runs, tmp_path / "paper-small" / "runs.csv")
+    write_rows(tmp_path / "paper-small" / "runs.csv", *run_table(answer.runs))
     reproduction = reproduce([longer], tmp_path / "longer-small")
     assert reproduction.agreement is None
     assert "changes by +0 [+0, +0]" in next(c.answer for c in reproduction.claims if c.name == "undertraining")
 
 
 def test_small_presets_have_the_section_too(small_answer, tmp_path):
-    text = words(small_answer, reproduce([small_answer], tmp_path), tmp_path)
+    text = words(small_answer, reproduce([small_answer], tmp_path))
     assert "Held against the publication" in text
     assert "±nan" not in text
 
