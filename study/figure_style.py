@@ -85,6 +85,6 @@ def panel_title(axes: Axes, title: str, *about: str, **style: Any) -> None:
     annotate_beside(axes, lines, (0.0, 1.0), (0, 26), xycoords="axes fraction", va="top", fontsize=8.5, color="0.4")
 
 
-def width_colours(count: int) -> list[tuple[float, ...]]:
-    """A colour for each of so many widths, from dark to light (count, 4)."""
-    return [COLOURS(0.15 + 0.7 * k / max(1, count - 1)) for k in range(count)]
+def shades(count: int, first: float = 0.15, last: float = 0.85) -> list[tuple[float, ...]]:
+    """So many colours (count, 4) of the scale, from dark to light."""
+    return [COLOURS(first + (last - first) * k / max(1, count - 1)) for k in range(count)]

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
-from study.pipeline.settings import StudySettings, device_type
+from study.pipeline.settings import StudySettings, partition
 
 Theta = tuple[float, float]
 """(m [kg], l [m])."""
@@ -91,13 +91,8 @@ class Preset(StudySettings):
         return tuple(cell for point in self.points for cell in point.cells)
 
     def populations(self, device: str = "cpu") -> tuple[tuple[Cell, ...], ...]:
-        """The runs that train together: on a CPU consecutive cells, `population` at a time; elsewhere all at once.
-
-        A function of preset and device alone, never of workers or of what is left to do.
-        """
-        cells = self.cells
-        size = self.population if device_type(device) == "cpu" else len(cells)
-        return tuple(cells[i : i + size] for i in range(0, len(cells), size))
+        """The runs that train together: consecutive cells, `population` at a time."""
+        return tuple(partition(self.cells, self.population, device))
 
     def point(self, name: str) -> Point:
         """The operating point of that name; raises KeyError for another."""

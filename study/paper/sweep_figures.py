@@ -27,7 +27,7 @@ from study.figure_style import (
     annotate_beside,
     keep_apart,
     panels_abreast,
-    width_colours,
+    shades,
 )
 from study.formatting import number, percent
 from study.paper.published_numbers import CellSummary
@@ -204,7 +204,7 @@ def gap(findings: PointFindings) -> Figure:
                   linestyle="none", capsize=3, label="optimal for the estimate", zorder=3)  # fmt: skip
     offsets = 0.16 + 0.56 * np.arange(len(widths)) / max(1, len(widths) - 1) * min(1.0, len(widths) / 5.0)
     lows = [float(np.mean(d)) - _reach(sem(d)) for d in design]
-    for w, offset, colour in zip(widths, offsets, width_colours(len(widths)), strict=True):
+    for w, offset, colour in zip(widths, offsets, shades(len(widths)), strict=True):
         means, errors = zip(*(findings.summaries[n, w][:2] for n in budgets), strict=True)
         lows += [mean - _reach(error) for mean, error in zip(means, errors, strict=True)]
         axes.errorbar(x + offset, means, errors, color=colour, marker="o", markersize=5, linestyle="none", capsize=2,
@@ -231,7 +231,7 @@ def curves(findings: PointFindings) -> Figure:
     budgets, widths = findings.point.budgets, findings.point.widths
     figure, panels = panels_abreast(len(budgets), 1.2 + 2.0 * len(budgets), 2.9)
     for axes, n in zip(panels, budgets, strict=True):
-        for w, colour in zip(widths, width_colours(len(widths)), strict=True):
+        for w, colour in zip(widths, shades(len(widths)), strict=True):
             table = [run.curve for run in findings.cells[n, w] if run.curve]
             episodes = min((len(curve) for curve in table), default=0)
             size = min(SMOOTH, max(1, episodes))

@@ -94,10 +94,13 @@ _PARSE: dict[str, Callable[[str], Any]] = {
 }
 
 
-def read_table(kind: type[R], path: Path, about: str, optional: bool = False) -> list[R]:
+def read_table(
+    kind: type[R], path: Path, about: str, optional: bool = False, known: Mapping[str, Collection[str]] | None = None
+) -> list[R]:
     """The rows of a table; a column whose field has a default may be missing or empty.
 
-    optional: there are no rows where there is no file. Raises InvalidInput for a file that is not `about` that.
+    optional: there are no rows where there is no file; known: what may stand in some columns. Raises InvalidInput for a
+    file that is not `about` that.
     """
     if optional and not path.exists():
         return []
@@ -107,9 +110,14 @@ def read_table(kind: type[R], path: Path, about: str, optional: bool = False) ->
         reader = csv.DictReader(read_file(path, f"a table of {about}").decode("utf-8-sig").splitlines())
         if missing := [name for name in needed if name not in (reader.fieldnames or ())]:
             raise InvalidInput(f"{path} has no column {missing[0]!r}: expected {', '.join(needed)}")
-        return [_row(kind, columns, needed, row, f"{path}, line {line}") for line, row in enumerate(reader, 2)]
+        rows = [_row(kind, columns, needed, row, f"{path}, line {line}") for line, row in enumerate(reader, 2)]
     except (UnicodeDecodeError, csv.Error):
         raise InvalidInput(f"{path} is not a table of {about}: expected CSV with columns {', '.join(needed)}") from None
+    for column, allowed in (known or {}).items():
+        if foreign := [own for row in rows if (own := getattr(row, column)) not in allowed]:
+            expected = ", ".join(allowed)
+            raise InvalidInput(f"{path} has a row of {column} {foreign[0]!r}: expected one of {expected}")
+    return rows
 
 
 def _row(
