@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import math
 import sqlite3
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import closing
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 from study.paper.finished_runs import RUNS, Run, read_runs
-from study.paper.presets import Point, Preset, Theta
+from study.paper.presets import Estimates, Point, Preset, Theta
 from study.paper.reference_controllers import RATINGS, Rating, Reference
 from study.paper.runs import measured
 from study.pipeline.database import META, check_tables, readable
@@ -29,9 +29,6 @@ LARGEST_IMPORT = 1 << 32
 """Bytes of a results.sqlite."""
 TOLERANCE = 1e-6
 """Largest difference of m [kg] and of l [m] between an estimate and the imported one."""
-
-Estimates = Mapping[tuple[str, int, int], Theta]
-"""theta_hat by (point, n, seed)."""
 
 
 def import_runs(file: Path, preset: Preset, estimates: Estimates) -> list[Run]:
@@ -48,12 +45,12 @@ def import_runs(file: Path, preset: Preset, estimates: Estimates) -> list[Run]:
     return runs
 
 
-def import_references(file: Path, preset: Preset, designs: Iterable[Theta]) -> list[Reference]:
+def import_references(file: Path, preset: Preset, estimates: Estimates) -> list[Reference]:
     """What the table of ratings beside the file says of controllers designed at the truths and at these estimates.
 
     Left out is what a table of other angles, other episodes or too few seeds made; none where there is no such table.
     """
-    own = {_rounded(theta): theta for theta in (*designs, *(point.truth for point in preset.points))}
+    own = {_rounded(theta): theta for theta in (*estimates.values(), *(point.truth for point in preset.points))}
     found: dict[tuple[Any, ...], dict[int, Reference]] = {}
     for row in read_table(Rating, file.with_name(RATINGS), "references", optional=True):
         theta = own.get(_rounded(row.theta))

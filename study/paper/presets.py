@@ -7,6 +7,7 @@ This module loads nothing heavy, so that `python -m study.main --help` answers a
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
@@ -14,6 +15,8 @@ from study.pipeline.settings import StudySettings, partition
 
 Theta = tuple[float, float]
 """(m [kg], l [m])."""
+Estimates = Mapping[tuple[str, int, int], Theta]
+"""theta_hat by (point, n, seed)."""
 
 
 class Cell(NamedTuple):

@@ -22,7 +22,7 @@ from policies.control.dynamic_programming import Grid, solve
 from policies.control.lqr import design_lqr
 from policies.control.swing_up import design_swing_up
 from policies.evaluation import Policy, evaluate, fresh_start_states, start_states
-from study.paper.presets import Preset, Theta
+from study.paper.presets import Estimates, Preset, Theta
 from study.paper.protocol import paper_model
 from study.pipeline.executor import BriefTask
 from study.pipeline.tables import ResultTable
@@ -31,9 +31,6 @@ from sysid.physics.ops import Array
 
 OPTIMAL, LQR, SWING_UP = "optimal", "lqr", "swing_up_lqr"
 CONTROLLERS = (OPTIMAL, LQR, SWING_UP)
-
-Designs = dict[Theta, set[Theta]]
-"""The truths that an optimal controller designed at each theta is run on."""
 
 
 @dataclass(frozen=True)
@@ -119,23 +116,18 @@ def _starts(drawn: Callable[[int, int], tuple[Array, Array]], seeds: Sequence[in
     return map(np.concatenate, zip(*(drawn(seed, preset.episodes) for seed in seeds), strict=True))
 
 
-def reference_tasks(preset: Preset, designs: Designs, known: Set[tuple[Any, ...]] = frozenset()) -> list[BriefTask]:
-    """All controllers at every truth, and the optimal one at every estimate, on the truths where each is asked for.
+def reference_tasks(preset: Preset, estimates: Estimates, known: Set[tuple[Any, ...]]) -> Iterator[BriefTask]:
+    """All controllers at every truth, and the optimal one at every estimate, on the plant that this was measured on.
 
     What is asked of one (controller, theta) is designed once; what is `known`, by `Rating.key`, is left out.
     """
-    wanted: dict[tuple[str, Theta], set[Theta]] = {}
-    for truth in dict.fromkeys(point.truth for point in preset.points):
-        for controller in CONTROLLERS:
-            wanted.setdefault((controller, truth), set()).add(truth)
-    for theta in sorted(designs):
-        wanted.setdefault((OPTIMAL, theta), set()).update(designs[theta])
-    tasks = []
-    for (controller, theta), truths in wanted.items():
-        missing = tuple(sorted(truth for truth in truths if (controller, *theta, *truth) not in known))
-        if missing:
-            name = f"{controller} at m = {theta[0]:.12g}, l = {theta[1]:.12g}"
-            work = 2.0 + (3e-5 * preset.grid**2 if controller == OPTIMAL else 0.0)
-            arguments = (preset, controller, theta, missing)
-            tasks.append(BriefTask(name, "references", work, REFERENCES, referred, arguments))
-    return tasks
+    wanted = [(controller, point.truth, point.truth) for point in preset.points for controller in CONTROLLERS]
+    wanted += sorted((OPTIMAL, theta, preset.point(name).truth) for (name, _, _), theta in estimates.items())
+    missing: dict[tuple[str, Theta], list[Theta]] = {}
+    for controller, theta, truth in dict.fromkeys(wanted):
+        if (controller, *theta, *truth) not in known:
+            missing.setdefault((controller, theta), []).append(truth)
+    for (controller, theta), truths in missing.items():
+        name = f"{controller} at m = {theta[0]:.12g}, l = {theta[1]:.12g}"
+        work = 2.0 + (3e-5 * preset.grid**2 if controller == OPTIMAL else 0.0)
+        yield BriefTask(name, "references", work, REFERENCES, referred, (preset, controller, theta, truths))

@@ -20,9 +20,9 @@ from rich.console import Console
 from study.paper.finished_runs import RUNS, Outcomes, read_published
 from study.paper.identification_scatter import scatter
 from study.paper.imported_runs import import_references, import_runs, is_database
-from study.paper.presets import PAPER, Preset, Theta
+from study.paper.presets import PAPER, Estimates, Preset
 from study.paper.published_numbers import POINTS
-from study.paper.reference_controllers import REFERENCES, Designs, fresh_optimum, reference_tasks
+from study.paper.reference_controllers import REFERENCES, fresh_optimum, reference_tasks
 from study.paper.reproduction import reproduce
 from study.paper.runs import ESTIMATES, SweepPopulation, identification_task
 from study.paper.sweep_findings import PointFindings
@@ -68,9 +68,9 @@ class Sweep(StudyExperiment):
             new = [r for r in import_runs(self.imported, self.preset, self.estimates()) if r.cell not in there]
             self.results.add(RUNS, new)
             console.print(f"{len(new)} runs taken up from {self.imported}", soft_wrap=True)
-            known, rated = self._rated(), import_references(self.imported, self.preset, self._designs())
+            known, rated = self._rated(), import_references(self.imported, self.preset, self.estimates())
             self.results.add(REFERENCES, [r for r in rated if r.key not in known])
-        tasks: list[Task] = [*self._untrained(), *reference_tasks(self.preset, self._designs(), self._rated())]
+        tasks: list[Task] = [*self._untrained(), *reference_tasks(self.preset, self.estimates(), self._rated())]
         yield Stage(tasks, self._about(tasks))
 
     def keep(self, task: Task, answer: Any) -> None:
@@ -89,7 +89,7 @@ class Sweep(StudyExperiment):
             optimum = partial(fresh_optimum, self.preset, POINTS["main"].truth)
         return sweep_account(found, reproduce(found, self.results.folder, self.theirs, identified, optimum))
 
-    def estimates(self) -> dict[tuple[str, int, int], Theta]:
+    def estimates(self) -> Estimates:
         """theta_hat by (point, n, seed)."""
         return {(e.point, e.n, e.seed): e.theta for e in self.results.all(ESTIMATES)}
 
@@ -106,12 +106,6 @@ class Sweep(StudyExperiment):
             theta = tuple(found[cell.point, cell.n, cell.seed] for cell in cells)
             tasks.append(SweepPopulation(self.preset, index, cells, theta, **self.training))
         return self.unfinished(tasks, RUNS)
-
-    def _designs(self) -> Designs:
-        designs: Designs = {}
-        for (name, _, _), theta in self.estimates().items():
-            designs.setdefault(theta, set()).add(self.preset.point(name).truth)
-        return designs
 
     def _rated(self) -> set[tuple[Any, ...]]:
         return {key[:-1] for key in self.results.keys(REFERENCES)}
