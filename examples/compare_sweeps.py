@@ -16,8 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
+from study.paper.finished_runs import Outcomes, read_published, read_runs
 from study.paper.published_numbers import Spot
-from study.paper.published_runs import Outcomes, read_published, read_runs
 from study.statistics import paired_t, sem
 from sysid import InvalidInput
 
@@ -52,7 +52,7 @@ def overall(pairs: dict[Spot, tuple[tuple[int, ...], np.ndarray, np.ndarray]]) -
     if len(means) < 2:
         return "no pairs with data"
     low, high = int(np.sum(every < -FAR)), int(np.sum(every > FAR))
-    change = paired_t(means, np.zeros_like(means))
+    change = paired_t(means)
     return f"all {len(every)} pairs with data: {change}; {low} lower and {high} higher by more than {FAR:.0f}"
 
 

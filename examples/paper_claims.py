@@ -23,9 +23,9 @@ import numpy as np
 from study.figure_style import save_figure
 from study.paper import claims
 from study.paper.agreement import Agreement
+from study.paper.finished_runs import Outcomes
 from study.paper.identification_scatter import scatter
 from study.paper.publication_figures import identification
-from study.paper.published_runs import Outcomes
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -11,6 +11,8 @@ import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.text import Annotation
+from matplotlib.transforms import BboxBase
 
 from study.formatting import capital
 from sysid.data.files import write_whole
@@ -62,6 +64,20 @@ def annotate_beside(
     axes.annotate(text, at, shift, **{"textcoords": "offset points", "va": "center", "fontsize": 9.0} | style)
 
 
+def keep_apart(figure: Figure) -> None:
+    """Move the notes of each panel up or down, by as little as it takes, until none covers another; the first ones
+    stay where they are."""
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        placed: list[BboxBase] = []
+        for note in axes.findobj(Annotation):
+            box = note.get_window_extent().padded(0.002 * figure.bbox.width)
+            steps = (0.25 * box.height * k for k in sorted(range(-40, 41), key=abs))
+            moved = next((s for s in steps if not any(box.translated(0.0, s).overlaps(own) for own in placed)), 0.0)
+            note.xyann = note.xyann[0], note.xyann[1] + 72.0 * moved / figure.dpi
+            placed.append(box.translated(0.0, moved))
+
+
 def panel_title(axes: Axes, title: str, *about: str, **style: Any) -> None:
     """What a panel shows, with lines about it below; empty ones are left out."""
     axes.set_title(capital(title), pad=30, **style)
@@ -69,6 +85,6 @@ def panel_title(axes: Axes, title: str, *about: str, **style: Any) -> None:
     annotate_beside(axes, lines, (0.0, 1.0), (0, 26), xycoords="axes fraction", va="top", fontsize=8.5, color="0.4")
 
 
-def width_colours(count: int) -> list[tuple[float, ...]]:
-    """A colour for each of so many widths, from dark to light (count, 4)."""
-    return [COLOURS(0.15 + 0.7 * k / max(1, count - 1)) for k in range(count)]
+def shades(count: int, first: float = 0.15, last: float = 0.85) -> list[tuple[float, ...]]:
+    """So many colours (count, 4) of the scale, from dark to light."""
+    return [COLOURS(first + (last - first) * k / max(1, count - 1)) for k in range(count)]

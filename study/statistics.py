@@ -63,21 +63,25 @@ class Contrast:
         return bracketed(self.mean, self.low, self.high, write=signed)
 
 
-def paired_bootstrap(a: ArrayLike, b: ArrayLike, rng: np.random.Generator, resamples: int = 20_000) -> Contrast:
+def paired_bootstrap(
+    a: ArrayLike, b: ArrayLike, rng: np.random.Generator | None = None, resamples: int = 20_000
+) -> Contrast:
     """The contrast mean(a - b) of two cells, a (S,) and b (S,) in the same order of seeds; one seed says nothing.
 
-    Raises InvalidInput for different or empty shapes and for values that are not finite.
+    rng: by default a fresh one of seed 0, so that a contrast does not depend on which others are made. Raises
+    InvalidInput for different or empty shapes and for values that are not finite.
     """
     difference = _difference(a, b)
     mean, seeds = float(np.mean(difference)), len(difference)
     if seeds == 1:
         return Contrast(mean, -math.inf, math.inf, seeds)
-    low, high = _interval(difference[None], rng, resamples)
+    low, high = _interval(difference[None], np.random.default_rng(0) if rng is None else rng, resamples)
     return Contrast(mean, float(low[0]), float(high[0]), seeds)
 
 
-def paired_t(a: ArrayLike, b: ArrayLike, level: float = 0.95) -> Contrast:
-    """The same contrast with Student's interval and p. Raises InvalidInput as `paired_bootstrap` does."""
+def paired_t(a: ArrayLike, b: ArrayLike | None = None, level: float = 0.95) -> Contrast:
+    """The same contrast with Student's interval and p; without b, a are the differences. Raises
+    InvalidInput as `paired_bootstrap` does."""
     difference = _difference(a, b)
     return student(float(np.mean(difference)), sem(difference), len(difference), level=level)
 
@@ -116,8 +120,9 @@ def wilson(hits: int, tries: int) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def _difference(a: ArrayLike, b: ArrayLike) -> Array:
-    a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
+def _difference(a: ArrayLike, b: ArrayLike | None) -> Array:
+    a = np.asarray(a, dtype=float)
+    b = np.zeros_like(a) if b is None else np.asarray(b, dtype=float)
     if a.ndim != 1 or a.shape != b.shape or a.size == 0:
         raise InvalidInput(f"the cells have shapes {a.shape} and {b.shape}: expected two vectors over the same seeds")
     if not np.all(np.isfinite(a - b)):

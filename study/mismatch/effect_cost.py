@@ -157,11 +157,7 @@ def three_digits(size: float) -> float:
 
 def read_losses(path: Path) -> list[LossRow]:
     """The rows of a table; none where there is no file. Raises InvalidInput for a file of another kind."""
-    rows = read_table(LossRow, path, "effects and losses", optional=True)
-    for row in rows:
-        if row.effect not in MAGNITUDES:
-            raise InvalidInput(f"{path} has a row of effect {row.effect!r}: expected one of {', '.join(MAGNITUDES)}")
-    return rows
+    return read_table(LossRow, path, "effects and losses", optional=True, known={"effect": MAGNITUDES})
 
 
 def write_losses(path: Path, rows: Iterable[LossRow]) -> None:

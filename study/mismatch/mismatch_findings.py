@@ -85,8 +85,7 @@ class MismatchFindings(TrialFindings):
         one, other = (self.outcome(plant, strategy, n) for strategy in (a, b))
         if one is None or other is None:
             return None
-        difference = one.less(other)
-        return paired_t(difference, np.zeros_like(difference))
+        return paired_t(one.less(other))
 
     def together(self, rows: Sequence[PlannedContrast]) -> Contrast:
         """The mean of some of the plan's contrasts: paired over seeds, each seed's differences averaged first. It was

@@ -15,8 +15,9 @@ from study.mismatch.mismatch_plan import STRATEGIES, MismatchPlan
 from study.mismatch.mismatch_sentences import mismatch_sentences
 from study.mismatch.naming_results import NAMING_TABLE, NamingResult, naming_rates_and_errors, naming_table, read_naming
 from study.mismatch.trajectories import telling_trajectories
+from study.pipeline.publication import Account
 from study.strategies.trial_findings import TrialResults
-from study.strategies.trial_page import TABLES, Account
+from study.strategies.trial_page import TABLES, trial_account
 
 PARTS = ("structure", "identification", "training", "tables")
 """Of the gap to the optimum, over as many seeds as there are tables for."""
@@ -59,7 +60,7 @@ def mismatch_account(
         "trajectories": motions,
         "naming": partial(naming_rates_and_errors, naming) if naming else None,
     }
-    return Account(
+    return trial_account(
         found,
         mismatch_sentences(found, naming),
         {name: (draw, CAPTIONS[name]) for name, draw in drawings.items()},

@@ -26,7 +26,7 @@ from study.mismatch.mismatch_plan import PLANS
 from study.pipeline.tables import read_table, write_table
 from study.statistics import wilson
 from study.trials.hidden_plant import HiddenPlant
-from sysid import CATALOGUE, InvalidInput
+from sysid import CATALOGUE
 
 PLAN, NAMING_TABLE = PLANS["mismatch"], "naming.csv"
 
@@ -130,6 +130,7 @@ def naming_table(rows: Sequence[NamingResult]) -> NamingTable:
     found, budgets = naming_rates(rows), tuple(sorted({row.n for row in rows}))
 
     def cell(plant: str, n: int) -> str:
+        """The text of a plant and a budget; empty where it was not measured."""
         if (plant, n) not in found:
             return ""
         rate, errors = found[plant, n], naming_errors(rows, plant, n)
@@ -148,12 +149,8 @@ def naming_table(rows: Sequence[NamingResult]) -> NamingTable:
 
 def read_naming(path: Path) -> list[NamingResult]:
     """The rows of a table; none where there is no file. Raises InvalidInput for a file of another kind."""
-    rows = read_table(NamingResult, path, "effects that were named", optional=True)
-    known = [plant.name for plant in PLAN.plants]
-    for row in rows:
-        if row.plant not in known:
-            raise InvalidInput(f"{path} has a row of plant {row.plant!r}: expected one of {', '.join(known)}")
-    return rows
+    known = {"plant": [plant.name for plant in PLAN.plants]}
+    return read_table(NamingResult, path, "effects that were named", optional=True, known=known)
 
 
 def write_naming(path: Path, rows: Iterable[NamingResult]) -> None:

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from policies.environments import task
 from policies.evaluation import Episodes, Policy, fresh_start_states, rollout
-from study.figure_style import ACCENT, COLOURS
+from study.figure_style import ACCENT, shades
 from study.formatting import MINUS, capital, number
 from study.mismatch.mismatch_findings import MismatchFindings
 from study.mismatch.mismatch_plan import SPLIT
@@ -54,7 +54,7 @@ def trajectories(
 
 def _angles(axes: Axes, motion: Episodes) -> None:
     axes.axhline(0.0, color=ACCENT, linewidth=1.1, zorder=1)
-    for k, colour in enumerate(_colours(motion)):
+    for k, colour in enumerate(shades(motion.theta.shape[1], 0.05, 0.8)):
         degrees = np.degrees(ops.wrap(motion.theta[:, k]))
         around = np.flatnonzero(np.abs(np.diff(degrees)) > 180.0) + 1
         axes.plot(np.insert(motion.t, around, np.nan), np.insert(degrees, around, np.nan), color=colour, linewidth=1.5)
@@ -64,16 +64,11 @@ def _angles(axes: Axes, motion: Episodes) -> None:
 
 def _torques(axes: Axes, motion: Episodes, u_max: float) -> None:
     """Of the first episode, and the others faint behind it."""
-    for k, colour in enumerate(_colours(motion)):
+    for k, colour in enumerate(shades(motion.theta.shape[1], 0.05, 0.8)):
         axes.step(motion.t, motion.u[:, k], where="post", color=colour, linewidth=0.8 if k else 1.4,
                   alpha=0.25 if k else 1.0, zorder=2 if k else 3)  # fmt: skip
     axes.set_ylim(-1.12 * u_max, 1.12 * u_max)
     axes.set_yticks([-u_max, 0.0, u_max], [number(-u_max), "0", number(u_max)])
-
-
-def _colours(motion: Episodes) -> list[tuple[float, ...]]:
-    episodes = motion.theta.shape[1]
-    return [COLOURS(0.05 + 0.75 * k / max(1, episodes - 1)) for k in range(episodes)]
 
 
 def _return(motion: Episodes, model: Model) -> float:

@@ -21,8 +21,9 @@ import numpy as np
 
 from study.formatting import number, signed
 from study.paper import published_numbers as paper
+from study.paper.finished_runs import Outcomes
+from study.paper.presets import PAPER, Preset
 from study.paper.published_numbers import BASELINE, CELLS, DIFFERENCES, CellSummary, PublishedContrast, Spot
-from study.paper.published_runs import Outcomes
 from study.statistics import Contrast, holm, paired_bootstrap, paired_t, student, welch
 
 MARGIN = 20.0
@@ -114,17 +115,12 @@ class RobustnessEntry:
 
 @dataclass(frozen=True, eq=False)
 class Agreement:
-    """Our runs against the published ones. `theirs` is None without the authors' files: then nothing is paired.
-
-    start_states: whether ours are the published ones; hidden, steps: how ours were trained.
-    """
+    """Our runs, of a preset, against the published ones. `theirs` is None without the authors' files: then nothing is
+    paired."""
 
     ours: Outcomes
     theirs: Outcomes | None = None
-    start_states: bool = True
-    hidden: tuple[int, ...] = paper.HIDDEN
-    steps: int = paper.STEPS
-    resamples: int = 20_000
+    preset: Preset = PAPER
 
     @property
     def sweeps(self) -> tuple[dict[Spot, CellSummary], dict[Spot, CellSummary]]:
@@ -161,7 +157,7 @@ class Agreement:
             return (), "without the authors' files"
         if spot not in self.theirs:
             return (), "their file is not there"
-        if not self.start_states:
+        if self.preset.episodes != PAPER.episodes:
             return (), "other start states"
         if spot not in self.ours:
             return (), "not run here"
@@ -177,11 +173,11 @@ class Agreement:
         found = []
         if outlier and not outlier.rest.significant:
             found.append(f"one seed: without seed {outlier.seed} ({signed(outlier.difference)}) it is {outlier.rest}")
-        if self.hidden != paper.HIDDEN:
-            own, published = (" x ".join(map(str, layers)) for layers in (self.hidden, paper.HIDDEN))
+        if self.preset.hidden != PAPER.hidden:
+            own, published = (" x ".join(map(str, layers)) for layers in (self.preset.hidden, PAPER.hidden))
             found.append(f"possibly networks of {own} instead of {published}")
-        if self.steps != paper.STEPS:
-            found.append(f"possibly {self.steps:,} training steps instead of {paper.STEPS:,}")
+        if self.preset.steps != PAPER.steps:
+            found.append(f"possibly {self.preset.steps:,} training steps instead of {PAPER.steps:,}")
         return "; ".join(found) or "not found: same protocol, other training draws and another SAC library"
 
     @cached_property
@@ -212,7 +208,7 @@ class Agreement:
         if a not in self.ours or b not in self.ours or not self.ours.seeds(a, b):
             return None
         x, y = self.ours.pair(a, b)
-        return paired_bootstrap(x, y, np.random.default_rng(0), self.resamples), paired_t(x, y)
+        return paired_bootstrap(x, y, resamples=self.preset.resamples), paired_t(x, y)
 
     @cached_property
     def robustness(self) -> list[tuple[paper.RobustnessRow, RobustnessEntry | None]]:
@@ -306,4 +302,4 @@ def _outlier(difference: np.ndarray, seeds: Sequence[int]) -> Outlier | None:
         return None
     k = int(np.argmax(np.abs(difference - np.median(difference))))
     rest = np.delete(difference, k)
-    return Outlier(seeds[k], float(difference[k]), paired_t(rest, np.zeros_like(rest)))
+    return Outlier(seeds[k], float(difference[k]), paired_t(rest))

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from study.formatting import MINUS, bracketed, number, percent, signed
+from study.paper.finished_runs import Outcomes
 from study.paper.identification_scatter import Scatter
 from study.paper.published_numbers import CELLS, DIFFERENCES, QUOTES, SEEDS, Spot
-from study.paper.published_runs import Outcomes
 from study.statistics import Contrast, paired_t, sem, student
 
 HOLDS, IN_PART, FAILS, OPEN = "holds", "in part", "does not hold", "open"

@@ -1,7 +1,7 @@
 """Finished runs from elsewhere: the results.sqlite of another study, or a runs.csv, also the paper's own summary.csv.
 
 A run is taken up only where it is one of the preset's and its estimate is the one that this code finds from the same
-rollouts. A table has no episodes and no learning curves: mean and sd stand for the episodes, and the curve is empty.
+rollouts. A table has no episodes and no learning curves.
 Reference controllers that were rated with these runs are taken up, too.
 """
 
@@ -9,16 +9,16 @@ from __future__ import annotations
 
 import math
 import sqlite3
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import closing
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from study.paper.presets import Cell, Point, Preset, Theta
-from study.paper.published_runs import RunRow
+from study.paper.finished_runs import RUNS, Run, read_runs
+from study.paper.presets import Estimates, Point, Preset, Theta
 from study.paper.reference_controllers import RATINGS, Rating, Reference
-from study.paper.runs import RUNS, Run, RunSummary
+from study.paper.runs import measured
 from study.pipeline.database import META, check_tables, readable
 from study.pipeline.population_task import sac_settings
 from study.pipeline.tables import read_table
@@ -30,49 +30,35 @@ LARGEST_IMPORT = 1 << 32
 TOLERANCE = 1e-6
 """Largest difference of m [kg] and of l [m] between an estimate and the imported one."""
 
-NOTHING_KNOWN: dict[str, Any] = {"id_error": math.nan, "returns": (), "curve": (), "settings": {}, "versions": {}}
-"""Of the making of a run in a table."""
-
-Estimates = Mapping[tuple[str, int, int], Theta]
-"""theta_hat by (point, n, seed)."""
-
 
 def import_runs(file: Path, preset: Preset, estimates: Estimates) -> list[Run]:
     """The runs in the file, each marked as imported from it, with the estimates that this code found.
 
-    Raises InvalidInput for a file that cannot be read, and for the first row that does not belong to the preset.
+    Raises InvalidInput for a file that cannot be read, and for the first run that does not belong to the preset.
     """
-    runs: dict[Cell, Run] = {}
-    for place, run in _database(file) if is_database(file) else _table(file, preset):
-        problem = "it is there twice" if run.cell in runs else _foreign(run, preset, estimates)
-        if problem:
-            raise InvalidInput(f"{file}, {place} ({run.cell}) does not belong to {preset.name!r}: {problem}")
-        theta = estimates[run.cell.point, run.cell.n, run.cell.seed]
-        truth = preset.point(run.cell.point).truth
-        runs[run.cell] = replace(
-            run, population=-1, theta_hat=theta, id_error=math.dist(theta, truth), imported=file.name
-        )
-    return list(runs.values())
+    runs = []
+    for run in _database(file) if is_database(file) else _table(file, preset):
+        if problem := _foreign(run, preset, estimates):
+            raise InvalidInput(f"{file}: {run.cell} does not belong to {preset.name!r}: {problem}")
+        theta, truth = estimates[run.cell.point, run.cell.n, run.cell.seed], preset.point(run.cell.point).truth
+        runs.append(replace(run, theta_hat=theta, id_error=math.dist(theta, truth), imported=file.name))
+    return runs
 
 
-def import_references(file: Path, preset: Preset, designs: Iterable[Theta]) -> list[Reference]:
+def import_references(file: Path, preset: Preset, estimates: Estimates) -> list[Reference]:
     """What the table of ratings beside the file says of controllers designed at the truths and at these estimates.
 
     Left out is what a table of other angles, other episodes or too few seeds made; none where there is no such table.
     """
-    own = {_rounded(theta): theta for theta in (*designs, *(point.truth for point in preset.points))}
-    found: dict[tuple[str, Theta, Theta], dict[int, float]] = {}
+    own = {_rounded(theta): theta for theta in (*estimates.values(), *(point.truth for point in preset.points))}
+    found: dict[tuple[Any, ...], dict[int, Reference]] = {}
     for row in read_table(Rating, file.with_name(RATINGS), "references", optional=True):
-        theta = own.get(_rounded((row.m, row.l)))
+        theta = own.get(_rounded(row.theta))
         if theta and (row.grid, row.episodes) == (preset.grid, preset.episodes) and math.isfinite(row.return_mean):
-            found.setdefault((row.controller, theta, (row.truth_m, row.truth_l)), {})[row.seed] = row.return_mean
+            reference = Reference(**{**vars(row), "m": theta[0], "l": theta[1]})
+            found.setdefault(reference.key, {})[row.seed] = reference
     seeds = sorted({*preset.seeds, *preset.reference_seeds})
-    return [
-        Reference(*key, seed, (means[seed],), {}, 0.0)
-        for key, means in found.items()
-        if means.keys() >= set(seeds)
-        for seed in seeds
-    ]
+    return [rows[seed] for rows in found.values() if rows.keys() >= set(seeds) for seed in seeds]
 
 
 def _rounded(theta: Theta) -> Theta:
@@ -108,43 +94,30 @@ def _foreign(run: Run, preset: Preset, estimates: Estimates) -> str:
 def _changed(settings: Mapping[str, Any], preset: Preset, point: Point) -> Iterator[str]:
     """What a database says of a run's making that is not the preset's; a table says nothing."""
     sac = {name: list(v) if isinstance(v, tuple) else v for name, v in asdict(sac_settings(preset)).items()}
-    made = {"identifier": point.identifier, "sigma": point.sigma, "truth": list(point.truth)}
-    for expected, found in ((sac, settings.get("sac", {})), (made, settings)):
+    for expected, found in ((sac, settings.get("sac", {})), (measured(point), settings)):
         for name, value in expected.items():
             if found.get(name, value) != value:
                 yield f"{name} = {found[name]}, expected {value}"
 
 
-def _database(file: Path) -> Iterator[tuple[str, Run]]:
-    """(row, run) of a results.sqlite."""
+def _database(file: Path) -> list[Run]:
+    """The runs of a results.sqlite."""
     try:
         with closing(sqlite3.connect(f"{file.resolve().as_uri()}?mode=ro", uri=True, timeout=3.0)) as db:
             found = dict(db.execute("SELECT key, value FROM meta"))
             if found.get("format") != str(Preset.layout):
                 raise InvalidInput(f"--import {file}: it has format {found.get('format')}, expected {Preset.layout}")
             check_tables(db, META + RUNS.schema, file)
-            rows = db.execute(f"SELECT rowid, * FROM runs ORDER BY {RUNS.key}").fetchall()
+            rows = db.execute(f"SELECT * FROM runs ORDER BY {RUNS.key}").fetchall()
     except sqlite3.Error as error:
         raise InvalidInput(f"--import {file}: not the results of a study ({error})") from None
-    for number, *row in rows:
-        with readable(file):
-            run = RUNS.value(row)
-        yield f"row {number}", run
+    with readable(file):
+        return list(map(RUNS.value, rows))
 
 
-def _table(file: Path, preset: Preset) -> Iterator[tuple[str, Run]]:
-    """(line, run) of a CSV file."""
-    for line, row in enumerate(read_table(RunRow, file, "runs"), 2):
-        if not row.point and len(preset.points) > 1:
-            raise InvalidInput(f"{file} has no column 'point': expected the points of {preset.name!r} in it")
-        yield (
-            f"line {line}",
-            Run(
-                cell=Cell(row.point or preset.points[0].name, row.n, row.w, row.seed),
-                population=-1,
-                theta_hat=(row.theta_hat_mass, row.theta_hat_length),
-                **NOTHING_KNOWN,
-                seconds=row.wall_time_s,
-                summary=RunSummary(row.eval_return_mean, row.eval_return_std, row.eval_return_fresh),
-            ),
-        )
+def _table(file: Path, preset: Preset) -> list[Run]:
+    """The runs of a CSV file."""
+    found = read_runs(file, "" if len(preset.points) > 1 else preset.points[0].name)
+    if "" in found.points:
+        raise InvalidInput(f"{file} has no column 'point': expected the points of {preset.name!r} in it")
+    return [run for runs in found.table.values() for run in runs.values()]

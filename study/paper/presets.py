@@ -7,13 +7,16 @@ This module loads nothing heavy, so that `python -m study.main --help` answers a
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
-from study.pipeline.settings import StudySettings, device_type
+from study.pipeline.settings import StudySettings, partition
 
 Theta = tuple[float, float]
 """(m [kg], l [m])."""
+Estimates = Mapping[tuple[str, int, int], Theta]
+"""theta_hat by (point, n, seed)."""
 
 
 class Cell(NamedTuple):
@@ -82,7 +85,7 @@ class Preset(StudySettings):
     grid: int = 450
     resamples: int = 20_000
     companion: str | None = None
-    layout: ClassVar[int] = 2
+    layout: ClassVar[int] = 3
     experiment: ClassVar[str] = "study.paper.sweep"
     understood: ClassVar[tuple[str, ...]] = ("imported", "published")
 
@@ -91,13 +94,8 @@ class Preset(StudySettings):
         return tuple(cell for point in self.points for cell in point.cells)
 
     def populations(self, device: str = "cpu") -> tuple[tuple[Cell, ...], ...]:
-        """The runs that train together: on a CPU consecutive cells, `population` at a time; elsewhere all at once.
-
-        A function of preset and device alone, never of workers or of what is left to do.
-        """
-        cells = self.cells
-        size = self.population if device_type(device) == "cpu" else len(cells)
-        return tuple(cells[i : i + size] for i in range(0, len(cells), size))
+        """The runs that train together: consecutive cells, `population` at a time."""
+        return tuple(partition(self.cells, self.population, device))
 
     def point(self, name: str) -> Point:
         """The operating point of that name; raises KeyError for another."""

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullLocator
 
-from study.figure_style import ACCENT, COLOURS, annotate_beside, faint_lines
+from study.figure_style import ACCENT, COLOURS, annotate_beside, faint_lines, shades
 from study.formatting import number
 from study.paper.agreement import ContrastAgreement
 from study.paper.claims import CELL, nearest_cell
@@ -75,8 +75,8 @@ def identification(found: Scatter) -> Figure:
     across = left.get_xaxis_transform()
     annotate_beside(left, "the paper's budgets", (np.sqrt(250.0), 0.02), (0, 3), va="baseline", ha="center",
                     color="0.45", fontsize=8.5, xycoords=across)  # fmt: skip
-    for k, sigma in enumerate(found.sigmas):
-        colour, errors = COLOURS(0.12 + 0.68 * k / max(1, len(found.sigmas) - 1)), found.errors(sigma)
+    for k, (sigma, colour) in enumerate(zip(found.sigmas, shades(len(found.sigmas), 0.12, 0.8), strict=True)):
+        errors = found.errors(sigma)
         mean = errors.mean(axis=1)
         left.errorbar(budgets, mean, 1.96 * errors.std(axis=1, ddof=1) / np.sqrt(found.seeds), color=colour, marker="o",
                       markersize=4, linewidth=1.7, capsize=2, zorder=3)  # fmt: skip

@@ -3,7 +3,7 @@
 Rizvi and Tomar, "How Should a Simulation-to-Reality Transfer Budget Be Spent?", First Workshop on Sim2Real and
 Classical Control, IROS 2026 (submitted). Where the text prints a number it stands here as printed. Means, errors and
 medians of cells, and errors of contrasts, are aggregates of the authors' per-run files (results/*.csv at URL), which
-are not shipped here; `study.paper.published_runs` reads them.
+are not shipped here; `study.paper.finished_runs` reads them.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from study.pipeline.tables import read_table
 
 SOURCE = "Rizvi and Tomar, How Should a Simulation-to-Reality Transfer Budget Be Spent? (2026)"
 URL = "https://github.com/YTomar79/sim2real_budget"
-EPISODES, SEEDS, HIDDEN, STEPS = 20, tuple(range(10)), (256, 256), 75_000
-"""Evaluation episodes a run, seeds of the main sweep, layer sizes and training steps (Sec. II-C and the code)."""
+SEEDS = tuple(range(10))
+"""Of the main sweep (Sec. II-C); its episodes, layers and steps are those of the preset `paper`."""
 
 
 class Spot(NamedTuple):

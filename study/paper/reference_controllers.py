@@ -13,7 +13,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -21,9 +22,8 @@ from policies.control.dynamic_programming import Grid, solve
 from policies.control.lqr import design_lqr
 from policies.control.swing_up import design_swing_up
 from policies.evaluation import Policy, evaluate, fresh_start_states, start_states
-from study.paper.presets import Preset, Theta
+from study.paper.presets import Estimates, Preset, Theta
 from study.paper.protocol import paper_model
-from study.paper.runs import hidden_plant
 from study.pipeline.executor import BriefTask
 from study.pipeline.tables import ResultTable
 from study.pipeline.versions import versions
@@ -31,26 +31,6 @@ from sysid.physics.ops import Array
 
 OPTIMAL, LQR, SWING_UP = "optimal", "lqr", "swing_up_lqr"
 CONTROLLERS = (OPTIMAL, LQR, SWING_UP)
-
-Designs = dict[Theta, set[Theta]]
-"""The truths that an optimal controller designed at each theta is run on."""
-
-
-@dataclass(frozen=True)
-class Reference:
-    """Returns (E,) on the hidden plant `truth`, from a seed's start states, of a controller designed at theta."""
-
-    controller: str
-    theta: Theta
-    truth: Theta
-    seed: int
-    returns: tuple[float, ...]
-    versions: dict[str, str]
-    seconds: float
-
-    @property
-    def mean(self) -> float:
-        return float(np.mean(self.returns))
 
 
 @dataclass(frozen=True)
@@ -68,14 +48,35 @@ class Rating:
     grid: int
     episodes: int
 
+    @property
+    def theta(self) -> Theta:
+        return self.m, self.l
+
+    @property
+    def truth(self) -> Theta:
+        return self.truth_m, self.truth_l
+
+    @property
+    def key(self) -> tuple[str, float, float, float, float]:
+        """What was run on which plant, whatever the seed."""
+        return self.controller, *self.theta, *self.truth
+
+
+@dataclass(frozen=True)
+class Reference(Rating):
+    """A rating, with what made it."""
+
+    versions: dict[str, str] = field(default_factory=dict)
+    seconds: float = 0.0
+
 
 RATINGS = "ratings.csv"
 """The table of references, seed by seed."""
 REFERENCES = ResultTable(
     "controllers",
     Reference,
-    "controller TEXT, m REAL, l REAL, truth_m REAL, truth_l REAL, seed INTEGER, returns TEXT, versions TEXT, "
-    "seconds REAL",
+    "controller TEXT, m REAL, l REAL, truth_m REAL, truth_l REAL, seed INTEGER, return_mean REAL, grid INTEGER, "
+    "episodes INTEGER, versions TEXT, seconds REAL",
     keys=6,
 )
 
@@ -87,19 +88,18 @@ def referred(
     begin = time.monotonic()
     policy, seeds = design(controller, theta, preset.grid), sorted({*preset.seeds, *preset.reference_seeds})
     starts = _starts(start_states, seeds, preset)
-    rows = {truth: evaluate(policy, hidden_plant(truth), *starts).returns for truth in truths}
+    rows = {truth: evaluate(policy, paper_model(*truth), *starts).returns for truth in truths}
     seconds, found = (time.monotonic() - begin) / (len(seeds) * len(rows)), versions()
     return [
-        Reference(controller, theta, truth, seed, tuple(row), found, seconds)
+        Reference(controller, *theta, *truth, seed, mean, preset.grid, preset.episodes, found, seconds)
         for truth, returns in rows.items()
-        for seed, row in zip(seeds, returns.reshape(len(seeds), -1).tolist(), strict=True)
+        for seed, mean in zip(seeds, np.mean(returns.reshape(len(seeds), -1), axis=1).tolist(), strict=True)
     ]
 
 
 def design(controller: str, theta: Theta, grid: int) -> Policy:
     """The controller for the machine at theta, the optimal one on a table of so many angles."""
-    m, l = theta  # noqa: E741
-    model = paper_model(m, l)
+    model = paper_model(*theta)
     if controller == LQR:
         return design_lqr(model)
     return design_swing_up(model) if controller == SWING_UP else solve(model, Grid(grid, grid + 1))
@@ -108,7 +108,7 @@ def design(controller: str, theta: Theta, grid: int) -> Policy:
 def fresh_optimum(preset: Preset, truth: Theta, seeds: Sequence[int]) -> float:
     """J(optimal | truth) from start states that no two seeds share; nothing keeps it, and it takes some seconds."""
     policy, starts = design(OPTIMAL, truth, preset.grid), _starts(fresh_start_states, seeds, preset)
-    return evaluate(policy, hidden_plant(truth), *starts).mean
+    return evaluate(policy, paper_model(*truth), *starts).mean
 
 
 def _starts(drawn: Callable[[int, int], tuple[Array, Array]], seeds: Sequence[int], preset: Preset) -> Iterator[Array]:
@@ -116,25 +116,18 @@ def _starts(drawn: Callable[[int, int], tuple[Array, Array]], seeds: Sequence[in
     return map(np.concatenate, zip(*(drawn(seed, preset.episodes) for seed in seeds), strict=True))
 
 
-def reference_tasks(
-    preset: Preset, designs: Designs, known: Set[tuple[str, Theta, Theta]] = frozenset()
-) -> list[BriefTask]:
-    """All controllers at every truth, and the optimal one at every estimate, on the truths where each is asked for.
+def reference_tasks(preset: Preset, estimates: Estimates, known: Set[tuple[Any, ...]]) -> Iterator[BriefTask]:
+    """All controllers at every truth, and the optimal one at every estimate, on the plant that this was measured on.
 
-    What is asked of one (controller, theta) is designed once; `known` (controller, theta, truth) is left out.
+    What is asked of one (controller, theta) is designed once; what is `known`, by `Rating.key`, is left out.
     """
-    wanted: dict[tuple[str, Theta], set[Theta]] = {}
-    for truth in dict.fromkeys(point.truth for point in preset.points):
-        for controller in CONTROLLERS:
-            wanted.setdefault((controller, truth), set()).add(truth)
-    for theta in sorted(designs):
-        wanted.setdefault((OPTIMAL, theta), set()).update(designs[theta])
-    tasks = []
-    for (controller, theta), truths in wanted.items():
-        missing = tuple(sorted(truth for truth in truths if (controller, theta, truth) not in known))
-        if missing:
-            name = f"{controller} at m = {theta[0]:.12g}, l = {theta[1]:.12g}"
-            work = 2.0 + (3e-5 * preset.grid**2 if controller == OPTIMAL else 0.0)
-            arguments = (preset, controller, theta, missing)
-            tasks.append(BriefTask(name, "references", work, REFERENCES, referred, arguments))
-    return tasks
+    wanted = [(controller, point.truth, point.truth) for point in preset.points for controller in CONTROLLERS]
+    wanted += sorted((OPTIMAL, theta, preset.point(name).truth) for (name, _, _), theta in estimates.items())
+    missing: dict[tuple[str, Theta], list[Theta]] = {}
+    for controller, theta, truth in dict.fromkeys(wanted):
+        if (controller, *theta, *truth) not in known:
+            missing.setdefault((controller, theta), []).append(truth)
+    for (controller, theta), truths in missing.items():
+        name = f"{controller} at m = {theta[0]:.12g}, l = {theta[1]:.12g}"
+        work = 2.0 + (3e-5 * preset.grid**2 if controller == OPTIMAL else 0.0)
+        yield BriefTask(name, "references", work, REFERENCES, referred, (preset, controller, theta, truths))

@@ -13,14 +13,13 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from study.figure_style import save_figure
 from study.paper import claims, publication_figures
 from study.paper.agreement import Agreement
 from study.paper.claims import Claim
+from study.paper.finished_runs import Outcomes, outcomes, read_runs
 from study.paper.identification_scatter import Scatter
-from study.paper.presets import PRESETS, Preset
-from study.paper.published_numbers import CELLS, EPISODES, POINTS, ROBUSTNESS, SEEDS, URL, Spot
-from study.paper.published_runs import Outcomes, RunOutcome, outcomes, read_runs
+from study.paper.presets import PAPER, PRESETS, Preset
+from study.paper.published_numbers import CELLS, POINTS, ROBUSTNESS, SEEDS, URL, Spot
 from study.paper.reference_controllers import OPTIMAL
 from study.paper.saturation_budget import budget_curves, paragraph
 from study.paper.sweep_figures import heatmaps, paretos
@@ -53,14 +52,14 @@ LONGER_AT = Spot("main", 50, 0.5)
 @dataclass(frozen=True, eq=False)
 class Reproduction:
     """What the section says. agreement is None where nothing published was repeated; short: the paper's best cell, the
-    optimum from the same start states, percent between them."""
+    optimum from the same start states, percent between them; drawings: what draws each of REPRODUCTION_CAPTIONS."""
 
     agreement: Agreement | None
     claims: Sequence[Claim]
     identifiers: str
     short: tuple[float, float, float] | None
     notes: Sequence[str]
-    figures: Mapping[str, Path]
+    drawings: Mapping[str, Callable[[], Figure]]
 
     def sentences(self) -> list[tuple[str, str]]:
         """Pairs of question and answer."""
@@ -75,23 +74,22 @@ def reproduce(
     scatter: Scatter | None = None,
     fresh_optimum: Callable[[Sequence[int]], float] | None = None,
 ) -> Reproduction:
-    """Compare and draw. theirs: the authors' runs, where they are given; scatter: where identification was studied;
-    fresh_optimum: of such seeds, at the main plant, from start states that no two seeds share."""
+    """Compare.
+
+    folder: of the results, beside which those of other presets lie; theirs: the authors' runs, where they are given;
+    scatter: where identification was studied; fresh_optimum: of such seeds, at the main plant, from start states that
+    no two seeds share
+    """
     preset = found[0].preset
     base = PRESETS.get(preset.companion or "", preset)
-    own = outcomes(
-        (Spot(*run.cell[:3]), run.cell.seed, RunOutcome(run.mean, run.id_error, run.theta_hat, run.fresh_mean))
-        for answer in found
-        for run in answer.runs
-    )
+    own = outcomes(run for answer in found for run in answer.runs)
     siblings, notes = _siblings(preset, base, folder)
     ours = own
     for name, runs in siblings.items():
         ours = ours.merged(runs) if PRESETS[name].steps == preset.steps else ours
     agreement = None
     if preset.steps == base.steps and any(spot in ours for spot in CELLS):
-        same_starts = preset.episodes == EPISODES
-        agreement = Agreement(ours, theirs, same_starts, preset.hidden, preset.steps, preset.resamples)
+        agreement = Agreement(ours, theirs, preset)
         if theirs is None:
             notes.insert(0, WITHOUT_THEIRS)
     if theirs and theirs.missing:
@@ -107,8 +105,7 @@ def reproduce(
 
     said = _claims(found, own if preset.steps == base.steps else None, scatter, fresh_optimum)
     said += _undertraining(found, _longer(preset, base, {preset.name: own, **siblings}))
-    files = {name: save_figure(draw, folder / f"{name}.png") for name, draw in drawings.items()}
-    return Reproduction(agreement, said, paragraph(curves, wider, allowed), _short(main), notes, files)
+    return Reproduction(agreement, said, paragraph(curves, wider, allowed), _short(main), notes, drawings)
 
 
 def _on_main(found: Sequence[PointFindings]) -> list[PointFindings]:
@@ -155,7 +152,7 @@ def _sweeps(agreement: Agreement, main: PointFindings | None) -> dict[str, Calla
     drawings: dict[str, Callable[[], Figure]] = {}
     if ours and main:
         references = main.allowed(main.preset.reference_seeds)
-        layers, seeds = " × ".join(map(str, agreement.hidden)), max(cell.seeds for cell in ours.values())  # noqa: RUF001
+        layers, seeds = " × ".join(map(str, agreement.preset.hidden)), max(cell.seeds for cell in ours.values())  # noqa: RUF001
         here = f"Here ({layers} networks, {seeds} seed{'s' * (seeds != 1)})"
         sides = {"Published (256 × 256 networks, 10 seeds)": theirs, here: ours}  # noqa: RUF001
         drawings["published_heatmap"] = lambda: heatmaps(sides, references)
@@ -172,8 +169,7 @@ def _longer(preset: Preset, base: Preset, runs: Mapping[str, Outcomes]) -> tuple
         return None
     a, b = runs[long], runs[base.name]
     seeds = sorted({*a.seeds(LONGER_AT)} & {*b.seeds(LONGER_AT)})
-    gain = paired_bootstrap(a.returns(LONGER_AT, seeds), b.returns(LONGER_AT, seeds), np.random.default_rng(0))
-    return gain, PRESETS[long].steps
+    return paired_bootstrap(a.returns(LONGER_AT, seeds), b.returns(LONGER_AT, seeds)), PRESETS[long].steps
 
 
 def _undertraining(found: Sequence[PointFindings], longer: tuple[Contrast, int] | None) -> list[Claim]:
@@ -186,7 +182,7 @@ def _undertraining(found: Sequence[PointFindings], longer: tuple[Contrast, int] 
 
 
 def _short(main: PointFindings | None) -> tuple[float, float, float] | None:
-    if main is None or (main.preset.episodes, main.preset.reference_seeds) != (EPISODES, SEEDS):
+    if main is None or (main.preset.episodes, main.preset.reference_seeds) != (PAPER.episodes, SEEDS):
         return None
     best, optimum = ROBUSTNESS[0].best, float(np.mean(main.reference(OPTIMAL, seeds=SEEDS)))
     return best, optimum, 100.0 * (optimum - best) / abs(optimum)

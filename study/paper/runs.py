@@ -18,14 +18,15 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from policies.evaluation import Evaluation, evaluate, fresh_start_states, start_states
+from policies.evaluation import evaluate, fresh_start_states, start_states
+from study.paper.finished_runs import RUNS, Run
 from study.paper.presets import Cell, Point, Preset, Theta
 from study.paper.protocol import PaperRollout, averaged_sensor, paper_model, paper_rollouts, transitions
 from study.pipeline.executor import BriefTask
 from study.pipeline.population_task import PopulationTask, sac_settings
 from study.pipeline.tables import ResultTable
 from study.pipeline.versions import versions
-from sysid import Estimate, GridSearch, InvalidInput, LeastSquares, Model, UnscentedKalman
+from sysid import Estimate, GridSearch, InvalidInput, LeastSquares, UnscentedKalman
 
 if TYPE_CHECKING:
     from policies import Population
@@ -48,12 +49,6 @@ ESTIMATES = ResultTable(
 )
 
 
-def hidden_plant(truth: Theta) -> Model:
-    """The paper's pendulum with that mass [kg] and length [m]."""
-    m, l = truth  # noqa: E741
-    return paper_model(m, l)
-
-
 def identify(point: Point, n: int, seed: int) -> Theta:
     """theta_hat from n rollouts of the point's hidden plant; the prior for n = 0.
 
@@ -67,7 +62,7 @@ def identify(point: Point, n: int, seed: int) -> Theta:
     """
     if n == 0:
         return point.prior
-    rollouts = paper_rollouts(hidden_plant(point.truth), n, np.random.default_rng(seed), sigma=point.sigma)
+    rollouts = paper_rollouts(paper_model(*point.truth), n, np.random.default_rng(seed), sigma=point.sigma)
     found = _estimate(point, rollouts).values
     return found["m"], found["l"]
 
@@ -99,97 +94,31 @@ def identified(point: Point, seed: int, progress: Callable[[float], None]) -> li
     return answer
 
 
-class RunSummary(NamedTuple):
-    """What a table keeps of a run's episodes: mean and sd (divided by E) of the returns; fresh_mean may be nan."""
-
-    mean: float
-    std: float
-    fresh_mean: float = math.nan
-
-
-@dataclass(frozen=True)
-class Run:
-    """A finished cell, with everything its number depends on.
-
-    theta_hat (m [kg], l [m]); id_error = ||theta_hat - truth||; returns (E,) from the paper's start states, and
-    fresh_returns (E,) from start states that no other seed shares; curve: (env steps done, return) of the training
-    episodes; seconds: the run's share of its population's time.
-
-    A run that was taken up from elsewhere says in `imported` from which file; where that is a table, `summary` stands
-    for the episodes and the curve is empty.
-    """
-
-    cell: Cell
-    population: int
-    theta_hat: Theta
-    id_error: float
-    returns: tuple[float, ...]
-    curve: tuple[tuple[int, float], ...]
-    settings: dict[str, Any]
-    versions: dict[str, str]
-    seconds: float
-    fresh_returns: tuple[float, ...] = ()
-    imported: str = ""
-    summary: RunSummary | None = None
-
-    @property
-    def mean(self) -> float:
-        return self.summary.mean if self.summary else Evaluation(np.array(self.returns)).mean
-
-    @property
-    def std(self) -> float:
-        """Standard deviation over the episodes (divided by E)."""
-        return self.summary.std if self.summary else Evaluation(np.array(self.returns)).std
-
-    @property
-    def fresh_mean(self) -> float:
-        """Mean return from start states that no other seed shares; nan where it is not known."""
-        if self.summary:
-            return self.summary.fresh_mean
-        return Evaluation(np.array(self.fresh_returns)).mean if self.fresh_returns else math.nan
-
-
-RUNS = ResultTable(
-    "runs",
-    Run,
-    "point TEXT, n INTEGER, w REAL, seed INTEGER, population INTEGER, theta_hat_m REAL, theta_hat_l REAL, "
-    "id_error REAL, returns TEXT, curve TEXT, settings TEXT, versions TEXT, seconds REAL, fresh_returns TEXT, "
-    "imported TEXT, summary TEXT",
-    keys=4,
-)
+def measured(point: Point) -> dict[str, Any]:
+    """What a run's settings say of its operating point."""
+    return {"identifier": point.identifier, "sigma": point.sigma, "truth": list(point.truth)}
 
 
 @dataclass(frozen=True)
 class SweepPopulation(PopulationTask):
-    """The cells of one population.
-
-    index of count: which population it is; cells: the runs it makes, with their estimates theta_hat
-    """
+    """The cells of one population: the runs it makes, with their estimates theta_hat; index: which population it is."""
 
     plan: Preset
     index: int
-    count: int
     cells: tuple[Cell, ...]
     estimates: tuple[Theta, ...]
     table: ClassVar[Any] = RUNS
 
     @property
-    def progress_key(self) -> int:
-        return self.index
-
-    @property
     def name(self) -> str:
-        return f"population {self.index + 1} of {self.count}"
-
-    @property
-    def stem(self) -> str:
-        return f"population_{self.index + 1}"
+        return f"population {self.index + 1}"
 
     @property
     def keys(self) -> tuple[Cell, ...]:
         return self.cells
 
     def population(self) -> Population:
+        """The agents of the cells, each on its band about its estimate, before their first step."""
         from policies import SACPopulation
 
         points = [self.plan.point(cell.point) for cell in self.cells]
@@ -203,7 +132,7 @@ class SweepPopulation(PopulationTask):
         runs = []
         for a, (cell, policy) in enumerate(zip(self.cells, population.policies(), strict=True)):
             point, theta = self.plan.point(cell.point), self.estimates[a]
-            plant = hidden_plant(point.truth)
+            plant = paper_model(*point.truth)
             answer = evaluate(policy, plant, *start_states(cell.seed, self.plan.episodes))
             fresh = evaluate(policy, plant, *fresh_start_states(cell.seed, self.plan.episodes))
             settings = {
@@ -211,15 +140,13 @@ class SweepPopulation(PopulationTask):
                 "device": self.device,
                 "sac": dataclasses.asdict(population.settings),
                 "randomization": population.env.randomizations[a].to_json(),
-                "identifier": point.identifier,
-                "sigma": point.sigma,
-                "truth": list(point.truth),
+                **measured(point),
             }
             curve = tuple((int(step), float(value)) for step, value in curves[a])
             returns, fresh_returns = (tuple(own.returns.tolist()) for own in (answer, fresh))
-            error = math.dist(theta, point.truth)
-            made = settings, found, seconds, fresh_returns
-            runs.append(Run(cell, self.index, theta, error, returns, curve, *made))
+            made = returns, fresh_returns, curve, settings, found
+            reached = answer.mean, answer.std, fresh.mean
+            runs.append(Run(cell, theta, math.dist(theta, point.truth), *reached, seconds, *made))
         return runs
 
 
@@ -230,5 +157,4 @@ def _randomization(point: Point, cell: Cell, theta: Theta) -> Any:
         return PriorRange(("m", "l"))
     if point.randomization != "band":
         raise InvalidInput(f"randomization {point.randomization!r}: expected one of band, prior_range")
-    m, l = theta  # noqa: E741
-    return Band({"m": m, "l": l}, w=cell.w)
+    return Band(dict(zip(("m", "l"), theta, strict=True)), w=cell.w)

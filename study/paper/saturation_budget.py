@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from study.formatting import number, percent
+from study.paper.finished_runs import Outcomes
 from study.paper.published_numbers import Spot
-from study.paper.published_runs import Outcomes
 from study.paper.reference_controllers import OPTIMAL
 from study.statistics import Contrast, paired_t
 

@@ -10,37 +10,33 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 
+from study.paper.finished_runs import RUNS, Outcomes, read_published
+from study.paper.identification_scatter import scatter
 from study.paper.imported_runs import import_references, import_runs, is_database
-from study.paper.presets import Preset, Theta
-from study.paper.published_runs import Outcomes, read_published
-from study.paper.reference_controllers import RATINGS, REFERENCES, Designs, reference_tasks
-from study.paper.reproduction import REPRODUCTION_CAPTIONS
-from study.paper.runs import ESTIMATES, RUNS, SweepPopulation, identification_task
-from study.paper.sweep_report import POINT_CAPTIONS, publish_sweep
+from study.paper.presets import PAPER, Estimates, Preset
+from study.paper.published_numbers import POINTS
+from study.paper.reference_controllers import REFERENCES, fresh_optimum, reference_tasks
+from study.paper.reproduction import reproduce
+from study.paper.runs import ESTIMATES, SweepPopulation, identification_task
+from study.paper.sweep_findings import PointFindings
+from study.paper.sweep_page import outputs, sweep_account
 from study.pipeline.database import Database
 from study.pipeline.executor import BriefTask, Task
-from study.pipeline.policy_files import FOLDER
+from study.pipeline.publication import PUBLISHED, Account, publish
 from study.pipeline.settings import RunOptions
 from study.pipeline.stages import Stage, StudyExperiment
-
-PROGRESS = "training (population INTEGER PRIMARY KEY, seconds REAL)"
-
-
-def outputs(preset: Preset) -> tuple[str, ...]:
-    """What a study writes beside its database; never over files of somebody else."""
-    drawn = (preset.figure_file(point.name, name) for point in preset.points for name in POINT_CAPTIONS)
-    reproduction = (f"{name}.png" for name in REPRODUCTION_CAPTIONS)
-    return ("runs.csv", "references.csv", RATINGS, "study.json", *drawn, *reproduction, "report.html", FOLDER)
 
 
 def sweep_results(folder: Path, preset: Preset, device: str = "cpu") -> Database:
     """The open results folder of a preset."""
-    return Database(folder, preset, (ESTIMATES, RUNS, REFERENCES), outputs(preset), device, PROGRESS)
+    return Database(folder, preset, (ESTIMATES, RUNS, REFERENCES), (*outputs(preset), *PUBLISHED), device)
 
 
 @contextlib.contextmanager
@@ -72,10 +68,9 @@ class Sweep(StudyExperiment):
             new = [r for r in import_runs(self.imported, self.preset, self.estimates()) if r.cell not in there]
             self.results.add(RUNS, new)
             console.print(f"{len(new)} runs taken up from {self.imported}", soft_wrap=True)
-            known = self._rated()
-            rated = import_references(self.imported, self.preset, self._designs())
-            self.results.add(REFERENCES, [r for r in rated if (r.controller, r.theta, r.truth) not in known])
-        tasks: list[Task] = [*self._untrained(), *reference_tasks(self.preset, self._designs(), self._rated())]
+            known, rated = self._rated(), import_references(self.imported, self.preset, self.estimates())
+            self.results.add(REFERENCES, [r for r in rated if r.key not in known])
+        tasks: list[Task] = [*self._untrained(), *reference_tasks(self.preset, self.estimates(), self._rated())]
         yield Stage(tasks, self._about(tasks))
 
     def keep(self, task: Task, answer: Any) -> None:
@@ -83,34 +78,37 @@ class Sweep(StudyExperiment):
         super().keep(task, [r for r in answer if task.table is not RUNS or not self.results.has(RUNS, r.cell)])
 
     def publish(self, console: Console) -> None:
-        publish_sweep(self.preset, self.results, console, self.theirs)
+        publish(self.results, self._account, console)
 
-    def estimates(self) -> dict[tuple[str, int, int], Theta]:
+    def _account(self) -> Account:
+        runs, references = self.results.all(RUNS), self.results.all(REFERENCES)
+        found = [PointFindings(self.preset, point, runs, references) for point in self.preset.points]
+        identified, optimum = None, None
+        if self.preset.episodes == PAPER.episodes:  # else evaluations are not as published
+            identified = scatter(np.random.default_rng(0))
+            optimum = partial(fresh_optimum, self.preset, POINTS["main"].truth)
+        return sweep_account(found, reproduce(found, self.results.folder, self.theirs, identified, optimum))
+
+    def estimates(self) -> Estimates:
         """theta_hat by (point, n, seed)."""
         return {(e.point, e.n, e.seed): e.theta for e in self.results.all(ESTIMATES)}
 
     def _unidentified(self) -> Iterator[BriefTask]:
-        known = self.estimates()
+        known = self.results.keys(ESTIMATES)
         for point in self.preset.points:
             for seed in point.seeds:
                 if not all((point.name, n, seed) in known for n in point.budgets):
                     yield identification_task(point, seed)
 
     def _untrained(self) -> list[SweepPopulation]:
-        populations, found, tasks = self.preset.populations(self.results.device), self.estimates(), []
-        for index, cells in enumerate(populations):
+        found, tasks = self.estimates(), []
+        for index, cells in enumerate(self.preset.populations(self.results.device)):
             theta = tuple(found[cell.point, cell.n, cell.seed] for cell in cells)
-            tasks.append(SweepPopulation(self.preset, index, len(populations), cells, theta, **self.training))
+            tasks.append(SweepPopulation(self.preset, index, cells, theta, **self.training))
         return self.unfinished(tasks, RUNS)
 
-    def _designs(self) -> Designs:
-        designs: Designs = {}
-        for (name, _, _), theta in self.estimates().items():
-            designs.setdefault(theta, set()).add(self.preset.point(name).truth)
-        return designs
-
-    def _rated(self) -> set[tuple[str, Theta, Theta]]:
-        return {(r.controller, r.theta, r.truth) for r in self.results.all(REFERENCES)}
+    def _rated(self) -> set[tuple[Any, ...]]:
+        return {key[:-1] for key in self.results.keys(REFERENCES)}
 
     def _about(self, tasks: Sequence[Task]) -> str:
         training = [t for t in tasks if isinstance(t, SweepPopulation)]

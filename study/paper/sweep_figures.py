@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,7 +20,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from study.figure_style import ACCENT, COLOURS, PAPER_WHITE, annotate_beside, panels_abreast, save_figure, width_colours
+from study.figure_style import (
+    ACCENT,
+    COLOURS,
+    PAPER_WHITE,
+    annotate_beside,
+    keep_apart,
+    panels_abreast,
+    shades,
+)
 from study.formatting import number, percent
 from study.paper.published_numbers import CellSummary
 from study.paper.reference_controllers import LQR, OPTIMAL, SWING_UP
@@ -153,6 +160,7 @@ def paretos(sides: Mapping[str, Summaries], references: Mapping[str, float]) -> 
     reference_lines(panels, references, min(c.mean for side in sides.values() for c in side.values()))
     panels[0].set_ylabel("best mean return at a budget (± SEM)")
     figure.supxlabel("rollouts measured, n", fontsize=10.0, color="0.15")
+    keep_apart(figure)
     return figure
 
 
@@ -169,16 +177,16 @@ def _pareto(axes: Axes, cells: Summaries) -> None:
     breadth = first, max(w for n, w in cells if n == first)
     fidelity = last, min(w for n, w in cells if n == last)
     without = ("pure breadth" if breadth[1] else "no data") if first == 0 else "least data"
-    for (n, w), name, style, shift in ((fidelity, "pure fidelity", "--", -34), (breadth, without, ":", 10)):
-        axes.axhline(cells[n, w].mean, color="0.35", linestyle=style, linewidth=1.0, zorder=1)
-        text, across = f"{name}, n = {n}, w = {w:g}: {number(cells[n, w].mean)}", axes.get_yaxis_transform()
-        annotate_beside(axes, text, (0.98, cells[n, w].mean), (0, shift), xycoords=across, ha="right", color="0.35")
     means, errors = ([getattr(cells[key], name) for key in best.values()] for name in ("mean", "sem"))
     axes.errorbar(list(best), means, errors, color=OURS, marker="o", markersize=6, linewidth=1.8, capsize=3, zorder=3)
     for (n, w), mean, error in zip(best.values(), means, errors, strict=True):
         low, right = 0.0 if math.isnan(error) else error, n == last
         annotate_beside(axes, f"w* = {w:g}", (n, mean - low), (5, -16 if right else -5), va="top", color="0.2",
                ha="right" if right else "left", bbox=PAPER_WHITE)  # fmt: skip
+    for (n, w), name, style, shift in ((fidelity, "pure fidelity", "--", -34), (breadth, without, ":", 10)):
+        axes.axhline(cells[n, w].mean, color="0.35", linestyle=style, linewidth=1.0, zorder=1)
+        text, across = f"{name}, n = {n}, w = {w:g}: {number(cells[n, w].mean)}", axes.get_yaxis_transform()
+        annotate_beside(axes, text, (0.98, cells[n, w].mean), (0, shift), xycoords=across, ha="right", color="0.35")
 
 
 SMOOTH = 10
@@ -196,7 +204,7 @@ def gap(findings: PointFindings) -> Figure:
                   linestyle="none", capsize=3, label="optimal for the estimate", zorder=3)  # fmt: skip
     offsets = 0.16 + 0.56 * np.arange(len(widths)) / max(1, len(widths) - 1) * min(1.0, len(widths) / 5.0)
     lows = [float(np.mean(d)) - _reach(sem(d)) for d in design]
-    for w, offset, colour in zip(widths, offsets, width_colours(len(widths)), strict=True):
+    for w, offset, colour in zip(widths, offsets, shades(len(widths)), strict=True):
         means, errors = zip(*(findings.summaries[n, w][:2] for n in budgets), strict=True)
         lows += [mean - _reach(error) for mean, error in zip(means, errors, strict=True)]
         axes.errorbar(x + offset, means, errors, color=colour, marker="o", markersize=5, linestyle="none", capsize=2,
@@ -223,7 +231,7 @@ def curves(findings: PointFindings) -> Figure:
     budgets, widths = findings.point.budgets, findings.point.widths
     figure, panels = panels_abreast(len(budgets), 1.2 + 2.0 * len(budgets), 2.9)
     for axes, n in zip(panels, budgets, strict=True):
-        for w, colour in zip(widths, width_colours(len(widths)), strict=True):
+        for w, colour in zip(widths, shades(len(widths)), strict=True):
             table = [run.curve for run in findings.cells[n, w] if run.curve]
             episodes = min((len(curve) for curve in table), default=0)
             size = min(SMOOTH, max(1, episodes))
@@ -265,11 +273,3 @@ def drawings(findings: PointFindings) -> dict[str, Callable[[], Figure]]:
         "curves": not any(run.curve for run in findings.runs),
     }
     return {name: draw for name, draw in found.items() if not idle.get(name)}
-
-
-def save_all(findings: PointFindings, folder: Path) -> dict[str, Path]:
-    """Draw the figures of an operating point into the folder; returns the files by name."""
-    preset, point = findings.preset, findings.point.name
-    return {
-        name: save_figure(draw, folder / preset.figure_file(point, name)) for name, draw in drawings(findings).items()
-    }

@@ -13,19 +13,16 @@ from functools import cache, cached_property
 import numpy as np
 
 from study.formatting import number
+from study.paper.finished_runs import Outcomes, Run, outcomes
 from study.paper.presets import Point, Preset, Theta
-from study.paper.published_numbers import CellSummary
+from study.paper.published_numbers import CellSummary, Spot
 from study.paper.reference_controllers import CONTROLLERS, OPTIMAL, Reference
-from study.paper.runs import Run
 from study.statistics import Contrast, bootstrap_coverage, holm, paired_bootstrap, paired_t, sem
 from sysid import InvalidInput
 from sysid.physics.ops import Array
 
 Key = tuple[int, float]
 """(n, w) of a cell."""
-
-BOOTSTRAP_SEED = 0
-"""Every contrast draws from a fresh generator of this seed, so it does not depend on which others are made."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +36,8 @@ class Gap:
 
 @dataclass(frozen=True, eq=False)
 class PointFindings:
-    """What the finished runs of an operating point say; of `runs` and `references` it keeps those of its point.
+    """What the finished runs of an operating point say; of `runs` and `references` it keeps those of its point, the
+    runs sorted by their cells.
 
     Raises InvalidInput where runs or references are missing.
     """
@@ -51,7 +49,8 @@ class PointFindings:
 
     def __post_init__(self) -> None:
         cells = set(self.point.cells)
-        object.__setattr__(self, "runs", [run for run in self.runs if run.cell in cells])
+        runs = sorted((run for run in self.runs if run.cell in cells), key=lambda run: run.cell)
+        object.__setattr__(self, "runs", runs)
         object.__setattr__(self, "references", [r for r in self.references if r.truth == self.point.truth])
         missing = cells - {run.cell for run in self.runs}
         if missing:
@@ -63,30 +62,33 @@ class PointFindings:
 
     @cached_property
     def cells(self) -> dict[Key, list[Run]]:
+        """The runs of every cell, sorted by seed."""
         table: dict[Key, list[Run]] = {(n, w): [] for n in self.point.budgets for w in self.point.widths}
-        for run in sorted(self.runs, key=lambda r: r.cell.seed):
+        for run in self.runs:
             table[run.cell.n, run.cell.w].append(run)
         return table
 
+    @cached_property
+    def outcomes(self) -> Outcomes:
+        """The runs by cell and seed."""
+        return outcomes(self.runs)
+
     def returns(self, key: Key) -> Array:
         """Mean returns (S,) of a cell's runs, sorted by seed."""
-        return np.array([run.mean for run in self.cells[key]])
-
-    def mean(self, key: Key) -> float:
-        """Mean return of a cell over its seeds."""
-        return float(np.mean(self.returns(key)))
+        return self.outcomes.returns(Spot(self.point.name, *key))
 
     @cached_property
     def summaries(self) -> dict[Key, CellSummary]:
         """Mean return of every cell, its error and its median over seeds."""
-        return {
-            key: CellSummary(self.mean(key), sem(own), float(np.median(own)), len(own))
-            for key, own in ((key, self.returns(key)) for key in self.cells)
-        }
+        return {key: self.outcomes.summary(Spot(self.point.name, *key)) for key in self.cells}
+
+    def mean(self, key: Key) -> float:
+        """Mean return of a cell over its seeds."""
+        return self.summaries[key].mean
 
     def id_error(self, n: int) -> float:
         """Mean ||theta_hat - truth|| of a budget."""
-        return float(np.mean([run.id_error for run in self.cells[n, self.point.widths[0]]]))
+        return float(np.mean(self.outcomes.id_errors(self.point.name, n)))
 
     def reference(self, controller: str, seeds: Sequence[int] | None = None) -> Array:
         """Mean returns (S,) of a controller designed at the truth, by default from the study's seeds."""
@@ -95,7 +97,7 @@ class PointFindings:
 
     @cached_property
     def _means(self) -> dict[tuple[str, Theta, int], float]:
-        return {(r.controller, r.theta, r.seed): r.mean for r in self.references}
+        return {(r.controller, r.theta, r.seed): r.return_mean for r in self.references}
 
     def rating(self, controller: str, seeds: Sequence[int] | None = None) -> tuple[float, float]:
         """Mean return and SEM over seeds of a controller designed at the truth, by default from the study's seeds."""
@@ -111,7 +113,7 @@ class PointFindings:
         return np.array([self._means[OPTIMAL, run.theta_hat, run.cell.seed] for run in self.cells[key]])
 
     def _paired(self, a: Array, b: Array) -> Contrast:
-        return paired_bootstrap(a, b, np.random.default_rng(BOOTSTRAP_SEED), self.preset.resamples)
+        return paired_bootstrap(a, b, resamples=self.preset.resamples)
 
     def contrast(self, a: Key, b: Key) -> Contrast:
         """J(a) - J(b) of two cells, paired over seeds, by the bootstrap."""
@@ -210,7 +212,7 @@ class PointFindings:
 
 @cache
 def _coverage(seeds: int) -> float:
-    return bootstrap_coverage(seeds, np.random.default_rng(BOOTSTRAP_SEED))
+    return bootstrap_coverage(seeds, np.random.default_rng(0))
 
 
 def _parts(gap: Gap) -> str:

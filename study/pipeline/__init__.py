@@ -1,9 +1,10 @@
 """The way of every experiment: plan -> tasks -> results -> report.
 
 stages           an experiment as stages of tasks, and what runs it to its end
-settings         frozen plain data that results are tied to; versions: of what made a number, study.json
+settings         frozen plain data that results are tied to; versions: of what made a number
 executor         what runs tasks; behind it processes and cluster
 population_task  a task that trains one population, with its checkpoint; progress: how far tasks are
 database         a results folder: one SQLite file, whose tables are of tables; policy_files: the policies
-tables, html_page                 rows of dataclasses in a database and as CSV; pages
+tables           rows of dataclasses in a database and as CSV
+publication      what is told of an experiment: tables, figures, study.json, page and console; html_page
 """

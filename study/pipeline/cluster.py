@@ -110,6 +110,7 @@ class _Driver:
         self.begun: set[str] = set()
 
     def execute(self, tasks: Sequence[Task], heard: Heard) -> None:
+        """Submit every task, pass on what they say until all are done, and submit again those that died."""
         supervised = {task.name: Supervised(task, heard) for task in tasks}
         try:
             for one in supervised.values():

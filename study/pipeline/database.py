@@ -23,7 +23,7 @@ from sysid import InvalidInput
 from sysid.errors import excerpt
 
 META = "CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);"
-PROGRESS = "progress (population TEXT PRIMARY KEY, seconds REAL)"
+PROGRESS = "CREATE TABLE progress (population TEXT PRIMARY KEY, seconds REAL);"
 """The work that checkpoints of unfinished populations hold."""
 
 
@@ -31,7 +31,7 @@ class Database:
     """An open results folder; a context manager that holds the folder's lock. `db` is its SQLite connection.
 
     settings, device: what its numbers are tied to; outputs: the names of what the study writes beside its database,
-    never over files of somebody else; progress: name and columns of the table of unfinished populations.
+    never over files of somebody else.
 
     Raises InvalidInput where the folder cannot be used: no folder, not writable, of another preset, device or version,
     in use by another study, or holding foreign files of the names in `outputs`. Nothing is written before these checks.
@@ -44,10 +44,8 @@ class Database:
         tables: Sequence[ResultTable[Any]] = (),
         outputs: Collection[str] = (),
         device: str = "cpu",
-        progress: str = PROGRESS,
     ) -> None:
-        self.folder, self.path, self.progress = folder, folder / "results.sqlite", progress.split(maxsplit=1)[0]
-        self.device = device
+        self.folder, self.path, self.device = folder, folder / "results.sqlite", device
         identity = {
             "preset": settings.name,
             "gapfinder": installed_version("gapfinder"),
@@ -56,7 +54,7 @@ class Database:
             "settings": json.dumps(settings.to_dict()),
             "device": device_type(device),
         }
-        schema = META + "".join(table.schema for table in tables) + f"CREATE TABLE {progress};"
+        schema = META + PROGRESS + "".join(table.schema for table in tables)
         _make(folder)
         self._lock = _lock(folder)
         try:
@@ -144,14 +142,14 @@ class Database:
             self._undo()
             raise
 
-    def add(self, table: ResultTable[R], values: Iterable[R], finished: Iterable[int | str] = ()) -> None:
+    def add(self, table: ResultTable[R], values: Iterable[R], finished: Iterable[str] = ()) -> None:
         """Keep values in place of those with the same keys, and forget the progress of finished populations; all or
         nothing. Raises OSError as `transaction` does."""
         with self.transaction() as db:
             for row in map(table.row, values):
                 db.execute(f"INSERT OR REPLACE INTO {table.name} VALUES ({', '.join('?' * len(row))})", row)
             for population in finished:
-                db.execute(f"DELETE FROM {self.progress} WHERE population = ?", (population,))
+                db.execute("DELETE FROM progress WHERE population = ?", (population,))
 
     def all(self, table: ResultTable[R]) -> list[R]:
         """Everything in a table, sorted by its keys."""
@@ -167,14 +165,14 @@ class Database:
         where = " AND ".join(f"{column} = ?" for column in table.key.split(", "))
         return self.db.execute(f"SELECT 1 FROM {table.name} WHERE {where}", tuple(key)).fetchone() is not None
 
-    def note_training(self, population: int | str, seconds: float) -> None:
+    def note_training(self, population: str, seconds: float) -> None:
         """Keep the seconds that a population has trained for. Raises OSError as `transaction` does."""
         with self.transaction() as db:
-            db.execute(f"INSERT OR REPLACE INTO {self.progress} VALUES (?, ?)", (population, seconds))
+            db.execute("INSERT OR REPLACE INTO progress VALUES (?, ?)", (population, seconds))
 
-    def training_seconds(self, population: int | str) -> float:
+    def training_seconds(self, population: str) -> float:
         """The seconds that a population's checkpoint holds; 0 without one."""
-        row = self.db.execute(f"SELECT seconds FROM {self.progress} WHERE population = ?", (population,)).fetchone()
+        row = self.db.execute("SELECT seconds FROM progress WHERE population = ?", (population,)).fetchone()
         return float(row[0]) if row else 0.0
 
     def _undo(self) -> None:

@@ -65,11 +65,10 @@ class Link(ABC):
 class Task(ABC):
     """Picklable work. Without a checkpoint one whose worker dies begins anew.
 
-    name, activity   it to people, and what it does in a word
+    name, activity   it to people, among all of its study, and what it does in a word
     work             about its seconds on one core; gpus: how many it needs
     table            of the results, that its answer is rows of
     saves            whether it has a checkpoint, from which it goes on, and writes it when asked to end
-    progress_key     of its checkpoint's seconds in the results
     """
 
     name: str
@@ -78,7 +77,6 @@ class Task(ABC):
     table: Any
     gpus: int = 0
     saves: ClassVar[bool] = False
-    progress_key: int | str = ""
 
     @abstractmethod
     def run(self, link: Link) -> Any:

@@ -1,16 +1,13 @@
-"""How an answer is told: pages with their figures within, whose intervals do not break, and the console."""
+"""Pages with their figures within, whose intervals do not break."""
 
 from __future__ import annotations
 
 import base64
 import math
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
-
-from rich.console import Console
-from rich.markup import escape
 
 from study.formatting import capital, number, signed
 from study.pipeline.progress import duration
@@ -29,18 +26,6 @@ def template(name: str) -> jinja2.Template:
     environment.filters |= {own.__name__: own for own in filters}
     environment.tests["finite"] = math.isfinite
     return environment.get_template(name)
-
-
-def say(console: Console, said: Iterable[tuple[str, str]]) -> None:
-    """Pairs of question and answer on the console."""
-    for question, text in said:
-        console.print(f"[bold]{question}[/]\n{escape(text)}\n")
-
-
-def say_files(console: Console, folder: Path, figures: Iterable[Path]) -> None:
-    """Where page and figures are."""
-    console.print(f"report   {folder / 'report.html'}", soft_wrap=True)
-    console.print(f"figures  {', '.join(map(str, figures))}", soft_wrap=True)
 
 
 def embedded(file: Path) -> str:

@@ -56,11 +56,6 @@ class PopulationTask(Task):
         return self.name.replace(" ", "_")
 
     @property
-    def progress_key(self) -> int | str:
-        """The population, among those whose progress is kept."""
-        return self.name
-
-    @property
     def settings(self) -> StudySettings:
         return self.plan
 

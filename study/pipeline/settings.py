@@ -5,10 +5,12 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-from collections.abc import Collection
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
+
+T = TypeVar("T")
 
 KINDS = {
     "imported": ("--import", "the paper's kind"),
@@ -85,6 +87,13 @@ def digest(data: Any) -> str:
 def device_type(device: str) -> str:
     """ "cuda" of "cuda:1": what the partition into populations depends on."""
     return device.partition(":")[0]
+
+
+def partition(items: Sequence[T], size: int, device: str) -> Iterator[tuple[T, ...]]:
+    """What trains together: on a CPU `size` in a row, elsewhere all at once. It depends on neither workers nor on what
+    is left to do."""
+    size = size if device_type(device) == "cpu" else max(1, len(items))
+    return (tuple(items[i : i + size]) for i in range(0, len(items), size))
 
 
 def check_device(device: str) -> None:

@@ -44,13 +44,13 @@ class StudyExperiment(ABC):
 
     def keep(self, task: Task, answer: Any) -> None:
         """Put what a finished task answered into the results, and forget how far it was."""
-        self.results.add(task.table, answer, [task.progress_key] if task.saves else [])
+        self.results.add(task.table, answer, [task.name] if task.saves else [])
         if isinstance(task, PopulationTask):
             task.discard()
 
     def note(self, task: Task, seconds: float) -> None:
         """Keep that a task's checkpoint holds the work of so many seconds."""
-        self.results.note_training(task.progress_key, seconds)
+        self.results.note_training(task.name, seconds)
 
     def unfinished(self, populations: Iterable[P], table: ResultTable[Any]) -> list[P]:
         """Those with agents that the table lacks, from their checkpoints where they have one, and what that cost; the
@@ -61,7 +61,7 @@ class StudyExperiment(ABC):
             if all((key if isinstance(key, tuple) else (key,)) in finished for key in task.keys):
                 task.discard()
             elif task.checkpoint.exists():
-                left.append(task.resumed(self.results.training_seconds(task.progress_key)))
+                left.append(task.resumed(self.results.training_seconds(task.name)))
             else:
                 left.append(task)
         return left

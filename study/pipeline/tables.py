@@ -1,7 +1,7 @@
 """Tables whose rows are values of a frozen dataclass or a NamedTuple, in a results folder and as CSV.
 
 In a results folder
-    a text, a number                           is a column
+    a text, a number                           is a column; nan: NULL
     a NamedTuple, a tuple of fixed length      a column an entry
     everything else                            a column of JSON
 In a CSV file
@@ -14,11 +14,11 @@ import csv
 import dataclasses
 import io
 import json
+import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from types import NoneType
 from typing import Any, Generic, TypeVar, get_args, get_origin, get_type_hints
 
 from sysid import InvalidInput
@@ -48,7 +48,7 @@ class ResultTable(Generic[R]):
         cells: list[Any] = []
         for name, (width, _) in _fields(self.kind).items():
             own = getattr(value, name)
-            cells += own if width > 1 else [json.dumps(own) if isinstance(own, dict | tuple | NoneType) else own]
+            cells += own if width > 1 else [json.dumps(own) if isinstance(own, dict | tuple) else own]
         return cells
 
     def value(self, row: Sequence[Any]) -> R:
@@ -65,7 +65,7 @@ def _fields(kind: type[Any]) -> dict[str, tuple[int, Callable[..., Any]]]:
 def _field(hint: Any) -> tuple[int, Callable[..., Any]]:
     parts = get_args(hint)
     if hint in (str, int, float):
-        return 1, lambda cell: cell
+        return 1, lambda cell: math.nan if hint is float and cell is None else cell
     if hasattr(hint, "_fields"):
         return len(hint._fields), hint
     if get_origin(hint) is tuple and parts[-1] is not ...:
@@ -77,8 +77,6 @@ def _field(hint: Any) -> tuple[int, Callable[..., Any]]:
 def _of_json(hint: Any) -> Callable[[Any], Any]:
     """What makes a value of a type of plain data, in which tuples are lists."""
     origin, parts = get_origin(hint), get_args(hint)
-    if NoneType in parts:
-        return lambda data: None if data is None else parts[0](*data)
     if origin is dict and get_origin(parts[1]) is tuple:
         return lambda data: {name: tuple(own) for name, own in data.items()}
     if origin is tuple:
@@ -96,10 +94,13 @@ _PARSE: dict[str, Callable[[str], Any]] = {
 }
 
 
-def read_table(kind: type[R], path: Path, about: str, optional: bool = False) -> list[R]:
+def read_table(
+    kind: type[R], path: Path, about: str, optional: bool = False, known: Mapping[str, Collection[str]] | None = None
+) -> list[R]:
     """The rows of a table; a column whose field has a default may be missing or empty.
 
-    optional: there are no rows where there is no file. Raises InvalidInput for a file that is not `about` that.
+    optional: there are no rows where there is no file; known: what may stand in some columns. Raises InvalidInput for a
+    file that is not `about` that.
     """
     if optional and not path.exists():
         return []
@@ -109,9 +110,14 @@ def read_table(kind: type[R], path: Path, about: str, optional: bool = False) ->
         reader = csv.DictReader(read_file(path, f"a table of {about}").decode("utf-8-sig").splitlines())
         if missing := [name for name in needed if name not in (reader.fieldnames or ())]:
             raise InvalidInput(f"{path} has no column {missing[0]!r}: expected {', '.join(needed)}")
-        return [_row(kind, columns, needed, row, f"{path}, line {line}") for line, row in enumerate(reader, 2)]
+        rows = [_row(kind, columns, needed, row, f"{path}, line {line}") for line, row in enumerate(reader, 2)]
     except (UnicodeDecodeError, csv.Error):
         raise InvalidInput(f"{path} is not a table of {about}: expected CSV with columns {', '.join(needed)}") from None
+    for column, allowed in (known or {}).items():
+        if foreign := [own for row in rows if (own := getattr(row, column)) not in allowed]:
+            expected = ", ".join(allowed)
+            raise InvalidInput(f"{path} has a row of {column} {foreign[0]!r}: expected one of {expected}")
+    return rows
 
 
 def _row(

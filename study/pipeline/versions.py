@@ -1,16 +1,11 @@
-"""What produced a number: the versions of this distribution and of the packages that do the arithmetic; study.json."""
+"""What produced a number: the versions of this distribution and of the packages that do the arithmetic."""
 
 from __future__ import annotations
 
-import json
 import platform
 from collections.abc import Iterable, Mapping
 from importlib import metadata
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from study.pipeline.settings import StudySettings
 
 PACKAGES = ("gapfinder", "numpy", "scipy", "torch", "torchrl", "tensordict", "control")
 
@@ -36,30 +31,6 @@ def all_versions(found: Iterable[Mapping[str, str]]) -> dict[str, str]:
         for package, number in own.items():
             together.setdefault(package, set()).add(number)
     return {package: " and ".join(sorted(numbers)) for package, numbers in together.items()}
-
-
-def write_record(
-    path: Path,
-    settings: StudySettings,
-    device: str,
-    about: Mapping[str, Any],
-    hours: float,
-    versions: Iterable[Mapping[str, str]],
-) -> None:
-    """Write study.json: the command, the device, counts and the like `about` it, the hours that workers spent, versions
-    and settings."""
-    from sysid.data.files import write_whole
-
-    record = {
-        "command": f"python -m study.main --preset {settings.name}",
-        "device": device,
-        **about,
-        "worker_hours": round(hours, 3),
-        "versions": all_versions(versions),
-        "fingerprint": settings.fingerprint,
-        "settings": settings.to_dict(),
-    }
-    write_whole(path, json.dumps(record, indent=1) + "\n")
 
 
 def foreign_sysid() -> str | None:

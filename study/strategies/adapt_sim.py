@@ -54,6 +54,7 @@ class AdaptSim(Strategy):
     in_rounds: ClassVar[bool] = True
 
     def spend(self, situation: Situation) -> Dialogue:
+        """Rounds of training, playing and one step of the adaptation policy, then training where they led."""
         values = situation.believed
         for i, share in enumerate(situation.rounds(self.rounds)):
             (agent,) = yield Train((TrainingSetup(situation.prior, Band(situation.named(values), self.w)),))

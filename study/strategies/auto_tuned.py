@@ -45,6 +45,7 @@ class AutoTuned(Strategy):
     in_rounds: ClassVar[bool] = True
 
     def spend(self, situation: Situation) -> Dialogue:
+        """Rounds of training, playing and a search that follows the network, then training where they led."""
         values = situation.believed
         for share in situation.rounds(self.rounds):
             (agent,) = yield Train((TrainingSetup(situation.prior, Band(situation.named(values), self.w)),))

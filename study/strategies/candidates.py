@@ -71,6 +71,7 @@ class BayRn(Strategy):
     least: ClassVar[int] = 5
 
     def spend(self, situation: Situation) -> Dialogue:
+        """A first set of candidates, then one after the other where improvement is expected, until none is left."""
         x = gaussian_process.scattered(self.begin, len(situation.names) + 1, situation.seed)
         agents, returns = yield from tried(situation, x)
         while len(x) < situation.budget:
@@ -103,6 +104,7 @@ class CrossEntropy(Strategy):
     least: ClassVar[int] = 5
 
     def spend(self, situation: Situation) -> Dialogue:
+        """Generations of candidates, each about the elite of the one before."""
         mean, sd = unit(situation, 0.1), np.full(len(situation.names) + 1, self.sd)
         best: tuple[float, TrainedAgent | None] = -np.inf, None
         for _ in range(situation.budget // self.candidates):

@@ -31,6 +31,7 @@ class PriorAlone(Strategy):
     most: ClassVar[int] = 0
 
     def spend(self, situation: Situation) -> Dialogue:
+        """Training at the prior's own numbers, without a rollout."""
         return TrainingSetup(situation.prior, Band(situation.named(situation.believed)))
         yield  # a generator that asks for nothing
 
@@ -48,6 +49,7 @@ class WholePriorRange(Strategy):
     most: ClassVar[int] = 0
 
     def spend(self, situation: Situation) -> Dialogue:
+        """Training over the whole prior range, without a rollout."""
         return TrainingSetup(situation.prior, PriorRange(situation.names))
         yield
 
@@ -65,6 +67,7 @@ class Identified(Strategy):
     made: str
 
     def spend(self, situation: Situation) -> Dialogue:
+        """All rollouts at once, then the setup that is made of them."""
         records = yield Play(situation.budget)
         return budget_of(tuple(records), situation.sensor, situation.seed).setup(self.made)
 
@@ -149,6 +152,7 @@ class DesignedExcitation(Strategy):
     least: ClassVar[int] = 2
 
     def spend(self, situation: Situation) -> Dialogue:
+        """A random rollout, designed ones for the rest of the budget, then training at the fit of all."""
         records = yield Play(SPLIT_ROLLOUTS)
         rough = fit(situation.prior, records, situation.sensor, situation.names)
         torques = designed(rough, situation, situation.budget - SPLIT_ROLLOUTS, records[0].t[-1])

@@ -27,7 +27,7 @@ from policies.environments.randomization import Fixed
 from policies.evaluation import batch_returns, fresh_start_states
 from policies.training.program import population_of
 from study.pipeline.population_task import PopulationTask, sac_settings, training_settings
-from study.pipeline.settings import device_type, digest
+from study.pipeline.settings import digest, partition
 from study.pipeline.tables import ResultTable
 from study.pipeline.versions import versions
 from study.strategies.session import CRITICS
@@ -65,8 +65,7 @@ def populations(plan: TrialPlan, agents: Sequence[AgentToTrain], device: str = "
     groups: dict[str, list[AgentToTrain]] = {}
     for agent in agents:
         groups.setdefault(_structure(training_setup_of(agent.setup)), []).append(agent)
-    size = plan.agents if device_type(device) == "cpu" else len(agents)
-    return [tuple(group[i : i + size]) for group in groups.values() for i in range(0, len(group), size)]
+    return [own for group in groups.values() for own in partition(group, plan.agents, device)]
 
 
 def _structure(setup: TrainingSetup) -> str:
@@ -123,6 +122,7 @@ class AgentPopulation(PopulationTask):
         return self.plan.plants
 
     def population(self) -> Population:
+        """The agents on the machines and draws of their setups, before their first step."""
         setups = [training_setup_of(agent.setup) for agent in self.agents]
         drawn, seeds = [setup.drawn for setup in setups], [agent.seed for agent in self.agents]
         machine = together(setups, self.device)
@@ -185,6 +185,7 @@ class PlantPopulation(AgentPopulation):
         return dataclasses.replace(self.plan, algorithm="sac", steps=self.agents[0].rollouts * task.HORIZON)
 
     def population(self) -> Population:
+        """The learners on their hidden plant, with the networks that they begin with."""
         model = oracle(self.plants[0])
         seeds, drawn = [agent.seed for agent in self.agents], [Fixed()] * len(self.agents)
         settings = sac_settings(self.settings)

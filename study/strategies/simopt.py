@@ -46,6 +46,7 @@ class SimOpt(Strategy):
     in_rounds: ClassVar[bool] = True
 
     def spend(self, situation: Situation) -> Dialogue:
+        """Rounds of training, playing and steps of the distribution, then training on the last one."""
         mean, bounds = situation.believed, situation.bounds
         covariance = np.diag((self.sd * (bounds[:, 1] - bounds[:, 0])) ** 2)
         for share in situation.rounds(self.rounds):

@@ -5,12 +5,13 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
+from study.pipeline.publication import Account
 from study.strategies.catalogue import strategy_class
 from study.strategies.strategies_figures import returns_of_strategies, simulated_steps
 from study.strategies.strategies_findings import strategies_findings, strategies_sentences
 from study.strategies.strategies_plan import StrategiesPlan
 from study.strategies.trial_findings import TrialResults
-from study.strategies.trial_page import TABLES, Account
+from study.strategies.trial_page import TABLES, trial_account
 
 CAPTIONS = {
     "returns": "Mean return for the real rollouts that were spent, strategies of a group together, with its 95 % "
@@ -26,7 +27,7 @@ OUTPUTS = (*TABLES, "returns.png", "simulated.png")
 def account(plan: StrategiesPlan, results: TrialResults, folder: Path) -> Account:
     """What is told of the results."""
     found = strategies_findings(plan, results)
-    return Account(
+    return trial_account(
         found,
         strategies_sentences(found),
         {

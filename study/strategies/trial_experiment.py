@@ -19,8 +19,8 @@ from rich.console import Console
 
 from study.pipeline.database import Database
 from study.pipeline.executor import BriefTask, Task
-from study.pipeline.policy_files import FOLDER
 from study.pipeline.population_task import PopulationTask
+from study.pipeline.publication import PUBLISHED, publish
 from study.pipeline.settings import RunOptions
 from study.pipeline.stages import Stage, StudyExperiment
 from study.strategies.designs import DESIGNS, design_tasks
@@ -35,7 +35,7 @@ from study.strategies.populations import (
 )
 from study.strategies.session import CRITICS, STEPS, CaseRound, steps
 from study.strategies.strategies_plan import StrategiesPlan
-from study.strategies.trial_page import publish_trials
+from study.strategies.trial_findings import TrialResults
 from study.strategies.trial_plan import Case, TrialPlan
 
 
@@ -50,7 +50,7 @@ def open_experiment(plan: TrialPlan, options: RunOptions) -> Iterator[StudyExper
 
 def trial_results(folder: Path, plan: TrialPlan, device: str = "cpu") -> Database:
     """The open results folder of a plan."""
-    outputs = ("study.json", "report.html", FOLDER, NETWORKS, *importlib.import_module(plan.page).OUTPUTS)
+    outputs = (*PUBLISHED, NETWORKS, *importlib.import_module(plan.page).OUTPUTS)
     return Database(folder, plan, (STEPS, TRAININGS, DESIGNS), outputs, device)
 
 
@@ -80,7 +80,8 @@ class TrialExperiment(StudyExperiment):
             current += 1
 
     def publish(self, console: Console) -> None:
-        publish_trials(self.plan, self.results, console)
+        account, results = importlib.import_module(self.plan.page).account, self.results
+        publish(results, lambda: account(self.plan, TrialResults.of(results), results.folder), console)
 
     def _designs(self, waited: Sequence[CaseRound]) -> Iterator[BriefTask]:
         """What the optimum returns, and what is designed on the models of the plan's centers."""

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from study.pipeline.database import Database
+from study.pipeline.versions import all_versions
 from study.statistics import Contrast, holm, paired_t, sem, student
 from study.strategies.designs import DESIGNS, OPTIMUM, Designed
 from study.strategies.populations import TRAININGS, Trained
@@ -111,13 +112,16 @@ class PlannedContrast:
 class TrialFindings:
     """An experiment's answer.
 
-    compared   the pre-registered contrasts, in the plan's order; hours: what workers spent
+    compared   the pre-registered contrasts, in the plan's order
+    agents     how many were trained; seconds: what workers spent, versions: of what trained them
     """
 
     plan: Any
     outcomes: dict[Condition, Outcome]
     compared: tuple[PlannedContrast, ...]
-    hours: float
+    agents: int
+    seconds: float
+    versions: dict[str, str]
 
     def optimum(self, plant: str) -> float:
         """Mean return of the near-optimal policy over the plan's seeds."""
@@ -149,7 +153,8 @@ def trial_findings(plan: TrialPlan, results: TrialResults) -> TrialFindings:
             rollouts=np.array([float(a["rollouts"]) for a in given]),
         )
     seconds = sum(own.seconds for table in results for own in table)
-    return TrialFindings(plan, outcomes, planned_contrasts(plan, outcomes), seconds / 3600.0)
+    made_with = all_versions(own.versions for own in results.trained)
+    return TrialFindings(plan, outcomes, planned_contrasts(plan, outcomes), len(agents), seconds, made_with)
 
 
 def cases_of(plan: TrialPlan) -> dict[Condition, list[Case]]:
@@ -170,7 +175,7 @@ def planned_contrasts(plan: TrialPlan, outcomes: Mapping[Condition, Outcome]) ->
                 if all(side in outcomes for side in sides):
                     place = plant.name, sensing, max(side.n for side in sides), a, b
                     differences[place] = outcomes[sides[0]].less(outcomes[sides[1]])
-    found = {place: paired_t(d, np.zeros_like(d)) for place, d in differences.items()}
+    found = {place: paired_t(d) for place, d in differences.items()}
     adjusted = holm({place: contrast.p for place, contrast in found.items()})
     return tuple(
         PlannedContrast(*place, contrast, float(np.median(differences[place])), adjusted[place])

@@ -1,25 +1,17 @@
-"""Publishes an experiment of strategies: tables, figures, and one HTML page that opens without a network."""
+"""An experiment of strategies, told: its tables, and what every page of such an experiment needs."""
 
 from __future__ import annotations
 
-import importlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
-from rich.console import Console
 
-from study.figure_style import save_figure
-from study.pipeline.database import Database
-from study.pipeline.html_page import say, say_files, template
-from study.pipeline.tables import printed, write_rows
-from study.pipeline.versions import all_versions, write_record
-from study.strategies.trial_findings import TrialFindings, TrialResults
-from study.strategies.trial_plan import Condition, TrialPlan
-from sysid.data.files import write_whole
+from study.pipeline.publication import Account, Drawing, Section, Table
+from study.pipeline.tables import printed
+from study.strategies.trial_findings import Outcome, TrialFindings
+from study.strategies.trial_plan import Condition
 
 CASES = ("plant", "sensing", "strategy", "n", "seed", "return", "optimum", "best_anew", "observed", "simulated")
 """One case: the mean return of what was deployed, and of its best candidate; steps that were simulated for it."""
@@ -31,77 +23,55 @@ CONTRASTED = ("plant", "sensing", "n", "a", "b", "mean", "low", "high", "median"
 TABLES = ("cases.csv", "outcomes.csv", "contrasts.csv")
 
 
-@dataclass(frozen=True)
-class Account:
-    """What is told of an experiment.
+def trial_account(
+    found: TrialFindings,
+    sentences: Sequence[tuple[str, str]],
+    drawings: Mapping[str, Drawing],
+    template: str,
+    shown: Mapping[str, Any],
+    columns: Mapping[Condition, Mapping[str, float]] | None = None,
+) -> Account:
+    """What is told of the findings.
 
     sentences  pairs of question and answer
-    drawings   what draws a figure, None where there is none to be drawn, and what stands below it, by name
-    template   of the page; about: what it shows besides
+    drawings   by name of the figure
+    shown      what the template shows besides the findings
     columns    further ones of the table of outcomes, by condition
     """
-
-    found: TrialFindings
-    sentences: Sequence[tuple[str, str]]
-    drawings: Mapping[str, tuple[Callable[[], Figure] | None, str]]
-    template: str
-    about: Mapping[str, Any]
-    columns: Mapping[Condition, Mapping[str, float]] = field(default_factory=dict)
-
-    def page(self, figures: Mapping[Path, str], agents: int, versions: Mapping[str, str]) -> str:
-        """The finished page; figures: what stands below each PNG file."""
-        given = {"findings": self.found, "plan": self.found.plan, "sentences": self.sentences, "figures": figures}
-        return template(self.template).render(**given, agents=agents, versions=versions, **self.about)
-
-
-def publish_trials(plan: TrialPlan, results: Database, console: Console) -> None:
-    """Write tables, figures and page into the results' folder and say the answers."""
-    folder, found = results.folder, TrialResults.of(results)
-    with console.status("drawing"):
-        told: Account = importlib.import_module(plan.page).account(plan, found, folder)
-        write_trial_tables(told, folder)
-        agents, made_with = len(found.trained), [agent.versions for agent in found.trained]
-        about = {"cases": len(plan.cases), "agents": agents, "contrasts": [" - ".join(c) for c in plan.contrasts]}
-        write_record(folder / "study.json", plan, results.device, about, told.found.hours, made_with)
-        figures = {
-            save_figure(draw, folder / f"{name}.png"): caption
-            for name, (draw, caption) in told.drawings.items()
-            if draw is not None
-        }
-        write_whole(folder / "report.html", told.page(figures, agents, all_versions(made_with)))
-    say(console, told.sentences)
-    say_files(console, folder, figures)
+    plan = found.plan
+    return Account(
+        plan=plan,
+        sections=[Section(sentences)],
+        tables=trial_tables(found, columns or {}),
+        drawings={f"{name}.png": drawing for name, drawing in drawings.items()},
+        template=template,
+        shown={"findings": found, "agents": found.agents, **shown},
+        counts={
+            "cases": len(plan.cases),
+            "agents": found.agents,
+            "contrasts": [" - ".join(pair) for pair in plan.contrasts],
+        },
+        seconds=found.seconds,
+        versions=found.versions,
+    )
 
 
-def write_trial_tables(told: Account, folder: Path) -> None:
-    """Write TABLES."""
-    found, more = told.found, next(iter(told.columns.values()), {})
-    contrasts = [{**vars(own), **vars(own.contrast), "p": own.p} for own in found.compared]
-    outcomes = [{**row, **told.columns.get(condition, {})} for condition, row in _outcomes(found)]
-    columns = CASES, (*OUTCOMES, *more), CONTRASTED
-    for name, head, rows in zip(TABLES, columns, (list(_cases(found)), outcomes, contrasts), strict=True):
-        write_rows(folder / name, head, (printed(row[column] for column in head) for row in rows))
+def trial_tables(found: TrialFindings, columns: Mapping[Condition, Mapping[str, float]]) -> dict[str, Table]:
+    """TABLES; columns: further ones of outcomes, by condition."""
+    cases = [
+        (*condition, seed, *(None if math.isnan(value) else value for value in values))
+        for condition, own in found.outcomes.items()
+        for seed, *values in zip(own.seeds, own.returns, own.optima, own.best, own.observed, own.simulated, strict=True)
+    ]
+    outcomes = [(*condition, *_outcome(own), *columns.get(condition, {}).values())
+                for condition, own in found.outcomes.items()]  # fmt: skip
+    contrasts = [[{**vars(c.contrast), **vars(c)}[name] for name in CONTRASTED] for c in found.compared]
+    heads = CASES, (*OUTCOMES, *next(iter(columns.values()), {})), CONTRASTED
+    together = zip(TABLES, heads, (cases, outcomes, contrasts), strict=True)
+    return {name: (head, map(printed, rows)) for name, head, rows in together}
 
 
-def _cases(found: TrialFindings) -> Iterator[dict[str, Any]]:
-    for condition, own in found.outcomes.items():
-        values = own.returns, own.optima, own.best, own.observed, own.simulated
-        for k, seed in enumerate(own.seeds):
-            row = (*condition, seed, *(None if np.isnan(column[k]) else float(column[k]) for column in values))
-            yield dict(zip(CASES, row, strict=True))
-
-
-def _outcomes(found: TrialFindings) -> Iterator[tuple[Condition, dict[str, Any]]]:
-    for condition, own in found.outcomes.items():
-        mean, rest = own.mean, (own.optima, own.rollouts, own.simulated)
-        row = (
-            *condition,
-            mean.seeds,
-            mean.mean,
-            mean.low,
-            mean.high,
-            own.median,
-            own.gap,
-            *(float(np.mean(own)) for own in rest),
-        )
-        yield condition, dict(zip(OUTCOMES, row, strict=True))
+def _outcome(own: Outcome) -> Iterator[float]:
+    mean = own.mean
+    yield from (mean.seeds, mean.mean, mean.low, mean.high, own.median, own.gap)
+    yield from (float(np.mean(values)) for values in (own.optima, own.rollouts, own.simulated))

@@ -20,14 +20,15 @@ from typing import Any
 
 from rich.console import Console
 
+from study.paper.finished_runs import RUNS, Run, run_table
 from study.paper.presets import PAPER, Preset
 from study.paper.reference_controllers import REFERENCES, Reference
-from study.paper.runs import ESTIMATES, RUNS, Estimated, Run, SweepPopulation
+from study.paper.runs import ESTIMATES, Estimated, SweepPopulation
 from study.paper.sweep import Sweep, sweep_results
 from study.paper.sweep_findings import PointFindings
-from study.paper.sweep_report import write_runs
 from study.pipeline.executor import BriefTask, Heard, Task
 from study.pipeline.stages import run
+from study.pipeline.tables import write_rows
 from tests.benchmarks import command
 
 PROGRESS = 20
@@ -62,14 +63,14 @@ def invented(task: Task) -> list[Any]:
     if isinstance(task, BriefTask):
         preset, controller, theta, truths = task.arguments
         return [
-            Reference(controller, theta, truth, seed, EPISODES, versions, 1.0)
+            Reference(controller, *theta, *truth, seed, -400.0, preset.grid, preset.episodes, versions, 1.0)
             for truth in truths
             for seed in preset.reference_seeds
         ]
     assert isinstance(task, SweepPopulation)
     settings = {"preset": task.plan.name, "device": task.device, "sac": dict.fromkeys("abcdefghijklmnop", 0.001)}
     return [
-        Run(cell, task.index, theta, 0.5, EPISODES, CURVE, settings, versions, 900.0, EPISODES)
+        Run(cell, theta, 0.5, -400.0, 0.0, -400.0, 900.0, EPISODES, EPISODES, CURVE, settings, versions)
         for cell, theta in zip(task.cells, task.estimates, strict=True)
     ]
 
@@ -102,7 +103,8 @@ def measure(runs: int) -> dict[str, float]:
             lap("go on when all is done")
             kept = store.all(RUNS), store.all(REFERENCES)
             lap("read it back")
-            write_runs([PointFindings(many, point, *kept) for point in many.points], Path(folder) / "runs.csv")
+            found = [PointFindings(many, point, *kept) for point in many.points]
+            write_rows(Path(folder) / "runs.csv", *run_table(run for answer in found for run in answer.runs))
             lap("runs.csv")
         cost["folder [kB]"] = 1e-3 * sum(path.stat().st_size for path in Path(folder).iterdir())
     return cost

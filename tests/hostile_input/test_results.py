@@ -8,7 +8,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from study.paper import runs
+from study.paper.finished_runs import RUNS
 from study.paper.imported_runs import import_runs
 from study.paper.presets import PRESETS
 from study.paper.sweep import Sweep, sweep_results
@@ -16,6 +16,8 @@ from tests.hostile_input.answering import CELLS, ESC, answered, many
 
 RESULTS = Path(__file__).parents[2] / "study" / "results"
 
+KNOWN = "'main', 0, 0.0, 0, 1, 1, 0, -1, 0, -1, 1"
+"""The cell and the numbers of a run."""
 STATEMENTS = {
     "no table": "DROP TABLE runs",
     "another table": "DROP TABLE runs; CREATE TABLE runs (a)",
@@ -25,19 +27,17 @@ STATEMENTS = {
     "settings of a list": "UPDATE meta SET value = '[1]' WHERE key IN ('settings', 'fingerprint')",
     "another preset": f"UPDATE meta SET value = '{ESC}{'x' * 10**5}' WHERE key = 'preset'",
     "text for numbers": "INSERT INTO estimates VALUES ('main', 'a', 'b', 'c', 'd', 'e')",
-    "text for seconds": "INSERT INTO training VALUES (1, 'long')",
+    "text for seconds": "INSERT INTO progress VALUES ('1', 'long')",
     "nothing in a run": "INSERT INTO runs (point, n, w, seed) VALUES ('main', 0, 0.0, 0)",
-    "no JSON in a run": "INSERT INTO runs VALUES ('main', 0, 0.0, 0, 0, 1, 1, 0, 'f', 'g', 'h', 'i', 1, 'k', '', 'm')",
-    "other JSON in a run": (
-        "INSERT INTO runs VALUES ('main', 0, 0.0, 0, 0, 1, 1, 0, '[\"a\"]', '[[1]]', '3', '3', 1, '{}', '', '[1]')"
-    ),
+    "no JSON in a run": f"INSERT INTO runs VALUES ({KNOWN}, 'a', 'b', 'c', 'd', 'e', '')",
+    "other JSON in a run": f"INSERT INTO runs VALUES ({KNOWN}, '[\"a\"]', '[[1]]', '3', '3', '{{}}', '')",
 }
 
 
 def opened(path):
     with sweep_results(path, PRESETS["smoke"]) as results:
-        assert results.all(runs.RUNS) is not None and Sweep(PRESETS["smoke"], results).estimates() is not None
-        results.training_seconds(1)
+        assert results.all(RUNS) is not None and Sweep(PRESETS["smoke"], results).estimates() is not None
+        results.training_seconds("1")
 
 
 @pytest.mark.parametrize("statements", STATEMENTS.values(), ids=STATEMENTS.keys())
@@ -58,7 +58,7 @@ def test_results_that_were_cut_short_are_refused(size, tmp_path):
     assert not answered(opened, tmp_path)
 
 
-RUNS = (RESULTS / "paper-small" / "runs.csv").read_text().splitlines()[:3]
+ROWS = (RESULTS / "paper-small" / "runs.csv").read_text().splitlines()[:3]
 
 
 @many
@@ -66,7 +66,7 @@ RUNS = (RESULTS / "paper-small" / "runs.csv").read_text().splitlines()[:3]
 @example(cells=[(1, 2, "x" * 200_000)], cut=0)
 @example(cells=[(1, 1, "9" * 5000)], cut=0)
 def test_any_cell_in_a_table_of_runs_is_refused_or_read(tmp_path_factory, cells, cut):
-    rows = [line.split(",") for line in RUNS]
+    rows = [line.split(",") for line in ROWS]
     for row, column, cell in cells:
         rows[row][column] = cell
     path = tmp_path_factory.getbasetemp() / "runs.csv"

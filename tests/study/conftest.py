@@ -6,9 +6,9 @@ import math
 import numpy as np
 import pytest
 
+from study.paper.finished_runs import Run
 from study.paper.presets import QUICK
 from study.paper.reference_controllers import LQR, OPTIMAL, SWING_UP, Reference
-from study.paper.runs import Run
 from study.paper.sweep_findings import PointFindings
 
 OPTIMUM, ESTIMATE_COST, WIDTH_COST, LEARNING_COST = -330.0, {0: 500.0, 5: 80.0, 50: 2.0}, 180.0, 4.0
@@ -23,25 +23,22 @@ def study(point=QUICK.points[0], start_effect=20.0):
     def episodes(mean, seed):
         return tuple(mean + starts[seed] + 30.0 * np.cos(np.arange(20) * math.pi / 10.0))
 
-    runs = [
-        Run(
-            cell=cell,
-            population=0,
-            theta_hat=ESTIMATES[cell.n],
-            id_error=math.dist(ESTIMATES[cell.n], point.truth),
-            returns=episodes(OPTIMUM - ESTIMATE_COST[cell.n] - LEARNING_COST - WIDTH_COST * (cell.w > 0), cell.seed),
-            curve=tuple((200 * (k + 1), -1000.0 / (k + 1)) for k in range(23)),
-            settings={"sac": {"steps": preset.steps, "polyak": 0.005}},
-            versions={"torch": "2.x"},
-            seconds=60.0,
-            fresh_returns=episodes(-400.0, cell.seed),
-        )
-        for cell in preset.cells
-    ]
+    def run(cell):
+        mean = OPTIMUM - ESTIMATE_COST[cell.n] - LEARNING_COST - WIDTH_COST * (cell.w > 0)
+        own, fresh = (episodes(value, cell.seed) for value in (mean, -400.0))
+        theta, reached = ESTIMATES[cell.n], (np.mean(own), np.std(own), np.mean(fresh))
+        curve = tuple((200 * (k + 1), -1000.0 / (k + 1)) for k in range(23))
+        settings = {"sac": {"steps": preset.steps, "polyak": 0.005}}
+        error = math.dist(theta, point.truth)
+        return Run(cell, theta, error, *map(float, reached), 60.0, own, fresh, curve, settings, {"torch": "2.x"})
+
+    runs = [run(cell) for cell in preset.cells]
     returns = {(OPTIMAL, point.truth): OPTIMUM, (LQR, point.truth): -960.0, (SWING_UP, point.truth): -335.0}
     returns |= {(OPTIMAL, theta): OPTIMUM - ESTIMATE_COST[n] for n, theta in ESTIMATES.items()}
     references = [
-        Reference(controller, theta, point.truth, seed, episodes(mean, seed), {"numpy": "2.x"}, 5.0)
+        Reference(
+            controller, *theta, *point.truth, seed, float(np.mean(episodes(mean, seed))), 450, 20, {"numpy": "2.x"}, 5.0
+        )
         for (controller, theta), mean in returns.items()
         for seed in starts
     ]

@@ -7,8 +7,9 @@ import pytest
 
 from study.formatting import MINUS
 from study.paper.agreement import DIFFERS, MARGIN, OPEN, SAME, Agreement
+from study.paper.finished_runs import Outcomes, Run, outcomes
+from study.paper.presets import PAPER, Cell
 from study.paper.published_numbers import BASELINE, CELLS, DIFFERENCES, ROBUSTNESS, Spot
-from study.paper.published_runs import Outcomes, RunOutcome, outcomes
 
 MAIN = Spot("main", 50, 0.0)
 
@@ -20,7 +21,7 @@ def invented(scatter=1.0, seed=0):
     for spot, cell in CELLS.items():
         noise = scatter * rng.normal(size=cell.seeds)
         for s, value in enumerate(cell.mean + noise - noise.mean()):
-            rows.append((spot, s, RunOutcome(value, 0.5, (2.1, 1.5), value - 3.0)))
+            rows.append(Run(Cell(*spot, s), (2.1, 1.5), 0.5, value, fresh_mean=value - 3.0))
     return outcomes(rows)
 
 
@@ -73,7 +74,9 @@ def test_nothing_is_paired_whose_estimates_or_starts_are_others(theirs):
     assert cell.basis.endswith("other theta_hat at seed 4")
     rounded = moved(theirs, lambda o: dataclasses.replace(o, theta_hat=(2.1 + 1e-12, 1.5)))
     assert all(c.basis.startswith("paired") for c in Agreement(rounded, theirs).cells)
-    assert all("start states" in c.basis for c in Agreement(theirs, theirs, start_states=False).cells)
+    assert all(
+        "start states" in c.basis for c in Agreement(theirs, theirs, dataclasses.replace(PAPER, episodes=5)).cells
+    )
 
 
 def test_one_unlucky_seed_is_named_as_the_reason(theirs):
@@ -94,7 +97,12 @@ def test_reasons_name_what_was_trained_otherwise(theirs):
         ({"steps": 30_000}, "30,000 training steps instead of 75,000"),
         ({}, "not found"),
     ):
-        assert words in next(c for c in Agreement(ours, theirs, **settings).cells if c.spot == MAIN).reason
+        assert (
+            words
+            in next(
+                c for c in Agreement(ours, theirs, dataclasses.replace(PAPER, **settings)).cells if c.spot == MAIN
+            ).reason
+        )
 
 
 def test_contrasts_agree_by_sign_and_significance():

@@ -8,9 +8,10 @@ import pytest
 from policies.evaluation import start_states
 from study.formatting import MINUS
 from study.paper import claims
+from study.paper.finished_runs import Outcomes, Run, outcomes
 from study.paper.identification_scatter import Scatter, scatter
+from study.paper.presets import Cell
 from study.paper.published_numbers import CELLS, DIFFERENCES, QUOTES, Spot
-from study.paper.published_runs import Outcomes, RunOutcome, outcomes
 from study.statistics import Contrast
 
 BUDGETS = (1, 2, 5, 10, 25, 50, 100, 200, 400)
@@ -79,7 +80,7 @@ def answer_of_the_paper():
 
 def flat(spots, value):
     return outcomes(
-        (spot, seed, RunOutcome(value, 0.5, (2.0, 1.5), value - seed)) for spot in spots for seed in range(2)
+        Run(Cell(*spot, seed), (2.0, 1.5), 0.5, value, fresh_mean=value - seed) for spot in spots for seed in range(2)
     )
 
 
@@ -118,7 +119,9 @@ def test_the_best_cell_is_one_of_the_plant_that_the_optimum_belongs_to():
     """An easy plant returns more than the optimum of a hard one."""
     easy, hard = Spot("small_gap", 50, 0.0), Spot("main", 25, 0.0)
     rows = [
-        (spot, s, RunOutcome(j, 0.5, (2.0, 1.5), j)) for spot, j in ((easy, -224.0), (hard, -350.0)) for s in range(3)
+        Run(Cell(*spot, s), (2.0, 1.5), 0.5, j, fresh_mean=j)
+        for spot, j in ((easy, -224.0), (hard, -350.0))
+        for s in range(3)
     ]
     answer = claims.starts(ours=outcomes(rows), optima=lambda seeds: (-340.0, -340.0)).answer
     assert "(n = 25, w = 0)" in answer and "2.9 % short" in answer
@@ -126,14 +129,14 @@ def test_the_best_cell_is_one_of_the_plant_that_the_optimum_belongs_to():
 
 def test_a_contrast_that_other_starts_turn_is_told():
     a, b = DIFFERENCES[0].a, DIFFERENCES[0].b
-    rows = [(a, s, RunOutcome(-300.0 - s, 0.5, (2.0, 1.5), -300.0 - s)) for s in range(5)]
-    rows += [(b, s, RunOutcome(-400.0 - 2 * s, 0.5, (2.0, 1.5), -300.0 + 3 * (-1) ** s)) for s in range(5)]
+    rows = [Run(Cell(*a, s), (2.0, 1.5), 0.5, -300.0 - s, fresh_mean=-300.0 - s) for s in range(5)]
+    rows += [Run(Cell(*b, s), (2.0, 1.5), 0.5, -400.0 - 2 * s, fresh_mean=-300.0 + 3 * (-1) ** s) for s in range(5)]
     answer = claims.starts(ours=outcomes(rows)).answer
     assert (
         f"Of 1 published contrasts 0 change neither in sign nor in significance; these do: {DIFFERENCES[0].label}"
         in answer
     )
-    same = [(spot, s, replace(o, fresh=o.mean - 7.0)) for spot, s, o in rows]
+    same = [replace(run, fresh_mean=run.mean - 7.0) for run in rows]
     assert claims.starts(ours=outcomes(same)).answer.endswith("1 change neither in sign nor in significance.")
 
 

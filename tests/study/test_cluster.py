@@ -12,16 +12,15 @@ import pytest
 from rich.console import Console
 
 import study.pipeline.cluster
+from study.paper.finished_runs import RUNS, run_table
 from study.paper.presets import SMOKE
 from study.paper.reference_controllers import REFERENCES
-from study.paper.runs import RUNS
 from study.paper.sweep import Sweep, sweep_results
-from study.paper.sweep_findings import PointFindings
-from study.paper.sweep_report import write_runs
 from study.pipeline.cluster import Cluster
 from study.pipeline.executor import WorkerFailed
 from study.pipeline.processes import Processes
 from study.pipeline.stages import run as run_study
+from study.pipeline.tables import write_rows
 from study.pipeline.versions import versions
 from sysid import InvalidInput
 from tests.study.counting import Counting, done, run, saved_at_an_interrupt
@@ -140,7 +139,7 @@ def runs(folder, executor):
     with sweep_results(folder, PRESET) as store:
         run_study(Sweep(PRESET, store, 0.1), executor, Console(file=io.StringIO()))
         kept = store.all(RUNS), store.all(REFERENCES)
-        write_runs([PointFindings(PRESET, point, *kept) for point in PRESET.points], folder / "runs.csv")
+        write_rows(folder / "runs.csv", *run_table(kept[0]))
     lines = [line.split(",") for line in (folder / "runs.csv").read_text().splitlines()]
     time = lines[0].index("wall_time_s")
     return [line[:time] + line[time + 1 :] for line in lines]

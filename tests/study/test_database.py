@@ -13,10 +13,12 @@ from typing import Any
 import pytest
 
 from study.mismatch.mismatch_page import OUTPUTS
+from study.paper.finished_runs import RUNS, Run
 from study.paper.presets import SMOKE, Cell
-from study.paper.runs import RUNS, Run
-from study.paper.sweep import outputs, sweep_results
+from study.paper.sweep import sweep_results
+from study.paper.sweep_page import outputs
 from study.pipeline.database import Database
+from study.pipeline.publication import PUBLISHED
 from study.pipeline.settings import StudySettings
 from study.pipeline.tables import ResultTable
 from study.strategies.session import STEPS, CaseRound
@@ -55,12 +57,12 @@ class Kind:
         return store.all(self.table)
 
 
-RUN = Run(Cell("main", 5, 0.5, 1), 0, (1.785, 1.65), 0.26, (-1.25,), ((200, -3.5),), {}, {"torch": "2"}, 7.5)
+RUN = Run(Cell("main", 5, 0.5, 1), (1.785, 1.65), 0.26, -1.25, 0.0, -3.0, 7.5, (-1.25,), (), ((200, -3.5),))
 ROUND = CaseRound("coulomb", "encoder", "c", 5, 1, 0, {"verdict": "coulomb"}, 7.5)
 LARGE = RUN.cell._replace(seed=2)
 KINDS = {
     "study": Kind(
-        sweep_results, SMOKE, outputs(SMOKE), RUN,
+        sweep_results, SMOKE, (*outputs(SMOKE), *PUBLISHED), RUN,
         dataclasses.replace(RUN, cell=LARGE, curve=RUN.curve * 200_000), RUNS,
     ),
     "mismatch": Kind(
@@ -118,19 +120,18 @@ class Plan(StudySettings):
     layout = 1
     page = "study.mismatch.mismatch_page"
 
-database = Database(Path(sys.argv[1]), Plan(), progress="counts (n INTEGER)")
+database = Database(Path(sys.argv[1]), Plan())
+database.note_training("first", 1.0)
 with database.transaction() as db:
-    db.execute("INSERT INTO counts VALUES (1)")
-with database.transaction() as db:
-    db.execute("INSERT INTO counts VALUES (2)")
+    db.execute("INSERT INTO progress VALUES ('second', 2.0)")
     os._exit(9)
 """
 
 
 def test_a_process_that_dies_in_a_transaction_leaves_nothing_and_no_lock(tmp_path):
     assert subprocess.run([sys.executable, "-c", KILLED, str(tmp_path)], check=False).returncode == 9
-    with Database(tmp_path, TIED, progress="counts (n INTEGER)") as database:
-        assert database.db.execute("SELECT n FROM counts").fetchall() == [(1,)]
+    with Database(tmp_path, TIED) as database:
+        assert (database.training_seconds("first"), database.training_seconds("second")) == (1.0, 0.0)
 
 
 def test_a_folder_of_another_name_is_refused_and_left_alone(kind, tmp_path):

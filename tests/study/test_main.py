@@ -131,7 +131,7 @@ def test_every_run_keeps_what_its_number_depends_on(undisturbed):
 
 def test_a_policy_that_does_nothing_is_below_the_optimum_from_the_papers_start_states():
     from policies.evaluation import evaluate, start_states
-    from study.paper.runs import hidden_plant
+    from study.paper.protocol import paper_model
 
     starts = start_states(1, SMOKE.episodes)
-    assert evaluate(lambda state, t: 0.0, hidden_plant((2.0, 1.5)), *starts).mean < OPTIMUM
+    assert evaluate(lambda state, t: 0.0, paper_model(2.0, 1.5), *starts).mean < OPTIMUM

@@ -22,6 +22,7 @@ from study.mismatch.naming_results import NamingResult, is_right, naming_rates_a
 from study.mismatch.trajectories import read_agents, telling, trajectories
 from study.paper.protocol import paper_model
 from study.pipeline.policy_files import FOLDER, write_policies
+from study.pipeline.publication import Section
 from study.statistics import paired_t
 from study.strategies.trial_findings import Outcome, planned_contrasts
 
@@ -57,7 +58,7 @@ def invented(plan):
         for p in plan.plants
         for n in plan.contrasted
     }
-    return MismatchFindings(plan, outcomes, compared, 2.5, splits, verdicts)
+    return MismatchFindings(plan, outcomes, compared, 7, 9000.0, {"numpy": "2.x"}, splits, verdicts)
 
 
 def named(seeds=4, budgets=(1, 5, 50)):
@@ -223,9 +224,10 @@ def html(tmp_path_factory):
     figures["naming"] = save_figure(lambda: naming_rates_and_errors(named()), folder / "b.png")
     assert all(imread(path).shape[1] > 1000 for path in figures.values())
     told = replace(
-        mismatch_account(found, named()), sentences=[("Does breadth pay?", "Breadth <b> changed it by +40 [30, 50].")]
+        mismatch_account(found, named()),
+        sections=[Section([("Does breadth pay?", "Breadth <b> changed it by +40 [30, 50].")])],
     )
-    return told.page({path: CAPTIONS[name] for name, path in figures.items()}, 7, {"numpy": "2.x"})
+    return told.page({name: (path, CAPTIONS[name]) for name, path in figures.items()})
 
 
 def test_the_page_opens_without_a_network_and_leaves_out_figures_that_are_not_there(html):

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from study.paper.finished_runs import read_published
 from study.paper.published_numbers import BASELINE, CELLS, DIFFERENCES, ID_ERRORS, POINTS, QUOTES, ROBUSTNESS, Spot
-from study.paper.published_runs import read_published
 from study.statistics import paired_bootstrap, paired_t, sem
 
 AUTHORS = Path(__file__).resolve().parents[3] / "shared" / "data" / "paper"

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
+from study.figure_style import save_figure
+from study.paper.finished_runs import Run, outcomes, run_table
 from study.paper.identification_scatter import scatter
-from study.paper.presets import PRESETS
+from study.paper.presets import PRESETS, Cell
 from study.paper.published_numbers import CELLS, Spot
-from study.paper.published_runs import RunOutcome, outcomes
 from study.paper.reproduction import REPRODUCTION_CAPTIONS, reproduce
-from study.paper.sweep import outputs
-from study.paper.sweep_report import write_runs, write_sweep_report
+from study.paper.sweep_page import outputs, sweep_account
+from study.pipeline.tables import write_rows
 
 
 @pytest.fixture(scope="module")
@@ -25,26 +26,22 @@ def small_scatter():
 def theirs(answer):
     """The authors' runs, as if they were ours but for the seeds' scatter."""
     rng = np.random.default_rng(1)
-    return outcomes(
-        (Spot(*run.cell[:3]), run.cell.seed, RunOutcome(run.mean + rng.normal(), run.id_error, run.theta_hat))
-        for run in answer.runs
-    )
+    return outcomes(dataclasses.replace(run, mean=run.mean + rng.normal(), fresh_mean=np.nan) for run in answer.runs)
 
 
-def words(answer, reproduction, folder):
+def words(answer, reproduction):
     """The section in the report."""
-    write_sweep_report([answer], [{}], folder / "report.html", reproduction)
-    page = (folder / "report.html").read_text(encoding="utf-8")
+    page = sweep_account([answer], reproduction).page({})
     section = page[page.index("Held against the publication") : page.index("How it was made")]
     return " ".join(re.sub(r"<[^>]+>", " ", re.sub(r"data:[^\"]+", "", section)).split())
 
 
 def test_every_part_is_there(answer, theirs, small_scatter, tmp_path):
     reproduction = reproduce([answer], tmp_path, theirs, small_scatter)
-    assert set(reproduction.figures) == set(REPRODUCTION_CAPTIONS) - {"identifiers"}
-    for path in reproduction.figures.values():
-        assert np.ptp(imread(path)[..., :3]) > 0.5
-    text = words(answer, reproduction, tmp_path)
+    assert set(reproduction.drawings) == set(REPRODUCTION_CAPTIONS) - {"identifiers"}
+    for draw in reproduction.drawings.values():
+        assert np.ptp(imread(save_figure(draw, tmp_path / "drawn.png"))[..., :3]) > 0.5
+    text = words(answer, reproduction)
     for part in ("Where this run and the paper disagree", "Cell by cell", "Every published contrast",
                  "The robustness table", "What it claims beside its table", "paired over 3 seeds"):  # fmt: skip
         assert part in text
@@ -64,28 +61,17 @@ def test_siblings_take_part_and_missing_ones_are_named(answer, tmp_path):
     alone = reproduce([paper], tmp_path / "paper-small")
     assert any("--preset robustness-small" in note for note in alone.notes)
     assert any("--preset longer-small" in note for note in alone.notes)
-    rows = [(spot, 0, RunOutcome(CELLS[spot].mean, 0.1, (1.0, 1.0))) for spot in CELLS if spot.point == "small_gap"]
-    store(tmp_path / "robustness-small", rows)
-    store(
-        tmp_path / "longer-small", [(Spot("main", 50, 0.5), s, RunOutcome(-300.0, 0.1, (2.0, 1.5))) for s in range(3)]
-    )
+    rows = [Run(Cell(*spot, 0), (1.0, 1.0), 0.1, CELLS[spot].mean) for spot in CELLS if spot.point == "small_gap"]
+    longer = [Run(Cell("main", 50, 0.5, s), (2.0, 1.5), 0.1, -300.0) for s in range(3)]
+    for name, own in (("robustness-small", rows), ("longer-small", longer)):
+        (tmp_path / name).mkdir()
+        write_rows(tmp_path / name / "runs.csv", *run_table(own))
     reproduction = reproduce([paper], tmp_path / "paper-small")
     assert not any("not beside these" in note for note in reproduction.notes)
     assert [entry is not None for _, entry in reproduction.agreement.robustness] == [True, True, False, False, False]
     assert "With 150,000 steps" in next(c.answer for c in reproduction.claims if c.name == "undertraining")
     assert Spot("main", 50, 0.5) in reproduction.agreement.ours
     assert reproduction.agreement.ours.summary(Spot("main", 50, 0.5)).mean != -300.0
-
-
-def store(folder, rows):
-    folder.mkdir()
-    lines = [
-        f"{s.n},{s.w},{seed},{o.id_error},{o.mean},0.0,{o.theta_hat[0]},{o.theta_hat[1]},1.0,{s.point},"
-        for s, seed, o in rows
-    ]
-    header = ("n,w,seed,id_error,eval_return_mean,eval_return_std,theta_hat_mass,theta_hat_length,wall_time_s,point,"
-              "eval_return_fresh")  # fmt: skip
-    (folder / "runs.csv").write_text("\n".join([header, *lines]) + "\n")
 
 
 def test_a_sibling_that_cannot_be_read_is_left_out_and_said(answer, tmp_path):
@@ -103,14 +89,14 @@ def test_longer_training_is_not_taken_for_the_published_sweep(answer, tmp_path):
     )
     for name in ("longer-small", "paper-small"):
         (tmp_path / name).mkdir()
-    write_runs([answer], tmp_path / "paper-small" / "runs.csv")
+    write_rows(tmp_path / "paper-small" / "runs.csv", *run_table(answer.runs))
     reproduction = reproduce([longer], tmp_path / "longer-small")
     assert reproduction.agreement is None
     assert "changes by +0 [+0, +0]" in next(c.answer for c in reproduction.claims if c.name == "undertraining")
 
 
 def test_small_presets_have_the_section_too(small_answer, tmp_path):
-    text = words(small_answer, reproduce([small_answer], tmp_path), tmp_path)
+    text = words(small_answer, reproduce([small_answer], tmp_path))
     assert "Held against the publication" in text
     assert "±nan" not in text
 

@@ -6,9 +6,10 @@ import sqlite3
 import pytest
 
 from study.mismatch.mismatch_plan import PLANS
+from study.paper.finished_runs import RUNS, Run
 from study.paper.presets import PRESETS, Cell
 from study.paper.reference_controllers import REFERENCES, Reference
-from study.paper.runs import ESTIMATES, RUNS, Estimated, Run
+from study.paper.runs import ESTIMATES, Estimated
 from study.paper.sweep import sweep_results
 from study.strategies.designs import DESIGNS, Designed
 from study.strategies.populations import TRAININGS, Trained
@@ -22,14 +23,17 @@ CURVE, SETTINGS = ((200, -3.5),), {"sac": {"steps": 1}}
 MODEL = {"effects": [{"name": "delay", "T": 0.126}], "sd": [0.1, 1e-17], "unit": None}
 ROUND = CaseRound("delay_medium", "encoder", "mended", 5, 1, 0, {"model": MODEL, "verdict": "delay"}, 7.5)
 TRAINED = Trained("0f3a", {"plain": (-1.25, -2.5), "magnet": (-0.1,)}, ((200, -3.5), (400, -2.0)), {"torch": "2"}, 9.0)
-RUN = Run(Cell("main", 5, 0.5, 1), 0, (1.785, 1.65), 0.26, (-1.25, -2.5), CURVE, SETTINGS, {"torch": "2"}, 7.5, (-3.0,))
+EPISODES = (-1.25, -2.5), (-3.0,)
+RUN = Run(
+    Cell("main", 5, 0.5, 1), (1.785, 1.65), 0.26, -1.875, 0.625, -3.0, 7.5, *EPISODES, CURVE, SETTINGS, {"torch": "2"}
+)
 ROWS = {
     "steps": (STEPS, ROUND, {"seed": 0}),
     "trainings": (TRAININGS, TRAINED, {"key": "0000"}),
     "designs": (DESIGNS, Designed("magnet", "0f3a", 1, (-1.0, -2.0), 3.0), {"seed": 0}),
     "estimates": (ESTIMATES, Estimated("main", 5, 1, (1.785, 1.65), 0.5), {"seed": 0}),
     "runs": (RUNS, RUN, {"cell": RUN.cell._replace(seed=0)}),
-    "references": (REFERENCES, Reference("lqr", (2.1, 1.5), (2.0, 1.5), 1, (-1.0,), {"numpy": "2"}, 3.0), {"seed": 0}),
+    "references": (REFERENCES, Reference("lqr", 2.1, 1.5, 2.0, 1.5, 1, -1.0, 40, 4, {"numpy": "2"}, 3.0), {"seed": 0}),
 }
 """Of each table a row, and what makes another one of it that sorts before it."""
 
@@ -86,10 +90,9 @@ def test_every_case_has_its_own_rounds(field, tmp_path):
         assert results.all(STEPS) == sorted([other, ROUND], key=lambda step: step.case)
 
 
-@pytest.mark.parametrize(
-    ("own", "row", "first", "second"), [(TRAININGS, TRAINED, "first", "second"), (RUNS, RUN, 0, 1)]
-)
-def test_a_finished_population_has_no_progress_left(own, row, first, second, tmp_path):
+@pytest.mark.parametrize(("own", "row"), [(TRAININGS, TRAINED), (RUNS, RUN)])
+def test_a_finished_population_has_no_progress_left(own, row, tmp_path):
+    first, second = "first", "second"
     with opened(tmp_path, own) as results:
         assert results.training_seconds(first) == 0.0
         results.note_training(first, 12.5)
@@ -102,8 +105,8 @@ def test_a_finished_population_has_no_progress_left(own, row, first, second, tmp
 
 def test_the_folder_of_another_kind_is_refused(tmp_path):
     trial_results(tmp_path / "mismatch", MISMATCH).close()
-    with pytest.raises(InvalidInput, match="format 'mismatch 3', expected '2'"):
+    with pytest.raises(InvalidInput, match="format 'mismatch 3', expected '3'"):
         sweep_results(tmp_path / "mismatch", SWEEP)
     sweep_results(tmp_path / "study", SWEEP).close()
-    with pytest.raises(InvalidInput, match="format '2', expected 'mismatch 3'"):
+    with pytest.raises(InvalidInput, match="format '3', expected 'mismatch 3'"):
         trial_results(tmp_path / "study", MISMATCH)

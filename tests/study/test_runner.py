@@ -11,11 +11,15 @@ import pytest
 from rich.console import Console
 
 from policies.evaluation import evaluate, fresh_start_states, start_states
+from study.paper.finished_runs import RUNS
 from study.paper.presets import Point, Preset
+from study.paper.protocol import paper_model
 from study.paper.reference_controllers import REFERENCES
-from study.paper.runs import RUNS, SweepPopulation, hidden_plant, identify
-from study.paper.sweep import Sweep, outputs, sweep_results
+from study.paper.runs import SweepPopulation, identify
+from study.paper.sweep import Sweep, sweep_results
+from study.paper.sweep_page import outputs
 from study.pipeline.policy_files import read_policies
+from study.pipeline.publication import PUBLISHED
 from study.pipeline.stages import run
 from sysid import InvalidInput
 from tests.study.inline import Inline
@@ -78,7 +82,7 @@ def test_every_run_is_of_its_points_plant_and_estimate(finished):
         assert r.theta_hat == identify(point, r.cell.n, r.cell.seed)
         assert r.id_error == pytest.approx(np.linalg.norm(np.subtract(r.theta_hat, point.truth)))
         for found, starts in ((r.returns, start_states), (r.fresh_returns, fresh_start_states)):
-            answer = evaluate(policies[r.cell], hidden_plant(point.truth), *starts(r.cell.seed, MANY.episodes))
+            answer = evaluate(policies[r.cell], paper_model(*point.truth), *starts(r.cell.seed, MANY.episodes))
             assert found == tuple(answer.returns.tolist())
 
 
@@ -105,7 +109,7 @@ def test_the_folder_holds_tables_figures_and_a_section_a_point(finished):
     made = {path.name for path in folder.iterdir()}
     drawn = {"heatmap_main.png", "pareto_main.png", *(f"gap_{point.name}.png" for point in MANY.points)}
     assert drawn | {"runs.csv", "references.csv", "report.html", "policies", "results.sqlite"} <= made
-    assert made <= {*outputs(MANY), "results.sqlite"}
+    assert made <= {*outputs(MANY), *PUBLISHED, "results.sqlite"}
     assert not made & {
         f"{name}_{point}.png" for name in ("heatmap", "pareto") for point in ("small_gap", "prior_range")
     }
@@ -142,9 +146,7 @@ def test_runs_of_another_study_are_taken_up_whole(finished, tmp_path):
     folder, _, runs, _ = finished
     executor, taken, said = finish(tmp_path, imported=folder / "results.sqlite")
     assert trained(executor) == []
-    assert [dataclasses.replace(r, imported="", population=0) for r in taken] == [
-        dataclasses.replace(r, population=0) for r in runs
-    ]
+    assert [dataclasses.replace(r, imported="") for r in taken] == runs
     assert {r.imported for r in taken} == {"results.sqlite"}
     assert "8 runs taken up" in said
     assert (tmp_path / "runs.csv").read_text() == (folder / "runs.csv").read_text()
@@ -208,14 +210,14 @@ def changed(folder, path, **columns):
 @pytest.mark.parametrize(
     ("columns", "told"),
     [
-        ({"point": "nowhere"}, r"line 2 \(nowhere, n = 0, w = 0, seed 0\) .* expected one of the points main,"),
-        ({"n": "7"}, r"line 2 \(main, n = 7, .* expected n in \(0, 2\)"),
-        ({"w": "0.1"}, r"line 2 .* w in \(0.0, 0.5\)"),
-        ({"theta_hat_mass": "1.00001"}, r"line 2 .* its theta_hat is \(1.00001, 1.0\), expected \(1.0, 1.0\)"),
-        ({"theta_hat_length": "nan"}, r"line 2 .* theta_hat is \(1.0, nan\)"),
-        ({"eval_return_mean": "inf"}, r"line 2 .* its return is inf"),
+        ({"point": "nowhere"}, r"runs.csv: nowhere, n = 0, w = 0, seed 0 does not .* expected one of the points main,"),
+        ({"n": "7"}, r"runs.csv: main, n = 7, .* expected n in \(0, 2\)"),
+        ({"w": "0.1"}, r"main, n = 0, w = 0.1, .* w in \(0.0, 0.5\)"),
+        ({"theta_hat_mass": "1.00001"}, r"seed 0 does not .* its theta_hat is \(1.00001, 1.0\), expected \(1.0, 1.0\)"),
+        ({"theta_hat_length": "nan"}, r"line 2 holds NaN or infinity"),
+        ({"eval_return_mean": "inf"}, r"line 2 holds NaN or infinity"),
         ({"eval_return_mean": "much"}, r"line 2 does not hold the numbers of a row"),
-        ({"w": "0.5"}, r"line \d .* it is there twice"),
+        ({"w": "0.5"}, r"main, n = 0, w = 0.5, seed 0 comes twice"),
     ],
 )
 def test_a_row_of_something_else_is_refused_and_nothing_taken_up(finished, tmp_path, columns, told):

@@ -33,7 +33,7 @@ class Link:
 
 
 def task(folder):
-    return SweepPopulation(TINY, 0, 2, CELLS, ((1.0, 1.0), (2.0, 1.4)), folder=folder)
+    return SweepPopulation(TINY, 0, CELLS, ((1.0, 1.0), (2.0, 1.4)), folder=folder)
 
 
 def numbers(runs):
@@ -72,7 +72,7 @@ def test_a_damaged_checkpoint_costs_its_minutes_and_not_the_study(stopped, undis
     assert numbers(stopped.run(Link())) == undisturbed
     said = capsys.readouterr().err
     assert said.count("\n") == 1
-    assert said.startswith("population 1 of 2 begins anew: ")
+    assert said.startswith("population 1 begins anew: ")
     assert str(stopped.checkpoint) in said
 
 

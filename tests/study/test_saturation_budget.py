@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from study.formatting import MINUS
+from study.paper.finished_runs import Run, outcomes
+from study.paper.presets import Cell
 from study.paper.published_numbers import Spot
-from study.paper.published_runs import RunOutcome, outcomes
 from study.paper.saturation_budget import LABELS, budget_curves, paragraph
 
 REFERENCES = {"optimal": -330.0, "swing_up_lqr": -335.0, "lqr": -960.0}
@@ -26,12 +27,12 @@ def runs(names=tuple(RETURNS)):
 
 def noisy(returns):
     rng = np.random.default_rng(0)
-    rows = [(Spot("prior", 0, 0.0), seed, RunOutcome(-770.0, 1.1, (1.0, 1.0))) for seed in range(5)]
+    rows = [Run(Cell("prior", 0, 0.0, seed), (1.0, 1.0), 1.1, -770.0) for seed in range(5)]
     for name, values in returns.items():
         for n, value in zip(BUDGETS, values, strict=True):
             noise = rng.normal(size=5)
             rows += [
-                (Spot(name, n, 0.0), seed, RunOutcome(value + x, ERRORS[name], (2.0, 1.5)))
+                Run(Cell(name, n, 0.0, seed), (2.0, 1.5), ERRORS[name], value + x)
                 for seed, x in enumerate(noise - noise.mean())
             ]
     return outcomes(rows)
@@ -85,9 +86,9 @@ def test_a_saturation_that_ends_again_is_none_yet():
 
 
 def altered(changes):
-    rows = [(Spot("prior", 0, 0.0), seed, RunOutcome(-770.0, 1.1, (1.0, 1.0))) for seed in range(3)]
+    rows = [Run(Cell("prior", 0, 0.0, seed), (1.0, 1.0), 1.1, -770.0) for seed in range(3)]
     rows += [
-        (Spot(name, n, 0.0), seed, RunOutcome(value, 0.5, (2.0, 1.5)))
+        Run(Cell(name, n, 0.0, seed), (2.0, 1.5), 0.5, value)
         for name, values in changes.items()
         for n, value in zip(BUDGETS, values, strict=True)
         for seed in range(3)

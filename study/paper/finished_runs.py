@@ -1,4 +1,4 @@
-"""Finished runs as plain numbers, from our runs.csv and from the authors' per-run files, which begin with its columns.
+"""Finished runs: as a study keeps them, in runs.csv, and in the authors' per-run files, which begin with its columns.
 
     theirs = read_published(Path("sim2real_budget/results"))     summary.csv, exp_*.csv; `missing`: those not there
     ours = read_runs(Path("study/results/paper-small/runs.csv"))
@@ -10,16 +10,56 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from study.paper.presets import Cell, Theta
 from study.paper.published_numbers import POINTS, URL, CellSummary, Spot
-from study.pipeline.tables import read_table
+from study.pipeline.tables import ResultTable, read_table
 from study.statistics import sem
 from sysid import InvalidInput
+
+
+@dataclass(frozen=True)
+class Run:
+    """A finished cell, with everything its number depends on.
+
+    theta_hat (m [kg], l [m]); id_error = ||theta_hat - truth||; mean and std (divided by E) of the returns (E,) from
+    the paper's start states, and fresh_mean of fresh_returns (E,), from start states that no other seed shares, nan
+    where these were not evaluated; curve: (env steps done, return) of the training episodes; seconds: the run's share
+    of its population's time.
+
+    A run that was taken up from elsewhere says in `imported` from which file; one of a table has no episodes and no
+    curve.
+    """
+
+    cell: Cell
+    theta_hat: Theta
+    id_error: float
+    mean: float
+    std: float = math.nan
+    fresh_mean: float = math.nan
+    seconds: float = math.nan
+    returns: tuple[float, ...] = ()
+    fresh_returns: tuple[float, ...] = ()
+    curve: tuple[tuple[int, float], ...] = ()
+    settings: dict[str, Any] = field(default_factory=dict)
+    versions: dict[str, str] = field(default_factory=dict)
+    imported: str = ""
+
+
+RUNS = ResultTable(
+    "runs",
+    Run,
+    "point TEXT, n INTEGER, w REAL, seed INTEGER, theta_hat_m REAL, theta_hat_l REAL, id_error REAL, mean REAL, "
+    "std REAL, fresh_mean REAL, seconds REAL, returns TEXT, fresh_returns TEXT, curve TEXT, settings TEXT, "
+    "versions TEXT, imported TEXT",
+    keys=4,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,24 +84,20 @@ class RunRow:
     eval_return_fresh: float = math.nan
 
 
-@dataclass(frozen=True)
-class RunOutcome:
-    """What a run came to: mean return, ||theta_hat - truth||, theta_hat (m [kg], l [m]).
-
-    fresh: mean return from start states that no other seed shares; nan where that was not evaluated.
-    """
-
-    mean: float
-    id_error: float
-    theta_hat: tuple[float, float]
-    fresh: float = math.nan
+def run_table(runs: Iterable[Run]) -> tuple[Sequence[str], Iterable[Sequence[object]]]:
+    """Columns and rows of runs.csv, a `RunRow` a run in their order."""
+    return [f.name for f in fields(RunRow)], [
+        (r.cell.n, r.cell.w, r.cell.seed, r.id_error, r.mean, r.std, *r.theta_hat, r.seconds, r.cell.point,
+         "" if math.isnan(r.fresh_mean) else r.fresh_mean)
+        for r in runs
+    ]  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
 class Outcomes:
     """Runs by cell and seed; `missing` names the files that were expected and not there."""
 
-    table: Mapping[Spot, Mapping[int, RunOutcome]]
+    table: Mapping[Spot, Mapping[int, Run]]
     missing: tuple[str, ...] = ()
 
     def __contains__(self, spot: object) -> bool:
@@ -84,7 +120,7 @@ class Outcomes:
         """Mean returns (S,) of a cell, by default of all its seeds in their order."""
         runs = self.table[spot]
         chosen = [runs[seed] for seed in (sorted(runs) if seeds is None else seeds)]
-        return np.array([run.fresh if fresh else run.mean for run in chosen])
+        return np.array([run.fresh_mean if fresh else run.mean for run in chosen])
 
     def pair(self, a: Spot, b: Spot, *, fresh: bool = False) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Returns (S,) of two cells over the seeds that both have."""
@@ -106,30 +142,33 @@ class Outcomes:
         return Outcomes({**other.table, **self.table}, self.missing)
 
 
-def outcomes(rows: Iterable[tuple[Spot, int, RunOutcome]]) -> Outcomes:
-    """The table of runs (cell, seed, outcome); raises InvalidInput where one comes twice."""
-    table: dict[Spot, dict[int, RunOutcome]] = {}
-    for spot, seed, outcome in rows:
-        if seed in table.setdefault(spot, {}):
-            raise InvalidInput(f"{spot.point}: n = {spot.n}, w = {spot.w:g}, seed {seed} comes twice: expected it once")
-        table[spot][seed] = outcome
+def outcomes(runs: Iterable[Run]) -> Outcomes:
+    """The runs by cell and seed; raises InvalidInput where one comes twice."""
+    table: dict[Spot, dict[int, Run]] = {}
+    for run in runs:
+        own = table.setdefault(Spot(*run.cell[:3]), {})
+        if run.cell.seed in own:
+            raise InvalidInput(f"{run.cell} comes twice: expected it once")
+        own[run.cell.seed] = run
     return Outcomes(table)
 
 
 def read_runs(path: Path, point: str = "main") -> Outcomes:
     """The runs of a CSV file; rows without a point are of the one named here.
 
-    Raises InvalidInput for a file that cannot be read, lacks a column or holds something else than numbers.
+    Raises InvalidInput for a file that cannot be read, lacks a column, holds something else than finite numbers, or one
+    run twice.
     """
-    rows = []
+    runs = []
     for line, row in enumerate(read_table(RunRow, path, "runs"), 2):
         theta = row.theta_hat_mass, row.theta_hat_length
         if not all(map(math.isfinite, (row.eval_return_mean, row.id_error, *theta, row.w))):
             raise InvalidInput(f"{path}, line {line} holds NaN or infinity: expected finite numbers")
-        outcome = RunOutcome(row.eval_return_mean, row.id_error, theta, row.eval_return_fresh)
-        rows.append((Spot(row.point or point, row.n, row.w), row.seed, outcome))
+        reached = row.eval_return_mean, row.eval_return_std, row.eval_return_fresh
+        cell = Cell(row.point or point, row.n, row.w, row.seed)
+        runs.append(Run(cell, theta, row.id_error, *reached, row.wall_time_s))
     try:
-        return outcomes(rows)
+        return outcomes(runs)
     except InvalidInput as error:
         raise InvalidInput(f"{path}: {error}") from None
 

@@ -5,9 +5,10 @@ import math
 import pytest
 
 from study.main import main
+from study.paper.finished_runs import Outcomes, Run, outcomes, read_published, read_runs, run_table
+from study.paper.presets import Cell
 from study.paper.published_numbers import POINTS, Spot
-from study.paper.published_runs import Outcomes, RunOutcome, outcomes, read_published, read_runs
-from study.paper.sweep_report import write_runs
+from study.pipeline.tables import write_rows
 from sysid import InvalidInput
 
 HEADER = "n,w,seed,id_error,eval_return_mean,theta_hat_mass,theta_hat_length"
@@ -19,7 +20,7 @@ def write(path, *rows, header=HEADER):
 
 
 def test_our_own_table_reads_back(answer, tmp_path):
-    write_runs([answer], tmp_path / "runs.csv")
+    write_rows(tmp_path / "runs.csv", *run_table(answer.runs))
     found = read_runs(tmp_path / "runs.csv")
     assert found.points == ("main",)
     assert found.budgets("main") == answer.point.budgets
@@ -36,20 +37,18 @@ def test_the_authors_files_are_told_apart_by_their_names_and_missing_ones_are_na
     found = read_published(tmp_path)
     assert set(found.table) == {Spot("main", 0, 0.5), Spot("prior_range", 0, 0.5)}
     assert set(found.missing) == {p.file for p in POINTS.values()} - {"summary.csv", "exp_priorDR.csv"}
-    assert math.isnan(found.table[Spot("main", 0, 0.5)][3].fresh)
+    assert math.isnan(found.table[Spot("main", 0, 0.5)][3].fresh_mean)
 
 
 def test_only_seeds_that_all_cells_have_are_shared():
-    runs = outcomes(
-        (Spot("main", n, 0.0), seed, RunOutcome(-1.0, 0.0, (1.0, 1.0))) for n in (0, 5) for seed in range(n + 2)
-    )
+    runs = outcomes(Run(Cell("main", n, 0.0, seed), (1.0, 1.0), 0.0, -1.0) for n in (0, 5) for seed in range(n + 2))
     assert runs.seeds(Spot("main", 0, 0.0), Spot("main", 5, 0.0)) == (0, 1)
     assert runs.seeds(Spot("main", 9, 0.0)) == ()
 
 
 def test_merging_adds_cells_and_replaces_none():
     spots = Spot("main", 0, 0.0), Spot("main", 5, 0.0)
-    mine, other = (Outcomes({spot: {0: RunOutcome(value, 0.0, (1.0, 1.0))} for spot in spots[:k]})
+    mine, other = (Outcomes({spot: {0: Run(Cell(*spot, 0), (1.0, 1.0), 0.0, value)} for spot in spots[:k]})
                    for k, value in ((1, -1.0), (2, -2.0)))  # fmt: skip
     merged = mine.merged(other)
     assert [merged.summary(spot).mean for spot in spots] == [-1.0, -2.0]

@@ -1,6 +1,7 @@
 """Report, tables and figures: complete, self-contained, and drawn for presets of every size."""
 
 import csv
+import itertools
 import re
 from html.parser import HTMLParser
 
@@ -9,13 +10,16 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 from matplotlib.patches import Rectangle
+from matplotlib.text import Annotation
 
 from study.figure_style import STYLE
 from study.formatting import MINUS
 from study.paper import sweep_figures as figures
-from study.paper import sweep_report
+from study.paper.finished_runs import run_table
+from study.paper.published_numbers import CellSummary
 from study.paper.reproduction import reproduce
-from study.paper.sweep_report import write_sweep_report
+from study.paper.sweep_page import reference_table, sweep_account
+from study.pipeline.tables import write_rows
 
 VOID = {"meta", "img", "br"}
 
@@ -23,9 +27,7 @@ VOID = {"meta", "img", "br"}
 @pytest.fixture(scope="module")
 def page(answer, tmp_path_factory):
     folder = tmp_path_factory.mktemp("report")
-    write_sweep_report(
-        [answer], [figures.save_all(answer, folder)], folder / "report.html", reproduce([answer], folder)
-    )
+    sweep_account([answer], reproduce([answer], folder)).write(folder, "cpu")
     return (folder / "report.html").read_text(encoding="utf-8")
 
 
@@ -64,12 +66,11 @@ def test_settings_versions_and_the_papers_numbers_are_there(page):
 
 @pytest.mark.long
 def test_small_presets_have_a_report_too(small_answer, tmp_path):
-    drawn = figures.save_all(small_answer, tmp_path)
-    held = reproduce([small_answer], tmp_path)
-    write_sweep_report([small_answer], [drawn], tmp_path / "report.html", held)
-    assert {"gap", "curves"} <= set(drawn)
-    assert ("pareto" in drawn) == (len(small_answer.point.budgets) > 1)
-    for path in [*drawn.values(), *held.figures.values()]:
+    drawn = sweep_account([small_answer], reproduce([small_answer], tmp_path)).write(tmp_path, "cpu")
+    names = {path.name for path in drawn}
+    assert {"gap.png", "curves.png"} <= names
+    assert ("pareto.png" in names) == (len(small_answer.point.budgets) > 1)
+    for path in drawn:
         assert np.ptp(imread(path)[..., :3]) > 0.5
 
 
@@ -89,8 +90,21 @@ def test_the_heatmap_outlines_the_best_cell_and_prints_the_means(answer):
     assert error.startswith(f"± {answer.summaries[answer.best].sem:.0f} · ")
 
 
+@pytest.mark.parametrize("error", [0.0, 20.0, 32.0, 60.0])
+def test_no_note_of_the_best_widths_covers_another(error):
+    """Wide error bars push the name of a width down onto that of the line below it."""
+    means = {(0, 0.0): -836.0, (0, 0.5): -900.0, (5, 0.0): -520.0, (50, 0.0): -400.0, (50, 0.5): -410.0}
+    cells = {key: CellSummary(mean, error, mean, 3) for key, mean in means.items()}
+    with matplotlib.rc_context(STYLE):
+        figure = figures.paretos({"": cells}, {"optimal": -331.0, "swing_up_lqr": -335.0, "lqr": -960.0})
+        figure.draw_without_rendering()
+        boxes = [note.get_window_extent() for note in figure.axes[0].findobj(Annotation)]
+    assert len(boxes) == 3 + 2 + 3
+    assert not any(a.overlaps(b) for a, b in itertools.combinations(boxes, 2))
+
+
 def test_runs_csv_has_the_papers_columns_and_conventions(answer, tmp_path):
-    sweep_report.write_runs([answer], tmp_path / "runs.csv")
+    write_rows(tmp_path / "runs.csv", *run_table(answer.runs))
     with (tmp_path / "runs.csv").open() as file:
         rows = list(csv.DictReader(file))
     papers = "n,w,seed,id_error,eval_return_mean,eval_return_std,theta_hat_mass,theta_hat_length,wall_time_s"
@@ -102,7 +116,7 @@ def test_runs_csv_has_the_papers_columns_and_conventions(answer, tmp_path):
 
 
 def test_references_csv_has_every_controller(answer, tmp_path):
-    sweep_report.write_references([answer], tmp_path / "references.csv")
+    write_rows(tmp_path / "references.csv", *reference_table([answer]))
     with (tmp_path / "references.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [(r["m"], r["l"], r["controller"]) for r in rows] == [

@@ -1,0 +1,104 @@
+"""The paper's sweep, told: tables for other programs, figures and page."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import fields
+from operator import attrgetter
+
+from study.paper import published_numbers as paper
+from study.paper.agreement import MARGIN
+from study.paper.finished_runs import run_table
+from study.paper.presets import Point, Preset
+from study.paper.reference_controllers import CONTROLLERS, LQR, OPTIMAL, RATINGS, SWING_UP, Rating, Reference
+from study.paper.reproduction import REPRODUCTION_CAPTIONS, Reproduction
+from study.paper.sweep_figures import drawings
+from study.paper.sweep_findings import PointFindings
+from study.pipeline.publication import Account, Section, Table
+from study.pipeline.versions import all_versions
+
+CONTROLLER_LABELS = {OPTIMAL: "optimal (dynamic programming)", LQR: "LQR alone", SWING_UP: "energy swing-up, then LQR"}
+
+POINT_CAPTIONS = {
+    "heatmap": "Mean return on the hidden plant ± standard error over seeds. The best cell is outlined; the brightest "
+    "colour is the optimum.",
+    "pareto": "The best width at every budget, between training without data and training on the most data.",
+    "gap": "Diamonds: the controller that is optimal for the estimate, run on the hidden plant. From the red line to a "
+    "diamond is what identification cost; from the diamond to a dot is what training and width cost.",
+    "curves": "Returns of training episodes in the simulators agents train on, averaged over seeds and ten episodes.",
+}
+
+
+def outputs(preset: Preset) -> tuple[str, ...]:
+    """The tables and figures that may be written."""
+    drawn = (preset.figure_file(point.name, name) for point in preset.points for name in POINT_CAPTIONS)
+    return "runs.csv", "references.csv", RATINGS, *drawn, *(f"{name}.png" for name in REPRODUCTION_CAPTIONS)
+
+
+def sweep_account(found: Sequence[PointFindings], reproduction: Reproduction) -> Account:
+    """What is told of the operating points, one after the other, and of all of them against the publication."""
+    preset, runs = found[0].preset, [run for answer in found for run in answer.runs]
+    references = {(r.key, r.seed): r for answer in found for r in answer.references}
+    made = [*runs, *references.values()]
+    origins = (run.imported + ", a table, which does not say how they were trained" * (not run.returns) for run in runs)
+    drawn = [
+        {preset.figure_file(answer.point.name, name): (draw, POINT_CAPTIONS[name]) for name, draw in own.items()}
+        for answer, own in zip(found, map(drawings, found), strict=True)
+    ]
+    held = {f"{name}.png": (draw, REPRODUCTION_CAPTIONS[name]) for name, draw in reproduction.drawings.items()}
+    told = [Section(own.sentences(), title(own.point) if len(found) > 1 else "", own.caveat()) for own in found]
+    return Account(
+        plan=preset,
+        sections=[*told, Section(reproduction.sentences())],
+        tables={
+            "runs.csv": run_table(runs),
+            "references.csv": reference_table(found),
+            RATINGS: rating_table([references[key] for key in sorted(references)]),
+        },
+        drawings={name: drawing for own in (*drawn, held) for name, drawing in own.items()},
+        template="sweep.html.j2",
+        shown={
+            "parts": list(zip(found, drawn, strict=True)),
+            "held": held,
+            "controllers": CONTROLLER_LABELS,
+            "sac": next((run.settings["sac"] for run in runs if "sac" in run.settings), {}),
+            "origins": Counter(filter(None, origins)),
+            "reproduction": reproduction,
+            "paper": paper,
+            "margin": MARGIN,
+        },
+        counts={"runs": len(runs), "imported": sum(bool(run.imported) for run in runs)},
+        seconds=sum(item.seconds for item in made),
+        versions=all_versions(item.versions for item in made),
+    )
+
+
+def reference_table(found: Sequence[PointFindings]) -> Table:
+    """One row a controller, designed at a hidden plant's own (m, l).
+
+    Mean and SEM are over the start states of the preset's reference seeds, the paper's ten, so that these numbers do
+    not change with the preset; gaps in the report are paired over the study's own seeds.
+    """
+    rows = [
+        (*truth, controller, *answer.rating(controller, answer.preset.reference_seeds))
+        for truth, answer in {answer.point.truth: answer for answer in found}.items()
+        for controller in CONTROLLERS
+    ]
+    return ("m", "l", "controller", "return_mean", "return_sem"), rows
+
+
+def rating_table(references: Sequence[Reference]) -> Table:
+    """A `Rating` a reference controller and seed: what an import of these runs need not compute again."""
+    columns = [f.name for f in fields(Rating)]
+    return columns, map(attrgetter(*columns), references)
+
+
+def title(point: Point) -> str:
+    """An operating point in a line."""
+    m, l = point.truth  # noqa: E741
+    band = "" if point.randomization == "band" else ", trained over the prior range"
+    return (
+        f"{point.name.replace('_', ' ')}: m = {m:g} kg, l = {l:g} m, speed read to {point.sigma:g} rad/s, "
+        f"identified by {point.identifier.replace('_', ' ')}{band}"
+    )
