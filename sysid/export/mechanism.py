@@ -48,7 +48,7 @@ class Mechanism:
     turns: bool
     body: Body
     u_max: float
-    rest: float = math.pi
+    rest: float
     damping: float = 0.0
     friction: float = 0.0
     armature: float = 0.0
@@ -115,7 +115,7 @@ TERMS: dict[type[Effect], Callable[[Any, Mechanism], dict[str, float]]] = {
 
 def mechanism(model: Model) -> Mechanism:
     """The mechanism of a model of one machine. Raises InvalidInput for one whose numbers are arrays."""
-    found = Mechanism(model.plant.turns, body(model.plant), model.u_max)
+    found = Mechanism(model.plant.turns, body(model.plant), model.u_max, model.plant.rest)
     others = tuple(e for e in model.effects if e not in model.input_effects)
     for effect in (*model.input_effects, *others):
         if type(effect) in TERMS and not effect.idle:

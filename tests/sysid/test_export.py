@@ -82,7 +82,10 @@ def numbers_of(element):
 
 @pytest.mark.parametrize(
     ("name", "plant"),
-    [*((name, ROD) for name in MAPPED), *((name, p) for name in ("nothing", "servo", "all") for p in PLANTS[1:])],
+    [
+        *((name, ROD) for name in MAPPED),
+        *((name, p) for name in ("nothing", "spring", "servo", "all") for p in PLANTS[1:]),
+    ],
     ids=lambda p: p if isinstance(p, str) else type(p).__name__,
 )
 def test_mujoco_plays_what_the_model_does(name, plant):

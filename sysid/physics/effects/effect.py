@@ -109,6 +109,10 @@ class Effect(Parametric):
         """Whether a machine may have these numbers, beside their bounds."""
         return True
 
+    def resolved(self, sd: float, reach: float) -> bool:
+        """Whether readings of the angle with that sd [rad] can show it, in a motion of that reach [rad]."""
+        return True
+
     @property
     def idle(self) -> bool:
         """Whether it changes nothing, since all its numbers that have a neutral value are at it."""

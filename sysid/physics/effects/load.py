@@ -77,19 +77,19 @@ class Tilt(JointEffect):
 
 @dataclass(frozen=True, eq=False)
 class Spring(JointEffect):
-    """A spring or a cable that is slack where the pendulum hangs.
+    """A spring or a cable that is slack where the pendulum hangs, at theta = pi, or at the zero of a linear axis.
 
     theta is unwrapped, so each turn winds it further. A rest angle elsewhere shows as a torque bias beside it.
     """
 
     words = "a spring"
     imitates = "theta"
-    formula = "tau = -k (theta - pi)"
+    formula = "tau = -k (theta - rest)"
     confused = ("torque_bias", "ripple")
     k: Value = parameter(0.0, unit="N m/rad", bounds=(-math.inf, math.inf), neutral=0.0)
 
     def torque(self, joint: Joint) -> Value:
-        return -self.k * (joint.theta - math.pi)
+        return -self.k * (joint.theta - joint.plant.rest)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,9 @@ from sysid.physics.effects.effect import DynamicEffect, Memory, Stretch
 from sysid.physics.ops import Value
 from sysid.physics.parameters import parameter
 
+LARGEST_GIVE = 0.3
+"""Share of a motion's reach that a contact gives by, at most, before it slides."""
+
 
 @dataclass(frozen=True, eq=False)
 class Dahl(DynamicEffect):
@@ -31,6 +34,11 @@ class Dahl(DynamicEffect):
     start_sd = (0.5,)
     tau_c: Value = parameter(0.0, unit="N m", bounds=(0.0, math.inf), neutral=0.0)
     z_s: Value = parameter(0.01, unit="rad", bounds=(1e-5, 1.0), probe=(0.003, 0.02, 0.1))
+
+    def resolved(self, sd: float, reach: float) -> bool:
+        """Whether it gives by more than the sd, else it is Coulomb friction to these readings; and by less than a large
+        part of the motion, else it hardly slides."""
+        return sd < float(self.z_s) < LARGEST_GIVE * reach
 
     def sliding(self, theta_dot: Value) -> tuple[Value, Value]:
         """The largest friction [N m], and the share of it that is left at a speed theta_dot [rad/s]."""

@@ -22,6 +22,7 @@ class LinearAxis(Plant):
     """
 
     turns: ClassVar[bool] = False
+    rest: ClassVar[float] = 0.0
     units: ClassVar[Mapping[str, str]] = {"kg m^2": "kg", "N m": "N", "rad": "m"}
     m: Value = parameter(1.0, unit="kg", bounds=(1e-3, 1e4))
 

@@ -21,11 +21,13 @@ class Plant(Parametric):
     """J theta_ddot = gravity_torque(theta) + tau, with theta = 0 upright and theta = pi hanging.
 
     turns: whether theta comes back to the same place after a turn.
+    rest: where gravity lets it rest, and a spring is slack.
     scale: the parameter in which motion alone shows no scale: without a known torque it cannot be found.
     units: what the units of turning are called for this plant, the longest first; empty for what turns.
     """
 
     turns: ClassVar[bool] = True
+    rest: ClassVar[float] = math.pi
     scale: ClassVar[str] = "m"
     units: ClassVar[Mapping[str, str]] = {}
 
