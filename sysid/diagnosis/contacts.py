@@ -22,6 +22,8 @@ LEAST_ENERGY_AGAIN = 0.4
 """The same share in a log that somebody pushed in: with the hardest pushes left out, lighter ones show."""
 SLIGHT = 0.02
 """Share of the largest torque that the log shows below which nobody pushed."""
+LARGEST_COMMAND = 5.0
+"""Multiple of the command's mean square from which what acts is the drive's own doing: a hand does not wait for it."""
 SHORTEST_LOG = 8.0
 """Seconds of log from which it can be told what is rare."""
 _NEIGHBOURS = 25
@@ -53,7 +55,8 @@ def find_contacts(fit: Fit, torque: Array, least: float = 0.0, again: bool = Fal
 
     The torque is one without what is faster than a hand (`slow`). A machine that misses something everywhere has
     extremes too, and nobody touched it: unless they are most of what is missing, in a small part of the time, there is
-    none. What is below `least` [N m] is none either, nor in the end what is slight beside the torques of the log.
+    none; nor where they come with the largest commands. What is below `least` [N m] is none either, nor in the end what
+    is slight beside the torques of the log.
     `again`, where pushes were left out already, the others need not be as much.
     """
     samples = fit.samples
@@ -72,10 +75,21 @@ def find_contacts(fit: Fit, torque: Array, least: float = 0.0, again: bool = Fal
     energy = float(np.nansum(known**2))
     held = float(np.nansum(known[inside] ** 2))
     share = LEAST_ENERGY_AGAIN if again else LEAST_ENERGY
-    if not (held > share * energy > 0.0 and np.mean(inside) < MOST_TIME):
+    rare = held > share * energy > 0.0 and np.mean(inside) < MOST_TIME
+    if not rare or _commanded(fit, inside):
         return ()
     felt = SLIGHT * shown_extent(samples, fit.model).u_max
     return tuple(contact for contact in found if abs(contact.peak) > felt)
+
+
+def _commanded(fit: Fit, inside: NDArray[np.bool_]) -> bool:
+    """Whether the command is much larger inside than it is on average; an angle that is commanded has no size."""
+    actuator = fit.model.actuator
+    if actuator is not None and actuator.at_angle:
+        return False
+    square = np.zeros(len(inside))
+    square[fit.samples.follows] = np.concatenate([r.u**2 for r in fit.samples.records])
+    return bool(np.mean(square[inside]) > LARGEST_COMMAND * np.mean(square))
 
 
 def _extremes(fit: Fit, torque: Array, least: float) -> tuple[Contact, ...]:

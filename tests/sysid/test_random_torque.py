@@ -223,6 +223,15 @@ def test_a_push_is_found(s: float) -> None:
         assert 0.15 < found.peak < 0.35
 
 
+def test_what_comes_with_the_largest_commands_is_no_push() -> None:
+    found, torque = missing(logs(DAMPED, 2, 700, 0.0, 0.1, push=(1, 0.3)))
+    assert find_contacts(found, torque)
+    loud = np.ones(700)
+    loud[round(3.5 / DT) : round(5.5 / DT)] = 6.0
+    found.samples.records = [replace(r, u=loud * r.u) for r in found.samples.records]
+    assert find_contacts(found, torque) == ()
+
+
 def test_nobody_pushes_by_a_hundredth_of_what_acts() -> None:
     found, torque = missing(logs(DAMPED, 2, 700, 0.0, 0.1, push=(1, 0.02)))
     assert 0.008 < np.nanmax(torque) < 0.02, "it is seen"
