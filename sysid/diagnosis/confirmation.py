@@ -12,9 +12,10 @@ import numpy as np
 from sysid.data.record import Record
 from sysid.diagnosis.answer import MissingTorque, Remaining
 from sysid.diagnosis.contacts import Contact
+from sysid.diagnosis.criteria import is_nothing
 from sysid.diagnosis.dependence import dependence
 from sysid.diagnosis.residual_torque import missing_torque, needed_disturbances
-from sysid.diagnosis.search import Addition, Search, is_nothing
+from sysid.diagnosis.search import Addition, Search
 from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.held_out import HeldOutError, held_out_error
 from sysid.estimation.likelihood import p_value
@@ -25,6 +26,9 @@ from sysid.estimation.scores import scores
 from sysid.estimation.solver import QUICK
 from sysid.physics.effects import CATALOGUE
 from sysid.physics.ops import Array
+
+LARGEST_NOISE = 10.0
+"""Multiple of the noise from which errors that no random torque explains are no noise that was told too small."""
 
 NEGLIGIBLE_RISE = 1e-3
 """A rise of the held-out error by less than this share is not printed, and counts as none."""
@@ -122,43 +126,52 @@ class Confirmation:
         return self.fitted[end]
 
     def _confirm(self) -> None:
-        """The last stage of the search that does not raise the error on the held-out data, less each addition that
-        raises it, that beside others does not lower it by what matters, or that is nothing any more."""
+        """Keep the last stage of the search that does not raise the error on the held-out data, less what it can do
+        without."""
         best = self.errors[()][1].ratio
         for additions, fit in self.search.stages:
             error = self.error(fit)
             self.errors[names_of(additions)] = fit, error
             if error.ratio <= best * (1.0 + NEGLIGIBLE_RISE) or not math.isfinite(best):
                 best, self.additions = min(best, error.ratio), list(additions)
+        self._drop_needless()
+        kept = names_of(self.additions)
+        tried = dict.fromkeys(a.name for additions, _ in self.search.stages for a in additions)
+        self.unconfirmed = [name for name in tried if name not in kept]
+
+    def _drop_needless(self) -> None:
+        """Drop, one after the other, each addition that raises the error on the held-out data, that beside others does
+        not lower it by what matters, or that is nothing any more; what is left errs no more than the model as it
+        came."""
         while self.additions:
             end, error = self.fit_with(self.additions)
             fewer = [[a for a in self.additions if a is not left] for left in self.additions]
             own = min(fewer, key=lambda own: self.fit_with(own)[1].ratio)
             tolerance = self.search.settings.tolerance if own else 0.0
-            if is_lowered(error.ratio, self.fit_with(own)[1].ratio, tolerance):
+            lowered = is_lowered(error.ratio, self.fit_with(own)[1].ratio, tolerance)
+            if lowered and is_lowered(error.ratio, self.errors[()][1].ratio, 0.0):
                 nothing = [a for a in self.additions if is_nothing(end, a.name, self.search.settings.sure)]
                 if not nothing:
                     break
                 own = [a for a in self.additions if a is not nothing[0]]
             self.additions = own
-        kept = names_of(self.additions)
-        tried = dict.fromkeys(a.name for additions, _ in self.search.stages for a in additions)
-        self.unconfirmed = [name for name in tried if name not in kept]
 
     def _unmask(self) -> None:
         """Take back what leaves more torque missing than was missing without it, and what is a part of something
         unknown: what remains depends on the quantity that it is a function of, and it explains less than most of that,
-        or only with a number driven to its bound."""
-        for addition in list(self.additions):
+        or only with a number driven to its bound. What is left then has to be confirmed anew."""
+        before = list(self.additions)
+        for addition in before:
             end, error = self.fit_with(self.additions)
-            if not math.isfinite(error.ratio):
+            if addition not in self.additions or not math.isfinite(error.ratio):
                 continue
             torque = self.torque(end)
             fewer = [a for a in self.additions if a is not addition]
             without = self.torque(self.fit_with(fewer)[0]).after
             if torque.after > without or self._hides(addition, end, error, torque, without):
-                self.unconfirmed.append(addition.name)
                 self.additions = fewer
+                self._drop_needless()
+        self.unconfirmed += [a.name for a in before if a not in self.additions]
 
     def _hides(self, addition: Addition, end: Fit, error: HeldOutError, torque: MissingTorque, without: float) -> bool:
         """Whether an addition is a part of something unknown, `without` it is the torque [N m] that is missing then."""
@@ -189,8 +202,10 @@ class Confirmation:
                 self.errors[names_of(self.additions)] = (fit, after)
 
     def _remains(self, end: Fit) -> bool:
-        """Whether what was fitted to is predicted with errors beyond the noise, and a random torque is needed."""
-        return not end.undisturbed and not self.fitted_error(end) ** 2 < 1.0 + self.search.settings.enough**2
+        """Whether what was fitted to is predicted with errors beyond the noise, and a random torque is needed, or they
+        are beyond any noise."""
+        beyond = not self.fitted_error(end) ** 2 < 1.0 + self.search.settings.enough**2
+        return beyond and not (end.undisturbed and self.fitted_error(end) < LARGEST_NOISE)
 
     def _fails_elsewhere(self, end: Fit, error: HeldOutError) -> bool:
         """Whether held-out data are predicted much worse than the noise, and than what was fitted to."""

@@ -265,23 +265,23 @@ class _Report:
         return tuple(steps)
 
     def _ranking(self, missing: float) -> tuple[Ranked, ...]:
-        """The first round: those that were fitted by what came out, then the others by what they promise."""
+        """What stayed, then those that were fitted first by what came out, then the others by what they promise."""
         first, each = self.search.first, self.search.settings.price
-        fitted = {t.effects[0]: t for t in self.search.trials if len(t.effects) == 1}
-        order = sorted(fitted, key=lambda n: fitted[n].merit, reverse=True)
-        chosen = [a.name for a in self.search.additions if a.name in first]
-        order = [*chosen, *(n for n in order if n not in chosen)]
+        stayed = [a for a in self.confirmed.additions if a.name in first]
+        fits = {t.effects[0]: t.fit for t in self.search.trials if len(t.effects) == 1}
         merit = {n: s.lm - price(n, each, s.shapes) for n, s in first.items()}
-        order += sorted(
-            (n for n, s in first.items() if s.visible and n not in order), key=merit.__getitem__, reverse=True
-        )
+        merit |= {t.effects[0]: t.merit for t in self.search.trials if len(t.effects) == 1}
+        fits |= {a.name: self.confirmed.fit_with([a])[0] for a in stayed if a.name not in fits}
+        fitted = sorted(fits, key=merit.__getitem__, reverse=True)
+        others = sorted((n for n, s in first.items() if s.visible), key=merit.__getitem__, reverse=True)
+        order = dict.fromkeys((*(a.name for a in stayed), *fitted, *others))
         return tuple(
             Ranked(
                 name,
                 (name, *self.search.inseparable(name)),
-                fitted[name].merit if name in fitted else merit[name],
+                merit[name],
                 self._p_value(name),
-                fit=fitted[name].fit if name in fitted else None,
+                fit=fits.get(name),
                 base=self.base,
                 missing=missing,
                 held_out=self.confirmed.error,

@@ -6,19 +6,27 @@ import logging
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import numpy as np
 
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
+from sysid.diagnosis.criteria import (
+    at_bound,
+    gain,
+    is_determined,
+    is_nothing,
+    is_plausible,
+    matters,
+    squared_size,
+)
 from sysid.diagnosis.search_settings import DEFAULT, SearchSettings
 from sysid.errors import InvalidInput
 from sysid.estimation.first_fit import first_fits, without_common
 from sysid.estimation.held_out import lead_of
 from sysid.estimation.likelihood import p_value
 from sysid.estimation.linearisation import Samples
-from sysid.estimation.prediction import PredictionErrors, left_out_errors, moved
+from sysid.estimation.prediction import PredictionErrors, left_out_errors
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import extended, reduced, settled
 from sysid.estimation.scores import Score, alikeness, price, scores
@@ -93,18 +101,24 @@ class Search:
             if not k:
                 trials = sorted([*trials, *self._common(now, helped)], key=lambda t: t.merit, reverse=True)
             chosen = self._chosen(now, trials)
-            for more in (self._simulated, partial(self._composites, trials=trials)):
+            for more in (self._others, self._simulated, self._composites):
                 if chosen is None and not now.undisturbed:
-                    tried = more(now)
+                    tried = more(now, trials)
                     trials = [*trials, *tried]
                     chosen = self._chosen(now, trials, tried)
             self.trials = self.trials or trials
-            if chosen is None:
+            before, least = {a.name for a in self.additions}, now.deviance - self.settings.close
+            while chosen is not None:
+                now = self._pruned(self._added(now, chosen, trials))
+                if {a.name for a in self.additions} != before or now.deviance < least:
+                    break
+                trials = [t for t in trials if t is not chosen]  # what was added turned out to be nothing
+                chosen = self._chosen(now, trials)
+            same = {a.name for a in self.additions} == before
+            if chosen is None or (same and not before):
                 break
-            before = {a.name for a in self.additions}
-            now = self._pruned(self._added(now, chosen, trials))
-            if {a.name for a in self.additions} == before:  # what was added turned out to be nothing
-                break
+            if same:  # and led to a better fit of the others
+                self.stages.pop()
             self.stages.append((tuple(self.additions), now))
         else:
             self.last = scores(now, self.effects)
@@ -113,21 +127,44 @@ class Search:
     # candidates ----------------------------------------------------------------------------------------------
 
     def _trials(self, now: Fit) -> list[Trial]:
-        """The candidates that promise most, fitted, best first; common effects always, where d may hide them."""
+        """The candidates that promise most, fitted, best first; common effects always, where d may hide them.
+
+        Where one of them leaves nothing to explain, what refines it and promises less is not tried, nor what d may
+        hide.
+        """
         hidden = now.disturbances.s * now.inertia > 0.0 and not now.undisturbed
-        promise = {n: s.lm - price(n, self.settings.price, s.shapes) for n, s in self.last.items() if s.visible}
-        names = sorted(promise, key=lambda n: promise[n], reverse=True)
+        promise, least = self._promise(), self.settings.share
         best = max(promise.values(), default=0.0)
-        single = [n for n in names if promise[n] > max(0.0, 0.2 * best)][: self.settings.trials // 2 + 1]
-        if hidden:
-            single += [n for n in self.settings.always if n in promise and n not in single]
-        tried: list[Trial] = []
+        single = [n for n, own in promise.items() if own > max(0.0, least * best)][: self.settings.trials]
+        tried, enough = list[Trial](), set[tuple[str, ...]]()
         for name in single:
-            self._try_class(now, name, tried)
+            if enough.isdisjoint(CATALOGUE[name].refines):
+                self._try_class(now, name, tried)
+                enough = {t.effects for t in tried if t.fit.undisturbed}
+        for name in self.settings.always:
+            if hidden and not enough and name in promise and name not in single:
+                self._try_class(now, name, tried)
         for simpler in dict.fromkeys(own for t in tried for own in CATALOGUE[t.effects[0]].refines):
             if all(n in promise for n in simpler) and all(set(simpler) != set(t.effects) for t in tried):
                 self._try(now, simpler, tried)
         return sorted(tried, key=lambda t: t.merit, reverse=True)
+
+    def _promise(self) -> dict[str, float]:
+        """What each effect that the readings show is expected to bring, by its score, the largest first."""
+        promise = {n: s.lm - price(n, self.settings.price, s.shapes) for n, s in self.last.items() if s.visible}
+        return dict(sorted(promise.items(), key=lambda own: own[1], reverse=True))
+
+    def _others(self, now: Fit, trials: Sequence[Trial]) -> list[Trial]:
+        """What promises less than the first trials did, where these did not keep their promise, and refines nothing
+        that is there: of that what predicts left-out stretches better by more than chance."""
+        known, present = {t.effects for t in trials}, {e.name for e in now.model.effects}
+        names = [n for n, own in self._promise().items() if own > 0.0 and (n,) not in known]
+        names = [n for n in names if not any(present.issuperset(own) for own in CATALOGUE[n].refines)]
+        tried: list[Trial] = []
+        for name in names[: self.settings.trials]:
+            self._try_class(now, name, tried)
+        better = (t for t in tried if t.merit > 0.0 and self._predicts_better(now, t.fit))
+        return sorted(better, key=lambda t: t.merit, reverse=True)
 
     def _common(self, now: Fit, helped: Fit) -> list[Trial]:
         """Friction and offset as the first fit found them: a machine that they rule shows nothing without them."""
@@ -145,7 +182,7 @@ class Search:
     def _price(self, name: str) -> float:
         return price(name, self.settings.price, self.last[name].shapes if name in self.last else 1)
 
-    def _simulated(self, now: Fit) -> list[Trial]:
+    def _simulated(self, now: Fit, trials: Sequence[Trial]) -> list[Trial]:
         """What explains a simulation's errors best: beside a large random torque a motion follows its readings
         wherever they go, and nothing is left for a sensor that reads wrong."""
         share = self.settings.quiet
@@ -227,14 +264,30 @@ class Search:
         ranked = [t for t in (trials if among is None else among) if t.merit > 0.0]
         if not ranked:
             return None
+        first: Trial | None = None
+        others = {a.name for a in self.additions}
         for trial in (*self._preferred(now, ranked[0]), *ranked):
-            if not _plausible(trial) or not self._recurs(trial) or not self._beats_its_simpler_forms(trial, trials):
+            sound = is_plausible(trial.fit, trial.effects) and is_determined(trial.fit, now, others)
+            if not (sound and self._recurs(trial)):
                 continue
-            if self._predicts(now, trial.fit) and matters(now.model, trial.fit, self.settings):
-                return trial
-            if len(trial.effects) == 1 and trial.effects[0] not in self.negligible:
+            if not self._beats_its_simpler_forms(trial, trials):
+                continue
+            if first is not None:
+                if trial.merit > self.settings.nearly * first.merit and self._predicts_better(first.fit, trial.fit):
+                    return trial
+            elif self._predicts(now, trial.fit) and matters(now.model, trial.fit, self.settings):
+                if trial.fit.undisturbed:
+                    return trial
+                first = trial
+            elif len(trial.effects) == 1 and trial.effects[0] not in self.negligible:
                 self.negligible.append(trial.effects[0])
-        return None
+        return first
+
+    def _predicts_better(self, before: Fit, after: Fit) -> bool:
+        """Whether left-out stretches are predicted better by more than chance: where the model lacks more than one
+        effect, likelihood alone does not tell which of two that explain about as much it is."""
+        better, sd = self._left_out_gain(before, after)
+        return math.isfinite(better) and better > sd
 
     def _beats_its_simpler_forms(self, trial: Trial, trials: Sequence[Trial]) -> bool:
         """Whether a refinement predicts left-out stretches better than what it refines, and by what matters."""
@@ -259,9 +312,13 @@ class Search:
     def _predicts(self, before: Fit, after: Fit) -> bool:
         """Whether left-out stretches are predicted no worse, and better where the model still lacks something:
         likelihood alone believes too much there."""
+        better, sd = self._left_out_gain(before, after)
+        return math.isfinite(better) and better > (-sd if after.undisturbed else 0.0)
+
+    def _left_out_gain(self, before: Fit, after: Fit) -> tuple[float, float]:
+        """How much better left-out stretches are predicted, with its standard error, over the same windows."""
         lead = max(lead_of(before.model), lead_of(after.model))
-        gain, sd = self.left_out(after, lead).gain(self.left_out(before, lead))
-        return math.isfinite(gain) and gain > (-sd if after.undisturbed else 0.0)
+        return self.left_out(after, lead).gain(self.left_out(before, lead))
 
     def left_out(self, own: Fit, lead: float) -> PredictionErrors:
         """The errors on left-out stretches; those of a round are asked for several times."""
@@ -303,6 +360,7 @@ class Search:
                     and abs(gain(chosen.fit, t.fit, chosen.effects)) < self.settings.close
                     and len(t.fit.names) <= len(chosen.fit.names)
                     and alikeness(self.last[t.effects[0]], own) > self.settings.rival
+                    and (chosen.fit.undisturbed or not self._predicts_better(t.fit, chosen.fit))
                 )
             numbers = len(chosen.fit.names) - len(now.names)
             p = p_value(now.deviance - chosen.fit.deviance, numbers)
@@ -326,7 +384,8 @@ class Search:
         while self.additions:
             order = sorted(self.additions, key=lambda a: CATALOGUE[a.name].rarity, reverse=True)
             nothing = [a for a in order if is_nothing(now, a.name, self.settings.sure)]
-            candidates = nothing[:1] or (order if len(order) > 1 else [])
+            doubtful = [a for a in order if not squared_size(now, a.name) > self.settings.clear]
+            candidates = nothing[:1] or (doubtful if len(order) > 1 else [])
             tried = [(a, reduced(now, a.name, QUICK)) for a in candidates]
             needless = [(a, without) for a, without in tried if a in nothing or self._needless(a.name, now, without)]
             if not needless:
@@ -373,50 +432,3 @@ class Search:
         if set(effect(simple).parameters) <= set(own):
             return effect(simple, **{k: float(own[k].value) for k in effect(simple).parameters})
         return self._start(now, simple, alone=False)
-
-
-def _plausible(trial: Trial) -> bool:
-    return all(e.plausible for e in trial.fit.model.effects if e.name in trial.effects)
-
-
-def is_nothing(found: Fit, name: str, sure: float = DEFAULT.sure) -> bool:
-    """Whether the sizes x (q,) of an effect may as well be none.
-
-        x' C^-1 x < sure q,   C their covariance (q, q)
-
-    What the readings do not determine is not said to be nothing.
-    """
-    own = {n: found.model.parameters[n] for n in found.model.names_of(name)}
-    sized = [n for n, p in own.items() if n in found.names and p.neutral is not None and not p.never]
-    at = [found.names.index(n) for n in sized]
-    C = found.covariance[np.ix_(at, at)]
-    if not sized or not np.all(np.isfinite(C)):
-        return False
-    x = np.array([float(own[n].value) - float(own[n].neutral or 0.0) for n in sized])
-    return float(x @ np.linalg.pinv(C, hermitian=True) @ x) < sure * len(x)
-
-
-def gain(found: Fit, other: Fit, effects: Sequence[str]) -> float:
-    """Decrease of the deviance that these effects bring, over what chance multiplies it with where the random torque is
-    no Gaussian process: the excess variance of the effects' numbers (Huber's correction of the likelihood ratio)."""
-    parameters = found.model.parameters
-    own = [i for i, name in enumerate(found.names) if parameters[name].owner in effects]
-    excess = float(np.mean(found.wider[own] ** 2)) if own else 1.0
-    return (other.deviance - found.deviance) / excess
-
-
-def at_bound(found: Fit, name: str) -> bool:
-    """Whether one of the effect's numbers ended at a bound that is not its neutral value."""
-    return not set(found.model.names_of(name)).isdisjoint(found.at_bounds)
-
-
-def matters(before: Model, after: Fit, settings: SearchSettings) -> bool:
-    """Whether predictions move by more than nothing that anybody would notice.
-
-    The RMS difference of the two models' predictions exceeds `noise_share` of the sensor noise and what would lower the
-    error by the share `tolerance`:  sqrt(1 - (1 - tolerance)^2)  of what the prediction is off beyond the noise.
-    """
-    size, error = moved(before, after.model, after, settings.horizon)
-    excess = math.sqrt(max(error**2 - 1.0, 0.0))
-    share = math.sqrt(1.0 - (1.0 - settings.tolerance) ** 2)
-    return math.isfinite(size) and size > max(settings.noise_share, share * excess)

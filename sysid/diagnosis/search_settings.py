@@ -21,11 +21,14 @@ class SearchSettings:
     noise_share    change of predictions, in units of the sensor noise, below which nothing matters
     horizon        how far ahead predictions have to be right [s]
     steps          additions, at most
-    trials         candidates that a round fits, at most: single effects first, then composites
+    trials         single effects that a round fits for their promise, at most
+    share          share of the largest promise that another has to promise to be tried at first
+    nearly         share of the merit of the best trial from which another is chosen for its better predictions
     quiet          share of the disturbances that a model is simulated beside, where no effect pays otherwise
     simulated      candidates that are fitted then, at most
     sure           squared size of each number of an effect, in units of its variance, from which it is no accident: two
                    standard deviations
+    clear          the same from which nobody asks whether the effect could be left out: ten standard deviations
     same           alikeness from which two effects are one to this log
     alike          alikeness from which it takes 100 times the evidence to tell two effects that it takes to find one
     twin           difference of the deviance below which effects that much alike are one to this log, too: far from
@@ -52,10 +55,13 @@ class SearchSettings:
     noise_share: float = 0.07
     horizon: float = WINDOW
     steps: int = 6
-    trials: int = 9
+    trials: int = 5
+    share: float = 0.2
+    nearly: float = 0.5
     quiet: float = 1e-3
     simulated: int = 3
     sure: float = 4.0
+    clear: float = 100.0
     same: float = 1.0 - 1e-5
     alike: float = 0.995
     twin: float = 0.1

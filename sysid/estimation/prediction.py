@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.estimation.held_out import Refit, lead_of, refit_windows
+from sysid.estimation.held_out import HEAD, Refit, lead_of, refit_windows
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.windows import Window, cut
 from sysid.physics.model import Model
@@ -60,10 +60,13 @@ def left_out_errors(fit: Fit, seconds: float, blocks: int, lead: float = 0.0) ->
     total = sum(len(r) for r in fit.samples.records) * fit.samples.dt
     windows = windows_of(fit, float(np.clip(total / blocks, SHORTEST, seconds)), lead)
     groups = np.array_split(np.arange(len(windows)), min(blocks, len(windows)))
+    records, sensor = fit.samples.records, fit.samples.sensor
+    # where memories have to fill first, every block would ask for the states of the whole log
+    near = refit_windows(fit.model, records, sensor, cut(records, HEAD)) if any(w.lead for w in windows) else None
     found = []
     for group in groups:
         own = [windows[i] for i in group]
-        found.append(_squares(refit_windows(_without(fit, own), fit.samples.records, fit.samples.sensor, own)))
+        found.append(_squares(refit_windows(_without(fit, own), records, sensor, own, near)))
     return PredictionErrors(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
 

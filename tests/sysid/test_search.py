@@ -18,7 +18,9 @@ from sysid import (
     AsymmetricViscous,
     Backlash,
     Coulomb,
+    Dahl,
     Diagnosis,
+    Drag,
     Effect,
     Joint,
     JointEffect,
@@ -37,11 +39,14 @@ from sysid import (
     simulate,
 )
 from sysid import parameter as number
-from sysid.diagnosis.search import Addition, Search, Trial, is_nothing, matters
+from sysid.diagnosis import search as search_module
+from sysid.diagnosis.criteria import is_nothing, is_plausible, matters
+from sysid.diagnosis.search import Addition, Search, Trial
 from sysid.diagnosis.search_settings import DEFAULT
 from sysid.errors import InvalidInput
 from sysid.estimation.first_fit import first_fit
 from sysid.estimation.linearisation import Samples
+from sysid.estimation.prediction import PredictionErrors
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import extended, reduced
 from sysid.estimation.scores import Score, alikeness, price, scores
@@ -339,6 +344,75 @@ def test_a_fixed_number_stays_fixed() -> None:
     _, end = search.run(truth(), ("l",))
     assert end.model.parameters["m"].value == 1.0
     assert [a.name for a in search.additions] == ["coulomb"]
+
+
+class Compared(Search):
+    """A search of trials whose errors on left-out stretches are given by their names, all of which pay and matter."""
+
+    squares: dict[str, list[float]]
+
+    def left_out(self, own: Fit, lead: float) -> PredictionErrors:
+        squares = np.array(self.squares["+".join(e.name for e in own.model.effects)])
+        return PredictionErrors(squares, np.full(len(squares), 50.0))
+
+
+@pytest.mark.parametrize(
+    ("merits", "squares", "best"),
+    [
+        ((13.0, 8.0), (9e4, 1e4), "viscous"),  # explains about as much and predicts better
+        ((13.0, 8.0), (1e4, 9e4), "coulomb"),
+        ((13.0, 3.0), (9e4, 1e4), "coulomb"),  # explains too little
+    ],
+)
+def test_of_two_that_explain_about_as_much_the_one_that_predicts_better_is_taken(
+    merits: tuple[float, float], squares: tuple[float, float], best: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where the model lacks more than one effect; each window is a little different, as windows are."""
+    disturbed = dataclasses.replace(base())
+    disturbed.__dict__["undisturbed"] = False
+    trials = []
+    for own, merit in zip((Coulomb(tau_c=0.1), Viscous(b=0.05)), merits, strict=True):
+        fit = dataclasses.replace(disturbed, model=base().model.with_effect(own))
+        fit.__dict__["undisturbed"] = False
+        trials.append(Trial((own.name,), fit, merit))
+    monkeypatch.setattr(search_module, "matters", lambda *_: True)
+    monkeypatch.setattr(search_module, "is_determined", lambda *_: True)
+    search = Compared(rubbing(), SENSOR)
+    search.last = scores(base(), FRICTIONS)
+    shape = np.linspace(0.8, 1.2, 8)
+    search.squares = {"": list(1e6 * shape)} | {
+        t.effects[0]: list(size * shape) for t, size in zip(trials, squares, strict=True)
+    }
+    monkeypatch.setattr(search, "_preferred", lambda *_: [])
+    chosen = search._chosen(disturbed, trials)
+    assert chosen is not None and chosen.effects == (best,)
+
+
+def test_what_promised_less_has_its_turn_and_has_to_predict_better(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of what was not tried yet: a spring that predicts better, a tilt that does not, a drag that promises nothing."""
+    effects = (Coulomb(tau_c=0.1), Spring(k=0.1), Tilt(alpha=0.1), Drag(c=0.1))
+    made = {}
+    for own in effects:
+        made[own.name] = Trial((own.name,), dataclasses.replace(base(), model=base().model.with_effect(own)), 5.0)
+    search = Compared(rubbing(), SENSOR)
+    promised = dict(zip(made, (500.0, 40.0, 30.0, 1.0), strict=True))
+    found = scores(base(), tuple(made))
+    search.last = {n: dataclasses.replace(found[n], lm=lm, visible=True) for n, lm in promised.items()}
+    shape = np.linspace(0.8, 1.2, 8)
+    sizes = dict(zip(made, (1e4, 1e3, 1e6, 1e3), strict=True))
+    search.squares = {"": list(1e6 * shape)} | {n: list(size * shape) for n, size in sizes.items()}
+    monkeypatch.setattr(search, "_try_class", lambda now, name, tried: tried.append(made[name]))
+    assert [t.effects for t in search._others(base(), [made["coulomb"]])] == [("spring",)]
+
+
+def test_a_contact_gives_by_more_than_the_noise_and_by_less_than_the_motion() -> None:
+    models = [base().model.with_effect(Dahl(tau_c=0.1, z_s=z_s)) for z_s in (0.0015, 0.006, 0.5)]
+    assert SENSOR.theta == 0.003
+    assert [is_plausible(dataclasses.replace(base(), model=model), ("dahl",)) for model in models] == [
+        False,
+        True,
+        False,
+    ]
 
 
 def test_the_same_search_again() -> None:

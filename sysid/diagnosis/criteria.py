@@ -1,0 +1,74 @@
+"""Criteria: what a fit has to show for the effects in it, beside a fit without them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+
+import numpy as np
+
+from sysid.diagnosis.search_settings import DEFAULT, SearchSettings
+from sysid.estimation.prediction import moved
+from sysid.estimation.prediction_error import Fit, inverse
+from sysid.physics.model import Model
+
+
+def is_plausible(found: Fit, effects: Sequence[str]) -> bool:
+    """Whether a machine may have these effects' numbers, and the readings can show them."""
+    sd, reach = found.samples.sensor.theta or 0.0, found.samples.reach
+    return all(e.plausible and e.resolved(sd, reach) for e in found.model.effects if e.name in effects)
+
+
+def is_determined(found: Fit, before: Fit, others: Collection[str]) -> bool:
+    """Whether the log determines the numbers of a fit beside those of `others`, effects that may be pruned in its
+    favour, if it determined those of the fit before."""
+    own = [i for i, name in enumerate(found.names) if found.model.parameters[name].owner not in others]
+    Z = found.Z[:, own]
+    return bool(np.all(np.isfinite(inverse(Z.T @ Z))) or not np.all(np.isfinite(before.covariance)))
+
+
+def is_nothing(found: Fit, name: str, sure: float = DEFAULT.sure) -> bool:
+    """Whether the sizes of an effect may as well be none, by `squared_size`.
+
+    What the readings do not determine is not said to be nothing.
+    """
+    return squared_size(found, name) < sure
+
+
+def squared_size(found: Fit, name: str) -> float:
+    """The sizes x (q,) of an effect in units of their covariance C (q, q):  x' C^-1 x / q;  nan where the readings do
+    not determine them."""
+    own = {n: found.model.parameters[n] for n in found.model.names_of(name)}
+    sized = [n for n, p in own.items() if n in found.names and p.neutral is not None and not p.never]
+    at = [found.names.index(n) for n in sized]
+    C = found.covariance[np.ix_(at, at)]
+    if not sized or not np.all(np.isfinite(C)):
+        return math.nan
+    x = np.array([float(own[n].value) - float(own[n].neutral or 0.0) for n in sized])
+    return float(x @ np.linalg.pinv(C, hermitian=True) @ x) / len(x)
+
+
+def gain(found: Fit, other: Fit, effects: Sequence[str]) -> float:
+    """Decrease of the deviance that these effects bring, over what chance multiplies it with where the random torque is
+    no Gaussian process: the excess variance of the effects' numbers (Huber's correction of the likelihood ratio)."""
+    parameters = found.model.parameters
+    own = [i for i, name in enumerate(found.names) if parameters[name].owner in effects]
+    excess = float(np.mean(found.wider[own] ** 2)) if own else 1.0
+    return (other.deviance - found.deviance) / excess
+
+
+def at_bound(found: Fit, name: str) -> bool:
+    """Whether one of the effect's numbers ended at a bound that is not its neutral value."""
+    return not set(found.model.names_of(name)).isdisjoint(found.at_bounds)
+
+
+def matters(before: Model, after: Fit, settings: SearchSettings) -> bool:
+    """Whether predictions move by more than nothing that anybody would notice.
+
+    The RMS difference of the two models' predictions exceeds `noise_share` of the sensor noise and what would lower the
+    error by the share `tolerance`:  sqrt(1 - (1 - tolerance)^2)  of what the prediction is off beyond the noise.
+    """
+    size, error = moved(before, after.model, after, settings.horizon)
+    excess = math.sqrt(max(error**2 - 1.0, 0.0))
+    share = math.sqrt(1.0 - (1.0 - settings.tolerance) ** 2)
+    return math.isfinite(size) and size > max(settings.noise_share, share * excess)

@@ -1,0 +1,55 @@
+"""Confirmation keeps no addition that raises the error on held-out data, whatever else speaks for or against it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sysid.diagnosis import confirmation
+from sysid.diagnosis.confirmation import NEGLIGIBLE_RISE, Confirmation, names_of
+from sysid.diagnosis.search_settings import SearchSettings
+
+NAMES = ("coulomb", "tilt", "viscous")
+SUBSETS = tuple(own for size in range(len(NAMES) + 1) for own in combinations(NAMES, size))
+
+
+class Scripted(Confirmation):
+    """A confirmation of three stages, whose errors, and which of its additions hide something, are given."""
+
+    def __init__(self, ratios: dict[tuple[str, ...], float], hiding: frozenset[str]) -> None:
+        self.ratios, self.hiding = ratios, hiding
+        additions = tuple(SimpleNamespace(name=name) for name in NAMES)
+        stages = [(additions[: k + 1], NAMES[: k + 1]) for k in range(len(NAMES))]
+        search: Any = SimpleNamespace(stages=stages, settings=SearchSettings(), negligible=())
+        super().__init__(search, cast(Any, ()), (), ())
+
+    def error(self, fit: Any) -> Any:
+        return SimpleNamespace(ratio=self.ratios[tuple(sorted(fit))])
+
+    def fit_with(self, additions: Sequence[Any]) -> Any:
+        return names_of(additions), self.error(names_of(additions))
+
+    def torque(self, end: Any) -> Any:
+        return SimpleNamespace(after=1.0)
+
+    def _hides(self, addition: Any, *_: Any) -> bool:
+        return addition.name in self.hiding
+
+
+@given(st.integers(0, 2**32 - 1), st.frozensets(st.sampled_from(NAMES)))
+def test_what_is_kept_errs_no_more_than_the_model_as_it_came(seed: int, hiding: frozenset[str]) -> None:
+    ratios = np.random.default_rng(seed).uniform(1.0, 4.0, len(SUBSETS)).tolist()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(confirmation, "is_nothing", lambda *_: False)
+        found = Scripted(dict(zip(SUBSETS, ratios, strict=True)), hiding)
+    kept = names_of(found.additions)
+    assert found.ratios[kept] <= found.ratios[()] * (1.0 + 2.0 * NEGLIGIBLE_RISE)
+    assert set(kept) | set(found.unconfirmed) == set(NAMES) and not set(kept) & set(found.unconfirmed)
+    assert not hiding & set(kept)
