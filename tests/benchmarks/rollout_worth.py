@@ -90,8 +90,10 @@ def case(identifier: str, seed: int, price: float) -> Case:
 def told(cases: list[Case]) -> str:
     """Mean losses, the price included, with standard errors, and how far the advice is from each fixed number."""
     lines = []
-    for identifier in sorted({c.identifier for c in cases}):
-        own = [c for c in cases if c.identifier == identifier]
+    groups = {name: [c for c in cases if c.identifier == name] for name in sorted({c.identifier for c in cases})}
+    if len(groups) > 1:
+        groups["either"] = cases
+    for identifier, own in groups.items():
         price = own[0].price
         advised = np.array([c.advised + price * c.advised_n for c in own])
         counts = np.array([c.advised_n for c in own])
