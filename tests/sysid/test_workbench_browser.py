@@ -118,8 +118,7 @@ def test_a_real_log_is_dropped_read_and_mended(page: Any, site: str, tmp_path: P
     page.locator("#course .main-svg").first.wait_for(timeout=LONG)
     page.reload()
     page.locator("article.row").first.wait_for(timeout=LONG)
-    drag(page, "#over", 0.6, 0.9)
-    page.locator("#course .scatterlayer .point").first.wait_for(timeout=LONG)
+    drag(page, "#over", 0.6, 0.9, "#course .scatterlayer .point")
     assert page.locator("#map .scatterlayer .trace").nth(1).locator(".point").count() > 0
     before = float(page.locator(".big strong").inner_text())
     page.locator("article.row").first.get_by_role("button", name="Add coulomb").click()
@@ -173,14 +172,23 @@ def opened_offline(page: Any, site: str, folder: Path) -> None:
     context.close()
 
 
-def drag(page: Any, plot: str, begin: float, end: float) -> None:
-    """Select a part of a plot by its shares of the width."""
-    page.locator(plot).scroll_into_view_if_needed()
-    box = page.locator(f"{plot} .nsewdrag").first.bounding_box()
-    page.mouse.move(box["x"] + begin * box["width"], box["y"] + 0.3 * box["height"])
-    page.mouse.down()
-    page.mouse.move(box["x"] + end * box["width"], box["y"] + box["height"] - 5, steps=4)
-    page.mouse.up()
+def drag(page: Any, plot: str, begin: float, end: float, shown: str) -> None:
+    """Select a part of a plot by its shares of the width, until what the selection shows is there: a plot that is
+    drawn anew meanwhile loses the drag."""
+    from playwright.sync_api import Error
+
+    for _ in range(20):
+        try:
+            page.locator(f"{plot}:not(.dash-graph--pending)").scroll_into_view_if_needed()
+            box = page.locator(f"{plot} .nsewdrag").first.bounding_box()
+            page.mouse.move(box["x"] + begin * box["width"], box["y"] + 0.3 * box["height"])
+            page.mouse.down()
+            page.mouse.move(box["x"] + end * box["width"], box["y"] + box["height"] - 5, steps=4)
+            page.mouse.up()
+            return page.locator(shown).first.wait_for(timeout=LONG / 60)
+        except Error as lost:
+            last = lost
+    raise last
 
 
 def test_what_is_too_large_or_no_log_is_said(page: Any, site: str, tmp_path: Path) -> None:
