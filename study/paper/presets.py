@@ -56,7 +56,7 @@ class Point:
 
     @property
     def cells(self) -> tuple[Cell, ...]:
-        """Its runs. Widths vary slowest: the column w = 0 of all seeds is finished first."""
+        """Its runs. Widths vary slowest, so that what trains together has one width, or few."""
         return tuple(Cell(self.name, n, w, seed) for w in self.widths for seed in self.seeds for n in self.budgets)
 
 
