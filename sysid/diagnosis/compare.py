@@ -48,7 +48,7 @@ class Comparison:
     whiteness : dict
         The autocorrelation of the filter's innovations beside that torque, by channel.
     causes : tuple of Cause
-        The known effects that promise to explain the error, the strongest first.
+        The known effects that explain the error, the strongest first.
     worst : tuple of Prediction
         The three windows of 1 s with the largest errors, as the model predicts them.
     records : tuple of Record
@@ -170,8 +170,8 @@ def compare(
 ) -> Comparison:
     """How far is a model off on records, where does it fail, and what would explain that?
 
-    No parameter is touched: only the states of the windows are refitted, and the random torque that must act beyond the
-    model is found by the filter and smoother that also fit models.
+    For the errors no parameter is touched: only the states of the windows are refitted, and the random torque that must
+    act beyond the model is found by the filter and smoother that also fit models. Causes are fitted beside the model.
 
     Parameters
     ----------
@@ -182,14 +182,14 @@ def compare(
     sensor : Sensor, optional
         Noise of the readings; by default the estimate's, else found from the records as `fit` finds it.
     parameters : sequence of str, optional
-        Names of parameters that a fit has found; by default the estimate's. What they would absorb is no evidence for
-        a missing effect.
+        Names of parameters that a fit has found; by default the estimate's. They are fitted anew beside each cause:
+        what they absorb is no evidence for a missing effect.
 
     Returns
     -------
     Comparison
-        The errors over one step, 0.5 s, 1 s and whole rollouts, the residual torque and the known effects that promise
-        to explain it.
+        The errors over one step, 0.5 s, 1 s and whole rollouts, the residual torque and the known effects that explain
+        it.
 
     Raises
     ------

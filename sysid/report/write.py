@@ -266,7 +266,7 @@ def _(answer: Comparison) -> Page:
         sections=tuple(_compared(answer)),
         tables=[horizon_table((answer.errors,))],
         lists={
-            "What promises to explain it, the strongest first": [c.words for c in answer.causes],
+            "What explains it, the strongest first": [c.words for c in answer.causes],
             "What a perfect model would not show": answer.surprises,
         },
         settings=report_settings(answer.sensor, answer.records, answer.units, answer.notes),
