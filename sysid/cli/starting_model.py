@@ -10,6 +10,7 @@ import numpy as np
 
 from sysid.cli.command_options import ModelOptions
 from sysid.data.logs import Command, Log
+from sysid.data.record import Record
 from sysid.errors import InvalidInput
 from sysid.estimation.fit import free
 from sysid.estimation.saved_model import load
@@ -37,6 +38,8 @@ INPUTS: dict[Command, type[Actuator] | None] = {
 """What turns each kind of command into torque."""
 SUBSTEP = 0.01
 """Longest step [s] of the integrator."""
+SEVERAL_TURNS = 6.0 * math.pi
+"""How far [rad] from where it began a joint has turned round, and is no pendulum that swings over."""
 
 
 def begun(options: ModelOptions, command: Command | None) -> tuple[Model, tuple[str, ...], tuple[str, ...]]:
@@ -156,15 +159,30 @@ def sampled(model: Model, dt: float, given: bool) -> Model:
     return dataclasses.replace(model, dt=dt, integrator=RK4(substeps=substeps))
 
 
-def shown(model: Model, names: tuple[str, ...], log: Log) -> tuple[str, ...]:
-    """The names without the one that sets the scale of all torques, where no torque is known."""
-    if any(np.any(record.u != 0.0) for record in log) or isinstance(model.actuator, PositionServo):
-        return names
-    scale = model.plant.scale
-    if scale not in names:
-        return names
-    _cannot_show("a free swing", model, scale, "torque" if model.plant.turns else "force")
-    return tuple(n for n in names if n != scale)
+def shown(model: Model, names: tuple[str, ...], log: Log) -> tuple[Model, tuple[str, ...]]:
+    """The model and its free names without those that the log cannot show: what sets the scale of all torques where no
+    torque is known, and a gravity that could also be none where no angle says where a joint is that turns round."""
+    if not any(np.any(record.u != 0.0) for record in log) and not isinstance(model.actuator, PositionServo):
+        scale = model.plant.scale
+        if scale in names:
+            _cannot_show("a free swing", model, scale, "torque" if model.plant.turns else "force")
+        names = tuple(n for n in names if n != scale)
+    gravity = model.plant.gravity
+    if gravity in names and any(map(_turns_round, log)):
+        logger.info(
+            f"speeds alone cannot show where gravity pulls at a joint that turns round: {gravity} = 0 is taken; "
+            f"give it with --set {gravity}=..."
+        )
+        model = model.with_parameters({gravity: 0.0})
+        names = tuple(n for n in names if n != gravity)
+    return model, names
+
+
+def _turns_round(record: Record) -> bool:
+    """Whether a joint of which the speed alone is known goes round several times."""
+    if record.has_angles or record.theta_dot is None:
+        return False
+    return float(np.ptp(np.nancumsum(record.theta_dot) * record.dt)) > SEVERAL_TURNS
 
 
 def command_of(model: Model) -> Command:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.solver import shown_extent
 from sysid.physics.ops import Array
@@ -24,6 +26,12 @@ SLIGHT = 0.02
 """Share of the largest torque that the log shows below which nobody pushed."""
 LARGEST_COMMAND = 5.0
 """Multiple of the command's mean square from which what acts is the drive's own doing: a hand does not wait for it."""
+LEAST_STEP = 0.1
+"""Share of the command's range by which it changes from one sample to the next where it steps."""
+SOON = 0.3
+"""Seconds behind a step in which what it causes shows; a missing torque is smoothed over about as long."""
+LEAST_CHANCE = 0.05
+"""Probability below which that what was found comes with steps of the command is no chance."""
 SHORTEST_LOG = 8.0
 """Seconds of log from which it can be told what is rare."""
 _NEIGHBOURS = 25
@@ -55,8 +63,8 @@ def find_contacts(fit: Fit, torque: Array, least: float = 0.0, again: bool = Fal
 
     The torque is one without what is faster than a hand (`slow`). A machine that misses something everywhere has
     extremes too, and nobody touched it: unless they are most of what is missing, in a small part of the time, there is
-    none; nor where they come with the largest commands. What is below `least` [N m] is none either, nor in the end what
-    is slight beside the torques of the log.
+    none; nor where they come with the largest commands, or with steps of the command. What is below `least` [N m] is
+    none either, nor in the end what is slight beside the torques of the log.
     `again`, where pushes were left out already, the others need not be as much.
     """
     samples = fit.samples
@@ -76,20 +84,42 @@ def find_contacts(fit: Fit, torque: Array, least: float = 0.0, again: bool = Fal
     held = float(np.nansum(known[inside] ** 2))
     share = LEAST_ENERGY_AGAIN if again else LEAST_ENERGY
     rare = held > share * energy > 0.0 and np.mean(inside) < MOST_TIME
-    if not rare or _commanded(fit, inside):
+    if not rare or _commanded(fit, found, inside):
         return ()
     felt = SLIGHT * shown_extent(samples, fit.model).u_max
     return tuple(contact for contact in found if abs(contact.peak) > felt)
 
 
-def _commanded(fit: Fit, inside: NDArray[np.bool_]) -> bool:
-    """Whether the command is much larger inside than it is on average; an angle that is commanded has no size."""
-    actuator = fit.model.actuator
+def _commanded(fit: Fit, found: Sequence[Contact], inside: NDArray[np.bool_]) -> bool:
+    """Whether a hand would have waited for the drive: what was found comes with steps of the command more often than by
+    chance, or the command is much larger inside than it is on average (but an angle that is commanded has no size)."""
+    samples, actuator = fit.samples, fit.model.actuator
+    command = np.full(len(inside), np.nan)
+    command[samples.follows] = np.concatenate([r.u for r in samples.records])
+    if _with_steps(samples, command, found):
+        return True
     if actuator is not None and actuator.at_angle:
         return False
-    square = np.zeros(len(inside))
-    square[fit.samples.follows] = np.concatenate([r.u**2 for r in fit.samples.records])
+    square = np.nan_to_num(command) ** 2
     return bool(np.mean(square[inside]) > LARGEST_COMMAND * np.mean(square))
+
+
+def _with_steps(samples: Samples, command: Array, found: Sequence[Contact]) -> bool:
+    """Whether stretches hold a step of the command (M,), or begin soon behind one, as chance would not have it.
+
+    sum_(i >= k) C(n, i) p^i (1 - p)^(n - i) < 0.05,   k of n stretches do, p of the log's time
+
+    """
+    steps = np.abs(np.diff(command, prepend=np.nan)) > LEAST_STEP * np.ptp(command[samples.follows])
+    names, hits, shares = [r.name for r in samples.records], 0, list[float]()
+    for contact in found:
+        t, own = samples.t[steps], samples.number[steps] == names.index(contact.name)
+        hits += bool(np.any(own & (t > contact.t_begin - SOON) & (t <= contact.t_end)))
+        near = np.convolve(steps, np.ones(1 + round((contact.t_end - contact.t_begin + SOON) / samples.dt)))
+        shares.append(float(np.mean(near > 0.0)))
+    n, p = len(found), float(np.mean(shares))
+    chance = sum(math.comb(n, i) * p**i * (1.0 - p) ** (n - i) for i in range(hits, n + 1))
+    return bool(chance < LEAST_CHANCE)
 
 
 def _extremes(fit: Fit, torque: Array, least: float) -> tuple[Contact, ...]:

@@ -36,8 +36,10 @@ def is_nothing(found: Fit, name: str, sure: float = DEFAULT.sure) -> bool:
 
 
 def squared_size(found: Fit, name: str) -> float:
-    """The sizes x (q,) of an effect in units of their covariance C (q, q):  x' C^-1 x / q;  nan where the readings do
-    not determine them."""
+    """The sizes x (q,) of an effect in units of their covariance C (q, q):  x' C^-1 x / q;  0 of one that changes
+    nothing, nan where the readings do not determine them."""
+    if any(e.idle for e in found.model.effects if e.name == name):
+        return 0.0
     own = {n: found.model.parameters[n] for n in found.model.names_of(name)}
     sized = [n for n, p in own.items() if n in found.names and p.neutral is not None and not p.never]
     at = [found.names.index(n) for n in sized]

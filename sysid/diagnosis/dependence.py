@@ -28,7 +28,7 @@ class Dependence:
     depends_on  some of "theta", "theta_dot", "torque", "time", "history"
     share       of its mean square that smooth functions of these predict, taken from other stretches of the log
     where       the stretch of the quantity over which most of it acts, in words
-    shares      such a share for each of QUANTITIES by itself, 0 where it predicts nothing
+    shares      such a share for each of QUANTITIES that the log tells by itself, 0 where it predicts nothing
     """
 
     depends_on: tuple[str, ...]
@@ -47,12 +47,19 @@ def dependence(fit: Fit, torque: Array) -> Dependence:
     chosen, best = "time", 0.0
     if np.count_nonzero(known) < 30:
         return Dependence(("time",), 0.0, "")
-    shares = {name: max(0.0, _predicted(fit, torque, known, _torques(fit, name))) for name in QUANTITIES}
+    told = [name for name in QUANTITIES if _is_placed(fit) or "theta" not in name.split("+")]
+    shares = {name: max(0.0, _predicted(fit, torque, known, _torques(fit, name))) for name in told}
     for name, share in shares.items():
         if share > max(LEAST_SHARE, best + LEAST_ADVANTAGE):
             chosen, best = name, share
     on = tuple(chosen.split("+"))
     return Dependence(on, best, _where(fit, on[0], np.where(known, torque, 0.0)), shares)
+
+
+def _is_placed(fit: Fit) -> bool:
+    """Whether anything says where the joint is: a reading of its angle, or gravity."""
+    gravity = float(fit.model.plant.gravity_torque(0.5 * math.pi))
+    return gravity != 0.0 or any(r.has_angles for r in fit.samples.records)
 
 
 def _predicted(fit: Fit, torque: Array, known: Array, basis: Array) -> float:

@@ -407,7 +407,7 @@ class Search:
         for addition in list(self.additions):
             present = {e.name for e in now.model.effects}
             for simpler in CATALOGUE[addition.name].refines:
-                new = tuple(n for n in simpler if n not in present and n in self.last)
+                new = tuple(n for n in simpler if n not in present and n in self.last and self.last[n].visible)
                 if not new or len(new) + len(present & set(simpler)) < len(simpler):
                     continue
                 logger.debug(f"trying {' and '.join(new)} in place of {addition.name}")

@@ -84,6 +84,8 @@ class SearchSettings:
         ("coulomb", "drag"),
         ("lag", "dead_zone"),
         ("saturation", "spring"),
+        ("spring", "torque_bias"),
+        ("torque_speed_limit", "coulomb", "delay"),
     )
 
     def __post_init__(self) -> None:

@@ -22,6 +22,7 @@ class GeneralJoint(Plant):
     """
 
     scale: ClassVar[str] = "J"
+    gravity: ClassVar[str] = "G"
     J: Value = parameter(0.1, unit="kg m^2", bounds=(1e-6, 1e3))
     G: Value = parameter(1.0, unit="N m", bounds=(0.0, 1e4))
 

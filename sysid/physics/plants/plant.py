@@ -23,12 +23,14 @@ class Plant(Parametric):
     turns: whether theta comes back to the same place after a turn.
     rest: where gravity lets it rest, and a spring is slack.
     scale: the parameter in which motion alone shows no scale: without a known torque it cannot be found.
+    gravity: the parameter that is gravity alone, without which the plant has none; empty where each is inertia, too.
     units: what the units of turning are called for this plant, the longest first; empty for what turns.
     """
 
     turns: ClassVar[bool] = True
     rest: ClassVar[float] = math.pi
     scale: ClassVar[str] = "m"
+    gravity: ClassVar[str] = ""
     units: ClassVar[Mapping[str, str]] = {}
 
     def unit(self, unit: str) -> str:
