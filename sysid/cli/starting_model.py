@@ -144,8 +144,9 @@ def _cannot_show(what: str, model: Model, scale: str, relative: str, besides: st
     )
 
 
-def sampled(model: Model, dt: float, given: bool) -> Model:
-    """The model at the log's sample interval; its integrator's steps stay as fine, and no longer than SUBSTEP.
+def sampled(model: Model, names: tuple[str, ...], dt: float, given: bool) -> Model:
+    """The model at the log's sample interval; its integrator's steps stay as fine, no longer than SUBSTEP, and short
+    enough for a known loop, whose free `names` are neither its inertia nor its damping.
 
     A `given` model of that interval stays as it is.
     """
@@ -153,10 +154,26 @@ def sampled(model: Model, dt: float, given: bool) -> Model:
         return dataclasses.replace(model, dt=dt) if abs(model.dt - dt) < 0.01 * dt else model
     if given and abs(model.dt - dt) <= 1e-6 * dt and model.integrator.substeps <= LOG_SUBSTEPS:
         return dataclasses.replace(model, dt=dt)
-    own = model.dt / model.integrator.substeps
-    substeps = math.ceil(dt / min(SUBSTEP, own) - 1e-6)
-    check_size(f"the integrator's steps of {min(SUBSTEP, own):g} s in {dt:g} s:", substeps, LOG_SUBSTEPS)
+    longest = min(SUBSTEP, model.dt / model.integrator.substeps)
+    if set(names).isdisjoint((*model.plant.parameters, model.damping)):
+        longest = min(longest, 1.0 / _fastest_rate(model))
+    substeps = math.ceil(dt / longest - 1e-6)
+    check_size(f"the integrator's steps of {longest:g} s in {dt:g} s:", substeps, LOG_SUBSTEPS)
     return dataclasses.replace(model, dt=dt, integrator=RK4(substeps=substeps))
+
+
+def _fastest_rate(model: Model) -> float:
+    """How fast [1/s] a deflection or a speed of the resting joint dies away, or swings: steps much longer than its
+    inverse are unstable."""
+    rest, small = model.plant.rest, 1e-3
+
+    def acceleration(theta: float, theta_dot: float) -> float:
+        held = rest if model.actuator is not None and model.actuator.at_angle else 0.0
+        return float(model.acceleration(rest + theta, theta_dot, 0.0, held))
+
+    stiffness = (acceleration(-small, 0.0) - acceleration(small, 0.0)) / (2.0 * small)
+    damping = (acceleration(0.0, -small) - acceleration(0.0, small)) / (2.0 * small)
+    return max(math.sqrt(max(stiffness, 0.0)), damping, 1e-9)
 
 
 def shown(model: Model, names: tuple[str, ...], log: Log) -> tuple[Model, tuple[str, ...]]:

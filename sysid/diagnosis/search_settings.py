@@ -85,6 +85,7 @@ class SearchSettings:
         ("lag", "dead_zone"),
         ("saturation", "spring"),
         ("spring", "torque_bias"),
+        ("coulomb", "spring", "torque_bias"),
         ("torque_speed_limit", "coulomb", "delay"),
     )
 
