@@ -152,8 +152,8 @@ class DiagnoseCommand(OnLog):
     """What matters: an effect is added where it lowers the error of predictions by this share."""
 
     horizon: Annotated[float, arg(metavar="S")] = 1.0
-    """How far ahead [s] predictions have to be right: shorter for what balances or shakes, longer for what decays
-    slowly."""
+    """How far ahead [s] predictions have to be right: shorter for what shakes (and by itself for what balances),
+    longer for what decays slowly."""
 
 
 @dataclass(frozen=True)

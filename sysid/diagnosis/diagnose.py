@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,15 +20,17 @@ from sysid.diagnosis.findings import fitted_numbers
 from sysid.diagnosis.ranked import Ranked
 from sysid.diagnosis.residual_torque import missing_torque, needed_disturbances, residual_torque
 from sysid.diagnosis.search import Search
-from sysid.diagnosis.search_settings import DEFAULT, SearchSettings
+from sysid.diagnosis.search_settings import DEFAULT, SHORTEST_HORIZON, SearchSettings
 from sysid.errors import InvalidInput
 from sysid.estimation.channels import relied_on
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.first_fit import first_fits
 from sysid.estimation.fit import free
 from sysid.estimation.held_out import held_out_error, lead_of
+from sysid.estimation.initial_guess import initial_guess
 from sysid.estimation.likelihood import p_value
 from sysid.estimation.linearisation import Samples
+from sysid.estimation.prediction import foreseeable
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.scores import price
 from sysid.physics.effects import CATALOGUE, effect
@@ -113,6 +116,8 @@ def diagnose(
         sensor = sensor_noise(records).sensor
     training, held_out = split(records, hold_out)
     sensor = relied_on(model, training, sensor)
+    ahead = foreseeable(initial_guess(model, names, training, sensor), training)
+    settings = replace(settings, horizon=max(min(settings.horizon, ahead), SHORTEST_HORIZON))
     search, base, contacts = _searched(lambda left: Search(left, sensor, chosen, settings), training, model, names)
     held_out, more = _untouched(search, base, held_out)
     confirmed = Confirmation(search, base, held_out, (*contacts, *more))

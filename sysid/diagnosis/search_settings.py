@@ -19,7 +19,7 @@ class SearchSettings:
                    it is nothing that noise does in more than 1 of 12 logs
     tolerance      share by which an effect has to lower the error of predictions, to matter
     noise_share    change of predictions, in units of the sensor noise, below which nothing matters
-    horizon        how far ahead predictions have to be right [s]
+    horizon        how far ahead predictions have to be right [s], where it can be foreseen (`foreseeable`)
     steps          additions, at most
     trials         single effects that a round fits for their promise, at most
     share          share of the largest promise that another has to promise to be tried at first

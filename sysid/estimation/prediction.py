@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from sysid.data.record import Record
 from sysid.estimation.held_out import HEAD, Refit, lead_of, refit_windows
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.windows import Window, cut
@@ -17,6 +19,9 @@ WINDOW, BLOCKS = 1.0, 8
 """Horizon [s] of a prediction, and how many stretches of a log are left out in turn."""
 SHORTEST = 0.3
 """Horizon [s] below which a prediction says little more than the sensor."""
+
+GROWTH = 5.0
+"""Logarithm of the factor by which an error may grow until a prediction says nothing of the model."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +47,21 @@ class PredictionErrors:
         if np.sum(self.squares) > np.sum(other.squares):
             mean = min(mean, -abs(math.log(float(np.sum(self.squares)) / max(float(np.sum(other.squares)), 1e-300))))
         return mean, float(np.std(apart, ddof=1)) / math.sqrt(len(apart)) if len(apart) > 1 else math.inf
+
+
+def foreseeable(model: Model, records: Sequence[Record]) -> float:
+    """How far ahead [s] a model can predict where it spends most of the records beside an unstable rest, as a pendulum
+    does that is balanced upright; inf where it does not.
+
+        GROWTH / median sqrt(max(d theta_ddot / d theta, 0))
+    """
+    theta = np.concatenate([np.zeros(0), *(r.theta for r in records if r.theta is not None and r.has_angles)])
+    if not np.any(np.isfinite(theta)):
+        return math.inf
+    held = theta if model.actuator is not None and model.actuator.at_angle else np.zeros_like(theta)
+    before, after = (np.asarray(model.acceleration(theta + h, 0.0, 0.0, held)) for h in (-1e-4, 1e-4))
+    growth = math.sqrt(max(float(np.nanmedian(after - before)) / 2e-4, 0.0))
+    return float(f"{GROWTH / growth:.2g}") if growth > 0.0 else math.inf
 
 
 def windows_of(fit: Fit, seconds: float, lead: float = 0.0) -> tuple[Window, ...]:

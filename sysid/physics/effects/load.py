@@ -58,7 +58,7 @@ class DirectionalLoadFriction(DryFriction):
 
 @dataclass(frozen=True, eq=False)
 class Tilt(JointEffect):
-    """A base that leans by alpha.
+    """A base that leans by alpha, or a weight that hangs alpha off the zero of the angle.
 
     For a fixed axis it cannot be told from an encoder that reads alpha too little. Without gravity it does nothing.
     """
@@ -69,7 +69,7 @@ class Tilt(JointEffect):
     imitates = "theta"
     formula = "tau = gravity_torque(theta + alpha) - gravity_torque(theta)"
     confused = ("angle_offset", "torque_bias", "eccentricity")
-    alpha: Value = parameter(0.0, unit="rad", bounds=(-0.5, 0.5), neutral=0.0)
+    alpha: Value = parameter(0.0, unit="rad", bounds=(-math.pi, math.pi), neutral=0.0)
 
     def torque(self, joint: Joint) -> Value:
         return joint.plant.gravity_torque(joint.theta + self.alpha) - joint.plant.gravity_torque(joint.theta)
