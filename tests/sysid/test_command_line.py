@@ -189,6 +189,37 @@ def test_an_axis_is_told_in_its_own_units(tmp_path, capsys):
     assert json.loads((tmp_path / "a.json").read_text())["units"]["viscous.b"] == "N s/m"
 
 
+def test_a_wheel_of_which_speeds_alone_are_known_has_no_gravity(tmp_path, capsys):
+    """It turns round: where its weight would hang nothing says. A pendulum that swings keeps its own."""
+    sensor = sysid.Sensor(None, 0.05)
+    wheel = written(
+        swings(sysid.GeneralJoint(J=0.1, G=0.0), sysid.Viscous(0.05), count=2, torque=200.0, sensor=sensor), tmp_path
+    )
+    assert main(["fit", *wheel, "--plant", "joint", "--with", "viscous", "-o", str(tmp_path / "wheel.json")]) == 0
+    assert "G = 0 is taken" in capsys.readouterr().out
+    estimate = sysid.load(tmp_path / "wheel.json").estimate
+    assert estimate.names == ("J", "viscous.b")
+    assert estimate.values["J"] == pytest.approx(0.1, rel=0.05)
+    swing = written(swings(sysid.GeneralJoint(J=0.1, G=1.0), count=2, torque=0.3, sensor=sensor), tmp_path)
+    assert main(["fit", *swing, "--plant", "joint", "-o", str(tmp_path / "swing.json")]) == 0
+    assert "is taken" not in capsys.readouterr().out
+    assert sysid.load(tmp_path / "swing.json").estimate.values["G"] == pytest.approx(1.0, rel=0.05)
+
+
+def test_a_known_loop_is_integrated_in_steps_that_are_stable(tmp_path):
+    """Damped by 440 in a second, and logged every 20 ms: a step of RK4 would be unstable beyond 6 ms."""
+    servo = sysid.PositionServo(k_p=16.0, k_d=1.6)
+    options = ["--plant", "joint", "--input", "position", "--set", "J=0.0037", "--set", "G=0"]
+    options += ["--set", "position_servo.k_p=16", "--set", "position_servo.k_d=1.6", "--with", "coulomb"]
+    model = sysid.Model(sysid.GeneralJoint(J=0.0037, G=0.0), (servo, sysid.Coulomb(0.3)), sysid.RK4(40), dt=DT)
+    u = np.array([multisine(np.random.default_rng(0), 300, DT, 1.0, 1.0)])
+    files = written(SENSOR.measure(sysid.simulate(model, u, u[:, 0], np.zeros(1)), np.random.default_rng(1)), tmp_path)
+    assert main(["fit", *files, *options, "--hold-out", "0.3", "-o", str(tmp_path / "m.json")]) == 0
+    estimate = sysid.load(tmp_path / "m.json").estimate
+    assert estimate.model.integrator.substeps >= 9
+    assert estimate.values["coulomb.tau_c"] == pytest.approx(0.3, rel=0.1)
+
+
 def test_other_names_zero_sign_and_units(hidden, tmp_path):
     """The same log in degrees from the hanging position, its torque turned round, gives the same numbers."""
     table = np.loadtxt(hidden[0], delimiter=",", skiprows=1)

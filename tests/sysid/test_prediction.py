@@ -13,7 +13,15 @@ from sysid import RK4, Effect, FilteredSpeed, GeneralJoint, Model, Record, Senso
 from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.held_out import lead_of
 from sysid.estimation.linearisation import Samples
-from sysid.estimation.prediction import SHORTEST, PredictionErrors, _without, left_out_errors, windows_of
+from sysid.estimation.prediction import (
+    GROWTH,
+    SHORTEST,
+    PredictionErrors,
+    _without,
+    foreseeable,
+    left_out_errors,
+    windows_of,
+)
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.solver import Settings, fit_parameters
 from sysid.planning.excitation import multisine
@@ -39,6 +47,24 @@ def record(seconds: float) -> Record:
 def fitted(seconds: float) -> Fit:
     samples = Samples(JOINT, [record(seconds)], SENSOR)
     return fit_parameters(samples, JOINT, NAMES, disturbances=Disturbances(0.0), settings=Settings(sizes=False))
+
+
+# how far ahead -------------------------------------------------------------------------------------------------
+
+
+def test_upright_an_error_grows_as_foreseen_and_hanging_it_does_not() -> None:
+    """By e^5 over what can be foreseen, half of it being an error of the speed: cosh(5) of an error of the angle."""
+    plain = Model(GeneralJoint(J=0.01, G=2.0), (), RK4(substeps=2), 0.005)
+    at_rest = np.zeros(40)
+    upright = Record(0.005 * np.arange(41), at_rest, 1e-3 * np.sin(np.arange(41)), None)
+    ahead = foreseeable(plain, [upright])
+    assert ahead == pytest.approx(GROWTH / math.sqrt(200.0), rel=0.02)
+    run = simulate(plain, np.zeros((1, round(ahead / 0.005))), np.array([1e-6]), np.zeros(1))
+    assert run.theta[0, -1] == pytest.approx(1e-6 * math.cosh(GROWTH), rel=0.1)
+    hanging = replace(upright, theta=upright.theta + math.pi)
+    assert foreseeable(plain, [hanging]) == math.inf
+    assert foreseeable(plain, [hanging, hanging, upright]) == math.inf, "most of the time it hangs"
+    assert foreseeable(plain, [replace(upright, theta=None, theta_dot=np.zeros(41))]) == math.inf
 
 
 # comparing -----------------------------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import sysid
-from sysid import RK4, Effect, GeneralJoint, Model, Record, Sensor, diagnose, effect, simulate
+from sysid import RK4, Effect, GeneralJoint, LinearAxis, Model, Record, Sensor, diagnose, effect, simulate
 from sysid.diagnosis.contacts import find_contacts, slow
 from sysid.diagnosis.dependence import dependence
 from sysid.diagnosis.residual_torque import missing_torque, needed_disturbances
@@ -197,6 +197,19 @@ def test_a_random_torque_alone_depends_on_nothing() -> None:
             assert answer.depends_on == ("time",) and answer.share == 0.0
 
 
+def test_where_nothing_says_where_an_axis_is_nothing_depends_on_its_place() -> None:
+    """Of an axis of which the speed alone is known, and which lacks a force over its speed."""
+    sensor, rng = Sensor(None, 0.02), np.random.default_rng(0)
+    axis = Model(LinearAxis(m=1.0), (), RK4(substeps=2), DT)
+    u = np.array([multisine(rng, 500, DT, 1.5, 2.0) for _ in range(2)])
+    records = sensor.measure(simulate(axis.with_effect(effect("drag", c=0.5)), u, np.zeros(2), np.zeros(2)), rng)
+    samples = Samples(axis, records, sensor)
+    found = fit_parameters(samples, axis, ("m",), settings=QUIET)
+    answer = dependence(found, missing_torque(found, needed_disturbances(found)))
+    assert answer.depends_on == ("theta_dot",)
+    assert not any("theta" in name.split("+") for name in answer.shares)
+
+
 def test_the_missing_torque_is_what_acted() -> None:
     """Beside a model of the true numbers, within its noise; and nothing where nothing was missing."""
     found, torque = missing(logs(DAMPED.with_effect(Unknown(curve=gust)), 3, 500, 0.0, 0.1), ())
@@ -230,6 +243,17 @@ def test_what_comes_with_the_largest_commands_is_no_push() -> None:
     loud[round(3.5 / DT) : round(5.5 / DT)] = 6.0
     found.samples.records = [replace(r, u=loud * r.u) for r in found.samples.records]
     assert find_contacts(found, torque) == ()
+
+
+def test_what_comes_with_steps_of_the_command_is_no_push() -> None:
+    """Of a drive that steps once, as what is missing begins: nobody waits for it. Behind a step 2 s before, somebody
+    may have pushed."""
+    found, torque = missing(logs(DAMPED, 2, 700, 0.0, 0.1, push=(1, 0.3)))
+    first, second = found.samples.records
+    for begin, pushed in ((4.0, False), (2.0, True)):
+        step = 0.1 + 0.1 * (second.t[:-1] >= begin)
+        found.samples.records = [replace(first, u=np.full(700, 0.1)), replace(second, u=step)]
+        assert bool(find_contacts(found, torque)) == pushed
 
 
 def test_nobody_pushes_by_a_hundredth_of_what_acts() -> None:

@@ -22,6 +22,7 @@ from sysid import (
     Diagnosis,
     Drag,
     Effect,
+    FlexibleTransmission,
     Joint,
     JointEffect,
     Model,
@@ -29,6 +30,7 @@ from sysid import (
     PointMassPendulum,
     Record,
     Ripple,
+    RotorInertia,
     Sensor,
     Spring,
     Tilt,
@@ -263,6 +265,33 @@ def test_what_is_no_two_standard_deviations_from_nothing_is_nothing() -> None:
     assert not is_nothing(sized(mended(), 4.0, 0.0), "ripple")
     assert not is_nothing(sized(mended(), 0.0, -4.0), "ripple")
     assert not is_nothing(mended(), "coulomb")
+
+
+def test_what_changes_nothing_is_nothing_though_no_number_is_determined() -> None:
+    """As a rotor's inertia of 0 beside the plant's own, which no motion tells apart."""
+    both = extended(mended(), [RotorInertia(J_r=0.1)])
+    assert not np.all(np.isfinite(both.covariance)) and not is_nothing(both, "rotor_inertia")
+    assert is_nothing(
+        dataclasses.replace(both, model=both.model.with_parameters({"rotor_inertia.J_r": 0.0})), "rotor_inertia"
+    )
+
+
+def test_what_the_free_parameters_absorb_is_no_simple_form_of_anything() -> None:
+    """A stiff transmission is a rotor's inertia, which beside a free inertia is nothing."""
+    springy = extended(mended(), [FlexibleTransmission(J=0.01, f=6.0)])
+    search = Search(rubbing(), SENSOR)
+    search.last = scores(mended(), ("rotor_inertia", "viscous"))
+    assert not search.last["rotor_inertia"].visible
+    search.additions = [Addition(n, (), (), 1e-9, springy) for n in ("coulomb", "flexible_transmission")]
+    assert "rotor_inertia" not in {e.name for e in search._simplified(springy).model.effects}
+
+
+def test_a_spring_that_rests_elsewhere_is_found_with_its_offset() -> None:
+    """Beside dry friction, in a search through these alone."""
+    sprung = truth(Coulomb(tau_c=0.1), Spring(k=0.6), TorqueBias(tau_0=0.5))
+    search = Search(logs(sprung, n=3, seconds=4.0), SENSOR, ("coulomb", "spring", "torque_bias", "ripple"))
+    search.run(rod(), PLANT)
+    assert {a.name for a in search.additions} == {"coulomb", "spring", "torque_bias"}
 
 
 def test_what_was_added_and_is_nothing_goes_though_it_stands_alone() -> None:
