@@ -37,16 +37,17 @@ def is_nothing(found: Fit, name: str, sure: float = DEFAULT.sure) -> bool:
 
 def squared_size(found: Fit, name: str) -> float:
     """The sizes x (q,) of an effect in units of their covariance C (q, q):  x' C^-1 x / q;  0 of one that changes
-    nothing, nan where the readings do not determine them."""
+    nothing, nan where the readings do not determine them. Of a limit it is the limit: one that may as well be infinite
+    is none."""
     if any(e.idle for e in found.model.effects if e.name == name):
         return 0.0
     own = {n: found.model.parameters[n] for n in found.model.names_of(name)}
-    sized = [n for n, p in own.items() if n in found.names and p.neutral is not None and not p.never]
+    sized = [n for n, p in own.items() if n in found.names and p.neutral is not None]
     at = [found.names.index(n) for n in sized]
     C = found.covariance[np.ix_(at, at)]
     if not sized or not np.all(np.isfinite(C)):
         return math.nan
-    x = np.array([float(own[n].value) - float(own[n].neutral or 0.0) for n in sized])
+    x = np.array([float(own[n].value) - (0.0 if own[n].never else float(own[n].neutral or 0.0)) for n in sized])
     return float(x @ np.linalg.pinv(C, hermitian=True) @ x) / len(x)
 
 

@@ -31,6 +31,7 @@ from sysid import (
     Record,
     Ripple,
     RotorInertia,
+    Saturation,
     Sensor,
     Spring,
     Tilt,
@@ -274,6 +275,16 @@ def test_what_changes_nothing_is_nothing_though_no_number_is_determined() -> Non
     assert is_nothing(
         dataclasses.replace(both, model=both.model.with_parameters({"rotor_inertia.J_r": 0.0})), "rotor_inertia"
     )
+
+
+def test_a_limit_that_may_as_well_be_infinite_is_none() -> None:
+    """The limit is as many of its standard deviations as is said."""
+    records = logs(truth(Saturation(limit=0.5)), n=3, seconds=4.0)
+    cut = extended(first_fit(Samples(rod(), records, SENSOR), rod(), PLANT), [Saturation(limit=0.6)])
+    sd = dict(zip(cut.names, np.sqrt(np.diag(cut.covariance)).tolist(), strict=True))["saturation.limit"]
+    for multiple, nothing in ((1.5, True), (4.0, False)):
+        held = dataclasses.replace(cut, model=cut.model.with_parameters({"saturation.limit": multiple * sd}))
+        assert is_nothing(held, "saturation") == nothing
 
 
 def test_what_the_free_parameters_absorb_is_no_simple_form_of_anything() -> None:
