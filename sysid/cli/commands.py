@@ -223,7 +223,7 @@ class LogAndModel:
         measured = _sensor(command.log, whole, model.plant)
         training, held_out = split(log, command.log.hold_out)
         model = sampled(model, names, log.dt, given)
-        model, names = shown(model, names, log)
+        model, names = shown(model, names, log, given)
         if not given:
             model = initial_guess(model, names, training, measured)
         sensor = relied_on(model, training, measured)

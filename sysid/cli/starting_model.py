@@ -39,7 +39,7 @@ INPUTS: dict[Command, type[Actuator] | None] = {
 SUBSTEP = 0.01
 """Longest step [s] of the integrator."""
 SEVERAL_TURNS = 6.0 * math.pi
-"""How far [rad] from where it began a joint has turned round, and is no pendulum that swings over."""
+"""How far [rad] a joint goes in one direction that turns round, and is no pendulum that swings over."""
 
 
 def begun(options: ModelOptions, command: Command | None) -> tuple[Model, tuple[str, ...], tuple[str, ...]]:
@@ -154,11 +154,11 @@ def sampled(model: Model, names: tuple[str, ...], dt: float, given: bool) -> Mod
         return dataclasses.replace(model, dt=dt) if abs(model.dt - dt) < 0.01 * dt else model
     if given and abs(model.dt - dt) <= 1e-6 * dt and model.integrator.substeps <= LOG_SUBSTEPS:
         return dataclasses.replace(model, dt=dt)
-    longest = min(SUBSTEP, model.dt / model.integrator.substeps)
-    if set(names).isdisjoint((*model.plant.parameters, model.damping)):
-        longest = min(longest, 1.0 / _fastest_rate(model))
+    longest, why = min(SUBSTEP, model.dt / model.integrator.substeps), ""
+    if set(names).isdisjoint((*model.plant.parameters, model.damping)) and longest * _fastest_rate(model) > 1.0:
+        longest, why = 1.0 / _fastest_rate(model), ", which the stiffness and the damping that are set ask for"
     substeps = math.ceil(dt / longest - 1e-6)
-    check_size(f"the integrator's steps of {longest:g} s in {dt:g} s:", substeps, LOG_SUBSTEPS)
+    check_size(f"the integrator's steps of {longest:.3g} s in {dt:g} s{why}:", substeps, LOG_SUBSTEPS)
     return dataclasses.replace(model, dt=dt, integrator=RK4(substeps=substeps))
 
 
@@ -176,9 +176,10 @@ def _fastest_rate(model: Model) -> float:
     return max(math.sqrt(max(stiffness, 0.0)), damping, 1e-9)
 
 
-def shown(model: Model, names: tuple[str, ...], log: Log) -> tuple[Model, tuple[str, ...]]:
+def shown(model: Model, names: tuple[str, ...], log: Log, given: bool) -> tuple[Model, tuple[str, ...]]:
     """The model and its free names without those that the log cannot show: what sets the scale of all torques where no
-    torque is known, and a gravity that could also be none where no angle says where a joint is that turns round."""
+    torque is known, and a gravity that could also be none where no angle says where a joint is that turns round. That
+    of a `given` model stays as it is."""
     if not any(np.any(record.u != 0.0) for record in log) and not isinstance(model.actuator, PositionServo):
         scale = model.plant.scale
         if scale in names:
@@ -186,20 +187,22 @@ def shown(model: Model, names: tuple[str, ...], log: Log) -> tuple[Model, tuple[
         names = tuple(n for n in names if n != scale)
     gravity = model.plant.gravity
     if gravity in names and any(map(_turns_round, log)):
+        model = model if given else model.with_parameters({gravity: 0.0})
         logger.info(
-            f"speeds alone cannot show where gravity pulls at a joint that turns round: {gravity} = 0 is taken; "
-            f"give it with --set {gravity}=..."
+            "speeds alone cannot show where gravity pulls at a joint that turns round: "
+            f"{gravity} = {float(model.parameters[gravity].value):g} is taken; give it with --set {gravity}=..."
         )
-        model = model.with_parameters({gravity: 0.0})
         names = tuple(n for n in names if n != gravity)
     return model, names
 
 
 def _turns_round(record: Record) -> bool:
-    """Whether a joint of which the speed alone is known goes round several times."""
-    if record.has_angles or record.theta_dot is None:
+    """Whether a joint of which the speed alone is known goes round several times in one direction."""
+    if record.theta is not None or record.theta_dot is None:
         return False
-    return float(np.ptp(np.nancumsum(record.theta_dot) * record.dt)) > SEVERAL_TURNS
+    speed = np.nan_to_num(record.theta_dot)
+    turned = np.flatnonzero(np.diff(np.sign(speed), prepend=np.nan) != 0.0)
+    return float(np.max(np.abs(np.add.reduceat(speed, turned)))) * record.dt > SEVERAL_TURNS
 
 
 def command_of(model: Model) -> Command:

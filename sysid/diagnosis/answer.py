@@ -35,7 +35,7 @@ class Step:
     alike          effects that this log cannot tell from it, itself first
     rivals         those of them that are something else to other logs
     parameters     its numbers {name: {value, sd, unit}} at the end of the loop
-    error_before   held-out error over 1 s before and after, in units of the sensor noise; effects that pay only
+    error_before   held-out error of predictions before and after, in units of the sensor noise; effects that pay only
                    together share one step of the error
     p_value        of the likelihood ratio when it was added, without what its rarity costs
     """
@@ -129,7 +129,7 @@ class Diagnosis:
     base : Estimate
         The model as it came, refitted.
     base_error, error : HeldOutError
-        Of the model as it came and of the mended one, over 1 s of what no fit has seen.
+        Of the model as it came and of the mended one, over the horizon, of what no fit has seen.
     steps, conventions : tuple of Step
         Effects that were added, in order; those of the log itself (torque stamps) are conventions.
     ranking : tuple of Ranked
@@ -346,7 +346,7 @@ class Diagnosis:
         return f"{torque.explained:.0%} of the missing torque (rms {torque.before:.2g} -> {torque.after:.2g} {unit})"
 
     def _predicted(self) -> str:
-        """What predictions over a second are off by, on data that no fit has seen."""
+        """What predictions over the horizon are off by, on data that no fit has seen."""
         before, after = self.base_error, self.error
         channel = "theta" if after.theta is not None else "theta_dot"
         size, came = getattr(after, channel), getattr(before, channel)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sysid.diagnosis.findings import fitted_numbers, spaced_unit
+from sysid.diagnosis.findings import fitted_numbers, numbers_in_words, spaced_unit
 from sysid.diagnosis.search_settings import DEFAULT
 from sysid.errors import InvalidInput
 from sysid.estimation.held_out import HeldOutError, finite, held_out_error
@@ -23,6 +23,8 @@ PRICE = 9.0
 """Decrease of the deviance that each number of a cause has to bring: noise does so in 3 of 1000 logs."""
 LEAST_SHARE = 0.05
 """Share of the squared error beyond the noise that a second cause must explain."""
+LARGE_SHARE = 0.3
+"""Share from which it is said what else explains it, or that nothing known does."""
 MOST_CAUSES = 3
 """Causes at a time."""
 FITTED_EACH_ROUND = 4
@@ -33,7 +35,7 @@ FITTED_EACH_ROUND = 4
 class Cause:
     """A known effect that explains what the model leaves, fitted beside the other causes.
 
-    effect   its name; "plant" where inertia and gravity are off
+    effect   its name; "plant" where the model's own numbers are off
     alike    other effects that this log cannot tell from it
     numbers  about how large it is, {name: {value, sd, unit}}
     share    of the squared error over 1 s beyond the noise that goes with it
@@ -84,22 +86,25 @@ def causes(found: Fit, names: Sequence[str], error: HeldOutError) -> tuple[Cause
     names   parameters that an identifier had fitted
     error   of the model over 1 s on the same records
     """
-    excess, before, chosen = error.ratio**2 - 1.0, error.ratio, list[_Chosen]()
+    excess, before, chosen = max(error.ratio**2 - 1.0, 1e-9), error.ratio, list[_Chosen]()
+    told: tuple[Cause, ...] = ()
     if names:
         found = fit_parameters(found.samples, found.model, names, found, settings=QUICK)
-        before = _error(found, error)
+        before = min(_error(found, error), error.ratio)
+        share = (error.ratio**2 - before**2) / excess
+        told = (_other_numbers(found, share),) if share > LARGE_SHARE else ()
     while len(chosen) < MOST_CAUSES:
         best = _best(found)
         if best is None:
             break
         effect, alike, found = best
         after = _error(found, error)
-        share = (before**2 - after**2) / max(excess, 1e-9)
+        share = (before**2 - after**2) / excess
         if not share > (LEAST_SHARE if chosen else 0.0):
             break
         chosen.append(_Chosen(effect, alike, min(share, 1.0), found))
         before = after
-    return _told(chosen)
+    return (*told, *_told(chosen))
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,6 +144,17 @@ def _best(found: Fit) -> tuple[str, tuple[str, ...], Fit] | None:
 
 def _price(effect: Effect) -> float:
     return PRICE * len(effect.parameters) + 2.0 * effect.rarity
+
+
+def _other_numbers(found: Fit, share: float) -> Cause:
+    """That the model's own numbers are others in these records."""
+    estimate = found.estimate()
+    own = {
+        name: {"value": value, "sd": estimate.sd[name], "unit": estimate.model.parameters[name].unit}
+        for name, value in estimate.values.items()
+    }
+    words = f"the model's own numbers are others here ({numbers_in_words(own)})"
+    return Cause(PlantNumbers.name, (), own, min(share, 1.0), words)
 
 
 def _told(chosen: Sequence[_Chosen]) -> tuple[Cause, ...]:

@@ -10,7 +10,7 @@ from typing import Any
 from sysid.data.logs import notes_of
 from sysid.data.record import Record, check_records
 from sysid.data.sensor import Sensor
-from sysid.diagnosis.causes import Cause, causes
+from sysid.diagnosis.causes import LARGE_SHARE, Cause, causes
 from sysid.diagnosis.findings import chance
 from sysid.diagnosis.predictions import Prediction, predicted
 from sysid.diagnosis.residual_torque import ResidualTorque, followed, torque_of
@@ -121,7 +121,7 @@ class Comparison:
             return f"{size}: nothing is missing that these records show."
         found = [c.words for c in self.causes]
         left = 1.0 - sum(c.share for c in self.causes)
-        if found and self.off and left > 0.3:
+        if found and self.off and left > LARGE_SHARE:
             found.append(f"{left:.0%} of the squared error is something else")
         torque = [str(self.torque)] if self.torque is not None and self.torque.present else []
         said = f"{size}: {'; '.join(found)}" if found else size

@@ -28,8 +28,8 @@ LARGEST_COMMAND = 5.0
 """Multiple of the command's mean square from which what acts is the drive's own doing: a hand does not wait for it."""
 LEAST_STEP = 0.1
 """Share of the command's range by which it changes from one sample to the next where it steps."""
-SOON = 0.3
-"""Seconds behind a step in which what it causes shows; a missing torque is smoothed over about as long."""
+SOON = 0.25
+"""Seconds within which what a step of the command causes begins to show: a missing torque is smoothed over 0.4 s."""
 LEAST_CHANCE = 0.05
 """Probability below which that what was found comes with steps of the command is no chance."""
 SHORTEST_LOG = 8.0
@@ -105,21 +105,18 @@ def _commanded(fit: Fit, found: Sequence[Contact], inside: NDArray[np.bool_]) ->
 
 
 def _with_steps(samples: Samples, command: Array, found: Sequence[Contact]) -> bool:
-    """Whether stretches hold a step of the command (M,), or begin soon behind one, as chance would not have it.
+    """Whether stretches begin with a step of the command (M,), or soon behind one, more often than by chance.
 
-    sum_(i >= k) C(n, i) p^i (1 - p)^(n - i) < 0.05,   k of n stretches do, p of the log's time
+        sum_(i >= k) C(n, i) p^i (1 - p)^(n - i) < 0.05,   k of n stretches do, p of the log's time
 
+    A step that comes later may be a controller's answer to a push.
     """
     steps = np.abs(np.diff(command, prepend=np.nan)) > LEAST_STEP * np.ptp(command[samples.follows])
-    names, hits, shares = [r.name for r in samples.records], 0, list[float]()
-    for contact in found:
-        t, own = samples.t[steps], samples.number[steps] == names.index(contact.name)
-        hits += bool(np.any(own & (t > contact.t_begin - SOON) & (t <= contact.t_end)))
-        near = np.convolve(steps, np.ones(1 + round((contact.t_end - contact.t_begin + SOON) / samples.dt)))
-        shares.append(float(np.mean(near > 0.0)))
-    n, p = len(found), float(np.mean(shares))
-    chance = sum(math.comb(n, i) * p**i * (1.0 - p) ** (n - i) for i in range(hits, n + 1))
-    return bool(chance < LEAST_CHANCE)
+    t, number, names = samples.t[steps], samples.number[steps], [r.name for r in samples.records]
+    before = [(number == names.index(c.name)) & (np.abs(c.t_begin - t) <= SOON) for c in found]
+    n, k = len(found), sum(bool(np.any(own)) for own in before)
+    p = min(2.0 * SOON * len(t) / (len(samples) * samples.dt), 1.0)
+    return sum(math.comb(n, i) * p**i * (1.0 - p) ** (n - i) for i in range(k, n + 1)) < LEAST_CHANCE
 
 
 def _extremes(fit: Fit, torque: Array, least: float) -> tuple[Contact, ...]:

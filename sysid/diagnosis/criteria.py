@@ -15,7 +15,7 @@ from sysid.physics.model import Model
 
 def is_plausible(found: Fit, effects: Sequence[str]) -> bool:
     """Whether a machine may have these effects' numbers, and the readings can show them."""
-    sd, reach = found.samples.sensor.theta or 0.0, found.samples.reach
+    sd, reach = found.samples.sensor.theta or 0.0, 0.5 * float(np.ptp(found.samples.smoothed[:, 0]))
     return all(e.plausible and e.resolved(sd, reach) for e in found.model.effects if e.name in effects)
 
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -101,19 +102,20 @@ class Search:
             if not k:
                 trials = sorted([*trials, *self._common(now, helped)], key=lambda t: t.merit, reverse=True)
             chosen = self._chosen(now, trials)
-            for more in (self._others, self._simulated, self._composites):
+            for more in (partial(self._others, trials=trials), self._simulated, self._composites):
                 if chosen is None and not now.undisturbed:
-                    tried = more(now, trials)
+                    tried = more(now)
                     trials = [*trials, *tried]
                     chosen = self._chosen(now, trials, tried)
             self.trials = self.trials or trials
             before, least = {a.name for a in self.additions}, now.deviance - self.settings.close
+            nothing: list[tuple[str, ...]] = []  # what was added, and turned out to be nothing
             while chosen is not None:
                 now = self._pruned(self._added(now, chosen, trials))
                 if {a.name for a in self.additions} != before or now.deviance < least:
                     break
-                trials = [t for t in trials if t is not chosen]  # what was added turned out to be nothing
-                chosen = self._chosen(now, trials)
+                nothing.append(chosen.effects)
+                chosen = self._chosen(now, trials, but=nothing)
             same = {a.name for a in self.additions} == before
             if chosen is None or (same and not before):
                 break
@@ -158,12 +160,12 @@ class Search:
         """What promises less than the first trials did, where these did not keep their promise, and refines nothing
         that is there: of that what predicts left-out stretches better by more than chance."""
         known, present = {t.effects for t in trials}, {e.name for e in now.model.effects}
+        tried = list(trials)
         names = [n for n, own in self._promise().items() if own > 0.0 and (n,) not in known]
         names = [n for n in names if not any(present.issuperset(own) for own in CATALOGUE[n].refines)]
-        tried: list[Trial] = []
         for name in names[: self.settings.trials]:
             self._try_class(now, name, tried)
-        better = (t for t in tried if t.merit > 0.0 and self._predicts_better(now, t.fit))
+        better = (t for t in tried[len(trials) :] if t.merit > 0.0 and self._predicts_better(now, t.fit))
         return sorted(better, key=lambda t: t.merit, reverse=True)
 
     def _common(self, now: Fit, helped: Fit) -> list[Trial]:
@@ -182,7 +184,7 @@ class Search:
     def _price(self, name: str) -> float:
         return price(name, self.settings.price, self.last[name].shapes if name in self.last else 1)
 
-    def _simulated(self, now: Fit, trials: Sequence[Trial]) -> list[Trial]:
+    def _simulated(self, now: Fit) -> list[Trial]:
         """What explains a simulation's errors best: beside a large random torque a motion follows its readings
         wherever they go, and nothing is left for a sensor that reads wrong."""
         share = self.settings.quiet
@@ -198,7 +200,7 @@ class Search:
                 self._try(now, (score.name,), tried, begin)  # such a quiet fit may have lost its way
         return sorted(tried, key=lambda t: t.merit, reverse=True)
 
-    def _composites(self, now: Fit, trials: Sequence[Trial]) -> list[Trial]:
+    def _composites(self, now: Fit) -> list[Trial]:
         """Effects that come together, where none pays alone."""
         tried: list[Trial] = []
         for composite in self.settings.composites:
@@ -259,21 +261,29 @@ class Search:
 
     # choosing ------------------------------------------------------------------------------------------------
 
-    def _chosen(self, now: Fit, trials: Sequence[Trial], among: Sequence[Trial] | None = None) -> Trial | None:
-        """The best of the trials, or `among` them, that pays, predicts left-out stretches no worse, and matters."""
-        ranked = [t for t in (trials if among is None else among) if t.merit > 0.0]
+    def _chosen(
+        self,
+        now: Fit,
+        trials: Sequence[Trial],
+        among: Sequence[Trial] | None = None,
+        but: Collection[tuple[str, ...]] = (),
+    ) -> Trial | None:
+        """The best of the trials, or `among` them, `but` for some effects, that pays, predicts left-out stretches no
+        worse, and matters."""
+        ranked = [t for t in (trials if among is None else among) if t.merit > 0.0 and t.effects not in but]
         if not ranked:
             return None
         first: Trial | None = None
         others = {a.name for a in self.additions}
-        for trial in (*self._preferred(now, ranked[0]), *ranked):
+        for trial in (*(t for t in self._preferred(now, ranked[0]) if t.effects not in but), *ranked):
             sound = is_plausible(trial.fit, trial.effects) and is_determined(trial.fit, now, others)
             if not (sound and self._recurs(trial)):
                 continue
             if not self._beats_its_simpler_forms(trial, trials):
                 continue
             if first is not None:
-                if trial.merit > self.settings.nearly * first.merit and self._predicts_better(first.fit, trial.fit):
+                near = trial.merit > self.settings.nearly * first.merit and matters(now.model, trial.fit, self.settings)
+                if near and self._predicts_better(first.fit, trial.fit):
                     return trial
             elif self._predicts(now, trial.fit) and matters(now.model, trial.fit, self.settings):
                 if trial.fit.undisturbed:

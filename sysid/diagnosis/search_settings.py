@@ -21,7 +21,7 @@ class SearchSettings:
     noise_share    change of predictions, in units of the sensor noise, below which nothing matters
     horizon        how far ahead predictions have to be right [s], where it can be foreseen (`foreseeable`)
     steps          additions, at most
-    trials         single effects that a round fits for their promise, at most
+    trials         single effects that a round fits for their promise at first, at most; as many again where none pays
     share          share of the largest promise that another has to promise to be tried at first
     nearly         share of the merit of the best trial from which another is chosen for its better predictions
     quiet          share of the disturbances that a model is simulated beside, where no effect pays otherwise
