@@ -13,6 +13,7 @@ import pytest
 import sysid
 from sysid.__main__ import main
 from sysid.cli.command_options import COMMANDS
+from sysid.cli.starting_model import _turns_round
 from sysid.planning.excitation import multisine
 
 ROOT = Path(__file__).parents[2]
@@ -200,10 +201,22 @@ def test_a_wheel_of_which_speeds_alone_are_known_has_no_gravity(tmp_path, capsys
     estimate = sysid.load(tmp_path / "wheel.json").estimate
     assert estimate.names == ("J", "viscous.b")
     assert estimate.values["J"] == pytest.approx(0.1, rel=0.05)
+    known = sysid.Model(sysid.GeneralJoint(J=0.1, G=1.0), dt=DT)
+    sysid.save(known, tmp_path / "given.json")
+    assert main(["compare", *wheel, "--model", str(tmp_path / "given.json")]) == 0
+    assert "G = 1 is taken" in capsys.readouterr().out, "what was given is what is compared"
     swing = written(swings(sysid.GeneralJoint(J=0.1, G=1.0), count=2, torque=0.3, sensor=sensor), tmp_path)
     assert main(["fit", *swing, "--plant", "joint", "-o", str(tmp_path / "swing.json")]) == 0
     assert "is taken" not in capsys.readouterr().out
     assert sysid.load(tmp_path / "swing.json").estimate.values["G"] == pytest.approx(1.0, rel=0.05)
+
+
+def test_a_speed_that_reads_too_much_does_not_turn_a_pendulum_round():
+    t = DT * np.arange(10_001)
+    for offset, turns in ((0.1, False), (6.0, True)):
+        record = sysid.Record(t, np.zeros(10_000), None, np.sin(3.0 * t) + offset)
+        assert _turns_round(record) == turns
+    assert not _turns_round(sysid.Record(t, np.zeros(10_000), np.zeros(1), np.full(10_001, 6.0))), "it began somewhere"
 
 
 def test_a_known_loop_is_integrated_in_steps_that_are_stable(tmp_path):

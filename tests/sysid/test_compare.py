@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -214,6 +215,16 @@ def test_what_an_estimates_numbers_would_absorb_is_no_cause() -> None:
     c = compare(estimate, logs(ROD.with_effect(Coulomb(tau_c=0.15)), seed=1))
     assert [cause.effect for cause in c.causes] == ["coulomb"]
     assert c.causes[0].numbers["coulomb.tau_c"]["value"] == pytest.approx(0.15, rel=0.1)
+
+
+def test_where_the_fitted_numbers_are_others_in_these_records_that_is_said() -> None:
+    """A mass that was changed after the fit, beside a friction that the model lacks."""
+    rubbed = replace(ROD, plant=RodPendulum(m=1.15, l=0.9)).with_effect(Coulomb(tau_c=0.1))
+    c = compare(ROD, logs(rubbed), BOTH, ["m", "l"])
+    assert [cause.effect for cause in c.causes] == ["plant", "coulomb"]
+    assert c.causes[1].numbers["coulomb.tau_c"]["value"] == pytest.approx(0.1, rel=0.05)
+    assert "the model's own numbers are others here" in c.sentence and "something else" not in c.sentence
+    assert sum(cause.share for cause in c.causes) > 0.95
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -428,8 +428,21 @@ def test_of_two_that_explain_about_as_much_the_one_that_predicts_better_is_taken
     assert chosen is not None and chosen.effects == (best,)
 
 
+def test_what_turned_out_to_be_nothing_is_not_added_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nor is what is made anew of it each time."""
+    added: list[tuple[str, ...]] = []
+    search = Compared(rubbing(), SENSOR, FRICTIONS)
+    monkeypatch.setattr(search, "_added", lambda now, chosen, trials: added.append(chosen.effects) or now)
+    monkeypatch.setattr(search, "_pruned", lambda now: now)
+    monkeypatch.setattr(search, "_preferred", lambda now, best: [dataclasses.replace(best)])
+    monkeypatch.setattr(search, "_predicts", lambda *_: True)
+    monkeypatch.setattr(search, "_predicts_better", lambda *_: False)
+    search.run(rod(), PLANT)
+    assert added and len(added) == len(set(added))
+
+
 def test_what_promised_less_has_its_turn_and_has_to_predict_better(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of what was not tried yet: a spring that predicts better, a tilt that does not, a drag that promises nothing."""
+    """Of what was not tried yet: a spring that predicts better, a tilt that does not, a drag that promises less."""
     effects = (Coulomb(tau_c=0.1), Spring(k=0.1), Tilt(alpha=0.1), Drag(c=0.1))
     made = {}
     for own in effects:
@@ -446,7 +459,8 @@ def test_what_promised_less_has_its_turn_and_has_to_predict_better(monkeypatch: 
 
 
 def test_a_contact_gives_by_more_than_the_noise_and_by_less_than_the_motion() -> None:
-    models = [base().model.with_effect(Dahl(tau_c=0.1, z_s=z_s)) for z_s in (0.0015, 0.006, 0.5)]
+    half = 0.5 * float(np.ptp(base().samples.smoothed[:, 0]))
+    models = [base().model.with_effect(Dahl(tau_c=0.1, z_s=z_s)) for z_s in (0.0015, 0.006, 0.35 * half)]
     assert SENSOR.theta == 0.003
     assert [is_plausible(dataclasses.replace(base(), model=model), ("dahl",)) for model in models] == [
         False,
