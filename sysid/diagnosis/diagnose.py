@@ -27,7 +27,7 @@ from sysid.estimation.estimate import Estimate
 from sysid.estimation.first_fit import first_fits
 from sysid.estimation.fit import free
 from sysid.estimation.held_out import held_out_error, lead_of
-from sysid.estimation.initial_guess import initial_guess
+from sysid.estimation.initial_guess import initial_guess, shown_ratios
 from sysid.estimation.likelihood import p_value
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import foreseeable
@@ -116,12 +116,22 @@ def diagnose(
         sensor = sensor_noise(records).sensor
     training, held_out = split(records, hold_out)
     sensor = relied_on(model, training, sensor)
-    ahead = foreseeable(initial_guess(model, names, training, sensor), training)
+    ahead = _ahead(model, names, training, sensor)
     settings = replace(settings, horizon=max(min(settings.horizon, ahead), SHORTEST_HORIZON))
     search, base, contacts = _searched(lambda left: Search(left, sensor, chosen, settings), training, model, names)
     held_out, more = _untouched(search, base, held_out)
     confirmed = Confirmation(search, base, held_out, (*contacts, *more))
     return _Report(confirmed, records, notes).diagnosis(began)
+
+
+def _ahead(model: Model, names: Sequence[str], records: Sequence[Record], sensor: Sensor) -> float:
+    """How far ahead [s] what acts can be foreseen; a gravity that is free and that the log does not show makes nothing
+    fall."""
+    if not set(names).isdisjoint(model.plant.parameters):
+        if "G/J" not in shown_ratios(model, records, sensor):
+            return math.inf
+        model = initial_guess(model, names, records, sensor)
+    return foreseeable(model, records)
 
 
 def _searched(

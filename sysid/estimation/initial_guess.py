@@ -32,7 +32,7 @@ def initial_guess(model: Model, names: Sequence[str], records: Sequence[Record],
     by least squares over smoothed states, T = 0.2 s; then the numbers nearest to the old ones with that 1/J and G/J.
     What the log does not show (no torque, no gravity) stays as it was. Good to a few ten per cent.
     """
-    return _with_ratios(model, names, _ratios(model, records, sensor))
+    return _with_ratios(model, names, shown_ratios(model, records, sensor))
 
 
 def initial_guesses(model: Model, names: Sequence[str], records: Sequence[Record], sensor: Sensor) -> tuple[Model, ...]:
@@ -116,7 +116,7 @@ def _inside(model: Model, names: Sequence[str], scale: Array) -> list[float]:
     ]
 
 
-def _ratios(model: Model, records: Sequence[Record], sensor: Sensor) -> dict[str, float]:
+def shown_ratios(model: Model, records: Sequence[Record], sensor: Sensor) -> dict[str, float]:
     """1/J [1/(kg m^2)] and G/J [1/s^2], where they are positive and three standard errors from 0."""
     rows, targets, seen, reach = [], [], 0, extent_of(records, model.plant.turns).reach
     for record in records:

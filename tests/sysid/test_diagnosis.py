@@ -289,6 +289,32 @@ def test_nothing_is_adequate_whose_errors_are_many_times_the_noise() -> None:
     assert found.verdict not in ("adequate", "missing") and found.remaining is not None
 
 
+def test_a_balanced_joint_is_judged_as_far_ahead_as_it_can_be_foreseen() -> None:
+    """A rotor whose gravity the log does not show is not balanced, whatever number its model begins with."""
+    upright = Model(GeneralJoint(J=0.002, G=0.4), dt=0.01)
+    sensor, rng = Sensor(0.001, 0.02), np.random.default_rng(0)
+
+    def swings(model: Model) -> list[Record]:
+        records, held = [], model
+        for k in range(3):
+            state, u, x = held.initial_state(0.02, 0.0), np.zeros(400), np.zeros((401, 2))
+            for i in range(401):
+                x[i] = state.theta, state.theta_dot
+                if i < 400:
+                    u[i] = -1.2 * state.theta - 0.05 * state.theta_dot + 0.03 * math.sin(0.01 * i * (7.0 + 3.0 * k))
+                    state = held.advance(state, u[i], 0.01 * i)
+            read = x + rng.normal(size=x.shape) * [0.001, 0.02]
+            records.append(Record(0.01 * np.arange(401), u, read[:, 0], read[:, 1], name=f"balanced {k}"))
+        return records
+
+    found = diagnose(upright, swings(upright.with_effect(Coulomb(tau_c=0.01))), sensor, effects=("coulomb", "tilt"))
+    assert 0.5 < found.error.window / (5.0 / math.sqrt(200.0)) < 2.0, "as far as a first guess of the numbers knows"
+    assert [s.effect for s in found.steps] == ["coulomb"] and found.error.ratio < 1.1
+    rotor = Model(GeneralJoint(J=0.002, G=0.0), dt=0.01)
+    found = diagnose(upright, swings(rotor), sensor, effects=("coulomb", "tilt"))
+    assert found.error.window == 1.0
+
+
 # what is held out --------------------------------------------------------------------------------------------
 
 
