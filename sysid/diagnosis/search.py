@@ -417,12 +417,14 @@ class Search:
         for addition in list(self.additions):
             present = {e.name for e in now.model.effects}
             for simpler in CATALOGUE[addition.name].refines:
-                new = tuple(n for n in simpler if n not in present and n in self.last and self.last[n].visible)
+                new = tuple(n for n in simpler if n not in present and n in self.last)
                 if not new or len(new) + len(present & set(simpler)) < len(simpler):
                     continue
                 logger.debug(f"trying {' and '.join(new)} in place of {addition.name}")
                 without = reduced(now, addition.name)
                 other = extended(without, [self._in_place_of(addition.name, n, now) for n in new], QUICK)
+                if not is_determined(other, now, ()):  # the other numbers absorb it
+                    continue
                 saved = price(addition.name, self.settings.price) - sum(price(n, self.settings.price) for n in new)
                 if (
                     gain(now, other, (addition.name,)) > saved
