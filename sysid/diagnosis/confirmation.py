@@ -161,17 +161,22 @@ class Confirmation:
         unknown: what remains depends on the quantity that it is a function of, and it explains less than most of that,
         or only with a number driven to its bound. What is left then has to be confirmed anew."""
         before = list(self.additions)
-        for addition in before:
-            end, error = self.fit_with(self.additions)
-            if addition not in self.additions or not math.isfinite(error.ratio):
-                continue
-            torque = self.torque(end)
-            fewer = [a for a in self.additions if a is not addition]
-            without = self.torque(self.fit_with(fewer)[0]).after
-            if torque.after > without or self._hides(addition, end, error, torque, without):
-                self.additions = fewer
-                self._drop_needless()
+        while (masking := self._masking()) is not None:
+            self.additions.remove(masking)
+            self._drop_needless()
         self.unconfirmed += [a.name for a in before if a not in self.additions]
+
+    def _masking(self) -> Addition | None:
+        """The first of the additions that leaves more torque missing, or is a part of something unknown."""
+        end, error = self.fit_with(self.additions)
+        if not math.isfinite(error.ratio):
+            return None
+        torque = self.torque(end)
+        for addition in self.additions:
+            without = self.torque(self.fit_with([a for a in self.additions if a is not addition])[0]).after
+            if torque.after > without or self._hides(addition, end, error, torque, without):
+                return addition
+        return None
 
     def _hides(self, addition: Addition, end: Fit, error: HeldOutError, torque: MissingTorque, without: float) -> bool:
         """Whether an addition is a part of something unknown, `without` it is the torque [N m] that is missing then."""
