@@ -134,7 +134,7 @@ def _best(found: Fit) -> tuple[str, tuple[str, ...], Fit] | None:
             fits[own.name] = extended(found, [own], QUICK)
         except InvalidInput:  # it excludes another, or the model runs away with it
             continue
-        paid[own.name] = found.deviance - fits[own.name].deviance - _price(own)
+        paid[own.name] = found.deviance - fits[own.name].deviance - price(own, PRICE)
     name = max(paid, key=paid.__getitem__, default="")
     if not name or not paid[name] > 0.0:
         return None
@@ -142,17 +142,9 @@ def _best(found: Fit) -> tuple[str, tuple[str, ...], Fit] | None:
     return name, tuple(n for n in others if alikeness(tested[n], tested[name]) > DEFAULT.alike), fits[name]
 
 
-def _price(effect: Effect) -> float:
-    return PRICE * len(effect.parameters) + 2.0 * effect.rarity
-
-
 def _other_numbers(found: Fit, share: float) -> Cause:
     """That the model's own numbers are others in these records."""
-    estimate = found.estimate()
-    own = {
-        name: {"value": value, "sd": estimate.sd[name], "unit": estimate.model.parameters[name].unit}
-        for name, value in estimate.values.items()
-    }
+    own = fitted_numbers(found.estimate())
     words = f"the model's own numbers are others here ({numbers_in_words(own)})"
     return Cause(PlantNumbers.name, (), own, min(share, 1.0), words)
 

@@ -25,13 +25,13 @@ def spaced_unit(name: str) -> str:
     return "" if name == "1" else f" {name}"
 
 
-def fitted_numbers(estimate: Estimate, effect: str) -> dict[str, dict[str, Any]]:
-    """The fitted numbers of an effect by name: value, sd and unit."""
+def fitted_numbers(estimate: Estimate, effect: str | None = None) -> dict[str, dict[str, Any]]:
+    """The fitted numbers of an effect, or all of them, by name: value, sd and unit."""
     parameters, sd = estimate.model.parameters, estimate.sd
     return {
         name: {"value": value, "sd": sd[name], "unit": parameters[name].unit}
         for name, value in estimate.values.items()
-        if parameters[name].owner == effect
+        if effect is None or parameters[name].owner == effect
     }
 
 

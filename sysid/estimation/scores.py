@@ -11,7 +11,7 @@ import numpy as np
 
 from sysid.estimation.prediction_error import Fit
 from sysid.physics.candidates import Alternative, candidates
-from sysid.physics.effects import CATALOGUE
+from sysid.physics.effects import CATALOGUE, Effect
 from sysid.physics.ops import Array
 
 VISIBLE = 1e-3
@@ -116,7 +116,8 @@ def alikeness(a: Score, b: Score) -> float:
     return float(np.linalg.svd(a.basis.T @ b.basis, compute_uv=False)[-1])
 
 
-def price(name: str, each: float, shapes: int = 1) -> float:
-    """Decrease of the deviance that an effect has to bring: for its numbers, its rarity and the shapes tried."""
-    kind = CATALOGUE[name]
-    return each * len(kind().parameters) + 2.0 * kind.rarity + 2.0 * math.log(shapes)
+def price(effect: str | Effect, each: float, shapes: int = 1) -> float:
+    """Decrease of the deviance that an effect, or that of a name, has to bring: for its numbers, its rarity and the
+    shapes tried."""
+    own = CATALOGUE[effect]() if isinstance(effect, str) else effect
+    return each * len(own.parameters) + 2.0 * own.rarity + 2.0 * math.log(shapes)
