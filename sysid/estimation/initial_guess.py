@@ -22,6 +22,8 @@ FEWEST = 40
 """Samples of a record that tell how a servo follows its command."""
 SLOWEST, FASTEST, FREQUENCIES, RATIOS = 3.0, 2.0, 16, (0.3, 0.7, 1.5)
 """Natural frequencies [rad/s] from the slowest to this many a sample, and damping ratios, of a servo that are tried."""
+NEAREST_STEPS, LARGEST_STEP = 12, 5.0
+"""Steps to the nearest numbers that show what a log shows, and by how much a logarithm changes in one at most."""
 
 
 def initial_guess(model: Model, names: Sequence[str], records: Sequence[Record], sensor: Sensor) -> Model:
@@ -58,10 +60,13 @@ def _with_ratios(model: Model, names: Sequence[str], shown: Mapping[str, float])
         off = [math.log(found[k] / shown[k]) if found[k] > 0.0 else 0.0 for k in shown]
         return np.array([*off, *(1e-3 * scale)])
 
-    from scipy.optimize import least_squares
-
-    solution = least_squares(distances, np.zeros(len(moved)), x_scale=1.0)
-    return model.with_parameters(dict(zip(moved, _inside(model, moved, solution.x), strict=True)))
+    # products of powers are linear in these coordinates, so that Gauss-Newton steps need no damping
+    scale = np.zeros(len(moved))
+    for _ in range(NEAREST_STEPS):
+        here = distances(scale)
+        slopes = np.stack([(distances(scale + h) - here) / 1e-6 for h in 1e-6 * np.eye(len(moved))], axis=1)
+        scale = scale - np.clip(np.linalg.lstsq(slopes, here, rcond=1e-12)[0], -LARGEST_STEP, LARGEST_STEP)
+    return model.with_parameters(dict(zip(moved, _inside(model, moved, scale), strict=True)))
 
 
 def _matched_servo(model: Model, names: Sequence[str], records: Sequence[Record]) -> Model:

@@ -7,6 +7,7 @@ banded triangular system, which LAPACK solves.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Any
@@ -77,8 +78,9 @@ class LinearSystem:
         """What the recursion takes, (M padded to whole blocks, W)."""
         M, (n, m) = len(self.r), self.A.shape[1:]
         columns = np.zeros((-(-M // BLOCK) * BLOCK, n * m + n + 8))
-        parts = [self.A.reshape(M, n * m), self.gap, self.H.reshape(M, 4), self.r]
-        columns[:M] = np.hstack([*parts, self.weight[:, None], self.follows[:, None]])
+        follows = self.follows[:, None]
+        parts = [follows * self.A.reshape(M, n * m), follows * self.gap, self.H.reshape(M, 4), self.r]
+        columns[:M] = np.hstack([*parts, self.weight[:, None], ~follows])
         return columns
 
     def _scan(self, disturbances: Disturbances) -> tuple[Array, Array]:
@@ -88,6 +90,7 @@ class LinearSystem:
         start = [*np.square(np.multiply(SPREAD, self.reach)), *variance, *np.square(self.inner_sd)]
         first[_diagonal(N)] = start
         scale = np.concatenate([factor, increment, start])
+        scale[[6, 7]] -= increment
         states, own = np.empty((len(columns) + 1, len(first))), np.empty((len(columns), 2 * N + 4))
         states[0] = first
         read = self.H[:, [0, 1], [0, 1]]
@@ -126,45 +129,46 @@ def _diagonal(N: int) -> list[int]:
 def _steps(N: int, own_state: bool, theta: bool, theta_dot: bool, coloured: bool) -> casadi.Function:
     """(predicted P and m, columns, scale) -> the same after each instant; gains, variances and errors of its readings.
 
-    Half of the time goes with what is known to be zero: whether each channel shows its own state alone, whether it was
-    read at all, and whether there is an o.
+    It is written out for the lower triangle of P, and without what is known to be zero: whether each channel shows its
+    own state alone, whether it was read at all, and whether there is an o.
     """
     L, n = _packed(N), N - 2
-    width, moving, driving = n * (n + 1) + n + 8, _moving(N), _driving(N)
+    width, driving = n * (n + 1) + n + 8, _driving(N)
     state, column, scale = casadi.SX.sym("state", L + N), casadi.SX.sym("column", width), casadi.SX.sym("scale", N + 4)
     A, gap, rest = column[: n * (n + 1)], column[n * (n + 1) : n * (n + 2)], column[n * (n + 2) :]
-    H, r, weight, follows = casadi.reshape(rest[:4], 2, 2).T, rest[4:6], rest[6], rest[7]
-    P, m = casadi.tril2symm(casadi.SX(casadi.Sparsity.lower(N), state[:L])), state[L:]
+    H, r, weight, ends = casadi.reshape(rest[:4], 2, 2).T, rest[4:6], rest[6], rest[7]
+    lower = [(i, j) for j in range(N) for i in range(j, N)]
+    P, m = dict(zip(lower, casadi.vertsplit(state[:L]), strict=True)), casadi.vertsplit(state[L:])
     if not coloured:
-        P[3, :], P[:, 3], m[3] = 0, 0, 0
-        P, m = casadi.sparsify(P), casadi.sparsify(m)
+        P |= {place: casadi.SX(0) for place in lower if 3 in place}
+        m[3] = casadi.SX(0)
     own: list[casadi.SX] = []
     for i, read in enumerate((theta, theta_dot)):
         if not read:
             own.append(casadi.vertcat(*[0] * N, 1, 0))
             continue
-        shows = [H[i, j] if i == j or not own_state else 0 for j in range(2)]
-        h = casadi.sparsify(casadi.vertcat(*shows, 0, weight if i == 0 and coloured else 0, *[0] * (N - 4)))
-        Ph = casadi.mtimes(P, h)
-        S, e = 1.0 + casadi.dot(h, Ph), r[i] - casadi.dot(h, m)
-        K = Ph / S
-        m, P = m + K * e, P - casadi.mtimes(K, Ph.T)
-        own.append(casadi.vertcat(casadi.densify(K), S, e))
-    F, offset = casadi.SX(N, N), casadi.SX(N, 1)
-    F[2, 2], F[3, 3] = scale[0] * follows, scale[1] * follows
-    for i, row in enumerate(moving):
-        offset[row] = gap[i] * follows
-        for j, at in enumerate(driving):
-            F[row, at] = A[i * (n + 1) + j] * follows
-    m = casadi.mtimes(F, m) + offset
-    nothing = casadi.SX(N - 4, 1)
-    P = casadi.mtimes([F, P, F.T]) + casadi.diag(casadi.vertcat(0, 0, scale[2:4], nothing)) * follows
-    P = P + casadi.diag(scale[4:]) * (1.0 - follows)
-    lower = casadi.densify(casadi.tril(P)).nz[[N * j + i for j in range(N) for i in range(j, N)]]
+        h = {j: H[i, j] for j in range(2) if i == j or not own_state}
+        if i == 0 and coloured:
+            h[3] = weight
+        Ph = _times(P, h, N)
+        S, e = 1.0 + _dot(h, Ph), r[i] - _dot(h, m)
+        share = 1.0 / S
+        K = [value * share for value in Ph]
+        m = [value + gain * e for value, gain in zip(m, K, strict=True)]
+        P = {(k, j): value - K[k] * Ph[j] for (k, j), value in P.items()}
+        own.append(casadi.vertcat(*K, S, e))
+    F = {row: {row: scale[row - 2] * (1.0 - ends)} for row in (2, 3)}
+    for i, row in enumerate(_moving(N)):
+        F[row] = dict(zip(driving, casadi.vertsplit(A[i * (n + 1) : (i + 1) * (n + 1)]), strict=True))
+    PF = {row: _times(P, F[row], N) for row in F}
+    after = [_dot(F[i], PF[j]) if len(F[i]) < len(F[j]) else _dot(F[j], PF[i]) for i, j in lower]
+    for row, at in enumerate(_diagonal(N)):
+        after[at] += ends * scale[4 + row] + (scale[row] if row in (2, 3) else 0.0)
+    moved = {row: gap[i] for i, row in enumerate(_moving(N))}
+    after += [_dot(F[row], m) + moved.get(row, 0.0) for row in range(N)]
     K_1, K_2 = own
     said = casadi.vertcat(K_1[:N], K_2[:N], K_1[N], K_2[N], K_1[N + 1], K_2[N + 1])
-    after = casadi.vertcat(lower, casadi.densify(m))
-    step = casadi.Function("step", [state, column, scale], [after, said], {"cse": True})
+    step = casadi.Function("step", [state, column, scale], [casadi.vertcat(*after), said], {"cse": True})
     # several instants in one graph: a call a step would cost as much as the step
     several, states, owns = casadi.SX.sym("several", width, UNROLLED), [state], list[casadi.SX]()
     for k in range(UNROLLED):
@@ -178,6 +182,16 @@ def _steps(N: int, own_state: bool, theta: bool, theta_dot: bool, coloured: bool
     inputs = [casadi.MX.sym("state", L + N), casadi.MX.sym("block", width, BLOCK), casadi.MX.sym("scale", N + 4)]
     _, states, owns = ends.mapaccum(count).call([*inputs[:2], casadi.repmat(inputs[2], 1, count)])
     return casadi.Function("steps", inputs, [states, owns])
+
+
+def _dot(row: Mapping[int, casadi.SX], values: Sequence[casadi.SX]) -> casadi.SX:
+    """The product of a row, which has the numbers that are not zero by their places, with a column of N."""
+    return sum((own * values[j] for j, own in row.items()), casadi.SX(0))
+
+
+def _times(P: Mapping[tuple[int, int], casadi.SX], row: Mapping[int, casadi.SX], N: int) -> list[casadi.SX]:
+    """The N numbers of P row', of P the lower triangle."""
+    return [_dot(row, [P[max(j, k), min(j, k)] for j in range(N)]) for k in range(N)]
 
 
 def _view(values: Array) -> Any:

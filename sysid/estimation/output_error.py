@@ -8,10 +8,10 @@ NumPy. So cost and memory grow linearly with the samples, and a new model compil
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
-from typing import TypeAlias
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass, field, fields
+from functools import cached_property, lru_cache
+from typing import NamedTuple, TypeAlias
 
 import casadi
 import numpy as np
@@ -21,9 +21,12 @@ from sysid.data.record import Record, check_records
 from sysid.data.sensor import Sensor
 from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.linearisation import LinearisedModel, Samples, level, smoothed_motion
+from sysid.estimation.prior import numbers_of
 from sysid.estimation.windows import Window
+from sysid.physics.effects import InputEffect, OutputEffect
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
+from sysid.physics.parameters import Parametric
 
 Index = NDArray[np.intp]
 CHANNELS = ("theta", "theta_dot")
@@ -126,30 +129,21 @@ class Response:
     # motion --------------------------------------------------------------------------------------------------
 
     @cached_property
-    def _step(self) -> tuple[casadi.Function, casadi.Function]:
-        """(x, drives, t) -> x', and -> the columns of dx' / dx, the states of dynamic effects among those of x."""
-        sizes = [len(e.start_sd) for e in self.model.dynamic_effects]
-        x, t = casadi.SX.sym("x", 2 + sum(sizes)), casadi.SX.sym("t")
-        drives = casadi.SX.sym("drives", self.model.integrator.substeps)
-        theta, theta_dot, *values = casadi.vertsplit(x)
-        rest = iter(values)
-        inner = tuple(tuple(next(rest) for _ in range(size)) for size in sizes)
-        *moved, inner_then = self.model.move_with_inner(theta, theta_dot, inner, tuple(casadi.vertsplit(drives)), t)
-        after = casadi.densify(casadi.vertcat(*moved, *(value for own in inner_then for value in own)))
-        slope, inputs = casadi.densify(casadi.jacobian(after, x)), [x, drives, t]
-        return (
-            casadi.Function("step", inputs, [after], {"cse": True}),
-            casadi.Function("slope", inputs, [casadi.vec(slope)], {"cse": True}),
-        )
+    def _step(self) -> _Step:
+        moving = (self.model.plant, *(e for e in self.model.effects if not isinstance(e, InputEffect | OutputEffect)))
+        settings = (self.model.integrator, self.model.dt)
+        return _compiled(_Structure((*settings, *(_without_numbers(part) for part in moving)), self.model))
 
     @cached_property
     def _roll(self) -> casadi.Function:
-        return self._step[0].mapaccum(self.length)
+        return self._step.end.mapaccum(self.length)
 
-    def _inputs(self, among: Among) -> tuple[Array, Array]:
-        """What a mapped step takes beside states, a row an interval: drive torques and time."""
+    def _inputs(self, among: Among) -> tuple[Array, Array, Array]:
+        """What a mapped step takes beside states, a row an interval: drive torques, time and the model's numbers."""
         interval, time = self.interval[among], self.time_since_start[among, : self.length]
-        return self.drives[interval].reshape(interval.size, -1), time.reshape(-1, 1)
+        numbers = numbers_of(self.model, self._step.names)
+        repeated = np.broadcast_to(numbers, (interval.size, len(numbers)))
+        return self.drives[interval].reshape(interval.size, -1), time.reshape(-1, 1), repeated
 
     def _moved(self, starts: Array, among: Among) -> Array:
         """States (K, L+1, n) of windows, those of dynamic effects included, from starts (K, 2) of the joint."""
@@ -197,11 +191,55 @@ class Response:
         """Residuals and derivatives at the starts (K, 2) of windows."""
         K, L, moved = len(starts), self.length, self._moved(starts, among)
         n, states = moved.shape[-1], moved[..., :2]
-        slopes = evaluate_mapped(self._step[1].map(K * L), moved[:, :L].reshape(K * L, n), *self._inputs(among))
+        slopes = evaluate_mapped(self._step.slope.map(K * L), moved[:, :L].reshape(K * L, n), *self._inputs(among))
         A = slopes.reshape(K, L, n, n).swapaxes(2, 3)
         Z = propagate(A, np.empty((K, L, n, 0)))[:, :, :2, :2]
         S_x = self._reading_slopes(states, Z, among) * self.weight[among][..., None]
         return Linearisation(self._whitened(states, among), S_x.reshape(K, -1, 2), states)
+
+
+class _Step(NamedTuple):
+    """A step of models that differ in the numbers `names` alone: (x, drives, t, numbers) -> its end x', and the columns
+    of its slope dx' / dx, the states of dynamic effects among those of x."""
+
+    names: tuple[str, ...]
+    end: casadi.Function
+    slope: casadi.Function
+
+
+@dataclass(frozen=True)
+class _Structure:
+    """What a model is without its numbers, by which it is one of many, and the model as one of them."""
+
+    parts: tuple[Hashable, ...]
+    model: Model = field(compare=False)
+
+
+def _without_numbers(part: Parametric) -> Hashable:
+    """What a plant or an effect is beside its numbers."""
+    own = {f.name: getattr(part, f.name) for f in fields(part)}
+    kept = {name: value for name, value in own.items() if name != "bounds" and name not in part.parameters}
+    return type(part), *((name, v if isinstance(v, Hashable) else id(v)) for name, v in kept.items())
+
+
+@lru_cache(maxsize=64)
+def _compiled(structure: _Structure) -> _Step:
+    """The step of all models of a structure: compiling takes as long as using it."""
+    model = structure.model
+    sizes = [len(e.start_sd) for e in model.dynamic_effects]
+    passive = {e.name for e in (*model.input_effects, *model.output_effects)}
+    names = tuple(name for name, p in model.parameters.items() if p.owner not in passive)
+    x, t = casadi.SX.sym("x", 2 + sum(sizes)), casadi.SX.sym("t")
+    drives, numbers = casadi.SX.sym("drives", model.integrator.substeps), casadi.SX.sym("numbers", len(names))
+    theta, theta_dot, *values = casadi.vertsplit(x)
+    rest = iter(values)
+    inner = tuple(tuple(next(rest) for _ in range(size)) for size in sizes)
+    model = model.with_parameters(dict(zip(names, casadi.vertsplit(numbers), strict=True)))
+    *moved, inner_then = model.move_with_inner(theta, theta_dot, inner, tuple(casadi.vertsplit(drives)), t)
+    after = casadi.densify(casadi.vertcat(*moved, *(value for own in inner_then for value in own)))
+    slope, inputs = casadi.densify(casadi.jacobian(after, x)), [x, drives, t, numbers]
+    end = casadi.Function("step", inputs, [after], {"cse": True})
+    return _Step(names, end, casadi.Function("slope", inputs, [casadi.vec(slope)], {"cse": True}))
 
 
 def evaluate_mapped(function: casadi.Function, *inputs: Array) -> Array:
