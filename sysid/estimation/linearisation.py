@@ -309,14 +309,15 @@ class LinearisedModel:
 
     @cached_property
     def _within(self) -> list[tuple[Joint, float]]:
-        """What acts at the joint at the nodes of Gauss' quadrature over every substep, and the share of the interval
-        that is left then."""
+        """What acts at the joint at the nodes of Gauss' quadrature over the interval, and the share of it that is left
+        then: one in every substep, two where that is the only one."""
         model, samples, substeps = self.model, self.samples, self.drives.shape[-1]
         (theta, theta_dot), d = self.motion.x.T, self.motion.d
         gained, push, nodes = self.ends[:, 1] - theta_dot, model.inertia() * d, []
+        places = (0.5,) if substeps > 1 else (0.5 - math.sqrt(1.0 / 12.0), 0.5 + math.sqrt(1.0 / 12.0))
         for k, drive in enumerate(self.drives.T):
-            for node in (0.5 - math.sqrt(1.0 / 12.0), 0.5 + math.sqrt(1.0 / 12.0)):
-                u = (k + node) / substeps
+            for place in places:
+                u = (k + place) / substeps
                 t = u * samples.dt
                 travelled = t * (theta_dot + 0.5 * u * gained)
                 own = (theta + travelled, theta_dot + u * gained, samples.time_since_start + t, drive, push)
