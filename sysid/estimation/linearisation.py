@@ -10,6 +10,7 @@ from itertools import pairwise
 
 import casadi
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.data.record import Record, check_records, extent_of
 from sysid.data.sensor import Sensor
@@ -36,7 +37,7 @@ class Samples:
 
     def __init__(self, model: Model, records: Sequence[Record], sensor: Sensor) -> None:
         self.records, self.sensor, self.dt = check_records(model, records), sensor, model.dt
-        self._commands = extent_of(self.records, model.plant.turns)
+        self._extent = extent_of(self.records, model.plant.turns)
         counts = np.array([len(r) + 1 for r in self.records])
         self.first = np.concatenate([[0], np.cumsum(counts)])
         self.number = np.repeat(np.arange(len(counts)), counts)
@@ -46,6 +47,7 @@ class Samples:
             np.array([float(begin[0]) for begin in begins])[self.number] + self.dt * inside
             for begins in ([r.t for r in self.records], [r.time_since_start for r in self.records])
         )
+        self._commands = np.concatenate([np.append(r.u, 0.0) for r in self.records])
         self.y, self.weight = np.zeros((len(inside), 2)), np.zeros((len(inside), 2))
         for record, begin in zip(self.records, self.first.tolist(), strict=False):
             self._gather(record, begin)
@@ -70,7 +72,7 @@ class Samples:
     @property
     def reach(self) -> float:
         """What is a large way for this log [rad], as `Extent` says."""
-        return self._commands.reach
+        return self._extent.reach
 
     @property
     def readings(self) -> int:
@@ -85,7 +87,7 @@ class Samples:
     def extent(self, model: Model, kind: type[Effect] | None = None) -> Extent:
         """What the probes of an effect may depend on: u_max is the largest torque, of an input effect the largest
         command."""
-        extent = self._commands._replace(inertia=float(model.inertia()))
+        extent = self._extent._replace(inertia=float(model.inertia()))
         if model.actuator is None or (kind is not None and issubclass(kind, InputEffect)):
             return extent
         theta, theta_dot = self.smoothed.T
@@ -94,6 +96,8 @@ class Samples:
 
     def drives(self, model: Model) -> Array:
         """Drive torques (M, S) [N m] of the intervals after the instants."""
+        if not model.input_effects:
+            return np.repeat(self._commands[:, None], model.integrator.substeps, axis=1)
         drives = np.zeros((len(self), model.integrator.substeps))
         for record, begin in zip(self.records, self.first.tolist(), strict=False):
             own = model.drive_record(np.concatenate([record.previous_commands, record.u]))
@@ -331,25 +335,27 @@ class LinearisedModel:
             return model.with_parameters(dict(zip(names, row.tolist(), strict=True)))
 
         columns = {n: column[:, None] for n, column in zip(names, rows.T, strict=True)}
-        inputs = any(not set(names).isdisjoint(model.names_of(e.name)) for e in model.input_effects)
-        drives = np.stack([self.samples.drives(variant(row)) for row in rows]) if inputs else self.drives
+        driven, shown = (self._differ(model, rows, names, own) for own in (model.input_effects, model.output_effects))
+        drives = self.drives
+        if np.any(driven):
+            drives = np.stack(
+                [self.samples.drives(variant(row)) if d else drives for row, d in zip(rows, driven, strict=True)]
+            )
         ends = self._ends(model.with_parameters(columns), drives, inner)
-        ends = np.broadcast_to(ends, (len(rows), *ends.shape[-2:]))
-        shown = {n for e in model.output_effects for n in model.names_of(e.name)} & set(names)
-        if not shown:
-            return ends, np.broadcast_to(self.seen, (len(rows), *self.seen.shape))
-        # where the sensors' numbers are the model's, so are the readings
-        known = self.model.parameters
-        kept = [
-            column == float(known[n].value) if n in known else np.zeros(len(rows), dtype=bool)
-            for n, column in zip(names, rows.T, strict=True)
-            if n in shown
+        seen = [
+            self.samples.read(variant(row), self.motion.x) if s else self.seen
+            for row, s in zip(rows, shown, strict=True)
         ]
-        own = [
-            self.seen if k else self.samples.read(variant(row), self.motion.x)
-            for row, k in zip(rows, np.all(kept, axis=0), strict=True)
-        ]
-        return ends, np.stack(own)
+        return np.broadcast_to(ends, (len(rows), *ends.shape[-2:])), np.stack(seen)
+
+    def _differ(self, model: Model, rows: Array, names: Sequence[str], effects: Sequence[Effect]) -> NDArray[np.bool_]:
+        """Which variants (V,) of a model have other numbers of some effects than the model that is linearised."""
+        known, differ = self.model.parameters, np.zeros(len(rows), dtype=bool)
+        own = {n for e in effects for n in model.names_of(e.name)}
+        for name, column in zip(names, rows.T, strict=True):
+            if name in own:
+                differ |= column != float(known[name].value) if name in known else True
+        return differ
 
     def _as_changes(self, ends: Array, seen: Array) -> tuple[Array, Array]:
         G = np.moveaxis(ends * self.samples.follows[:, None], 0, -1)
