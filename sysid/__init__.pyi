@@ -46,7 +46,7 @@ from .physics.effects.friction import (
     Viscous,
     WarmingFriction,
 )
-from .physics.effects.load import DirectionalLoadFriction, LoadFriction, Ripple, RotorInertia, Spring, Tilt
+from .physics.effects.load import CubicSpring, DirectionalLoadFriction, LoadFriction, Ripple, RotorInertia, Spring, Tilt
 from .physics.effects.presliding import Dahl, LuGre
 from .physics.effects.sensing import (
     AngleOffset,
@@ -77,6 +77,7 @@ __all__ = [
     "Backlash",
     "Comparison",
     "Coulomb",
+    "CubicSpring",
     "DCMotor",
     "Dahl",
     "DeadZone",

@@ -222,7 +222,7 @@ class LogAndModel:
         logger.info(log)
         measured = _sensor(command.log, whole, model.plant)
         training, held_out = split(log, command.log.hold_out)
-        model = sampled(model, names, log.dt, given)
+        model = sampled(model, names, log, given)
         model, names = shown(model, names, log, given)
         if not given:
             model = initial_guess(model, names, training, measured)

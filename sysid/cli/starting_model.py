@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from sysid.cli.command_options import ModelOptions
-from sysid.data.logs import Command, Log
+from sysid.data.logs import Command, Log, needed_rate
 from sysid.data.record import Record
 from sysid.errors import InvalidInput
 from sysid.estimation.fit import free
@@ -26,8 +26,8 @@ logger = logging.getLogger(__name__)
 PLANTS: dict[str, Plant] = {
     "rod": RodPendulum(g=9.81),
     "point": PointMassPendulum(),
-    "joint": GeneralJoint(bounds={"J": (1e-9, 1e6), "G": (0.0, 1e6)}),
-    "axis": LinearAxis(bounds={"m": (1e-6, 1e6)}),
+    "joint": GeneralJoint(),
+    "axis": LinearAxis(),
 }
 INPUTS: dict[Command, type[Actuator] | None] = {
     "torque": None,
@@ -144,17 +144,18 @@ def _cannot_show(what: str, model: Model, scale: str, relative: str, besides: st
     )
 
 
-def sampled(model: Model, names: tuple[str, ...], dt: float, given: bool) -> Model:
-    """The model at the log's sample interval; its integrator's steps stay as fine, no longer than SUBSTEP, and short
-    enough for a known loop, whose free `names` are neither its inertia nor its damping.
+def sampled(model: Model, names: tuple[str, ...], log: Log, given: bool) -> Model:
+    """The model at the log's sample interval; its integrator's steps stay as fine, no longer than SUBSTEP and than the
+    log's motion asks for, and short enough for a known loop, whose free `names` are neither its inertia nor its damping.
 
     A `given` model of that interval stays as it is.
     """
+    dt = log.dt
     if not isinstance(model.integrator, RK4):
         return dataclasses.replace(model, dt=dt) if abs(model.dt - dt) < 0.01 * dt else model
     if given and abs(model.dt - dt) <= 1e-6 * dt and model.integrator.substeps <= LOG_SUBSTEPS:
         return dataclasses.replace(model, dt=dt)
-    longest, why = min(SUBSTEP, model.dt / model.integrator.substeps), ""
+    longest, why = min(SUBSTEP, 1.0 / needed_rate(log), model.dt / model.integrator.substeps), ""
     if set(names).isdisjoint((*model.plant.parameters, model.damping)) and longest * _fastest_rate(model) > 1.0:
         longest, why = 1.0 / _fastest_rate(model), ", which the stiffness and the damping that are set ask for"
     substeps = math.ceil(dt / longest - 1e-6)

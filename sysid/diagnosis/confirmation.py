@@ -137,7 +137,8 @@ class Confirmation:
         self._drop_needless()
         kept = names_of(self.additions)
         tried = dict.fromkeys(a.name for additions, _ in self.search.stages for a in additions)
-        self.unconfirmed = [name for name in tried if name not in kept]
+        refined = {name for own in kept for simpler in CATALOGUE[own].refines for name in simpler}
+        self.unconfirmed = [name for name in tried if name not in kept and name not in refined]
 
     def _drop_needless(self) -> None:
         """Drop, one after the other, each addition that raises the error on the held-out data, that beside others does

@@ -261,9 +261,8 @@ def followed(samples: Samples, model: Model) -> Fit:
 
     Raises InvalidInput for a model that runs away within one sample.
     """
-    with np.errstate(over="ignore", invalid="ignore"):
-        prior = Disturbances(0.3 * level(samples), CORRELATION_TIME)
-        begun = fit_parameters(samples, model, (), disturbances=prior, settings=SETTINGS)
+    prior = Disturbances(0.3 * level(samples), CORRELATION_TIME)
+    begun = fit_parameters(samples, model, (), disturbances=prior, settings=SETTINGS)
     if not math.isfinite(begun.deviance):
         raise InvalidInput("the model runs away from these records within a sample: no torque can be told beside it")
     trials = (begun.disturbances.with_memory(T) for T in MEMORIES)

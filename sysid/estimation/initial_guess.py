@@ -16,6 +16,8 @@ from sysid.physics.ops import Array
 
 SPAN = 0.2
 """Seconds over which the equation of motion is integrated: the noise of an acceleration would drown it."""
+QUARTER = 0.5 * math.pi
+"""A quarter of a swing, as a multiple of sd theta / sd theta_dot: what swings faster is integrated over that."""
 MOST = 20_000
 """Samples that are looked at."""
 FEWEST = 40
@@ -31,7 +33,8 @@ def initial_guess(model: Model, names: Sequence[str], records: Sequence[Record],
 
         theta_dot(t + T) - theta_dot(t) = integral of  G/J sin(theta) + tau/J - b theta_dot - c sign(theta_dot) + d
 
-    by least squares over smoothed states, T = 0.2 s; then the numbers nearest to the old ones with that 1/J and G/J.
+    (of a linear axis a spring in place of the weight) by least squares over smoothed states, T = 0.2 s, or a quarter of
+    a swing; then the numbers nearest to the old ones with that 1/J and G/J.
     What the log does not show (no torque, no gravity) stays as it was. Good to a few ten per cent.
     """
     return _with_ratios(model, names, shown_ratios(model, records, sensor))
@@ -129,14 +132,15 @@ def shown_ratios(model: Model, records: Sequence[Record], sensor: Sensor) -> dic
             break
         part = record.head(MOST - seen)
         seen += len(part)
-        span = max(round(SPAN / part.dt), 1)
+        theta, theta_dot = smooth_states(part, sensor, reach).T
+        swing = QUARTER * float(np.std(theta)) / max(float(np.std(theta_dot)), 1e-300)
+        span = max(round(min(SPAN, swing) / part.dt), 1)
         if len(part) < 4 * span:
             continue
-        theta, theta_dot = smooth_states(part, sensor, reach).T
-        middle = 0.5 * (theta_dot[1:] + theta_dot[:-1])
-        torque = model.torque(0.5 * (theta[1:] + theta[:-1]), middle, part.u)
+        place, middle = 0.5 * (theta[1:] + theta[:-1]), 0.5 * (theta_dot[1:] + theta_dot[:-1])
+        torque = model.torque(place, middle, part.u)
         columns = (
-            _weight(model, 0.5 * (theta[1:] + theta[:-1])),
+            _weight(model, place) if model.plant.turns else place,  # what does not turn may hang on a spring
             torque,
             -middle,
             -np.sign(middle),
@@ -154,7 +158,7 @@ def shown_ratios(model: Model, records: Sequence[Record], sensor: Sensor) -> dic
     variance = float(np.sum((b - S @ fit) ** 2)) / max(len(b) - int(rank), 1)
     sd = np.sqrt(variance * np.maximum(np.diag(np.linalg.pinv(S.T @ S, rcond=1e-12)), 0.0))
     least = 1e-6 * float(np.linalg.norm(b))  # what moves the joint by less is rounding
-    shown = {"1/J": 1, "G/J": 0}
+    shown = {"1/J": 1} | ({"G/J": 0} if model.plant.turns else {})
     return {name: float(fit[k] / size[k]) for name, k in shown.items() if fit[k] > max(3.0 * sd[k], least)}
 
 

@@ -15,6 +15,10 @@ from sysid.data.sensor import Sensor
 from sysid.physics.ops import Array
 from sysid.physics.parameters import Parameter
 
+JERK, QUICKER, LARGEST_MISFIT = 60.0, (1.0, 1e2, 1e4, 1e6, 1e8), 5.0
+"""White jerk [rad/s^3 s^1/2 per rad of reach] of a machine that takes some tenths of a second to swing, factors for
+quicker ones, and how many times their noise readings may be off the motion; where a hand pushes it is four."""
+
 
 def parameter_starts(parameters: Sequence[Parameter]) -> Iterator[Array]:
     """Endless starting numbers (P,): the model's own first, then Halton points about them.
@@ -47,12 +51,30 @@ def _spread(p: Parameter, unit: float) -> float:
 def smooth_states(record: Record, sensor: Sensor, reach: float = 1.0) -> Array:
     """States (N+1, 2) of a record without any model of it: the smoothest motion that follows the readings.
 
-        min  sum |reading - state|^2 / sd^2  +  sum (a_(k+1) - a_k)^2 / (jerk^2 dt),    theta_ddot = a
+    The first of the jerks is taken that follows them to a few times their noise: only a fast machine needs another.
+    """
+    for quicker in QUICKER:
+        states = _smoothest(record, sensor, reach, JERK * quicker)
+        if _misfit(states, record, sensor) < LARGEST_MISFIT:
+            break
+    return states
 
-    with a constant over a step: a Kalman smoother (white noise of density jerk = 60 reach [rad/s^3 s^1/2] drives the
+
+def _misfit(states: Array, record: Record, sensor: Sensor) -> float:
+    """RMS of the readings less the states (N+1, 2), in units of the sensor's sd."""
+    errors = [(r.value - states[r.index, int(r.channel == "theta_dot")]) / r.sd for r in sensor.readings(record)]
+    return float(np.sqrt(np.nanmean(np.square(np.concatenate(errors)))))
+
+
+def _smoothest(record: Record, sensor: Sensor, reach: float, jerk: float) -> Array:
+    """The smoothest motion (N+1, 2) of a jerk.
+
+        min  sum |reading - state|^2 / sd^2  +  sum (a_(k+1) - a_k)^2 / ((jerk reach)^2 dt),    theta_ddot = a
+
+    with a constant over a step: a Kalman smoother (white noise of density jerk times reach [rad/s^3 s^1/2] drives the
     acceleration, reach as in `Extent`), written as one banded least-squares problem.
     """
-    n, dt, jerk = len(record), record.dt, 60.0 * reach
+    n, dt = len(record), record.dt
     normal = _NormalEquations(3 * (n + 1))
     for reading in sensor.readings(record):
         offset = 0 if reading.channel == "theta" else 1
@@ -61,7 +83,7 @@ def smooth_states(record: Record, sensor: Sensor, reach: float = 1.0) -> Array:
     exact = 1e-3 * reach
     normal.add([k, k + 1, k + 2, k + 3], [1.0, dt, 0.5 * dt * dt, -1.0], exact * dt)
     normal.add([k + 1, k + 2, k + 4], [1.0, dt, -1.0], exact)
-    normal.add([k + 2, k + 5], [1.0, -1.0], jerk * math.sqrt(dt))
+    normal.add([k + 2, k + 5], [1.0, -1.0], jerk * reach * math.sqrt(dt))
     # without any reading of the angle the start angle is arbitrary; hanging is the likeliest. A pin that is much weaker
     # than the equations of motion would drown in their rounding
     pinned = 1e3 * reach if record.theta is not None and sensor.theta is not None else 1.0

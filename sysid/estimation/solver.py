@@ -66,6 +66,7 @@ QUICK = Settings(iterations=12, settled=0.15, negligible=0.5, angle_error=False)
 """For a candidate that is only compared with others."""
 
 
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")  # of models that run away, which have no likelihood
 def fit_parameters(
     samples: Samples,
     model: Model,

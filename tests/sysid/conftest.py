@@ -50,6 +50,7 @@ EFFECTS = {
         sysid.DirectionalLoadFriction(mu_drive=0.02, mu_back=0.01),
         sysid.Tilt(alpha=0.08),
         sysid.Spring(k=0.3),
+        sysid.CubicSpring(k=0.2, k_3=0.1),
         sysid.Ripple(a=0.1, b=0.07, order=5.0),
         sysid.RotorInertia(J_r=0.04),
         sysid.FlexibleTransmission(J=0.06, f=5.0, zeta=0.07),

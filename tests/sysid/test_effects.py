@@ -32,7 +32,7 @@ ROD = RodPendulum(m=1.3, l=0.9)
 NAMES = (
     *("viscous", "coulomb", "stribeck", "drag", "asymmetric_viscous", "asymmetric_coulomb"),
     *("warming_friction", "dahl", "lugre"),
-    *("load_friction", "directional_load_friction", "tilt", "spring", "ripple", "rotor_inertia"),
+    *("load_friction", "directional_load_friction", "tilt", "spring", "cubic_spring", "ripple", "rotor_inertia"),
     "flexible_transmission",
     *("torque_bias", "periodic", "drift"),
     *("delay", "lag", "torque_gain", "dead_zone", "saturation", "torque_speed_limit", "back_emf", "stamp"),

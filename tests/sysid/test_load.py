@@ -4,10 +4,12 @@ import math
 
 import numpy as np
 import pytest
+from scipy.special import ellipj
 
 from sysid import (
     RK4,
     AngleOffset,
+    CubicSpring,
     DirectionalLoadFriction,
     GeneralJoint,
     Joint,
@@ -17,8 +19,11 @@ from sysid import (
     Ripple,
     RodPendulum,
     RotorInertia,
+    Sensor,
     Spring,
     Tilt,
+    Viscous,
+    diagnose,
     simulate,
 )
 from tests.sysid.planted import assert_named, assert_recovered, logs, truth
@@ -41,6 +46,32 @@ def test_a_spring_swings_about_its_rest_with_its_own_period():
     for plant, rest in ((LinearAxis(m=m), 0.0), (GeneralJoint(J=m, G=0.0), math.pi)):
         run = simulate(Model(plant, (Spring(k=k),), steps, 0.01), np.zeros(500), rest + 0.4, 0.0)
         np.testing.assert_allclose(run.theta - rest, 0.4 * np.cos(math.sqrt(k / m) * run.t), atol=1e-8)
+
+
+def test_a_cubic_spring_swings_as_duffings_oscillator():
+    """m x_ddot = -k x - k_3 x^3 from rest at a:  x = a cn(w t | a^2 k_3 / (2 m w^2)),   w^2 = (k + k_3 a^2) / m."""
+    k, k_3, m, a = 3.0, 5.0, 0.75, 0.6
+    for plant, rest in ((LinearAxis(m=m), 0.0), (GeneralJoint(J=m, G=0.0), math.pi)):
+        model = Model(plant, (CubicSpring(k=k, k_3=k_3),), RK4(substeps=4), 0.01)
+        run = simulate(model, np.zeros(500), rest + a, 0.0)
+        w2 = (k + k_3 * a * a) / m
+        cn = ellipj(math.sqrt(w2) * run.t, 0.5 * k_3 * a * a / (m * w2))[1]
+        np.testing.assert_allclose(run.theta - rest, a * cn, atol=1e-7)
+
+
+def test_an_oscillator_far_from_any_starting_value_is_found_with_its_springs():
+    """A circuit that stands for Duffing's oscillator, in volts: m is 2e5 times smaller than where the fit begins."""
+    rng, dt = np.random.default_rng(1), 1e-3
+    hidden = (Viscous(b=2e-4), CubicSpring(k=1.0, k_3=4.0))
+    truth = Model(LinearAxis(m=5e-6), hidden, RK4(substeps=4), dt)
+    sensor, hold = Sensor(theta=5e-4), 2
+    u = np.repeat(rng.normal(0.0, 0.04, (4, 800 // hold)), hold, axis=1)
+    records = sensor.measure(simulate(truth, u, np.zeros(4), np.zeros(4)), rng)
+    answer = diagnose(Model(LinearAxis(), dt=dt), records, sensor)
+    assert {s.effect for s in answer.steps} == {"viscous", "cubic_spring"}, answer
+    assert answer.error.ratio < 1.1
+    for name, value in answer.estimate.values.items():
+        assert abs(value - float(truth.parameters[name].value)) < 4.0 * answer.estimate.sd[name], name
 
 
 def test_a_ripple_conserves_energy_and_repeats_every_wave():

@@ -85,11 +85,32 @@ class Spring(JointEffect):
     words = "a spring"
     imitates = "theta"
     formula = "tau = -k (theta - rest)"
-    confused = ("torque_bias", "ripple")
+    confused = ("torque_bias", "ripple", "cubic_spring")
     k: Value = parameter(0.0, unit="N m/rad", bounds=(-math.inf, math.inf), neutral=0.0)
 
     def torque(self, joint: Joint) -> Value:
         return -self.k * (joint.theta - joint.plant.rest)
+
+
+@dataclass(frozen=True, eq=False)
+class CubicSpring(JointEffect):
+    """A spring that grows stiffer the further it is bent (k_3 > 0), or softer: rubber, a membrane, a bent beam.
+
+    With it an axis is Duffing's oscillator (Nayfeh, Mook: Nonlinear Oscillations, ch. 4). k_3 = 0 is Spring.
+    """
+
+    words = "a spring that grows stiffer, or softer"
+    rarity = 2.5
+    imitates = "theta"
+    refines = (("spring",),)
+    formula = "tau = -k x - k_3 x^3, x = theta - rest"
+    confused = ("spring",)
+    k: Value = parameter(0.0, unit="N m/rad", bounds=(-math.inf, math.inf), neutral=0.0)
+    k_3: Value = parameter(0.0, unit="N m/rad^3", bounds=(-math.inf, math.inf), neutral=0.0)
+
+    def torque(self, joint: Joint) -> Value:
+        x = joint.theta - joint.plant.rest
+        return -(self.k + self.k_3 * x * x) * x
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,4 +158,4 @@ class RotorInertia(JointEffect):
         return 0.0
 
 
-EFFECTS = (LoadFriction, DirectionalLoadFriction, Tilt, Spring, Ripple, RotorInertia)
+EFFECTS = (LoadFriction, DirectionalLoadFriction, Tilt, Spring, CubicSpring, Ripple, RotorInertia)

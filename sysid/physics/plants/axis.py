@@ -24,7 +24,7 @@ class LinearAxis(Plant):
     turns: ClassVar[bool] = False
     rest: ClassVar[float] = 0.0
     units: ClassVar[Mapping[str, str]] = {"kg m^2": "kg", "N m": "N", "rad": "m"}
-    m: Value = parameter(1.0, unit="kg", bounds=(1e-3, 1e4))
+    m: Value = parameter(1.0, unit="kg", bounds=(1e-9, 1e6))
 
     def inertia(self) -> Value:
         """m [kg]."""

@@ -23,8 +23,8 @@ class GeneralJoint(Plant):
 
     scale: ClassVar[str] = "J"
     gravity: ClassVar[str] = "G"
-    J: Value = parameter(0.1, unit="kg m^2", bounds=(1e-6, 1e3))
-    G: Value = parameter(1.0, unit="N m", bounds=(0.0, 1e4))
+    J: Value = parameter(0.1, unit="kg m^2", bounds=(1e-9, 1e6))
+    G: Value = parameter(1.0, unit="N m", bounds=(0.0, 1e6))
 
     def inertia(self) -> Value:
         """J [kg m^2]."""
