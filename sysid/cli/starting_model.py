@@ -146,7 +146,7 @@ def _cannot_show(what: str, model: Model, scale: str, relative: str, besides: st
 
 def sampled(model: Model, names: tuple[str, ...], log: Log, given: bool) -> Model:
     """The model at the log's sample interval; its integrator's steps stay as fine, no longer than SUBSTEP and than the
-    log's motion asks for, and short enough for a known loop, whose free `names` are neither its inertia nor its damping.
+    log's motion needs, and short enough for a known loop, whose free `names` are neither its inertia nor its damping.
 
     A `given` model of that interval stays as it is.
     """
