@@ -197,9 +197,6 @@ class ExperimentCommand(OnLog):
     theta_dot_max: Annotated[float | None, shown("SPEED", "any", "speed")] = None
     """Largest speed [rad/s], of an axis [m/s]."""
 
-    payload: Annotated[tuple[float, float] | None, shown("MASS DISTANCE")] = None
-    """A known weight that can be hung on: its mass [kg], and its distance from the axis [m]."""
-
     out: Output = None
     """Write what the rig plays here, as CSV with columns rollout, t [s], torque [N m] (of an axis [N])."""
 

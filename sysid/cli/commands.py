@@ -295,7 +295,7 @@ def _limits(options: ExperimentCommand, log: Log, model: Model) -> Limits:
     """What the log has done, where the user says nothing else."""
     from sysid.planning.next_experiment import limits_of
 
-    names = ("u_max", "duration", "rollouts", "theta_max", "theta_dot_max", "payload")
+    names = ("u_max", "duration", "rollouts", "theta_max", "theta_dot_max")
     given: dict[str, Any] = {n: getattr(options, n) for n in names if getattr(options, n) is not None}
     if np.any([np.any(record.u != 0.0) for record in log]):
         return dataclasses.replace(limits_of(log, model), **given)
