@@ -12,7 +12,7 @@ from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from sysid.data.record import in_a_row
+from sysid.data.record import in_a_row, is_part
 from sysid.diagnosis.findings import chance, quantity
 from sysid.report.figure_style import (
     BLUE,
@@ -35,6 +35,7 @@ from sysid.report.typesetting import typeset_multiple
 
 if TYPE_CHECKING:
     from sysid.diagnosis.compare import Comparison
+    from sysid.diagnosis.contacts import Contact
     from sysid.diagnosis.predictions import Prediction
     from sysid.diagnosis.residual_torque import Binned, ResidualTorque, TorqueMap
 
@@ -146,13 +147,18 @@ def mean(axes: Axes, found: Binned, colour: str) -> None:
     banded(axes, middle, found.mean[seen], half, colour, marker=".", markersize=5.0, linewidth=1.4)
 
 
-def over_time(torque: ResidualTorque, axes: Axes) -> None:
-    """The residual torque with its 99 % band, rollout after rollout."""
+def over_time(
+    torque: ResidualTorque, axes: Axes, before: ResidualTorque | None = None, contacts: Sequence[Contact] = ()
+) -> None:
+    """The residual torque with its 99 % band, rollout after rollout; that of the model before; shaded contacts."""
     axes.axhline(0.0, color="0.3", linewidth=0.8)
     names, ends = [r.name for r in torque.records], list[tuple[float, float]]()
-    for record, begin in zip(torque.records, in_a_row([r.t for r in torque.records]), strict=True):
+    for k, (record, begin) in enumerate(zip(torque.records, in_a_row([r.t for r in torque.records]), strict=True)):
         t = record.t[:-1] - record.t[0] + begin
+        if before is not None:
+            axes.plot(t, before.records[k].d, color=ORANGE, linewidth=0.9, alpha=0.8)
         banded(axes, t, record.d, SIGMA_99 * record.sd, BLUE, linewidth=1.0)
+        shade(axes, contacts, record.name, begin - record.t[0])
         if ends:
             axes.axvline(0.5 * (ends[-1][1] + t[0]), color="0.85", linewidth=0.8)
         ends.append((t[0], t[-1]))
@@ -164,6 +170,13 @@ def over_time(torque: ResidualTorque, axes: Axes) -> None:
         axes.tick_params(axis="x", length=0)
     axes.set_xlabel("time, rollout after rollout" + ("" if len(names) <= 4 else " [s]"))
     axes.set_ylabel(beyond(torque.units))
+
+
+def shade(axes: Axes, contacts: Sequence[Contact], record: str, shift: float = 0.0) -> None:
+    """Where something acted that no state of the joint explains."""
+    for t in contacts:
+        if is_part(t.name, record):
+            axes.axvspan(t.t_begin + shift, t.t_end + shift, color=YELLOW, alpha=0.35, linewidth=0.0, zorder=0)
 
 
 def autocorrelation_panel(answer: Comparison, axes: Axes) -> None:

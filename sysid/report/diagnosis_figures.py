@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import textwrap
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from sysid.data.record import is_part
 from sysid.data.sensor import Sensor
 from sysid.diagnosis.answer import Diagnosis, Step
 from sysid.diagnosis.contacts import Contact
 from sysid.diagnosis.findings import chance
-from sysid.diagnosis.predictions import LONGEST_STRETCH, Prediction
+from sysid.diagnosis.predictions import Prediction
 from sysid.diagnosis.residual_torque import ResidualTorque
 from sysid.report import comparison_figure
 from sysid.report.figure_style import (
@@ -27,10 +25,6 @@ from sysid.report.figure_style import (
     GREY,
     ORANGE,
     RASTERIZED_FROM,
-    SIGMA_99,
-    YELLOW,
-    banded,
-    beyond,
     label,
     legend_above,
     noise_scale,
@@ -41,7 +35,6 @@ from sysid.report.typesetting import typeset_multiple
 
 WIDE, NARROW = 5.0, 4.2
 """Widths [in]: of a column, and of half of one."""
-BEHIND = {"facecolor": "white", "alpha": 0.6, "edgecolor": "none", "pad": 0.5}
 
 
 def drawn(width: float, height: float, draw: Callable[[Axes], None]) -> Figure:
@@ -147,7 +140,7 @@ def rollout_figure(
             residual_in(below, paths, channel, float(getattr(sensor, channel)))
         comparison_figure.command(paths[0], panels[-1])
         for axes in panels:
-            shade(axes, contacts, paths[0].record)
+            comparison_figure.shade(axes, contacts, paths[0].record)
         legend_above(panels[0])
         panels[-1].set_xlabel(f"time [s] of {short(paths[0].record, 40)}")
         figure.align_ylabels(panels)
@@ -186,13 +179,6 @@ def _lines(count: int) -> tuple[tuple[str, str, float], ...]:
     return ((ORANGE, "--", 1.4), (BLUE, "-", 1.6))[-count:]
 
 
-def shade(axes: Axes, contacts: Sequence[Contact], record: str) -> None:
-    """Where something acted that no state of the joint explains."""
-    for t in contacts:
-        if is_part(t.name, record):
-            axes.axvspan(t.t_begin, t.t_end, color=YELLOW, alpha=0.35, linewidth=0.0, zorder=0)
-
-
 def window_figure(found: Prediction) -> Figure:
     channels = list(found.readings)
     with styled(3.2, 1.9 + 1.5 * len(channels)) as figure:
@@ -206,58 +192,11 @@ def window_figure(found: Prediction) -> Figure:
 # ---- residual torque -------------------------------------------------------------------------------------------------
 
 
-class ShownStretch(NamedTuple):
-    """The samples first .. last - 1 of a record that a row shows."""
-
-    record: int
-    first: int
-    last: int
-
-
-def course(
-    found: ResidualTorque, before: ResidualTorque | None = None, contacts: Sequence[Contact] = (), most: int = 8
+def torque_over_time(
+    found: ResidualTorque, before: ResidualTorque | None = None, contacts: Sequence[Contact] = ()
 ) -> Figure:
-    """d over time, a row for each rollout (or 10 s of a long one); where they are more than `most`, the largest."""
-    rows = _stretches(found if found.present or before is None else before, most)
-    with styled(WIDE, max(2.0, 0.75 + 0.72 * len(rows))) as figure:
-        panels = figure.subplots(len(rows), 1, sharey=True, squeeze=False)[:, 0]
-        longest = max(s.last - s.first for s in rows)
-        size = max(_size(found, rows), 0.0 if before is None else _size(before, rows))
-        for axes, (k, first, last) in zip(panels, rows, strict=True):
-            own, shown = found.records[k], slice(first, last)
-            axes.axhline(0.0, color="0.3", linewidth=0.7)
-            if before is not None:
-                axes.plot(own.t[shown], before.records[k].d[shown], color=ORANGE, linewidth=0.9, alpha=0.8)
-            banded(axes, own.t[shown], own.d[shown], SIGMA_99 * own.sd[shown], BLUE, linewidth=1.1)
-            shade(axes, contacts, own.name)
-            begin, dt = float(own.t[first]), float(own.t[1] - own.t[0])
-            axes.set_xlim(begin, begin + longest * dt)
-            axes.set_ylim(-1.1 * size, 1.1 * size)
-            axes.yaxis.set_major_locator(MaxNLocator(2, symmetric=True))
-            axes.tick_params(labelsize=7.5)
-            axes.text(1.0, 1.0, short(own.name, 40), transform=axes.transAxes, ha="right", va="top", fontsize=8.0,
-                      color="0.3", bbox=BEHIND)  # fmt: skip
-            if axes is not panels[-1] and len({s.first for s in rows}) == 1:
-                axes.set_xticklabels([])
-        panels[-1].set_xlabel(label("time", found.units))
-        figure.supylabel(beyond(found.units), fontsize=9.0)
-    return figure
-
-
-def _stretches(found: ResidualTorque, most: int) -> list[ShownStretch]:
-    pieces = []
-    for k, record in enumerate(found.records):
-        n, dt = len(record.d), float(record.t[1] - record.t[0])
-        edges = np.linspace(0, n, max(1, math.ceil(n * dt / (1.5 * LONGEST_STRETCH))) + 1).astype(int)
-        pieces += [ShownStretch(k, int(a), int(b)) for a, b in itertools.pairwise(edges)]
-    pieces.sort(key=lambda s: -float(np.mean(found.records[s.record].d[s.first : s.last] ** 2)))
-    return sorted(pieces[:most])
-
-
-def _size(found: ResidualTorque, rows: Sequence[ShownStretch]) -> float:
-    d = np.concatenate([found.records[k].d[a:b] for k, a, b in rows])
-    sd = np.concatenate([found.records[k].sd[a:b] for k, a, b in rows])
-    return max(float(np.quantile(np.abs(d), 0.999)), 2.0 * float(np.median(sd)), 1e-9)
+    """The residual torque, rollout after rollout, and that of the model before."""
+    return drawn(WIDE, 2.9, lambda axes: comparison_figure.over_time(found, axes, before, contacts))
 
 
 def torque_over_quantity(
