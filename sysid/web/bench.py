@@ -153,10 +153,6 @@ class Workbench:
             session.save(session.state.settings_of(before))
         self.go(session, before)
 
-    def beside(self, session: Session, node: int) -> None:
-        """Compare the model that is looked at with another of the history; once more: no longer."""
-        session.change(beside=None if session.state.beside == node else node)
-
     def plan(self, session: Session) -> None:
         state = session.state
         if state.at is not None and self.jobs.running(session) is None:
@@ -186,7 +182,7 @@ class Workbench:
             "log": (state.title, state.titles, state.path(state.at)[:1], state.log.get("joint")),
             "fails": fails,
             "effects": effects,
-            "ladder": (state.at, state.nodes, state.beside, known),
+            "ladder": (state.at, state.nodes, known),
             "take": (state.at, own),
             "train": (fails, _changed(session, state.at, Answer.TRAINING), self.trainings.running(session)),
         }

@@ -80,7 +80,6 @@ def do(
             "untrain": lambda: bench.trainings.end(own),
             "add": lambda: bench.add(own, clicked["effect"]),
             "go": lambda: bench.go(own, clicked["node"]),
-            "beside": lambda: bench.beside(own, clicked["node"]),
             "train": lambda: bench.train(own, given["u_max"]),
             "rename": lambda: bench.rename(own, text["title"]),
             "own": lambda: bench.try_own(own, OwnEffect(text["name"], text["formula"], text["shapes"])),

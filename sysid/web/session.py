@@ -77,8 +77,7 @@ class Node:
 
 @dataclass(frozen=True)
 class SessionState:
-    """What session.json holds; `titles` are the names under which files came, `beside` is the model that the
-    one at which one is is compared with, `own` are the user's own effects."""
+    """What session.json holds; `titles` are the names under which files came, `own` are the user's own effects."""
 
     title: str = ""
     log: dict[str, Any] = field(default_factory=dict)
@@ -86,7 +85,6 @@ class SessionState:
     titles: tuple[str, ...] = ()
     nodes: tuple[Node, ...] = ()
     at: int | None = None
-    beside: int | None = None
     own: tuple[dict[str, Any], ...] = ()
 
     @property
@@ -213,7 +211,7 @@ class Session:
         state = self.state
         *nodes, last = state.nodes
         shutil.rmtree(self.of(len(nodes)), ignore_errors=True)
-        self.change(nodes=tuple(nodes), at=last.undone if state.at == len(nodes) else state.at, beside=None)
+        self.change(nodes=tuple(nodes), at=last.undone if state.at == len(nodes) else state.at)
 
 
 class Sessions:
