@@ -98,7 +98,7 @@ class Workbench:
 
     def fit(self, session: Session) -> None:
         """Fit a model to the log beside those that are there, but for a log that cannot be read with these settings."""
-        if session.state.nodes and log_part.preview(session).about.error:
+        if session.state.nodes and log_part.preview(session).error:
             return
         self.jobs.cancel(session)
         state = session.state
