@@ -40,6 +40,51 @@ class Workbench:
         self.messages: dict[str, str] = {}
         self.resumed: set[str] = set()
 
+    # ---- what buttons ask for
+
+    def do(self, session: Session | None, clicked: Mapping[str, Any], fields: Mapping[str, Any]) -> Session | None:
+        """What a button asks for, of the fields of the page; the session to look at. Raises InvalidInput."""
+        with self.sessions.lock:
+            match clicked:
+                case {"do": "sample", "name": name}:
+                    return self.sample(name)
+                case {"do": "delete", "session": name}:
+                    gone = self.sessions.find(name)
+                    if gone is not None:
+                        self.delete(gone)
+                    return None if gone == session else session
+            if session is not None:
+                self._do(session, clicked, fields)
+            return session
+
+    def _do(self, session: Session, clicked: Mapping[str, Any], fields: Mapping[str, Any]) -> None:
+        text, at = {name: str(value or "").strip() for name, value in fields.items()}, session.state.at
+        self.messages.pop(session.identifier, None)
+        match clicked["do"]:
+            case "fit":
+                self.fit(session)
+            case "add":
+                self.add(session, clicked["effect"])
+            case "own":
+                self.try_own(session, OwnEffect(text["name"], text["formula"], text["shapes"]))
+            case "go":
+                self.go(session, clicked["node"])
+            case "undo":
+                self.undo(session)
+            case "cancel":
+                self.jobs.cancel(session)
+                self.messages[session.identifier] = "Cancelled: the page shows what was known before."
+            case "plan" if at is not None and self.jobs.running(session) is None:
+                self.jobs.begin(session, at, "--next")
+            case "train" if at is not None:
+                self.trainings.begin(session, at, float(fields["u_max"] or 0.0))
+            case "untrain":
+                self.trainings.end(session)
+            case "rename" if not text["title"]:
+                raise InvalidInput("the session's name is empty: expected one to choose it by")
+            case "rename":
+                session.change(title=text["title"][:LONGEST_TITLE])
+
     # ---- logs
 
     def open(self, log: LogOptions, start: ModelOptions) -> Session:
@@ -81,12 +126,6 @@ class Workbench:
         session.change(log={"files": [str(f) for f in files]}, titles=tuple(f.name for f in files))
         self.fit(session)
         return session
-
-    def rename(self, session: Session, title: str) -> None:
-        """Call a session otherwise; raises InvalidInput for an empty name."""
-        if not title.strip():
-            raise InvalidInput("the session's name is empty: expected one to choose it by")
-        session.change(title=title.strip()[:LONGEST_TITLE])
 
     def delete(self, session: Session) -> None:
         """Delete a session with all that was written of it; files that lie elsewhere stay."""
@@ -152,20 +191,6 @@ class Workbench:
         if state.nodes[state.at].parent is None:
             session.save(session.state.settings_of(before))
         self.go(session, before)
-
-    def plan(self, session: Session) -> None:
-        state = session.state
-        if state.at is not None and self.jobs.running(session) is None:
-            self.jobs.begin(session, state.at, "--next")
-
-    def train(self, session: Session, u_max: Any) -> None:
-        """Train a policy; raises InvalidInput where that cannot be."""
-        if session.state.at is not None:
-            self.trainings.begin(session, session.state.at, float(u_max or 0.0))
-
-    def cancel(self, session: Session) -> None:
-        self.jobs.cancel(session)
-        self.messages[session.identifier] = "Cancelled: the page shows what was known before."
 
     # ---- what the page shows
 

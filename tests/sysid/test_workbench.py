@@ -21,7 +21,7 @@ from sysid.errors import InvalidInput
 from sysid.estimation.saved_model import load
 from sysid.web import figures, samples
 from sysid.web.bench import Workbench
-from sysid.web.callbacks import do, effect_picture, region_of, zoomed
+from sysid.web.callbacks import effect_picture, region_of, zoomed
 from sysid.web.jobs import Jobs, finished
 from sysid.web.own_effect import OwnEffect
 from sysid.web.script import script
@@ -84,9 +84,9 @@ def test_a_row_says_how_large_an_effect_is_and_what_it_explains(walked: tuple[Wo
 def test_undo_leads_back_and_what_was_tried_is_kept(walked: tuple[Workbench, Session]) -> None:
     bench, session = walked
     session.change(at=1)
-    do(bench, session, {"do": "undo"})
+    bench.do(session, {"do": "undo"}, {})
     assert session.state.at == 0
-    do(bench, session, {"do": "add", "effect": "coulomb"})
+    bench.do(session, {"do": "add", "effect": "coulomb"}, {})
     assert session.state.at == 1
     assert len(session.state.nodes) == 2
     assert session.state.added(1) == ("coulomb",)
@@ -109,7 +109,7 @@ def test_a_cancelled_refit_is_taken_back(walked: tuple[Workbench, Session]) -> N
     session.change(at=0)
     bench.add(session, "viscous")
     assert bench.jobs.running(session) == 2
-    bench.cancel(session)
+    bench.do(session, {"do": "cancel"}, {})
     assert bench.jobs.running(session) is None
     assert len(session.state.nodes) == 2
     assert session.state.at == 0
@@ -251,18 +251,18 @@ def test_beginning_anew_can_be_undone(walked: tuple[Workbench, Session]) -> None
     assert session.state.settings_of(2).log["end"] == 3.0
     assert "end=" not in script(session.state, session.read(0, Answer.BEGUN), 1)
     assert "before" in str(bench.part("fails", session))
-    do(bench, session, {"do": "undo"})
+    bench.do(session, {"do": "undo"}, {})
     assert session.state == before
     assert waited(bench, session) == ""
     session.change(log={**before.log, "end": 3.0})
     bench.fit(session)
     assert waited(bench, session) == ""
-    do(bench, session, {"do": "go", "node": 1})
+    bench.do(session, {"do": "go", "node": 1}, {})
     assert session.state.log == before.log
     assert "as it came (end 3.0)" in str(bench.part("ladder", session))
-    do(bench, session, {"do": "go", "node": 2})
+    bench.do(session, {"do": "go", "node": 2}, {})
     assert session.state.log["end"] == 3.0
-    do(bench, session, {"do": "undo"})
+    bench.do(session, {"do": "undo"}, {})
     assert session.state.at == 1
     session.drop_last_node()
 
@@ -276,7 +276,7 @@ def test_the_model_before_stays_on_the_page_until_the_new_one_is_known(walked: t
         assert bench.part(name, session).className == "before"
     assert session.shown(Answer.FAILS) == 0
     assert "'add'" not in str([b for b in buttons(bench.part("effects", session)) if not b.disabled])
-    bench.cancel(session)
+    bench.do(session, {"do": "cancel"}, {})
     assert bench.part("fails", session).className == ""
     assert "'add'" in str([b for b in buttons(bench.part("effects", session)) if not b.disabled])
 
@@ -335,7 +335,7 @@ def test_the_report_tells_the_way_that_was_gone(walked: tuple[Workbench, Session
 def test_the_next_experiment_is_planned_and_written(walked: tuple[Workbench, Session]) -> None:
     bench, session = walked
     session.change(at=1)
-    bench.plan(session)
+    bench.do(session, {"do": "plan"}, {})
     assert waited(bench, session) == ""
     assert session.read(1, Answer.PLANNED)["sentence"]
     assert (session.of(1) / Answer.NEXT).read_text().startswith("rollout,t,torque")

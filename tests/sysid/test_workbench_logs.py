@@ -17,7 +17,7 @@ from sysid.data.record import write_csv
 from sysid.errors import InvalidInput
 from sysid.web import log_part, samples
 from sysid.web.bench import Workbench
-from sysid.web.callbacks import do, session_name
+from sysid.web.callbacks import session_name
 from tests.sysid import hostile_logs, robot_files
 from tests.sysid.workbench import uploaded
 
@@ -172,13 +172,13 @@ def test_a_session_is_renamed_and_deleted(bench: Workbench, tmp_path: Path) -> N
         bench.open(LogOptions(files=(tmp_path / "swing.csv",)), ModelOptions()),
         bench.sessions.new("other"),
     )
-    assert do(bench, session, {"do": "rename"}, {"title": " the rig "}) == session
+    assert bench.do(session, {"do": "rename"}, {"title": " the rig "}) == session
     assert session.state.title == "the rig"
     with pytest.raises(InvalidInput, match="empty"):
-        do(bench, session, {"do": "rename"}, {"title": " "})
-    assert do(bench, session, {"do": "delete", "session": other.identifier}) == session
+        bench.do(session, {"do": "rename"}, {"title": " "})
+    assert bench.do(session, {"do": "delete", "session": other.identifier}, {}) == session
     assert bench.sessions.all() == (session,)
-    assert do(bench, session, {"do": "delete", "session": session.identifier}) is None
+    assert bench.do(session, {"do": "delete", "session": session.identifier}, {}) is None
     assert not session.folder.exists()
     assert (tmp_path / "swing.csv").is_file()
 
