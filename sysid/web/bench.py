@@ -7,7 +7,7 @@ import binascii
 import math
 import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +19,11 @@ from sysid.data.files import check_input
 from sysid.data.record import write_csv
 from sysid.errors import InvalidInput
 from sysid.web import figures, layout, log_part, take_part
-from sysid.web.jobs import Jobs, finished
+from sysid.web.jobs import Jobs, Trainings, finished
 from sysid.web.layout import STAMPED
 from sysid.web.own_effect import OwnEffect, suggested
 from sysid.web.samples import SAMPLES_BY_NAME, sample
 from sysid.web.session import ENDINGS, Answer, Node, Session, Sessions
-from sysid.web.training import Trainings
 
 LARGEST_UPLOAD = 64 << 20
 """Bytes of the files that are dropped at once."""
@@ -158,10 +157,9 @@ class Workbench:
         """Add an effect that the user wrote; raises InvalidInput where it is none."""
         own.checked()
         state = session.state
-        others = tuple(o for o in state.own if o["name"] != own.name)
-        if asdict(own) not in state.own and any(node.added == own.name for node in state.nodes):
+        if own not in state.own and any(node.added == own.name for node in state.nodes):
             raise InvalidInput(f"another {own.name!r} was added before: give this one another name")
-        session.change(own=(*others, asdict(own)))
+        session.change(own=(*(o for o in state.own if o.name != own.name), own))
         self.add(session, own.name)
 
     def go(self, session: Session, node: int | None) -> None:
@@ -256,7 +254,7 @@ class Workbench:
         if name == "fails":
             shown = layout.fails(found, figures.series(session.of(node) / Answer.SERIES))
         else:
-            own = OwnEffect(**own_effects[-1]) if own_effects else suggested(found)
+            own = own_effects[-1] if own_effects else suggested(found)
             error = None if found is None else found["ratio"]
             shown = [*layout.effects(known, error, live), *layout.own_effect(own, known, live)]
         return html.Div(shown, className="" if live else "before")

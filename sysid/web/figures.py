@@ -234,17 +234,3 @@ def error_bars(names: Sequence[str], ratios: Sequence[float | None], x: str = ""
     reach = [np.log10(0.6), np.log10(1.7 * top)]
     figure.update_yaxes(type="log", range=reach, tickvals=ticks, ticktext=[f"{v:g}" for v in ticks])
     return figure
-
-
-# ---- take it along ---------------------------------------------------------------------------------------------------
-
-
-def learning(points: Sequence[tuple[int, float]], optimum: float | None) -> go.Figure:
-    """The return in training over commands given, and the best that any controller can have."""
-    figure = blank(200, "commands given", "return of an episode")
-    figure.add_scatter(x=[x for x, _ in points], y=[y for _, y in points], mode="lines+markers", line={"color": BLUE})
-    if optimum is not None:
-        said = {"text": "optimum", "font": {"color": GREEN}}
-        figure.add_hline(y=optimum, line={"color": GREEN, "width": 2}, annotation=said)
-    figure.update_xaxes(rangemode="tozero")
-    return figure

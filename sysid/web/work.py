@@ -45,7 +45,7 @@ from sysid.export.urdf import to_urdf
 from sysid.physics.effects import CATALOGUE
 from sysid.planning.next_experiment import limits_of, next_experiment
 from sysid.report.typesetting import measured
-from sysid.web.own_effect import OwnEffect, effects_file
+from sysid.web.own_effect import effects_file
 from sysid.web.script import begun_with
 from sysid.web.session import Answer, Session
 
@@ -129,9 +129,8 @@ class Work:
 
     def _export(self) -> None:
         """The model for simulators, what their languages cannot say, and the user's own effects that it has."""
-        added, sentences = self.state.added(self.number), {}
-        own = [OwnEffect(**o) for o in self.state.own if o["name"] in added]
-        if own:
+        sentences = {}
+        if own := self.state.own_effects(self.number):
             write_whole(self.folder / Answer.OWN_EFFECTS, effects_file(own, self.effects))
         for name, export in ((Answer.MJCF, to_mjcf), (Answer.URDF, to_urdf)):
             try:
@@ -353,7 +352,7 @@ def main(arguments: Sequence[str]) -> int:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)
             for own in session.state.own:
-                OwnEffect(**own).register()
+                own.register()
             work = Work(session, number, progress, effects)
             work.run()
             if "--next" in arguments:
