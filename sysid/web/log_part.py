@@ -16,7 +16,7 @@ from dash import dcc, html
 
 from sysid.cli.commands import read_log
 from sysid.cli.starting_model import begun
-from sysid.data.column_names import likely_columns, named_columns, wanted_columns
+from sysid.data.columns import likely_columns, named_columns, wanted_columns
 from sysid.data.log_files import sources
 from sysid.data.record import Record, in_a_row
 from sysid.data.splitting import split
