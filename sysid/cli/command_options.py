@@ -108,14 +108,19 @@ class OnLog:
 
 
 @dataclass(frozen=True)
-class FitCommand(OnLog):
-    """The plant's parameters with intervals, the noise found, and what cannot be told apart."""
+class EndsInModel(OnLog):
+    """What every command is told whose answer holds a model."""
 
     out: Output = None
-    """Write the fitted model here, as model.json."""
+    """Write the model here, as model.json."""
 
     json: File = None
-    """Write the numbers here."""
+    """Write the answer here."""
+
+
+@dataclass(frozen=True)
+class FitCommand(EndsInModel):
+    """The plant's parameters with intervals, the noise found, and what cannot be told apart."""
 
 
 @dataclass(frozen=True)
@@ -136,14 +141,8 @@ class CompareCommand(OnLog):
 
 
 @dataclass(frozen=True)
-class DiagnoseCommand(OnLog):
+class DiagnoseCommand(EndsInModel):
     """Which physical effects the model lacks, with the evidence. Begins with the plain plant, or with --model."""
-
-    out: Output = None
-    """Write the mended model here, as model.json."""
-
-    json: File = None
-    """Write the answer here, as schema gapfinder/diagnosis/1."""
 
     html: File = None
     """Write a report here that opens offline."""
@@ -165,14 +164,8 @@ class OfEffect:
 
 
 @dataclass(frozen=True)
-class AddCommand(OnLog, OfEffect):
+class AddCommand(EndsInModel, OfEffect):
     """Add one effect: the error before and after."""
-
-    out: Output = None
-    """Write the better model here, as model.json."""
-
-    json: File = None
-    """Write the numbers here."""
 
 
 @dataclass(frozen=True)
