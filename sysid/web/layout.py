@@ -26,12 +26,6 @@ NOTHING = {
     "take": "Here the mended model waits to be taken along.",
     "train": "",
 }
-MEASURE = (
-    "Shares and sizes of the missing torque are those of its part that is slower than 0.4 s, over the whole log: what "
-    "is faster hardly moves a prediction. Where it fails, the likeliest torque is drawn with all that is fast in it, "
-    "and its sentence is about what no fit has seen."
-)
-"""Why the size of what is missing is not the same in two places."""
 FIRST = 3
 """Rows that are shown at once."""
 PLOT = {"displaylogo": False, "responsive": True, "plotlyServerURL": "",
@@ -148,7 +142,6 @@ def effects(found: Mapping[str, Any], error: float | None, live: bool) -> list[A
         *folded(f"{len(ruled_out)} effects are ruled out above a size", ruled_out),
         *folded(f"{len(others)} others promise less", others),
         *folded("What this motion cannot tell apart", [", ".join(group) for group in found["not_identifiable"]]),
-        html.Details([html.Summary("How the missing torque is measured"), html.P(MEASURE, className="quiet")]),
     ]  # fmt: skip
 
 

@@ -51,22 +51,13 @@ def _link(session: Session, node: int, file: Answer) -> list[Any]:
 
 
 def _lines(session: Session, at: int) -> list[Any]:
-    """Python that does the same, and the model as an environment for agents."""
+    """Python that does the same."""
     state = session.state
-    begun, found = session.read(state.path(at)[0], Answer.BEGUN), session.read(at, Answer.FAILS)
-    if begun is None:
+    if (begun := session.read(state.path(at)[0], Answer.BEGUN)) is None:
         return []
     lines = script(state, begun, at, [own.source() for own in state.own_effects(at)])
     copied = [dcc.Clipboard(target_id="lines", className="copy"), html.Pre(lines, id="lines")]
-    details = [html.Details([html.Summary("The same in Python"), *copied])]
-    if found is None or _no_policy(found):
-        return details
-    load = 'sysid.load_effects("own_effects.py")\n' if session.has(at, Answer.OWN_EFFECTS) else ""
-    environment = (
-        f'{load}gymnasium.make("policies:gapfinder/Pendulum-v0", model="model.json", u_max={_limit(found)})'
-        f"  # u_max: the largest command [{found['command_unit']}]"
-    )
-    return [*details, html.Details([html.Summary("As a Gymnasium environment"), html.Pre(environment)])]
+    return [html.Details([html.Summary("The same in Python"), *copied])]
 
 
 # ---- training --------------------------------------------------------------------------------------------------------
