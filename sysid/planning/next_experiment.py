@@ -287,10 +287,13 @@ def _lowering(cost: Array, known: Estimate, conditions: Conditions, rng: np.rand
 
 
 def _played(pool: Pool, told: str, **answer: Any) -> Experiment:
-    """The experiment of a pool's signals, each a rollout, and what is told of it."""
+    """The experiment of a pool's signals, each a rollout, as its first hypothesis foresees it; what is told of it."""
     plant, seconds, many = pool.model.plant, pool.conditions.limits.duration, len(pool.signals) > 1
     kinds = {s.kind for s in pool.signals}
     orders = "; ".join(dict.fromkeys(s.sentence(plant) for s in pool.signals))
     what = f"{len(pool.signals)} rollouts of {seconds:g} s: {orders}" if many else f"{orders}, for {seconds:g} s"
     kind = kinds.pop() if len(kinds) == 1 else "mixed"
-    return Experiment.played(pool.model, pool.u, pool.states, kind=kind, description=f"{what}: {told}.", **answer)
+    theta, theta_dot = np.moveaxis(pool.states[0], -1, 0)
+    reach = float(np.max(np.abs(pool.states[..., 0] - pool.rest)))
+    motion = {"u": pool.u, "dt": pool.model.dt, "theta": theta, "theta_dot": theta_dot, "reach": reach}
+    return Experiment(kind, f"{what}: {told}.", unit=plant.unit("rad"), **motion, **answer)

@@ -12,9 +12,7 @@ import numpy as np
 from sysid.data.files import save_csv
 from sysid.data.json_file import plain
 from sysid.errors import InvalidInput
-from sysid.physics.model import Model
 from sysid.physics.ops import Array
-from sysid.planning.signals import rest_angle
 
 SCHEMA = "gapfinder/experiment/1"
 SHOWN = (
@@ -88,14 +86,6 @@ class Experiment:
     contests: tuple[Contest, ...] = ()
     unit: str = "rad"
     information: Array = field(default_factory=lambda: np.zeros((0, 0)))
-
-    @classmethod
-    def played(cls, model: Model, u: Array, states: Array, **answer: Any) -> Experiment:
-        """An experiment of torques u (n, N) with the motions (H, n, N+1, 2) that H hypotheses foresee, the first's."""
-        theta, theta_dot = np.moveaxis(states[0], -1, 0)
-        reach = float(np.max(np.abs(states[..., 0] - rest_angle(model))))
-        unit = model.plant.unit("rad")
-        return cls(u=u, dt=model.dt, theta=theta, theta_dot=theta_dot, reach=reach, unit=unit, **answer)
 
     @property
     def start(self) -> Array:
