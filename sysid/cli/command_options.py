@@ -224,9 +224,6 @@ class ExportCommand:
     to: Annotated[Path, arg(metavar="FILE")]
     """Write it here: .xml is MJCF, .urdf is URDF."""
 
-    format: Annotated[Literal["mjcf", "urdf"] | None, shown(default="by the ending of --to")] = None
-    """The language, where the ending does not say it."""
-
     into: File = None
     """An MJCF file of your own: what is written is that file, with other numbers at one joint and its actuator."""
 

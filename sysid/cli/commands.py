@@ -163,15 +163,14 @@ def _(command: ExportCommand) -> None:
     from sysid.export.mjcf import to_mjcf
     from sysid.export.urdf import to_urdf
 
-    endings, ending = {".xml": "mjcf", ".urdf": "urdf"}, command.to.suffix.lower()
-    language = command.format or endings.get(ending)
-    if language is None:
-        raise InvalidInput(f"{command.to.name} ends with none of {', '.join(endings)}: expected one, or --format")
-    if language == "urdf" and command.into is not None:
+    urdf = command.to.suffix.lower() == ".urdf"
+    if not urdf and command.to.suffix.lower() != ".xml":
+        raise InvalidInput(f"{command.to.name} is neither MJCF nor URDF: expected a name that ends with .xml or .urdf")
+    if urdf and command.into is not None:
         raise InvalidInput(f"--into changes a file of MJCF: expected --to FILE.xml, not {command.to.name}")
     check_outputs([command.model, command.into], [command.to, command.json], command.force)
     model, joint = load_model(command.model), command.joint
-    exported = to_urdf(model, joint) if language == "urdf" else to_mjcf(model, joint, command.into)
+    exported = to_urdf(model, joint) if urdf else to_mjcf(model, joint, command.into)
     for sentence in exported.sentences:
         logger.info(sentence)
     write_json(command.json, exported.to_dict)

@@ -336,20 +336,15 @@ def folder(tmp_path_factory):
     return path
 
 
-def test_the_ending_or_the_option_says_the_language(folder, tmp_path, capsys):
-    for to, options, root in (
-        ("arm.xml", [], "mujoco"),
-        ("arm.urdf", [], "robot"),
-        ("arm", ["--format", "urdf"], "robot"),
-    ):
-        assert main(["export", str(folder / "model.json"), "--to", str(tmp_path / to), *options]) == 0
+def test_the_ending_says_the_language(folder, tmp_path, capsys):
+    for to, root in (("arm.xml", "mujoco"), ("arm.urdf", "robot")):
+        assert main(["export", str(folder / "model.json"), "--to", str(tmp_path / to)]) == 0
         assert ElementTree.parse(tmp_path / to).getroot().tag == root
         assert "drag (c = 0.01 N m s^2/rad^2) is not in the file" in capsys.readouterr().out
     words = ["export", str(folder / "model.json"), "--to"]
     for more, message in (
-        ([str(tmp_path / "arm.txt")], "arm.txt ends with none of .xml, .urdf: expected one, or --format"),
+        ([str(tmp_path / "arm.txt")], "arm.txt is neither MJCF nor URDF: expected a name that ends with .xml or .urdf"),
         ([str(tmp_path / "arm.xml")], "arm.xml is there already: expected another name, or --force"),
-        ([str(folder / "model.json"), "--format", "mjcf", "--force"], "model.json is read by this command"),
         ([str(tmp_path / "no.urdf"), "--into", str(tmp_path / "arm.xml")], "--into changes a file of MJCF"),
     ):
         assert main([*words, *more]) == 2
