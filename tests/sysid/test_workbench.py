@@ -319,13 +319,12 @@ def test_the_lines_repeat_every_click(walked: tuple[Workbench, Session], tmp_pat
 
 
 @pytest.mark.long
-def test_the_report_tells_the_way_that_was_gone(walked: tuple[Workbench, Session]) -> None:
+def test_the_report_is_that_of_the_model_that_is_looked_at(walked: tuple[Workbench, Session]) -> None:
     _, session = walked
-    text = (session.of(1) / Answer.REPORT).read_text()
-    assert "missing" in text
-    assert "coulomb" in text
-    before = session.read(0, Answer.FAILS)["ratio"]
-    assert f"{before:.2f}" in text
+    before, after = ((session.of(k) / Answer.REPORT).read_text() for k in (0, 1))
+    assert f"{session.read(0, Answer.FAILS)['ratio']:.2f}" in before
+    assert "lacks nothing that matters" in after
+    assert "coulomb.tau_c" in after
 
 
 @pytest.mark.long
