@@ -73,6 +73,12 @@ class LogOptions:
     """A file with these options (columns, zero, from, ...) and plant as keys; what is given here overrides it. By
     default log.toml in the log's folder, where there is one ("none": none)."""
 
+    def reading(self) -> dict[str, Any]:
+        """What `sysid.read` is told of these options, by its own names, where they say something."""
+        names = ("columns", "zero", "flip_torque", "degrees", "begin", "end", "dt", "time_unit", "joint")
+        given = {name: getattr(self, name) for name in names} | {"command": self.input}
+        return {name: value for name, value in given.items() if not (value is None or value is False or value == "")}
+
 
 @dataclass(frozen=True)
 class ModelOptions:

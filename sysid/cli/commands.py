@@ -248,20 +248,7 @@ class LogAndModel:
 
 def read_log(options: LogOptions, model: Model) -> Log:
     """The log as the options say, for a model of what it is of."""
-    return read(
-        *options.files,
-        columns=options.columns or None,
-        zero=options.zero or "upright",
-        flip_torque=options.flip_torque,
-        degrees=options.degrees,
-        begin=options.begin,
-        end=options.end,
-        dt=options.dt,
-        time_unit=options.time_unit,
-        plant=model.plant,
-        command=command_of(model),
-        joint=options.joint,
-    )
+    return read(*options.files, **{**options.reading(), "plant": model.plant, "command": command_of(model)})
 
 
 # ---- noise -----------------------------------------------------------------------------------------------------------
