@@ -147,7 +147,7 @@ def over_time(
             axes.axvline(0.5 * (ends[-1][1] + t[0]), color="0.85", linewidth=0.8)
         ends.append((t[0], t[-1]))
     if len(names) <= 4:
-        room = 30 // len(names)
+        room = 40 // len(names)
         begins = [f"from {r.t[0]:.3g} s" for r in torque.records]  # tells the parts of one rollout apart
         long = max(map(len, names)) > room and len(set(begins)) == len(names)
         axes.set_xticks(np.mean(ends, axis=1), begins if long else [style.short(n, room) for n in names])
