@@ -73,6 +73,12 @@ class LogOptions:
     """A file with these options (columns, zero, from, ...) and plant as keys; what is given here overrides it. By
     default log.toml in the log's folder, where there is one ("none": none)."""
 
+    def reading(self) -> dict[str, Any]:
+        """What `sysid.read` is told of these options, by its own names, where they say something."""
+        names = ("columns", "zero", "flip_torque", "degrees", "begin", "end", "dt", "time_unit", "joint")
+        given = {name: getattr(self, name) for name in names} | {"command": self.input}
+        return {name: value for name, value in given.items() if not (value is None or value is False or value == "")}
+
 
 @dataclass(frozen=True)
 class ModelOptions:
@@ -108,14 +114,19 @@ class OnLog:
 
 
 @dataclass(frozen=True)
-class FitCommand(OnLog):
-    """The plant's parameters with intervals, the noise found, and what cannot be told apart."""
+class EndsInModel(OnLog):
+    """What every command is told whose answer holds a model."""
 
     out: Output = None
-    """Write the fitted model here, as model.json."""
+    """Write the model here, as model.json."""
 
     json: File = None
-    """Write the numbers here."""
+    """Write the answer here."""
+
+
+@dataclass(frozen=True)
+class FitCommand(EndsInModel):
+    """The plant's parameters with intervals, the noise found, and what cannot be told apart."""
 
 
 @dataclass(frozen=True)
@@ -136,14 +147,8 @@ class CompareCommand(OnLog):
 
 
 @dataclass(frozen=True)
-class DiagnoseCommand(OnLog):
+class DiagnoseCommand(EndsInModel):
     """Which physical effects the model lacks, with the evidence. Begins with the plain plant, or with --model."""
-
-    out: Output = None
-    """Write the mended model here, as model.json."""
-
-    json: File = None
-    """Write the answer here, as schema gapfinder/diagnosis/1."""
 
     html: File = None
     """Write a report here that opens offline."""
@@ -165,14 +170,8 @@ class OfEffect:
 
 
 @dataclass(frozen=True)
-class AddCommand(OnLog, OfEffect):
+class AddCommand(EndsInModel, OfEffect):
     """Add one effect: the error before and after."""
-
-    out: Output = None
-    """Write the better model here, as model.json."""
-
-    json: File = None
-    """Write the numbers here."""
 
 
 @dataclass(frozen=True)
@@ -196,9 +195,6 @@ class ExperimentCommand(OnLog):
 
     theta_dot_max: Annotated[float | None, shown("SPEED", "any", "speed")] = None
     """Largest speed [rad/s], of an axis [m/s]."""
-
-    payload: Annotated[tuple[float, float] | None, shown("MASS DISTANCE")] = None
-    """A known weight that can be hung on: its mass [kg], and its distance from the axis [m]."""
 
     out: Output = None
     """Write what the rig plays here, as CSV with columns rollout, t [s], torque [N m] (of an axis [N])."""
@@ -233,9 +229,6 @@ class ExportCommand:
 
     to: Annotated[Path, arg(metavar="FILE")]
     """Write it here: .xml is MJCF, .urdf is URDF."""
-
-    format: Annotated[Literal["mjcf", "urdf"] | None, shown(default="by the ending of --to")] = None
-    """The language, where the ending does not say it."""
 
     into: File = None
     """An MJCF file of your own: what is written is that file, with other numbers at one joint and its actuator."""

@@ -163,15 +163,14 @@ def _(command: ExportCommand) -> None:
     from sysid.export.mjcf import to_mjcf
     from sysid.export.urdf import to_urdf
 
-    endings, ending = {".xml": "mjcf", ".urdf": "urdf"}, command.to.suffix.lower()
-    language = command.format or endings.get(ending)
-    if language is None:
-        raise InvalidInput(f"{command.to.name} ends with none of {', '.join(endings)}: expected one, or --format")
-    if language == "urdf" and command.into is not None:
+    urdf = command.to.suffix.lower() == ".urdf"
+    if not urdf and command.to.suffix.lower() != ".xml":
+        raise InvalidInput(f"{command.to.name} is neither MJCF nor URDF: expected a name that ends with .xml or .urdf")
+    if urdf and command.into is not None:
         raise InvalidInput(f"--into changes a file of MJCF: expected --to FILE.xml, not {command.to.name}")
     check_outputs([command.model, command.into], [command.to, command.json], command.force)
     model, joint = load_model(command.model), command.joint
-    exported = to_urdf(model, joint) if language == "urdf" else to_mjcf(model, joint, command.into)
+    exported = to_urdf(model, joint) if urdf else to_mjcf(model, joint, command.into)
     for sentence in exported.sentences:
         logger.info(sentence)
     write_json(command.json, exported.to_dict)
@@ -249,20 +248,7 @@ class LogAndModel:
 
 def read_log(options: LogOptions, model: Model) -> Log:
     """The log as the options say, for a model of what it is of."""
-    return read(
-        *options.files,
-        columns=options.columns or None,
-        zero=options.zero or "upright",
-        flip_torque=options.flip_torque,
-        degrees=options.degrees,
-        begin=options.begin,
-        end=options.end,
-        dt=options.dt,
-        time_unit=options.time_unit,
-        plant=model.plant,
-        command=command_of(model),
-        joint=options.joint,
-    )
+    return read(*options.files, **{**options.reading(), "plant": model.plant, "command": command_of(model)})
 
 
 # ---- noise -----------------------------------------------------------------------------------------------------------
@@ -295,7 +281,7 @@ def _limits(options: ExperimentCommand, log: Log, model: Model) -> Limits:
     """What the log has done, where the user says nothing else."""
     from sysid.planning.next_experiment import limits_of
 
-    names = ("u_max", "duration", "rollouts", "theta_max", "theta_dot_max", "payload")
+    names = ("u_max", "duration", "rollouts", "theta_max", "theta_dot_max")
     given: dict[str, Any] = {n: getattr(options, n) for n in names if getattr(options, n) is not None}
     if np.any([np.any(record.u != 0.0) for record in log]):
         return dataclasses.replace(limits_of(log, model), **given)

@@ -7,7 +7,6 @@ and the columns' bytes; when it has ended, or takes too long, the file is refuse
 
 from __future__ import annotations
 
-import atexit
 import json
 import os
 import subprocess
@@ -71,15 +70,9 @@ class Reader:
             late.cancel()
 
     def end(self) -> None:
-        """End the process, and leave nothing of it; its owner alone may."""
-        if self.owner != os.getpid():
-            return
-        self.process.kill()
-        self.process.wait()
-        for pipe in (self.process.stdin, self.process.stdout):
-            with suppress(OSError):
-                assert pipe
-                pipe.close()
+        """End the process, and leave nothing of it."""
+        with suppress(OSError), self.process:
+            self.process.kill()
 
 
 _reader: Reader | None = None
@@ -94,8 +87,7 @@ def read_guarded(kind: str, path: Path, columns: Mapping[str, str] | None = None
     global _reader  # noqa: PLW0603 - the process is started once
     with _lock:
         if _reader is None or not _reader.ready:
-            _reader = Reader()
-            atexit.register(_reader.end)
+            _reader = Reader()  # which ends with its input, as this program does
         question = {"kind": kind, "path": os.fspath(path.absolute()), "columns": columns, "joint": joint}
         try:
             answer = _reader.ask(question)

@@ -11,12 +11,10 @@ from typing import Any, Literal, get_args, overload
 import numpy as np
 
 from sysid.data import checks, log_files, resampling
-from sysid.data.column_names import chosen_columns, wanted_columns
+from sysid.data.columns import TimeUnit, chosen_columns, in_seconds, wanted_columns, with_signs
 from sysid.data.record import Record, amount_of
 from sysid.data.resampling import Rows
 from sysid.data.table import Table, TimeWindow
-from sysid.data.time_unit import TimeUnit, in_seconds
-from sysid.data.unsigned import with_signs
 from sysid.errors import InvalidInput
 from sysid.limits import LOG_ROWS, RAW_ROWS
 from sysid.physics.plants import Plant

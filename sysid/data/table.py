@@ -63,6 +63,11 @@ def rows_of(name: str, columns: Mapping[str, Array], window: TimeWindow) -> Tabl
             table[title] = np.append(values, math.nan)
         elif len(values) != rows:
             raise InvalidInput(f"{name} is ragged: {title} has {len(values)} values, t has {rows}")
+    return cropped(name, table, window)
+
+
+def cropped(name: str, table: Mapping[str, Array], window: TimeWindow) -> Table:
+    """The rows of a table inside a window, and those without a time."""
     inside = ~((table["t"] < window.begin) | (table["t"] > window.end))
     check_kept(name, int(inside.sum()), inside.size, window.most)
     return {title: values[inside] for title, values in table.items()}

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Container
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
-from xml.parsers import expat
 
 from sysid.data.files import read_file, save_file
 from sysid.diagnosis.findings import spaced_unit
@@ -16,8 +16,8 @@ from sysid.errors import InvalidInput, printable
 from sysid.physics.effects.effect import Effect, OutputEffect
 from sysid.physics.model import Model
 
-DEEPEST = 200
-"""Elements within each other in a file."""
+PROLOG = re.compile(r"(?:\s|<\?.*?\?>|<!--.*?-->)*", re.DOTALL)
+"""What may stand before a root."""
 
 
 @dataclass(frozen=True)
@@ -78,43 +78,21 @@ def text_of(root: ElementTree.Element) -> str:
     return ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
-def parsed_xml(path: Path) -> tuple[str, ElementTree.Element, str]:
-    """A user's XML file: what stands before its root, the root with its comments, and what stands behind it.
+def parsed_xml(path: Path) -> tuple[str, ElementTree.Element]:
+    """A user's XML file: what stands before its root, and the root with its comments.
 
     Raises InvalidInput for a file that cannot be read, is no XML, or declares a document type: entities expand.
     """
     content = read_file(path, "an XML file")
     try:
-        begin, end = _root(path, content)
+        text = content.decode("utf-8-sig")
+        if "<!DOCTYPE" in text:
+            raise InvalidInput(f"{path.name} declares a document type (DOCTYPE): expected XML without one")
         builder = ElementTree.TreeBuilder(insert_comments=True)
-        root = ElementTree.fromstring(content.decode("utf-8-sig"), ElementTree.XMLParser(target=builder))
-        return content[:begin].decode("utf-8-sig"), root, content[end:].decode()
+        root = ElementTree.fromstring(text, ElementTree.XMLParser(target=builder))
     except InvalidInput:
         raise
-    except (expat.ExpatError, ElementTree.ParseError, ValueError) as error:
+    except (ElementTree.ParseError, ValueError) as error:
         raise InvalidInput(f"{path.name} is not XML in UTF-8: {printable(str(error), 100)}") from None
-
-
-def _root(path: Path, content: bytes) -> tuple[int, int]:
-    """Where the root begins and ends; raises InvalidInput for what may cost more than it is."""
-    parser, depth, span = expat.ParserCreate(), 0, [0, 0]
-
-    def refuse(*_: Any) -> None:
-        raise InvalidInput(f"{path.name} declares a document type (DOCTYPE): expected XML without one")
-
-    def enter(*_: Any) -> None:
-        nonlocal depth
-        span[0] = span[0] if depth else parser.CurrentByteIndex
-        depth += 1
-        if depth > DEEPEST:
-            raise InvalidInput(f"{path.name} has more than {DEEPEST} elements within each other")
-
-    def leave(*_: Any) -> None:
-        nonlocal depth
-        depth -= 1
-        at = parser.CurrentByteIndex
-        span[1] = content.index(b">", at) + 1 if content[at : at + 2] == b"</" else at
-
-    parser.StartDoctypeDeclHandler, parser.StartElementHandler, parser.EndElementHandler = refuse, enter, leave
-    parser.Parse(content, True)
-    return span[0], span[1]
+    before = PROLOG.match(text)
+    return before[0] if before else "", root

@@ -153,7 +153,7 @@ def _of_delay(own: Mechanism, step: float, early: float) -> dict[str, str]:
 
 def _changed(own: Mechanism, joint: str, path: Path) -> tuple[str, float, list[str]]:
     """The user's file with the joint's and its actuator's numbers, its step [s], and what that leaves out."""
-    before, root, behind = parsed_xml(path)
+    before, root = parsed_xml(path)
     if root.tag != "mujoco":
         raise InvalidInput(f"{path.name} is a file of <{root.tag}>: expected MJCF, whose root is <mujoco>")
     named = {e.get("name", ""): e for e in root.iter("joint") if e.get("name") and e.get("joint") is None}
@@ -175,7 +175,10 @@ def _changed(own: Mechanism, joint: str, path: Path) -> tuple[str, float, list[s
     drives = [e for group in root.iter("actuator") for e in group if e.get("joint") == joint]
     early = 0.5 * any(e.get("integrator") == "RK4" for e in root.iter("option"))
     said = [*_kept(own), *_driven(own, drives, step, early, inherited)]
-    return before + tostring(root, encoding="unicode") + behind, step, said
+    try:
+        return f"{before}{tostring(root, encoding='unicode')}\n", step, said
+    except RecursionError:
+        raise InvalidInput(f"{path.name} has too many elements within each other") from None
 
 
 def _kept(own: Mechanism) -> Iterator[str]:

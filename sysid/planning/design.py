@@ -24,7 +24,7 @@ from sysid.physics.model import Model
 from sysid.physics.ops import Array
 from sysid.physics.plants import Plant
 from sysid.planning.evidence import Normal, Sensitivities
-from sysid.planning.signals import Limits, Signal, random_signals, rest_angle, vary, within
+from sysid.planning.signals import Limits, Signal, random_signals, rest_angle, vary
 
 KNOWN = Settings(sizes=False, vague=math.inf)
 """For a fit beside disturbances that are known, which knows nothing of the parameters."""
@@ -216,8 +216,8 @@ def predict(model: Model, signals: Sequence[Signal], conditions: Conditions) -> 
 
 def within_limits(hypotheses: Sequence[Hypothesis], signals: Sequence[Signal], conditions: Conditions) -> list[Signal]:
     """The signals, each made smaller until torque and predicted motion keep to the limits."""
-    limits, dt = conditions.limits, hypotheses[0].model.dt
-    found = [within(s, limits, round(limits.duration / dt), dt) for s in signals]
+    limits = conditions.limits
+    found = [replace(s, amplitude=min(s.amplitude, limits.u_max)) for s in signals]
     if limits.theta_max is None and limits.theta_dot_max is None:
         return found
     waiting = list(range(len(found)))

@@ -106,7 +106,7 @@ def next_experiment(
                 return _lowering(cost, known, conditions, rng)
             return _narrowing(known.model if known else model, names, known, conditions, rng)
         if never(names_of(rivals)):
-            return non_torque_experiment(model, names_of(rivals), conditions, rng)
+            return non_torque_experiment(model, names_of(rivals))
         near = partial(fit_parameters, settings=ROUGHLY)  # where an estimate says where to begin
         first = first_fit if estimate is None else near
         return _telling(hypotheses_of(model, names, rivals, records, conditions, first), names_of(rivals), rng)
@@ -155,7 +155,7 @@ def _limits(limits: Limits | None, model: Model, records: Sequence[Record]) -> L
         raise InvalidInput(
             f"limits: u_max = {limits.u_max:g} {unit} is beyond the model's own limit of {model.u_max:g} {unit}"
         )
-    n = limits.duration / (limits.dt or model.dt)
+    n = limits.duration / model.dt
     if round(min(n, 8.0)) < 8:
         raise InvalidInput(f"limits: {limits.duration:g} s hold {n:.3g} samples: expected at least 8")
     check_size("limits: rollouts =", limits.rollouts, PLANNED_ROLLOUTS)
@@ -183,21 +183,16 @@ def limits_of(records: Sequence[Record], model: Model) -> Limits:
     )
 
 
-def _at(h: Hypothesis, dt: float | None) -> Hypothesis:
-    return h if dt is None else dataclasses.replace(h, model=dataclasses.replace(h.model, dt=dt))
-
-
 # ---- telling rivals apart --------------------------------------------------------------------------------------------
 
 
 def _telling(found: Hypotheses, names: tuple[str, ...], rng: np.random.Generator) -> Experiment:
-    conditions, dt = found.conditions, found.conditions.limits.dt
+    hypotheses, conditions = found.hypotheses, found.conditions
     if found.absorbed:
-        return non_torque_experiment(found.hypotheses[-1].model, found.absorbed, conditions, rng)
-    hypotheses = tuple(_at(h, dt) for h in found.hypotheses)
+        return non_torque_experiment(hypotheses[-1].model, found.absorbed)
     apart = separable(hypotheses, found.contests, conditions, rng)
     if not apart:
-        return non_torque_experiment(hypotheses[0].model, names, conditions, rng)
+        return non_torque_experiment(hypotheses[0].model, names)
     same = indistinguishable(found.contests, apart)
     asked = tuple(c for c in apart if c.truth not in same and c.rival not in same)
     notes = [f"no torque tells {one} from {other}" for one, other in same.items()]
@@ -206,8 +201,7 @@ def _telling(found: Hypotheses, names: tuple[str, ...], rng: np.random.Generator
     hopeless = {(c.truth, c.rival) for c in contests if c.after < HOPELESS}
     others = tuple(c for c in asked if (c.truth, c.rival) not in hopeless)
     if not others:
-        after = min(c.after for c in contests)
-        return non_torque_experiment(hypotheses[0].model, names, conditions, rng, after)
+        return non_torque_experiment(hypotheses[0].model, names, min(c.after for c in contests))
     if hopeless:  # they must not choose the signal for the others
         pool = _best(hypotheses, others, conditions, rng)
         contests = contested(pool, others)
@@ -263,12 +257,11 @@ def _narrowing(
     rng: np.random.Generator,
 ) -> Experiment:
     scale = yardsticks(model, names)
-    hypotheses = [_at(Hypothesis("model", model, names), conditions.limits.dt)]
-    pool = search(precision(scale), hypotheses, conditions, rng)[0]
+    pool = search(precision(scale), [Hypothesis("model", model, names)], conditions, rng)[0]
     sd = pool.precision().together().sd()[0]
     if np.max(sd / scale) >= UNDETERMINED:
         lost = tuple(n for n, s in zip(names, sd, strict=True) if not math.isfinite(s))
-        return non_torque_experiment(model, lost, conditions, rng)
+        return non_torque_experiment(model, lost)
     had = sd if estimate is None else np.array([estimate.sd[n] for n in names])
     k = int(np.argmax(had / scale))
     before = 1.96 * float(had[k]) if estimate is not None and math.isfinite(had[k]) else None
@@ -286,8 +279,7 @@ def _narrowing(
 
 def _lowering(cost: Array, known: Estimate, conditions: Conditions, rng: np.random.Generator) -> Experiment:
     names, goal = known.names, expected_cost(cost, known.covariance)
-    hypotheses = [_at(Hypothesis("model", known.model, names), conditions.limits.dt)]
-    pool = search(goal, hypotheses, conditions, rng)[0]
+    pool = search(goal, [Hypothesis("model", known.model, names)], conditions, rng)[0]
     told = pool.precision().together()
     before, after = float(np.trace(cost @ known.covariance)), -float(goal.value([told])[0])
     sentence = f"it lowers what the errors of {', '.join(names)} are expected to cost from {before:.2g} to {after:.2g}"
@@ -295,10 +287,13 @@ def _lowering(cost: Array, known: Estimate, conditions: Conditions, rng: np.rand
 
 
 def _played(pool: Pool, told: str, **answer: Any) -> Experiment:
-    """The experiment of a pool's signals, each a rollout, and what is told of it."""
+    """The experiment of a pool's signals, each a rollout, as its first hypothesis foresees it; what is told of it."""
     plant, seconds, many = pool.model.plant, pool.conditions.limits.duration, len(pool.signals) > 1
     kinds = {s.kind for s in pool.signals}
     orders = "; ".join(dict.fromkeys(s.sentence(plant) for s in pool.signals))
     what = f"{len(pool.signals)} rollouts of {seconds:g} s: {orders}" if many else f"{orders}, for {seconds:g} s"
     kind = kinds.pop() if len(kinds) == 1 else "mixed"
-    return Experiment.played(pool.model, pool.u, pool.states, kind=kind, description=f"{what}: {told}.", **answer)
+    theta, theta_dot = np.moveaxis(pool.states[0], -1, 0)
+    reach = float(np.max(np.abs(pool.states[..., 0] - pool.rest)))
+    motion = {"u": pool.u, "dt": pool.model.dt, "theta": theta, "theta_dot": theta_dot, "reach": reach}
+    return Experiment(kind, f"{what}: {told}.", unit=plant.unit("rad"), **motion, **answer)

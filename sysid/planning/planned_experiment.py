@@ -12,14 +12,12 @@ import numpy as np
 from sysid.data.files import save_csv
 from sysid.data.json_file import plain
 from sysid.errors import InvalidInput
-from sysid.physics.model import Model
 from sysid.physics.ops import Array
-from sysid.planning.signals import rest_angle
 
 SCHEMA = "gapfinder/experiment/1"
 SHOWN = (
     *("kind", "description", "separates", "measure", "widest", "before", "after", "gain", "seconds", "repeats"),
-    *("start", "reach", "speed", "contests", "payload"),
+    *("start", "reach", "speed", "contests"),
 )
 """What plain data show of an experiment as it is."""
 DECISIVE = 16.0
@@ -44,8 +42,8 @@ class Experiment:
     Attributes
     ----------
     kind : str
-        "steps", "bang-bang", "chirp", "multisine", "free swing" or, for several of them, "mixed"; "payload", "driver
-        off"; "none": nothing that is played helps, or nothing tells more than the log at hand.
+        "steps", "bang-bang", "chirp", "multisine", "free swing" or, for several of them, "mixed"; "none": nothing that
+        is played helps (the sentence says what does), or nothing tells more than the log at hand.
     description : str
         One sentence.
     separates : tuple of str
@@ -65,8 +63,6 @@ class Experiment:
         The predicted motion [rad], [rad/s]; a rollout starts at rest at theta[:, 0].
     reach : float
         Its farthest way from rest [rad].
-    payload : tuple of float or None
-        The mass [kg] and the distance from the axis [m] of what hangs on the joint in the second half of the rollouts.
     contests : tuple of Contest
         The evidence pair by pair; before and after are the least of it.
     unit : str
@@ -87,18 +83,9 @@ class Experiment:
     theta_dot: Array = field(default_factory=lambda: np.zeros((0, 1)))
     reach: float = 0.0
     widest: str | None = None
-    payload: tuple[float, float] | None = None
     contests: tuple[Contest, ...] = ()
     unit: str = "rad"
     information: Array = field(default_factory=lambda: np.zeros((0, 0)))
-
-    @classmethod
-    def played(cls, model: Model, u: Array, states: Array, **answer: Any) -> Experiment:
-        """An experiment of torques u (n, N) with the motions (H, n, N+1, 2) that H hypotheses foresee, the first's."""
-        theta, theta_dot = np.moveaxis(states[0], -1, 0)
-        reach = float(np.max(np.abs(states[..., 0] - rest_angle(model))))
-        unit = model.plant.unit("rad")
-        return cls(u=u, dt=model.dt, theta=theta, theta_dot=theta_dot, reach=reach, unit=unit, **answer)
 
     @property
     def start(self) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -65,11 +65,6 @@ def names_of(rivals: Sequence[str | Effect]) -> tuple[str, ...]:
     return names
 
 
-def without(model: Model, names: Collection[str]) -> Model:
-    """The model without the effects of these names that it has."""
-    return replace(model, effects=tuple(e for e in model.effects if e.name not in names))
-
-
 def hypotheses_of(
     model: Model,
     free: Sequence[str],
@@ -85,7 +80,7 @@ def hypotheses_of(
     """
     names = names_of(rivals)
     sized = {e.name: e for e in (*model.effects, *(r for r in rivals if isinstance(r, Effect))) if e.name in names}
-    bare = without(model, names)
+    bare = replace(model, effects=tuple(e for e in model.effects if e.name not in names))
     base = Hypothesis(NOTHING, bare, tuple(n for n in free if n in bare.parameters))
     if not base.names:
         raise InvalidInput("nothing is free beside the rivals: name at least one parameter of the plant")

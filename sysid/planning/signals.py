@@ -31,16 +31,10 @@ class Limits:
         The length of a rollout [s].
     rollouts : int
         How many rollouts to play.
-    dt : float or None
-        The sample interval [s]; by default the model's.
     start : float
         Farthest from rest that a rollout may be released at [rad]; at 0 there are no free swings.
     theta_max, theta_dot_max : float or None
         Farthest from rest that the predicted motion may go [rad], and its largest speed [rad/s]; None: any.
-    u_rms : float or None
-        The largest rms torque of a rollout [N m], which a motor stands for long; None: any.
-    payload : tuple of float or None
-        The mass [kg] and the distance from the axis [m] of a known weight that can be hung on; None: any.
 
     Raises
     ------
@@ -51,15 +45,12 @@ class Limits:
     u_max: float
     duration: float = 8.0
     rollouts: int = 1
-    dt: float | None = None
     start: float = 1.5
     theta_max: float | None = None
     theta_dot_max: float | None = None
-    u_rms: float | None = None
-    payload: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
-        for name in ("u_max", "duration", "dt", "theta_max", "theta_dot_max", "u_rms"):
+        for name in ("u_max", "duration", "theta_max", "theta_dot_max"):
             value = getattr(self, name)
             if value is not None and not 0.0 < value <= MAGNITUDE:
                 raise InvalidInput(f"limits: {name} = {value}: expected a positive number, at most {MAGNITUDE:g}")
@@ -67,8 +58,6 @@ class Limits:
             raise InvalidInput(f"limits: start = {self.start}: expected 0 ... pi rad from rest")
         if self.rollouts < 1:
             raise InvalidInput(f"limits: rollouts = {self.rollouts}: expected at least 1")
-        if self.payload is not None and not all(math.isfinite(v) and v > 0.0 for v in self.payload):
-            raise InvalidInput(f"limits: payload = {self.payload}: expected (mass [kg], distance [m]), both positive")
 
     @property
     def release(self) -> float:
@@ -130,17 +119,6 @@ class Signal:
             "free swing": f"let it go {abs(self.release):.2g} {plant.unit('rad')} from rest and swing freely",
         }[self.kind]
         return told + (f", torque off after {self.until:.0%} of the time" if self.until < 1.0 else "")
-
-
-def within(signal: Signal, limits: Limits, n: int, dt: float) -> Signal:
-    """The signal with its torque inside u_max and u_rms."""
-    amplitude = min(signal.amplitude, limits.u_max)
-    signal = dataclasses.replace(signal, amplitude=amplitude)
-    if limits.u_rms is not None and signal.kind != "free swing":
-        rms = float(np.sqrt(np.mean(signal.torque(n, dt) ** 2)))
-        if rms > limits.u_rms:
-            signal = dataclasses.replace(signal, amplitude=amplitude * limits.u_rms / rms)
-    return signal
 
 
 def _longest(limits: Limits, dt: float) -> tuple[float, float, float, float]:

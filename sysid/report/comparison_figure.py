@@ -12,29 +12,14 @@ from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from sysid.data.record import in_a_row
+from sysid.data.record import in_a_row, is_part
 from sysid.diagnosis.findings import chance, quantity
-from sysid.report.figure_style import (
-    BLUE,
-    GREEN,
-    LOOK,
-    ORANGE,
-    SIGMA_99,
-    SYMBOL,
-    YELLOW,
-    banded,
-    beyond,
-    label,
-    legend_above,
-    noise_scale,
-    short,
-    state_label,
-    styled,
-)
+from sysid.report import figure_style as style
 from sysid.report.typesetting import typeset_multiple
 
 if TYPE_CHECKING:
     from sysid.diagnosis.compare import Comparison
+    from sysid.diagnosis.contacts import Contact
     from sysid.diagnosis.predictions import Prediction
     from sysid.diagnosis.residual_torque import Binned, ResidualTorque, TorqueMap
 
@@ -53,7 +38,7 @@ def plot_comparison(answer: Comparison) -> Figure:
         Errors by horizon, the torque beyond the model over everything, whiteness, and the worst windows.
     """
     channels, torque = list(answer.one_second.ratios), answer.torque
-    with styled(14.0, 8.1 + 2.1 * len(channels)) as figure:
+    with style.styled(14.0, 8.1 + 2.1 * len(channels)) as figure:
         title = textwrap.fill(answer.sentence, 150).replace("$", r"\$")
         figure.suptitle(title, x=0.01, ha="left", fontsize=11.0)
         parts: Any = figure.subfigures(3, 1, height_ratios=[3.1, 2.6, 1.5 + 2.1 * len(channels)])
@@ -77,13 +62,13 @@ def errors(answer: Comparison, axes: Axes) -> None:
     """The error over windows of every length, in units of the sensor noise."""
     for channel in answer.one_second.ratios:
         ratio = [e.ratios[channel] for e in answer.errors.values()]
-        axes.plot(ratio, label=quantity(channel, answer.units), **LOOK[channel])
+        axes.plot(ratio, label=quantity(channel, answer.units), **style.LOOK[channel])
     axes.set_xticks(range(len(answer.errors)), list(answer.errors))
-    axes.axhline(1.0, color=GREEN, linewidth=1.5, zorder=0, label="the noise: a perfect model")
-    noise_scale(axes)
+    axes.axhline(1.0, color=style.GREEN, linewidth=1.5, zorder=0, label="the noise: a perfect model")
+    style.noise_scale(axes)
     axes.set_xlabel("predicted over (state refitted)")
     axes.set_ylabel("error / sensor noise")
-    legend_above(axes)
+    style.legend_above(axes)
 
 
 def state_maps(found: Sequence[ResidualTorque], panels: Sequence[Axes], titles: Sequence[str]) -> None:
@@ -94,9 +79,9 @@ def state_maps(found: Sequence[ResidualTorque], panels: Sequence[Axes], titles: 
     for own, axes, title in zip(found, panels, titles, strict=True):
         image = _cells(own.map, axes, norm, units)
         axes.set_title(title, fontweight="normal")
-    panels[0].set_ylabel(label("theta_dot", units))
+    panels[0].set_ylabel(style.label("theta_dot", units))
     bar = panels[0].figure.colorbar(image, ax=list(panels), pad=0.02, aspect=25, extend="both")
-    bar.set_label(beyond(units))
+    bar.set_label(style.beyond(units))
     bar.outline.set_visible(False)
     bar.set_ticks(MaxNLocator(5) if reach else [0.0])
 
@@ -108,7 +93,7 @@ def _cells(found: TorqueMap, axes: Axes, norm: TwoSlopeNorm, units: Mapping[str,
     i, j = np.nonzero(found.significant)
     middle = [0.5 * (edges[1:] + edges[:-1]) for edges in (found.theta, found.theta_dot)]
     axes.plot(middle[0][i], middle[1][j], ".", color="0.1", markersize=3.0)
-    axes.set_xlabel(state_label("theta", units))
+    axes.set_xlabel(style.state_label("theta", units))
     return image
 
 
@@ -117,13 +102,13 @@ def binned_torque(
 ) -> None:
     """The mean residual torque over one quantity with its 99 % band, after and before; `mark`: where it peaks."""
     axes.axhline(0.0, color="0.3", linewidth=0.8)
-    for found, colour in ((before, ORANGE), (torque, BLUE)):
+    for found, colour in ((before, style.ORANGE), (torque, style.BLUE)):
         if found is not None:
             mean(axes, found.over(name), colour)
     if mark and torque.present:
-        axes.axvspan(*torque.over(name).peak, color=YELLOW, alpha=0.25, linewidth=0.0, zorder=0)
-    axes.set_xlabel(state_label(name, torque.units))
-    axes.set_ylabel(f"mean {beyond(torque.units)}")
+        axes.axvspan(*torque.over(name).peak, color=style.YELLOW, alpha=0.25, linewidth=0.0, zorder=0)
+    axes.set_xlabel(style.state_label(name, torque.units))
+    axes.set_ylabel(f"mean {style.beyond(torque.units)}")
     axes.xaxis.set_major_locator(MaxNLocator(5))
     axes.yaxis.set_major_locator(MaxNLocator(5))
 
@@ -142,28 +127,40 @@ def draw_over(torque: ResidualTorque, name: str, axes: Axes) -> None:
 def mean(axes: Axes, found: Binned, colour: str) -> None:
     """The mean in each bin that rests on more than a few intervals, with its 99 % band."""
     seen = np.isfinite(found.mean) & (found.count >= 0.002 * found.count.sum())
-    middle, half = 0.5 * (found.edges[1:] + found.edges[:-1])[seen], SIGMA_99 * found.sd[seen]
-    banded(axes, middle, found.mean[seen], half, colour, marker=".", markersize=5.0, linewidth=1.4)
+    middle, half = 0.5 * (found.edges[1:] + found.edges[:-1])[seen], style.SIGMA_99 * found.sd[seen]
+    style.banded(axes, middle, found.mean[seen], half, colour, marker=".", markersize=5.0, linewidth=1.4)
 
 
-def over_time(torque: ResidualTorque, axes: Axes) -> None:
-    """The residual torque with its 99 % band, rollout after rollout."""
+def over_time(
+    torque: ResidualTorque, axes: Axes, before: ResidualTorque | None = None, contacts: Sequence[Contact] = ()
+) -> None:
+    """The residual torque with its 99 % band, rollout after rollout; that of the model before; shaded contacts."""
     axes.axhline(0.0, color="0.3", linewidth=0.8)
     names, ends = [r.name for r in torque.records], list[tuple[float, float]]()
-    for record, begin in zip(torque.records, in_a_row([r.t for r in torque.records]), strict=True):
+    for k, (record, begin) in enumerate(zip(torque.records, in_a_row([r.t for r in torque.records]), strict=True)):
         t = record.t[:-1] - record.t[0] + begin
-        banded(axes, t, record.d, SIGMA_99 * record.sd, BLUE, linewidth=1.0)
+        if before is not None:
+            axes.plot(t, before.records[k].d, color=style.ORANGE, linewidth=0.9, alpha=0.8)
+        style.banded(axes, t, record.d, style.SIGMA_99 * record.sd, style.BLUE, linewidth=1.0)
+        shade(axes, contacts, record.name, begin - record.t[0])
         if ends:
             axes.axvline(0.5 * (ends[-1][1] + t[0]), color="0.85", linewidth=0.8)
         ends.append((t[0], t[-1]))
     if len(names) <= 4:
-        room = 30 // len(names)
+        room = 40 // len(names)
         begins = [f"from {r.t[0]:.3g} s" for r in torque.records]  # tells the parts of one rollout apart
         long = max(map(len, names)) > room and len(set(begins)) == len(names)
-        axes.set_xticks(np.mean(ends, axis=1), begins if long else [short(n, room) for n in names])
+        axes.set_xticks(np.mean(ends, axis=1), begins if long else [style.short(n, room) for n in names])
         axes.tick_params(axis="x", length=0)
     axes.set_xlabel("time, rollout after rollout" + ("" if len(names) <= 4 else " [s]"))
-    axes.set_ylabel(beyond(torque.units))
+    axes.set_ylabel(style.beyond(torque.units))
+
+
+def shade(axes: Axes, contacts: Sequence[Contact], record: str, shift: float = 0.0) -> None:
+    """Where something acted that no state of the joint explains."""
+    for t in contacts:
+        if is_part(t.name, record):
+            axes.axvspan(t.t_begin + shift, t.t_end + shift, color=style.YELLOW, alpha=0.35, linewidth=0.0, zorder=0)
 
 
 def autocorrelation_panel(answer: Comparison, axes: Axes) -> None:
@@ -172,8 +169,8 @@ def autocorrelation_panel(answer: Comparison, axes: Axes) -> None:
     for k, (channel, found) in enumerate(answer.whiteness.items()):
         if k == 0:
             axes.fill_between(found.lags, -found.band, found.band, color="0.88", linewidth=0.0, label="99 % band")
-        said = f"{SYMBOL[answer.units['theta']][channel]}  {chance(found.p_value)}"
-        axes.plot(found.lags, found.correlation, markersize=3.5, label=said, **LOOK[channel])
+        said = f"{style.SYMBOL[answer.units['theta']][channel]}  {chance(found.p_value)}"
+        axes.plot(found.lags, found.correlation, markersize=3.5, label=said, **style.LOOK[channel])
     half = 3.0 * max((float(np.max(found.band)) for found in answer.whiteness.values()), default=0.1)
     low, high = axes.get_ylim()
     axes.set_ylim(min(low, -half), max(high, half))
@@ -181,7 +178,7 @@ def autocorrelation_panel(answer: Comparison, axes: Axes) -> None:
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_ylabel("autocorrelation of the innovations")
     if answer.whiteness:
-        legend_above(axes)
+        style.legend_above(axes)
 
 
 def window_panels(found: Prediction, channels: Sequence[str], panels: Sequence[Axes]) -> None:
@@ -191,11 +188,12 @@ def window_panels(found: Prediction, channels: Sequence[str], panels: Sequence[A
             axes.set_axis_off()
             continue
         axes.plot(found.t, found.readings[channel], ".", color="0.45", markersize=4.0, label="readings")
-        axes.plot(found.t, found.model[channel], color=LOOK[channel]["color"], linewidth=1.6, label="model")
-        axes.set_ylabel(label(channel, found.units))
+        axes.plot(found.t, found.model[channel], color=style.LOOK[channel]["color"], linewidth=1.6, label="model")
+        axes.set_ylabel(style.label(channel, found.units))
     command(found, panels[-1])
-    panels[0].set_title(f"{short(found.record)}: {typeset_multiple(found.ratio)} x the noise", fontweight="normal")
-    panels[-1].set_xlabel(label("time", found.units))
+    title = f"{style.short(found.record)}: {typeset_multiple(found.ratio)} x the noise"
+    panels[0].set_title(title, fontweight="normal")
+    panels[-1].set_xlabel(style.label("time", found.units))
 
 
 def command(found: Prediction, axes: Axes) -> None:

@@ -2,51 +2,33 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import textwrap
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from sysid.data.record import is_part
 from sysid.data.sensor import Sensor
 from sysid.diagnosis.answer import Diagnosis, Step
 from sysid.diagnosis.contacts import Contact
 from sysid.diagnosis.findings import chance
-from sysid.diagnosis.predictions import LONGEST_STRETCH, Prediction
+from sysid.diagnosis.predictions import Prediction
 from sysid.diagnosis.residual_torque import ResidualTorque
 from sysid.report import comparison_figure
-from sysid.report.figure_style import (
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    RASTERIZED_FROM,
-    SIGMA_99,
-    YELLOW,
-    banded,
-    beyond,
-    label,
-    legend_above,
-    noise_scale,
-    short,
-    styled,
-)
+from sysid.report import figure_style as style
 from sysid.report.typesetting import typeset_multiple
 
 WIDE, NARROW = 5.0, 4.2
 """Widths [in]: of a column, and of half of one."""
-BEHIND = {"facecolor": "white", "alpha": 0.6, "edgecolor": "none", "pad": 0.5}
 
 
 def drawn(width: float, height: float, draw: Callable[[Axes], None]) -> Figure:
     """A figure of one panel, in the style of all."""
-    with styled(width, height) as figure:
+    with style.styled(width, height) as figure:
         draw(figure.add_subplot())
     return figure
 
@@ -79,17 +61,17 @@ def fall_in(axes: Axes, answer: Diagnosis) -> None:
         ratios = [w.ratio for w in error.windows if math.isfinite(w.ratio)]
         ratios = ratios[:: max(1, len(ratios) // 200)]
         shift = np.linspace(-0.16, 0.16, len(ratios)) if len(ratios) > 1 else np.zeros(len(ratios))
-        axes.plot(x + shift, ratios, "o", color=GREY, alpha=0.5, markersize=3.5, markeredgewidth=0.0, zorder=1)
-    axes.axhline(1.0, color=GREEN, linewidth=1.6, zorder=2)
-    axes.plot(values, color=BLUE, linewidth=2.2, marker="o", markersize=8.0, markeredgecolor="white", zorder=3)
+        axes.plot(x + shift, ratios, "o", color=style.GREY, alpha=0.5, markersize=3.5, markeredgewidth=0.0, zorder=1)
+    axes.axhline(1.0, color=style.GREEN, linewidth=1.6, zorder=2)
+    axes.plot(values, color=style.BLUE, linewidth=2.2, marker="o", markersize=8.0, markeredgecolor="white", zorder=3)
     for x, value in enumerate(values):
-        axes.annotate(typeset_multiple(value), (x, value), (11, 5), textcoords="offset points", color=BLUE,
+        axes.annotate(typeset_multiple(value), (x, value), (11, 5), textcoords="offset points", color=style.BLUE,
                       fontsize=11.0, fontweight="bold", zorder=4)  # fmt: skip
     axes.set_xlim(-0.45, len(steps) + 0.55)
     side, place = ("left", 0.01) if steps and min(clouds[0].ratio, 2.0) > 1.3 else ("right", 1.0)
     axes.annotate("sensor noise: a perfect model", (place, 1.0), (0, -4), xycoords=axes.get_yaxis_transform(),
-                  textcoords="offset points", ha=side, va="top", color=GREEN, fontsize=8.5)  # fmt: skip
-    noise_scale(axes)
+                  textcoords="offset points", ha=side, va="top", color=style.GREEN, fontsize=8.5)  # fmt: skip
+    style.noise_scale(axes)
     labels = ["model\nas it came", *("+ " + s.effect.replace("_", "\n") for s in steps)]
     axes.set_xticks(range(len(labels)), labels, fontsize=9.0 if len(labels) < 5 else 7.0)
     axes.tick_params(axis="x", length=0)
@@ -115,7 +97,7 @@ def ranking(answer: Diagnosis, most: int = 9) -> Figure:
 def _bars(axes: Axes, rows: Sequence[Any], labels: Sequence[str], added: set[str]) -> None:
     scores = [max(r.score, 0.0) for r in rows]
     reach = max([1.0, *scores])
-    colours = [BLUE if r.p_value < 0.05 else "0.82" for r in rows]
+    colours = [style.BLUE if r.p_value < 0.05 else "0.82" for r in rows]
     axes.barh(range(len(rows)), scores, height=0.6, color=colours)
     for k, r in enumerate(rows):
         error = "" if r.error_after is None else f"error {typeset_multiple(r.error_after)};  "
@@ -139,7 +121,7 @@ def rollout_figure(
 ) -> Figure:
     """Readings against models, under each channel what they leave, with the noise, and below all the command."""
     channels = list(paths[0].readings)
-    with styled(WIDE, 1.6 + 2.75 * len(channels)) as figure:
+    with style.styled(WIDE, 1.6 + 2.75 * len(channels)) as figure:
         heights = [*([1.75, 1.0] * len(channels)), 1.0]
         panels = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
         for channel, above, below in zip(channels, panels[::2], panels[1::2], strict=False):
@@ -147,9 +129,9 @@ def rollout_figure(
             residual_in(below, paths, channel, float(getattr(sensor, channel)))
         comparison_figure.command(paths[0], panels[-1])
         for axes in panels:
-            shade(axes, contacts, paths[0].record)
-        legend_above(panels[0])
-        panels[-1].set_xlabel(f"time [s] of {short(paths[0].record, 40)}")
+            comparison_figure.shade(axes, contacts, paths[0].record)
+        style.legend_above(panels[0])
+        panels[-1].set_xlabel(f"time [s] of {style.short(paths[0].record, 40)}")
         figure.align_ylabels(panels)
     return figure
 
@@ -157,7 +139,7 @@ def rollout_figure(
 def course_in(axes: Axes, paths: Sequence[Prediction], channel: str, names: Sequence[str]) -> None:
     """One channel: readings as dots, models as lines; the frame follows the readings."""
     t, y = paths[0].t, paths[0].readings[channel]
-    axes.plot(t, y, ".", color="0.45", markersize=3.5, label="readings", rasterized=len(t) > RASTERIZED_FROM)
+    axes.plot(t, y, ".", color="0.45", markersize=3.5, label="readings", rasterized=len(t) > style.RASTERIZED_FROM)
     for path, name, (colour, line, width) in zip(paths, names, _lines(len(paths)), strict=True):
         said = f"{name}: {typeset_multiple(path.ratio)}"
         axes.plot(t, path.model[channel], line, color=colour, linewidth=width, label=said)
@@ -165,16 +147,16 @@ def course_in(axes: Axes, paths: Sequence[Prediction], channel: str, names: Sequ
     room = 0.35 * max(high - low, 1e-9)
     seen = [v for p in paths for v in p.model[channel] if math.isfinite(v)]
     axes.set_ylim(max(low - room, min([low, *seen]) - 0.1 * room), min(high + room, max([high, *seen]) + 0.1 * room))
-    axes.set_ylabel(label(channel, paths[0].units))
+    axes.set_ylabel(style.label(channel, paths[0].units))
 
 
 def residual_in(axes: Axes, paths: Sequence[Prediction], channel: str, sd: float) -> None:
     """Readings less model, over the band of the noise."""
-    axes.axhspan(-2.0 * sd, 2.0 * sd, color=GREEN, alpha=0.22, linewidth=0.0)
+    axes.axhspan(-2.0 * sd, 2.0 * sd, color=style.GREEN, alpha=0.22, linewidth=0.0)
     size = 5.0 * sd
     for path, (colour, _, _) in zip(paths, _lines(len(paths)), strict=True):
         left = path.readings[channel] - path.model[channel]
-        axes.plot(path.t, left, color=colour, linewidth=1.0, rasterized=len(left) > RASTERIZED_FROM)
+        axes.plot(path.t, left, color=colour, linewidth=1.0, rasterized=len(left) > style.RASTERIZED_FROM)
         size = max(size, float(np.max(np.abs(left[np.isfinite(left)]), initial=0.0)))
     size = min(size, 3.0 * float(np.nanstd(paths[0].readings[channel])) + 5.0 * sd)
     axes.set_ylim(-1.1 * size, 1.1 * size)
@@ -183,19 +165,12 @@ def residual_in(axes: Axes, paths: Sequence[Prediction], channel: str, sd: float
 
 
 def _lines(count: int) -> tuple[tuple[str, str, float], ...]:
-    return ((ORANGE, "--", 1.4), (BLUE, "-", 1.6))[-count:]
-
-
-def shade(axes: Axes, contacts: Sequence[Contact], record: str) -> None:
-    """Where something acted that no state of the joint explains."""
-    for t in contacts:
-        if is_part(t.name, record):
-            axes.axvspan(t.t_begin, t.t_end, color=YELLOW, alpha=0.35, linewidth=0.0, zorder=0)
+    return ((style.ORANGE, "--", 1.4), (style.BLUE, "-", 1.6))[-count:]
 
 
 def window_figure(found: Prediction) -> Figure:
     channels = list(found.readings)
-    with styled(3.2, 1.9 + 1.5 * len(channels)) as figure:
+    with style.styled(3.2, 1.9 + 1.5 * len(channels)) as figure:
         panels = figure.subplots(len(channels) + 1, 1, sharex=True, squeeze=False)[:, 0]
         comparison_figure.window_panels(found, channels, list(panels))
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
@@ -206,58 +181,11 @@ def window_figure(found: Prediction) -> Figure:
 # ---- residual torque -------------------------------------------------------------------------------------------------
 
 
-class ShownStretch(NamedTuple):
-    """The samples first .. last - 1 of a record that a row shows."""
-
-    record: int
-    first: int
-    last: int
-
-
-def course(
-    found: ResidualTorque, before: ResidualTorque | None = None, contacts: Sequence[Contact] = (), most: int = 8
+def torque_over_time(
+    found: ResidualTorque, before: ResidualTorque | None = None, contacts: Sequence[Contact] = ()
 ) -> Figure:
-    """d over time, a row for each rollout (or 10 s of a long one); where they are more than `most`, the largest."""
-    rows = _stretches(found if found.present or before is None else before, most)
-    with styled(WIDE, max(2.0, 0.75 + 0.72 * len(rows))) as figure:
-        panels = figure.subplots(len(rows), 1, sharey=True, squeeze=False)[:, 0]
-        longest = max(s.last - s.first for s in rows)
-        size = max(_size(found, rows), 0.0 if before is None else _size(before, rows))
-        for axes, (k, first, last) in zip(panels, rows, strict=True):
-            own, shown = found.records[k], slice(first, last)
-            axes.axhline(0.0, color="0.3", linewidth=0.7)
-            if before is not None:
-                axes.plot(own.t[shown], before.records[k].d[shown], color=ORANGE, linewidth=0.9, alpha=0.8)
-            banded(axes, own.t[shown], own.d[shown], SIGMA_99 * own.sd[shown], BLUE, linewidth=1.1)
-            shade(axes, contacts, own.name)
-            begin, dt = float(own.t[first]), float(own.t[1] - own.t[0])
-            axes.set_xlim(begin, begin + longest * dt)
-            axes.set_ylim(-1.1 * size, 1.1 * size)
-            axes.yaxis.set_major_locator(MaxNLocator(2, symmetric=True))
-            axes.tick_params(labelsize=7.5)
-            axes.text(1.0, 1.0, short(own.name, 40), transform=axes.transAxes, ha="right", va="top", fontsize=8.0,
-                      color="0.3", bbox=BEHIND)  # fmt: skip
-            if axes is not panels[-1] and len({s.first for s in rows}) == 1:
-                axes.set_xticklabels([])
-        panels[-1].set_xlabel(label("time", found.units))
-        figure.supylabel(beyond(found.units), fontsize=9.0)
-    return figure
-
-
-def _stretches(found: ResidualTorque, most: int) -> list[ShownStretch]:
-    pieces = []
-    for k, record in enumerate(found.records):
-        n, dt = len(record.d), float(record.t[1] - record.t[0])
-        edges = np.linspace(0, n, max(1, math.ceil(n * dt / (1.5 * LONGEST_STRETCH))) + 1).astype(int)
-        pieces += [ShownStretch(k, int(a), int(b)) for a, b in itertools.pairwise(edges)]
-    pieces.sort(key=lambda s: -float(np.mean(found.records[s.record].d[s.first : s.last] ** 2)))
-    return sorted(pieces[:most])
-
-
-def _size(found: ResidualTorque, rows: Sequence[ShownStretch]) -> float:
-    d = np.concatenate([found.records[k].d[a:b] for k, a, b in rows])
-    sd = np.concatenate([found.records[k].sd[a:b] for k, a, b in rows])
-    return max(float(np.quantile(np.abs(d), 0.999)), 2.0 * float(np.median(sd)), 1e-9)
+    """The residual torque, rollout after rollout, and that of the model before."""
+    return drawn(WIDE, 2.9, lambda axes: comparison_figure.over_time(found, axes, before, contacts))
 
 
 def torque_over_quantity(
@@ -272,7 +200,7 @@ def torque_over_quantity(
 
 def maps(found: Sequence[ResidualTorque], titles: Sequence[str]) -> Figure:
     """The mean residual torque over angle and speed, all on one scale; a dot: beyond what noise explains."""
-    with styled(WIDE if len(found) > 1 else NARROW, 3.0) as figure:
+    with style.styled(WIDE if len(found) > 1 else NARROW, 3.0) as figure:
         panels = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
         comparison_figure.state_maps(found, list(panels), titles)
     return figure

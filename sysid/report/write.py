@@ -170,13 +170,12 @@ def _torque(answer: Diagnosis, contacts: Sequence[Contact]) -> Section:
     if left is not None:
         says.insert(0, f"{left.share:.0%} of the squared error is unexplained.")
     caption = (
-        f"{what.capitalize()} that must act beyond the model for the log to have come about, with its 99 % band; "
-        "of many stretches those where it is largest."
+        f"{what.capitalize()} that must act beyond the model for the log to have come about, with its 99 % band."
         + (" Blue: beyond the mended model; orange: beyond the model as it came." if before else "")
         + (" Yellow: what no state of the joint explains, a hand perhaps." if contacts else "")
         + ("" if whole else f" Of the first {MOST_SHOWN:,} samples.")
     )
-    pictures = [picture(figures.course(found, before, contacts, 8 if unknown else 4), caption)]
+    pictures = [picture(figures.torque_over_time(found, before, contacts), caption)]
     for name in sorted(found.binned, key=lambda n: n not in depends_on):
         share = found.dependence.shares.get(name, 0.0)
         mark = name in depends_on and share > 0.05
@@ -296,7 +295,7 @@ def _compared(answer: Comparison) -> Iterator[Section]:
         for name in torque.binned
         if name != "time"
     ]
-    in_time = panel(comparison_figure.over_time, torque, "Over time.", wide=True)
+    in_time = picture(figures.torque_over_time(torque), "Over time.")
     yield Section("Where it fails", says, (states, *curves, in_time))
     white = panel(
         comparison_figure.autocorrelation_panel, answer, "Those of a right model, beside a random torque, are white."

@@ -7,7 +7,7 @@ import binascii
 import math
 import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +19,11 @@ from sysid.data.files import check_input
 from sysid.data.record import write_csv
 from sysid.errors import InvalidInput
 from sysid.web import figures, layout, log_part, take_part
-from sysid.web.jobs import Jobs, finished
+from sysid.web.jobs import Jobs, Trainings, finished
 from sysid.web.layout import STAMPED
 from sysid.web.own_effect import OwnEffect, suggested
 from sysid.web.samples import SAMPLES_BY_NAME, sample
 from sysid.web.session import ENDINGS, Answer, Node, Session, Sessions
-from sysid.web.training import Trainings
 
 LARGEST_UPLOAD = 64 << 20
 """Bytes of the files that are dropped at once."""
@@ -39,6 +38,51 @@ class Workbench:
         self.trainings = Trainings(jobs.effects)
         self.messages: dict[str, str] = {}
         self.resumed: set[str] = set()
+
+    # ---- what buttons ask for
+
+    def do(self, session: Session | None, clicked: Mapping[str, Any], fields: Mapping[str, Any]) -> Session | None:
+        """What a button asks for, of the fields of the page; the session to look at. Raises InvalidInput."""
+        with self.sessions.lock:
+            match clicked:
+                case {"do": "sample", "name": name}:
+                    return self.sample(name)
+                case {"do": "delete", "session": name}:
+                    gone = self.sessions.find(name)
+                    if gone is not None:
+                        self.delete(gone)
+                    return None if gone == session else session
+            if session is not None:
+                self._do(session, clicked, fields)
+            return session
+
+    def _do(self, session: Session, clicked: Mapping[str, Any], fields: Mapping[str, Any]) -> None:
+        text, at = {name: str(value or "").strip() for name, value in fields.items()}, session.state.at
+        self.messages.pop(session.identifier, None)
+        match clicked["do"]:
+            case "fit":
+                self.fit(session)
+            case "add":
+                self.add(session, clicked["effect"])
+            case "own":
+                self.try_own(session, OwnEffect(text["name"], text["formula"], text["shapes"]))
+            case "go":
+                self.go(session, clicked["node"])
+            case "undo":
+                self.undo(session)
+            case "cancel":
+                self.jobs.cancel(session)
+                self.messages[session.identifier] = "Cancelled: the page shows what was known before."
+            case "plan" if at is not None and self.jobs.running(session) is None:
+                self.jobs.begin(session, at, "--next")
+            case "train" if at is not None:
+                self.trainings.begin(session, at, float(fields["u_max"] or 0.0))
+            case "untrain":
+                self.trainings.end(session)
+            case "rename" if not text["title"]:
+                raise InvalidInput("the session's name is empty: expected one to choose it by")
+            case "rename":
+                session.change(title=text["title"][:LONGEST_TITLE])
 
     # ---- logs
 
@@ -82,12 +126,6 @@ class Workbench:
         self.fit(session)
         return session
 
-    def rename(self, session: Session, title: str) -> None:
-        """Call a session otherwise; raises InvalidInput for an empty name."""
-        if not title.strip():
-            raise InvalidInput("the session's name is empty: expected one to choose it by")
-        session.change(title=title.strip()[:LONGEST_TITLE])
-
     def delete(self, session: Session) -> None:
         """Delete a session with all that was written of it; files that lie elsewhere stay."""
         self.trainings.end(session)
@@ -98,7 +136,7 @@ class Workbench:
 
     def fit(self, session: Session) -> None:
         """Fit a model to the log beside those that are there, but for a log that cannot be read with these settings."""
-        if session.state.nodes and log_part.preview(session).about.error:
+        if session.state.nodes and log_part.preview(session).error:
             return
         self.jobs.cancel(session)
         state = session.state
@@ -119,10 +157,9 @@ class Workbench:
         """Add an effect that the user wrote; raises InvalidInput where it is none."""
         own.checked()
         state = session.state
-        others = tuple(o for o in state.own if o["name"] != own.name)
-        if asdict(own) not in state.own and any(node.added == own.name for node in state.nodes):
+        if own not in state.own and any(node.added == own.name for node in state.nodes):
             raise InvalidInput(f"another {own.name!r} was added before: give this one another name")
-        session.change(own=(*others, asdict(own)))
+        session.change(own=(*(o for o in state.own if o.name != own.name), own))
         self.add(session, own.name)
 
     def go(self, session: Session, node: int | None) -> None:
@@ -153,24 +190,6 @@ class Workbench:
             session.save(session.state.settings_of(before))
         self.go(session, before)
 
-    def beside(self, session: Session, node: int) -> None:
-        """Compare the model that is looked at with another of the history; once more: no longer."""
-        session.change(beside=None if session.state.beside == node else node)
-
-    def plan(self, session: Session) -> None:
-        state = session.state
-        if state.at is not None and self.jobs.running(session) is None:
-            self.jobs.begin(session, state.at, "--next")
-
-    def train(self, session: Session, u_max: Any) -> None:
-        """Train a policy; raises InvalidInput where that cannot be."""
-        if session.state.at is not None:
-            self.trainings.begin(session, session.state.at, float(u_max or 0.0))
-
-    def cancel(self, session: Session) -> None:
-        self.jobs.cancel(session)
-        self.messages[session.identifier] = "Cancelled: the page shows what was known before."
-
     # ---- what the page shows
 
     def stamps(self, session: Session | None) -> dict[str, str]:
@@ -186,7 +205,7 @@ class Workbench:
             "log": (state.title, state.titles, state.path(state.at)[:1], state.log.get("joint")),
             "fails": fails,
             "effects": effects,
-            "ladder": (state.at, state.nodes, state.beside, known),
+            "ladder": (state.at, state.nodes, known),
             "take": (state.at, own),
             "train": (fails, _changed(session, state.at, Answer.TRAINING), self.trainings.running(session)),
         }
@@ -235,7 +254,7 @@ class Workbench:
         if name == "fails":
             shown = layout.fails(found, figures.series(session.of(node) / Answer.SERIES))
         else:
-            own = OwnEffect(**own_effects[-1]) if own_effects else suggested(found)
+            own = own_effects[-1] if own_effects else suggested(found)
             error = None if found is None else found["ratio"]
             shown = [*layout.effects(known, error, live), *layout.own_effect(own, known, live)]
         return html.Div(shown, className="" if live else "before")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 from urllib.parse import parse_qs
@@ -16,7 +16,6 @@ from sysid.web import figures, layout, log_part
 from sysid.web.bench import Workbench
 from sysid.web.layout import STAMPED
 from sysid.web.log_part import SETTINGS, preview
-from sysid.web.own_effect import OwnEffect
 from sysid.web.session import Answer, Session
 
 QUICK, SLOW = 400, 3_000
@@ -53,42 +52,6 @@ def zoomed(s: figures.Series, channel: str, moved: Mapping[str, Any] | None) -> 
     for k, line in enumerate(figures.course_lines(s, channel, begin, end)):
         patch["data"][k]["x"], patch["data"][k]["y"] = line["x"], line["y"]
     return patch
-
-
-def do(
-    bench: Workbench, own: Session | None, clicked: Mapping[str, Any], fields: Mapping[str, Any] | None = None
-) -> Session | None:
-    """What a button asks for, of the fields of the page; returns the session to look at. Raises InvalidInput."""
-    what = clicked["do"]
-    with bench.sessions.lock:
-        if what == "sample":
-            return bench.sample(clicked["name"])
-        if what == "delete":
-            gone = bench.sessions.find(clicked["session"])
-            if gone is not None:
-                bench.delete(gone)
-            return None if gone == own else own
-        if own is None:
-            return None
-        given = fields or {}
-        text = {name: str(value or "").strip() for name, value in given.items()}
-        actions: dict[str, Callable[[], object]] = {
-            "fit": lambda: bench.fit(own),
-            "undo": lambda: bench.undo(own),
-            "cancel": lambda: bench.cancel(own),
-            "plan": lambda: bench.plan(own),
-            "untrain": lambda: bench.trainings.end(own),
-            "add": lambda: bench.add(own, clicked["effect"]),
-            "go": lambda: bench.go(own, clicked["node"]),
-            "beside": lambda: bench.beside(own, clicked["node"]),
-            "train": lambda: bench.train(own, given["u_max"]),
-            "rename": lambda: bench.rename(own, text["title"]),
-            "own": lambda: bench.try_own(own, OwnEffect(text["name"], text["formula"], text["shapes"])),
-        }
-        if what in actions:
-            bench.messages.pop(own.identifier, None)
-            actions[what]()
-    return own
 
 
 def effect_picture(session: Session, effect: str) -> Any:
@@ -138,7 +101,7 @@ class PageCallbacks:
             return no_update, no_update
         fields = {state["id"]["field"]: state.get("value") for state in ctx.states_list[0]}
         try:
-            shown = do(self.bench, own, clicked, fields)
+            shown = self.bench.do(own, clicked, fields)
         except InvalidInput as error:
             shown = own
             if own is not None:

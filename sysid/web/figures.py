@@ -221,55 +221,16 @@ def torque_over_time(found: Mapping[str, Any], s: Series, curve: Mapping[str, An
     return figure
 
 
-def horizon_figure(found: Mapping[str, Any]) -> go.Figure:
-    """The error over windows of every length, in units of the noise."""
-    figure, names = blank(230, "predicted over", "error / sensor noise"), list(found["errors"])
-    ratios = [found["errors"][n]["ratio"] for n in names]
-    said = [typeset_multiple(r) if r is not None else "" for r in ratios]
+def error_bars(names: Sequence[str], ratios: Sequence[float | None], x: str = "") -> go.Figure:
+    """Errors in units of the noise, a bar each, on a scale of powers, and a line where a perfect model would be."""
+    figure = blank(230, x, "error / sensor noise", bargap=0.35 if len(names) > 1 else 0.65)
     figure.add_bar(
-        x=[n.replace("_", " ") for n in names], y=ratios, marker={"color": BLUE}, text=said, textposition="outside",
-        cliponaxis=False, hoverinfo="skip",
+        x=names, y=ratios, marker={"color": BLUE}, text=[typeset_multiple(r) if r else "" for r in ratios],
+        textposition="outside", cliponaxis=False, hoverinfo="skip",
     )  # fmt: skip
-    _to_the_noise(figure, ratios)
-    return figure
-
-
-def _to_the_noise(figure: go.Figure, errors: Sequence[float | None]) -> None:
-    """Errors on a scale of powers, and a line where a perfect model would be."""
     figure.add_hline(y=1.0, line={"color": GREEN, "width": 2})
-    values = [v for v in errors if v]
-    top = max([2.0, *values])
+    top = max([2.0, *(r for r in ratios if r)])
     ticks = [v for v in (0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 10_000, 100_000) if v <= 2.2 * top]
     reach = [np.log10(0.6), np.log10(1.7 * top)]
     figure.update_yaxes(type="log", range=reach, tickvals=ticks, ticktext=[f"{v:g}" for v in ticks])
-
-
-# ---- add it ----------------------------------------------------------------------------------------------------------
-
-
-def error_ladder(paths: Sequence[tuple[str, Sequence[tuple[str, float | None]]]]) -> go.Figure:
-    """The error on held-out data, a bar a model, down to the noise; of one path through the history, or of two."""
-    figure = blank(230, y="error / sensor noise", barmode="group", showlegend=len(paths) > 1,
-                   bargap=0.35 if len(paths[0][1]) > 1 else 0.65)  # fmt: skip
-    for (name, steps), colour in zip(paths, (BLUE, ORANGE), strict=False):
-        x, y = [label for label, _ in steps], [error for _, error in steps]
-        figure.add_bar(
-            x=x, y=y, name=name, marker={"color": colour}, text=[typeset_multiple(v) if v else "" for v in y],
-            textposition="outside", cliponaxis=False, hoverinfo="skip",
-        )  # fmt: skip
-    _to_the_noise(figure, [error for _, steps in paths for _, error in steps])
-    return figure
-
-
-# ---- take it along ---------------------------------------------------------------------------------------------------
-
-
-def learning(points: Sequence[tuple[int, float]], optimum: float | None) -> go.Figure:
-    """The return in training over commands given, and the best that any controller can have."""
-    figure = blank(200, "commands given", "return of an episode")
-    figure.add_scatter(x=[x for x, _ in points], y=[y for _, y in points], mode="lines+markers", line={"color": BLUE})
-    if optimum is not None:
-        said = {"text": "optimum", "font": {"color": GREEN}}
-        figure.add_hline(y=optimum, line={"color": GREEN, "width": 2}, annotation=said)
-    figure.update_xaxes(rangemode="tozero")
     return figure

@@ -1,4 +1,4 @@
-"""Jobs: the work on a model runs in a process of its own, one a session; it can be watched and cancelled."""
+"""Jobs: the work on a model, and a training on it, run in processes of their own, which can be watched and ended."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
+from sysid.errors import InvalidInput
 from sysid.web.session import Answer, Session
 
 
@@ -107,6 +108,22 @@ class Jobs(Processes):
             if seen:
                 return seen["part"], seen["text"], max(0.0, time.time() - seen["began"])
         return "starting", "", 0.0
+
+
+class Trainings(Processes):
+    """The trainings of all sessions, by the command line of `policies`, which keeps what was learnt when one ends."""
+
+    def begin(self, session: Session, node: int, u_max: float, *more: str) -> None:
+        """Train on a model; raises InvalidInput where that cannot be."""
+        if not 0.0 < u_max < 1e6:
+            raise InvalidInput(f"the largest command is {u_max:g}: expected one above 0")
+        folder = session.of(node)
+        own = folder / Answer.OWN_EFFECTS
+        effects = own if own.is_file() else self.effects
+        command = ["policies", "train", str(folder / Answer.MODEL), "-o", str(folder / "policy"), "--force"]
+        command += ["--u-max", f"{u_max!r}", *more, *(["--effects", str(effects)] if effects else [])]
+        self.end(session)
+        self.start(session, node, command, folder / Answer.TRAINING)
 
 
 def _take_back(session: Session, node: int) -> None:

@@ -26,12 +26,6 @@ NOTHING = {
     "take": "Here the mended model waits to be taken along.",
     "train": "",
 }
-MEASURE = (
-    "Shares and sizes of the missing torque are those of its part that is slower than 0.4 s, over the whole log: what "
-    "is faster hardly moves a prediction. Where it fails, the likeliest torque is drawn with all that is fast in it, "
-    "and its sentence is about what no fit has seen."
-)
-"""Why the size of what is missing is not the same in two places."""
 FIRST = 3
 """Rows that are shown at once."""
 PLOT = {"displaylogo": False, "responsive": True, "plotlyServerURL": "",
@@ -95,10 +89,12 @@ def fails(found: Mapping[str, Any], series: figures.Series) -> list[Any]:
         {c: called[c] for c in channels}, channels[0], id="channel", inline=True, className="choice"
     )
     over = dcc.Dropdown({q: called[q] for q in quantities}, first, id="over-what", clearable=False, searchable=False)
+    horizons = [name.replace("_", " ") for name in found["errors"]]
+    ratios = [own["ratio"] for own in found["errors"].values()]
     plots = (
         ("Residual by state", graph(figures.state_map(found, series), PLOT, id="map")),
         (["Residual over ", over], graph(figures.torque_against(found, series, first), PLOT, id="over")),
-        ("Error by horizon", graph(figures.horizon_figure(found))),
+        ("Error by horizon", graph(figures.error_bars(horizons, ratios, "predicted over"))),
     )
     return [
         html.P([html.Strong(_multiple(found["ratio"])), " times the sensor noise over 1 s of held-out data"],
@@ -146,7 +142,6 @@ def effects(found: Mapping[str, Any], error: float | None, live: bool) -> list[A
         *folded(f"{len(ruled_out)} effects are ruled out above a size", ruled_out),
         *folded(f"{len(others)} others promise less", others),
         *folded("What this motion cannot tell apart", [", ".join(group) for group in found["not_identifiable"]]),
-        html.Details([html.Summary("How the missing torque is measured"), html.P(MEASURE, className="quiet")]),
     ]  # fmt: skip
 
 
@@ -254,38 +249,26 @@ def ladder_part(state: SessionState, errors: Sequence[float | None]) -> Any:
     """The error falling, model by model; the way back, and the other ways that were tried."""
     if state.at is None:
         return nothing("ladder")
-    ways = {"this model": state.path(state.at)}
-    if state.beside is not None:
-        ways[_ways_name(state, state.beside)] = state.path(state.beside)
-    labels = [f"+ {node.added}" if node.added else "as it came" for node in state.nodes]
-    ladder = [(name, [(labels[k], errors[k]) for k in path]) for name, path in ways.items()]
-    others = [k for k in range(len(errors)) if k not in state.path(state.at)]
+    path = state.path(state.at)
+    labels = [f"+ {node.added}" if (node := state.nodes[k]).added else "as it came" for k in path]
+    others = [k for k in range(len(errors)) if k not in path]
     undo = html.Button("Undo", id={"do": "undo"}, disabled=state.nodes[state.at].undone is None)
     return [
-        graph(figures.error_ladder(ladder)),
+        graph(figures.error_bars(labels, [errors[k] for k in path])),
         html.Div([undo], className="buttons"),
         *([html.P("Also tried:", className="quiet")] if others else []),
         html.Ul([html.Li(_other(state, node, errors[node])) for node in others], className="ways"),
     ]
 
 
-def _other(state: SessionState, node: int, error: float | None) -> list[Any]:
-    """Another model of the history: go there, or hold it beside the one that is looked at."""
-    said = "" if error is None else f"error {_multiple(error)}"
-    label, compare = _ways_name(state, node), "Stop comparing" if state.beside == node else "Compare"
-    return [
-        html.Button([label, html.Small(said)], id={"do": "go", "node": node}),
-        html.Button(compare, id={"do": "beside", "node": node}, **{"aria-label": f"compare with {label}"}),
-    ]
-
-
-def _ways_name(state: SessionState, node: int) -> str:
-    """What was added on the way to a model, and how its log was read where that was otherwise."""
+def _other(state: SessionState, node: int, error: float | None) -> html.Button:
+    """Another model of the history, to go there: what was added on the way, and what of its settings is otherwise."""
     name = " + ".join(["", *state.added(node)]).strip() or "as it came"
     here, there = ({**s.log, **s.start} for s in (state.settings_of(state.at or 0), state.settings_of(node)))
     changed = [k for k in (*here, *there) if here.get(k) != there.get(k)]
-    said = [f"{k} {there.get(k, 'as usual')}" for k in dict.fromkeys(changed)]
-    return f"{name} ({', '.join(said)})" if said else name
+    said = ", ".join(f"{k} {there.get(k, 'as usual')}" for k in dict.fromkeys(changed))
+    label, small = f"{name} ({said})" if said else name, "" if error is None else f"error {_multiple(error)}"
+    return html.Button([label, html.Small(small)], id={"do": "go", "node": node})
 
 
 def sessions(known: Sequence[tuple[str, str]], now: str | None) -> list[Any]:

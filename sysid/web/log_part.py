@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -17,8 +16,7 @@ from dash import dcc, html
 
 from sysid.cli.commands import read_log
 from sysid.cli.starting_model import begun
-from sysid.data.column_names import likely_columns, named_columns, wanted_columns
-from sysid.data.files import whole
+from sysid.data.columns import likely_columns, named_columns, wanted_columns
 from sysid.data.log_files import sources
 from sysid.data.record import Record, in_a_row
 from sysid.data.splitting import split
@@ -53,9 +51,10 @@ MOST_PREVIEWED = 2_000
 """Points of each preview."""
 
 
-@dataclass(frozen=True)
-class About:
-    """What is said of a log: what was read, what was noted, or why it cannot be read; and in which units."""
+@dataclass(frozen=True, eq=False)
+class Preview:
+    """What the settings make of the files: what was read, what was noted, or why they cannot be read; in which units;
+    t, theta, torque (K,) of all rollouts one after the other, nan between."""
 
     said: str
     notes: tuple[str, ...]
@@ -63,20 +62,13 @@ class About:
     turns: bool
     units: Mapping[str, str]
     command: str
-
-
-@dataclass(frozen=True, eq=False)
-class Preview:
-    """What the settings make of the files: t, theta, torque (K,) of all rollouts one after the other, nan between."""
-
-    about: About
     t: Array
     theta: Array
     torque: Array
 
 
 def preview(session: Session) -> Preview:
-    """What the session's settings make of its files; kept, also in its folder, as long as neither changes."""
+    """What the session's settings make of its files; kept as long as neither changes."""
     state = session.state
     stamps = [Path(f).stat().st_mtime_ns if Path(f).is_file() else 0 for f in state.log.get("files", ())]
     return _previewed(json.dumps([state.log, state.start, stamps]), session)
@@ -84,18 +76,7 @@ def preview(session: Session) -> Preview:
 
 @lru_cache(maxsize=16)
 def _previewed(key: str, session: Session) -> Preview:
-    path = session.folder / "preview.npz"
-    with suppress(OSError, ValueError, KeyError, TypeError), np.load(path, allow_pickle=False) as file:
-        if str(file["key"]) == key:
-            about = json.loads(str(file["about"]))
-            return Preview(About(**about | {"notes": tuple(about["notes"])}), file["t"], file["theta"], file["torque"])
-    found = _read(session)
-    with whole(path) as file:
-        np.savez(file, key=key, about=json.dumps(vars(found.about)), t=found.t, theta=found.theta, torque=found.torque)
-    return found
-
-
-def _read(session: Session) -> Preview:
+    """The preview; key: what it rests on."""
     state, error, log = session.state, "", None
     start = replace(state.model_options, set=())
     model, _, _ = begun(start, None)
@@ -110,8 +91,7 @@ def _read(session: Session) -> Preview:
         error = "this log needs more memory than there is: expected a shorter one"
     notes = tuple(session.with_titles(note) for note in (log.notes if log else ()))
     said, plant = str(log or "").partition(";")[0], model.plant
-    about = About(said, notes, error, plant.turns, dict(plant.quantities), model.command_unit)
-    return Preview(about, *_joined(log or ()))
+    return Preview(said, notes, error, plant.turns, plant.quantities, model.command_unit, *_joined(log or ()))
 
 
 def _joined(records: Sequence[Record]) -> tuple[Array, Array, Array]:
@@ -205,7 +185,7 @@ def form(session: Session) -> list[Any]:
                 _labelled("known numbers", dcc.Input(id="set-known", value=", ".join(state.start.get("set", ())),
                                                      placeholder="l=0.45, m=0.5", debounce=True)),
             ],
-            open=bool(preview(session).about.error) or not state.nodes,
+            open=bool(preview(session).error) or not state.nodes,
         ),
         html.Button("Begin anew with these settings" if state.nodes else "Fit a model to this log", id={"do": "fit"},
                     className="wide" if state.nodes else "main wide"),
@@ -225,32 +205,31 @@ def _choice(name: str, choices: Mapping[str, str], value: str) -> dcc.Dropdown:
 
 def previewed(found: Preview) -> list[Any]:
     """The angle and the command over time, the machine at the cursor, and what looks unlikely."""
-    about = found.about
-    if about.error:
-        return [html.P(about.error, className="error", role="alert")]
-    notes = [html.Li(note) for note in about.notes]
+    if found.error:
+        return [html.P(found.error, className="error", role="alert")]
+    notes = [html.Li(note) for note in found.notes]
     end = float(np.nanmax(found.t))
     return [
         html.Div([graph(machine_figure(found, 0.0), id="machine"), graph(readings(found), id="readings")],
                  className="preview"),
         html.Div(dcc.Slider(0.0, end, value=0.0, id="cursor", marks=None, step=end / 500.0, updatemode="drag",
                             allow_direct_input=False), className="cursor", **{"aria-label": "cursor along the log"}),
-        html.P(about.said, className="quiet"),
+        html.P(found.said, className="quiet"),
         *([html.Ul(notes, className="notes")] if notes else []),
     ]  # fmt: skip
 
 
 def readings(found: Preview) -> go.Figure:
     """Angle and command over time."""
-    about, margin = found.about, {"l": 44, "r": 4, "t": 6, "b": 34}
+    margin = {"l": 44, "r": 4, "t": 6, "b": 34}
     figure = figures.two_rows(230, vertical_spacing=0.08)
     figure.update_layout(margin=margin, hovermode="x", font={"size": 10})
     for row, (series, colour) in enumerate(((found.theta, figures.BLUE), (found.torque, figures.GREY)), start=1):
         t, y = figures.thinned(found.t, series, MOST_PREVIEWED)
         figure.add_scatter(x=t, y=y, mode="lines", line={"color": colour, "width": 1}, row=row, col=1, hoverinfo="none")
     figure.update_xaxes(title="time [s]", row=2)
-    figure.update_yaxes(title=f"{'angle' if about.turns else 'position'} [{about.units['theta']}]", row=1)
-    figure.update_yaxes(title=f"command [{about.command}]", row=2)
+    figure.update_yaxes(title=f"{'angle' if found.turns else 'position'} [{found.units['theta']}]", row=1)
+    figure.update_yaxes(title=f"command [{found.command}]", row=2)
     figure.add_vline(x=0.0, line={"color": figures.YELLOW, "width": 1.5})
     return figure
 
@@ -263,7 +242,7 @@ def machine_figure(found: Preview, t: float) -> go.Figure:
     figure.update_yaxes(visible=False, range=[-1.25, 1.25], scaleanchor="x", fixedrange=True)
     figure.add_scatter(x=x, y=y, mode="lines+markers", hoverinfo="skip", line={"color": figures.BLUE, "width": 7},
                        marker={"size": [10, 16], "color": [figures.GREY, figures.BLUE], "opacity": 1})  # fmt: skip
-    if found.about.turns:
+    if found.turns:
         figure.add_annotation(x=-1.1, y=-1.1, ax=-1.1, ay=-0.6, axref="x", ayref="y", text="g", showarrow=True,
                               arrowhead=2, arrowcolor=figures.GREY)  # fmt: skip
     return figure
@@ -275,7 +254,7 @@ def arm(found: Preview, t: float) -> tuple[list[float], list[float]]:
     if not len(known):
         return [0.0, 0.0], [0.0, 0.0]
     theta = float(found.theta[known[np.argmin(np.abs(found.t[known] - t))]])
-    if found.about.turns:
+    if found.turns:
         return [0.0, math.sin(theta)], [0.0, math.cos(theta)]
     reach = float(np.nanmax(np.abs(found.theta))) or 1.0
     return [0.0, theta / reach], [0.0, 0.0]

@@ -12,11 +12,6 @@ from sysid.physics.model import Model
 from sysid.physics.plants import Plant
 from sysid.web.session import SessionState
 
-READ = {k: k for k in ("columns", "zero", "flip_torque", "degrees", "begin", "end", "dt", "time_unit", "joint")} | {
-    "input": "command"
-}
-"""The options of a log, and what `sysid.read` calls them."""
-
 
 def begun_with(model: Model, names: Sequence[str], effects: Path | None) -> dict[str, Any]:
     """What the first fit began with, in Python; `effects` is the file with the user's own."""
@@ -41,7 +36,7 @@ def script(state: SessionState, begun: Mapping[str, Any], node: int, own: Sequen
     files = list(state.log["files"])
     more = f", hold_out={state.log['hold_out']!r}" if "hold_out" in state.log else ""
     given = state.log.get("noise", "")
-    options = "".join(f", {READ[k]}={v!r}" for k, v in state.log.items() if k in READ)
+    options = "".join(f", {name}={value!r}" for name, value in state.log_options.reading().items())
     effects = "".join(f"sysid.{e}, " for e in begun["effects"])
     loaded = [f"sysid.load_effects({begun['effects_file']!r})"] if begun.get("effects_file") else []
     parts = [

@@ -22,6 +22,7 @@ from sysid.cli.command_options import LogOptions, ModelOptions
 from sysid.data.files import write_whole
 from sysid.data.json_file import read_json
 from sysid.errors import InvalidInput
+from sysid.web.own_effect import OwnEffect
 
 BAGS = (".mcap", ".db3", ".bag")
 ENDINGS = (".csv", ".tsv", ".txt", ".dat", ".log", ".npz", ".mat", ".h5", ".hdf5", ".parquet", *BAGS)
@@ -77,8 +78,7 @@ class Node:
 
 @dataclass(frozen=True)
 class SessionState:
-    """What session.json holds; `titles` are the names under which files came, `beside` is the model that the
-    one at which one is is compared with, `own` are the user's own effects."""
+    """What session.json holds; `titles` are the names under which files came, `own` are the user's own effects."""
 
     title: str = ""
     log: dict[str, Any] = field(default_factory=dict)
@@ -86,8 +86,7 @@ class SessionState:
     titles: tuple[str, ...] = ()
     nodes: tuple[Node, ...] = ()
     at: int | None = None
-    beside: int | None = None
-    own: tuple[dict[str, Any], ...] = ()
+    own: tuple[OwnEffect, ...] = ()
 
     @property
     def log_options(self) -> LogOptions:
@@ -110,6 +109,10 @@ class SessionState:
     def added(self, node: int | None) -> tuple[str, ...]:
         """The effects that were added on the way to a model."""
         return tuple(self.nodes[k].added for k in self.path(node) if self.nodes[k].added)
+
+    def own_effects(self, node: int) -> list[OwnEffect]:
+        """Those of them that the user wrote."""
+        return [own for own in self.own if own.name in self.added(node)]
 
     def settings_of(self, node: int) -> SessionState:
         """The state with the settings that a model was made with, which the form may no longer show."""
@@ -136,7 +139,7 @@ class Session:
             nodes = tuple(Node(**n) for n in data.get("nodes", ()))
             files = data.get("log", {}).get("files", ())
             titles = tuple(data.get("titles", (Path(f).name for f in files)))
-            own = tuple({k: str(o.get(k, "")) for k in ("name", "formula", "shapes")} for o in data.get("own", ()))
+            own = tuple(OwnEffect(**o) for o in data.get("own", ()))
             state = SessionState(**{**data, "nodes": nodes, "titles": titles, "own": own})
             for known in (state, *map(state.settings_of, range(len(state.nodes)))):
                 _ = known.log_options, known.model_options, known.path(known.at)
@@ -213,7 +216,7 @@ class Session:
         state = self.state
         *nodes, last = state.nodes
         shutil.rmtree(self.of(len(nodes)), ignore_errors=True)
-        self.change(nodes=tuple(nodes), at=last.undone if state.at == len(nodes) else state.at, beside=None)
+        self.change(nodes=tuple(nodes), at=last.undone if state.at == len(nodes) else state.at)
 
 
 class Sessions:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from importlib.util import find_spec
 from typing import Any
 
 from dash import dcc, html
 
-from sysid.web import figures, layout
-from sysid.web.own_effect import OwnEffect
+from sysid.web import layout
+from sysid.web.jobs import Trainings
 from sysid.web.script import script
 from sysid.web.session import Answer, Session
-from sysid.web.training import OPTIMUM, OWN, Trainings, available, heard
 
 DOWNLOADS = {
     Answer.MODEL: ("application/json", "the model, for policies and everything else"),
@@ -51,45 +51,35 @@ def _link(session: Session, node: int, file: Answer) -> list[Any]:
 
 
 def _lines(session: Session, at: int) -> list[Any]:
-    """Python that does the same, and the model as an environment for agents."""
+    """Python that does the same."""
     state = session.state
-    begun, found = session.read(state.path(at)[0], Answer.BEGUN), session.read(at, Answer.FAILS)
-    if begun is None:
+    if (begun := session.read(state.path(at)[0], Answer.BEGUN)) is None:
         return []
-    lines = script(state, begun, at, [OwnEffect(**o).source() for o in state.own if o["name"] in state.added(at)])
+    lines = script(state, begun, at, [own.source() for own in state.own_effects(at)])
     copied = [dcc.Clipboard(target_id="lines", className="copy"), html.Pre(lines, id="lines")]
-    details = [html.Details([html.Summary("The same in Python"), *copied])]
-    if found is None or _no_policy(found):
-        return details
-    load = 'sysid.load_effects("own_effects.py")\n' if session.has(at, Answer.OWN_EFFECTS) else ""
-    environment = (
-        f'{load}gymnasium.make("policies:gapfinder/Pendulum-v0", model="model.json", u_max={_limit(found)})'
-        f"  # u_max: the largest command [{found['command_unit']}]"
-    )
-    return [*details, html.Details([html.Summary("As a Gymnasium environment"), html.Pre(environment)])]
+    return [html.Details([html.Summary("The same in Python"), *copied])]
 
 
 # ---- training --------------------------------------------------------------------------------------------------------
 
 
 def training_part(session: Session, trainings: Trainings) -> Any:
-    """Train a policy on the model that is looked at, and its curve against the optimum."""
+    """Train a policy on the model that is looked at, and what the training says: its curve, and the optimum."""
     at = session.state.at
     found = session.read(at, Answer.FAILS)
     if at is None or found is None:
         return ""
     if refusal := _no_policy(found):
         return html.P(refusal, className="quiet")
-    said, running = heard(session, at), trainings.running(session) is not None
+    running, said = trainings.running(session) is not None, session.of(at) / Answer.TRAINING
     u_max = dcc.Input(id={"field": "u_max"}, type="number", value=_limit(found), min=0)
     button = html.Button("Stop", id={"do": "untrain"}) if running else html.Button("Train", id={"do": "train"})
     label = f"commands up to [{found['command_unit']}]"
     return [
         html.H3("A policy for this model"),
         html.Div([html.Label([html.Span(label), u_max]), button], className="field"),
-        *([] if said is None else [layout.graph(figures.learning(said["points"], said["returns"].get(OPTIMUM))),
-                                   html.P(_said(said, running), className="quiet")]),
-    ]  # fmt: skip
+        *([html.Pre(said.read_text(errors="replace"))] if said.is_file() else []),
+    ]
 
 
 def _no_policy(found: Mapping[str, Any]) -> str:
@@ -100,22 +90,9 @@ def _no_policy(found: Mapping[str, Any]) -> str:
         return (
             "A policy commands a torque, a current or a voltage: this model is driven by a servo that is told angles."
         )
-    return "" if available() else "A policy can be trained here where the package policies is installed."
+    return "" if find_spec("policies") else "A policy can be trained here where the package policies is installed."
 
 
 def _limit(found: Mapping[str, Any]) -> float:
     """The largest command of the log; 1 where that is a free swing."""
     return float(f"{found['u_max']:.3g}") or 1.0
-
-
-def _said(said: Mapping[str, Any], running: bool) -> str:
-    """Where a training is, or what it came to."""
-    returns = said["returns"]
-    if OWN in returns:
-        best = f"; the optimum has {returns[OPTIMUM]:.0f}" if OPTIMUM in returns else ""
-        return f"The policy earns {returns[OWN]:.0f} an episode{best}. It is kept as {said['policy']}."
-    if not said["points"]:
-        return str(said["last"])
-    steps, earned = said["points"][-1]
-    left = str(said["last"]).rpartition("#")[2].strip() if running else "stopped"
-    return f"After {steps:,} simulated steps the policy in training earns {earned:.0f} an episode; {left}."

@@ -16,7 +16,6 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -28,8 +27,8 @@ from sysid.data.files import whole, write_whole
 from sysid.data.record import Record, in_a_row, is_part
 from sysid.data.user_effects import blamed, load_effects
 from sysid.diagnosis.add import add
-from sysid.diagnosis.answer import Diagnosis, MissingTorque, Step
-from sysid.diagnosis.compare import Comparison, compare
+from sysid.diagnosis.answer import Diagnosis
+from sysid.diagnosis.compare import compare
 from sysid.diagnosis.diagnose import diagnose
 from sysid.diagnosis.findings import chance, fitted_numbers, spaced_unit
 from sysid.diagnosis.predictions import throughout
@@ -38,14 +37,14 @@ from sysid.diagnosis.residual_torque import ResidualTorque, residual_torque
 from sysid.diagnosis.search_settings import DEFAULT
 from sysid.errors import InvalidInput
 from sysid.estimation.estimate import Estimate
-from sysid.estimation.held_out import HeldOutError, finite, held_out_error
+from sysid.estimation.held_out import finite
 from sysid.estimation.saved_model import load, save
 from sysid.export.mjcf import to_mjcf
 from sysid.export.urdf import to_urdf
 from sysid.physics.effects import CATALOGUE
 from sysid.planning.next_experiment import limits_of, next_experiment
 from sysid.report.typesetting import measured
-from sysid.web.own_effect import OwnEffect, effects_file
+from sysid.web.own_effect import effects_file
 from sysid.web.script import begun_with
 from sysid.web.session import Answer, Session
 
@@ -129,9 +128,8 @@ class Work:
 
     def _export(self) -> None:
         """The model for simulators, what their languages cannot say, and the user's own effects that it has."""
-        added, sentences = self.state.added(self.number), {}
-        own = [OwnEffect(**o) for o in self.state.own if o["name"] in added]
-        if own:
+        sentences = {}
+        if own := self.state.own_effects(self.number):
             write_whole(self.folder / Answer.OWN_EFFECTS, effects_file(own, self.effects))
         for name, export in ((Answer.MJCF, to_mjcf), (Answer.URDF, to_urdf)):
             try:
@@ -213,55 +211,12 @@ class Work:
         self._write(Answer.EFFECTS, data)
 
     def _report(self) -> None:
+        """What the model lacks; of one that the next step would mend, where it fails."""
         from sysid.report.write import write_report
 
-        path = self.folder / Answer.REPORT
-        write_report(self._walk(), path)
+        path, task, found = self.folder / Answer.REPORT, self.task, self.diagnosis
+        write_report(compare(self.estimate, task.held_out, task.sensor) if found.mended else found, path)
         write_whole(path, self.session.with_titles(path.read_text(encoding="utf-8"), html.escape))
-
-    def _walk(self) -> Diagnosis | Comparison:
-        """The way from the first model to this one, where nothing is left to add; else where this one fails."""
-        found, path = self.diagnosis, self.state.path(self.number)
-        if found.mended:
-            return compare(self.estimate, self.task.held_out, self.task.sensor)
-        if len(path) == 1:
-            return found
-        steps = tuple(self._step(before, k) for before, k in pairwise(path))
-        return replace(
-            found,
-            verdict={"adequate": "missing", "unknown": "partly"}.get(found.verdict, found.verdict),
-            base=self._estimate_of(path[0]),
-            base_error=self._error_of(path[0]),
-            steps=tuple(s for s in steps if not CATALOGUE[s.effect].of_log),
-            conventions=tuple(s for s in steps if CATALOGUE[s.effect].of_log),
-            ranking=tuple(
-                Ranked(r["effect"], (r["effect"], *r["alike"]), r["score"], r["p_value"], r.get("error"))
-                for r in self._ranked(path[0])
-            ),
-            torque=MissingTorque(0.0, 0.0, 0.0),
-        )
-
-    def _step(self, before: int, after: int) -> Step:
-        name = self.state.nodes[after].added
-        own = next((r for r in self._ranked(before) if r["effect"] == name), {})
-        return Step(
-            effect=name,
-            alike=(name, *own.get("alike", ())),
-            rivals=(),
-            parameters=fitted_numbers(self.estimate, name),
-            error_before=self._error_of(before).ratio,
-            error_after=self._error_of(after).ratio,
-            p_value=own.get("p_value", 1.0),
-            estimate=self._estimate_of(after),
-        )
-
-    def _ranked(self, number: int) -> list[dict[str, Any]]:
-        """What was ranked beside a model of the history."""
-        found = self.session.read(number, Answer.EFFECTS)
-        return [] if found is None else [*found["rows"], *found["others"]]
-
-    def _error_of(self, number: int) -> HeldOutError:
-        return held_out_error(self._estimate_of(number).model, self.task.held_out, self.task.sensor)
 
     def experiment(self) -> None:
         """What to play next: what tells alike effects apart, or else what narrows the widest interval."""
@@ -353,7 +308,7 @@ def main(arguments: Sequence[str]) -> int:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)
             for own in session.state.own:
-                OwnEffect(**own).register()
+                own.register()
             work = Work(session, number, progress, effects)
             work.run()
             if "--next" in arguments:

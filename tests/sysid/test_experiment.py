@@ -37,7 +37,7 @@ from sysid.estimation.scores import scores
 from sysid.physics.effects import CATALOGUE, Effect
 from sysid.planning.design import KNOWN, NONE, Conditions, Hypothesis, Pool, predict
 from sysid.planning.next_experiment import limits_of, next_experiment
-from sysid.planning.non_torque_experiments import Payload, non_torque_experiment
+from sysid.planning.non_torque_experiments import non_torque_experiment, payload
 from sysid.planning.planned_experiment import Experiment
 from sysid.planning.signals import KINDS, Limits, Signal, random_signals
 
@@ -281,17 +281,14 @@ def test_more_rollouts_tell_at_least_in_proportion() -> None:
         Limits(0.3, 4.0),
         Limits(3.0, 4.0, theta_max=0.4),
         Limits(3.0, 4.0, theta_dot_max=1.0, start=0.5),
-        Limits(3.0, 4.0, u_rms=0.5, rollouts=2, theta_max=1.0),
-        Limits(2.0, 4.0, dt=0.01),
+        Limits(3.0, 4.0, rollouts=2, theta_max=1.0),
     ],
 )
 def test_signal_and_predicted_motion_keep_to_the_limits(limits: Limits) -> None:
     e = next_experiment(rod(), limits=limits, sensor=SENSOR)
-    assert e.u.shape == (limits.rollouts, round(limits.duration / (limits.dt or 0.02)))
+    assert e.u.shape == (limits.rollouts, round(limits.duration / 0.02))
     assert np.max(np.abs(e.u)) <= limits.u_max
-    assert np.max(np.sqrt(np.mean(e.u**2, axis=1))) <= (limits.u_rms or math.inf) * (1.0 + 1e-9)
-    fine = Model(rod().plant, dt=e.dt)
-    run = simulate(fine, e.u, e.start, 0.0)
+    run = simulate(rod(), e.u, e.start, 0.0)
     np.testing.assert_allclose(run.theta, e.theta, atol=1e-9)
     assert np.max(np.abs(e.start - math.pi)) <= limits.start + 1e-9
     assert e.reach == pytest.approx(np.max(np.abs(run.theta - math.pi)))
@@ -373,15 +370,8 @@ def test_a_single_rival_is_told_from_its_absence() -> None:
 
 def test_back_emf_is_told_from_friction_with_the_driver_off() -> None:
     e = next_experiment(rod(), (Viscous(b=0.02), BackEmf(k=0.02)), LIMITS, SENSOR)
-    assert e.kind == "driver off"
-    assert not np.any(e.u)
-    assert e.start[0] != math.pi
-    braked, free = (played(e, rod().with_effect(x), 3)[0].theta for x in (Viscous(b=0.02), Viscous(b=0.0)))
-    assert braked is not None
-    assert free is not None
-    assert np.std(braked[-100:]) < 0.95 * np.std(free[-100:])
-    assert e.after is not None
-    assert e.after > 1000.0
+    assert e.kind == "none"
+    assert e.description.startswith("switch the driver off, let it go")
 
 
 @pytest.mark.parametrize("pair", [("tilt", "angle_offset"), ("sensor_delay", "delay"), ("stamp", "delay")])
@@ -401,46 +391,34 @@ def test_twins_are_said_and_the_others_told_apart() -> None:
     assert "no torque tells back_emf from viscous" in e.description
 
 
-@pytest.mark.parametrize("weight", [(0.2, 0.8), None])
-def test_a_payload_shows_the_torque_gain(weight: tuple[float, float] | None) -> None:
-    limits = Limits(2.0, theta_max=2.0, payload=weight)
-    e = next_experiment(rod(), ("torque_gain",), limits, SENSOR, log(rod(), slow_sines()))
-    assert e.kind == "payload"
-    assert e.payload is not None
-    assert len(e.u) == 2
-    np.testing.assert_array_equal(e.u[0], e.u[1])
-    mass, distance = e.payload
-    truth = rod().with_effect(TorqueGain(c=1.1))
-    loaded = truth.with_effect(Payload(mass=mass, distance=distance))
+def test_a_payload_shows_the_torque_gain() -> None:
+    asked = next_experiment(rod(), ("torque_gain",), LIMITS, SENSOR, log(rod(), slow_sines()))
+    mass, distance = payload(rod())
+    assert f"hang {mass:g} kg on it, {distance:g} m from the axis" in asked.description
+    J, G = float(rod().inertia()), float(rod().plant.gravity_torque(0.5 * math.pi))
+    loaded = J + mass * distance**2, G + mass * 9.81 * distance
     found = []
-    for seed, model in enumerate((truth, loaded)):
-        records = SENSOR.measure(simulate(model, e.u[:1], e.start[:1], 0.0), np.random.default_rng(seed))
-        found.append(fit(Model(GeneralJoint(J=0.3, G=4.0), dt=0.02), records, SENSOR))
+    for seed, numbers in enumerate(((J, G), loaded)):
+        truth = Model(GeneralJoint(*numbers), (TorqueGain(c=1.1),), dt=0.02)
+        found.append(fit(Model(GeneralJoint(J=0.3, G=4.0), dt=0.02), log(truth, slow_sines(), seed=seed), SENSOR))
     step = found[1].values["J"] - found[0].values["J"]
-    assert mass * distance**2 / step == pytest.approx(1.1, abs=0.02)  # (J + m r^2) / c - J / c
+    assert mass * distance**2 / step == pytest.approx(1.1, abs=0.03)  # (J + m r^2) / c - J / c
 
 
 def test_the_least_labour_is_asked_for() -> None:
-    def asked(model: Model, *names: str) -> Experiment:
-        return non_torque_experiment(
-            model, names, Conditions(Limits(1.0, 3.0, theta_max=1.5), SENSOR), np.random.default_rng(0)
-        )
+    def asked(model: Model, *names: str) -> str:
+        return non_torque_experiment(model, names).description
 
-    weighed = asked(rod(), "rotor_inertia")
-    assert weighed.kind == "none"
-    assert weighed.description.startswith("weigh")
-    assert asked(rod(), "m", "l", "g").kind == "payload"
-    both = asked(rod(), "torque_gain", "rotor_inertia")
-    assert both.kind == "payload"
-    assert both.description.startswith("weigh")
-    axis = Model(LinearAxis(m=0.4), dt=0.02)
-    assert asked(axis, "torque_gain").kind == "payload"
+    assert asked(rod(), "rotor_inertia").startswith("weigh the moving part (m): then")
+    assert asked(rod(), "m", "l", "g").startswith("hang")
+    assert asked(rod(), "torque_gain", "rotor_inertia").startswith("weigh the moving part (m) and hang")
+    assert asked(Model(LinearAxis(m=0.4), dt=0.02), "torque_gain").startswith("load it with 0.2 kg")
 
 
 def test_an_estimate_that_no_motion_determines_asks_for_a_payload() -> None:
     estimate = fit(rod(), log(rod(), slow_sines()), SENSOR, ("m", "l", "g"))
     assert not estimate.success
-    assert next_experiment(estimate, limits=Limits(1.0, 3.0, theta_max=1.5)).kind == "payload"
+    assert "hang" in next_experiment(estimate, limits=Limits(1.0, 3.0, theta_max=1.5)).description
 
 
 # bad input ----------------------------------------------------------------------------------------------------
@@ -464,7 +442,7 @@ def test_what_cannot_be_answered_is_said() -> None:
         next_experiment(limited, limits=Limits(2.0), sensor=SENSOR)
     with pytest.raises(InvalidInput, match="cannot stand"):
         next_experiment(rod().with_effect(Delay(T=0.02)), ("stamp", "lag"), LIMITS, SENSOR)
-    for wrong in ({"u_max": 0.0}, {"duration": math.nan}, {"rollouts": 0}, {"start": 4.0}, {"payload": (0.0, 1.0)}):
+    for wrong in ({"u_max": 0.0}, {"duration": math.nan}, {"rollouts": 0}, {"start": 4.0}):
         with pytest.raises(InvalidInput, match="limits"):
             Limits(**({"u_max": 1.0} | wrong))  # type: ignore[arg-type]
 

@@ -186,8 +186,8 @@ ROBOT = """<!-- our robot, licensed to be kept -->
     <motor name="m" joint="shoulder" gear="{gear}" ctrlrange="-9 9"/>
     <position name="p" joint="wrist" kp="5"/>
   </actuator>
+  <!-- the end -->
 </mujoco>
-<!-- the end -->
 """
 
 
@@ -219,7 +219,7 @@ def test_a_users_file_is_kept_but_for_the_joint_and_its_actuator(tmp_path):
     assert path.read_text() == before
     for comment in re.findall(r"<!--.*?-->", before):
         assert comment in exported.text
-    assert exported.text.startswith("<!-- our robot") and exported.text.endswith("<!-- the end -->\n")
+    assert exported.text.startswith("<!-- our robot") and exported.text.endswith("</mujoco>\n")
     old, new = (ElementTree.fromstring(t) for t in (before, exported.text))
     for mine, yours in zip(old.iter(), new.iter(), strict=True):
         assert mine.tag == yours.tag
@@ -266,7 +266,10 @@ NO_FILE = {
     "empty": ("", "is not XML in UTF-8"),
     "cut": (ROBOT[:300], "is not XML in UTF-8"),
     "none": ("<mujoco/>", "has no joint 'shoulder': found none"),
-    "deep": ("<mujoco>" + "<body>" * 10**5, "more than 200 elements within each other"),
+    "deep": (
+        "<mujoco>" + "<body>" * 10**5 + '<joint name="shoulder"/>' + "</body>" * 10**5 + "</mujoco>",
+        "too many elements within each other",
+    ),
     "step": ('<mujoco><option timestep="x"/><joint name="shoulder"/></mujoco>', "is no number"),
     "slide": ('<mujoco><joint name="shoulder" type="slide"/></mujoco>', "slides, and the model does not"),
     "gear": (
@@ -333,20 +336,15 @@ def folder(tmp_path_factory):
     return path
 
 
-def test_the_ending_or_the_option_says_the_language(folder, tmp_path, capsys):
-    for to, options, root in (
-        ("arm.xml", [], "mujoco"),
-        ("arm.urdf", [], "robot"),
-        ("arm", ["--format", "urdf"], "robot"),
-    ):
-        assert main(["export", str(folder / "model.json"), "--to", str(tmp_path / to), *options]) == 0
+def test_the_ending_says_the_language(folder, tmp_path, capsys):
+    for to, root in (("arm.xml", "mujoco"), ("arm.urdf", "robot")):
+        assert main(["export", str(folder / "model.json"), "--to", str(tmp_path / to)]) == 0
         assert ElementTree.parse(tmp_path / to).getroot().tag == root
         assert "drag (c = 0.01 N m s^2/rad^2) is not in the file" in capsys.readouterr().out
     words = ["export", str(folder / "model.json"), "--to"]
     for more, message in (
-        ([str(tmp_path / "arm.txt")], "arm.txt ends with none of .xml, .urdf: expected one, or --format"),
+        ([str(tmp_path / "arm.txt")], "arm.txt is neither MJCF nor URDF: expected a name that ends with .xml or .urdf"),
         ([str(tmp_path / "arm.xml")], "arm.xml is there already: expected another name, or --force"),
-        ([str(folder / "model.json"), "--format", "mjcf", "--force"], "model.json is read by this command"),
         ([str(tmp_path / "no.urdf"), "--into", str(tmp_path / "arm.xml")], "--into changes a file of MJCF"),
     ):
         assert main([*words, *more]) == 2

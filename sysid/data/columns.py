@@ -1,0 +1,208 @@
+"""Columns: which of a log's are t, theta, theta_dot, torque and rollout, what its clock counts, and lost signs."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from typing import Literal
+
+import numpy as np
+
+from sysid.data.checks import rate_mismatch
+from sysid.data.log_files import Source
+from sysid.data.table import Table, TimeWindow, cropped
+from sysid.errors import InvalidInput
+from sysid.limits import RAW_ROWS
+from sysid.physics.ops import Array
+
+NAMES = ("t", "theta", "theta_dot", "torque", "rollout")
+LOOKS_LIKE = {
+    "t": r"t$|^t_|time|stamp|sec|^[mu]s$|millis|micros",
+    "theta": r"theta$|angle|pos|^q\d*$|phi",
+    "theta_dot": r"theta_?dot|vel|speed|omega|^q?d(ot)?_?q|rate",
+    "torque": r"tor|tau|^u$|effort|command|current|volt|duty|pwm|goal|ref|des",
+}
+TimeUnit = Literal["s", "ms", "us"]
+PER_SECOND: dict[TimeUnit, float] = {"s": 1.0, "ms": 1e3, "us": 1e6}
+WORDS: dict[TimeUnit, str] = {"s": "seconds", "ms": "milliseconds", "us": "microseconds"}
+NAMED: dict[TimeUnit, str] = {
+    "ms": r"ms|msecs?|millis|milliseconds?",
+    "us": r"us|µs|μs|usecs?|micros|microseconds?",
+    "s": r"s|secs?|seconds?",
+}
+SLOW = 0.5
+"""Rows that are so far apart [s] follow no pendulum: the clock may count something shorter."""
+FINEST = 2e-5
+"""Nor does a logger write rows nearer to each other than this [s], whatever a column is called."""
+FEWEST = 10
+"""Rows that the unit of a clock can be told from."""
+BITS = (16, 32)
+"""Widths of the registers that servos have."""
+EMPTY = 0.25
+"""The share of a register's range, on either side of its middle, in which no value may lie."""
+
+
+# ---- names -----------------------------------------------------------------------------------------------------------
+
+
+def wanted_columns(columns: str | Mapping[str, str] | None) -> dict[str, str]:
+    """{our name: the file's name} that the user asked for."""
+    if columns is None:
+        return {}
+    pairs = columns.items() if isinstance(columns, Mapping) else _pairs(columns)
+    wanted = {"torque" if ours in ("u", "command") else ours: theirs for ours, theirs in pairs}
+    for ours in wanted:
+        if ours not in NAMES:
+            raise InvalidInput(
+                f"columns name {ours!r}: expected some of {', '.join(NAMES)}, as in t=time_s,theta=angle"
+            )
+    return wanted
+
+
+def _pairs(text: str) -> list[tuple[str, str]]:
+    pairs = [pair.partition("=") for pair in text.split(",") if pair.strip()]
+    for ours, equals, _ in pairs:
+        if not equals:
+            raise InvalidInput(f"columns has {ours!r}: expected name=column pairs, as in t=time_s,theta=angle_rad")
+    return [(ours.strip(), theirs.strip()) for ours, _, theirs in pairs]
+
+
+def chosen_columns(name: str, found: Sequence[str], wanted: Mapping[str, str]) -> dict[str, str]:
+    """{our name: the file's name} of the columns to read; raises InvalidInput that says which were found."""
+    listed = ", ".join(title for title in found if title) or "none"
+    for ours, theirs in wanted.items():
+        if theirs and theirs not in found:
+            raise InvalidInput(f"{name} has no column {theirs!r} for {ours}: found {listed}")
+    chosen = {ours: theirs for ours, theirs in (named_columns(found) | dict(wanted)).items() if theirs}
+    if "t" in chosen and ("theta" in chosen or "theta_dot" in chosen):
+        return chosen
+    missing = "no t" if "t" not in chosen else "neither theta nor theta_dot"
+    pairs = ",".join(f"{ours}={theirs}" for ours, theirs in likely_columns(found, chosen).items())
+    which = f", perhaps columns {pairs}" if pairs else " (columns)"
+    raise InvalidInput(f"{name} has {missing}: found {listed}; say which is which{which}")
+
+
+def named_columns(found: Sequence[str]) -> dict[str, str]:
+    """{our name: the file's name} of the columns that are called as we call them."""
+    own = {name: name for name in NAMES if name in found}
+    for other in ("u", "command"):
+        if "torque" not in own and other in found:
+            own["torque"] = other
+    return own
+
+
+def likely_columns(found: Sequence[str], chosen: Mapping[str, str]) -> dict[str, str]:
+    """{our name: the file's name} of what is not chosen yet, by what the file's names look like."""
+    likely, free = {}, [name for name in found if name not in chosen.values()]
+    for ours, pattern in LOOKS_LIKE.items():
+        match = next((name for name in free if re.search(pattern, name.lower())), None) if ours not in chosen else None
+        if match:
+            free.remove(match)
+            likely[ours] = match
+    return likely
+
+
+# ---- the clock -------------------------------------------------------------------------------------------------------
+
+
+def _named_unit(title: str) -> TimeUnit | None:
+    """The unit that the name of a column ends with, as in t_ms, time [us] or millis; None where it names none."""
+    words = [word for word in re.split(r"[\W_]+", title.strip().lower()) if word]
+    for unit, pattern in NAMED.items():
+        if words and re.fullmatch(pattern, words[-1]):
+            return unit
+    return None
+
+
+def _found_unit(name: str, title: str, table: Mapping[str, Array]) -> tuple[TimeUnit, str]:
+    """The unit of column t, and what shows it.
+
+    The name of the column counts where rows are then not absurdly near to each other; else the unit in which the speed
+    is the rate of the angle. name and title are those of the log and of its column t, the reason is half a sentence,
+    empty where nothing speaks against seconds. Raises InvalidInput where seconds cannot be and nothing tells the unit.
+    """
+    steps = np.diff(table["t"][np.isfinite(table["t"])])
+    steps = steps[steps > 0.0]
+    if len(steps) == 0:
+        return "s", ""
+    step, named = float(np.median(steps)), _named_unit(title)
+    if named is not None and step / PER_SECOND[named] >= FINEST:
+        return named, f"as the name of column {title!r} says" if named != "s" else ""
+    if len(steps) < FEWEST:
+        return "s", ""
+    moving = [c for c in ("theta", "theta_dot") if c in table and len(table[c]) == len(table["t"])]
+    whole = np.all([np.isfinite(table[c]) for c in ("t", *moving)], axis=0)
+    if len(moving) == 2 and np.sum(whole) >= FEWEST:
+        t, theta, theta_dot = (table[c][whole] for c in ("t", *moving))
+        if np.ptp(theta) > 0.0 and np.ptp(theta_dot) > 0.0:
+            off = {u: rate_mismatch(t / per, theta, theta_dot) for u, per in PER_SECOND.items()}
+            best = min(off, key=lambda unit: off[unit])
+            if off[best] < 0.3 and (best == "s" or off["s"] > 0.9):
+                return best, "in which theta_dot is the rate of theta" if best != "s" else ""
+    if step < SLOW:
+        return "s", ""
+    choices = " or ".join(f"{u} ({PER_SECOND[u] / step:.4g} Hz)" for u in PER_SECOND)
+    raise InvalidInput(
+        f"{name}: rows are {step:.4g} apart in {title!r}, too far for seconds, and nothing tells which unit it is: "
+        f"give the time unit (--time-unit, time_unit), one of {choices}"
+    )
+
+
+def in_seconds(
+    source: Source, chosen: Mapping[str, str], window: TimeWindow, unit: TimeUnit | None, notes: list[str]
+) -> Table:
+    """The columns of the rows in the window, t in seconds whatever the file counts; a note where it was converted."""
+    everything = unit is None and (math.isfinite(window.begin) or math.isfinite(window.end))
+    rows = TimeWindow(most=RAW_ROWS) if everything else _counted(window, unit or "s")
+    table = source.load(chosen, rows)
+    if unit is None:
+        unit, reason = _found_unit(source.name, chosen["t"], table)
+        note = f"t is in {WORDS[unit]}, {reason}: converted to seconds"
+        if unit != "s" and note not in notes:
+            notes.append(note)
+    table = cropped(source.name, table, _counted(window, unit))
+    return table | {"t": table["t"] / PER_SECOND[unit]}
+
+
+def _counted(window: TimeWindow, unit: TimeUnit) -> TimeWindow:
+    """The window in units of the file's clock."""
+    return window._replace(begin=window.begin * PER_SECOND[unit], end=window.end * PER_SECOND[unit])
+
+
+# ---- signs -----------------------------------------------------------------------------------------------------------
+
+
+def with_signs(
+    name: str, table: Mapping[str, Array], titles: Mapping[str, str]
+) -> tuple[dict[str, Array], tuple[str, ...]]:
+    """The columns of a log with the signs that their registers lost, and a note on each.
+
+    A servo's load, current or speed is a signed integer of 16 or 32 bits. Read without its sign, -1 is 65535: the
+    column then has integers near 0 and integers just below 2^16, and none between.
+    """
+    found, notes = dict(table), []
+    for key in ("theta", "theta_dot", "torque"):
+        values = found.get(key)
+        bits = 0 if values is None else _register(values)
+        if values is not None and bits:
+            found[key] = np.where(values >= 2.0 ** (bits - 1), values - 2.0**bits, values)
+            notes.append(
+                f"{name}: column {titles[key]!r} jumps from 0 to {2**bits - 1}: taken for a signed number of {bits} "
+                "bits that was logged without its sign"
+            )
+    return found, tuple(notes)
+
+
+def _register(values: Array) -> int:
+    """The bits of the register whose sign was lost; 0 where none was."""
+    known = values[np.isfinite(values)]
+    if len(known) == 0 or np.any(known < 0.0) or np.any(known != np.round(known)):
+        return 0
+    for bits in BITS:
+        share = known / 2.0**bits
+        high = share > 0.5
+        empty = np.all(np.abs(share - 0.5) > EMPTY)
+        if empty and np.any(high) and not np.all(high) and np.max(share) < 1.0:
+            return bits
+    return 0
