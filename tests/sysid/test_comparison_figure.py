@@ -83,7 +83,7 @@ def test_an_axis_is_drawn_in_metres_and_newtons() -> None:
 
 
 def test_a_model_that_runs_away_is_drawn() -> None:
-    lost = ROD.with_effect(Viscous(b=500.0))
+    lost = ROD.with_effect(Viscous(b=5e4))
     found = compare(lost, logs(ROD, n=1), SENSOR)
     assert found.torque is None
     rendered(plot_comparison(found))
