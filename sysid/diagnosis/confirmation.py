@@ -174,7 +174,10 @@ class Confirmation:
             return None
         torque = self.torque(end)
         for addition in self.additions:
-            without = self.torque(self.fit_with([a for a in self.additions if a is not addition])[0]).after
+            fewer, its_error = self.fit_with([a for a in self.additions if a is not addition])
+            if not math.isfinite(its_error.ratio):  # without it the model runs away
+                continue
+            without = self.torque(fewer).after
             if torque.after > without or self._hides(addition, end, error, torque, without):
                 return addition
         return None
