@@ -219,7 +219,16 @@ def _without_numbers(part: Parametric) -> Hashable:
     """What a plant or an effect is beside its numbers."""
     own = {f.name: getattr(part, f.name) for f in fields(part)}
     kept = {name: value for name, value in own.items() if name != "bounds" and name not in part.parameters}
-    return type(part), *((name, v if isinstance(v, Hashable) else id(v)) for name, v in kept.items())
+    return type(part), *((name, _hashable(value)) for name, value in kept.items())
+
+
+def _hashable(value: object) -> Hashable:
+    """The value, or which one it is: a tuple of arrays calls itself hashable and is not."""
+    try:
+        hash(value)
+    except TypeError:
+        return id(value)
+    return value
 
 
 @lru_cache(maxsize=64)
