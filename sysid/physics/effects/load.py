@@ -94,19 +94,20 @@ class Spring(JointEffect):
 
 @dataclass(frozen=True, eq=False)
 class CubicSpring(JointEffect):
-    """A spring that grows stiffer the further it is bent (k_3 > 0), or softer: rubber, a membrane, a bent beam.
+    """A spring that grows stiffer the further it is bent: rubber, a membrane, a beam between two walls.
 
-    With it an axis is Duffing's oscillator (Nayfeh, Mook: Nonlinear Oscillations, ch. 4). k_3 = 0 is Spring.
+    With it an axis is Duffing's oscillator (Nayfeh, Mook: Nonlinear Oscillations, ch. 4). k_3 = 0 is Spring. One that
+    grows softer is left out: bent far enough it pushes outwards, and what it holds runs away.
     """
 
-    words = "a spring that grows stiffer, or softer"
+    words = "a spring that grows stiffer"
     rarity = 2.5
     imitates = "theta"
     refines = (("spring",),)
     formula = "tau = -k x - k_3 x^3, x = theta - rest"
     confused = ("spring",)
     k: Value = parameter(0.0, unit="N m/rad", bounds=(-math.inf, math.inf), neutral=0.0)
-    k_3: Value = parameter(0.0, unit="N m/rad^3", bounds=(-math.inf, math.inf), neutral=0.0)
+    k_3: Value = parameter(0.0, unit="N m/rad^3", bounds=(0.0, math.inf), neutral=0.0)
 
     def torque(self, joint: Joint) -> Value:
         x = joint.theta - joint.plant.rest
