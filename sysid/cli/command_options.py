@@ -33,7 +33,8 @@ class LogOptions:
     several rollouts."""
 
     columns: Annotated[str, shown("t=NAME,...")] = ""
-    """The file's own names of columns, as in t=time_s,theta=angle_rad,torque=i_meas; "theta_dot=" leaves one out."""
+    """The file's own names of columns, as in t=time_s,theta=angle_rad,torque=tau (or voltage=duty, as --input says);
+    "theta_dot=" leaves one out."""
 
     zero: Annotated[Literal["upright", "hanging"] | None, shown(default="upright")] = None
     """Where the log's angle is 0."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -17,6 +17,10 @@ from sysid.limits import RAW_ROWS
 from sysid.physics.ops import Array
 
 NAMES = ("t", "theta", "theta_dot", "torque", "rollout")
+Command = Literal["torque", "current", "voltage", "position"]
+"""What a machine was told: see `sysid.physics.effects.actuators`."""
+ALSO_TORQUE = ("u", "command", "force", *get_args(Command)[1:])
+"""What else the command may be called where columns are named."""
 LOOKS_LIKE = {
     "t": r"t$|^t_|time|stamp|sec|^[mu]s$|millis|micros",
     "theta": r"theta$|angle|pos|^q\d*$|phi",
@@ -51,7 +55,7 @@ def wanted_columns(columns: str | Mapping[str, str] | None) -> dict[str, str]:
     if columns is None:
         return {}
     pairs = columns.items() if isinstance(columns, Mapping) else _pairs(columns)
-    wanted = {"torque" if ours in ("u", "command") else ours: theirs for ours, theirs in pairs}
+    wanted = {"torque" if ours in ALSO_TORQUE else ours: theirs for ours, theirs in pairs}
     for ours in wanted:
         if ours not in NAMES:
             raise InvalidInput(
@@ -68,27 +72,41 @@ def _pairs(text: str) -> list[tuple[str, str]]:
     return [(ours.strip(), theirs.strip()) for ours, _, theirs in pairs]
 
 
-def chosen_columns(name: str, found: Sequence[str], wanted: Mapping[str, str]) -> dict[str, str]:
-    """{our name: the file's name} of the columns to read; raises InvalidInput that says which were found."""
+def chosen_columns(
+    name: str, found: Sequence[str], wanted: Mapping[str, str], command: Command = "torque"
+) -> dict[str, str]:
+    """{our name: the file's name} of the columns to read; raises InvalidInput that says which were found.
+
+    A log need not have a torque, but a `command` of another kind, which the user has asked for.
+    """
     listed = ", ".join(title for title in found if title) or "none"
     for ours, theirs in wanted.items():
         if theirs and theirs not in found:
             raise InvalidInput(f"{name} has no column {theirs!r} for {ours}: found {listed}")
-    chosen = {ours: theirs for ours, theirs in (named_columns(found) | dict(wanted)).items() if theirs}
-    if "t" in chosen and ("theta" in chosen or "theta_dot" in chosen):
+    settled = named_columns(found, command) | dict(wanted)
+    chosen = {ours: theirs for ours, theirs in settled.items() if theirs}
+    asked = command != "torque" and "torque" not in settled
+    if "t" in chosen and ("theta" in chosen or "theta_dot" in chosen) and not asked:
         return chosen
-    missing = "no t" if "t" not in chosen else "neither theta nor theta_dot"
-    pairs = ",".join(f"{ours}={theirs}" for ours, theirs in likely_columns(found, chosen).items())
+    moves = "theta" in chosen or "theta_dot" in chosen
+    missing = f"no {command} that the machine was told" if moves else "neither theta nor theta_dot"
+    missing = missing if "t" in chosen else "no t"
+    likely = {command if n == "torque" else n: theirs for n, theirs in likely_columns(found, chosen).items()}
+    pairs = ",".join(f"{ours}={theirs}" for ours, theirs in likely.items())
     which = f", perhaps columns {pairs}" if pairs else " (columns)"
     raise InvalidInput(f"{name} has {missing}: found {listed}; say which is which{which}")
 
 
-def named_columns(found: Sequence[str]) -> dict[str, str]:
-    """{our name: the file's name} of the columns that are called as we call them."""
+def named_columns(found: Sequence[str], command: Command = "torque") -> dict[str, str]:
+    """{our name: the file's name} of the columns that are called as we call them.
+
+    A command is called what it is, u or command; a column named position is most often the angle that was read.
+    """
     own = {name: name for name in NAMES if name in found}
-    for other in ("u", "command"):
-        if "torque" not in own and other in found:
+    for other in (*([] if command == "position" else [command]), "torque", "u", "command", "force"):
+        if other in found:
             own["torque"] = other
+            break
     return own
 
 

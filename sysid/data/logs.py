@@ -11,7 +11,7 @@ from typing import Any, Literal, get_args, overload
 import numpy as np
 
 from sysid.data import checks, log_files, resampling
-from sysid.data.columns import TimeUnit, chosen_columns, in_seconds, wanted_columns, with_signs
+from sysid.data.columns import Command, TimeUnit, chosen_columns, in_seconds, likely_columns, wanted_columns, with_signs
 from sysid.data.record import Record, amount_of
 from sysid.data.resampling import Rows
 from sysid.data.table import Table, TimeWindow
@@ -21,8 +21,6 @@ from sysid.physics.plants import Plant
 
 File = str | PathLike[str] | Any
 """A path, or a pandas DataFrame."""
-Command = Literal["torque", "current", "voltage", "position"]
-"""What a machine was told: see `sysid.physics.effects.actuators`."""
 FAST = 1e-4
 """Share of a motion's power that may lie at frequencies that a thinned log no longer shows well."""
 FEW = 0.1
@@ -131,7 +129,8 @@ def read(
     columns : str or mapping, optional
         "t=time_s,theta=angle_rad,...", or the same as a mapping: the file's names for t [s], theta [rad], theta_dot
         [rad/s] (one of the two is enough), torque [N m] (held from its row's time to the next; none: a free swing) and
-        rollout. "theta_dot=" leaves a column out; other columns are ignored.
+        rollout. "theta_dot=" leaves a column out; other columns are ignored. The command may be called u, command,
+        force, or what `command` says that it is.
     zero : {"upright", "hanging"}
         What the file's angle 0 means; "hanging" adds pi.
     flip_torque : bool
@@ -169,7 +168,9 @@ def read(
     rollouts: list[Rows] = []
     notes: list[str] = []
     for source in sources:
-        chosen = chosen_columns(source.name, source.names(), wanted)
+        chosen = chosen_columns(source.name, source.names(), wanted, command)
+        if "torque" not in {*chosen, *wanted} and (other := likely_columns(source.names(), chosen).get("torque")):
+            notes.append(f"{source.name}: column {other!r} is not read: is it the torque (columns torque={other})?")
         table, said = with_signs(source.name, in_seconds(source, chosen, window, time_unit, notes), chosen)
         notes += said
         if len(table["t"]) == 0:

@@ -112,7 +112,7 @@ def columns(session: Session) -> tuple[tuple[str, ...], dict[str, str]]:
         told = wanted_columns(state.log.get("columns", ""))
     except InvalidInput:  # the preview says why
         return (), {}
-    own = named_columns(found) | told
+    own = named_columns(found, state.log_options.input or "torque") | told
     return found, {ours: theirs for ours, theirs in (likely_columns(found, own) | own).items() if theirs}
 
 
@@ -127,7 +127,8 @@ def settle_columns(session: Session) -> None:
     if empty := [chosen[ours] for ours, column in table.items() if not np.any(np.isfinite(column))]:
         kept = {ours: theirs for ours, theirs in chosen.items() if theirs not in empty}
         chosen = likely_columns([name for name in found if name not in empty], kept) | kept
-    told = ",".join(f"{a}={b}" for a, b in chosen.items() if named_columns(found).get(a) != b)
+    own = named_columns(found, state.log_options.input or "torque")
+    told = ",".join(f"{a}={b}" for a, b in chosen.items() if own.get(a) != b)
     if told and not state.log.get("columns"):
         session.change(log={**state.log, "columns": told})
 

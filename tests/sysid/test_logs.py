@@ -83,6 +83,29 @@ def test_without_torque_it_is_a_free_swing(tmp_path):
     assert not np.any(log[0].u) and any("a free swing" in note for note in log.notes)
 
 
+@pytest.mark.parametrize("command", ["current", "voltage", "position"])
+def test_a_command_that_is_asked_for_is_read_or_asked_after(tmp_path, command):
+    (record,) = rollouts()
+    own = table(record)
+    told = own.pop("torque")
+    path = write(tmp_path / "log.csv", own | {"goal": told})
+    with pytest.raises(InvalidInput, match=f"no {command} that the machine was told.*perhaps columns {command}=goal"):
+        read(path, command=command)
+    with pytest.raises(InvalidInput, match="no column 'duty' for torque"):
+        read(path, command=command, columns=f"{command}=duty")
+    same(read(path, command=command, columns=f"{command}=goal")[0], record)
+    assert not np.any(read(path, command=command, columns="torque=")[0].u), "a free swing that somebody asked for"
+    assert any("'goal' is not read" in note for note in read(path).notes)
+
+
+@pytest.mark.parametrize("command", ["current", "voltage"])
+def test_a_command_called_what_it_is_is_read(tmp_path, command):
+    (record,) = rollouts()
+    own = table(record)
+    path = write(tmp_path / "log.csv", own | {command: own.pop("torque"), "u": np.zeros(len(own["t"]))})
+    same(read(path, command=command)[0], record)
+
+
 def test_several_files_and_a_rollout_column_are_several_rollouts(tmp_path):
     one, two = rollouts(2)
     paths = [write(tmp_path / f"{r.name}.csv", table(r)) for r in (one, two)]
