@@ -268,8 +268,9 @@ def _sensor(options: LogOptions, log: Log, plant: Plant) -> Sensor:
         sensor = Sensor(**given)
     else:
         noise = sensor_noise(log)
-        logger.info(noise.sentence(plant))
         sensor = dataclasses.replace(noise.sensor, **given)
+        found = {channel: error for channel, error in noise.error.items() if channel not in given}
+        logger.info(dataclasses.replace(noise, sensor=sensor, error=found).sentence(plant))
     check_excitation(log, sensor)
     return sensor
 
