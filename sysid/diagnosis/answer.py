@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +17,7 @@ from sysid.diagnosis.ranked import Ranked
 from sysid.diagnosis.residual_torque import ResidualTorque, residual_torque
 from sysid.estimation.estimate import Estimate
 from sysid.estimation.held_out import HeldOutError, finite
+from sysid.estimation.torque_regression import FrictionAlong
 from sysid.physics.model import Model
 from sysid.planning.planned_experiment import Experiment
 
@@ -26,6 +27,10 @@ if TYPE_CHECKING:
 SCHEMA = "gapfinder/diagnosis/1"
 MOST_SHOWN = 12_000
 """Samples of a log whose residual torque is looked at once more."""
+NOT_THE_DRIVE = (
+    "something else moved the machine, or a sign, a zero or a unit is another; the fitted numbers mean little. Try a part "
+    "of the log in which nothing touched it"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +116,11 @@ class MissingTorque:
         """1 - after^2 / before^2: the share that the steps explain, 0 where nothing was missing."""
         return max(0.0, 1.0 - (self.after / self.before) ** 2) if self.before > 0.0 else 0.0
 
+    @property
+    def overwhelms(self) -> bool:
+        """Whether what remains is larger than all that the drive does."""
+        return 0.0 < self.drive < self.after
+
     def to_dict(self) -> dict[str, Any]:
         """Plain data."""
         return {"drive": self.drive, "before": self.before, "after": self.after, "explained": self.explained}
@@ -163,6 +173,8 @@ class Diagnosis:
         The share by which an effect has to lower the error of predictions, to matter.
     notes : tuple of str
         What was noted when the log was read.
+    friction : FrictionAlong or None
+        What the drive's torque is made of along the motion, where no model explains how the motion comes of it.
     """
 
     verdict: str
@@ -187,6 +199,7 @@ class Diagnosis:
     unconfirmed: tuple[str, ...] = ()
     tolerance: float = 0.02
     notes: tuple[str, ...] = ()
+    friction: FrictionAlong | None = None
 
     @property
     def held_out(self) -> tuple[str, ...]:
@@ -283,6 +296,7 @@ class Diagnosis:
             "remaining": None if self.remaining is None else self.remaining.to_dict(),
             "not_identifiable": [list(group) for group in self.not_identifiable],
             "ruled_out": self.ruled_out,
+            "friction_along_the_motion": None if self.friction is None else asdict(self.friction),
             "touched": [{"record": t.name, "begin": t.t_begin, "end": t.t_end, "peak": t.peak} for t in self.contacts],
             "next_experiment": None if self.next_experiment is None else self.next_experiment.to_dict(),
             "seconds": self.seconds,
@@ -316,12 +330,11 @@ class Diagnosis:
     def doubts(self) -> tuple[str, ...]:
         """Reasons not to trust the numbers, a sentence each."""
         doubts = [] if self.estimate.success else [f"the fit did not end well: {self.estimate.status}"]
-        if self.remaining is not None and 0.0 < self.torque.drive < self.torque.after:
+        if self.remaining is not None and self.torque.overwhelms:
             what, unit = quantity("torque", self.error.units), self.error.units["torque"]
             doubts.append(
-                f"what remains is larger than the {what} of the drive (rms {self.torque.drive:.2g} {unit}): something "
-                "else moved the machine, or a sign, a zero or a unit is another; the fitted numbers mean little. Try a "
-                "part of the log in which nothing touched it"
+                f"what remains is larger than the {what} of the drive (rms {self.torque.drive:.2g} {unit}): "
+                + (self._friction_alone(self.friction) if self.friction else NOT_THE_DRIVE)
             )
         return tuple(doubts)
 
@@ -355,6 +368,16 @@ class Diagnosis:
             f"over {after.window:g} s of held-out data the {quantity(channel, after.units)} is predicted to {size:.3g} "
             f"{after.units[channel]}{fell} ({after.ratio:.3g} times the sensor noise"
             f"{f', before {before.ratio:.3g}' if fell else ''})"
+        )
+
+    def _friction_alone(self, friction: FrictionAlong) -> str:
+        """That the motion does not show the inertia, and which friction the torque shows."""
+        plant, (b, b_sd), (tau_c, tau_c_sd) = self.model.plant, friction.viscous, friction.coulomb
+        return (
+            "the motion does not show how the machine answers, as where a controller follows a path and friction takes "
+            f"most of it. Along the motion a regression explains {friction.share:.0%} of what the drive does, by viscous "
+            f"friction of {b:.3g} +- {b_sd:.2g} {plant.unit('N m s/rad')} and dry friction of {tau_c:.3g} +- "
+            f"{tau_c_sd:.2g} {plant.unit('N m')}. Fix what is known (--set), or move it faster"
         )
 
     def _left(self, remaining: Remaining) -> str:

@@ -33,6 +33,7 @@ from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import foreseeable
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.scores import price
+from sysid.estimation.torque_regression import friction_along
 from sysid.physics.effects import CATALOGUE, effect
 from sysid.physics.model import Model
 from sysid.planning.planned_experiment import Experiment
@@ -234,6 +235,7 @@ class _Report:
             records=self.records,
             unseen=tuple(self.confirmed.held_out),
             notes=self.notes,
+            friction=friction_along(end.model, self.search.records, self.search.sensor) if torque.overwhelms else None,
             estimate=end.estimate(),
             contacts=self.confirmed.contacts,
             next_experiment=self._experiment(machine, end),

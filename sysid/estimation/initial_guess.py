@@ -8,18 +8,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from sysid.data.record import Record, extent_of
+from sysid.data.record import Record
 from sysid.data.sensor import Sensor
-from sysid.estimation.smoothed_start import smooth_states
+from sysid.estimation.torque_regression import integrated_motion, regression, weight_along
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
-SPAN = 0.2
-"""Seconds over which the equation of motion is integrated: the noise of an acceleration would drown it."""
-QUARTER = 0.5 * math.pi
-"""A quarter of a swing, as a multiple of sd theta / sd theta_dot: what swings faster is integrated over that."""
-MOST = 20_000
-"""Samples that are looked at."""
 FEWEST = 40
 """Samples of a record that tell how a servo follows its command."""
 SLOWEST, FASTEST, FREQUENCIES, RATIOS = 3.0, 2.0, 16, (0.3, 0.7, 1.5)
@@ -105,15 +99,10 @@ def _unexplained(model: Model, records: Sequence[Record], w: float, z: float) ->
     for r in records:
         theta = np.asarray(r.theta)[:-1]
         rest.append(theta - r.u[0] - lfilter(b.ravel(), a, r.u - r.u[0]))
-        loads.append(np.column_stack([_weight(model, theta), np.ones(len(r))]))
+        loads.append(np.column_stack([weight_along(model, theta), np.ones(len(r))]))
     A, e = np.concatenate(loads), np.concatenate(rest)
     found = np.linalg.lstsq(A, e, rcond=1e-9)[0]
     return float(np.sqrt(np.mean((e - A @ found) ** 2))), float(found[0])
-
-
-def _weight(model: Model, theta: Array) -> Array:
-    """The torque of gravity along theta, up to its size; none on what does not turn."""
-    return np.sin(theta) if model.plant.turns else np.zeros_like(theta)
 
 
 def _inside(model: Model, names: Sequence[str], scale: Array) -> list[float]:
@@ -127,43 +116,8 @@ def _inside(model: Model, names: Sequence[str], scale: Array) -> list[float]:
 
 def shown_ratios(model: Model, records: Sequence[Record], sensor: Sensor) -> dict[str, float]:
     """1/J [1/(kg m^2)] and G/J [1/s^2], where they are positive and three standard errors from 0."""
-    rows, targets, seen, reach = [], [], 0, extent_of(records, model.plant.turns).reach
-    for record in records:
-        if seen >= MOST:
-            break
-        part = record.head(MOST - seen)
-        seen += len(part)
-        theta, theta_dot = smooth_states(part, sensor, reach).T
-        swing = QUARTER * float(np.std(theta)) / max(float(np.std(theta_dot)), 1e-300)
-        span = max(round(min(SPAN, swing) / part.dt), 1)
-        if len(part) < 4 * span:
-            continue
-        place, middle = 0.5 * (theta[1:] + theta[:-1]), 0.5 * (theta_dot[1:] + theta_dot[:-1])
-        torque = model.torque(place, middle, part.u)
-        columns = (
-            _weight(model, place) if model.plant.turns else place,  # what does not turn may hang on a spring
-            torque,
-            -middle,
-            -np.sign(middle),
-            np.ones(len(part)),
-        )
-        rows.append(np.column_stack([part.dt * _sums(c, span) for c in columns])[::span])
-        targets.append((theta_dot[span:] - theta_dot[:-span])[::span])
-    if not rows:
-        return {}
-    A, b = np.concatenate(rows), np.concatenate(targets)
-    size = np.linalg.norm(A, axis=0)
-    size[size == 0.0] = 1.0
-    S = A / size
-    fit, _, rank, _ = np.linalg.lstsq(S, b, rcond=1e-6)
-    variance = float(np.sum((b - S @ fit) ** 2)) / max(len(b) - int(rank), 1)
-    sd = np.sqrt(variance * np.maximum(np.diag(np.linalg.pinv(S.T @ S, rcond=1e-12)), 0.0))
-    least = 1e-6 * float(np.linalg.norm(b))  # what moves the joint by less is rounding
+    terms = integrated_motion(model, records, sensor)
+    found = regression(terms.columns, terms.speed_change)
+    least = 1e-6 * float(np.linalg.norm(terms.speed_change))  # what moves the joint by less is rounding
     shown = {"1/J": 1} | ({"G/J": 0} if model.plant.turns else {})
-    return {name: float(fit[k] / size[k]) for name, k in shown.items() if fit[k] > max(3.0 * sd[k], least)}
-
-
-def _sums(column: Array, span: int) -> Array:
-    """Running sums over `span` intervals."""
-    total = np.concatenate(([0.0], np.cumsum(column)))
-    return total[span:] - total[:-span]
+    return {n: found.value[k] for n, k in shown.items() if found.value[k] > max(3.0 * found.sd[k], least)}

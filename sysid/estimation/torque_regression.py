@@ -1,0 +1,130 @@
+"""Torque regression: the equation of motion along smoothed readings, by least squares, which needs no model to begin."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from sysid.data.record import Record, extent_of
+from sysid.data.sensor import Sensor
+from sysid.estimation.smoothed_start import smooth_states
+from sysid.physics.model import Model
+from sysid.physics.ops import Array
+
+SPAN = 0.2
+"""Seconds over which the equation of motion is integrated: the noise of an acceleration would drown it."""
+QUARTER = 0.5 * math.pi
+"""A quarter of a swing, as a multiple of sd theta / sd theta_dot: what swings faster is integrated over that."""
+MOST = 20_000
+"""Samples that are looked at."""
+MADE_OF_FRICTION = 0.5
+"""Share of a torque from which it is said to be friction."""
+
+
+class IntegratedMotion(NamedTuple):
+    """The equation of motion, integrated over N spans of the smoothed motion:
+
+        theta_dot(t + T) - theta_dot(t) = integral of  G/J sin(theta) + tau/J - b theta_dot - c sign(theta_dot) + d
+
+    columns (N, 5)   the integrals of sin(theta), of a linear axis theta, of tau, -theta_dot, -sign(theta_dot) and 1
+    speed_change (N,)   the left-hand side [rad/s]
+    """
+
+    columns: Array
+    speed_change: Array
+
+
+def integrated_motion(model: Model, records: Sequence[Record], sensor: Sensor) -> IntegratedMotion:
+    """The terms of the equation of motion over T = 0.2 s, or a quarter of a swing; none of logs that are too short."""
+    rows, targets, seen, reach = [np.zeros((0, 5))], [np.zeros(0)], 0, extent_of(records, model.plant.turns).reach
+    for record in records:
+        if seen >= MOST:
+            break
+        part = record.head(MOST - seen)
+        seen += len(part)
+        theta, theta_dot = smooth_states(part, sensor, reach).T
+        swing = QUARTER * float(np.std(theta)) / max(float(np.std(theta_dot)), 1e-300)
+        span = max(round(min(SPAN, swing) / part.dt), 1)
+        if len(part) < 4 * span:
+            continue
+        place, middle = 0.5 * (theta[1:] + theta[:-1]), 0.5 * (theta_dot[1:] + theta_dot[:-1])
+        columns = (
+            weight_along(model, place) if model.plant.turns else place,  # what does not turn may hang on a spring
+            model.torque(place, middle, part.u),
+            -middle,
+            -np.sign(middle),
+            np.ones(len(part)),
+        )
+        rows.append(np.column_stack([part.dt * _sums(c, span) for c in columns])[::span])
+        targets.append((theta_dot[span:] - theta_dot[:-span])[::span])
+    return IntegratedMotion(np.concatenate(rows), np.concatenate(targets))
+
+
+class Regression(NamedTuple):
+    """Numbers (P,) by least squares, with their standard errors, and the share of the target's variance explained."""
+
+    value: list[float]
+    sd: list[float]
+    share: float
+
+
+def regression(columns: Array, target: Array) -> Regression:
+    """Least squares of columns (N, P) on a target (N,); 0 +- 0 of what does not show."""
+    size = np.linalg.norm(columns, axis=0)
+    size[size == 0.0] = 1.0
+    S = columns / size
+    fit, _, rank, _ = np.linalg.lstsq(S, target, rcond=1e-6)
+    left = target - S @ fit
+    variance = float(np.sum(left**2)) / max(len(target) - int(rank), 1)
+    sd = np.sqrt(variance * np.maximum(np.diag(np.linalg.pinv(S.T @ S, rcond=1e-12)), 0.0))
+    total = float(np.sum((target - np.mean(target)) ** 2)) if len(target) else 0.0
+    share = 1.0 - float(np.sum(left**2)) / total if total > 0.0 else 0.0
+    return Regression((fit / size).tolist(), (sd / size).tolist(), share)
+
+
+@dataclass(frozen=True)
+class FrictionAlong:
+    """The friction that a drive's torque is made of along a motion, with standard errors.
+
+        tau = J theta_ddot - G sin(theta) + b theta_dot + tau_c sign(theta_dot) + d
+
+    Where a controller follows a path closely, the torque follows from the motion and not the motion from the torque:
+    friction shows, and an inertia that takes little of the torque does not.
+
+    Attributes
+    ----------
+    viscous, coulomb : tuple of float
+        b [N m s/rad] and tau_c [N m], and their standard errors.
+    share : float
+        The share of the torque's variance that all terms together explain.
+    """
+
+    viscous: tuple[float, float]
+    coulomb: tuple[float, float]
+    share: float
+
+
+def friction_along(model: Model, records: Sequence[Record], sensor: Sensor) -> FrictionAlong | None:
+    """The friction along the motion; None where torque and motion do not show one, or where it explains no more than
+    half of the torque."""
+    columns, speed_change = integrated_motion(model, records, sensor)
+    torque, other = columns[:, 1], columns[:, [2, 3, 0, 4]]
+    value, sd, share = regression(np.column_stack([-other[:, :2], other[:, 2:], speed_change]), torque)
+    friction = FrictionAlong((value[0], sd[0]), (value[1], sd[1]), share)
+    sure = max(value[0] - 3.0 * sd[0], value[1] - 3.0 * sd[1]) > 0.0
+    return friction if sure and share > MADE_OF_FRICTION else None
+
+
+def weight_along(model: Model, theta: Array) -> Array:
+    """The torque of gravity along theta, up to its size; none on what does not turn."""
+    return np.sin(theta) if model.plant.turns else np.zeros_like(theta)
+
+
+def _sums(column: Array, span: int) -> Array:
+    """Running sums over `span` intervals."""
+    total = np.concatenate(([0.0], np.cumsum(column)))
+    return total[span:] - total[:-span]

@@ -1,0 +1,65 @@
+"""Laws of the torque regression: what friction takes of a torque is found along a motion that somebody prescribes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sysid import GeneralJoint, LinearAxis, Model, Record, Sensor, diagnose
+from sysid.estimation.torque_regression import friction_along, regression
+
+DT, SENSOR = 0.008, Sensor(theta=5e-5)
+B, TAU_C = 0.06, 0.22
+"""Viscous and dry friction of the joint."""
+
+
+def followed(J: float, b: float, tau_c: float, scatter: float, seconds: float = 24.0, seed: int = 0) -> Record:
+    """A joint that a controller holds to a path, whatever the torque for it: what no model foresees is slow."""
+    rng, t = np.random.default_rng(seed), DT * np.arange(round(seconds / DT) + 1)
+    w, size = 2.0 * np.pi * np.array([0.11, 0.19, 0.31]), np.array([0.9, 0.4, 0.2])
+    theta = np.sin(t[:, None] * w) @ size
+    theta_dot, theta_ddot = np.cos(t[:, None] * w) @ (size * w), -np.sin(t[:, None] * w) @ (size * w * w)
+    slow = np.convolve(rng.standard_normal(len(t) + 30), np.hanning(31), "valid")
+    torque = J * theta_ddot + b * theta_dot + tau_c * np.sign(theta_dot) + scatter * slow / np.std(slow)
+    return Record(t, torque[:-1], theta + SENSOR.theta * rng.standard_normal(len(t)), name="followed")
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_friction_is_found_within_its_error_where_the_inertia_does_not_show(seed: int) -> None:
+    found = friction_along(Model(GeneralJoint(), dt=DT), [followed(0.002, B, TAU_C, 0.03, seed=seed)], SENSOR)
+    assert found is not None
+    assert abs(found.viscous[0] - B) < 4.0 * found.viscous[1]
+    assert abs(found.coulomb[0] - TAU_C) < 4.0 * found.coulomb[1] + 0.02 * TAU_C, "smoothed readings reverse late"
+    assert found.share > 0.9
+
+
+def test_a_torque_without_friction_shows_none() -> None:
+    assert friction_along(Model(GeneralJoint(), dt=DT), [followed(1.0, 0.0, 0.0, 0.03)], SENSOR) is None
+
+
+def test_a_torque_that_is_hardly_friction_shows_none() -> None:
+    assert friction_along(Model(GeneralJoint(), dt=DT), [followed(0.002, B, TAU_C, 1.0)], SENSOR) is None
+
+
+def test_a_log_that_is_too_short_for_one_span_shows_none() -> None:
+    short = followed(0.002, B, TAU_C, 0.03).head(20)
+    assert friction_along(Model(LinearAxis(), dt=DT), [short], SENSOR) is None
+
+
+def test_standard_errors_cover() -> None:
+    rng, truth, inside = np.random.default_rng(3), np.array([2.0, -1.0]), 0
+    for _ in range(400):
+        columns = rng.standard_normal((50, 2)) * [1.0, 1e-6]
+        found = regression(columns, columns @ (truth / [1.0, 1e-6]) + rng.standard_normal(50))
+        inside += abs(found.value[1] - truth[1] * 1e6) < 1.96 * found.sd[1]
+    assert 0.92 < inside / 400 < 0.98
+
+
+@pytest.mark.long
+def test_a_diagnosis_tells_the_friction_of_a_joint_that_only_follows_its_path() -> None:
+    answer = diagnose(Model(GeneralJoint(), dt=DT), [followed(0.002, B, TAU_C, 0.03)], SENSOR)
+    assert answer.verdict == "unknown"
+    assert answer.friction is not None
+    assert abs(answer.friction.coulomb[0] - TAU_C) < 0.03
+    assert "dry friction of 0.2" in answer.doubts[-1]
+    assert answer.to_dict()["friction_along_the_motion"]["share"] > 0.9
