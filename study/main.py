@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from study.presets import ABOUT, PRESETS, QUICK
+from study.presets import ABOUT, PRESETS
 
 if TYPE_CHECKING:
     from study.pipeline.executor import Executor
@@ -34,9 +34,6 @@ class Options:
     """
 
     preset: Annotated[str, tyro.conf.arg(metavar=f"{{{','.join(PRESETS)}}}", help=ABOUT)] = "quick"
-
-    quick: bool = False
-    """The quick version of --preset, where it has one."""
 
     strategies: Annotated[str, tyro.conf.arg(metavar="NAME,...", help_behavior_hint="(default: all)")] = ""
     """Of a preset that compares strategies these alone: names, or FILE.py:CLASS for one of your own."""
@@ -88,11 +85,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if unknown:
         known = ", ".join(map(_flag, dataclasses.fields(Options)))
         return _fail(f"unknown option {unknown[0]!r}: expected {known} or --help", 2)
-    if options.quick:
-        if options.preset not in QUICK:
-            known = " or ".join(f"--preset {name}" for name in (*QUICK, "quick"))
-            return _fail(f"--quick with preset {options.preset!r}: expected {known}", 2)
-        options = dataclasses.replace(options, preset=f"{options.preset}-quick", quick=False)
     signal.signal(signal.SIGTERM, _interrupt)
     return _study(options)
 

@@ -25,9 +25,6 @@ def open_experiment(settings: StudySettings, options: RunOptions) -> AbstractCon
     return opened
 
 
-QUICK = tuple(name for name in PRESETS if f"{name}-quick" in PRESETS)
-"""Those that have a quick version."""
-
 ABOUT = """quick: 18 small agents, minutes. paper: the paper's 250 agents, 256 x 256. paper-w0: of these the 50 that
 train at the estimate alone. paper-width: of these the 50 of five seeds without a band and with the widest. paper-small:
 the same as paper with 64 x 64 networks, the one for CPUs. robustness: two gaps, two noise levels and the prior range,

@@ -45,11 +45,10 @@ def test_help_answers_within_half_a_second():
     ("arguments", "told"),
     [
         (["--preset", "slow"], ["unknown preset 'slow'", "quick, paper, paper-w0, paper-width, paper-small"]),
-        (["--quick"], ["--quick with preset 'quick'", "--preset mismatch or --preset strategies"]),
         (["--preset", "strategies", "--strategies", "point,guess"], ["unknown strategy 'guess'", "prior, prior_range"]),
         (["--strategies", "point"], ["--strategies point: expected a preset of strategies, not quick"]),
         (["--preset", "strategies", "--import", "runs.csv"], ["--import runs.csv: expected a preset of the paper's"]),
-        (["--sedes", "3"], ["unknown option '--sedes'", "--preset, --quick, --strategies"]),
+        (["--sedes", "3"], ["unknown option '--sedes'", "--preset, --strategies"]),
         (["--workers", "some"], ["workers", "some"]),
         (["--workers", "-1"], ["--workers -1", "0 for one a core"]),
         (["--executor", "pool"], ["unknown executor 'pool'", "processes or ray"]),
