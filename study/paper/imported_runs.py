@@ -1,8 +1,7 @@
 """Finished runs from elsewhere: the results.sqlite of another study, or a runs.csv, also the paper's own summary.csv.
 
 A run is taken up only where it is one of the preset's and its estimate is the one that this code finds from the same
-rollouts. A table has no episodes and no learning curves.
-Reference controllers that were rated with these runs are taken up, too.
+rollouts. A table has no episodes and no learning curves. Reference controllers are run anew.
 """
 
 from __future__ import annotations
@@ -16,12 +15,10 @@ from pathlib import Path
 from typing import Any
 
 from study.paper.finished_runs import RUNS, Run, read_runs
-from study.paper.presets import Estimates, Point, Preset, Theta
-from study.paper.reference_controllers import RATINGS, Rating, Reference
+from study.paper.presets import Estimates, Point, Preset
 from study.paper.runs import measured
 from study.pipeline.database import META, check_tables, readable
 from study.pipeline.population_task import sac_settings
-from study.pipeline.tables import read_table
 from sysid import InvalidInput
 from sysid.data.files import check_input, named
 
@@ -43,27 +40,6 @@ def import_runs(file: Path, preset: Preset, estimates: Estimates) -> list[Run]:
         theta, truth = estimates[run.cell.point, run.cell.n, run.cell.seed], preset.point(run.cell.point).truth
         runs.append(replace(run, theta_hat=theta, id_error=math.dist(theta, truth), imported=file.name))
     return runs
-
-
-def import_references(file: Path, preset: Preset, estimates: Estimates) -> list[Reference]:
-    """What the table of ratings beside the file says of controllers designed at the truths and at these estimates.
-
-    Left out is what a table of other angles, other episodes or too few seeds made; none where there is no such table.
-    """
-    own = {_rounded(theta): theta for theta in (*estimates.values(), *(point.truth for point in preset.points))}
-    found: dict[tuple[Any, ...], dict[int, Reference]] = {}
-    for row in read_table(Rating, file.with_name(RATINGS), "references", optional=True):
-        theta = own.get(_rounded(row.theta))
-        if theta and (row.grid, row.episodes) == (preset.grid, preset.episodes) and math.isfinite(row.return_mean):
-            reference = Reference(**{**vars(row), "m": theta[0], "l": theta[1]})
-            found.setdefault(reference.key, {})[row.seed] = reference
-    seeds = sorted({*preset.seeds, *preset.reference_seeds})
-    return [rows[seed] for rows in found.values() if rows.keys() >= set(seeds) for seed in seeds]
-
-
-def _rounded(theta: Theta) -> Theta:
-    """To a micrometre and a milligram: other machines find an estimate anew to rounding alone."""
-    return round(theta[0], 6), round(theta[1], 6)
 
 
 def is_database(file: Path) -> bool:

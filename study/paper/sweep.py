@@ -19,7 +19,7 @@ from rich.console import Console
 
 from study.paper.finished_runs import RUNS, Outcomes, read_published
 from study.paper.identification_scatter import scatter
-from study.paper.imported_runs import import_references, import_runs, is_database
+from study.paper.imported_runs import import_runs, is_database
 from study.paper.presets import PAPER, Estimates, Preset
 from study.paper.published_numbers import POINTS
 from study.paper.reference_controllers import REFERENCES, fresh_optimum, reference_tasks
@@ -68,9 +68,8 @@ class Sweep(StudyExperiment):
             new = [r for r in import_runs(self.imported, self.preset, self.estimates()) if r.cell not in there]
             self.results.add(RUNS, new)
             console.print(f"{len(new)} runs taken up from {self.imported}", soft_wrap=True)
-            known, rated = self._rated(), import_references(self.imported, self.preset, self.estimates())
-            self.results.add(REFERENCES, [r for r in rated if r.key not in known])
-        tasks: list[Task] = [*self._untrained(), *reference_tasks(self.preset, self.estimates(), self._rated())]
+        known = {key[:-1] for key in self.results.keys(REFERENCES)}
+        tasks: list[Task] = [*self._untrained(), *reference_tasks(self.preset, self.estimates(), known)]
         yield Stage(tasks, self._about(tasks))
 
     def keep(self, task: Task, answer: Any) -> None:
@@ -112,9 +111,6 @@ class Sweep(StudyExperiment):
         a sweep that is stopped then knows what width costs."""
         w, widths = task.cells[0].w, self.preset.point(task.cells[0].point).widths
         return min(w - min(widths), max(widths) - w)
-
-    def _rated(self) -> set[tuple[Any, ...]]:
-        return {key[:-1] for key in self.results.keys(REFERENCES)}
 
     def _about(self, tasks: Sequence[Task]) -> str:
         training = [t for t in tasks if isinstance(t, SweepPopulation)]

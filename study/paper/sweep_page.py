@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import fields
-from operator import attrgetter
 
 from study.paper import published_numbers as paper
 from study.paper.agreement import MARGIN
 from study.paper.finished_runs import run_table
 from study.paper.presets import Point, Preset
-from study.paper.reference_controllers import CONTROLLERS, LQR, OPTIMAL, RATINGS, SWING_UP, Rating, Reference
+from study.paper.reference_controllers import CONTROLLERS, LQR, OPTIMAL, SWING_UP
 from study.paper.reproduction import REPRODUCTION_CAPTIONS, Reproduction
 from study.paper.sweep_figures import drawings
 from study.paper.sweep_findings import PointFindings
@@ -33,7 +31,7 @@ POINT_CAPTIONS = {
 def outputs(preset: Preset) -> tuple[str, ...]:
     """The tables and figures that may be written."""
     drawn = (preset.figure_file(point.name, name) for point in preset.points for name in POINT_CAPTIONS)
-    return "runs.csv", "references.csv", RATINGS, *drawn, *(f"{name}.png" for name in REPRODUCTION_CAPTIONS)
+    return "runs.csv", "references.csv", *drawn, *(f"{name}.png" for name in REPRODUCTION_CAPTIONS)
 
 
 def sweep_account(found: Sequence[PointFindings], reproduction: Reproduction) -> Account:
@@ -51,11 +49,7 @@ def sweep_account(found: Sequence[PointFindings], reproduction: Reproduction) ->
     return Account(
         plan=preset,
         sections=[*told, Section(reproduction.sentences())],
-        tables={
-            "runs.csv": run_table(runs),
-            "references.csv": reference_table(found),
-            RATINGS: rating_table([references[key] for key in sorted(references)]),
-        },
+        tables={"runs.csv": run_table(runs), "references.csv": reference_table(found)},
         drawings={name: drawing for own in (*drawn, held) for name, drawing in own.items()},
         template="sweep.html.j2",
         shown={
@@ -86,12 +80,6 @@ def reference_table(found: Sequence[PointFindings]) -> Table:
         for controller in CONTROLLERS
     ]
     return ("m", "l", "controller", "return_mean", "return_sem"), rows
-
-
-def rating_table(references: Sequence[Reference]) -> Table:
-    """A `Rating` a reference controller and seed: what an import of these runs need not compute again."""
-    columns = [f.name for f in fields(Rating)]
-    return columns, map(attrgetter(*columns), references)
 
 
 def title(point: Point) -> str:

@@ -88,7 +88,7 @@ def test_a_study_ends_with_its_answer_and_files(undisturbed):
     assert f"report   {folder / 'report.html'}" in said
     made = {path.name for path in folder.iterdir()}
     assert made == {
-        "results.sqlite", "runs.csv", "references.csv", "ratings.csv", "study.json", "report.html",
+        "results.sqlite", "runs.csv", "references.csv", "study.json", "report.html",
         "heatmap.png", "pareto.png", "gap.png", "curves.png", "policies",
         "published_heatmap.png", "published_pareto.png",
     }  # fmt: skip

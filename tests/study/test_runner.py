@@ -168,18 +168,8 @@ def test_a_table_of_runs_is_taken_up_without_its_episodes(finished, tmp_path):
     assert trained(executor) == []
     assert (tmp_path / "runs.csv").read_text() == (folder / "runs.csv").read_text()
     assert {(r.imported, r.returns, r.curve) for r in taken} == {("runs.csv", (), ())}
-    assert not references(executor)
-    for name in ("references.csv", "ratings.csv"):
-        assert (tmp_path / name).read_text() == (folder / name).read_text()
+    assert (tmp_path / "references.csv").read_text() == (folder / "references.csv").read_text()
     assert "8 runs were taken up from runs.csv" in (tmp_path / "report.html").read_text(encoding="utf-8")
-
-
-def test_references_of_other_tables_are_computed_anew(finished, tmp_path):
-    folder, _, _, _ = finished
-    finer = dataclasses.replace(MANY, grid=44)
-    executor, _, _ = finish(tmp_path, finer, imported=folder / "runs.csv")
-    assert references(executor)
-    assert (tmp_path / "ratings.csv").read_text() != (folder / "ratings.csv").read_text()
 
 
 def test_what_is_missing_is_trained_and_imported_runs_stay(finished, tmp_path):
