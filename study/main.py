@@ -54,7 +54,7 @@ class Options:
     """Where networks train, as torch names it: cpu, cuda. Anywhere but on a CPU all agents train in one population."""
 
     import_: Annotated[Path | None, tyro.conf.arg(name="import", metavar="FILE", help_behavior_hint="")] = None
-    """Take up the finished runs in another study's results.sqlite or runs.csv."""
+    """Take up the finished runs in another study's runs.csv."""
 
     published: Annotated[Path | None, tyro.conf.arg(metavar="DIR", help_behavior_hint="")] = None
     """Folder of the authors' per-run CSV files, to pair ours with: results/ of github.com/YTomar79/sim2real_budget."""

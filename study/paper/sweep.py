@@ -19,7 +19,7 @@ from rich.console import Console
 
 from study.paper.finished_runs import RUNS, Outcomes, read_published
 from study.paper.identification_scatter import scatter
-from study.paper.imported_runs import import_runs, is_database
+from study.paper.imported_runs import read_import, taken_up
 from study.paper.presets import PAPER, Estimates, Preset
 from study.paper.published_numbers import POINTS
 from study.paper.reference_controllers import REFERENCES, fresh_optimum, reference_tasks
@@ -60,12 +60,11 @@ class Sweep(StudyExperiment):
 
     def stages(self, console: Console) -> Iterator[Stage]:
         """Identification; then training and references, after the runs in `imported` were taken up."""
-        if self.imported is not None:
-            is_database(self.imported)  # a file that cannot be read is refused before anything runs
+        imported = read_import(self.imported, self.preset) if self.imported else []
         yield Stage(list(self._unidentified()))
-        if self.imported is not None:
+        if self.imported:
             there = self.results.keys(RUNS)
-            new = [r for r in import_runs(self.imported, self.preset, self.estimates()) if r.cell not in there]
+            new = [run for run in taken_up(imported, self.preset, self.estimates()) if run.cell not in there]
             self.results.add(RUNS, new)
             console.print(f"{len(new)} runs taken up from {self.imported}", soft_wrap=True)
         known = {key[:-1] for key in self.results.keys(REFERENCES)}

@@ -39,7 +39,6 @@ def sweep_account(found: Sequence[PointFindings], reproduction: Reproduction) ->
     preset, runs = found[0].preset, [run for answer in found for run in answer.runs]
     references = {(r.key, r.seed): r for answer in found for r in answer.references}
     made = [*runs, *references.values()]
-    origins = (run.imported + ", a table, which does not say how they were trained" * (not run.returns) for run in runs)
     drawn = [
         {preset.figure_file(answer.point.name, name): (draw, POINT_CAPTIONS[name]) for name, draw in own.items()}
         for answer, own in zip(found, map(drawings, found), strict=True)
@@ -57,7 +56,7 @@ def sweep_account(found: Sequence[PointFindings], reproduction: Reproduction) ->
             "held": held,
             "controllers": CONTROLLER_LABELS,
             "sac": next((run.settings["sac"] for run in runs if "sac" in run.settings), {}),
-            "origins": Counter(filter(None, origins)),
+            "origins": Counter(run.imported for run in runs if run.imported),
             "reproduction": reproduction,
             "paper": paper,
             "margin": MARGIN,

@@ -7,7 +7,6 @@ format, device, version of gapfinder.
 from __future__ import annotations
 
 import contextlib
-import csv
 import errno
 import json
 import os
@@ -60,7 +59,7 @@ class Database:
         try:
             if not self.path.exists():
                 self._refuse_foreign_files(outputs)
-            with readable(self.path):
+            with _readable(self.path):
                 self._open(schema, identity)
         except BaseException:
             self.close()
@@ -83,7 +82,7 @@ class Database:
             raise InvalidInput(f"{self.path} is a database of something else: choose another --out")
         if tables:
             self._check(dict(self.db.execute("SELECT key, value FROM meta")), expected)
-            check_tables(self.db, schema, self.path)
+            _check_tables(self.db, schema, self.path)
         self.db.execute("PRAGMA journal_mode = WAL")
         self.db.execute("PRAGMA synchronous = FULL")
         self.db.execute("BEGIN IMMEDIATE")
@@ -153,7 +152,7 @@ class Database:
 
     def all(self, table: ResultTable[R]) -> list[R]:
         """Everything in a table, sorted by its keys."""
-        with readable(self.path):
+        with _readable(self.path):
             return [table.value(row) for row in self.db.execute(f"SELECT * FROM {table.name} ORDER BY {table.key}")]
 
     def keys(self, table: ResultTable[Any]) -> set[tuple[Any, ...]]:
@@ -221,7 +220,7 @@ def _columns(db: sqlite3.Connection) -> dict[str, list[tuple[str, str]]]:
     return {name: db.execute("SELECT name, type FROM pragma_table_info(?)", (name,)).fetchall() for name in names}
 
 
-def check_tables(db: sqlite3.Connection, schema: str, path: Path) -> None:
+def _check_tables(db: sqlite3.Connection, schema: str, path: Path) -> None:
     """Raise InvalidInput where a database has other tables than the schema, or another kind of value in a column."""
     with contextlib.closing(sqlite3.connect(":memory:")) as ours:
         ours.executescript(schema)
@@ -236,13 +235,13 @@ def check_tables(db: sqlite3.Connection, schema: str, path: Path) -> None:
 
 
 @contextlib.contextmanager
-def readable(path: Path) -> Iterator[None]:
+def _readable(path: Path) -> Iterator[None]:
     """Turn what SQLite says, and what rows that nobody of us wrote do to their reader, into sentences."""
     try:
         yield
     except InvalidInput:
         raise
-    except (ValueError, TypeError, LookupError, AttributeError, csv.Error):
+    except (ValueError, TypeError, LookupError, AttributeError):
         raise InvalidInput(f"{path} holds what no study wrote: expected the results of one") from None
     except sqlite3.OperationalError as error:
         if "locked" in str(error):

@@ -9,7 +9,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from study.paper.finished_runs import RUNS
-from study.paper.imported_runs import import_runs
+from study.paper.imported_runs import read_import, taken_up
 from study.paper.presets import PRESETS
 from study.paper.sweep import Sweep, sweep_results
 from tests.hostile_input.answering import CELLS, ESC, answered, many
@@ -34,6 +34,10 @@ STATEMENTS = {
 }
 
 
+def imported(path, preset):
+    return taken_up(read_import(path, preset), preset, defaultdict(lambda: (1.0, 1.0)))
+
+
 def opened(path):
     with sweep_results(path, PRESETS["smoke"]) as results:
         assert results.all(RUNS) is not None and Sweep(PRESETS["smoke"], results).estimates() is not None
@@ -47,7 +51,6 @@ def test_results_of_another_kind_are_refused(statements, tmp_path):
         db.executescript(statements)
     db.close()
     assert not answered(opened, tmp_path)
-    answered(import_runs, tmp_path / "results.sqlite", PRESETS["smoke"], defaultdict(lambda: (1.0, 1.0)))
 
 
 @pytest.mark.parametrize("size", [1, 100, 5000, 30000])
@@ -72,4 +75,4 @@ def test_any_cell_in_a_table_of_runs_is_refused_or_read(tmp_path_factory, cells,
     path = tmp_path_factory.getbasetemp() / "runs.csv"
     text = "\n".join(map(",".join, rows)).encode(errors="surrogatepass")
     path.write_bytes(text[: len(text) - cut])
-    answered(import_runs, path, PRESETS["paper-small"], defaultdict(lambda: (1.0, 1.0)))
+    answered(imported, path, PRESETS["paper-small"])
