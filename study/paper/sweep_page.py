@@ -21,9 +21,6 @@ CONTROLLER_LABELS = {OPTIMAL: "optimal (dynamic programming)", LQR: "LQR alone",
 POINT_CAPTIONS = {
     "heatmap": "Mean return on the hidden plant ± standard error over seeds. The best cell is outlined; the brightest "
     "colour is the optimum.",
-    "pareto": "The best width at every budget, between training without data and training on the most data.",
-    "gap": "Diamonds: the controller that is optimal for the estimate, run on the hidden plant. From the red line to a "
-    "diamond is what identification cost; from the diamond to a dot is what training and width cost.",
     "curves": "Returns of training episodes in the simulators agents train on, averaged over seeds and ten episodes.",
 }
 
