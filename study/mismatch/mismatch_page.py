@@ -9,7 +9,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from study.mismatch.mismatch_figures import ladder_of_strategies, strategy_returns
+from study.mismatch.mismatch_figures import strategy_returns
 from study.mismatch.mismatch_findings import MismatchFindings, mismatch_findings
 from study.mismatch.mismatch_plan import STRATEGIES, MismatchPlan
 from study.mismatch.mismatch_sentences import mismatch_sentences
@@ -26,8 +26,6 @@ CAPTIONS = {
     "returns": "Every strategy at every hidden plant: mean return with its 95 % interval over seeds, hollow for few "
     "rollouts, filled for many. All panels have one scale, each about its own optimum; a number at the left edge is a "
     "mean left of the panel.",
-    "ladder": "Left: from knowing nothing to knowing everything, at the largest budget. Right: what the gap to the "
-    "optimum consists of, with a model that lacks the effect and with the mended one.",
     "trajectories": "Where mending gained most, the two agents of the seed whose gain is nearest to the median, from "
     "the same start states. Torques: of the first in full, of the others faint.",
     "naming": "Above: how often the diagnosis is right, with Wilson's 95 % band: the effect named and no other, or its "
@@ -37,7 +35,7 @@ CAPTIONS = {
 """What stands below a figure, by its name and in the page's order."""
 
 
-OUTPUTS = (*TABLES, "returns.png", "ladder.png", "trajectories.png")
+OUTPUTS = (*TABLES, "returns.png", "trajectories.png")
 """What is written beside the database; the naming study's table and figure may lie there before."""
 
 
@@ -56,7 +54,6 @@ def mismatch_account(
     nothing = dict(zip(PARTS, (math.nan, math.nan, math.nan, 0), strict=True))
     drawings = {
         "returns": partial(strategy_returns, found),
-        "ladder": partial(ladder_of_strategies, found),
         "trajectories": motions,
         "naming": partial(naming_rates_and_errors, naming) if naming else None,
     }

@@ -53,9 +53,6 @@ STRATEGIES = {
 }  # fmt: skip
 """Every strategy, in the order in which they are shown; those that spend rollouts are names of `Budget.setup`."""
 
-LADDER = ("prior", "fitted", "mended", "oracle")
-"""The ladder, from knowing nothing to knowing everything."""
-
 SPLIT = ("fitted", "mended")
 """Strategies of whose gap to the optimum the parts are shown."""
 

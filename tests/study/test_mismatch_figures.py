@@ -14,7 +14,7 @@ from matplotlib.image import imread
 from policies.evaluation import evaluate, fresh_start_states
 from study.figure_style import STYLE, save_figure
 from study.formatting import MINUS
-from study.mismatch.mismatch_figures import PARTS, ladder_of_strategies, strategy_returns
+from study.mismatch.mismatch_figures import strategy_returns
 from study.mismatch.mismatch_findings import MismatchFindings, Split, Verdict
 from study.mismatch.mismatch_page import CAPTIONS, mismatch_account
 from study.mismatch.mismatch_plan import PLANS, STRATEGIES
@@ -114,23 +114,6 @@ def test_every_way_stands_in_a_row_of_its_own_in_words(answer):
     figure = drawn(lambda: strategy_returns(answer))
     labels = [label.get_text() for label in figure.axes[0].get_yticklabels()]
     assert labels == [STRATEGIES[strategy].short for strategy in STRATEGIES if strategy in answer.plan.strategies]
-
-
-def test_the_ladder_is_a_share_of_the_optimum_and_its_bars_add_up_to_the_gap(answer):
-    figure = drawn(lambda: ladder_of_strategies(answer))
-    left, right = figure.axes
-    n = max(answer.plan.budgets)
-    for line, plant in zip([c[0] for c in left.containers], answer.plan.plants, strict=True):
-        means = [answer.outcome(plant.name, own, n).mean.mean for own in ("prior", "fitted", "mended", "oracle")]
-        np.testing.assert_allclose(line.get_ydata().astype(float), [100.0 * OPTIMUM / mean for mean in means])
-    bars = np.array([bar.get_width() for bar in right.patches]).reshape(-1, len(PARTS))
-    splits = [
-        answer.splits[answer.condition(p.name, strategy, n)]
-        for p in answer.plan.plants
-        for strategy in ("fitted", "mended")
-    ]
-    np.testing.assert_allclose(bars.sum(axis=1), [split.gap for split in splits])
-    np.testing.assert_allclose(bars[:, 0], [split.structure for split in splits])
 
 
 @pytest.mark.parametrize(

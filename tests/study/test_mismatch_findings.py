@@ -165,9 +165,9 @@ def test_a_run_from_nothing_to_the_page(tmp_path):
     assert {(row["a"], row["b"]) for row in contrasts} == {("mended", "fitted")}
     record = json.loads((tmp_path / "study.json").read_text())
     assert record["contrasts"] == [f"{a} - {b}" for a, b in CONTRASTS]
-    for figure in ("returns", "ladder", "naming", "trajectories"):
+    for figure in ("returns", "naming", "trajectories"):
         assert (tmp_path / f"{figure}.png").read_bytes().startswith(b"\x89PNG")
     assert "<td>100 [21, 100] (20, 1)</td>" in (tmp_path / "report.html").read_text()
     html = (tmp_path / "report.html").read_text()
-    assert html.count("data:image/png") == 4 and "http" not in html.replace("http://www.w3.org", "")
+    assert html.count("data:image/png") == 3 and "http" not in html.replace("http://www.w3.org", "")
     assert "Seeds in which the answer is right" in html.replace("\u00a0", " ")
