@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -13,7 +13,6 @@ from study.mismatch.mismatch_figures import strategy_returns
 from study.mismatch.mismatch_findings import MismatchFindings, mismatch_findings
 from study.mismatch.mismatch_plan import STRATEGIES, MismatchPlan
 from study.mismatch.mismatch_sentences import mismatch_sentences
-from study.mismatch.naming_results import NAMING_TABLE, NamingResult, naming_rates_and_errors, naming_table, read_naming
 from study.mismatch.trajectories import telling_trajectories
 from study.pipeline.publication import Account
 from study.strategies.trial_findings import TrialResults
@@ -28,40 +27,28 @@ CAPTIONS = {
     "mean left of the panel.",
     "trajectories": "Where mending gained most, the two agents of the seed whose gain is nearest to the median, from "
     "the same start states. Torques: of the first in full, of the others faint.",
-    "naming": "Above: how often the diagnosis is right, with Wilson's 95 % band: the effect named and no other, or its "
-    "class where the log cannot tell; \u201cunknown\u201d or \u201cpartly\u201d where the catalogue lacks it. "
-    "Below: the error of m and l in the model without the effect (squares) and in the mended one (dots).",
 }
 """What stands below a figure, by its name and in the page's order."""
 
 
 OUTPUTS = (*TABLES, "returns.png", "trajectories.png")
-"""What is written beside the database; the naming study's table and figure may lie there before."""
 
 
 def account(plan: MismatchPlan, results: TrialResults, folder: Path) -> Account:
-    """What is told of the results; the naming study is told too where its table lies in the folder."""
+    """What is told of the results."""
     found = mismatch_findings(plan, results)
-    return mismatch_account(
-        found, read_naming(folder / NAMING_TABLE), telling_trajectories(found, results.answers, folder)
-    )
+    return mismatch_account(found, telling_trajectories(found, results.answers, folder))
 
 
-def mismatch_account(
-    found: MismatchFindings, naming: Sequence[NamingResult] = (), motions: Callable[[], Figure] | None = None
-) -> Account:
-    """What is told of the findings; naming: rows of that study; motions: draws the trajectories of two agents."""
+def mismatch_account(found: MismatchFindings, motions: Callable[[], Figure] | None = None) -> Account:
+    """What is told of the findings; motions: draws the trajectories of two agents."""
     nothing = dict(zip(PARTS, (math.nan, math.nan, math.nan, 0), strict=True))
-    drawings = {
-        "returns": partial(strategy_returns, found),
-        "trajectories": motions,
-        "naming": partial(naming_rates_and_errors, naming) if naming else None,
-    }
+    drawings = {"returns": partial(strategy_returns, found), "trajectories": motions}
     return trial_account(
         found,
-        mismatch_sentences(found, naming),
+        mismatch_sentences(found),
         {name: (draw, CAPTIONS[name]) for name, draw in drawings.items()},
         "mismatch.html.j2",
-        {"strategies": STRATEGIES, "named": naming_table(naming) if naming else None},
+        {"strategies": STRATEGIES},
         {condition: vars(split) if split else nothing for condition, split in found.splits.items()},
     )

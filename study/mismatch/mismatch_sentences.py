@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from study.formatting import number, percent
 from study.mismatch.mismatch_findings import MismatchFindings, Verdict
 from study.mismatch.mismatch_plan import SPLIT
-from study.mismatch.naming_results import NamingResult, naming_errors, naming_rates
 from study.strategies.trial_findings import PlannedContrast
 from study.trials.rollout_budget import BAND
 
@@ -80,17 +79,13 @@ ORACLE = (
 )
 
 
-def mismatch_sentences(findings: MismatchFindings, rows: Sequence[NamingResult] = ()) -> list[tuple[str, str]]:
-    """(question, answer), as far as the plan asked for it.
-
-    rows: of the naming study, where they are there.
-    """
+def mismatch_sentences(findings: MismatchFindings) -> list[tuple[str, str]]:
+    """(question, answer), as far as the plan asked for it."""
     left = _all(findings, "Trained on the hidden plant itself, against the diagnosis: ", ORACLE), _split(findings)
     asked = {
         "Does breadth pay when the simulator lacks an effect?": BREADTH.told(findings),
         "What is it worth to name the effect?": NAMING.told(findings),
         "Does breadth pay after that?": _after_that(findings),
-        "How many rollouts does naming take?": _rollouts(findings, rows),
         "What does an honest “unknown” buy?": UNKNOWN.told(findings),
         "What else could the rollouts be spent on?": _all(findings, "The diagnosis ", RIVALS),
         "And without any rollout?": WITHOUT_ROLLOUTS.told(findings),
@@ -120,19 +115,6 @@ def _after_that(findings: MismatchFindings) -> str:
         "Parameters drawn from the fit's covariance, the breadth that the data leave, in place of its numbers. "
         f"In return: {text} ({min(contrast.seeds for contrast in found.values())} seeds, not pre-registered)."
     )
-
-
-def _rollouts(findings: MismatchFindings, rows: Sequence[NamingResult]) -> str:
-    """How often the naming is right with the fewest rollouts, a middling number and the most; how well m and l are
-    known meanwhile."""
-    found, parts = naming_rates(rows), list[tuple[str, int, str]]()
-    for plant in findings.plan.plants:
-        budgets = sorted(n for name, n in found if name == plant.name)
-        for n in sorted({budgets[k] for k in (0, len(budgets) // 2, -1)} if budgets else ()):
-            fitted, mended = (100.0 * error for error in naming_errors(rows, plant.name, n))
-            parts.append((plant.name, n, f"{100.0 * found[plant.name, n].share:.0f} % ({fitted:.2g}, {mended:.2g} %)"))
-    told = "Seeds in which the answer is right (m and l are off by so much without, and with it)"
-    return f"{told}: {by_plant(findings, parts)}." if parts else ""
 
 
 def _split(findings: MismatchFindings) -> str:

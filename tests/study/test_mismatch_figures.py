@@ -18,7 +18,6 @@ from study.mismatch.mismatch_figures import strategy_returns
 from study.mismatch.mismatch_findings import MismatchFindings, Split, Verdict
 from study.mismatch.mismatch_page import CAPTIONS, mismatch_account
 from study.mismatch.mismatch_plan import PLANS, STRATEGIES
-from study.mismatch.naming_results import NamingResult, is_right, naming_rates_and_errors
 from study.mismatch.trajectories import read_agents, telling, trajectories
 from study.paper.protocol import paper_model
 from study.pipeline.policy_files import FOLDER, write_policies
@@ -61,21 +60,6 @@ def invented(plan):
     return MismatchFindings(plan, outcomes, compared, 7, 9000.0, {"numpy": "2.x"}, splits, verdicts)
 
 
-def named(seeds=4, budgets=(1, 5, 50)):
-    """From five rollouts on everything is right; with one, an effect is named beside the right one."""
-    rows = []
-    for plant in PLANS["mismatch"].plants:
-        for n in budgets:
-            for seed in range(seeds):
-                late = {None: ("adequate", ())}.get(plant.effect, ("missing", (str(plant.effect),)))
-                late = ("unknown", ()) if plant.name in ("magnet", "slew") else late
-                verdict, steps = late if n > 1 else ("missing", (str(plant.effect), "tilt"))
-                rows.append(
-                    NamingResult(plant.name, n, seed, verdict, steps, is_right(plant, verdict, steps), 0.2, 0.1 / n)
-                )
-    return rows
-
-
 @pytest.fixture(scope="module", params=["mismatch", "mismatch-quick", "one seed"])
 def answer(request):
     if request.param == "one seed":
@@ -116,11 +100,8 @@ def test_every_way_stands_in_a_row_of_its_own_in_words(answer):
     assert labels == [STRATEGIES[strategy].short for strategy in STRATEGIES if strategy in answer.plan.strategies]
 
 
-@pytest.mark.parametrize(
-    "figure", [lambda: strategy_returns(invented(PLANS["mismatch"])), lambda: naming_rates_and_errors(named())]
-)
-def test_titles_do_not_run_into_the_next_panel(figure):
-    made = drawn(figure)
+def test_titles_do_not_run_into_the_next_panel():
+    made = drawn(lambda: strategy_returns(invented(PLANS["mismatch"])))
     renderer = FigureCanvasAgg(made).get_renderer()
     row = [axes for axes in made.axes if axes.get_title(loc="left")]
     texts = [[axes._left_title, *axes.texts] for axes in row]
@@ -159,17 +140,6 @@ def test_trajectories_are_those_whose_return_stands_above_them():
     assert all(np.max(np.abs(line.get_ydata())) <= model.u_max for line in lower.lines)
 
 
-def test_the_naming_figure_shows_rates_and_errors_in_percent():
-    figure = drawn(lambda: naming_rates_and_errors(named()))
-    upper, lower = figure.axes[:6], figure.axes[6:]
-    right, accompanied = upper[1].lines
-    np.testing.assert_allclose(right.get_ydata(), [0.0, 100.0, 100.0])
-    np.testing.assert_allclose(accompanied.get_ydata(), [100.0, 0.0, 0.0])
-    fitted, mended = lower[1].lines
-    np.testing.assert_allclose(fitted.get_ydata(), 20.0)
-    np.testing.assert_allclose(mended.get_ydata(), [10.0, 2.0, 0.2])
-
-
 def test_the_pair_that_is_shown_is_neither_the_best_nor_the_worst_where_mending_gained_most():
     found = invented(PLANS["mismatch"])
     condition = found.condition("delay_large", "mended", 50)
@@ -204,10 +174,9 @@ def html(tmp_path_factory):
     folder = tmp_path_factory.mktemp("mismatch")
     found = invented(PLANS["mismatch"])
     figures = {"returns": save_figure(lambda: strategy_returns(found), folder / "a.png")}
-    figures["naming"] = save_figure(lambda: naming_rates_and_errors(named()), folder / "b.png")
-    assert all(imread(path).shape[1] > 1000 for path in figures.values())
+    assert imread(figures["returns"]).shape[1] > 1000
     told = replace(
-        mismatch_account(found, named()),
+        mismatch_account(found),
         sections=[Section([("Does breadth pay?", "Breadth <b> changed it by +40 [30, 50].")])],
     )
     return told.page({name: (path, CAPTIONS[name]) for name, path in figures.items()})
@@ -215,7 +184,7 @@ def html(tmp_path_factory):
 
 def test_the_page_opens_without_a_network_and_leaves_out_figures_that_are_not_there(html):
     links = re.findall(r"(?:src|href|url|import)\s*[=(]\s*[\"']?([^\"')\s>]+)", html)
-    assert len(links) == 2
+    assert len(links) == 1
     assert all(link.startswith("data:image/png;base64,") for link in links)
     assert "<script" not in html
     assert CAPTIONS["trajectories"] not in html
@@ -233,6 +202,5 @@ def test_the_page_holds_every_contrast_with_its_interval_and_every_way(html):
     for condition, outcome in found.outcomes.items():
         assert f"{outcome.mean.mean:.0f}".replace("-", MINUS) in html, condition
     assert "missing: delay (12), unknown (3)" in html
-    assert "100 [51, 100] (20, 2)" in html
     assert all(plant.title[1:] in html for plant in found.plan.plants)
     assert ">nan" not in html

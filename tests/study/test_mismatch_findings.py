@@ -13,7 +13,6 @@ from policies.environments.randomization import Fixed
 from study.mismatch.mismatch_findings import Verdict, mismatch_findings
 from study.mismatch.mismatch_plan import CONTRASTS, PLANS
 from study.mismatch.mismatch_sentences import mismatch_sentences
-from study.mismatch.naming_results import NAMING_TABLE, NamingResult, write_naming
 from study.pipeline.stages import run
 from study.statistics import paired_t
 from study.strategies.designs import OPTIMUM, PLAIN_ROD, Designed
@@ -111,17 +110,6 @@ def test_verdicts_are_counted_and_said(found):
     )
 
 
-def test_naming_is_told_with_the_fewest_and_the_most_rollouts_where_it_was_measured(found):
-    rows = [
-        NamingResult("delay_large", n, seed, "missing", steps, len(steps) == 1, 0.2, 0.01 * n)
-        for seed in range(5)
-        for n, steps in ((1, ("delay",)), (2, ("delay", "tilt")[: 1 + seed % 2]), (5, ("delay", "tilt")))
-    ]
-    told = dict(mismatch_sentences(found, rows))["How many rollouts does naming take?"]
-    assert "delay 0.155 s: 100 % (20, 1 %) with 1 rollout, 60 % (20, 2 %) with 2, 0 % (20, 5 %) with 5" in told
-    assert "magnet" not in told and "nan" not in told
-
-
 @pytest.mark.parametrize("part", [0, 1, 2])
 def test_an_unfinished_experiment_is_refused(part):
     parts = list(invented())
@@ -139,7 +127,6 @@ def test_a_run_from_nothing_to_the_page(tmp_path):
         smoke, plants=smoke.plants[:1], strategies=("prior", "fitted", "mended"), seeds=(1000, 1001), described=2
     )
     out = io.StringIO()
-    write_naming(tmp_path / NAMING_TABLE, [NamingResult("delay_large", 2, 1, "missing", ("delay",), True, 0.2, 0.01)])
     with trial_results(tmp_path, plan) as results:
         experiment = TrialExperiment(plan, results, 1e9)
         run(experiment, Inline(), Console(file=out))
@@ -165,9 +152,7 @@ def test_a_run_from_nothing_to_the_page(tmp_path):
     assert {(row["a"], row["b"]) for row in contrasts} == {("mended", "fitted")}
     record = json.loads((tmp_path / "study.json").read_text())
     assert record["contrasts"] == [f"{a} - {b}" for a, b in CONTRASTS]
-    for figure in ("returns", "naming", "trajectories"):
+    for figure in ("returns", "trajectories"):
         assert (tmp_path / f"{figure}.png").read_bytes().startswith(b"\x89PNG")
-    assert "<td>100 [21, 100] (20, 1)</td>" in (tmp_path / "report.html").read_text()
     html = (tmp_path / "report.html").read_text()
-    assert html.count("data:image/png") == 3 and "http" not in html.replace("http://www.w3.org", "")
-    assert "Seeds in which the answer is right" in html.replace("\u00a0", " ")
+    assert html.count("data:image/png") == 2 and "http" not in html.replace("http://www.w3.org", "")
