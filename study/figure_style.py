@@ -42,10 +42,10 @@ def save_figure(draw: Callable[[], Figure], path: Path) -> Path:
     return path
 
 
-def panels_abreast(count: int, width: float, height: float, *, one_scale: bool = True) -> tuple[Figure, list[Axes]]:
-    """A figure of so many inches with panels beside each other, to one scale upwards unless told."""
+def panels_abreast(count: int, width: float, height: float) -> tuple[Figure, list[Axes]]:
+    """A figure of so many inches with panels beside each other, to one scale upwards."""
     figure = Figure(figsize=(width, height), layout="constrained")
-    return figure, list(figure.subplots(1, count, sharey=one_scale, squeeze=False)[0])
+    return figure, list(figure.subplots(1, count, sharey=True, squeeze=False)[0])
 
 
 def faint_lines(axes: Axes, axis: Literal["x", "y"]) -> None:
