@@ -145,7 +145,7 @@ def test_the_pair_that_is_shown_is_neither_the_best_nor_the_worst_where_mending_
     condition = found.condition("delay_large", "mended", 50)
     c = found.outcomes[condition]
     outcome = replace(c, returns=c.returns + 10.0 * np.arange(20.0))
-    gains = outcome.returns - found.outcome("delay_large", "fitted", 50).returns
+    gains = outcome.returns - found.outcomes[found.condition("delay_large", "fitted", 50)].returns
     compared = tuple(
         replace(row, contrast=replace(row.contrast, mean=float(gains.mean())), median=float(np.median(gains)))
         if (row.plant, row.n, row.a, row.b) == ("delay_large", 50, "mended", "fitted")
