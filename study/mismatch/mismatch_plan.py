@@ -53,9 +53,6 @@ STRATEGIES = {
 }  # fmt: skip
 """Every strategy, in the order in which they are shown; those that spend rollouts are names of `Budget.setup`."""
 
-SPLIT = ("fitted", "mended")
-"""Strategies of whose gap to the optimum the parts are shown."""
-
 CONTRASTS = (("mended", "fitted"), ("band", "fitted"), ("mended", "all_effects"), ("mended", "network"),
              ("breadth", "prior"), ("oracle", "mended"))  # fmt: skip
 """Pre-registered differences of return, at every plant and budget; their p-values are one family for Holm."""

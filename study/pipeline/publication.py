@@ -27,8 +27,8 @@ PUBLISHED = ("study.json", "report.html", FOLDER)
 
 Table = tuple[Sequence[str], Iterable[Sequence[object]]]
 """Columns and rows of a CSV file."""
-Drawing = tuple[Callable[[], Figure] | None, str]
-"""What draws a figure, None where there is none to be drawn, and what stands below it."""
+Drawing = tuple[Callable[[], Figure], str]
+"""What draws a figure, and what stands below it."""
 
 
 class Section(NamedTuple):
@@ -63,7 +63,7 @@ class Account:
         """Write all of it into the folder; returns the figures."""
         for name, table in self.tables.items():
             write_rows(folder / name, *table)
-        drawn = {name: (save_figure(draw, folder / name), text) for name, (draw, text) in self.drawings.items() if draw}
+        drawn = {name: (save_figure(draw, folder / name), text) for name, (draw, text) in self.drawings.items()}
         record = {
             "command": f"python -m study.main --preset {self.plan.name}",
             "device": device,

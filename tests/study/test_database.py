@@ -12,7 +12,6 @@ from typing import Any
 
 import pytest
 
-from study.mismatch.mismatch_page import OUTPUTS
 from study.paper.finished_runs import RUNS, Run
 from study.paper.presets import SMOKE, Cell
 from study.paper.sweep import sweep_results
@@ -23,6 +22,7 @@ from study.pipeline.settings import StudySettings
 from study.pipeline.tables import ResultTable
 from study.strategies.session import STEPS, CaseRound
 from study.strategies.trial_experiment import trial_results
+from study.strategies.trial_page import FIGURE, TABLES
 from sysid import InvalidInput
 
 
@@ -66,7 +66,7 @@ KINDS = {
         dataclasses.replace(RUN, cell=LARGE, curve=RUN.curve * 200_000), RUNS,
     ),
     "mismatch": Kind(
-        trial_results, Plan(), OUTPUTS, ROUND,
+        trial_results, Plan(), (*TABLES, FIGURE), ROUND,
         dataclasses.replace(ROUND, seed=2, payload={"steps": [1] * 700_000}), STEPS,
     ),
 }  # fmt: skip

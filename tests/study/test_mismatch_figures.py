@@ -11,16 +11,12 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.image import imread
 
-from policies.evaluation import evaluate, fresh_start_states
 from study.figure_style import STYLE, save_figure
 from study.formatting import MINUS
 from study.mismatch.mismatch_figures import strategy_returns
 from study.mismatch.mismatch_findings import MismatchFindings, Split, Verdict
-from study.mismatch.mismatch_page import CAPTIONS, mismatch_account
+from study.mismatch.mismatch_page import CAPTION, mismatch_account
 from study.mismatch.mismatch_plan import PLANS, STRATEGIES
-from study.mismatch.trajectories import read_agents, telling, trajectories
-from study.paper.protocol import paper_model
-from study.pipeline.policy_files import FOLDER, write_policies
 from study.pipeline.publication import Section
 from study.statistics import paired_t
 from study.strategies.trial_findings import Outcome, planned_contrasts
@@ -111,64 +107,6 @@ def test_titles_do_not_run_into_the_next_panel():
         assert end < following[1].get_window_extent(renderer).x0
 
 
-class Leaning:
-    """Commands in proportion to the speed, and to the last command."""
-
-    history = 1
-
-    def __init__(self, gain):
-        self.gain = gain
-
-    def __call__(self, state, t, past):
-        return self.gain * state.theta_dot + 0.1 * past[:, 0]
-
-
-def test_trajectories_are_those_whose_return_stands_above_them():
-    model, starts = paper_model(m=2.0, l=1.5), fresh_start_states(3, 4)
-    policies = {"fitted": Leaning(-3.0), "mended": Leaning(3.0)}
-    figure = drawn(lambda: trajectories("A delay", model, policies, starts, {"fitted": "m and l alone"}))
-    upper, other, lower, _ = figure.axes
-    said = [re.search(rf"^(.+): {MINUS}(\d+) ", axes.get_title(loc="left")).groups() for axes in (upper, other)]
-    assert [name for name, _ in said] == ["m and l alone", "mended"]
-    for (_, value), policy in zip(said, policies.values(), strict=True):
-        assert -int(value) == pytest.approx(evaluate(policy, model, *starts).mean, abs=0.51)
-    lines = upper.lines[1:]
-    np.testing.assert_allclose([line.get_ydata()[0] for line in lines], np.degrees(starts[0]))
-    for line in lines:
-        jumps = np.abs(np.diff(line.get_ydata()))
-        assert np.nanmax(jumps) < 180.0
-    assert all(np.max(np.abs(line.get_ydata())) <= model.u_max for line in lower.lines)
-
-
-def test_the_pair_that_is_shown_is_neither_the_best_nor_the_worst_where_mending_gained_most():
-    found = invented(PLANS["mismatch"])
-    condition = found.condition("delay_large", "mended", 50)
-    c = found.outcomes[condition]
-    outcome = replace(c, returns=c.returns + 10.0 * np.arange(20.0))
-    gains = outcome.returns - found.outcomes[found.condition("delay_large", "fitted", 50)].returns
-    compared = tuple(
-        replace(row, contrast=replace(row.contrast, mean=float(gains.mean())), median=float(np.median(gains)))
-        if (row.plant, row.n, row.a, row.b) == ("delay_large", 50, "mended", "fitted")
-        else row for row in found.compared
-    )  # fmt: skip
-    pair = telling(replace(found, outcomes=found.outcomes | {condition: outcome}, compared=compared))
-    assert (pair.plant, pair.n) == ("delay_large", 50)
-    assert pair.seed in (3009, 3010)
-    assert telling(replace(found, compared=())) is None
-
-
-def test_agents_are_found_in_whichever_file_they_lie(tmp_path):
-    from policies import NetworkPolicy
-
-    def policy(k):
-        return NetworkPolicy(((np.full((7, 1), float(k)), np.zeros(1)),), u_max=2.0, history=4)
-
-    for k in range(3):
-        write_policies(tmp_path / FOLDER / f"population_{k}.npz", [f"agent-{k}"], [policy(k)])
-    found = read_agents(tmp_path, ["agent-0", "agent-2", "agent-9"])
-    assert {key: float(own.layers[0][0][0, 0]) for key, own in found.items()} == {"agent-0": 0.0, "agent-2": 2.0}
-
-
 @pytest.fixture(scope="module")
 def html(tmp_path_factory):
     folder = tmp_path_factory.mktemp("mismatch")
@@ -179,15 +117,15 @@ def html(tmp_path_factory):
         mismatch_account(found),
         sections=[Section([("Does breadth pay?", "Breadth <b> changed it by +40 [30, 50].")])],
     )
-    return told.page({name: (path, CAPTIONS[name]) for name, path in figures.items()})
+    return told.page({name: (path, CAPTION) for name, path in figures.items()})
 
 
-def test_the_page_opens_without_a_network_and_leaves_out_figures_that_are_not_there(html):
+def test_the_page_opens_without_a_network(html):
     links = re.findall(r"(?:src|href|url|import)\s*[=(]\s*[\"']?([^\"')\s>]+)", html)
     assert len(links) == 1
     assert all(link.startswith("data:image/png;base64,") for link in links)
     assert "<script" not in html
-    assert CAPTIONS["trajectories"] not in html
+    assert CAPTION in html
 
 
 def test_the_page_says_the_answer_first_and_escapes_it(html):

@@ -156,7 +156,6 @@ def test_a_run_from_nothing_to_the_page(tmp_path):
     assert {(row["a"], row["b"]) for row in contrasts} == {("mended", "fitted")}
     record = json.loads((tmp_path / "study.json").read_text())
     assert record["contrasts"] == [f"{a} - {b}" for a, b in CONTRASTS]
-    for figure in ("returns", "trajectories"):
-        assert (tmp_path / f"{figure}.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "returns.png").read_bytes().startswith(b"\x89PNG")
     html = (tmp_path / "report.html").read_text()
-    assert html.count("data:image/png") == 2 and "http" not in html.replace("http://www.w3.org", "")
+    assert html.count("data:image/png") == 1 and "http" not in html.replace("http://www.w3.org", "")
