@@ -22,8 +22,6 @@ from sysid import InvalidInput
 from sysid.errors import excerpt
 
 META = "CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);"
-PROGRESS = "CREATE TABLE progress (population TEXT PRIMARY KEY, seconds REAL);"
-"""The work that checkpoints of unfinished populations hold."""
 
 
 class Database:
@@ -53,7 +51,7 @@ class Database:
             "settings": json.dumps(settings.to_dict()),
             "device": device_type(device),
         }
-        schema = META + PROGRESS + "".join(table.schema for table in tables)
+        schema = META + "".join(table.schema for table in tables)
         _make(folder)
         self._lock = _lock(folder)
         try:
@@ -141,14 +139,11 @@ class Database:
             self._undo()
             raise
 
-    def add(self, table: ResultTable[R], values: Iterable[R], finished: Iterable[str] = ()) -> None:
-        """Keep values in place of those with the same keys, and forget the progress of finished populations; all or
-        nothing. Raises OSError as `transaction` does."""
+    def add(self, table: ResultTable[R], values: Iterable[R]) -> None:
+        """Keep values in place of those with the same keys; all or nothing. Raises OSError as `transaction` does."""
         with self.transaction() as db:
             for row in map(table.row, values):
                 db.execute(f"INSERT OR REPLACE INTO {table.name} VALUES ({', '.join('?' * len(row))})", row)
-            for population in finished:
-                db.execute("DELETE FROM progress WHERE population = ?", (population,))
 
     def all(self, table: ResultTable[R]) -> list[R]:
         """Everything in a table, sorted by its keys."""
@@ -163,16 +158,6 @@ class Database:
         """Whether a table holds a row of that key."""
         where = " AND ".join(f"{column} = ?" for column in table.key.split(", "))
         return self.db.execute(f"SELECT 1 FROM {table.name} WHERE {where}", tuple(key)).fetchone() is not None
-
-    def note_training(self, population: str, seconds: float) -> None:
-        """Keep the seconds that a population has trained for. Raises OSError as `transaction` does."""
-        with self.transaction() as db:
-            db.execute("INSERT OR REPLACE INTO progress VALUES (?, ?)", (population, seconds))
-
-    def training_seconds(self, population: str) -> float:
-        """The seconds that a population's checkpoint holds; 0 without one."""
-        row = self.db.execute("SELECT seconds FROM progress WHERE population = ?", (population,)).fetchone()
-        return float(row[0]) if row else 0.0
 
     def _undo(self) -> None:
         if self.db.in_transaction:  # SQLite itself has rolled back where the disk is full

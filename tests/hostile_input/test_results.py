@@ -27,7 +27,6 @@ STATEMENTS = {
     "settings of a list": "UPDATE meta SET value = '[1]' WHERE key IN ('settings', 'fingerprint')",
     "another preset": f"UPDATE meta SET value = '{ESC}{'x' * 10**5}' WHERE key = 'preset'",
     "text for numbers": "INSERT INTO estimates VALUES ('main', 'a', 'b', 'c', 'd', 'e')",
-    "text for seconds": "INSERT INTO progress VALUES ('1', 'long')",
     "nothing in a run": "INSERT INTO runs (point, n, w, seed) VALUES ('main', 0, 0.0, 0)",
     "no JSON in a run": f"INSERT INTO runs VALUES ({KNOWN}, 'a', 'b', 'c', 'd', 'e', '')",
     "other JSON in a run": f"INSERT INTO runs VALUES ({KNOWN}, '[\"a\"]', '[[1]]', '3', '3', '{{}}', '')",
@@ -41,7 +40,6 @@ def imported(path, preset):
 def opened(path):
     with sweep_results(path, PRESETS["smoke"]) as results:
         assert results.all(RUNS) is not None and Sweep(PRESETS["smoke"], results).estimates() is not None
-        results.training_seconds("1")
 
 
 @pytest.mark.parametrize("statements", STATEMENTS.values(), ids=STATEMENTS.keys())
