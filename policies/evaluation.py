@@ -18,13 +18,12 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from policies.environments import task
 from policies.environments.random_streams import Purpose, generator
 from sysid import InvalidInput, Model, State
+from sysid.physics.ops import Array
 
-Array = NDArray[np.float64]
 EVALUATION_SEED = 50_000
 """Episode e of seed s starts from a generator seeded s + 50,000 + e (the paper's)."""
 

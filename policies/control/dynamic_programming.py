@@ -26,11 +26,10 @@ from policies.control.design_model import check_numbers, is_periodic, is_steady
 from policies.control.interpolation import Axis, corners
 from policies.environments import task
 from sysid import InvalidInput, Model, State
-from sysid.physics.ops import Value
+from sysid.physics.ops import Array, Value
 
 LARGEST = 200_000_000
 """Entries of all matrices beyond which a table is refused, 8 bytes each; twice as many of its own, 4 bytes each."""
-Array = NDArray[np.float64]
 Stage = tuple[NDArray[np.float32], csr_array]
 
 
