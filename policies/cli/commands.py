@@ -65,7 +65,7 @@ def _(command: TrainCommand) -> None:
     from policies.training.cpu_settings import tune_cpu
     from policies.training.program import settings_for, train
 
-    settings = settings_for(machine, command.hidden, command.steps, command.algorithm, command.loss)
+    settings = settings_for(machine, command.hidden, command.steps, command.algorithm)
     checkpoint = _checkpoint(command)
     _introduce(command, saved.model, machine, randomization, history)
     layers = " x ".join(map(str, command.hidden))
@@ -167,8 +167,6 @@ def _checkpoint(command: TrainCommand) -> Path:
 
 def _check_numbers(command: TrainCommand) -> None:
     _check_whole("--steps", 1 if command.steps is None else command.steps, 1, 10**9)
-    if command.algorithm == "shac" and command.loss != "fast":
-        raise InvalidInput(f"--loss {command.loss}: expected --algorithm sac with it")
     _check_whole("--agents", command.agents, 1, 1000)
     _check_whole("--seed", command.seed, 0, LARGEST_SEED)
     _check_whole("--history", command.history or 0, 0, LONGEST_HISTORY)
