@@ -19,7 +19,15 @@ def open_experiment(settings: StudySettings, options: RunOptions) -> AbstractCon
 
     Raises InvalidInput for options of another kind, and a folder that cannot be used.
     """
-    options.refuse_others(settings.understood, settings.name)
+    from sysid import InvalidInput
+
+    for option, given, kind, words in (
+        ("--import", options.imported, "", "the paper's kind"),
+        ("--published", options.published, "", "the paper's kind"),
+        ("--strategies", ",".join(options.strategies), "strategies", "strategies"),
+    ):
+        if given and settings.kind != kind:
+            raise InvalidInput(f"{option} {given}: expected a preset of {words}, not {settings.name}")
     experiment = importlib.import_module(settings.experiment)
     opened: AbstractContextManager[Any] = experiment.open_experiment(settings, options)
     return opened

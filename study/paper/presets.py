@@ -87,7 +87,6 @@ class Preset(StudySettings):
     companion: str | None = None
     layout: ClassVar[int] = 4
     experiment: ClassVar[str] = "study.paper.sweep"
-    understood: ClassVar[tuple[str, ...]] = ("imported", "published")
 
     @property
     def cells(self) -> tuple[Cell, ...]:

@@ -40,7 +40,6 @@ class StrategiesPlan(TrialPlan):
     layout: ClassVar[int] = 2
     kind: ClassVar[str] = "strategies"
     page: ClassVar[str] = "study.strategies.strategies_page"
-    understood: ClassVar[tuple[str, ...]] = ("strategies",)
 
     @property
     def of_learners(self) -> Self:
