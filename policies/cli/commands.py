@@ -28,7 +28,7 @@ from policies.limits import EPISODES, EVALUATION_MEMORY, LAYER_WIDTH, LAYERS
 from policies.storage.policy_file import DESCRIPTION, LONGEST_HISTORY, WEIGHTS, SavedPolicy, load_policy, save_policy
 from sysid import InvalidInput, Model, Parameter, SavedModel, load
 from sysid.cli.commands import register_effects, write_json
-from sysid.data.files import check_installed, check_outputs, full_path
+from sysid.data.files import check_outputs, full_path
 from sysid.limits import check_size
 
 logger = logging.getLogger(__name__)
@@ -50,11 +50,8 @@ def run(command: Any) -> None:
 @run.register
 def _(command: TrainCommand) -> None:
     _check_numbers(command)
-    _check_folder(command.out, [command.model, command.effects, command.onnx], command.force)
-    _check_onnx(command)
+    _check_folder(command.out, [command.model, command.effects], command.force)
     register_effects(command.effects)
-    if command.onnx is not None:
-        check_installed("onnx", "onnx", "--onnx")
     saved = load(command.model)
     machine = machine_of(saved.model, command.u_max, command.dt)
     randomization = _randomization(command, saved, machine)
@@ -92,8 +89,6 @@ def _(command: TrainCommand) -> None:
     }
     save_policy(training.policy, machine, command.out, about)
     logger.info(f"wrote {command.out / DESCRIPTION} and {WEIGHTS}")
-    if command.onnx is not None:
-        _write_onnx(SavedPolicy(training.policy, machine, about), command.onnx)
     logger.info(f"expected return on this model ({JUDGED} fresh start states, 95 % intervals):")
     _show("this policy", worth)
     if not command.no_references:
@@ -138,21 +133,14 @@ def _(command: ExportPolicyCommand) -> None:
     inputs = [command.effects, command.policy / DESCRIPTION, command.policy / WEIGHTS]
     check_outputs(inputs, [command.out], command.force)
     register_effects(command.effects)
-    check_installed("onnx", "onnx", "writing ONNX")
-    _write_onnx(load_policy(command.policy), command.out)
+    from policies.storage.onnx_file import write_onnx
+
+    saved = load_policy(command.policy)
+    difference = write_onnx(saved.policy, saved.model.dt, command.out)
+    logger.info(f"wrote {command.out}: differs from the policy by at most {difference:.1g} of its largest torque")
 
 
 # ---- train -----------------------------------------------------------------------------------------------------------
-
-
-def _check_onnx(command: TrainCommand) -> None:
-    if command.onnx is None:
-        return
-    file, folder = full_path(command.onnx, "write"), full_path(command.out, "write")
-    if file == folder:
-        raise InvalidInput(f"--onnx {command.onnx}: that is the policy's folder; expected a file")
-    if file.parent != folder or folder.is_dir():  # else in the folder that is yet to be made
-        check_outputs([command.model, command.effects], [command.onnx], command.force)
 
 
 def _checkpoint(command: TrainCommand) -> Path:
@@ -347,10 +335,3 @@ def _check_folder(folder: Path, inputs: Sequence[Path | None], force: bool) -> N
         check_outputs(inputs, [folder / DESCRIPTION, folder / WEIGHTS], force)
     elif not full.parent.is_dir():
         raise InvalidInput(f"cannot write {folder}: there is no folder {folder.parent}")
-
-
-def _write_onnx(saved: SavedPolicy, path: Path) -> None:
-    from policies.storage.onnx_file import write_onnx
-
-    difference = write_onnx(saved.policy, saved.model.dt, path)
-    logger.info(f"wrote {path}: differs from the policy by at most {difference:.1g} of its largest torque")

@@ -62,9 +62,6 @@ class TrainCommand:
     seed: Annotated[int, arg(metavar="S")] = 0
     """Where all random numbers of the training come from."""
 
-    onnx: File = None
-    """Write the policy here as ONNX too."""
-
     effects: File = None
     """The Python file with effects of your own that the model has; it is run."""
 

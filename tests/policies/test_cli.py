@@ -147,20 +147,17 @@ def test_a_history_that_is_cut_is_said(caplog):
 
 def test_a_policy_for_onnx(models, policy, tmp_path, run):
     onnx = pytest.importorskip("onnx", reason="the extra [onnx] is not installed")
-    assert run("export", policy, "-o", tmp_path / "p.onnx")[0] == 0
+    code, said, _ = run("export", policy, "-o", tmp_path / "p.onnx")
+    assert code == 0 and "p.onnx: differs from the policy by at most" in said
     x = np.random.default_rng(0).normal(size=(9, 3)).astype(np.float32)
     (u,) = onnx.reference.ReferenceEvaluator(onnx.load(tmp_path / "p.onnx")).run(None, {"observation": x})
     np.testing.assert_allclose(u[:, 0], load_policy(policy).policy.command(x), atol=2e-5)
-    code, said, _ = run("train", models / "paper.json", "-o", tmp_path / "q", *TINY, "--onnx", tmp_path / "q.onnx")
-    assert code == 0 and "q.onnx: differs from the policy by at most" in said
-    assert (tmp_path / "q.onnx").read_bytes() == (tmp_path / "p.onnx").read_bytes()
 
 
-def test_without_the_package_onnx_nothing_is_trained(models, tmp_path, run, monkeypatch):
+def test_without_the_package_onnx_nothing_is_written(policy, tmp_path, run, monkeypatch):
     monkeypatch.setitem(sys.modules, "onnx", None)
-    words = ("train", models / "paper.json", "-o", tmp_path / "p", "--onnx", tmp_path / "p.onnx")
-    code, said, complaint = run(*words)
-    assert code == 2 and "pip install 'gapfinder[onnx]'" in complaint and "training" not in said
+    code, _, complaint = run("export", policy, "-o", tmp_path / "p.onnx")
+    assert code == 2 and "pip install 'gapfinder[onnx]'" in complaint
     assert list(tmp_path.iterdir()) == []
 
 
@@ -223,10 +220,7 @@ def test_what_is_plausible_where_nobody_measured():
         (("paper.json", "--randomize", "prior", "--range", "m=2:1"), "expected (low, high)"),
         (("paper.json", "-o", "nowhere/policy"), "there is no folder"),
         (("paper.json", "-o", "paper.json"), "is a file: expected a folder"),
-        (("paper.json", "--onnx", "light.json"), "is there already: expected another name, or --force"),
-        (("paper.json", "--onnx", "paper.json", "--force"), "is read by this command"),
         (("paper.json", "--effects", "nowhere.py"), "no such file"),
-        (("paper.json", "--onnx", "fresh"), "that is the policy's folder"),
     ],
 )
 def test_what_cannot_be_trained_ends_with_a_sentence(models, run, monkeypatch, words, complaint):
