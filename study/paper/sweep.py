@@ -73,7 +73,8 @@ class Sweep(StudyExperiment):
 
     def keep(self, task: Task, answer: Any) -> None:
         """As ever, but for runs of the population that were taken up from elsewhere."""
-        super().keep(task, [r for r in answer if task.table is not RUNS or not self.results.has(RUNS, r.cell)])
+        there = self.results.keys(RUNS)
+        super().keep(task, [run for run in answer if run.cell not in there] if task.table is RUNS else answer)
 
     def publish(self, console: Console) -> None:
         publish(self.results, self._account, console)

@@ -154,11 +154,6 @@ class Database:
         """The keys of everything in a table."""
         return set(self.db.execute(f"SELECT {table.key} FROM {table.name}"))
 
-    def has(self, table: ResultTable[Any], key: Sequence[Any]) -> bool:
-        """Whether a table holds a row of that key."""
-        where = " AND ".join(f"{column} = ?" for column in table.key.split(", "))
-        return self.db.execute(f"SELECT 1 FROM {table.name} WHERE {where}", tuple(key)).fetchone() is not None
-
     def _undo(self) -> None:
         if self.db.in_transaction:  # SQLite itself has rolled back where the disk is full
             self.db.execute("ROLLBACK")
