@@ -130,10 +130,6 @@ class Optimal:
         total = paid + sum(self.cost_to_go(x.theta, x.theta_dot, k + 1, _flat(x)) for x in later) / len(later)
         return torques[np.argmin(total, axis=-1)]
 
-    def __str__(self) -> str:
-        sizes = " x ".join(str(axis.count) for axis in self._axes)
-        return f"optimal for {self.model}: {sizes} states, {self.grid.u} torques, {self.horizon} steps"
-
 
 def solve(model: Model, grid: Grid | None = None, horizon: int | None = None, draws: Sequence[Model] = ()) -> Optimal:
     """Dynamic programming, backwards from the last step, for the task's cost on the model.

@@ -55,9 +55,6 @@ class Predictive:
             return np.zeros(np.shape(state.theta))
         return self.optimal(now, then)
 
-    def __str__(self) -> str:
-        return f"{self.optimal}, on the state predicted {self.ahead} samples ahead"
-
 
 def design_predictive(
     model: Model, grid: Grid | None = None, horizon: int | None = None, draws: Sequence[Model] = ()

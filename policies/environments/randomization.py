@@ -28,8 +28,7 @@ class Randomization(ABC):
 
     def to_json(self) -> dict[str, Any]:
         """Plain data: the kind and its numbers."""
-        known = {kind: name for name, kind in KINDS.items()}
-        return {"kind": known.get(type(self), type(self).__name__), **asdict(self)}  # type: ignore[call-overload]
+        return {"kind": type(self).__name__, **asdict(self)}  # type: ignore[call-overload]
 
 
 def _within_bounds(model: Model, drawn: Mapping[str, float]) -> dict[str, float]:
@@ -257,12 +256,9 @@ class RandomForce(Randomization):
 
 
 KINDS: dict[str, type[Randomization]] = {
-    **{kind.__name__: kind for kind in (Fixed, Band, PriorRange, Ranges, Posterior)},
-    "OneOf": Mixture,
-    "OneAtATime": SingleEffect,
-    "Shaken": RandomForce,
+    kind.__name__: kind for kind in (Fixed, Band, PriorRange, Ranges, Posterior, Mixture, SingleEffect, RandomForce)
 }
-"""What stored data call them: names of classes may change, files stay."""
+"""What stored data call them."""
 
 
 def from_json(data: Mapping[str, Any]) -> Randomization:
