@@ -186,14 +186,11 @@ def _randomization(command: TrainCommand, saved: SavedModel, machine: Model) -> 
     if command.randomize == "prior":
         return Ranges({name: plausible_range(parameters[name]) for name in names} | _ranges(command.range, parameters))
     if command.randomize == "posterior":
-        return _posterior(saved, names, command.model.name)
+        if saved.estimate is None:
+            never = f"{command.model.name} was never fitted; expected one that `sysid fit -o` wrote"
+            raise InvalidInput(f"--randomize posterior: {never}")
+        return Posterior.of(saved.estimate, names)
     raise InvalidInput(f"--randomize {command.randomize}: expected none, band:W as in band:0.3, posterior or prior")
-
-
-def _posterior(saved: SavedModel, names: Sequence[str], file: str) -> Posterior:
-    if saved.estimate is None:
-        raise InvalidInput(f"--randomize posterior: {file} was never fitted; expected one that `sysid fit -o` wrote")
-    return Posterior.of(saved.estimate, names)
 
 
 def plausible_range(p: Parameter) -> tuple[float, float]:
