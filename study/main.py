@@ -44,11 +44,9 @@ class Options:
     workers: Annotated[int, tyro.conf.arg(metavar="N", help_behavior_hint="(default: 0, one a core)")] = 0
     """Processes, each with one thread. The numbers do not depend on it."""
 
-    executor: Annotated[str, tyro.conf.arg(metavar="{processes,ray}")] = "processes"
-    """What runs them: processes of this machine, or a Ray cluster whose machines share the folder of results."""
-
-    address: Annotated[str | None, tyro.conf.arg(metavar="HOST:PORT", help_behavior_hint="(default: made here)")] = None
-    """The Ray cluster, or "auto" for the one that this machine belongs to."""
+    address: Annotated[str | None, tyro.conf.arg(metavar="HOST:PORT", help_behavior_hint="")] = None
+    """A Ray cluster that runs the study in place of processes of this machine, or "auto" for the one that this machine
+    belongs to. Its machines share the folder of results."""
 
     device: Annotated[str, tyro.conf.arg(metavar="NAME")] = "cpu"
     """Where networks train, as torch names it: cpu, cuda. Anywhere but on a CPU all agents train in one population."""
@@ -138,10 +136,6 @@ def _executor(options: Options) -> Executor:
     from study.pipeline.settings import check_device
     from sysid.errors import InvalidInput
 
-    if options.executor not in ("processes", "ray"):
-        raise InvalidInput(f"unknown executor {options.executor!r}: expected processes or ray")
-    if options.address and options.executor != "ray":
-        raise InvalidInput(f"--address {options.address}: expected --executor ray with it; it is that of a Ray cluster")
     if options.address and options.workers:
         raise InvalidInput(f"--workers {options.workers}: expected none with --address, the cluster has its own")
     if options.workers < 0:
@@ -150,8 +144,7 @@ def _executor(options: Options) -> Executor:
         return Cluster(options.address)
     check_device(options.device)
     here = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    workers = options.workers or here
-    return Cluster(workers=workers) if options.executor == "ray" else Processes(workers)
+    return Processes(options.workers or here)
 
 
 def _flag(field: dataclasses.Field[object]) -> str:

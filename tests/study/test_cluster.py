@@ -70,7 +70,7 @@ def machines():
 def test_without_ray_a_sentence_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(InvalidInput, match=r"needs Ray: pip install 'gapfinder\[cluster\]'"):
-        Cluster()
+        Cluster("auto")
 
 
 @pytest.mark.parametrize("address", ["127.0.0.1:1", "ray://127.0.0.1:10001", "nonsense"])
