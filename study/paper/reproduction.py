@@ -19,7 +19,7 @@ from study.paper.claims import Claim
 from study.paper.finished_runs import Outcomes, outcomes, read_runs
 from study.paper.identification_scatter import Scatter
 from study.paper.presets import PAPER, PRESETS, Preset
-from study.paper.published_numbers import CELLS, POINTS, ROBUSTNESS, SEEDS, URL, Spot
+from study.paper.published_numbers import CELLS, ROBUSTNESS, SEEDS, URL, Spot
 from study.paper.reference_controllers import OPTIMAL
 from study.paper.saturation_budget import budget_curves, paragraph
 from study.paper.sweep_figures import heatmaps
@@ -107,7 +107,7 @@ def reproduce(
 
 
 def _on_main(found: Sequence[PointFindings]) -> list[PointFindings]:
-    return [answer for answer in found if answer.point.truth == POINTS["main"].truth]
+    return [answer for answer in found if answer.point.truth == PAPER.points[0].truth]
 
 
 def _claims(

@@ -21,7 +21,6 @@ from study.paper.finished_runs import RUNS, Outcomes, read_published
 from study.paper.identification_scatter import scatter
 from study.paper.imported_runs import read_import, taken_up
 from study.paper.presets import PAPER, Estimates, Preset
-from study.paper.published_numbers import POINTS
 from study.paper.reference_controllers import REFERENCES, fresh_optimum, reference_tasks
 from study.paper.reproduction import reproduce
 from study.paper.runs import ESTIMATES, SweepPopulation, identification_task
@@ -85,7 +84,7 @@ class Sweep(StudyExperiment):
         identified, optimum = None, None
         if self.preset.episodes == PAPER.episodes:  # else evaluations are not as published
             identified = scatter(np.random.default_rng(0))
-            optimum = partial(fresh_optimum, self.preset, POINTS["main"].truth)
+            optimum = partial(fresh_optimum, self.preset, PAPER.points[0].truth)
         return sweep_account(found, reproduce(found, self.results.folder, self.theirs, identified, optimum))
 
     def estimates(self) -> Estimates:
