@@ -29,7 +29,7 @@ _NAMES = {
     "control.lqr": "LQR design_lqr",
     "control.dynamic_programming": "Optimal",
     "control.swing_up": "SwingUp design_swing_up",
-    "training.cpu_settings": "CpuSettings tune_cpu",
+    "training.cpu_settings": "tune_cpu",
     "training.population": "Population",
     "training.sac": "SACSettings",
     "training.sac_population": "SACPopulation",

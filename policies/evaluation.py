@@ -18,13 +18,12 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from policies.environments import task
 from policies.environments.random_streams import Purpose, generator
 from sysid import InvalidInput, Model, State
+from sysid.physics.ops import Array
 
-Array = NDArray[np.float64]
 EVALUATION_SEED = 50_000
 """Episode e of seed s starts from a generator seeded s + 50,000 + e (the paper's)."""
 
@@ -109,20 +108,21 @@ def evaluate(policy: Policy, model: Model, theta: Array, theta_dot: Array, horiz
 
 @dataclass(frozen=True, eq=False)
 class Episodes:
-    """What E episodes did: at the instants t (N,) [s] the machine's own state theta (N, E) [rad], unwrapped, and
-    theta_dot (N, E) [rad/s], and the command u (N, E) [N m] that was held from there on."""
+    """What E episodes did: at N instants the machine's own state theta (N, E) [rad], unwrapped, and theta_dot (N, E)
+    [rad/s], and the command u (N, E) [N m] that was held from there on; and what they returned (E,)."""
 
-    t: Array
     theta: Array
     theta_dot: Array
     u: Array
+    returns: Array
 
 
 def rollout(policy: Policy, model: Model, theta: Array, theta_dot: Array, horizon: int | None = None) -> Episodes:
     """The episodes that `evaluate` sums the rewards of. Raises InvalidInput as it does."""
     seen = list(_steps(policy, model, *_start(theta, theta_dot), horizon))
-    states = np.array([(state.theta, state.theta_dot) for state, _ in seen])
-    return Episodes(model.dt * np.arange(len(seen)), states[:, 0], states[:, 1], np.array([u for _, u in seen]))
+    states, u = np.array([(state.theta, state.theta_dot) for state, _ in seen]), np.array([u for _, u in seen])
+    rewards = task.reward(State(states[:, 0], states[:, 1]), u, model.dt)
+    return Episodes(states[:, 0], states[:, 1], u, np.sum(rewards, axis=0))
 
 
 def _start(theta: Array, theta_dot: Array) -> tuple[Array, Array]:

@@ -11,8 +11,6 @@ import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.text import Annotation
-from matplotlib.transforms import BboxBase
 
 from study.formatting import capital
 from sysid.data.files import write_whole
@@ -31,7 +29,6 @@ STYLE: Any = figure_style.STYLE | {
 }
 COLOURS = matplotlib.colormaps["viridis"]
 ACCENT = "#c8102e"
-PAPER_WHITE = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
 
 
 def save_figure(draw: Callable[[], Figure], path: Path) -> Path:
@@ -45,10 +42,10 @@ def save_figure(draw: Callable[[], Figure], path: Path) -> Path:
     return path
 
 
-def panels_abreast(count: int, width: float, height: float, *, one_scale: bool = True) -> tuple[Figure, list[Axes]]:
-    """A figure of so many inches with panels beside each other, to one scale upwards unless told."""
+def panels_abreast(count: int, width: float, height: float) -> tuple[Figure, list[Axes]]:
+    """A figure of so many inches with panels beside each other, to one scale upwards."""
     figure = Figure(figsize=(width, height), layout="constrained")
-    return figure, list(figure.subplots(1, count, sharey=one_scale, squeeze=False)[0])
+    return figure, list(figure.subplots(1, count, sharey=True, squeeze=False)[0])
 
 
 def faint_lines(axes: Axes, axis: Literal["x", "y"]) -> None:
@@ -62,20 +59,6 @@ def annotate_beside(
 ) -> None:
     """A note so many points beside a place of an axis."""
     axes.annotate(text, at, shift, **{"textcoords": "offset points", "va": "center", "fontsize": 9.0} | style)
-
-
-def keep_apart(figure: Figure) -> None:
-    """Move the notes of each panel up or down, by as little as it takes, until none covers another; the first ones
-    stay where they are."""
-    figure.draw_without_rendering()
-    for axes in figure.axes:
-        placed: list[BboxBase] = []
-        for note in axes.findobj(Annotation):
-            box = note.get_window_extent().padded(0.002 * figure.bbox.width)
-            steps = (0.25 * box.height * k for k in sorted(range(-40, 41), key=abs))
-            moved = next((s for s in steps if not any(box.translated(0.0, s).overlaps(own) for own in placed)), 0.0)
-            note.xyann = note.xyann[0], note.xyann[1] + 72.0 * moved / figure.dpi
-            placed.append(box.translated(0.0, moved))
 
 
 def panel_title(axes: Axes, title: str, *about: str, **style: Any) -> None:

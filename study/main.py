@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from study.presets import ABOUT, PRESETS, QUICK
+from study.presets import ABOUT, PRESETS
 
 if TYPE_CHECKING:
     from study.pipeline.executor import Executor
@@ -35,9 +35,6 @@ class Options:
 
     preset: Annotated[str, tyro.conf.arg(metavar=f"{{{','.join(PRESETS)}}}", help=ABOUT)] = "quick"
 
-    quick: bool = False
-    """The quick version of --preset, where it has one."""
-
     strategies: Annotated[str, tyro.conf.arg(metavar="NAME,...", help_behavior_hint="(default: all)")] = ""
     """Of a preset that compares strategies these alone: names, or FILE.py:CLASS for one of your own."""
 
@@ -47,17 +44,15 @@ class Options:
     workers: Annotated[int, tyro.conf.arg(metavar="N", help_behavior_hint="(default: 0, one a core)")] = 0
     """Processes, each with one thread. The numbers do not depend on it."""
 
-    executor: Annotated[str, tyro.conf.arg(metavar="{processes,ray}")] = "processes"
-    """What runs them: processes of this machine, or a Ray cluster whose machines share the folder of results."""
-
-    address: Annotated[str | None, tyro.conf.arg(metavar="HOST:PORT", help_behavior_hint="(default: made here)")] = None
-    """The Ray cluster, or "auto" for the one that this machine belongs to."""
+    address: Annotated[str | None, tyro.conf.arg(metavar="HOST:PORT", help_behavior_hint="")] = None
+    """A Ray cluster that runs the study in place of processes of this machine, or "auto" for the one that this machine
+    belongs to. Its machines share the folder of results."""
 
     device: Annotated[str, tyro.conf.arg(metavar="NAME")] = "cpu"
     """Where networks train, as torch names it: cpu, cuda. Anywhere but on a CPU all agents train in one population."""
 
     import_: Annotated[Path | None, tyro.conf.arg(name="import", metavar="FILE", help_behavior_hint="")] = None
-    """Take up the finished runs in another study's results.sqlite or runs.csv."""
+    """Take up the finished runs in another study's runs.csv."""
 
     published: Annotated[Path | None, tyro.conf.arg(metavar="DIR", help_behavior_hint="")] = None
     """Folder of the authors' per-run CSV files, to pair ours with: results/ of github.com/YTomar79/sim2real_budget."""
@@ -88,11 +83,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if unknown:
         known = ", ".join(map(_flag, dataclasses.fields(Options)))
         return _fail(f"unknown option {unknown[0]!r}: expected {known} or --help", 2)
-    if options.quick:
-        if options.preset not in QUICK:
-            known = " or ".join(f"--preset {name}" for name in (*QUICK, "quick"))
-            return _fail(f"--quick with preset {options.preset!r}: expected {known}", 2)
-        options = dataclasses.replace(options, preset=f"{options.preset}-quick", quick=False)
     signal.signal(signal.SIGTERM, _interrupt)
     return _study(options)
 
@@ -146,10 +136,6 @@ def _executor(options: Options) -> Executor:
     from study.pipeline.settings import check_device
     from sysid.errors import InvalidInput
 
-    if options.executor not in ("processes", "ray"):
-        raise InvalidInput(f"unknown executor {options.executor!r}: expected processes or ray")
-    if options.address and options.executor != "ray":
-        raise InvalidInput(f"--address {options.address}: expected --executor ray with it; it is that of a Ray cluster")
     if options.address and options.workers:
         raise InvalidInput(f"--workers {options.workers}: expected none with --address, the cluster has its own")
     if options.workers < 0:
@@ -158,8 +144,7 @@ def _executor(options: Options) -> Executor:
         return Cluster(options.address)
     check_device(options.device)
     here = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    workers = options.workers or here
-    return Cluster(workers=workers) if options.executor == "ray" else Processes(workers)
+    return Processes(options.workers or here)
 
 
 def _flag(field: dataclasses.Field[object]) -> str:

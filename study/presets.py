@@ -19,14 +19,19 @@ def open_experiment(settings: StudySettings, options: RunOptions) -> AbstractCon
 
     Raises InvalidInput for options of another kind, and a folder that cannot be used.
     """
-    options.refuse_others(settings.understood, settings.name)
+    from sysid import InvalidInput
+
+    for option, given, kind, words in (
+        ("--import", options.imported, "", "the paper's kind"),
+        ("--published", options.published, "", "the paper's kind"),
+        ("--strategies", ",".join(options.strategies), "strategies", "strategies"),
+    ):
+        if given and settings.kind != kind:
+            raise InvalidInput(f"{option} {given}: expected a preset of {words}, not {settings.name}")
     experiment = importlib.import_module(settings.experiment)
     opened: AbstractContextManager[Any] = experiment.open_experiment(settings, options)
     return opened
 
-
-QUICK = tuple(name for name in PRESETS if f"{name}-quick" in PRESETS)
-"""Those that have a quick version."""
 
 ABOUT = """quick: 18 small agents, minutes. paper: the paper's 250 agents, 256 x 256. paper-w0: of these the 50 that
 train at the estimate alone. paper-width: of these the 50 of five seeds without a band and with the widest. paper-small:

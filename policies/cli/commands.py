@@ -28,7 +28,7 @@ from policies.limits import EPISODES, EVALUATION_MEMORY, LAYER_WIDTH, LAYERS
 from policies.storage.policy_file import DESCRIPTION, LONGEST_HISTORY, WEIGHTS, SavedPolicy, load_policy, save_policy
 from sysid import InvalidInput, Model, Parameter, SavedModel, load
 from sysid.cli.commands import register_effects, write_json
-from sysid.data.files import check_installed, check_outputs, full_path
+from sysid.data.files import check_outputs, full_path
 from sysid.limits import check_size
 
 logger = logging.getLogger(__name__)
@@ -50,11 +50,8 @@ def run(command: Any) -> None:
 @run.register
 def _(command: TrainCommand) -> None:
     _check_numbers(command)
-    _check_folder(command.out, [command.model, command.effects, command.onnx], command.force)
-    _check_onnx(command)
+    _check_folder(command.out, [command.model, command.effects], command.force)
     register_effects(command.effects)
-    if command.onnx is not None:
-        check_installed("onnx", "onnx", "--onnx")
     saved = load(command.model)
     machine = machine_of(saved.model, command.u_max, command.dt)
     randomization = _randomization(command, saved, machine)
@@ -65,7 +62,7 @@ def _(command: TrainCommand) -> None:
     from policies.training.cpu_settings import tune_cpu
     from policies.training.program import settings_for, train
 
-    settings = settings_for(machine, command.hidden, command.steps, command.algorithm, command.loss)
+    settings = settings_for(machine, command.hidden, command.steps, command.algorithm)
     checkpoint = _checkpoint(command)
     _introduce(command, saved.model, machine, randomization, history)
     layers = " x ".join(map(str, command.hidden))
@@ -92,8 +89,6 @@ def _(command: TrainCommand) -> None:
     }
     save_policy(training.policy, machine, command.out, about)
     logger.info(f"wrote {command.out / DESCRIPTION} and {WEIGHTS}")
-    if command.onnx is not None:
-        _write_onnx(SavedPolicy(training.policy, machine, about), command.onnx)
     logger.info(f"expected return on this model ({JUDGED} fresh start states, 95 % intervals):")
     _show("this policy", worth)
     if not command.no_references:
@@ -138,21 +133,14 @@ def _(command: ExportPolicyCommand) -> None:
     inputs = [command.effects, command.policy / DESCRIPTION, command.policy / WEIGHTS]
     check_outputs(inputs, [command.out], command.force)
     register_effects(command.effects)
-    check_installed("onnx", "onnx", "writing ONNX")
-    _write_onnx(load_policy(command.policy), command.out)
+    from policies.storage.onnx_file import write_onnx
+
+    saved = load_policy(command.policy)
+    difference = write_onnx(saved.policy, saved.model.dt, command.out)
+    logger.info(f"wrote {command.out}: differs from the policy by at most {difference:.1g} of its largest torque")
 
 
 # ---- train -----------------------------------------------------------------------------------------------------------
-
-
-def _check_onnx(command: TrainCommand) -> None:
-    if command.onnx is None:
-        return
-    file, folder = full_path(command.onnx, "write"), full_path(command.out, "write")
-    if file == folder:
-        raise InvalidInput(f"--onnx {command.onnx}: that is the policy's folder; expected a file")
-    if file.parent != folder or folder.is_dir():  # else in the folder that is yet to be made
-        check_outputs([command.model, command.effects], [command.onnx], command.force)
 
 
 def _checkpoint(command: TrainCommand) -> Path:
@@ -167,8 +155,6 @@ def _checkpoint(command: TrainCommand) -> Path:
 
 def _check_numbers(command: TrainCommand) -> None:
     _check_whole("--steps", 1 if command.steps is None else command.steps, 1, 10**9)
-    if command.algorithm == "shac" and command.loss != "fast":
-        raise InvalidInput(f"--loss {command.loss}: expected --algorithm sac with it")
     _check_whole("--agents", command.agents, 1, 1000)
     _check_whole("--seed", command.seed, 0, LARGEST_SEED)
     _check_whole("--history", command.history or 0, 0, LONGEST_HISTORY)
@@ -200,14 +186,11 @@ def _randomization(command: TrainCommand, saved: SavedModel, machine: Model) -> 
     if command.randomize == "prior":
         return Ranges({name: plausible_range(parameters[name]) for name in names} | _ranges(command.range, parameters))
     if command.randomize == "posterior":
-        return _posterior(saved, names, command.model.name)
+        if saved.estimate is None:
+            never = f"{command.model.name} was never fitted; expected one that `sysid fit -o` wrote"
+            raise InvalidInput(f"--randomize posterior: {never}")
+        return Posterior.of(saved.estimate, names)
     raise InvalidInput(f"--randomize {command.randomize}: expected none, band:W as in band:0.3, posterior or prior")
-
-
-def _posterior(saved: SavedModel, names: Sequence[str], file: str) -> Posterior:
-    if saved.estimate is None:
-        raise InvalidInput(f"--randomize posterior: {file} was never fitted; expected one that `sysid fit -o` wrote")
-    return Posterior.of(saved.estimate, names)
 
 
 def plausible_range(p: Parameter) -> tuple[float, float]:
@@ -349,10 +332,3 @@ def _check_folder(folder: Path, inputs: Sequence[Path | None], force: bool) -> N
         check_outputs(inputs, [folder / DESCRIPTION, folder / WEIGHTS], force)
     elif not full.parent.is_dir():
         raise InvalidInput(f"cannot write {folder}: there is no folder {folder.parent}")
-
-
-def _write_onnx(saved: SavedPolicy, path: Path) -> None:
-    from policies.storage.onnx_file import write_onnx
-
-    difference = write_onnx(saved.policy, saved.model.dt, path)
-    logger.info(f"wrote {path}: differs from the policy by at most {difference:.1g} of its largest torque")

@@ -52,10 +52,6 @@ class TrainCommand:
     steps: Annotated[int | None, shown("N", "2,048,000 of shac, 75,000 of sac")] = None
     """Commands that each agent gives in training. How long they take here is measured and said when it begins."""
 
-    loss: Annotated[str, arg(metavar="fast|sac")] = "fast"
-    """With --algorithm sac, what teaches the networks. sac: TorchRL's SACLoss. fast: the same with its gradients
-    written out."""
-
     hidden: Annotated[tuple[int, ...], arg(metavar="N")] = (64, 64)
     """Sizes of the network's hidden layers."""
 
@@ -65,9 +61,6 @@ class TrainCommand:
 
     seed: Annotated[int, arg(metavar="S")] = 0
     """Where all random numbers of the training come from."""
-
-    onnx: File = None
-    """Write the policy here as ONNX too."""
 
     effects: File = None
     """The Python file with effects of your own that the model has; it is run."""

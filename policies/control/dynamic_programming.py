@@ -26,11 +26,10 @@ from policies.control.design_model import check_numbers, is_periodic, is_steady
 from policies.control.interpolation import Axis, corners
 from policies.environments import task
 from sysid import InvalidInput, Model, State
-from sysid.physics.ops import Value
+from sysid.physics.ops import Array, Value
 
 LARGEST = 200_000_000
 """Entries of all matrices beyond which a table is refused, 8 bytes each; twice as many of its own, 4 bytes each."""
-Array = NDArray[np.float64]
 Stage = tuple[NDArray[np.float32], csr_array]
 
 
@@ -130,10 +129,6 @@ class Optimal:
         paid = -task.reward(now, torques, self.model.dt)
         total = paid + sum(self.cost_to_go(x.theta, x.theta_dot, k + 1, _flat(x)) for x in later) / len(later)
         return torques[np.argmin(total, axis=-1)]
-
-    def __str__(self) -> str:
-        sizes = " x ".join(str(axis.count) for axis in self._axes)
-        return f"optimal for {self.model}: {sizes} states, {self.grid.u} torques, {self.horizon} steps"
 
 
 def solve(model: Model, grid: Grid | None = None, horizon: int | None = None, draws: Sequence[Model] = ()) -> Optimal:

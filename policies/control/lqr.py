@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from policies.control.design_model import step_of
 from policies.environments import task
 from sysid import InvalidInput, Model, State, ops
+from sysid.physics.ops import Array
 
-Array = NDArray[np.float64]
 NEWTON = 5
 """Steps towards the torque that holds the upright: one is exact but for rounding where the plant is steep."""
 

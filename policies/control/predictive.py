@@ -19,14 +19,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from policies.control.design_model import without_dead_time
 from policies.control.dynamic_programming import Grid, Optimal, solve
 from sysid import Delay, Lag, Model, State
 from sysid.physics.effects import InputEffect
+from sysid.physics.ops import Array
 
-Array = NDArray[np.float64]
 FORGOTTEN = 1e-6
 """Share of a command's effect on a lag below which it is no longer looked back to."""
 
@@ -55,9 +54,6 @@ class Predictive:
         if round(then / model.dt) >= self.optimal.horizon:
             return np.zeros(np.shape(state.theta))
         return self.optimal(now, then)
-
-    def __str__(self) -> str:
-        return f"{self.optimal}, on the state predicted {self.ahead} samples ahead"
 
 
 def design_predictive(

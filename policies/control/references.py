@@ -11,9 +11,6 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from policies.control.design_model import table_shape
 from policies.control.dynamic_programming import Grid
 from policies.control.lqr import design_lqr
@@ -22,8 +19,8 @@ from policies.control.swing_up import design_swing_up
 from policies.environments import task
 from policies.evaluation import Evaluation, Policy, evaluate
 from sysid import DeadZone, Effect, InvalidInput, Model
+from sysid.physics.ops import Array
 
-Array = NDArray[np.float64]
 FINE, COARSE = Grid(), Grid(theta=180, theta_dot=181)
 """Tables of the optimum; the second where it costs many times as much."""
 LONG = 1000

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from policies.control.design_model import Step, step_of
 from policies.control.lqr import LQR, design_lqr
 from sysid import InvalidInput, Model, State, ops
+from sysid.physics.ops import Array
 
-Array = NDArray[np.float64]
 LOOK_AHEAD = 4.0
 """How far `catches` looks, in times sqrt(J / G) of falling. A longer look hands over earlier, to an LQR that
 creeps up at its torque limit; a shorter one misses the few chances of a heavy pendulum."""

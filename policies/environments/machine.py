@@ -11,7 +11,6 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from policies.environments import task
 from policies.environments.random_streams import Purpose, generator
@@ -19,8 +18,8 @@ from policies.environments.randomization import Randomization
 from policies.limits import EPISODE_STEPS
 from sysid import RK4, Delay, FilteredSpeed, InvalidInput, Lag, LinearAxis, Model, SensorDelay, State
 from sysid.limits import check_size
+from sysid.physics.ops import Array
 
-Array = NDArray[np.float64]
 FASTEST = 1e3
 """Speed [rad/s] at which a motion has run away."""
 ROLLOUTS = 64

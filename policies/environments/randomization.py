@@ -11,9 +11,9 @@ from itertools import accumulate
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sysid import Estimate, InvalidInput, Model
+from sysid.physics.ops import Array
 
 
 class Randomization(ABC):
@@ -28,8 +28,7 @@ class Randomization(ABC):
 
     def to_json(self) -> dict[str, Any]:
         """Plain data: the kind and its numbers."""
-        known = {kind: name for name, kind in KINDS.items()}
-        return {"kind": known.get(type(self), type(self).__name__), **asdict(self)}  # type: ignore[call-overload]
+        return {"kind": type(self).__name__, **asdict(self)}  # type: ignore[call-overload]
 
 
 def _within_bounds(model: Model, drawn: Mapping[str, float]) -> dict[str, float]:
@@ -148,13 +147,13 @@ class Posterior(Randomization):
         return cls(tuple(names), tuple(estimate.values[name] for name in names), tuple(map(tuple, rows.tolist())))
 
     @cached_property
-    def _root(self) -> NDArray[np.float64]:
+    def _root(self) -> Array:
         """D R^(1/2); the square root is the symmetric one, which is unique."""
         C = np.array(self.covariance)
         sd = np.sqrt(np.diag(C))
         scale = np.where(sd > 0.0, sd, 1.0)
         size, direction = np.linalg.eigh(C / np.outer(scale, scale))
-        root: NDArray[np.float64] = scale[:, None] * (direction * np.sqrt(np.maximum(size, 0.0))) @ direction.T
+        root: Array = scale[:, None] * (direction * np.sqrt(np.maximum(size, 0.0))) @ direction.T
         return root
 
     def sample(self, rng: np.random.Generator, model: Model) -> dict[str, float]:
@@ -244,7 +243,7 @@ class RandomForce(Randomization):
     def sample(self, rng: np.random.Generator, model: Model) -> dict[str, float]:
         return self.inner.sample(rng, model)
 
-    def torques(self, rng: np.random.Generator, steps: int, dt: float) -> NDArray[np.float64]:
+    def torques(self, rng: np.random.Generator, steps: int, dt: float) -> Array:
         """d (steps,) [N m] of one episode at intervals of dt [s]."""
         a = math.exp(-dt / self.T) if self.T > 0.0 else 0.0
         first, *z = rng.standard_normal(steps).tolist()
@@ -257,12 +256,9 @@ class RandomForce(Randomization):
 
 
 KINDS: dict[str, type[Randomization]] = {
-    **{kind.__name__: kind for kind in (Fixed, Band, PriorRange, Ranges, Posterior)},
-    "OneOf": Mixture,
-    "OneAtATime": SingleEffect,
-    "Shaken": RandomForce,
+    kind.__name__: kind for kind in (Fixed, Band, PriorRange, Ranges, Posterior, Mixture, SingleEffect, RandomForce)
 }
-"""What stored data call them: names of classes may change, files stay."""
+"""What stored data call them."""
 
 
 def from_json(data: Mapping[str, Any]) -> Randomization:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import ctypes
 import math
 import platform
-from dataclasses import dataclass
 
 import torch
 
@@ -19,22 +18,14 @@ M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
 """Names of glibc's malloc.h."""
 
 
-@dataclass(frozen=True)
-class CpuSettings:
-    """What `tune_cpu` could set: the number of threads, matrix products by oneDNN, memory kept by malloc."""
-
-    threads: int
-    onednn_matmul: bool
-    malloc_keeps_memory: bool
-
-
-def tune_cpu(threads: int = 1) -> CpuSettings:
+def tune_cpu(threads: int = 1) -> None:
     """Set the threads of torch [one a process; run one process a core], its products, and malloc."""
     torch.set_num_threads(threads)
-    return CpuSettings(torch.get_num_threads(), _use_onednn_matmul(), _keep_memory())
+    _use_onednn_matmul()
+    _keep_memory()
 
 
-def _use_onednn_matmul() -> bool:
+def _use_onednn_matmul() -> None:
     """Send float32 products to oneDNN, which is faster than the default BLAS on many processors.
 
     The only flag that does so also permits bfloat16, which oneDNN uses on processors with matrix units (AMX): hence
@@ -42,16 +33,14 @@ def _use_onednn_matmul() -> bool:
     """
     settings = getattr(torch.backends.mkldnn, "matmul", None)
     if settings is None or not torch.backends.mkldnn.is_available():
-        return False
+        return
     before = settings.fp32_precision
     try:
         settings.fp32_precision = "bf16"
     except RuntimeError:
-        return False
-    if matmul_error() <= ACCURACY:
-        return True
-    settings.fp32_precision = before
-    return False
+        return
+    if not matmul_error() <= ACCURACY:
+        settings.fp32_precision = before
 
 
 def matmul_error() -> float:
@@ -70,11 +59,9 @@ def matmul_error() -> float:
     return worst
 
 
-def _keep_memory() -> bool:
+def _keep_memory() -> None:
     """Let glibc's malloc keep freed blocks instead of returning them to the system at every step."""
-    if platform.libc_ver()[0] != "glibc":
-        return False
-    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
-    if mallopt is None:
-        return False
-    return all(mallopt(name, 1 << 30) == 1 for name in (M_MMAP_THRESHOLD, M_TRIM_THRESHOLD))
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None) if platform.libc_ver()[0] == "glibc" else None
+    if mallopt is not None:
+        mallopt(M_MMAP_THRESHOLD, 1 << 30)
+        mallopt(M_TRIM_THRESHOLD, 1 << 30)

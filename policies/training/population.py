@@ -32,7 +32,7 @@ from policies.training.settings import TrainingSettings
 from sysid import InvalidInput, Model
 from sysid.limits import check_size
 
-CHECKPOINT_VERSION = 4
+CHECKPOINT_VERSION = 5
 
 
 class Population(ABC):
@@ -45,6 +45,7 @@ class Population(ABC):
     env         the pendulums
     loss        a TorchRL LossModule
     steps_done  environment steps of each agent
+    seconds     that these took, as far as whoever trains has added them up
     """
 
     parts: ClassVar[tuple[str, ...]]
@@ -65,7 +66,7 @@ class Population(ABC):
     ) -> None:
         self.settings = settings = self.settings_of() if settings is None else settings
         self.seeds, self.device = tuple(int(s) for s in seeds), torch.device(device)
-        self.agents, self.steps_done = len(self.seeds), 0
+        self.agents, self.steps_done, self.seconds = len(self.seeds), 0, 0.0
         memory = settings.memory(self.agents, 3 + history)
         check_size("bytes of memory for this training:", memory, TRAINING_MEMORY, "with fewer agents or smaller layers")
         self.env = BatchedPendulums(
@@ -125,7 +126,7 @@ class Population(ABC):
                 )
         for name in self.parts:
             getattr(self, name).load_state_dict(stored[name])
-        self.steps_done = stored["steps_done"]
+        self.steps_done, self.seconds = stored["steps_done"], stored["seconds"]
         self.observation.copy_(stored["observation"])
         self.returns.copy_(stored["return"])
         self._curve = [(step, torch.tensor(returns, dtype=torch.float64)) for step, returns in stored["curve"]]
@@ -158,6 +159,7 @@ class Population(ABC):
         return {
             **{name: getattr(self, name).state_dict() for name in self.parts},
             "steps_done": self.steps_done,
+            "seconds": self.seconds,
             "observation": self.observation,
             "return": self.returns,
             "curve": [[step, returns.tolist()] for step, returns in self._curve],

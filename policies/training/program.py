@@ -76,17 +76,12 @@ def population_of(
 
 
 def settings_for(
-    model: Model,
-    hidden: Sequence[int] = (64, 64),
-    steps: int | None = None,
-    algorithm: str = "shac",
-    loss: str = "fast",
+    model: Model, hidden: Sequence[int] = (64, 64), steps: int | None = None, algorithm: str = "shac"
 ) -> TrainingSettings:
     """How agents of a machine are trained: discounts and windows are the same in seconds at every dt.
 
     algorithm   "shac", through the gradient of the model; "sac", from its transitions alone, as in the paper
     steps       environment steps of each agent; by default as many as the algorithm needs
-    loss        of sac: "fast" or "sac", TorchRL's SACLoss as it is
 
     Raises InvalidInput for an algorithm that does not exist.
     """
@@ -95,7 +90,7 @@ def settings_for(
         steps = STEPS if steps is None else steps
         random_steps = min(1000, math.ceil(0.1 * steps))
         gamma = SACSettings().gamma ** intervals
-        return SACSettings(hidden=tuple(hidden), steps=steps, random_steps=random_steps, gamma=gamma, loss=loss)
+        return SACSettings(hidden=tuple(hidden), steps=steps, random_steps=random_steps, gamma=gamma)
     if algorithm != "shac":
         raise InvalidInput(f"algorithm {algorithm!r}: expected one of {', '.join(POPULATIONS)}")
     seconds, most = WINDOW

@@ -44,10 +44,7 @@ from sysid import InvalidInput
 
 @dataclass(frozen=True)
 class SACSettings(TrainingSettings):
-    """The paper's settings, which are Stable-Baselines3's but for learning_rate; polyak is its tau.
-
-    loss: "fast" or "sac", TorchRL's SACLoss as it is
-    """
+    """The paper's settings, which are Stable-Baselines3's but for learning_rate; polyak is its tau."""
 
     algorithm: ClassVar[str] = "sac"
     positive: ClassVar[tuple[str, ...]] = ("learning_rate", "capacity", "initial_temperature", "random_steps", "steps")
@@ -63,12 +60,9 @@ class SACSettings(TrainingSettings):
     target_entropy: float = -1.0
     random_steps: int = 1000
     steps: int = 75_000
-    loss: str = "fast"
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.loss not in LOSSES:
-            raise InvalidInput(f"loss = {self.loss!r}: expected one of {', '.join(LOSSES)}")
         if self.batch < 2:
             raise InvalidInput(f"batch = {self.batch}: expected at least 2 transitions")
 
@@ -195,7 +189,3 @@ class FastSACLoss(StackedSACLoss):
         """What passes through both critics, y (2 A, B, 1) at the end."""
         x = with_ones(observation, action)
         return forward(torch.cat((x, x)), critics)
-
-
-LOSSES = {"fast": FastSACLoss, "sac": StackedSACLoss}
-"""By the name that SACSettings.loss has."""

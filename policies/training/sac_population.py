@@ -23,7 +23,7 @@ from policies.training.optimization import FusedAdam
 from policies.training.population import Population
 from policies.training.random_blocks import BLOCK_LENGTH, RandomBlocks
 from policies.training.replay import replay_buffer
-from policies.training.sac import LOSSES, SACSettings, StackedSACLoss
+from policies.training.sac import FastSACLoss, SACSettings, StackedSACLoss
 
 
 class SACPopulation(Population):
@@ -31,10 +31,12 @@ class SACPopulation(Population):
 
     parts: ClassVar[tuple[str, ...]] = ("env", "replay", "loss", "critic_optimizer", "actor_optimizer")
     settings_of: ClassVar[type[SACSettings]] = SACSettings
+    loss_of: ClassVar[type[StackedSACLoss]] = FastSACLoss
+    """The loss: that of TorchRL with its gradients written out."""
     settings: SACSettings
 
     def _loss(self, observation_size: int) -> StackedSACLoss:
-        return LOSSES[self.settings.loss](self.seeds, self.settings, observation_size)
+        return self.loss_of(self.seeds, self.settings, observation_size)
 
     def _prepare(self) -> None:
         settings, loss = self.settings, self.loss

@@ -15,7 +15,6 @@ from study.statistics import Contrast, paired_t
 from study.strategies.designs import OPTIMUM, PLAIN_ROD
 from study.strategies.trial_findings import (
     Array,
-    Outcome,
     PlannedContrast,
     TrialFindings,
     TrialResults,
@@ -49,16 +48,6 @@ class Split:
     training: float
     tables: int
 
-    @property
-    def model(self) -> float:
-        """J(optimum) - J(fitted): what is left where training is perfect."""
-        return self.structure + self.identification
-
-    @property
-    def gap(self) -> float:
-        """J(optimum) - J(agent)."""
-        return self.model + self.training
-
 
 @dataclass(frozen=True, eq=False)
 class MismatchFindings(TrialFindings):
@@ -75,17 +64,6 @@ class MismatchFindings(TrialFindings):
     def condition(self, plant: str, strategy: str, n: int) -> Condition:
         """With n rollouts where the strategy spends any."""
         return Condition(plant, "encoder", strategy, min(n, self.plan.kind_of(strategy).most))
-
-    def outcome(self, plant: str, strategy: str, n: int) -> Outcome | None:
-        """None where the strategy is not in the plan."""
-        return self.outcomes.get(self.condition(plant, strategy, n))
-
-    def difference(self, plant: str, a: str, b: str, n: int) -> Contrast | None:
-        """J(a) - J(b) over the seeds that both have, planned or not; None where a strategy is not in the plan."""
-        one, other = (self.outcome(plant, strategy, n) for strategy in (a, b))
-        if one is None or other is None:
-            return None
-        return paired_t(one.less(other))
 
     def together(self, rows: Sequence[PlannedContrast]) -> Contrast:
         """The mean of some of the plan's contrasts: paired over seeds, each seed's differences averaged first. It was

@@ -1,70 +1,41 @@
-"""The mismatch experiment, told: figures and page."""
+"""The mismatch experiment, told: figure and page."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
 from functools import partial
-from pathlib import Path
 
-from matplotlib.figure import Figure
-
-from study.mismatch.mismatch_figures import ladder_of_strategies, strategy_returns
+from study.mismatch.mismatch_figures import strategy_returns
 from study.mismatch.mismatch_findings import MismatchFindings, mismatch_findings
 from study.mismatch.mismatch_plan import STRATEGIES, MismatchPlan
 from study.mismatch.mismatch_sentences import mismatch_sentences
-from study.mismatch.naming_results import NAMING_TABLE, NamingResult, naming_rates_and_errors, naming_table, read_naming
-from study.mismatch.trajectories import telling_trajectories
 from study.pipeline.publication import Account
 from study.strategies.trial_findings import TrialResults
-from study.strategies.trial_page import TABLES, trial_account
+from study.strategies.trial_page import trial_account
 
 PARTS = ("structure", "identification", "training", "tables")
 """Of the gap to the optimum, over as many seeds as there are tables for."""
 
-CAPTIONS = {
-    "returns": "Every strategy at every hidden plant: mean return with its 95 % interval over seeds, hollow for few "
-    "rollouts, filled for many. All panels have one scale, each about its own optimum; a number at the left edge is a "
-    "mean left of the panel.",
-    "ladder": "Left: from knowing nothing to knowing everything, at the largest budget. Right: what the gap to the "
-    "optimum consists of, with a model that lacks the effect and with the mended one.",
-    "trajectories": "Where mending gained most, the two agents of the seed whose gain is nearest to the median, from "
-    "the same start states. Torques: of the first in full, of the others faint.",
-    "naming": "Above: how often the diagnosis is right, with Wilson's 95 % band: the effect named and no other, or its "
-    "class where the log cannot tell; \u201cunknown\u201d or \u201cpartly\u201d where the catalogue lacks it. "
-    "Below: the error of m and l in the model without the effect (squares) and in the mended one (dots).",
-}
-"""What stands below a figure, by its name and in the page's order."""
+CAPTION = (
+    "Every strategy at every hidden plant: mean return with its 95 % interval over seeds, hollow for few rollouts, "
+    "filled for many. All panels have one scale, each about its own optimum; a number at the left edge is a mean left "
+    "of the panel."
+)
 
 
-OUTPUTS = (*TABLES, "returns.png", "ladder.png", "trajectories.png")
-"""What is written beside the database; the naming study's table and figure may lie there before."""
+def account(plan: MismatchPlan, results: TrialResults) -> Account:
+    """What is told of the results."""
+    return mismatch_account(mismatch_findings(plan, results))
 
 
-def account(plan: MismatchPlan, results: TrialResults, folder: Path) -> Account:
-    """What is told of the results; the naming study is told too where its table lies in the folder."""
-    found = mismatch_findings(plan, results)
-    return mismatch_account(
-        found, read_naming(folder / NAMING_TABLE), telling_trajectories(found, results.answers, folder)
-    )
-
-
-def mismatch_account(
-    found: MismatchFindings, naming: Sequence[NamingResult] = (), motions: Callable[[], Figure] | None = None
-) -> Account:
-    """What is told of the findings; naming: rows of that study; motions: draws the trajectories of two agents."""
+def mismatch_account(found: MismatchFindings) -> Account:
+    """What is told of the findings."""
     nothing = dict(zip(PARTS, (math.nan, math.nan, math.nan, 0), strict=True))
-    drawings = {
-        "returns": partial(strategy_returns, found),
-        "ladder": partial(ladder_of_strategies, found),
-        "trajectories": motions,
-        "naming": partial(naming_rates_and_errors, naming) if naming else None,
-    }
     return trial_account(
         found,
-        mismatch_sentences(found, naming),
-        {name: (draw, CAPTIONS[name]) for name, draw in drawings.items()},
+        mismatch_sentences(found),
+        (partial(strategy_returns, found), CAPTION),
         "mismatch.html.j2",
-        {"strategies": STRATEGIES, "named": naming_table(naming) if naming else None},
+        {"strategies": STRATEGIES},
         {condition: vars(split) if split else nothing for condition, split in found.splits.items()},
     )

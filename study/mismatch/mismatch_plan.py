@@ -53,12 +53,6 @@ STRATEGIES = {
 }  # fmt: skip
 """Every strategy, in the order in which they are shown; those that spend rollouts are names of `Budget.setup`."""
 
-LADDER = ("prior", "fitted", "mended", "oracle")
-"""The ladder, from knowing nothing to knowing everything."""
-
-SPLIT = ("fitted", "mended")
-"""Strategies of whose gap to the optimum the parts are shown."""
-
 CONTRASTS = (("mended", "fitted"), ("band", "fitted"), ("mended", "all_effects"), ("mended", "network"),
              ("breadth", "prior"), ("oracle", "mended"))  # fmt: skip
 """Pre-registered differences of return, at every plant and budget; their p-values are one family for Holm."""
@@ -68,7 +62,7 @@ CONTRASTS = (("mended", "fitted"), ("band", "fitted"), ("mended", "all_effects")
 class MismatchPlan(TrialPlan):
     """Everything that the experiment's numbers depend on; all seeds are of every strategy that a contrast names."""
 
-    layout: ClassVar[int] = 3
+    layout: ClassVar[int] = 4
     kind: ClassVar[str] = "mismatch"
     page: ClassVar[str] = "study.mismatch.mismatch_page"
 

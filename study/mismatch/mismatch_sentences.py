@@ -1,15 +1,11 @@
-"""The experiment's answers in words, each with its intervals; nothing here decides anything."""
+"""The experiment's answers in words; nothing here decides anything, and single contrasts stand in the table."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
-from study.formatting import number, percent
-from study.mismatch.mismatch_findings import MismatchFindings, Verdict
-from study.mismatch.mismatch_plan import SPLIT
-from study.mismatch.naming_results import NamingResult, naming_errors, naming_rates
-from study.strategies.trial_findings import PlannedContrast
+from study.formatting import percent
+from study.mismatch.mismatch_findings import MismatchFindings
 from study.trials.rollout_budget import BAND
 
 
@@ -17,16 +13,14 @@ from study.trials.rollout_budget import BAND
 class Change:
     """What is told of the contrasts of strategy a with b.
 
-    text        with {counted}: how many stand, {listed}: each with its interval, {verdict}: whether they are better
+    text        with {counted}: how many stand, and their mean; {verdict}: whether they are better
     catalogue   at which plants: whether the catalogue has their effect; None: those without one
-    verdict     of which diagnoses it is told how many there were, in words and as a condition
     """
 
     a: str
     b: str
     text: str
     catalogue: tuple[bool | None, ...] = (True, False, None)
-    verdict: tuple[str, Callable[[Verdict], bool]] | None = None
 
     def told(self, findings: MismatchFindings) -> str:
         """The text; empty where the plan has no such contrasts."""
@@ -38,122 +32,43 @@ class Change:
         counted = f"{better} of {len(rows)} are better and {worse} worse after Holm's correction"
         if len(rows) > 1:
             counted += f", in the mean {findings.together(rows)} (not pre-registered)"
+        else:
+            counted += f" ({rows[0].contrast})"
         verdict = "No" if better == 0 else "Yes" if better == len(rows) else "In part"
-        listed = by_plant(findings, ((row.plant, row.n, self._cell(findings, row)) for row in rows))
-        return self.text.format(counted=counted, listed=listed, verdict=verdict, band=percent(BAND))
-
-    def _cell(self, findings: MismatchFindings, row: PlannedContrast) -> str:
-        """A change with its interval, and how many of the seeds had such a verdict."""
-        if self.verdict is None:
-            return str(row.contrast)
-        (words, which), said = self.verdict, findings.verdicts.get((row.plant, row.n), {})
-        counted = sum(times for one, times in said.items() if which(one))
-        return f"{row.contrast} ({words}: {counted} of {sum(said.values())})"
+        return self.text.format(counted=counted, verdict=verdict, band=percent(BAND))
 
 
 BREADTH = Change(
-    "band", "fitted",
-    "{verdict}: with a band of ±{band} around the fitted m and l {counted}. In return: {listed}.",
-    catalogue=(True, False),
-)  # fmt: skip
-NAMING = Change(
-    "mended", "fitted", "Against m and l alone: {counted}. In return: {listed}.",
-    (True,), ("named and believed", lambda said: bool(said.named) and said.believed),
-)  # fmt: skip
+    "band", "fitted", "{verdict}: with a band of ±{band} around the fitted m and l {counted}.", (True, False)
+)
+NAMING = Change("mended", "fitted", "Against m and l alone: {counted}.", (True,))
 UNKNOWN = Change(
-    "mended", "fitted",
+    "mended",
+    "fitted",
     "Where the catalogue lacks the effect, a diagnosis that says so trains under random torques of the size that the "
-    "log asks for. Against m and l alone: {counted}. In return: {listed}.",
-    (False,), ("unknown", lambda said: said.verdict == "unknown"),
-)  # fmt: skip
+    "log asks for. Against m and l alone: {counted}.",
+    (False,),
+)
 RIVALS = (
     Change("mended", "all_effects", "against all effects fitted at once: {counted}"),
     Change("mended", "network", "against a learned residual torque: {counted}"),
 )
-WITHOUT_ROLLOUTS = Change(
-    "breadth", "prior",
-    "Breadth over everything plausible, against the prior: {counted}. In return: {listed}.",
-)  # fmt: skip
+WITHOUT_ROLLOUTS = Change("breadth", "prior", "Breadth over everything plausible, against the prior: {counted}.")
 ORACLE = (
     Change("oracle", "mended", "where the catalogue has the effect, {counted}", (True,)),
     Change("oracle", "mended", "where it lacks it, {counted}", (False,)),
 )
 
 
-def mismatch_sentences(findings: MismatchFindings, rows: Sequence[NamingResult] = ()) -> list[tuple[str, str]]:
-    """(question, answer), as far as the plan asked for it.
-
-    rows: of the naming study, where they are there.
-    """
-    left = _all(findings, "Trained on the hidden plant itself, against the diagnosis: ", ORACLE), _split(findings)
+def mismatch_sentences(findings: MismatchFindings) -> list[tuple[str, str]]:
+    """(question, answer), as far as the plan asked for it."""
+    rivals, oracle = ("; ".join(filter(None, (own.told(findings) for own in group))) for group in (RIVALS, ORACLE))
     asked = {
         "Does breadth pay when the simulator lacks an effect?": BREADTH.told(findings),
         "What is it worth to name the effect?": NAMING.told(findings),
-        "Does breadth pay after that?": _after_that(findings),
-        "How many rollouts does naming take?": _rollouts(findings, rows),
         "What does an honest “unknown” buy?": UNKNOWN.told(findings),
-        "What else could the rollouts be spent on?": _all(findings, "The diagnosis ", RIVALS),
+        "What else could the rollouts be spent on?": rivals and f"The diagnosis {rivals}.",
         "And without any rollout?": WITHOUT_ROLLOUTS.told(findings),
-        "What is left?": " ".join(filter(None, left)),
+        "What is left?": oracle and f"Trained on the hidden plant itself, against the diagnosis: {oracle}.",
     }
     return [(question, text) for question, text in asked.items() if text]
-
-
-def _all(findings: MismatchFindings, begin: str, changes: Sequence[Change]) -> str:
-    """Several of them in a sentence."""
-    parts = [text for change in changes if (text := change.told(findings))]
-    return f"{begin}{'; '.join(parts)}." if parts else ""
-
-
-def _after_that(findings: MismatchFindings) -> str:
-    """The posterior against its centre: breadth after the diagnosis."""
-    found = {
-        (plant.name, n): contrast
-        for plant in findings.plan.plants
-        for n in findings.plan.contrasted
-        if plant.in_catalogue and (contrast := findings.difference(plant.name, "posterior", "mended", n))
-    }
-    if not found:
-        return ""
-    text = by_plant(findings, ((*key, str(contrast)) for key, contrast in found.items()))
-    return (
-        "Parameters drawn from the fit's covariance, the breadth that the data leave, in place of its numbers. "
-        f"In return: {text} ({min(contrast.seeds for contrast in found.values())} seeds, not pre-registered)."
-    )
-
-
-def _rollouts(findings: MismatchFindings, rows: Sequence[NamingResult]) -> str:
-    """How often the naming is right with the fewest rollouts, a middling number and the most; how well m and l are
-    known meanwhile."""
-    found, parts = naming_rates(rows), list[tuple[str, int, str]]()
-    for plant in findings.plan.plants:
-        budgets = sorted(n for name, n in found if name == plant.name)
-        for n in sorted({budgets[k] for k in (0, len(budgets) // 2, -1)} if budgets else ()):
-            fitted, mended = (100.0 * error for error in naming_errors(rows, plant.name, n))
-            parts.append((plant.name, n, f"{100.0 * found[plant.name, n].share:.0f} % ({fitted:.2g}, {mended:.2g} %)"))
-    told = "Seeds in which the answer is right (m and l are off by so much without, and with it)"
-    return f"{told}: {by_plant(findings, parts)}." if parts else ""
-
-
-def _split(findings: MismatchFindings) -> str:
-    """What is left of the gap at the largest budget, fitted and mended: with agents, and by design on their models."""
-    n, parts = max(findings.plan.budgets), []
-    for plant in findings.plan.plants:
-        both = (findings.splits.get(findings.condition(plant.name, key, n)) for key in SPLIT)
-        splits = [split for split in both if split]
-        if plant.effect and len(splits) == 2:
-            trained = " to ".join(number(-split.gap) for split in splits)
-            designed = " to ".join(number(-split.model) for split in splits)
-            parts.append(f"{plant.title}: {trained} ({designed})")
-    told = f"From the optimum, with {n} rollouts, from fitted to mended (in brackets: dynamic programming, not agents)"
-    return f"{told}: {'; '.join(parts)}." if parts else ""
-
-
-def by_plant(findings: MismatchFindings, parts: Iterable[tuple[str, int, str]]) -> str:
-    """(plant, n, text) as "delay 0.155 s: text with 5 rollouts, text with 50; magnet ..."."""
-    found: dict[str, list[str]] = {}
-    for plant, n, text in parts:
-        own = found.setdefault(findings.plan.plant(plant).title, [])
-        unit = "" if own else " rollout" if n == 1 else " rollouts"
-        own.append(f"{text} with {n}{unit}" if n else text)
-    return "; ".join(f"{title}: {', '.join(own)}" for title, own in found.items())

@@ -1,14 +1,13 @@
 """How many rollouts does naming the missing effect take, beside fitting m and l? No agent is trained.
 
-    python -m study.mismatch.naming                                  tells and draws what is in study/results/mismatch
+    python -m study.mismatch.naming                                  tells what is in study/results/mismatch
     python -m study.mismatch.naming --seeds 100 --out elsewhere      measures, some hours; goes on if stopped
 
     error = sqrt(((m_hat - m)^2 / m^2 + (l_hat - l)^2 / l^2) / 2)
 
 On every hidden plant of the plan, what a strategy does with its rollouts is done with 1 to 50 of them:
 least squares for m and l alone, and the diagnosis with its refit. What is right says `naming_results`. The seeds are
-used for nothing else. A table belongs to the version that made it; in the folder of the experiment's results it is told
-in its report.
+used for nothing else. A table belongs to the version that made it.
 """
 
 from __future__ import annotations
@@ -21,9 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 
-from study.figure_style import save_figure
 from study.mismatch.measured import rollouts
 from study.mismatch.mismatch_plan import MismatchPlan
 from study.mismatch.naming_results import (
@@ -32,11 +29,10 @@ from study.mismatch.naming_results import (
     REFUSED,
     NamingResult,
     is_right,
-    naming_rates_and_errors,
     naming_table,
     read_naming,
     write_naming,
-)  # fmt: skip
+)
 from study.pipeline.executor import BriefTask, Task, WorkerFailed
 from study.pipeline.processes import Processes
 from study.pipeline.stages import Stage, StudyExperiment, run
@@ -47,7 +43,6 @@ from study.trials.rollout_budget import Budget
 from sysid import Diagnosis, Estimate, InvalidInput
 
 NAMING_FOLDER = Path(__file__).parents[1] / "results" / "mismatch"
-FIGURE = "naming.png"
 
 BUDGETS = (1, 2, 3, 5, 10, 20, 50)
 FIRST, MOST = 2000, 100
@@ -113,23 +108,14 @@ class NamingExperiment(StudyExperiment):
         write_naming(self.path, self.rows)
 
     def publish(self, console: Console) -> None:
-        """Print the table and where the figure is."""
-        told = naming_table(self.rows)
-        figure = save_figure(lambda: naming_rates_and_errors(self.rows), self.path.parent / FIGURE)
-        title = f"right [%] of {told.seeds} seeds (errors of m and l without and with what was named [%])"
-        shown = Table(title=title, title_justify="left")
-        for head in ("hidden plant", *(f"n = {n}" for n in told.budgets)):
-            shown.add_column(head, no_wrap=True)
-        for plant, cells in told.lines:
-            shown.add_row(plant, *(cell.replace(" (", "\n(") for cell in cells))
-        console.print(shown)
-        console.print(f"figure: {figure}", soft_wrap=True)
+        """Print the table."""
+        console.print(naming_table(self.rows))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code: 0 done, 1 a task failed, 2 bad input."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0], prog="python -m study.mismatch.naming")
-    parser.add_argument("--out", type=Path, default=NAMING_FOLDER, metavar="DIR", help="folder of table and figure")
+    parser.add_argument("--out", type=Path, default=NAMING_FOLDER, metavar="DIR", help="folder of the table")
     told = f"measure the table up to so many seeds, from {FIRST} on (default: tell what it has)"
     parser.add_argument("--seeds", type=int, metavar="N", help=told)
     parser.add_argument("--budgets", type=int, nargs="+", default=list(BUDGETS), choices=BUDGETS, metavar="N")

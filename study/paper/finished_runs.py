@@ -33,8 +33,7 @@ class Run:
     where these were not evaluated; curve: (env steps done, return) of the training episodes; seconds: the run's share
     of its population's time.
 
-    A run that was taken up from elsewhere says in `imported` from which file; one of a table has no episodes and no
-    curve.
+    A run that was taken up from elsewhere says in `imported` from which file; it has no episodes and no curve.
     """
 
     cell: Cell

@@ -85,9 +85,8 @@ class Preset(StudySettings):
     grid: int = 450
     resamples: int = 20_000
     companion: str | None = None
-    layout: ClassVar[int] = 3
+    layout: ClassVar[int] = 4
     experiment: ClassVar[str] = "study.paper.sweep"
-    understood: ClassVar[tuple[str, ...]] = ("imported", "published")
 
     @property
     def cells(self) -> tuple[Cell, ...]:

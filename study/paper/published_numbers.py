@@ -53,21 +53,19 @@ class CellSummary(NamedTuple):
 
 @dataclass(frozen=True)
 class PublishedPoint:
-    """An operating point: its name in print, the hidden plant (m [kg], l [m]), the speed noise [rad/s], its file."""
+    """An operating point: its name in print, and its file."""
 
     label: str
-    truth: tuple[float, float]
-    sigma: float
     file: str
 
 
 POINTS = {
-    "main": PublishedPoint("Main (2.0, 1.5), 1.0 rad/s", (2.0, 1.5), 1.0, "summary.csv"),
-    "small_gap": PublishedPoint("Small gap (1.5, 1.2)", (1.5, 1.2), 1.0, "exp_gap_1.5_1.2.csv"),
-    "large_gap": PublishedPoint("Large gap (2.5, 2.0)", (2.5, 2.0), 1.0, "exp_gap_2.5_2.0.csv"),
-    "low_noise": PublishedPoint("Low noise, 0.5 rad/s", (2.0, 1.5), 0.5, "exp_noise_0.5.csv"),
-    "high_noise": PublishedPoint("High noise, 2.0 rad/s", (2.0, 1.5), 2.0, "exp_noise_2.0.csv"),
-    "prior_range": PublishedPoint("Prior range [0.3, 3.0]²", (2.0, 1.5), 1.0, "exp_priorDR.csv"),
+    "main": PublishedPoint("Main (2.0, 1.5), 1.0 rad/s", "summary.csv"),
+    "small_gap": PublishedPoint("Small gap (1.5, 1.2)", "exp_gap_1.5_1.2.csv"),
+    "large_gap": PublishedPoint("Large gap (2.5, 2.0)", "exp_gap_2.5_2.0.csv"),
+    "low_noise": PublishedPoint("Low noise, 0.5 rad/s", "exp_noise_0.5.csv"),
+    "high_noise": PublishedPoint("High noise, 2.0 rad/s", "exp_noise_2.0.csv"),
+    "prior_range": PublishedPoint("Prior range [0.3, 3.0]²", "exp_priorDR.csv"),
 }
 """The operating points by the names of the presets, in the order of Table I, then the baseline of Sec. III-A."""
 

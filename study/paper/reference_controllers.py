@@ -34,9 +34,9 @@ CONTROLLERS = (OPTIMAL, LQR, SWING_UP)
 
 
 @dataclass(frozen=True)
-class Rating:
+class Reference:
     """The mean return on the hidden plant (truth_m, truth_l), from a seed's start states, of a controller designed at
-    (m, l) on a table of so many angles."""
+    (m, l) on a table of so many angles; with what made it."""
 
     controller: str
     m: float
@@ -47,6 +47,8 @@ class Rating:
     return_mean: float
     grid: int
     episodes: int
+    versions: dict[str, str] = field(default_factory=dict)
+    seconds: float = 0.0
 
     @property
     def theta(self) -> Theta:
@@ -62,16 +64,6 @@ class Rating:
         return self.controller, *self.theta, *self.truth
 
 
-@dataclass(frozen=True)
-class Reference(Rating):
-    """A rating, with what made it."""
-
-    versions: dict[str, str] = field(default_factory=dict)
-    seconds: float = 0.0
-
-
-RATINGS = "ratings.csv"
-"""The table of references, seed by seed."""
 REFERENCES = ResultTable(
     "controllers",
     Reference,
@@ -119,7 +111,7 @@ def _starts(drawn: Callable[[int, int], tuple[Array, Array]], seeds: Sequence[in
 def reference_tasks(preset: Preset, estimates: Estimates, known: Set[tuple[Any, ...]]) -> Iterator[BriefTask]:
     """All controllers at every truth, and the optimal one at every estimate, on the plant that this was measured on.
 
-    What is asked of one (controller, theta) is designed once; what is `known`, by `Rating.key`, is left out.
+    What is asked of one (controller, theta) is designed once; what is `known`, by `Reference.key`, is left out.
     """
     wanted = [(controller, point.truth, point.truth) for point in preset.points for controller in CONTROLLERS]
     wanted += sorted((OPTIMAL, theta, preset.point(name).truth) for (name, _, _), theta in estimates.items())

@@ -94,11 +94,6 @@ def identified(point: Point, seed: int, progress: Callable[[float], None]) -> li
     return answer
 
 
-def measured(point: Point) -> dict[str, Any]:
-    """What a run's settings say of its operating point."""
-    return {"identifier": point.identifier, "sigma": point.sigma, "truth": list(point.truth)}
-
-
 @dataclass(frozen=True)
 class SweepPopulation(PopulationTask):
     """The cells of one population: the runs it makes, with their estimates theta_hat; index: which population it is."""
@@ -140,7 +135,9 @@ class SweepPopulation(PopulationTask):
                 "device": self.device,
                 "sac": dataclasses.asdict(population.settings),
                 "randomization": population.env.randomizations[a].to_json(),
-                **measured(point),
+                "identifier": point.identifier,
+                "sigma": point.sigma,
+                "truth": list(point.truth),
             }
             curve = tuple((int(step), float(value)) for step, value in curves[a])
             returns, fresh_returns = (tuple(own.returns.tolist()) for own in (answer, fresh))

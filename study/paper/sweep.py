@@ -19,9 +19,8 @@ from rich.console import Console
 
 from study.paper.finished_runs import RUNS, Outcomes, read_published
 from study.paper.identification_scatter import scatter
-from study.paper.imported_runs import import_references, import_runs, is_database
+from study.paper.imported_runs import read_import, taken_up
 from study.paper.presets import PAPER, Estimates, Preset
-from study.paper.published_numbers import POINTS
 from study.paper.reference_controllers import REFERENCES, fresh_optimum, reference_tasks
 from study.paper.reproduction import reproduce
 from study.paper.runs import ESTIMATES, SweepPopulation, identification_task
@@ -60,22 +59,21 @@ class Sweep(StudyExperiment):
 
     def stages(self, console: Console) -> Iterator[Stage]:
         """Identification; then training and references, after the runs in `imported` were taken up."""
-        if self.imported is not None:
-            is_database(self.imported)  # a file that cannot be read is refused before anything runs
+        imported = read_import(self.imported, self.preset) if self.imported else []
         yield Stage(list(self._unidentified()))
-        if self.imported is not None:
+        if self.imported:
             there = self.results.keys(RUNS)
-            new = [r for r in import_runs(self.imported, self.preset, self.estimates()) if r.cell not in there]
+            new = [run for run in taken_up(imported, self.preset, self.estimates()) if run.cell not in there]
             self.results.add(RUNS, new)
             console.print(f"{len(new)} runs taken up from {self.imported}", soft_wrap=True)
-            known, rated = self._rated(), import_references(self.imported, self.preset, self.estimates())
-            self.results.add(REFERENCES, [r for r in rated if r.key not in known])
-        tasks: list[Task] = [*self._untrained(), *reference_tasks(self.preset, self.estimates(), self._rated())]
+        known = {key[:-1] for key in self.results.keys(REFERENCES)}
+        tasks: list[Task] = [*self._untrained(), *reference_tasks(self.preset, self.estimates(), known)]
         yield Stage(tasks, self._about(tasks))
 
     def keep(self, task: Task, answer: Any) -> None:
         """As ever, but for runs of the population that were taken up from elsewhere."""
-        super().keep(task, [r for r in answer if task.table is not RUNS or not self.results.has(RUNS, r.cell)])
+        there = self.results.keys(RUNS)
+        super().keep(task, [run for run in answer if run.cell not in there] if task.table is RUNS else answer)
 
     def publish(self, console: Console) -> None:
         publish(self.results, self._account, console)
@@ -86,7 +84,7 @@ class Sweep(StudyExperiment):
         identified, optimum = None, None
         if self.preset.episodes == PAPER.episodes:  # else evaluations are not as published
             identified = scatter(np.random.default_rng(0))
-            optimum = partial(fresh_optimum, self.preset, POINTS["main"].truth)
+            optimum = partial(fresh_optimum, self.preset, PAPER.points[0].truth)
         return sweep_account(found, reproduce(found, self.results.folder, self.theirs, identified, optimum))
 
     def estimates(self) -> Estimates:
@@ -112,9 +110,6 @@ class Sweep(StudyExperiment):
         a sweep that is stopped then knows what width costs."""
         w, widths = task.cells[0].w, self.preset.point(task.cells[0].point).widths
         return min(w - min(widths), max(widths) - w)
-
-    def _rated(self) -> set[tuple[Any, ...]]:
-        return {key[:-1] for key in self.results.keys(REFERENCES)}
 
     def _about(self, tasks: Sequence[Task]) -> str:
         training = [t for t in tasks if isinstance(t, SweepPopulation)]

@@ -1,11 +1,9 @@
 """What a finished operating point shows, each figure a function of its findings; `save_all` writes the files.
 
-heatmap   mean return of every cell, n down, w across       pareto   the best width at every budget
-gap       agents and perfect designers against the optimum  curves   how training went
+heatmap   mean return of every cell, n down, w across       curves   how training went
 
-Heat maps and best widths may stand side by side: then they share their scale, which ends at the optimum of the hidden
-plant. A cell's small number is how much of the gap between no data at all, (n, w) = (0, 0), and that optimum it closes.
-What controllers that know the hidden plant return there is drawn the same way in every figure.
+Heat maps may stand side by side: then they share their scale, which ends at the optimum of the hidden plant. A cell's
+small number is how much of the gap between no data at all, (n, w) = (0, 0), and that optimum it closes.
 """
 
 from __future__ import annotations
@@ -20,45 +18,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from study.figure_style import (
-    ACCENT,
-    COLOURS,
-    PAPER_WHITE,
-    annotate_beside,
-    keep_apart,
-    panels_abreast,
-    shades,
-)
+from study.figure_style import ACCENT, COLOURS, annotate_beside, panels_abreast, shades
 from study.formatting import number, percent
 from study.paper.published_numbers import CellSummary
 from study.paper.reference_controllers import LQR, OPTIMAL, SWING_UP
 from study.paper.sweep_findings import PointFindings
-from study.statistics import sem
 
 NAMES = {OPTIMAL: "optimal", SWING_UP: "swing-up + LQR", LQR: "LQR alone"}
-LOOKS = {OPTIMAL: ("-", 6), SWING_UP: ("-.", -6), LQR: (":", 0)}
-"""Line style, and by how many points the name stands beside the line."""
-
-
-def reference_lines(panels: Sequence[Axes], references: Mapping[str, float], low: float) -> None:
-    """Lines across panels that share their scale, named at the right; what lies below the figure stands in words.
-
-    low: the least mean return that is drawn.
-    """
-    room = 0.14 * (references[OPTIMAL] - low)
-    end = panels[-1]
-    end.set_ylim(low - room, references[OPTIMAL] + room)
-    for controller, (style, shift) in LOOKS.items():
-        value = references[controller]
-        inside = value > low - room
-        for axes in panels if inside else ():
-            axes.axhline(value, color=ACCENT, linestyle=style, linewidth=1.1, zorder=1)
-        text = f"{'' if inside else '↓ '}{NAMES[controller]} {number(value)}"
-        at = 1.0, value if inside else low - 0.9 * room
-        annotate_beside(end, text, at, (5, shift), xycoords=end.get_yaxis_transform(), color=ACCENT)
-
-
-OURS = COLOURS(0.35)
 
 Summaries = Mapping[tuple[int, float], CellSummary]
 """Return by (n, w)."""
@@ -143,87 +109,8 @@ def _scale(
     annotate_beside(bar.ax, f"{number(lqr)} {NAMES[LQR]}", (1.0, max(place, 0.0)), shift, color=ACCENT, **style)
 
 
-def paretos(sides: Mapping[str, Summaries], references: Mapping[str, float]) -> Figure:
-    """The best mean return at every budget of each side, between its extremes and the references.
-
-    Sides after the first show the first one's best in grey.
-    """
-    figure, panels = panels_abreast(len(sides), 6.8 if len(sides) == 1 else 10.0, 4.3)
-    first = next(iter(sides.values()))
-    for axes, (title, cells) in zip(panels, sides.items(), strict=True):
-        if cells is not first:
-            best = _best(first)
-            axes.plot(list(best), [first[key].mean for key in best.values()], color="0.75", linewidth=1.4, zorder=1)
-        _pareto(axes, cells)
-        axes.set_title(title, fontsize=11.0, pad=8.0)
-        axes.set_xticks(sorted({n for n, _ in first}))
-    reference_lines(panels, references, min(c.mean for side in sides.values() for c in side.values()))
-    panels[0].set_ylabel("best mean return at a budget (± SEM)")
-    figure.supxlabel("rollouts measured, n", fontsize=10.0, color="0.15")
-    keep_apart(figure)
-    return figure
-
-
-def _best(cells: Summaries) -> dict[int, tuple[int, float]]:
-    budgets = sorted({n for n, _ in cells})
-    return {n: max((key for key in cells if key[0] == n), key=lambda key: cells[key].mean) for n in budgets}
-
-
-def _pareto(axes: Axes, cells: Summaries) -> None:
-    best = _best(cells)
-    if not best:
-        return
-    first, last = min(best), max(best)
-    breadth = first, max(w for n, w in cells if n == first)
-    fidelity = last, min(w for n, w in cells if n == last)
-    without = ("pure breadth" if breadth[1] else "no data") if first == 0 else "least data"
-    means, errors = ([getattr(cells[key], name) for key in best.values()] for name in ("mean", "sem"))
-    axes.errorbar(list(best), means, errors, color=OURS, marker="o", markersize=6, linewidth=1.8, capsize=3, zorder=3)
-    for (n, w), mean, error in zip(best.values(), means, errors, strict=True):
-        low, right = 0.0 if math.isnan(error) else error, n == last
-        annotate_beside(axes, f"w* = {w:g}", (n, mean - low), (5, -16 if right else -5), va="top", color="0.2",
-               ha="right" if right else "left", bbox=PAPER_WHITE)  # fmt: skip
-    for (n, w), name, style, shift in ((fidelity, "pure fidelity", "--", -34), (breadth, without, ":", 10)):
-        axes.axhline(cells[n, w].mean, color="0.35", linestyle=style, linewidth=1.0, zorder=1)
-        text, across = f"{name}, n = {n}, w = {w:g}: {number(cells[n, w].mean)}", axes.get_yaxis_transform()
-        annotate_beside(axes, text, (0.98, cells[n, w].mean), (0, shift), xycoords=across, ha="right", color="0.35")
-
-
 SMOOTH = 10
 """Training episodes averaged into a point of a learning curve."""
-
-
-def gap(findings: PointFindings) -> Figure:
-    """Agents at every width, and the controller that is optimal for the estimate, below the optimum of the plant."""
-    budgets, widths = findings.point.budgets, findings.point.widths
-    figure = Figure(figsize=(6.6, 4.2), layout="constrained")
-    axes = figure.add_subplot()
-    x = np.arange(len(budgets), dtype=float)
-    design = [findings.design((n, widths[0])) for n in budgets]
-    axes.errorbar(x, [np.mean(d) for d in design], [sem(d) for d in design], color="0.1", marker="D", markersize=6,
-                  linestyle="none", capsize=3, label="optimal for the estimate", zorder=3)  # fmt: skip
-    offsets = 0.16 + 0.56 * np.arange(len(widths)) / max(1, len(widths) - 1) * min(1.0, len(widths) / 5.0)
-    lows = [float(np.mean(d)) - _reach(sem(d)) for d in design]
-    for w, offset, colour in zip(widths, offsets, shades(len(widths)), strict=True):
-        means, errors = zip(*(findings.summaries[n, w][:2] for n in budgets), strict=True)
-        lows += [mean - _reach(error) for mean, error in zip(means, errors, strict=True)]
-        axes.errorbar(x + offset, means, errors, color=colour, marker="o", markersize=5, linestyle="none", capsize=2,
-                      label=f"agent, {findings.label(w)}", zorder=3)  # fmt: skip
-    axes.set_xticks(x + 0.5 * offsets[-1], [str(n) for n in budgets])
-    axes.tick_params(axis="x", length=0)
-    for edge in x[1:] - 0.5 * (1.0 - offsets[-1]):
-        axes.axvline(edge, color="0.9", linewidth=0.8, zorder=0)
-    reference_lines([axes], findings.allowed(), min(lows))
-    axes.set_xlabel("rollouts measured, n")
-    axes.set_ylabel("mean return on the hidden plant (± SEM)")
-    axes.set_title("Why agents are short of the optimum")
-    axes.legend(loc="lower right" if len(budgets) > 1 else "center", fontsize=9.0)
-    return figure
-
-
-def _reach(error: float) -> float:
-    """How far a bar reaches; one seed has none."""
-    return error if math.isfinite(error) else 0.0
 
 
 def curves(findings: PointFindings) -> Figure:
@@ -260,16 +147,10 @@ def curves(findings: PointFindings) -> Figure:
 
 def drawings(findings: PointFindings) -> dict[str, Callable[[], Figure]]:
     """What draws the figures that say something: of a choice where there is one, and of curves that are known."""
-    point, cells = findings.point, findings.summaries
+    cells = findings.summaries
     found = {
         "heatmap": lambda: heatmaps({"Mean return on the hidden plant": cells}, findings.allowed()),
-        "pareto": lambda: paretos({"What the next rollout is worth": cells}, findings.allowed()),
-        "gap": lambda: gap(findings),
         "curves": lambda: curves(findings),
     }
-    idle = {
-        "heatmap": len(cells) == 1,
-        "pareto": len(point.budgets) == 1,
-        "curves": not any(run.curve for run in findings.runs),
-    }
-    return {name: draw for name, draw in found.items() if not idle.get(name)}
+    telling = {"heatmap": len(cells) > 1, "curves": any(run.curve for run in findings.runs)}
+    return {name: draw for name, draw in found.items() if telling[name]}

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import fields
-from operator import attrgetter
 
 from study.paper import published_numbers as paper
 from study.paper.agreement import MARGIN
 from study.paper.finished_runs import run_table
 from study.paper.presets import Point, Preset
-from study.paper.reference_controllers import CONTROLLERS, LQR, OPTIMAL, RATINGS, SWING_UP, Rating, Reference
+from study.paper.reference_controllers import CONTROLLERS, LQR, OPTIMAL, SWING_UP
 from study.paper.reproduction import REPRODUCTION_CAPTIONS, Reproduction
 from study.paper.sweep_figures import drawings
 from study.paper.sweep_findings import PointFindings
@@ -23,9 +21,6 @@ CONTROLLER_LABELS = {OPTIMAL: "optimal (dynamic programming)", LQR: "LQR alone",
 POINT_CAPTIONS = {
     "heatmap": "Mean return on the hidden plant ± standard error over seeds. The best cell is outlined; the brightest "
     "colour is the optimum.",
-    "pareto": "The best width at every budget, between training without data and training on the most data.",
-    "gap": "Diamonds: the controller that is optimal for the estimate, run on the hidden plant. From the red line to a "
-    "diamond is what identification cost; from the diamond to a dot is what training and width cost.",
     "curves": "Returns of training episodes in the simulators agents train on, averaged over seeds and ten episodes.",
 }
 
@@ -33,7 +28,7 @@ POINT_CAPTIONS = {
 def outputs(preset: Preset) -> tuple[str, ...]:
     """The tables and figures that may be written."""
     drawn = (preset.figure_file(point.name, name) for point in preset.points for name in POINT_CAPTIONS)
-    return "runs.csv", "references.csv", RATINGS, *drawn, *(f"{name}.png" for name in REPRODUCTION_CAPTIONS)
+    return "runs.csv", "references.csv", *drawn, *(f"{name}.png" for name in REPRODUCTION_CAPTIONS)
 
 
 def sweep_account(found: Sequence[PointFindings], reproduction: Reproduction) -> Account:
@@ -41,7 +36,6 @@ def sweep_account(found: Sequence[PointFindings], reproduction: Reproduction) ->
     preset, runs = found[0].preset, [run for answer in found for run in answer.runs]
     references = {(r.key, r.seed): r for answer in found for r in answer.references}
     made = [*runs, *references.values()]
-    origins = (run.imported + ", a table, which does not say how they were trained" * (not run.returns) for run in runs)
     drawn = [
         {preset.figure_file(answer.point.name, name): (draw, POINT_CAPTIONS[name]) for name, draw in own.items()}
         for answer, own in zip(found, map(drawings, found), strict=True)
@@ -51,11 +45,7 @@ def sweep_account(found: Sequence[PointFindings], reproduction: Reproduction) ->
     return Account(
         plan=preset,
         sections=[*told, Section(reproduction.sentences())],
-        tables={
-            "runs.csv": run_table(runs),
-            "references.csv": reference_table(found),
-            RATINGS: rating_table([references[key] for key in sorted(references)]),
-        },
+        tables={"runs.csv": run_table(runs), "references.csv": reference_table(found)},
         drawings={name: drawing for own in (*drawn, held) for name, drawing in own.items()},
         template="sweep.html.j2",
         shown={
@@ -63,7 +53,7 @@ def sweep_account(found: Sequence[PointFindings], reproduction: Reproduction) ->
             "held": held,
             "controllers": CONTROLLER_LABELS,
             "sac": next((run.settings["sac"] for run in runs if "sac" in run.settings), {}),
-            "origins": Counter(filter(None, origins)),
+            "origins": Counter(run.imported for run in runs if run.imported),
             "reproduction": reproduction,
             "paper": paper,
             "margin": MARGIN,
@@ -86,12 +76,6 @@ def reference_table(found: Sequence[PointFindings]) -> Table:
         for controller in CONTROLLERS
     ]
     return ("m", "l", "controller", "return_mean", "return_sem"), rows
-
-
-def rating_table(references: Sequence[Reference]) -> Table:
-    """A `Rating` a reference controller and seed: what an import of these runs need not compute again."""
-    columns = [f.name for f in fields(Rating)]
-    return columns, map(attrgetter(*columns), references)
 
 
 def title(point: Point) -> str:

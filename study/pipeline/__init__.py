@@ -6,5 +6,5 @@ executor         what runs tasks; behind it processes and cluster
 population_task  a task that trains one population, with its checkpoint; progress: how far tasks are
 database         a results folder: one SQLite file, whose tables are of tables; policy_files: the policies
 tables           rows of dataclasses in a database and as CSV
-publication      what is told of an experiment: tables, figures, study.json, page and console; html_page
+publication      what is told of an experiment: tables, figures, study.json, page and console
 """

@@ -1,4 +1,4 @@
-"""A Ray cluster: the same tasks on the nodes of a cluster, or on this machine through Ray (extra [cluster]).
+"""A Ray cluster: the same tasks on the nodes of a cluster (extra [cluster]).
 
 The driver alone writes the store. Checkpoints lie in the results folder, which every node has to see under the same
 path. Ray starts no task again by itself: it cannot tell one that gets on from one that dies over and over, so that is
@@ -17,36 +17,33 @@ import socket
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from study.pipeline.executor import PATIENCE, SECOND, Heard, Link, Supervised, Task, WorkerFailed, outcome
 from study.pipeline.versions import versions
 from sysid import InvalidInput
-
-STORE_BYTES = 100 * 2**20
-"""Size of Ray's shared memory where it is started here; finished runs are small."""
 
 
 @dataclass(frozen=True)
 class Cluster:
     """Runs tasks on a Ray cluster (a `study.pipeline.executor.Executor`).
 
-    address: HOST:PORT of a running cluster, "auto" for the one that this machine belongs to; None starts one here, of
-    so many `workers`. Raises InvalidInput where Ray is not installed or no cluster answers.
+    address: HOST:PORT of a running cluster, "auto" for the one that this machine belongs to. Raises InvalidInput where
+    Ray is not installed or no cluster answers.
     """
 
-    address: str | None = None
-    workers: int | None = None
+    address: str
+    workers: ClassVar[None] = None
 
     def __post_init__(self) -> None:
         if importlib.util.find_spec("ray") is None:
-            raise InvalidInput("executor 'ray' needs Ray: pip install 'gapfinder[cluster]', or take 'processes'")
-        if self.address is not None and "://" in self.address:
+            raise InvalidInput("--address needs Ray: pip install 'gapfinder[cluster]'")
+        if "://" in self.address:
             raise InvalidInput(f"address {self.address!r}: expected HOST:PORT or 'auto', on a machine of the cluster")
 
     def execute(self, tasks: Sequence[Task], heard: Heard) -> None:
         """Run the tasks; see `Executor.execute`. Raises InvalidInput for tasks that no node can run."""
-        ray = _connect(self)
+        ray = _connect(self.address)
         try:
             _check_needs(tasks, ray.cluster_resources(), self.address)
             _Driver(ray).execute(tasks, heard)
@@ -56,37 +53,33 @@ class Cluster:
             ray.shutdown()
 
 
-def _connect(cluster: Cluster) -> Any:
+def _connect(address: str) -> Any:
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
     os.environ.setdefault("RAY_DEDUP_LOGS_SKIP_REGEX", "worker died|marked dead")  # `heard` tells it in a line
     import ray
 
-    settings: dict[str, Any] = {"address": cluster.address}
-    if cluster.address is None:
-        settings = {"address": "local", "num_cpus": cluster.workers, "object_store_memory": STORE_BYTES}
-        settings |= {"include_dashboard": False, "_node_ip_address": "127.0.0.1"}
     terminate = signal.getsignal(signal.SIGTERM)
     try:
-        _knock(cluster.address)
-        ray.init(**settings, log_to_driver=False, logging_level="ERROR")
+        _knock(address)
+        ray.init(address=address, log_to_driver=False, logging_level="ERROR")
     except (OSError, RuntimeError, ValueError) as error:
-        raise InvalidInput(f"no Ray cluster at {cluster.address or 'this machine'}: {_sentence(error)}") from None
+        raise InvalidInput(f"no Ray cluster at {address}: {_sentence(error)}") from None
     signal.signal(signal.SIGTERM, terminate)  # Ray's own would end the driver before tasks have saved
     return ray
 
 
-def _knock(address: str | None) -> None:
+def _knock(address: str) -> None:
     """Raise OSError where nobody listens, for which Ray itself would wait for minutes."""
-    host, colon, port = (address or "").rpartition(":")
+    host, colon, port = address.rpartition(":")
     if colon and port.isdecimal():
         socket.create_connection((host, int(port)), timeout=PATIENCE).close()
 
 
-def _check_needs(tasks: Sequence[Task], there: dict[str, float], address: str | None) -> None:
+def _check_needs(tasks: Sequence[Task], there: dict[str, float], address: str) -> None:
     gpus = max((task.gpus for task in tasks), default=0)
     if gpus > there.get("GPU", 0.0):
-        where = f"the cluster at {address}" if address else "this machine"
-        raise InvalidInput(f"a task needs {gpus} GPU, {where} has {there.get('GPU', 0.0):g}: take --device cpu")
+        has = f"the cluster at {address} has {there.get('GPU', 0.0):g}"
+        raise InvalidInput(f"a task needs {gpus} GPU, {has}: take --device cpu")
 
 
 def _sentence(error: Exception) -> str:

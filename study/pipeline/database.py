@@ -7,7 +7,6 @@ format, device, version of gapfinder.
 from __future__ import annotations
 
 import contextlib
-import csv
 import errno
 import json
 import os
@@ -23,8 +22,6 @@ from sysid import InvalidInput
 from sysid.errors import excerpt
 
 META = "CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);"
-PROGRESS = "CREATE TABLE progress (population TEXT PRIMARY KEY, seconds REAL);"
-"""The work that checkpoints of unfinished populations hold."""
 
 
 class Database:
@@ -54,13 +51,13 @@ class Database:
             "settings": json.dumps(settings.to_dict()),
             "device": device_type(device),
         }
-        schema = META + PROGRESS + "".join(table.schema for table in tables)
+        schema = META + "".join(table.schema for table in tables)
         _make(folder)
         self._lock = _lock(folder)
         try:
             if not self.path.exists():
                 self._refuse_foreign_files(outputs)
-            with readable(self.path):
+            with _readable(self.path):
                 self._open(schema, identity)
         except BaseException:
             self.close()
@@ -83,7 +80,7 @@ class Database:
             raise InvalidInput(f"{self.path} is a database of something else: choose another --out")
         if tables:
             self._check(dict(self.db.execute("SELECT key, value FROM meta")), expected)
-            check_tables(self.db, schema, self.path)
+            _check_tables(self.db, schema, self.path)
         self.db.execute("PRAGMA journal_mode = WAL")
         self.db.execute("PRAGMA synchronous = FULL")
         self.db.execute("BEGIN IMMEDIATE")
@@ -142,38 +139,20 @@ class Database:
             self._undo()
             raise
 
-    def add(self, table: ResultTable[R], values: Iterable[R], finished: Iterable[str] = ()) -> None:
-        """Keep values in place of those with the same keys, and forget the progress of finished populations; all or
-        nothing. Raises OSError as `transaction` does."""
+    def add(self, table: ResultTable[R], values: Iterable[R]) -> None:
+        """Keep values in place of those with the same keys; all or nothing. Raises OSError as `transaction` does."""
         with self.transaction() as db:
             for row in map(table.row, values):
                 db.execute(f"INSERT OR REPLACE INTO {table.name} VALUES ({', '.join('?' * len(row))})", row)
-            for population in finished:
-                db.execute("DELETE FROM progress WHERE population = ?", (population,))
 
     def all(self, table: ResultTable[R]) -> list[R]:
         """Everything in a table, sorted by its keys."""
-        with readable(self.path):
+        with _readable(self.path):
             return [table.value(row) for row in self.db.execute(f"SELECT * FROM {table.name} ORDER BY {table.key}")]
 
     def keys(self, table: ResultTable[Any]) -> set[tuple[Any, ...]]:
         """The keys of everything in a table."""
         return set(self.db.execute(f"SELECT {table.key} FROM {table.name}"))
-
-    def has(self, table: ResultTable[Any], key: Sequence[Any]) -> bool:
-        """Whether a table holds a row of that key."""
-        where = " AND ".join(f"{column} = ?" for column in table.key.split(", "))
-        return self.db.execute(f"SELECT 1 FROM {table.name} WHERE {where}", tuple(key)).fetchone() is not None
-
-    def note_training(self, population: str, seconds: float) -> None:
-        """Keep the seconds that a population has trained for. Raises OSError as `transaction` does."""
-        with self.transaction() as db:
-            db.execute("INSERT OR REPLACE INTO progress VALUES (?, ?)", (population, seconds))
-
-    def training_seconds(self, population: str) -> float:
-        """The seconds that a population's checkpoint holds; 0 without one."""
-        row = self.db.execute("SELECT seconds FROM progress WHERE population = ?", (population,)).fetchone()
-        return float(row[0]) if row else 0.0
 
     def _undo(self) -> None:
         if self.db.in_transaction:  # SQLite itself has rolled back where the disk is full
@@ -221,7 +200,7 @@ def _columns(db: sqlite3.Connection) -> dict[str, list[tuple[str, str]]]:
     return {name: db.execute("SELECT name, type FROM pragma_table_info(?)", (name,)).fetchall() for name in names}
 
 
-def check_tables(db: sqlite3.Connection, schema: str, path: Path) -> None:
+def _check_tables(db: sqlite3.Connection, schema: str, path: Path) -> None:
     """Raise InvalidInput where a database has other tables than the schema, or another kind of value in a column."""
     with contextlib.closing(sqlite3.connect(":memory:")) as ours:
         ours.executescript(schema)
@@ -236,13 +215,13 @@ def check_tables(db: sqlite3.Connection, schema: str, path: Path) -> None:
 
 
 @contextlib.contextmanager
-def readable(path: Path) -> Iterator[None]:
+def _readable(path: Path) -> Iterator[None]:
     """Turn what SQLite says, and what rows that nobody of us wrote do to their reader, into sentences."""
     try:
         yield
     except InvalidInput:
         raise
-    except (ValueError, TypeError, LookupError, AttributeError, csv.Error):
+    except (ValueError, TypeError, LookupError, AttributeError):
         raise InvalidInput(f"{path} holds what no study wrote: expected the results of one") from None
     except sqlite3.OperationalError as error:
         if "locked" in str(error):

@@ -16,7 +16,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Protocol, Self
+from typing import Any, ClassVar, Protocol
 
 PATIENCE = 30.0
 """Seconds that workers have to save and end when asked."""
@@ -49,9 +49,9 @@ class Link(ABC):
             self.said = now
             self.say("progress", done)
 
-    def saved(self, seconds: float) -> None:
-        """Say that a checkpoint holds the work of so many seconds."""
-        self.say("saved", seconds)
+    def saved(self) -> None:
+        """Say that there is a new checkpoint."""
+        self.say("saved", None)
 
     @abstractmethod
     def say(self, kind: str, payload: Any) -> None:
@@ -82,10 +82,6 @@ class Task(ABC):
     def run(self, link: Link) -> Any:
         """The answer."""
 
-    def resumed(self, seconds: float) -> Self:
-        """This task with a checkpoint that holds the work of so many seconds."""
-        return self
-
 
 @dataclass(frozen=True)
 class BriefTask(Task):
@@ -106,7 +102,7 @@ class BriefTask(Task):
 
 
 Heard = Callable[[Task, str, Any], None]
-"""heard(task, kind, payload): "progress" (0 to 1), "saved" (seconds), "died" (why; it is started again) or "done"."""
+"""heard(task, kind, payload): "progress" (0 to 1), "saved", "died" (why; it is started again) or "done"."""
 
 
 class Executor(Protocol):
@@ -126,7 +122,7 @@ class Executor(Protocol):
 
 @dataclass
 class Supervised:
-    """A task, as resumable as its last checkpoint makes it, and how often its workers died since."""
+    """A task, and how often its workers died since its last checkpoint."""
 
     task: Task
     heard: Heard
@@ -137,7 +133,7 @@ class Supervised:
         if kind == "failed":
             raise WorkerFailed(f"{self.task.name} failed: {payload}")
         if kind == "saved":
-            self.task, self.deaths = self.task.resumed(payload), 0
+            self.deaths = 0
         if kind == "died":
             self.deaths += 1
             if self.deaths == DEATHS:

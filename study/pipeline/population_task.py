@@ -5,7 +5,6 @@ A study says which population, and what becomes of it.
 
 from __future__ import annotations
 
-import dataclasses
 import sys
 import time
 from abc import abstractmethod
@@ -13,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from study.pipeline.executor import Link, Stopped, Task
 from study.pipeline.policy_files import FOLDER, write_policies
@@ -34,13 +33,12 @@ class PopulationTask(Task):
     """A task that trains one population; it goes on from its checkpoint where that file exists.
 
     plan: the preset or plan of its agents; folder: where checkpoint and trained policies lie, on a disk that all
-    workers share; seconds_before: what the checkpoint has cost.
+    workers share.
     """
 
     plan: Any = field(kw_only=False)
     folder: Path
     checkpoint_seconds: float = 60.0
-    seconds_before: float = 0.0
     device: str = "cpu"
     saves: ClassVar[bool] = True
     activity: ClassVar[str] = "training"
@@ -88,9 +86,6 @@ class PopulationTask(Task):
     def gpus(self) -> int:
         return int(device_type(self.device) == "cuda")
 
-    def resumed(self, seconds: float) -> Self:
-        return dataclasses.replace(self, seconds_before=seconds)
-
     def discard(self) -> None:
         """Remove the checkpoint and what a process leaves that dies while it writes one."""
         for path in (self.checkpoint, partial(self.checkpoint)):
@@ -110,26 +105,26 @@ class PopulationTask(Task):
                 population.resume(self.checkpoint)
             except InvalidInput as error:  # a spoilt one costs its minutes, not the study
                 print(f"{self.name} begins anew: {error}", file=sys.stderr)
-        seconds = self._finish(population, link)
+        self._finish(population, link)
         write_policies(self.folder / FOLDER / f"{self.stem}.npz", self.keys, population.policies())
-        return self.answers(population, seconds / len(self.keys))
+        return self.answers(population, population.seconds / len(self.keys))
 
-    def _finish(self, population: Population, link: Link) -> float:
-        """Train all steps that are left; returns the seconds that all of them took."""
+    def _finish(self, population: Population, link: Link) -> None:
+        """Train all steps that are left."""
         steps = population.settings.steps
-        begin = saved = time.monotonic()
+        now = saved = time.monotonic()
         while population.steps_done < steps:
             population.train(CHUNK)
             link.progress(population.steps_done / steps)
-            now = time.monotonic()
+            before, now = now, time.monotonic()
+            population.seconds += now - before
             stop = link.stop_asked()
             if stop or now - saved >= self.checkpoint_seconds:
                 _save(population, self.checkpoint)
                 saved = time.monotonic()
-                link.saved(self.seconds_before + saved - begin)
+                link.saved()
             if stop:
                 raise Stopped
-        return self.seconds_before + time.monotonic() - begin
 
 
 def training_settings(settings: StudySettings) -> TrainingSettings:

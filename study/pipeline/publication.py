@@ -4,20 +4,25 @@ with the answer in words, and the same words in a terminal.
 
 from __future__ import annotations
 
+import base64
 import json
+import math
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import jinja2
 from matplotlib.figure import Figure
 from rich.console import Console
 from rich.markup import escape
 
 from study.figure_style import save_figure
+from study.formatting import capital, number, signed
 from study.pipeline.database import Database
-from study.pipeline.html_page import template
 from study.pipeline.policy_files import FOLDER
+from study.pipeline.progress import duration
 from study.pipeline.settings import StudySettings
 from study.pipeline.tables import write_rows
 from sysid.data.files import write_whole
@@ -27,8 +32,8 @@ PUBLISHED = ("study.json", "report.html", FOLDER)
 
 Table = tuple[Sequence[str], Iterable[Sequence[object]]]
 """Columns and rows of a CSV file."""
-Drawing = tuple[Callable[[], Figure] | None, str]
-"""What draws a figure, None where there is none to be drawn, and what stands below it."""
+Drawing = tuple[Callable[[], Figure], str]
+"""What draws a figure, and what stands below it."""
 
 
 class Section(NamedTuple):
@@ -63,7 +68,7 @@ class Account:
         """Write all of it into the folder; returns the figures."""
         for name, table in self.tables.items():
             write_rows(folder / name, *table)
-        drawn = {name: (save_figure(draw, folder / name), text) for name, (draw, text) in self.drawings.items() if draw}
+        drawn = {name: (save_figure(draw, folder / name), text) for name, (draw, text) in self.drawings.items()}
         record = {
             "command": f"python -m study.main --preset {self.plan.name}",
             "device": device,
@@ -101,3 +106,30 @@ def publish(results: Database, account: Callable[[], Account], console: Console)
     told.say(console)
     console.print(f"report   {results.folder / 'report.html'}", soft_wrap=True)
     console.print(f"figures  {', '.join(map(str, figures))}", soft_wrap=True)
+
+
+def template(name: str) -> jinja2.Template:
+    """A template of this package, whose values are escaped."""
+    loader = jinja2.PackageLoader("study")
+    environment = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    filters: tuple[Callable[..., str], ...] = (number, signed, capital, duration, unbroken, embedded, p_value)
+    environment.filters |= {own.__name__: own for own in filters}
+    environment.tests["finite"] = math.isfinite
+    return environment.get_template(name)
+
+
+def embedded(file: Path) -> str:
+    """A PNG file as a data URL, so that a page needs no other file."""
+    return "data:image/png;base64," + base64.b64encode(file.read_bytes()).decode()
+
+
+def unbroken(text: object) -> str:
+    """The same with no line break inside an interval."""
+    return re.sub(r"\S+ \[[^]]*\]", lambda found: found.group().replace(" ", "\u00a0"), str(text))
+
+
+def p_value(value: float) -> str:
+    """To three digits; nothing for nan."""
+    if math.isnan(value):
+        return ""
+    return "< 0.001" if value < 0.001 else f"{value:.3f}"

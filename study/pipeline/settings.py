@@ -5,19 +5,12 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
 T = TypeVar("T")
-
-KINDS = {
-    "imported": ("--import", "the paper's kind"),
-    "published": ("--published", "the paper's kind"),
-    "strategies": ("--strategies", "strategies"),
-}
-"""Of options that one kind of preset understands: the flag, and which kind."""
 
 
 @dataclass(frozen=True)
@@ -30,16 +23,6 @@ class RunOptions:
     imported: Path | None = None
     published: Path | None = None
     strategies: tuple[str, ...] = ()
-
-    def refuse_others(self, understood: Collection[str], preset: str) -> None:
-        """Raise InvalidInput for an option of KINDS that the preset does not understand."""
-        from sysid import InvalidInput
-
-        for name, (flag, kind) in KINDS.items():
-            given = getattr(self, name)
-            if given and name not in understood:
-                shown = ",".join(given) if isinstance(given, tuple) else given
-                raise InvalidInput(f"{flag} {shown}: expected a preset of {kind}, not {preset}")
 
 
 class StudySettings:
@@ -60,8 +43,7 @@ class StudySettings:
     kind: ClassVar[str] = ""
     """What tells its results folders from those of other kinds."""
     experiment: ClassVar[str]
-    """The module whose `open_experiment` runs it; understood: the options of KINDS that this knows."""
-    understood: ClassVar[tuple[str, ...]] = ()
+    """The module whose `open_experiment` runs it."""
 
     @property
     def format(self) -> str:

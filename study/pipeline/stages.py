@@ -43,25 +43,18 @@ class StudyExperiment(ABC):
         """What is left to do; a stage is asked for when the one before it is done."""
 
     def keep(self, task: Task, answer: Any) -> None:
-        """Put what a finished task answered into the results, and forget how far it was."""
-        self.results.add(task.table, answer, [task.name] if task.saves else [])
+        """Put what a finished task answered into the results; its checkpoint is done with."""
+        self.results.add(task.table, answer)
         if isinstance(task, PopulationTask):
             task.discard()
 
-    def note(self, task: Task, seconds: float) -> None:
-        """Keep that a task's checkpoint holds the work of so many seconds."""
-        self.results.note_training(task.name, seconds)
-
     def unfinished(self, populations: Iterable[P], table: ResultTable[Any]) -> list[P]:
-        """Those with agents that the table lacks, from their checkpoints where they have one, and what that cost; the
-        checkpoints of the others are removed."""
+        """Those with agents that the table lacks; the checkpoints of the others are removed."""
         finished, left = self.results.keys(table), []
         for task in populations:
             partial(task.checkpoint).unlink(missing_ok=True)
             if all((key if isinstance(key, tuple) else (key,)) in finished for key in task.keys):
                 task.discard()
-            elif task.checkpoint.exists():
-                left.append(task.resumed(self.results.training_seconds(task.name)))
             else:
                 left.append(task)
         return left
@@ -93,8 +86,6 @@ def run(experiment: StudyExperiment, executor: Executor, console: Console) -> No
                 """What a worker said: shown, and kept where it is an answer."""
                 if kind == "progress":
                     meter.update(task.name, payload)
-                elif kind == "saved":
-                    experiment.note(task, payload)
                 elif kind == "died":
                     console.print(f"[dim]{task.name}: {payload}; it is started again", soft_wrap=True)
                 elif kind == "done":

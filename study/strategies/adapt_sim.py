@@ -12,13 +12,12 @@ import numpy as np
 from policies.control.dynamic_programming import Grid, solve
 from policies.environments import task
 from policies.environments.randomization import Band
-from policies.evaluation import rollout
-from study.strategies.bayes_sim import statistics
+from study.strategies.bayes_sim import played, statistics
 from study.strategies.episode_network import EpisodeNetwork
-from study.strategies.readings import reads_angles, sensed
+from study.strategies.readings import reads_angles
 from study.strategies.strategy import Dialogue, Situation, Strategy, Train, Try
 from study.trials.training_setup import TrainingSetup
-from sysid import Model, Sensor, State
+from sysid import Model, Sensor
 from sysid.physics.ops import Array
 
 TABLE = Grid(60, 61, u=5)
@@ -85,12 +84,9 @@ class AdaptSim(Strategy):
         seen, returns = [], np.empty((count, count))
         for i, own in enumerate(values):
             policy = solve(situation.prior.with_parameters(situation.named(own)), TABLE)
-            run = rollout(policy, model, *starts)
-            situation.simulated += run.u.size
-            readings = sensed(run.theta.T, run.theta_dot.T, situation.sensor, whole, rng)
-            seen.append(statistics(situation, run.u[:-1].T, *readings).reshape(count, self.episodes, -1))
-            reward = task.reward(State(run.theta, run.theta_dot), run.u, model.dt)
-            returns[i] = np.mean(np.sum(reward, axis=0).reshape(count, self.episodes), axis=1)
+            found, run = played(situation, policy, model, starts, whole)
+            seen.append(found.reshape(count, self.episodes, -1))
+            returns[i] = np.mean(run.returns.reshape(count, self.episodes), axis=1)
         return np.array(seen), returns
 
 

@@ -10,10 +10,10 @@ from scipy.special import expit
 
 from policies.environments import task
 from policies.environments.randomization import Band
-from policies.evaluation import Policy, rollout
-from study.strategies.bayes_sim import statistics
+from policies.evaluation import Policy
+from study.strategies.bayes_sim import played, statistics
 from study.strategies.episode_network import EpisodeNetwork
-from study.strategies.readings import reads_angles, sensed
+from study.strategies.readings import reads_angles
 from study.strategies.strategy import Dialogue, Situation, Strategy, Train, Try
 from study.trials.training_setup import TrainingSetup
 from sysid.physics.ops import Array
@@ -61,10 +61,7 @@ class AutoTuned(Strategy):
         rng, (low, high) = situation.rng, situation.bounds.T
         values = rng.uniform(low, high, (self.simulations, len(low)))
         starts = np.array([task.start_state(rng) for _ in values]).T
-        run = rollout(policy, situation.model(values), *starts)
-        situation.simulated += run.u.size
-        seen = sensed(run.theta.T, run.theta_dot.T, situation.sensor, whole, rng)
-        return statistics(situation, run.u[:-1].T, *seen), values
+        return played(situation, policy, situation.model(values), starts, whole)[0], values
 
     def taught(self, situation: Situation, seen: Array, values: Array) -> EpisodeNetwork:
         """The network, taught with random candidates for each of the episodes: log odds that one is too high."""

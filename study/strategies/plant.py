@@ -13,7 +13,7 @@ from policies.environments import task
 from policies.evaluation import Policy, rollout
 from study.strategies.readings import sensed
 from study.strategies.strategy import Play, Tried
-from sysid import InvalidInput, Model, Record, Sensor, State, simulate
+from sysid import InvalidInput, Model, Record, Sensor, simulate
 from sysid.physics.ops import Array
 
 SENSORS = {"speed": Sensor(theta=0.001, theta_dot=1.0), "encoder": Sensor(theta=0.01, theta_dot=1.0)}
@@ -53,8 +53,7 @@ class BudgetedPlant:
         rngs, starts = self._begin(rollouts, at_rest)
         seen = rollout(policy, self.model, *starts, horizon=self.steps)
         found = [self._read(seen.u[:-1, e], seen.theta[:, e], seen.theta_dot[:, e], rng) for e, rng in enumerate(rngs)]
-        rewards = task.reward(State(seen.theta, seen.theta_dot), seen.u, self.model.dt)
-        return Tried(found, np.sum(rewards, axis=0))
+        return Tried(found, seen.returns)
 
     def _begin(self, rollouts: int, at_rest: bool) -> tuple[list[np.random.Generator], tuple[Array, Array]]:
         """The generators of the next rollouts, and where these start."""

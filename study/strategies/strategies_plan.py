@@ -37,10 +37,9 @@ class StrategiesPlan(TrialPlan):
     algorithm: str = field(default="shac", kw_only=True)
     steps: int = field(default=2_048_000, kw_only=True)
     learner_steps: int = 25_000
-    layout: ClassVar[int] = 1
+    layout: ClassVar[int] = 2
     kind: ClassVar[str] = "strategies"
     page: ClassVar[str] = "study.strategies.strategies_page"
-    understood: ClassVar[tuple[str, ...]] = ("strategies",)
 
     @property
     def of_learners(self) -> Self:

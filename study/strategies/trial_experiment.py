@@ -36,6 +36,7 @@ from study.strategies.populations import (
 from study.strategies.session import CRITICS, STEPS, CaseRound, steps
 from study.strategies.strategies_plan import StrategiesPlan
 from study.strategies.trial_findings import TrialResults
+from study.strategies.trial_page import FIGURE, TABLES
 from study.strategies.trial_plan import Case, TrialPlan
 
 
@@ -50,8 +51,7 @@ def open_experiment(plan: TrialPlan, options: RunOptions) -> Iterator[StudyExper
 
 def trial_results(folder: Path, plan: TrialPlan, device: str = "cpu") -> Database:
     """The open results folder of a plan."""
-    outputs = (*PUBLISHED, NETWORKS, *importlib.import_module(plan.page).OUTPUTS)
-    return Database(folder, plan, (STEPS, TRAININGS, DESIGNS), outputs, device)
+    return Database(folder, plan, (STEPS, TRAININGS, DESIGNS), (*PUBLISHED, NETWORKS, *TABLES, FIGURE), device)
 
 
 @dataclass(eq=False)
@@ -81,7 +81,7 @@ class TrialExperiment(StudyExperiment):
 
     def publish(self, console: Console) -> None:
         account, results = importlib.import_module(self.plan.page).account, self.results
-        publish(results, lambda: account(self.plan, TrialResults.of(results), results.folder), console)
+        publish(results, lambda: account(self.plan, TrialResults.of(results)), console)
 
     def _designs(self, waited: Sequence[CaseRound]) -> Iterator[BriefTask]:
         """What the optimum returns, and what is designed on the models of the plan's centers."""

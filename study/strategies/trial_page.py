@@ -20,13 +20,13 @@ OUTCOMES = ("plant", "sensing", "strategy", "n", "seeds", "mean", "low", "high",
 """A condition: returns over seeds with Student's interval and median, and means of the rest."""
 CONTRASTED = ("plant", "sensing", "n", "a", "b", "mean", "low", "high", "median", "seeds", "p")
 """A pre-registered contrast a - b; p is Holm's over the family."""
-TABLES = ("cases.csv", "outcomes.csv", "contrasts.csv")
+TABLES, FIGURE = ("cases.csv", "outcomes.csv", "contrasts.csv"), "returns.png"
 
 
 def trial_account(
     found: TrialFindings,
     sentences: Sequence[tuple[str, str]],
-    drawings: Mapping[str, Drawing],
+    drawing: Drawing,
     template: str,
     shown: Mapping[str, Any],
     columns: Mapping[Condition, Mapping[str, float]] | None = None,
@@ -34,7 +34,7 @@ def trial_account(
     """What is told of the findings.
 
     sentences  pairs of question and answer
-    drawings   by name of the figure
+    drawing    what draws the figure, and what stands below it
     shown      what the template shows besides the findings
     columns    further ones of the table of outcomes, by condition
     """
@@ -43,7 +43,7 @@ def trial_account(
         plan=plan,
         sections=[Section(sentences)],
         tables=trial_tables(found, columns or {}),
-        drawings={f"{name}.png": drawing for name, drawing in drawings.items()},
+        drawings={FIGURE: drawing},
         template=template,
         shown={"findings": found, "agents": found.agents, **shown},
         counts={

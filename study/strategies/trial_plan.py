@@ -76,7 +76,7 @@ class TrialPlan(StudySettings, ABC):
     grid: int = 120
     experiment: ClassVar[str] = "study.strategies.trial_experiment"
     page: ClassVar[str]
-    """The module that tells what came out: `account`, and OUTPUTS, the names of its tables and figures."""
+    """The module whose `account` tells what came out."""
 
     def plant(self, name: str) -> HiddenPlant:
         """The hidden plant of that name; raises KeyError for another."""

@@ -12,7 +12,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 from tyro.conf import arg
@@ -32,12 +32,9 @@ logger = logging.getLogger(__name__ if __name__ != "__main__" else "study.worth"
 class WorthOptions(OnLog):
     """Measure again, or train? What further rollouts are worth to the policy, before they are measured.
 
-    The machines that the log leaves possible are drawn, and dynamic programming says what a policy made now, after
-    further rollouts, and with perfect knowledge would return on them.
+    The machines that the log leaves possible are drawn, and dynamic programming says what a policy that swings up
+    and holds would return on them: one made now, after further rollouts, and with perfect knowledge.
     """
-
-    task: Literal["swing-up"] = "swing-up"
-    """What the policy is for: swing up and hold."""
 
     price: Annotated[Number, arg(metavar="RETURN")] = None
     """What one rollout costs, in units of the return; without it the price is told below which measuring pays."""

@@ -13,7 +13,6 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sysid import Model
 from sysid.physics.ops import Array
@@ -30,7 +29,7 @@ class NormalCoordinates:
     """
 
     fitted: Array
-    shown: tuple[int, ...] = ()
+    shown: list[int] = field(default_factory=list)
     power: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     @classmethod
@@ -38,7 +37,7 @@ class NormalCoordinates:
         """Those of the free parameters `names` of a fitted model."""
         values = {name: float(model.parameters[name].value) for name in names}
         fitted, plant = np.array(list(values.values())), set(model.plant.parameters)
-        shown = tuple(i for i, (name, value) in enumerate(values.items()) if name in plant and value > 0.0)
+        shown = [i for i, (name, value) in enumerate(values.items()) if name in plant and value > 0.0]
         if len(shown) not in (1, 2):
             return cls(fitted)
 
@@ -58,35 +57,21 @@ class NormalCoordinates:
         return cls(fitted, shown, power) if abs(np.linalg.det(power)) > 1e-3 else cls(fitted)
 
     @property
-    def _at(self) -> list[int]:
-        return list(self.shown)
-
-    @property
-    def is_shown(self) -> NDArray[np.bool_]:
-        """Which coordinates (P,) are 1/J or G/J."""
-        return np.isin(np.arange(len(self.fitted)), self._at)
-
-    @property
-    def origin(self) -> Array:
-        """x (P,) of the fitted parameters."""
-        return self.numbers(self.fitted)
-
-    @property
     def slope(self) -> Array:
         """dx/dp (P, P) at the fitted parameters."""
         slope = np.eye(len(self.fitted))
-        slope[np.ix_(self._at, self._at)] = self.power / self.fitted[self._at]
+        slope[np.ix_(self.shown, self.shown)] = self.power / self.fitted[self.shown]
         return slope
 
     def numbers(self, p: Array) -> Array:
         """x (..., P) of parameters p (..., P)."""
         x = np.array(p, dtype=float)
-        x[..., self._at] = np.exp(np.log(x[..., self._at] / self.fitted[self._at]) @ self.power.T)
+        x[..., self.shown] = np.exp(np.log(x[..., self.shown] / self.fitted[self.shown]) @ self.power.T)
         return x
 
     def parameters(self, x: Array) -> Array:
         """p (..., P) of x (..., P), nan where 1/J or G/J is not positive."""
         p = np.array(x, dtype=float)
-        logs = np.log(np.where(p[..., self._at] > 0.0, p[..., self._at], np.nan))
-        p[..., self._at] = self.fitted[self._at] * np.exp(logs @ np.linalg.pinv(self.power).T)
+        logs = np.log(np.where(p[..., self.shown] > 0.0, p[..., self.shown], np.nan))
+        p[..., self.shown] = self.fitted[self.shown] * np.exp(logs @ np.linalg.pinv(self.power).T)
         return p

@@ -39,7 +39,7 @@ class BoundedNormal:
         coordinates = NormalCoordinates.of(estimate.model, estimate.names)
         bounds = np.array([estimate.model.parameters[name].bounds for name in estimate.names])
         slope = coordinates.slope
-        return cls(coordinates, coordinates.origin, slope @ estimate.covariance @ slope.T, bounds)
+        return cls(coordinates, coordinates.numbers(coordinates.fitted), slope @ estimate.covariance @ slope.T, bounds)
 
     @cached_property
     def root(self) -> Array:
@@ -66,7 +66,8 @@ class BoundedNormal:
         if len(found) == TRIED:
             return self.coordinates.parameters(self.mean)
         if len(found) < FEW:
-            positive = np.where(self.coordinates.is_shown, np.maximum(self.mean, 1e-3), self.mean)
+            positive, shown = self.mean.copy(), self.coordinates.shown
+            positive[shown] = np.maximum(positive[shown], 1e-3)
             return np.clip(self.coordinates.parameters(positive), *self.bounds.T)
         return np.clip(self.coordinates.parameters(np.mean(found, axis=0)), *self.bounds.T)
 

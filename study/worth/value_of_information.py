@@ -23,6 +23,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from study.formatting import MINUS
+from study.statistics import sem
 from study.worth.decision import Decision
 from study.worth.posterior import BoundedNormal
 from sysid import Estimate, InvalidInput
@@ -55,7 +56,7 @@ class Mean:
 
     @classmethod
     def of(cls, values: Array) -> Mean:
-        return cls(float(np.mean(values)), float(np.std(values, ddof=1)) / math.sqrt(len(values)))
+        return cls(float(np.mean(values)), sem(values))
 
     def __str__(self) -> str:
         return f"{self.value:+.3g} ± {self.sem:.2g}".replace("-", MINUS)

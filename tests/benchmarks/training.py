@@ -132,15 +132,19 @@ def _measured(advance: Callable[[int], None], per_step: float, seconds: float) -
     return {"rate": per_step * steps / spent, "memory": 1024.0 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss}
 
 
-def _ours(hidden: int, agents: int, seconds: float, loss: str = "fast") -> dict[str, float]:
+def _ours(hidden: int, agents: int, seconds: float, written_out: bool = True) -> dict[str, float]:
     import torch
 
     from policies import Band, SACPopulation, SACSettings, tune_cpu
+    from policies.training.sac import StackedSACLoss
+
+    class ByTorchRL(SACPopulation):
+        loss_of = StackedSACLoss
 
     tune_cpu(threads=1)
-    settings = SACSettings(hidden=(hidden, hidden), batch=BATCH, random_steps=10, steps=CAPACITY, loss=loss)
+    settings = SACSettings(hidden=(hidden, hidden), batch=BATCH, random_steps=10, steps=CAPACITY)
     bands = [Band({"m": 2.0, "l": 1.5}, w=0.2)] * agents
-    population = SACPopulation(paper_model(), bands, range(agents), settings)
+    population = (SACPopulation if written_out else ByTorchRL)(paper_model(), bands, range(agents), settings)
     population.train(10)
     storage = population.replay.storage
     storage.rows.normal_(generator=torch.Generator().manual_seed(0))
@@ -151,7 +155,7 @@ def _ours(hidden: int, agents: int, seconds: float, loss: str = "fast") -> dict[
 
 def _sacloss(hidden: int, agents: int, seconds: float) -> dict[str, float]:
     """The same loop with TorchRL's own SACLoss."""
-    return _ours(hidden, agents, seconds, "sac")
+    return _ours(hidden, agents, seconds, written_out=False)
 
 
 def _sb3_tuned(hidden: int, agents: int, seconds: float) -> dict[str, float]:

@@ -9,7 +9,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from study.paper.finished_runs import RUNS
-from study.paper.imported_runs import import_runs
+from study.paper.imported_runs import read_import, taken_up
 from study.paper.presets import PRESETS
 from study.paper.sweep import Sweep, sweep_results
 from tests.hostile_input.answering import CELLS, ESC, answered, many
@@ -27,17 +27,19 @@ STATEMENTS = {
     "settings of a list": "UPDATE meta SET value = '[1]' WHERE key IN ('settings', 'fingerprint')",
     "another preset": f"UPDATE meta SET value = '{ESC}{'x' * 10**5}' WHERE key = 'preset'",
     "text for numbers": "INSERT INTO estimates VALUES ('main', 'a', 'b', 'c', 'd', 'e')",
-    "text for seconds": "INSERT INTO progress VALUES ('1', 'long')",
     "nothing in a run": "INSERT INTO runs (point, n, w, seed) VALUES ('main', 0, 0.0, 0)",
     "no JSON in a run": f"INSERT INTO runs VALUES ({KNOWN}, 'a', 'b', 'c', 'd', 'e', '')",
     "other JSON in a run": f"INSERT INTO runs VALUES ({KNOWN}, '[\"a\"]', '[[1]]', '3', '3', '{{}}', '')",
 }
 
 
+def imported(path, preset):
+    return taken_up(read_import(path, preset), preset, defaultdict(lambda: (1.0, 1.0)))
+
+
 def opened(path):
     with sweep_results(path, PRESETS["smoke"]) as results:
         assert results.all(RUNS) is not None and Sweep(PRESETS["smoke"], results).estimates() is not None
-        results.training_seconds("1")
 
 
 @pytest.mark.parametrize("statements", STATEMENTS.values(), ids=STATEMENTS.keys())
@@ -47,7 +49,6 @@ def test_results_of_another_kind_are_refused(statements, tmp_path):
         db.executescript(statements)
     db.close()
     assert not answered(opened, tmp_path)
-    answered(import_runs, tmp_path / "results.sqlite", PRESETS["smoke"], defaultdict(lambda: (1.0, 1.0)))
 
 
 @pytest.mark.parametrize("size", [1, 100, 5000, 30000])
@@ -72,4 +73,4 @@ def test_any_cell_in_a_table_of_runs_is_refused_or_read(tmp_path_factory, cells,
     path = tmp_path_factory.getbasetemp() / "runs.csv"
     text = "\n".join(map(",".join, rows)).encode(errors="surrogatepass")
     path.write_bytes(text[: len(text) - cut])
-    answered(import_runs, path, PRESETS["paper-small"], defaultdict(lambda: (1.0, 1.0)))
+    answered(imported, path, PRESETS["paper-small"])

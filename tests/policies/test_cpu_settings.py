@@ -18,8 +18,8 @@ def restored():
 @pytest.mark.usefixtures("restored")
 def test_products_stay_float32():
     assert matmul_error() <= ACCURACY
-    tuning = tune_cpu(threads=1)
-    assert tuning.threads == torch.get_num_threads() == 1
+    tune_cpu(threads=1)
+    assert torch.get_num_threads() == 1
     assert matmul_error() <= ACCURACY
 
 
@@ -27,7 +27,7 @@ def test_products_stay_float32():
 def test_a_processor_that_would_round_to_bfloat16_is_left_alone(monkeypatch):
     before = torch.backends.mkldnn.matmul.fp32_precision
     monkeypatch.setattr("policies.training.cpu_settings.matmul_error", lambda: 4e-3)
-    assert not tune_cpu(threads=1).onednn_matmul
+    tune_cpu(threads=1)
     assert torch.backends.mkldnn.matmul.fp32_precision == before
 
 

@@ -9,7 +9,7 @@ import pytest
 from policies.environments import task
 from policies.evaluation import Evaluation, evaluate, fresh_start_states, rollout, start_states
 from study.paper.protocol import paper_model
-from sysid import AngleOffset, Delay, InvalidInput, Model, RodPendulum, State, VelocityGain
+from sysid import AngleOffset, Delay, InvalidInput, Model, RodPendulum, VelocityGain
 
 
 def zero(state, t):
@@ -114,10 +114,9 @@ def test_a_rollout_is_the_motion_whose_rewards_the_return_sums():
     model = paper_model(m=2.0, l=1.5).with_effect(Delay(T=0.07)).with_effect(AngleOffset(0.1))
     start = start_states(4, 3)
     motion = rollout(Remembering(), model, *start)
-    assert motion.t[-1] == pytest.approx(9.95)
+    assert len(motion.u) == 200
     np.testing.assert_array_equal([motion.theta[0], motion.theta_dot[0]], start)
-    rewards = task.reward(State(motion.theta, motion.theta_dot), motion.u, model.dt)
-    np.testing.assert_allclose(rewards.sum(axis=0), evaluate(Remembering(), model, *start).returns, rtol=1e-12)
+    np.testing.assert_allclose(motion.returns, evaluate(Remembering(), model, *start).returns, rtol=1e-12)
     with pytest.raises(InvalidInput, match="NaN"):
         rollout(zero, model, np.array([np.nan]), np.zeros(1))
 

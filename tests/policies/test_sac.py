@@ -319,7 +319,6 @@ def test_temperature_falls_while_the_policy_is_more_random_than_wanted_and_rises
         ("gamma", 1.5),
         ("polyak", -0.1),
         ("steps", 0),
-        ("loss", "td3"),
     ],
 )
 def test_settings_that_mean_nothing_are_refused(name, value):

@@ -3,7 +3,7 @@
 import os
 import signal
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
@@ -17,7 +17,7 @@ class Counting:
     """Counts from its checkpoint to `end` and saves `every` so many counts.
 
     Its k-th attempt is killed at the count deaths[k], before that is saved. `name`.begun holds a line an attempt: where
-    it began. Returns the attempts and the seconds that it was told.
+    it began. Returns the attempts.
     """
 
     name: str
@@ -27,7 +27,6 @@ class Counting:
     deaths: tuple[int, ...] = ()
     raises_at: int = -1
     pause: float = 0.0
-    seconds: float = 0.0
     gpus: int = 0
     work: float = 1.0
     saves: ClassVar[bool] = True
@@ -35,9 +34,6 @@ class Counting:
     @property
     def checkpoint(self):
         return self.folder / f"{self.name}.checkpoint"
-
-    def resumed(self, seconds):
-        return replace(self, seconds=seconds)
 
     def attempts(self):
         return [int(line) for line in (self.folder / f"{self.name}.begun").read_text().split()]
@@ -59,13 +55,13 @@ class Counting:
                 self.save(count + 1, link)
             if stop:
                 raise Stopped
-        return self.attempts(), self.seconds
+        return self.attempts()
 
     def save(self, count, link):
         partial = self.checkpoint.with_suffix(".partial")
         partial.write_text(str(count))
         partial.replace(self.checkpoint)
-        link.saved(10.0 * count)
+        link.saved()
 
     def die(self, link):
         os.kill(os.getpid(), signal.SIGKILL)
@@ -102,16 +98,16 @@ def done(said):
 
 
 def saved_at_an_interrupt(executor, tasks):
-    """Seconds by task that an executor hears when it is interrupted once all of them have begun."""
-    begun, seconds = set(), {}
+    """The tasks that an executor hears have saved when it is interrupted once all of them have begun."""
+    begun, saved = set(), set()
 
     def heard(task, kind, payload):
         begun.add(task.name)
         if kind == "saved":
-            seconds[task.name] = payload
+            saved.add(task.name)
         elif len(begun) == len(tasks):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         executor.execute(tasks, heard)
-    return seconds
+    return saved

@@ -12,7 +12,6 @@ from typing import Any
 
 import pytest
 
-from study.mismatch.mismatch_page import OUTPUTS
 from study.paper.finished_runs import RUNS, Run
 from study.paper.presets import SMOKE, Cell
 from study.paper.sweep import sweep_results
@@ -23,6 +22,7 @@ from study.pipeline.settings import StudySettings
 from study.pipeline.tables import ResultTable
 from study.strategies.session import STEPS, CaseRound
 from study.strategies.trial_experiment import trial_results
+from study.strategies.trial_page import FIGURE, TABLES
 from sysid import InvalidInput
 
 
@@ -66,7 +66,7 @@ KINDS = {
         dataclasses.replace(RUN, cell=LARGE, curve=RUN.curve * 200_000), RUNS,
     ),
     "mismatch": Kind(
-        trial_results, Plan(), OUTPUTS, ROUND,
+        trial_results, Plan(), (*TABLES, FIGURE), ROUND,
         dataclasses.replace(ROUND, seed=2, payload={"steps": [1] * 700_000}), STEPS,
     ),
 }  # fmt: skip
@@ -121,9 +121,10 @@ class Plan(StudySettings):
     page = "study.mismatch.mismatch_page"
 
 database = Database(Path(sys.argv[1]), Plan())
-database.note_training("first", 1.0)
 with database.transaction() as db:
-    db.execute("INSERT INTO progress VALUES ('second', 2.0)")
+    db.execute("INSERT INTO meta VALUES ('first', '1')")
+with database.transaction() as db:
+    db.execute("INSERT INTO meta VALUES ('second', '2')")
     os._exit(9)
 """
 
@@ -131,7 +132,8 @@ with database.transaction() as db:
 def test_a_process_that_dies_in_a_transaction_leaves_nothing_and_no_lock(tmp_path):
     assert subprocess.run([sys.executable, "-c", KILLED, str(tmp_path)], check=False).returncode == 9
     with Database(tmp_path, TIED) as database:
-        assert (database.training_seconds("first"), database.training_seconds("second")) == (1.0, 0.0)
+        kept = {key for (key,) in database.db.execute("SELECT key FROM meta")}
+    assert "first" in kept and "second" not in kept
 
 
 def test_a_folder_of_another_name_is_refused_and_left_alone(kind, tmp_path):

@@ -11,17 +11,12 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.image import imread
 
-from policies.evaluation import evaluate, fresh_start_states
 from study.figure_style import STYLE, save_figure
 from study.formatting import MINUS
-from study.mismatch.mismatch_figures import PARTS, ladder_of_strategies, strategy_returns
+from study.mismatch.mismatch_figures import strategy_returns
 from study.mismatch.mismatch_findings import MismatchFindings, Split, Verdict
-from study.mismatch.mismatch_page import CAPTIONS, mismatch_account
+from study.mismatch.mismatch_page import CAPTION, mismatch_account
 from study.mismatch.mismatch_plan import PLANS, STRATEGIES
-from study.mismatch.naming_results import NamingResult, is_right, naming_rates_and_errors
-from study.mismatch.trajectories import read_agents, telling, trajectories
-from study.paper.protocol import paper_model
-from study.pipeline.policy_files import FOLDER, write_policies
 from study.pipeline.publication import Section
 from study.statistics import paired_t
 from study.strategies.trial_findings import Outcome, planned_contrasts
@@ -59,21 +54,6 @@ def invented(plan):
         for n in plan.contrasted
     }
     return MismatchFindings(plan, outcomes, compared, 7, 9000.0, {"numpy": "2.x"}, splits, verdicts)
-
-
-def named(seeds=4, budgets=(1, 5, 50)):
-    """From five rollouts on everything is right; with one, an effect is named beside the right one."""
-    rows = []
-    for plant in PLANS["mismatch"].plants:
-        for n in budgets:
-            for seed in range(seeds):
-                late = {None: ("adequate", ())}.get(plant.effect, ("missing", (str(plant.effect),)))
-                late = ("unknown", ()) if plant.name in ("magnet", "slew") else late
-                verdict, steps = late if n > 1 else ("missing", (str(plant.effect), "tilt"))
-                rows.append(
-                    NamingResult(plant.name, n, seed, verdict, steps, is_right(plant, verdict, steps), 0.2, 0.1 / n)
-                )
-    return rows
 
 
 @pytest.fixture(scope="module", params=["mismatch", "mismatch-quick", "one seed"])
@@ -116,28 +96,8 @@ def test_every_way_stands_in_a_row_of_its_own_in_words(answer):
     assert labels == [STRATEGIES[strategy].short for strategy in STRATEGIES if strategy in answer.plan.strategies]
 
 
-def test_the_ladder_is_a_share_of_the_optimum_and_its_bars_add_up_to_the_gap(answer):
-    figure = drawn(lambda: ladder_of_strategies(answer))
-    left, right = figure.axes
-    n = max(answer.plan.budgets)
-    for line, plant in zip([c[0] for c in left.containers], answer.plan.plants, strict=True):
-        means = [answer.outcome(plant.name, own, n).mean.mean for own in ("prior", "fitted", "mended", "oracle")]
-        np.testing.assert_allclose(line.get_ydata().astype(float), [100.0 * OPTIMUM / mean for mean in means])
-    bars = np.array([bar.get_width() for bar in right.patches]).reshape(-1, len(PARTS))
-    splits = [
-        answer.splits[answer.condition(p.name, strategy, n)]
-        for p in answer.plan.plants
-        for strategy in ("fitted", "mended")
-    ]
-    np.testing.assert_allclose(bars.sum(axis=1), [split.gap for split in splits])
-    np.testing.assert_allclose(bars[:, 0], [split.structure for split in splits])
-
-
-@pytest.mark.parametrize(
-    "figure", [lambda: strategy_returns(invented(PLANS["mismatch"])), lambda: naming_rates_and_errors(named())]
-)
-def test_titles_do_not_run_into_the_next_panel(figure):
-    made = drawn(figure)
+def test_titles_do_not_run_into_the_next_panel():
+    made = drawn(lambda: strategy_returns(invented(PLANS["mismatch"])))
     renderer = FigureCanvasAgg(made).get_renderer()
     row = [axes for axes in made.axes if axes.get_title(loc="left")]
     texts = [[axes._left_title, *axes.texts] for axes in row]
@@ -147,95 +107,25 @@ def test_titles_do_not_run_into_the_next_panel(figure):
         assert end < following[1].get_window_extent(renderer).x0
 
 
-class Leaning:
-    """Commands in proportion to the speed, and to the last command."""
-
-    history = 1
-
-    def __init__(self, gain):
-        self.gain = gain
-
-    def __call__(self, state, t, past):
-        return self.gain * state.theta_dot + 0.1 * past[:, 0]
-
-
-def test_trajectories_are_those_whose_return_stands_above_them():
-    model, starts = paper_model(m=2.0, l=1.5), fresh_start_states(3, 4)
-    policies = {"fitted": Leaning(-3.0), "mended": Leaning(3.0)}
-    figure = drawn(lambda: trajectories("A delay", model, policies, starts, {"fitted": "m and l alone"}))
-    upper, other, lower, _ = figure.axes
-    said = [re.search(rf"^(.+): {MINUS}(\d+) ", axes.get_title(loc="left")).groups() for axes in (upper, other)]
-    assert [name for name, _ in said] == ["m and l alone", "mended"]
-    for (_, value), policy in zip(said, policies.values(), strict=True):
-        assert -int(value) == pytest.approx(evaluate(policy, model, *starts).mean, abs=0.51)
-    lines = upper.lines[1:]
-    np.testing.assert_allclose([line.get_ydata()[0] for line in lines], np.degrees(starts[0]))
-    for line in lines:
-        jumps = np.abs(np.diff(line.get_ydata()))
-        assert np.nanmax(jumps) < 180.0
-    assert all(np.max(np.abs(line.get_ydata())) <= model.u_max for line in lower.lines)
-
-
-def test_the_naming_figure_shows_rates_and_errors_in_percent():
-    figure = drawn(lambda: naming_rates_and_errors(named()))
-    upper, lower = figure.axes[:6], figure.axes[6:]
-    right, accompanied = upper[1].lines
-    np.testing.assert_allclose(right.get_ydata(), [0.0, 100.0, 100.0])
-    np.testing.assert_allclose(accompanied.get_ydata(), [100.0, 0.0, 0.0])
-    fitted, mended = lower[1].lines
-    np.testing.assert_allclose(fitted.get_ydata(), 20.0)
-    np.testing.assert_allclose(mended.get_ydata(), [10.0, 2.0, 0.2])
-
-
-def test_the_pair_that_is_shown_is_neither_the_best_nor_the_worst_where_mending_gained_most():
-    found = invented(PLANS["mismatch"])
-    condition = found.condition("delay_large", "mended", 50)
-    c = found.outcomes[condition]
-    outcome = replace(c, returns=c.returns + 10.0 * np.arange(20.0))
-    gains = outcome.returns - found.outcome("delay_large", "fitted", 50).returns
-    compared = tuple(
-        replace(row, contrast=replace(row.contrast, mean=float(gains.mean())), median=float(np.median(gains)))
-        if (row.plant, row.n, row.a, row.b) == ("delay_large", 50, "mended", "fitted")
-        else row for row in found.compared
-    )  # fmt: skip
-    pair = telling(replace(found, outcomes=found.outcomes | {condition: outcome}, compared=compared))
-    assert (pair.plant, pair.n) == ("delay_large", 50)
-    assert pair.seed in (3009, 3010)
-    assert telling(replace(found, compared=())) is None
-
-
-def test_agents_are_found_in_whichever_file_they_lie(tmp_path):
-    from policies import NetworkPolicy
-
-    def policy(k):
-        return NetworkPolicy(((np.full((7, 1), float(k)), np.zeros(1)),), u_max=2.0, history=4)
-
-    for k in range(3):
-        write_policies(tmp_path / FOLDER / f"population_{k}.npz", [f"agent-{k}"], [policy(k)])
-    found = read_agents(tmp_path, ["agent-0", "agent-2", "agent-9"])
-    assert {key: float(own.layers[0][0][0, 0]) for key, own in found.items()} == {"agent-0": 0.0, "agent-2": 2.0}
-
-
 @pytest.fixture(scope="module")
 def html(tmp_path_factory):
     folder = tmp_path_factory.mktemp("mismatch")
     found = invented(PLANS["mismatch"])
     figures = {"returns": save_figure(lambda: strategy_returns(found), folder / "a.png")}
-    figures["naming"] = save_figure(lambda: naming_rates_and_errors(named()), folder / "b.png")
-    assert all(imread(path).shape[1] > 1000 for path in figures.values())
+    assert imread(figures["returns"]).shape[1] > 1000
     told = replace(
-        mismatch_account(found, named()),
+        mismatch_account(found),
         sections=[Section([("Does breadth pay?", "Breadth <b> changed it by +40 [30, 50].")])],
     )
-    return told.page({name: (path, CAPTIONS[name]) for name, path in figures.items()})
+    return told.page({name: (path, CAPTION) for name, path in figures.items()})
 
 
-def test_the_page_opens_without_a_network_and_leaves_out_figures_that_are_not_there(html):
+def test_the_page_opens_without_a_network(html):
     links = re.findall(r"(?:src|href|url|import)\s*[=(]\s*[\"']?([^\"')\s>]+)", html)
-    assert len(links) == 2
+    assert len(links) == 1
     assert all(link.startswith("data:image/png;base64,") for link in links)
     assert "<script" not in html
-    assert CAPTIONS["trajectories"] not in html
+    assert CAPTION in html
 
 
 def test_the_page_says_the_answer_first_and_escapes_it(html):
@@ -250,6 +140,5 @@ def test_the_page_holds_every_contrast_with_its_interval_and_every_way(html):
     for condition, outcome in found.outcomes.items():
         assert f"{outcome.mean.mean:.0f}".replace("-", MINUS) in html, condition
     assert "missing: delay (12), unknown (3)" in html
-    assert "100 [51, 100] (20, 2)" in html
     assert all(plant.title[1:] in html for plant in found.plan.plants)
     assert ">nan" not in html

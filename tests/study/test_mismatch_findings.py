@@ -13,7 +13,6 @@ from policies.environments.randomization import Fixed
 from study.mismatch.mismatch_findings import Verdict, mismatch_findings
 from study.mismatch.mismatch_plan import CONTRASTS, PLANS
 from study.mismatch.mismatch_sentences import mismatch_sentences
-from study.mismatch.naming_results import NAMING_TABLE, NamingResult, write_naming
 from study.pipeline.stages import run
 from study.statistics import paired_t
 from study.strategies.designs import OPTIMUM, PLAIN_ROD, Designed
@@ -67,7 +66,7 @@ def test_the_parts_of_a_gap_add_up_seed_by_seed(found):
     for condition, outcome in found.outcomes.items():
         split = found.splits[condition]
         assert split is not None and split.tables == len(PLAN.seeds)
-        assert split.gap == pytest.approx(outcome.gap)
+        assert split.structure + split.identification + split.training == pytest.approx(outcome.gap)
         if condition.strategy == "oracle":
             assert (split.structure, split.identification) == (0.0, 0.0)
         else:
@@ -76,12 +75,16 @@ def test_the_parts_of_a_gap_add_up_seed_by_seed(found):
             assert split.identification == pytest.approx(100.0 if knows else 20.0)
 
 
+def returns(found, plant, strategy, n):
+    return found.outcomes[found.condition(plant, strategy, n)].returns
+
+
 def test_contrasts_are_those_of_the_plan_paired_and_raised_by_holm(found):
     planned = [(a, b) for a, b in CONTRASTS if a in PLAN.strategies and b in PLAN.strategies]
     assert [(c.a, c.b) for c in found.compared] == planned * len(PLAN.plants)
     raw = []
     for c in found.compared:
-        one, other = (found.outcome(c.plant, strategy, c.n).returns for strategy in (c.a, c.b))
+        one, other = (returns(found, c.plant, strategy, c.n) for strategy in (c.a, c.b))
         raw.append(paired_t(one, other))
         assert (c.contrast.mean, c.contrast.low, c.contrast.high) == (raw[-1].mean, raw[-1].low, raw[-1].high)
     least = int(np.argmin([contrast.p for contrast in raw]))
@@ -91,7 +94,7 @@ def test_contrasts_are_those_of_the_plan_paired_and_raised_by_holm(found):
 
 def test_contrasts_together_are_their_mean_and_no_wider_than_the_widest(found):
     rows = [c for c in found.compared if (c.a, c.b) == ("band", "fitted")]
-    every = np.array([[found.outcome(c.plant, own, c.n).returns for c in rows] for own in ("band", "fitted")])
+    every = np.array([[returns(found, c.plant, own, c.n) for c in rows] for own in ("band", "fitted")])
     together = found.together(rows)
     assert (len(rows), together.seeds) == (2, len(PLAN.seeds))
     assert together.mean == pytest.approx(np.mean([c.contrast.mean for c in rows]))
@@ -103,23 +106,12 @@ def test_verdicts_are_counted_and_said(found):
     assert found.verdicts["delay_large", 5] == {Verdict("missing", ("delay",)): 4}
     assert found.verdicts["magnet", 5] == {Verdict("unknown", (), False): 4}
     said = dict(mismatch_sentences(found))
-    assert "(named and believed: 4 of 4) with 5 rollouts" in said["What is it worth to name the effect?"]
-    assert "(unknown: 4 of 4) with 5 rollouts" in said["What does an honest “unknown” buy?"]
+    assert "1 of 1 are better and 0 worse" in said["What is it worth to name the effect?"]
+    assert "unknown" in str(said) and len(said) == 4
     assert (
         "No: with a band of ±30 % around the fitted m and l 0 of 2 are better and 2 worse"
         in said["Does breadth pay when the simulator lacks an effect?"]
     )
-
-
-def test_naming_is_told_with_the_fewest_and_the_most_rollouts_where_it_was_measured(found):
-    rows = [
-        NamingResult("delay_large", n, seed, "missing", steps, len(steps) == 1, 0.2, 0.01 * n)
-        for seed in range(5)
-        for n, steps in ((1, ("delay",)), (2, ("delay", "tilt")[: 1 + seed % 2]), (5, ("delay", "tilt")))
-    ]
-    told = dict(mismatch_sentences(found, rows))["How many rollouts does naming take?"]
-    assert "delay 0.155 s: 100 % (20, 1 %) with 1 rollout, 60 % (20, 2 %) with 2, 0 % (20, 5 %) with 5" in told
-    assert "magnet" not in told and "nan" not in told
 
 
 @pytest.mark.parametrize("part", [0, 1, 2])
@@ -139,7 +131,6 @@ def test_a_run_from_nothing_to_the_page(tmp_path):
         smoke, plants=smoke.plants[:1], strategies=("prior", "fitted", "mended"), seeds=(1000, 1001), described=2
     )
     out = io.StringIO()
-    write_naming(tmp_path / NAMING_TABLE, [NamingResult("delay_large", 2, 1, "missing", ("delay",), True, 0.2, 0.01)])
     with trial_results(tmp_path, plan) as results:
         experiment = TrialExperiment(plan, results, 1e9)
         run(experiment, Inline(), Console(file=out))
@@ -165,9 +156,6 @@ def test_a_run_from_nothing_to_the_page(tmp_path):
     assert {(row["a"], row["b"]) for row in contrasts} == {("mended", "fitted")}
     record = json.loads((tmp_path / "study.json").read_text())
     assert record["contrasts"] == [f"{a} - {b}" for a, b in CONTRASTS]
-    for figure in ("returns", "ladder", "naming", "trajectories"):
-        assert (tmp_path / f"{figure}.png").read_bytes().startswith(b"\x89PNG")
-    assert "<td>100 [21, 100] (20, 1)</td>" in (tmp_path / "report.html").read_text()
+    assert (tmp_path / "returns.png").read_bytes().startswith(b"\x89PNG")
     html = (tmp_path / "report.html").read_text()
-    assert html.count("data:image/png") == 4 and "http" not in html.replace("http://www.w3.org", "")
-    assert "Seeds in which the answer is right" in html.replace("\u00a0", " ")
+    assert html.count("data:image/png") == 1 and "http" not in html.replace("http://www.w3.org", "")

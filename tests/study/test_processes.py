@@ -25,7 +25,7 @@ def test_every_task_is_done_once_whatever_the_number_of_workers(tmp_path, worker
     assert sorted(name for name, kind, _ in said if kind == "done") == [task.name for task in tasks]
     for task in tasks:
         assert task.attempts() == [0]
-        assert [p for name, kind, p in said if (name, kind) == (task.name, "saved")] == [10.0, 20.0, 30.0, 40.0]
+        assert [own[:2] for own in said].count((task.name, "saved")) == 4
 
 
 def test_progress_is_told_once_a_second_at_most(tmp_path):
@@ -39,7 +39,7 @@ def test_a_worker_that_dies_goes_on_from_its_checkpoint_by_itself(tmp_path, kind
     said = run(Processes(2), kind("mortal", tmp_path, deaths=(0, 2, 2, 3)), Counting("other", tmp_path))
     why = [payload for _, kind, payload in said if kind == "died"]
     assert why == ["its process was ended by signal SIGKILL (out of memory?)"] * 4
-    assert done(said) == {"mortal": ([0, 0, 2, 2, 3], 30.0), "other": ([0], 0.0)}
+    assert done(said) == {"mortal": [0, 0, 2, 2, 3], "other": [0]}
 
 
 def test_a_task_that_gets_nowhere_ends_the_study_after_the_others_saved(tmp_path):
@@ -54,7 +54,7 @@ def test_a_task_that_gets_nowhere_ends_the_study_after_the_others_saved(tmp_path
 
 
 def test_what_has_no_checkpoint_is_tried_as_often(tmp_path):
-    assert done(run(Processes(1), Forgetful("once", tmp_path, deaths=(3, 3)))) == {"once": ([0, 0, 0], 0.0)}
+    assert done(run(Processes(1), Forgetful("once", tmp_path, deaths=(3, 3)))) == {"once": [0, 0, 0]}
     with pytest.raises(WorkerFailed, match=r"never failed: its worker died 3 times; .*SIGKILL"):
         run(Processes(1), Forgetful("never", tmp_path, deaths=(3,) * DEATHS))
 
@@ -69,7 +69,5 @@ def test_an_error_ends_the_study_after_the_others_saved(tmp_path):
 
 def test_an_interrupted_driver_hears_what_its_workers_saved(tmp_path):
     tasks = [Counting(f"task {k}", tmp_path, **SAVES_WHEN_ASKED) for k in range(2)]
-    seconds = saved_at_an_interrupt(Processes(2), tasks)
-    assert len(seconds) == 2
-    for task in tasks:
-        assert seconds[task.name] == 10.0 * int(task.checkpoint.read_text())
+    assert saved_at_an_interrupt(Processes(2), tasks) == {task.name for task in tasks}
+    assert all(0 < int(task.checkpoint.read_text()) < task.end for task in tasks)

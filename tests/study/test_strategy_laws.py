@@ -65,7 +65,7 @@ def test_simopt_moves_to_the_parameters_of_the_plant():
     rng, own, strategy = np.random.default_rng(3), situation(), SimOpt()
     seen = rollout(swing, ELSEWHERE, rng.uniform(-3, 3, 4), rng.uniform(-1, 1, 4))
     rows = [a.T for a in (seen.u[:-1], seen.theta, seen.theta_dot)]
-    tried = Tried([Record(seen.t, *row) for row in zip(*rows, strict=True)], np.zeros(4))
+    tried = Tried([Record(0.05 * np.arange(200), *row) for row in zip(*rows, strict=True)], np.zeros(4))
     mean, C = own.believed, 0.25 * np.eye(2)
     before = np.linalg.norm(mean - [1.5, 1.2])
     for _ in range(9):
