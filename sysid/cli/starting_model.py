@@ -9,7 +9,8 @@ import math
 import numpy as np
 
 from sysid.cli.command_options import ModelOptions
-from sysid.data.logs import Command, Log, needed_rate
+from sysid.data.columns import Command
+from sysid.data.logs import Log, needed_rate
 from sysid.data.record import Record
 from sysid.errors import InvalidInput
 from sysid.estimation.fit import free

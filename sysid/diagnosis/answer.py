@@ -28,8 +28,8 @@ SCHEMA = "gapfinder/diagnosis/1"
 MOST_SHOWN = 12_000
 """Samples of a log whose residual torque is looked at once more."""
 NOT_THE_DRIVE = (
-    "something else moved the machine, or a sign, a zero or a unit is another; the fitted numbers mean little. Try a part "
-    "of the log in which nothing touched it"
+    "something else moved the machine, or a sign, a zero or a unit is another; the fitted numbers mean little. Try a "
+    "part of the log in which nothing touched it"
 )
 
 
@@ -375,8 +375,8 @@ class Diagnosis:
         plant, (b, b_sd), (tau_c, tau_c_sd) = self.model.plant, friction.viscous, friction.coulomb
         return (
             "the motion does not show how the machine answers, as where a controller follows a path and friction takes "
-            f"most of it. Along the motion a regression explains {friction.share:.0%} of what the drive does, by viscous "
-            f"friction of {b:.3g} +- {b_sd:.2g} {plant.unit('N m s/rad')} and dry friction of {tau_c:.3g} +- "
+            f"most of it. Along the motion a regression explains {friction.share:.0%} of what the drive does, by "
+            f"viscous friction of {b:.3g} +- {b_sd:.2g} {plant.unit('N m s/rad')} and dry friction of {tau_c:.3g} +- "
             f"{tau_c_sd:.2g} {plant.unit('N m')}. Fix what is known (--set), or move it faster"
         )
 

@@ -57,8 +57,8 @@ def _with_ratios(model: Model, names: Sequence[str], shown: Mapping[str, float])
         off = [math.log(found[k] / shown[k]) if found[k] > 0.0 else 0.0 for k in shown]
         return np.array([*off, *(1e-3 * scale)])
 
-    # products of powers are linear in these coordinates: Gauss-Newton steps need no damping, and scipy.optimize would take
-    # a third of a second to load
+    # products of powers are linear in these coordinates: Gauss-Newton steps need no damping, and scipy.optimize would
+    # take a third of a second to load
     scale = np.zeros(len(moved))
     for _ in range(NEAREST_STEPS):
         here = distances(scale)

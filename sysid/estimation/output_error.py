@@ -223,8 +223,8 @@ def _without_numbers(part: Parametric) -> Hashable:
 
 
 def _hashable(value: object) -> Hashable:
-    """The value, or which one it is (the model that is kept beside keeps it alive): a tuple of arrays calls itself hashable
-    and is not."""
+    """The value, or which one it is (the model that is kept beside keeps it alive): a tuple of arrays calls itself
+    hashable and is not."""
     try:
         hash(value)
     except TypeError:

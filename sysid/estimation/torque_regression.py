@@ -1,4 +1,4 @@
-"""Torque regression: the equation of motion along smoothed readings, by least squares, which needs no model to begin."""
+"""Torque regression: the equation of motion along smoothed readings, by least squares, which needs no first guess."""
 
 from __future__ import annotations
 
