@@ -22,7 +22,7 @@ LEAST_ENERGY, MOST_TIME = 0.6, 0.15
 """A rare torque is a push where it holds that share of the missing torque's energy in no more than that of the time."""
 LEAST_ENERGY_AGAIN = 0.4
 """The same share in a log that somebody pushed in: with the hardest pushes left out, lighter ones show."""
-SLIGHT = 0.02
+SLIGHT = 0.05
 """Share of the largest torque that the log shows below which nobody pushed."""
 LARGEST_COMMAND = 5.0
 """Multiple of the command's mean square from which what acts is the drive's own doing: a hand does not wait for it."""
