@@ -33,8 +33,8 @@ class Settings:
                  torque explains all, the readings say nothing of an inertia, and it would run away
     torque       sd of the torque of an effect about none, as a multiple of the largest that the log shows
     stride       largest relative change of a parameter in a step
-    patience     whole steps that are taken; then half ones, since a joint that sticks now and then may go to and fro
-                 about an optimum for ever, along all or half of the way to their motion, whichever is likelier
+    patience     whole steps that are taken; then half ones, of the motion too, since a joint that sticks now and then
+                 may go to and fro about an optimum for ever
     widest       how far about the motion the model's slopes are taken, at most: in rad, and as shares of the sizes of
                  speed and acceleration; wider slopes are those of another machine
     wanders      share of an sd within which a fit may go to and fro in the end: no instant is nearer at which a joint
@@ -85,7 +85,7 @@ def fit_parameters(
     names = tuple(names)
     if disturbances is None:
         disturbances = near.disturbances if near else large_disturbances(samples)
-    motions = [(near.motion if near else smoothed_motion(samples, disturbances.s)).of_model(samples, model)]
+    motion = (near.motion if near else smoothed_motion(samples, disturbances.s)).of_model(samples, model)
     known = (near.prior, near.names) if near else (None, ())
     extent = shown_extent(samples, model)
     prior = Prior.of(model, names, settings.vague, settings.torque * extent.u_max, *known)
@@ -93,9 +93,8 @@ def fit_parameters(
     before, began, converged, restless, calm, still = math.inf, math.inf, False, settings.sizes, 0, 0
     best: Fit | None = None
     for k in range(settings.iterations):
-        tried = [LinearisedModel(samples, model, motion) for motion in motions]
-        filters = [own.system.filter(disturbances) for own in tried]
-        here, linearised = min(zip(filters, tried, strict=True), key=lambda own: own[0].deviance)
+        linearised = LinearisedModel(samples, model, motion)
+        here = linearised.system.filter(disturbances)
         if k > 0 and settings.sizes and (restless or k % 4 == 3):
             likelier = likelihood_ascent(here, limits.floor, settings.angle_error)
             restless = here.deviance - likelier.deviance > settings.negligible
@@ -125,12 +124,10 @@ def fit_parameters(
         if best is None or before < best.filter.deviance:
             best = Fit(samples, linearised.model, names, linearised, here, Z, prior, False)
         # slopes that go on changing with the filter's sd would never let friction's numbers settle
-        motion, whole = linearised.motion, k < settings.patience
         spread = limits.spread(here) if k < settings.iterations // 4 else motion.spread
-        step = step if whole else 0.5 * step
-        move = here.smooth(G @ step, R @ step)
-        motions = [motion.moved(share * move, spread) for share in ((1.0,) if whole else (1.0, 0.5))]
-        numbers = limits.within(now + step)
+        share = 1.0 if k < settings.patience else 0.5
+        motion = motion.moved(share * here.smooth(G @ step, R @ step), spread)
+        numbers = limits.within(now + share * step)
         model = model.with_parameters(dict(zip(names, numbers.tolist(), strict=True)))
     if best is not None and not converged and here.deviance > best.filter.deviance + ASTRAY * samples.readings:
         return best
