@@ -19,14 +19,12 @@ from study.paper.agreement import ContrastAgreement
 from study.paper.claims import CELL, nearest_cell
 from study.paper.identification_scatter import Scatter
 from study.paper.published_numbers import ID_ERRORS
-from study.paper.reference_controllers import LQR, OPTIMAL, SWING_UP
 from study.paper.saturation_budget import LABELS, BudgetCurve
+from study.paper.sweep_figures import OURS, reference_lines
 from study.statistics import Contrast
 
-OURS, THEIRS = COLOURS(0.35), "0.45"
-"""Colours of our numbers and of the published ones."""
-REFERENCES = {OPTIMAL: ("optimal", "-", 6), SWING_UP: ("swing-up + LQR", "-.", -6), LQR: ("LQR alone", ":", 0)}
-"""Name, line style, and by how many points the name stands beside the line."""
+THEIRS = "0.45"
+"""Colour of the published numbers."""
 
 
 def contrasts(rows: Sequence[ContrastAgreement]) -> Figure:
@@ -133,7 +131,7 @@ def identifiers(
     if wider:
         left.plot([], [], color="0.5", linestyle="--", linewidth=1.2, label=f"w = {next(iter(wider.values())).w:g}")
     lows = [value for group in (curves, wider) for curve in group.values() for value in curve.returns]
-    _reference_lines(left, references, min(lows))
+    reference_lines([left], references, min(lows))
     for name, curve in curves.items():
         colour, marker = IDENTIFIER_LOOKS[name]
         right.plot(curve.budgets[1:], curve.errors[1:], color=colour, marker=marker, markersize=6, linewidth=1.9)
@@ -149,20 +147,6 @@ def identifiers(
     right.set_ylabel("mean identification error")
     right.set_title("How close m and l come")
     return figure
-
-
-def _reference_lines(axes: Axes, references: Mapping[str, float], low: float) -> None:
-    """Lines named at the right; what lies below the figure, whose least return is `low`, stands in words."""
-    room = 0.14 * (references[OPTIMAL] - low)
-    axes.set_ylim(low - room, references[OPTIMAL] + room)
-    for controller, (name, style, shift) in REFERENCES.items():
-        value = references[controller]
-        inside = value > low - room
-        if inside:
-            axes.axhline(value, color=ACCENT, linestyle=style, linewidth=1.1, zorder=1)
-        at = 1.0, value if inside else low - 0.9 * room
-        text = f"{'' if inside else '↓ '}{name} {number(value)}"
-        annotate_beside(axes, text, at, (5, shift), xycoords=axes.get_yaxis_transform(), color=ACCENT)
 
 
 def _spread(budgets: Sequence[int]) -> list[float]:

@@ -22,7 +22,7 @@ from study.paper.presets import PAPER, PRESETS, Preset
 from study.paper.published_numbers import CELLS, ROBUSTNESS, SEEDS, URL, Spot
 from study.paper.reference_controllers import OPTIMAL
 from study.paper.saturation_budget import budget_curves, paragraph
-from study.paper.sweep_figures import heatmaps
+from study.paper.sweep_figures import heatmaps, paretos
 from study.paper.sweep_findings import PointFindings
 from study.statistics import Contrast, paired_bootstrap
 from sysid import InvalidInput
@@ -30,6 +30,8 @@ from sysid import InvalidInput
 REPRODUCTION_CAPTIONS = {
     "published_heatmap": "The published sweep and this one on one colour scale, which ends at the optimum of the "
     "hidden plant. The best cell of each is outlined.",
+    "published_pareto": "The best width at every budget, there and here (the published curve again in grey), between "
+    "each side's extremes and the references.",
     "published_contrasts": "Every contrast that the paper calls significant or not, there and here.",
     "published_claims": "The paper's grid search on many seeds. Left: the error falls slower than 1/√n within the "
     "paper's budgets, where the edge of the grid bounds it, and has no floor there. Right: m scatters; noise in the "
@@ -154,6 +156,7 @@ def _sweeps(agreement: Agreement, main: PointFindings | None) -> dict[str, Calla
         here = f"Here ({layers} networks, {seeds} seed{'s' * (seeds != 1)})"
         sides = {"Published (256 × 256 networks, 10 seeds)": theirs, here: ours}  # noqa: RUF001
         drawings["published_heatmap"] = lambda: heatmaps(sides, references)
+        drawings["published_pareto"] = lambda: paretos(sides, references)
     if ran := [contrast for contrast in agreement.contrasts if contrast.ours]:
         drawings["published_contrasts"] = lambda: publication_figures.contrasts(ran)
     return drawings

@@ -1,9 +1,10 @@
 """What a finished operating point shows, each figure a function of its findings; `save_all` writes the files.
 
-heatmap   mean return of every cell, n down, w across       curves   how training went
+heatmap   mean return of every cell, n down, w across       pareto   the best width at every budget
+curves    how training went
 
-Heat maps may stand side by side: then they share their scale, which ends at the optimum of the hidden plant. A cell's
-small number is how much of the gap between no data at all, (n, w) = (0, 0), and that optimum it closes.
+Heat maps and best widths may stand side by side: then they share their scale, which ends at the optimum of the hidden
+plant. A cell's small number is how much of the gap between no data at all, (n, w) = (0, 0), and that optimum it closes.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
+from matplotlib.text import Annotation
+from matplotlib.transforms import BboxBase
 
 from study.figure_style import ACCENT, COLOURS, annotate_beside, panels_abreast, shades
 from study.formatting import number, percent
@@ -24,7 +27,11 @@ from study.paper.published_numbers import CellSummary
 from study.paper.reference_controllers import LQR, OPTIMAL, SWING_UP
 from study.paper.sweep_findings import PointFindings
 
+OURS = COLOURS(0.35)
+"""Colour of our numbers."""
 NAMES = {OPTIMAL: "optimal", SWING_UP: "swing-up + LQR", LQR: "LQR alone"}
+LINES = {OPTIMAL: ("-", 6), SWING_UP: ("-.", -6), LQR: (":", 0)}
+"""Line style, and by how many points the name stands beside the line."""
 
 Summaries = Mapping[tuple[int, float], CellSummary]
 """Return by (n, w)."""
@@ -109,6 +116,82 @@ def _scale(
     annotate_beside(bar.ax, f"{number(lqr)} {NAMES[LQR]}", (1.0, max(place, 0.0)), shift, color=ACCENT, **style)
 
 
+def paretos(sides: Mapping[str, Summaries], references: Mapping[str, float]) -> Figure:
+    """The best mean return at every budget of each side, by title, between its extremes and the references.
+
+    Sides after the first show the first one's best in grey.
+    """
+    figure, panels = panels_abreast(len(sides), 6.8 if len(sides) == 1 else 10.0, 4.3)
+    first = next(iter(sides.values()))
+    for axes, (title, cells) in zip(panels, sides.items(), strict=True):
+        if cells is not first:
+            best = _best(first)
+            axes.plot(list(best), [first[key].mean for key in best.values()], color="0.75", linewidth=1.4, zorder=1)
+        _pareto(axes, cells)
+        axes.set_title(title, fontsize=11.0, pad=8.0)
+        axes.set_xticks(sorted({n for n, _ in first}))
+    reference_lines(panels, references, min(cell.mean for cells in sides.values() for cell in cells.values()))
+    panels[0].set_ylabel("best mean return at a budget (± SEM)")
+    figure.supxlabel("rollouts measured, n", fontsize=10.0, color="0.15")
+    figure.draw_without_rendering()
+    for axes in panels:
+        _keep_apart(axes)
+    return figure
+
+
+def _best(cells: Summaries) -> dict[int, tuple[int, float]]:
+    budgets = sorted({n for n, _ in cells})
+    return {n: max((key for key in cells if key[0] == n), key=lambda key: cells[key].mean) for n in budgets}
+
+
+def _pareto(axes: Axes, cells: Summaries) -> None:
+    best = _best(cells)
+    first, last = min(best), max(best)
+    breadth = first, max(w for n, w in cells if n == first)
+    fidelity = last, min(w for n, w in cells if n == last)
+    without = ("pure breadth" if breadth[1] else "no data") if first == 0 else "least data"
+    means, errors = ([getattr(cells[key], name) for key in best.values()] for name in ("mean", "sem"))
+    axes.errorbar(list(best), means, errors, color=OURS, marker="o", markersize=6, linewidth=1.8, capsize=3, zorder=3)
+    for (n, w), mean, error in zip(best.values(), means, errors, strict=True):
+        low, right = 0.0 if math.isnan(error) else error, n == last
+        annotate_beside(axes, f"w* = {w:g}", (n, mean - low), (5, -16 if right else -5), va="top", color="0.2",
+                        ha="right" if right else "left",
+                        bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0})  # fmt: skip
+    across = axes.get_yaxis_transform()
+    for (n, w), name, style, shift in ((fidelity, "pure fidelity", "--", -34), (breadth, without, ":", 10)):
+        value = cells[n, w].mean
+        axes.axhline(value, color="0.35", linestyle=style, linewidth=1.0, zorder=1)
+        text = f"{name}, n = {n}, w = {w:g}: {number(value)}"
+        annotate_beside(axes, text, (0.98, value), (0, shift), xycoords=across, ha="right", color="0.35")
+
+
+def reference_lines(panels: Sequence[Axes], references: Mapping[str, float], low: float) -> None:
+    """Lines across panels that share their scale, named at the right; what lies below the figure, whose least mean
+    return is `low`, stands in words."""
+    room, end = 0.14 * (references[OPTIMAL] - low), panels[-1]
+    end.set_ylim(low - room, references[OPTIMAL] + room)
+    for controller, (style, shift) in LINES.items():
+        value = references[controller]
+        inside = value > low - room
+        for axes in panels if inside else ():
+            axes.axhline(value, color=ACCENT, linestyle=style, linewidth=1.1, zorder=1)
+        at = 1.0, value if inside else low - 0.9 * room
+        text = f"{'' if inside else '↓ '}{NAMES[controller]} {number(value)}"
+        annotate_beside(end, text, at, (5, shift), xycoords=end.get_yaxis_transform(), color=ACCENT)
+
+
+def _keep_apart(axes: Axes) -> None:
+    """Move the notes of a drawn panel up or down, by as little as it takes, until none covers another; the first ones
+    stay where they are."""
+    placed: list[BboxBase] = []
+    for note in axes.findobj(Annotation):
+        box = note.get_window_extent().padded(0.002 * axes.figure.bbox.width)
+        steps = (0.25 * box.height * k for k in sorted(range(-40, 41), key=abs))
+        moved = next((s for s in steps if not any(box.translated(0.0, s).overlaps(own) for own in placed)), 0.0)
+        note.xyann = note.xyann[0], note.xyann[1] + 72.0 * moved / axes.figure.dpi
+        placed.append(box.translated(0.0, moved))
+
+
 SMOOTH = 10
 """Training episodes averaged into a point of a learning curve."""
 
@@ -150,7 +233,12 @@ def drawings(findings: PointFindings) -> dict[str, Callable[[], Figure]]:
     cells = findings.summaries
     found = {
         "heatmap": lambda: heatmaps({"Mean return on the hidden plant": cells}, findings.allowed()),
+        "pareto": lambda: paretos({"What the next rollout is worth": cells}, findings.allowed()),
         "curves": lambda: curves(findings),
     }
-    telling = {"heatmap": len(cells) > 1, "curves": any(run.curve for run in findings.runs)}
+    telling = {
+        "heatmap": len(cells) > 1,
+        "pareto": len(findings.point.budgets) > 1,
+        "curves": any(run.curve for run in findings.runs),
+    }
     return {name: draw for name, draw in found.items() if telling[name]}

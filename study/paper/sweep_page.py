@@ -21,6 +21,7 @@ CONTROLLER_LABELS = {OPTIMAL: "optimal (dynamic programming)", LQR: "LQR alone",
 POINT_CAPTIONS = {
     "heatmap": "Mean return on the hidden plant ± standard error over seeds. The best cell is outlined; the brightest "
     "colour is the optimum.",
+    "pareto": "The best width at every budget, between training without data and training on the most data.",
     "curves": "Returns of training episodes in the simulators agents train on, averaged over seeds and ten episodes.",
 }
 

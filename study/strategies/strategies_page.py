@@ -13,9 +13,10 @@ from study.strategies.trial_findings import TrialResults
 from study.strategies.trial_page import trial_account
 
 CAPTION = (
-    "Mean return with the most rollouts that were given, strategies of a group together, with its 95 % interval where "
+    "Mean return for the real rollouts that were spent, strategies of a group together, with its 95 % interval where "
     "there are three seeds. Hollow: of strategies that compare returns, their best candidate so far, evaluated anew "
-    "outside the budget. Dashed: the point estimate. Red: the optimum. Arrows are outside the panel."
+    "outside the budget. Grey: the point estimate and what spends nothing. Red: the optimum. Arrows are outside the "
+    "panel."
 )
 
 

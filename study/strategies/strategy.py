@@ -167,7 +167,7 @@ class Strategy(ABC):
     in_rounds     whether it trains agents on the way, so that the experiment can afford fewer seeds
     needs_angle   whether the angle has to be read all the time, and not at the start alone
     short         it in up to four words; source: where it was published
-    group         whose colour it has: "nothing" spent, "identified", "adapted" distributions, "compared" returns, or
+    group         what it is drawn with: "nothing" spent, "identified", "adapted" distributions, "compared" returns, or
                   "plant", learning there
     """
 

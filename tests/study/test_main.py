@@ -88,7 +88,8 @@ def test_a_study_ends_with_its_answer_and_files(undisturbed):
     made = {path.name for path in folder.iterdir()}
     assert made == {
         "results.sqlite", "runs.csv", "references.csv", "study.json", "report.html",
-        "heatmap.png", "curves.png", "policies", "published_heatmap.png",
+        "heatmap.png", "pareto.png", "curves.png", "policies",
+        "published_heatmap.png", "published_pareto.png",
     }  # fmt: skip
     assert len(rows(folder)) == len(SMOKE.cells)
 

@@ -105,10 +105,12 @@ def test_a_controller_is_designed_once_and_run_on_every_plant_that_asks(finished
 def test_the_folder_holds_tables_figures_and_a_section_a_point(finished):
     folder, _, _, said = finished
     made = {path.name for path in folder.iterdir()}
-    drawn = {"heatmap_main.png", *(f"curves_{point.name}.png" for point in MANY.points)}
+    drawn = {"heatmap_main.png", "pareto_main.png", *(f"curves_{point.name}.png" for point in MANY.points)}
     assert drawn | {"runs.csv", "references.csv", "report.html", "policies", "results.sqlite"} <= made
     assert made <= {*outputs(MANY), *PUBLISHED, "results.sqlite"}
-    assert "heatmap_prior_range.png" not in made
+    assert not made & {
+        f"{name}_{point}.png" for name in ("heatmap", "pareto") for point in ("small_gap", "prior_range")
+    }
     rows = table(folder)
     assert [tuple(rows[0])[PUBLISHED_COLUMNS:]] == [("point", "eval_return_fresh")]
     assert [row["point"] for row in rows] == ["main"] * 4 + ["small_gap"] * 2 + ["prior_range"] * 2

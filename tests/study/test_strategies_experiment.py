@@ -4,6 +4,7 @@ import csv
 import dataclasses
 import io
 import warnings
+from collections import Counter
 
 import numpy as np
 import pytest
@@ -15,10 +16,11 @@ from study.figure_style import save_figure
 from study.pipeline.settings import RunOptions
 from study.pipeline.stages import run
 from study.presets import open_experiment
+from study.strategies.catalogue import PLACES, strategy_class
 from study.strategies.designs import OPTIMUM, Designed
 from study.strategies.populations import GoesOnLearning, Trained, _read, _write, networks_of
 from study.strategies.session import CaseRound
-from study.strategies.strategies_figures import returns_of_strategies
+from study.strategies.strategies_figures import LOOKS, returns_of_strategies
 from study.strategies.strategies_findings import strategies_findings, strategies_sentences
 from study.strategies.strategies_plan import PLANS, StrategiesPlan
 from study.strategies.trial_findings import TrialResults
@@ -174,7 +176,22 @@ def test_the_figure_has_room_for_all_that_is_in_it(tmp_path, worth, budgets):
         assert save_figure(lambda: returns_of_strategies(found), tmp_path / "figure.png").stat().st_size > 10_000
 
 
-def test_every_strategy_has_a_row_with_its_mean():
+def test_with_several_budgets_every_strategy_has_a_line_below_the_optimum():
+    returns = {("point", 5): -104.5, ("point", 10): -102.0, ("cross_entropy", 5): -160.0, ("cross_entropy", 10): -130.0}
+    figure = returns_of_strategies(strategies_findings(*invented(returns, budgets=(0, 5, 10))))
+    panels = [axes for axes in figure.axes if axes.axison]
+    assert [axes.get_ylabel().split("\n")[0] for axes in panels] == ["identified", "compared returns"]
+    drawn = [{tuple(np.round(line.get_ydata(), 2)) for line in axes.lines} for axes in panels]
+    point, optimum = (-104.25, -101.75), (-100.0, -100.0)
+    assert all({point, optimum} <= own for own in drawn)
+    assert {(-159.75, -129.75), (-140.0, -140.0)} <= drawn[1] - drawn[0]
+
+
+def test_no_two_lines_of_a_group_look_alike():
+    assert max(Counter(strategy_class(name).group for name in PLACES).values()) <= len(LOOKS)
+
+
+def test_with_one_budget_every_strategy_has_a_row_with_its_mean():
     returns = {("point", 5): -104.5, ("cross_entropy", 5): -160.0}
     figure = returns_of_strategies(strategies_findings(*invented(returns, budgets=(5,))))
     axes = figure.axes[0]

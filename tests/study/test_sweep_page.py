@@ -1,6 +1,7 @@
 """Report, tables and figures: complete, self-contained, and drawn for presets of every size."""
 
 import csv
+import itertools
 import re
 from html.parser import HTMLParser
 
@@ -9,11 +10,13 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 from matplotlib.patches import Rectangle
+from matplotlib.text import Annotation
 
 from study.figure_style import STYLE
 from study.formatting import MINUS
 from study.paper import sweep_figures as figures
 from study.paper.finished_runs import run_table
+from study.paper.published_numbers import CellSummary
 from study.paper.reproduction import reproduce
 from study.paper.sweep_page import reference_table, sweep_account
 from study.pipeline.tables import write_rows
@@ -30,7 +33,7 @@ def page(answer, tmp_path_factory):
 
 def test_it_opens_without_a_network(page, answer):
     links = re.findall(r"(?:src|href|url|import)\s*[=(]\s*[\"']?([^\"')\s>]+)", page)
-    assert len(links) == len(figures.drawings(answer)) + len({"heat maps", "contrasts"})
+    assert len(links) == len(figures.drawings(answer)) + len({"heat maps", "best widths", "contrasts"})
     assert all(link.startswith("data:image/png;base64,") for link in links)
     assert "<script" not in page
 
@@ -66,6 +69,7 @@ def test_small_presets_have_a_report_too(small_answer, tmp_path):
     drawn = sweep_account([small_answer], reproduce([small_answer], tmp_path)).write(tmp_path, "cpu")
     names = {path.name for path in drawn}
     assert "curves.png" in names
+    assert ("pareto.png" in names) == (len(small_answer.point.budgets) > 1)
     assert ("heatmap.png" in names) == (len(small_answer.cells) > 1)
     for path in drawn:
         assert np.ptp(imread(path)[..., :3]) > 0.5
@@ -85,6 +89,19 @@ def test_the_heatmap_outlines_the_best_cell_and_prints_the_means(answer):
     mean, error = printed[row, column]
     assert mean == f"{MINUS}{abs(answer.mean(answer.best)):.0f}"
     assert error.startswith(f"± {answer.summaries[answer.best].sem:.0f} · ")
+
+
+@pytest.mark.parametrize("error", [0.0, 20.0, 32.0, 60.0])
+def test_no_note_of_the_best_widths_covers_another(error):
+    """Wide error bars push the name of a width down onto that of the line below it."""
+    means = {(0, 0.0): -836.0, (0, 0.5): -900.0, (5, 0.0): -520.0, (50, 0.0): -400.0, (50, 0.5): -410.0}
+    cells = {key: CellSummary(mean, error, mean, 3) for key, mean in means.items()}
+    with matplotlib.rc_context(STYLE):
+        figure = figures.paretos({"": cells}, {"optimal": -331.0, "swing_up_lqr": -335.0, "lqr": -960.0})
+        figure.draw_without_rendering()
+        boxes = [note.get_window_extent() for note in figure.axes[0].findobj(Annotation)]
+    assert len(boxes) == 3 + 2 + 3
+    assert not any(a.overlaps(b) for a, b in itertools.combinations(boxes, 2))
 
 
 def test_runs_csv_has_the_papers_columns_and_conventions(answer, tmp_path):
