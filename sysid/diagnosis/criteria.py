@@ -35,20 +35,31 @@ def is_nothing(found: Fit, name: str, sure: float = DEFAULT.sure) -> bool:
     return squared_size(found, name) < sure
 
 
+def is_undetermined(found: Fit, name: str) -> bool:
+    """Whether the readings say nothing of an effect's sizes, since other numbers may make up for any of them."""
+    at = _sizes(found, name)
+    return bool(at) and not np.all(np.isfinite(found.covariance[np.ix_(at, at)]))
+
+
 def squared_size(found: Fit, name: str) -> float:
     """The sizes x (q,) of an effect in units of their covariance C (q, q):  x' C^-1 x / q;  0 of one that changes
     nothing, nan where the readings do not determine them. Of a limit it is the limit: one that may as well be infinite
     is none."""
     if any(e.idle for e in found.model.effects if e.name == name):
         return 0.0
-    own = {n: found.model.parameters[n] for n in found.model.names_of(name)}
-    sized = [n for n, p in own.items() if n in found.names and p.neutral is not None]
-    at = [found.names.index(n) for n in sized]
-    C = found.covariance[np.ix_(at, at)]
-    if not sized or not np.all(np.isfinite(C)):
+    at = _sizes(found, name)
+    if not at or is_undetermined(found, name):
         return math.nan
-    x = np.array([float(own[n].value) - (0.0 if own[n].never else float(own[n].neutral or 0.0)) for n in sized])
-    return float(x @ np.linalg.pinv(C, hermitian=True) @ x) / len(x)
+    own = [found.model.parameters[found.names[i]] for i in at]
+    x = np.array([float(p.value) - (0.0 if p.never else float(p.neutral or 0.0)) for p in own])
+    return float(x @ np.linalg.pinv(found.covariance[np.ix_(at, at)], hermitian=True) @ x) / len(x)
+
+
+def _sizes(found: Fit, name: str) -> list[int]:
+    """Which of a fit's numbers are sizes of an effect: those that are none where it changes nothing."""
+    parameters = found.model.parameters
+    own = [n for n in found.model.names_of(name) if n in found.names and parameters[n].neutral is not None]
+    return [found.names.index(n) for n in own]
 
 
 def gain(found: Fit, other: Fit, effects: Sequence[str]) -> float:

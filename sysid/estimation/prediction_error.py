@@ -160,20 +160,21 @@ class Fit:
             read = samples.weight[:, k] > 0.0
             if np.any(read):
                 noise[channel] = float(np.sqrt(np.mean((e[read, k] / samples.weight[read, k]) ** 2)))
-        known, torque = bool(np.all(np.isfinite(self.covariance))), self.likeliest_torque
+        variances, torque = np.diag(self.covariance), self.likeliest_torque
+        lost = [n for n, v in zip(self.names, variances, strict=True) if not math.isfinite(v)]
         status = "converged" if self.converged else "stopped before it converged: begin nearer, or free fewer numbers"
         if torque.s:
             status = f"{status}; the model lacks something: a random torque acts beside it"
         elif torque.sigma_o:
             status = f"{status}; neighbouring readings of the angle share an error beside their noise"
-        if not known:
-            status = f"{status}; yet the records do not determine {', '.join(self.names)}"
+        if lost:
+            status = f"{status}; yet the records do not determine {', '.join(lost)}"
         return Estimate(
             model=self.model,
             names=self.names,
             covariance=self.covariance,
             noise=noise,
-            success=self.converged and known,
+            success=self.converged and not lost,
             status=status,
             cost=float(np.sum(self.e**2)),
             n_readings=samples.readings,
@@ -190,14 +191,21 @@ def with_likely_angle_error(fitted: Fit, times: Sequence[float] = (0.03, 0.3, 1.
 
 
 def inverse(information: Array) -> Array:
-    """The covariance (P, P), scaled before it is inverted; infinite where some direction is not determined."""
+    """The covariance (P, P), scaled before it is inverted; infinite where some direction is not determined.
+
+    A number that changes nothing is unknown, and leaves the others as they are.
+    """
     size = np.sqrt(np.diag(information))
-    if np.all(size > 0.0):
-        scaled = information / np.outer(size, size)
-        if len(size) == 0 or np.linalg.eigvalsh(scaled)[0] > 1e-12:
-            found: Array = np.linalg.inv(scaled) / np.outer(size, size)
-            return 0.5 * (found + found.T)
-    return np.full_like(information, np.inf)
+    shown = np.flatnonzero(size > 0.0)
+    covariance: Array = np.diag(np.where(size > 0.0, 0.0, np.inf))
+    if len(shown):
+        both = np.ix_(shown, shown)
+        scale = np.outer(size[shown], size[shown])
+        scaled = information[both] / scale
+        determined = np.linalg.eigvalsh(scaled)[0] > 1e-12
+        found = np.linalg.inv(scaled) / scale if determined else np.full_like(scaled, np.inf)
+        covariance[both] = 0.5 * (found + found.T)
+    return covariance
 
 
 def _whatever_the_noise(filter: Filter, read: NDArray[np.bool_]) -> float:

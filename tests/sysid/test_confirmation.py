@@ -48,6 +48,7 @@ def test_what_is_kept_errs_no_more_than_the_model_as_it_came(seed: int, hiding: 
     ratios = np.random.default_rng(seed).uniform(1.0, 4.0, len(SUBSETS)).tolist()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(confirmation, "is_nothing", lambda *_: False)
+        patch.setattr(confirmation, "is_undetermined", lambda *_: False)
         found = Scripted(dict(zip(SUBSETS, ratios, strict=True)), hiding)
     kept = names_of(found.additions)
     assert found.ratios[kept] <= found.ratios[()] * (1.0 + 2.0 * NEGLIGIBLE_RISE)

@@ -322,7 +322,7 @@ def test_a_covariance_is_the_inverse_of_the_information_in_any_units() -> None:
         inverse(N * np.outer(units, units)) * np.outer(units, units), np.linalg.inv(N), rtol=1e-9
     )
     N[:, 2] = N[2] = 0.0
-    assert np.all(np.isinf(inverse(N)))
+    assert math.isinf(inverse(N)[2, 2])
     assert inverse(np.zeros((0, 0))).shape == (0, 0)
 
 
@@ -344,3 +344,14 @@ def test_a_joint_that_sticks_now_and_then_is_fitted_to_the_end(seed: int) -> Non
     assert found.converged
     assert found.deviance < whole.deviance - 10.0
     np.testing.assert_allclose(found.values, [0.04, 2.4, 0.5], rtol=0.1)
+
+
+def test_a_number_that_changes_nothing_leaves_the_others_as_sure_as_they_are() -> None:
+    Z = np.random.default_rng(4).standard_normal((40, 3))
+    alone = inverse(Z.T @ Z)
+    Z = np.insert(Z, 1, 0.0, axis=1)
+    found, others = inverse(Z.T @ Z), np.ix_([0, 2, 3], [0, 2, 3])
+    np.testing.assert_allclose(found[others], alone, rtol=1e-12)
+    assert found[1, 1] == math.inf and not np.any(found[1, [0, 2, 3]])
+    assert np.all(inverse(np.ones((2, 2))) == math.inf), "two that change the same"
+    assert inverse(np.zeros((0, 0))).shape == (0, 0)
