@@ -38,6 +38,7 @@ KEYS = {
     "status",
     "negligible",
     "unconfirmed",
+    "friction_along_the_motion",
     "verdict",
     "sentence",
     "doubts",
