@@ -24,7 +24,7 @@ class Link:
     def progress(self, done):
         pass
 
-    def saved(self, seconds):
+    def saved(self):
         pass
 
     def stop_asked(self):
