@@ -54,3 +54,14 @@ def test_what_is_kept_errs_no_more_than_the_model_as_it_came(seed: int, hiding: 
     assert found.ratios[kept] <= found.ratios[()] * (1.0 + 2.0 * NEGLIGIBLE_RISE)
     assert set(kept) | set(found.unconfirmed) == set(NAMES) and not set(kept) & set(found.unconfirmed)
     assert not hiding & set(kept)
+
+
+@pytest.mark.parametrize("unknown", NAMES)
+def test_what_the_readings_do_not_determine_is_no_finding(unknown: str) -> None:
+    fewer = {own: 4.0 - len(own) + 0.1 * (unknown not in own) for own in SUBSETS}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(confirmation, "is_nothing", lambda *_: False)
+        patch.setattr(confirmation, "is_undetermined", lambda _, name: name == unknown)
+        found = Scripted(fewer, frozenset())
+    assert names_of(found.additions) == tuple(sorted(set(NAMES) - {unknown}))
+    assert found.unconfirmed == [unknown]
