@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 
@@ -19,8 +19,8 @@ from sysid.physics.ops import Array
 NAMES = ("t", "theta", "theta_dot", "torque", "rollout")
 Command = Literal["torque", "current", "voltage", "position"]
 """What a machine was told: see `sysid.physics.effects.actuators`."""
-ALSO_TORQUE = ("u", "command", "force", *get_args(Command)[1:])
-"""What else the command may be called where columns are named."""
+ALSO_TORQUE = ("u", "command", "force")
+"""What else a command may be called, whatever it is."""
 LOOKS_LIKE = {
     "t": r"t$|^t_|time|stamp|sec|^[mu]s$|millis|micros",
     "theta": r"theta$|angle|pos|^q\d*$|phi",
@@ -50,12 +50,12 @@ EMPTY = 0.25
 # ---- names -----------------------------------------------------------------------------------------------------------
 
 
-def wanted_columns(columns: str | Mapping[str, str] | None) -> dict[str, str]:
-    """{our name: the file's name} that the user asked for."""
+def wanted_columns(columns: str | Mapping[str, str] | None, command: Command = "torque") -> dict[str, str]:
+    """{our name: the file's name} that the user asked for; a command may be named as what it is."""
     if columns is None:
         return {}
     pairs = columns.items() if isinstance(columns, Mapping) else _pairs(columns)
-    wanted = {"torque" if ours in ALSO_TORQUE else ours: theirs for ours, theirs in pairs}
+    wanted = {"torque" if ours in (command, *ALSO_TORQUE) else ours: theirs for ours, theirs in pairs}
     for ours in wanted:
         if ours not in NAMES:
             raise InvalidInput(
@@ -85,10 +85,9 @@ def chosen_columns(
             raise InvalidInput(f"{name} has no column {theirs!r} for {ours}: found {listed}")
     settled = named_columns(found, command) | dict(wanted)
     chosen = {ours: theirs for ours, theirs in settled.items() if theirs}
-    asked = command != "torque" and "torque" not in settled
-    if "t" in chosen and ("theta" in chosen or "theta_dot" in chosen) and not asked:
-        return chosen
     moves = "theta" in chosen or "theta_dot" in chosen
+    if "t" in chosen and moves and (command == "torque" or "torque" in settled):
+        return chosen
     missing = f"no {command} that the machine was told" if moves else "neither theta nor theta_dot"
     missing = missing if "t" in chosen else "no t"
     likely = {command if n == "torque" else n: theirs for n, theirs in likely_columns(found, chosen).items()}
@@ -103,11 +102,9 @@ def named_columns(found: Sequence[str], command: Command = "torque") -> dict[str
     A command is called what it is, u or command; a column named position is most often the angle that was read.
     """
     own = {name: name for name in NAMES if name in found}
-    for other in (*([] if command == "position" else [command]), "torque", "u", "command", "force"):
-        if other in found:
-            own["torque"] = other
-            break
-    return own
+    names = ("torque", *ALSO_TORQUE) if command == "position" else (command, "torque", *ALSO_TORQUE)
+    told = next((other for other in names if other in found), None)
+    return own if told is None else own | {"torque": told}
 
 
 def likely_columns(found: Sequence[str], chosen: Mapping[str, str]) -> dict[str, str]:

@@ -164,7 +164,7 @@ def read(
     _check_choice("zero", zero, ("upright", "hanging"))
     _check_choice("command", command, get_args(Command))
     _check_choice("time_unit", "s" if time_unit is None else time_unit, get_args(TimeUnit))
-    sources, wanted, window = log_files.sources(paths, joint), wanted_columns(columns), _window(begin, end, dt)
+    sources, wanted, window = log_files.sources(paths, joint), wanted_columns(columns, command), _window(begin, end, dt)
     rollouts: list[Rows] = []
     notes: list[str] = []
     for source in sources:

@@ -106,11 +106,8 @@ def fit_parameters(
         step = _step(here, Z, prior, now, limits)
         moved = float(np.linalg.norm(Z @ step)) if len(step) else 0.0
         step = limits.shortened(step, now, settings.stride)
-        if k >= 2 and not restless and moved < settings.settled and abs(here.deviance - before) < settings.negligible:
-            converged = True
-            break
         still = still + 1 if moved < settings.settled and not restless else 0
-        if still >= STILL:
+        if still >= STILL or (k >= 2 and still and abs(here.deviance - before) < settings.negligible):
             converged = True
             break
         before = here.deviance

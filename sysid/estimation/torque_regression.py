@@ -112,8 +112,8 @@ def friction_along(model: Model, records: Sequence[Record], sensor: Sensor) -> F
     """The friction along the motion; None where torque and motion do not show one, or where it explains no more than
     half of the torque."""
     columns, speed_change = integrated_motion(model, records, sensor)
-    torque, other = columns[:, 1], columns[:, [2, 3, 0, 4]]
-    value, sd, share = regression(np.column_stack([-other[:, :2], other[:, 2:], speed_change]), torque)
+    weight, torque, less_speed, less_sign, one = columns.T
+    value, sd, share = regression(np.column_stack([-less_speed, -less_sign, weight, one, speed_change]), torque)
     friction = FrictionAlong((value[0], sd[0]), (value[1], sd[1]), share)
     sure = max(value[0] - 3.0 * sd[0], value[1] - 3.0 * sd[1]) > 0.0
     return friction if sure and share > MADE_OF_FRICTION else None

@@ -107,12 +107,13 @@ def _joined(records: Sequence[Record]) -> tuple[Array, Array, Array]:
 def columns(session: Session) -> tuple[tuple[str, ...], dict[str, str]]:
     """The names of the first file's columns, and which of them are taken for what; none of a file that has none."""
     state = session.state
+    command = state.log_options.input or "torque"
     try:
         found = sources(state.log.get("files", ())[:1], state.log.get("joint", ""))[0].names()
-        told = wanted_columns(state.log.get("columns", ""))
+        told = wanted_columns(state.log.get("columns", ""), command)
     except InvalidInput:  # the preview says why
         return (), {}
-    own = named_columns(found, state.log_options.input or "torque") | told
+    own = named_columns(found, command) | told
     return found, {ours: theirs for ours, theirs in (likely_columns(found, own) | own).items() if theirs}
 
 

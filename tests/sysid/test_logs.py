@@ -98,6 +98,13 @@ def test_a_command_that_is_asked_for_is_read_or_asked_after(tmp_path, command):
     assert any("'goal' is not read" in note for note in read(path).notes)
 
 
+def test_a_position_is_no_torque_where_none_is_told(tmp_path):
+    (record,) = rollouts()
+    path = write(tmp_path / "log.csv", table(record) | {"q": record.theta})
+    with pytest.raises(InvalidInput, match="columns name 'position'"):
+        read(path, columns="position=q")
+
+
 @pytest.mark.parametrize("command", ["current", "voltage"])
 def test_a_command_called_what_it_is_is_read(tmp_path, command):
     (record,) = rollouts()
