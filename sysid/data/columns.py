@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -58,8 +58,9 @@ def wanted_columns(columns: str | Mapping[str, str] | None, command: Command = "
     wanted = {"torque" if ours in (command, *ALSO_TORQUE) else ours: theirs for ours, theirs in pairs}
     for ours in wanted:
         if ours not in NAMES:
+            told = f"; where it is what the machine was told: --input {ours}" if ours in get_args(Command) else ""
             raise InvalidInput(
-                f"columns name {ours!r}: expected some of {', '.join(NAMES)}, as in t=time_s,theta=angle"
+                f"columns name {ours!r}: expected some of {', '.join(NAMES)}, as in t=time_s,theta=angle{told}"
             )
     return wanted
 
