@@ -101,7 +101,7 @@ def test_a_command_that_is_asked_for_is_read_or_asked_after(tmp_path, command):
 def test_a_position_is_no_torque_where_none_is_told(tmp_path):
     (record,) = rollouts()
     path = write(tmp_path / "log.csv", table(record) | {"q": record.theta})
-    with pytest.raises(InvalidInput, match="columns name 'position'.*--input position"):
+    with pytest.raises(InvalidInput, match=r"columns name 'position'.*--input position"):
         read(path, columns="position=q")
 
 
