@@ -68,7 +68,7 @@ class LogOptions:
     """Noise of the sensors [rad], [rad/s] (of an axis [m], [m/s]); by default it is found without any model."""
 
     hold_out: Annotated[float | None, shown("SHARE")] = None
-    """What no fit sees: a share of the log, or a number of rollouts; by default the last quarter."""
+    """What no fit sees: a share, spread over the log, or a number of the last rollouts; by default a quarter."""
 
     settings: Annotated[Path | None, shown("FILE.toml", name="log")] = None
     """A file with these options (columns, zero, from, ...) and plant as keys; what is given here overrides it. By

@@ -24,20 +24,20 @@ SHORTEST = 1.0
 def split(
     records: Sequence[Record], hold_out: float | None = None, shortest: float = 2.0
 ) -> tuple[tuple[Record, ...], tuple[Record, ...]]:
-    """Split a log into what is fitted and what is held out: by default the last quarter of its rollouts, at least one.
+    """Split a log into what is fitted and what is held out: by default one of every four rollouts.
 
-    Of fewer than four rollouts (a single long log, say), or where the last ones are too short, a quarter of the time is
-    held out instead, in one to three stretches spread evenly over all of it: the end of a log is often another kind of
-    motion. The parts share no interval, and are few, because a fit loses information with every free initial state. A
-    part behind a cut knows the commands before it (delay, lag); where sensors remember, whoever scores it leaves a
-    lead-in unscored.
+    They are spread over the log, whose end is often another kind of motion. Of fewer than four rollouts (a single long
+    log, say), or where those chosen are too short, a quarter of the time is held out instead, in one to three stretches
+    that are spread over it. The parts share no interval, and are few, because a fit loses information with every free
+    initial state. A part behind a cut knows the commands before it (delay, lag); where sensors remember, whoever scores
+    it leaves a lead-in unscored.
 
     Parameters
     ----------
     records : sequence of Record
         At least one rollout.
     hold_out : float, optional
-        A share in (0, 1), or a number of rollouts (1, 2, ...).
+        A share in (0, 1), or a number (1, 2, ...): the last so many rollouts.
     shortest : float
         What is held out lasts at least that long [s], and a stretch of it half as long: a window to score.
 
@@ -62,8 +62,10 @@ def split(
     seconds = [len(r) * r.dt for r in records]
     total = sum(seconds)
     count = int(share) if whole else max(int(share * len(records) + 1e-9), 1)
-    if whole or (len(records) >= 4 and sum(seconds[-count:]) >= max(shortest, 0.5 * share * total)):
-        return tuple(records[:-count]), tuple(records[-count:])
+    chosen = range(len(records) - count, len(records)) if whole else _spread(len(records), count)
+    if whole or (len(records) >= 4 and sum(seconds[k] for k in chosen) >= max(shortest, 0.5 * share * total)):
+        rest = sorted(set(range(len(records))) - set(chosen))
+        return tuple(records[k] for k in rest), tuple(records[k] for k in chosen)
     held = min(max(share * total, shortest), max(share, 0.5) * total)
     count = int(np.clip(held / (0.5 * shortest), 1, MOST_STRETCHES))
     middles = total * (np.arange(count) + 0.5) / count
@@ -76,6 +78,12 @@ def split(
     if not training or not out:
         raise InvalidInput(f"{total:.2g} s of log are too short to hold a part out: expected some seconds")
     return training, out
+
+
+def _spread(n: int, count: int) -> list[int]:
+    """One place of each of `count` groups of neighbours among n, in each another one: rollouts may alternate."""
+    groups = np.array_split(np.arange(n), count)
+    return [int(group[(len(group) // 2 + k) % len(group)]) for k, group in enumerate(groups)]
 
 
 def _pieces(record: Record, begin: float, middles: Array, half: float) -> Iterator[tuple[Record, bool]]:

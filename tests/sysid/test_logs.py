@@ -395,12 +395,22 @@ def test_real_logs_are_read_and_their_zero_is_recognised(path):
 
 
 @pytest.mark.parametrize(
-    ("n", "hold_out", "held"), [(8, None, 2), (4, None, 1), (5, None, 1), (8, 0.5, 4), (3, 1, 1), (8, 3, 3)]
+    ("n", "hold_out", "held"), [(8, None, 2), (4, None, 1), (5, None, 1), (13, None, 3), (8, 0.5, 4)]
 )
-def test_the_last_rollouts_are_held_out(n, hold_out, held):
+def test_a_share_of_the_rollouts_is_held_out_spread_over_the_log(n, hold_out, held):
+    """Its end may be another kind of motion, and rollouts may go forwards and backwards in turn."""
     records = rollouts(n, seconds=3.0)
     training, out = split(records, hold_out)
-    assert training == tuple(records[: n - held]) and out == tuple(records[n - held :])
+    places = np.array([records.index(r) for r in out])
+    assert [r for r in records if r not in out] == list(training) and len(out) == held
+    assert np.all(np.diff(places) > 0) and np.all(np.abs(places - (np.arange(held) + 0.5) * n / held) <= 0.5 * n / held)
+    assert held == 1 or len(set(places % 2)) == 2
+
+
+@pytest.mark.parametrize(("n", "count"), [(3, 1), (8, 3), (8, 7)])
+def test_a_number_holds_out_the_last_rollouts(n, count):
+    records = rollouts(n, seconds=3.0)
+    assert split(records, count) == (tuple(records[: n - count]), tuple(records[n - count :]))
 
 
 @pytest.mark.parametrize(
