@@ -250,12 +250,10 @@ class LinearisedModel:
         value = np.array([float(parameters[n].value) for n in names])
         low, high = np.array([parameters[n].bounds for n in names]).T
         h = 1e-5 * np.where(low > 0.0, value, np.maximum(np.abs(value), 1e-2 * np.minimum(high - low, 1.0)))
-        rows = np.repeat(value[None], 2 * P, axis=0)
-        at = np.arange(P)
-        rows[at, at], rows[P + at, at] = np.minimum(value + h, high), np.maximum(value - h, low)
-        ends, seen = self._variants(self.model, rows, names, self.motion.inner)
-        size = (rows[at, at] - rows[P + at, at])[:, None, None]
-        return self._as_changes((ends[:P] - ends[P:]) / size, (seen[:P] - seen[P:]) / size)
+        h = np.where(value + h <= high, h, -h)
+        ends, seen = self._variants(self.model, value + np.diag(h), names, self.motion.inner)
+        size = h[:, None, None]
+        return self._as_changes((ends - self.ends) / size, (seen - self.seen) / size)
 
     def effect_changes(self, effects: Sequence[Effect], sizes: Sequence[float]) -> tuple[Array, Array]:
         """What moves, as in `changes` and a column each, with effects of one kind, per their sizes from neutral."""
