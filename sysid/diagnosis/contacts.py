@@ -26,8 +26,8 @@ SLIGHT = 0.05
 """Share of the largest torque that the log shows below which nobody pushed."""
 LARGEST_COMMAND = 5.0
 """Multiple of the command's mean square from which what acts is the drive's own doing: a hand does not wait for it."""
-LEAST_STEP = 0.1
-"""Share of the command's range by which it changes from one sample to the next where it steps."""
+LEAST_STEP, STEP_TIME = 0.1, 0.1
+"""Share of the command's range by which it changes within that many seconds where it steps, or ramps."""
 SOON = 0.25
 """Seconds within which what a step of the command causes begins to show: a missing torque is smoothed over 0.4 s."""
 LEAST_CHANCE = 0.05
@@ -111,11 +111,14 @@ def _with_steps(samples: Samples, command: Array, found: Sequence[Contact]) -> b
 
     A step that comes later may be a controller's answer to a push.
     """
-    steps = np.abs(np.diff(command, prepend=np.nan)) > LEAST_STEP * np.ptp(command[samples.follows])
-    t, number, names = samples.t[steps], samples.number[steps], [r.name for r in samples.records]
-    before = [(number == names.index(c.name)) & (np.abs(c.t_begin - t) <= SOON) for c in found]
-    n, k = len(found), sum(bool(np.any(own)) for own in before)
-    p = min(2.0 * SOON * len(t) / (len(samples) * samples.dt), 1.0)
+    width, soon = (max(1, round(seconds / samples.dt)) for seconds in (STEP_TIME, SOON))
+    changes = np.abs(command[width:] - command[:-width]) > LEAST_STEP * np.ptp(command[samples.follows])
+    steps = np.zeros(len(command), dtype=bool)
+    steps[width:] = changes & (samples.number[width:] == samples.number[:-width])
+    near = np.convolve(steps, np.ones(2 * soon + 1), "same") > 0.5
+    names = [r.name for r in samples.records]
+    begins = [np.flatnonzero((samples.number == names.index(c.name)) & (samples.t >= c.t_begin))[0] for c in found]
+    n, k, p = len(found), int(np.sum(near[begins])), float(np.mean(near[samples.follows]))
     return sum(math.comb(n, i) * p**i * (1.0 - p) ** (n - i) for i in range(k, n + 1)) < LEAST_CHANCE
 
 

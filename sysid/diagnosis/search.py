@@ -101,21 +101,22 @@ class Search:
             trials = self._trials(now)
             if not k:
                 trials = sorted([*trials, *self._common(now, helped)], key=lambda t: t.merit, reverse=True)
-            chosen = self._chosen(now, trials)
-            for more in (partial(self._others, trials=trials), self._simulated, self._composites):
-                if chosen is None and not now.undisturbed:
-                    tried = more(now)
-                    trials = [*trials, *tried]
-                    chosen = self._chosen(now, trials, tried)
-            self.trials = self.trials or trials
             before, least = {a.name for a in self.additions}, now.deviance - self.settings.close
             nothing: list[tuple[str, ...]] = []  # what was added, and turned out to be nothing
-            while chosen is not None:
-                now = self._pruned(self._added(now, chosen, trials))
-                if {a.name for a in self.additions} != before or now.deviance < least:
+            tried, more = trials, iter((partial(self._others, trials=trials), self._simulated, self._composites))
+            while True:
+                chosen = self._chosen(now, trials, tried, nothing)
+                if chosen is not None:
+                    now = self._pruned(self._added(now, chosen, trials))
+                    if {a.name for a in self.additions} != before or now.deviance < least:
+                        break
+                    nothing.append(chosen.effects)
+                elif now.undisturbed or (others := next(more, None)) is None:
                     break
-                nothing.append(chosen.effects)
-                chosen = self._chosen(now, trials, but=nothing)
+                else:
+                    tried = others(now)
+                    trials = [*trials, *tried]
+            self.trials = self.trials or trials
             same = {a.name for a in self.additions} == before
             if chosen is None or (same and not before):
                 break
@@ -265,12 +266,12 @@ class Search:
         self,
         now: Fit,
         trials: Sequence[Trial],
-        among: Sequence[Trial] | None = None,
-        but: Collection[tuple[str, ...]] = (),
+        among: Sequence[Trial],
+        but: Collection[tuple[str, ...]],
     ) -> Trial | None:
-        """The best of the trials, or `among` them, `but` for some effects, that pays, predicts left-out stretches no
-        worse, and matters."""
-        ranked = [t for t in (trials if among is None else among) if t.merit > 0.0 and t.effects not in but]
+        """The best `among` the trials, `but` for some effects, that pays, predicts left-out stretches no worse, and
+        matters."""
+        ranked = [t for t in among if t.merit > 0.0 and t.effects not in but]
         if not ranked:
             return None
         first: Trial | None = None

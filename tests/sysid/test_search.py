@@ -424,7 +424,7 @@ def test_of_two_that_explain_about_as_much_the_one_that_predicts_better_is_taken
         t.effects[0]: list(size * shape) for t, size in zip(trials, squares, strict=True)
     }
     monkeypatch.setattr(search, "_preferred", lambda *_: [])
-    chosen = search._chosen(disturbed, trials)
+    chosen = search._chosen(disturbed, trials, trials, ())
     assert chosen is not None and chosen.effects == (best,)
 
 
@@ -439,6 +439,20 @@ def test_what_turned_out_to_be_nothing_is_not_added_again(monkeypatch: pytest.Mo
     monkeypatch.setattr(search, "_predicts_better", lambda *_: False)
     search.run(rod(), PLANT)
     assert added and len(added) == len(set(added))
+
+
+def test_where_what_was_added_is_nothing_the_others_have_their_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A drive that is late and weak at speed: friction alone paid, had no size, and neither of the two was tried."""
+    asked: list[str] = []
+    search = Compared(rubbing(), SENSOR, FRICTIONS)
+    monkeypatch.setattr(search, "_added", lambda now, chosen, trials: now)
+    monkeypatch.setattr(search, "_pruned", lambda now: now)
+    monkeypatch.setattr(search, "_predicts", lambda *_: True)
+    monkeypatch.setattr(search, "_predicts_better", lambda *_: False)
+    for name in ("_others", "_simulated", "_composites"):
+        monkeypatch.setattr(search, name, lambda *_, name=name, **__: asked.append(name) or [])
+    search.run(rod(), PLANT)
+    assert asked == ["_others", "_simulated", "_composites"]
 
 
 def test_what_promised_less_has_its_turn_and_has_to_predict_better(monkeypatch: pytest.MonkeyPatch) -> None:
