@@ -556,11 +556,11 @@ def test_what_a_small_motion_hardly_shows_is_added_where_a_large_one_shows_it() 
     rng, model = np.random.default_rng(0), truth(Spring(k=0.15))
     u = np.array([size * steps(rng, 250, DT, 1.0, 0.3) for size in (1.0, 1.0, 1.0, 1.0, 2.2)])
     records = SENSOR.measure(simulate(model, u, np.full(5, math.pi), 0.0), rng)
-    found = diagnose(rod(), records, SENSOR, effects=("viscous", "spring"))
+    found = diagnose(rod(), records, SENSOR, 1, effects=("viscous", "spring"))
     assert found.verdict == "missing"
     assert [s.effect for s in found.steps] == ["spring"]
     assert found.error.ratio < 1.1 < found.base_error.ratio
-    without = diagnose(rod(), records, SENSOR, effects=("viscous",))
+    without = diagnose(rod(), records, SENSOR, 1, effects=("viscous",))
     assert without.verdict == "unknown", "no model is adequate that fails on what was held out"
     assert without.remaining is not None and without.remaining.unseen
     assert "held-out data are not" in without.sentence
