@@ -24,6 +24,8 @@ LEAST_ENERGY_AGAIN = 0.4
 """The same share in a log that somebody pushed in: with the hardest pushes left out, lighter ones show."""
 SLIGHT = 0.05
 """Share of the largest torque that the log shows below which nobody pushed."""
+STANDS = 0.02
+"""Share of the RMS speed below which a joint stands."""
 LARGEST_COMMAND = 5.0
 """Multiple of the command's mean square from which what acts is the drive's own doing: a hand does not wait for it."""
 LEAST_STEP, STEP_TIME = 0.1, 0.1
@@ -71,15 +73,8 @@ def find_contacts(fit: Fit, torque: Array, least: float = 0.0, again: bool = Fal
     if len(samples) * samples.dt < SHORTEST_LOG:
         return ()
     known = np.where(samples.follows, torque, np.nan)
-    found = _extremes(fit, known, least)
-    inside = np.zeros(len(samples), dtype=bool)
-    names = [r.name for r in samples.records]
-    for stretch in found:
-        inside |= (
-            (samples.number == names.index(stretch.name))
-            & (samples.t >= stretch.t_begin)
-            & (samples.t <= stretch.t_end)
-        )
+    found = [own for own in _extremes(fit, known, least) if not _is_friction(fit, known, _within(samples, own))]
+    inside = np.any([np.zeros(len(samples), dtype=bool), *(_within(samples, own) for own in found)], axis=0)
     energy = float(np.nansum(known**2))
     held = float(np.nansum(known[inside] ** 2))
     share = LEAST_ENERGY_AGAIN if again else LEAST_ENERGY
@@ -88,6 +83,21 @@ def find_contacts(fit: Fit, torque: Array, least: float = 0.0, again: bool = Fal
         return ()
     felt = SLIGHT * shown_extent(samples, fit.model).u_max
     return tuple(contact for contact in found if abs(contact.peak) > felt)
+
+
+def _within(samples: Samples, contact: Contact) -> NDArray[np.bool_]:
+    """Which of the samples (M,) a stretch holds."""
+    record = [r.name for r in samples.records].index(contact.name)
+    return (samples.number == record) & (samples.t >= contact.t_begin) & (samples.t <= contact.t_end)
+
+
+def _is_friction(fit: Fit, torque: Array, inside: NDArray[np.bool_]) -> bool:
+    """Whether the joint stands for most of a stretch and what is missing opposes the drive: no state tells how much it
+    takes to break a joint away."""
+    speed = np.abs(fit.motion.x[:, 1])
+    stands = speed < STANDS * float(np.sqrt(np.mean(speed**2)))
+    held = stands & (torque * np.mean(fit.linearised.drive_torques, axis=1) < 0.0)
+    return float(np.mean(held[inside])) > 0.5
 
 
 def _commanded(fit: Fit, found: Sequence[Contact], inside: NDArray[np.bool_]) -> bool:

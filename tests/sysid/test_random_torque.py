@@ -245,14 +245,26 @@ def test_what_comes_with_the_largest_commands_is_no_push() -> None:
     assert find_contacts(found, torque) == ()
 
 
-def test_what_comes_with_steps_of_the_command_is_no_push() -> None:
-    """Of a drive that steps once, as what is missing begins: nobody waits for it. Behind a step 2 s before, somebody
-    may have pushed."""
+@pytest.mark.parametrize("seconds", [0.0, 0.3])
+def test_what_comes_with_steps_of_the_command_is_no_push(seconds: float) -> None:
+    """Of a drive that steps once, or ramps for so long, as what is missing begins: nobody waits for it. Behind a step
+    2 s before, somebody may have pushed."""
     found, torque = missing(logs(DAMPED, 2, 700, 0.0, 0.1, push=(1, 0.3)))
     first, second = found.samples.records
     for begin, pushed in ((4.0, False), (2.0, True)):
-        step = 0.1 + 0.1 * (second.t[:-1] >= begin)
+        step = 0.1 + 0.1 * np.clip((second.t[:-1] - begin + DT) / (seconds + DT), 0.0, 1.0)
         found.samples.records = [replace(first, u=np.full(700, 0.1)), replace(second, u=step)]
+        assert bool(find_contacts(found, torque)) == pushed
+
+
+def test_what_keeps_a_standing_joint_from_following_its_drive_is_no_push() -> None:
+    """It is friction, of which no state tells how much it takes to break the joint away."""
+    found, torque = missing(logs(DAMPED, 2, 700, 0.0, 0.1, push=(1, 0.3)))
+    assert find_contacts(found, torque)
+    inside = (found.samples.number == 1) & (np.abs(found.samples.t - 4.25) < 1.0)
+    for speed, drive, pushed in ((0.0, -0.5, False), (0.0, 0.5, True), (1.0, -0.5, True)):
+        found.motion.x[inside, 1] = speed
+        found.linearised.__dict__["drive_torques"] = np.full((len(found.samples), 2), drive)
         assert bool(find_contacts(found, torque)) == pushed
 
 
