@@ -165,7 +165,7 @@ class Diagnosis:
     torque : MissingTorque
         How large the missing torque was, and how large what remains is.
     negligible : tuple of str
-        Effects that are there, by their likelihood, and too small to matter.
+        Effects with which the log is likelier, and predictions are not better by what matters.
     unconfirmed : tuple of str
         Effects that the fitted part of the log asked for and that are not believed: the held-out part does not confirm
         them, or they are a part of something unknown over the same quantity.
@@ -343,7 +343,7 @@ class Diagnosis:
         """What was found and is not believed or does not matter, and what no fit has used."""
         remarks = []
         if self.negligible:
-            remarks.append(f"there, by their likelihood, and too small to matter: {', '.join(self.negligible)}")
+            remarks.append(f"likelier with these, and predictions no better by what matters: {', '.join(self.negligible)}")
         if self.unconfirmed:
             left_out = ", ".join(self.unconfirmed)
             remarks.append(f"left out, since the held-out data or what remains speak against it: {left_out}")

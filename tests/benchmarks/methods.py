@@ -19,7 +19,7 @@ class Answer:
     ranking      effects, best first (six of them); the first is what it would name if it had to name one
     alike        effects that the method says it cannot tell from the first, the first among them
     named        effects that it says are missing, with those it cannot tell from each
-    small        effects that it says are there and too small to matter
+    small        effects with which it says the log is likelier, and predictions no better
     depends_on   of what is left unexplained: some of theta, theta_dot, torque, time, history
     error_after  held-out error at the end, in units of the noise; None where the method has none
     """

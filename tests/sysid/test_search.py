@@ -148,7 +148,7 @@ def test_what_is_there_and_too_small_to_matter_is_said_and_not_added() -> None:
     assert found.verdict == "adequate"
     assert not found.steps
     assert found.negligible == ("viscous",)
-    assert "too small to matter: viscous" in str(found)
+    assert "no better by what matters: viscous" in str(found)
     eager = dataclasses.replace(DEFAULT, tolerance=0.0, noise_share=0.0)
     assert [s.effect for s in diagnose(rod(), records, SENSOR, effects=("viscous",), settings=eager).steps] == [
         "viscous"
