@@ -343,7 +343,8 @@ class Diagnosis:
         """What was found and is not believed or does not matter, and what no fit has used."""
         remarks = []
         if self.negligible:
-            remarks.append(f"likelier with these, and predictions no better by what matters: {', '.join(self.negligible)}")
+            likelier = ", ".join(self.negligible)
+            remarks.append(f"likelier with these, and predictions no better by what matters: {likelier}")
         if self.unconfirmed:
             left_out = ", ".join(self.unconfirmed)
             remarks.append(f"left out, since the held-out data or what remains speak against it: {left_out}")

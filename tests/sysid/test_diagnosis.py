@@ -99,8 +99,8 @@ def test_what_was_hidden_is_named_with_its_numbers(name: str) -> None:
 @pytest.mark.parametrize("name", PLANTED)
 def test_the_error_falls_to_that_of_a_perfect_model(name: str) -> None:
     found = of(name)
-    assert found.base_error.ratio > 1.15
-    assert 0.9 < found.error.ratio < 1.1
+    assert found.base_error.ratio > 1.04
+    assert 0.9 < found.error.ratio < min(1.1, 0.98 * found.base_error.ratio)
     assert found.steps[0].error_before == found.base_error.ratio
     assert found.steps[-1].error_after == found.error.ratio
 
@@ -263,8 +263,8 @@ def test_only_the_rollout_that_was_touched_is_cut_where_all_have_one_name() -> N
     records = [dataclasses.replace(r, name="swing") for r in records_of("pushed")]
     found = diagnose(rod(), records, SENSOR, effects=FEW)
     assert [t.name for t in found.contacts] == ["swing 1"]
-    assert found.held_out == ("swing 4",)
-    assert found.estimate.n_readings > 0.85 * sum(2 * len(r) for r in records[:4])
+    assert found.held_out == ("swing 2",)
+    assert found.estimate.n_readings > 0.85 * sum(2 * len(r) for r in split(records)[0])
 
 
 def test_readings_that_no_torque_explains_are_not_adequate() -> None:
@@ -321,13 +321,12 @@ def test_a_balanced_joint_is_judged_as_far_ahead_as_it_can_be_foreseen() -> None
 def test_what_is_held_out_reports_and_never_chooses() -> None:
     """Garbage in its place changes the errors, and says that something is missing there, and nothing else."""
     found = of("coulomb")
-    training, held_out = split(records_of("coulomb"))
-    rng = np.random.default_rng(0)
-    garbage = [
-        dataclasses.replace(r, theta=3.0 * rng.standard_normal(len(r) + 1), theta_dot=rng.standard_normal(len(r) + 1))
-        for r in held_out
-    ]
-    other = diagnose(rod(), [*training, *garbage], SENSOR)
+    records, rng = list(records_of("coulomb")), np.random.default_rng(0)
+    (held_out,) = split(records)[1]
+    n = len(held_out) + 1
+    garbage = dataclasses.replace(held_out, theta=3.0 * rng.standard_normal(n), theta_dot=rng.standard_normal(n))
+    records[records.index(held_out)] = garbage
+    other = diagnose(rod(), records, SENSOR)
     assert (found.verdict, other.verdict) == ("missing", "partly")
     assert other.estimate.values == found.estimate.values
     assert other.estimate.sd == found.estimate.sd
@@ -338,12 +337,12 @@ def test_what_is_held_out_reports_and_never_chooses() -> None:
     assert other.error.ratio > 10.0 * found.error.ratio
 
 
-def test_the_last_quarter_is_held_out_or_what_is_asked_for() -> None:
+def test_a_quarter_is_held_out_or_what_is_asked_for() -> None:
     records = records_of("nothing")
     names = ("viscous",)
-    assert of("nothing").held_out == ("rollout 4",)
+    assert of("nothing").held_out == ("rollout 2",)
     assert diagnose(rod(), records, SENSOR, 2, names).held_out == ("rollout 3", "rollout 4")
-    assert diagnose(rod(), records, SENSOR, 0.6, names).held_out == ("rollout 2", "rollout 3", "rollout 4")
+    assert diagnose(rod(), records, SENSOR, 0.6, names).held_out == ("rollout 1", "rollout 2", "rollout 4")
 
 
 def test_one_long_rollout_is_enough() -> None:

@@ -169,15 +169,15 @@ def test_the_ranking_is_of_everything_visible_and_in_order() -> None:
 
 
 def test_what_is_ruled_out_would_have_been_found() -> None:
-    """At 1.3 times that size, in another log of the kind: added, or said to be there and too small to matter."""
+    """At 1.3 times that size, in other logs of the kind, nine of ten times: added, or said to be there."""
     ruled = of("nothing").ruled_out
     assert {"viscous", "coulomb", "delay", "tilt"} <= set(ruled)
     assert "saturation" not in ruled
     for name in ("viscous", "tilt"):
         entry = ruled[name]
-        records = logs(truth(CATALOGUE[name](**{entry["parameter"]: 1.3 * entry["size"]})), 1)
-        found = diagnose(rod(), records, SENSOR, effects=(name,))
-        assert name in {*found.negligible, *(s.effect for s in found.steps)}
+        planted = truth(CATALOGUE[name](**{entry["parameter"]: 1.3 * entry["size"]}))
+        found = [diagnose(rod(), logs(planted, seed), SENSOR, effects=(name,)) for seed in (1, 2, 3)]
+        assert sum(name in {*own.negligible, *(s.effect for s in own.steps)} for own in found) >= 2
 
 
 def test_a_torque_beyond_the_drives_own_is_a_reason_not_to_trust_the_fit() -> None:
