@@ -88,7 +88,8 @@ def find_contacts(fit: Fit, torque: Array, least: float = 0.0, again: bool = Fal
 def _within(samples: Samples, contact: Contact) -> NDArray[np.bool_]:
     """Which of the samples (M,) a stretch holds."""
     record = [r.name for r in samples.records].index(contact.name)
-    return (samples.number == record) & (samples.t >= contact.t_begin) & (samples.t <= contact.t_end)
+    within = (samples.number == record) & (samples.t >= contact.t_begin) & (samples.t <= contact.t_end)
+    return np.asarray(within)
 
 
 def _is_friction(fit: Fit, torque: Array, inside: NDArray[np.bool_]) -> bool:

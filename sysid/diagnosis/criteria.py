@@ -41,13 +41,13 @@ def is_undetermined(found: Fit, name: str) -> bool:
     return bool(at) and not np.all(np.isfinite(found.covariance[np.ix_(at, at)]))
 
 
-def squared_size(found: Fit, name: str) -> float:
+def squared_size(found: Fit, name: str, beyond: Collection[str] = ()) -> float:
     """The sizes x (q,) of an effect in units of their covariance C (q, q):  x' C^-1 x / q;  0 of one that changes
     nothing, nan where the readings do not determine them. Of a limit it is the limit: one that may as well be infinite
-    is none."""
+    is none. The numbers that it shares with a simpler one, which are `beyond` question, are left aside."""
     if any(e.idle for e in found.model.effects if e.name == name):
         return 0.0
-    at = _sizes(found, name)
+    at = [i for i in _sizes(found, name) if found.model.parameters[found.names[i]].field not in beyond]
     if not at or is_undetermined(found, name):
         return math.nan
     own = [found.model.parameters[found.names[i]] for i in at]

@@ -427,8 +427,10 @@ class Search:
                 if not is_determined(other, now, ()):  # the other numbers absorb it
                     continue
                 saved = price(addition.name, self.settings.price) - sum(price(n, self.settings.price) for n in new)
+                shared = {field for n in simpler for field in effect(n).parameters}
                 if (
-                    gain(now, other, (addition.name,)) > saved
+                    not squared_size(now, addition.name, shared) < self.settings.sure
+                    and gain(now, other, (addition.name,)) > saved
                     and self._predicts(other, now)
                     and matters(other.model, now, self.settings)
                 ):

@@ -34,6 +34,7 @@ from sysid import (
     Saturation,
     Sensor,
     Spring,
+    Stribeck,
     Tilt,
     TorqueBias,
     Viscous,
@@ -250,6 +251,22 @@ def test_a_refinement_that_stands_alone_yields_to_its_simple_form() -> None:
     assert [a.name for a in search.additions] == ["coulomb"]
     assert {e.name for e in end.model.effects} == {"coulomb"}
     assert end.deviance == pytest.approx(mended().deviance, abs=0.5)
+
+
+def test_a_refinement_whose_own_number_may_be_nothing_is_its_simple_form(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However well it predicts: Stribeck's friction without an excess is Coulomb's."""
+    refined = extended(base(), [Stribeck(tau_c=0.1, excess=0.01, v_s=0.5)])
+    excess = refined.names.index("stribeck.excess")
+    assert refined.values[excess] < 2.0 * math.sqrt(refined.covariance[excess, excess])
+    assert not is_nothing(refined, "stribeck"), "its friction is sure"
+    search = Compared(rubbing(), SENSOR)
+    search.last = scores(base(), FRICTIONS)
+    search.additions = [Addition("stribeck", (), (), 1e-9, refined)]
+    monkeypatch.setattr(search_module, "gain", lambda *_: 100.0)
+    monkeypatch.setattr(search_module, "matters", lambda *_: True)
+    monkeypatch.setattr(search, "_predicts", lambda *_: True)
+    search._simplified(refined)
+    assert [a.name for a in search.additions] == ["coulomb"]
 
 
 def sized(found: Fit, *sd: float) -> Fit:
