@@ -19,6 +19,8 @@ SPAN = 0.2
 """Seconds over which the equation of motion is integrated: the noise of an acceleration would drown it."""
 QUARTER = 0.5 * math.pi
 """A quarter of a swing, as a multiple of sd theta / sd theta_dot: what swings faster is integrated over that."""
+STANDS = 0.05
+"""Share of the RMS speed below which a joint stands, and friction is whatever holds it."""
 MOST = 20_000
 """Samples that are looked at."""
 MADE_OF_FRICTION = 0.5
@@ -39,7 +41,8 @@ class IntegratedMotion(NamedTuple):
 
 
 def integrated_motion(model: Model, records: Sequence[Record], sensor: Sensor) -> IntegratedMotion:
-    """The terms of the equation of motion over T = 0.2 s, or a quarter of a swing; none of logs that are too short."""
+    """The terms of the equation of motion over T = 0.2 s, or a quarter of a swing, where the joint moves; none of logs
+    that are too short."""
     rows, targets, seen, reach = [np.zeros((0, 5))], [np.zeros(0)], 0, extent_of(records, model.plant.turns).reach
     for record in records:
         if seen >= MOST:
@@ -59,8 +62,10 @@ def integrated_motion(model: Model, records: Sequence[Record], sensor: Sensor) -
             -np.sign(middle),
             np.ones(len(part)),
         )
-        rows.append(np.column_stack([part.dt * _sums(c, span) for c in columns])[::span])
-        targets.append((theta_dot[span:] - theta_dot[:-span])[::span])
+        stands = np.abs(middle) < STANDS * float(np.sqrt(np.mean(middle**2)))
+        moves = (_sums(stands, span) <= 0.5 * span)[::span]
+        rows.append(np.column_stack([part.dt * _sums(c, span) for c in columns])[::span][moves])
+        targets.append((theta_dot[span:] - theta_dot[:-span])[::span][moves])
     return IntegratedMotion(np.concatenate(rows), np.concatenate(targets))
 
 
