@@ -373,12 +373,15 @@ class Diagnosis:
 
     def _friction_alone(self, friction: FrictionAlong) -> str:
         """That the motion does not show the inertia, and which friction the torque shows."""
-        plant, (b, b_sd), (tau_c, tau_c_sd) = self.model.plant, friction.viscous, friction.coulomb
+        (b, b_sd), (tau_c, tau_c_sd), (load, load_sd) = friction.viscous, friction.coulomb, friction.load
+        plant, torque = self.model.plant, self.model.plant.unit("N m")
+        sure = abs(load) > 3.0 * load_sd
+        carried = f", beside a constant load of {load:.3g} +- {load_sd:.2g} {torque}" if sure else ""
         return (
             "the motion does not show how the machine answers, as where a controller follows a path and friction takes "
             f"most of it. Along the motion a regression explains {friction.share:.0%} of what the drive does, by "
             f"viscous friction of {b:.3g} +- {b_sd:.2g} {plant.unit('N m s/rad')} and dry friction of {tau_c:.3g} +- "
-            f"{tau_c_sd:.2g} {plant.unit('N m')}. Fix what is known (--set), or move it faster"
+            f"{tau_c_sd:.2g} {torque}{carried}. Fix what is known (--set), or move it faster"
         )
 
     def _left(self, remaining: Remaining) -> str:

@@ -93,7 +93,7 @@ def regression(columns: Array, target: Array) -> Regression:
 
 @dataclass(frozen=True)
 class FrictionAlong:
-    """The friction that a drive's torque is made of along a motion, with standard errors.
+    """The friction, and the constant load, that a drive's torque is made of along a motion, with standard errors.
 
         tau = J theta_ddot - G sin(theta) + b theta_dot + tau_c sign(theta_dot) + d
 
@@ -102,14 +102,15 @@ class FrictionAlong:
 
     Attributes
     ----------
-    viscous, coulomb : tuple of float
-        b [N m s/rad] and tau_c [N m], and their standard errors.
+    viscous, coulomb, load : tuple of float
+        b [N m s/rad], tau_c [N m] and d [N m], and their standard errors.
     share : float
         The share of the torque's variance that all terms together explain.
     """
 
     viscous: tuple[float, float]
     coulomb: tuple[float, float]
+    load: tuple[float, float]
     share: float
 
 
@@ -118,10 +119,10 @@ def friction_along(model: Model, records: Sequence[Record], sensor: Sensor) -> F
     half of the torque."""
     columns, speed_change = integrated_motion(model, records, sensor)
     weight, torque, less_speed, less_sign, one = columns.T
-    value, sd, share = regression(np.column_stack([-less_speed, -less_sign, weight, one, speed_change]), torque)
-    friction = FrictionAlong((value[0], sd[0]), (value[1], sd[1]), share)
-    sure = max(value[0] - 3.0 * sd[0], value[1] - 3.0 * sd[1]) > 0.0
-    return friction if sure and share > MADE_OF_FRICTION else None
+    value, sd, share = regression(np.column_stack([-less_speed, -less_sign, one, weight, speed_change]), torque)
+    viscous, coulomb, load, *_ = zip(value, sd, strict=True)
+    sure = max(number - 3.0 * its_sd for number, its_sd in (viscous, coulomb)) > 0.0
+    return FrictionAlong(viscous, coulomb, load, share) if sure and share > MADE_OF_FRICTION else None
 
 
 def weight_along(model: Model, theta: Array) -> Array:

@@ -39,13 +39,14 @@ def test_a_joint_that_rests_with_its_drive_released_says_nothing_of_friction() -
     turns = np.select([t % 12.0 < 2.0, (t % 12.0 > 6.0) & (t % 12.0 < 8.0)], [1.0, -1.0], 0.0)
     theta_dot = np.where(t < 20.0, 21.0, 5.0) * turns
     theta = np.concatenate([[0.0], np.cumsum(0.04 * theta_dot[:-1])]) + 0.002 * rng.standard_normal(len(t))
-    torque = np.where(theta_dot == 0.0, 0.0, B * theta_dot + 3.0 * np.sign(theta_dot))
+    torque = np.where(theta_dot == 0.0, 0.0, B * theta_dot + 3.0 * np.sign(theta_dot) + 0.4)
     torque += 0.05 * rng.standard_normal(len(t)) * (theta_dot != 0.0)
     record = Record(t, torque[:-1], theta, name="worm")
     found = friction_along(Model(GeneralJoint(), dt=0.04), [record], Sensor(theta=0.002))
     assert found is not None
     assert found.coulomb[0] == pytest.approx(3.0, rel=0.05)
     assert found.viscous[0] == pytest.approx(B, rel=0.1)
+    assert found.load[0] == pytest.approx(0.4, rel=0.1)
 
 
 def test_a_torque_without_friction_shows_none() -> None:
