@@ -290,8 +290,8 @@ def test_what_changes_nothing_is_nothing_though_no_number_is_determined() -> Non
     both = extended(mended(), [RotorInertia(J_r=0.1)])
     assert not np.all(np.isfinite(both.covariance))
     for J_r, nothing in ((0.1, False), (0.0, True)):
-        sized = dataclasses.replace(both, model=both.model.with_parameters({"rotor_inertia.J_r": J_r}))
-        assert is_nothing(sized, "rotor_inertia") == nothing
+        own = dataclasses.replace(both, model=both.model.with_parameters({"rotor_inertia.J_r": J_r}))
+        assert is_nothing(own, "rotor_inertia") == nothing
 
 
 def test_a_limit_that_may_as_well_be_infinite_is_none() -> None:
