@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.solver import shown_extent
+from sysid.estimation.torque_regression import stands
 from sysid.physics.ops import Array
 
 EXTREME = 6.0
@@ -24,8 +25,6 @@ LEAST_ENERGY_AGAIN = 0.4
 """The same share in a log that somebody pushed in: with the hardest pushes left out, lighter ones show."""
 SLIGHT = 0.05
 """Share of the largest torque that the log shows below which nobody pushed."""
-STANDS = 0.02
-"""Share of the RMS speed below which a joint stands."""
 LARGEST_COMMAND = 5.0
 """Multiple of the command's mean square from which what acts is the drive's own doing: a hand does not wait for it."""
 LEAST_STEP, STEP_TIME = 0.1, 0.1
@@ -95,9 +94,7 @@ def _within(samples: Samples, contact: Contact) -> NDArray[np.bool_]:
 def _is_friction(fit: Fit, torque: Array, inside: NDArray[np.bool_]) -> bool:
     """Whether the joint stands for most of a stretch and what is missing opposes the drive: no state tells how much it
     takes to break a joint away."""
-    speed = np.abs(fit.motion.x[:, 1])
-    stands = speed < STANDS * float(np.sqrt(np.mean(speed**2)))
-    held = stands & (torque * np.mean(fit.linearised.drive_torques, axis=1) < 0.0)
+    held = stands(fit.motion.x[:, 1]) & (torque * np.mean(fit.linearised.drive_torques, axis=1) < 0.0)
     return float(np.mean(held[inside])) > 0.5
 
 

@@ -249,7 +249,7 @@ class LinearisedModel:
             return np.zeros((M, self.system.size - 2, 0)), np.zeros((M, 2, 0))
         value = np.array([float(parameters[n].value) for n in names])
         low, high = np.array([parameters[n].bounds for n in names]).T
-        h = 1e-5 * np.where(low > 0.0, value, np.maximum(np.abs(value), 1e-2 * np.minimum(high - low, 1.0)))
+        h = 1e-6 * np.where(low > 0.0, value, np.maximum(np.abs(value), 1e-2 * np.minimum(high - low, 1.0)))
         h = np.where(value + h <= high, h, -h)
         ends, seen = self._variants(self.model, value + np.diag(h), names, self.motion.inner)
         size = h[:, None, None]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sysid.data.record import Record, extent_of
 from sysid.data.sensor import Sensor
@@ -62,8 +63,7 @@ def integrated_motion(model: Model, records: Sequence[Record], sensor: Sensor) -
             -np.sign(middle),
             np.ones(len(part)),
         )
-        stands = np.abs(middle) < STANDS * float(np.sqrt(np.mean(middle**2)))
-        moves = (_sums(stands, span) <= 0.5 * span)[::span]
+        moves = (_sums(stands(middle), span) <= 0.5 * span)[::span]
         rows.append(np.column_stack([part.dt * _sums(c, span) for c in columns])[::span][moves])
         targets.append((theta_dot[span:] - theta_dot[:-span])[::span][moves])
     return IntegratedMotion(np.concatenate(rows), np.concatenate(targets))
@@ -125,12 +125,18 @@ def friction_along(model: Model, records: Sequence[Record], sensor: Sensor) -> F
     return FrictionAlong(viscous, coulomb, load, share) if sure and share > MADE_OF_FRICTION else None
 
 
+def stands(theta_dot: Array) -> NDArray[np.bool_]:
+    """Where a joint stands (M,), by its speeds."""
+    standing: NDArray[np.bool_] = np.abs(theta_dot) < STANDS * float(np.sqrt(np.mean(theta_dot**2)))
+    return standing
+
+
 def weight_along(model: Model, theta: Array) -> Array:
     """The torque of gravity along theta, up to its size; none on what does not turn."""
     return np.sin(theta) if model.plant.turns else np.zeros_like(theta)
 
 
-def _sums(column: Array, span: int) -> Array:
+def _sums(column: Array | NDArray[np.bool_], span: int) -> Array:
     """Running sums over `span` intervals."""
     total = np.concatenate(([0.0], np.cumsum(column)))
     return total[span:] - total[:-span]

@@ -193,10 +193,9 @@ def test_bad_settings_are_named(changes, message):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("effects", "steps", "within"), [((), 512_000, 0.08), ((Delay(T=0.155),), 1_024_000, 0.2)])
+@pytest.mark.parametrize(("effects", "steps", "within"), [((), 1_024_000, 0.04), ((Delay(T=0.155),), 2_048_000, 0.04)])
 def test_agents_get_near_the_optimum(effects, steps, within):
-    """The median of five, on the paper's rod, after a quarter of the steps that `policies train` takes; with a delay,
-    after half: 4 and 12 % from it."""
+    """The median of five, on the paper's rod, after half the steps that `policies train` takes; with a delay, all."""
     model = dataclasses.replace(paper_model(2.0, 1.5), effects=effects)
     history, starts = past_commands_needed(model), fresh_start_states(0, 100)
     population = SHACPopulation(model, [Fixed()] * 5, range(5), SHACSettings(steps=steps), history=history)

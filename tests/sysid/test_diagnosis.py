@@ -99,7 +99,8 @@ def test_what_was_hidden_is_named_with_its_numbers(name: str) -> None:
 @pytest.mark.parametrize("name", PLANTED)
 def test_the_error_falls_to_that_of_a_perfect_model(name: str) -> None:
     found = of(name)
-    assert found.base_error.ratio > 1.04
+    least = 1.04 if name == "ripple" else 1.15  # the swing that is held out hardly shows a ripple
+    assert found.base_error.ratio > least
     assert 0.9 < found.error.ratio < min(1.1, 0.98 * found.base_error.ratio)
     assert found.steps[0].error_before == found.base_error.ratio
     assert found.steps[-1].error_after == found.error.ratio

@@ -169,7 +169,7 @@ def test_the_ranking_is_of_everything_visible_and_in_order() -> None:
 
 
 def test_what_is_ruled_out_would_have_been_found() -> None:
-    """At 1.3 times that size, in other logs of the kind, nine of ten times: added, or said to be there."""
+    """At 1.3 times that size, in two of three other logs of the kind at least: added, or said to be there."""
     ruled = of("nothing").ruled_out
     assert {"viscous", "coulomb", "delay", "tilt"} <= set(ruled)
     assert "saturation" not in ruled

@@ -148,7 +148,7 @@ def test_changes_are_differences_of_the_model_itself(effects: tuple[Effect, ...]
         )
         read = ahead((seen_up - seen_down) / (2.0 * h), samples, linearised.ahead)
         for found, expected in ((G[:, :, i], (up - down) / (2.0 * h)), (R[:, :, i], read)):
-            np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-5 * max(1.0, np.abs(expected).max()))
+            np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-6 * max(1.0, np.abs(expected).max()))
             size[i] += float(np.abs(expected).max())
     assert np.all(size > 1e-4), "a parameter moved nothing, and was not tested"
 
