@@ -25,6 +25,8 @@ LEAST_ENERGY_AGAIN = 0.4
 """The same share in a log that somebody pushed in: with the hardest pushes left out, lighter ones show."""
 SLIGHT = 0.05
 """Share of the largest torque that the log shows below which nobody pushed."""
+STILL = 0.02
+"""Share of the RMS speed below which friction holds a joint: in a hand it still moves a little."""
 LARGEST_COMMAND = 5.0
 """Multiple of the command's mean square from which what acts is the drive's own doing: a hand does not wait for it."""
 LEAST_STEP, STEP_TIME = 0.1, 0.1
@@ -94,7 +96,7 @@ def _within(samples: Samples, contact: Contact) -> NDArray[np.bool_]:
 def _is_friction(fit: Fit, torque: Array, inside: NDArray[np.bool_]) -> bool:
     """Whether the joint stands for most of a stretch and what is missing opposes the drive: no state tells how much it
     takes to break a joint away."""
-    held = stands(fit.motion.x[:, 1]) & (torque * np.mean(fit.linearised.drive_torques, axis=1) < 0.0)
+    held = stands(fit.motion.x[:, 1], STILL) & (torque * np.mean(fit.linearised.drive_torques, axis=1) < 0.0)
     return float(np.mean(held[inside])) > 0.5
 
 

@@ -21,7 +21,7 @@ SPAN = 0.2
 QUARTER = 0.5 * math.pi
 """A quarter of a swing, as a multiple of sd theta / sd theta_dot: what swings faster is integrated over that."""
 STANDS = 0.05
-"""Share of the RMS speed below which a joint stands, and friction is whatever holds it."""
+"""Share of the RMS speed below which a joint stands, and friction may be whatever holds it."""
 MOST = 20_000
 """Samples that are looked at."""
 MADE_OF_FRICTION = 0.5
@@ -125,9 +125,9 @@ def friction_along(model: Model, records: Sequence[Record], sensor: Sensor) -> F
     return FrictionAlong(viscous, coulomb, load, share) if sure and share > MADE_OF_FRICTION else None
 
 
-def stands(theta_dot: Array) -> NDArray[np.bool_]:
-    """Where a joint stands (M,), by its speeds."""
-    standing: NDArray[np.bool_] = np.abs(theta_dot) < STANDS * float(np.sqrt(np.mean(theta_dot**2)))
+def stands(theta_dot: Array, share: float = STANDS) -> NDArray[np.bool_]:
+    """Where a joint stands (M,): it is slower than that share of its RMS speed."""
+    standing: NDArray[np.bool_] = np.abs(theta_dot) < share * float(np.sqrt(np.mean(theta_dot**2)))
     return standing
 
 
