@@ -47,8 +47,8 @@ class AveragedSensor(Sensor):
             if own.channel == "theta":
                 found.append(own)
                 continue
-            for at, sd in ((np.s_[1:-1], own.sd), (np.s_[[0, -1]], math.sqrt(2.0) * own.sd)):
-                found.append(Readings(own.channel, own.index[at], own.value[at], sd))
+            for at, times in ((np.s_[1:-1], 1.0), (np.s_[[0, -1]], math.sqrt(2.0))):
+                found.append(Readings(own.channel, own.index[at], own.value[at], times * own.sd[at]))
         return found
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from sysid.data import checks, log_files, resampling
 from sysid.data.columns import Command, TimeUnit, chosen_columns, in_seconds, likely_columns, wanted_columns, with_signs
-from sysid.data.record import Record, amount_of
+from sysid.data.record import Record, amount_of, without_whole_turns
 from sysid.data.resampling import Rows
 from sysid.data.table import Table, TimeWindow
 from sysid.errors import InvalidInput
@@ -257,7 +257,7 @@ def _rows(name: str, table: Table, zero: str, flip_torque: bool, degrees: bool, 
     if "theta" in converted:
         read = np.isfinite(table["theta"])
         converted["theta"] = converted["theta"].copy()
-        converted["theta"][read] = np.unwrap(converted["theta"][read])
+        converted["theta"][read] = without_whole_turns(converted["theta"][read])
     return Rows(name, table["t"], torque, converted.get("theta"), converted.get("theta_dot"))
 
 

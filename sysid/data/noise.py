@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from sysid.data.computed_columns import COMPUTED, follows_readings, is_difference, unexplained
 from sysid.data.digitisation import quantisation_step
+from sysid.data.jitter import stamp_jitter
 from sysid.data.record import Record
 from sysid.data.sensor import UNITS, Sensor
 from sysid.errors import InvalidInput
@@ -36,11 +37,12 @@ ERRORS = 6
 
 
 class _Found(NamedTuple):
-    """The sd of a channel's errors, its relative standard error, whether these errors were seen at all, the step to
-    which readings are rounded (0: it does not matter), and what is unusual."""
+    """The sd of a channel's errors, its relative standard error, that of the stamps [s], whether these errors were seen at
+    all, the step to which readings are rounded (0: it does not matter), and what is unusual."""
 
     sd: float
     error: float
+    jitter: float
     seen: bool
     step: float
     notes: tuple[str, ...]
@@ -93,8 +95,9 @@ def sensor_noise(records: Sequence[Record]) -> Noise:
     impacts are left out with the residuals that they touch. Readings rounded to steps of q have at least q / sqrt(12).
     What windows of 5 to 61 readings leave beside their own cubics shows whether neighbouring errors are correlated (by
     a filter, by a difference of angles), and then what they are in all. A speed whose errors are those of the angle was
-    computed from it, tells nothing new, and is left out; a torque that was computed from the readings carries their
-    noise, and takes no part (`sysid.data.computed_columns`).
+    computed from it, tells nothing new, and is left out. Errors of the angle that grow with the speed are those of the
+    stamps (`sysid.data.jitter`). A torque that was computed from the readings carries their noise, and
+    takes no part (`sysid.data.computed_columns`).
 
     Parameters
     ----------
@@ -136,7 +139,7 @@ def sensor_noise(records: Sequence[Record]) -> Noise:
         del found["theta_dot"]
         said.append(f"theta_dot was computed from the readings of theta ({reason}): the angle alone is used")
     return Noise(
-        Sensor(**{channel: own.sd for channel, own in found.items()}),
+        Sensor(**{channel: own.sd for channel, own in found.items()}, jitter=max(own.jitter for own in found.values())),
         {channel: own.error for channel, own in found.items()},
         {channel: own.step for channel, own in found.items() if own.step},
         (*(note for own in found.values() for note in own.notes), *said),
@@ -193,14 +196,20 @@ def _channel(channel: str, series: Sequence[tuple[Array, Array]], dt: float) -> 
         raise InvalidInput(
             f"{sum(len(y) for y, _ in series)} readings of {channel} are too few to find its noise: give its sd"
         )
-    error = 1.3 / math.sqrt(2.0 * n)
-    correlated = _by_windows(spread_after)
-    if abs(correlated - sd) > 0.1 * sd and 0.0 < correlated < MOTION * sd:
+    error, jitter = 1.3 / math.sqrt(2.0 * n), 0.0
+    in_all = _by_windows(spread_after)
+    correlated = abs(in_all - sd) > 0.1 * sd and 0.0 < in_all < MOTION * sd
+    if channel == "theta" and not (correlated and in_all > sd):
+        jitter, beside = stamp_jitter([y for y, _ in series], dt, floor)
+    if jitter:
+        sd = min(sd, beside)
+        notes.append(f"the stamps jitter by {1e3 * jitter:.2g} ms: a moving joint was read that much earlier or later")
+    elif correlated:
         notes.append(
-            f"neighbouring errors of {channel} are correlated (sd {sd:.2g} from sample to sample, {correlated:.2g} in "
+            f"neighbouring errors of {channel} are correlated (sd {sd:.2g} from sample to sample, {in_all:.2g} in "
             "all): it was filtered, or made from differences, before it was logged"
         )
-        sd = correlated
+        sd = in_all
     elif not settled and sd > floor:
         notes.append(f"the noise of {channel} can hardly be told from its motion: it is sampled coarsely")
     if step == 0.0 and sd < floor:
@@ -208,7 +217,7 @@ def _channel(channel: str, series: Sequence[tuple[Array, Array]], dt: float) -> 
     rounded = step if step > 0.3 * max(sd, floor) else 0.0
     if rounded:
         notes.append(f"{channel} is rounded to steps of {step:.4g}")
-    return _Found(max(sd, floor), error, settled and (step > 0.0 or sd > floor), rounded, tuple(notes))
+    return _Found(max(sd, floor), error, jitter, settled and (step > 0.0 or sd > floor), rounded, tuple(notes))
 
 
 # ---- linear filters that leave the noise and take out the motion -----------------------------------------------------

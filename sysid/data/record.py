@@ -85,9 +85,7 @@ class Record:
         if not self.time_since_start[0] >= 0.0:
             raise InvalidInput(f"{self.name} begins at {self.t[0]:g} s, before its rollout does ({self.origin} s)")
         if self.theta is not None and self.has_angles:
-            # what covers more than a turn was never wrapped
-            wrapped = bool(np.ptp(self.theta) < 2.0 * math.pi + 1e-6)
-            unwrapped = np.unwrap(self.theta) if wrapped else self.theta.copy()
+            unwrapped = without_whole_turns(self.theta)
             unwrapped.setflags(write=False)
             object.__setattr__(self, "theta", unwrapped)
 
@@ -194,6 +192,12 @@ class Record:
     def dt(self) -> float:
         """Length of a control interval [s]."""
         return float(self.t[-1] - self.t[0]) / len(self.u)
+
+
+def without_whole_turns(theta: Array) -> Array:
+    """Angles (K,) [rad] without jumps of whole turns; what covers more than a turn was never wrapped."""
+    wrapped = len(theta) > 0 and bool(np.ptp(theta) < 2.0 * math.pi + 1e-6)
+    return np.unwrap(theta) if wrapped else theta.copy()
 
 
 def check_records(model: Model, records: Sequence[Record]) -> tuple[Record, ...]:

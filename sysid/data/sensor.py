@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.jitter import speed_about
 from sysid.data.record import Record
 from sysid.errors import InvalidInput
 from sysid.physics.ops import Array
@@ -19,12 +20,12 @@ UNITS = {"theta": "rad", "theta_dot": "rad/s"}
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """Channel "theta" or "theta_dot": `value` (K,), read at instants `index` (K,), each with error `sd`."""
+    """Channel "theta" or "theta_dot": `value` (K,) with errors of `sd` (K,), read at instants `index` (K,)."""
 
     channel: str
     index: NDArray[np.intp]
     value: Array
-    sd: float
+    sd: Array
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,8 @@ class Sensor:
         Of the angle [rad]; of the start angle, where a record has that alone.
     theta_dot : float or None
         Of the speed [rad/s].
+    jitter : float
+        Of the stamps [s]: by so much earlier or later an angle was read, which is an error of theta_dot times that.
 
     Raises
     ------
@@ -46,12 +49,15 @@ class Sensor:
 
     theta: float | None = None
     theta_dot: float | None = None
+    jitter: float = 0.0
 
     def __post_init__(self) -> None:
         for name in UNITS:
             sd = getattr(self, name)
             if sd is not None and not (sd > 0.0 and math.isfinite(sd)):
                 raise InvalidInput(f"sensor sd of {name} is {sd}: expected a positive number, or None (not measured)")
+        if not (self.jitter >= 0.0 and math.isfinite(self.jitter)):
+            raise InvalidInput(f"the sensor's jitter is {self.jitter} s: expected zero or more")
         if self.theta is None and self.theta_dot is None:
             raise InvalidInput("the sensor measures nothing: give the sd of theta, of theta_dot or of both")
 
@@ -64,6 +70,8 @@ class Sensor:
             angle, speed = (
                 None if sd is None else y + sd * rng.standard_normal(len(t)) for sd, y in zip(sds, truth, strict=True)
             )
+            if self.jitter and angle is not None:
+                angle += self.jitter * truth[1] * rng.standard_normal(len(t))
             records.append(Record(t, u, angle, speed, name=f"rollout {i}"))
         return records
 
@@ -77,5 +85,8 @@ class Sensor:
             value = getattr(record, channel)
             if value is None:
                 raise InvalidInput(f"{record.name} has no {channel} readings, but the sensor gives them a sd of {sd:g}")
-            found.append(Readings(channel, np.arange(len(value)), value, sd))
+            sds = np.full(len(value), sd)
+            if self.jitter and channel == "theta" and record.has_angles:
+                sds = np.hypot(sds, self.jitter * speed_about(value, record.dt))
+            found.append(Readings(channel, np.arange(len(value)), value, sds))
         return found

@@ -36,7 +36,7 @@ def relied_on(model: Model, records: Sequence[Record], sensor: Sensor) -> Sensor
     if sensor.theta is None or sensor.theta_dot is None or model.output_effects:
         return sensor
     count = max(COMPARED_OVER / records[0].dt, 1.0)
-    slope = sensor.theta * math.sqrt(12.0 / count) / COMPARED_OVER
+    slope = _angle_sd(records, sensor) * math.sqrt(12.0 / count) / COMPARED_OVER
     mean = sensor.theta_dot / math.sqrt(count)
     if mean > LARGEST_ERROR * slope:
         return replace(sensor, theta_dot=None)
@@ -45,6 +45,12 @@ def relied_on(model: Model, records: Sequence[Record], sensor: Sensor) -> Sensor
     excess, off = _missed(records, sensor, filtered=True)
     described = excess < LARGEST_MISFIT and off < LARGEST_OFFSET and _white(records)
     return sensor if described else replace(sensor, theta_dot=None)
+
+
+def _angle_sd(records: Sequence[Record], sensor: Sensor) -> float:
+    """RMS of what the angle's readings err by, that of their stamps with it."""
+    variances = [own.sd**2 for r in records for own in sensor.readings(r) if own.channel == "theta" and r.has_angles]
+    return math.sqrt(float(np.mean(np.concatenate(variances)))) if variances else float(sensor.theta or 0.0)
 
 
 def _missed(records: Sequence[Record], sensor: Sensor, filtered: bool = False) -> tuple[float, float]:
@@ -66,7 +72,7 @@ def _missed(records: Sequence[Record], sensor: Sensor, filtered: bool = False) -
         change = r.theta[k + m] - r.theta[k]
         targets.append(change - (integral[k + m] - integral[k]))
         regressors.append(np.column_stack([np.ones(len(k)), change, filtered * (v[k + m] - v[k])]))
-        expected = 2.0 * float(sensor.theta or 0.0) ** 2 + r.dt**2 * m * float(sensor.theta_dot or 0.0) ** 2
+        expected = 2.0 * _angle_sd(records, sensor) ** 2 + r.dt**2 * m * float(sensor.theta_dot or 0.0) ** 2
     if not targets:
         return 0.0, 0.0
     A, b = np.concatenate(regressors), np.concatenate(targets)

@@ -204,10 +204,10 @@ def error_of(fit: Refit, window: float) -> HeldOutError:
     response, K = fit.response, len(fit.starts)
     squares = (fit.lin.e**2).reshape(K, 2, -1)
     free = (fit.scored - fit.leverage).reshape(K, 2, -1)
-    sensor = response.sensor
-    sd = {c: value for c in CHANNELS if (value := getattr(sensor, c)) is not None}
-    ratios = {c: _root(squares[:, CHANNELS.index(c)], free[:, CHANNELS.index(c)]) for c in sd}
-    rms = {c: ratios[c] * sd[c] for c in sd}
+    weight = response.weight.reshape(squares.shape)
+    raw = np.divide(squares, weight**2, out=np.zeros_like(squares), where=weight > 0.0)
+    read = [(k, c) for k, c in enumerate(CHANNELS) if getattr(response.sensor, c) is not None]
+    ratios, rms = ({c: _root(of[:, k], free[:, k]) for k, c in read} for of in (squares, raw))
     return HeldOutError(
         window=window,
         theta=rms.get("theta"),

@@ -60,7 +60,7 @@ class Samples:
             channel = 0 if reading.channel == "theta" else 1
             known = np.isfinite(reading.value)
             at = begin + reading.index[known]
-            self.y[at, channel], self.weight[at, channel] = reading.value[known], 1.0 / reading.sd
+            self.y[at, channel], self.weight[at, channel] = reading.value[known], 1.0 / reading.sd[known]
         # what the drive did before is not known, nor is what a model with a memory predicts for a while
         blind = (
             min(math.ceil(UNKNOWN / self.dt), len(record) // 2)

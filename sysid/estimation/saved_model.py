@@ -245,7 +245,7 @@ def _about(model: Model, names: tuple[str, ...], saved: Mapping[str, Any]) -> Es
         method=text(saved, "method"),
         sensor=None
         if sensor is None
-        else Sensor(**{c: number_in(sensor, c) for c in UNITS if sensor.get(c) is not None}),
+        else Sensor(**{c: number_in(sensor, c) for c in (*UNITS, "jitter") if sensor.get(c) is not None}),
         **{name: number_in(saved, name) for name in ("random_torque", "correlation_time") if name in saved},
     )
 

@@ -101,7 +101,7 @@ class _NormalEquations:
         self.band, self.right = np.zeros((6, N)), np.zeros(N)
 
     def add(
-        self, columns: list[NDArray[np.intp]], weights: list[float], sd: float, target: Array | float = 0.0
+        self, columns: list[NDArray[np.intp]], weights: list[float], sd: Array | float, target: Array | float = 0.0
     ) -> None:
         """More equations, a row of the columns each."""
         for i, weight in zip(columns, weights, strict=True):

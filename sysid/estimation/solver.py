@@ -175,7 +175,8 @@ class _Limits:
         """The step (P,) from `now`, all of it shortened so that no number goes further than is near linear."""
         # a positive number on its way down would be at its bound in two steps of its typical size
         longest = stride * np.where(self.positive & (step < 0.0), now, np.maximum(self.reach, np.abs(now)))
-        shorter: Array = step * min([1.0, *(longest / np.maximum(np.abs(step), 1e-300))])
+        moves = step != 0.0
+        shorter: Array = step * min([1.0, *(longest[moves] / np.abs(step[moves]))])
         return shorter
 
     def spread(self, filter: Filter) -> Array:
@@ -238,4 +239,4 @@ def _reach(model: Model, name: str, typical: float, extent: Extent) -> float:
     if name not in model.plant.parameters and math.isinf(p.bounds[1]):
         return math.inf
     own = 0.0 if name in model.plant.parameters else 0.1 * min(p.bounds[1] - p.bounds[0], p.large(extent))
-    return max(abs(typical), own)
+    return max(abs(typical), own) or p.scale

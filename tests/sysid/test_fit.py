@@ -12,6 +12,7 @@ from scipy.signal import lfilter
 from scipy.stats import chi2
 
 from sysid import (
+    RK4,
     Backlash,
     Coulomb,
     Delay,
@@ -33,7 +34,7 @@ from sysid import (
 )
 from sysid.estimation.fit import free
 from sysid.physics.simulate import Trajectory
-from sysid.planning.excitation import steps
+from sysid.planning.excitation import multisine, steps
 
 DT = 0.02
 SENSOR = Sensor(0.003, 0.05)
@@ -243,3 +244,17 @@ def test_the_unit_of_an_axis_does_not_matter(unit: float) -> None:
     assert estimate.success
     for name, value in {"m": 0.4 / unit, "viscous.b": 0.5 / unit, "coulomb.tau_c": 0.05}.items():
         assert abs(estimate.values[name] - value) < 4.0 * estimate.sd[name] < 0.1 * value, name
+
+
+@pytest.mark.parametrize("gravity", [0.0, 2.0])
+def test_a_fit_that_begins_without_gravity_finds_what_there_is(gravity: float) -> None:
+    """A number of the plant that begins at its bound, at 0, neither stays there nor holds the others back."""
+    rng = np.random.default_rng(0)
+    machine = Model(GeneralJoint(J=0.05, G=gravity), (Viscous(b=0.05),), RK4(substeps=2), dt=0.02)
+    u = np.stack([multisine(rng, 300, 0.02, 2.0, 3.0) for _ in range(3)])
+    records = Sensor(theta=0.003).measure(simulate(machine, u, np.full(3, math.pi), np.zeros(3)), rng)
+    begun = Model(GeneralJoint(J=0.1, G=0.0), (Viscous(b=0.0),), RK4(substeps=2), dt=0.02)
+    estimate = fit(begun, records, parameters=("J", "G", "viscous.b"))
+    assert estimate.success
+    for name, truth in {"J": 0.05, "G": gravity, "viscous.b": 0.05}.items():
+        assert abs(estimate.values[name] - truth) < 4.0 * estimate.sd[name]

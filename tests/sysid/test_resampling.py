@@ -116,6 +116,14 @@ def test_wrapped_angles_are_unwrapped_before_they_are_resampled(tmp_path):
     np.testing.assert_allclose(offset, 2.0 * math.pi * np.round(offset[0] / (2.0 * math.pi)), atol=1e-4)
 
 
+@pytest.mark.parametrize("rows", [1, 4])
+def test_a_motor_that_makes_more_than_half_a_turn_between_two_readings_keeps_its_angles(tmp_path, rows):
+    t = 0.005 * np.arange(2000)
+    theta = (350.0 * t + 20.0 * np.sin(t))[np.arange(2000) // rows * rows]
+    record = read(write(tmp_path / "log.csv", {"t": t, "theta": theta}))[0]
+    assert np.ptp(record.theta) == pytest.approx(np.ptp(theta), rel=0.01)
+
+
 def test_a_longer_sample_interval_can_be_asked_for(tmp_path):
     (record,) = rollouts(sensor=Sensor(theta=1e-6, theta_dot=1e-6))
     log = read(write(tmp_path / "log.csv", table(record)), dt=0.06)

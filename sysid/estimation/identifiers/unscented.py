@@ -321,8 +321,9 @@ def _by_instant(sensor: Sensor, record: Record) -> list[tuple[Index, Array, Arra
     found: list[list[tuple[int, float, float]]] = [[] for _ in range(len(record) + 1)]
     for reading in sensor.readings(record):
         row = CHANNELS.index(reading.channel)
-        for k, value in zip(reading.index.tolist(), reading.value.tolist(), strict=True):
-            found[k].append((row, value, reading.sd**2))
+        columns = (reading.index.tolist(), reading.value.tolist(), np.square(reading.sd).tolist())
+        for k, value, variance in zip(*columns, strict=True):
+            found[k].append((row, value, variance))
     return [
         (np.array([r[0] for r in f], dtype=np.intp), np.array([r[1] for r in f]), np.array([r[2] for r in f]))
         for f in found
