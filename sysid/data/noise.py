@@ -37,8 +37,8 @@ ERRORS = 6
 
 
 class _Found(NamedTuple):
-    """The sd of a channel's errors, its relative standard error, that of the stamps [s], whether these errors were seen at
-    all, the step to which readings are rounded (0: it does not matter), and what is unusual."""
+    """The sd of a channel's errors, its relative standard error, that of the stamps [s], whether these errors were seen
+    at all, the step to which readings are rounded (0: it does not matter), and what is unusual."""
 
     sd: float
     error: float

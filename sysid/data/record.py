@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sysid.data.files import save_csv
+from sysid.data.jitter import speed_about
 from sysid.errors import InvalidInput
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
@@ -285,12 +286,22 @@ def in_a_row(instants: Sequence[Array]) -> Array:
 
 def extent_of(records: Sequence[Record], turns: bool = True) -> Extent:
     """What probes may depend on, of a plant that turns or does not."""
-    return Extent(
+    reach = 1.0 if turns else _half_of_travel(records)
+    extent = Extent(
         dt=records[0].dt,
         duration=max(len(r) * r.dt for r in records),
         u_max=max(float(np.max(np.abs(r.u))) for r in records),
-        reach=1.0 if turns else _half_of_travel(records),
+        reach=reach,
     )
+    speed = _largest_speed(records)
+    return extent._replace(speed=speed / reach) if speed > 0.0 else extent
+
+
+def _largest_speed(records: Sequence[Record]) -> float:
+    """The speed that one sample in a hundred exceeds [rad/s], by the angles, or where none were read by the speeds."""
+    angles = [np.abs(speed_about(r.theta, r.dt)) for r in records if r.theta is not None and r.has_angles]
+    speeds = angles or [np.abs(r.theta_dot) for r in records if r.theta_dot is not None]
+    return float(np.nanquantile(np.concatenate(speeds), 0.99)) if speeds else 0.0
 
 
 def _half_of_travel(records: Sequence[Record]) -> float:

@@ -316,7 +316,8 @@ class Diagnosis:
         if self.verdict == "adequate":
             parts = ["the model lacks nothing that matters in this log", self._predicted()]
         elif self.verdict == "unknown":
-            parts = ["no known effect pays", self._predicted(), *left]
+            along = self.friction and f", though friction is {self.friction.share:.0%} of what the drive does"
+            parts = [f"no known effect pays{along or ''}", self._predicted(), *left]
         elif self.verdict == "cannot tell":
             classes = "; ".join(" or ".join(s.alike) for s in self.steps if s.rivals)
             parts = [f"{classes} explain this log equally well{share and f', {share}'}", self._predicted(), *left]

@@ -10,7 +10,7 @@ import numpy as np
 
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
-from sysid.estimation.torque_regression import integrated_motion, regression, weight_along
+from sysid.estimation.torque_regression import regression, telling_motion, weight_along
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
@@ -18,6 +18,8 @@ FEWEST = 40
 """Samples of a record that tell how a servo follows its command."""
 SLOWEST, FASTEST, FREQUENCIES, RATIOS = 3.0, 2.0, 16, (0.3, 0.7, 1.5)
 """Natural frequencies [rad/s] from the slowest to this many a sample, and damping ratios, of a servo that are tried."""
+WELL_EXPLAINED = 0.8
+"""Share of the changes of the speed that is explained where an inertia of one standard error counts."""
 NEAREST_STEPS, LARGEST_STEP = 12, 5.0
 """Steps to the nearest numbers that show what a log shows, and by how much a logarithm changes in one at most."""
 
@@ -115,9 +117,11 @@ def _inside(model: Model, names: Sequence[str], scale: Array) -> list[float]:
 
 
 def shown_ratios(model: Model, records: Sequence[Record], sensor: Sensor) -> dict[str, float]:
-    """1/J [1/(kg m^2)] and G/J [1/s^2], where they are positive and three standard errors from 0."""
-    terms = integrated_motion(model, records, sensor)
+    """1/J [1/(kg m^2)] and G/J [1/s^2], where they are positive and three standard errors from 0; an inertia that is
+    less sure is still the best guess where all terms together explain how the speed changes."""
+    terms = telling_motion(model, records, sensor)
     found = regression(terms.columns, terms.speed_change)
     least = 1e-6 * float(np.linalg.norm(terms.speed_change))  # what moves the joint by less is rounding
     shown = {"1/J": 1} | ({"G/J": 0} if model.plant.turns else {})
-    return {n: found.value[k] for n, k in shown.items() if found.value[k] > max(3.0 * found.sd[k], least)}
+    errors = {"1/J": 1.0 if found.share > WELL_EXPLAINED else 3.0, "G/J": 3.0}
+    return {n: found.value[k] for n, k in shown.items() if found.value[k] > max(errors[n] * found.sd[k], least)}

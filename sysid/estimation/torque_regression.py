@@ -18,6 +18,10 @@ from sysid.physics.ops import Array
 
 SPAN = 0.2
 """Seconds over which the equation of motion is integrated: the noise of an acceleration would drown it."""
+EXPLAINED, SHORTER = 0.5, (0.1, 0.05, 0.025)
+"""Share of the changes of the speed that has to be explained so, or shorter times are tried: a quick step is over."""
+FEWEST_SPANS = 10
+"""Spans that five terms need to explain anything."""
 QUARTER = 0.5 * math.pi
 """A quarter of a swing, as a multiple of sd theta / sd theta_dot: what swings faster is integrated over that."""
 STANDS = 0.05
@@ -41,9 +45,27 @@ class IntegratedMotion(NamedTuple):
     speed_change: Array
 
 
-def integrated_motion(model: Model, records: Sequence[Record], sensor: Sensor) -> IntegratedMotion:
-    """The terms of the equation of motion over T = 0.2 s, or a quarter of a swing, where the joint moves; none of logs
-    that are too short."""
+def telling_motion(model: Model, records: Sequence[Record], sensor: Sensor) -> IntegratedMotion:
+    """The terms of the equation of motion over T = 0.2 s, or where these explain little, over the shorter time that
+    shows 1/J best."""
+    terms = integrated_motion(model, records, sensor)
+    enough = len(terms.speed_change) >= FEWEST_SPANS
+    if enough and regression(terms.columns, terms.speed_change).share > EXPLAINED:
+        return terms
+    return max([terms, *(integrated_motion(model, records, sensor, T) for T in SHORTER)], key=_sureness)
+
+
+def _sureness(terms: IntegratedMotion) -> float:
+    """1/J over its standard error."""
+    found, enough = regression(terms.columns, terms.speed_change), len(terms.speed_change) >= FEWEST_SPANS
+    return found.value[1] / found.sd[1] if enough and found.sd[1] > 0.0 else -math.inf
+
+
+def integrated_motion(
+    model: Model, records: Sequence[Record], sensor: Sensor, seconds: float = SPAN
+) -> IntegratedMotion:
+    """The terms of the equation of motion over so many seconds, or over a quarter of a swing, where the joint moves;
+    none of logs that are too short."""
     rows, targets, seen, reach = [np.zeros((0, 5))], [np.zeros(0)], 0, extent_of(records, model.plant.turns).reach
     for record in records:
         if seen >= MOST:
@@ -52,7 +74,7 @@ def integrated_motion(model: Model, records: Sequence[Record], sensor: Sensor) -
         seen += len(part)
         theta, theta_dot = smooth_states(part, sensor, reach).T
         swing = QUARTER * float(np.std(theta)) / max(float(np.std(theta_dot)), 1e-300)
-        span = max(round(min(SPAN, swing) / part.dt), 1)
+        span = max(round(min(seconds, swing) / part.dt), 1)
         if len(part) < 4 * span:
             continue
         place, middle = 0.5 * (theta[1:] + theta[:-1]), 0.5 * (theta_dot[1:] + theta_dot[:-1])

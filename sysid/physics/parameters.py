@@ -22,8 +22,8 @@ NEVER = 1e5
 
 
 class Extent(NamedTuple):
-    """What a probe may depend on: dt [s], the longest rollout [s], the largest |u| [N m] of a log, its reach, and the
-    inertia [kg m^2] of the model.
+    """What a probe may depend on: dt [s], the longest rollout [s], the largest |u| [N m] of a log, its reach, the
+    inertia [kg m^2] of the model, and the log's largest speed [reach/s], where it moves.
 
     The reach is what a radian is to a joint, a large way: for an axis half of its travel [m], so that no answer depends
     on whether positions came in metres.
@@ -34,6 +34,7 @@ class Extent(NamedTuple):
     u_max: float
     reach: float = 1.0
     inertia: float = 1.0
+    speed: float = 8.0
 
 
 Probe: TypeAlias = float | Sequence[float] | Callable[[Extent], Sequence[float]] | None

@@ -72,7 +72,7 @@ class Conditions:
         """The same with so many times the noise of each channel."""
         sd = {name: getattr(self.sensor, name) for name in CHANNELS}
         louder = {n: None if v is None else share.get(n, 1.0) * v for n, v in sd.items()}
-        return replace(self, sensor=replace(self.sensor, **louder))
+        return replace(self, sensor=Sensor(louder["theta"], louder["theta_dot"], self.sensor.jitter))
 
     def after(self, fits: Sequence[Fit]) -> Conditions:
         """The same with what the likeliest of some fits leaves unexplained, which will be there in the next log too.

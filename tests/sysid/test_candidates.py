@@ -16,7 +16,7 @@ from sysid.physics.parameters import NEVER, Extent, parameter
 from sysid.planning.excitation import multisine
 
 DT = 0.02
-EXTENT = Extent(DT, 6.0, 2.0)
+EXTENT = Extent(DT, 6.0, 2.0, speed=3.0)
 
 
 def rod(*effects: Effect) -> Model:

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from sysid import Coulomb, GeneralJoint, Model, Record, Sensor, Viscous, diagnose, simulate
+from sysid import RK4, Coulomb, GeneralJoint, Model, Record, Sensor, TorqueSpeedLimit, Viscous, diagnose, simulate
 from sysid.diagnosis.search import Search
 from sysid.estimation.first_fit import BLOCKS, WINDOW, first_fit, with_best_memory, with_common, without_common
 from sysid.estimation.initial_guess import initial_guess
@@ -142,3 +142,34 @@ def test_a_model_whose_numbers_are_all_known_is_diagnosed_too() -> None:
     found = diagnose(model, records, Sensor(0.003, 0.05), hold_out=1, parameters=())
     assert [s.effect for s in found.steps] == ["coulomb"] and found.estimate.names == ("coulomb.tau_c",)
     assert found.estimate.values["coulomb.tau_c"] == pytest.approx(0.05, rel=0.02)
+
+
+def test_the_inertia_of_a_quick_step_is_guessed() -> None:
+    """Steps that a stiff loop takes in less than a tenth of a second are over before the usual span is."""
+    rng, dt, (theta, theta_dot) = np.random.default_rng(0), 0.001, (0.0, 0.0)
+    angles, torques = [0.0], []
+    for k in range(3000):
+        goal = 1.5 * (k // 500 % 2)
+        torque = 25.0 * (goal - theta) - 1.0 * theta_dot
+        theta_dot += dt * (torque - 0.28 * math.tanh(theta_dot / 0.01)) / 0.015
+        theta += dt * theta_dot
+        angles.append(theta)
+        torques.append(torque)
+    record = Record(dt * np.arange(3001), np.array(torques), np.array(angles) + 1e-4 * rng.standard_normal(3001))
+    guess = initial_guess(Model(GeneralJoint(J=0.1, G=0.0), dt=dt), ("J",), [record], Sensor(theta=1e-4))
+    assert float(guess.parameters["J"].value) == pytest.approx(0.015, rel=0.3)
+
+
+@pytest.mark.long
+def test_a_run_up_into_the_speed_limit_of_the_drive() -> None:
+    """One ramp shows the inertia, though not surely, and then the drive gives no more than friction takes."""
+    rng = np.random.default_rng(0)
+    limit = TorqueSpeedLimit(limit=4.0, k=0.15)
+    machine = Model(GeneralJoint(J=0.016, G=0.0), (Coulomb(tau_c=0.2), limit), RK4(substeps=4), dt=0.01)
+    u = np.where(np.arange(500) < 100, 0.0, np.array([[1.0], [0.8]]))
+    records = Sensor(theta=5e-4).measure(simulate(machine, u, np.zeros(2), np.zeros(2)), rng)
+    found = diagnose(Model(GeneralJoint(G=0.0), integrator=RK4(substeps=4), dt=0.01), records, parameters=("J",))
+    assert "torque_speed_limit" in {s.effect for s in found.steps}
+    values = found.estimate.values
+    assert values["J"] == pytest.approx(0.016, rel=0.1)
+    assert values["torque_speed_limit.limit"] / values["torque_speed_limit.k"] == pytest.approx(4.0 / 0.15, rel=0.05)

@@ -10,7 +10,7 @@ import numpy as np
 
 from sysid.physics import ops
 from sysid.physics.effects.effect import Array, InputEffect, Joint, JointEffect, Memory
-from sysid.physics.effects.probes import doubling, of_largest
+from sysid.physics.effects.probes import doubling, of_curve, of_largest
 from sysid.physics.effects.timing import DeadTime, decaying, delayed, delayed_record, first_order
 from sysid.physics.ops import Value
 from sysid.physics.parameters import parameter
@@ -153,9 +153,8 @@ class TorqueSpeedLimit(JointEffect):
     refines = (("saturation",),)
     formula = "drive = clip(u, -min(limit, limit + k theta_dot), min(limit, limit - k theta_dot))"
     confused = ("saturation", "back_emf")
-    limit: Value = parameter(1e6, unit="N m", bounds=(1e-6, 1e6), neutral=1e6, probe=of_largest(1.2, 0.9, 0.6))
-    # no-load speeds of 4, 8 and 16 rad/s for a stall torque of the log's largest
-    k: Value = parameter(0.1, unit="N m s/rad", bounds=(0.0, 1e3), probe=of_largest(1 / 4.0, 1 / 8.0, 1 / 16.0))
+    limit: Value = parameter(1e6, unit="N m", bounds=(1e-6, 1e6), neutral=1e6, probe=of_largest(2.0, 1.2, 0.8))
+    k: Value = parameter(0.1, unit="N m s/rad", bounds=(0.0, 1e3), probe=of_curve(2.0, 1.2, 0.6))
 
     def torque(self, joint: Joint) -> Value:
         highest = ops.clip(self.limit - self.k * joint.theta_dot, 0.0, self.limit)

@@ -14,6 +14,11 @@ def of_largest(*shares: float) -> LogProbe:
     return lambda extent: tuple(share * (extent.u_max or 1.0) for share in shares)
 
 
+def of_curve(*shares: float) -> LogProbe:
+    """Shares of the slope that takes the log's largest torque at its largest speed."""
+    return lambda extent: tuple(share * (extent.u_max or 1.0) / extent.speed for share in shares)
+
+
 def of_duration(*shares: float) -> LogProbe:
     """Shares of the log's longest rollout [s], 0.1 s at least."""
     return lambda extent: tuple(max(share * extent.duration, 0.1) for share in shares)
