@@ -12,7 +12,7 @@ import numpy as np
 from sysid.data.record import Record
 from sysid.diagnosis.answer import MissingTorque, Remaining
 from sysid.diagnosis.contacts import Contact
-from sysid.diagnosis.criteria import is_nothing, is_undetermined
+from sysid.diagnosis.criteria import is_nothing, is_plausible, is_undetermined
 from sysid.diagnosis.dependence import dependence
 from sysid.diagnosis.residual_torque import missing_torque, needed_disturbances
 from sysid.diagnosis.search import Addition, Search
@@ -143,11 +143,12 @@ class Confirmation:
     def _drop_needless(self) -> None:
         """Drop, one after the other, each addition that raises the error on the held-out data, that beside others does
         not lower it by what matters, that is nothing any more, or whose size the readings do not determine; what is
-        left errs no more than the model as it came."""
+        left has numbers that a machine may have, and errs no more than the model as it came."""
         while self.additions:
             end, error = self.fit_with(self.additions)
             fewer = [[a for a in self.additions if a is not left] for left in self.additions]
-            own = min(fewer, key=lambda own: self.fit_with(own)[1].ratio)
+            sound = [own for own in fewer if is_plausible(self.fit_with(own)[0], names_of(own))]
+            own = min(sound or fewer, key=lambda own: self.fit_with(own)[1].ratio)
             tolerance = self.search.settings.tolerance if own else 0.0
             lowered = is_lowered(error.ratio, self.fit_with(own)[1].ratio, tolerance)
             if lowered and is_lowered(error.ratio, self.errors[()][1].ratio, 0.0):

@@ -108,7 +108,7 @@ class Search:
                 chosen = self._chosen(now, trials, tried, nothing)
                 if chosen is not None:
                     now = self._pruned(self._added(now, chosen, trials))
-                    if {a.name for a in self.additions} != before or now.deviance < least:
+                    if {a.name for a in self.additions} != before or (before and now.deviance < least):
                         break
                     nothing.append(chosen.effects)
                 elif now.undisturbed or (others := next(more, None)) is None:
@@ -414,7 +414,8 @@ class Search:
         return loses < 0.0 or not matters(without.model, now, self.settings)
 
     def _simplified(self, now: Fit) -> Fit:
-        """With the simpler form of each refinement that no longer beats it, now that others stand beside both."""
+        """With the simpler form of each refinement that no longer beats it, or is no longer plausible, now that others
+        stand beside both."""
         for addition in list(self.additions):
             present = {e.name for e in now.model.effects}
             for simpler in CATALOGUE[addition.name].refines:
@@ -429,7 +430,8 @@ class Search:
                 saved = price(addition.name, self.settings.price) - sum(price(n, self.settings.price) for n in new)
                 shared = {field for n in simpler for field in effect(n).parameters}
                 if (
-                    not squared_size(now, addition.name, shared) < self.settings.sure
+                    is_plausible(now, (addition.name,))
+                    and not squared_size(now, addition.name, shared) < self.settings.sure
                     and gain(now, other, (addition.name,)) > saved
                     and self._predicts(other, now)
                     and matters(other.model, now, self.settings)
