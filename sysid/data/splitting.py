@@ -59,11 +59,26 @@ def split(
         raise InvalidInput(
             f"hold_out = {int(share)} of {len(records)} rollouts leaves none to fit: expected fewer, or a share"
         )
+    if whole:
+        return tuple(records[: -int(share)]), tuple(records[-int(share) :])
+    return _divided(records, share, shortest, "held-out part")
+
+
+def sample_of(records: Sequence[Record], most: int) -> tuple[Record, ...]:
+    """Rollouts, or one to three stretches, spread over a log so that they hold about that many samples; all of it where
+    it has no more."""
+    share = most / max(sum(map(len, records)), 1)
+    return tuple(records) if share >= 1.0 else _divided(records, share, 2.0, "searched part")[1]
+
+
+def _divided(
+    records: Sequence[Record], share: float, shortest: float, name: str
+) -> tuple[tuple[Record, ...], tuple[Record, ...]]:
+    """The rest of a log, and a share of it that is spread over it: whole rollouts, or stretches called by that name."""
     seconds = [len(r) * r.dt for r in records]
     total = sum(seconds)
-    count = int(share) if whole else max(int(share * len(records) + 1e-9), 1)
-    chosen = range(len(records) - count, len(records)) if whole else _spread(len(records), count)
-    if whole or (len(records) >= 4 and sum(seconds[k] for k in chosen) >= max(shortest, 0.5 * share * total)):
+    chosen = _spread(len(records), max(int(share * len(records) + 1e-9), 1))
+    if len(records) >= 4 and sum(seconds[k] for k in chosen) >= max(shortest, 0.5 * share * total):
         rest = sorted(set(range(len(records))) - set(chosen))
         return tuple(records[k] for k in rest), tuple(records[k] for k in chosen)
     held = min(max(share * total, shortest), max(share, 0.5) * total)
@@ -72,7 +87,7 @@ def split(
     pieces = [
         p
         for r, begin in zip(records, np.cumsum([0.0, *seconds]), strict=False)
-        for p in _pieces(r, float(begin), middles, 0.5 * held / count)
+        for p in _pieces(r, float(begin), middles, 0.5 * held / count, name)
     ]
     training, out = (tuple(p for p, held_out in pieces if held_out is side) for side in (False, True))
     if not training or not out:
@@ -86,9 +101,10 @@ def _spread(n: int, count: int) -> list[int]:
     return [int(group[(len(group) // 2 + k) % len(group)]) for k, group in enumerate(groups)]
 
 
-def _pieces(record: Record, begin: float, middles: Array, half: float) -> Iterator[tuple[Record, bool]]:
-    """A record that begins at `begin` [s] of all time, cut where stretches of half-length `half` [s] about `middles`
-    begin and end, and whether each piece is inside one; what is shorter than half a second stays with what it is by."""
+def _pieces(record: Record, begin: float, middles: Array, half: float, name: str) -> Iterator[tuple[Record, bool]]:
+    """A record that begins at `begin` [s] of all time, cut where stretches of half-length `half` [s] about `middles`,
+    of that name, begin and end, and whether each piece is inside one; what is shorter than half a second stays with
+    what it is by."""
     middle = begin + record.dt * (np.arange(len(record)) + 0.5)
     inside = np.any(np.abs(middle[:, None] - middles) < half, axis=1)
     for first, last in _alike(inside):
@@ -98,7 +114,7 @@ def _pieces(record: Record, begin: float, middles: Array, half: float) -> Iterat
         yield record, bool(inside[0])
         return
     for k, (first, last) in enumerate(_alike(inside), start=1):
-        what = "held-out part" if inside[first] else "part"
+        what = name if inside[first] else "part"
         yield record.part(first, last, f"{record.name}, {what} {k}"), bool(inside[first])
 
 

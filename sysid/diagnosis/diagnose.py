@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -11,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from sysid.data.logs import notes_of
-from sysid.data.record import Record, check_records, unique_names
+from sysid.data.record import Record, amount_of, check_records, unique_names
 from sysid.data.sensor import Sensor
 from sysid.diagnosis.answer import Diagnosis, Step
 from sysid.diagnosis.confirmation import Confirmation, names_of
@@ -37,6 +38,8 @@ from sysid.estimation.torque_regression import friction_along
 from sysid.physics.effects import CATALOGUE, effect
 from sysid.physics.model import Model
 from sysid.planning.planned_experiment import Experiment
+
+logger = logging.getLogger(__name__)
 
 MOST_RESTARTS = 3
 """What a hand touched is left out and the search begun anew, at most so often."""
@@ -72,7 +75,8 @@ def diagnose(
     model : Model or Estimate
         The model as it came. Of an estimate the free parameters are refitted; the others keep their numbers.
     records : sequence of Record
-        At least one rollout. Stretches that a hand touched are left out of the search, and named.
+        At least one rollout. Of a long log a sample is searched that is spread over it (`SearchSettings.samples`);
+        stretches that a hand touched are left out of the search, and named.
     sensor : Sensor, optional
         Noise of the readings; by default the estimate's, else found from the records without any model.
     hold_out : float, optional
@@ -100,7 +104,7 @@ def diagnose(
     Chemical Engineering 28 (2004) 1431. Brynjarsdottir, O'Hagan, Inverse Problems 30 (2014) 114007, show what leaving
     the random torque out does to intervals.
     """
-    from sysid.data.splitting import split
+    from sysid.data.splitting import sample_of, split
 
     began = time.perf_counter()
     notes = notes_of(records)
@@ -116,6 +120,11 @@ def diagnose(
 
         sensor = sensor_noise(records).sensor
     training, held_out = split(records, hold_out)
+    searched = sample_of(training, settings.samples)
+    if sum(map(len, searched)) < sum(map(len, training)):
+        notes = (*notes, f"of {amount_of(training)} to fit, {amount_of(searched)} are searched, spread over the log")
+        logger.info(notes[-1])
+    training = searched
     sensor = relied_on(model, training, sensor)
     ahead = _ahead(model, names, training, sensor)
     settings = replace(settings, horizon=max(min(settings.horizon, ahead), SHORTEST_HORIZON))

@@ -43,6 +43,8 @@ class SearchSettings:
                    depends on that quantity still: it may be a part of anything
     recurrences    how often a ripple or a periodic torque has to come back within a record
     blocks         stretches of the log that are left out in turn when a candidate is validated
+    samples        samples of a log that are searched, at most, spread over it: more would make intervals narrower, and
+                   take minutes
     always         effects that are fitted in every round of a log with a random torque, which may hide them
     composites     effects that come together and of which none may pay alone; what does not pay beside the others is
                    dropped again
@@ -72,6 +74,7 @@ class SearchSettings:
     most: float = 2.0 / 3.0
     recurrences: float = 2.0
     blocks: int = BLOCKS
+    samples: int = 6000
     always: tuple[str, ...] = ("coulomb", "viscous", "tilt", "delay")
     composites: tuple[tuple[str, ...], ...] = (
         ("viscous", "coulomb"),

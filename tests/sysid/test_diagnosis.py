@@ -37,6 +37,7 @@ from sysid import (
 )
 from sysid.data.splitting import split
 from sysid.diagnosis.confirmation import is_lowered
+from sysid.diagnosis.search_settings import DEFAULT
 from sysid.estimation.held_out import held_out_error
 from sysid.physics.ops import Value
 from sysid.planning.excitation import steps
@@ -258,6 +259,18 @@ def test_a_hand_in_the_held_out_data_is_named_and_scores_no_model(hidden: tuple[
     assert [t.name for t in found.contacts] == ["pushed"]
     assert found.contacts[0].t_begin < 1.8 < found.contacts[0].t_end
     assert found.error.ratio < 1.15, "no model predicts what a hand does"
+
+
+@pytest.mark.long
+def test_a_long_log_is_searched_by_a_sample_and_says_so() -> None:
+    hidden = (Coulomb(tau_c=0.1),)
+    settings = dataclasses.replace(DEFAULT, samples=800)
+    found = diagnose(rod(), logs(truth(*hidden)), SENSOR, effects=FEW, settings=settings)
+    assert [s.effect for s in found.steps] == ["coulomb"]
+    tau_c = found.estimate.values["coulomb.tau_c"]
+    assert abs(tau_c - 0.1) < 4.0 * found.estimate.sd["coulomb.tau_c"]
+    assert found.estimate.n_readings <= 2 * 820
+    assert found.notes[-1].endswith("are searched, spread over the log")
 
 
 def test_only_the_rollout_that_was_touched_is_cut_where_all_have_one_name() -> None:

@@ -17,7 +17,7 @@ from sysid import (
 )
 from sysid.data.checks import check_excitation
 from sysid.data.logs import needed_rate, read
-from sysid.data.splitting import split
+from sysid.data.splitting import sample_of, split
 from tests.sysid.written import MODEL, SENSOR, rollouts, same, table, write
 
 REAL = Path(__file__).parents[3] / "shared" / "data" / "logs"
@@ -436,6 +436,19 @@ def test_what_is_held_out_of_one_rollout_is_spread_over_it():
     (longer,) = rollouts(1, 60.0)
     held = [0.5 * (r.t[0] + r.t[-1]) for r in split([longer])[1]]
     np.testing.assert_allclose(held, [10.0, 30.0, 50.0], atol=0.1)
+
+
+@pytest.mark.parametrize("n", [1, 3, 12])
+def test_of_a_long_log_a_sample_is_taken_that_is_spread_over_it(n):
+    records = rollouts(n, 60.0 / n)
+    total = sum(map(len, records))
+    assert sample_of(records, total) == tuple(records)
+    sample = sample_of(records, total // 3)
+    assert 0.2 * total < sum(map(len, sample)) < 0.4 * total
+    assert all(any(r.name.startswith(own.name) for own in records) for r in sample)
+    numbers = [next(k for k, own in enumerate(records) if r.name.split(",")[0] == own.name) for r in sample]
+    places = [float(r.t[0]) + 60.0 / n * k for r, k in zip(sample, numbers, strict=True)]
+    assert min(places) < 20.0 and max(places) > 36.0
 
 
 @pytest.mark.parametrize(
