@@ -316,8 +316,9 @@ class Diagnosis:
         if self.verdict == "adequate":
             parts = ["the model lacks nothing that matters in this log", self._predicted()]
         elif self.verdict == "unknown":
-            along = self.friction and f", though friction is {self.friction.share:.0%} of what the drive does"
-            parts = [f"no known effect pays{along or ''}", self._predicted(), *left]
+            share = f"{self.friction.share:.0%} of what the drive does" if self.friction else ""
+            along = f", though along the motion friction and load explain {share}" if share else ""
+            parts = [f"no known effect pays{along}", self._predicted(), *left]
         elif self.verdict == "cannot tell":
             classes = "; ".join(" or ".join(s.alike) for s in self.steps if s.rivals)
             parts = [f"{classes} explain this log equally well{share and f', {share}'}", self._predicted(), *left]

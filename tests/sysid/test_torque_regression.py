@@ -78,4 +78,5 @@ def test_a_diagnosis_tells_the_friction_of_a_joint_that_only_follows_its_path() 
     assert answer.friction is not None
     assert abs(answer.friction.coulomb[0] - TAU_C) < 0.03
     assert "dry friction of 0.2" in answer.doubts[-1]
+    assert "friction and load explain 9" in answer.finding
     assert answer.to_dict()["friction_along_the_motion"]["share"] > 0.9
