@@ -20,8 +20,6 @@ SPAN = 0.2
 """Seconds over which the equation of motion is integrated: the noise of an acceleration would drown it."""
 EXPLAINED, SHORTER = 0.5, (0.1, 0.05, 0.025)
 """Share of the changes of the speed that has to be explained so, or shorter times are tried: a quick step is over."""
-FEWEST_SPANS = 10
-"""Spans that five terms need to explain anything."""
 QUARTER = 0.5 * math.pi
 """A quarter of a swing, as a multiple of sd theta / sd theta_dot: what swings faster is integrated over that."""
 STANDS = 0.05
@@ -49,16 +47,15 @@ def telling_motion(model: Model, records: Sequence[Record], sensor: Sensor) -> I
     """The terms of the equation of motion over T = 0.2 s, or where these explain little, over the shorter time that
     shows 1/J best."""
     terms = integrated_motion(model, records, sensor)
-    enough = len(terms.speed_change) >= FEWEST_SPANS
-    if enough and regression(terms.columns, terms.speed_change).share > EXPLAINED:
+    if regression(terms.columns, terms.speed_change).share > EXPLAINED:
         return terms
     return max([terms, *(integrated_motion(model, records, sensor, T) for T in SHORTER)], key=_sureness)
 
 
 def _sureness(terms: IntegratedMotion) -> float:
     """1/J over its standard error."""
-    found, enough = regression(terms.columns, terms.speed_change), len(terms.speed_change) >= FEWEST_SPANS
-    return found.value[1] / found.sd[1] if enough and found.sd[1] > 0.0 else -math.inf
+    found = regression(terms.columns, terms.speed_change)
+    return found.value[1] / found.sd[1] if found.sd[1] > 0.0 else -math.inf
 
 
 def integrated_motion(

@@ -148,14 +148,14 @@ def test_the_inertia_of_a_quick_step_is_guessed() -> None:
     """Steps that a stiff loop takes in less than a tenth of a second are over before the usual span is."""
     rng, dt, (theta, theta_dot) = np.random.default_rng(0), 0.001, (0.0, 0.0)
     angles, torques = [0.0], []
-    for k in range(3000):
+    for k in range(12000):
         goal = 1.5 * (k // 500 % 2)
         torque = 25.0 * (goal - theta) - 1.0 * theta_dot
         theta_dot += dt * (torque - 0.28 * math.tanh(theta_dot / 0.01)) / 0.015
         theta += dt * theta_dot
         angles.append(theta)
         torques.append(torque)
-    record = Record(dt * np.arange(3001), np.array(torques), np.array(angles) + 1e-4 * rng.standard_normal(3001))
+    record = Record(dt * np.arange(12001), np.array(torques), np.array(angles) + 1e-4 * rng.standard_normal(12001))
     guess = initial_guess(Model(GeneralJoint(J=0.1, G=0.0), dt=dt), ("J",), [record], Sensor(theta=1e-4))
     assert float(guess.parameters["J"].value) == pytest.approx(0.015, rel=0.3)
 
