@@ -119,12 +119,11 @@ def diagnose(
         from sysid.data.noise import sensor_noise
 
         sensor = sensor_noise(records).sensor
-    training, held_out = split(records, hold_out)
-    searched = sample_of(training, settings.samples)
-    if sum(map(len, searched)) < sum(map(len, training)):
-        notes = (*notes, f"of {amount_of(training)} to fit, {amount_of(searched)} are searched, spread over the log")
+    fitted, held_out = split(records, hold_out)
+    training = sample_of(fitted, settings.samples)
+    if training != fitted:
+        notes = (*notes, f"of {amount_of(fitted)} to fit, {amount_of(training)} are searched, spread over the log")
         logger.info(notes[-1])
-    training = searched
     sensor = relied_on(model, training, sensor)
     ahead = _ahead(model, names, training, sensor)
     settings = replace(settings, horizon=max(min(settings.horizon, ahead), SHORTEST_HORIZON))

@@ -61,7 +61,7 @@ def _missed(records: Sequence[Record], sensor: Sensor, filtered: bool = False) -
 
         T w_dot = theta_dot - w,    int w dt = theta(t_1) - theta(t_0) - T (w(t_1) - w(t_0))
     """
-    targets, regressors, expected = [], [], 0.0
+    targets, regressors, expected, angle_sd = [], [], 0.0, _angle_sd(records, sensor)
     for r in records:
         m = max(2, round(COMPARED_OVER / r.dt))
         if r.theta is None or r.theta_dot is None or not r.has_angles or len(r) < 4 * m:
@@ -72,7 +72,7 @@ def _missed(records: Sequence[Record], sensor: Sensor, filtered: bool = False) -
         change = r.theta[k + m] - r.theta[k]
         targets.append(change - (integral[k + m] - integral[k]))
         regressors.append(np.column_stack([np.ones(len(k)), change, filtered * (v[k + m] - v[k])]))
-        expected = 2.0 * _angle_sd(records, sensor) ** 2 + r.dt**2 * m * float(sensor.theta_dot or 0.0) ** 2
+        expected = 2.0 * angle_sd**2 + r.dt**2 * m * float(sensor.theta_dot or 0.0) ** 2
     if not targets:
         return 0.0, 0.0
     A, b = np.concatenate(regressors), np.concatenate(targets)
