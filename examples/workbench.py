@@ -44,8 +44,10 @@ def walk(page: Any, address: str, folder: Path) -> None:
     page.get_by_text("Its torque through the residual").first.click()
     photographed(page, folder, "missing")
     for _ in range(2):
-        page.locator("article.row.pays").first.get_by_role("button", name="Add").click(timeout=LONG)
-        page.locator("progress").wait_for(timeout=LONG)
+        add = page.locator("article.row.pays").first.get_by_role("button", name="Add")
+        of_effect = str(add.get_attribute("aria-label", timeout=LONG))
+        add.click(timeout=LONG)
+        page.get_by_role("button", name=of_effect, exact=True).wait_for(state="detached", timeout=LONG)
         page.locator("#get-report-html").wait_for(timeout=LONG)
     page.get_by_text("lacks nothing that matters").wait_for(timeout=LONG)
     page.locator("progress").wait_for(state="detached", timeout=LONG)
