@@ -263,12 +263,13 @@ def _by_windows(spread_after: Callable[[Array], tuple[float, int]]) -> float:
     with w (as w^4 in the end, kinks as w^1.5). Where s falls at first, or rises at once and then ever slower,
     neighbouring errors are correlated, and s at the width at which it changes least is the sd of all of the error.
     """
-    found = [spread_after(_beside_cubic(width)) for width in WIDTHS]
-    s = np.array([sd for sd, _ in found if not math.isnan(sd)])
-    if len(s) < 4:
+    found = np.array([(width, *spread_after(_beside_cubic(width))) for width in WIDTHS])
+    found = found[found[:, 2] > 0]  # a width that is too wide for what the motion leaves has no residuals
+    if len(found) < 4:
         return 0.0
-    growth = np.diff(np.log(s)) / np.diff(np.log(WIDTHS[: len(s)]))
-    unsure = 1.0 / math.sqrt(found[0][1])
+    widths, s, residuals = found.T
+    growth = np.diff(np.log(s)) / np.diff(np.log(widths))
+    unsure = 1.0 / math.sqrt(residuals[0])
     falls = min(s[1:4]) < s[0] * (0.98 - unsure)
     rises = s[1] > s[0] * (1.04 + unsure) and growth[0] < 1.5 and max(growth[1:3]) < max(0.6, growth[0])
     if not (falls or rises):

@@ -30,6 +30,9 @@ MOST_APART = 10.0
 """Rates that are apart by more than this factor are those of different machines, or of different units of time."""
 WINDOW = 1.0
 """Seconds over which models predict: where gaps leave less than that in one piece, the log is hardly of use."""
+COARSEST = 5.0
+"""Multiple of the rows' own interval up to which gaps are bridged: what moves between them would be lost."""
+BRIDGED = "rows come in bursts: a sample interval of {:g} s bridges nine in ten of the gaps between them"
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,8 +101,12 @@ def evenly(rollouts: Sequence[Rows], dt: float | None = None) -> tuple[tuple[Rec
         raise InvalidInput(
             f"{long[0].name}: rows are {common:.3g} s apart: expected at least {SHORTEST_INTERVAL:g} s; check time_unit"
         )
+    wider = 0.0 if dt else _wider(long, rollouts, gaps, common)
+    if wider:
+        records, _, notes = evenly(rollouts, wider)
+        return records, wider, (*notes, BRIDGED.format(wider)) if wider > common else notes
     records = tuple(_record(p, common, tally) for p in long)
-    return records, common, (*held, *_notes(long, common, tally, gaps), *_wider(long, gaps))
+    return records, common, (*held, *_notes(long, common, tally, gaps))
 
 
 def _restarts(rows: Rows, tally: Counter[str]) -> Iterable[Rows]:
@@ -333,14 +340,16 @@ def _notes(pieces: Sequence[Rows], dt: float, tally: Counter[str], gaps: Sequenc
     return tuple(done)
 
 
-def _wider(pieces: Sequence[Rows], gaps: Sequence[float]) -> tuple[str, ...]:
-    """What to do where the gaps of an uneven log leave hardly a window to predict over in one piece."""
-    lengths = [float(p.t[-1] - p.t[0]) for p in pieces]
-    whole = sum(length for length in lengths if length >= WINDOW)
-    if not gaps or whole >= 0.5 * sum(lengths):
-        return ()
-    usual = float(np.percentile(gaps, 90.0))
-    return (
-        f"most of it is in pieces shorter than {WINDOW:g} s, too short to predict over: a sample interval (dt) of "
-        f"{usual / GAP:.2g} s would bridge nine in ten of the gaps",
-    )
+def _wider(pieces: Sequence[Rows], rollouts: Sequence[Rows], gaps: Sequence[float], common: float) -> float:
+    """The interval [s] on whose grid there are fewer gaps: that of the slowest rollout, or one that bridges nine in ten
+    of the gaps between which there is hardly a window to predict over; 0 where there is none."""
+
+    def predictable(parts: Sequence[Rows]) -> float:
+        lengths = [float(p.t[-1] - p.t[0]) for p in parts]
+        return sum(length for length in lengths if length >= WINDOW) / sum(lengths)
+
+    if any(gap <= GAP * common for gap in gaps):
+        return common
+    bridging = float(f"{np.percentile(gaps, 90.0) / GAP:.2g}") if gaps else 0.0
+    apart = predictable(pieces) < 0.5 <= predictable(rollouts)
+    return bridging if apart and common < bridging < COARSEST * common else 0.0

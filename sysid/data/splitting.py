@@ -65,20 +65,22 @@ def split(
 
 
 def sample_of(records: Sequence[Record], most: int) -> tuple[Record, ...]:
-    """Rollouts, or one to three stretches, spread over a log so that they hold about that many samples; all of it where
-    it has no more."""
+    """At least three rollouts, or else stretches, spread over a log so that they hold about that many samples; all of
+    it where it has no more."""
     share = most / max(sum(map(len, records)), 1)
-    return tuple(records) if share >= 1.0 else _divided(records, share, 2.0, "searched part")[1]
+    return tuple(records) if share >= 1.0 else _divided(records, share, 2.0, "searched part", MOST_STRETCHES)[1]
 
 
 def _divided(
-    records: Sequence[Record], share: float, shortest: float, name: str
+    records: Sequence[Record], share: float, shortest: float, name: str, fewest: int = 1
 ) -> tuple[tuple[Record, ...], tuple[Record, ...]]:
-    """The rest of a log, and a share of it that is spread over it: whole rollouts, or stretches called by that name."""
+    """The rest of a log, and a share of it that is spread over it: whole rollouts, `fewest` and more, or stretches
+    called by that name."""
     seconds = [len(r) * r.dt for r in records]
     total = sum(seconds)
     chosen = _spread(len(records), max(int(share * len(records) + 1e-9), 1))
-    if len(records) >= 4 and sum(seconds[k] for k in chosen) >= max(shortest, 0.5 * share * total):
+    long = sum(seconds[k] for k in chosen) >= max(shortest, 0.5 * share * total)
+    if len(records) >= 4 and len(chosen) >= fewest and long:
         rest = sorted(set(range(len(records))) - set(chosen))
         return tuple(records[k] for k in rest), tuple(records[k] for k in chosen)
     held = min(max(share * total, shortest), max(share, 0.5) * total)

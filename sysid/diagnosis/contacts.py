@@ -87,10 +87,9 @@ def find_contacts(fit: Fit, torque: Array, least: float = 0.0, again: bool = Fal
 
 
 def _within(samples: Samples, contact: Contact) -> NDArray[np.bool_]:
-    """Which of the samples (M,) a stretch holds."""
-    record = [r.name for r in samples.records].index(contact.name)
-    within = (samples.number == record) & (samples.t >= contact.t_begin) & (samples.t <= contact.t_end)
-    return np.asarray(within)
+    """Which of the samples (M,) a stretch holds: of several records of a name, pieces of one, it is in one."""
+    named = np.array([r.name == contact.name for r in samples.records])[samples.number]
+    return np.asarray(named & (samples.t >= contact.t_begin) & (samples.t <= contact.t_end))
 
 
 def _is_friction(fit: Fit, torque: Array, inside: NDArray[np.bool_]) -> bool:
@@ -126,8 +125,7 @@ def _with_steps(samples: Samples, command: Array, found: Sequence[Contact]) -> b
     steps = np.zeros(len(command), dtype=bool)
     steps[width:] = changes & (samples.number[width:] == samples.number[:-width])
     near = np.convolve(steps, np.ones(2 * soon + 1), "same") > 0.5
-    names = [r.name for r in samples.records]
-    begins = [np.flatnonzero((samples.number == names.index(c.name)) & (samples.t >= c.t_begin))[0] for c in found]
+    begins = [int(np.argmax(_within(samples, c))) for c in found]
     n, k, p = len(found), int(np.sum(near[begins])), float(np.mean(near[samples.follows]))
     return sum(math.comb(n, i) * p**i * (1.0 - p) ** (n - i) for i in range(k, n + 1)) < LEAST_CHANCE
 

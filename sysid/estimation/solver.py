@@ -33,7 +33,8 @@ class Settings:
                  torque explains all, the readings say nothing of an inertia, and it would run away
     torque       sd of the torque of an effect about none, as a multiple of the largest that the log shows
     stride       largest relative change of a parameter in a step
-    patience     whole steps that are taken; then half ones, of the motion too, since a joint that sticks now and then
+    least_share  smallest share of a step, and of the motion's, that is taken where steps go to and fro (`relaxation`)
+    patience     steps until none is taken by more than half, of the motion too, since a joint that sticks now and then
                  may go to and fro about an optimum for ever
     widest       how far about the motion the model's slopes are taken, at most: in rad, and as shares of the sizes of
                  speed and acceleration; wider slopes are those of another machine
@@ -46,6 +47,7 @@ class Settings:
     settled: float = 0.02
     negligible: float = 0.05
     stride: float = 0.7
+    least_share: float = 0.2
     patience: int = 12
     wanders: float = 0.5
     widest: tuple[float, float, float] = (0.05, 0.1, 0.5)
@@ -92,6 +94,7 @@ def fit_parameters(
     limits = _Limits.of(samples, model, names, prior, settings, extent)
     before, began, converged, restless, calm, still = math.inf, math.inf, False, settings.sizes, 0, 0
     best: Fit | None = None
+    share, last = 1.0, np.zeros(len(names))
     for k in range(settings.iterations):
         linearised = LinearisedModel(samples, model, motion)
         here = linearised.system.filter(disturbances)
@@ -103,6 +106,8 @@ def fit_parameters(
             return best
         G, R = linearised.changes(names)
         Z, now = here.whiten(G, R), numbers_of(model, names)
+        if not np.all(np.isfinite(Z)):  # the model runs away from the readings within a sample
+            break
         step = _step(here, Z, prior, now, limits)
         moved = float(np.linalg.norm(Z @ step)) if len(step) else 0.0
         step = limits.shortened(step, now, settings.stride)
@@ -122,7 +127,9 @@ def fit_parameters(
             best = Fit(samples, linearised.model, names, linearised, here, Z, prior, False)
         # slopes that go on changing with the filter's sd would never let friction's numbers settle
         spread = limits.spread(here) if k < settings.iterations // 4 else motion.spread
-        share = 1.0 if k < settings.patience else 0.5
+        to_and_fro = k > 1 and moved > settings.wanders
+        share = max(settings.least_share, relaxation(share, Z @ last, Z @ step)) if to_and_fro else 1.0
+        share, last = share if k < settings.patience else min(share, 0.5), step
         motion = motion.moved(share * here.smooth(G @ step, R @ step), spread)
         numbers = limits.within(now + share * step)
         model = model.with_parameters(dict(zip(names, numbers.tolist(), strict=True)))
@@ -213,6 +220,19 @@ def bounded_step(Z: Array, e: Array, low: Array, high: Array) -> Array:
         step = np.where(outside, np.clip(step, low, high), step)
         free &= ~outside
     return np.clip(step, low, high)
+
+
+def relaxation(share: float, before: Array, now: Array) -> float:
+    """The share of a step to take after a `share` of the one before, both in standard deviations.
+
+    Where a step turns back by half of the one before and more, whole ones would go to and fro about an optimum, and
+    Aitken's dynamic relaxation tells how much of it leads there (Kuettler, Wall, Computational Mechanics 43 (2008) 61,
+    eq. 44):  -share before' (now - before) / |now - before|^2,  1 at most
+    """
+    if before @ now > -0.5 * before @ before:
+        return 1.0
+    change = now - before
+    return min(1.0, -share * float(before @ change) / float(change @ change))
 
 
 def large_disturbances(samples: Samples) -> Disturbances:

@@ -1,6 +1,7 @@
 """Torques of angle and load: each against an exact law."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from sysid import (
     AngleOffset,
     CubicSpring,
     DirectionalLoadFriction,
+    Drag,
     GeneralJoint,
     Joint,
     LinearAxis,
@@ -22,6 +24,7 @@ from sysid import (
     Sensor,
     Spring,
     Tilt,
+    TorqueBias,
     Viscous,
     diagnose,
     simulate,
@@ -136,3 +139,16 @@ def test_load_friction_that_knows_who_drives_is_found_and_named():
 
 def test_load_friction_that_is_alike_both_ways_keeps_its_name():
     assert_named(LoadFriction(mu=0.12), logs(truth(LoadFriction(mu=0.12))))
+
+
+@pytest.mark.long
+def test_a_spring_that_rests_elsewhere_is_no_heavy_load_behind_a_spring():
+    """A sensor counts from where it hangs, so that the spring comes with an offset; a hidden mass of many times the
+    plant's, behind a spring, stays where it is and does the same."""
+    hidden = (Spring(k=71.3), TorqueBias(tau_0=29.7), Viscous(b=0.022), Drag(c=0.14))
+    sensor, plain = Sensor(theta=1e-4), Model(LinearAxis(m=1.0), (), RK4(substeps=2), dt=0.02)
+    swings = simulate(replace(plain, effects=hidden), np.zeros((2, 2500)), np.array([0.49, 0.35]), np.zeros(2))
+    found = diagnose(plain, sensor.measure(swings, np.random.default_rng(0)), sensor, parameters=())
+    assert found.verdict == "missing" and {s.effect for s in found.steps} == {e.name for e in hidden}
+    for name, value in (("spring.k", 71.3), ("torque_bias.tau_0", 29.7), ("viscous.b", 0.022), ("drag.c", 0.14)):
+        assert abs(found.estimate.values[name] - value) < 4.0 * found.estimate.sd[name], name

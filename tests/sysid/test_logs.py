@@ -438,7 +438,7 @@ def test_what_is_held_out_of_one_rollout_is_spread_over_it():
     np.testing.assert_allclose(held, [10.0, 30.0, 50.0], atol=0.1)
 
 
-@pytest.mark.parametrize("n", [1, 3, 12])
+@pytest.mark.parametrize("n", [1, 3, 4, 12])
 def test_of_a_long_log_a_sample_is_taken_that_is_spread_over_it(n):
     records = rollouts(n, 60.0 / n)
     total = sum(map(len, records))

@@ -219,6 +219,19 @@ def test_a_clean_channel_gets_a_small_floor_and_a_note():
     )
 
 
+def test_a_servo_at_its_largest_speed_leaves_few_windows_without_a_kink():
+    """Those of a width may be too few where those of a wider one are not."""
+    rng, targets = np.random.default_rng(112), np.random.default_rng(113)
+    every = rng.integers(8, 40)
+    command = np.repeat(targets.uniform(-1.3, 1.3, 214 // every + 1), every)[:214]
+    theta = np.zeros(214)
+    for k in range(213):
+        theta[k + 1] = theta[k] + np.clip(command[k + 1] - theta[k], -0.33, 0.33)
+    theta += 1e-4 * rng.standard_normal(214)
+    noise = sensor_noise([Record(np.arange(214) / 29.9, command[:-1], theta)])
+    assert 0.0 < noise.sensor.theta < 0.05
+
+
 def test_scale_and_order_of_the_records_do_not_matter():
     records = USUAL.measure(truth("steps", HIDDEN["coulomb"]), np.random.default_rng(0))
     one = sensor_noise(records).sensor

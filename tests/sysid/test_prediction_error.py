@@ -27,7 +27,7 @@ from sysid.estimation.disturbances import Disturbances
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction_error import Fit, inverse
 from sysid.estimation.prior import Prior
-from sysid.estimation.solver import Settings, bounded_step, fit_parameters
+from sysid.estimation.solver import Settings, bounded_step, fit_parameters, relaxation
 from sysid.planning.excitation import multisine
 
 DT = 0.02
@@ -260,11 +260,18 @@ def test_slopes_are_taken_no_wider_than_the_machine_is_the_same() -> None:
     assert spread[1] <= widest[1] * np.std(samples.smoothed[:, 1]) + 1e-12
     assert found.converged
     assert np.max(np.abs(found.values - [2.0, 1.5]) / sd_of(found)) < 4.0 and sd_of(found)[0] < 0.05
-    anywhere = replace(Settings(), widest=(math.inf,) * 3, patience=Settings().iterations)
+    anywhere = replace(Settings(), widest=(math.inf,) * 3, patience=40, least_share=1.0)
     anyhow = fit_parameters(samples, paper_model(), ("m", "l"), settings=anywhere)
     assert not anyhow.converged and sd_of(anyhow)[0] > 3.0 * sd_of(found)[0], "wider slopes are another machine's"
     # what loses its way ends at the best place that it had
     assert anyhow.deviance < found.deviance + 30.0
+
+
+def test_a_model_that_runs_away_within_a_sample_has_a_fit_that_has_not_ended() -> None:
+    (records,), _ = logs(1, seed=11, s=0.6)
+    away = JOINT.with_effect(sysid.effect("sensor_delay", T=0.05)).with_effect(sysid.effect("drag", c=1e200))
+    found = fit_parameters(Samples(away, records, SENSOR), away, ("J", "sensor_delay.T"))
+    assert not found.converged and not math.isfinite(found.deviance)
 
 
 def test_a_fit_without_free_numbers_finds_motion_and_disturbances() -> None:
@@ -324,6 +331,18 @@ def test_a_covariance_is_the_inverse_of_the_information_in_any_units() -> None:
     N[:, 2] = N[2] = 0.0
     assert math.isinf(inverse(N)[2, 2])
     assert inverse(np.zeros((0, 0))).shape == (0, 0)
+
+
+@pytest.mark.parametrize("taken", [1.0, 0.8])
+@pytest.mark.parametrize("overshoot", [1.0, 1.5, 3.0])
+def test_steps_that_go_to_and_fro_are_relaxed_to_the_optimum(overshoot: float, taken: float) -> None:
+    """Steps that are too long by a constant factor, of which a share was taken, point back beyond the optimum."""
+    far = np.array([3.0, -1.0, 0.5])
+    before = (1.0 + overshoot) * far
+    rest = far - taken * before
+    now = (1.0 + overshoot) * rest
+    np.testing.assert_allclose(rest - relaxation(taken, before, now) * now, 0.0, atol=1e-12)
+    assert relaxation(taken, far, 0.4 * far) == relaxation(taken, far, -0.4 * far) == 1.0, "whole ones get there"
 
 
 @pytest.mark.parametrize("seed", [2, 3, 4])

@@ -268,6 +268,17 @@ def test_what_keeps_a_standing_joint_from_following_its_drive_is_no_push() -> No
         assert bool(find_contacts(found, torque)) == pushed
 
 
+def test_a_push_is_found_in_the_last_of_several_pieces_of_one_record() -> None:
+    """They share its name, as pieces between pushes do, and each has times of its own."""
+    found, torque = missing(logs(DAMPED, 2, 700, 0.0, 0.1, push=(1, 0.3)))
+    (alone,) = find_contacts(found, torque)
+    first, second = found.samples.records
+    found.samples.records = [replace(first, name="swing"), replace(second, name="swing", t=second.t + 20.0)]
+    found.samples.__dict__["t"] = np.concatenate([r.t for r in found.samples.records])
+    (own,) = find_contacts(found, torque)
+    assert own.name == "swing" and own.t_begin == pytest.approx(alone.t_begin + 20.0)
+
+
 def test_nobody_pushes_by_a_hundredth_of_what_acts() -> None:
     found, torque = missing(logs(DAMPED, 2, 700, 0.0, 0.1, push=(1, 0.02)))
     assert 0.008 < np.nanmax(torque) < 0.02, "it is seen"

@@ -69,9 +69,31 @@ def polled(seed=5, seconds=30.0):
 
 
 def test_the_few_rows_between_gaps_of_an_uneven_log_have_no_rate_of_their_own(tmp_path):
-    log = read(write(tmp_path / "log.csv", polled()))
-    assert len(log) > 20
-    assert any("most of it is in pieces shorter than 1 s" in note for note in log.notes)
+    assert len(read(write(tmp_path / "log.csv", polled()), dt=0.025)) > 20
+
+
+def test_rows_in_bursts_are_taken_at_an_interval_that_bridges_most_gaps(tmp_path):
+    rows = polled()
+    log = read(write(tmp_path / "log.csv", rows))
+    assert any("rows come in bursts: a sample interval of 0.078 s bridges nine in ten" in note for note in log.notes)
+    long = [r for r in log if r.t[-1] - r.t[0] >= 1.0]
+    assert sum(r.t[-1] - r.t[0] for r in long) > 0.9 * (rows["t"][-1] - rows["t"][0])
+    for record in log:
+        np.testing.assert_allclose(record.theta, np.pi + np.sin(2.0 * record.t), atol=0.07)
+    # what is as far apart as the bursts last would be lost on such a grid
+    bursts = rows["t"] % 1.0 < 0.4
+    apart = read(write(tmp_path / "bursts.csv", {name: v[bursts] for name, v in rows.items()}))
+    assert apart.dt < 0.04 and len(apart) > 20
+
+
+def test_a_step_that_is_no_gap_at_the_rate_of_the_slowest_rollout_cuts_nothing(tmp_path):
+    """Two rollouts, of which the faster lacks rows now and then, for no longer than the other's steps are."""
+    t = 0.002 * np.arange(2000)
+    fast, slow = np.delete(t, [k + j for k in range(100, 2000, 100) for j in range(4)]), t[::3]
+    for name, own in (("fast", fast), ("slow", slow)):
+        write(tmp_path / f"{name}.csv", {"t": own, "theta": np.sin(2.0 * own), "torque": np.zeros(len(own))})
+    log = read([tmp_path / "fast.csv", tmp_path / "slow.csv"])
+    assert log.dt == pytest.approx(0.006) and len(log) == 2 and not any("gap" in note for note in log.notes)
 
 
 def test_a_step_that_is_no_gap_at_the_interval_asked_for_cuts_nothing(tmp_path):

@@ -28,7 +28,9 @@ BEGUN = 0.03
 HELD = Settings(iterations=10, sizes=False, vague=math.inf)
 """Nothing is known of the numbers beside the readings."""
 
-EXACT = replace(HELD, iterations=100, patience=100, settled=1e-6, wanders=0.0, negligible=1e-3, widest=(0.0, 0.0, 0.0))
+EXACT = replace(
+    HELD, iterations=100, patience=100, least_share=1.0, settled=1e-6, wanders=0.0, negligible=1e-3, widest=(0.0,) * 3
+)
 """Slopes at a point: wider ones would move the optimum by some hundredths of an sd."""
 
 DAMPED = replace(EXACT, patience=0)

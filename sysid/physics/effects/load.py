@@ -103,7 +103,7 @@ class CubicSpring(JointEffect):
     words = "a spring that grows stiffer"
     rarity = 2.5
     imitates = "theta"
-    refines = (("spring",),)
+    refines = (("spring",), ("spring", "torque_bias"))
     formula = "tau = -k x - k_3 x^3, x = theta - rest"
     confused = ("spring",)
     k: Value = parameter(0.0, unit="N m/rad", bounds=(-math.inf, math.inf), neutral=0.0)

@@ -29,7 +29,8 @@ class FlexibleTransmission(DynamicEffect):
 
     words = "a part of the load behind a spring: a flexible transmission"
     rarity = 2.5
-    refines = (("rotor_inertia",),)  # which it is where the spring is stiff
+    # which it is where the spring is stiff, and where what hangs on it is so heavy that it stays
+    refines = (("rotor_inertia",), ("spring",), ("spring", "torque_bias"))
     formula = "tau = -J (theta_ddot + delta_ddot), delta_ddot = -theta_ddot - 2 zeta omega delta_dot - omega^2 delta"
     start_sd = (0.05, 1.0)
     J: Value = parameter(0.0, unit="kg m^2", bounds=(0.0, math.inf), neutral=0.0)
