@@ -355,9 +355,9 @@ class Diagnosis:
         return tuple(remarks)
 
     def _share(self) -> str:
-        """The share of the missing torque that the steps explain, with its size; empty where nothing was missing."""
+        """The share of the missing torque that the steps explain, with its size; empty where that is none."""
         torque, unit = self.torque, self.model.plant.unit("N m")
-        if not self.steps or torque.before <= 0.0:
+        if not self.steps or not torque.explained > 0.0:
             return ""
         return f"{torque.explained:.0%} of the missing torque (rms {torque.before:.2g} -> {torque.after:.2g} {unit})"
 

@@ -30,6 +30,9 @@ from sysid.physics.ops import Array
 LARGEST_NOISE = 10.0
 """Multiple of the noise from which errors that no random torque explains are no noise that was told too small."""
 
+TELLING = 0.5
+"""The share of the held-out error's excess over the noise that tells more than the torque that is left missing."""
+
 NEGLIGIBLE_RISE = 1e-3
 """A rise of the held-out error by less than this share is not printed, and counts as none."""
 
@@ -161,9 +164,10 @@ class Confirmation:
             self.additions = own
 
     def _unmask(self) -> None:
-        """Take back what leaves more torque missing than was missing without it, and what is a part of something
-        unknown: what remains depends on the quantity that it is a function of, and it explains less than most of that,
-        or only with a number driven to its bound. What is left then has to be confirmed anew."""
+        """Take back what leaves more torque missing than was missing without it, unless it halves the error on the
+        held-out data, and what is a part of something unknown: what remains depends on the quantity that it is a
+        function of, and it explains less than most of that, or only with a number driven to its bound. What is left
+        then has to be confirmed anew."""
         before = list(self.additions)
         while (masking := self._masking()) is not None:
             self.additions.remove(masking)
@@ -181,7 +185,8 @@ class Confirmation:
             if not math.isfinite(its_error.ratio):  # without it the model runs away
                 continue
             without = self.torque(fewer).after
-            if torque.after > without or self._hides(addition, end, error, torque, without):
+            worse = torque.after > without and not is_lowered(error.ratio, its_error.ratio, TELLING)
+            if worse or self._hides(addition, end, error, torque, without):
                 return addition
         return None
 

@@ -44,15 +44,20 @@ def is_undetermined(found: Fit, name: str) -> bool:
 def squared_size(found: Fit, name: str, beyond: Collection[str] = ()) -> float:
     """The sizes x (q,) of an effect in units of their covariance C (q, q):  x' C^-1 x / q;  0 of one that changes
     nothing, nan where the readings do not determine them. Of a limit it is the limit: one that may as well be infinite
-    is none. The numbers that it shares with a simpler one, which are `beyond` question, are left aside."""
+    is none, at the slope that it has, since with a steeper one any limit ends at the same speed. The numbers that it
+    shares with a simpler one, which are `beyond` question, are left aside."""
     if any(e.idle for e in found.model.effects if e.name == name):
         return 0.0
-    at = [i for i in _sizes(found, name) if found.model.parameters[found.names[i]].field not in beyond]
+    parameters = found.model.parameters
+    at = [i for i in _sizes(found, name) if parameters[found.names[i]].field not in beyond]
     if not at or is_undetermined(found, name):
         return math.nan
-    own = [found.model.parameters[found.names[i]] for i in at]
-    x = np.array([float(p.value) - (0.0 if p.never else float(p.neutral or 0.0)) for p in own])
-    return float(x @ np.linalg.pinv(found.covariance[np.ix_(at, at)], hermitian=True) @ x) / len(x)
+    sizes = [parameters[found.names[i]] for i in at]
+    x = np.array([float(p.value) - (0.0 if p.never else float(p.neutral or 0.0)) for p in sizes])
+    shapes = [found.names.index(n) for n in found.model.names_of(name) if n in found.names and sizes[0].never]
+    own = [*at, *(i for i in shapes if i not in at)]
+    precision = np.linalg.pinv(found.covariance[np.ix_(own, own)], hermitian=True)[: len(at), : len(at)]
+    return float(x @ precision @ x) / len(x)
 
 
 def _sizes(found: Fit, name: str) -> list[int]:

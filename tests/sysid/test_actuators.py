@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from sysid import (
+    RK4,
     BackEmf,
     Coulomb,
     DCMotor,
@@ -19,6 +20,7 @@ from sysid import (
     InvalidInput,
     Lag,
     LinearAxis,
+    LoadFriction,
     Model,
     PositionServo,
     Record,
@@ -246,3 +248,25 @@ def test_a_position_command_is_read_as_the_angle_is(tmp_path) -> None:
         read(tmp_path / "servo.csv", columns="command=goal", flip_torque=True, command="position")
     with pytest.raises(InvalidInput, match="expected one of torque, current, voltage, position"):
         read(tmp_path / "servo.csv", columns="command=goal", command="duty")  # type: ignore[arg-type]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [0, 2])
+def test_a_servo_whose_speed_is_limited_is_no_gear_that_takes_all_of_the_load(seed: int) -> None:
+    """It is so light that its limit and the slope of that are known by their ratio alone, which is the speed."""
+    truth = Model(
+        GeneralJoint(J=0.02, G=0.0),
+        (PositionServo(k_p=1.0, k_d=0.9), TorqueSpeedLimit(limit=0.12, k=1.9)),
+        RK4(substeps=4),
+        dt=0.05,
+    )
+    sensor, records = Sensor(theta=1e-4), list[Record]()
+    for k, (target, n) in enumerate(((0.03, 120), (0.06, 120), (0.13, 140), (0.25, 180), (0.5, 240), (0.76, 300))):
+        run = simulate(truth, np.full((1, n), target), np.zeros(1), np.zeros(1))
+        records += sensor.measure(run, np.random.default_rng(10 * seed + k))
+    start = Model(GeneralJoint(J=0.1, G=0.0), (PositionServo(k_p=1.0, k_d=0.5),), RK4(substeps=2), dt=0.05)
+    found = diagnose(start, records, sensor, parameters=("J", "position_servo.k_d"))
+    assert [s.effect for s in found.steps] == ["torque_speed_limit"]
+    limit, k = (found.estimate.values[f"torque_speed_limit.{own}"] for own in ("limit", "k"))
+    assert limit / k == pytest.approx(0.12 / 1.9, rel=0.02)
+    assert not LoadFriction(mu=0.9999).plausible and LoadFriction(mu=0.3).plausible

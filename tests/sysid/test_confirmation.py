@@ -69,6 +69,18 @@ def test_what_the_readings_do_not_determine_is_no_finding(unknown: str) -> None:
     assert found.unconfirmed == [unknown]
 
 
+@pytest.mark.parametrize(("factor", "stays"), [(0.3, True), (0.9, False)])
+def test_what_halves_the_held_out_error_stays_though_more_torque_is_missing(factor: float, stays: bool) -> None:
+    fewer = {own: 10.0 * (factor if "coulomb" in own else 1.0) for own in SUBSETS}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(confirmation, "is_nothing", lambda *_: False)
+        patch.setattr(confirmation, "is_undetermined", lambda *_: False)
+        patch.setattr(confirmation, "is_plausible", lambda *_: True)
+        patch.setattr(Scripted, "torque", lambda _, end: SimpleNamespace(after=2.0 if "coulomb" in end else 1.0))
+        found = Scripted(fewer, frozenset())
+    assert names_of(found.additions) == (("coulomb",) if stays else ())
+
+
 @pytest.mark.parametrize("kept", NAMES)
 def test_what_keeps_another_number_plausible_is_not_dropped(kept: str) -> None:
     """A spring and a friction, beside which a friction that gives like a spring is needless and without which it gives

@@ -26,6 +26,11 @@ class LoadFriction(DryFriction):
     confused = ("viscous", "coulomb", "back_emf", "directional_load_friction")
     mu: Value = parameter(0.0, unit="1", bounds=(0.0, 1.0), neutral=0.0)
 
+    @property
+    def plausible(self) -> bool:
+        """Whether what drives the joint can move it."""
+        return float(self.mu) < 0.95
+
     def limits(self, joint: Joint) -> tuple[Value, Value]:
         limit = self.mu * ops.abs(joint.load)
         return limit, limit
