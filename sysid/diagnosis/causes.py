@@ -73,7 +73,7 @@ class PlantNumbers(JointEffect):
 
     def torque(self, joint: Joint) -> Value:
         """Its share of the gravity torque [N m]."""
-        return self.share_of_gravity * joint.plant.gravity_torque(joint.theta)
+        return self.share_of_gravity * joint.gravity
 
 
 def causes(found: Fit, names: Sequence[str], error: HeldOutError) -> tuple[Cause, ...]:

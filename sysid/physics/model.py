@@ -262,7 +262,7 @@ class Model:
 
         def summed() -> Value:
             unloaded = Joint(theta, theta_dot, t, torque, self.plant, summed=float)
-            load = self.plant.gravity_torque(theta) + torque + push
+            load = unloaded.gravity + torque + push
             for e in self.joint_effects:
                 if not e.friction:
                     load = load + e.torque(unloaded)

@@ -36,6 +36,11 @@ class Joint:
     summed: Callable[[], Value]
 
     @cached_property
+    def gravity(self) -> Value:
+        """The plant's own torque at this angle [N m]."""
+        return self.plant.gravity_torque(self.theta)
+
+    @cached_property
     def load(self) -> Value:
         """Gravity + drive + all effects that are not friction [N m]; 0 while those are being summed."""
         return self.summed()

@@ -77,7 +77,7 @@ class Tilt(JointEffect):
     alpha: Value = parameter(0.0, unit="rad", bounds=(-math.pi, math.pi), neutral=0.0)
 
     def torque(self, joint: Joint) -> Value:
-        return joint.plant.gravity_torque(joint.theta + self.alpha) - joint.plant.gravity_torque(joint.theta)
+        return joint.plant.gravity_torque(joint.theta + self.alpha) - joint.gravity
 
 
 @dataclass(frozen=True, eq=False)

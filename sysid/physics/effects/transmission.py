@@ -48,7 +48,7 @@ class FlexibleTransmission(DynamicEffect):
         cosine, sine = decay * ops.cos(damped * h), decay * ops.sin(damped * h) / damped
         off, damping = delta - sagging, self.zeta * omega
         after = sagging + off * (cosine + damping * sine) + delta_dot * sine
-        after_dot = delta_dot * (cosine - damping * sine) - off * omega * omega * sine
+        after_dot = delta_dot * (cosine - damping * sine) - off * (omega * omega * sine)
         torque = -self.J * (a + (after_dot - delta_dot) / h)
         slope = -self.J * (1.0 - sine / h) / h
         return torque, slope, (after, after_dot)
