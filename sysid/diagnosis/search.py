@@ -122,6 +122,9 @@ class Search:
                 break
             if same:  # and led to a better fit of the others
                 self.stages.pop()
+            elif any({a.name for a in own} == {a.name for a in self.additions} for own, _ in self.stages):
+                self.last = scores(now, self.effects)
+                break  # it would go round in a circle
             self.stages.append((tuple(self.additions), now))
         else:
             self.last = scores(now, self.effects)

@@ -323,6 +323,25 @@ def test_a_spring_that_rests_elsewhere_is_found_with_its_offset() -> None:
     assert {a.name for a in search.additions} == {"coulomb", "spring", "torque_bias"}
 
 
+def test_a_search_that_comes_back_to_effects_that_it_had_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each of two effects is added where the other stands, and takes its place."""
+    search, added = Search(rubbing(), SENSOR), list[str]()
+
+    def swapped(now: Fit, *_: object) -> Fit:
+        added.append("viscous" if added[-1:] == ["coulomb"] else "coulomb")
+        search.additions = [Addition(added[-1], (), (), 1e-9, now)]
+        return now
+
+    chosen = Trial(("coulomb",), mended(), 1.0)
+    for name, does in (("_trials", [chosen]), ("_common", []), ("_chosen", chosen)):
+        monkeypatch.setattr(search, name, lambda *_, does=does: does)
+    monkeypatch.setattr(search, "_added", swapped)
+    monkeypatch.setattr(search, "_pruned", lambda now: now)
+    search.run(rod(), PLANT)
+    assert added == ["coulomb", "viscous", "coulomb"]
+    assert [[a.name for a in own] for own, _ in search.stages] == [["coulomb"], ["viscous"]]
+
+
 def test_what_was_added_and_is_nothing_goes_though_it_stands_alone() -> None:
     rippled = sized(mended(), 0.5, 0.5)
     search = Search(rubbing(), SENSOR)
