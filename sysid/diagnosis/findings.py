@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
+
+import numpy as np
 
 from sysid.estimation.estimate import Estimate
 
@@ -26,13 +29,34 @@ def spaced_unit(name: str) -> str:
 
 
 def fitted_numbers(estimate: Estimate, effect: str | None = None) -> dict[str, dict[str, Any]]:
-    """The fitted numbers of an effect, or all of them, by name: value, sd and unit."""
+    """The fitted numbers of an effect, with its ratios of them that are known, or all of them, by name: value, sd and
+    unit."""
     parameters, sd = estimate.model.parameters, estimate.sd
-    return {
+    numbers = {
         name: {"value": value, "sd": sd[name], "unit": parameters[name].unit}
         for name, value in estimate.values.items()
         if effect is None or parameters[name].owner == effect
     }
+    for own in (e for e in estimate.model.effects if e.name == effect):
+        for ratio, (above, below, unit) in own.ratios.items():
+            parts = [f"{effect}.{part}" for part in (above, below)]
+            if numbers.keys() >= set(parts) and (known := _ratio(estimate, *parts)) is not None:
+                numbers[f"{effect}.{ratio}"] = known | {"unit": estimate.model.plant.unit(unit)}
+    return numbers
+
+
+def _ratio(estimate: Estimate, above: str, below: str) -> dict[str, float] | None:
+    """A ratio r = a / b of two fitted numbers and its sd, to first order; None where it may as well be infinite.
+
+    sd = r |(1/a, -1/b)|_C,   C their covariance
+    """
+    at = [estimate.names.index(n) for n in (above, below)]
+    a, b = (float(estimate.values[n]) for n in (above, below))
+    if not (a > 0.0 and b > 0.0):
+        return None
+    slope = np.array([1.0 / a, -1.0 / b])
+    share = math.sqrt(max(float(slope @ estimate.covariance[np.ix_(at, at)] @ slope), 0.0))
+    return {"value": a / b, "sd": share * a / b} if share < 0.5 else None
 
 
 def with_numbers(effect: str, numbers: Mapping[str, Mapping[str, Any]]) -> str:

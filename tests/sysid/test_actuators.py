@@ -267,6 +267,7 @@ def test_a_servo_whose_speed_is_limited_is_no_gear_that_takes_all_of_the_load(se
     start = Model(GeneralJoint(J=0.1, G=0.0), (PositionServo(k_p=1.0, k_d=0.5),), RK4(substeps=2), dt=0.05)
     found = diagnose(start, records, sensor, parameters=("J", "position_servo.k_d"))
     assert [s.effect for s in found.steps] == ["torque_speed_limit"]
-    limit, k = (found.estimate.values[f"torque_speed_limit.{own}"] for own in ("limit", "k"))
-    assert limit / k == pytest.approx(0.12 / 1.9, rel=0.02)
+    speed = found.steps[0].parameters["torque_speed_limit.no_load_speed"]
+    assert speed["value"] == pytest.approx(0.12 / 1.9, rel=0.02) and speed["unit"] == "rad/s"
+    assert "no_load_speed = 0.06" in str(found) and "torque_speed_limit.no_load_speed" not in found.model.parameters
     assert not LoadFriction(mu=0.9999).plausible and LoadFriction(mu=0.3).plausible

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 
+import numpy as np
 import pytest
 
-from sysid import CATALOGUE, diagnose
+from sysid import CATALOGUE, TorqueSpeedLimit, diagnose
 from sysid.data.splitting import split
 from sysid.diagnosis.answer import SCHEMA
+from sysid.diagnosis.findings import fitted_numbers
+from sysid.estimation.estimate import Estimate
 from tests.sysid.planted import (
     DEPENDENCES,
     EVERY,
@@ -195,3 +199,22 @@ def test_both_errors_are_said_and_neither_is_called_a_fall() -> None:
     assert f"predicted to {channel:.3g} {unit}, before {found.base_error.theta:.3g}" in found.sentence
     worse = dataclasses.replace(found, base_error=found.error, error=found.base_error)
     assert f"predicted to {worse.error.theta:.3g} {unit}, before {channel:.3g}" in worse.sentence
+
+
+@pytest.mark.parametrize(("correlation", "known"), [(0.9999, True), (0.9, True), (0.0, False)])
+def test_a_ratio_that_a_log_knows_better_than_its_parts_is_told_with_its_own_sd(
+    correlation: float, known: bool
+) -> None:
+    """As long as it may not as well be infinite."""
+    names, own = ("torque_speed_limit.limit", "torque_speed_limit.k"), np.array([0.8, 0.16])
+    covariance = np.outer(own, own) * np.array([[1.0, correlation], [correlation, 1.0]])
+    model = rod().with_effect(TorqueSpeedLimit(limit=2.0, k=0.4))
+    estimate = Estimate(model, names, covariance, {}, True, "", math.nan, 100, "")
+    numbers, ratio = fitted_numbers(estimate, "torque_speed_limit"), "torque_speed_limit.no_load_speed"
+    assert (ratio in numbers) == known and set(names) <= set(numbers)
+    if known:
+        steps = 1e-6 * own
+        slope = [((2.0 + h) / (0.4 + i) - (2.0 - h) / (0.4 - i)) / 2e-6 for h, i in ((steps[0], 0), (0, steps[1]))]
+        sd = math.sqrt(np.array(slope) @ (covariance / np.outer(own, own)) @ np.array(slope))
+        assert numbers[ratio] == {"value": 5.0, "sd": pytest.approx(sd, rel=1e-6), "unit": "rad/s"}
+    assert set(fitted_numbers(estimate)) == set(names)

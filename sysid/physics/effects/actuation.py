@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -153,6 +154,7 @@ class TorqueSpeedLimit(JointEffect):
     refines = (("saturation",),)
     formula = "drive = clip(u, -min(limit, limit + k theta_dot), min(limit, limit - k theta_dot))"
     confused = ("saturation", "back_emf")
+    ratios: ClassVar = {"no_load_speed": ("limit", "k", "rad/s")}
     limit: Value = parameter(1e6, unit="N m", bounds=(1e-6, 1e6), neutral=1e6, probe=of_largest(2.0, 1.2, 0.8))
     k: Value = parameter(0.1, unit="N m s/rad", bounds=(0.0, 1e3), probe=of_curve(2.0, 1.2, 0.6))
 

@@ -82,6 +82,7 @@ class Effect(Parametric):
     begins     its numbers where a fit begins without knowing them, as shares of what is large (`Parameter.large`)
     inertial   whether it shows in the motion as another inertia does: a payload tells it, no torque does
     brakes     whether it is a torque against the speed and proportional to it, as the damping of an actuator is
+    ratios     ratios of its numbers that a log may know better than both: name -> (above, below, unit)
     """
 
     words: ClassVar[str] = ""
@@ -96,6 +97,7 @@ class Effect(Parametric):
     begins: ClassVar[Mapping[str, float]] = {}
     inertial: ClassVar[bool] = False
     brakes: ClassVar[bool] = False
+    ratios: ClassVar[Mapping[str, tuple[str, str, str]]] = {}
 
     def __init_subclass__(cls, **keywords: Any) -> None:
         super().__init_subclass__(**keywords)
