@@ -80,7 +80,8 @@ def evenly(rollouts: Sequence[Rows], dt: float | None = None) -> tuple[tuple[Rec
     nearest to an instant of the even grid stands for it, moved there along the channel's local cubic: its error then
     stays its own (interpolation between two rows would shrink the sensor's noise to as little as 0.7 times and colour
     it). The torque becomes its mean over each interval: no impulse is lost.
-    A step that is no gap on the grid of a dt that was given is none.
+    A step that is no gap on the grid of that interval is none: rows that come in bursts are read at an interval that
+    bridges nine in ten of their gaps, where else hardly a second would be left in one piece.
 
     Raises InvalidInput for rates far apart, a dt shorter than theirs, and where nothing is left.
     """
@@ -101,7 +102,7 @@ def evenly(rollouts: Sequence[Rows], dt: float | None = None) -> tuple[tuple[Rec
         raise InvalidInput(
             f"{long[0].name}: rows are {common:.3g} s apart: expected at least {SHORTEST_INTERVAL:g} s; check time_unit"
         )
-    wider = 0.0 if dt else _wider(long, rollouts, gaps, common)
+    wider = 0.0 if dt else _wider(long, ordered, gaps, common)
     if wider:
         records, _, notes = evenly(rollouts, wider)
         return records, wider, (*notes, BRIDGED.format(wider)) if wider > common else notes
