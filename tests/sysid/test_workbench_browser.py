@@ -145,7 +145,7 @@ def test_plots_stay_while_it_refits_and_a_session_is_renamed_and_deleted(page: A
     page.get_by_role("button", name="Begin anew with these settings").click()
     page.get_by_role("button", name="Undo").click(timeout=LONG)
     page.locator("#part-fails .before").wait_for(state="detached", timeout=LONG)
-    assert page.locator("#set-end").input_value() == ""
+    playwright.expect(page.locator("#set-end")).to_have_value("", timeout=LONG)
     page.get_by_text("Sessions", exact=True).click()
     page.locator("#sessions input").fill("the rig")
     page.get_by_role("button", name="Rename").click()
