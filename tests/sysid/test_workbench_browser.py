@@ -138,21 +138,31 @@ def test_plots_stay_while_it_refits_and_a_session_is_renamed_and_deleted(page: A
     assert page.get_by_role("button", name="Add coulomb", exact=True).is_disabled()
     page.get_by_role("button", name="Cancel").click(timeout=LONG)
     page.locator("#part-fails .before").wait_for(state="detached", timeout=LONG)
-    page.get_by_text("How it is read").click()
-    page.locator("#set-end").fill("6")
+    fill(page, "How it is read", "#set-end", "6")
     page.locator("#set-end").press("Enter")
     page.get_by_text("48 s").first.wait_for(timeout=LONG)
     page.get_by_role("button", name="Begin anew with these settings").click()
     page.get_by_role("button", name="Undo").click(timeout=LONG)
     page.locator("#part-fails .before").wait_for(state="detached", timeout=LONG)
     playwright.expect(page.locator("#set-end")).to_have_value("", timeout=LONG)
-    page.get_by_text("Sessions", exact=True).click()
-    page.locator("#sessions input").fill("the rig")
+    fill(page, "Sessions", "#sessions input", "the rig")
     page.get_by_role("button", name="Rename").click()
     page.locator(".files", has_text="the rig").wait_for(timeout=LONG)
     page.on("dialog", lambda dialog: dialog.accept())
     page.get_by_role("button", name="Delete the rig").click()
     page.get_by_role("button", name="a sticky joint").wait_for(timeout=LONG)
+
+
+def fill(page: Any, fold: str, field: str, text: str) -> None:
+    """Open a fold and fill a field in it, again where the part is drawn anew meanwhile and folds up."""
+    for _ in range(20):
+        if not page.locator(field).is_visible():
+            page.get_by_text(fold, exact=True).click()
+        try:
+            return page.locator(field).fill(text, timeout=3_000)
+        except playwright.TimeoutError:
+            continue
+    raise AssertionError(f"{field} in {fold!r} stays folded up")
 
 
 def opened_offline(page: Any, site: str, folder: Path) -> None:
