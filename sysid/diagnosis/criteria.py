@@ -54,8 +54,9 @@ def squared_size(found: Fit, name: str, beyond: Collection[str] = ()) -> float:
         return math.nan
     sizes = [parameters[found.names[i]] for i in at]
     x = np.array([float(p.value) - (0.0 if p.never else float(p.neutral or 0.0)) for p in sizes])
-    shapes = [found.names.index(n) for n in found.model.names_of(name) if n in found.names and sizes[0].never]
-    own = [*at, *(i for i in shapes if i not in at)]
+    numbers = [found.names.index(n) for n in found.model.names_of(name) if n in found.names and sizes[0].never]
+    shapes = [i for i in numbers if i not in at and math.isfinite(found.covariance[i, i])]
+    own = [*at, *shapes]
     precision = np.linalg.pinv(found.covariance[np.ix_(own, own)], hermitian=True)[: len(at), : len(at)]
     return float(x @ precision @ x) / len(x)
 

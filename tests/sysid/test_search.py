@@ -38,6 +38,7 @@ from sysid import (
     Stribeck,
     Tilt,
     TorqueBias,
+    TorqueSpeedLimit,
     Viscous,
     diagnose,
     ops,
@@ -303,6 +304,16 @@ def test_a_limit_that_may_as_well_be_infinite_is_none() -> None:
     for multiple, nothing in ((1.5, True), (4.0, False)):
         held = dataclasses.replace(cut, model=cut.model.with_parameters({"saturation.limit": multiple * sd}))
         assert is_nothing(held, "saturation") == nothing
+
+
+def test_a_limit_is_sure_whether_or_not_the_log_shows_how_it_falls_with_speed() -> None:
+    records = logs(truth(Saturation(limit=0.5)), n=3, seconds=4.0)
+    base = first_fit(Samples(rod(), records, SENSOR), rod(), PLANT)
+    cut = extended(base, [TorqueSpeedLimit(limit=0.6, k=0.0)])
+    Z = cut.Z.copy()
+    Z[:, cut.names.index("torque_speed_limit.k")] = 0.0
+    for found in (cut, dataclasses.replace(cut, Z=Z)):
+        assert not is_nothing(found, "torque_speed_limit")
 
 
 def test_what_the_free_parameters_absorb_is_no_simple_form_of_anything() -> None:
