@@ -131,6 +131,22 @@ class Backlash(OutputEffect):
         y = reading.theta + ops.where(behind > 0.0, ops.minimum(behind, half), ops.maximum(behind, -half))
         return Reading(y, ops.where(touching, reading.theta_dot, 0.0 * reading.theta_dot)), (y,)
 
+    def whole(self, reading: Reading, t: Array, dt: float) -> Reading:
+        """The readings (..., N+1) of a whole record: what one instant after the other limits y to, two at a time are
+        again one limit, then four, then eight."""
+        theta, half = reading.theta, 0.5 * self.width
+        low, high = theta - half, theta + half
+        span = 1
+        while span < theta.shape[-1]:
+            before_low, before_high = low[..., :-span], high[..., :-span]
+            after_low, after_high = low[..., span:], high[..., span:]
+            low = np.concatenate([low[..., :span], np.clip(before_low, after_low, after_high)], axis=-1)
+            high = np.concatenate([high[..., :span], np.clip(before_high, after_low, after_high)], axis=-1)
+            span *= 2
+        y = np.clip(theta[..., :1], low, high)
+        before = np.concatenate([theta[..., :1], y[..., :-1]], axis=-1)
+        return Reading(y, np.where(np.abs(before - theta) >= half, reading.theta_dot, 0.0))
+
 
 @dataclass(frozen=True, eq=False)
 class Eccentricity(OutputEffect):
