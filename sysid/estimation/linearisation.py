@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.data.record import Record, check_records, extent_of
+from sysid.data.rests import repetitions
 from sysid.data.sensor import Sensor
 from sysid.estimation.kalman import LinearSystem
 from sysid.estimation.smoothed_start import smooth_states
@@ -31,7 +32,7 @@ class Samples:
     """The M instants of records, one record after the other.
 
     t, clock (M,) [s]: of the log and since the rollout began; y and weight (M, 2): readings of theta and theta_dot and
-    1 / sd, 0 where nothing was read; number (M,) of the record; follows (M,): whether the next instant belongs to the
+    1 / sd, 0 where nothing was read, or only again what a joint at rest had shown (`sysid.data.rests`); number (M,) of the record; follows (M,): whether the next instant belongs to the
     same record. The last instant of a record has no interval after it: whatever is said about that is idle.
     """
 
@@ -56,7 +57,8 @@ class Samples:
         return len(self.number)
 
     def _gather(self, record: Record, begin: int) -> None:
-        for reading in self.sensor.readings(record):
+        readings = self.sensor.readings(record)
+        for reading in readings:
             channel = 0 if reading.channel == "theta" else 1
             known = np.isfinite(reading.value)
             at = begin + reading.index[known]
@@ -68,6 +70,7 @@ class Samples:
             else 0
         )
         self.weight[begin : begin + blind] = 0.0
+        self.weight[begin : begin + len(record) + 1][repetitions(readings, len(record) + 1, self.dt)] = 0.0
 
     @property
     def reach(self) -> float:
