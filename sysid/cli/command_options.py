@@ -157,7 +157,9 @@ class DiagnoseCommand(EndsInModel):
     tolerance: Annotated[float, arg(metavar="SHARE")] = 0.02
     """What matters: an effect is added where it lowers the error of predictions by this share."""
 
-    horizon: Annotated[float, arg(metavar="S")] = 1.0
+    horizon: Annotated[
+        float | None, arg(metavar="S", help_behavior_hint="(default: 1, or five periods of a free swing)")
+    ] = None
     """How far ahead [s] predictions have to be right: shorter for what shakes (and by itself for what balances),
     longer for what decays slowly."""
 

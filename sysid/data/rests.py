@@ -1,7 +1,7 @@
 """Rests: a joint that stands still is read again and again, and says each time what it said before.
 
-What a model lacks acts while a joint moves. Each reading at rest would count as evidence that nothing is missing, and
-for whatever holds the joint: the longer a log rests, the larger its dry friction would seem.
+What a model lacks acts while a joint moves. Each reading at rest would count as evidence that nothing acts, and for or
+against whatever holds the joint: the longer a log rests, the less its dry friction would be that of the motion.
 """
 
 from __future__ import annotations

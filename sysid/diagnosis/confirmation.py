@@ -88,7 +88,7 @@ class Confirmation:
 
     def error(self, fit: Fit) -> HeldOutError:
         """The error of a fitted model on the records that no fit has seen."""
-        return held_out_error(fit.model, self.held_out, self.search.sensor, self.search.settings.horizon)
+        return held_out_error(fit.model, self.held_out, self.search.sensor, self.search.settings.ahead)
 
     def fit_with(self, additions: Sequence[Addition]) -> tuple[Fit, HeldOutError]:
         """The fit with these additions alone, and its error."""
@@ -125,7 +125,7 @@ class Confirmation:
     def fitted_error(self, end: Fit) -> float:
         """The error of predictions of what was fitted to, which several ask for."""
         if end not in self.fitted:
-            self.fitted[end] = fitted_error(end, self.search.settings.horizon)
+            self.fitted[end] = fitted_error(end, self.search.settings.ahead)
         return self.fitted[end]
 
     def _confirm(self) -> None:
@@ -164,10 +164,10 @@ class Confirmation:
             self.additions = own
 
     def _unmask(self) -> None:
-        """Take back what leaves more torque missing than was missing without it, unless it halves the error on the
-        held-out data, and what is a part of something unknown: what remains depends on the quantity that it is a
-        function of, and it explains less than most of that, or only with a number driven to its bound. What is left
-        then has to be confirmed anew."""
+        """Take back what leaves more torque missing than was missing without it, by what matters, unless it halves the
+        error on the held-out data, and what is a part of something unknown: what remains depends on the quantity that
+        it is a function of, and it explains less than most of that, or only with a number driven to its bound. What is
+        left then has to be confirmed anew."""
         before = list(self.additions)
         while (masking := self._masking()) is not None:
             self.additions.remove(masking)
@@ -185,7 +185,8 @@ class Confirmation:
             if not math.isfinite(its_error.ratio):  # without it the model runs away
                 continue
             without = self.torque(fewer).after
-            worse = torque.after > without and not is_lowered(error.ratio, its_error.ratio, TELLING)
+            more = torque.after > (1.0 + self.search.settings.tolerance) * without
+            worse = more and not is_lowered(error.ratio, its_error.ratio, TELLING)
             if worse or self._hides(addition, end, error, torque, without):
                 return addition
         return None

@@ -88,7 +88,7 @@ def matters(before: Model, after: Fit, settings: SearchSettings) -> bool:
     The RMS difference of the two models' predictions exceeds `noise_share` of the sensor noise and what would lower the
     error by the share `tolerance`:  sqrt(1 - (1 - tolerance)^2)  of what the prediction is off beyond the noise.
     """
-    size, error = moved(before, after.model, after, settings.horizon)
+    size, error = moved(before, after.model, after, settings.ahead)
     excess = math.sqrt(max(error**2 - 1.0, 0.0))
     share = math.sqrt(1.0 - (1.0 - settings.tolerance) ** 2)
     return math.isfinite(size) and size > max(settings.noise_share, share * excess)

@@ -31,7 +31,7 @@ from sysid.estimation.held_out import held_out_error, lead_of
 from sysid.estimation.initial_guess import initial_guess, shown_ratios
 from sysid.estimation.likelihood import p_value
 from sysid.estimation.linearisation import Samples
-from sysid.estimation.prediction import foreseeable
+from sysid.estimation.prediction import foreseeable, telling_horizon
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.scores import price
 from sysid.estimation.torque_regression import friction_along
@@ -125,15 +125,16 @@ def diagnose(
         notes = (*notes, f"of {amount_of(fitted)} to fit, {amount_of(training)} are searched, spread over the log")
         logger.info(notes[-1])
     sensor = relied_on(model, training, sensor)
-    ahead = _ahead(model, names, training, sensor)
-    settings = replace(settings, horizon=max(min(settings.horizon, ahead), SHORTEST_HORIZON))
+    asked = telling_horizon(records) if settings.horizon is None else settings.horizon
+    ahead = min(asked, _foreseeable(model, names, training, sensor))
+    settings = replace(settings, horizon=max(ahead, SHORTEST_HORIZON))
     search, base, contacts = _searched(lambda left: Search(left, sensor, chosen, settings), training, model, names)
     held_out, more = _untouched(search, base, held_out)
     confirmed = Confirmation(search, base, held_out, (*contacts, *more))
     return _Report(confirmed, records, notes).diagnosis(began)
 
 
-def _ahead(model: Model, names: Sequence[str], records: Sequence[Record], sensor: Sensor) -> float:
+def _foreseeable(model: Model, names: Sequence[str], records: Sequence[Record], sensor: Sensor) -> float:
     """How far ahead [s] what acts can be foreseen; a gravity that is free and that the log does not show makes nothing
     fall."""
     if not set(names).isdisjoint(model.plant.parameters):
@@ -178,7 +179,7 @@ def _untouched(
 ) -> tuple[tuple[Record, ...], tuple[Contact, ...]]:
     """The held-out records without what a hand touched, which no model predicts, and what that was."""
     end = search.stages[-1][1] if search.stages else base
-    if not held_out_error(end.model, held_out, search.sensor, search.settings.horizon).beyond_noise:
+    if not held_out_error(end.model, held_out, search.sensor, search.settings.ahead).beyond_noise:
         return held_out, ()
     try:
         torque = residual_torque(end.model, (*search.records, *held_out), search.sensor)

@@ -310,7 +310,8 @@ def needed_disturbances(base: Fit) -> Disturbances:
 
 
 def missing_torque(found: Fit, disturbances: Disturbances) -> Array:
-    """The torque (M,) [N m] that the log needs beside a fitted model, averaged over 0.4 s; nan at a record's ends.
+    """The torque (M,) [N m] that the log needs beside a fitted model, averaged over 0.4 s, nan at a record's ends; as it
+    is where no record is so long.
 
     Several models compare where the `disturbances` are the same: those that the model as it came needs.
     """
@@ -323,7 +324,9 @@ def missing_torque(found: Fit, disturbances: Disturbances) -> Array:
         disturbances,
         held,
     )
-    return slow(found.inertia * smoothed.motion.d, found.samples.number, found.samples.dt)
+    torque = found.inertia * smoothed.motion.d
+    averaged = slow(torque, found.samples.number, found.samples.dt)
+    return averaged if np.any(np.isfinite(averaged)) else torque
 
 
 def _largest(found: Fit) -> Disturbances:

@@ -241,8 +241,8 @@ class Search:
         begin: Sequence[Effect] | None = None,
         near: Fit | None = None,
     ) -> None:
-        """Fit with these effects, begun where a fit that is `near` ended; a model in which two exclude each other, or
-        that runs away, is no candidate."""
+        """Fit with these effects, begun where a fit that is `near` ended; a model in which two exclude each other, that
+        runs away, or that most readings cannot be compared with, is no candidate."""
         logger.debug(f"fitting {' and '.join(names)}")
         try:
             start = begin or [self._start(now, n, alone=len(names) == 1) for n in names]
@@ -250,7 +250,7 @@ class Search:
         except InvalidInput:
             return
         merit = gain(found, now, names) - sum(map(self._price, names))
-        if math.isfinite(merit):
+        if math.isfinite(merit) and 2 * found.linearised.unused <= found.samples.readings:
             tried.append(Trial(names, found, merit))
 
     def _start(self, now: Fit, name: str, alone: bool) -> Effect:
@@ -337,7 +337,7 @@ class Search:
     def left_out(self, own: Fit, lead: float) -> PredictionErrors:
         """The errors on left-out stretches; those of a round are asked for several times."""
         if (own, lead) not in self.left:
-            self.left[own, lead] = left_out_errors(own, self.settings.horizon, self.settings.blocks, lead)
+            self.left[own, lead] = left_out_errors(own, self.settings.ahead, self.settings.blocks, lead)
         return self.left[own, lead]
 
     def _preferred(self, now: Fit, best: Trial) -> list[Trial]:

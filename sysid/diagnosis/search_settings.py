@@ -19,7 +19,8 @@ class SearchSettings:
                    it is nothing that noise does in more than 1 of 12 logs
     tolerance      share by which an effect has to lower the error of predictions, to matter
     noise_share    change of predictions, in units of the sensor noise, below which nothing matters
-    horizon        how far ahead predictions have to be right [s], where it can be foreseen (`foreseeable`)
+    horizon        how far ahead predictions have to be right [s], where it can be foreseen (`foreseeable`); None: so
+                   far that they tell of the machine (`telling_horizon`)
     steps          additions, at most
     trials         single effects that a round fits for their promise at first, at most; as many again where none pays
     share          share of the largest promise that another has to promise to be tried at first
@@ -55,7 +56,7 @@ class SearchSettings:
     price: float = 3.0
     tolerance: float = 0.02
     noise_share: float = 0.07
-    horizon: float = WINDOW
+    horizon: float | None = None
     steps: int = 6
     trials: int = 5
     share: float = 0.2
@@ -95,9 +96,14 @@ class SearchSettings:
     def __post_init__(self) -> None:
         if not 0.0 <= self.tolerance < 1.0:
             raise InvalidInput(f"tolerance = {self.tolerance:g}: expected a share below 1, such as 0.02")
-        if not SHORTEST_HORIZON <= self.horizon <= LONGEST_HORIZON:
+        if self.horizon is not None and not SHORTEST_HORIZON <= self.horizon <= LONGEST_HORIZON:
             choices = f"expected {SHORTEST_HORIZON:g} to {LONGEST_HORIZON:g} s"
             raise InvalidInput(f"horizon = {self.horizon:g}: {choices}")
+
+    @property
+    def ahead(self) -> float:
+        """The horizon [s], where none is asked for a second."""
+        return WINDOW if self.horizon is None else self.horizon
 
 
 DEFAULT = SearchSettings()

@@ -10,7 +10,7 @@ import numpy as np
 
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
-from sysid.estimation.torque_regression import regression, telling_motion, weight_along
+from sysid.estimation.torque_regression import IntegratedMotion, regression, telling_motion, weight_along
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
 
@@ -19,7 +19,10 @@ FEWEST = 40
 SLOWEST, FASTEST, FREQUENCIES, RATIOS = 3.0, 2.0, 16, (0.3, 0.7, 1.5)
 """Natural frequencies [rad/s] from the slowest to this many a sample, and damping ratios, of a servo that are tried."""
 WELL_EXPLAINED = 0.8
-"""Share of the changes of the speed that is explained where an inertia of one standard error counts."""
+"""Share of the changes of the speed that is explained where an inertia of one standard error counts, and of the torque
+that friction explains where the inertia is small."""
+LITTLE = 0.1
+"""Share of the torque that an inertia takes which does not show beside friction."""
 NEAREST_STEPS, LARGEST_STEP = 12, 5.0
 """Steps to the nearest numbers that show what a log shows, and by how much a logarithm changes in one at most."""
 
@@ -31,9 +34,21 @@ def initial_guess(model: Model, names: Sequence[str], records: Sequence[Record],
 
     (of a linear axis a spring in place of the weight) by least squares over smoothed states, T = 0.2 s, or a quarter of
     a swing; then the numbers nearest to the old ones with that 1/J and G/J.
-    What the log does not show (no torque, no gravity) stays as it was. Good to a few ten per cent.
+    What the log does not show (no torque, no gravity) stays as it was, but for an inertia of which friction and weight
+    leave next to nothing of the torque: it is a small one. Good to a few ten per cent.
     """
-    return _with_ratios(model, names, shown_ratios(model, records, sensor))
+    shown = shown_ratios(model, records, sensor)
+    if "1/J" not in shown:
+        shown |= _least_inertia(telling_motion(model, records, sensor))
+    return _with_ratios(model, names, shown)
+
+
+def _least_inertia(terms: IntegratedMotion) -> dict[str, float]:
+    """The 1/J at which accelerating takes a tenth of the torque, where friction and weight take most of that."""
+    weight, torque, less_speed, less_sign, one = terms.columns.T
+    if regression(np.column_stack([-less_speed, -less_sign, one, weight]), torque).share <= WELL_EXPLAINED:
+        return {}
+    return {"1/J": float(np.std(terms.speed_change) / (LITTLE * np.std(torque)))}
 
 
 def initial_guesses(model: Model, names: Sequence[str], records: Sequence[Record], sensor: Sensor) -> tuple[Model, ...]:

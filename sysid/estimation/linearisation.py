@@ -32,8 +32,9 @@ class Samples:
     """The M instants of records, one record after the other.
 
     t, clock (M,) [s]: of the log and since the rollout began; y and weight (M, 2): readings of theta and theta_dot and
-    1 / sd, 0 where nothing was read, or only again what a joint at rest had shown (`sysid.data.rests`); number (M,) of the record; follows (M,): whether the next instant belongs to the
-    same record. The last instant of a record has no interval after it: whatever is said about that is idle.
+    1 / sd, 0 where nothing was read, or only again what a joint at rest had shown (`sysid.data.rests`); number (M,) of
+    the record; follows (M,): whether the next instant belongs to the same record. The last instant of a record has no
+    interval after it: whatever is said about that is idle.
     """
 
     def __init__(self, model: Model, records: Sequence[Record], sensor: Sensor) -> None:

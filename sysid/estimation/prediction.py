@@ -20,6 +20,9 @@ WINDOW, BLOCKS = 1.0, 8
 SHORTEST = 0.3
 """Horizon [s] below which a prediction says little more than the sensor."""
 
+PERIODS = 5
+"""Periods of a free swing over which predictions are judged, and that a record shows at least."""
+
 GROWTH = 5.0
 """Logarithm of the factor by which an error may grow until a prediction says nothing of the model."""
 
@@ -47,6 +50,20 @@ class PredictionErrors:
         if np.sum(self.squares) > np.sum(other.squares):
             mean = min(mean, -abs(math.log(float(np.sum(self.squares)) / max(float(np.sum(other.squares)), 1e-300))))
         return mean, float(np.std(apart, ddof=1)) / math.sqrt(len(apart)) if len(apart) > 1 else math.inf
+
+
+def telling_horizon(records: Sequence[Record]) -> float:
+    """How far ahead [s] predictions tell of a machine: a second, and five periods of what swings freely, over which its
+    losses add up; a shorter way tells of its period alone."""
+    longest = max(records, key=len)
+    read = longest.theta if longest.theta is not None and longest.has_angles else longest.theta_dot
+    if read is None or any(np.any(r.u) for r in records):
+        return WINDOW
+    known = np.flatnonzero(np.isfinite(read))
+    motion = np.interp(np.arange(len(read)), known, read[known]) if len(known) else np.zeros(len(read))
+    periods = int(np.argmax(np.abs(np.fft.rfft(motion - np.mean(motion)))))
+    seconds = len(longest) * longest.dt
+    return max(WINDOW, float(f"{PERIODS * seconds / periods:.2g}")) if periods >= PERIODS else WINDOW
 
 
 def foreseeable(model: Model, records: Sequence[Record]) -> float:

@@ -8,7 +8,19 @@ import math
 import numpy as np
 import pytest
 
-from sysid import RK4, Coulomb, GeneralJoint, Model, Record, Sensor, TorqueSpeedLimit, Viscous, diagnose, simulate
+from sysid import (
+    RK4,
+    Coulomb,
+    DCMotor,
+    GeneralJoint,
+    Model,
+    Record,
+    Sensor,
+    TorqueSpeedLimit,
+    Viscous,
+    diagnose,
+    simulate,
+)
 from sysid.diagnosis.search import Search
 from sysid.estimation.first_fit import BLOCKS, WINDOW, first_fit, with_best_memory, with_common, without_common
 from sysid.estimation.initial_guess import initial_guess
@@ -173,3 +185,22 @@ def test_a_run_up_into_the_speed_limit_of_the_drive() -> None:
     values = found.estimate.values
     assert values["J"] == pytest.approx(0.016, rel=0.1)
     assert values["torque_speed_limit.limit"] / values["torque_speed_limit.k"] == pytest.approx(4.0 / 0.15, rel=0.05)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_motor_that_answers_within_a_sample_shows_its_back_emf(seed: int) -> None:
+    """Its inertia takes next to nothing of the voltage; begun at a large one, a random torque would move it instead.
+
+    Rows that tell a voltage of a sample ago make a regression's inertia negative.
+    """
+    rng, dt = np.random.default_rng(seed), 0.007
+    t = dt * np.arange(400)
+    u = 0.25 * np.sin(2.0 * math.pi * (1.0 + 2.0 * t) * t)[None]
+    fine = Model(GeneralJoint(J=2.6e-5, G=0.0), (DCMotor(k_e=0.0087),), RK4(substeps=40), dt)
+    own = Sensor(theta=0.0015).measure(simulate(fine, u, np.full(1, math.pi), np.zeros(1)), rng)[0]
+    records = [Record(own.t[:-1], own.u[:-1], np.asarray(own.theta)[1:])]
+    start = Model(GeneralJoint(G=0.0), (DCMotor(),), RK4(substeps=4), dt)
+    names = ("J", "dc_motor.k_e")
+    found = first_fit(Samples(start, records, Sensor(theta=0.0015)), start, names)
+    assert found.values[0] < 2e-4
+    assert found.values[1] == pytest.approx(0.0087, rel=0.03)

@@ -152,3 +152,10 @@ def test_a_spring_that_rests_elsewhere_is_no_heavy_load_behind_a_spring():
     assert found.verdict == "missing" and {s.effect for s in found.steps} == {e.name for e in hidden}
     for name, value in (("spring.k", 71.3), ("torque_bias.tau_0", 29.7), ("viscous.b", 0.022), ("drag.c", 0.14)):
         assert abs(found.estimate.values[name] - value) < 4.0 * found.estimate.sd[name], name
+
+
+@pytest.mark.parametrize(("mu_drive", "mu_back", "plausible"), [(0.2, 0.4, True), (0.0, 1.0, False), (1.0, 1.0, False)])
+def test_a_gear_that_loses_nothing_when_it_drives_loses_nothing_when_the_load_does(
+    mu_drive: float, mu_back: float, plausible: bool
+) -> None:
+    assert DirectionalLoadFriction(mu_drive=mu_drive, mu_back=mu_back).plausible is plausible

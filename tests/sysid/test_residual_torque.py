@@ -13,7 +13,9 @@ import numpy as np
 import pytest
 
 from sysid import RK4, GeneralJoint, InvalidInput, Model, Record, RodPendulum, Sensor, effect, simulate
-from sysid.diagnosis.residual_torque import ResidualTorque, residual_torque
+from sysid.diagnosis.residual_torque import ResidualTorque, missing_torque, residual_torque
+from sysid.estimation.linearisation import Samples
+from sysid.estimation.solver import fit_parameters
 from sysid.physics.effects import Effect, Joint, JointEffect
 from sysid.physics.ops import Value
 from sysid.planning.excitation import multisine
@@ -253,3 +255,12 @@ def test_hands_on_a_real_pendulum(name: str, quiet: float, pushes: tuple[float, 
     assert min(t.t_begin for t in found) > quiet
     for push in pushes:
         assert any(t.t_begin - 0.3 < push < t.t_end + 0.3 for t in found), push
+
+
+def test_rollouts_too_short_to_average_over_show_a_torque_all_the_same() -> None:
+    records, _ = made(magnet, n=400, rollouts=2)
+    short = [replace(r.head(15), name=f"{r.name}, {k}") for k, r in enumerate(records)]
+    samples = Samples(MODEL, short, BOTH)
+    found = fit_parameters(samples, MODEL, ("m",))
+    assert 15 * DT < 0.4
+    assert np.all(np.isfinite(missing_torque(found, found.disturbances)))

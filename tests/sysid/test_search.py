@@ -24,6 +24,7 @@ from sysid import (
     Drag,
     Effect,
     FlexibleTransmission,
+    GeneralJoint,
     Joint,
     JointEffect,
     Model,
@@ -34,6 +35,7 @@ from sysid import (
     RotorInertia,
     Saturation,
     Sensor,
+    SensorDelay,
     Spring,
     Stribeck,
     Tilt,
@@ -56,6 +58,7 @@ from sysid.estimation.prediction import PredictionErrors
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import extended, reduced
 from sysid.estimation.scores import Score, alikeness, price, scores
+from sysid.estimation.solver import fit_parameters
 from sysid.physics.ops import Value
 from sysid.planning.excitation import steps
 from tests.sysid.planted import DT, SENSOR, logs, rod, shaken, truth
@@ -166,6 +169,19 @@ def test_what_is_too_small_to_matter_over_a_second_matters_over_a_longer_horizon
     assert [s.effect for s in found.steps] == ["viscous"]
     assert found.error.window == 3.0
     assert "lowers the error of 3 s predictions by 2%" in str(found)
+
+
+def test_what_most_readings_cannot_be_compared_with_is_no_candidate() -> None:
+    """In rollouts of a quarter of a second hardly a reading shows what a sensor that is as late as this one saw."""
+    truth = Model(GeneralJoint(J=0.1, G=1.0), (Coulomb(tau_c=0.5),), dt=0.01)
+    u, sensor = np.random.default_rng(0).uniform(-2.0, 2.0, (12, 25)), Sensor(theta=1e-4)
+    records = sensor.measure(simulate(truth, u, np.full(12, math.pi), np.zeros(12)), np.random.default_rng(1))
+    wrong, tried = Model(GeneralJoint(J=0.3, G=1.0), dt=0.01), list[Trial]()
+    now = fit_parameters(Samples(wrong, records, sensor), wrong, ("J",))
+    search = Search(records, sensor)
+    search.last = scores(now, ("sensor_delay",))
+    search._try(now, ("sensor_delay",), tried, [SensorDelay(T=0.19)])
+    assert not tried
 
 
 @pytest.mark.parametrize("wrong", [{"horizon": 0.0}, {"horizon": -1.0}, {"horizon": math.inf}, {"tolerance": 1.0}])

@@ -211,6 +211,17 @@ def test_a_whole_record_is_filtered_as_instant_by_instant():
     np.testing.assert_array_equal(whole.theta, theta)
 
 
+@pytest.mark.parametrize("width", [0.0, 0.03, 0.4, 1.0])
+def test_play_over_a_whole_record_is_that_of_one_instant_after_the_other(width: float) -> None:
+    rng, effect = np.random.default_rng(0), Backlash(width=width)
+    theta, theta_dot = np.cumsum(0.1 * rng.standard_normal((3, 77)), axis=-1), rng.standard_normal((3, 77))
+    whole = effect.whole(Reading(theta, theta_dot), np.zeros((3, 77)), 0.02)
+    for row in range(3):
+        shown = watch(effect, theta[row], theta_dot[row], 0.02)
+        np.testing.assert_allclose(whole.theta[row], shown[0], atol=1e-14)
+        np.testing.assert_array_equal(whole.theta_dot[row], shown[1])
+
+
 FILTERED = FilteredSpeed(T=0.03)
 
 

@@ -12,6 +12,9 @@ from sysid.physics.effects.effect import Array, DryFriction, Joint, JointEffect
 from sysid.physics.ops import Value
 from sysid.physics.parameters import parameter
 
+LARGEST_SHARE = 0.95
+"""Share of a load that friction may take of a machine that moves."""
+
 
 @dataclass(frozen=True, eq=False)
 class LoadFriction(DryFriction):
@@ -29,7 +32,7 @@ class LoadFriction(DryFriction):
     @property
     def plausible(self) -> bool:
         """Whether what drives the joint can move it."""
-        return float(self.mu) < 0.95
+        return float(self.mu) < LARGEST_SHARE
 
     def limits(self, joint: Joint) -> tuple[Value, Value]:
         limit = self.mu * ops.abs(joint.load)
@@ -53,6 +56,12 @@ class DirectionalLoadFriction(DryFriction):
     confused = ("load_friction", "coulomb")
     mu_drive: Value = parameter(0.0, unit="1", bounds=(0.0, 1.0), neutral=0.0)
     mu_back: Value = parameter(0.0, unit="1", bounds=(0.0, 1.0), neutral=0.0)
+
+    @property
+    def plausible(self) -> bool:
+        """Whether what drives the joint can move it, and a gear that loses much when it is back-driven loses some when
+        it drives."""
+        return 0.1 * float(self.mu_back) < float(self.mu_drive) < LARGEST_SHARE
 
     def limits(self, joint: Joint) -> tuple[Value, Value]:
         load = ops.abs(joint.load)

@@ -1,0 +1,70 @@
+"""Rests: what a joint at rest repeats is no evidence, and does not bend its friction."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from sysid import Coulomb, GeneralJoint, Model, Record, Sensor, Viscous, simulate
+from sysid.data.rests import AROUND, repetitions
+from sysid.estimation.linearisation import Samples
+from sysid.estimation.solver import fit_parameters
+
+DT = 0.02
+SENSOR = Sensor(theta=0.001)
+
+
+def record(theta: np.ndarray | None, theta_dot: np.ndarray | None = None, seed: int = 0) -> Record:
+    rng, N = np.random.default_rng(seed), len(theta if theta is not None else np.asarray(theta_dot)) - 1
+    noisy = [None if y is None else y + 0.001 * rng.standard_normal(N + 1) for y in (theta, theta_dot)]
+    return Record(DT * np.arange(N + 1), np.zeros(N), *noisy)
+
+
+def repeated(own: Record, sensor: Sensor) -> np.ndarray:
+    return repetitions(sensor.readings(own), len(own) + 1, DT)
+
+
+def test_of_a_rest_one_reading_is_kept_in_a_quarter_of_a_second() -> None:
+    t = DT * np.arange(500)
+    theta = np.where(t < 4.0, 0.3 * np.cos(3.0 * t), 0.3 * math.cos(12.0))
+    at = repeated(record(theta), SENSOR)
+    inside = (t > 4.0 + 2.0 * AROUND) & (t < 10.0 - 2.0 * AROUND)
+    assert not np.any(at[t < 4.0])
+    assert np.mean(~at[inside]) == pytest.approx(DT / AROUND, rel=0.4)
+
+
+def test_what_turns_steadily_does_not_rest() -> None:
+    """Neither as fast as a speed alone can tell it, nor as slowly as an angle can."""
+    t = DT * np.arange(500)
+    assert not np.any(repeated(record(None, np.full(500, 2.0)), Sensor(theta_dot=0.001)))
+    assert not np.any(repeated(record(0.05 * t), SENSOR))
+    assert np.any(repeated(record(None, np.zeros(500)), Sensor(theta_dot=0.001)))
+
+
+def test_a_speed_with_an_offset_rests_where_the_angle_does() -> None:
+    both = record(np.full(500, 1.0), np.full(500, 0.4))
+    assert np.any(repeated(both, Sensor(theta=0.001, theta_dot=0.001)))
+
+
+def shaken(seed: int) -> tuple[Record, int]:
+    """A free swing that a white torque shakes as long as it is fast, and the sample at which it has come to rest."""
+    rng, push = np.random.default_rng(seed), np.zeros((1, 1500))
+    truth = Model(GeneralJoint(J=0.1, G=4.8), (Coulomb(tau_c=0.05), Viscous(b=0.012)), dt=DT)
+    for _ in range(3):  # where it is fast depends on the torque, a little
+        run = simulate(truth, push, np.array([0.5 * math.pi]), np.zeros(1))
+        fast = np.abs(run.theta_dot[:, :-1]) > 1.0
+        push = 0.3 * np.random.default_rng(seed).standard_normal(fast.shape) * fast
+    own = SENSOR.measure(simulate(truth, push, np.array([0.5 * math.pi]), np.zeros(1)), rng)[0]
+    return Record(own.t, np.zeros(len(own)), own.theta), int(np.flatnonzero(np.abs(run.theta_dot[0]) > 1e-3)[-1])
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 3])
+def test_friction_is_found_however_long_the_joint_rests_afterwards(seed: int) -> None:
+    """The random torque that the swing needs is not there any more, and is no measure of what holds the joint."""
+    whole, moving = shaken(seed)
+    assert len(whole) > moving + 360
+    model = Model(GeneralJoint(J=0.1, G=4.8), (Coulomb(tau_c=0.05), Viscous(b=0.012)), dt=DT)
+    found = fit_parameters(Samples(model, [whole], SENSOR), model, ("G", "coulomb.tau_c", "viscous.b")).estimate()
+    assert abs(found.values["coulomb.tau_c"] - 0.05) < 3.0 * found.sd["coulomb.tau_c"]
