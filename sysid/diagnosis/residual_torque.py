@@ -310,8 +310,8 @@ def needed_disturbances(base: Fit) -> Disturbances:
 
 
 def missing_torque(found: Fit, disturbances: Disturbances) -> Array:
-    """The torque (M,) [N m] that the log needs beside a fitted model, averaged over 0.4 s, nan at a record's ends; as it
-    is where no record is so long.
+    """The torque (M,) [N m] that the log needs beside a fitted model, averaged over 0.4 s, nan at a record's ends; as
+    it is where no record is so long.
 
     Several models compare where the `disturbances` are the same: those that the model as it came needs.
     """

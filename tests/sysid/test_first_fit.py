@@ -191,14 +191,15 @@ def test_a_run_up_into_the_speed_limit_of_the_drive() -> None:
 def test_a_motor_that_answers_within_a_sample_shows_its_back_emf(seed: int) -> None:
     """Its inertia takes next to nothing of the voltage; begun at a large one, a random torque would move it instead.
 
-    Rows that tell a voltage of a sample ago make a regression's inertia negative.
+    Rows that tell a voltage of half a sample ago make a regression's inertia negative.
     """
     rng, dt = np.random.default_rng(seed), 0.007
     t = dt * np.arange(400)
-    u = 0.25 * np.sin(2.0 * math.pi * (1.0 + 2.0 * t) * t)[None]
+    u = 0.25 * np.sin(2.0 * math.pi * (1.0 + 0.5 * t) * t)[None]
     fine = Model(GeneralJoint(J=2.6e-5, G=0.0), (DCMotor(k_e=0.0087),), RK4(substeps=40), dt)
     own = Sensor(theta=0.0015).measure(simulate(fine, u, np.full(1, math.pi), np.zeros(1)), rng)[0]
-    records = [Record(own.t[:-1], own.u[:-1], np.asarray(own.theta)[1:])]
+    theta = np.asarray(own.theta)
+    records = [Record(own.t[:-1], own.u[:-1], 0.5 * (theta[:-1] + theta[1:]))]
     start = Model(GeneralJoint(G=0.0), (DCMotor(),), RK4(substeps=4), dt)
     names = ("J", "dc_motor.k_e")
     found = first_fit(Samples(start, records, Sensor(theta=0.0015)), start, names)
