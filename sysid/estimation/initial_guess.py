@@ -133,9 +133,12 @@ def _inside(model: Model, names: Sequence[str], scale: Array) -> list[float]:
 
 def shown_ratios(model: Model, records: Sequence[Record], sensor: Sensor) -> dict[str, float]:
     """1/J [1/(kg m^2)] and G/J [1/s^2], where they are positive and three standard errors from 0; an inertia that is
-    less sure is still the best guess where all terms together explain how the speed changes."""
+    less sure is still the best guess where all terms together explain how the speed changes. A torque that never
+    changes shows it where no offset acts beside it."""
     terms = telling_motion(model, records, sensor)
-    found = regression(terms.columns, terms.speed_change)
+    torque, one = terms.columns[:, 1], terms.columns[:, 4]
+    constant = bool(np.any(torque)) and np.ptp(torque * np.sum(one) - one * np.sum(torque)) < 1e-9 * abs(np.sum(torque))
+    found = regression(terms.columns[:, :4] if constant else terms.columns, terms.speed_change)
     least = 1e-6 * float(np.linalg.norm(terms.speed_change))  # what moves the joint by less is rounding
     shown = {"1/J": 1} | ({"G/J": 0} if model.plant.turns else {})
     errors = {"1/J": 1.0 if found.share > WELL_EXPLAINED else 3.0, "G/J": 3.0}

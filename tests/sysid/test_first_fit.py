@@ -205,3 +205,12 @@ def test_a_motor_that_answers_within_a_sample_shows_its_back_emf(seed: int) -> N
     found = first_fit(Samples(start, records, Sensor(theta=0.0015)), start, names)
     assert found.values[0] < 2e-4
     assert found.values[1] == pytest.approx(0.0087, rel=0.03)
+
+
+def test_a_torque_that_never_changes_shows_an_inertia() -> None:
+    """It moves the middle about which a weight swings, and no offset is asked for beside it."""
+    held = np.full((1, 600), 0.018)
+    machine = Model(GeneralJoint(J=0.021, G=0.09), (Viscous(b=0.002),), dt=DT)
+    records = SENSOR.measure(simulate(machine, held, np.full(1, math.pi), np.zeros(1)), np.random.default_rng(0))
+    guess = initial_guess(Model(GeneralJoint(), dt=DT), ("J", "G"), records, SENSOR)
+    np.testing.assert_allclose([guess.plant.parameters[n].value for n in ("J", "G")], [0.021, 0.09], rtol=0.1)
