@@ -1,7 +1,8 @@
 """Rests: a joint that stands still is read again and again, and says each time what it said before.
 
 What a model lacks acts while a joint moves. Each reading at rest would count as evidence that nothing acts, and for or
-against whatever holds the joint: the longer a log rests, the less its dry friction would be that of the motion.
+against whatever holds the joint: the longer a log rests, the less its dry friction would be that of the motion. So the
+readings of a quarter of a second at rest are one reading, their mean.
 """
 
 from __future__ import annotations
@@ -15,29 +16,29 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from sysid.data.sensor import Readings
 
 AROUND = 0.25
-"""Seconds before and after a reading within which a joint at rest does not move; one reading in as long is kept."""
+"""Seconds before and after a reading within which a joint at rest does not move; the readings of as long are one."""
 FEWEST = 5
 """Samples that this is, at least."""
 STILL = 6.0
 """Spread of readings that noise alone explains, in units of its sd."""
 
 
-def repetitions(found: Iterable[Readings], count: int, dt: float) -> NDArray[np.bool_]:
-    """Which of `count` samples repeat what others have said of a rest.
+def representatives(found: Iterable[Readings], count: int, dt: float) -> NDArray[np.intp]:
+    """The sample (count,) that stands for each: itself, or at rest the first of a quarter of a second.
 
     At rest no channel of which most samples have a reading spreads by more than its noise; where that is the speed
     alone, it is zero, too.
     """
-    half = max(FEWEST, round(AROUND / dt))
+    half, at = max(FEWEST, round(AROUND / dt)), np.arange(count)
     channels = {own.channel: own for own in found if 2 * np.count_nonzero(np.isfinite(own.value)) > count}
     if not channels or count <= 2 * half:
-        return np.zeros(count, dtype=bool)
+        return at
     still = np.ones(count, dtype=bool)
     for own in channels.values():
         known = np.isfinite(own.value)
-        value, sd = np.interp(np.arange(count), own.index[known], own.value[known]), float(np.median(own.sd[known]))
+        value, sd = np.interp(at, own.index[known], own.value[known]), float(np.median(own.sd[known]))
         still &= maximum_filter1d(value, 2 * half + 1) - minimum_filter1d(value, 2 * half + 1) < STILL * sd
         if "theta" not in channels:
             still &= np.abs(value) < STILL * sd
-    still[np.flatnonzero(still)[::half]] = False
-    return still
+    begins = np.maximum.accumulate(np.where(still & ~np.append(False, still[:-1]), at, 0))
+    return np.where(still, at - (at - begins) % half, at)

@@ -12,8 +12,9 @@ import casadi
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.digitisation import quantisation_step
 from sysid.data.record import Record, check_records, extent_of
-from sysid.data.rests import repetitions
+from sysid.data.rests import representatives
 from sysid.data.sensor import Sensor
 from sysid.estimation.kalman import LinearSystem
 from sysid.estimation.smoothed_start import smooth_states
@@ -32,7 +33,7 @@ class Samples:
     """The M instants of records, one record after the other.
 
     t, clock (M,) [s]: of the log and since the rollout began; y and weight (M, 2): readings of theta and theta_dot and
-    1 / sd, 0 where nothing was read, or only again what a joint at rest had shown (`sysid.data.rests`); number (M,) of
+    1 / sd, 0 where nothing was read, and of a joint at rest the means of several (`sysid.data.rests`); number (M,) of
     the record; follows (M,): whether the next instant belongs to the same record. The last instant of a record has no
     interval after it: whatever is said about that is idle.
     """
@@ -71,7 +72,19 @@ class Samples:
             else 0
         )
         self.weight[begin : begin + blind] = 0.0
-        self.weight[begin : begin + len(record) + 1][repetitions(readings, len(record) + 1, self.dt)] = 0.0
+        self._average(begin, representatives(readings, len(record) + 1, self.dt))
+
+    def _average(self, begin: int, of: NDArray[np.intp]) -> None:
+        """Let the readings of one sample be the mean of those that it stands for, no surer than rounding lets it be."""
+        rows, own = slice(begin, begin + len(of)), of == np.arange(len(of))
+        if np.all(own):
+            return
+        for y, weight in zip(self.y[rows].T, self.weight[rows].T, strict=True):
+            precision = np.bincount(of, weight**2, len(of))
+            rounded = quantisation_step([y[weight > 0.0]])
+            surest = np.maximum(weight, math.sqrt(12.0) / rounded if rounded > 0.0 else math.inf)
+            y[:] = np.bincount(of, weight**2 * y, len(of)) / np.where(precision > 0.0, precision, 1.0)
+            weight[:] = own * np.minimum(np.sqrt(precision), surest)
 
     @property
     def reach(self) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sysid import Coulomb, GeneralJoint, Model, Record, Sensor, Viscous, simulate
-from sysid.data.rests import AROUND, repetitions
+from sysid.data.rests import AROUND, representatives
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.solver import fit_parameters
 
@@ -23,7 +23,10 @@ def record(theta: np.ndarray | None, theta_dot: np.ndarray | None = None, seed: 
 
 
 def repeated(own: Record, sensor: Sensor) -> np.ndarray:
-    return repetitions(sensor.readings(own), len(own) + 1, DT)
+    """Which samples another one stands for."""
+    of = representatives(sensor.readings(own), len(own) + 1, DT)
+    assert np.all(of <= np.arange(len(of))) and np.all(of[of] == of)
+    return of != np.arange(len(of))
 
 
 def test_of_a_rest_one_reading_is_kept_in_a_quarter_of_a_second() -> None:
@@ -46,6 +49,24 @@ def test_what_turns_steadily_does_not_rest() -> None:
 def test_a_speed_with_an_offset_rests_where_the_angle_does() -> None:
     both = record(np.full(500, 1.0), np.full(500, 0.4))
     assert np.any(repeated(both, Sensor(theta=0.001, theta_dot=0.001)))
+
+
+def weights(own: Record, sensor: Sensor) -> np.ndarray:
+    """1 / sd of the angle's readings, as a fit counts them."""
+    return Samples(Model(GeneralJoint(J=0.1, G=0.0), dt=DT), [own], sensor).weight[:, 0]
+
+
+def test_a_mean_at_rest_is_as_sure_as_its_readings_together() -> None:
+    own = weights(record(np.full(500, 1.0)), SENSOR)
+    assert np.count_nonzero(own) < 100
+    assert np.sum(own**2) == pytest.approx(500 / SENSOR.theta**2)
+
+
+def test_a_mean_of_rounded_readings_is_no_surer_than_rounding() -> None:
+    t, q = DT * np.arange(500), 0.003
+    read = Record(t, np.zeros(499), q * np.round(np.where(t < 2.0, 0.3 * np.cos(3.0 * t), 0.3 * math.cos(6.0)) / q))
+    own = weights(read, Sensor(theta=q / math.sqrt(12.0)))
+    assert np.max(own) == pytest.approx(math.sqrt(12.0) / q, rel=1e-3)
 
 
 def shaken(seed: int) -> tuple[Record, int]:
