@@ -11,7 +11,7 @@ from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
+from scipy.ndimage import uniform_filter1d
 
 from sysid.data.sensor import Readings
 
@@ -19,14 +19,14 @@ AROUND = 0.25
 """Seconds before and after a reading within which a joint at rest does not move; the readings of as long are one."""
 FEWEST = 5
 """Samples that this is, at least."""
-STILL = 6.0
-"""Spread of readings that noise alone explains, in units of its sd."""
+STILL = 1.5
+"""Scatter of readings that noise alone explains, in units of its sd."""
 
 
 def representatives(found: Iterable[Readings], count: int, dt: float) -> NDArray[np.intp]:
-    """The sample (count,) that stands for each: itself, or at rest the first of a quarter of a second.
+    """The sample (count,) that stands for each: itself, or at rest the middle one of a quarter of a second.
 
-    At rest no channel of which most samples have a reading spreads by more than its noise; where that is the speed
+    At rest no channel of which most samples have a reading scatters by more than its noise; where that is the speed
     alone, it is zero, too.
     """
     half, at = max(FEWEST, round(AROUND / dt)), np.arange(count)
@@ -37,8 +37,18 @@ def representatives(found: Iterable[Readings], count: int, dt: float) -> NDArray
     for own in channels.values():
         known = np.isfinite(own.value)
         value, sd = np.interp(at, own.index[known], own.value[known]), float(np.median(own.sd[known]))
-        still &= maximum_filter1d(value, 2 * half + 1) - minimum_filter1d(value, 2 * half + 1) < STILL * sd
+        level = uniform_filter1d(value, 2 * half + 1)
+        scatter = uniform_filter1d((value - np.mean(value)) ** 2, 2 * half + 1) - (level - np.mean(value)) ** 2
+        still &= scatter < (STILL * sd) ** 2
         if "theta" not in channels:
-            still &= np.abs(value) < STILL * sd
-    begins = np.maximum.accumulate(np.where(still & ~np.append(False, still[:-1]), at, 0))
-    return np.where(still, at - (at - begins) % half, at)
+            still &= np.abs(level) < STILL * sd
+    ends = np.append(np.flatnonzero(np.diff(still)) + 1, count)
+    begin = 0
+    of = at.copy()
+    for end in ends.tolist():
+        if still[begin]:
+            for first in range(begin, end, half):
+                last = min(first + half, end)
+                of[first:last] = (first + last) // 2
+        begin = end
+    return of
