@@ -21,16 +21,18 @@ FEWEST = 5
 """Samples that this is, at least."""
 STILL = 1.5
 """Scatter of readings that noise alone explains, in units of its sd."""
+CLEAR = 20.0
+"""Scatter of all readings of a channel that tells a rest from slow motion, at least, in units of the noise's sd."""
 
 
 def representatives(found: Iterable[Readings], count: int, dt: float) -> NDArray[np.intp]:
     """The sample (count,) that stands for each: itself, or at rest the middle one of a quarter of a second.
 
-    At rest no channel of which most samples have a reading scatters by more than its noise; where that is the speed
-    alone, it is zero, too.
+    At rest no channel that shows the motion clearly, at most samples, scatters by more than its noise; where that is
+    the speed alone, it is zero, too.
     """
     half, at = max(FEWEST, round(AROUND / dt)), np.arange(count)
-    channels = {own.channel: own for own in found if 2 * np.count_nonzero(np.isfinite(own.value)) > count}
+    channels = {own.channel: own for own in found if _tells(own, count)}
     if not channels or count <= 2 * half:
         return at
     still = np.ones(count, dtype=bool)
@@ -52,3 +54,10 @@ def representatives(found: Iterable[Readings], count: int, dt: float) -> NDArray
                 of[first:last] = (first + last) // 2
         begin = end
     return of
+
+
+def _tells(own: Readings, count: int) -> bool:
+    """Whether most of so many samples have a reading of a channel, and these scatter far more than its noise."""
+    known = np.isfinite(own.value)
+    enough = 2 * np.count_nonzero(known) > count
+    return bool(enough and np.std(own.value[known]) > CLEAR * np.median(own.sd[known]))

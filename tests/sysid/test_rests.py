@@ -43,11 +43,12 @@ def test_what_turns_steadily_does_not_rest() -> None:
     t = DT * np.arange(500)
     assert not np.any(repeated(record(None, np.full(500, 2.0)), Sensor(theta_dot=0.001)))
     assert not np.any(repeated(record(0.05 * t), SENSOR))
-    assert np.any(repeated(record(None, np.zeros(500)), Sensor(theta_dot=0.001)))
+    assert np.any(repeated(record(None, np.where(t < 2.0, 2.0, 0.0)), Sensor(theta_dot=0.001)))
 
 
 def test_a_speed_with_an_offset_rests_where_the_angle_does() -> None:
-    both = record(np.full(500, 1.0), np.full(500, 0.4))
+    t = DT * np.arange(500)
+    both = record(np.minimum(t, 2.0), 0.4 + (t < 2.0))
     assert np.any(repeated(both, Sensor(theta=0.001, theta_dot=0.001)))
 
 
@@ -57,9 +58,15 @@ def weights(own: Record, sensor: Sensor) -> np.ndarray:
 
 
 def test_a_mean_at_rest_is_as_sure_as_its_readings_together() -> None:
-    own = weights(record(np.full(500, 1.0)), SENSOR)
-    assert np.count_nonzero(own) < 100
+    own = weights(record(np.minimum(DT * np.arange(500), 0.5)), SENSOR)
+    assert np.count_nonzero(own) < 150
     assert np.sum(own**2) == pytest.approx(500 / SENSOR.theta**2)
+
+
+def test_what_noise_hides_is_no_rest() -> None:
+    t = DT * np.arange(500)
+    hidden = Record(t, np.zeros(499), None, np.sin(t) + np.random.default_rng(0).standard_normal(500))
+    assert not np.any(repeated(hidden, Sensor(theta_dot=1.0)))
 
 
 def test_a_mean_of_rounded_readings_is_no_surer_than_rounding() -> None:
