@@ -7,13 +7,14 @@ readings of a quarter of a second at rest are one reading, their mean.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from sysid.data.sensor import Readings
+from sysid.physics.ops import Array
 
 AROUND = 0.25
 """Seconds before and after a reading within which a joint at rest does not move; the readings of as long are one."""
@@ -25,14 +26,28 @@ CLEAR = 20.0
 """Scatter of all readings of a channel that tells a rest from slow motion, at least, in units of the noise's sd."""
 
 
-def representatives(found: Iterable[Readings], count: int, dt: float) -> NDArray[np.intp]:
+def clear_channels(found: Iterable[Readings]) -> frozenset[str]:
+    """The channels whose readings, of a whole log, scatter so much more than their noise that a rest is told from slow
+    motion."""
+    values: dict[str, list[Array]] = {}
+    noise: dict[str, list[float]] = {}
+    for own in found:
+        known = np.isfinite(own.value)
+        if np.any(known):
+            values.setdefault(own.channel, []).append(own.value[known])
+            noise.setdefault(own.channel, []).append(float(np.median(own.sd[known])))
+    return frozenset(c for c, own in values.items() if np.std(np.concatenate(own)) > CLEAR * np.median(noise[c]))
+
+
+def representatives(found: Iterable[Readings], clear: Collection[str], count: int, dt: float) -> NDArray[np.intp]:
     """The sample (count,) that stands for each: itself, or at rest the middle one of a quarter of a second.
 
-    At rest no channel that shows the motion clearly, at most samples, scatters by more than its noise; where that is
+    At rest no channel that shows the motion `clear`, at most samples, scatters by more than its noise; where that is
     the speed alone, it is zero, too.
     """
     half, at = max(FEWEST, round(AROUND / dt)), np.arange(count)
-    channels = {own.channel: own for own in found if _tells(own, count)}
+    most = (own for own in found if 2 * np.count_nonzero(np.isfinite(own.value)) > count)
+    channels = {own.channel: own for own in most if own.channel in clear}
     if not channels or count <= 2 * half:
         return at
     still = np.ones(count, dtype=bool)
@@ -54,10 +69,3 @@ def representatives(found: Iterable[Readings], count: int, dt: float) -> NDArray
                 of[first:last] = (first + last) // 2
         begin = end
     return of
-
-
-def _tells(own: Readings, count: int) -> bool:
-    """Whether most of so many samples have a reading of a channel, and these scatter far more than its noise."""
-    known = np.isfinite(own.value)
-    enough = 2 * np.count_nonzero(known) > count
-    return bool(enough and np.std(own.value[known]) > CLEAR * np.median(own.sd[known]))

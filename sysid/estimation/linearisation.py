@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from sysid.data.digitisation import quantisation_step
 from sysid.data.record import Record, check_records, extent_of
-from sysid.data.rests import representatives
-from sysid.data.sensor import Sensor
+from sysid.data.rests import clear_channels, representatives
+from sysid.data.sensor import Readings, Sensor
 from sysid.estimation.kalman import LinearSystem
 from sysid.estimation.smoothed_start import smooth_states
 from sysid.estimation.windows import UNKNOWN
@@ -52,15 +52,17 @@ class Samples:
         )
         self._commands = np.concatenate([np.append(r.u, 0.0) for r in self.records])
         self.y, self.weight = np.zeros((len(inside), 2)), np.zeros((len(inside), 2))
-        for record, begin in zip(self.records, self.first.tolist(), strict=False):
-            self._gather(record, begin)
+        readings = [self.sensor.readings(record) for record in self.records]
+        clear = clear_channels(own for found in readings for own in found)
+        for record, found, begin in zip(self.records, readings, self.first.tolist(), strict=False):
+            self._gather(record, found, begin)
+            self._average(begin, representatives(found, clear, len(record) + 1, self.dt))
 
     def __len__(self) -> int:
         return len(self.number)
 
-    def _gather(self, record: Record, begin: int) -> None:
-        readings = self.sensor.readings(record)
-        for reading in readings:
+    def _gather(self, record: Record, found: Sequence[Readings], begin: int) -> None:
+        for reading in found:
             channel = 0 if reading.channel == "theta" else 1
             known = np.isfinite(reading.value)
             at = begin + reading.index[known]
@@ -72,7 +74,6 @@ class Samples:
             else 0
         )
         self.weight[begin : begin + blind] = 0.0
-        self._average(begin, representatives(readings, len(record) + 1, self.dt))
 
     def _average(self, begin: int, of: NDArray[np.intp]) -> None:
         """Let the readings of one sample be the mean of those that it stands for, no surer than rounding lets it be."""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sysid import Coulomb, GeneralJoint, Model, Record, Sensor, Viscous, simulate
-from sysid.data.rests import AROUND, representatives
+from sysid.data.rests import AROUND, clear_channels, representatives
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.solver import fit_parameters
 
@@ -24,7 +24,8 @@ def record(theta: np.ndarray | None, theta_dot: np.ndarray | None = None, seed: 
 
 def repeated(own: Record, sensor: Sensor) -> np.ndarray:
     """Which samples another one stands for."""
-    of = representatives(sensor.readings(own), len(own) + 1, DT)
+    found = sensor.readings(own)
+    of = representatives(found, clear_channels(found), len(own) + 1, DT)
     assert np.all(of[of] == of)
     return of != np.arange(len(of))
 
@@ -61,6 +62,17 @@ def test_a_mean_at_rest_is_as_sure_as_its_readings_together() -> None:
     own = weights(record(np.minimum(DT * np.arange(500), 0.5)), SENSOR)
     assert np.count_nonzero(own) < 150
     assert np.sum(own**2) == pytest.approx(500 / SENSOR.theta**2)
+
+
+def test_a_piece_of_a_log_that_does_nothing_but_rest_rests() -> None:
+    """By itself it might be any slow motion."""
+    t = DT * np.arange(500)
+    swing, rest = record(0.3 * np.cos(3.0 * t)), record(np.full(500, 0.3))
+    alone, beside = (
+        Samples(Model(GeneralJoint(J=0.1, G=0.0), dt=DT), records, SENSOR).weight[-501:, 0]
+        for records in ([rest], [swing, rest])
+    )
+    assert np.count_nonzero(alone) == 500 and np.count_nonzero(beside) < 100
 
 
 def test_what_noise_hides_is_no_rest() -> None:
