@@ -2,7 +2,7 @@
 
 What a model lacks acts while a joint moves. Each reading at rest would count as evidence that nothing acts, and for or
 against whatever holds the joint: the longer a log rests, the less its dry friction would be that of the motion. So the
-readings of a quarter of a second at rest are one reading, their mean.
+readings of half a second at rest are one reading, their mean.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from scipy.ndimage import uniform_filter1d
 from sysid.data.sensor import Readings
 from sysid.physics.ops import Array
 
-AROUND = 0.25
+AROUND = 0.5
 """Seconds before and after a reading within which a joint at rest does not move; the readings of as long are one."""
 FEWEST = 5
 """Samples that this is, at least."""
@@ -40,7 +40,7 @@ def clear_channels(found: Iterable[Readings]) -> frozenset[str]:
 
 
 def representatives(found: Iterable[Readings], clear: Collection[str], count: int, dt: float) -> NDArray[np.intp]:
-    """The sample (count,) that stands for each: itself, or at rest the middle one of a quarter of a second.
+    """The sample (count,) that stands for each: itself, or at rest the middle one of half a second.
 
     At rest no channel that shows the motion `clear`, at most samples, scatters by more than its noise; where that is
     the speed alone, it is zero, too.

@@ -30,7 +30,7 @@ def repeated(own: Record, sensor: Sensor) -> np.ndarray:
     return of != np.arange(len(of))
 
 
-def test_of_a_rest_one_reading_is_kept_in_a_quarter_of_a_second() -> None:
+def test_of_a_rest_one_reading_is_kept_in_half_a_second() -> None:
     t = DT * np.arange(500)
     theta = np.where(t < 4.0, 0.3 * np.cos(3.0 * t), 0.3 * math.cos(12.0))
     at = repeated(record(theta), SENSOR)
