@@ -2,18 +2,21 @@
 
 What a model lacks acts while a joint moves. Each reading at rest would count as evidence that nothing acts, and for or
 against whatever holds the joint: the longer a log rests, the less its dry friction would be that of the motion. So the
-readings of half a second at rest are one reading, their mean.
+readings of half a second at rest, under a steady command, are one reading, their mean. Where the command changes each
+of them says something new: that the joint is held against that.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
 
-from sysid.data.sensor import Readings
+from sysid.data.digitisation import quantisation_step
+from sysid.data.record import Record
+from sysid.data.sensor import UNITS, Readings, Sensor
 from sysid.physics.ops import Array
 
 AROUND = 0.5
@@ -24,48 +27,69 @@ STILL = 1.5
 """Scatter of readings that noise alone explains, in units of its sd."""
 CLEAR = 20.0
 """Scatter of all readings of a channel that tells a rest from slow motion, at least, in units of the noise's sd."""
+STEADY = 0.05
+"""Scatter of a command that is steady, as a share of that of the whole log's."""
 
 
-def clear_channels(found: Iterable[Readings]) -> frozenset[str]:
-    """The channels whose readings, of a whole log, scatter so much more than their noise that a rest is told from slow
-    motion."""
-    values: dict[str, list[Array]] = {}
-    noise: dict[str, list[float]] = {}
-    for own in found:
-        known = np.isfinite(own.value)
-        if np.any(known):
-            values.setdefault(own.channel, []).append(own.value[known])
-            noise.setdefault(own.channel, []).append(float(np.median(own.sd[known])))
-    return frozenset(c for c, own in values.items() if np.std(np.concatenate(own)) > CLEAR * np.median(noise[c]))
+def readings_at_rest_merged(records: Sequence[Record], sensor: Sensor) -> list[list[Readings]]:
+    """The readings of each record of a log, those of half a second at rest as one in its middle.
 
-
-def representatives(found: Iterable[Readings], clear: Collection[str], count: int, dt: float) -> NDArray[np.intp]:
-    """The sample (count,) that stands for each: itself, or at rest the middle one of half a second.
-
-    At rest no channel that shows the motion `clear`, at most samples, scatters by more than its noise; where that is
-    the speed alone, it is zero, too.
+    It is their mean, and no surer than rounding lets it be.
     """
-    half, at = max(FEWEST, round(AROUND / dt)), np.arange(count)
-    most = (own for own in found if 2 * np.count_nonzero(np.isfinite(own.value)) > count)
-    channels = {own.channel: own for own in most if own.channel in clear}
+    read = [sensor.readings(r) for r in records]
+    clear, rounded = set[str](), dict[str, float]()
+    for channel in UNITS:
+        own = [found for each in read for found in each if found.channel == channel]
+        values = [found.value[np.isfinite(found.value)] for found in own]
+        rounded[channel] = quantisation_step(values) if own else 0.0
+        if own and np.std(np.concatenate(values)) > CLEAR * np.median(np.concatenate([found.sd for found in own])):
+            clear.add(channel)
+    least = STEADY * float(np.std(np.concatenate([r.u for r in records])))
+    merged = []
+    for record, found in zip(records, read, strict=True):
+        of = _representatives([own for own in found if own.channel in clear], record, least)
+        merged.append([_means(own, of, rounded[own.channel]) for own in found])
+    return merged
+
+
+def _representatives(found: Sequence[Readings], record: Record, least: float) -> NDArray[np.intp]:
+    """The sample (N+1,) that stands for each: itself, or at rest the middle one of half a second.
+
+    At rest no channel that shows the motion clearly, at most samples, scatters by more than its noise, nor the command
+    by more than the `least`; where the speed alone is read, it is zero, too.
+    """
+    count = len(record) + 1
+    half, at = max(FEWEST, round(AROUND / record.dt)), np.arange(count)
+    channels = {own.channel: own for own in found if 2 * np.count_nonzero(np.isfinite(own.value)) > count}
     if not channels or count <= 2 * half:
         return at
-    still = np.ones(count, dtype=bool)
+    still = _moments(np.append(record.u, record.u[-1]), half)[1] <= least
     for own in channels.values():
         known = np.isfinite(own.value)
-        value, sd = np.interp(at, own.index[known], own.value[known]), float(np.median(own.sd[known]))
-        level = uniform_filter1d(value, 2 * half + 1)
-        scatter = uniform_filter1d((value - np.mean(value)) ** 2, 2 * half + 1) - (level - np.mean(value)) ** 2
-        still &= scatter < (STILL * sd) ** 2
-        if "theta" not in channels:
-            still &= np.abs(level) < STILL * sd
-    ends = np.append(np.flatnonzero(np.diff(still)) + 1, count)
-    begin = 0
-    of = at.copy()
-    for end in ends.tolist():
-        if still[begin]:
-            for first in range(begin, end, half):
-                last = min(first + half, end)
-                of[first:last] = (first + last) // 2
-        begin = end
-    return of
+        sd = STILL * float(np.median(own.sd[known]))
+        level, scatter = _moments(np.interp(at, own.index[known], own.value[known]), half)
+        still &= (scatter < sd) & (("theta" in channels) | (np.abs(level) < sd))
+    for rest in np.split(at, np.flatnonzero(np.diff(still)) + 1):
+        if still[rest[0]]:
+            at[rest] = np.minimum(rest[0] + (rest - rest[0]) // half * half + half // 2, rest[-1])
+    return at
+
+
+def _moments(y: Array, half: int) -> tuple[Array, Array]:
+    """The mean and the sd (K,) of y (K,) over so many samples on either side."""
+    at, middle = np.arange(len(y)), float(np.mean(y))
+    first, last = np.maximum(at - half, 0), np.minimum(at + half + 1, len(y))
+    sums = (np.append(0.0, np.cumsum(own)) for own in (y - middle, (y - middle) ** 2))
+    mean, square = ((total[last] - total[first]) / (last - first) for total in sums)
+    return mean + middle, np.sqrt(np.maximum(square - mean**2, 0.0))
+
+
+def _means(own: Readings, of: NDArray[np.intp], rounded: float) -> Readings:
+    """The readings as the means of those that each sample stands for."""
+    known = np.isfinite(own.value)
+    to, precision = of[own.index[known]], own.sd[known] ** -2.0
+    count, total, weighed = (np.bincount(to, w, len(of)) for w in (None, precision, precision * own.value[known]))
+    index = np.flatnonzero(count)
+    mean_sd, each_sd = total[index] ** -0.5, (count[index] / total[index]) ** 0.5
+    sd = np.maximum(mean_sd, np.minimum(each_sd, rounded / math.sqrt(12.0)))
+    return Readings(own.channel, index, weighed[index] / total[index], sd)

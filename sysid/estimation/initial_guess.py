@@ -136,8 +136,8 @@ def shown_ratios(model: Model, records: Sequence[Record], sensor: Sensor) -> dic
     less sure is still the best guess where all terms together explain how the speed changes. A torque that never
     changes shows it where no offset acts beside it."""
     terms = telling_motion(model, records, sensor)
-    torque, one = terms.columns[:, 1], terms.columns[:, 4]
-    constant = bool(np.any(torque)) and np.ptp(torque * np.sum(one) - one * np.sum(torque)) < 1e-9 * abs(np.sum(torque))
+    torque = terms.columns[:, 1] / terms.columns[:, 4]
+    constant = len(torque) > 0 and np.std(torque) < 1e-9 * abs(np.mean(torque))
     found = regression(terms.columns[:, :4] if constant else terms.columns, terms.speed_change)
     least = 1e-6 * float(np.linalg.norm(terms.speed_change))  # what moves the joint by less is rounding
     shown = {"1/J": 1} | ({"G/J": 0} if model.plant.turns else {})

@@ -12,9 +12,8 @@ import casadi
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.digitisation import quantisation_step
 from sysid.data.record import Record, check_records, extent_of
-from sysid.data.rests import clear_channels, representatives
+from sysid.data.rests import readings_at_rest_merged
 from sysid.data.sensor import Readings, Sensor
 from sysid.estimation.kalman import LinearSystem
 from sysid.estimation.smoothed_start import smooth_states
@@ -33,9 +32,9 @@ class Samples:
     """The M instants of records, one record after the other.
 
     t, clock (M,) [s]: of the log and since the rollout began; y and weight (M, 2): readings of theta and theta_dot and
-    1 / sd, 0 where nothing was read, and of a joint at rest the means of several (`sysid.data.rests`); number (M,) of
-    the record; follows (M,): whether the next instant belongs to the same record. The last instant of a record has no
-    interval after it: whatever is said about that is idle.
+    1 / sd, 0 where nothing was read, those at rest merged (`sysid.data.rests`); number (M,) of the record; follows
+    (M,): whether the next instant belongs to the same record. The last instant of a record has no interval after it:
+    whatever is said about that is idle.
     """
 
     def __init__(self, model: Model, records: Sequence[Record], sensor: Sensor) -> None:
@@ -52,17 +51,15 @@ class Samples:
         )
         self._commands = np.concatenate([np.append(r.u, 0.0) for r in self.records])
         self.y, self.weight = np.zeros((len(inside), 2)), np.zeros((len(inside), 2))
-        readings = [self.sensor.readings(record) for record in self.records]
-        clear = clear_channels(own for found in readings for own in found)
-        for record, found, begin in zip(self.records, readings, self.first.tolist(), strict=False):
-            self._gather(record, found, begin)
-            self._average(begin, representatives(found, clear, len(record) + 1, self.dt))
+        read = readings_at_rest_merged(self.records, sensor)
+        for record, readings, begin in zip(self.records, read, self.first.tolist(), strict=False):
+            self._gather(record, readings, begin)
 
     def __len__(self) -> int:
         return len(self.number)
 
-    def _gather(self, record: Record, found: Sequence[Readings], begin: int) -> None:
-        for reading in found:
+    def _gather(self, record: Record, readings: Sequence[Readings], begin: int) -> None:
+        for reading in readings:
             channel = 0 if reading.channel == "theta" else 1
             known = np.isfinite(reading.value)
             at = begin + reading.index[known]
@@ -74,18 +71,6 @@ class Samples:
             else 0
         )
         self.weight[begin : begin + blind] = 0.0
-
-    def _average(self, begin: int, of: NDArray[np.intp]) -> None:
-        """Let the readings of one sample be the mean of those that it stands for, no surer than rounding lets it be."""
-        rows, own = slice(begin, begin + len(of)), of == np.arange(len(of))
-        if np.all(own):
-            return
-        for y, weight in zip(self.y[rows].T, self.weight[rows].T, strict=True):
-            precision = np.bincount(of, weight**2, len(of))
-            rounded = quantisation_step([y[weight > 0.0]])
-            surest = np.maximum(weight, math.sqrt(12.0) / rounded if rounded > 0.0 else math.inf)
-            y[:] = np.bincount(of, weight**2 * y, len(of)) / np.where(precision > 0.0, precision, 1.0)
-            weight[:] = own * np.minimum(np.sqrt(precision), surest)
 
     @property
     def reach(self) -> float:

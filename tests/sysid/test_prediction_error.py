@@ -345,7 +345,7 @@ def test_steps_that_go_to_and_fro_are_relaxed_to_the_optimum(overshoot: float, t
     assert relaxation(taken, far, 0.4 * far) == relaxation(taken, far, -0.4 * far) == 1.0, "whole ones get there"
 
 
-@pytest.mark.parametrize("seed", [2, 3, 7])
+@pytest.mark.parametrize("seed", [2, 3, 4])
 def test_a_joint_that_sticks_now_and_then_is_fitted_to_the_end(seed: int) -> None:
     """Whole steps go to and fro between motions that stick at other instants, or stay at a less likely one."""
     rng = np.random.default_rng(seed)

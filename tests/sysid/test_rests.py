@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sysid import Coulomb, GeneralJoint, Model, Record, Sensor, Viscous, simulate
-from sysid.data.rests import AROUND, clear_channels, representatives
+from sysid.data.rests import AROUND, readings_at_rest_merged
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.solver import fit_parameters
 
@@ -23,11 +23,11 @@ def record(theta: np.ndarray | None, theta_dot: np.ndarray | None = None, seed: 
 
 
 def repeated(own: Record, sensor: Sensor) -> np.ndarray:
-    """Which samples another one stands for."""
-    found = sensor.readings(own)
-    of = representatives(found, clear_channels(found), len(own) + 1, DT)
-    assert np.all(of[of] == of)
-    return of != np.arange(len(of))
+    """At which samples no reading is left, since another one stands for it."""
+    gone = np.ones(len(own) + 1, dtype=bool)
+    for found in readings_at_rest_merged([own], sensor)[0]:
+        gone[found.index] = False
+    return gone
 
 
 def test_of_a_rest_one_reading_is_kept_in_half_a_second() -> None:
@@ -45,6 +45,25 @@ def test_what_turns_steadily_does_not_rest() -> None:
     assert not np.any(repeated(record(None, np.full(500, 2.0)), Sensor(theta_dot=0.001)))
     assert not np.any(repeated(record(0.05 * t), SENSOR))
     assert np.any(repeated(record(None, np.where(t < 2.0, 2.0, 0.0)), Sensor(theta_dot=0.001)))
+
+
+def test_readings_under_a_command_that_changes_are_no_repetitions() -> None:
+    """Each says that the joint is held against another torque."""
+    t = DT * np.arange(500)
+    theta, u = np.minimum(t, 2.0), np.where(t[:-1] < 2.0, 1.0, 0.0)
+    assert np.any(repeated(Record(t, u, theta), SENSOR))
+    assert not np.any(repeated(Record(t, np.where(u > 0.0, u, 0.5 * np.sin(7.0 * t[:-1])), theta), SENSOR))
+
+
+def test_a_piece_of_constant_readings_is_as_rounded_as_the_whole_log() -> None:
+    t, q = DT * np.arange(500), 0.003
+    swing, rest = (
+        Record(t, np.zeros(499), q * np.round(0.3 * y / q), name=name)
+        for name, y in (("swing", np.cos(3.0 * t)), ("rest", np.ones(500)))
+    )
+    _, (found,) = readings_at_rest_merged([swing, rest], Sensor(theta=q / math.sqrt(12.0)))
+    assert len(found.index) < 50
+    np.testing.assert_allclose(found.sd, q / math.sqrt(12.0), rtol=1e-3)
 
 
 def test_a_speed_with_an_offset_rests_where_the_angle_does() -> None:
