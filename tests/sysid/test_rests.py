@@ -52,6 +52,7 @@ def test_readings_under_a_command_that_changes_are_no_repetitions() -> None:
     t = DT * np.arange(500)
     theta, u = np.minimum(t, 2.0), np.where(t[:-1] < 2.0, 1.0, 0.0)
     assert np.any(repeated(Record(t, u, theta), SENSOR))
+    assert np.any(repeated(Record(t, np.full(499, 0.018), theta), SENSOR)), "one that never changes"
     assert not np.any(repeated(Record(t, np.where(u > 0.0, u, 0.5 * np.sin(7.0 * t[:-1])), theta), SENSOR))
 
 
