@@ -30,9 +30,6 @@ CLEAR = 20.0
 STEADY = 0.05
 """Scatter of a command that is steady, as a share of that of the whole log's."""
 
-ROUNDING = 1e-9
-"""Scatter that sums of a command that never changes may have, as a share of it."""
-
 
 def readings_at_rest_merged(records: Sequence[Record], sensor: Sensor) -> list[list[Readings]]:
     """The readings of each record of a log, those of half a second at rest as one in its middle.
@@ -47,8 +44,7 @@ def readings_at_rest_merged(records: Sequence[Record], sensor: Sensor) -> list[l
         rounded[channel] = quantisation_step(values) if own else 0.0
         if own and np.std(np.concatenate(values)) > CLEAR * np.median(np.concatenate([found.sd for found in own])):
             clear.add(channel)
-    u = np.concatenate([r.u for r in records])
-    least = STEADY * float(np.std(u)) + ROUNDING * float(np.max(np.abs(u)))
+    least = STEADY * float(np.std(np.concatenate([r.u for r in records])))
     merged = []
     for record, found in zip(records, read, strict=True):
         of = _representatives([own for own in found if own.channel in clear], record, least)

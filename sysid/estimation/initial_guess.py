@@ -44,11 +44,19 @@ def initial_guess(model: Model, names: Sequence[str], records: Sequence[Record],
 
 
 def _least_inertia(terms: IntegratedMotion) -> dict[str, float]:
-    """The 1/J at which accelerating takes a tenth of the torque, where friction and weight take most of that."""
+    """The 1/J at which accelerating takes a tenth of a torque that changes and goes mostly into friction and weight."""
+    if _is_constant(terms):
+        return {}
     weight, torque, less_speed, less_sign, one = terms.columns.T
     if regression(np.column_stack([-less_speed, -less_sign, one, weight]), torque).share <= WELL_EXPLAINED:
         return {}
     return {"1/J": float(np.std(terms.speed_change) / (LITTLE * np.std(torque)))}
+
+
+def _is_constant(terms: IntegratedMotion) -> bool:
+    """Whether there is a torque, and it never changes but for rounding."""
+    mean = terms.columns[:, 1] / terms.columns[:, 4]
+    return len(mean) > 0 and bool(np.std(mean) < 1e-9 * abs(np.mean(mean)))
 
 
 def initial_guesses(model: Model, names: Sequence[str], records: Sequence[Record], sensor: Sensor) -> tuple[Model, ...]:
@@ -136,9 +144,7 @@ def shown_ratios(model: Model, records: Sequence[Record], sensor: Sensor) -> dic
     less sure is still the best guess where all terms together explain how the speed changes. A torque that never
     changes shows it where no offset acts beside it."""
     terms = telling_motion(model, records, sensor)
-    torque = terms.columns[:, 1] / terms.columns[:, 4]
-    constant = len(torque) > 0 and np.std(torque) < 1e-9 * abs(np.mean(torque))
-    found = regression(terms.columns[:, :4] if constant else terms.columns, terms.speed_change)
+    found = regression(terms.columns[:, :4] if _is_constant(terms) else terms.columns, terms.speed_change)
     least = 1e-6 * float(np.linalg.norm(terms.speed_change))  # what moves the joint by less is rounding
     shown = {"1/J": 1} | ({"G/J": 0} if model.plant.turns else {})
     errors = {"1/J": 1.0 if found.share > WELL_EXPLAINED else 3.0, "G/J": 3.0}

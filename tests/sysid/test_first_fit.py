@@ -23,12 +23,13 @@ from sysid import (
 )
 from sysid.diagnosis.search import Search
 from sysid.estimation.first_fit import BLOCKS, WINDOW, first_fit, with_best_memory, with_common, without_common
-from sysid.estimation.initial_guess import initial_guess
+from sysid.estimation.initial_guess import _least_inertia, initial_guess
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import left_out_errors
 from sysid.estimation.prediction_error import with_likely_angle_error
 from sysid.estimation.scores import scores
 from sysid.estimation.solver import fit_parameters
+from sysid.estimation.torque_regression import telling_motion
 
 DT = 0.02
 SENSOR = Sensor(theta=0.0005, theta_dot=0.01)
@@ -214,3 +215,12 @@ def test_a_torque_that_never_changes_shows_an_inertia() -> None:
     records = SENSOR.measure(simulate(machine, held, np.full(1, math.pi), np.zeros(1)), np.random.default_rng(0))
     guess = initial_guess(Model(GeneralJoint(), dt=DT), ("J", "G"), records, SENSOR)
     np.testing.assert_allclose([guess.plant.parameters[n].value for n in ("J", "G")], [0.021, 0.09], rtol=0.1)
+
+
+@pytest.mark.parametrize("torque", [0.018, 0.1, 1.0 / 3.0])
+def test_friction_explains_nothing_of_a_torque_that_never_changes(torque: float) -> None:
+    """What rounding leaves of its changes says nothing of an inertia."""
+    u = np.full((1, 600), torque)
+    machine = Model(GeneralJoint(J=0.021, G=1.0), (Viscous(b=0.002),), dt=DT)
+    records = SENSOR.measure(simulate(machine, u, np.full(1, math.pi), np.zeros(1)), np.random.default_rng(0))
+    assert _least_inertia(telling_motion(machine, records, SENSOR)) == {}
