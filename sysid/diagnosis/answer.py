@@ -31,6 +31,10 @@ NOT_THE_DRIVE = (
     "something else moved the machine, or a sign, a zero or a unit is another; the fitted numbers mean little. Try a "
     "part of the log in which nothing touched it"
 )
+A_CONTROLLERS_PATH = (
+    "the motion does not show how the machine answers to a torque, as where a controller follows a path: the fitted "
+    "inertia means little, and so do predictions. Fix what is known (--set), or move it faster"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,8 +138,9 @@ class Diagnosis:
     ----------
     verdict : str
         "adequate": nothing that matters was missing; "missing": the steps explain all that matters; "partly": the steps
-        are sure and pay, and something that matters remains; "unknown": something matters and nothing known pays;
-        "cannot tell": of what lowers the error most this log cannot say which effect it is.
+        are sure and pay, and something that matters remains, or no step does and `friction` explains what the drive
+        does; "unknown": something matters and nothing known pays; "cannot tell": of what lowers the error most this log
+        cannot say which effect it is.
     base : Estimate
         The model as it came, refitted.
     base_error, error : HeldOutError
@@ -315,10 +320,10 @@ class Diagnosis:
         share = self._share()
         if self.verdict == "adequate":
             parts = ["the model lacks nothing that matters in this log", self._predicted()]
+        elif self.friction is not None:
+            parts = [self._friction_alone(self.friction), self._predicted()]
         elif self.verdict == "unknown":
-            share = f"{self.friction.share:.0%} of what the drive does" if self.friction else ""
-            along = f", though along the motion friction and load explain {share}" if share else ""
-            parts = [f"no known effect pays{along}", self._predicted(), *left]
+            parts = ["no known effect pays", self._predicted(), *left]
         elif self.verdict == "cannot tell":
             classes = "; ".join(" or ".join(s.alike) for s in self.steps if s.rivals)
             parts = [f"{classes} explain this log equally well{share and f', {share}'}", self._predicted(), *left]
@@ -332,12 +337,12 @@ class Diagnosis:
     def doubts(self) -> tuple[str, ...]:
         """Reasons not to trust the numbers, a sentence each."""
         doubts = [] if self.estimate.success else [f"the fit did not end well: {self.estimate.status}"]
-        if self.remaining is not None and self.torque.overwhelms:
+        if self.friction is not None:
+            doubts.append(A_CONTROLLERS_PATH)
+        elif self.remaining is not None and self.torque.overwhelms:
             what, unit = quantity("torque", self.error.units), self.error.units["torque"]
-            doubts.append(
-                f"what remains is larger than the {what} of the drive (rms {self.torque.drive:.2g} {unit}): "
-                + (self._friction_alone(self.friction) if self.friction else NOT_THE_DRIVE)
-            )
+            drive = f"{what} of the drive (rms {self.torque.drive:.2g} {unit})"
+            doubts.append(f"what remains is larger than the {drive}: {NOT_THE_DRIVE}")
         return tuple(doubts)
 
     @property
@@ -374,16 +379,20 @@ class Diagnosis:
         )
 
     def _friction_alone(self, friction: FrictionAlong) -> str:
-        """That the motion does not show the inertia, and which friction the torque shows."""
-        (b, b_sd), (tau_c, tau_c_sd), (load, load_sd) = friction.viscous, friction.coulomb, friction.load
-        plant, torque = self.model.plant, self.model.plant.unit("N m")
-        sure = abs(load) > 3.0 * load_sd
-        carried = f", beside a constant load of {load:.3g} +- {load_sd:.2g} {torque}" if sure else ""
+        """Which friction and load the torque shows along the motion: of these what is sure."""
+        plant = self.model.plant
+        torque, slope = plant.unit("N m"), plant.unit("N m s/rad")
+        (b, b_sd), falls = friction.viscous, friction.viscous[0] < 0.0
+        terms = (
+            ("dry friction of", *friction.coulomb, torque),
+            ("friction that falls with speed by" if falls else "viscous friction of", abs(b), b_sd, slope),
+            ("a constant load of", *friction.load, torque),
+        )
+        *some, last = [f"{what} {x:.3g} +- {sd:.2g} {unit}" for what, x, sd, unit in terms if abs(x) > 3.0 * sd]
+        sure, explain = (f"{', '.join(some)} and {last}", "explain") if some else (last, "explains")
         return (
-            "the motion does not show how the machine answers, as where a controller follows a path and friction takes "
-            f"most of it. Along the motion a regression explains {friction.share:.0%} of what the drive does, by "
-            f"viscous friction of {b:.3g} +- {b_sd:.2g} {plant.unit('N m s/rad')} and dry friction of {tau_c:.3g} +- "
-            f"{tau_c_sd:.2g} {torque}{carried}. Fix what is known (--set), or move it faster"
+            f"along the motion {sure} {explain} {friction.share:.0%} of what the drive does "
+            f"(rms {self.torque.drive:.2g} {torque})"
         )
 
     def _left(self, remaining: Remaining) -> str:

@@ -24,6 +24,7 @@ from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import extended, reduced, settled
 from sysid.estimation.scores import scores
 from sysid.estimation.solver import QUICK
+from sysid.estimation.torque_regression import FrictionAlong, friction_along
 from sysid.physics.effects import CATALOGUE
 from sysid.physics.ops import Array
 
@@ -63,6 +64,7 @@ class Confirmation:
     additions    those that stay; unconfirmed: the names of those that were taken back
     errors       by the names of additions: the fit with these alone, and its held-out error
     fitted       errors of fits on what they were fitted to; torques: what they leave missing over time
+    friction     what the drive's torque is made of, where no model tells how the motion comes of it
     """
 
     search: Search
@@ -74,12 +76,14 @@ class Confirmation:
     errors: dict[tuple[str, ...], tuple[Fit, HeldOutError]] = field(init=False, default_factory=dict)
     fitted: dict[Fit, float] = field(init=False, default_factory=dict)
     torques: dict[Fit, Array] = field(init=False, default_factory=dict)
+    friction: FrictionAlong | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
         self.errors[()] = self.base, self.error(self.base)
         self._confirm()
         self._unmask()
         self._reconsider()
+        self._weigh_friction()
 
     @cached_property
     def needed(self) -> Disturbances:
@@ -218,6 +222,17 @@ class Confirmation:
                 p = p_value(end.deviance - fit.deviance, found.numbers)
                 self.additions = [*self.additions, Addition(name, self.search.inseparable(name), (), p, fit)]
                 self.errors[names_of(self.additions)] = (fit, after)
+
+    def _weigh_friction(self) -> None:
+        """Leave out all additions, tried ones too, where more torque is missing with them than the drive has, and
+        friction along the motion makes nearly all of what the drive does: such a motion does not come of the torque."""
+        end, error = self.fit_with(self.additions)
+        torque = self.torque(end)
+        if torque.overwhelms and self.remaining(end, error, torque) is not None:
+            base, search = self.base, self.search
+            self.friction = friction_along(base.model, base.names, search.records, self.held_out, search.sensor)
+        if self.friction is not None:
+            self.additions, self.unconfirmed = [], []
 
     def _remains(self, end: Fit) -> bool:
         """Whether what was fitted to is predicted with errors beyond the noise, and a random torque is needed, or they

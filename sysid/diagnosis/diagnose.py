@@ -34,7 +34,6 @@ from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction import foreseeable, telling_horizon
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.scores import price
-from sysid.estimation.torque_regression import friction_along
 from sysid.physics.effects import CATALOGUE, effect
 from sysid.physics.model import Model
 from sysid.planning.planned_experiment import Experiment
@@ -227,7 +226,7 @@ class _Report:
         if sum(s.decrease for s in machine if s.rivals) > 0.5 * sum(s.decrease for s in machine):
             verdict = "cannot tell"
         elif remaining is not None:
-            verdict = "partly" if machine else "unknown"
+            verdict = "partly" if machine or self.confirmed.friction else "unknown"
         told = (*names_of(self.confirmed.additions), *self.confirmed.unconfirmed)
         return Diagnosis(
             verdict=verdict,
@@ -244,7 +243,7 @@ class _Report:
             records=self.records,
             unseen=tuple(self.confirmed.held_out),
             notes=self.notes,
-            friction=friction_along(end.model, self.search.records, self.search.sensor) if torque.overwhelms else None,
+            friction=self.confirmed.friction,
             estimate=end.estimate(),
             contacts=self.confirmed.contacts,
             next_experiment=self._experiment(machine, end),

@@ -26,8 +26,8 @@ STANDS = 0.05
 """Share of the RMS speed below which a joint stands, and friction may be whatever holds it."""
 MOST = 20_000
 """Samples that are looked at."""
-MADE_OF_FRICTION = 0.5
-"""Share of a torque from which it is said to be friction."""
+MADE_OF_FRICTION = 0.9
+"""Share of a torque from which it is said to be friction and load: what else there is could be anything below."""
 
 
 class IntegratedMotion(NamedTuple):
@@ -117,14 +117,15 @@ class FrictionAlong:
         tau = J theta_ddot - G sin(theta) + b theta_dot + tau_c sign(theta_dot) + d
 
     Where a controller follows a path closely, the torque follows from the motion and not the motion from the torque:
-    friction shows, and an inertia that takes little of the torque does not.
+    friction shows, and an inertia that takes little of the torque does not. The load of a linear axis, which may hang
+    on a spring, is that in the middle of the motion.
 
     Attributes
     ----------
     viscous, coulomb, load : tuple of float
         b [N m s/rad], tau_c [N m] and d [N m], and their standard errors.
     share : float
-        The share of the torque's variance that all terms together explain.
+        The share of the torque's variance that all terms together explain, of data that the regression has not seen.
     """
 
     viscous: tuple[float, float]
@@ -133,15 +134,38 @@ class FrictionAlong:
     share: float
 
 
-def friction_along(model: Model, records: Sequence[Record], sensor: Sensor) -> FrictionAlong | None:
-    """The friction along the motion; None where torque and motion do not show one, or where it explains no more than
-    half of the torque."""
-    columns, speed_change = integrated_motion(model, records, sensor)
-    weight, torque, less_speed, less_sign, one = columns.T
-    value, sd, share = regression(np.column_stack([-less_speed, -less_sign, one, weight, speed_change]), torque)
+def friction_along(
+    model: Model, names: Sequence[str], records: Sequence[Record], unseen: Sequence[Record], sensor: Sensor
+) -> FrictionAlong | None:
+    """The friction along the motion of records; None where torque and motion do not show one, or where it explains
+    little of the torque of unseen records. Gravity is found beside it where one of the `names` that are free tells
+    it, else it is the model's."""
+    motion = integrated_motion(model, records, sensor)
+    columns, torque = _of_the_torque(model, names, motion, motion)
+    value, sd, _ = regression(columns, torque)
+    columns, torque = _of_the_torque(model, names, integrated_motion(model, unseen, sensor), motion)
+    varies = float(np.sum((torque - np.mean(torque)) ** 2)) if len(torque) else 0.0
+    share = 1.0 - float(np.sum((torque - columns @ value) ** 2)) / varies if varies > 0.0 else 0.0
     viscous, coulomb, load, *_ = zip(value, sd, strict=True)
     sure = max(number - 3.0 * its_sd for number, its_sd in (viscous, coulomb)) > 0.0
     return FrictionAlong(viscous, coulomb, load, share) if sure and share > MADE_OF_FRICTION else None
+
+
+def _of_the_torque(
+    model: Model, names: Sequence[str], motion: IntegratedMotion, middle_of: IntegratedMotion
+) -> tuple[Array, Array]:
+    """Columns (N, 4) or (N, 5) of speed, its sign, 1, acceleration and weight, and the torque (N,) that they make."""
+    (weight, torque, less_speed, less_sign, one), plant = motion.columns.T, model.plant
+    columns = [-less_speed, -less_sign, one, motion.speed_change]
+    tells_gravity = {plant.gravity} if plant.gravity else set(plant.parameters)
+    if not plant.turns:
+        middle = float(np.sum(middle_of.columns[:, 0])) / max(float(np.sum(middle_of.columns[:, 4])), 1e-300)
+        columns.append(weight - middle * one)
+    elif tells_gravity.isdisjoint(names):
+        torque = torque + float(plant.gravity_torque(0.5 * math.pi)) * weight
+    else:
+        columns.append(weight)
+    return np.column_stack(columns), torque
 
 
 def stands(theta_dot: Array, share: float = STANDS) -> NDArray[np.bool_]:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from sysid import GeneralJoint, LinearAxis, Model, Record, Sensor, diagnose
-from sysid.estimation.torque_regression import friction_along, regression
+from sysid import GeneralJoint, LinearAxis, Model, Plant, Record, Sensor, diagnose
+from sysid.estimation.torque_regression import FrictionAlong, friction_along, regression
 
 DT, SENSOR = 0.008, Sensor(theta=5e-5)
+JOINT = GeneralJoint()
 B, TAU_C = 0.06, 0.22
 """Viscous and dry friction of the joint."""
 
@@ -24,9 +27,18 @@ def followed(J: float, b: float, tau_c: float, scatter: float, seconds: float = 
     return Record(t, torque[:-1], theta + SENSOR.theta * rng.standard_normal(len(t)), name="followed")
 
 
+def along(
+    record: Record, plant: Plant = JOINT, names: tuple[str, ...] = ("J", "G"), sensor: Sensor = SENSOR
+) -> FrictionAlong | None:
+    """Friction along the first three quarters of a record, if the last one has it, too."""
+    cut = 3 * len(record) // 4
+    first, last = record.head(cut), record.part(cut, len(record), "last")
+    return friction_along(Model(plant, dt=record.dt), names, [first], [last], sensor)
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_friction_is_found_within_its_error_where_the_inertia_does_not_show(seed: int) -> None:
-    found = friction_along(Model(GeneralJoint(), dt=DT), [followed(0.002, B, TAU_C, 0.03, seed=seed)], SENSOR)
+    found = along(followed(0.002, B, TAU_C, 0.03, seed=seed))
     assert found is not None
     assert abs(found.viscous[0] - B) < 4.0 * found.viscous[1]
     assert abs(found.coulomb[0] - TAU_C) < 4.0 * found.coulomb[1] + 0.02 * TAU_C, "smoothed readings reverse late"
@@ -42,7 +54,7 @@ def test_a_joint_that_rests_with_its_drive_released_says_nothing_of_friction() -
     torque = np.where(theta_dot == 0.0, 0.0, B * theta_dot + 3.0 * np.sign(theta_dot) + 0.4)
     torque += 0.05 * rng.standard_normal(len(t)) * (theta_dot != 0.0)
     record = Record(t, torque[:-1], theta, name="worm")
-    found = friction_along(Model(GeneralJoint(), dt=0.04), [record], Sensor(theta=0.002))
+    found = along(record, sensor=Sensor(theta=0.002))
     assert found is not None
     assert found.coulomb[0] == pytest.approx(3.0, rel=0.05)
     assert found.viscous[0] == pytest.approx(B, rel=0.1)
@@ -50,16 +62,49 @@ def test_a_joint_that_rests_with_its_drive_released_says_nothing_of_friction() -
 
 
 def test_a_torque_without_friction_shows_none() -> None:
-    assert friction_along(Model(GeneralJoint(), dt=DT), [followed(1.0, 0.0, 0.0, 0.03)], SENSOR) is None
+    assert along(followed(1.0, 0.0, 0.0, 0.03)) is None
 
 
 def test_a_torque_that_is_hardly_friction_shows_none() -> None:
-    assert friction_along(Model(GeneralJoint(), dt=DT), [followed(0.002, B, TAU_C, 1.0)], SENSOR) is None
+    assert along(followed(0.002, B, TAU_C, 1.0)) is None
+
+
+def test_a_friction_that_held_out_records_do_not_have_is_none() -> None:
+    model, fitted = Model(GeneralJoint(), dt=DT), followed(0.002, B, TAU_C, 0.03)
+    for other, there in ((followed(0.002, B, TAU_C, 0.03, seed=1), True), (followed(0.002, 0.5, 0.0, 0.03), False)):
+        found = friction_along(model, ("J", "G"), [fitted], [other], SENSOR)
+        assert (found is not None) is there
+
+
+@pytest.mark.parametrize("G", [0.0, 0.4])
+def test_a_gravity_that_is_known_is_taken_off_and_not_sought_again(G: float) -> None:
+    """A load beside gravity is found where gravity is free, too, and then no surer."""
+    joint = followed(0.002, B, TAU_C, 0.03)
+    assert joint.theta is not None
+    record = replace(joint, u=joint.u - G * np.sin(joint.theta[:-1]) + 0.1)
+    for plant, names in ((GeneralJoint(G=G), ("J",)), (GeneralJoint(), ("J", "G"))):
+        found = along(record, plant, names)
+        assert found is not None
+        assert abs(found.load[0] - 0.1) < 4.0 * found.load[1]
+        assert abs(found.coulomb[0] - TAU_C) < 4.0 * found.coulomb[1] + 0.02 * TAU_C
+
+
+def test_the_load_of_an_axis_is_that_in_the_middle_of_its_motion() -> None:
+    joint = followed(0.002, B, TAU_C, 0.03)
+    assert joint.theta is not None
+    record = replace(
+        joint, theta=joint.theta + 40.0, u=joint.u + 0.02 * (joint.theta[:-1] - np.mean(joint.theta)) + 0.1
+    )
+    found = along(record, LinearAxis(), ("m",))
+    assert found is not None
+    assert abs(found.load[0] - 0.1) < 4.0 * found.load[1] + 0.005, "the middle of what was fitted is not that of all"
 
 
 def test_a_log_that_is_too_short_for_one_span_shows_none() -> None:
-    short = followed(0.002, B, TAU_C, 0.03).head(20)
-    assert friction_along(Model(LinearAxis(), dt=DT), [short], SENSOR) is None
+    short, long = followed(0.002, B, TAU_C, 0.03).head(20), followed(0.002, B, TAU_C, 0.03)
+    for plant in (LinearAxis(), GeneralJoint()):
+        for fitted, unseen in ((short, long), (long, short), (short, short)):
+            assert friction_along(Model(plant, dt=DT), tuple(plant.parameters), [fitted], [unseen], SENSOR) is None
 
 
 def test_standard_errors_cover() -> None:
@@ -72,11 +117,14 @@ def test_standard_errors_cover() -> None:
 
 
 @pytest.mark.long
-def test_a_diagnosis_tells_the_friction_of_a_joint_that_only_follows_its_path() -> None:
-    answer = diagnose(Model(GeneralJoint(), dt=DT), [followed(0.002, B, TAU_C, 0.03)], SENSOR)
-    assert answer.verdict == "unknown"
+@pytest.mark.parametrize("b", [B, -B])
+def test_a_diagnosis_tells_the_friction_of_a_joint_that_only_follows_its_path(b: float) -> None:
+    """Of dry friction that falls with speed, too, and names nothing else in its place."""
+    answer = diagnose(Model(GeneralJoint(), dt=DT), [followed(0.002, b, TAU_C, 0.03)], SENSOR)
+    assert answer.verdict == "partly" and not answer.steps and not answer.conventions
     assert answer.friction is not None
     assert abs(answer.friction.coulomb[0] - TAU_C) < 0.03
-    assert "dry friction of 0.2" in answer.doubts[-1]
-    assert "friction and load explain 9" in answer.finding
+    assert "dry friction of 0.2" in answer.finding and "of what the drive does" in answer.finding
+    assert ("friction that falls with speed by 0.0" in answer.finding) is (b < 0.0)
+    assert "follows a path" in answer.doubts[-1]
     assert answer.to_dict()["friction_along_the_motion"]["share"] > 0.9
