@@ -271,6 +271,16 @@ def amount_of(records: Sequence[Record]) -> str:
     return f"{len(records)} rollout{many}, {n} samples ({n * dt:.4g} s) at {1.0 / dt:.4g} Hz"
 
 
+def first_samples(records: Sequence[Record], most: int) -> tuple[Record, ...]:
+    """The first samples of a log, at most so many."""
+    shown = []
+    for record in records:
+        if most > 0:
+            shown.append(record.head(most))
+        most -= len(record)
+    return tuple(shown)
+
+
 def is_part(name: str, whole: str) -> bool:
     """Whether a record of that name is the whole one, or one of the parts that are made of it."""
     return name == whole or name.startswith(f"{whole}, ")

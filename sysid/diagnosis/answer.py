@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from sysid.data.record import Record
+from sysid.data.record import Record, first_samples
 from sysid.data.sensor import Sensor
 from sysid.diagnosis.contacts import Contact
 from sysid.diagnosis.findings import chance, dependence_on, fitted_numbers, numbers_in_words, quantity, with_numbers
@@ -251,7 +250,7 @@ class Diagnosis:
 
     @cached_property
     def _shown(self) -> tuple[Record, ...]:
-        return _head(self.records, MOST_SHOWN)
+        return first_samples(self.records, MOST_SHOWN)
 
     @cached_property
     def predictions(self) -> tuple[Prediction, ...]:
@@ -425,13 +424,3 @@ class Diagnosis:
             f"{self.tolerance:.0%}; +- is one standard deviation"
         )
         return "\n".join(lines)
-
-
-def _head(records: Sequence[Record], most: int) -> tuple[Record, ...]:
-    """The first samples of a log."""
-    shown = []
-    for record in records:
-        if most > 0:
-            shown.append(record.head(most))
-            most -= len(record)
-    return tuple(shown)

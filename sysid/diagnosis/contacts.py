@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sysid.estimation.linearisation import Samples
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.solver import shown_extent
-from sysid.estimation.torque_regression import stands
+from sysid.estimation.torque_regression import slow_speed
 from sysid.physics.ops import Array
 
 EXTREME = 6.0
@@ -95,7 +95,8 @@ def _within(samples: Samples, contact: Contact) -> NDArray[np.bool_]:
 def _is_friction(fit: Fit, torque: Array, inside: NDArray[np.bool_]) -> bool:
     """Whether the joint stands for most of a stretch and what is missing opposes the drive: no state tells how much it
     takes to break a joint away."""
-    held = stands(fit.motion.x[:, 1], STILL) & (torque * np.mean(fit.linearised.drive_torques, axis=1) < 0.0)
+    theta_dot, drive = fit.motion.x[:, 1], np.mean(fit.linearised.drive_torques, axis=1)
+    held = (np.abs(theta_dot) < slow_speed([theta_dot], STILL)) & (torque * drive < 0.0)
     return float(np.mean(held[inside])) > 0.5
 
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.data.record import Record, extent_of
+from sysid.data.record import Record, extent_of, first_samples
 from sysid.data.sensor import Sensor
 from sysid.estimation.smoothed_start import smooth_states
 from sysid.physics.model import Model
@@ -37,10 +37,12 @@ class IntegratedMotion(NamedTuple):
 
     columns (N, 5)   the integrals of sin(theta), of a linear axis theta, of tau, -theta_dot, -sign(theta_dot) and 1
     speed_change (N,)   the left-hand side [rad/s]
+    slow                the speed [rad/s] below which the joint was taken to stand
     """
 
     columns: Array
     speed_change: Array
+    slow: float
 
 
 def telling_motion(model: Model, records: Sequence[Record], sensor: Sensor) -> IntegratedMotion:
@@ -59,17 +61,15 @@ def _sureness(terms: IntegratedMotion) -> float:
 
 
 def integrated_motion(
-    model: Model, records: Sequence[Record], sensor: Sensor, seconds: float = SPAN
+    model: Model, records: Sequence[Record], sensor: Sensor, seconds: float = SPAN, slow: float = 0.0
 ) -> IntegratedMotion:
-    """The terms of the equation of motion over so many seconds, or over a quarter of a swing, where the joint moves;
-    none of logs that are too short."""
-    rows, targets, seen, reach = [np.zeros((0, 5))], [np.zeros(0)], 0, extent_of(records, model.plant.turns).reach
-    for record in records:
-        if seen >= MOST:
-            break
-        part = record.head(MOST - seen)
-        seen += len(part)
-        theta, theta_dot = smooth_states(part, sensor, reach).T
+    """The terms of the equation of motion over so many seconds, or over a quarter of a swing, where the joint moves:
+    faster than `slow` [rad/s], and than a share of the records' own RMS speed; none of logs that are too short."""
+    rows, targets, reach = [np.zeros((0, 5))], [np.zeros(0)], extent_of(records, model.plant.turns).reach
+    parts = first_samples(records, MOST)
+    smoothed = [smooth_states(part, sensor, reach).T for part in parts]
+    slow = max(slow, slow_speed([theta_dot for _, theta_dot in smoothed]))
+    for part, (theta, theta_dot) in zip(parts, smoothed, strict=True):
         swing = QUARTER * float(np.std(theta)) / max(float(np.std(theta_dot)), 1e-300)
         span = max(round(min(seconds, swing) / part.dt), 1)
         if len(part) < 4 * span:
@@ -82,10 +82,10 @@ def integrated_motion(
             -np.sign(middle),
             np.ones(len(part)),
         )
-        moves = (_sums(stands(middle), span) <= 0.5 * span)[::span]
+        moves = (_sums(np.abs(middle) < slow, span) <= 0.5 * span)[::span]
         rows.append(np.column_stack([part.dt * _sums(c, span) for c in columns])[::span][moves])
         targets.append((theta_dot[span:] - theta_dot[:-span])[::span][moves])
-    return IntegratedMotion(np.concatenate(rows), np.concatenate(targets))
+    return IntegratedMotion(np.concatenate(rows), np.concatenate(targets), slow)
 
 
 class Regression(NamedTuple):
@@ -125,7 +125,8 @@ class FrictionAlong:
     viscous, coulomb, load : tuple of float
         b [N m s/rad], tau_c [N m] and d [N m], and their standard errors.
     share : float
-        The share of the torque's variance that all terms together explain, of data that the regression has not seen.
+        The share of the torque that all terms together explain, of data that the regression has not seen: of its
+        squares about the constant torque that explains most of what was seen.
     """
 
     viscous: tuple[float, float]
@@ -143,8 +144,9 @@ def friction_along(
     motion = integrated_motion(model, records, sensor)
     columns, torque = _of_the_torque(model, names, motion, motion)
     value, sd, _ = regression(columns, torque)
-    columns, torque = _of_the_torque(model, names, integrated_motion(model, unseen, sensor), motion)
-    varies = float(np.sum((torque - np.mean(torque)) ** 2)) if len(torque) else 0.0
+    constant = regression(columns[:, 2:3], torque).value
+    columns, torque = _of_the_torque(model, names, integrated_motion(model, unseen, sensor, slow=motion.slow), motion)
+    varies = float(np.sum((torque - columns[:, 2:3] @ constant) ** 2))
     share = 1.0 - float(np.sum((torque - columns @ value) ** 2)) / varies if varies > 0.0 else 0.0
     viscous, coulomb, load, *_ = zip(value, sd, strict=True)
     sure = max(number - 3.0 * its_sd for number, its_sd in (viscous, coulomb)) > 0.0
@@ -168,10 +170,9 @@ def _of_the_torque(
     return np.column_stack(columns), torque
 
 
-def stands(theta_dot: Array, share: float = STANDS) -> NDArray[np.bool_]:
-    """Where a joint stands (M,): it is slower than that share of its RMS speed."""
-    standing: NDArray[np.bool_] = np.abs(theta_dot) < share * float(np.sqrt(np.mean(theta_dot**2)))
-    return standing
+def slow_speed(theta_dot: Sequence[Array], share: float = STANDS) -> float:
+    """The speed [rad/s] below which a joint stands: that share of the RMS of its speeds."""
+    return share * math.sqrt(float(np.mean(np.concatenate(theta_dot) ** 2))) if theta_dot else 0.0
 
 
 def weight_along(model: Model, theta: Array) -> Array:

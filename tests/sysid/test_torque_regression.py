@@ -61,6 +61,21 @@ def test_a_joint_that_rests_with_its_drive_released_says_nothing_of_friction() -
     assert found.load[0] == pytest.approx(0.4, rel=0.1)
 
 
+def test_unseen_data_that_rest_speak_neither_for_friction_nor_against_it() -> None:
+    """A record that rests throughout is slow beside the others, however its own noise moves."""
+    fitted, seen, rng = (
+        followed(0.002, B, TAU_C, 0.03),
+        followed(0.002, B, TAU_C, 0.03, seed=1),
+        np.random.default_rng(2),
+    )
+    theta = np.ones(len(seen) + 1) + SENSOR.theta * rng.standard_normal(len(seen) + 1)
+    rests = replace(seen, theta=theta, u=np.zeros(len(seen)), name="rests")
+    shares = [
+        friction_along(Model(JOINT, dt=DT), ("J", "G"), [fitted], unseen, SENSOR) for unseen in ([seen], [seen, rests])
+    ]
+    assert shares[0] is not None and shares[0] == shares[1]
+
+
 def test_a_torque_without_friction_shows_none() -> None:
     assert along(followed(1.0, 0.0, 0.0, 0.03)) is None
 
