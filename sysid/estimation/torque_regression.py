@@ -117,8 +117,8 @@ class FrictionAlong:
         tau = J theta_ddot - G sin(theta) + b theta_dot + tau_c sign(theta_dot) + d
 
     Where a controller follows a path closely, the torque follows from the motion and not the motion from the torque:
-    friction shows, and an inertia that takes little of the torque does not. The load of a linear axis, which may hang
-    on a spring, is that in the middle of the motion.
+    friction shows, and an inertia that takes little of the torque does not. Beside a gravity that is not known, or on
+    a linear axis, which may hang on a spring, the load is that in the middle of the motion.
 
     Attributes
     ----------
@@ -160,13 +160,11 @@ def _of_the_torque(
     (weight, torque, less_speed, less_sign, one), plant = motion.columns.T, model.plant
     columns = [-less_speed, -less_sign, one, motion.speed_change]
     tells_gravity = {plant.gravity} if plant.gravity else set(plant.parameters)
-    if not plant.turns:
-        middle = float(np.sum(middle_of.columns[:, 0])) / max(float(np.sum(middle_of.columns[:, 4])), 1e-300)
-        columns.append(weight - middle * one)
-    elif tells_gravity.isdisjoint(names):
+    if plant.turns and tells_gravity.isdisjoint(names):
         torque = torque + float(plant.gravity_torque(0.5 * math.pi)) * weight
     else:
-        columns.append(weight)
+        middle = float(np.sum(middle_of.columns[:, 0])) / max(float(np.sum(middle_of.columns[:, 4])), 1e-300)
+        columns.append(weight - middle * one)
     return np.column_stack(columns), torque
 
 
