@@ -390,8 +390,8 @@ class Diagnosis:
         *some, last = [f"{what} {x:.3g} +- {sd:.2g} {unit}" for what, x, sd, unit in terms if abs(x) > 3.0 * sd]
         sure, explain = (f"{', '.join(some)} and {last}", "explain") if some else (last, "explains")
         return (
-            f"along the motion {sure} {explain} {friction.share:.0%} of what the drive does "
-            f"(rms {self.torque.drive:.2g} {torque})"
+            f"along the motion {sure} {explain} {friction.share:.0%} of how the drive's "
+            f"{quantity('torque', self.error.units)} varies (rms {self.torque.drive:.2g} {torque} in all)"
         )
 
     def _left(self, remaining: Remaining) -> str:

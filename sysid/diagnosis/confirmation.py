@@ -12,7 +12,7 @@ import numpy as np
 from sysid.data.record import Record
 from sysid.diagnosis.answer import MissingTorque, Remaining
 from sysid.diagnosis.contacts import Contact
-from sysid.diagnosis.criteria import is_nothing, is_plausible, is_undetermined
+from sysid.diagnosis.criteria import is_nothing, is_plausible, is_undetermined, squared_size
 from sysid.diagnosis.dependence import dependence
 from sysid.diagnosis.residual_torque import missing_torque, needed_disturbances
 from sysid.diagnosis.search import Addition, Search
@@ -161,6 +161,7 @@ class Confirmation:
             if lowered and is_lowered(error.ratio, self.errors[()][1].ratio, 0.0):
                 rarest = sorted(self.additions, key=lambda a: CATALOGUE[a.name].rarity, reverse=True)
                 nothing = [a for a in self.additions if is_nothing(end, a.name, self.search.settings.sure)]
+                nothing.sort(key=lambda a: squared_size(end, a.name))
                 nothing += [a for a in rarest if is_undetermined(end, a.name)]
                 if not nothing:
                     break

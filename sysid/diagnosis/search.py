@@ -16,7 +16,6 @@ from sysid.diagnosis.criteria import (
     at_bound,
     gain,
     is_determined,
-    is_nothing,
     is_plausible,
     matters,
     squared_size,
@@ -393,12 +392,13 @@ class Search:
         )
 
     def _pruned(self, now: Fit) -> Fit:
-        """Without the additions that have no size, the rarest first, and those that no longer pay or matter beside
-        others: of these the one whose loss is least beside what it costs."""
+        """Without the additions that have no size, the rarest first and of these the smallest, and those that no longer
+        pay or matter beside others: of these the one whose loss is least beside what it costs."""
         while self.additions:
-            order = sorted(self.additions, key=lambda a: CATALOGUE[a.name].rarity, reverse=True)
-            nothing = [a for a in order if is_nothing(now, a.name, self.settings.sure)]
-            doubtful = [a for a in order if not squared_size(now, a.name) > self.settings.clear]
+            size = {a.name: squared_size(now, a.name) for a in self.additions}
+            order = sorted(self.additions, key=lambda a: (-CATALOGUE[a.name].rarity, size[a.name]))
+            nothing = [a for a in order if size[a.name] < self.settings.sure]
+            doubtful = [a for a in order if not size[a.name] > self.settings.clear]
             candidates = nothing[:1] or (doubtful if len(order) > 1 else [])
             tried = [(a, reduced(now, a.name, QUICK)) for a in candidates]
             needless = [(a, without) for a, without in tried if a in nothing or self._needless(a.name, now, without)]

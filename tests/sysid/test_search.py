@@ -259,6 +259,21 @@ def test_what_has_become_idle_goes() -> None:
     assert end.deviance == pytest.approx(mended().deviance, abs=0.5)
 
 
+@pytest.mark.parametrize("names", [("viscous", "coulomb"), ("coulomb", "viscous")])
+def test_of_two_that_are_nothing_beside_each_other_the_smaller_goes(names: tuple[str, str]) -> None:
+    """Two frictions that take each other's place: the order in which they came does not decide which one it is."""
+    both = extended(base(), [Viscous(b=0.02), Coulomb(tau_c=0.05)])
+    sd = dict(zip(both.names, np.sqrt(np.diag(both.covariance)).tolist(), strict=True))
+    sizes = {"viscous.b": 1.5 * sd["viscous.b"], "coulomb.tau_c": 0.1 * sd["coulomb.tau_c"]}
+    nothing = dataclasses.replace(both, model=both.model.with_parameters(sizes))
+    assert all(is_nothing(nothing, name) for name in names)
+    search = Search(rubbing(), SENSOR)
+    search.additions = [Addition(n, (), (), 1e-9, nothing) for n in names]
+    end = search._pruned(nothing)
+    assert [a.name for a in search.additions] == ["viscous"]
+    assert {e.name for e in end.model.effects} == {"viscous"}
+
+
 def test_a_refinement_that_stands_alone_yields_to_its_simple_form() -> None:
     """As if dry friction of two sizes had been chosen where its sides are alike."""
     refined = extended(base(), [AsymmetricCoulomb(tau_plus=0.09, tau_minus=0.11)])

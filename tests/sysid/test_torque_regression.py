@@ -142,7 +142,7 @@ def test_a_diagnosis_tells_the_friction_of_a_joint_that_only_follows_its_path(b:
     assert answer.verdict == "partly" and not answer.steps and not answer.conventions
     assert answer.friction is not None
     assert abs(answer.friction.coulomb[0] - TAU_C) < 0.03
-    assert "dry friction of 0.2" in answer.finding and "of what the drive does" in answer.finding
+    assert "dry friction of 0.2" in answer.finding and "of how the drive's torque varies" in answer.finding
     assert ("friction that falls with speed by 0.0" in answer.finding) is (b < 0.0)
     assert "follows a path" in answer.doubts[-1]
     assert answer.to_dict()["friction_along_the_motion"]["share"] > 0.9
