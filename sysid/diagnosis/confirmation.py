@@ -230,10 +230,13 @@ class Confirmation:
         end, error = self.fit_with(self.additions)
         torque = self.torque(end)
         if torque.overwhelms and self.remaining(end, error, torque) is not None:
-            base, search = self.base, self.search
-            self.friction = friction_along(base.model, base.names, search.records, self.held_out, search.sensor)
+            self.friction = self._friction_along()
         if self.friction is not None:
             self.additions, self.unconfirmed = [], []
+
+    def _friction_along(self) -> FrictionAlong | None:
+        search = self.search
+        return friction_along(self.base.model, self.base.names, search.records, self.held_out, search.sensor)
 
     def _remains(self, end: Fit) -> bool:
         """Whether what was fitted to is predicted with errors beyond the noise, and a random torque is needed, or they

@@ -13,11 +13,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sysid.diagnosis import confirmation
+from sysid.diagnosis.answer import MissingTorque, Remaining
 from sysid.diagnosis.confirmation import NEGLIGIBLE_RISE, Confirmation, names_of
 from sysid.diagnosis.search_settings import SearchSettings
+from sysid.estimation.torque_regression import FrictionAlong
 
 NAMES = ("coulomb", "tilt", "viscous")
 SUBSETS = tuple(own for size in range(len(NAMES) + 1) for own in combinations(NAMES, size))
+
+
+def _torque(after: float, drive: float = 10.0) -> MissingTorque:
+    return MissingTorque(drive, 1.0, after)
 
 
 class Scripted(Confirmation):
@@ -37,7 +43,7 @@ class Scripted(Confirmation):
         return names_of(additions), self.error(names_of(additions))
 
     def torque(self, end: Any) -> Any:
-        return SimpleNamespace(after=1.0)
+        return _torque(1.0)
 
     def _hides(self, addition: Any, *_: Any) -> bool:
         return addition.name in self.hiding
@@ -76,7 +82,7 @@ def test_what_halves_the_held_out_error_stays_though_more_torque_is_missing(fact
         patch.setattr(confirmation, "is_nothing", lambda *_: False)
         patch.setattr(confirmation, "is_undetermined", lambda *_: False)
         patch.setattr(confirmation, "is_plausible", lambda *_: True)
-        patch.setattr(Scripted, "torque", lambda _, end: SimpleNamespace(after=2.0 if "coulomb" in end else 1.0))
+        patch.setattr(Scripted, "torque", lambda _, end: _torque(2.0 if "coulomb" in end else 1.0))
         found = Scripted(fewer, frozenset())
     assert names_of(found.additions) == (("coulomb",) if stays else ())
 
@@ -94,3 +100,21 @@ def test_what_keeps_another_number_plausible_is_not_dropped(kept: str) -> None:
         patch.setattr(confirmation, "is_lowered", lambda error, without, _: error < 0.5 * without)
         found = Scripted(fewer, frozenset())
     assert names_of(found.additions) == (kept,)
+
+
+@pytest.mark.parametrize(("drive", "along", "said"), [(0.5, True, True), (0.5, False, False), (10.0, True, False)])
+def test_friction_along_the_motion_is_told_alone_where_more_is_missing_than_the_drive_has(
+    drive: float, along: bool, said: bool
+) -> None:
+    friction = FrictionAlong((0.0, 1.0), (0.2, 0.01), (0.0, 1.0), 0.95)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(confirmation, "is_nothing", lambda *_: False)
+        patch.setattr(confirmation, "is_undetermined", lambda *_: False)
+        patch.setattr(confirmation, "is_plausible", lambda *_: True)
+        patch.setattr(Scripted, "_friction_along", lambda *_: friction if along else None)
+        patch.setattr(Scripted, "torque", lambda *_: _torque(1.0, drive))
+        patch.setattr(Scripted, "remaining", lambda *_: Remaining(0.5, (), ""))
+        found = Scripted({own: 4.0 - len(own) for own in SUBSETS}, frozenset())
+    assert found.friction is (friction if said else None)
+    assert names_of(found.additions) == (() if said else NAMES)
+    assert not found.unconfirmed
