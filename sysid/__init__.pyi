@@ -41,13 +41,23 @@ from .physics.effects.friction import (
     AsymmetricCoulomb,
     AsymmetricViscous,
     Coulomb,
+    Dahl,
     Drag,
+    LuGre,
     Stribeck,
     Viscous,
     WarmingFriction,
 )
-from .physics.effects.load import CubicSpring, DirectionalLoadFriction, LoadFriction, Ripple, RotorInertia, Spring, Tilt
-from .physics.effects.presliding import Dahl, LuGre
+from .physics.effects.load import (
+    CubicSpring,
+    DirectionalLoadFriction,
+    FlexibleTransmission,
+    LoadFriction,
+    Ripple,
+    RotorInertia,
+    Spring,
+    Tilt,
+)
 from .physics.effects.sensing import (
     AngleOffset,
     Backlash,
@@ -57,7 +67,6 @@ from .physics.effects.sensing import (
     VelocityBias,
     VelocityGain,
 )
-from .physics.effects.transmission import FlexibleTransmission
 from .physics.integrators import RK4, Integrator, SemiImplicitEuler
 from .physics.model import Model, State
 from .physics.parameters import Extent, Parameter, parameter

@@ -14,7 +14,6 @@ import numpy as np
 from sysid.errors import InvalidInput
 from sysid.physics.effects.effect import (
     Actuator,
-    Array,
     DryFriction,
     DynamicEffect,
     Effect,
@@ -27,7 +26,7 @@ from sysid.physics.effects.effect import (
     Stretch,
 )
 from sysid.physics.integrators import RK4, Integrator
-from sysid.physics.ops import Value
+from sysid.physics.ops import Array, Value
 from sysid.physics.parameters import Parameter
 from sysid.physics.plants import Plant
 

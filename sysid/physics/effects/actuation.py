@@ -10,11 +10,10 @@ from typing import ClassVar
 import numpy as np
 
 from sysid.physics import ops
-from sysid.physics.effects.effect import Array, InputEffect, Joint, JointEffect, Memory
-from sysid.physics.effects.probes import doubling, of_curve, of_largest
+from sysid.physics.effects.effect import InputEffect, Joint, JointEffect, Memory
 from sysid.physics.effects.timing import DeadTime, decaying, delayed, delayed_record, first_order
-from sysid.physics.ops import Value
-from sysid.physics.parameters import parameter
+from sysid.physics.ops import Array, Value
+from sysid.physics.parameters import doubling, of_curve, of_largest, parameter
 
 
 @dataclass(frozen=True, eq=False)

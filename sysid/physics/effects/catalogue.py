@@ -7,13 +7,11 @@ from difflib import get_close_matches
 from typing import Any, TypeVar
 
 from sysid.errors import LONGEST, InvalidInput, excerpt
-from sysid.physics.effects import actuation, actuators, disturbance, friction, load, presliding, sensing, transmission
+from sysid.physics.effects import actuation, actuators, disturbance, friction, load, sensing
 from sysid.physics.effects.effect import Actuator, Effect
 
 CATALOGUE: dict[str, type[Effect]] = {
-    kind.name: kind
-    for family in (friction, presliding, load, transmission, disturbance, actuation, sensing)
-    for kind in family.EFFECTS
+    kind.name: kind for family in (friction, load, disturbance, actuation, sensing) for kind in family.EFFECTS
 }
 
 ACTUATORS: dict[str, type[Actuator]] = {kind.name: kind for kind in actuators.ACTUATORS}

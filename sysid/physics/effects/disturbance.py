@@ -10,8 +10,8 @@ from typing import ClassVar
 import numpy as np
 
 from sysid.physics import ops
-from sysid.physics.effects.effect import Array, Joint, JointEffect
-from sysid.physics.ops import Value
+from sysid.physics.effects.effect import Joint, JointEffect
+from sysid.physics.ops import Array, Value
 from sysid.physics.parameters import Extent, parameter
 
 _MOST_FREQUENCIES = 200

@@ -11,14 +11,12 @@ from functools import cached_property
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sysid.physics.ops import Value
+from sysid.physics.ops import Array, Value
 from sysid.physics.parameters import NEVER, Extent, Parametric
 from sysid.physics.plants import Plant
 
 Memory = tuple[Value, ...]
-Array = NDArray[np.float64]
 
 
 @dataclass(eq=False)

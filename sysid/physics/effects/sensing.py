@@ -9,10 +9,9 @@ import numpy as np
 
 from sysid.physics import ops
 from sysid.physics.effects.effect import Memory, OutputEffect, Reading
-from sysid.physics.effects.probes import doubling
 from sysid.physics.effects.timing import DeadTime, decaying, first_order
 from sysid.physics.ops import Array, Value
-from sysid.physics.parameters import parameter
+from sysid.physics.parameters import doubling, parameter
 
 
 @dataclass(frozen=True, eq=False)

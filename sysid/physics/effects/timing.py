@@ -10,10 +10,9 @@ import numpy as np
 
 from sysid.errors import InvalidInput
 from sysid.physics import ops
-from sysid.physics.effects.effect import Array, Effect, Memory
-from sysid.physics.effects.probes import doubling
-from sysid.physics.ops import Value
-from sysid.physics.parameters import Parameter, parameter
+from sysid.physics.effects.effect import Effect, Memory
+from sysid.physics.ops import Array, Value
+from sysid.physics.parameters import Parameter, doubling, parameter
 
 
 @dataclass(frozen=True, eq=False)
