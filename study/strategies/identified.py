@@ -15,7 +15,7 @@ from study.trials.rollout_budget import Budget, center
 from study.trials.training_setup import TrainingSetup
 from sysid import Estimate, Record, Sensor, fit
 from sysid.planning.design import Conditions, Hypothesis, precision, search, yardsticks
-from sysid.planning.signals import Limits
+from sysid.planning.excitation import Limits
 
 SPLIT_ROLLOUTS = 1
 """Played at random before anything can be designed."""

@@ -47,7 +47,7 @@ from sysid.estimation.saved_model import load_model, save
 from sysid.physics.effects import ACTUATORS, CATALOGUE, effect
 from sysid.physics.model import Model
 from sysid.physics.plants import Plant
-from sysid.planning.signals import Limits
+from sysid.planning.excitation import Limits
 
 logger = logging.getLogger(__name__)
 

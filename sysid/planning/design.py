@@ -24,7 +24,7 @@ from sysid.physics.model import Model
 from sysid.physics.ops import Array
 from sysid.physics.plants import Plant
 from sysid.planning.evidence import Normal, Sensitivities
-from sysid.planning.signals import Limits, Signal, random_signals, rest_angle, vary
+from sysid.planning.excitation import Limits, Signal, random_signals, rest_angle, vary
 
 KNOWN = Settings(sizes=False, vague=math.inf)
 """For a fit beside disturbances that are known, which knows nothing of the parameters."""

@@ -36,10 +36,10 @@ from sysid.planning.design import (
     separation,
     yardsticks,
 )
+from sysid.planning.excitation import Limits, rest_angle
 from sysid.planning.non_torque_experiments import never, non_torque_experiment
 from sysid.planning.planned_experiment import DECISIVE, HOPELESS, Contest, Experiment
 from sysid.planning.rival_effects import Hypotheses, contested, hypotheses_of, indistinguishable, names_of, separable
-from sysid.planning.signals import Limits, rest_angle
 
 
 def next_experiment(

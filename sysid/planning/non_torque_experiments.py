@@ -12,9 +12,9 @@ from sysid.physics.effects.actuation import TorqueGain
 from sysid.physics.effects.load import RotorInertia
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
+from sysid.planning.excitation import rest_angle
 from sysid.planning.planned_experiment import Experiment
 from sysid.planning.rival_effects import inertial
-from sysid.planning.signals import rest_angle
 
 GRAVITY = 9.81
 """[m/s^2] where the plant has none of its own."""

@@ -22,8 +22,8 @@ from sysid.physics.model import Model
 from sysid.physics.parameters import Extent
 from sysid.planning.design import KNOWN, ROUGHLY, Conditions, Hypothesis, Pool, predict, within_limits
 from sysid.planning.evidence import Sensitivities
+from sysid.planning.excitation import Signal, random_signals
 from sysid.planning.planned_experiment import Contest
-from sysid.planning.signals import Signal, random_signals
 
 NOTHING = "nothing"
 """Name of the hypothesis that no rival is there."""

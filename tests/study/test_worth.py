@@ -19,9 +19,9 @@ from study.worth.posterior import BoundedNormal
 from study.worth.value_of_information import AS_BEFORE, DESIGNED, Worth, cost_of_errors, worth_of_rollouts
 from sysid import Coulomb, Estimate, GeneralJoint, GridSearch, InvalidInput, Model, PointMassPendulum, Sensor, fit
 from sysid.physics.plants import Plant
+from sysid.planning.excitation import Limits
 from sysid.planning.next_experiment import next_experiment
 from sysid.planning.planned_experiment import Experiment
-from sysid.planning.signals import Limits
 from tests.sysid.written import rollouts as measured
 from tests.sysid.written import table, write
 

@@ -36,10 +36,10 @@ from sysid.estimation.refits import extended
 from sysid.estimation.scores import scores
 from sysid.physics.effects import CATALOGUE, Effect
 from sysid.planning.design import KNOWN, NONE, Conditions, Hypothesis, Pool, predict
+from sysid.planning.excitation import KINDS, Limits, Signal, random_signals
 from sysid.planning.next_experiment import limits_of, next_experiment
 from sysid.planning.non_torque_experiments import non_torque_experiment, payload
 from sysid.planning.planned_experiment import Experiment
-from sysid.planning.signals import KINDS, Limits, Signal, random_signals
 
 SENSOR = Sensor(0.003, 0.05)
 LIMITS = Limits(2.0, theta_max=2.0)
