@@ -28,7 +28,6 @@ from sysid import (
     simulate,
 )
 from tests.sysid.planted import assert_named, assert_recovered, logs, truth
-from tests.sysid.signals import uniform_noise
 
 ROD = RodPendulum(m=1.3, l=0.9)
 
@@ -40,7 +39,7 @@ def drives(model, u):
 
 @pytest.mark.parametrize("k", [0, 1, 3, 5])
 def test_a_delay_of_whole_samples_is_the_shifted_command(k, integrator):
-    u = uniform_noise(np.random.default_rng(1), 100, 2.0)
+    u = np.random.default_rng(1).uniform(-2.0, 2.0, 100)
     shifted = np.concatenate([np.zeros(k), u[: 100 - k]])
     delayed = simulate(Model(ROD, (Delay(T=k * 0.02, longest=0.1),), integrator, 0.02), u, 2.0, 0.0)
     undelayed = simulate(Model(ROD, (), integrator, 0.02), shifted, 2.0, 0.0)
@@ -50,14 +49,14 @@ def test_a_delay_of_whole_samples_is_the_shifted_command(k, integrator):
 @pytest.mark.parametrize("substeps", [1, 3])
 @pytest.mark.parametrize("T", [0.0, 0.0041, 0.01, 0.0333, 0.06])
 def test_a_delay_conserves_the_commands_integral(T, substeps):
-    u = np.concatenate([uniform_noise(np.random.default_rng(2), 50, 2.0), np.zeros(4)])
+    u = np.concatenate([np.random.default_rng(2).uniform(-2.0, 2.0, 50), np.zeros(4)])
     drive = drives(Model(ROD, (Delay(T=T, longest=0.06),), RK4(substeps=substeps), 0.02), u)
     assert np.sum(drive) / substeps == pytest.approx(np.sum(u), rel=1e-12)
 
 
 @pytest.mark.parametrize("substeps", [1, 2, 3])
 def test_a_stamp_shifts_the_rows_either_way(substeps):
-    u = uniform_noise(np.random.default_rng(3), 40, 2.0)
+    u = np.random.default_rng(3).uniform(-2.0, 2.0, 40)
     held = np.repeat(u[:, None], substeps, axis=1)
 
     def shifted(s):
@@ -71,7 +70,7 @@ def test_a_stamp_shifts_the_rows_either_way(substeps):
 
 @pytest.mark.parametrize("s", [0.2, 0.5, 0.87])
 def test_a_late_stamp_is_a_delay(s):
-    u = uniform_noise(np.random.default_rng(3), 40, 2.0)
+    u = np.random.default_rng(3).uniform(-2.0, 2.0, 40)
     stamped, delayed = (drives(Model(ROD, (e,), dt=0.02), u) for e in (Stamp(s=s), Delay(T=0.02 * s)))
     np.testing.assert_allclose(stamped, delayed, atol=1e-14)
 
@@ -87,12 +86,6 @@ def test_lag_has_the_exact_step_response(T):
         means.extend(signal)
     # the integral of the response is  s (t - T (1 - exp(-t/T)))
     assert np.sum(means) * dt / 2 == pytest.approx(s * (t + T * math.expm1(-t / T)), rel=1e-11)
-
-
-@pytest.mark.parametrize("T", [0.0, 1e-12, 0.05])
-def test_lag_and_delay_have_unit_gain_at_rest(T):
-    drive = drives(Model(ROD, (Delay(T=min(T, 0.03)), Lag(T=T)), RK4(substeps=2), 0.02), np.full(200, 1.3))
-    np.testing.assert_allclose(drive[-1], 1.3, rtol=1e-12)
 
 
 @pytest.mark.parametrize("T", [0.0, 1e-14, 1e-9, 1e-4])
@@ -123,14 +116,14 @@ def test_static_input_effects_do_what_their_formula_says():
 
 
 def test_back_emf_is_viscous_friction():
-    u = uniform_noise(np.random.default_rng(5), 100, 2.0)
+    u = np.random.default_rng(5).uniform(-2.0, 2.0, 100)
     one, other = (simulate(Model(ROD, (e,), dt=0.02), u, 2.0, 0.0) for e in (BackEmf(k=0.13), Viscous(b=0.13)))
     np.testing.assert_array_equal(one.theta, other.theta)
 
 
 def test_gain_inertia_and_gravity_show_in_two_combinations_only():
     """(J + J_r) theta_ddot = G sin(theta) + c u moves as J + J_r, G and c all divided by c."""
-    u = uniform_noise(np.random.default_rng(6), 200, 1.0)
+    u = np.random.default_rng(6).uniform(-1.0, 1.0, 200)
     c, J_r = 1.25, 0.05
     full = Model(GeneralJoint(J=0.2, G=1.5), (TorqueGain(c=c), RotorInertia(J_r=J_r)), dt=0.02)
     plain = Model(GeneralJoint(J=(0.2 + J_r) / c, G=1.5 / c), dt=0.02)
@@ -174,7 +167,7 @@ def test_a_motor_runs_up_to_its_no_load_speed():
 
 
 def test_a_curve_that_does_not_fall_is_a_saturation():
-    u = uniform_noise(np.random.default_rng(7), 100, 2.0)
+    u = np.random.default_rng(7).uniform(-2.0, 2.0, 100)
     flat, clipped = (
         simulate(Model(ROD, (e,), dt=0.02), u, 2.0, 0.0) for e in (TorqueSpeedLimit(limit=1.1, k=0.0), Saturation(1.1))
     )

@@ -331,33 +331,10 @@ def noisy_rest():
     return LOG + "".join(rows)
 
 
-def columns_of(order):
-    """The hidden log's rows with its columns in another order under the same header."""
-
-    def text(files):
-        rows = [line.split(",") for line in Path(files[0]).read_text().splitlines()[1:]]
-        return LOG + "".join(",".join(row[k] for k in order) + "\n" for row in rows)
-
-    return text
-
-
-def without_numbers(files):
-    lines = Path(files[0]).read_text().splitlines()
-    return "\n".join(line if k % 3 else line.replace(line.split(",")[1], "nan", 1) for k, line in enumerate(lines, 1))
-
-
 FILES = {
     "missing columns": ("time,angle\n0,1\n", "found time, angle"),
-    "text in numbers": (LOG + "0,1,0,0\n0.02,one,0,0\n0.04,1,0,0\n", "'one', expected a number"),
-    "rows without numbers": (without_numbers, "lack a number"),
-    "one sample": (LOG + "0,1,0,0\n", "expected at least two rows"),
-    "no rows": (LOG, "no rows"),
     "at rest": (STILL, "nothing excites m"),
     "at rest under noise": (noisy_rest(), "nothing excites m"),
-    "angle and speed swapped": (columns_of([0, 2, 1, 3]), "swapped"),
-    "angle and torque swapped": (columns_of([0, 3, 2, 1]), "swapped"),
-    "speed and torque swapped": (columns_of([0, 1, 3, 2]), "swapped"),
-    "time and torque swapped": (columns_of([3, 1, 2, 0]), "swapped"),
     "no CSV": ("\x00\x01\x02", "bad.csv"),
 }
 
@@ -373,9 +350,9 @@ def refused(words, capsys):
 
 @pytest.mark.parametrize(("text", "message"), FILES.values(), ids=FILES.keys())
 @pytest.mark.parametrize("command", ["fit", "diagnose"])
-def test_a_log_that_cannot_be_used(command, text, message, hidden, tmp_path, capsys):
+def test_a_log_that_cannot_be_used(command, text, message, tmp_path, capsys):
     file = tmp_path / "bad.csv"
-    file.write_text(text(hidden) if callable(text) else text)
+    file.write_text(text)
     before = file.read_bytes()
     assert message in refused([command, str(file)], capsys)
     assert file.read_bytes() == before
@@ -392,10 +369,6 @@ OPTIONS = {
     "noise of nothing": (["fit", "LOG", "--noise", "phi=1"], "--noise names 'phi'"),
     "noise below zero": (["fit", "LOG", "--noise", "theta=-1"], "positive number"),
     "no gravity": (["fit", "LOG", "--plant", "joint", "--gravity", "9"], "--gravity"),
-    "empty window": (["fit", "LOG", "--from", "3", "--to", "2"], "empty"),
-    "unknown column": (["fit", "LOG", "--columns", "theta=phi"], "found t, theta"),
-    "endlessly held out": (["fit", "LOG", "--hold-out", "inf"], "expected a share between 0 and 1"),
-    "all held out": (["fit", "LOG", "--hold-out", "9"], "leaves none to fit"),
     "set without effect": (["fit", "LOG", "--set", "viscous.b=0.1"], "--with viscous.b=0.1 puts it in"),
     "with no effect": (["fit", "LOG", "--with", "viscus"], "did you mean viscous"),
     "with no such number": (["fit", "LOG", "--with", "viscous.c=1"], "expected viscous or viscous.b=NUMBER"),
@@ -442,20 +415,6 @@ def test_words_that_are_no_command(words, capsys):
         main(words)
     assert left.value.code == 2
     assert "help" in capsys.readouterr().err
-
-
-def test_a_clock_in_milliseconds_is_told_or_asked_for(hidden, tmp_path, capsys):
-    table = np.loadtxt(hidden[0], delimiter=",", skiprows=1)
-    table[:, 0] *= 1e3
-    both, angle = tmp_path / "both.csv", tmp_path / "angle.csv"
-    np.savetxt(both, table, "%.8g", ",", header="t,theta,theta_dot,torque", comments="")
-    np.savetxt(angle, table[:, [0, 1, 3]], "%.8g", ",", header="t,theta,torque", comments="")
-    assert "--time-unit" in refused(["fit", str(angle), "--plant", "point"], capsys)
-    assert main(["fit", str(angle), "--plant", "point", "--time-unit", "ms"]) == 0
-    assert "at 50 Hz" in capsys.readouterr().out
-    assert main(["fit", str(both), "--plant", "point", "--from", "1", "--to", "4"]) == 0
-    said = capsys.readouterr().out
-    assert "150 samples (3 s)" in said and "t is in milliseconds, in which theta_dot is the rate of theta" in said
 
 
 @pytest.mark.long

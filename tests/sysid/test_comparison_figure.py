@@ -3,31 +3,24 @@
 from __future__ import annotations
 
 import io
-import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from sysid import LinearAxis, Model, Record, RodPendulum, Sensor, Viscous, plot_comparison, simulate
+from sysid import LinearAxis, Model, RodPendulum, Sensor, Viscous, plot_comparison, simulate
 from sysid.diagnosis.compare import Comparison, compare
 from sysid.planning.excitation import steps
 from sysid.report import comparison_figure
+from tests.sysid.planted import SENSOR, logs
 
-SENSOR = Sensor(0.003, 0.05)
 ROD = Model(RodPendulum(m=1.0, l=0.9), dt=0.02)
-
-
-def logs(model: Model, sensor: Sensor = SENSOR, n: int = 2) -> list[Record]:
-    rng = np.random.default_rng(0)
-    u = np.array([steps(rng, 250, model.dt, 1.5, 0.3) for _ in range(n)])
-    return sensor.measure(simulate(model, u, math.pi + rng.uniform(-0.8, 0.8, n), np.zeros(n)), rng)
 
 
 @pytest.fixture(scope="module")
 def answer() -> Comparison:
-    return compare(ROD, logs(ROD.with_effect(Viscous(b=0.1))), SENSOR)
+    return compare(ROD, logs(ROD.with_effect(Viscous(b=0.1)), n=2), SENSOR)
 
 
 def rendered(figure: Figure) -> bytes:
@@ -54,7 +47,7 @@ def test_a_comparison_on_one_page(answer: Comparison) -> None:
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("sensor", [Sensor(0.003), Sensor(None, 0.05)], ids=["angle", "speed"])
 def test_a_comparison_of_one_channel_of_a_perfect_model(sensor: Sensor) -> None:
-    rendered(plot_comparison(compare(ROD, logs(ROD, sensor, n=1), sensor)))
+    rendered(plot_comparison(compare(ROD, logs(ROD, sensor=sensor, n=1), sensor)))
 
 
 def test_the_curve_that_is_drawn_is_the_answer(answer: Comparison) -> None:

@@ -23,7 +23,6 @@ from sysid import (
     LuGre,
     Model,
     Record,
-    RodPendulum,
     RotorInertia,
     Sensor,
     Stribeck,
@@ -203,11 +202,3 @@ def test_a_method_that_cannot_carry_it_says_so(method):
     model = rod(replace(DAHL, tau_c=0.1))
     with pytest.raises(InvalidInput, match="'dahl' has states of its own"):
         method.fit(model, logs(truth(), n=1))
-
-
-def test_a_pendulum_with_one_is_a_plain_one_at_neutral():
-    u = multisine(np.random.default_rng(0), 100, 0.02, 2.0, 3.0)
-    plain = simulate(Model(RodPendulum(), (), dt=0.02), u, 2.0, 0.0).theta
-    for effect in DYNAMIC.values():
-        one = simulate(Model(RodPendulum(), (effect.at_neutral(),), dt=0.02), u, 2.0, 0.0).theta
-        np.testing.assert_allclose(one, plain, rtol=1e-11)

@@ -26,7 +26,6 @@ from sysid import (
     simulate,
 )
 from sysid.planning.excitation import multisine
-from tests.sysid.signals import uniform_noise
 
 ROD = RodPendulum(m=1.3, l=0.9)
 NAMES = (
@@ -91,7 +90,7 @@ def test_probes_follow_the_log():
 
 @pytest.mark.parametrize("integrator", [RK4(substeps=2), SemiImplicitEuler()], ids=["rk4", "euler"])
 def test_neutral_changes_nothing(effect, integrator):
-    u = uniform_noise(np.random.default_rng(0), 200, 2.0)
+    u = np.random.default_rng(0).uniform(-2.0, 2.0, 200)
     without = channels(Model(ROD, (), integrator, 0.02), u)
     np.testing.assert_allclose(
         channels(Model(ROD, (effect.at_neutral(),), integrator, 0.02), u), without, rtol=1e-11, atol=1e-12
@@ -169,7 +168,7 @@ def test_a_static_input_effect_acts_before_delay_and_lag(catalogue, agree):
         def advance(self, signal, memory, dt):
             return tuple(self.k * s - 0.1 * s * s * s for s in signal), memory
 
-    u = uniform_noise(np.random.default_rng(4), 100, 1.5)
+    u = np.random.default_rng(4).uniform(-1.5, 1.5, 100)
     path = (Lag(T=0.05), Delay(T=0.033), CheapDriver(k=0.8))
     found = drives(Model(ROD, path, dt=0.02), u)
     np.testing.assert_allclose(found, drives(Model(ROD, path[:2], dt=0.02), 0.8 * u - 0.1 * u**3), atol=1e-12)

@@ -17,7 +17,6 @@ from sysid import InvalidInput, Model, to_mjcf, to_urdf
 from sysid.__main__ import main
 from sysid.physics.effects import ACTUATORS, CATALOGUE
 from sysid.planning.excitation import multisine
-from tests.benchmarks import mujoco_truth
 from tests.hostile_input.answering import answered, many
 from tests.sysid.written import MODEL, SENSOR, rollouts, same
 
@@ -98,21 +97,6 @@ def test_mujoco_plays_what_the_model_does(name, plant):
         u, theta = commands(seed, model)
         off = np.abs(played(exported.text, u, theta, model.dt) - sysid.simulate(model, u, theta, 0.0).theta)
         assert off.max() < (NOISE if soft else 3e-4)
-
-
-@pytest.mark.parametrize(
-    "name", ["viscous.b", "coulomb.tau_c", "spring.k", "tilt.alpha", "saturation.limit", "delay.T"]
-)
-def test_the_file_is_the_one_that_a_hand_wrote(name):
-    """The benchmarks have a file of their own, made without any of our physics: both play the same."""
-    pytest.importorskip("mujoco")
-    numbers = {"m": 1.1, "l": 0.9, "g": 9.81, name: {"delay.T": 0.06, "saturation.limit": 1.0}.get(name, 0.15)}
-    owner, _, field = name.partition(".")
-    model = Model(sysid.RodPendulum(m=1.1, l=0.9, g=9.81), (sysid.effect(owner, **{field: numbers[name]}),), dt=0.02)
-    u, theta = commands(1, model)
-    step = float(next(ElementTree.fromstring(to_mjcf(model).text).iter("option")).get("timestep"))
-    theirs = mujoco_truth.simulate(numbers, u[None], theta, 0.0, model.dt, step=step).theta[0]
-    np.testing.assert_allclose(played(to_mjcf(model).text, u, theta, model.dt), theirs, atol=1e-4)
 
 
 def test_the_largest_command_is_the_range_of_the_control_and_the_joint_has_its_name():

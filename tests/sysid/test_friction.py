@@ -1,7 +1,6 @@
 """Friction: it opposes motion, only dissipates, holds a joint at rest, and its kinds contain each other."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -63,12 +62,6 @@ def test_wet_friction_opposes_motion(friction):
     assert np.sum(torque * theta_dot < 0.0) == 100
 
 
-@pytest.mark.parametrize("friction", [*DRY, LoadFriction(mu=0.1)], ids=lambda e: e.name)
-def test_dry_friction_has_a_limit_each_way(friction):
-    for limit in friction.limits(seen(np.linspace(-5.0, 5.0, 101))):
-        assert np.all(np.asarray(limit) > 0.0)
-
-
 @pytest.mark.parametrize(("friction", "power"), [(Viscous(b=0.1), 2), (Drag(c=0.1), 3)])
 def test_friction_takes_its_power(friction, power):
     run = simulate(Model(ROD, (friction,), RK4(substeps=4), 0.01), np.zeros(400), 1.0, 0.0)
@@ -119,12 +112,6 @@ def test_load_friction_is_a_share_of_the_load():
     model = Model(LinearAxis(m=2.0), (LoadFriction(mu=0.25),), dt=0.02)
     run = simulate(model, np.full(50, 3.0), 0.0, 0.0)
     np.testing.assert_allclose(run.theta_dot, 0.75 * 3.0 / 2.0 * run.t, rtol=1e-12)
-
-
-def test_warming_friction_falls_with_the_time_of_the_record():
-    friction = WarmingFriction(tau_c=0.1, excess=0.3, T=20.0)
-    limits = [friction.limits(replace(seen(1.0), t=t))[0] for t in (0.0, 20.0, 40.0, 1e4)]
-    assert limits == pytest.approx([0.4, 0.1 + 0.3 / math.e, 0.1 + 0.3 / math.e**2, 0.1])
 
 
 def test_a_carriage_on_warming_friction_slows_as_its_integral_says():

@@ -30,9 +30,8 @@ from sysid import (
     simulate,
 )
 from tests.sysid.planted import assert_named, assert_recovered, logs, truth
-from tests.sysid.signals import uniform_noise
 
-U = uniform_noise(np.random.default_rng(0), 200, 2.0)
+U = np.random.default_rng(0).uniform(-2.0, 2.0, 200)
 
 
 def test_a_tilted_base_is_an_encoder_that_is_off(pendulum):

@@ -19,7 +19,6 @@ from sysid import (
     effect,
     simulate,
 )
-from tests.sysid.signals import uniform_noise
 
 
 def test_back_ends_agree_for_every_plant_without_effects(plant, integrator, agree):
@@ -105,7 +104,7 @@ def held_signal_mean(u: np.ndarray, dt: float, T: float, a: float, b: float) -> 
 @pytest.mark.parametrize("T_delay", [0.0, 0.0071, 0.02, 0.0537, 0.1])
 def test_input_path_step_by_step_equals_the_whole_record(T_delay, T_lag):
     model = Model(RodPendulum(), (Lag(T=T_lag), Delay(T=T_delay)), RK4(substeps=3), dt=0.02)
-    u = uniform_noise(np.random.default_rng(1), 60, 2.0)
+    u = np.random.default_rng(1).uniform(-2.0, 2.0, 60)
     memory, stepwise = model.rest(), []
     for command in u:
         drives, memory = model.drive(float(command), memory)
@@ -122,7 +121,7 @@ def test_input_path_step_by_step_equals_the_whole_record(T_delay, T_lag):
 
 def test_moving_under_the_drives_equals_simulating(all_effects, integrator):
     model = Model(RodPendulum(m=1.3, l=0.9), all_effects, integrator, dt=0.02)
-    u = uniform_noise(np.random.default_rng(2), 200, 2.0)
+    u = np.random.default_rng(2).uniform(-2.0, 2.0, 200)
     memory, drives = model.rest(), []
     for command in u:
         drive, memory = model.drive(float(command), memory)
@@ -135,7 +134,7 @@ def test_moving_under_the_drives_equals_simulating(all_effects, integrator):
 
 
 def test_input_effects_act_by_stage_however_they_are_listed():
-    u = uniform_noise(np.random.default_rng(3), 100, 2.0)
+    u = np.random.default_rng(3).uniform(-2.0, 2.0, 100)
     lag, delay = Lag(T=0.05), Delay(T=0.033)
     one, other = (
         simulate(Model(RodPendulum(), effects, dt=0.02), u, math.pi, 0.0) for effects in ((lag, delay), (delay, lag))
@@ -152,7 +151,7 @@ def test_parameters_are_named_after_their_effect():
 
 
 def test_what_looks_ahead_is_handed_the_next_row_and_primed_before_the_first():
-    u = uniform_noise(np.random.default_rng(4), 30, 2.0)
+    u = np.random.default_rng(4).uniform(-2.0, 2.0, 30)
     model = Model(RodPendulum(), (Stamp(), Lag(T=0.05)), dt=0.02)
     assert model.ahead == 1 and Model(RodPendulum(), (Delay(),)).ahead == 0
     without = Model(RodPendulum(), (Lag(T=0.05),), dt=0.02)
@@ -164,7 +163,7 @@ def test_what_looks_ahead_is_handed_the_next_row_and_primed_before_the_first():
 @pytest.mark.parametrize("substeps", [1, 3])
 @pytest.mark.parametrize("T", [0.0, 0.0071, 0.02, 0.1])
 def test_a_whole_record_at_once_equals_interval_by_interval(T, substeps, all_effects):
-    u = uniform_noise(np.random.default_rng(5), 80, 2.0)
+    u = np.random.default_rng(5).uniform(-2.0, 2.0, 80)
     late = {"delay": Delay(T=T, longest=0.1), "lag": Lag(T=T), "stamp": Stamp(s=8.0 * T - 0.6)}
     for left_out in ("delay", "stamp"):
         others = [e for e in all_effects if e.name not in late]

@@ -29,12 +29,11 @@ from sysid.data.digitisation import quantisation_step
 from sysid.data.logs import read
 from sysid.data.noise import sensor_noise
 from sysid.planning.excitation import multisine, steps
-from tests.sysid.signals import uniform_noise
 
 REAL = Path(__file__).parents[3] / "shared" / "data" / "logs"
 USUAL, LOUD = Sensor(theta=0.003, theta_dot=0.05), Sensor(theta=0.02, theta_dot=0.4)
 TORQUES = {
-    "random": lambda rng, n, dt: uniform_noise(rng, n, 2.5),
+    "random": lambda rng, n, dt: rng.uniform(-2.5, 2.5, n),
     "multisine": lambda rng, n, dt: multisine(rng, n, dt, 2.5, 3.0),
     "steps": lambda rng, n, dt: steps(rng, n, dt, 2.5, 0.5),
     "free": lambda rng, n, dt: np.zeros(n),

@@ -61,11 +61,6 @@ def test_clip_without_limits_is_no_operation():
     assert ops.clip(x, -math.inf, math.inf) is x
 
 
-@pytest.mark.parametrize("value", [1, 1.0, np.float32(1.0), np.ones(3), np.arange(3)])
-def test_numbers_are_told_from_symbols(value):
-    assert ops.is_number(value)
-
-
-@pytest.mark.parametrize("value", [True, "1", None, ca.SX.sym("x"), ca.MX.sym("x"), torch.ones(3)])
-def test_symbols_are_told_from_numbers(value):
-    assert not ops.is_number(value)
+def test_numbers_are_told_from_symbols():
+    assert all(map(ops.is_number, [1, 1.0, np.float32(1.0), np.ones(3), np.arange(3)]))
+    assert not any(map(ops.is_number, [True, "1", None, ca.SX.sym("x"), ca.MX.sym("x"), torch.ones(3)]))

@@ -55,6 +55,7 @@ def test_what_is_no_formula_is_refused_in_a_sentence(formula: str) -> None:
         ("a * theta", "w: 3", "values to try"),
         ("a * sqrt(theta_dot)", "", "not finite"),
         ("torque * theta", "", "another"),
+        ("-b * theta_dott", "", "expected one of the variables theta, theta_dot"),
     ],
 )
 def test_what_cannot_be_fitted_is_refused_in_a_sentence(formula: str, shapes: str, message: str) -> None:
@@ -90,6 +91,8 @@ def test_the_class_in_python_is_the_same_effect() -> None:
         again = CATALOGUE.pop("bump")
     finally:
         CATALOGUE.pop("bump", None)
+    here, there = (k().parameters for k in (kind, again))
+    assert {n: (p.bounds, p.value) for n, p in here.items()} == {n: (p.bounds, p.value) for n, p in there.items()}
     plant, u, start = sysid.RodPendulum(), np.ones(50), np.array([2.5])
     ends = [
         sysid.simulate(sysid.Model(plant, (k(a=0.7, c=3.2, w=0.4),), dt=0.02), u, start, 0.0 * start).theta[0, -1]

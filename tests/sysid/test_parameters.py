@@ -59,11 +59,6 @@ def test_bad_numbers_are_refused(value, message):
         RodPendulum().with_parameters({"m": value})
 
 
-def test_a_delay_beyond_its_memory_is_refused():
-    with pytest.raises(InvalidInput, match=r"Delay.T = 0.4 s is out of bounds: expected 0 <= Delay.T <= 0.3"):
-        Delay(T=0.4)
-
-
 def test_every_parameter_has_a_positive_scale_at_every_number(plant, all_effects):
     for part in (plant, *all_effects, *(e.at_neutral() for e in all_effects)):
         for p in part.parameters.values():

@@ -8,7 +8,6 @@ import pytest
 
 from study.paper.protocol import paper_model
 from sysid import CATALOGUE, RK4, GeneralJoint, LinearAxis, Model, PointMassPendulum, RodPendulum, simulate
-from tests.sysid.signals import uniform_noise
 
 
 @pytest.mark.parametrize(("m", "l"), [(1.0, 1.0), (2.0, 1.5), (0.4, 0.7)])
@@ -18,7 +17,7 @@ def test_rod_is_gymnasiums_pendulum_step_for_step(m, l):  # noqa: E741
     env.reset(seed=3)
     model = paper_model(m, l)
     start = np.array(env.state)
-    u = uniform_noise(np.random.default_rng(0), 200, 2.0)
+    u = np.random.default_rng(0).uniform(-2.0, 2.0, 200)
     states = [start]
     for command in u:
         env.step(np.array([command]))
@@ -46,7 +45,7 @@ def test_small_swings_have_the_textbook_period(pendulum):
 @pytest.mark.parametrize("plant", [RodPendulum(m=1.3, l=0.9), PointMassPendulum(m=0.7, l=0.6)], ids=["rod", "point"])
 def test_every_pendulum_is_a_general_joint(plant):
     joint = GeneralJoint(J=plant.inertia(), G=plant.gravity_torque(0.5 * math.pi))
-    u = uniform_noise(np.random.default_rng(1), 200, 2.0)
+    u = np.random.default_rng(1).uniform(-2.0, 2.0, 200)
     one, other = (simulate(Model(p, dt=0.02), u, 2.0, 0.0) for p in (plant, joint))
     np.testing.assert_allclose(one.theta, other.theta, rtol=1e-10)
 

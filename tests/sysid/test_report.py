@@ -38,18 +38,11 @@ from sysid.planning.planned_experiment import Experiment
 from sysid.report import diagnosis_figures as figures
 from sysid.report import typesetting as set_as
 from sysid.report.write import page_of, write_report
-from tests.sysid.planted import VERDICTS
+from tests.sysid.planted import SENSOR, VERDICTS, logs
 
-SENSOR = Sensor(0.003, 0.05)
 ROD = Model(RodPendulum(m=1.0, l=0.9), dt=0.02)
 STICKY = ROD.with_effect(Coulomb(tau_c=0.15))
 VOID = {"meta", "img", "br"}
-
-
-def logs(model: Model = STICKY, n: int = 4, seconds: float = 3.0, sensor: Sensor = SENSOR) -> list[Record]:
-    rng = np.random.default_rng(0)
-    u = np.array([steps(rng, round(seconds / model.dt), model.dt, 1.5, 0.3) for _ in range(n)])
-    return sensor.measure(simulate(model, u, math.pi + rng.uniform(-0.8, 0.8, n), np.zeros(n)), rng)
 
 
 @cache
@@ -97,7 +90,7 @@ def diagnosis(records: list[Record], verdict: str = "missing", sensor: Sensor = 
 
 @pytest.fixture(scope="module")
 def records() -> list[Record]:
-    return logs()
+    return logs(STICKY, n=4, seconds=3.0)
 
 
 @pytest.fixture(scope="module")
@@ -212,7 +205,7 @@ def test_it_says_what_asked_for_it_and_which_way_is_positive(records, pages, tmp
 
 def test_names_are_text_and_neither_markup_nor_formula(tmp_path):
     name = r'<script>alert("1")</script> $\frac$ & a very long name of a rollout that fills no panel'
-    records = [replace(r, name=f"{name} {i}") for i, r in enumerate(logs(n=4, seconds=2.0))]
+    records = [replace(r, name=f"{name} {i}") for i, r in enumerate(logs(STICKY, n=4, seconds=2.0))]
     for answer in (diagnosis(records), compared(records[0])):
         write_report(answer, tmp_path / "report.html")
         page = (tmp_path / "report.html").read_text(encoding="utf-8")
@@ -222,14 +215,14 @@ def test_names_are_text_and_neither_markup_nor_formula(tmp_path):
 
 @pytest.mark.parametrize("sensor", [Sensor(0.003), Sensor(None, 0.05)], ids=["angle", "speed"])
 def test_a_log_of_one_channel(tmp_path, sensor):
-    records = logs(sensor=sensor)
+    records = logs(STICKY, n=4, seconds=3.0, sensor=sensor)
     page = page_of(diagnosis(records, sensor=sensor))
     (table,) = [t for t in page.tables if t.title == "Errors by horizon"]
     assert len(table.heads) == 3
 
 
 def test_one_long_log_is_cut_as_it_was_diagnosed(tmp_path):
-    records = logs(n=1, seconds=12.0)
+    records = logs(STICKY, n=1, seconds=12.0)
     answer = diagnosis(records)
     assert answer.held_out == tuple(f"rollout 0, held-out part {k}" for k in (2, 4, 6))
     assert page_of(answer).settings["held out"].startswith("rollout 0, held-out part 2")
@@ -327,7 +320,8 @@ def test_a_model_that_loses_the_motion_is_drawn_piece_by_piece(records):
 
 
 def test_the_stretch_that_is_shown_is_typical():
-    records = logs(n=3) + [replace(r, theta=r.theta + 0.2 * np.sin(9.0 * r.t)) for r in logs(n=1)]
+    records, odd = (logs(STICKY, n=n, seconds=3.0) for n in (3, 1))
+    records += [replace(r, theta=r.theta + 0.2 * np.sin(9.0 * r.t)) for r in odd]
     paths = typical((STICKY,), records, SENSOR)
     assert 0.8 < paths[0].ratio < 1.2
 

@@ -7,13 +7,12 @@ import pytest
 
 from study.paper.protocol import paper_model
 from sysid import InvalidInput, Sensor, simulate
-from tests.sysid.signals import uniform_noise
 
 MODEL = paper_model(2.0, 1.5)
 
 
 def test_a_trajectory_is_its_steps():
-    u = uniform_noise(np.random.default_rng(0), 30, 2.0)
+    u = np.random.default_rng(0).uniform(-2.0, 2.0, 30)
     run = simulate(MODEL, u, 2.0, 0.3)
     state = MODEL.initial_state(2.0, 0.3)
     for k, command in enumerate(u):
@@ -25,7 +24,7 @@ def test_a_trajectory_is_its_steps():
 @pytest.mark.parametrize("sensor", [Sensor(0.01, 1.0), Sensor(0.2), Sensor(None, 0.3)])
 def test_readings_have_the_stated_sd_and_no_bias(sensor):
     n, rollouts = 400, 60
-    run = simulate(MODEL, uniform_noise(np.random.default_rng(1), n * rollouts, 2.0).reshape(rollouts, n), 2.0, 0.0)
+    run = simulate(MODEL, np.random.default_rng(1).uniform(-2.0, 2.0, (rollouts, n)), 2.0, 0.0)
     records = sensor.measure(run, np.random.default_rng(2))
     errors = {"theta": [], "theta_dot": []}
     for i, record in enumerate(records):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import importlib.util
 import json
 import time
@@ -15,7 +14,6 @@ import pytest
 
 pytest.importorskip("dash", reason="the workbench needs the extra web")
 
-import sysid
 from sysid.data.record import write_csv
 from sysid.errors import InvalidInput
 from sysid.estimation.saved_model import load
@@ -210,20 +208,6 @@ def test_an_effect_that_the_user_writes_is_fitted_like_ours(walked: tuple[Workbe
             time.sleep(0.5)
         assert "this policy" in (session.of(2) / Answer.TRAINING).read_text()
     session.drop_last_node()
-
-
-def test_the_lines_of_an_own_effect_have_the_bounds_that_the_page_fits_in() -> None:
-    own = OwnEffect("hum", "a * sin(w * t) + b * cos(w * t)", "w = 0.6, 3.1, 6.3")
-    known: dict[str, Any] = {"sysid": sysid, "dataclasses": dataclasses}
-    lines = own.source().replace("@sysid.register\n", "")
-    exec(compile(lines, "lines", "exec"), known)
-    here, again = own.checked()().parameters, known["Hum"]().parameters
-    assert {n: (p.bounds, p.value) for n, p in here.items()} == {n: (p.bounds, p.value) for n, p in again.items()}
-
-
-def test_a_name_that_is_no_variable_is_told_with_those_that_are() -> None:
-    with pytest.raises(InvalidInput, match="expected one of the variables theta, theta_dot"):
-        OwnEffect("typo", "-b * theta_dott", "").checked()
 
 
 def test_settings_that_read_no_log_leave_the_history(walked: tuple[Workbench, Session]) -> None:
