@@ -74,8 +74,8 @@ def draw(diagnosis: Diagnosis, log: Log, path: Path) -> None:
     import matplotlib
     from matplotlib.figure import Figure
 
-    from sysid.report.diagnosis_figures import course_in, fall_in, residual_in
     from sysid.report.figure_style import STYLE
+    from sysid.report.figures import course_in, fall_in, residual_in
 
     paths = diagnosis.predictions
     with matplotlib.rc_context(STYLE):

@@ -72,7 +72,7 @@ from .physics.model import Model, State
 from .physics.parameters import Extent, Parameter, parameter
 from .physics.plants import GeneralJoint, LinearAxis, Plant, PointMassPendulum, RodPendulum
 from .physics.simulate import Trajectory, simulate
-from .report.comparison_figure import plot_comparison
+from .report.figures import plot_comparison
 
 __all__ = [
     "CATALOGUE",

@@ -313,7 +313,7 @@ def _write_page(answer: Any, path: Path) -> None:
 
 
 def _draw(comparison: Any, path: Path) -> None:
-    from sysid.report.comparison_figure import plot_comparison
+    from sysid.report.figures import plot_comparison
 
     content = BytesIO()
     try:

@@ -21,8 +21,7 @@ from sysid.diagnosis.findings import chance, quantity, spaced_unit
 from sysid.errors import InvalidInput
 from sysid.physics.effects import CATALOGUE
 from sysid.physics.model import Model
-from sysid.report import comparison_figure, typesetting
-from sysid.report import diagnosis_figures as figures
+from sysid.report import figures, typesetting
 from sysid.report.page import Page, Picture, Section, Table, horizon_table, physical, picture, report_settings
 
 
@@ -279,7 +278,7 @@ def _compared(answer: Comparison) -> Iterator[Section]:
         return picture(figure, caption, wide)
 
     words = "Error over windows of every length, the state refitted in each."
-    yield Section("How far off", (), (panel(comparison_figure.errors, answer, words, wide=True),))
+    yield Section("How far off", (), (panel(figures.errors, answer, words, wide=True),))
     worst = zip(answer.worst, map(place_of_window, answer.one_second.worst), strict=True)
     pictures = tuple(picture(figures.window_figure(found), where, wide=False) for found, where in worst)
     yield Section("The worst windows", (), pictures, small=True)
@@ -297,7 +296,5 @@ def _compared(answer: Comparison) -> Iterator[Section]:
     ]
     in_time = picture(figures.torque_over_time(torque), "Over time.")
     yield Section("Where it fails", says, (states, *curves, in_time))
-    white = panel(
-        comparison_figure.autocorrelation_panel, answer, "Those of a right model, beside a random torque, are white."
-    )
+    white = panel(figures.autocorrelation_panel, answer, "Those of a right model, beside a random torque, are white.")
     yield Section("What the innovations know", (), (white,))

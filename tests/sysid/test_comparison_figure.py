@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from sysid import LinearAxis, Model, RodPendulum, Sensor, Viscous, plot_comparison, simulate
 from sysid.diagnosis.compare import Comparison, compare
 from sysid.planning.excitation import steps
-from sysid.report import comparison_figure
+from sysid.report import figures
 from tests.sysid.planted import SENSOR, logs
 
 ROD = Model(RodPendulum(m=1.0, l=0.9), dt=0.02)
@@ -55,10 +55,10 @@ def test_the_curve_that_is_drawn_is_the_answer(answer: Comparison) -> None:
     assert torque is not None
     over = torque.over("theta")
     by_angle, in_time = Figure().subplots(1, 2)
-    comparison_figure.binned_torque(torque, "theta", by_angle)
+    figures.binned_torque(torque, "theta", by_angle)
     drawn = by_angle.lines[1].get_ydata()
     assert len(drawn) > 5 and np.all(np.isin(drawn, over.mean))
-    comparison_figure.over_time(torque, in_time)
+    figures.over_time(torque, in_time)
     np.testing.assert_array_equal(in_time.lines[1].get_ydata(), torque.records[0].d)
 
 

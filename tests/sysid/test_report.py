@@ -35,7 +35,7 @@ from sysid.diagnosis.ranked import Ranked
 from sysid.estimation.held_out import held_out_error
 from sysid.planning.excitation import steps
 from sysid.planning.planned_experiment import Experiment
-from sysid.report import diagnosis_figures as figures
+from sysid.report import figures
 from sysid.report import typesetting as set_as
 from sysid.report.write import page_of, write_report
 from tests.sysid.planted import SENSOR, VERDICTS, logs
