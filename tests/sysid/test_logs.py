@@ -237,12 +237,6 @@ def test_what_is_no_log_is_refused_in_one_sentence(name, tmp_path):
     assert "\n" not in str(refusal.value)
 
 
-def test_objects_in_an_npz_are_not_unpickled(tmp_path):
-    np.savez(tmp_path / "log.npz", t=np.arange(3.0), theta=np.array([{}, {}, {}], dtype=object))
-    with pytest.raises(InvalidInput, match=r"log.npz is not an .npz file of plain arrays"):
-        read(tmp_path / "log.npz")
-
-
 def test_wrong_wishes_are_refused(tmp_path):
     path = write(tmp_path / "log.csv", table(rollouts()[0]))
     for wish, message in (

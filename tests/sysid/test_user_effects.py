@@ -70,7 +70,6 @@ def test_a_file_that_was_changed_is_loaded_again(write, catalogue):
 
 WRONG = {
     "raises": ({"torque": "self.k * nonsense"}, "effect 'wave' of mine.py: mine.py, line 16 raises NameError"),
-    "line": ({"torque": "self.k * nonsense"}, "line 16"),
     "asks a symbol": ({"torque": "self.k if joint.theta.max() > 1 else 0.0 * joint.theta"}, "line 16 raises"),
     "not finite": ({"torque": "self.k * ops.sqrt(joint.theta - 10.0)"}, "not finite"),
     "numbers only": ({"torque": "self.k * (joint.theta if ops.is_number(joint.theta) else 0.0)"}, "disagree"),
@@ -96,7 +95,6 @@ TEXTS = {
     "no Python": ("def f(:\n", "mine.py, line 1: invalid syntax"),
     "no module": ("import nowhere_to_be_found\n", "nowhere_to_be_found"),
     "no effect": ("x = 1\n", "holds no effect"),
-    "text": ("\x00", "mine.py"),
 }
 
 

@@ -174,12 +174,6 @@ def test_a_zoom_that_moves_no_time_changes_nothing(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_reports_are_written_without_scripts(walked: tuple[Workbench, Session]) -> None:
-    _, session = walked
-    assert "<script" not in (session.of(0) / Answer.REPORT).read_text()
-
-
-@pytest.mark.long
 def test_an_effect_that_the_user_writes_is_fitted_like_ours(walked: tuple[Workbench, Session]) -> None:
     bench, session = walked
     session.change(at=0)
