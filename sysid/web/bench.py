@@ -18,7 +18,7 @@ from sysid.cli.command_options import LogOptions, ModelOptions
 from sysid.data.files import check_input
 from sysid.data.record import write_csv
 from sysid.errors import InvalidInput
-from sysid.web import figures, layout, log_part, take_part
+from sysid.web import figures, layout, log_part
 from sysid.web.jobs import Jobs, Trainings, finished
 from sysid.web.layout import STAMPED
 from sysid.web.own_effect import OwnEffect, suggested
@@ -245,7 +245,7 @@ class Workbench:
         if name == "ladder":
             known = [session.read(k, Answer.FAILS) for k in range(len(session.state.nodes))]
             return layout.ladder_part(session.state, [None if found is None else found["ratio"] for found in known])
-        return take_part.take(session) if name == "take" else take_part.training_part(session, self.trainings)
+        return layout.take_part(session) if name == "take" else layout.training_part(session, self.trainings)
 
     def _answers(self, name: str, session: Session, node: int) -> html.Div:
         """Where a model fails, or what it is missing; dimmed where it is not the one that is looked at."""

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from importlib.util import find_spec
 from typing import Any
 
 from dash import dcc, html
 
-from sysid.diagnosis.findings import quantity, spaced_unit
+from sysid.diagnosis.findings import quantity
 from sysid.report.typesetting import typeset_multiple
 from sysid.web import figures
+from sysid.web.jobs import Trainings
 from sysid.web.own_effect import FUNCTIONS, VARIABLES, OwnEffect
 from sysid.web.samples import SAMPLES_BY_NAME
-from sysid.web.session import SessionState
+from sysid.web.script import script
+from sysid.web.session import Answer, Session, SessionState
 
 TITLES = {"log": "Log", "fails": "Where it fails", "effects": "What is missing", "ladder": "Add it",
           "take": "Take it along"}  # fmt: skip
@@ -89,6 +92,10 @@ def fails(found: Mapping[str, Any], series: figures.Series) -> list[Any]:
         {c: called[c] for c in channels}, channels[0], id="channel", inline=True, className="choice"
     )
     over = dcc.Dropdown({q: called[q] for q in quantities}, first, id="over-what", clearable=False, searchable=False)
+    numbers = [
+        f"{n['name']} = {n['said']} {n['unit']}".strip() + " (at its bound)" * (n["name"] in found["at_bound"])
+        for n in found["parameters"]
+    ]
     horizons = [name.replace("_", " ") for name in found["errors"]]
     ratios = [own["ratio"] for own in found["errors"].values()]
     plots = (
@@ -100,7 +107,7 @@ def fails(found: Mapping[str, Any], series: figures.Series) -> list[Any]:
         html.P([html.Strong(_multiple(found["ratio"])), " times the sensor noise over 1 s of held-out data"],
                className="big"),
         html.P(found["sentence"], className="quiet"),
-        html.P(f"The fitted model: {', '.join(map(_fitted_number, found['parameters']))} ({found['status']}).",
+        html.P(f"The fitted model: {', '.join(numbers)} ({found['status']}).",
                className="quiet"),
         *folded("What was noted on the way", found["notes"]),
         html.Div(reading, role="radiogroup", **{"aria-label": "Which reading is drawn"}),
@@ -109,11 +116,6 @@ def fails(found: Mapping[str, Any], series: figures.Series) -> list[Any]:
                className="hint"),
         html.Div([html.Figure([html.Figcaption(caption), plot]) for caption, plot in plots], className="plots"),
     ]  # fmt: skip
-
-
-def _fitted_number(own: Mapping[str, Any]) -> str:
-    """A number with its standard deviation and unit."""
-    return f"{own['name']} = {own['said']}{spaced_unit(own['unit'])}{' (at its bound)' * own['at_bound']}"
 
 
 def _multiple(ratio: float | None) -> str:
@@ -160,7 +162,10 @@ def next_sentence(found: Mapping[str, Any]) -> str:
 def row(own: Mapping[str, Any], error: float | None, pays: bool, live: bool) -> html.Article:
     """An effect: what it is, how large, what it explains, and the button that adds it."""
     name, share = own["effect"], own["explained"]
-    sizes = [html.Span([f"{s['name']} = {s['said']} ", html.Span(s["unit"], className="unit")]) for s in own["sizes"]]
+    sizes = [
+        html.Span([f"{s['name'].rpartition('.')[2]} = {s['said']} ", html.Span(s["unit"], className="unit")])
+        for s in own["sizes"]
+    ]
     facts = [f"1 s error {_multiple(error)} → {_multiple(own['error'])}", own["chance"]]
     explained = []
     if share is not None:
@@ -269,6 +274,91 @@ def _other(state: SessionState, node: int, error: float | None) -> html.Button:
     said = ", ".join(f"{k} {there.get(k, 'as usual')}" for k in dict.fromkeys(changed))
     label, small = f"{name} ({said})" if said else name, "" if error is None else f"error {_multiple(error)}"
     return html.Button([label, html.Small(small)], id={"do": "go", "node": node})
+
+
+# ---- take it along ---------------------------------------------------------------------------------------------------
+
+DOWNLOADS = {
+    Answer.MODEL: ("application/json", "the model, for policies and everything else"),
+    Answer.REPORT: ("text/html", "one page that opens offline"),
+    Answer.OWN_EFFECTS: ("text/x-python", "your own effects, which the model needs: --effects own_effects.py"),
+    Answer.MJCF: ("text/xml", "for MuJoCo"),
+    Answer.URDF: ("text/xml", "for ROS"),
+    Answer.NEXT: ("text/csv", "what the rig plays next"),
+}
+"""The answers that can be downloaded: what they are to a browser, and what they are for."""
+
+
+def take_part(session: Session) -> Any:
+    """Links to the model and the report, the next experiment, and the lines that repeat every click."""
+    at = session.state.at
+    if at is None or not session.has(at, Answer.MODEL):
+        return nothing("take")
+    exported, planned = session.read(at, Answer.EXPORTED) or {}, session.read(at, Answer.PLANNED)
+    found: list[Any] = []
+    for file in DOWNLOADS:
+        found += _link(session, at, file)
+        found += folded(f"{file} cannot say all of it", exported.get(file, ()))
+    said = [] if planned is None else planned["sentence"].splitlines()
+    plan = folded("What the experiment is for", said) or [html.Button("Plan the next experiment", id={"do": "plan"})]
+    return [html.Div(found, className="links"), *plan, *_lines(session, at)]
+
+
+def _link(session: Session, node: int, file: Answer) -> list[Any]:
+    if session.has(node, file):
+        address, name = f"/download/{session.identifier}/{node}/{file}", file.replace(".", "-")
+        about = html.Small(DOWNLOADS[file][1])
+        return [html.A([file, about], href=address, download=file, className="link", id=f"get-{name}")]
+    waiting = html.Span([file, html.Small("is being written")], className="link waiting")
+    return [waiting] if file is Answer.REPORT else []
+
+
+def _lines(session: Session, at: int) -> list[Any]:
+    """Python that does the same."""
+    state = session.state
+    if (begun := session.read(state.path(at)[0], Answer.BEGUN)) is None:
+        return []
+    lines = script(state, begun, at, [own.source() for own in state.own_effects(at)])
+    copied = [dcc.Clipboard(target_id="lines", className="copy"), html.Pre(lines, id="lines")]
+    return [html.Details([html.Summary("The same in Python"), *copied])]
+
+
+def training_part(session: Session, trainings: Trainings) -> Any:
+    """Train a policy on the model that is looked at, and what the training says: its curve, and the optimum."""
+    at = session.state.at
+    found = session.read(at, Answer.FAILS)
+    if at is None or found is None:
+        return ""
+    if refusal := _no_policy(found):
+        return html.P(refusal, className="quiet")
+    running, said = trainings.running(session) is not None, session.of(at) / Answer.TRAINING
+    u_max = dcc.Input(id={"field": "u_max"}, type="number", value=_limit(found), min=0)
+    button = html.Button("Stop", id={"do": "untrain"}) if running else html.Button("Train", id={"do": "train"})
+    label = f"commands up to [{found['command_unit']}]"
+    return [
+        html.H3("A policy for this model"),
+        html.Div([html.Label([html.Span(label), u_max]), button], className="field"),
+        *([html.Pre(said.read_text(errors="replace"))] if said.is_file() else []),
+    ]
+
+
+def _no_policy(found: Mapping[str, Any]) -> str:
+    """Why no policy can be trained on a model; empty where one can."""
+    if not found["turns"]:
+        return "A policy swings something up: this model is a linear axis, which does not swing."
+    if found["at_angle"]:
+        return (
+            "A policy commands a torque, a current or a voltage: this model is driven by a servo that is told angles."
+        )
+    return "" if find_spec("policies") else "A policy can be trained here where the package policies is installed."
+
+
+def _limit(found: Mapping[str, Any]) -> float:
+    """The largest command of the log; 1 where that is a free swing."""
+    return float(f"{found['u_max']:.3g}") or 1.0
+
+
+# ---- sessions --------------------------------------------------------------------------------------------------------
 
 
 def sessions(known: Sequence[tuple[str, str]], now: str | None) -> list[Any]:

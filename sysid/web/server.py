@@ -20,8 +20,8 @@ from sysid.web import figures, layout
 from sysid.web.bench import LARGEST_UPLOAD, Workbench
 from sysid.web.callbacks import join
 from sysid.web.jobs import Jobs
+from sysid.web.layout import DOWNLOADS
 from sysid.web.session import Answer, Sessions
-from sysid.web.take_part import DOWNLOADS
 
 logger = logging.getLogger(__name__)
 

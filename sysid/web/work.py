@@ -13,7 +13,7 @@ import math
 import sys
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -153,7 +153,8 @@ class Work:
             "reach": self._reach(torque),
             "u_max": float(max(np.max(np.abs(r.u)) for r in task.log)),
             "torque": torque.to_dict(series=False),
-            "parameters": _parameters(self.estimate),
+            "parameters": _told(fitted_numbers(self.estimate)),
+            "at_bound": list(self.estimate.at_bound),
             "status": self.estimate.status,
             "notes": self.progress.notes,
             "rollouts": _places(task.log, task.held_out),
@@ -242,12 +243,11 @@ class Work:
         self.session.write(self.number, name, data)
 
 
-def _parameters(estimate: Estimate) -> list[dict[str, Any]]:
-    """The fitted numbers, as a table shows them."""
-    sd, known = estimate.sd, estimate.model.parameters
+def _told(numbers: Mapping[str, Mapping[str, Any]]) -> list[dict[str, str]]:
+    """Fitted numbers, as a page shows them."""
     return [
-        {"name": n, "said": measured(v, sd[n]), "unit": known[n].unit, "at_bound": n in estimate.at_bound}
-        for n, v in estimate.values.items()
+        {"name": name, "said": measured(n["value"], n["sd"]), "unit": spaced_unit(n["unit"]).strip()}
+        for name, n in numbers.items()
     ]
 
 
@@ -270,8 +270,6 @@ def _named(candidate: Ranked) -> dict[str, Any]:
         "formula": kind.formula,
         "chance": chance(candidate.p_value),
         "alike": list(candidate.alike[1:]),
-        "score": candidate.score,
-        "p_value": candidate.p_value,
     }
 
 
@@ -279,14 +277,10 @@ def _row(candidate: Ranked, found: Diagnosis) -> dict[str, Any]:
     """What a row says of an effect that was refitted."""
     step = next((s for s in (*found.steps, *found.conventions) if s.effect == candidate.effect), None)
     numbers = candidate.parameters if step is None else fitted_numbers(step.estimate, candidate.effect)
-    sizes = [
-        {"name": n.partition(".")[2], "said": measured(v["value"], v["sd"]), "unit": spaced_unit(v["unit"]).strip()}
-        for n, v in numbers.items()
-    ]
     torque = candidate.torque
     return _named(candidate) | {
         "alike": list((candidate if step is None else step).alike[1:]),
-        "sizes": sizes,
+        "sizes": _told(numbers),
         "explained": candidate.explained,
         "error": finite(candidate.error_after),
         "chance": chance(candidate.p_value if step is None else step.p_value),
