@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,17 +14,15 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from sysid.data.record import in_a_row, is_part
+from sysid.data.sensor import Sensor
+from sysid.diagnosis.answer import Diagnosis, Step
+from sysid.diagnosis.compare import Comparison
+from sysid.diagnosis.contacts import Contact
 from sysid.diagnosis.findings import chance, quantity
+from sysid.diagnosis.predictions import Prediction
+from sysid.diagnosis.residual_torque import Binned, ResidualTorque, TorqueMap
 from sysid.report import figure_style as style
 from sysid.report.typesetting import typeset_multiple
-
-if TYPE_CHECKING:
-    from sysid.data.sensor import Sensor
-    from sysid.diagnosis.answer import Diagnosis, Step
-    from sysid.diagnosis.compare import Comparison
-    from sysid.diagnosis.contacts import Contact
-    from sysid.diagnosis.predictions import Prediction
-    from sysid.diagnosis.residual_torque import Binned, ResidualTorque, TorqueMap
 
 WIDE, NARROW = 5.0, 4.2
 """Widths [in]: of a column, and of half of one."""
