@@ -233,21 +233,6 @@ def test_a_known_loop_is_integrated_in_steps_that_are_stable(tmp_path):
     assert estimate.values["coulomb.tau_c"] == pytest.approx(0.3, rel=0.1)
 
 
-def test_other_names_zero_sign_and_units(hidden, tmp_path):
-    """The same log in degrees from the hanging position, its torque turned round, gives the same numbers."""
-    table = np.loadtxt(hidden[0], delimiter=",", skiprows=1)
-    table[:, 1] -= math.pi
-    table[:, 1:3] = np.rad2deg(table[:, 1:3])
-    table[:, 3] *= -1.0
-    np.savetxt(tmp_path / "rig.csv", table, "%.12g", ",", header="sec,deg,deg_s,motor", comments="")
-    other = ["--columns", "t=sec,theta=deg,theta_dot=deg_s,torque=motor", "--degrees", "--flip-torque"]
-    a, b = str(tmp_path / "a.json"), str(tmp_path / "b.json")
-    assert main(["fit", hidden[0], "--plant", "point", "-o", a]) == 0
-    assert main(["fit", str(tmp_path / "rig.csv"), "--plant", "point", "-o", b, *other, "--zero", "hanging"]) == 0
-    first, second = (sysid.load(f).estimate.values for f in (a, b))
-    assert second == pytest.approx(first, rel=1e-3)
-
-
 def test_a_log_carries_its_options_in_a_file_beside_it(hidden, tmp_path, capsys):
     table = np.loadtxt(hidden[0], delimiter=",", skiprows=1)
     table[:, 1] -= math.pi

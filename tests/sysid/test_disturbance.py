@@ -37,6 +37,7 @@ def test_frequencies_to_try_reach_from_two_periods_to_the_highest_that_the_log_s
     f = np.array(Periodic().parameters["f"].probes(Extent(dt, duration, 1.0)))
     assert f[0] == pytest.approx(2.0 / duration) and f[-1] == pytest.approx(highest)
     assert np.all(np.diff(f) > 0.0) and len(f) <= 200
+    assert len(f) == 200 or np.allclose(np.diff(f), 0.5 / duration, rtol=0.02)
 
 
 def swing(f, seconds=30.0):

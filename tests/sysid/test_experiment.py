@@ -445,11 +445,3 @@ def test_what_cannot_be_answered_is_said() -> None:
     for wrong in ({"u_max": 0.0}, {"duration": math.nan}, {"rollouts": 0}, {"start": 4.0}):
         with pytest.raises(InvalidInput, match="limits"):
             Limits(**({"u_max": 1.0} | wrong))  # type: ignore[arg-type]
-
-
-def test_the_random_torque_of_an_estimate_is_there_in_the_next_experiment_too() -> None:
-    calm = fit(rod(), log(rod(), slow_sines()), SENSOR)
-    disturbed = replace(calm, random_torque=0.005, correlation_time=0.3)
-    after = [next_experiment(e, limits=LIMITS, sensor=SENSOR).after for e in (calm, disturbed)]
-    assert calm.random_torque == 0.0 and after[0] is not None and after[1] is not None
-    assert after[1] > 3.0 * after[0]

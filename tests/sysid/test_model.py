@@ -119,18 +119,14 @@ def test_input_path_step_by_step_equals_the_whole_record(T_delay, T_lag):
     np.testing.assert_allclose(stepwise, whole, rtol=0.0, atol=1e-12)
 
 
-def test_moving_under_the_drives_equals_simulating(all_effects, integrator):
+def test_a_trajectory_is_its_steps(all_effects, integrator):
     model = Model(RodPendulum(m=1.3, l=0.9), all_effects, integrator, dt=0.02)
     u = np.random.default_rng(2).uniform(-2.0, 2.0, 200)
-    memory, drives = model.rest(), []
-    for command in u:
-        drive, memory = model.drive(float(command), memory)
-        drives.append(drive)
-    theta, theta_dot, inner, path = 2.0, -0.5, model.inner_rest(), [2.0]
-    for k, drive in enumerate(drives):
-        theta, theta_dot, inner = model.move_with_inner(theta, theta_dot, inner, drive, k * model.dt)
-        path.append(theta)
-    np.testing.assert_allclose(path, simulate(model, u, 2.0, -0.5).theta, rtol=1e-12)
+    run, state = simulate(model, u, 2.0, -0.5), model.initial_state(2.0, -0.5)
+    for k, command in enumerate(u):
+        assert (state.theta, state.theta_dot) == pytest.approx((run.theta[k], run.theta_dot[k]), rel=1e-12, abs=1e-12)
+        state = model.advance(state, float(command), k * model.dt)
+    np.testing.assert_allclose(run.t, 0.02 * np.arange(201))
 
 
 def test_input_effects_act_by_stage_however_they_are_listed():

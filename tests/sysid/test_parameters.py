@@ -16,11 +16,6 @@ def test_a_field_knows_its_unit_bounds_and_neutral_value():
     assert (p.name, p.value, p.unit, p.bounds, p.neutral) == ("b", 0.2, "N m s/rad", (0.0, math.inf), 0.0)
 
 
-@pytest.mark.parametrize("value", [0.3, 3.0, np.array([0.3, 3.0])])
-def test_bounds_are_inclusive(value):
-    assert RodPendulum(m=value).m is value
-
-
 def test_bounds_of_ones_own_go_with_the_part():
     heavy = RodPendulum(m=5.0, l=1.0, bounds={"m": (1.0, 9.0)})
     assert heavy.parameters["m"].bounds == (1.0, 9.0)
@@ -34,8 +29,8 @@ def test_bounds_of_ones_own_go_with_the_part():
         RodPendulum(bounds={"m": (2.0, 1.0)})
 
 
-@pytest.mark.parametrize("value", [ca.SX.sym("m"), torch.tensor(99.0), np.array([1.0, 2.0])])
-def test_symbols_tensors_and_arrays_are_held_as_they_came(value):
+@pytest.mark.parametrize("value", [1e-3, np.array([1.0, 1e3]), ca.SX.sym("m"), torch.tensor(99.0)])
+def test_numbers_up_to_the_bounds_symbols_and_tensors_are_held_as_they_came(value):
     assert RodPendulum(m=value).m is value
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import html
-import importlib.resources
 import io
 import math
 import re
@@ -264,10 +263,6 @@ def test_a_page_that_cannot_be_written_is_said_to_be(records, tmp_path):
         page_of(3.0)
 
 
-def test_the_template_is_part_of_the_package():
-    assert importlib.resources.files("sysid.report").joinpath("templates/report.html.j2").is_file()
-
-
 # ---- pictures --------------------------------------------------------------------------------------------------------
 
 
@@ -392,13 +387,6 @@ def test_a_model_that_runs_away_is_drawn() -> None:
     found = compare(lost, logs(ROD, n=1), SENSOR)
     assert found.torque is None
     rendered(plot_comparison(found))
-
-
-@pytest.mark.filterwarnings("error")
-def test_a_name_is_no_formula() -> None:
-    name = r"$\frac$ & a name that is longer than any panel is wide"
-    answer = compare(ROD, [replace(r, name=name) for r in logs(ROD, n=1)], SENSOR)
-    rendered(plot_comparison(answer))
 
 
 # ---- typography ------------------------------------------------------------------------------------------------------

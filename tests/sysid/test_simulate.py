@@ -13,16 +13,6 @@ MODEL = paper_model(2.0, 1.5)
 ALL = Record(0.05 * np.arange(11), np.zeros(10), np.linspace(3.0, 4.0, 11), np.arange(11.0))
 
 
-def test_a_trajectory_is_its_steps():
-    u = np.random.default_rng(0).uniform(-2.0, 2.0, 30)
-    run = simulate(MODEL, u, 2.0, 0.3)
-    state = MODEL.initial_state(2.0, 0.3)
-    for k, command in enumerate(u):
-        assert (run.theta[k], run.theta_dot[k]) == (state.theta, state.theta_dot)
-        state = MODEL.advance(state, float(command), k * MODEL.dt)
-    np.testing.assert_allclose(run.t, 0.05 * np.arange(31))
-
-
 @pytest.mark.parametrize("sensor", [Sensor(0.01, 1.0), Sensor(0.2), Sensor(None, 0.3)])
 def test_readings_have_the_stated_sd_and_no_bias(sensor):
     n, rollouts = 400, 60
