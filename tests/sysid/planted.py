@@ -61,6 +61,11 @@ def truth(*effects: Effect) -> Model:
     return Model(RodPendulum(m=1.0, l=0.9), effects, dt=DT)
 
 
+def drives(model: Model, u: np.ndarray) -> np.ndarray:
+    """The drive torques of a record, (N, substeps)."""
+    return np.array(list(model.drives(u.tolist())))
+
+
 def logs(
     model: Model, seed: int = 0, n: int = 5, seconds: float = 5.0, spin: float = 0.0, sensor: Sensor = SENSOR
 ) -> list[Record]:

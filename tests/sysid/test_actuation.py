@@ -27,14 +27,9 @@ from sysid import (
     Viscous,
     simulate,
 )
-from tests.sysid.planted import assert_named, assert_recovered, logs, truth
+from tests.sysid.planted import assert_named, assert_recovered, drives, logs, truth
 
 ROD = RodPendulum(m=1.3, l=0.9)
-
-
-def drives(model, u):
-    """The drive torques of a record, (N, substeps)."""
-    return np.array(list(model.drives(u.tolist())))
 
 
 @pytest.mark.parametrize("k", [0, 1, 3, 5])

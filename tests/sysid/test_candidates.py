@@ -52,7 +52,6 @@ def test_one_probe_a_magnitude_at_its_stated_size(tried: tuple[Alternative, ...]
         shapes = {k: v for k, v in a.neutral.parameters.items() if k not in a.magnitudes}
         for k, probe, size in zip(a.magnitudes, a.probes, a.sizes, strict=True):
             neutral = a.neutral.parameters[k].neutral
-            assert neutral is not None
             for other, p in probe.parameters.items():
                 expected = neutral + size if other == k else a.neutral.parameters[other].value
                 assert p.value == pytest.approx(expected)
@@ -81,21 +80,21 @@ def test_a_fit_begins_inside_the_bounds(tried: tuple[Alternative, ...], factor: 
 
 def test_a_size_within_the_bounds_is_taken_as_it_is() -> None:
     (coulomb,) = alternatives(CATALOGUE["coulomb"], EXTENT)
-    assert coulomb.at((0.37,)).tau_c == pytest.approx(0.37)  # type: ignore[attr-defined]
+    assert coulomb.at((0.37,)).tau_c == pytest.approx(0.37)
     (gain,) = alternatives(CATALOGUE["torque_gain"], EXTENT)
-    assert gain.at((-0.2,)).c == pytest.approx(0.8)  # type: ignore[attr-defined]
+    assert gain.at((-0.2,)).c == pytest.approx(0.8)
 
 
 def test_a_limit_at_never_begins_at_its_probe() -> None:
     for a in alternatives(CATALOGUE["saturation"], EXTENT):
-        assert a.neutral.limit >= NEVER  # type: ignore[attr-defined]
-        assert a.at((-3.0,)).limit == a.probes[0].limit < EXTENT.u_max  # type: ignore[attr-defined]
+        assert a.neutral.limit >= NEVER
+        assert a.at((-3.0,)).limit == a.probes[0].limit < EXTENT.u_max
 
 
 def test_shapes_are_tried_in_every_combination() -> None:
     assert len(alternatives(CATALOGUE["viscous"], EXTENT)) == 1
     stribeck = alternatives(CATALOGUE["stribeck"], EXTENT)
-    assert [a.neutral.v_s for a in stribeck] == [0.05, 0.15, 0.5]  # type: ignore[attr-defined]
+    assert [a.neutral.v_s for a in stribeck] == [0.05, 0.15, 0.5]
     assert all(a.magnitudes == ("tau_c", "excess") and a.side == 0 for a in stribeck)
     assert len(alternatives(CATALOGUE["ripple"], EXTENT)) == 23
     assert len(alternatives(CATALOGUE["saturation"], EXTENT)) == 5
@@ -134,7 +133,7 @@ def test_an_effect_of_a_users_own_is_tried_like_ours(catalogue: dict[str, type[E
 
     catalogue["pull"] = Pull
     tried = candidates(rod(), lambda kind: EXTENT)["pull"]
-    assert [a.neutral.at for a in tried] == [0.5, 1.0]  # type: ignore[attr-defined]
+    assert [a.neutral.at for a in tried] == [0.5, 1.0]
     assert all(a.magnitudes == ("k",) and a.sizes == (-0.02,) and a.side == -1 for a in tried)
 
 

@@ -26,23 +26,11 @@ from sysid import (
     simulate,
 )
 from sysid.planning.excitation import multisine
+from tests.sysid.conftest import EFFECTS
+from tests.sysid.planted import drives
 
 ROD = RodPendulum(m=1.3, l=0.9)
-NAMES = (
-    *("viscous", "coulomb", "stribeck", "drag", "asymmetric_viscous", "asymmetric_coulomb"),
-    *("warming_friction", "dahl", "lugre"),
-    *("load_friction", "directional_load_friction", "tilt", "spring", "cubic_spring", "ripple", "rotor_inertia"),
-    "flexible_transmission",
-    *("torque_bias", "periodic", "drift"),
-    *("delay", "lag", "torque_gain", "dead_zone", "saturation", "torque_speed_limit", "back_emf", "stamp"),
-    *("angle_offset", "velocity_bias", "velocity_gain", "sensor_delay", "filtered_speed", "backlash", "eccentricity"),
-)
 EXTENTS = [Extent(0.02, 8.0, 2.0), Extent(0.001, 0.5, 0.01), Extent(0.05, 600.0, 30.0), Extent(0.5, 2.0, 0.0)]
-
-
-def drives(model, u):
-    """The drive torques of a record, (N, substeps)."""
-    return np.array(list(model.drives(u.tolist())))
 
 
 def channels(model, u):
@@ -52,7 +40,7 @@ def channels(model, u):
 
 def test_the_catalogue_is_complete_in_its_order_and_tested(all_effects):
     ours = [name for name, kind in CATALOGUE.items() if kind.__module__.startswith("sysid.")]
-    assert ours == list(NAMES)
+    assert ours == list(EFFECTS)
     assert set(ours) == {e.name for e in all_effects} | {"stamp"}
 
 

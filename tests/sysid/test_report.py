@@ -359,7 +359,6 @@ def test_a_comparison_of_one_channel_of_a_perfect_model(sensor: Sensor) -> None:
 
 def test_the_curve_that_is_drawn_is_the_answer(answer: Comparison) -> None:
     torque = answer.torque
-    assert torque is not None
     over = torque.over("theta")
     by_angle, in_time = Figure().subplots(1, 2)
     figures.binned_torque(torque, "theta", by_angle)

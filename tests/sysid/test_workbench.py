@@ -55,7 +55,6 @@ def test_the_error_falls_to_the_noise_by_the_effect_that_was_hidden(walked: tupl
     assert before > 2.0
     assert after < 1.1
     estimate = load(session.of(1) / Answer.MODEL).estimate
-    assert estimate is not None
     assert abs(estimate.values["coulomb.tau_c"] - 0.15) < 4.0 * estimate.sd["coulomb.tau_c"] + 1e-3
     found = session.read(1, Answer.EFFECTS)
     assert found["verdict"] == "adequate"
@@ -117,7 +116,6 @@ def test_a_session_survives_a_restart(walked: tuple[Workbench, Session]) -> None
     bench, session = walked
     again = Workbench(Sessions(bench.sessions.folder), Jobs())
     found = again.sessions.find(session.identifier)
-    assert found is not None
     assert found.state == session.state
     assert finished(found, 1)
     assert again.stamps(found) == bench.stamps(session)
@@ -291,8 +289,6 @@ def test_the_lines_repeat_every_click(walked: tuple[Workbench, Session], tmp_pat
     lines = script(session.state, begun, 1).replace("model.json", str(tmp_path / "again.json"))
     exec(compile(lines, "lines", "exec"), {})
     here, again = load(session.of(1) / Answer.MODEL).estimate, load(tmp_path / "again.json").estimate
-    assert here is not None
-    assert again is not None
     assert here.values == again.values
 
 

@@ -45,7 +45,6 @@ def test_a_column_without_numbers_is_not_taken(bench: Workbench, tmp_path: Path)
 
 def test_a_log_that_hangs_upside_down_is_drawn_so_and_doubted(bench: Workbench, tmp_path: Path) -> None:
     record = samples.sample("friction")[0]
-    assert record.theta is not None
     write_csv(replace(record, theta=record.theta - np.pi), tmp_path / "turned.csv")
     session = uploaded(bench, tmp_path / "turned.csv")
     found = log_part.preview(session)
