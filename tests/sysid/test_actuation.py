@@ -9,7 +9,6 @@ import torch
 
 from sysid import (
     RK4,
-    BackEmf,
     DeadZone,
     Delay,
     GeneralJoint,
@@ -24,7 +23,6 @@ from sysid import (
     Stamp,
     TorqueGain,
     TorqueSpeedLimit,
-    Viscous,
     simulate,
 )
 from tests.sysid.planted import assert_named, assert_recovered, drives, logs, truth
@@ -110,12 +108,6 @@ def test_static_input_effects_do_what_their_formula_says():
         np.testing.assert_allclose(drives(Model(ROD, (e,), dt=0.02), u), np.stack([drive, drive], axis=1), atol=1e-15)
 
 
-def test_back_emf_is_viscous_friction():
-    u = np.random.default_rng(5).uniform(-2.0, 2.0, 100)
-    one, other = (simulate(Model(ROD, (e,), dt=0.02), u, 2.0, 0.0) for e in (BackEmf(k=0.13), Viscous(b=0.13)))
-    np.testing.assert_array_equal(one.theta, other.theta)
-
-
 def test_gain_inertia_and_gravity_show_in_two_combinations_only():
     """(J + J_r) theta_ddot = G sin(theta) + c u moves as J + J_r, G and c all divided by c."""
     u = np.random.default_rng(6).uniform(-1.0, 1.0, 200)
@@ -159,14 +151,6 @@ def test_a_motor_runs_up_to_its_no_load_speed():
     joint = GeneralJoint(J=0.2, G=0.0, bounds={"G": (-1.0, 1.0)})
     run = simulate(Model(joint, (CURVE,), RK4(substeps=4), 0.02), np.full(200, 9.0), math.pi, 0.0)
     np.testing.assert_allclose(run.theta_dot, 5.0 * -np.expm1(-0.3 * run.t / 0.2), atol=1e-6)
-
-
-def test_a_curve_that_does_not_fall_is_a_saturation():
-    u = np.random.default_rng(7).uniform(-2.0, 2.0, 100)
-    flat, clipped = (
-        simulate(Model(ROD, (e,), dt=0.02), u, 2.0, 0.0) for e in (TorqueSpeedLimit(limit=1.1, k=0.0), Saturation(1.1))
-    )
-    np.testing.assert_allclose(flat.theta, clipped.theta, rtol=1e-12)
 
 
 def test_a_torque_that_falls_with_speed_is_found_and_named():

@@ -20,7 +20,6 @@ from sysid import (
     Model,
     Ripple,
     RodPendulum,
-    RotorInertia,
     Sensor,
     Spring,
     Tilt,
@@ -86,14 +85,6 @@ def test_a_ripple_conserves_energy_and_repeats_every_wave():
     axis = Model(LinearAxis(m=0.4), (ripple,), dt=0.02)
     one, shifted = (simulate(axis, U, start, 0.3) for start in (1.0, 1.0 + 2.0 * math.pi / 7))
     np.testing.assert_allclose(shifted.theta_dot, one.theta_dot, atol=1e-9)
-
-
-@pytest.mark.parametrize("J_r", [0.01, 0.3])
-def test_a_rotor_adds_inertia_and_no_weight(J_r):
-    rod = RodPendulum(m=1.3, l=0.9)
-    joint = GeneralJoint(J=rod.inertia() + J_r, G=rod.gravity_torque(0.5 * math.pi))
-    with_rotor = simulate(Model(rod, (RotorInertia(J_r=J_r),), dt=0.02), U, 2.0, 0.0)
-    np.testing.assert_allclose(with_rotor.theta, simulate(Model(joint, dt=0.02), U, 2.0, 0.0).theta, rtol=1e-10)
 
 
 def test_a_ripple_comes_back_with_every_wave_that_the_motion_meets():
