@@ -1,177 +1,101 @@
 """The public names of sysid, each with the module where it lives."""
 
-from .data.logs import Log, read
-from .data.noise import sensor_noise
-from .data.record import Record, write_csv
-from .data.sensor import Sensor
-from .data.splitting import split
-from .data.user_effects import load_effects
-from .diagnosis.add import Added, add
-from .diagnosis.answer import Diagnosis
-from .diagnosis.compare import Comparison, compare
-from .diagnosis.diagnose import diagnose
-from .diagnosis.residual_torque import ResidualTorque, residual_torque
-from .errors import InvalidInput
-from .estimation.estimate import Estimate
-from .estimation.fisher_information import fisher_information
-from .estimation.fit import fit
-from .estimation.identifiers import GridSearch, Identifier, LeastSquares, UnscentedKalman
-from .estimation.saved_model import SavedModel, load, load_model, save
-from .export.exported import Exported
-from .export.mjcf import to_mjcf
-from .export.prediction_table import write_predictions
-from .export.urdf import to_urdf
-from .physics import ops
-from .physics.effects.actuation import BackEmf, DeadZone, Delay, Lag, Saturation, Stamp, TorqueGain, TorqueSpeedLimit
-from .physics.effects.actuators import DCMotor, PositionServo, TorqueConstant
-from .physics.effects.catalogue import CATALOGUE, effect, register
-from .physics.effects.disturbance import Drift, Periodic, TorqueBias
-from .physics.effects.effect import (
-    Actuator,
-    DryFriction,
-    DynamicEffect,
-    Effect,
-    InputEffect,
-    Joint,
-    JointEffect,
-    OutputEffect,
-    Reading,
-)
-from .physics.effects.friction import (
-    AsymmetricCoulomb,
-    AsymmetricViscous,
-    Coulomb,
-    Dahl,
-    Drag,
-    LuGre,
-    Stribeck,
-    Viscous,
-    WarmingFriction,
-)
-from .physics.effects.load import (
-    CubicSpring,
-    DirectionalLoadFriction,
-    FlexibleTransmission,
-    LoadFriction,
-    Ripple,
-    RotorInertia,
-    Spring,
-    Tilt,
-)
-from .physics.effects.sensing import (
-    AngleOffset,
-    Backlash,
-    Eccentricity,
-    FilteredSpeed,
-    SensorDelay,
-    VelocityBias,
-    VelocityGain,
-)
-from .physics.integrators import RK4, Integrator, SemiImplicitEuler
-from .physics.model import Model, State
-from .physics.parameters import Extent, Parameter, parameter
-from .physics.plants import GeneralJoint, LinearAxis, Plant, PointMassPendulum, RodPendulum
-from .physics.simulate import Trajectory, simulate
-from .report.figures import plot_comparison
-
-__all__ = [
-    "CATALOGUE",
-    "RK4",
-    "Actuator",
-    "Added",
-    "AngleOffset",
-    "AsymmetricCoulomb",
-    "AsymmetricViscous",
-    "BackEmf",
-    "Backlash",
-    "Comparison",
-    "Coulomb",
-    "CubicSpring",
-    "DCMotor",
-    "Dahl",
-    "DeadZone",
-    "Delay",
-    "Diagnosis",
-    "DirectionalLoadFriction",
-    "Drag",
-    "Drift",
-    "DryFriction",
-    "DynamicEffect",
-    "Eccentricity",
-    "Effect",
-    "Estimate",
-    "Exported",
-    "Extent",
-    "FilteredSpeed",
-    "FlexibleTransmission",
-    "GeneralJoint",
-    "GridSearch",
-    "Identifier",
-    "InputEffect",
-    "Integrator",
-    "InvalidInput",
-    "Joint",
-    "JointEffect",
-    "Lag",
-    "LeastSquares",
-    "LinearAxis",
-    "LoadFriction",
-    "Log",
-    "LuGre",
-    "Model",
-    "OutputEffect",
-    "Parameter",
-    "Periodic",
-    "Plant",
-    "PointMassPendulum",
-    "PositionServo",
-    "Reading",
-    "Record",
-    "ResidualTorque",
-    "Ripple",
-    "RodPendulum",
-    "RotorInertia",
-    "Saturation",
-    "SavedModel",
-    "SemiImplicitEuler",
-    "Sensor",
-    "SensorDelay",
-    "Spring",
-    "Stamp",
-    "State",
-    "Stribeck",
-    "Tilt",
-    "TorqueBias",
-    "TorqueConstant",
-    "TorqueGain",
-    "TorqueSpeedLimit",
-    "Trajectory",
-    "UnscentedKalman",
-    "VelocityBias",
-    "VelocityGain",
-    "Viscous",
-    "WarmingFriction",
-    "add",
-    "compare",
-    "diagnose",
-    "effect",
-    "fisher_information",
-    "fit",
-    "load",
-    "load_effects",
-    "load_model",
-    "ops",
-    "parameter",
-    "plot_comparison",
-    "read",
-    "register",
-    "residual_torque",
-    "save",
-    "sensor_noise",
-    "simulate",
-    "split",
-    "to_mjcf",
-    "to_urdf",
-    "write_csv",
-    "write_predictions",
-]
+from .data.logs import Log as Log
+from .data.logs import read as read
+from .data.noise import sensor_noise as sensor_noise
+from .data.record import Record as Record
+from .data.record import write_csv as write_csv
+from .data.sensor import Sensor as Sensor
+from .data.splitting import split as split
+from .data.user_effects import load_effects as load_effects
+from .diagnosis.add import Added as Added
+from .diagnosis.add import add as add
+from .diagnosis.answer import Diagnosis as Diagnosis
+from .diagnosis.compare import Comparison as Comparison
+from .diagnosis.compare import compare as compare
+from .diagnosis.diagnose import diagnose as diagnose
+from .diagnosis.residual_torque import ResidualTorque as ResidualTorque
+from .diagnosis.residual_torque import residual_torque as residual_torque
+from .errors import InvalidInput as InvalidInput
+from .estimation.estimate import Estimate as Estimate
+from .estimation.fisher_information import fisher_information as fisher_information
+from .estimation.fit import fit as fit
+from .estimation.identifiers import GridSearch as GridSearch
+from .estimation.identifiers import Identifier as Identifier
+from .estimation.identifiers import LeastSquares as LeastSquares
+from .estimation.identifiers import UnscentedKalman as UnscentedKalman
+from .estimation.saved_model import SavedModel as SavedModel
+from .estimation.saved_model import load as load
+from .estimation.saved_model import load_model as load_model
+from .estimation.saved_model import save as save
+from .export.exported import Exported as Exported
+from .export.mjcf import to_mjcf as to_mjcf
+from .export.prediction_table import write_predictions as write_predictions
+from .export.urdf import to_urdf as to_urdf
+from .physics import ops as ops
+from .physics.effects.actuation import BackEmf as BackEmf
+from .physics.effects.actuation import DeadZone as DeadZone
+from .physics.effects.actuation import Delay as Delay
+from .physics.effects.actuation import Lag as Lag
+from .physics.effects.actuation import Saturation as Saturation
+from .physics.effects.actuation import Stamp as Stamp
+from .physics.effects.actuation import TorqueGain as TorqueGain
+from .physics.effects.actuation import TorqueSpeedLimit as TorqueSpeedLimit
+from .physics.effects.actuators import DCMotor as DCMotor
+from .physics.effects.actuators import PositionServo as PositionServo
+from .physics.effects.actuators import TorqueConstant as TorqueConstant
+from .physics.effects.catalogue import CATALOGUE as CATALOGUE
+from .physics.effects.catalogue import effect as effect
+from .physics.effects.catalogue import register as register
+from .physics.effects.disturbance import Drift as Drift
+from .physics.effects.disturbance import Periodic as Periodic
+from .physics.effects.disturbance import TorqueBias as TorqueBias
+from .physics.effects.effect import Actuator as Actuator
+from .physics.effects.effect import DryFriction as DryFriction
+from .physics.effects.effect import DynamicEffect as DynamicEffect
+from .physics.effects.effect import Effect as Effect
+from .physics.effects.effect import InputEffect as InputEffect
+from .physics.effects.effect import Joint as Joint
+from .physics.effects.effect import JointEffect as JointEffect
+from .physics.effects.effect import OutputEffect as OutputEffect
+from .physics.effects.effect import Reading as Reading
+from .physics.effects.friction import AsymmetricCoulomb as AsymmetricCoulomb
+from .physics.effects.friction import AsymmetricViscous as AsymmetricViscous
+from .physics.effects.friction import Coulomb as Coulomb
+from .physics.effects.friction import Dahl as Dahl
+from .physics.effects.friction import Drag as Drag
+from .physics.effects.friction import LuGre as LuGre
+from .physics.effects.friction import Stribeck as Stribeck
+from .physics.effects.friction import Viscous as Viscous
+from .physics.effects.friction import WarmingFriction as WarmingFriction
+from .physics.effects.load import CubicSpring as CubicSpring
+from .physics.effects.load import DirectionalLoadFriction as DirectionalLoadFriction
+from .physics.effects.load import FlexibleTransmission as FlexibleTransmission
+from .physics.effects.load import LoadFriction as LoadFriction
+from .physics.effects.load import Ripple as Ripple
+from .physics.effects.load import RotorInertia as RotorInertia
+from .physics.effects.load import Spring as Spring
+from .physics.effects.load import Tilt as Tilt
+from .physics.effects.sensing import AngleOffset as AngleOffset
+from .physics.effects.sensing import Backlash as Backlash
+from .physics.effects.sensing import Eccentricity as Eccentricity
+from .physics.effects.sensing import FilteredSpeed as FilteredSpeed
+from .physics.effects.sensing import SensorDelay as SensorDelay
+from .physics.effects.sensing import VelocityBias as VelocityBias
+from .physics.effects.sensing import VelocityGain as VelocityGain
+from .physics.integrators import RK4 as RK4
+from .physics.integrators import Integrator as Integrator
+from .physics.integrators import SemiImplicitEuler as SemiImplicitEuler
+from .physics.model import Model as Model
+from .physics.model import State as State
+from .physics.parameters import Extent as Extent
+from .physics.parameters import Parameter as Parameter
+from .physics.parameters import parameter as parameter
+from .physics.plants import GeneralJoint as GeneralJoint
+from .physics.plants import LinearAxis as LinearAxis
+from .physics.plants import Plant as Plant
+from .physics.plants import PointMassPendulum as PointMassPendulum
+from .physics.plants import RodPendulum as RodPendulum
+from .physics.simulate import Trajectory as Trajectory
+from .physics.simulate import simulate as simulate
+from .report.figures import plot_comparison as plot_comparison
