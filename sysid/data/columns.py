@@ -169,21 +169,14 @@ def in_seconds(
     source: Source, chosen: Mapping[str, str], window: TimeWindow, unit: TimeUnit | None, notes: list[str]
 ) -> Table:
     """The columns of the rows in the window, t in seconds whatever the file counts; a note where it was converted."""
-    everything = unit is None and (math.isfinite(window.begin) or math.isfinite(window.end))
-    rows = TimeWindow(most=RAW_ROWS) if everything else _counted(window, unit or "s")
-    table = source.load(chosen, rows)
+    everything = math.isinf(window.begin) and math.isinf(window.end)
+    table = source.load(chosen, window.most if everything else RAW_ROWS)
     if unit is None:
         unit, reason = _found_unit(source.name, chosen["t"], table)
         note = f"t is in {WORDS[unit]}, {reason}: converted to seconds"
         if unit != "s" and note not in notes:
             notes.append(note)
-    table = cropped(source.name, table, _counted(window, unit))
-    return table | {"t": table["t"] / PER_SECOND[unit]}
-
-
-def _counted(window: TimeWindow, unit: TimeUnit) -> TimeWindow:
-    """The window in units of the file's clock."""
-    return window._replace(begin=window.begin * PER_SECOND[unit], end=window.end * PER_SECOND[unit])
+    return cropped(source.name, table | {"t": table["t"] / PER_SECOND[unit]}, window)
 
 
 # ---- signs -----------------------------------------------------------------------------------------------------------

@@ -15,7 +15,7 @@ import numpy as np
 from sysid.data import foreign_files, guarded, text_files
 from sysid.data.bag import MCAP
 from sysid.data.files import check_input, check_installed, full_path, named
-from sysid.data.table import Table, TimeWindow, column, rows_of, seconds
+from sysid.data.table import Table, column, rows_of, seconds
 from sysid.errors import InvalidInput, printable
 
 BEGINS = {
@@ -39,13 +39,13 @@ class Source:
     name   what sentences call it
     title  what its rollouts are called
     names  the names of its columns; raises InvalidInput for what is no log
-    load   the columns {our name: the log's name} of the rows inside a window of column "t"; missing numbers are nan
+    load   the columns {our name: the log's name}, of text `most` rows at most; missing numbers are nan
     """
 
     name: str
     title: str
     names: Callable[[], tuple[str, ...]]
-    load: Callable[[Mapping[str, str], TimeWindow], Table]
+    load: Callable[[Mapping[str, str], int], Table]
 
 
 def sources(given: Iterable[Any], joint: str = "") -> list[Source]:
@@ -90,9 +90,8 @@ def _file(path: Path, title: str, joint: str) -> Source:
 def _arrays(name: str, title: str, read: Callable[[Mapping[str, str] | None], Mapping[str, Any]]) -> Source:
     """A log of arrays; read gives those that are wanted, or names of all."""
 
-    def load(columns: Mapping[str, str], window: TimeWindow) -> Table:
-        arrays = {ours: column(name, columns[ours], values) for ours, values in read(columns).items()}
-        return rows_of(name, arrays, window)
+    def load(columns: Mapping[str, str], most: int) -> Table:
+        return rows_of(name, {ours: column(name, columns[ours], values) for ours, values in read(columns).items()})
 
     return Source(name, title, lambda: tuple(read(None)), load)
 

@@ -55,15 +55,15 @@ def seconds(nanoseconds: Any, missing: Any) -> Array:
     return np.where(missing, np.nan, (nanoseconds - begin) / 1e9)
 
 
-def rows_of(name: str, columns: Mapping[str, Array], window: TimeWindow) -> Table:
-    """The rows of columns (K,) inside a window; a torque or a speed of K - 1 rows gets one more."""
+def rows_of(name: str, columns: Mapping[str, Array]) -> Table:
+    """The rows of columns (K,); a torque or a speed of K - 1 rows gets one more."""
     table, rows = dict(columns), len(columns["t"])
     for title, values in columns.items():
         if title in ("torque", "theta_dot") and len(values) == rows - 1:
             table[title] = np.append(values, math.nan)
         elif len(values) != rows:
             raise InvalidInput(f"{name} is ragged: {title} has {len(values)} values, t has {rows}")
-    return cropped(name, table, window)
+    return table
 
 
 def cropped(name: str, table: Mapping[str, Array], window: TimeWindow) -> Table:

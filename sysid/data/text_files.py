@@ -12,7 +12,7 @@ from typing import TextIO
 
 import numpy as np
 
-from sysid.data.table import Table, TimeWindow, check_kept
+from sysid.data.table import Table, check_kept
 from sysid.errors import InvalidInput
 from sysid.physics.ops import Array
 
@@ -73,25 +73,23 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-def load_text(path: Path, columns: Mapping[str, str], window: TimeWindow) -> Table:
-    """The columns {our name: the file's name} of the rows inside the window of column "t"; missing numbers are nan.
+def load_text(path: Path, columns: Mapping[str, str], most: int) -> Table:
+    """The columns {our name: the file's name}; missing numbers are nan.
 
-    Raises InvalidInput, with the place, for text where a number is expected, and for more rows than the window admits.
+    Raises InvalidInput, with the place, for text where a number is expected, and as soon as there are more than `most`
+    rows.
     """
     with _text(path) as file:
         names, delimiter, number = _header(path, file)
         where = [names.index(c) for c in columns.values()]
-        t = list(columns).index("t")
         blocks = [np.empty((0, len(where)))]
-        kept = characters = rows = 0
+        characters = rows = 0
         while lines := file.readlines(CHUNK):
             block = _numbers(path, lines, delimiter, where, names, number)
             number += len(lines)
             rows += len(block)
             characters += sum(map(len, lines))
-            block = block[~((block[:, t] < window.begin) | (block[:, t] > window.end))]
-            kept += len(block)
-            check_kept(path.name, kept, int(rows * max(path.stat().st_size / characters, 1.0)), window.most)
+            check_kept(path.name, rows, int(rows * max(path.stat().st_size / characters, 1.0)), most)
             blocks.append(block)
     return dict(zip(columns, np.concatenate(blocks).T.copy(), strict=True))
 

@@ -20,7 +20,6 @@ from sysid.data.columns import likely_columns, named_columns, wanted_columns
 from sysid.data.log_files import sources
 from sysid.data.record import Record, in_a_row
 from sysid.data.splitting import split
-from sysid.data.table import TimeWindow
 from sysid.errors import InvalidInput
 from sysid.limits import RAW_ROWS
 from sysid.physics.ops import Array
@@ -122,7 +121,7 @@ def settle_columns(session: Session) -> None:
     state, (found, chosen) = session.state, columns(session)
     try:
         source = sources(state.log.get("files", ())[:1], state.log.get("joint", ""))[0]
-        table = source.load(chosen, TimeWindow(-math.inf, math.inf, RAW_ROWS))
+        table = source.load(chosen, RAW_ROWS)
     except InvalidInput:
         return
     if empty := [chosen[ours] for ours, column in table.items() if not np.any(np.isfinite(column))]:
