@@ -64,15 +64,14 @@ def _mat(path: Path, columns: Columns, joint: str) -> dict[str, Any]:
     """A .mat file of MATLAB's versions 4 to 7.2; the fields of its structs count as columns."""
     from scipy.io import loadmat, whosmat
 
-    with foreign(path, "a .mat file: expected one as MATLAB's save makes it"):
-        for name, shape, _ in whosmat(path):
-            check_size(f"{path.name}: numbers in {name!r}:", math.prod(shape), RAW_ROWS)
-        content = loadmat(path, simplify_cells=True)
-        arrays: dict[str, Any] = {}
-        for name, value in content.items():
-            if not name.startswith("__"):
-                arrays.update(value if isinstance(value, dict) else {name: value})
-        return arrays if columns is None else {ours: arrays[name] for ours, name in columns.items()}
+    for name, shape, _ in whosmat(path):
+        check_size(f"{path.name}: numbers in {name!r}:", math.prod(shape), RAW_ROWS)
+    content = loadmat(path, simplify_cells=True)
+    arrays: dict[str, Any] = {}
+    for name, value in content.items():
+        if not name.startswith("__"):
+            arrays.update(value if isinstance(value, dict) else {name: value})
+    return arrays if columns is None else {ours: arrays[name] for ours, name in columns.items()}
 
 
 def _hdf5(path: Path, columns: Columns, joint: str) -> dict[str, Any]:
@@ -82,7 +81,7 @@ def _hdf5(path: Path, columns: Columns, joint: str) -> dict[str, Any]:
     """
     import h5py
 
-    with foreign(path, "an HDF5 or MATLAB v7.3 file that is whole"), h5py.File(path, "r") as file:
+    with h5py.File(path, "r") as file:
         found: dict[str, Any] = {}
         for name, item in _members(h5py, file):
             found.update(dict(_members(h5py, item)) if isinstance(item, h5py.Group) else {name: item})
@@ -107,16 +106,15 @@ def _parquet(path: Path, columns: Columns, joint: str) -> dict[str, Any]:
     """A Parquet file; time stamps become seconds since the first row."""
     from pyarrow import parquet
 
-    with foreign(path, "a Parquet file that is whole"):
-        file = parquet.ParquetFile(path)
-        names = file.schema_arrow.names
-        if columns is None:
-            if len(set(names)) < len(names):
-                raise InvalidInput(f"{path.name}: a column comes twice: expected names that differ")
-            return dict.fromkeys(names)
-        check_size(f"{path.name}: rows:", file.metadata.num_rows, RAW_ROWS)
-        table = file.read(list(dict.fromkeys(columns.values())), use_threads=False)
-        return {ours: _numbers(path, name, table[name]) for ours, name in columns.items()}
+    file = parquet.ParquetFile(path)
+    names = file.schema_arrow.names
+    if columns is None:
+        if len(set(names)) < len(names):
+            raise InvalidInput(f"{path.name}: a column comes twice: expected names that differ")
+        return dict.fromkeys(names)
+    check_size(f"{path.name}: rows:", file.metadata.num_rows, RAW_ROWS)
+    table = file.read(list(dict.fromkeys(columns.values())), use_threads=False)
+    return {ours: _numbers(path, name, table[name]) for ours, name in columns.items()}
 
 
 def _numbers(path: Path, name: str, values: Any) -> Any:
@@ -135,14 +133,10 @@ def _numbers(path: Path, name: str, values: Any) -> Any:
     return np.asarray(values.cast(pa.float64(), safe=False).to_numpy(), dtype=float)
 
 
-def _bag(path: Path, columns: Columns, joint: str) -> dict[str, Any]:
-    with foreign(path, "a ROS 2 bag or MCAP file that is whole: expected messages of ROS 2, serialized as CDR"):
-        return read_bag(path, columns, joint)
-
-
-READERS: dict[str, Callable[[Path, Columns, str], dict[str, Any]]] = {
-    "mat": _mat,
-    "hdf5": _hdf5,
-    "parquet": _parquet,
-    "bag": _bag,
+READERS: dict[str, tuple[Callable[[Path, Columns, str], dict[str, Any]], str]] = {
+    "mat": (_mat, "a .mat file: expected one as MATLAB's save makes it"),
+    "hdf5": (_hdf5, "an HDF5 or MATLAB v7.3 file that is whole"),
+    "parquet": (_parquet, "a Parquet file that is whole"),
+    "bag": (read_bag, "a ROS 2 bag or MCAP file that is whole: expected messages of ROS 2, serialized as CDR"),
 }
+"""What reads a format, and what a file is not that it stumbles over."""

@@ -19,7 +19,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from sysid.data.foreign_files import READERS
+from sysid.data.foreign_files import READERS, foreign
 from sysid.data.table import column
 from sysid.errors import InvalidInput
 
@@ -124,7 +124,9 @@ def _limit() -> None:
 def _answer(out: IO[bytes], kind: str, path: str, columns: dict[str, str] | None, joint: str) -> None:
     name, arrays, answer = Path(path).name, dict[str, Any](), dict[str, Any]()
     try:
-        found = READERS[kind](Path(path), columns, joint)
+        reader, expected = READERS[kind]
+        with foreign(Path(path), expected):
+            found = reader(Path(path), columns, joint)
         if columns is None:
             answer["names"] = list(found)
         else:
