@@ -122,24 +122,6 @@ class Saturation(InputEffect):
 
 
 @dataclass(frozen=True, eq=False)
-class BackEmf(JointEffect):
-    """The current that a turning motor takes from a voltage driver.
-
-    Exactly viscous friction while the driver is on: only a log with the driver off tells them apart.
-    """
-
-    words = "back-EMF"
-    formula = "tau = -k theta_dot, while the driver is on"
-    confused = ("viscous", "drag", "load_friction", "torque_speed_limit")
-    friction = True
-    brakes = True
-    k: Value = parameter(0.0, unit="N m s/rad", bounds=(0.0, math.inf), neutral=0.0)
-
-    def torque(self, joint: Joint) -> Value:
-        return -self.k * joint.theta_dot
-
-
-@dataclass(frozen=True, eq=False)
 class TorqueSpeedLimit(JointEffect):
     """A motor's torque-speed curve: a limit of the torque that falls with the speed that it drives.
 
@@ -161,6 +143,24 @@ class TorqueSpeedLimit(JointEffect):
         highest = ops.clip(self.limit - self.k * joint.theta_dot, 0.0, self.limit)
         lowest = -ops.clip(self.limit + self.k * joint.theta_dot, 0.0, self.limit)
         return ops.clip(joint.drive, lowest, highest) - joint.drive
+
+
+@dataclass(frozen=True, eq=False)
+class BackEmf(JointEffect):
+    """The current that a turning motor takes from a voltage driver.
+
+    Exactly viscous friction while the driver is on: only a log with the driver off tells them apart.
+    """
+
+    words = "back-EMF"
+    formula = "tau = -k theta_dot, while the driver is on"
+    confused = ("viscous", "drag", "load_friction", "torque_speed_limit")
+    friction = True
+    brakes = True
+    k: Value = parameter(0.0, unit="N m s/rad", bounds=(0.0, math.inf), neutral=0.0)
+
+    def torque(self, joint: Joint) -> Value:
+        return -self.k * joint.theta_dot
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,6 +191,3 @@ class Stamp(InputEffect):
 
     def whole(self, signal: Array, dt: float) -> Array:
         return delayed_record(signal, 2, (1.0 + self.s) * dt, dt)
-
-
-EFFECTS = (Delay, Lag, TorqueGain, DeadZone, Saturation, TorqueSpeedLimit, BackEmf, Stamp)

@@ -71,6 +71,3 @@ class PositionServo(Actuator):
 
     def torque(self, u: Value, theta: Value, theta_dot: Value) -> Value:
         return ops.clip(self.k_p * (u - theta) - self.k_d * theta_dot, -self.limit, self.limit)
-
-
-ACTUATORS = (TorqueConstant, DCMotor, PositionServo)

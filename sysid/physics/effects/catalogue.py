@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import fields
 from difflib import get_close_matches
+from types import ModuleType
 from typing import Any, TypeVar
 
 from sysid.errors import LONGEST, InvalidInput, excerpt
 from sysid.physics.effects import actuation, actuators, disturbance, friction, load, sensing
 from sysid.physics.effects.effect import Actuator, Effect
 
-CATALOGUE: dict[str, type[Effect]] = {
-    kind.name: kind for family in (friction, load, disturbance, actuation, sensing) for kind in family.EFFECTS
-}
 
-ACTUATORS: dict[str, type[Actuator]] = {kind.name: kind for kind in actuators.ACTUATORS}
+def _declared(module: ModuleType) -> Iterator[tuple[str, Any]]:
+    """The effects that a module declares, by name, in the order in which they stand there."""
+    for kind in vars(module).values():
+        if isinstance(kind, type) and issubclass(kind, Effect) and kind.__module__ == module.__name__:
+            yield kind.name, kind
+
+
+FAMILIES = (friction, load, disturbance, actuation, sensing)
+CATALOGUE: dict[str, type[Effect]] = dict(pair for family in FAMILIES for pair in _declared(family))
+ACTUATORS: dict[str, type[Actuator]] = dict(_declared(actuators))
 """What stands in a model whose command is no torque. None is ever missing: the log's columns say what was commanded."""
 
 EffectType = TypeVar("EffectType", bound=type[Effect])

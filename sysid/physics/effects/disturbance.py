@@ -106,6 +106,3 @@ def _period(theta: Array, t: Array) -> float:
     far = near + int(np.argmax(np.append(later[near:] < 0.0, True)))
     peak = int(below[0]) + near + int(np.argmax(later[near:far]))
     return float(t[peak] - t[0])
-
-
-EFFECTS = (TorqueBias, Periodic, Drift)

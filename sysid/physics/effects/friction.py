@@ -237,6 +237,3 @@ class LuGre(Dahl):
 
 def _rubs_both_ways(plus: Value, minus: Value) -> bool:
     return bool(min(plus, minus) >= ONE_WAY * max(plus, minus))
-
-
-EFFECTS = (Viscous, Coulomb, Stribeck, Drag, AsymmetricViscous, AsymmetricCoulomb, WarmingFriction, Dahl, LuGre)

@@ -215,6 +215,3 @@ class FlexibleTransmission(DynamicEffect):
         torque = -self.J * (a + (after_dot - delta_dot) / h)
         slope = -self.J * (1.0 - sine / h) / h
         return torque, slope, (after, after_dot)
-
-
-EFFECTS = (LoadFriction, DirectionalLoadFriction, Tilt, Spring, CubicSpring, Ripple, RotorInertia, FlexibleTransmission)

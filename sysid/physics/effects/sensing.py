@@ -107,6 +107,42 @@ def _change(now: Reading, before: Reading, x: Value, dt: float) -> Reading:
 
 
 @dataclass(frozen=True, eq=False)
+class FilteredSpeed(OutputEffect):
+    """A drive that smooths the speed in its firmware; the angle is shown as it is.
+
+    Exact for a speed that is linear over an interval, from theta_dot_0 to theta_dot_1, and safe at T -> 0:
+
+        w' = theta_dot_1 + (w - theta_dot_0) exp(-dt/T) - (theta_dot_1 - theta_dot_0) (T/dt) (1 - exp(-dt/T))
+
+    A log begins at w = theta_dot. A delay of both readings is late by T at the angle, too.
+    """
+
+    words = "a filter of the speed readings"
+    rarity = 2.5
+    formula = "T w_dot = theta_dot - w, reading = w"
+    confused = ("sensor_delay", "delay", "lag")
+    stage = 1
+    T: Value = parameter(0.0, unit="s", bounds=(0.0, 1.0), neutral=0.0, probe=doubling(0.3))
+
+    def rest(self, theta: Value, theta_dot: Value, dt: float) -> Memory:
+        """(theta_dot, w) at the instant before this one, w = theta_dot."""
+        return theta_dot, theta_dot
+
+    def read(self, reading: Reading, memory: Memory, t: Value, dt: float) -> tuple[Reading, Memory]:
+        (before, w), now = memory, reading.theta_dot
+        decay, share = first_order(self.T, dt)
+        w = now + (w - before) * decay - (now - before) * share
+        return reading._replace(theta_dot=w), (now, w)
+
+    def whole(self, reading: Reading, t: Array, dt: float) -> Reading:
+        now, (decay, share) = reading.theta_dot, first_order(self.T, dt)
+        change = np.diff(now, prepend=now[..., :1])
+        entering = now - decay * (now - change) - change * share
+        entering[..., 0] = now[..., 0]
+        return reading._replace(theta_dot=decaying(entering, decay))
+
+
+@dataclass(frozen=True, eq=False)
 class Backlash(OutputEffect):
     """Play between the joint and its encoder, which reads y.
 
@@ -173,42 +209,3 @@ class Eccentricity(OutputEffect):
         theta, theta_dot = reading
         sin, cos = ops.sin(theta), ops.cos(theta)
         return Reading(theta + self.a * sin + self.b * cos, (1.0 + self.a * cos - self.b * sin) * theta_dot), memory
-
-
-@dataclass(frozen=True, eq=False)
-class FilteredSpeed(OutputEffect):
-    """A drive that smooths the speed in its firmware; the angle is shown as it is.
-
-    Exact for a speed that is linear over an interval, from theta_dot_0 to theta_dot_1, and safe at T -> 0:
-
-        w' = theta_dot_1 + (w - theta_dot_0) exp(-dt/T) - (theta_dot_1 - theta_dot_0) (T/dt) (1 - exp(-dt/T))
-
-    A log begins at w = theta_dot. A delay of both readings is late by T at the angle, too.
-    """
-
-    words = "a filter of the speed readings"
-    rarity = 2.5
-    formula = "T w_dot = theta_dot - w, reading = w"
-    confused = ("sensor_delay", "delay", "lag")
-    stage = 1
-    T: Value = parameter(0.0, unit="s", bounds=(0.0, 1.0), neutral=0.0, probe=doubling(0.3))
-
-    def rest(self, theta: Value, theta_dot: Value, dt: float) -> Memory:
-        """(theta_dot, w) at the instant before this one, w = theta_dot."""
-        return theta_dot, theta_dot
-
-    def read(self, reading: Reading, memory: Memory, t: Value, dt: float) -> tuple[Reading, Memory]:
-        (before, w), now = memory, reading.theta_dot
-        decay, share = first_order(self.T, dt)
-        w = now + (w - before) * decay - (now - before) * share
-        return reading._replace(theta_dot=w), (now, w)
-
-    def whole(self, reading: Reading, t: Array, dt: float) -> Reading:
-        now, (decay, share) = reading.theta_dot, first_order(self.T, dt)
-        change = np.diff(now, prepend=now[..., :1])
-        entering = now - decay * (now - change) - change * share
-        entering[..., 0] = now[..., 0]
-        return reading._replace(theta_dot=decaying(entering, decay))
-
-
-EFFECTS = (AngleOffset, VelocityBias, VelocityGain, SensorDelay, FilteredSpeed, Backlash, Eccentricity)
