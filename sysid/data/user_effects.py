@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 import sys
-from importlib.machinery import ModuleSpec, SourceFileLoader
-from importlib.util import module_from_spec
 from os import PathLike
 from pathlib import Path
 from types import ModuleType
@@ -69,18 +67,15 @@ def load_effects(path: str | PathLike[str]) -> tuple[str, ...]:
     return names
 
 
-class _Loader(SourceFileLoader):
-    def set_data(self, path: str, data: bytes, **mode: int) -> None:  # type: ignore[override]
-        """Nothing: no __pycache__ beside the user's file."""
-
-
 def run_file(path: Path, name: str) -> ModuleType:
-    """Execute a user's file as a module of that name. Raises InvalidInput, in one sentence, where it raises."""
-    loader = _Loader(name, str(path))
-    module = module_from_spec(ModuleSpec(name, loader, origin=str(path)))
-    sys.modules[name] = module  # dataclasses look their module up
+    """Execute a user's file as a module of that name, and leave no __pycache__ beside it.
+
+    Raises InvalidInput, in one sentence, where it raises.
+    """
+    module = sys.modules[name] = ModuleType(name)  # dataclasses look their module up
+    module.__file__ = str(path)
     try:
-        loader.exec_module(module)
+        exec(compile(path.read_bytes(), path, "exec", dont_inherit=True), module.__dict__)
     except InvalidInput as error:
         raise InvalidInput(f"{path.name}: {error}") from None
     except SyntaxError as error:
