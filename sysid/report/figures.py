@@ -362,23 +362,6 @@ def window_figure(found: Prediction) -> Figure:
     return figure
 
 
-# ---- residual torque -------------------------------------------------------------------------------------------------
-
-
-def torque_over_time(
-    found: ResidualTorque, before: ResidualTorque | None = None, contacts: Sequence[Contact] = ()
-) -> Figure:
-    """The residual torque, rollout after rollout, and that of the model before."""
-    return drawn(WIDE, 2.9, lambda axes: over_time(found, axes, before, contacts))
-
-
-def torque_over_quantity(
-    found: ResidualTorque, name: str, before: ResidualTorque | None = None, mark: bool = False
-) -> Figure:
-    """The mean of d over one quantity with its 99 % band; `mark`: where it peaks."""
-    return drawn(NARROW, 2.7, lambda axes: binned_torque(found, name, axes, before, mark))
-
-
 # ---- the map of the states -------------------------------------------------------------------------------------------
 
 

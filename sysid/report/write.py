@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from functools import singledispatch
+from functools import partial, singledispatch
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -47,6 +47,11 @@ def write_report(answer: Diagnosis | Comparison, path: str | PathLike[str], comm
     )
     html = environment.get_template("report.html.j2").render(page=page_of(answer), command=command)
     save_file(Path(path), html)
+
+
+def _panel(draw: Callable[[Axes], None], caption: str, wide: bool = False) -> Picture:
+    """A picture of one panel."""
+    return picture(figures.drawn(figures.WIDE if wide else figures.NARROW, 2.9, draw), caption, wide)
 
 
 @singledispatch
@@ -174,7 +179,8 @@ def _torque(answer: Diagnosis, contacts: Sequence[Contact]) -> Section:
         + (" Yellow: what no state of the joint explains, a hand perhaps." if contacts else "")
         + ("" if whole else f" Of the first {MOST_SHOWN:,} samples.")
     )
-    pictures = [picture(figures.torque_over_time(found, before, contacts), caption)]
+    draw = partial(figures.over_time, found, before=before, contacts=contacts)
+    pictures = [_panel(draw, caption, wide=True)]
     for name in sorted(found.binned, key=lambda n: n not in depends_on):
         share = found.dependence.shares.get(name, 0.0)
         mark = name in depends_on and share > 0.05
@@ -182,7 +188,7 @@ def _torque(answer: Diagnosis, contacts: Sequence[Contact]) -> Section:
             f": functions of it tell {share:.0%} of it on other stretches." if found.present and share > 0.05 else "."
         )
         caption = f"Over {quantity(name, found.units)}{predicts}{' Yellow: where it is largest.' * mark}"
-        pictures.append(picture(figures.torque_over_quantity(found, name, before, mark), caption, wide=False))
+        pictures.append(_panel(partial(figures.binned_torque, found, name, before=before, mark=mark), caption))
     title = f"The {what} that no known effect explains" if unknown else f"{what.capitalize()} beyond the model"
     return Section(title, tuple(says), tuple(pictures))
 
@@ -273,12 +279,8 @@ def _(answer: Comparison) -> Page:
 
 
 def _compared(answer: Comparison) -> Iterator[Section]:
-    def panel(draw: Callable[[Any, Axes], None], found: Any, caption: str, wide: bool = False) -> Picture:
-        figure = figures.drawn(figures.WIDE if wide else figures.NARROW, 2.9, lambda axes: draw(found, axes))
-        return picture(figure, caption, wide)
-
     words = "Error over windows of every length, the state refitted in each."
-    yield Section("How far off", (), (panel(figures.errors, answer, words, wide=True),))
+    yield Section("How far off", (), (_panel(partial(figures.errors, answer), words, wide=True),))
     worst = zip(answer.worst, map(place_of_window, answer.one_second.worst), strict=True)
     pictures = tuple(picture(figures.window_figure(found), where, wide=False) for found, where in worst)
     yield Section("The worst windows", (), pictures, small=True)
@@ -290,11 +292,13 @@ def _compared(answer: Comparison) -> Iterator[Section]:
     )
     states = picture(figures.maps([torque], [""]), "By state.", wide=False)
     curves = [
-        picture(figures.torque_over_quantity(torque, name), f"Over {quantity(name, torque.units)}.", wide=False)
+        _panel(partial(figures.binned_torque, torque, name), f"Over {quantity(name, torque.units)}.")
         for name in torque.binned
         if name != "time"
     ]
-    in_time = picture(figures.torque_over_time(torque), "Over time.")
+    in_time = _panel(partial(figures.over_time, torque), "Over time.", wide=True)
     yield Section("Where it fails", says, (states, *curves, in_time))
-    white = panel(figures.autocorrelation_panel, answer, "Those of a right model, beside a random torque, are white.")
+    white = _panel(
+        partial(figures.autocorrelation_panel, answer), "Those of a right model, beside a random torque, are white."
+    )
     yield Section("What the innovations know", (), (white,))
