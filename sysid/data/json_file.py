@@ -87,7 +87,10 @@ def count(saved: Any, name: str) -> int:
 
 
 def plain(value: Any) -> Any:
-    """A value as JSON holds it: lists for arrays and tuples, objects for dataclasses, null for what is not finite."""
+    """A value as JSON holds it: lists for arrays and tuples, objects for dataclasses (those of their `to_dict`, where
+    they have one), null for what is not finite."""
+    if hasattr(value, "to_dict"):
+        value = value.to_dict()
     if isinstance(value, np.ndarray):
         value = value.tolist()
     if isinstance(value, tuple) and hasattr(value, "_asdict"):

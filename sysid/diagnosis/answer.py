@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+from sysid.data.json_file import plain
 from sysid.data.record import Record, first_samples
 from sysid.data.sensor import Sensor
 from sysid.diagnosis.contacts import Contact
@@ -15,7 +16,7 @@ from sysid.diagnosis.predictions import Prediction, typical
 from sysid.diagnosis.ranked import Ranked
 from sysid.diagnosis.residual_torque import ResidualTorque, residual_torque
 from sysid.estimation.estimate import Estimate
-from sysid.estimation.held_out import HeldOutError, finite
+from sysid.estimation.held_out import HeldOutError
 from sysid.estimation.torque_regression import FrictionAlong
 from sysid.physics.model import Model
 from sysid.planning.planned_experiment import Experiment
@@ -65,14 +66,15 @@ class Step:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data."""
-        return {
+        told = {
             "effect": self.effect,
-            "class": list(self.alike),
-            "parameters": {name: {**v, "sd": finite(v["sd"])} for name, v in self.parameters.items()},
-            "error_before": finite(self.error_before),
-            "error_after": finite(self.error_after),
+            "class": self.alike,
+            "parameters": self.parameters,
+            "error_before": self.error_before,
+            "error_after": self.error_after,
             "p_value": self.p_value,
         }
+        return dict(plain(told))
 
 
 @dataclass(frozen=True)
@@ -90,16 +92,6 @@ class Remaining:
     where: str
     torque: float = 0.0
     unseen: bool = False
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data."""
-        return {
-            "share": self.share,
-            "torque": self.torque,
-            "depends_on": list(self.depends_on),
-            "where": self.where,
-            "unseen": self.unseen,
-        }
 
 
 @dataclass(frozen=True)
@@ -273,38 +265,39 @@ class Diagnosis:
         that is not finite becomes None."""
         parameters = self.estimate.model.parameters
         sd = self.estimate.sd
-        return {
+        told = {
             "schema": SCHEMA,
             "plant": type(self.model.plant).__name__,
             "parameters": {
-                name: {"value": value, "sd": finite(sd[name]), "unit": parameters[name].unit}
+                name: {"value": value, "sd": sd[name], "unit": parameters[name].unit}
                 for name, value in self.estimate.values.items()
             },
             "noise": {"theta": self.sensor.theta, "theta_dot": self.sensor.theta_dot},
-            "held_out": list(self.held_out),
-            "base_error": finite(self.base_error.ratio),
-            "error": finite(self.error.ratio),
-            "prediction": {"before": self.base_error.to_dict(), "after": self.error.to_dict()},
-            "torque": self.torque.to_dict(),
+            "held_out": self.held_out,
+            "base_error": self.base_error.ratio,
+            "error": self.error.ratio,
+            "prediction": {"before": self.base_error, "after": self.error},
+            "torque": self.torque,
             "tolerance": self.tolerance,
             "converged": self.estimate.success,
             "status": self.estimate.status,
-            "negligible": list(self.negligible),
-            "unconfirmed": list(self.unconfirmed),
+            "negligible": self.negligible,
+            "unconfirmed": self.unconfirmed,
             "verdict": self.verdict,
             "sentence": self.sentence,
-            "doubts": list(self.doubts),
-            "steps": [s.to_dict() for s in self.steps],
-            "conventions": [s.to_dict() for s in self.conventions],
-            "ranking": [r.to_dict() for r in self.ranking],
-            "remaining": None if self.remaining is None else self.remaining.to_dict(),
-            "not_identifiable": [list(group) for group in self.not_identifiable],
+            "doubts": self.doubts,
+            "steps": self.steps,
+            "conventions": self.conventions,
+            "ranking": self.ranking,
+            "remaining": self.remaining,
+            "not_identifiable": self.not_identifiable,
             "ruled_out": self.ruled_out,
-            "friction_along_the_motion": None if self.friction is None else asdict(self.friction),
+            "friction_along_the_motion": self.friction,
             "touched": [{"record": t.name, "begin": t.t_begin, "end": t.t_end, "peak": t.peak} for t in self.contacts],
-            "next_experiment": None if self.next_experiment is None else self.next_experiment.to_dict(),
+            "next_experiment": self.next_experiment,
             "seconds": self.seconds,
         }
+        return dict(plain(told))
 
     @property
     def sentence(self) -> str:

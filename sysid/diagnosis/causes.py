@@ -9,7 +9,7 @@ from typing import Any
 from sysid.diagnosis.findings import fitted_numbers, numbers_in_words, spaced_unit
 from sysid.diagnosis.search_settings import DEFAULT
 from sysid.errors import InvalidInput
-from sysid.estimation.held_out import HeldOutError, finite, held_out_error
+from sysid.estimation.held_out import HeldOutError, held_out_error
 from sysid.estimation.prediction_error import Fit
 from sysid.estimation.refits import extended
 from sysid.estimation.scores import alikeness, price, scores
@@ -47,11 +47,6 @@ class Cause:
     numbers: dict[str, dict[str, Any]]
     share: float
     words: str
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data."""
-        numbers = {k: {**v, "sd": finite(v["sd"])} for k, v in self.numbers.items()}
-        return {**vars(self), "alike": list(self.alike), "numbers": numbers, "share": finite(self.share)}
 
 
 @dataclass(frozen=True, eq=False)

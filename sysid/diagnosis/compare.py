@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from sysid.data.json_file import plain
 from sysid.data.logs import notes_of
 from sysid.data.record import Record, check_records
 from sysid.data.sensor import Sensor
@@ -131,17 +132,18 @@ class Comparison:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, ready for JSON."""
-        return {
-            "records": list(self.names),
+        told = {
+            "records": self.names,
             "noise": {c: getattr(self.sensor, c) for c in CHANNELS},
             "units": self.units,
-            "errors": {name.replace(" ", "_"): e.to_dict() for name, e in self.errors.items()},
+            "errors": {name.replace(" ", "_"): e for name, e in self.errors.items()},
             "sentence": self.sentence,
             "adequate": self.adequate,
-            "causes": [c.to_dict() for c in self.causes],
+            "causes": self.causes,
             "torque": None if self.torque is None else self.torque.to_dict(series=False),
-            "whiteness": {c: w.to_dict() for c, w in self.whiteness.items()},
+            "whiteness": self.whiteness,
         }
+        return dict(plain(told))
 
     def __str__(self) -> str:
         shown, units = [c for c in CHANNELS if c in self.one_second.ratios], self.units

@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from sysid.data.json_file import plain
 from sysid.diagnosis.dependence import coordinates
 from sysid.diagnosis.findings import fitted_numbers
 from sysid.diagnosis.predictions import LONGEST_STRETCH
 from sysid.diagnosis.residual_torque import missing_torque, needed_disturbances
-from sysid.estimation.held_out import HeldOutError, finite
+from sysid.estimation.held_out import HeldOutError
 from sysid.estimation.linearisation import LinearisedModel
 from sysid.estimation.prediction_error import Fit
 from sysid.physics.ops import Array
@@ -70,13 +71,8 @@ class Ranked:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data."""
-        return {
-            "effect": self.effect,
-            "class": list(self.alike),
-            "score": self.score,
-            "p_value": self.p_value,
-            "error_after": finite(self.error_after),
-        }
+        named = {"effect": self.effect, "class": self.alike, "score": self.score, "p_value": self.p_value}
+        return dict(plain(named | {"error_after": self.error_after}))
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,10 +89,6 @@ class EffectTorque:
     mean: Array
     share: float
     record: str = ""
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data."""
-        return {**vars(self), "x": self.x.tolist(), "mean": self.mean.tolist()}
 
 
 def effect_torque(fit: Fit, name: str) -> EffectTorque | None:

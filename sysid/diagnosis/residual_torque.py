@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.json_file import plain
 from sysid.data.record import Record
 from sysid.data.sensor import Sensor
 from sysid.diagnosis.contacts import Contact, contacts_sentence, find_contacts, slow
@@ -17,7 +18,6 @@ from sysid.diagnosis.dependence import Dependence, coordinates, dependence
 from sysid.diagnosis.findings import dependence_on, quantity
 from sysid.errors import InvalidInput
 from sysid.estimation.disturbances import MEMORIES, Disturbances
-from sysid.estimation.held_out import finite
 from sysid.estimation.kalman import Filter
 from sysid.estimation.likelihood import likelihood_ascent, maximum_likelihood
 from sysid.estimation.linearisation import Samples, level
@@ -81,11 +81,6 @@ class Binned:
         width = self.edges[1] - self.edges[0]
         return float(self.edges[at] + (low - at) * width), float(self.edges[at] + (high + 1 - at) * width)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data, ready for JSON; a bin without samples holds None."""
-        numbers = {k: [finite(v) for v in getattr(self, k).tolist()] for k in ("edges", "mean", "sd")}
-        return {"name": self.name, "unit": self.unit, **numbers, "count": self.count.tolist()}
-
 
 @dataclass(frozen=True, eq=False)
 class TorqueMap:
@@ -104,12 +99,6 @@ class TorqueMap:
     def significant(self) -> NDArray[np.bool_]:
         """(I, J): cells in which the torque is beyond 2.6 of its sd."""
         return np.asarray(np.nan_to_num(np.abs(self.torque)) > 2.5758 * np.nan_to_num(self.sd, nan=np.inf))
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data, ready for JSON; an empty cell holds None."""
-        cells = {k: [[finite(v) for v in row] for row in getattr(self, k).tolist()] for k in ("torque", "sd")}
-        edges = {"theta": self.theta.tolist(), "theta_dot": self.theta_dot.tolist()}
-        return {**edges, **cells, "count": self.count.tolist()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,27 +177,23 @@ class ResidualTorque:
         return self.binned[name]
 
     def to_dict(self, series: bool = True) -> dict[str, Any]:
-        """Plain data, ready for JSON; `series`: with d over time."""
+        """Plain data, ready for JSON, None in bins without samples; `series`: with d over time."""
         found = {
             "present": self.present,
             "unit": self.units["torque"],
             "rms": self.rms,
-            "share": finite(self.share),
+            "share": self.share,
             "band": self.band,
             "s": self.s,
             "T": self.T,
-            "depends_on": list(self.depends_on),
-            "predicts": dict(self.dependence.shares),
+            "depends_on": self.depends_on,
+            "predicts": self.dependence.shares,
             "where": self.dependence.where if self.present else "",
-            "touched": [vars(t) for t in self.contacts],
-            "over": {name: b.to_dict() for name, b in self.binned.items()},
-            "map": self.map.to_dict(),
+            "touched": self.contacts,
+            "over": self.binned,
+            "map": self.map,
         }
-        if series:
-            found["records"] = [
-                {k: v if isinstance(v, str) else v.tolist() for k, v in vars(r).items()} for r in self.records
-            ]
-        return found
+        return dict(plain(found | {"records": self.records} if series else found))
 
     @property
     def sentence(self) -> str:

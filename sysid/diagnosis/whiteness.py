@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -36,11 +35,6 @@ class Whiteness:
     def white(self) -> bool:
         """Whether Q lies within what 99 of 100 white sequences show."""
         return self.p_value >= 0.01
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data, ready for JSON."""
-        numbers = {name: getattr(self, name).tolist() for name in ("lags", "correlation", "band")}
-        return {**numbers, "p_value": self.p_value}
 
 
 def whiteness(found: Fit) -> dict[str, Whiteness]:

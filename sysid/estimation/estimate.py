@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.data.json_file import plain
 from sysid.data.sensor import UNITS, Sensor
 from sysid.physics.model import Model
 from sysid.physics.ops import Array
@@ -119,22 +120,23 @@ class Estimate:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, ready for JSON; a number that is not finite becomes None."""
-        return {
+        told = {
             "method": self.method,
             "values": self.values,
             "units": self._units,
-            "sd": {name: _finite(sd) for name, sd in self.sd.items()},
-            "covariance": [[_finite(c) for c in row] for row in self.covariance.tolist()],
+            "sd": self.sd,
+            "covariance": self.covariance,
             "noise": self.noise,
             "success": self.success,
             "status": self.status,
-            "cost": _finite(self.cost),
+            "cost": self.cost,
             "random_torque": self.random_torque,
             "correlation_time": self.correlation_time,
             "n_readings": self.n_readings,
-            "at_bound": list(self.at_bound),
-            "ambiguous": list(self.ambiguous),
+            "at_bound": self.at_bound,
+            "ambiguous": self.ambiguous,
         }
+        return dict(plain(told))
 
     def __str__(self) -> str:
         parameters = self.model.parameters
@@ -156,7 +158,3 @@ class Estimate:
             lines.append(f"  beside the model a random torque of {size}{memory} acts: diagnose it")
         lines.extend(f"  {sentence}" for sentence in self.ambiguous)
         return "\n".join(lines)
-
-
-def _finite(number: float) -> float | None:
-    return number if math.isfinite(number) else None

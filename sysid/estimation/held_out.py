@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.data.json_file import plain
 from sysid.data.record import Record, check_records
 from sysid.data.sensor import Sensor
 from sysid.estimation.output_error import ALL, CHANNELS, Among, Linearisation, Response
@@ -38,10 +39,6 @@ class WindowError:
     begin: float
     end: float
     ratio: float
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data, ready for JSON."""
-        return {"record": self.record, "begin": self.begin, "end": self.end, "ratio": finite(self.ratio)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,16 +79,8 @@ class HeldOutError:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, ready for JSON; a number that is not finite becomes None."""
-        return {
-            "window": finite(self.window),
-            "theta": finite(self.theta),
-            "theta_dot": finite(self.theta_dot),
-            "ratios": {c: finite(r) for c, r in self.ratios.items()},
-            "ratio": finite(self.ratio),
-            "n_readings": self.n_readings,
-            "n_windows": self.n_windows,
-            "worst": [w.to_dict() for w in self.worst],
-        }
+        told = ("window", "theta", "theta_dot", "ratios", "ratio", "n_readings", "n_windows", "worst")
+        return {name: plain(getattr(self, name)) for name in told}
 
     def __str__(self) -> str:
         values = {"theta": self.theta, "theta_dot": self.theta_dot}
@@ -220,11 +209,6 @@ def error_of(fit: Refit, window: float) -> HeldOutError:
         ),
         units=response.model.plant.quantities,
     )
-
-
-def finite(number: float | None) -> float | None:
-    """A number for JSON: None where it is not finite."""
-    return number if number is not None and math.isfinite(number) else None
 
 
 def _named(response: Response, window: Window, ratio: float) -> WindowError:

@@ -24,6 +24,7 @@ import numpy as np
 from sysid.cli.command_options import FitCommand, ModelOptions
 from sysid.cli.commands import LogAndModel
 from sysid.data.files import whole, write_whole
+from sysid.data.json_file import plain
 from sysid.data.record import Record, in_a_row, is_part
 from sysid.data.user_effects import blamed, load_effects
 from sysid.diagnosis.add import add
@@ -37,7 +38,6 @@ from sysid.diagnosis.residual_torque import ResidualTorque, residual_torque
 from sysid.diagnosis.search_settings import DEFAULT
 from sysid.errors import InvalidInput
 from sysid.estimation.estimate import Estimate
-from sysid.estimation.held_out import finite
 from sysid.estimation.saved_model import load, save
 from sysid.export.mjcf import to_mjcf
 from sysid.export.urdf import to_urdf
@@ -145,7 +145,7 @@ class Work:
         compared = compare(self.estimate, task.held_out, task.sensor)
         torque = residual_torque(model, task.log, task.sensor)
         found = compared.to_dict() | {
-            "ratio": finite(compared.ratio),
+            "ratio": plain(compared.ratio),
             "quantities": dict(model.plant.quantities),
             "command_unit": model.command_unit,
             "turns": model.plant.turns,
@@ -277,14 +277,13 @@ def _row(candidate: Ranked, found: Diagnosis) -> dict[str, Any]:
     """What a row says of an effect that was refitted."""
     step = next((s for s in (*found.steps, *found.conventions) if s.effect == candidate.effect), None)
     numbers = candidate.parameters if step is None else fitted_numbers(step.estimate, candidate.effect)
-    torque = candidate.torque
     return _named(candidate) | {
         "alike": list((candidate if step is None else step).alike[1:]),
         "sizes": _told(numbers),
         "explained": candidate.explained,
-        "error": finite(candidate.error_after),
+        "error": plain(candidate.error_after),
         "chance": chance(candidate.p_value if step is None else step.p_value),
-        "torque": None if torque is None else torque.to_dict(),
+        "torque": plain(candidate.torque),
     }
 
 
