@@ -37,7 +37,7 @@ class IntegratedMotion(NamedTuple):
 
     columns (N, 5)   the integrals of sin(theta), of a linear axis theta, of tau, -theta_dot, -sign(theta_dot) and 1
     speed_change (N,)   the left-hand side [rad/s]
-    slow                the speed [rad/s] below which the joint was taken to stand
+    slow                the speed [rad/s] below which the joint stands, beside that of all records
     """
 
     columns: Array
@@ -64,11 +64,10 @@ def integrated_motion(
     model: Model, records: Sequence[Record], sensor: Sensor, seconds: float = SPAN, slow: float = 0.0
 ) -> IntegratedMotion:
     """The terms of the equation of motion over so many seconds, or over a quarter of a swing, where the joint moves:
-    faster than `slow` [rad/s], and than a share of the records' own RMS speed; none of logs that are too short."""
+    faster than `slow` [rad/s], and than a share of a record's own RMS speed; none of logs that are too short."""
     rows, targets, reach = [np.zeros((0, 5))], [np.zeros(0)], extent_of(records, model.plant.turns).reach
     parts = first_samples(records, MOST)
     smoothed = [smooth_states(part, sensor, reach).T for part in parts]
-    slow = max(slow, slow_speed([theta_dot for _, theta_dot in smoothed]))
     for part, (theta, theta_dot) in zip(parts, smoothed, strict=True):
         swing = QUARTER * float(np.std(theta)) / max(float(np.std(theta_dot)), 1e-300)
         span = max(round(min(seconds, swing) / part.dt), 1)
@@ -82,9 +81,10 @@ def integrated_motion(
             -np.sign(middle),
             np.ones(len(part)),
         )
-        moves = (_sums(np.abs(middle) < slow, span) <= 0.5 * span)[::span]
+        moves = (_sums(np.abs(middle) < max(slow, slow_speed([middle])), span) <= 0.5 * span)[::span]
         rows.append(np.column_stack([part.dt * _sums(c, span) for c in columns])[::span][moves])
         targets.append((theta_dot[span:] - theta_dot[:-span])[::span][moves])
+    slow = slow_speed([theta_dot for _, theta_dot in smoothed])
     return IntegratedMotion(np.concatenate(rows), np.concatenate(targets), slow)
 
 
@@ -141,11 +141,12 @@ def friction_along(
     """The friction along the motion of records; None where torque and motion do not show one, or where it explains
     little of the torque of unseen records. Gravity is found beside it where one of the `names` that are free tells
     it, else it is the model's."""
-    motion = integrated_motion(model, records, sensor)
+    slow = integrated_motion(model, records, sensor).slow
+    motion = integrated_motion(model, records, sensor, slow=slow)
     columns, torque = _of_the_torque(model, names, motion, motion)
     value, sd, _ = regression(columns, torque)
     constant = regression(columns[:, 2:3], torque).value
-    columns, torque = _of_the_torque(model, names, integrated_motion(model, unseen, sensor, slow=motion.slow), motion)
+    columns, torque = _of_the_torque(model, names, integrated_motion(model, unseen, sensor, slow=slow), motion)
     varies = float(np.sum((torque - columns[:, 2:3] @ constant) ** 2))
     share = 1.0 - float(np.sum((torque - columns @ value) ** 2)) / varies if varies > 0.0 else 0.0
     viscous, coulomb, load, *_ = zip(value, sd, strict=True)
