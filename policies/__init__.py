@@ -31,10 +31,8 @@ _NAMES = {
     "control.swing_up": "SwingUp design_swing_up",
     "training.cpu_settings": "tune_cpu",
     "training.population": "Population",
-    "training.sac": "SACSettings",
-    "training.sac_population": "SACPopulation",
-    "training.shac": "SHACSettings",
-    "training.shac_population": "SHACPopulation",
+    "training.sac": "SACSettings SACPopulation",
+    "training.shac": "SHACSettings SHACPopulation",
     "storage.policy_file": "SavedPolicy load_policy save_policy",
 }
 _attached = {module: names.split() for module, names in _NAMES.items()}

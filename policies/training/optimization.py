@@ -30,6 +30,13 @@ class FusedAdam(torch.optim.Adam):
 
     @torch.no_grad()
     def step(self, closure: None = None) -> None:  # type: ignore[override]
+        """One step of Adam against the gradients that the numbers hold.
+
+        Parameters
+        ----------
+        closure : None
+            Part of torch's interface; nothing is called.
+        """
         group = self.param_groups[0]
         numbers, (mean, square) = group["params"], group["betas"]
         names = ("exp_avg", "exp_avg_sq", "step")

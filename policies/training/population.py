@@ -15,7 +15,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
+from pickle import UnpicklingError
 from typing import Any, ClassVar
+from zipfile import BadZipFile, ZipFile
 
 import torch
 from torch import Tensor
@@ -25,14 +27,48 @@ from policies.environments.batched_pendulums import BatchedPendulums
 from policies.environments.randomization import Randomization
 from policies.limits import TRAINING_MEMORY
 from policies.network_policy import NetworkPolicy
-from policies.training.checkpoint import read_checkpoint, write_checkpoint
 from policies.training.networks import layers_of
 from policies.training.optimization import FastSoftUpdate
-from policies.training.settings import TrainingSettings
 from sysid import InvalidInput, Model
+from sysid.data.files import whole
 from sysid.limits import check_size
 
 CHECKPOINT_VERSION = 5
+
+
+class TrainingSettings(ABC):
+    """How agents train, as a frozen dataclass of plain numbers.
+
+    algorithm     its short name
+    hidden        sizes of the hidden layers
+    steps         environment steps of each agent, random_steps of them before the first update
+    environments  pendulums of each agent, None where an agent has one and no axis for it
+    """
+
+    algorithm: ClassVar[str]
+    positive: ClassVar[tuple[str, ...]]
+    """Names of the numbers that have to be."""
+    shares: ClassVar[tuple[str, ...]]
+    """Names of those in [0, 1]."""
+    hidden: tuple[int, ...]
+    steps: int
+    random_steps: int
+    environments: int | None
+
+    @abstractmethod
+    def memory(self, agents: int, observation_size: int) -> float:
+        """About how many bytes so many agents take."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "hidden", tuple(self.hidden))
+        if not self.hidden or min(self.hidden) < 1:
+            raise InvalidInput(f"hidden = {self.hidden}: expected one or more layer sizes >= 1")
+        for name in self.positive:
+            if not getattr(self, name) > 0:
+                raise InvalidInput(f"{name} = {getattr(self, name)}: expected a positive number")
+        for name in self.shares:
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise InvalidInput(f"{name} = {getattr(self, name)}: expected a number in [0, 1]")
 
 
 class Population(ABC):
@@ -107,7 +143,8 @@ class Population(ABC):
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a checkpoint, whole or not at all: the file is replaced only when the new one is on the disk."""
-        write_checkpoint(Path(path), {**self._identity(), **self._progress()})
+        with whole(Path(path)) as file:
+            torch.save({**self._identity(), **self._progress()}, file)
 
     def resume(self, path: str | os.PathLike[str]) -> None:
         """Go on from a checkpoint of this very population: the same numbers follow as without the interruption.
@@ -164,3 +201,21 @@ class Population(ABC):
             "return": self.returns,
             "curve": [[step, returns.tolist()] for step, returns in self._curve],
         }
+
+
+def read_checkpoint(path: Path) -> dict[str, Any]:
+    """What a checkpoint holds; raises InvalidInput for another file.
+
+    torch.load does not look at the checksums that torch.save writes: zipfile does.
+    """
+    try:
+        with ZipFile(path) as archive:
+            damaged = archive.testzip()
+        stored = torch.load(path, map_location="cpu", weights_only=True) if damaged is None else {}
+    except (RuntimeError, OSError, EOFError, ValueError, KeyError, UnpicklingError, BadZipFile) as error:
+        raise InvalidInput(f"{path} is not a checkpoint: expected a file that Population.save wrote") from error
+    if damaged is not None:
+        raise InvalidInput(f"{path} is damaged ({damaged}): expected a checkpoint as Population.save wrote it")
+    if not isinstance(stored, dict):
+        raise InvalidInput(f"{path} is not a checkpoint: it holds a {type(stored).__name__}")
+    return stored

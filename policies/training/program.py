@@ -18,12 +18,9 @@ from policies.environments import task
 from policies.environments.randomization import Randomization
 from policies.evaluation import evaluate, fresh_start_states
 from policies.network_policy import NetworkPolicy
-from policies.training.population import Population
-from policies.training.sac import SACSettings
-from policies.training.sac_population import SACPopulation
-from policies.training.settings import TrainingSettings
-from policies.training.shac import SHACSettings
-from policies.training.shac_population import SHACPopulation
+from policies.training.population import Population, TrainingSettings
+from policies.training.sac import SACPopulation, SACSettings
+from policies.training.shac import SHACPopulation, SHACSettings
 from sysid import InvalidInput, Model
 
 CHOICE = 100

@@ -272,7 +272,7 @@ def test_a_policy_is_replaced_only_when_asked(models, policy, tmp_path, run):
 
 
 def test_a_training_that_is_stopped_writes_nothing(models, tmp_path, run, monkeypatch):
-    from policies.training.sac_population import SACPopulation
+    from policies.training.sac import SACPopulation
 
     def stopped(self, steps):
         raise KeyboardInterrupt
@@ -284,7 +284,7 @@ def test_a_training_that_is_stopped_writes_nothing(models, tmp_path, run, monkey
 
 
 def test_what_was_stopped_goes_on_and_not_as_another_training(models, tmp_path, run, monkeypatch):
-    from policies.training.sac_population import SACPopulation
+    from policies.training.sac import SACPopulation
 
     def stopped(self, steps):
         go_on(self, steps)

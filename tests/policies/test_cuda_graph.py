@@ -7,8 +7,7 @@ from torch.utils._python_dispatch import TorchDispatchMode
 
 from policies.environments.randomization import Band, PriorRange, RandomForce
 from policies.training.cuda_graph import CudaGraph
-from policies.training.sac import SACSettings
-from policies.training.sac_population import SACPopulation
+from policies.training.sac import SACPopulation, SACSettings
 from study.paper.protocol import paper_model
 from sysid import Delay, Lag, Model, RodPendulum, SensorDelay
 

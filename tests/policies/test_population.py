@@ -12,8 +12,7 @@ from policies.environments import task
 from policies.environments.randomization import Band, PriorRange, RandomForce
 from policies.evaluation import evaluate, start_states
 from policies.network_policy import NetworkPolicy
-from policies.training.sac import SACSettings, StackedSACLoss
-from policies.training.sac_population import SACPopulation
+from policies.training.sac import SACPopulation, SACSettings, StackedSACLoss
 from study.paper.protocol import paper_model
 from sysid import AngleOffset, Delay, InvalidInput, Model, RodPendulum, SensorDelay, State
 

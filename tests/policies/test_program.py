@@ -8,8 +8,7 @@ import pytest
 from policies.environments.randomization import Band, Fixed
 from policies.evaluation import evaluate, fresh_start_states
 from policies.training.program import CHOICE, POPULATIONS, settings_for, train
-from policies.training.sac import SACSettings
-from policies.training.sac_population import SACPopulation
+from policies.training.sac import SACPopulation, SACSettings
 from study.paper.protocol import paper_model
 from sysid import Delay, InvalidInput, Model, RodPendulum
 

@@ -13,8 +13,7 @@ from policies.environments.batched_pendulums import BatchedPendulums
 from policies.environments.machine import past_commands_needed
 from policies.environments.randomization import Band, Fixed, PriorRange, RandomForce
 from policies.evaluation import batch_returns, fresh_start_states
-from policies.training.shac import SHACSettings
-from policies.training.shac_population import SHACPopulation
+from policies.training.shac import SHACPopulation, SHACSettings
 from study.paper.protocol import paper_model
 from sysid import CATALOGUE, Coulomb, Delay, InvalidInput, Model, RodPendulum, SensorDelay, Viscous
 from sysid.physics.effects import effect
