@@ -25,7 +25,7 @@ from study.paper import claims
 from study.paper.agreement import Agreement
 from study.paper.finished_runs import Outcomes
 from study.paper.identification_scatter import scatter
-from study.paper.publication_figures import identification
+from study.paper.paper_figures import identification
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

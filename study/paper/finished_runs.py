@@ -4,20 +4,24 @@
     ours = read_runs(Path("study/results/paper-small/runs.csv"))
 
 A cell is a Spot (point, n, w); its runs are told apart by their seeds.
+
+Runs from elsewhere, of another study's runs.csv or the paper's own summary.csv, are taken up where they are the
+preset's and their estimate is the one that this code finds from the same rollouts. A table has no episodes and no
+learning curves. Reference controllers are run anew.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from study.paper.presets import Cell, Theta
+from study.paper.presets import Cell, Estimates, Preset, Theta
 from study.paper.published_numbers import POINTS, URL, CellSummary, Spot
 from study.pipeline.tables import ResultTable, read_table
 from study.statistics import sem
@@ -183,3 +187,45 @@ def read_published(folder: Path) -> Outcomes:
         raise InvalidInput(f"--published {folder} holds none of {names}: expected the results folder of {URL}")
     table = {spot: runs for part in found.values() for spot, runs in part.table.items()}
     return Outcomes(table, tuple(path.name for name, path in files.items() if name not in found))
+
+
+TOLERANCE = 1e-6
+"""Largest difference of m [kg] and of l [m] between an estimate and the imported one."""
+
+
+def read_import(file: Path, preset: Preset) -> list[Run]:
+    """The runs in the file, each marked as imported from it. Raises InvalidInput for a file that cannot be read."""
+    found = read_runs(file, "" if len(preset.points) > 1 else preset.points[0].name)
+    if "" in found.points:
+        raise InvalidInput(f"{file} has no column 'point': expected the points of {preset.name!r} in it")
+    return [replace(run, imported=file.name) for runs in found.table.values() for run in runs.values()]
+
+
+def taken_up(runs: Iterable[Run], preset: Preset, estimates: Estimates) -> list[Run]:
+    """Imported runs with the estimates that this code found.
+
+    Raises InvalidInput for the first run that does not belong to the preset.
+    """
+    found = []
+    for run in runs:
+        if problem := _foreign(run, preset, estimates):
+            raise InvalidInput(f"{run.imported}: {run.cell} does not belong to {preset.name!r}: {problem}")
+        theta, truth = estimates[run.cell.point, run.cell.n, run.cell.seed], preset.point(run.cell.point).truth
+        found.append(replace(run, theta_hat=theta, id_error=math.dist(theta, truth)))
+    return found
+
+
+def _foreign(run: Run, preset: Preset, estimates: Estimates) -> str:
+    """Why a run is not one of the preset's; empty where it is."""
+    point, n, w, seed = run.cell
+    known = {p.name: p for p in preset.points}.get(point)
+    if known is None:
+        return f"expected one of the points {', '.join(p.name for p in preset.points)}"
+    if n not in known.budgets or w not in known.widths or seed not in known.seeds:
+        return f"expected n in {known.budgets}, w in {known.widths} and a seed in {known.seeds}"
+    theta = estimates[point, n, seed]
+    if not all(abs(a - b) <= TOLERANCE for a, b in zip(run.theta_hat, theta, strict=True)):
+        return f"its theta_hat is {run.theta_hat}, expected {theta} from the rollouts of that seed"
+    if not all(map(math.isfinite, (run.std, run.seconds))):
+        return f"its return is {run.mean} with sd {run.std}, its seconds {run.seconds}: expected finite numbers"
+    return ""

@@ -13,16 +13,16 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from study.paper import claims, publication_figures
+from study.paper import claims, paper_figures
 from study.paper.agreement import Agreement
 from study.paper.claims import Claim
 from study.paper.finished_runs import Outcomes, outcomes, read_runs
 from study.paper.identification_scatter import Scatter
+from study.paper.paper_figures import heatmaps, paretos
 from study.paper.presets import PAPER, PRESETS, Preset
 from study.paper.published_numbers import CELLS, ROBUSTNESS, SEEDS, URL, Spot
 from study.paper.reference_controllers import OPTIMAL
 from study.paper.saturation_budget import budget_curves, paragraph
-from study.paper.sweep_figures import heatmaps, paretos
 from study.paper.sweep_findings import PointFindings
 from study.statistics import Contrast, paired_bootstrap
 from sysid import InvalidInput
@@ -99,9 +99,9 @@ def reproduce(
     curves, wider = (budget_curves(own, w) if main else {} for w in (0.0, 0.2))
     drawings = _sweeps(agreement, main) if agreement else {}
     if scatter:
-        drawings["published_claims"] = lambda: publication_figures.identification(scatter)
+        drawings["published_claims"] = lambda: paper_figures.identification(scatter)
     if curves:
-        drawings["identifiers"] = lambda: publication_figures.identifiers(curves, wider, allowed)
+        drawings["identifiers"] = lambda: paper_figures.identifiers(curves, wider, allowed)
 
     said = _claims(found, own if preset.steps == base.steps else None, scatter, fresh_optimum)
     said += _undertraining(found, _longer(preset, base, {preset.name: own, **siblings}))
@@ -158,7 +158,7 @@ def _sweeps(agreement: Agreement, main: PointFindings | None) -> dict[str, Calla
         drawings["published_heatmap"] = lambda: heatmaps(sides, references)
         drawings["published_pareto"] = lambda: paretos(sides, references)
     if ran := [contrast for contrast in agreement.contrasts if contrast.ours]:
-        drawings["published_contrasts"] = lambda: publication_figures.contrasts(ran)
+        drawings["published_contrasts"] = lambda: paper_figures.contrasts(ran)
     return drawings
 
 

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from study.paper import published_numbers as paper
 from study.paper.agreement import MARGIN
 from study.paper.finished_runs import run_table
+from study.paper.paper_figures import drawings
 from study.paper.presets import Point, Preset
 from study.paper.reference_controllers import CONTROLLERS, LQR, OPTIMAL, SWING_UP
 from study.paper.reproduction import REPRODUCTION_CAPTIONS, Reproduction
-from study.paper.sweep_figures import drawings
 from study.paper.sweep_findings import PointFindings
 from study.pipeline.publication import Account, Section, Table
 from study.pipeline.versions import all_versions

@@ -3,8 +3,8 @@
 stages           an experiment as stages of tasks, and what runs it to its end
 settings         frozen plain data that results are tied to; versions: of what made a number
 executor         what runs tasks; behind it processes and cluster
-population_task  a task that trains one population, with its checkpoint; progress: how far tasks are
-database         a results folder: one SQLite file, whose tables are of tables; policy_files: the policies
+population_task  a task that trains one population, with checkpoint and policies; progress: how far tasks are
+database         a results folder: one SQLite file, whose tables are of tables
 tables           rows of dataclasses in a database and as CSV
 publication      what is told of an experiment: tables, figures, study.json, page and console
 """

@@ -21,7 +21,7 @@ from rich.markup import escape
 from study.figure_style import save_figure
 from study.formatting import capital, number, signed
 from study.pipeline.database import Database
-from study.pipeline.policy_files import FOLDER
+from study.pipeline.population_task import FOLDER
 from study.pipeline.progress import duration
 from study.pipeline.settings import StudySettings
 from study.pipeline.tables import write_rows

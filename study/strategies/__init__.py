@@ -5,15 +5,15 @@ plant        counts rollouts, and refuses the one beyond the budget
 session      a strategy's dialogue with plant and training, as far as there are agents, and rounds of many
 
 identified                    identify, then train once; mended by this project's diagnosis
-simopt, auto_tuned, adapt_sim, dropo, bayes_sim      adapt what is trained on
-readings, episode_network     states and summaries of rollouts, and what two of these learn from them
-candidates, gaussian_process  compare returns
+simopt, learned_search, dropo, bayes_sim    adapt what is trained on
+readings                      states and summaries of rollouts, which these compare
+candidates                    compare returns
 learning                      learn on the plant itself
 
 populations, designs                agents that train together, in simulation or on the plant; dynamic programs instead
 trial_plan, trial_experiment        cases fixed beforehand, as tasks: rounds of dialogues, agents and designs
 trial_findings, trial_page          returns over seeds and contrasts; tables, figures and page
-strategies_plan, _findings, _figures and _page      these strategies, compared
+strategies_plan, _findings and _page      these strategies, compared
 
 The experiment of `study.mismatch` is another plan of such cases.
 """

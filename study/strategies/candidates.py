@@ -3,21 +3,87 @@
 A candidate is a band, of +- w about a centre: x in the unit cube is (m, l, w), m and l within their bounds and w from 0
 to 0.5. Its agent plays one episode on the plant, from rest hanging down: a machine that starts alike returns alike, and
 one rollout compares two policies.
+
+Bayesian optimization proposes points of the cube from what was tried, x (N, D), and what came of it, y (N,): BoTorch's
+process and acquisition functions. Every answer of it is a function of these and the seed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Generator
+import contextlib
+import warnings
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
 from policies.environments.randomization import Band
-from study.strategies import gaussian_process
-from study.strategies.strategy import Choice, Dialogue, Situation, Strategy, Train, TrainedAgent, Try
+from study.strategies.strategy import Choice, Dialogue, Situation, Strategy, Train, TrainedAgent, Try, required
 from study.trials.training_setup import TrainingSetup
 from sysid.physics.ops import Array
+
+STARTS, SAMPLES = 8, 256
+"""Of the search for the largest value: local ones, and random points that these begin at."""
+
+
+def scattered(count: int, dimension: int, seed: int) -> Array:
+    """Points (N, D) spread evenly: Sobol's sequence, scrambled."""
+    from scipy.stats import qmc
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # a count that is no power of two is balanced enough
+        return qmc.Sobol(dimension, seed=np.random.default_rng(seed)).random(count)
+
+
+def improving(x: Array, y: Array, seed: int) -> Array:
+    """Where the expected improvement over the best value is largest (D,)."""
+    analytic = required("botorch.acquisition.analytic", "botorch", "BayRn")
+    with _seeded(seed + len(x)):
+        process = _fitted(x, y)
+        return _largest(analytic.LogExpectedImprovement(process, best_f=float(np.max(y))), x.shape[1])
+
+
+def most_promising(x: Array, y: Array, seed: int) -> Array:
+    """Where the process' mean is largest (D,)."""
+    analytic = required("botorch.acquisition.analytic", "botorch", "BayRn")
+    with _seeded(seed):
+        return _largest(analytic.PosteriorMean(_fitted(x, y)), x.shape[1])
+
+
+@contextlib.contextmanager
+def _seeded(seed: int) -> Iterator[None]:
+    """Torch's generator as if it began anew, and what BoTorch warns of kept quiet."""
+    import torch
+
+    with torch.random.fork_rng(devices=[]), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        torch.manual_seed(seed)
+        yield
+
+
+def _fitted(x: Array, y: Array) -> Any:
+    """A process with BoTorch's default kernel and priors, its numbers by maximum likelihood."""
+    import torch
+
+    models = required("botorch.models", "botorch", "BayRn")
+    fit = required("botorch.fit", "botorch", "BayRn").fit_gpytorch_mll
+    likelihoods = required("gpytorch.mlls", "gpytorch", "BayRn")
+    outcome = required("botorch.models.transforms", "botorch", "BayRn").Standardize(m=1)
+    targets = torch.as_tensor(y, dtype=torch.float64)[:, None]
+    process = models.SingleTaskGP(torch.as_tensor(x, dtype=torch.float64), targets, outcome_transform=outcome)
+    fit(likelihoods.ExactMarginalLogLikelihood(process.likelihood, process))
+    return process
+
+
+def _largest(acquisition: Any, dimension: int) -> Array:
+    import torch
+
+    optimize = required("botorch.optim", "botorch", "BayRn").optimize_acqf
+    cube = torch.tensor([[0.0] * dimension, [1.0] * dimension], dtype=torch.float64)
+    found, _ = optimize(acquisition, bounds=cube, q=1, num_restarts=STARTS, raw_samples=SAMPLES)
+    return np.round(found[0].detach().numpy(), 4)
+
 
 WIDEST = 0.5
 
@@ -72,14 +138,14 @@ class BayRn(Strategy):
 
     def spend(self, situation: Situation) -> Dialogue:
         """A first set of candidates, then one after the other where improvement is expected, until none is left."""
-        x = gaussian_process.scattered(self.begin, len(situation.names) + 1, situation.seed)
+        x = scattered(self.begin, len(situation.names) + 1, situation.seed)
         agents, returns = yield from tried(situation, x)
         while len(x) < situation.budget:
-            proposed = gaussian_process.improving(x, returns, situation.seed)
+            proposed = improving(x, returns, situation.seed)
             more, values = yield from tried(situation, proposed[None])
             x, returns, agents = np.vstack([x, proposed]), np.append(returns, values), agents + more
         best = int(np.argmax(returns))
-        promising = gaussian_process.most_promising(x, returns, situation.seed)
+        promising = most_promising(x, returns, situation.seed)
         return Choice(band(situation, promising), agents[best], float(returns[best]))
 
 

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from policies.network_policy import NetworkPolicy
-from study.pipeline.policy_files import FOLDER, read_policies
+from study.pipeline.population_task import FOLDER, read_policies
 from study.pipeline.settings import digest
 from study.pipeline.tables import ResultTable
 from study.strategies.plant import BudgetedPlant

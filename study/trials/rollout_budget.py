@@ -17,6 +17,7 @@ import numpy as np
 
 from policies.environments.randomization import Band, Mixture, Posterior, RandomForce, Randomization
 from study.trials.ground_truth import PRIOR
+from study.trials.learned_torque import fit_network
 from study.trials.training_setup import TrainingSetup
 from sysid import (
     Diagnosis,
@@ -147,8 +148,6 @@ class Budget:
         )
 
     def _network(self) -> TrainingSetup:
-        from study.trials.network_fit import fit_network
-
         learned = fit_network(self.fitted.model, self.records, self.sensor, np.random.default_rng([self.seed, 1]))
         return TrainingSetup(learned.model, center(self.fitted), about={"errors": [learned.before, learned.after]})
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from policies.environments.randomization import Randomization, from_json
 from study.pipeline.settings import digest
+from study.trials.learned_torque import CommandFilter, ResidualNetwork, stacked
 from study.trials.outside_effects import OUTSIDE
-from study.trials.residual_network import CommandFilter, ResidualNetwork, stacked
 from sysid import InvalidInput, Model
 from sysid.estimation.saved_model import from_dict, to_dict
 

@@ -23,8 +23,7 @@ from rich.console import Console
 from study.paper.finished_runs import RUNS, Run, run_table
 from study.paper.presets import PAPER, Preset
 from study.paper.reference_controllers import REFERENCES, Reference
-from study.paper.runs import ESTIMATES, Estimated, SweepPopulation
-from study.paper.sweep import Sweep, sweep_results
+from study.paper.sweep import ESTIMATES, Estimated, Sweep, SweepPopulation, sweep_results
 from study.paper.sweep_findings import PointFindings
 from study.pipeline.executor import BriefTask, Heard, Task
 from study.pipeline.stages import run

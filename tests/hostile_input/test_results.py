@@ -8,8 +8,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from study.paper.finished_runs import RUNS
-from study.paper.imported_runs import read_import, taken_up
+from study.paper.finished_runs import RUNS, read_import, taken_up
 from study.paper.presets import PRESETS
 from study.paper.sweep import Sweep, sweep_results
 from tests.hostile_input.answering import CELLS, ESC, answered, many

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from policies.control.interpolation import Axis, corners
+from policies.control.dynamic_programming import Axis, corners
 
 CIRCLE, LINE, THIRD = Axis(2.0 * math.pi, 8, circle=True), Axis(6.0, 7), Axis(4.0, 5)
 

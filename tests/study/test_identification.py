@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from study.paper.presets import PAPER, PRESETS, Point
-from study.paper.runs import identification_task, identify
+from study.paper.sweep import identification_task, identify
 from sysid import InvalidInput
 
 PUBLISHED = Path(__file__).resolve().parents[3] / "shared" / "data" / "paper"

@@ -13,9 +13,8 @@ from matplotlib.image import imread
 
 from study.figure_style import STYLE, save_figure
 from study.formatting import MINUS
-from study.mismatch.mismatch_figures import strategy_returns
 from study.mismatch.mismatch_findings import MismatchFindings, Split, Verdict
-from study.mismatch.mismatch_page import CAPTION, mismatch_account
+from study.mismatch.mismatch_page import CAPTION, mismatch_account, strategy_returns
 from study.mismatch.mismatch_plan import PLANS, STRATEGIES
 from study.pipeline.publication import Section
 from study.statistics import paired_t

@@ -9,11 +9,16 @@ import pytest
 
 from study.mismatch import naming
 from study.mismatch.mismatch_plan import PLANS
-from study.mismatch.naming import BUDGETS, FIRST, MOST, NamingExperiment, main, measure
-from study.mismatch.naming_results import (
+from study.mismatch.naming import (
+    BUDGETS,
+    FIRST,
+    MOST,
     NAMING_TABLE,
+    NamingExperiment,
     NamingResult,
     is_right,
+    main,
+    measure,
     naming_errors,
     naming_table,
     read_naming,

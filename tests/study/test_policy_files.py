@@ -9,7 +9,7 @@ import pytest
 from policies.training.population import NetworkPolicy
 from study.paper.presets import Cell
 from study.paper.protocol import paper_model
-from study.pipeline.policy_files import read_policies, write_policies
+from study.pipeline.population_task import read_policies, write_policies
 from sysid import InvalidInput
 
 CELLS = (Cell("main", 0, 0.0, 0), Cell("large_gap", 50, 0.1, 7))

@@ -10,8 +10,15 @@ from study.mismatch.measured import rollouts
 from study.strategies.plant import SENSORS
 from study.trials.ground_truth import PRIOR
 from study.trials.hidden_plant import DELAY_LARGE, PLAIN
-from study.trials.network_fit import Weights, Windows, fit_network
-from study.trials.residual_network import CommandFilter, ResidualNetwork, stacked, untrained
+from study.trials.learned_torque import (
+    CommandFilter,
+    ResidualNetwork,
+    Weights,
+    Windows,
+    fit_network,
+    stacked,
+    untrained,
+)
 from sysid import InvalidInput, RodPendulum, Viscous, effect, fit, simulate
 
 SENSOR = SENSORS["encoder"]

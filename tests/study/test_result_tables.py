@@ -9,8 +9,7 @@ from study.mismatch.mismatch_plan import PLANS
 from study.paper.finished_runs import RUNS, Run
 from study.paper.presets import PRESETS, Cell
 from study.paper.reference_controllers import REFERENCES, Reference
-from study.paper.runs import ESTIMATES, Estimated
-from study.paper.sweep import sweep_results
+from study.paper.sweep import ESTIMATES, Estimated, sweep_results
 from study.strategies.designs import DESIGNS, Designed
 from study.strategies.populations import TRAININGS, Trained
 from study.strategies.session import STEPS, CaseRound

@@ -13,10 +13,9 @@ from study.paper.finished_runs import RUNS
 from study.paper.presets import Point, Preset
 from study.paper.protocol import paper_model
 from study.paper.reference_controllers import REFERENCES
-from study.paper.runs import SweepPopulation, identify
-from study.paper.sweep import Sweep, sweep_results
+from study.paper.sweep import Sweep, SweepPopulation, identify, sweep_results
 from study.paper.sweep_page import outputs
-from study.pipeline.policy_files import read_policies
+from study.pipeline.population_task import read_policies
 from study.pipeline.publication import PUBLISHED
 from study.pipeline.stages import run
 from sysid import InvalidInput
@@ -132,7 +131,7 @@ def test_a_finished_study_has_nothing_left_to_do(finished):
 
 def test_the_narrowest_and_the_widest_band_train_first(tmp_path, monkeypatch):
     """A sweep that is stopped early then knows what width costs."""
-    monkeypatch.setattr("study.paper.runs.SweepPopulation.run", lambda self, link: [])
+    monkeypatch.setattr("study.paper.sweep.SweepPopulation.run", lambda self, link: [])
     wide = dataclasses.replace(MANY, points=(Point("main", (0, 2), (0.0, 0.1, 0.3, 0.5), (0,)),), population=2)
     with sweep_results(tmp_path, wide) as store:
         executor = Inline()
@@ -141,7 +140,7 @@ def test_the_narrowest_and_the_widest_band_train_first(tmp_path, monkeypatch):
 
 
 def test_on_another_device_all_agents_train_together(finished, tmp_path, monkeypatch):
-    monkeypatch.setattr("study.paper.runs.SweepPopulation.run", lambda self, link: [])
+    monkeypatch.setattr("study.paper.sweep.SweepPopulation.run", lambda self, link: [])
     with sweep_results(tmp_path, MANY, "cuda") as store:
         executor = Inline()
         run(Sweep(MANY, store, 1e9), executor, Console(file=io.StringIO()))

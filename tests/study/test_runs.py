@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from study.paper.presets import SMOKE
-from study.paper.runs import SweepPopulation
+from study.paper.sweep import SweepPopulation
 from study.pipeline.executor import Stopped
 
 TINY = dataclasses.replace(SMOKE, steps=300, random_steps=100, batch=8, episodes=2)

@@ -20,8 +20,8 @@ from study.strategies.catalogue import PLACES, strategy_class
 from study.strategies.designs import OPTIMUM, Designed
 from study.strategies.populations import GoesOnLearning, Trained, _read, _write, networks_of
 from study.strategies.session import CaseRound
-from study.strategies.strategies_figures import LOOKS, returns_of_strategies
 from study.strategies.strategies_findings import strategies_findings, strategies_sentences
+from study.strategies.strategies_page import LOOKS, returns_of_strategies
 from study.strategies.strategies_plan import PLANS, StrategiesPlan
 from study.strategies.trial_findings import TrialResults
 from study.trials.ground_truth import PRIOR

@@ -11,11 +11,10 @@ from policies.control.dynamic_programming import solve
 from policies.environments import task
 from policies.evaluation import evaluate, rollout
 from study.paper.protocol import paper_model
-from study.strategies.adapt_sim import TABLE, AdaptSim, Levels
-from study.strategies.auto_tuned import AutoTuned
 from study.strategies.bayes_sim import BayesSim, DensityNetwork, statistics
 from study.strategies.candidates import CrossEntropy
 from study.strategies.identified import designed
+from study.strategies.learned_search import TABLE, AdaptSim, AutoTuned, Levels
 from study.strategies.plant import SENSORS, BudgetedPlant
 from study.strategies.readings import sensed, smoothed, smoothing_covariance, summary_statistics
 from study.strategies.simopt import SimOpt, reps_weights, weighted_normal
@@ -101,7 +100,7 @@ def test_dropo_widens_where_the_parameters_really_differ_from_rollout_to_rollout
 
 def test_bayesian_optimization_finds_the_optimum_of_a_known_function():
     pytest.importorskip("botorch")
-    from study.strategies.gaussian_process import improving, most_promising, scattered
+    from study.strategies.candidates import improving, most_promising, scattered
 
     top = np.array([0.7, 0.3, 0.4])
 

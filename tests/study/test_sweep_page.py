@@ -14,7 +14,7 @@ from matplotlib.text import Annotation
 
 from study.figure_style import STYLE
 from study.formatting import MINUS
-from study.paper import sweep_figures as figures
+from study.paper import paper_figures as figures
 from study.paper.finished_runs import run_table
 from study.paper.published_numbers import CellSummary
 from study.paper.reproduction import reproduce

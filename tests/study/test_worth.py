@@ -13,9 +13,8 @@ import pytest
 
 from study.paper.protocol import averaged_sensor, paper_model, paper_rollouts, transitions
 from study.worth.__main__ import main
-from study.worth.coordinates import NormalCoordinates
 from study.worth.decision import SwingUpDecision
-from study.worth.posterior import BoundedNormal
+from study.worth.posterior import BoundedNormal, NormalCoordinates
 from study.worth.value_of_information import AS_BEFORE, DESIGNED, Worth, cost_of_errors, worth_of_rollouts
 from sysid import Coulomb, Estimate, GeneralJoint, GridSearch, InvalidInput, Model, PointMassPendulum, Sensor, fit
 from sysid.physics.plants import Plant

@@ -1,24 +1,130 @@
-"""AdaptSim: an adaptation policy, learned in simulation, moves the simulator to where policies do better."""
+"""Strategies that search for the parameters as a network says, which learned from simulated episodes where to go.
+
+auto-tuned transfer   of each parameter, whether it is too high or too low
+AdaptSim              which step brings the simulator to where policies do better
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache, cached_property
-from itertools import product
-from typing import ClassVar
+from itertools import pairwise, product
+from typing import Any, ClassVar
 
 import numpy as np
+from scipy.special import expit
 
 from policies.control.dynamic_programming import Grid, solve
 from policies.environments import task
 from policies.environments.randomization import Band
+from policies.evaluation import Policy
 from study.strategies.bayes_sim import played, statistics
-from study.strategies.episode_network import EpisodeNetwork
 from study.strategies.readings import reads_angles
 from study.strategies.strategy import Dialogue, Situation, Strategy, Train, Try
 from study.trials.training_setup import TrainingSetup
 from sysid import Model, Sensor
 from sysid.physics.ops import Array
+
+
+class EpisodeNetwork:
+    """Numbers (N, A) from statistics of episodes (N, F) and a place x (N, P) in the unit cube, by two hidden layers."""
+
+    def __init__(self, width: int, epochs: int) -> None:
+        self.width, self.epochs = width, epochs
+
+    def fit(self, seen: Array, x: Array, targets: Array, loss: str, rng: np.random.Generator) -> None:
+        """Train on targets (N, A) by a loss of torch.nn.functional, on all data at once."""
+        import torch
+
+        self.shift, self.scale = np.mean(seen, axis=0), np.std(seen, axis=0) + 1e-9
+        inputs, sizes = self._inputs(seen, x), (seen.shape[1] + x.shape[1], self.width, self.width, targets.shape[1])
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(int(rng.integers(2**31)))
+            layers = [torch.nn.Linear(a, b) for a, b in pairwise(sizes)]
+            tanh = torch.nn.Tanh()
+            self.network = torch.nn.Sequential(layers[0], tanh, layers[1], tanh, layers[2]).double()
+        wanted, optimizer = torch.as_tensor(targets), torch.optim.Adam(self.network.parameters(), lr=1e-2)
+        for _ in range(self.epochs):
+            optimizer.zero_grad()
+            getattr(torch.nn.functional, loss)(self.network(inputs), wanted).backward()
+            optimizer.step()
+
+    def answers(self, seen: Array, x: Array) -> Array:
+        """What it says of each episode (N, F), its place x (P,) the same for all."""
+        import torch
+
+        with torch.no_grad():
+            found: Array = self.network(self._inputs(seen, np.broadcast_to(x, (len(seen), x.shape[-1])))).numpy()
+        return found
+
+    def _inputs(self, seen: Array, x: Array) -> Any:
+        import torch
+
+        return torch.as_tensor(np.concatenate([(seen - self.shift) / self.scale, 2.0 * x - 1.0], axis=1))
+
+
+@dataclass(frozen=True)
+class AutoTuned(Strategy):
+    """Du, Watkins, Darrell, Abbeel and Pathak, "Auto-tuned sim-to-real transfer", ICRA 2021.
+
+    A policy is trained at the parameters and played on the plant. Simulated episodes of the same policy teach a network
+    to tell, from an episode and a candidate, the odds that each of the candidate's parameters is above the one that the
+    episode was made with; shown the real episodes, it says where to go. Again, up to `rounds` times.
+
+    simulations   episodes of a round, each with candidates of its own; w: of the band that is trained on
+    steps, pace   of the search, the first step as a share of the plausible range
+
+    Changed: the network sees statistics of the states where the source's sees images.
+    """
+
+    rounds: int = 5
+    simulations: int = 1000
+    candidates: int = 8
+    steps: int = 60
+    pace: float = 0.1
+    w: float = 0.1
+    short: ClassVar[str] = "auto-tuned transfer"
+    source: ClassVar[str] = "Du 2021"
+    group: ClassVar[str] = "adapted"
+    in_rounds: ClassVar[bool] = True
+
+    def spend(self, situation: Situation) -> Dialogue:
+        """Rounds of training, playing and a search that follows the network, then training where they led."""
+        values = situation.believed
+        for share in situation.rounds(self.rounds):
+            (agent,) = yield Train((TrainingSetup(situation.prior, Band(situation.named(values), self.w)),))
+            tried = yield Try(agent, share, at_rest=False)
+            seen = np.array([statistics(situation, r.u, r.theta, r.theta_dot) for r in tried.records])
+            whole = reads_angles(tried.records[0].theta)
+            network = self.taught(situation, *self.episodes(situation, agent.policy, whole))
+            values = self.searched(network, seen, values, situation.bounds)
+        return TrainingSetup(situation.prior, Band(situation.named(values), self.w))
+
+    def episodes(self, situation: Situation, policy: Policy, whole: bool) -> tuple[Array, Array]:
+        """Statistics (S, F) of simulated episodes as the sensors read them, and their parameters (S, P)."""
+        rng, (low, high) = situation.rng, situation.bounds.T
+        values = rng.uniform(low, high, (self.simulations, len(low)))
+        starts = np.array([task.start_state(rng) for _ in values]).T
+        return played(situation, policy, situation.model(values), starts, whole)[0], values
+
+    def taught(self, situation: Situation, seen: Array, values: Array) -> EpisodeNetwork:
+        """The network, taught with random candidates for each of the episodes: log odds that one is too high."""
+        low, high = situation.bounds.T
+        seen, values = (np.repeat(own, self.candidates, axis=0) for own in (seen, values))
+        tried, network = situation.rng.uniform(low, high, values.shape), EpisodeNetwork(width=32, epochs=300)
+        loss = "binary_cross_entropy_with_logits"
+        network.fit(seen, (tried - low) / (high - low), (tried > values).astype(float), loss, situation.rng)
+        return network
+
+    def searched(self, network: EpisodeNetwork, seen: Array, values: Array, bounds: Array) -> Array:
+        """Where the network finds the parameters neither too high nor too low, in the mean of the episodes."""
+        low, high = bounds.T
+        x = (values - low) / (high - low)
+        for step in range(self.steps):
+            odds = np.mean(expit(network.answers(seen, x)), axis=0)
+            x = np.clip(x + self.pace * 2.0 ** (-4.0 * step / self.steps) * (1.0 - 2.0 * odds), 0.0, 1.0)
+        return low + np.round(x, 4) * (high - low)
+
 
 TABLE = Grid(60, 61, u=5)
 """Of the policies in meta-training: their returns are within some percent of the best."""
