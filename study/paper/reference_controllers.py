@@ -35,28 +35,18 @@ CONTROLLERS = (OPTIMAL, LQR, SWING_UP)
 
 @dataclass(frozen=True)
 class Reference:
-    """The mean return on the hidden plant (truth_m, truth_l), from a seed's start states, of a controller designed at
-    (m, l) on a table of so many angles; with what made it."""
+    """The mean return on the hidden plant at truth, from a seed's start states, of a controller designed at theta on a
+    table of so many angles; with what made it."""
 
     controller: str
-    m: float
-    l: float  # noqa: E741
-    truth_m: float
-    truth_l: float
+    theta: Theta
+    truth: Theta
     seed: int
     return_mean: float
     grid: int
     episodes: int
     versions: dict[str, str] = field(default_factory=dict)
     seconds: float = 0.0
-
-    @property
-    def theta(self) -> Theta:
-        return self.m, self.l
-
-    @property
-    def truth(self) -> Theta:
-        return self.truth_m, self.truth_l
 
     @property
     def key(self) -> tuple[str, float, float, float, float]:
@@ -83,7 +73,7 @@ def referred(
     rows = {truth: evaluate(policy, paper_model(*truth), *starts).returns for truth in truths}
     seconds, found = (time.monotonic() - begin) / (len(seeds) * len(rows)), versions()
     return [
-        Reference(controller, *theta, *truth, seed, mean, preset.grid, preset.episodes, found, seconds)
+        Reference(controller, theta, truth, seed, mean, preset.grid, preset.episodes, found, seconds)
         for truth, returns in rows.items()
         for seed, mean in zip(seeds, np.mean(returns.reshape(len(seeds), -1), axis=1).tolist(), strict=True)
     ]

@@ -115,18 +115,10 @@ class CaseRound:
     answer   what the strategy gave back, with what it spent: it is the last round
     """
 
-    plant: str
-    sensing: str
-    strategy: str
-    n: int
-    seed: int
+    case: Case
     round: int
     payload: dict[str, Any]
     seconds: float
-
-    @property
-    def case(self) -> Case:
-        return Case(self.plant, self.sensing, self.strategy, self.n, self.seed)
 
 
 STEPS = ResultTable(
@@ -156,7 +148,7 @@ def steps(
     for case in cases:
         begin = time.perf_counter()
         payload = step(plan, case, policy)
-        found.append(CaseRound(*case, current, payload, time.perf_counter() - begin))
+        found.append(CaseRound(case, current, payload, time.perf_counter() - begin))
         progress(len(found) / len(cases))
     return found
 

@@ -85,9 +85,9 @@ class TrialExperiment(StudyExperiment):
 
     def _designs(self, waited: Sequence[CaseRound]) -> Iterator[BriefTask]:
         """What the optimum returns, and what is designed on the models of the plan's centers."""
-        fitted = [step for step in waited if step.strategy in self.plan.centers and "answer" in step.payload]
+        fitted = [step for step in waited if step.case.strategy in self.plan.centers and "answer" in step.payload]
         models = (
-            (step.plant, step.seed, step.payload["setups"][step.payload["answer"]["deployed"]]) for step in fitted
+            (step.case.plant, step.case.seed, step.payload["setups"][step.payload["answer"]["deployed"]]) for step in fitted
         )
         return design_tasks(self.plan, self.results, models)
 
@@ -124,10 +124,10 @@ class TrialExperiment(StudyExperiment):
         learners: dict[str, Learner] = {}
         for step in waited:
             for key, setup in step.payload["setups"].items():
-                setups.setdefault(key, (setup, step.seed))
+                setups.setdefault(key, (setup, step.case.seed))
             if step.payload["learn"]:
                 key, start, rollouts = step.payload["learn"]
-                learners.setdefault(key, Learner(key, start, rollouts, step.seed, step.plant))
+                learners.setdefault(key, Learner(key, start, rollouts, step.case.seed, step.case.plant))
         agents = [AgentToTrain(key, own, seed) for key, (own, seed) in setups.items() if key not in known]
         tasks = list[PopulationTask]()
         for goes_on, plan in ((False, self.plan), (True, self.plan.of_learners)):

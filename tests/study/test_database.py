@@ -58,7 +58,7 @@ class Kind:
 
 
 RUN = Run(Cell("main", 5, 0.5, 1), (1.785, 1.65), 0.26, -1.25, 0.0, -3.0, 7.5, (-1.25,), (), ((200, -3.5),))
-ROUND = CaseRound("coulomb", "encoder", "c", 5, 1, 0, {"verdict": "coulomb"}, 7.5)
+ROUND = CaseRound(Case("coulomb", "encoder", "c", 5, 1), 0, {"verdict": "coulomb"}, 7.5)
 LARGE = RUN.cell._replace(seed=2)
 KINDS = {
     "study": Kind(
@@ -67,7 +67,7 @@ KINDS = {
     ),
     "mismatch": Kind(
         trial_results, Plan(), (*TABLES, FIGURE), ROUND,
-        dataclasses.replace(ROUND, seed=2, payload={"steps": [1] * 700_000}), STEPS,
+        dataclasses.replace(ROUND, case=ROUND.case._replace(seed=2), payload={"steps": [1] * 700_000}), STEPS,
     ),
 }  # fmt: skip
 

@@ -44,7 +44,7 @@ def invented():
             setup = dataclasses.replace(setup, verdict=said[0], steps=said[1], about={"believed": named})
         key = f"{key_of(setup, seed)}-{case.strategy}-{case.plant}"
         answer = {"deployed": key, "best": None, "observed": None, "rollouts": case.n, "simulated": 7}
-        rounds.append(CaseRound(*case, 0, {"setups": {key: setup.to_json()}, "learn": None, "answer": answer}, 1.0))
+        rounds.append(CaseRound(case, 0, {"setups": {key: setup.to_json()}, "learn": None, "answer": answer}, 1.0))
         reached = RETURNS[case.strategy] + np.random.default_rng(seed).normal(0.0, 5.0)
         trained.append(Trained(key, {own.name: (reached,) * 2 for own in PLAN.plants}, (), {}, 10.0))
         if case.strategy in PLAN.centers:

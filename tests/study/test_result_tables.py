@@ -20,7 +20,7 @@ MISMATCH = PLANS["mismatch-smoke"]
 SWEEP = dataclasses.replace(PRESETS["smoke"], name=MISMATCH.name)
 CURVE, SETTINGS = ((200, -3.5),), {"sac": {"steps": 1}}
 MODEL = {"effects": [{"name": "delay", "T": 0.126}], "sd": [0.1, 1e-17], "unit": None}
-ROUND = CaseRound("delay_medium", "encoder", "mended", 5, 1, 0, {"model": MODEL, "verdict": "delay"}, 7.5)
+ROUND = CaseRound(Case("delay_medium", "encoder", "mended", 5, 1), 0, {"model": MODEL, "verdict": "delay"}, 7.5)
 TRAINED = Trained("0f3a", {"plain": (-1.25, -2.5), "magnet": (-0.1,)}, ((200, -3.5), (400, -2.0)), {"torch": "2"}, 9.0)
 EPISODES = (-1.25, -2.5), (-3.0,)
 RUN = Run(
@@ -32,7 +32,7 @@ ROWS = {
     "designs": (DESIGNS, Designed("magnet", "0f3a", 1, (-1.0, -2.0), 3.0), {"seed": 0}),
     "estimates": (ESTIMATES, Estimated("main", 5, 1, (1.785, 1.65), 0.5), {"seed": 0}),
     "runs": (RUNS, RUN, {"cell": RUN.cell._replace(seed=0)}),
-    "references": (REFERENCES, Reference("lqr", 2.1, 1.5, 2.0, 1.5, 1, -1.0, 40, 4, {"numpy": "2"}, 3.0), {"seed": 0}),
+    "references": (REFERENCES, Reference("lqr", (2.1, 1.5), (2.0, 1.5), 1, -1.0, 40, 4, {"numpy": "2"}, 3.0), {"seed": 0}),
 }
 """Of each table a row, and what makes another one of it that sorts before it."""
 

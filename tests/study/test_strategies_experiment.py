@@ -140,7 +140,7 @@ def invented(returns, optimum=-100.0, budgets=(5, 10, 25)):
         compares = case.strategy == "cross_entropy"
         answer = {"deployed": key, "best": best if compares else None, "observed": -90.0 if compares else None,
                   "rollouts": case.n, "simulated": 7}  # fmt: skip
-        steps.append(CaseRound(*case, 0, {"setups": {}, "learn": None, "answer": answer}, 3600.0))
+        steps.append(CaseRound(case, 0, {"setups": {}, "learn": None, "answer": answer}, 3600.0))
         worth = returns[case.strategy, case.n] + 0.1 * case.seed
         trained.append(Trained(key, {"plain": (worth, worth)}, (), {}, 0.0))
         if compares:
