@@ -132,7 +132,7 @@ def _run_options(options: Options) -> RunOptions:
 
 def _executor(options: Options) -> Executor:
     from study.pipeline.cluster import Cluster
-    from study.pipeline.processes import Processes
+    from study.pipeline.executor import Processes
     from study.pipeline.settings import check_device
     from sysid.errors import InvalidInput
 

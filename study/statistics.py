@@ -5,11 +5,10 @@
     paired t    mean(d) +- t sem(d),   t the 97.5 % quantile of Student's t with S - 1 degrees of freedom
     Welch       mean(a) - mean(b) +- t sqrt(sem(a)^2 + sem(b)^2), for cells that share nothing
     Holm        p-values of a family, raised for how many were looked at
-    Wilson      the 95 % interval of a share of S, by scipy
 
 A seed fixes the measurement, the training streams and the start states of a run, so pairing removes what these share.
 Sources: paper, Sec. II-C; Efron & Tibshirani, "An Introduction to the Bootstrap" (1993), Ch. 13; Welch, Biometrika 34
-(1947) 28; Wilson, J. Am. Stat. Assoc. 22 (1927) 209.
+(1947) 28.
 """
 
 from __future__ import annotations
@@ -108,16 +107,6 @@ def welch(a: tuple[float, float, int], b: tuple[float, float, int], level: float
     seeds = min(a[2], b[2])
     dof = total**2 / weight if weight > 0.0 else float(seeds - 1)
     return student(a[0] - b[0], math.sqrt(total), seeds, dof, level)
-
-
-def wilson(hits: int, tries: int) -> tuple[float, float]:
-    """The interval of a rate. Raises InvalidInput where there are no tries, or more hits than tries."""
-    if not 0 <= hits <= tries or tries == 0:
-        raise InvalidInput(f"{hits} hits in {tries} tries: expected at least one try, and no more hits than tries")
-    from scipy.stats import binomtest
-
-    low, high = binomtest(hits, tries).proportion_ci(method="wilson")
-    return float(low), float(high)
 
 
 def _difference(a: ArrayLike, b: ArrayLike | None) -> Array:

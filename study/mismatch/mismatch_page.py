@@ -17,8 +17,7 @@ from study.formatting import number
 from study.mismatch.mismatch_findings import MismatchFindings, mismatch_findings, mismatch_sentences
 from study.mismatch.mismatch_plan import STRATEGIES, MismatchPlan
 from study.pipeline.publication import Account
-from study.strategies.trial_findings import TrialResults
-from study.strategies.trial_page import trial_account
+from study.strategies.trial_findings import TrialResults, trial_account
 from study.trials.hidden_plant import HiddenPlant
 
 INKS = {"nothing": "0.45", "plain": "#0072B2", "mended": "#D55E00", "oracle": "0.1"}

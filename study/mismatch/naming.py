@@ -27,15 +27,14 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 from rich.table import Table
+from scipy.stats import binomtest
 
 from study.formatting import capital
 from study.mismatch.measured import rollouts
 from study.mismatch.mismatch_plan import PLANS, MismatchPlan
-from study.pipeline.executor import BriefTask, Task, WorkerFailed
-from study.pipeline.processes import Processes
+from study.pipeline.executor import BriefTask, Processes, Task, WorkerFailed
 from study.pipeline.stages import Stage, StudyExperiment, run
 from study.pipeline.tables import read_table, write_table
-from study.statistics import wilson
 from study.strategies.plant import SENSORS
 from study.trials.ground_truth import ground_truth
 from study.trials.hidden_plant import PLAIN, HiddenPlant
@@ -117,7 +116,7 @@ def _cell(rows: Sequence[NamingResult]) -> str:
     if not rows:
         return ""
     right = sum(row.right for row in rows)
-    low, high = wilson(right, len(rows))
+    low, high = binomtest(right, len(rows)).proportion_ci(method="wilson")
     fitted, mended = (f"{100.0 * error:.2g}" for error in naming_errors(rows))
     return f"{100 * right / len(rows):.0f} [{100 * low:.0f}, {100 * high:.0f}]\n({fitted}, {mended})"
 

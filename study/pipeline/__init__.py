@@ -2,7 +2,7 @@
 
 stages           an experiment as stages of tasks, and what runs it to its end
 settings         frozen plain data that results are tied to; versions: of what made a number
-executor         what runs tasks; behind it processes and cluster
+executor         what runs tasks: processes of this machine, or a cluster
 population_task  a task that trains one population, with checkpoint and policies; progress: how far tasks are
 database         a results folder: one SQLite file, whose tables are of tables
 tables           rows of dataclasses in a database and as CSV

@@ -12,7 +12,7 @@ learning                      learn on the plant itself
 
 populations, designs                agents that train together, in simulation or on the plant; dynamic programs instead
 trial_plan, trial_experiment        cases fixed beforehand, as tasks: rounds of dialogues, agents and designs
-trial_findings, trial_page          returns over seeds and contrasts; tables, figures and page
+trial_findings                      returns over seeds and contrasts, and their tables
 strategies_plan, _findings and _page      these strategies, compared
 
 The experiment of `study.mismatch` is another plan of such cases.

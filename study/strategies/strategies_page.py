@@ -20,8 +20,7 @@ from study.pipeline.publication import Account
 from study.strategies.catalogue import strategy_class
 from study.strategies.strategies_findings import StrategiesFindings, strategies_findings, strategies_sentences
 from study.strategies.strategies_plan import BASELINE, StrategiesPlan
-from study.strategies.trial_findings import Outcome, TrialResults
-from study.strategies.trial_page import trial_account
+from study.strategies.trial_findings import Outcome, TrialResults, trial_account
 
 GROUPS = {
     "nothing": "no rollouts",

@@ -35,8 +35,7 @@ from study.strategies.populations import (
 )
 from study.strategies.session import CRITICS, STEPS, CaseRound, steps
 from study.strategies.strategies_plan import StrategiesPlan
-from study.strategies.trial_findings import TrialResults
-from study.strategies.trial_page import FIGURE, TABLES
+from study.strategies.trial_findings import FIGURE, TABLES, TrialResults
 from study.strategies.trial_plan import Case, TrialPlan
 
 
@@ -87,7 +86,8 @@ class TrialExperiment(StudyExperiment):
         """What the optimum returns, and what is designed on the models of the plan's centers."""
         fitted = [step for step in waited if step.case.strategy in self.plan.centers and "answer" in step.payload]
         models = (
-            (step.case.plant, step.case.seed, step.payload["setups"][step.payload["answer"]["deployed"]]) for step in fitted
+            (step.case.plant, step.case.seed, step.payload["setups"][step.payload["answer"]["deployed"]])
+            for step in fitted
         )
         return design_tasks(self.plan, self.results, models)
 

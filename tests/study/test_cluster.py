@@ -17,8 +17,7 @@ from study.paper.presets import SMOKE
 from study.paper.reference_controllers import REFERENCES
 from study.paper.sweep import Sweep, sweep_results
 from study.pipeline.cluster import Cluster
-from study.pipeline.executor import WorkerFailed
-from study.pipeline.processes import Processes
+from study.pipeline.executor import Processes, WorkerFailed
 from study.pipeline.stages import run as run_study
 from study.pipeline.tables import write_rows
 from study.pipeline.versions import versions

@@ -6,23 +6,14 @@ import os
 import sqlite3
 import subprocess
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import pytest
 
-from study.paper.finished_runs import RUNS, Run
-from study.paper.presets import SMOKE, Cell
-from study.paper.sweep import sweep_results
-from study.paper.sweep_page import outputs
 from study.pipeline.database import Database
-from study.pipeline.publication import PUBLISHED
 from study.pipeline.settings import StudySettings
-from study.pipeline.tables import ResultTable
 from study.strategies.session import STEPS, CaseRound
-from study.strategies.trial_experiment import trial_results
-from study.strategies.trial_page import FIGURE, TABLES
+from study.strategies.trial_plan import Case
 from sysid import InvalidInput
 
 
@@ -33,72 +24,40 @@ class Plan(StudySettings):
     name: str = "trial"
     steps: int = 1200
     layout = 1
-    page = "study.mismatch.mismatch_page"
 
 
-TIED = Plan()
+TIED, OUTPUTS = Plan(), ("cases.csv", "policies")
+ITEM = CaseRound(Case("coulomb", "encoder", "c", 5, 1), 0, {"verdict": "coulomb"}, 7.5)
+LARGE = dataclasses.replace(ITEM, case=ITEM.case._replace(seed=2), payload={"steps": [1] * 700_000})
+"""2 MB."""
 
 
-@dataclass(frozen=True)
-class Kind:
-    """A kind of results folder: how it is opened, and how it keeps two items, the second one of 2 MB."""
-
-    open: Callable[..., Database]
-    settings: StudySettings
-    outputs: tuple[str, ...]
-    item: Any
-    large: Any
-    table: ResultTable
-
-    def add(self, store, items):
-        store.add(self.table, items)
-
-    def items(self, store):
-        return store.all(self.table)
-
-
-RUN = Run(Cell("main", 5, 0.5, 1), (1.785, 1.65), 0.26, -1.25, 0.0, -3.0, 7.5, (-1.25,), (), ((200, -3.5),))
-ROUND = CaseRound(Case("coulomb", "encoder", "c", 5, 1), 0, {"verdict": "coulomb"}, 7.5)
-LARGE = RUN.cell._replace(seed=2)
-KINDS = {
-    "study": Kind(
-        sweep_results, SMOKE, (*outputs(SMOKE), *PUBLISHED), RUN,
-        dataclasses.replace(RUN, cell=LARGE, curve=RUN.curve * 200_000), RUNS,
-    ),
-    "mismatch": Kind(
-        trial_results, Plan(), (*TABLES, FIGURE), ROUND,
-        dataclasses.replace(ROUND, case=ROUND.case._replace(seed=2), payload={"steps": [1] * 700_000}), STEPS,
-    ),
-}  # fmt: skip
-
-
-@pytest.fixture(params=KINDS)
-def kind(request):
-    return KINDS[request.param]
+def opened(folder, settings=TIED, device="cpu"):
+    return Database(folder, settings, (STEPS,), OUTPUTS, device)
 
 
 def contents(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir() if not path.name.startswith("results.sqlite-")}
 
 
-def test_what_went_in_comes_out_again(kind, tmp_path):
-    with kind.open(tmp_path / "a" / "b", kind.settings) as store:
-        kind.add(store, [kind.item])
-    with kind.open(tmp_path / "a" / "b", kind.settings) as store:
-        assert kind.items(store) == [kind.item]
+def test_what_went_in_comes_out_again(tmp_path):
+    with opened(tmp_path / "a" / "b") as store:
+        store.add(STEPS, [ITEM])
+    with opened(tmp_path / "a" / "b") as store:
+        assert store.all(STEPS) == [ITEM]
         assert store.db.execute("PRAGMA journal_mode").fetchone() == ("wal",)
 
 
-def test_a_reader_can_look_while_a_study_runs(kind, tmp_path):
-    with kind.open(tmp_path, kind.settings) as store:
-        kind.add(store, [kind.item])
+def test_a_reader_can_look_while_a_study_runs(tmp_path):
+    with opened(tmp_path) as store:
+        store.add(STEPS, [ITEM])
         with sqlite3.connect(f"file:{store.path}?mode=ro", uri=True) as reader:
             assert list(reader.iterdump()) == list(store.db.iterdump())
 
 
-def test_what_breaks_in_a_transaction_leaves_nothing(kind, tmp_path):
-    with kind.open(tmp_path, kind.settings) as store:
-        kind.add(store, [kind.item])
+def test_what_breaks_in_a_transaction_leaves_nothing(tmp_path):
+    with opened(tmp_path) as store:
+        store.add(STEPS, [ITEM])
         before = list(store.db.iterdump())
         with pytest.raises(KeyboardInterrupt), store.transaction() as db:
             db.execute("DELETE FROM meta")
@@ -118,7 +77,6 @@ class Plan(StudySettings):
     name: str = "trial"
     steps: int = 1200
     layout = 1
-    page = "study.mismatch.mismatch_page"
 
 database = Database(Path(sys.argv[1]), Plan())
 with database.transaction() as db:
@@ -136,37 +94,37 @@ def test_a_process_that_dies_in_a_transaction_leaves_nothing_and_no_lock(tmp_pat
     assert "first" in kept and "second" not in kept
 
 
-def test_a_folder_of_another_name_is_refused_and_left_alone(kind, tmp_path):
-    with kind.open(tmp_path, kind.settings) as store:
-        kind.add(store, [kind.item])
+def test_a_folder_of_another_name_is_refused_and_left_alone(tmp_path):
+    with opened(tmp_path) as store:
+        store.add(STEPS, [ITEM])
     before = contents(tmp_path)
-    with pytest.raises(InvalidInput, match=f"preset '{kind.settings.name}', expected 'other'"):
-        kind.open(tmp_path, dataclasses.replace(kind.settings, name="other"))
+    with pytest.raises(InvalidInput, match=f"preset '{TIED.name}', expected 'other'"):
+        opened(tmp_path, dataclasses.replace(TIED, name="other"))
     assert contents(tmp_path) == before
 
 
-def test_a_folder_of_other_settings_is_refused_and_left_alone(kind, tmp_path):
-    with kind.open(tmp_path, kind.settings) as store:
-        kind.add(store, [kind.item])
+def test_a_folder_of_other_settings_is_refused_and_left_alone(tmp_path):
+    with opened(tmp_path) as store:
+        store.add(STEPS, [ITEM])
     before = contents(tmp_path)
-    with pytest.raises(InvalidInput, match=rf"preset '{kind.settings.name}' \(steps = 1200, now 700\)"):
-        kind.open(tmp_path, dataclasses.replace(kind.settings, steps=700))
+    with pytest.raises(InvalidInput, match=rf"preset '{TIED.name}' \(steps = 1200, now 700\)"):
+        opened(tmp_path, dataclasses.replace(TIED, steps=700))
     assert contents(tmp_path) == before
 
 
-def test_a_folder_of_another_device_is_refused(kind, tmp_path):
-    kind.open(tmp_path, kind.settings, "cuda:0").close()
-    kind.open(tmp_path, kind.settings, "cuda:1").close()
+def test_a_folder_of_another_device_is_refused(tmp_path):
+    opened(tmp_path, TIED, "cuda:0").close()
+    opened(tmp_path, TIED, "cuda:1").close()
     with pytest.raises(InvalidInput, match="go on with --device cuda"):
-        kind.open(tmp_path, kind.settings, "cpu")
+        opened(tmp_path, TIED, "cpu")
 
 
 @pytest.mark.parametrize(("key", "label"), [("gapfinder", "gapfinder version"), ("format", "format")])
-def test_a_folder_of_another_version_is_refused(kind, tmp_path, key, label):
-    with kind.open(tmp_path, kind.settings) as store:
+def test_a_folder_of_another_version_is_refused(tmp_path, key, label):
+    with opened(tmp_path) as store:
         store.db.execute("UPDATE meta SET value = '0.0.0' WHERE key = ?", (key,))
     with pytest.raises(InvalidInput, match=f"{label} '0.0.0'"):
-        kind.open(tmp_path, kind.settings)
+        opened(tmp_path)
 
 
 def locks_only_what_is_open_for_writing(fcntl):
@@ -182,56 +140,54 @@ def locks_only_what_is_open_for_writing(fcntl):
 
 
 @pytest.mark.parametrize("disk", ["local", "network"])
-def test_two_studies_in_one_folder_are_refused(disk, kind, tmp_path, monkeypatch):
+def test_two_studies_in_one_folder_are_refused(disk, tmp_path, monkeypatch):
     if disk == "network":
         fcntl = pytest.importorskip("fcntl", reason="this system has no flock")
         monkeypatch.setattr(fcntl, "flock", locks_only_what_is_open_for_writing(fcntl))
-    with kind.open(tmp_path, kind.settings), pytest.raises(InvalidInput, match="another study is running"):
-        kind.open(tmp_path, kind.settings)
-    kind.open(tmp_path, kind.settings).close()
+    with opened(tmp_path), pytest.raises(InvalidInput, match="another study is running"):
+        opened(tmp_path)
+    opened(tmp_path).close()
 
 
-def test_a_database_that_another_program_locks_later_is_told(kind, tmp_path):
-    with kind.open(tmp_path, kind.settings) as store:
-        kind.add(store, [kind.item])
+def test_a_database_that_another_program_locks_later_is_told(tmp_path):
+    with opened(tmp_path) as store:
+        store.add(STEPS, [ITEM])
         store.db.execute("PRAGMA busy_timeout = 1")
         other = sqlite3.connect(store.path, isolation_level=None)
         other.execute("BEGIN IMMEDIATE")
         with pytest.raises(OSError, match=r"results.sqlite cannot be written \(database is locked\)"):
-            kind.add(store, [kind.large])
+            store.add(STEPS, [LARGE])
         other.close()
-        assert kind.items(store) == [kind.item]
+        assert store.all(STEPS) == [ITEM]
 
 
-def test_a_database_that_became_read_only_is_told(kind, tmp_path):
-    with kind.open(tmp_path, kind.settings) as store:
-        kind.add(store, [kind.item])
+def test_a_database_that_became_read_only_is_told(tmp_path):
+    with opened(tmp_path) as store:
+        store.add(STEPS, [ITEM])
         store.db.execute("PRAGMA query_only = ON")
         with pytest.raises(OSError, match=r"results.sqlite cannot be written \(attempt to write a readonly database\)"):
-            kind.add(store, [kind.large])
-        assert kind.items(store) == [kind.item]
+            store.add(STEPS, [LARGE])
+        assert store.all(STEPS) == [ITEM]
 
 
-def test_a_full_disk_is_told_and_nothing_is_lost(kind, tmp_path):
-    with kind.open(tmp_path, kind.settings) as store:
-        kind.add(store, [kind.item])
+def test_a_full_disk_is_told_and_nothing_is_lost(tmp_path):
+    with opened(tmp_path) as store:
+        store.add(STEPS, [ITEM])
         pages = store.db.execute("PRAGMA page_count").fetchone()[0]
         store.db.execute(f"PRAGMA max_page_count = {pages + 3}")
         with pytest.raises(OSError, match=r"results.sqlite cannot be written \(database or disk is full\)"):
-            kind.add(store, [kind.large])
-        assert kind.items(store) == [kind.item]
-    with kind.open(tmp_path, kind.settings) as store:
-        kind.add(store, [kind.large])
-        assert kind.items(store) == [kind.item, kind.large]
+            store.add(STEPS, [LARGE])
+        assert store.all(STEPS) == [ITEM]
+    with opened(tmp_path) as store:
+        store.add(STEPS, [LARGE])
+        assert store.all(STEPS) == [ITEM, LARGE]
 
 
-@pytest.mark.parametrize(
-    ("kind", "name"), [(kind, name) for kind in KINDS for name in KINDS[kind].outputs], indirect=["kind"]
-)
-def test_foreign_files_are_not_overwritten(kind, name, tmp_path):
+@pytest.mark.parametrize("name", OUTPUTS)
+def test_foreign_files_are_not_overwritten(name, tmp_path):
     (tmp_path / name).write_text("mine")
     with pytest.raises(InvalidInput, match="but no results"):
-        kind.open(tmp_path, kind.settings)
+        opened(tmp_path)
     assert contents(tmp_path) == {name: b"mine"}
 
 

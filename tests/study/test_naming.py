@@ -139,12 +139,12 @@ def test_a_run_goes_on_from_its_table(tmp_path, monkeypatch, capsys):
             done.append(task.arguments[1])
             heard(task, "done", invented(task))
 
-    monkeypatch.setattr("study.pipeline.processes.Processes.execute", execute)
+    monkeypatch.setattr("study.pipeline.executor.Processes.execute", execute)
     command = ["--out", str(tmp_path), "--seeds", "1", "--budgets", "1", "2"]
     with pytest.raises(KeyboardInterrupt):
         main(command)
     assert len(read_naming(tmp_path / NAMING_TABLE)) == 6
-    monkeypatch.setattr("study.pipeline.processes.Processes.execute", _go_on(done))
+    monkeypatch.setattr("study.pipeline.executor.Processes.execute", _go_on(done))
     assert main(command) == 0
     assert done == [plant.name for plant in PLAN.plants]
     capsys.readouterr()

@@ -5,8 +5,7 @@ import re
 
 import pytest
 
-from study.pipeline.executor import DEATHS, SECOND, WorkerFailed
-from study.pipeline.processes import Processes
+from study.pipeline.executor import DEATHS, SECOND, Processes, WorkerFailed
 from tests.study.counting import Counting, Forgetful, MidSentence, done, run, saved_at_an_interrupt
 
 SAVES_WHEN_ASKED = {"end": 10_000, "every": 10_000, "pause": 0.001}

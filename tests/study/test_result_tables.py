@@ -14,6 +14,7 @@ from study.strategies.designs import DESIGNS, Designed
 from study.strategies.populations import TRAININGS, Trained
 from study.strategies.session import STEPS, CaseRound
 from study.strategies.trial_experiment import trial_results
+from study.strategies.trial_plan import Case
 from sysid import InvalidInput
 
 MISMATCH = PLANS["mismatch-smoke"]
@@ -26,13 +27,14 @@ EPISODES = (-1.25, -2.5), (-3.0,)
 RUN = Run(
     Cell("main", 5, 0.5, 1), (1.785, 1.65), 0.26, -1.875, 0.625, -3.0, 7.5, *EPISODES, CURVE, SETTINGS, {"torch": "2"}
 )
+REFERENCE = Reference("lqr", (2.1, 1.5), (2.0, 1.5), 1, -1.0, 40, 4, {"numpy": "2"}, 3.0)
 ROWS = {
-    "steps": (STEPS, ROUND, {"seed": 0}),
+    "steps": (STEPS, ROUND, {"case": ROUND.case._replace(seed=0)}),
     "trainings": (TRAININGS, TRAINED, {"key": "0000"}),
     "designs": (DESIGNS, Designed("magnet", "0f3a", 1, (-1.0, -2.0), 3.0), {"seed": 0}),
     "estimates": (ESTIMATES, Estimated("main", 5, 1, (1.785, 1.65), 0.5), {"seed": 0}),
     "runs": (RUNS, RUN, {"cell": RUN.cell._replace(seed=0)}),
-    "references": (REFERENCES, Reference("lqr", (2.1, 1.5), (2.0, 1.5), 1, -1.0, 40, 4, {"numpy": "2"}, 3.0), {"seed": 0}),
+    "references": (REFERENCES, REFERENCE, {"seed": 0}),
 }
 """Of each table a row, and what makes another one of it that sorts before it."""
 
@@ -81,7 +83,7 @@ def test_answers_are_kept_all_or_none(table, tmp_path):
 
 @pytest.mark.parametrize("field", ["plant", "sensing", "strategy", "n", "seed"])
 def test_every_case_has_its_own_rounds(field, tmp_path):
-    other = dataclasses.replace(ROUND, **{field: 0 if field in ("n", "seed") else "another"})
+    other = dataclasses.replace(ROUND, case=ROUND.case._replace(**{field: 0 if field in ("n", "seed") else "another"}))
     with trial_results(tmp_path, MISMATCH) as results:
         results.add(STEPS, [ROUND, other])
         assert results.all(STEPS) == sorted([other, ROUND], key=lambda step: step.case)

@@ -5,7 +5,7 @@ import pytest
 import scipy.stats
 
 from study.formatting import MINUS
-from study.statistics import bootstrap_coverage, holm, paired_bootstrap, paired_t, sem, student, welch, wilson
+from study.statistics import bootstrap_coverage, holm, paired_bootstrap, paired_t, sem, student, welch
 from sysid import InvalidInput
 
 
@@ -100,22 +100,6 @@ def test_one_seed_decides_nothing():
 def test_equal_pairs_are_no_difference_and_shifted_ones_are():
     assert not paired_t([1.0, 2.0], [1.0, 2.0]).significant
     assert paired_t([2.0, 3.0], [1.0, 2.0]).significant
-
-
-def test_the_interval_of_a_rate_holds_it_as_often_as_it_says_on_average_over_rates():
-    rates = rng(3).uniform(0.01, 0.99, 4000)
-    bounds = np.array([wilson(int(k), 50) for k in rng(4).binomial(50, rates)])
-    held = (bounds[:, 0] <= rates) & (rates <= bounds[:, 1])
-    assert np.mean(held) == pytest.approx(0.95, abs=0.015)
-
-
-def test_the_interval_of_a_rate_ends_at_never_and_at_always():
-    expected = scipy.stats.binomtest(7, 20).proportion_ci(method="wilson")
-    assert wilson(7, 20) == pytest.approx((expected.low, expected.high))
-    assert wilson(0, 20)[0] == 0.0
-    assert wilson(20, 20)[1] == 1.0
-    with pytest.raises(InvalidInput, match="3 hits in 2 tries"):
-        wilson(3, 2)
 
 
 def test_holms_correction_by_hand():
