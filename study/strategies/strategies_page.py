@@ -14,12 +14,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from study.figure_style import ACCENT, annotate_beside, faint_lines, panel_title, panels_abreast
+from study.figure_style import ACCENT, annotate_beside, faint_lines, panel_title
 from study.formatting import number
 from study.pipeline.publication import Account
 from study.strategies.catalogue import strategy_class
 from study.strategies.strategies_findings import StrategiesFindings, strategies_findings, strategies_sentences
 from study.strategies.strategies_plan import BASELINE, StrategiesPlan
+from study.strategies.trial_figures import ENOUGH, LOWEST, SENSED, returns_in_rows
 from study.strategies.trial_findings import Outcome, TrialResults, trial_account
 
 GROUPS = {
@@ -38,29 +39,21 @@ INKS = dict(zip(GROUPS, ("0.5", *COLOURS), strict=False))
 LOOKS = [{"color": colour, "marker": mark} for colour, mark in zip(COLOURS, "osD^vPXp", strict=True)]
 """Of the lines of a group."""
 
-LOWEST = 3.0
-"""What returns less than so many times the optimum is an arrow at the edge of its panel."""
-
-ENOUGH = 3
-"""Seeds from which an interval is drawn."""
-
-SENSED = {"encoder": "angle and speed read", "speed": "speed read"}
-
 
 def returns_of_strategies(findings: StrategiesFindings) -> Figure:
     """Mean returns with 95 % intervals over seeds: lines over the rollouts where there are several budgets, and else a
     row a strategy. Hollow: the best candidate so far, evaluated anew."""
-    groups = {g: [s for s in findings.plan.strategies if strategy_class(s).group == g] for g in GROUPS}
     several = len({condition.n for condition in findings.outcomes} - {0}) > 1
-    return (_lines if several else _rows)(findings, {group: own for group, own in groups.items() if own})
+    return (_lines if several else _rows)(findings)
 
 
-def _lines(findings: StrategiesFindings, groups: Mapping[str, Sequence[str]]) -> Figure:
+def _lines(findings: StrategiesFindings) -> Figure:
     """A row of panels a group, with its names at the right; grey: the point estimate and what spends nothing."""
     plan, places = findings.plan, len(findings.plan.places)
-    context = [s for s in plan.strategies if s == BASELINE or s in groups.get("nothing", ())]
+    groups = {g: [s for s in plan.strategies if strategy_class(s).group == g] for g in GROUPS}
+    context = [s for s in plan.strategies if s == BASELINE or s in groups["nothing"]]
     grey = {s: {"color": "0.6", "marker": "o" if s == BASELINE else "x+"[k % 2]} for k, s in enumerate(context)}
-    spending = {group: own for group, own in groups.items() if group != "nothing"}
+    spending = {group: own for group, own in groups.items() if own and group != "nothing"}
     figure = Figure(figsize=(3.4 + 3.0 * places, 1.0 + 2.5 * len(spending)), layout="constrained")
     rows = figure.subplots(len(spending), places + 1, squeeze=False, sharex="col", sharey="col",
                            width_ratios=[3.0] * places + [2.0])  # fmt: skip
@@ -102,47 +95,13 @@ def _line(axes: Axes, budgets: Sequence[int], line: Mapping[int, Outcome], look:
             axes.plot([at, at], [outcome.mean.low, outcome.mean.high], color=look["color"], linewidth=1.0, alpha=0.6)
 
 
-def _rows(findings: StrategiesFindings, groups: Mapping[str, Sequence[str]]) -> Figure:
-    """The largest budget of each strategy, groups below each other; the grey line continues the point estimate."""
-    plan, shown = findings.plan, [s for own in groups.values() for s in own]
-    places = len(plan.places)
-    figure, panels = panels_abreast(places, 2.6 + 3.4 * places, 1.6 + 0.27 * len(shown))
-    for (plant, sensing), axes in zip(plan.places, panels, strict=True):
-        optimum = findings.optimum(plant.name)
-        lines = {s: line for s in shown if (line := findings.line(plant.name, sensing, s))}
-        last = {s: line[max(line)] for s, line in lines.items()}
-        axes.set_xlim(*_limits(optimum, list(last.values())))
-        axes.axvline(optimum, color=ACCENT, linewidth=1.1, zorder=1)
-        annotate_beside(axes, number(optimum), (optimum, 1.0), (0, 6), color=ACCENT, fontsize=8.0, ha="center",
-               xycoords=axes.get_xaxis_transform())  # fmt: skip
-        if BASELINE in last:
-            axes.axvline(last[BASELINE].mean.mean, color="0.7", linewidth=1.0, linestyle="--", zorder=1)
-        for at, strategy in enumerate(shown):
-            if strategy in last:
-                _row(axes, at, last[strategy], INKS[strategy_class(strategy).group])
-        faint_lines(axes, "x")
-        panel_title(axes, plant.title, SENSED[sensing], fontsize=10.0)
-        axes.set_xlabel("return")
-        axes.locator_params(axis="x", nbins=5)
-    panels[0].set_ylim(len(shown) - 0.4, -0.6)
-    panels[0].set_yticks(range(len(shown)), [strategy_class(s).short for s in shown])
+def _rows(findings: StrategiesFindings) -> Figure:
+    """With a grey line that continues the point estimate."""
+    figure = returns_in_rows(findings, strategy_class, INKS)
+    for axes, (plant, sensing) in zip(figure.axes, findings.plan.places, strict=True):
+        for outcome in findings.line(plant.name, sensing, BASELINE).values():
+            axes.axvline(outcome.mean.mean, color="0.7", linewidth=1.0, linestyle="--", zorder=1)
     return figure
-
-
-def _row(axes: Axes, at: int, outcome: Outcome, ink: str) -> None:
-    """A mean with its interval, its seeds where they are too few for one, and its best candidate."""
-    low, mean = axes.get_xlim()[0], outcome.mean
-    if mean.mean < low:
-        axes.plot([low], [at], color=ink, marker="<", markersize=6.0, clip_on=False, zorder=4)
-        annotate_beside(axes, number(mean.mean), (low, at), (8, 0), color=ink, fontsize=8.0)
-        return
-    if len(outcome.seeds) >= ENOUGH:
-        axes.plot([max(low, mean.low), mean.high], [at, at], color=ink, linewidth=1.6, alpha=0.6, zorder=3)
-    axes.plot([mean.mean], [at], color=ink, marker="o", markersize=5.5, zorder=4)
-    if np.isfinite(outcome.anew):
-        axes.plot(
-            [max(low, outcome.anew)], [at], color=ink, marker="o", markersize=5.5, zorder=4, markerfacecolor="white"
-        )
 
 
 def _limits(optimum: float, outcomes: Sequence[Outcome]) -> tuple[float, float]:

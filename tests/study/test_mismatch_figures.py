@@ -14,10 +14,11 @@ from matplotlib.image import imread
 from study.figure_style import STYLE, save_figure
 from study.formatting import MINUS
 from study.mismatch.mismatch_findings import MismatchFindings, Split, Verdict
-from study.mismatch.mismatch_page import CAPTION, mismatch_account, strategy_returns
+from study.mismatch.mismatch_page import CAPTION, INKS, mismatch_account
 from study.mismatch.mismatch_plan import PLANS, STRATEGIES
 from study.pipeline.publication import Section
 from study.statistics import paired_t
+from study.strategies.trial_figures import returns_in_rows
 from study.strategies.trial_findings import Outcome, planned_contrasts
 
 OPTIMUM, SEED_STEP = -360.0, 3.0
@@ -60,6 +61,10 @@ def answer(request):
     if request.param == "one seed":
         return invented(replace(PLANS["mismatch-quick"], seeds=(1000,), described=1))
     return invented(PLANS[request.param])
+
+
+def strategy_returns(findings):
+    return returns_in_rows(findings, STRATEGIES.__getitem__, INKS)
 
 
 def drawn(figure):
