@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from study.pipeline.settings import installed_version
 from study.presets import ABOUT, PRESETS
 
 if TYPE_CHECKING:
@@ -69,9 +70,7 @@ class Options:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code: 0 done, 1 a task failed, 2 bad input, 130 stopped."""
-    from study.pipeline import versions
-
-    problem, foreign = versions.wrong_sysid(), versions.foreign_sysid()
+    problem, foreign = _wrong_sysid(), _foreign_sysid()
     if problem:
         return _fail(f"{foreign or problem}", 2)
     if foreign:
@@ -154,6 +153,28 @@ def _flag(field: dataclasses.Field[object]) -> str:
 def _fail(sentence: str, code: int) -> int:
     print(f"error: {sentence}", file=sys.stderr)
     return code
+
+
+def _foreign_sysid() -> str | None:
+    """A sentence where a foreign distribution named `sysid` is installed; it has files of our package's name."""
+    found = installed_version("sysid")
+    if found == "not installed":
+        return None
+    return (
+        f"the foreign distribution 'sysid' {found} is installed beside gapfinder and overwrites files of its package "
+        "sysid: run `pip uninstall sysid`, then install gapfinder again with --force-reinstall"
+    )
+
+
+def _wrong_sysid() -> str | None:
+    """A sentence where `import sysid` finds another package than the one that came with this study."""
+    import sysid
+
+    ours = Path(__file__).resolve().parents[1]
+    place = Path(sysid.__file__ or ".").resolve().parents[1]
+    if place == ours and "diagnose" in dir(sysid):  # which loads nothing yet
+        return None
+    return f"`import sysid` finds {place / 'sysid'}, expected {ours / 'sysid'}: another package comes first"
 
 
 def _interrupt(number: int, frame: object) -> None:

@@ -25,8 +25,8 @@ from policies.evaluation import Policy, evaluate, fresh_start_states, start_stat
 from study.paper.presets import Estimates, Preset, Theta
 from study.paper.protocol import paper_model
 from study.pipeline.executor import BriefTask
+from study.pipeline.settings import versions
 from study.pipeline.tables import ResultTable
-from study.pipeline.versions import versions
 from sysid.physics.ops import Array
 
 OPTIMAL, LQR, SWING_UP = "optimal", "lqr", "swing_up_lqr"

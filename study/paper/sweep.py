@@ -41,10 +41,9 @@ from study.pipeline.database import Database
 from study.pipeline.executor import BriefTask, Task
 from study.pipeline.population_task import PopulationTask, sac_settings
 from study.pipeline.publication import PUBLISHED, Account, publish
-from study.pipeline.settings import RunOptions
+from study.pipeline.settings import RunOptions, versions
 from study.pipeline.stages import Stage, StudyExperiment
 from study.pipeline.tables import ResultTable
-from study.pipeline.versions import versions
 from sysid import Estimate, GridSearch, InvalidInput, LeastSquares, UnscentedKalman
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from study.paper.reference_controllers import CONTROLLERS, LQR, OPTIMAL, SWING_U
 from study.paper.reproduction import REPRODUCTION_CAPTIONS, Reproduction
 from study.paper.sweep_findings import PointFindings
 from study.pipeline.publication import Account, Section, Table
-from study.pipeline.versions import all_versions
+from study.pipeline.settings import all_versions
 
 CONTROLLER_LABELS = {OPTIMAL: "optimal (dynamic programming)", LQR: "LQR alone", SWING_UP: "energy swing-up, then LQR"}
 

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from study.pipeline.executor import PATIENCE, SECOND, Heard, Link, Supervised, Task, WorkerFailed, outcome
-from study.pipeline.versions import versions
+from study.pipeline.settings import versions
 from sysid import InvalidInput
 
 

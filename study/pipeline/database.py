@@ -15,9 +15,8 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
 
-from study.pipeline.settings import StudySettings, device_type
+from study.pipeline.settings import StudySettings, device_type, installed_version
 from study.pipeline.tables import R, ResultTable
-from study.pipeline.versions import installed_version
 from sysid import InvalidInput
 from sysid.errors import excerpt
 

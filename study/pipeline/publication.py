@@ -22,8 +22,8 @@ from study.figure_style import save_figure
 from study.formatting import capital, number, signed
 from study.pipeline.database import Database
 from study.pipeline.population_task import FOLDER
-from study.pipeline.progress import duration
 from study.pipeline.settings import StudySettings
+from study.pipeline.stages import duration
 from study.pipeline.tables import write_rows
 from sysid.data.files import write_whole
 

@@ -1,12 +1,16 @@
-"""What results are tied to: the settings of an experiment, as frozen plain data, and the device that trains."""
+"""What results are tied to: the settings of an experiment, as frozen plain data, the device that trains, and the
+versions of this distribution and of the packages that do the arithmetic.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import hashlib
 import json
-from collections.abc import Iterator, Sequence
+import platform
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from importlib import metadata
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
@@ -91,3 +95,29 @@ def check_device(device: str) -> None:
     except (RuntimeError, AssertionError) as error:
         reason = str(error).splitlines()[0]
         raise InvalidInput(f"device {device!r} cannot be used: {reason}; 'cpu' always can") from None
+
+
+PACKAGES = ("gapfinder", "numpy", "scipy", "torch", "torchrl", "tensordict", "control")
+
+
+def installed_version(package: str) -> str:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "not installed"
+
+
+def versions() -> dict[str, str]:
+    """Python, the processor's architecture and PACKAGES."""
+    return {"python": platform.python_version(), "machine": platform.machine()} | {
+        p: installed_version(p) for p in PACKAGES
+    }
+
+
+def all_versions(found: Iterable[Mapping[str, str]]) -> dict[str, str]:
+    """Every version of each package that took part."""
+    together: dict[str, set[str]] = {}
+    for own in found:
+        for package, number in own.items():
+            together.setdefault(package, set()).add(number)
+    return {package: " and ".join(sorted(numbers)) for package, numbers in together.items()}

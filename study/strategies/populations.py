@@ -27,9 +27,8 @@ from policies.environments.randomization import Fixed
 from policies.evaluation import batch_returns, fresh_start_states
 from policies.training.program import population_of
 from study.pipeline.population_task import PopulationTask, sac_settings, training_settings
-from study.pipeline.settings import digest, partition
+from study.pipeline.settings import digest, partition, versions
 from study.pipeline.tables import ResultTable
-from study.pipeline.versions import versions
 from study.strategies.session import CRITICS
 from study.strategies.trial_plan import TrialPlan
 from study.trials.ground_truth import ground_truth, oracle

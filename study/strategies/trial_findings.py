@@ -13,8 +13,8 @@ import numpy as np
 
 from study.pipeline.database import Database
 from study.pipeline.publication import Account, Drawing, Section, Table
+from study.pipeline.settings import all_versions
 from study.pipeline.tables import printed
-from study.pipeline.versions import all_versions
 from study.statistics import Contrast, holm, paired_t, sem, student
 from study.strategies.designs import DESIGNS, OPTIMUM, Designed
 from study.strategies.populations import TRAININGS, Trained

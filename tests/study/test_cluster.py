@@ -18,9 +18,9 @@ from study.paper.reference_controllers import REFERENCES
 from study.paper.sweep import Sweep, sweep_results
 from study.pipeline.cluster import Cluster
 from study.pipeline.executor import Processes, WorkerFailed
+from study.pipeline.settings import versions
 from study.pipeline.stages import run as run_study
 from study.pipeline.tables import write_rows
-from study.pipeline.versions import versions
 from sysid import InvalidInput
 from tests.study.counting import Counting, done, run, saved_at_an_interrupt
 

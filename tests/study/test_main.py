@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from study.paper.presets import SMOKE
-from study.pipeline.versions import installed_version
+from study.pipeline.settings import installed_version
 
 ROOT = Path(__file__).resolve().parents[2]
 OPTIMUM = -330.15

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import pytest
 from rich.console import Console
 
-from study.pipeline import progress
+from study.pipeline import stages as progress
 
 
 @dataclass(frozen=True)

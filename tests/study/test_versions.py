@@ -5,7 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-import study.pipeline.versions as v
+from study.pipeline.settings import versions
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -19,10 +19,10 @@ def start(folder, *arguments):
     )  # fmt: skip
 
 
-def test_here_everything_is_ours():
-    assert v.wrong_sysid() is None
-    assert v.foreign_sysid() is None
-    assert {"python", "gapfinder", "torch"} <= set(v.versions())
+def test_here_everything_is_ours(tmp_path):
+    said = start(tmp_path, "--workers", "-1").stderr
+    assert said.startswith("error: --workers -1") and said.count("\n") == 1
+    assert {"python", "gapfinder", "torch"} <= set(versions())
 
 
 def test_a_foreign_distribution_is_noticed(tmp_path):
