@@ -5,12 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from policies.environments.randomization import Band, Fixed
+from policies.environments.randomization import Fixed
 from policies.evaluation import evaluate, fresh_start_states
 from policies.training.program import CHOICE, POPULATIONS, settings_for, train
 from policies.training.sac import SACPopulation, SACSettings
 from study.paper.protocol import paper_model
-from sysid import Delay, InvalidInput, Model, RodPendulum
+from sysid import InvalidInput, Model, RodPendulum
 
 SHORT = SACSettings(hidden=(16, 16), batch=32, random_steps=50, steps=430)
 
@@ -36,15 +36,6 @@ def test_the_best_by_its_own_start_states_is_kept_and_the_curve_is_heard():
     means = [returns_of(said) for said in heard if returns_of(said) and np.isfinite(said[1][0])]
     np.testing.assert_allclose(np.transpose(means), [[value for _, value in curve] for curve in training.curves])
     assert not set(starts[0]) & set(fresh_start_states(0, 200)[0])
-
-
-def test_an_agent_is_the_same_alone():
-    model = Model(RodPendulum(), (Delay(T=0.1),), dt=0.05, u_max=2.0)
-    randomization = Band({"m": 1.0, "delay.T": 0.1}, 0.2)
-    settings = SACSettings(hidden=(8, 8), batch=16, random_steps=50, steps=120)
-    pair = train(model, randomization, settings, [3, 4], 2)
-    alone = train(model, randomization, settings, [3 + pair.best], 2)
-    assert alone.chosen[0] == pytest.approx(pair.chosen[pair.best], rel=1e-3)
 
 
 def test_the_discount_is_the_same_per_second():

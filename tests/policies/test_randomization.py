@@ -248,14 +248,6 @@ def test_a_random_force_that_means_nothing_is_refused(number):
             RandomForce(inner, 0.1, 0.1)
 
 
-def test_what_is_inside_keeps_its_kind_as_plain_data():
-    stored = json.loads(json.dumps(RandomForce(Band({"m": 2.0}, 0.1), 1, 0.2).to_json()))
-    inner = {"kind": "Band", "center": {"m": 2.0}, "w": 0.1}
-    assert stored == {"kind": "RandomForce", "inner": inner, "s": 1.0, "T": 0.2}
-    stored = json.loads(json.dumps(Mixture(EITHER).to_json()))
-    assert stored.pop("kind") == "Mixture" and Mixture(**stored) == Mixture(EITHER)
-
-
 @pytest.mark.parametrize(
     "randomization",
     [

@@ -1,7 +1,6 @@
 """Figures and page of the mismatch experiment, drawn for an answer of invented numbers that is known beforehand."""
 
 import itertools
-import re
 from collections import Counter
 from dataclasses import replace
 
@@ -122,14 +121,6 @@ def html(tmp_path_factory):
         sections=[Section([("Does breadth pay?", "Breadth <b> changed it by +40 [30, 50].")])],
     )
     return told.page({name: (path, CAPTION) for name, path in figures.items()})
-
-
-def test_the_page_opens_without_a_network(html):
-    links = re.findall(r"(?:src|href|url|import)\s*[=(]\s*[\"']?([^\"')\s>]+)", html)
-    assert len(links) == 1
-    assert all(link.startswith("data:image/png;base64,") for link in links)
-    assert "<script" not in html
-    assert CAPTION in html
 
 
 def test_the_page_says_the_answer_first_and_escapes_it(html):
