@@ -306,11 +306,11 @@ def test_what_was_stopped_goes_on_and_not_as_another_training(models, tmp_path, 
 
 @pytest.mark.parametrize(("algorithm", "steps"), [("sac", 450), ("shac", 30_000)])
 def test_the_time_is_measured_and_a_control_rate_is_advised(algorithm, steps, models, tmp_path, run):
-    words = ("-o", tmp_path / "p", "--algorithm", algorithm, "--steps", steps, "--hidden", 8, "--no-references")
-    code, said, _ = run("train", models / "paper.json", *words)
+    words = ("-o", tmp_path / "p", "--algorithm", algorithm, "--hidden", 8, "--no-references", "--steps")
+    code, said, _ = run("train", models / "paper.json", *words, steps)
     assert code == 0 and re.search(r"this takes about \d+ s here", said) and re.search(r"\d+ s, \d+ s left", said)
     assert "suits this machine" not in said
-    code, said, _ = run("train", models / "fine.json", *words, "--force", "--u-max", 2, "--dt", 0.3)
+    code, said, _ = run("train", models / "fine.json", *words, steps // 10, "--force", "--u-max", 2, "--dt", 0.3)
     assert "a command every 0.3 s is more than it can wait: --dt from 0.016 to 0.16 suits this machine" in said
 
 

@@ -92,14 +92,14 @@ def test_simulated_steps_are_counted_and_real_ones_are_not(undisturbed):
     assert by["cross_entropy", "5"] == 6 * TINY.steps
 
 
-@pytest.mark.parametrize("last", [1, 4])
-def test_an_interrupted_experiment_comes_to_the_same_numbers(undisturbed, tmp_path, last):
-    with pytest.raises(KeyboardInterrupt):
-        attempt(tmp_path, Stops(last))
+def test_an_interrupted_experiment_comes_to_the_same_numbers(undisturbed, tmp_path):
+    for last in (1, 3):
+        with pytest.raises(KeyboardInterrupt):
+            attempt(tmp_path, Stops(last))
     rest = Inline()
     attempt(tmp_path, rest)
     assert cases(tmp_path) == cases(undisturbed[0])
-    assert len(rest.tasks) == len(undisturbed[2]) - last
+    assert len(rest.tasks) == len(undisturbed[2]) - 1 - 3
 
 
 def test_a_folder_of_other_strategies_is_refused(undisturbed):
