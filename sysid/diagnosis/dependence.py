@@ -172,4 +172,6 @@ def _where(fit: Fit, on: str, torque: Array, bins: int = 24) -> str:
         low -= 1
     while high < bins - 1 and size[high + 1] > 0.5 * size[peak]:
         high += 1
-    return f"strongest for {on} from {edges[low]:.2f} to {edges[high + 1]:.2f} {units[on]} ({mean[peak]:+.2g} {newton})"
+    digits = max(2, 1 - math.floor(math.log10(max(edges[1] - edges[0], 1e-9))))
+    stretch = f"from {edges[low]:.{digits}f} to {edges[high + 1]:.{digits}f} {units[on]}"
+    return f"strongest for {on} {stretch} ({mean[peak]:+.2g} {newton})"

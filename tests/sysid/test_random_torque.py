@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -11,6 +12,7 @@ import pytest
 
 import sysid
 from sysid import RK4, Effect, GeneralJoint, LinearAxis, Model, Record, Sensor, diagnose, effect, simulate
+from sysid.diagnosis import dependence as dependence_module
 from sysid.diagnosis.contacts import find_contacts, slow
 from sysid.diagnosis.dependence import dependence
 from sysid.diagnosis.residual_torque import missing_torque, needed_disturbances
@@ -208,6 +210,16 @@ def test_where_nothing_says_where_an_axis_is_nothing_depends_on_its_place() -> N
     answer = dependence(found, missing_torque(found, needed_disturbances(found)))
     assert answer.depends_on == ("theta_dot",)
     assert not any("theta" in name.split("+") for name in answer.shares)
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-3, 1e-6])
+def test_a_stretch_is_told_in_digits_that_show_it(size: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    (found, _), x = missing(logs(DAMPED, 1, 500, 0.0, 0.1)), size * np.linspace(0.0, 2.0, 502)
+    monkeypatch.setattr(dependence_module, "coordinates", lambda _: {"torque": x})
+    said = dependence_module._where(found, "torque", np.where(x > 1.5 * size, 1.0, 0.0))
+    low, high = (float(number) for number in re.findall(r"from (\S+) to (\S+) ", said)[0])
+    assert low == pytest.approx(1.5 * size, abs=0.1 * size)
+    assert high == pytest.approx(2.0 * size, abs=0.1 * size)
 
 
 def test_the_missing_torque_is_what_acted() -> None:
