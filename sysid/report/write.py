@@ -133,7 +133,7 @@ def _fall(answer: Diagnosis) -> Section:
     caption = (
         f"Error over windows of {answer.error.window:g} s of rollouts that no fit has seen, each window's state "
         "refitted, in units of the sensor noise, which was found without any model: 1.0 is what a perfect model gets. "
-        "Grey: single windows."
+        "Grey: single windows, at 0.1 where they err less."
     )
     steps = answer.steps or answer.conventions
     title = "The error, step by step" if steps else "The error"
