@@ -355,6 +355,7 @@ def _lines(count: int) -> tuple[tuple[str, str, float], ...]:
 
 
 def window_figure(found: Prediction) -> Figure:
+    """One window of a comparison: its channels and the command, under each other."""
     channels = list(found.readings)
     with style.styled(3.2, 1.9 + 1.5 * len(channels)) as figure:
         panels = figure.subplots(len(channels) + 1, 1, sharex=True, squeeze=False)[:, 0]
